@@ -1,0 +1,1 @@
+//! pose-only and bundle adjustment over a map: one window builder.

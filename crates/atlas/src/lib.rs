@@ -1,0 +1,1 @@
+//! key frames, landmarks, maps, change sets.

@@ -1,0 +1,1 @@
+//! the stages wired: lockstep and threaded runners, config, report.

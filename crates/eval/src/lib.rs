@@ -1,0 +1,1 @@
+//! ATE, RPE, coverage, timing, reports and plots.

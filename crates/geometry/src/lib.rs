@@ -1,0 +1,24 @@
+//! Rigid and similarity transforms, the manifold contract, alignment and trajectories.
+//!
+//! Conventions: a transform is named `a_from_b` and maps coordinates in `b` to coordinates in `a`;
+//! rotations are unit quaternions, lengths are metres, angles radians, all in `f64`. Perturbations
+//! are applied on the right, `x.retract(d) = x * exp(d)`, with translation before rotation in `d`.
+
+mod manifold;
+mod pose;
+mod se3;
+mod sim3;
+mod so3;
+
+pub use manifold::Manifold;
+pub use pose::{Body, Camera, Odom, Pose, World};
+pub use se3::Se3;
+pub use sim3::Sim3;
+pub use so3::{So3, hat};
+
+/// A three-vector of `f64`.
+pub type Vec3 = nalgebra::Vector3<f64>;
+/// A two-vector of `f64`.
+pub type Vec2 = nalgebra::Vector2<f64>;
+/// A 3x3 matrix of `f64`.
+pub type Mat3 = nalgebra::Matrix3<f64>;

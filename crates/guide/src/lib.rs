@@ -1,0 +1,1 @@
+//! path recorder, clean-up, matcher, guide, phrases, announcement queue.

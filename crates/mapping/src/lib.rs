@@ -1,0 +1,1 @@
+//! from key frames to a refined map.

@@ -1,0 +1,16 @@
+//! What sensors give: time, images, IMU samples, rigs with camera models, frame packets, and the
+//! [`Source`] contract that every recording, live stream and simulated world keeps.
+
+mod camera;
+mod image;
+mod packet;
+mod rig;
+mod source;
+mod stamp;
+
+pub use camera::{Camera, Distortion};
+pub use image::{DepthImage, GrayImage, Image};
+pub use packet::{FramePacket, ImuSample};
+pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
+pub use source::{Source, SourceError, SourceInfo};
+pub use stamp::Stamp;

@@ -1,0 +1,1 @@
+//! simulated worlds: renderer, walkers, exact truth, simulated IMU.

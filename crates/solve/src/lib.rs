@@ -1,0 +1,1 @@
+//! nonlinear least squares: robust losses, Schur complement, Cholesky, RANSAC.

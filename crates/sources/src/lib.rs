@@ -1,0 +1,1 @@
+//! datasets and rig files, read ahead on a thread.

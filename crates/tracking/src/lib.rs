@@ -1,0 +1,1 @@
+//! from a frame and a map to a pose with evidence.

@@ -1,0 +1,1 @@
+//! pyramid, FAST, ORB, matching, stereo, two-view geometry, PnP, triangulation.
