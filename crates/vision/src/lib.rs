@@ -1,1 +1,5 @@
-//! pyramid, FAST, ORB, matching, stereo, two-view geometry, PnP, triangulation.
+//! From pixels to features with depth, and from matched features to geometry.
+
+mod frame;
+
+pub use frame::{Descriptor, EyeModel, Frame, Octaves};

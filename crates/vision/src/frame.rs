@@ -1,0 +1,183 @@
+//! What the eye makes of one packet: features with depth, in one ideal camera.
+//!
+//! Whatever the lens and however the stereo pair is mounted, everything behind the eye works in the
+//! pixels of one [`EyeModel`]: an ideal pinhole (for stereo, the rectified left camera), whose right
+//! partner stands `baseline` metres along +x. Raw pixels are kept for drawing only.
+
+use cairn_geometry::{Se3, Vec3};
+use cairn_sensor::Stamp;
+
+/// A 256-bit binary descriptor.
+pub type Descriptor = [u8; 32];
+
+/// The ideal pinhole camera that frames are expressed in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EyeModel {
+    /// Focal length in pixels along x.
+    pub fx: f64,
+    /// Focal length in pixels along y.
+    pub fy: f64,
+    /// Principal point x in pixels.
+    pub cx: f64,
+    /// Principal point y in pixels.
+    pub cy: f64,
+    /// Baseline times `fx` in pixel metres: `disparity = baseline_fx / depth`. For RGB-D the baseline of a
+    /// virtual projector, for mono zero.
+    pub baseline_fx: f64,
+    /// Bounds of rectified pixels: `[min_x, min_y, max_x, max_y]`.
+    pub bounds: [f64; 4],
+    /// Depth in metres up to which one view places a point well ("close" points).
+    pub close_depth: f64,
+    /// Where the eye sits in the rig's body frame.
+    pub body_from_eye: Se3,
+}
+
+impl EyeModel {
+    /// Rectified pixel of a point in the eye frame, with the right image's x; `None` behind the eye.
+    pub fn project(&self, p: &Vec3) -> Option<[f64; 3]> {
+        if p.z <= 1e-6 {
+            return None;
+        }
+        let inv = 1.0 / p.z;
+        let u = self.fx * p.x * inv + self.cx;
+        Some([u, self.fy * p.y * inv + self.cy, u - self.baseline_fx * inv])
+    }
+
+    /// The point in the eye frame of a rectified pixel at a depth.
+    pub fn unproject(&self, px: [f32; 2], depth: f64) -> Vec3 {
+        Vec3::new(
+            (px[0] as f64 - self.cx) / self.fx * depth,
+            (px[1] as f64 - self.cy) / self.fy * depth,
+            depth,
+        )
+    }
+
+    /// True when a rectified pixel lies inside the bounds.
+    pub fn contains(&self, u: f64, v: f64) -> bool {
+        let [x0, y0, x1, y1] = self.bounds;
+        u >= x0 && u < x1 && v >= y0 && v < y1
+    }
+}
+
+/// Scale pyramid facts shared by everything that reasons about octaves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Octaves {
+    /// Number of levels.
+    pub levels: usize,
+    /// Ratio between neighbouring levels (1.2).
+    pub factor: f64,
+}
+
+impl Octaves {
+    /// Size of one pixel of `level` in pixels of the full image.
+    pub fn scale(&self, level: u8) -> f64 {
+        self.factor.powi(level as i32)
+    }
+
+    /// The level at which a point last seen between `min_distance` and `max_distance` appears at `distance`.
+    pub fn predict(&self, max_distance: f64, distance: f64) -> u8 {
+        let level = (max_distance / distance).ln() / self.factor.ln();
+        level.ceil().clamp(0.0, (self.levels - 1) as f64) as u8
+    }
+}
+
+/// Features of one instant, struct of arrays: every vector has the same length; immutable once seen.
+#[derive(Clone, Debug, Default)]
+pub struct Frame {
+    /// Time of exposure.
+    pub stamp: Stamp,
+    /// Pixels in the camera's own (distorted) image.
+    pub raw: Vec<[f32; 2]>,
+    /// Rectified pixels of the [`EyeModel`].
+    pub px: Vec<[f32; 2]>,
+    /// Pyramid level.
+    pub octave: Vec<u8>,
+    /// Orientation in radians, -pi to pi, in the image.
+    pub angle: Vec<f32>,
+    /// Descriptors.
+    pub descriptors: Vec<Descriptor>,
+    /// Rectified x in the right image (virtual for RGB-D); NaN where there is no depth.
+    pub right_x: Vec<f32>,
+    /// Depth along the eye's z axis in metres; NaN where there is none.
+    pub depth: Vec<f32>,
+    grid: Grid,
+}
+
+/// Columns and rows of the lookup grid over the eye's bounds.
+const GRID: [usize; 2] = [64, 48];
+
+#[derive(Clone, Debug, Default)]
+struct Grid {
+    bounds: [f32; 4],
+    /// Start of each cell in `items`; one more entry than cells.
+    starts: Vec<u16>,
+    items: Vec<u16>,
+}
+
+impl Frame {
+    /// Number of features.
+    pub fn len(&self) -> usize {
+        self.px.len()
+    }
+
+    /// True when nothing was seen.
+    pub fn is_empty(&self) -> bool {
+        self.px.is_empty()
+    }
+
+    /// True when feature `i` has a measured depth.
+    pub fn has_depth(&self, i: usize) -> bool {
+        self.depth[i] > 0.0
+    }
+
+    /// Builds the lookup grid; call once, after all features are in place (at most 65,535 of them).
+    pub fn index(&mut self, eye: &EyeModel) {
+        let bounds = eye.bounds.map(|b| b as f32);
+        let cells = GRID[0] * GRID[1];
+        let mut starts = vec![0u16; cells + 1];
+        let cell_of: Vec<usize> = self.px.iter().map(|p| cell(&bounds, p[0], p[1])).collect();
+        for &c in &cell_of {
+            starts[c + 1] += 1;
+        }
+        for c in 0..cells {
+            starts[c + 1] += starts[c];
+        }
+        let mut next = starts.clone();
+        let mut items = vec![0u16; self.px.len()];
+        for (i, &c) in cell_of.iter().enumerate() {
+            items[next[c] as usize] = i as u16;
+            next[c] += 1;
+        }
+        self.grid = Grid { bounds, starts, items };
+    }
+
+    /// Calls `visit` with each feature within `radius` (a square) of a rectified pixel, in a fixed order.
+    pub fn near(&self, u: f32, v: f32, radius: f32, mut visit: impl FnMut(usize)) {
+        if self.grid.starts.is_empty() {
+            return;
+        }
+        let (x0, y0) = coordinates(&self.grid.bounds, u - radius, v - radius);
+        let (x1, y1) = coordinates(&self.grid.bounds, u + radius, v + radius);
+        for y in y0..=y1 {
+            let row = y * GRID[0];
+            let (from, to) = (self.grid.starts[row + x0] as usize, self.grid.starts[row + x1 + 1] as usize);
+            for &i in &self.grid.items[from..to] {
+                let p = self.px[i as usize];
+                if (p[0] - u).abs() < radius && (p[1] - v).abs() < radius {
+                    visit(i as usize);
+                }
+            }
+        }
+    }
+}
+
+fn coordinates(b: &[f32; 4], x: f32, y: f32) -> (usize, usize) {
+    let gx = (x - b[0]) / (b[2] - b[0]) * GRID[0] as f32;
+    let gy = (y - b[1]) / (b[3] - b[1]) * GRID[1] as f32;
+    ((gx.max(0.0) as usize).min(GRID[0] - 1), (gy.max(0.0) as usize).min(GRID[1] - 1))
+}
+
+fn cell(b: &[f32; 4], x: f32, y: f32) -> usize {
+    let (gx, gy) = coordinates(b, x, y);
+    gy * GRID[0] + gx
+}
