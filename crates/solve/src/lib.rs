@@ -1,1 +1,18 @@
-//! nonlinear least squares: robust losses, Schur complement, Cholesky, RANSAC.
+#![doc = include_str!("../README.md")]
+//!
+//! Nonlinear least squares for cameras and points: reprojection residuals with analytic Jacobians,
+//! robust losses, pose-only adjustment, and bundle adjustment by the Schur complement.
+//!
+//! Solvers are pure: they take a copied problem, change the copy, and tell in a [`Report`] how it went.
+
+mod bundle;
+mod pose_only;
+mod report;
+mod reprojection;
+mod robust;
+
+pub use bundle::{Bundle, BundleSetting, Observation};
+pub use pose_only::{PointMatch, PoseOnly, PoseOnlySetting};
+pub use report::{Report, Stop};
+pub use reprojection::{Pinhole, Pixel};
+pub use robust::{CHI2_2, CHI2_3, huber};

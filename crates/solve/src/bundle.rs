@@ -1,0 +1,388 @@
+//! Bundle adjustment: poses of ideal pinholes and points, by Levenberg-Marquardt on the reduced camera system.
+//!
+//! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), section 6; damping after
+//! Nielsen, "Damping parameter in Marquardt's method" (1999).
+
+use crate::reprojection::View;
+use crate::{CHI2_2, CHI2_3, Pinhole, Pixel, Report, Stop, huber};
+use cairn_geometry::{Manifold, Mat3, Se3, Vec3};
+use nalgebra::{Cholesky, DMatrix, DVector, SVector};
+
+/// One point seen from one pose.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation {
+    /// Index of the pose.
+    pub pose: u32,
+    /// Index of the point.
+    pub point: u32,
+    /// Where it is seen.
+    pub pixel: Pixel,
+    /// Inverse variance, 1/px^2; 0 leaves the observation out.
+    pub weight: f64,
+}
+
+/// The problem and, after [`Bundle::solve`], its solution.
+#[derive(Clone, Debug)]
+pub struct Bundle {
+    /// The camera of all poses.
+    pub camera: Pinhole,
+    /// `world_from_eye` of each pose.
+    pub poses: Vec<Se3>,
+    /// Poses that stay.
+    pub fixed: Vec<bool>,
+    /// Points in the world, metres.
+    pub points: Vec<Vec3>,
+    /// Observations, grouped by point: all of a point stand together.
+    pub observations: Vec<Observation>,
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug)]
+pub struct BundleSetting {
+    /// Steps at most, rejected ones too.
+    pub iterations: usize,
+    /// Whether Huber's loss is used.
+    pub robust: bool,
+    /// Stop when a step lowers the cost by less than this part of it.
+    pub tolerance: f64,
+}
+
+impl Default for BundleSetting {
+    fn default() -> Self {
+        Self { iterations: 10, robust: true, tolerance: 1e-4 }
+    }
+}
+
+type Block66 = [[f64; 6]; 6];
+type Block63 = [[f64; 3]; 6];
+
+/// The undamped normal equations at one state.
+struct Normal {
+    /// Per free pose.
+    poses: Vec<(Block66, [f64; 6])>,
+    /// Per point: Hessian and gradient.
+    points: Vec<(Mat3, Vec3)>,
+    /// Per observation: pose-point coupling.
+    coupling: Vec<Block63>,
+    cost: f64,
+}
+
+impl Bundle {
+    /// Squared whitened residual of an observation; infinite behind the eye.
+    pub fn chi2(&self, o: &Observation) -> f64 {
+        let q = View::new(&self.poses[o.pose as usize]).to_eye(&self.points[o.point as usize]);
+        match self.camera.residual(&q, &o.pixel) {
+            Some(r) => (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight,
+            None => f64::INFINITY,
+        }
+    }
+
+    /// The 95 % bound of an observation's chi-square.
+    pub fn bound(o: &Observation) -> f64 {
+        if o.pixel[2].is_nan() { CHI2_2 } else { CHI2_3 }
+    }
+
+    /// Lowers the cost; asks `stop` before each step.
+    pub fn solve(&mut self, setting: &BundleSetting, mut stop: impl FnMut() -> bool) -> Report {
+        let slot = self.slots();
+        let free = slot.iter().flatten().count();
+        let mut report =
+            Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
+        if self.observations.is_empty() || (free == 0 && self.points.is_empty()) {
+            return report;
+        }
+        let mut normal = self.linearise(&slot, free, setting.robust);
+        report.cost_before = normal.cost;
+        report.stop = Stop::Iterations;
+        let (mut lambda, mut growth) = (1e-5, 2.0);
+        while report.iterations < setting.iterations {
+            if stop() {
+                report.stop = Stop::Interrupted;
+                break;
+            }
+            report.iterations += 1;
+            let step = self.step(&normal, &slot, free, lambda);
+            let accepted = step.and_then(|(poses, points)| {
+                let (poses, points) = self.moved(&slot, &poses, &points);
+                let cost = self.cost(&poses, &points, setting.robust);
+                (cost < normal.cost && cost.is_finite()).then_some((poses, points, cost))
+            });
+            match accepted {
+                Some((poses, points, cost)) => {
+                    let gain = (normal.cost - cost) / normal.cost;
+                    self.poses = poses;
+                    self.points = points;
+                    (lambda, growth) = ((lambda / 5.0).max(1e-9), 2.0);
+                    if gain < setting.tolerance {
+                        normal.cost = cost;
+                        report.stop = Stop::Converged;
+                        break;
+                    }
+                    if report.iterations < setting.iterations {
+                        normal = self.linearise(&slot, free, setting.robust);
+                    }
+                    normal.cost = cost;
+                }
+                None => {
+                    lambda *= growth * 5.0;
+                    growth *= 2.0;
+                    if lambda > 1e6 {
+                        report.stop = Stop::NoDescent;
+                        break;
+                    }
+                }
+            }
+        }
+        report.cost_after = normal.cost;
+        report.inliers =
+            self.observations.iter().filter(|o| o.weight > 0.0 && self.chi2(o) <= Self::bound(o)).count();
+        report
+    }
+
+    /// For each pose its place among the free ones.
+    fn slots(&self) -> Vec<Option<u32>> {
+        let mut next = 0;
+        self.fixed
+            .iter()
+            .map(|fixed| {
+                (!fixed).then(|| {
+                    next += 1;
+                    next - 1
+                })
+            })
+            .collect()
+    }
+
+    fn cost(&self, poses: &[Se3], points: &[Vec3], robust: bool) -> f64 {
+        let views: Vec<View> = poses.iter().map(View::new).collect();
+        let mut cost = 0.0;
+        for o in self.observations.iter().filter(|o| o.weight > 0.0) {
+            let q = views[o.pose as usize].to_eye(&points[o.point as usize]);
+            let Some(r) = self.camera.residual(&q, &o.pixel) else { return f64::INFINITY };
+            let chi2 = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight;
+            cost += 0.5 * if robust { huber(chi2, Self::bound(o)).0 } else { chi2 };
+        }
+        cost
+    }
+
+    fn linearise(&mut self, slot: &[Option<u32>], free: usize, robust: bool) -> Normal {
+        let views: Vec<View> = self.poses.iter().map(View::new).collect();
+        let mut normal = Normal {
+            poses: vec![([[0.0; 6]; 6], [0.0; 6]); free],
+            points: vec![(Mat3::zeros(), Vec3::zeros()); self.points.len()],
+            coupling: vec![[[0.0; 3]; 6]; self.observations.len()],
+            cost: 0.0,
+        };
+        for (i, o) in self.observations.iter_mut().enumerate() {
+            if o.weight <= 0.0 {
+                continue;
+            }
+            let Some(l) =
+                self.camera.linearise(&views[o.pose as usize], &self.points[o.point as usize], &o.pixel)
+            else {
+                // A point behind an eye can not be adjusted to it: out it goes.
+                o.weight = 0.0;
+                continue;
+            };
+            let r = &l.residual;
+            let chi2 = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight;
+            let (loss, slope) = if robust { huber(chi2, Self::bound(o)) } else { (chi2, 1.0) };
+            normal.cost += 0.5 * loss;
+            let w = slope * o.weight;
+            let (h, g) = &mut normal.points[o.point as usize];
+            for (row, res) in l.by_point.iter().zip(r) {
+                for a in 0..3 {
+                    let wa = row[a] * w;
+                    g[a] += wa * res;
+                    for b in 0..3 {
+                        h[(a, b)] += wa * row[b];
+                    }
+                }
+            }
+            if let Some(s) = slot[o.pose as usize] {
+                let (h, g) = &mut normal.poses[s as usize];
+                let c = &mut normal.coupling[i];
+                for ((row, by_point), res) in l.by_pose.iter().zip(&l.by_point).zip(r) {
+                    for a in 0..6 {
+                        let wa = row[a] * w;
+                        g[a] += wa * res;
+                        for b in a..6 {
+                            h[a][b] += wa * row[b];
+                        }
+                        for b in 0..3 {
+                            c[a][b] += wa * by_point[b];
+                        }
+                    }
+                }
+            }
+        }
+        normal
+    }
+
+    /// The damped step: free poses stacked, and points; `None` when the system is singular.
+    fn step(
+        &self,
+        normal: &Normal,
+        slot: &[Option<u32>],
+        free: usize,
+        lambda: f64,
+    ) -> Option<(DVector<f64>, Vec<Vec3>)> {
+        let n = free * 6;
+        let mut s = DMatrix::<f64>::zeros(n, n);
+        let mut rhs = DVector::<f64>::zeros(n);
+        for (k, (h, g)) in normal.poses.iter().enumerate() {
+            for a in 0..6 {
+                rhs[k * 6 + a] = -g[a];
+                for b in a..6 {
+                    s[(k * 6 + b, k * 6 + a)] = h[a][b];
+                }
+                s[(k * 6 + a, k * 6 + a)] += lambda * h[a][a] + 1e-8;
+            }
+        }
+        let inverse: Vec<Mat3> = normal
+            .points
+            .iter()
+            .map(|(h, _)| {
+                let mut d = *h;
+                for a in 0..3 {
+                    d[(a, a)] += lambda * h[(a, a)] + 1e-8;
+                }
+                d.try_inverse().unwrap_or_else(Mat3::zeros)
+            })
+            .collect();
+        let mut start = 0;
+        let mut seen: Vec<(usize, Block63, Block63)> = Vec::new();
+        while start < self.observations.len() {
+            let point = self.observations[start].point;
+            let end = start + self.observations[start..].iter().take_while(|o| o.point == point).count();
+            let v = &inverse[point as usize];
+            let g = &normal.points[point as usize].1;
+            seen.clear();
+            for (o, w) in self.observations[start..end].iter().zip(&normal.coupling[start..end]) {
+                if let (Some(k), true) = (slot[o.pose as usize], o.weight > 0.0) {
+                    let mut wv = [[0.0; 3]; 6];
+                    for a in 0..6 {
+                        for b in 0..3 {
+                            wv[a][b] = w[a][0] * v[(0, b)] + w[a][1] * v[(1, b)] + w[a][2] * v[(2, b)];
+                        }
+                        rhs[k as usize * 6 + a] += wv[a][0] * g.x + wv[a][1] * g.y + wv[a][2] * g.z;
+                    }
+                    seen.push((k as usize, *w, wv));
+                }
+            }
+            for (ka, w, _) in &seen {
+                for (kb, _, wv) in &seen {
+                    // Lower triangle in block order.
+                    if kb < ka {
+                        continue;
+                    }
+                    for a in 0..6 {
+                        let column = ka * 6 + a;
+                        for b in 0..6 {
+                            s[(kb * 6 + b, column)] -=
+                                wv[b][0] * w[a][0] + wv[b][1] * w[a][1] + wv[b][2] * w[a][2];
+                        }
+                    }
+                }
+            }
+            start = end;
+        }
+        let poses = if n > 0 { Cholesky::new(s)?.solve(&rhs) } else { rhs };
+        let mut back: Vec<Vec3> = normal.points.iter().map(|(_, g)| -g).collect();
+        for (o, w) in self.observations.iter().zip(&normal.coupling) {
+            if let (Some(k), true) = (slot[o.pose as usize], o.weight > 0.0) {
+                let d = poses.fixed_rows::<6>(k as usize * 6);
+                let b = &mut back[o.point as usize];
+                for a in 0..6 {
+                    for c in 0..3 {
+                        b[c] -= w[a][c] * d[a];
+                    }
+                }
+            }
+        }
+        for (b, v) in back.iter_mut().zip(&inverse) {
+            *b = v * *b;
+        }
+        Some((poses, back))
+    }
+
+    /// The state after a step.
+    fn moved(&self, slot: &[Option<u32>], steps: &DVector<f64>, shifts: &[Vec3]) -> (Vec<Se3>, Vec<Vec3>) {
+        let poses = self.poses.iter().zip(slot).map(|(pose, slot)| match slot {
+            Some(k) => pose.retract(&SVector::<f64, 6>::from(steps.fixed_rows::<6>(*k as usize * 6))),
+            None => *pose,
+        });
+        (poses.collect(), self.points.iter().zip(shifts).map(|(p, d)| p + d).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::So3;
+
+    /// Eyes on an arc around a cloud, stereo pixels without noise; the state is disturbed.
+    fn disturbed() -> (Bundle, Vec<Se3>) {
+        let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 50.0 };
+        let mut bundle =
+            Bundle { camera, poses: vec![], fixed: vec![], points: vec![], observations: vec![] };
+        let truth: Vec<Se3> = (0..6)
+            .map(|i| {
+                Se3::new(
+                    So3::exp(&Vec3::new(0.0, 0.05 * i as f64, 0.0)),
+                    Vec3::new(-0.3 * i as f64, 0.02, 0.0),
+                )
+            })
+            .collect();
+        for (i, pose) in truth.iter().enumerate() {
+            let e = 0.01 * i as f64;
+            bundle.poses.push(*pose * Se3::new(So3::exp(&Vec3::new(e, -e, 0.5 * e)), Vec3::new(e, e, -e)));
+            bundle.fixed.push(i == 0);
+        }
+        bundle.poses[0] = truth[0];
+        for j in 0..80u32 {
+            let a = j as f64;
+            let p = Vec3::new((a * 0.9).sin() * 2.0, (a * 1.7).cos(), 5.0 + (a * 0.31).sin());
+            for (i, pose) in truth.iter().enumerate() {
+                let q = pose.inverse() * p;
+                let u = camera.fx * q.x / q.z + camera.cx;
+                let right = if j % 2 == 0 { u - camera.baseline_fx / q.z } else { f64::NAN };
+                let pixel = [u, camera.fy * q.y / q.z + camera.cy, right];
+                bundle.observations.push(Observation { pose: i as u32, point: j, pixel, weight: 1.0 });
+            }
+            bundle.points.push(p + Vec3::new(0.03, -0.02, 0.05) * (a * 2.3).sin());
+        }
+        (bundle, truth)
+    }
+
+    #[test]
+    fn returns_to_the_truth() {
+        let (mut bundle, truth) = disturbed();
+        let setting = BundleSetting { iterations: 20, robust: true, tolerance: 1e-12 };
+        let report = bundle.solve(&setting, || false);
+        assert!(report.cost_after < 1e-8 * report.cost_before, "{report:?}");
+        for (found, truth) in bundle.poses.iter().zip(&truth) {
+            assert!(found.local(truth).norm() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn an_interrupt_keeps_the_state_usable() {
+        let (mut bundle, _) = disturbed();
+        let mut calls = 0;
+        let report = bundle.solve(&BundleSetting::default(), || {
+            calls += 1;
+            calls > 2
+        });
+        assert_eq!(report.stop, Stop::Interrupted);
+        assert!(report.cost_after < report.cost_before);
+    }
+
+    #[test]
+    fn a_point_behind_an_eye_is_left_out() {
+        let (mut bundle, _) = disturbed();
+        bundle.points[3] = Vec3::new(0.0, 0.0, -5.0);
+        let report = bundle.solve(&BundleSetting::default(), || false);
+        assert!(report.cost_after.is_finite() && report.cost_after < report.cost_before);
+    }
+}

@@ -1,0 +1,198 @@
+//! The pose of one eye from matched points that stay where they are: Levenberg-Marquardt with Huber's
+//! loss, in rounds; between rounds each match is judged anew by its chi-square.
+//!
+//! Source: motion-only bundle adjustment, Mur-Artal & Tardós, "ORB-SLAM2" (2017), eq. 2.
+
+use crate::reprojection::View;
+use crate::{CHI2_2, CHI2_3, Pinhole, Pixel, Report, Stop, huber};
+use cairn_geometry::{Manifold, Se3, Vec3};
+use nalgebra::{SMatrix, SVector};
+
+/// A landmark matched to a feature.
+#[derive(Clone, Copy, Debug)]
+pub struct PointMatch {
+    /// Where the landmark is in the world, metres.
+    pub point: Vec3,
+    /// Where it is seen.
+    pub pixel: Pixel,
+    /// Inverse variance of the pixel, 1/px^2.
+    pub weight: f64,
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug)]
+pub struct PoseOnlySetting {
+    /// Rounds of solving and judging; the loss is robust in all but the last two.
+    pub rounds: usize,
+    /// Steps a round at most.
+    pub iterations: usize,
+}
+
+impl Default for PoseOnlySetting {
+    fn default() -> Self {
+        Self { rounds: 4, iterations: 6 }
+    }
+}
+
+/// The pose found.
+#[derive(Clone, Debug)]
+pub struct PoseOnly {
+    /// Where the eye is.
+    pub world_from_eye: Se3,
+    /// For each match, whether its residual lies within the bound.
+    pub inlier: Vec<bool>,
+    /// The information matrix at the solution over (translation, rotation) of the eye, before any outlier.
+    pub information: SMatrix<f64, 6, 6>,
+    /// How it went.
+    pub report: Report,
+}
+
+impl PoseOnly {
+    /// Solves from a first guess.
+    pub fn solve(camera: &Pinhole, guess: &Se3, matches: &[PointMatch], setting: &PoseOnlySetting) -> Self {
+        let mut pose = *guess;
+        let mut inlier = vec![true; matches.len()];
+        let mut information = SMatrix::zeros();
+        let mut report =
+            Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
+        for round in 0..setting.rounds {
+            let robust = round + 2 < setting.rounds;
+            let mut normal = normal_equations(camera, &pose, matches, &inlier, robust);
+            if round == 0 {
+                report.cost_before = normal.cost;
+            }
+            let mut lambda = 1e-6;
+            report.stop = Stop::Iterations;
+            for _ in 0..setting.iterations {
+                report.iterations += 1;
+                let mut h = normal.h;
+                for k in 0..6 {
+                    h[(k, k)] += lambda * normal.h[(k, k)] + 1e-9;
+                }
+                let Some(chol) = h.cholesky() else {
+                    report.stop = Stop::NoDescent;
+                    break;
+                };
+                let step = chol.solve(&-normal.b);
+                let moved = pose.retract(&step);
+                let next = normal_equations(camera, &moved, matches, &inlier, robust);
+                if next.cost <= normal.cost && moved.is_finite() {
+                    let gain = (normal.cost - next.cost) / normal.cost.max(1e-12);
+                    pose = moved;
+                    normal = next;
+                    lambda = (lambda * 0.1).max(1e-9);
+                    if gain < 1e-4 {
+                        report.stop = Stop::Converged;
+                        break;
+                    }
+                } else {
+                    lambda = (lambda * 100.0).max(1e-4);
+                    if lambda > 1e3 {
+                        report.stop = Stop::NoDescent;
+                        break;
+                    }
+                }
+            }
+            information = normal.h;
+            report.cost_after = normal.cost;
+            let view = View::new(&pose);
+            report.inliers = 0;
+            for (m, ok) in matches.iter().zip(&mut inlier) {
+                *ok = camera
+                    .residual(&view.to_eye(&m.point), &m.pixel)
+                    .is_some_and(|r| chi2(&r, m.weight) <= bound(&m.pixel));
+                report.inliers += *ok as usize;
+            }
+            if report.inliers < 4 {
+                break;
+            }
+        }
+        Self { world_from_eye: pose, inlier, information, report }
+    }
+}
+
+fn bound(pixel: &Pixel) -> f64 {
+    if pixel[2].is_nan() { CHI2_2 } else { CHI2_3 }
+}
+
+fn chi2(r: &[f64; 3], weight: f64) -> f64 {
+    (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * weight
+}
+
+struct Normal {
+    h: SMatrix<f64, 6, 6>,
+    b: SVector<f64, 6>,
+    cost: f64,
+}
+
+fn normal_equations(
+    camera: &Pinhole,
+    pose: &Se3,
+    matches: &[PointMatch],
+    inlier: &[bool],
+    robust: bool,
+) -> Normal {
+    let view = View::new(pose);
+    let mut h = [[0.0f64; 6]; 6];
+    let mut b = [0.0f64; 6];
+    let mut cost = 0.0;
+    for (m, _) in matches.iter().zip(inlier).filter(|(_, ok)| **ok) {
+        let Some(l) = camera.linearise(&view, &m.point, &m.pixel) else { continue };
+        let c2 = chi2(&l.residual, m.weight);
+        let (loss, slope) = if robust { huber(c2, bound(&m.pixel)) } else { (c2, 1.0) };
+        cost += 0.5 * loss;
+        let w = slope * m.weight;
+        for (row, r) in l.by_pose.iter().zip(&l.residual) {
+            let wr: [f64; 6] = std::array::from_fn(|k| row[k] * w);
+            for i in 0..6 {
+                for j in i..6 {
+                    h[i][j] += wr[i] * row[j];
+                }
+                b[i] += wr[i] * r;
+            }
+        }
+    }
+    let h = SMatrix::<f64, 6, 6>::from_fn(|i, j| if i <= j { h[i][j] } else { h[j][i] });
+    Normal { h, b: SVector::from(b), cost }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::So3;
+
+    /// Points in a box, seen with a known pose; a fifth of the matches are wrong.
+    #[test]
+    fn finds_the_pose_and_the_outliers() {
+        let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 50.0 };
+        let truth = Se3::new(So3::exp(&Vec3::new(0.1, 0.4, -0.2)), Vec3::new(0.5, -0.3, 0.2));
+        let mut matches = Vec::new();
+        for i in 0..200 {
+            let a = i as f64;
+            let q = Vec3::new((a * 0.7).sin() * 2.0, (a * 1.3).cos() * 1.5, 4.0 + (a * 0.37).sin() * 2.0);
+            let u = camera.fx * q.x / q.z + camera.cx;
+            let mut pixel = [u, camera.fy * q.y / q.z + camera.cy, u - camera.baseline_fx / q.z];
+            if i % 3 == 0 {
+                pixel[2] = f64::NAN;
+            }
+            if i % 5 == 0 {
+                pixel[0] += 30.0 + a;
+            }
+            matches.push(PointMatch { point: truth * q, pixel, weight: 1.0 });
+        }
+        let guess = truth * Se3::new(So3::exp(&Vec3::new(0.03, -0.02, 0.04)), Vec3::new(0.1, 0.05, -0.1));
+        let found = PoseOnly::solve(&camera, &guess, &matches, &PoseOnlySetting::default());
+        assert!(truth.local(&found.world_from_eye).norm() < 1e-6, "{:?}", found.report);
+        for (i, ok) in found.inlier.iter().enumerate() {
+            assert_eq!(*ok, i % 5 != 0, "match {i}");
+        }
+    }
+
+    #[test]
+    fn nothing_to_solve_is_told() {
+        let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
+        let found = PoseOnly::solve(&camera, &Se3::identity(), &[], &PoseOnlySetting::default());
+        assert_eq!(found.report.inliers, 0);
+        assert!(found.world_from_eye.is_finite());
+    }
+}
