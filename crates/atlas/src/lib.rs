@@ -1,1 +1,18 @@
-//! key frames, landmarks, maps, change sets.
+#![doc = include_str!("../README.md")]
+//!
+//! A [`Map`] is a value: cloning it is cheap, and whoever holds one is never disturbed. The only way to
+//! change a map is to apply a [`ChangeSet`].
+
+mod apply;
+mod arena;
+mod change;
+mod ids;
+mod key_frame;
+mod landmark;
+mod map;
+
+pub use change::{Applied, Change, ChangeSet};
+pub use ids::{KeyFrameId, LandmarkId};
+pub use key_frame::KeyFrame;
+pub use landmark::{Landmark, Observation};
+pub use map::Map;

@@ -1,0 +1,256 @@
+//! From one version of a map to the next: a change set is applied and what is derived is brought up to date.
+
+use crate::{Applied, Change, ChangeSet, KeyFrameId, Landmark, LandmarkId, Map, Observation};
+use cairn_geometry::Vec3;
+use cairn_vision::Descriptor;
+use std::collections::BTreeSet;
+
+/// A key frame keeps as many covisible neighbours as this.
+const NEIGHBOURS: usize = 40;
+/// A landmark's descriptor is chosen among this many of its latest observations.
+const DESCRIPTORS: usize = 16;
+
+/// What has to be derived anew.
+#[derive(Default)]
+struct Dirty {
+    /// Observations changed: descriptor, normal, range.
+    seen: BTreeSet<LandmarkId>,
+    /// Geometry changed: normal, range.
+    moved: BTreeSet<LandmarkId>,
+    /// Shows other landmarks than before: covisibility.
+    key_frames: BTreeSet<KeyFrameId>,
+}
+
+impl Map {
+    /// The next version. Changes that name something gone are dropped and counted, never a panic; landmarks
+    /// that nobody sees any more are removed.
+    pub fn apply(&self, set: &ChangeSet) -> (Map, Applied) {
+        let mut map = self.clone();
+        map.version += 1;
+        let mut dirty = Dirty::default();
+        let mut applied = Applied::default();
+        for change in &set.changes {
+            match map.apply_one(change, &mut dirty) {
+                Some(()) => applied.done += 1,
+                None => applied.dropped += 1,
+            }
+        }
+        map.settle(dirty);
+        (map, applied)
+    }
+
+    fn apply_one(&mut self, change: &Change, dirty: &mut Dirty) -> Option<()> {
+        match change {
+            Change::AddKeyFrame(k) => {
+                let fresh = k.id.index() >= self.next_key_frame;
+                let parent_lives = k.parent.is_none_or(|p| self.key_frame(p).is_some());
+                if !fresh || !parent_lives || !k.world_from_eye.is_finite() {
+                    return None;
+                }
+                self.next_key_frame = k.id.index() + 1;
+                let mut key_frame = (**k).clone();
+                key_frame.landmarks = vec![None; key_frame.frame.len()];
+                self.key_frames.insert(k.id.index(), key_frame);
+            }
+            Change::AddLandmark(id, position) => {
+                if id.index() < self.next_landmark || !finite(position) {
+                    return None;
+                }
+                self.next_landmark = id.index() + 1;
+                self.landmarks.insert(id.index(), Landmark::new(*id, *position));
+                dirty.seen.insert(*id);
+            }
+            Change::MoveKeyFrame(id, pose) => {
+                let k = pose.is_finite().then(|| self.key_frames.get_mut(id.index()))??;
+                k.world_from_eye = *pose;
+                dirty.moved.extend(k.landmarks.iter().flatten());
+            }
+            Change::MoveLandmark(id, position) => {
+                let l = finite(position).then(|| self.landmarks.get_mut(id.index()))??;
+                l.position = *position;
+                dirty.moved.insert(*id);
+            }
+            Change::Observe(id, key_frame, feature) => self.observe(*id, *key_frame, *feature, dirty)?,
+            Change::Forget(id, key_frame) => self.forget(*id, *key_frame, dirty)?,
+            Change::Fuse(from, into) => self.fuse(*from, *into, dirty)?,
+            Change::RemoveLandmark(id) => self.remove_landmark(*id, dirty)?,
+            Change::RemoveKeyFrame(id) => self.remove_key_frame(*id, dirty)?,
+        }
+        Some(())
+    }
+
+    fn observe(
+        &mut self,
+        id: LandmarkId,
+        key_frame: KeyFrameId,
+        feature: u16,
+        dirty: &mut Dirty,
+    ) -> Option<()> {
+        self.landmark(id)?;
+        let before = *self.key_frame(key_frame)?.landmarks.get(feature as usize)?;
+        if before == Some(id) {
+            return Some(());
+        }
+        // One feature shows one landmark, and one landmark is shown by one feature of a key frame.
+        if let Some(other) = before {
+            self.forget(other, key_frame, dirty)?;
+        }
+        if self.landmark(id)?.feature_in(key_frame).is_some() {
+            self.forget(id, key_frame, dirty)?;
+        }
+        self.key_frames.get_mut(key_frame.index())?.landmarks[feature as usize] = Some(id);
+        let observations = &mut self.landmarks.get_mut(id.index())?.observations;
+        let at = observations.partition_point(|o| o.key_frame < key_frame);
+        observations.insert(at, Observation { key_frame, feature });
+        dirty.seen.insert(id);
+        dirty.key_frames.insert(key_frame);
+        Some(())
+    }
+
+    fn forget(&mut self, id: LandmarkId, key_frame: KeyFrameId, dirty: &mut Dirty) -> Option<()> {
+        let feature = self.landmark(id)?.feature_in(key_frame)?;
+        self.landmarks.get_mut(id.index())?.observations.retain(|o| o.key_frame != key_frame);
+        if let Some(slot) =
+            self.key_frames.get_mut(key_frame.index()).and_then(|k| k.landmarks.get_mut(feature as usize))
+        {
+            *slot = None;
+        }
+        dirty.seen.insert(id);
+        dirty.key_frames.insert(key_frame);
+        Some(())
+    }
+
+    fn fuse(&mut self, from: LandmarkId, into: LandmarkId, dirty: &mut Dirty) -> Option<()> {
+        if from == into {
+            return None;
+        }
+        self.landmark(into)?;
+        let observations = self.landmark(from)?.observations.clone();
+        self.remove_landmark(from, dirty)?;
+        for o in observations {
+            if self.landmark(into)?.feature_in(o.key_frame).is_none() {
+                self.observe(into, o.key_frame, o.feature, dirty);
+            }
+        }
+        Some(())
+    }
+
+    fn remove_landmark(&mut self, id: LandmarkId, dirty: &mut Dirty) -> Option<()> {
+        let observations = self.landmark(id)?.observations.clone();
+        for o in observations {
+            self.forget(id, o.key_frame, dirty);
+        }
+        self.landmarks.remove(id.index()).then_some(())
+    }
+
+    fn remove_key_frame(&mut self, id: KeyFrameId, dirty: &mut Dirty) -> Option<()> {
+        let gone = self.key_frame(id)?.clone();
+        // The first key frame holds the world in place: it stays.
+        let parent = gone.parent?;
+        let parent_from_it = self.key_frame(parent)?.world_from_eye.inverse() * gone.world_from_eye;
+        for landmark in gone.landmarks.iter().flatten() {
+            self.forget(*landmark, id, dirty);
+        }
+        self.key_frames.remove(id.index());
+        self.gone.insert(id.index(), (parent, parent_from_it));
+        self.adopt(id, parent);
+        for (neighbour, _) in gone.covisible {
+            dirty.key_frames.insert(neighbour);
+        }
+        Some(())
+    }
+
+    /// Gives the children of a removed key frame new parents: the one they share most with among its other
+    /// relatives (never a descendant of their own), else its parent.
+    fn adopt(&mut self, gone: KeyFrameId, parent: KeyFrameId) {
+        let children: Vec<KeyFrameId> =
+            self.key_frames().filter(|k| k.parent == Some(gone)).map(|k| k.id).collect();
+        for child in children {
+            // An older key frame can not be a descendant: parents are always older than their children.
+            let best = self.key_frame(child).and_then(|k| {
+                k.covisible.iter().map(|(id, _)| *id).find(|id| *id < child && self.key_frame(*id).is_some())
+            });
+            if let Some(k) = self.key_frames.get_mut(child.index()) {
+                k.parent = Some(best.unwrap_or(parent));
+            }
+        }
+    }
+
+    fn settle(&mut self, mut dirty: Dirty) {
+        for id in &dirty.seen {
+            let lonely = self.landmark(*id).is_some_and(|l| l.observations.is_empty());
+            if lonely {
+                self.landmarks.remove(id.index());
+            }
+        }
+        for id in &dirty.seen {
+            if let Some(descriptor) = self.landmark(*id).and_then(|l| self.typical_descriptor(l))
+                && let Some(l) = self.landmarks.get_mut(id.index())
+            {
+                l.descriptor = descriptor;
+            }
+        }
+        dirty.moved.append(&mut dirty.seen);
+        for id in &dirty.moved {
+            if let Some((normal, min, max)) = self.landmark(*id).and_then(|l| self.visibility(l))
+                && let Some(l) = self.landmarks.get_mut(id.index())
+            {
+                (l.normal, l.min_distance, l.max_distance) = (normal, min, max);
+            }
+        }
+        let mut affected = dirty.key_frames.clone();
+        for id in &dirty.key_frames {
+            affected.extend(self.key_frame(*id).iter().flat_map(|k| k.covisible.iter().map(|(id, _)| *id)));
+        }
+        for id in &affected {
+            let Some(k) = self.key_frame(*id) else { continue };
+            let mut votes = self.votes(k.landmarks.iter().flatten());
+            votes.retain(|(other, _)| other != id);
+            votes.truncate(NEIGHBOURS);
+            if let Some(k) = self.key_frames.get_mut(id.index()) {
+                k.covisible = votes;
+            }
+        }
+    }
+
+    /// The observed descriptor with the least median Hamming distance to the others.
+    fn typical_descriptor(&self, l: &Landmark) -> Option<Descriptor> {
+        let latest = &l.observations[l.observations.len().saturating_sub(DESCRIPTORS)..];
+        let all: Vec<&Descriptor> = latest
+            .iter()
+            .filter_map(|o| self.key_frame(o.key_frame).map(|k| &k.frame.descriptors[o.feature as usize]))
+            .collect();
+        let medians = all.iter().map(|a| {
+            let mut distances: Vec<u32> = all.iter().map(|b| distance(a, b)).collect();
+            let middle = (distances.len() - 1) / 2;
+            *distances.select_nth_unstable(middle).1
+        });
+        let best = medians.enumerate().min_by_key(|(i, m)| (*m, *i))?.0;
+        Some(*all[best])
+    }
+
+    /// Mean viewing direction and the range of distances the detector's octaves cover.
+    fn visibility(&self, l: &Landmark) -> Option<(Vec3, f64, f64)> {
+        let mut normal = Vec3::zeros();
+        for o in &l.observations {
+            let from = self.key_frame(o.key_frame)?.world_from_eye.translation;
+            normal += (l.position - from).try_normalize(1e-12).unwrap_or_else(Vec3::zeros);
+        }
+        // The first observer sets the range: the level it was found at tells its size.
+        let first = l.observations.first()?;
+        let k = self.key_frame(first.key_frame)?;
+        let range = (l.position - k.world_from_eye.translation).norm();
+        let max = range * self.octaves.scale(k.frame.octave[first.feature as usize]);
+        let min = max / self.octaves.scale((self.octaves.levels - 1) as u8);
+        Some((normal.try_normalize(1e-12).unwrap_or_else(Vec3::zeros), min, max))
+    }
+}
+
+fn distance(a: &Descriptor, b: &Descriptor) -> u32 {
+    let words = |d: &Descriptor, i: usize| u64::from_ne_bytes(std::array::from_fn(|k| d[i * 8 + k]));
+    (0..4).map(|i| (words(a, i) ^ words(b, i)).count_ones()).sum()
+}
+
+fn finite(p: &Vec3) -> bool {
+    p.iter().all(|v| v.is_finite())
+}

@@ -1,0 +1,32 @@
+//! Names of things in an atlas: ordered, never reused; an unknown id is answered with `None`.
+
+use std::num::NonZeroU32;
+
+macro_rules! id {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub struct $name(NonZeroU32);
+
+        impl $name {
+            /// The id with this place in the order of birth, from 0.
+            pub fn from_index(index: usize) -> Option<Self> {
+                u32::try_from(index).ok()?.checked_add(1).and_then(NonZeroU32::new).map(Self)
+            }
+
+            /// Place in the order of birth, from 0.
+            pub fn index(self) -> usize {
+                (self.0.get() - 1) as usize
+            }
+        }
+    };
+}
+
+id!(
+    /// A key frame.
+    KeyFrameId
+);
+id!(
+    /// A landmark.
+    LandmarkId
+);

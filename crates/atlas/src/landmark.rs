@@ -1,0 +1,56 @@
+//! A point of the world that features are seen of.
+
+use crate::{KeyFrameId, LandmarkId};
+use cairn_geometry::Vec3;
+use cairn_vision::Descriptor;
+
+/// A feature of a key frame that shows a landmark.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Observation {
+    /// The key frame.
+    pub key_frame: KeyFrameId,
+    /// The feature's index in the key frame's [`cairn_vision::Frame`].
+    pub feature: u16,
+}
+
+/// A landmark. All but `id`, `position` and `observations` is derived by the map from the observations.
+#[derive(Clone, Debug)]
+pub struct Landmark {
+    /// Its name.
+    pub id: LandmarkId,
+    /// Where it is in the world, metres.
+    pub position: Vec3,
+    /// Who sees it, ordered by key frame.
+    pub observations: Vec<Observation>,
+    /// Mean direction from the observing eyes to it, unit length.
+    pub normal: Vec3,
+    /// The observed descriptor with the least median distance to the others.
+    pub descriptor: Descriptor,
+    /// Least distance in metres at which the feature detector would still find it at its finest level.
+    pub min_distance: f64,
+    /// Greatest distance at which it would be found, at the finest level.
+    pub max_distance: f64,
+}
+
+impl Landmark {
+    /// A landmark without observations; the map derives the rest when they are added.
+    pub fn new(id: LandmarkId, position: Vec3) -> Self {
+        Self {
+            id,
+            position,
+            observations: Vec::new(),
+            normal: Vec3::zeros(),
+            descriptor: [0; 32],
+            min_distance: 0.0,
+            max_distance: 0.0,
+        }
+    }
+
+    /// The feature that shows this landmark in a key frame.
+    pub fn feature_in(&self, key_frame: KeyFrameId) -> Option<u16> {
+        self.observations
+            .binary_search_by_key(&key_frame, |o| o.key_frame)
+            .ok()
+            .map(|i| self.observations[i].feature)
+    }
+}
