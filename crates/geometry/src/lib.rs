@@ -4,17 +4,21 @@
 //! rotations are unit quaternions, lengths are metres, angles radians, all in `f64`. Perturbations
 //! are applied on the right, `x.retract(d) = x * exp(d)`, with translation before rotation in `d`.
 
+mod align;
 mod manifold;
 mod pose;
 mod se3;
 mod sim3;
 mod so3;
+mod trajectory;
 
+pub use align::{Degenerate, umeyama};
 pub use manifold::Manifold;
 pub use pose::{Body, Camera, Odom, Pose, World};
 pub use se3::Se3;
 pub use sim3::Sim3;
 pub use so3::{So3, hat};
+pub use trajectory::{Trajectory, TrajectoryError, associate};
 
 /// A three-vector of `f64`.
 pub type Vec3 = nalgebra::Vector3<f64>;

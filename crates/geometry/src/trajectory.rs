@@ -1,0 +1,239 @@
+//! A trajectory: poses in time, in order; interpolation, and the association of two by nearest time.
+//!
+//! In: time stamps in nanoseconds and poses `world_from_body`. Out: poses at other times, and pairs of
+//! indices. The association rule is that of the public tool evo, so that figures can be compared.
+
+use crate::{Se3, Vec3};
+use std::fmt;
+
+/// Poses `world_from_body` at strictly increasing times.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trajectory {
+    stamps_ns: Vec<i64>,
+    poses: Vec<Se3>,
+}
+
+/// Why poses do not make a trajectory. The index is that of the offending pose in the order given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrajectoryError {
+    /// The time is not later than the one before.
+    NotIncreasing {
+        /// Index of the pose.
+        index: usize,
+        /// Its time in nanoseconds.
+        stamp_ns: i64,
+        /// The time before it in nanoseconds.
+        previous_ns: i64,
+    },
+    /// A number of the pose is NaN or infinite.
+    NotFinite {
+        /// Index of the pose.
+        index: usize,
+    },
+}
+
+impl fmt::Display for TrajectoryError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotIncreasing { index, stamp_ns, previous_ns } => {
+                write!(f, "pose {index}: time {stamp_ns} ns does not come after {previous_ns} ns")
+            }
+            Self::NotFinite { index } => write!(f, "pose {index}: a number is NaN or infinite"),
+        }
+    }
+}
+
+impl std::error::Error for TrajectoryError {}
+
+impl Trajectory {
+    /// No poses yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// From poses in any order; two poses at one time, or numbers that are not finite, are an error
+    /// (the index then counts in time order).
+    pub fn from_unsorted(mut poses: Vec<(i64, Se3)>) -> Result<Self, TrajectoryError> {
+        poses.sort_by_key(|(stamp, _)| *stamp);
+        let mut out = Self::new();
+        for (stamp_ns, pose) in poses {
+            out.push(stamp_ns, pose)?;
+        }
+        Ok(out)
+    }
+
+    /// Appends a pose; its time must be later than the last.
+    pub fn push(&mut self, stamp_ns: i64, world_from_body: Se3) -> Result<(), TrajectoryError> {
+        let index = self.len();
+        if let Some(&previous_ns) = self.stamps_ns.last()
+            && stamp_ns <= previous_ns
+        {
+            return Err(TrajectoryError::NotIncreasing { index, stamp_ns, previous_ns });
+        }
+        if !world_from_body.is_finite() {
+            return Err(TrajectoryError::NotFinite { index });
+        }
+        self.stamps_ns.push(stamp_ns);
+        self.poses.push(world_from_body);
+        Ok(())
+    }
+
+    /// Number of poses.
+    pub fn len(&self) -> usize {
+        self.poses.len()
+    }
+
+    /// True without poses.
+    pub fn is_empty(&self) -> bool {
+        self.poses.is_empty()
+    }
+
+    /// Times in nanoseconds, strictly increasing, (n).
+    pub fn stamps_ns(&self) -> &[i64] {
+        &self.stamps_ns
+    }
+
+    /// Poses `world_from_body`, (n).
+    pub fn poses(&self) -> &[Se3] {
+        &self.poses
+    }
+
+    /// Time and pose, in order.
+    pub fn iter(&self) -> impl Iterator<Item = (i64, &Se3)> {
+        self.stamps_ns.iter().copied().zip(&self.poses)
+    }
+
+    /// Positions in metres, (n).
+    pub fn positions(&self) -> Vec<Vec3> {
+        self.poses.iter().map(|p| p.translation).collect()
+    }
+
+    /// Length of the polyline through all positions, in metres.
+    pub fn length_m(&self) -> f64 {
+        self.poses.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum()
+    }
+
+    /// Seconds from the first pose to the last; 0 without two.
+    pub fn duration_s(&self) -> f64 {
+        match (self.stamps_ns.first(), self.stamps_ns.last()) {
+            (Some(a), Some(b)) => b.abs_diff(*a) as f64 * 1e-9,
+            _ => 0.0,
+        }
+    }
+
+    /// The pose at a time: position linearly, rotation spherically between the two neighbours.
+    /// `None` outside of the first and the last time.
+    pub fn at(&self, stamp_ns: i64) -> Option<Se3> {
+        self.at_within(stamp_ns, u64::MAX)
+    }
+
+    /// As [`Self::at`], but `None` too when the two neighbours are more than `max_gap_ns` apart:
+    /// truth with holes must not be invented.
+    pub fn at_within(&self, stamp_ns: i64, max_gap_ns: u64) -> Option<Se3> {
+        let next = self.stamps_ns.partition_point(|s| *s < stamp_ns);
+        if self.stamps_ns.get(next) == Some(&stamp_ns) {
+            return Some(self.poses[next]);
+        }
+        let (previous, b) = (next.checked_sub(1)?, *self.stamps_ns.get(next)?);
+        let a = self.stamps_ns[previous];
+        let gap = b.abs_diff(a);
+        let t = stamp_ns.abs_diff(a) as f64 / gap as f64;
+        (gap <= max_gap_ns).then(|| self.poses[previous].interpolate(&self.poses[next], t))
+    }
+
+    /// Index of the pose nearest in time, the earlier of two equally near; `None` when empty.
+    pub fn nearest(&self, stamp_ns: i64) -> Option<usize> {
+        nearest(&self.stamps_ns, stamp_ns)
+    }
+
+    /// The poses at these indices, which must increase; those out of range are left out.
+    pub fn select(&self, indices: &[usize]) -> Result<Self, TrajectoryError> {
+        let mut out = Self::new();
+        for &i in indices {
+            if let (Some(stamp), Some(pose)) = (self.stamps_ns.get(i), self.poses.get(i)) {
+                out.push(*stamp, *pose)?;
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// Index of the value of an increasing list nearest to `value`, the earlier of two equally near.
+fn nearest(sorted: &[i64], value: i64) -> Option<usize> {
+    let next = sorted.partition_point(|s| *s < value);
+    let before = next.checked_sub(1);
+    match (before, sorted.get(next)) {
+        (Some(b), Some(n)) => Some(if value.abs_diff(sorted[b]) <= n.abs_diff(value) { b } else { next }),
+        (Some(b), None) => Some(b),
+        (None, Some(_)) => Some(next),
+        (None, None) => None,
+    }
+}
+
+/// Pairs `(index in reference, index in estimate)` nearest in time, at most `max_difference_ns` apart.
+///
+/// Each stamp of the list with fewer entries (the estimate when equal) takes the nearest stamp of the
+/// other; a stamp of the longer list may serve twice. This is evo's rule, here on integer nanoseconds.
+/// Both lists must increase.
+pub fn associate(reference_ns: &[i64], estimate_ns: &[i64], max_difference_ns: u64) -> Vec<(usize, usize)> {
+    let estimate_is_longer = estimate_ns.len() > reference_ns.len();
+    let (short, long) =
+        if estimate_is_longer { (reference_ns, estimate_ns) } else { (estimate_ns, reference_ns) };
+    short
+        .iter()
+        .enumerate()
+        .filter_map(|(i, stamp)| {
+            let j = nearest(long, *stamp)?;
+            let close = long[j].abs_diff(*stamp) <= max_difference_ns;
+            close.then_some(if estimate_is_longer { (i, j) } else { (j, i) })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::So3;
+
+    fn at_x(x: f64, yaw: f64) -> Se3 {
+        Se3::new(So3::exp(&Vec3::new(0.0, 0.0, yaw)), Vec3::new(x, 0.0, 0.0))
+    }
+
+    #[test]
+    fn interpolates_between_and_never_outside() {
+        let t = Trajectory::from_unsorted(vec![(30, at_x(3.0, 0.3)), (10, at_x(1.0, 0.1))]).unwrap();
+        let mid = t.at(15).unwrap();
+        assert!((mid.translation.x - 1.5).abs() < 1e-12);
+        assert!((mid.rotation.log().z - 0.15).abs() < 1e-12);
+        assert_eq!(t.at(10), Some(at_x(1.0, 0.1)));
+        assert_eq!(t.at(30), Some(at_x(3.0, 0.3)));
+        assert_eq!((t.at(9), t.at(31)), (None, None));
+        assert_eq!(t.at_within(15, 19), None, "a hole is not filled");
+        assert!(t.at_within(15, 20).is_some());
+        assert!((t.length_m() - 2.0).abs() < 1e-12);
+        assert_eq!(t.duration_s(), 20e-9);
+        assert_eq!(Trajectory::new().at(0), None);
+    }
+
+    #[test]
+    fn rejects_time_that_stands_still_and_nan() {
+        let mut t = Trajectory::new();
+        t.push(5, at_x(0.0, 0.0)).unwrap();
+        let error = t.push(5, at_x(1.0, 0.0)).unwrap_err();
+        assert_eq!(error, TrajectoryError::NotIncreasing { index: 1, stamp_ns: 5, previous_ns: 5 });
+        assert_eq!(t.push(6, at_x(f64::NAN, 0.0)), Err(TrajectoryError::NotFinite { index: 1 }));
+        assert_eq!(t.len(), 1, "a refused pose leaves nothing behind");
+        assert!(Trajectory::from_unsorted(vec![(1, at_x(0.0, 0.0)), (1, at_x(0.0, 0.0))]).is_err());
+    }
+
+    #[test]
+    fn shorter_list_picks_its_nearest() {
+        let reference = [0, 10, 20, 30, 40];
+        assert_eq!(associate(&reference, &[9, 21, 47], 5), [(1, 0), (2, 1)]);
+        assert_eq!(associate(&reference, &[15], 5), [(1, 0)], "the earlier of two equally near");
+        assert_eq!(associate(&[9, 11], &reference, 5), [(0, 1), (1, 1)], "one may serve twice");
+        assert_eq!(associate(&[0, 10], &[4, 4], 6), [(0, 0), (0, 1)], "equal lengths: the estimate picks");
+        assert_eq!(associate(&[], &reference, 5), []);
+        assert_eq!(associate(&[i64::MIN], &[i64::MAX], 5), [], "extremes do not overflow");
+    }
+}
