@@ -1,0 +1,102 @@
+//! The house stands: every crate depends only on crates of lower floors, over `cargo metadata`.
+//!
+//! Normal, build and dev dependencies all count. A crate that is not in the table fails, so that a new
+//! room is given its floor (here and in ARCHITECTURE.md) before it is built.
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+/// Floor and the packages on it; the same table stands in ARCHITECTURE.md.
+const FLOORS: &[(u8, &[&str])] = &[
+    (1, &["cairn-geometry"]),
+    (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
+    (3, &["cairn-vision", "cairn-sim"]),
+    (4, &["cairn-sources", "cairn-atlas"]),
+    (5, &["cairn-adjust", "cairn-guide"]),
+    (6, &["cairn-tracking", "cairn-mapping"]),
+    (8, &["cairn-engine"]),
+    (9, &["cairn"]),
+];
+
+fn workspace_root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+/// Each package of the workspace with the names it depends on inside the workspace.
+fn packages() -> BTreeMap<String, Vec<String>> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--no-deps", "--format-version", "1", "--offline"])
+        .current_dir(workspace_root())
+        .output()
+        .expect("cargo metadata starts");
+    assert!(output.status.success(), "cargo metadata: {}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo metadata gives JSON");
+    let of = |package: &Value| {
+        let name = package["name"].as_str().expect("a package has a name").to_owned();
+        let inside = package["dependencies"].as_array().expect("a package lists dependencies").iter();
+        // A path dependency is one inside the workspace.
+        let inside = inside.filter(|d| d["path"].is_string());
+        (name, inside.filter_map(|d| d["name"].as_str().map(str::to_owned)).collect())
+    };
+    metadata["packages"].as_array().expect("packages").iter().map(of).collect()
+}
+
+fn floor_of(package: &str) -> Option<u8> {
+    FLOORS.iter().find(|(_, names)| names.contains(&package)).map(|&(floor, _)| floor)
+}
+
+/// What breaks the rule, one line each.
+fn broken(packages: &BTreeMap<String, Vec<String>>) -> Vec<String> {
+    let mut lines = Vec::new();
+    for (name, dependencies) in packages {
+        let Some(floor) = floor_of(name) else {
+            lines.push(format!("{name} has no floor: add it to the table"));
+            continue;
+        };
+        for dependency in dependencies {
+            match floor_of(dependency) {
+                Some(below) if below < floor => {}
+                Some(other) => {
+                    lines.push(format!("{name} (floor {floor}) imports {dependency} (floor {other})"));
+                }
+                None => lines.push(format!("{name} imports {dependency}, which has no floor")),
+            }
+        }
+    }
+    lines
+}
+
+#[test]
+fn every_crate_imports_only_from_lower_floors() {
+    let packages = packages();
+    assert!(packages.contains_key("cairn-geometry"), "metadata found no workspace: {packages:?}");
+    let lines = broken(&packages);
+    assert!(lines.is_empty(), "{}", lines.join("\n"));
+}
+
+#[test]
+fn siblings_strangers_and_upward_imports_are_found() {
+    let wrong = |name: &str, dependency: &str| {
+        broken(&BTreeMap::from([(name.to_owned(), vec![dependency.to_owned()])])).len()
+    };
+    assert_eq!(wrong("cairn-sensor", "cairn-geometry"), 0);
+    assert_eq!(wrong("cairn-sensor", "cairn-eval"), 1, "siblings");
+    assert_eq!(wrong("cairn-sensor", "cairn-engine"), 1, "upwards");
+    assert_eq!(wrong("cairn-sensor", "cairn-utils"), 1, "a stranger below");
+    assert_eq!(wrong("cairn-utils", "cairn-geometry"), 1, "a stranger");
+}
+
+#[test]
+fn the_table_in_architecture_says_the_same() {
+    let page = std::fs::read_to_string(workspace_root().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md");
+    for (floor, names) in FLOORS {
+        let row = page.lines().find(|line| line.starts_with(&format!("| {floor} |")));
+        let row = row.unwrap_or_else(|| panic!("ARCHITECTURE.md has no row for floor {floor}"));
+        for name in *names {
+            let folder = name.strip_prefix("cairn-").unwrap_or("cli");
+            assert!(row.contains(folder), "floor {floor} in ARCHITECTURE.md does not name {folder}: {row}");
+        }
+    }
+}
