@@ -3,13 +3,15 @@
 
 mod camera;
 mod image;
+mod lens;
 mod packet;
 mod rig;
 mod source;
 mod stamp;
 
-pub use camera::{Camera, Distortion};
+pub use camera::Camera;
 pub use image::{DepthImage, GrayImage, Image};
+pub use lens::Distortion;
 pub use packet::{FramePacket, ImuSample};
 pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
 pub use source::{Source, SourceError, SourceInfo};

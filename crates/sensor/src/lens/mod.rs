@@ -1,0 +1,118 @@
+//! Lenses: how a ray bends before it meets the sensor.
+//!
+//! A lens maps a point of the camera frame to *normalised* sensor coordinates (those that the focal
+//! lengths and the principal point turn into pixels) and back. Past the place where a model folds over
+//! itself two rays share one pixel; there a lens answers `None` in both directions.
+
+mod brown_conrady;
+mod fisheye;
+mod positive;
+
+use crate::RigError;
+use cairn_geometry::Vec3;
+
+/// Lens distortion, with the coefficients of the model's usual order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Distortion {
+    /// A perfect pinhole.
+    None,
+    /// Brown-Conrady, `[k1, k2, p1, p2, k3]`: bends the undistorted ray (Brown 1971; OpenCV's default).
+    RadialTangential([f64; 5]),
+    /// Brown-Conrady with a rational radial part, `[k1, k2, p1, p2, k3, k4, k5, k6]` (OpenCV's
+    /// `CALIB_RATIONAL_MODEL`: numerator `k1..k3`, denominator `k4..k6`).
+    Rational([f64; 8]),
+    /// The same polynomial as [`Distortion::RadialTangential`] but bending the *distorted* point into the
+    /// ray: what RealSense cameras call inverse Brown-Conrady.
+    InverseRadialTangential([f64; 5]),
+    /// Equidistant fisheye, `[k1, k2, k3, k4]` (Kannala and Brandt 2006, as OpenCV and Kalibr use it).
+    Equidistant([f64; 4]),
+    /// Field-of-view model, `w` in radians (Devernay and Faugeras 2001).
+    Fov(f64),
+    /// Double sphere (Usenko, Demmel and Cremers 2018).
+    DoubleSphere {
+        /// Distance of the two spheres' centres.
+        xi: f64,
+        /// Where between the spheres the plane lies, 0 to 1.
+        alpha: f64,
+    },
+}
+
+impl Distortion {
+    /// The model's name in rig files.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::RadialTangential(_) => "radial-tangential",
+            Self::Rational(_) => "rational",
+            Self::InverseRadialTangential(_) => "inverse-radial-tangential",
+            Self::Equidistant(_) => "equidistant",
+            Self::Fov(_) => "fov",
+            Self::DoubleSphere { .. } => "double-sphere",
+        }
+    }
+
+    /// The coefficients in the model's order; for the double sphere `[xi, alpha]`.
+    pub fn coefficients(&self) -> Vec<f64> {
+        match self {
+            Self::None => Vec::new(),
+            Self::RadialTangential(c) | Self::InverseRadialTangential(c) => c.to_vec(),
+            Self::Rational(c) => c.to_vec(),
+            Self::Equidistant(c) => c.to_vec(),
+            Self::Fov(w) => vec![*w],
+            Self::DoubleSphere { xi, alpha } => vec![*xi, *alpha],
+        }
+    }
+
+    /// Normalised sensor coordinates of a point in the camera frame; `None` where the lens has no image of it.
+    pub(crate) fn bend(&self, p: &Vec3) -> Option<[f64; 2]> {
+        match self {
+            Self::Equidistant(k) => return fisheye::equidistant_bend(k, p),
+            Self::DoubleSphere { xi, alpha } => return fisheye::double_sphere_bend(*xi, *alpha, p),
+            _ => {}
+        }
+        // The other models start from the image plane, which only points in front have a place on.
+        if p.z <= 1e-9 {
+            return None;
+        }
+        let m = [p.x / p.z, p.y / p.z];
+        match self {
+            Self::RadialTangential(c) => brown_conrady::apply(&brown_conrady::extended(c), m),
+            Self::Rational(c) => brown_conrady::apply(c, m),
+            Self::InverseRadialTangential(c) => brown_conrady::invert(&brown_conrady::extended(c), m),
+            Self::Fov(w) => Some(fisheye::fov_bend(*w, m)),
+            _ => Some(m),
+        }
+    }
+
+    /// The direction (of any length) that normalised sensor coordinates look along; `None` where there is none.
+    pub(crate) fn unbend(&self, m: [f64; 2]) -> Option<Vec3> {
+        let plane = |m: [f64; 2]| Vec3::new(m[0], m[1], 1.0);
+        match self {
+            Self::None => Some(plane(m)),
+            Self::RadialTangential(c) => brown_conrady::invert(&brown_conrady::extended(c), m).map(plane),
+            Self::Rational(c) => brown_conrady::invert(c, m).map(plane),
+            Self::InverseRadialTangential(c) => {
+                brown_conrady::apply(&brown_conrady::extended(c), m).map(plane)
+            }
+            Self::Equidistant(k) => fisheye::equidistant_unbend(k, m),
+            Self::Fov(w) => fisheye::fov_unbend(*w, m).map(plane),
+            Self::DoubleSphere { xi, alpha } => fisheye::double_sphere_unbend(*xi, *alpha, m),
+        }
+    }
+
+    /// Refuses coefficients that can not be a lens.
+    pub(crate) fn validate(&self) -> Result<(), RigError> {
+        if let Some(v) = self.coefficients().iter().find(|v| !v.is_finite()) {
+            return Err(RigError(format!("a {} distortion coefficient is {v}", self.name())));
+        }
+        match self {
+            Self::Fov(w) if !(0.0..std::f64::consts::PI).contains(w) => {
+                Err(RigError(format!("fov: w is {w}, it must lie in 0 to pi radians")))
+            }
+            Self::DoubleSphere { xi, alpha } if !(*xi > -1.0 && (0.0..=1.0).contains(alpha)) => {
+                Err(RigError(format!("double sphere: xi {xi} must be above -1 and alpha {alpha} in 0 to 1")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
