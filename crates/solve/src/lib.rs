@@ -7,6 +7,7 @@
 
 mod bundle;
 mod pose_only;
+pub mod ransac;
 mod report;
 mod reprojection;
 mod robust;
