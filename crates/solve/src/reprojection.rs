@@ -49,7 +49,7 @@ impl View {
     }
 
     #[inline(always)]
-    pub fn to_eye(&self, p: &Vec3) -> Vec3 {
+    pub fn to_eye(self, p: &Vec3) -> Vec3 {
         self.eye_from_world * (p - self.centre)
     }
 }
