@@ -1,0 +1,110 @@
+//! Gaussian blur of 7 x 7 pixels, sigma 2, before the descriptor's comparisons.
+
+use super::Backend;
+use cairn_sensor::GrayImage;
+
+/// Half the kernel, outermost first, in 1/128ths: `exp(-x^2 / 8)`, normalised.
+pub(super) const KERNEL: [u8; 4] = [9, 17, 24, 28];
+/// Replicated pixels on each side of the scratch row.
+pub(super) const MARGIN: usize = 3;
+/// Bytes that vector code may read or write beyond a row of scratch.
+const SLACK: usize = 64;
+
+/// A blurred image with readable slack behind its last pixel; reused from level to level.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Blurred {
+    /// Rows without gaps, then slack.
+    data: Vec<u8>,
+    width: usize,
+    scratch: Vec<u8>,
+}
+
+impl Blurred {
+    /// Blurs `image` (edges replicated) and keeps the result.
+    pub(super) fn run(&mut self, image: &GrayImage, backend: Backend) {
+        let (w, h) = (image.width(), image.height());
+        self.width = w;
+        let needed = w * h + SLACK;
+        if self.data.len() < needed {
+            self.data.resize(needed, 0);
+        }
+        self.scratch.clear();
+        self.scratch.resize(w + 2 * MARGIN + SLACK, 0);
+        for y in 0..h {
+            let rows: [&[u8]; 7] =
+                std::array::from_fn(|k| image.row((y + k).saturating_sub(MARGIN).min(h - 1)));
+            let out = &mut self.data[y * w..];
+            #[cfg(target_arch = "x86_64")]
+            if backend == Backend::Avx2 {
+                super::blur_avx2::columns(rows, &mut self.scratch[MARGIN..]);
+                replicate(&mut self.scratch, w);
+                super::blur_avx2::row(&self.scratch, &mut out[..w + SLACK], w);
+                continue;
+            }
+            let _ = backend;
+            columns(rows, &mut self.scratch[MARGIN..], 0);
+            replicate(&mut self.scratch, w);
+            row(&self.scratch, &mut out[..w]);
+        }
+    }
+
+    /// All pixels, row after row, then at least four more bytes.
+    pub(super) fn data(&self) -> &[u8] {
+        &self.data
+    }
+
+    /// Pixels from one row to the next.
+    pub(super) fn stride(&self) -> usize {
+        self.width
+    }
+}
+
+fn replicate(scratch: &mut [u8], w: usize) {
+    let (first, last) = (scratch[MARGIN], scratch[MARGIN + w - 1]);
+    scratch[..MARGIN].fill(first);
+    scratch[MARGIN + w..MARGIN + w + MARGIN].fill(last);
+}
+
+/// Vertical pass, from column `from` on.
+pub(super) fn columns(rows: [&[u8]; 7], out: &mut [u8], from: usize) {
+    for x in from..rows[0].len() {
+        out[x] = weigh(rows.map(|r| r[x]));
+    }
+}
+
+/// Horizontal pass: output pixel `x` lies in the middle of scratch `x` to `x + 6`.
+pub(super) fn row(scratch: &[u8], out: &mut [u8]) {
+    for (out, p) in out.iter_mut().zip(scratch.windows(7)) {
+        *out = weigh(std::array::from_fn(|k| p[k]));
+    }
+}
+
+fn weigh(p: [u8; 7]) -> u8 {
+    let p = p.map(|v| v as u32);
+    let k = KERNEL.map(|v| v as u32);
+    let sum = (p[0] + p[6]) * k[0] + (p[1] + p[5]) * k[1] + (p[2] + p[4]) * k[2] + p[3] * k[3];
+    ((sum + 64) >> 7) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernel_is_the_gaussian() {
+        let exact: Vec<f64> = (-3..=3).map(|x| (-(x * x) as f64 / 8.0).exp()).collect();
+        let total: f64 = exact.iter().sum();
+        for (k, e) in KERNEL.iter().zip(&exact) {
+            assert!((*k as f64 - e / total * 128.0).abs() < 0.5);
+        }
+        assert_eq!(2 * (KERNEL[0] + KERNEL[1] + KERNEL[2]) as u32 + KERNEL[3] as u32, 128);
+    }
+
+    #[test]
+    fn a_constant_image_stays() {
+        let image = GrayImage::from_vec(41, 37, vec![255; 41 * 37]).unwrap();
+        let mut b = Blurred::default();
+        b.run(&image, Backend::detect());
+        assert!(b.data()[..41 * 37].iter().all(|&v| v == 255));
+    }
+}

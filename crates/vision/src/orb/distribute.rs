@@ -1,0 +1,172 @@
+//! Even spread: which corners of a level become features.
+//!
+//! The level is cut into square cells. A cell with a corner above the high threshold keeps only such corners; a
+//! poorer cell keeps what it has. Then cells fill up together, as water does: first the strongest corner of every cell,
+//! then the second strongest of every cell, and so on; the last round, which not all can join, goes to the strongest.
+
+use super::BORDER;
+use super::fast::Corner;
+
+/// Side of a threshold cell in pixels, about.
+const THRESHOLD_CELL: usize = 32;
+/// Features that a cell of the spread holds when corners are everywhere.
+const PER_CELL: f64 = 4.0;
+
+/// Scratch of [`distribute`], reused.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scratch {
+    keys: Vec<u64>,
+    best: Vec<u8>,
+}
+
+struct Grid {
+    columns: usize,
+    rows: usize,
+    size: [usize; 2],
+}
+
+impl Grid {
+    fn new(width: usize, height: usize, side: f64) -> Self {
+        let size = [width - 2 * BORDER, height - 2 * BORDER];
+        let [columns, rows] = size.map(|n| ((n as f64 / side).round() as usize).clamp(1, 255));
+        Self { columns, rows, size }
+    }
+
+    fn cell(&self, c: &Corner) -> usize {
+        let x = (c.x as usize - BORDER) * self.columns / self.size[0];
+        let y = (c.y as usize - BORDER) * self.rows / self.size[1];
+        y * self.columns + x
+    }
+}
+
+/// Drops corners at or below `high` from cells that have a better one.
+pub(super) fn prefer_strong(
+    corners: &mut Vec<Corner>,
+    width: usize,
+    height: usize,
+    high: u8,
+    scratch: &mut Scratch,
+) {
+    if corners.is_empty() {
+        return;
+    }
+    let grid = Grid::new(width, height, THRESHOLD_CELL as f64);
+    scratch.best.clear();
+    scratch.best.resize(grid.columns * grid.rows, 0);
+    for c in corners.iter() {
+        let best = &mut scratch.best[grid.cell(c)];
+        *best = (*best).max(c.score);
+    }
+    corners.retain(|c| c.score > high || scratch.best[grid.cell(c)] <= high);
+}
+
+/// Keeps at most `wanted` corners, spread over the level.
+pub(super) fn distribute(
+    corners: &mut Vec<Corner>,
+    width: usize,
+    height: usize,
+    wanted: usize,
+    scratch: &mut Scratch,
+) {
+    if corners.len() <= wanted {
+        return;
+    }
+    if wanted == 0 {
+        return corners.clear();
+    }
+    let area = ((width - 2 * BORDER) * (height - 2 * BORDER)) as f64;
+    let grid = Grid::new(width, height, (area * PER_CELL / wanted as f64).sqrt());
+    // Cell, then strength, then reading order.
+    let key = |i: usize, c: &Corner| (grid.cell(c) as u64) << 40 | (255 - c.score as u64) << 32 | i as u64;
+    let keys = &mut scratch.keys;
+    keys.clear();
+    keys.extend(corners.iter().enumerate().map(|(i, c)| key(i, c)));
+    keys.sort_unstable();
+    // Now rank within the cell, then strength, then reading order.
+    let (mut cell, mut rank) = (u64::MAX, 0u64);
+    for k in keys.iter_mut() {
+        let this = *k >> 40;
+        rank = if this == cell { rank + 1 } else { 0 };
+        cell = this;
+        *k = (*k & 0xff_ffff_ffff) | rank << 40;
+    }
+    keys.select_nth_unstable(wanted - 1);
+    keys.truncate(wanted);
+    // Back in reading order.
+    for k in keys.iter_mut() {
+        *k &= 0xffff_ffff;
+    }
+    keys.sort_unstable();
+    for (to, &from) in keys.iter().enumerate() {
+        corners[to] = corners[from as usize];
+    }
+    corners.truncate(wanted);
+}
+
+/// Shares `total` features among levels: each level's share shrinks with its scale (as its side does), and what a level
+/// cannot use goes to the others.
+pub(super) fn shares(available: &[usize], total: usize, factor: f64) -> Vec<usize> {
+    let mut given = vec![0usize; available.len()];
+    let mut left = total.min(available.iter().sum());
+    while left > 0 {
+        let open: Vec<usize> = (0..given.len()).filter(|&l| given[l] < available[l]).collect();
+        let weight = |l: usize| factor.powi(-(l as i32));
+        let sum: f64 = open.iter().map(|&l| weight(l)).sum();
+        let round = left;
+        let mut gave = false;
+        for &l in &open {
+            let part = (round as f64 * weight(l) / sum).floor() as usize;
+            let part = part.min(available[l] - given[l]).min(left);
+            given[l] += part;
+            left -= part;
+            gave |= part > 0;
+        }
+        if !gave {
+            // Fewer left than levels: one each, finest first.
+            for &l in open.iter().take(left) {
+                given[l] += 1;
+            }
+            left -= left.min(open.len());
+        }
+    }
+    given
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_give_all_that_can_be_used_and_no_more() {
+        assert_eq!(shares(&[10_000; 8], 1000, 1.2).iter().sum::<usize>(), 1000);
+        assert_eq!(shares(&[3, 0, 5], 1000, 1.2), vec![3, 0, 5]);
+        let s = shares(&[20, 10_000, 10_000], 1000, 1.2);
+        assert_eq!((s[0], s.iter().sum::<usize>()), (20, 1000));
+        assert!(s[1] > s[2]);
+        assert!(shares(&[], 10, 1.2).is_empty());
+    }
+
+    #[test]
+    fn a_poor_corner_of_the_image_is_not_starved() {
+        // A thousand strong corners at left, one weak at right.
+        let mut corners: Vec<Corner> =
+            (0..1000).map(|i| Corner { x: 20 + i % 40, y: 20 + (i / 40) * 3, score: 200 }).collect();
+        corners.push(Corner { x: 600, y: 400, score: 9 });
+        let mut scratch = Scratch::default();
+        prefer_strong(&mut corners, 640, 480, 20, &mut scratch);
+        distribute(&mut corners, 640, 480, 100, &mut scratch);
+        assert_eq!(corners.len(), 100);
+        assert!(corners.iter().any(|c| c.x == 600));
+    }
+
+    #[test]
+    fn weak_corners_yield_to_a_strong_neighbour() {
+        let mut corners = vec![
+            Corner { x: 20, y: 20, score: 50 },
+            Corner { x: 24, y: 20, score: 10 },
+            Corner { x: 200, y: 20, score: 10 },
+        ];
+        prefer_strong(&mut corners, 640, 480, 20, &mut Scratch::default());
+        assert_eq!(corners.iter().map(|c| c.x).collect::<Vec<_>>(), vec![20, 200]);
+    }
+}

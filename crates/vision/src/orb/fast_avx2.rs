@@ -1,0 +1,136 @@
+//! AVX2 twin of [`super::fast`]: 32 pixels at a time, the same bits.
+#![allow(unsafe_code)]
+
+use super::BORDER;
+use super::fast::{CIRCLE, Corner};
+use cairn_sensor::GrayImage;
+use std::arch::x86_64::*;
+
+/// Scores of columns `x0..x1` of row `y`; `out` is indexed by column and may be written 31 beyond `x1`.
+pub(super) fn score_row(image: &GrayImage, y: usize, x0: usize, x1: usize, threshold: u8, out: &mut [u8]) {
+    let (w, h) = (image.width(), image.height());
+    assert!(w > 2 * BORDER && h > 2 * BORDER, "image smaller than a patch");
+    assert!(x0 >= 3 && x1 <= w - BORDER + 1 && y >= 3 && y <= h - BORDER && out.len() >= x1 + 31);
+    assert!(is_x86_feature_detected!("avx2"));
+    // SAFETY: AVX2 is there. The last block starts at x1 - 1 <= w - 16 at most and reads to 34 beyond it in row y + 3 <=
+    // h - 13, that is, before the end of row h - 12; the first reads from x0 - 3 >= 0 in row y - 3 >= 0. Writes
+    // end at x1 + 30 at most.
+    unsafe { score_row_avx2(image, y, x0, x1, threshold, out) }
+}
+
+/// # Safety
+/// AVX2 must be available, and the bounds that [`score_row`] asserts must hold.
+#[target_feature(enable = "avx2")]
+unsafe fn score_row_avx2(image: &GrayImage, y: usize, x0: usize, x1: usize, threshold: u8, out: &mut [u8]) {
+    let w = image.width() as isize;
+    let offsets = CIRCLE.map(|[dx, dy]| dy * w + dx);
+    let limit = _mm256_set1_epi8(threshold as i8);
+    let zero = _mm256_setzero_si256();
+    let mut x = x0;
+    while x < x1 {
+        // SAFETY: see `score_row`.
+        let (centre, to) = unsafe {
+            (image.data().as_ptr().add(y * image.width() + x), out.as_mut_ptr().add(x) as *mut __m256i)
+        };
+        // SAFETY: likewise.
+        let at = |k: usize| unsafe { _mm256_loadu_si256(centre.offset(offsets[k]) as *const __m256i) };
+        // SAFETY: likewise.
+        let c = unsafe { _mm256_loadu_si256(centre as *const __m256i) };
+        x += 32;
+
+        let (p0, p4, p8, p12) = (at(0), at(4), at(8), at(12));
+        let most = _mm256_min_epu8(_mm256_max_epu8(p0, p8), _mm256_max_epu8(p4, p12));
+        let least = _mm256_max_epu8(_mm256_min_epu8(p0, p8), _mm256_min_epu8(p4, p12));
+        let bound = _mm256_max_epu8(_mm256_subs_epu8(most, c), _mm256_subs_epu8(c, least));
+        let over = _mm256_subs_epu8(bound, limit);
+        if _mm256_testz_si256(over, over) == 1 {
+            // SAFETY: likewise.
+            unsafe { _mm256_storeu_si256(to, zero) };
+            continue;
+        }
+        let (p2, p6, p10, p14) = (at(2), at(6), at(10), at(14));
+        let most = _mm256_min_epu8(_mm256_max_epu8(p2, p10), _mm256_max_epu8(p6, p14));
+        let least = _mm256_max_epu8(_mm256_min_epu8(p2, p10), _mm256_min_epu8(p6, p14));
+        let other = _mm256_max_epu8(_mm256_subs_epu8(most, c), _mm256_subs_epu8(c, least));
+        let over = _mm256_subs_epu8(_mm256_min_epu8(bound, other), limit);
+        if _mm256_testz_si256(over, over) == 1 {
+            // SAFETY: likewise.
+            unsafe { _mm256_storeu_si256(to, zero) };
+            continue;
+        }
+        let p: [__m256i; 16] =
+            [p0, at(1), p2, at(3), p4, at(5), p6, at(7), p8, at(9), p10, at(11), p12, at(13), p14, at(15)];
+        let bright = brightest(&p);
+        let dark = darkest(&p);
+        let s = _mm256_max_epu8(_mm256_subs_epu8(bright, c), _mm256_subs_epu8(c, dark));
+        let below = _mm256_cmpeq_epi8(_mm256_subs_epu8(s, limit), zero);
+        // SAFETY: likewise.
+        unsafe { _mm256_storeu_si256(to, _mm256_andnot_si256(below, s)) };
+    }
+}
+
+macro_rules! arcs {
+    ($name:ident, $within:ident, $across:ident, $what:literal) => {
+        #[doc = $what]
+        #[target_feature(enable = "avx2")]
+        #[inline]
+        fn $name(p: &[__m256i; 16]) -> __m256i {
+            // Pairs that start at odd places, then fours, then eights.
+            let two: [__m256i; 8] = std::array::from_fn(|i| $within(p[2 * i + 1], p[(2 * i + 2) & 15]));
+            let four: [__m256i; 8] = std::array::from_fn(|i| $within(two[i], two[(i + 1) & 7]));
+            let mut best = None;
+            for i in 0..8 {
+                let eight = $within(four[i], four[(i + 2) & 7]);
+                let ends = $across(p[2 * i], p[(2 * i + 9) & 15]);
+                let nine = $within(eight, ends);
+                best = Some(match best {
+                    None => nine,
+                    Some(b) => $across(b, nine),
+                });
+            }
+            best.unwrap_or(p[0])
+        }
+    };
+}
+arcs!(brightest, _mm256_min_epu8, _mm256_max_epu8, "Greatest over the arcs of nine of the least in each.");
+arcs!(darkest, _mm256_max_epu8, _mm256_min_epu8, "Least over the arcs of nine of the greatest in each.");
+
+/// Peaks of the middle of three rows of scores; rows are readable 31 beyond `x1`.
+pub(super) fn peaks(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>) {
+    assert!(x0 >= 1 && rows.iter().all(|r| r.len() >= x1 + 32));
+    assert!(is_x86_feature_detected!("avx2"));
+    // SAFETY: AVX2 is there; blocks start at x0 - 1 >= 0 and the last, at x1 - 1 at most, reads to x1 + 31.
+    unsafe { peaks_avx2(rows, y, x0, x1, out) }
+}
+
+/// # Safety
+/// AVX2 must be available, and the bounds that [`peaks`] asserts must hold.
+#[target_feature(enable = "avx2")]
+unsafe fn peaks_avx2(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>) {
+    let [above, here, below] = rows;
+    // SAFETY: `x` is in the rows' bounds as asserted by `peaks`.
+    let load = |row: &[u8], x: usize| unsafe { _mm256_loadu_si256(row.as_ptr().add(x) as *const __m256i) };
+    let mut x = x0;
+    while x < x1 {
+        let s = load(here, x);
+        if _mm256_testz_si256(s, s) == 0 {
+            let up = _mm256_max_epu8(load(above, x - 1), _mm256_max_epu8(load(above, x), load(above, x + 1)));
+            let down =
+                _mm256_max_epu8(load(below, x - 1), _mm256_max_epu8(load(below, x), load(below, x + 1)));
+            let before = _mm256_max_epu8(up, load(here, x - 1));
+            let after = _mm256_max_epu8(down, load(here, x + 1));
+            let no = _mm256_cmpeq_epi8(_mm256_subs_epu8(s, before), _mm256_setzero_si256());
+            let yes = _mm256_cmpeq_epi8(_mm256_max_epu8(s, after), s);
+            let mut bits = _mm256_movemask_epi8(_mm256_andnot_si256(no, yes)) as u32;
+            if x1 - x < 32 {
+                bits &= (1 << (x1 - x)) - 1;
+            }
+            while bits != 0 {
+                let at = x + bits.trailing_zeros() as usize;
+                out.push(Corner { x: at as u16, y: y as u16, score: here[at] });
+                bits &= bits - 1;
+            }
+        }
+        x += 32;
+    }
+}

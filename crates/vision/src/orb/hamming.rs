@@ -1,0 +1,120 @@
+//! Distances between descriptors, and the nearest two of many.
+
+use crate::Descriptor;
+
+/// The nearest of some candidates and how far the next one is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BestTwo {
+    /// Index of the nearest (the first of equals); `u32::MAX` where there was no candidate.
+    pub index: u32,
+    /// Its distance in bits; `u32::MAX` where there was no candidate.
+    pub distance: u32,
+    /// Distance of the second nearest in bits; `u32::MAX` where there were fewer than two.
+    pub second: u32,
+}
+
+impl BestTwo {
+    /// Nothing seen yet.
+    pub const NONE: Self = Self { index: u32::MAX, distance: u32::MAX, second: u32::MAX };
+
+    #[inline(always)]
+    fn offer(&mut self, index: u32, distance: u32) {
+        if distance < self.distance {
+            self.second = self.distance;
+            (self.index, self.distance) = (index, distance);
+        } else if distance < self.second {
+            self.second = distance;
+        }
+    }
+}
+
+/// Number of bits in which two descriptors differ, 0 to 256.
+pub fn hamming(a: &Descriptor, b: &Descriptor) -> u32 {
+    distance(a, b)
+}
+
+/// The nearest two of `among[i]` for each `i` of `candidates`, in the order given; indices outside are passed over.
+pub fn best_two(query: &Descriptor, among: &[Descriptor], candidates: &[u32]) -> BestTwo {
+    nearest(query, among, candidates.iter().copied())
+}
+
+/// The nearest two of all of `among`.
+pub fn best_two_of(query: &Descriptor, among: &[Descriptor]) -> BestTwo {
+    nearest(query, among, 0..among.len() as u32)
+}
+
+#[inline(always)]
+fn nearest(query: &Descriptor, among: &[Descriptor], candidates: impl Iterator<Item = u32>) -> BestTwo {
+    let mut best = BestTwo::NONE;
+    for i in candidates {
+        if let Some(d) = among.get(i as usize) {
+            best.offer(i, distance(query, d));
+        }
+    }
+    best
+}
+
+#[inline(always)]
+fn distance(a: &Descriptor, b: &Descriptor) -> u32 {
+    let word = |d: &Descriptor, k: usize| {
+        let mut w = [0u8; 8];
+        w.copy_from_slice(&d[k * 8..k * 8 + 8]);
+        u64::from_le_bytes(w)
+    };
+    (0..4).map(|k| (word(a, k) ^ word(b, k)).count_ones()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn descriptors(n: usize) -> Vec<Descriptor> {
+        let mut state = 7u64;
+        let mut byte = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 56) as u8
+        };
+        (0..n).map(|_| std::array::from_fn(|_| byte())).collect()
+    }
+
+    fn plain(a: &Descriptor, b: &Descriptor) -> u32 {
+        a.iter().zip(b).map(|(a, b)| (a ^ b).count_ones()).sum()
+    }
+
+    #[test]
+    fn distances_are_counts_of_bits() {
+        assert_eq!(hamming(&[0; 32], &[255; 32]), 256);
+        for pair in descriptors(100).windows(2) {
+            assert_eq!(hamming(&pair[0], &pair[1]), plain(&pair[0], &pair[1]));
+            assert_eq!(hamming(&pair[0], &pair[0]), 0);
+        }
+    }
+
+    #[test]
+    fn the_nearest_two_are_those_of_a_plain_search() {
+        let among = descriptors(301);
+        for query in descriptors(350).iter().skip(280) {
+            for n in [0, 1, 2, 3, 7, 8, 9, 100, 301] {
+                let mut sorted: Vec<(u32, u32)> =
+                    (0..n).map(|i| (plain(query, &among[i as usize]), i)).collect();
+                sorted.sort();
+                let at = |k: usize| sorted.get(k).map_or(u32::MAX, |s| s.0);
+                let expected = BestTwo {
+                    index: sorted.first().map_or(u32::MAX, |s| s.1),
+                    distance: at(0),
+                    second: at(1),
+                };
+                let candidates: Vec<u32> = (0..n).collect();
+                assert_eq!(best_two(query, &among, &candidates), expected);
+                assert_eq!(best_two_of(query, &among[..n as usize]), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn indices_outside_are_passed_over() {
+        let among = descriptors(3);
+        let best = best_two(&among[1], &among, &[9, 1, u32::MAX, 3]);
+        assert_eq!(best, BestTwo { index: 1, distance: 0, second: u32::MAX });
+    }
+}

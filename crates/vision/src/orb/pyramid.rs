@@ -1,0 +1,74 @@
+//! The scale pyramid of one image.
+
+use super::resize::{Resize, shrunk};
+use super::{BORDER, Backend};
+use cairn_sensor::GrayImage;
+
+/// An image and its smaller copies; one pixel of level `l` is `factor^l` pixels of the image wide.
+///
+/// Pixel centres are whole numbers at every level: level position `x` is `(x + 0.5) * factor^l - 0.5` in the image.
+#[derive(Clone, Debug)]
+pub struct Pyramid {
+    factor: f64,
+    levels: Vec<GrayImage>,
+    used: usize,
+    plans: Vec<Resize>,
+}
+
+impl Pyramid {
+    /// An empty pyramid of at most `levels` levels (at least one), neighbours `factor` (1.05 to 1.6) apart.
+    pub fn new(levels: usize, factor: f64) -> Self {
+        let factor = if factor.is_finite() { factor.clamp(1.05, 1.6) } else { 1.2 };
+        let levels = vec![GrayImage::new(0, 0); levels.max(1)];
+        Self { factor, levels, used: 0, plans: Vec::new() }
+    }
+
+    /// Fills the levels from an image. Levels too small to hold a feature are left out, but never level 0.
+    pub fn build(&mut self, image: &GrayImage, backend: Backend) {
+        self.levels[0].resize(image.width(), image.height());
+        self.levels[0].data_mut().copy_from_slice(image.data());
+        self.used = 1;
+        while self.used < self.levels.len() {
+            let (done, rest) = self.levels.split_at_mut(self.used);
+            let source = &done[self.used - 1];
+            let least = shrunk(source.width().min(source.height()), self.factor);
+            if least <= 2 * BORDER {
+                break;
+            }
+            let at = self.used - 1;
+            if self.plans.get(at).is_none_or(|p| !p.fits(source)) {
+                self.plans.truncate(at);
+                self.plans.push(Resize::new([source.width(), source.height()], self.factor));
+            }
+            self.plans[at].run(source, &mut rest[0], backend);
+            self.used += 1;
+        }
+    }
+
+    /// The levels of the last image, finest first.
+    pub fn levels(&self) -> &[GrayImage] {
+        &self.levels[..self.used]
+    }
+
+    /// Ratio between neighbouring levels.
+    pub fn factor(&self) -> f64 {
+        self.factor
+    }
+
+    /// Size of one pixel of `level` in pixels of the image.
+    pub fn scale(&self, level: usize) -> f64 {
+        self.factor.powi(level as i32)
+    }
+
+    /// A position in the image, of a position in `level`.
+    pub fn to_image(&self, level: usize, at: [f32; 2]) -> [f32; 2] {
+        let scale = self.scale(level);
+        at.map(|c| ((c as f64 + 0.5) * scale - 0.5) as f32)
+    }
+
+    /// A position in `level`, of a position in the image.
+    pub fn to_level(&self, level: usize, at: [f32; 2]) -> [f32; 2] {
+        let scale = self.scale(level);
+        at.map(|c| ((c as f64 + 0.5) / scale - 0.5) as f32)
+    }
+}

@@ -1,0 +1,144 @@
+//! Shrinking an image by a fixed ratio a little above one, with a triangle filter as wide as the ratio.
+//!
+//! Destination pixel `i` looks at source position `(i + 0.5) * ratio - 0.5`: pixel centres stay where they are,
+//! whatever the rounding of the sizes. Weights are 1/128ths; rows are combined first, then columns.
+
+use super::Backend;
+use cairn_sensor::GrayImage;
+
+/// Taps per destination pixel and axis; enough for ratios below 2.
+pub(super) const TAPS: usize = 4;
+/// Bytes that vector code may read beyond a row of scratch.
+const SLACK: usize = 64;
+
+/// Four neighbouring source pixels and their weights (sum 128, each 0 to 127).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tap {
+    pub(super) start: usize,
+    pub(super) weights: [u8; TAPS],
+}
+
+/// What is known before the pixels are: taps of both axes and scratch.
+#[derive(Clone, Debug)]
+pub(super) struct Resize {
+    source: [usize; 2],
+    columns: Vec<Tap>,
+    rows: Vec<Tap>,
+    scratch: Vec<u8>,
+    #[cfg(target_arch = "x86_64")]
+    blocks: Option<Vec<super::resize_avx2::Block>>,
+}
+
+impl Resize {
+    /// Plans the shrinking of `source` (width, height) by `ratio` (1 to 2, both excluded); both sizes at least 8.
+    pub(super) fn new(source: [usize; 2], ratio: f64) -> Self {
+        let size = source.map(|n| shrunk(n, ratio));
+        let columns = taps(source[0], size[0], ratio);
+        let rows = taps(source[1], size[1], ratio);
+        Self {
+            source,
+            #[cfg(target_arch = "x86_64")]
+            blocks: super::resize_avx2::plan(&columns),
+            columns,
+            rows,
+            scratch: vec![0; source[0] + SLACK],
+        }
+    }
+
+    /// True when this plan is for images of that size.
+    pub(super) fn fits(&self, image: &GrayImage) -> bool {
+        self.source == [image.width(), image.height()]
+    }
+
+    /// Writes the smaller image.
+    pub(super) fn run(&mut self, source: &GrayImage, out: &mut GrayImage, backend: Backend) {
+        out.resize(self.columns.len(), self.rows.len());
+        for (y, tap) in self.rows.iter().enumerate() {
+            let rows: [&[u8]; TAPS] = std::array::from_fn(|k| source.row(tap.start + k));
+            #[cfg(target_arch = "x86_64")]
+            if let (Backend::Avx2, Some(blocks)) = (backend, &self.blocks) {
+                super::resize_avx2::combine_rows(rows, tap.weights, &mut self.scratch);
+                super::resize_avx2::combine_columns(&self.scratch, blocks, &self.columns, out.row_mut(y));
+                continue;
+            }
+            let _ = backend;
+            combine_rows(rows, tap.weights, &mut self.scratch, 0);
+            combine_columns(&self.scratch, &self.columns, out.row_mut(y), 0);
+        }
+    }
+}
+
+/// Weighted sum of four rows, from column `from` on.
+pub(super) fn combine_rows(rows: [&[u8]; TAPS], weights: [u8; TAPS], out: &mut [u8], from: usize) {
+    for x in from..rows[0].len() {
+        let sum: u32 = (0..TAPS).map(|k| rows[k][x] as u32 * weights[k] as u32).sum();
+        out[x] = ((sum + 64) >> 7) as u8;
+    }
+}
+
+/// Weighted sum of four neighbours for each destination pixel, from column `from` on.
+pub(super) fn combine_columns(row: &[u8], columns: &[Tap], out: &mut [u8], from: usize) {
+    for (out, tap) in out.iter_mut().zip(columns).skip(from) {
+        let source = &row[tap.start..tap.start + TAPS];
+        let sum: u32 = (0..TAPS).map(|k| source[k] as u32 * tap.weights[k] as u32).sum();
+        *out = ((sum + 64) >> 7) as u8;
+    }
+}
+
+/// Size of an axis after shrinking.
+pub(super) fn shrunk(n: usize, ratio: f64) -> usize {
+    (n as f64 / ratio).floor() as usize
+}
+
+fn taps(source: usize, size: usize, ratio: f64) -> Vec<Tap> {
+    (0..size).map(|i| tap((i as f64 + 0.5) * ratio - 0.5, source, ratio)).collect()
+}
+
+fn tap(centre: f64, source: usize, ratio: f64) -> Tap {
+    let first = (centre - ratio).floor() as isize + 1;
+    let start = first.clamp(0, (source - TAPS) as isize) as usize;
+    let raw: [f64; TAPS] =
+        std::array::from_fn(|k| (1.0 - ((start + k) as f64 - centre).abs() / ratio).max(0.0));
+    let total: f64 = raw.iter().sum();
+    let mut weights = raw.map(|w| ((w / total * 128.0).round() as u8).min(127));
+    // What rounding took or gave goes to the heaviest tap.
+    let sum: i32 = weights.iter().map(|&w| w as i32).sum();
+    let heaviest = (0..TAPS).max_by_key(|&k| weights[k]).unwrap_or(0);
+    weights[heaviest] = (weights[heaviest] as i32 + 128 - sum).clamp(0, 127) as u8;
+    Tap { start, weights }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_sum_to_one_and_stay_inside() {
+        for ratio in [1.05, 1.2, 1.41, 1.6] {
+            for n in [33usize, 47, 480, 752] {
+                for t in taps(n, shrunk(n, ratio), ratio) {
+                    assert_eq!(t.weights.iter().map(|&w| w as u32).sum::<u32>(), 128, "{ratio} {n} {t:?}");
+                    assert!(t.start + TAPS <= n);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_ramp_stays_a_ramp_at_the_same_place() {
+        let (w, h) = (240, 100);
+        let mut image = GrayImage::new(w, h);
+        for y in 0..h {
+            for x in 0..w {
+                image.row_mut(y)[x] = x as u8;
+            }
+        }
+        let mut out = GrayImage::new(0, 0);
+        Resize::new([w, h], 1.2).run(&image, &mut out, Backend::Scalar);
+        assert_eq!((out.width(), out.height()), (200, 83));
+        for x in 4..out.width() - 4 {
+            let expected = (x as f64 + 0.5) * 1.2 - 0.5;
+            assert!((out.at(x, 40) as f64 - expected).abs() <= 1.0, "{x}");
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! What the extractor promises, on images made here.
+
+use super::*;
+use cairn_sensor::GrayImage;
+
+/// A small seeded generator (xorshift64*), so that every run sees the same images.
+struct Rng(u64);
+
+impl Rng {
+    fn next(&mut self) -> u32 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 32) as u32
+    }
+}
+
+fn noise(w: usize, h: usize, seed: u64) -> GrayImage {
+    let mut rng = Rng(seed);
+    GrayImage::from_vec(w, h, (0..w * h).map(|_| rng.next() as u8).collect()).unwrap()
+}
+
+/// A smooth scene of overlapping soft-edged boxes, defined at real positions.
+struct Scene(Vec<[f64; 6]>);
+
+impl Scene {
+    fn new(seed: u64) -> Self {
+        let mut rng = Rng(seed);
+        let mut unit = || rng.next() as f64 / u32::MAX as f64;
+        Self(
+            (0..900)
+                .map(|_| {
+                    let angle = unit() * 3.2;
+                    [
+                        unit() * 900.0 - 150.0,
+                        unit() * 900.0 - 150.0,
+                        4.0 + unit() * 22.0,
+                        4.0 + unit() * 22.0,
+                        angle,
+                        unit() * 255.0,
+                    ]
+                })
+                .collect(),
+        )
+    }
+
+    fn at(&self, x: f64, y: f64) -> f64 {
+        let mut value = 100.0;
+        for &[cx, cy, a, b, angle, tone] in &self.0 {
+            let (dx, dy) = (x - cx, y - cy);
+            if dx.abs() + dy.abs() > 60.0 {
+                continue;
+            }
+            let (s, c) = angle.sin_cos();
+            let inside = (a - (c * dx + s * dy).abs()).min(b - (c * dy - s * dx).abs());
+            value += (tone - value) * (inside + 0.5).clamp(0.0, 1.0);
+        }
+        value
+    }
+
+    /// The image whose pixel `p` shows the scene at `scene_from_image(p)`.
+    fn image(&self, w: usize, h: usize, scene_from_image: impl Fn(f64, f64) -> [f64; 2]) -> GrayImage {
+        let pixel = |i: usize| {
+            let mut sum = 0.0;
+            for (dx, dy) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
+                let [x, y] = scene_from_image((i % w) as f64 + dx, (i / w) as f64 + dy);
+                sum += self.at(x, y);
+            }
+            (sum / 4.0).round() as u8
+        };
+        GrayImage::from_vec(w, h, (0..w * h).map(pixel).collect()).unwrap()
+    }
+}
+
+fn extract(image: &GrayImage, setting: OrbSetting, backend: Backend) -> Features {
+    let mut out = Features::default();
+    OrbExtractor::with_backend(setting, backend).extract(image, &mut out);
+    out
+}
+
+fn default(image: &GrayImage) -> Features {
+    extract(image, OrbSetting::default(), Backend::detect())
+}
+
+#[test]
+fn vector_and_scalar_loops_give_the_same_bits() {
+    if !Backend::Avx2.available() {
+        println!("skipped: this machine has no AVX2");
+        return;
+    }
+    let mut images = vec![];
+    for (w, h) in [(33, 33), (34, 61), (63, 64), (65, 40), (97, 131), (128, 96), (223, 57), (301, 199)] {
+        images.push(noise(w, h, (w * h) as u64));
+    }
+    images.push(Scene::new(5).image(320, 240, |x, y| [x, y]));
+    // Nothing but the ends of the range: saturation in every difference.
+    let mut hard = noise(190, 150, 3);
+    hard.data_mut().iter_mut().for_each(|v| *v = if *v < 110 { 0 } else { 255 });
+    images.push(hard);
+    images.push(GrayImage::from_vec(100, 80, vec![0; 8000]).unwrap());
+    images.push(GrayImage::from_vec(100, 80, vec![255; 8000]).unwrap());
+    for image in &images {
+        for (factor, fast_low) in [(1.2, 7), (1.2, 0), (1.05, 7), (1.6, 7), (1.41, 254)] {
+            let setting = OrbSetting { factor, fast_low, features: 700, ..OrbSetting::default() };
+            let mut scalar = OrbExtractor::with_backend(setting, Backend::Scalar);
+            let mut vector = OrbExtractor::with_backend(setting, Backend::Avx2);
+            let (mut a, mut b) = (Features::default(), Features::default());
+            scalar.extract(image, &mut a);
+            vector.extract(image, &mut b);
+            assert_eq!(scalar.pyramid().levels(), vector.pyramid().levels());
+            assert_eq!(a, b, "{} x {}, factor {factor}", image.width(), image.height());
+        }
+    }
+}
+
+#[test]
+fn images_without_room_or_texture_give_nothing_and_no_panic() {
+    for (w, h) in [(0, 0), (1, 1), (7, 300), (32, 32), (32, 640), (640, 31)] {
+        assert!(default(&noise(w, h, 1)).is_empty(), "{w} x {h}");
+    }
+    for value in [0, 255] {
+        assert!(default(&GrayImage::from_vec(640, 480, vec![value; 640 * 480]).unwrap()).is_empty());
+    }
+    let wild = OrbSetting { features: 0, levels: 0, factor: f64::NAN, fast_high: 0, fast_low: 255 };
+    assert!(extract(&noise(100, 100, 1), wild, Backend::detect()).is_empty());
+    let wild = OrbSetting { levels: 999, factor: 1e9, ..OrbSetting::default() };
+    assert!(!extract(&noise(100, 100, 1), wild, Backend::detect()).is_empty());
+}
+
+#[test]
+fn the_count_is_what_was_asked_and_never_more() {
+    let image = Scene::new(1).image(640, 480, |x, y| [x, y]);
+    for features in [1, 7, 100, 333, 1000] {
+        let n = extract(&image, OrbSetting { features, ..OrbSetting::default() }, Backend::detect()).len();
+        assert!(n <= features && n * 100 >= features * 99, "{n} of {features}");
+    }
+}
+
+#[test]
+fn an_extractor_used_before_gives_the_same_as_a_new_one() {
+    let (a, b) = (Scene::new(1).image(320, 240, |x, y| [x, y]), noise(200, 300, 9));
+    let mut used = OrbExtractor::new(OrbSetting::default());
+    let mut out = Features::default();
+    for image in [&a, &b, &a, &noise(20, 20, 1), &b] {
+        used.extract(image, &mut out);
+        assert_eq!(out, default(image));
+    }
+}
+
+#[test]
+fn a_dim_image_still_gives_its_corners() {
+    let mut image = Scene::new(2).image(320, 240, |x, y| [x, y]);
+    image.data_mut().iter_mut().for_each(|v| *v = 100 + *v / 12);
+    let found = default(&image);
+    assert!(found.len() > 100, "{}", found.len());
+    assert!(found.response.iter().all(|&r| r <= 22.0));
+}
+
+#[test]
+fn features_spread_over_the_image() {
+    // Contrast falls from left to right by sixteen times.
+    let mut image = Scene::new(3).image(640, 480, |x, y| [x, y]);
+    for y in 0..480 {
+        for (x, v) in image.row_mut(y).iter_mut().enumerate() {
+            *v = (128.0 + (*v as f64 - 128.0) * 0.0625f64.powf(x as f64 / 640.0)) as u8;
+        }
+    }
+    let found = default(&image);
+    let mut cells = [0usize; 8 * 6];
+    for p in &found.raw {
+        cells[(p[1] / 80.0) as usize * 8 + (p[0] / 80.0) as usize] += 1;
+    }
+    let filled = cells.iter().filter(|&&n| n >= 4).count();
+    println!("cells with at least 4 of {} features: {filled} of 48, {cells:?}", found.len());
+    assert!(filled >= 44, "{cells:?}");
+    assert!(*cells.iter().max().unwrap() < 80, "{cells:?}");
+}
+
+/// Share of the features of `a` that `b` has, at the place that `b_from_a` says, with a descriptor near enough to be
+/// the best match; and the median error of those places in pixels.
+fn found_again(
+    a: &Features,
+    b: &Features,
+    b_from_a: impl Fn([f32; 2]) -> [f64; 2],
+    size: [f64; 2],
+) -> (f64, f64) {
+    let (mut visible, mut errors) = (0, vec![]);
+    for i in 0..a.len() {
+        let p = b_from_a(a.raw[i]);
+        if p[0] < 60.0 || p[1] < 60.0 || p[0] > size[0] - 60.0 || p[1] > size[1] - 60.0 {
+            continue;
+        }
+        visible += 1;
+        let best = best_two_of(&a.descriptors[i], &b.descriptors);
+        let q = b.raw[best.index as usize];
+        let error = (q[0] as f64 - p[0]).hypot(q[1] as f64 - p[1]);
+        if error < 3.0 {
+            errors.push(error);
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    (errors.len() as f64 / visible as f64, errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN))
+}
+
+#[test]
+fn features_are_found_again_after_turning_and_scaling() {
+    let scene = Scene::new(4);
+    let (w, h) = (480, 480);
+    let reference = default(&scene.image(w, h, |x, y| [x + 60.0, y + 60.0]));
+    for (degrees, scale, least) in [
+        (0.0f64, 1.0f64, 0.99),
+        (25.0, 1.0, 0.6),
+        (90.0, 1.0, 0.8),
+        (180.0, 1.0, 0.8),
+        (0.0, 1.3, 0.55),
+        (-40.0, 0.8, 0.5),
+    ] {
+        let (s, c) = degrees.to_radians().sin_cos();
+        let centre = 239.5;
+        // Image pixel to scene, and the way back for reference pixels.
+        let turned = scene.image(w, h, |x, y| {
+            let (x, y) = ((x - centre) / scale, (y - centre) / scale);
+            [c * x - s * y + centre + 60.0, s * x + c * y + centre + 60.0]
+        });
+        let there = |p: [f32; 2]| {
+            let (x, y) = ((p[0] as f64 - centre) * scale, (p[1] as f64 - centre) * scale);
+            [c * x + s * y + centre, -s * x + c * y + centre]
+        };
+        let (share, error) = found_again(&reference, &default(&turned), there, [w as f64, h as f64]);
+        println!(
+            "turned {degrees}, scaled {scale}: {:.1} % found again, median error {error:.3} px",
+            share * 100.0
+        );
+        assert!(share > least, "{degrees} {scale}: {share}");
+        assert!(error < 0.6, "{degrees} {scale}: {error}");
+    }
+}
+
+#[test]
+fn angles_turn_with_the_image() {
+    let scene = Scene::new(4);
+    // A quarter turn keeps the pixel grid of level 0; that of other levels begins at the left and at the top.
+    let one = OrbSetting { levels: 1, ..OrbSetting::default() };
+    let a = extract(&scene.image(320, 320, |x, y| [x, y]), one, Backend::detect());
+    let b = extract(&scene.image(320, 320, |x, y| [319.0 - y, x]), one, Backend::detect());
+    let mut checked = 0;
+    for (p, angle) in a.raw.iter().zip(&a.angle) {
+        // Scene (x, y) shows at (y, 319 - x).
+        let q = [p[1], 319.0 - p[0]];
+        if let Some(j) = b.raw.iter().position(|r| (r[0] - q[0]).hypot(r[1] - q[1]) < 0.05) {
+            let turn = (b.angle[j] - angle + std::f32::consts::FRAC_PI_2).sin();
+            checked += (turn.abs() < 0.02) as usize;
+        }
+    }
+    assert!(checked * 10 > a.len() * 9, "{checked} of {}", a.len());
+}
