@@ -1,2 +1,45 @@
-//! The `cairn` command.
-fn main() {}
+//! The `cairn` command: arguments in, text or JSON out; what is computed is computed in the crates below.
+//!
+//! Results go to stdout, everything else to stderr. Exit code 0: done; 1: the work failed (one line that
+//! says what, why, and what to do); 2: wrong usage.
+
+mod commands;
+mod failure;
+mod output;
+
+use clap::{Parser, Subcommand};
+use failure::Failure;
+use output::Output;
+use std::process::ExitCode;
+
+/// Remembers the way you came and guides you back: SLAM, evaluation, simulation, guidance.
+#[derive(Parser)]
+#[command(name = "cairn", version, propagate_version = true)]
+struct Arguments {
+    /// Print the result as JSON on stdout; logs still go to stderr.
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Doctor(commands::doctor::Arguments),
+}
+
+fn main() -> ExitCode {
+    // clap prints help (code 0) and wrong usage (code 2) by itself.
+    let arguments = Arguments::parse();
+    let output = Output::new(arguments.json);
+    match run(arguments.command, &output) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => output.fail(&failure),
+    }
+}
+
+fn run(command: Command, output: &Output) -> Result<(), Failure> {
+    match command {
+        Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
+    }
+}
