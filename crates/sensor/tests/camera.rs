@@ -224,12 +224,13 @@ proptest! {
         x in 0.0..639.0f64,
         y in 0.0..479.0f64,
     ) {
-        let radial = [c[0], c[1], 0.05 * c[2], 0.05 * c[3], c[4]];
+        // Past 0.025 a lens may fold inside the image (its radial curve turns before the corner), and a corner has no ray.
+        let radial = [0.3 * c[0], 0.3 * c[1], 0.05 * c[2], 0.05 * c[3], 0.3 * c[4]];
         let distortion = match kind {
             0 => Distortion::RadialTangential(radial),
             1 => Distortion::Rational(c.map(|v| 0.15 * v)),
             2 => Distortion::InverseRadialTangential(radial),
-            3 => Distortion::Equidistant([c[0], c[1], 0.1 * c[2], 0.1 * c[3]]),
+            3 => Distortion::Equidistant([0.5 * c[0], 0.5 * c[1], 0.1 * c[2], 0.1 * c[3]]),
             4 => Distortion::Fov(0.1 + 6.0 * c[0].abs()),
             _ => Distortion::DoubleSphere { xi: 4.0 * c[0], alpha: 0.5 + 5.0 * c[1] },
         };
