@@ -1,1 +1,16 @@
-//! datasets and rig files, read ahead on a thread.
+#![doc = include_str!("../README.md")]
+
+mod decode;
+mod euroc;
+mod imu;
+mod kitti;
+mod open;
+mod player;
+mod recording;
+mod rig;
+mod seven_scenes;
+mod text;
+mod tum;
+
+pub use open::{OpenOptions, open};
+pub use rig::{read_rig, read_rig_for, write_rig};

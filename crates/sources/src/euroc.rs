@@ -1,0 +1,110 @@
+//! EuRoC folders (`mav0/cam0 cam1 imu0`), and TUM-VI, which has the same shape with a Kalibr calibration.
+//!
+//! Burri et al., "The EuRoC micro aerial vehicle datasets" (2016); Schubert et al., "The TUM VI benchmark" (2018).
+
+use crate::recording::{Instant, QuaternionOrder, Recording, pair, read_index, read_truth};
+use crate::rig;
+use crate::text::{stamp_ns, stamp_seconds};
+use cairn_geometry::Se3;
+use cairn_sensor::{Rig, SourceError, Stamp};
+use std::path::{Path, PathBuf};
+
+/// Cameras that are triggered together differ by less.
+const SAME_INSTANT_NS: i64 = 500_000;
+
+/// True when a folder looks like one.
+pub fn is(folder: &Path) -> bool {
+    [folder.to_owned(), folder.join("mav0")].iter().any(|root| root.join("cam0").is_dir())
+}
+
+/// Indexes the folder. Its rig is the one given, a Cairn or Kalibr file in it, or its `sensor.yaml` files. The rig
+/// decides what is read: one camera or two, the IMU or not.
+pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
+    let root = if folder.join("mav0").is_dir() { folder.join("mav0") } else { folder.to_owned() };
+    let cameras = 1 + usize::from(root.join("cam1/data.csv").is_file());
+    let mut rig = match given {
+        Some(rig) if rig.cameras.len() > cameras => {
+            return Err(SourceError::new(
+                folder.display().to_string(),
+                format!("the rig has {} cameras, the folder has images of {cameras}", rig.cameras.len()),
+                "give a rig of the cameras that are there",
+            ));
+        }
+        Some(rig) => rig,
+        None => own_rig(folder, &root)?,
+    };
+    rig.cameras.truncate(cameras);
+
+    let mut skipped = Vec::new();
+    let mut lists = Vec::new();
+    for i in 0..rig.cameras.len() {
+        lists.push(images(&root.join(format!("cam{i}")), &mut skipped)?);
+    }
+    let mut instants = match lists.as_slice() {
+        [left, right, ..] => pair(left, right, SAME_INSTANT_NS, &mut skipped),
+        [one] => one
+            .iter()
+            .map(|(stamp, path)| Instant { stamp: *stamp, images: vec![path.clone()], depth: None })
+            .collect(),
+        [] => Vec::new(),
+    };
+    let depth = root.join("depth0");
+    match depth.join("data.csv").is_file() {
+        true if rig.depth.is_some() => join_depth(&mut instants, &images(&depth, &mut skipped)?),
+        _ => rig.depth = None,
+    }
+    let imu = root.join("imu0/data.csv");
+    if !imu.is_file() {
+        rig.imu = None;
+    }
+    Ok(Recording {
+        name: format!("EuRoC folder {}", folder.display()),
+        imu: rig.imu.is_some().then_some(imu),
+        rig,
+        instants,
+        truth: truth(&root)?,
+        no_depth: None,
+        skipped,
+    })
+}
+
+fn own_rig(folder: &Path, root: &Path) -> Result<Rig, SourceError> {
+    if let Some(path) = rig::file_in(root).or_else(|| rig::file_in(folder)) {
+        return rig::read_rig(path);
+    }
+    let rig = rig::euroc_folder(root)?;
+    if rig.cameras.is_empty() {
+        return Err(SourceError::new(
+            root.join("cam0/sensor.yaml").display().to_string(),
+            "is missing, and there is no other calibration",
+            "give one with --rig",
+        ));
+    }
+    Ok(rig)
+}
+
+fn images(camera: &Path, skipped: &mut Vec<String>) -> Result<Vec<(Stamp, PathBuf)>, SourceError> {
+    read_index(&camera.join("data.csv"), stamp_ns, &camera.join("data"), skipped)
+}
+
+/// Gives each instant the depth image of its time, if there is one.
+fn join_depth(instants: &mut [Instant], depth: &[(Stamp, PathBuf)]) {
+    for instant in instants {
+        let near = depth.iter().min_by_key(|(stamp, _)| stamp.0.abs_diff(instant.stamp.0));
+        instant.depth = near
+            .filter(|(stamp, _)| stamp.0.abs_diff(instant.stamp.0) <= SAME_INSTANT_NS as u64)
+            .map(|(_, path)| path.clone());
+    }
+}
+
+/// Poses of the body, where one of the two data sets' files has them.
+fn truth(root: &Path) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+    for name in ["state_groundtruth_estimate0", "mocap0"] {
+        let path = root.join(name).join("data.csv");
+        if path.is_file() {
+            return read_truth(&path, stamp_ns, QuaternionOrder::WFirst);
+        }
+    }
+    let path = root.join("groundtruth.txt");
+    if path.is_file() { read_truth(&path, stamp_seconds, QuaternionOrder::WLast) } else { Ok(Vec::new()) }
+}

@@ -1,0 +1,192 @@
+//! KITTI odometry folders: `image_0/ image_1/ calib.txt times.txt`, and the truth in `poses.txt`.
+//!
+//! Geiger, Lenz and Urtasun, "Are we ready for autonomous driving?" (2012). A pose line is the 3x4 matrix that
+//! maps camera 0 to where camera 0 was first.
+
+use crate::decode;
+use crate::recording::{Instant, Recording};
+use crate::rig::{self, kitti as calib};
+use crate::text::{data_lines, fields, numbers, place, read_text, stamp_seconds};
+use cairn_geometry::Se3;
+use cairn_sensor::{Rig, SourceError, Stamp};
+use std::path::{Path, PathBuf};
+
+/// Nanoseconds between images where no `times.txt` tells.
+const NOMINAL_STEP_NS: i64 = 100_000_000;
+
+/// True when a folder looks like one.
+pub fn is(folder: &Path) -> bool {
+    folder.join("image_0").is_dir() || folder.join("image_2").is_dir()
+}
+
+/// Indexes the folder: the gray pair, or where there is none the colour pair.
+pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
+    let pair = if folder.join("image_0").is_dir() { [0, 1] } else { [2, 3] };
+    let present: Vec<usize> =
+        pair.into_iter().filter(|i| folder.join(format!("image_{i}")).is_dir()).collect();
+    let rig = match (given, folder.join("rig.toml")) {
+        (Some(rig), _) => rig,
+        (None, own) if own.is_file() => rig::read_rig(own)?,
+        (None, _) => own_rig(folder, &present)?,
+    };
+    if rig.cameras.len() > present.len() {
+        return Err(SourceError::new(
+            folder.display().to_string(),
+            format!("the rig has {} cameras, the folder has images of {}", rig.cameras.len(), present.len()),
+            "give a rig of the cameras that are there",
+        ));
+    }
+    let mut skipped = Vec::new();
+    let used = &present[..rig.cameras.len()];
+    let files = numbered(&folder.join(format!("image_{}", used[0]))).map_err(|e| unreadable(folder, &e))?;
+    let lines = match_lines(&files);
+    let times = times(folder, &mut skipped)?;
+    let mut instants = Vec::new();
+    for (file, &line) in files.iter().zip(&lines) {
+        let stamp = match &times {
+            None => Stamp(line as i64 * NOMINAL_STEP_NS),
+            Some(times) => match times.get(line) {
+                Some(Some(stamp)) => *stamp,
+                _ => {
+                    skipped.push(format!("{}: times.txt has no time for it", file.path.display()));
+                    continue;
+                }
+            },
+        };
+        // A missing right image is found when it is read, and that pair skipped.
+        let images = used.iter().map(|i| twin(folder, *i, &file.path)).collect();
+        instants.push((line, Instant { stamp, images, depth: None }));
+    }
+    let truth = truth(folder, &instants)?;
+    let instants = instants.into_iter().map(|(_, instant)| instant).collect();
+    let name = format!("KITTI folder {}", folder.display());
+    Ok(Recording {
+        name,
+        rig: Rig { depth: None, imu: None, ..rig },
+        instants,
+        imu: None,
+        truth,
+        no_depth: None,
+        skipped,
+    })
+}
+
+/// Width and height of the first readable image of a camera.
+pub fn image_size(folder: &Path, camera: usize) -> Result<[usize; 2], String> {
+    let files = numbered(&folder.join(format!("image_{camera}")))?;
+    let mut problem = format!("no image in image_{camera}");
+    for file in files {
+        match decode::size(&file.path) {
+            Ok(size) => return Ok(size),
+            Err(e) => problem = e,
+        }
+    }
+    Err(problem)
+}
+
+fn own_rig(folder: &Path, present: &[usize]) -> Result<Rig, SourceError> {
+    let path = folder.join("calib.txt");
+    if !path.is_file() {
+        return Err(SourceError::new(path.display().to_string(), "is missing", "restore it, or give --rig"));
+    }
+    let size = image_size(folder, present[0]).map_err(|e| unreadable(folder, &e))?;
+    calib::rig(&path, &calib::projections(&path)?, present, size)
+}
+
+fn unreadable(folder: &Path, why: &str) -> SourceError {
+    SourceError::new(
+        folder.display().to_string(),
+        format!("not one image can be read ({why})"),
+        "check the images",
+    )
+}
+
+struct File {
+    number: usize,
+    path: PathBuf,
+}
+
+/// The images of a folder whose names are numbers, in their order.
+fn numbered(folder: &Path) -> Result<Vec<File>, String> {
+    let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let mut files: Vec<File> = entries
+        .filter_map(|e| Some(e.ok()?.path()))
+        .filter_map(|path| {
+            let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+            let number = path.file_stem()?.to_str()?.parse().ok()?;
+            matches!(extension.as_str(), "png" | "jpg" | "jpeg").then_some(File { number, path })
+        })
+        .collect();
+    files.sort_by(|a, b| (a.number, &a.path).cmp(&(b.number, &b.path)));
+    files.dedup_by_key(|f| f.number);
+    match files.is_empty() {
+        true => Err(format!("{} holds no numbered PNG or JPEG", folder.display())),
+        false => Ok(files),
+    }
+}
+
+/// Which line of `times.txt` and `poses.txt` each file belongs to: its number, or its place in the order where the
+/// numbers do not start near 0 (a cut from a longer sequence, whose lines were cut as well).
+fn match_lines(files: &[File]) -> Vec<usize> {
+    let cut = files.first().is_some_and(|f| f.number >= files.len());
+    files.iter().enumerate().map(|(i, f)| if cut { i } else { f.number }).collect()
+}
+
+/// The same file name under another camera, with that camera's extension if it differs.
+fn twin(folder: &Path, camera: usize, like: &Path) -> PathBuf {
+    let images = folder.join(format!("image_{camera}"));
+    let path = images.join(like.file_name().unwrap_or_default());
+    if path.is_file() {
+        return path;
+    }
+    let others = ["png", "jpg", "jpeg"].map(|e| path.with_extension(e));
+    others.into_iter().find(|p| p.is_file()).unwrap_or(path)
+}
+
+type Times = Option<Vec<Option<Stamp>>>;
+
+fn times(folder: &Path, skipped: &mut Vec<String>) -> Result<Times, SourceError> {
+    let path = folder.join("times.txt");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let text = read_text(&path)?;
+    let mut times = Vec::new();
+    for (number, line) in data_lines(&text) {
+        let stamp = stamp_seconds(line);
+        if stamp.is_none() {
+            skipped.push(format!("{}: \"{line}\" is no time in seconds", place(&path, number)));
+        }
+        times.push(stamp);
+    }
+    if times.is_empty() {
+        let cure = "delete it to play at 10 images a second";
+        return Err(SourceError::new(path.display().to_string(), "is empty", cure));
+    }
+    Ok(Some(times))
+}
+
+/// Poses of `poses.txt`, or of `../../poses/NN.txt` as the benchmark lays them out, for the images that are there.
+fn truth(folder: &Path, instants: &[(usize, Instant)]) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+    let sequence = folder.file_name().map(|n| format!("../../poses/{}.txt", n.to_string_lossy()));
+    let candidates = [Some("poses.txt".to_owned()), sequence];
+    let Some(path) = candidates.into_iter().flatten().map(|n| folder.join(n)).find(|p| p.is_file()) else {
+        return Ok(Vec::new());
+    };
+    let text = read_text(&path)?;
+    let lines: Vec<(usize, &str)> = data_lines(&text).collect();
+    let mut truth = Vec::new();
+    for (line, instant) in instants {
+        let Some((number, text)) = lines.get(*line) else { continue };
+        let wrong = |why: String| {
+            SourceError::new(place(&path, *number), why, "correct the line, or move the file away")
+        };
+        let p = numbers::<12>(fields(text)).ok_or_else(|| wrong("a pose needs 12 finite numbers".into()))?;
+        let mut m = p.to_vec();
+        m.extend([0.0, 0.0, 0.0, 1.0]);
+        truth.push((instant.stamp, rig::rigid(&m, "pose").map_err(wrong)?));
+    }
+    truth.sort_by_key(|(stamp, _)| *stamp);
+    truth.dedup_by_key(|(stamp, _)| *stamp);
+    Ok(truth)
+}

@@ -1,0 +1,99 @@
+//! Opening a source by its name: what kind it is, is found by looking.
+
+use crate::player::Player;
+use crate::recording::Recording;
+use crate::{euroc, kitti, seven_scenes, tum};
+use cairn_sensor::{Rig, Source, SourceError};
+use std::path::Path;
+
+/// How a source is to be read.
+#[derive(Clone, Debug, Default)]
+pub struct OpenOptions {
+    /// A rig to use in place of the source's own. It also decides what is read: with one camera, only that one's images.
+    pub rig: Option<Rig>,
+    /// Seconds after the first image to start at.
+    pub start_s: f64,
+    /// At most so many packets.
+    pub frames: Option<usize>,
+}
+
+struct Kind {
+    name: &'static str,
+    is: fn(&Path) -> bool,
+    index: fn(&Path, Option<Rig>) -> Result<Recording, SourceError>,
+}
+
+const KINDS: [Kind; 4] = [
+    Kind { name: "EuRoC", is: euroc::is, index: euroc::index },
+    Kind { name: "TUM RGB-D", is: tum::is, index: tum::index },
+    Kind { name: "KITTI", is: kitti::is, index: kitti::index },
+    Kind { name: "7-Scenes", is: seven_scenes::is, index: seven_scenes::index },
+];
+
+const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*)";
+
+/// Opens a recording. Its images are read ahead on a thread, which ends when the source is dropped.
+pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, SourceError> {
+    if !(options.start_s.is_finite() && options.start_s >= 0.0) {
+        let why = format!("can not start at {} s", options.start_s);
+        return Err(SourceError::new(source, why, "give seconds after the first image, 0 or more"));
+    }
+    if let Some(scheme) = scheme(source) {
+        return Err(SourceError::new(
+            source,
+            format!("sources of the kind \"{scheme}:\" can not be read here"),
+            format!("give a folder ({KNOWN})"),
+        ));
+    }
+    let path = Path::new(source);
+    let mut recording = (kind_of(path)?.index)(path, options.rig)?;
+    recording.settle(options.start_s, options.frames)?;
+    Ok(Box::new(Player::start(recording)?))
+}
+
+/// `sim` of `sim:corridor`, `rtsp` of `rtsp://...`; a drive letter is none.
+fn scheme(source: &str) -> Option<&str> {
+    let (scheme, _) = source.split_once(':')?;
+    let plain = scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-');
+    (plain && !Path::new(source).exists()).then_some(scheme)
+}
+
+fn kind_of(path: &Path) -> Result<&'static Kind, SourceError> {
+    let shown = path.display().to_string();
+    if !path.exists() {
+        return Err(SourceError::new(shown, "does not exist", "check the path"));
+    }
+    if !path.is_dir() {
+        return Err(SourceError::new(shown, "is a file, not a folder", format!("give a folder; {KNOWN}")));
+    }
+    let found: Vec<&Kind> = KINDS.iter().filter(|kind| (kind.is)(path)).collect();
+    match found.as_slice() {
+        [one] => Ok(one),
+        [] => Err(SourceError::new(
+            shown,
+            format!("is no recording of a kind that is known; {KNOWN}"),
+            hint(path),
+        )),
+        many => {
+            let names: Vec<&str> = many.iter().map(|kind| kind.name).collect();
+            let why = format!("looks like more than one kind of recording: {}", names.join(" and "));
+            Err(SourceError::new(shown, why, "move what does not belong to it elsewhere"))
+        }
+    }
+}
+
+/// Names a folder inside that is a recording, if there is one.
+fn hint(path: &Path) -> String {
+    let mut inside: Vec<_> = std::fs::read_dir(path)
+        .into_iter()
+        .flatten()
+        .filter_map(|e| Some(e.ok()?.path()))
+        .filter(|p| p.is_dir() && KINDS.iter().any(|kind| (kind.is)(p)))
+        .collect();
+    inside.sort();
+    match inside.as_slice() {
+        [] => "check the path".into(),
+        [one] => format!("did you mean {}?", one.display()),
+        [first, ..] => format!("it holds {} recordings, choose one, as {}", inside.len(), first.display()),
+    }
+}

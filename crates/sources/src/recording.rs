@@ -1,0 +1,190 @@
+//! What every data set comes down to: instants in time with the files that hold their images.
+
+use crate::text::{data_lines, fields, numbers, place, read_text};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{Rig, SourceError, Stamp};
+use std::path::{Path, PathBuf};
+
+/// The files of one instant.
+#[derive(Clone, Debug)]
+pub struct Instant {
+    /// When the images were taken.
+    pub stamp: Stamp,
+    /// One file per camera of the rig.
+    pub images: Vec<PathBuf>,
+    /// The depth image, if there is one.
+    pub depth: Option<PathBuf>,
+}
+
+/// A data set, indexed but not yet read.
+pub struct Recording {
+    /// What it is and where, for people.
+    pub name: String,
+    /// What saw it.
+    pub rig: Rig,
+    /// Its instants; [`Recording::settle`] puts them in order.
+    pub instants: Vec<Instant>,
+    /// The IMU's csv file, if it is to be read.
+    pub imu: Option<PathBuf>,
+    /// True poses of the body.
+    pub truth: Vec<(Stamp, Se3)>,
+    /// The value that stands for "no depth" besides 0.
+    pub no_depth: Option<u16>,
+    /// What the index had to leave out.
+    pub skipped: Vec<String>,
+}
+
+impl Recording {
+    /// Drops instants whose time does not go forward, and cuts out what was asked for.
+    pub fn settle(&mut self, start_s: f64, frames: Option<usize>) -> Result<(), SourceError> {
+        forward_only(&mut self.instants, &mut self.skipped);
+        let count = self.instants.len();
+        if let Some(first) = self.instants.first().map(|i| i.stamp) {
+            self.instants.retain(|i| i.stamp - first >= start_s);
+            self.instants.truncate(frames.unwrap_or(usize::MAX));
+        }
+        if self.instants.is_empty() {
+            let why = match count {
+                0 => "holds no image".to_owned(),
+                n => format!("none of its {n} instants lies {start_s} s after the first"),
+            };
+            let first = self.skipped.first().map_or(String::new(), |s| format!(" ({s})"));
+            return Err(SourceError::new(&self.name, why + &first, "check the folder, --start and --frames"));
+        }
+        Ok(())
+    }
+
+    /// Frames a second: the median step of up to 500 instants.
+    pub fn rate_hz(&self) -> f64 {
+        let mut steps: Vec<f64> = self
+            .instants
+            .windows(2)
+            .take(500)
+            .map(|w| w[1].stamp - w[0].stamp)
+            .filter(|s| *s > 0.0)
+            .collect();
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).map_or(0.0, |s| 1.0 / s)
+    }
+}
+
+/// Keeps stamps strictly increasing. A stamp later than both that follow is the one that is wrong, not they.
+fn forward_only(instants: &mut Vec<Instant>, skipped: &mut Vec<String>) {
+    let stamps: Vec<Stamp> = instants.iter().map(|i| i.stamp).collect();
+    let mut last: Option<Stamp> = None;
+    let mut at = 0;
+    instants.retain(|instant| {
+        let (stamp, next) = (instant.stamp, stamps.get(at + 1..at + 3));
+        at += 1;
+        let back = last.is_some_and(|last| stamp <= last);
+        let jump =
+            next.is_some_and(|next| next.iter().all(|&n| n < stamp && last.is_none_or(|last| n > last)));
+        if back || jump {
+            let how = if Some(stamp) == last {
+                "is repeated"
+            } else if back {
+                "goes backwards"
+            } else {
+                "jumps ahead"
+            };
+            skipped.push(format!("{stamp}: the time {how}, image dropped"));
+            return false;
+        }
+        last = Some(stamp);
+        true
+    });
+}
+
+/// Joins two lists in time by stamps at most `tolerance_ns` apart; what has no partner is told in `skipped`.
+pub fn pair(
+    left: &[(Stamp, PathBuf)],
+    right: &[(Stamp, PathBuf)],
+    tolerance_ns: i64,
+    skipped: &mut Vec<String>,
+) -> Vec<Instant> {
+    let mut pairs = Vec::with_capacity(left.len());
+    let (mut l, mut r) = (0, 0);
+    while l < left.len() || r < right.len() {
+        match (left.get(l), right.get(r)) {
+            (Some(a), Some(b)) if a.0.0.abs_diff(b.0.0) <= tolerance_ns as u64 => {
+                pairs.push(Instant { stamp: a.0, images: vec![a.1.clone(), b.1.clone()], depth: None });
+                (l, r) = (l + 1, r + 1);
+            }
+            (Some(a), b) if b.is_none_or(|b| a.0 < b.0) => {
+                skipped.push(format!("{}: the left image has no right one", a.0));
+                l += 1;
+            }
+            (_, Some(b)) => {
+                skipped.push(format!("{}: the right image has no left one", b.0));
+                r += 1;
+            }
+            (_, None) => break,
+        }
+    }
+    pairs
+}
+
+/// A file of `stamp file` lines; lines that are none are told in `skipped`, a file without any is an error.
+pub fn read_index(
+    path: &Path,
+    parse_stamp: fn(&str) -> Option<Stamp>,
+    folder: &Path,
+    skipped: &mut Vec<String>,
+) -> Result<Vec<(Stamp, PathBuf)>, SourceError> {
+    let text = read_text(path)?;
+    let before = skipped.len();
+    let mut list = Vec::new();
+    for (number, line) in data_lines(&text) {
+        let entry = line.split_once([',', ' ', '\t']).and_then(|(stamp, file)| {
+            let file = file.trim_matches(|c: char| c == ',' || c.is_whitespace());
+            (!file.is_empty()).then_some((parse_stamp(stamp.trim())?, folder.join(file)))
+        });
+        match entry {
+            Some(entry) => list.push(entry),
+            None => {
+                skipped.push(format!("{}: not a time stamp and a file, line left out", place(path, number)))
+            }
+        }
+    }
+    if list.is_empty() {
+        let (what, why) = match skipped.get(before) {
+            Some(first) => (first.clone(), "and no other line names an image".to_owned()),
+            None => (path.display().to_string(), "is empty: it names no image".to_owned()),
+        };
+        return Err(SourceError::new(what, why, "each line must be: time stamp, image file"));
+    }
+    Ok(list)
+}
+
+/// Order of the four numbers of a quaternion in a line.
+#[derive(Clone, Copy, PartialEq)]
+pub enum QuaternionOrder {
+    /// `w x y z`, as EuRoC has it.
+    WFirst,
+    /// `x y z w`, as TUM has it.
+    WLast,
+}
+
+/// Poses from `stamp, x, y, z, quaternion, ...` lines, in time; lines that are none are left out.
+pub fn read_truth(
+    path: &Path,
+    parse_stamp: fn(&str) -> Option<Stamp>,
+    order: QuaternionOrder,
+) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+    let text = read_text(path)?;
+    let mut truth: Vec<(Stamp, Se3)> = data_lines(&text)
+        .filter_map(|(_, line)| {
+            let mut from = fields(line);
+            let stamp = parse_stamp(from.next()?)?;
+            let [x, y, z, a, b, c, d] = numbers::<7>(from)?;
+            let rotation = match order {
+                QuaternionOrder::WFirst => So3::from_xyzw(b, c, d, a)?,
+                QuaternionOrder::WLast => So3::from_xyzw(a, b, c, d)?,
+            };
+            Some((stamp, Se3::new(rotation, Vec3::new(x, y, z))))
+        })
+        .collect();
+    truth.sort_by_key(|(stamp, _)| *stamp);
+    truth.dedup_by_key(|(stamp, _)| *stamp);
+    Ok(truth)
+}

@@ -1,0 +1,153 @@
+//! A parsed calibration file, with errors that name its path and line.
+
+use super::yaml::{self, Node, Value};
+use crate::text::place;
+use cairn_geometry::{Mat3, Se3};
+use cairn_sensor::{Distortion, SourceError, check_rotation};
+use nalgebra::Matrix4;
+use std::path::{Path, PathBuf};
+
+/// A YAML file.
+pub struct Document {
+    /// Where it lies.
+    pub path: PathBuf,
+    /// All that is in it.
+    pub root: Node,
+}
+
+impl Document {
+    /// From a file's text.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, SourceError> {
+        match yaml::parse(text) {
+            Ok(root) => Ok(Self { path: path.to_owned(), root }),
+            Err((line, why)) => Err(SourceError::new(place(path, line), why, "correct that line")),
+        }
+    }
+
+    /// An error at a line (0: the file as a whole).
+    pub fn error(&self, line: usize, why: impl Into<String>) -> SourceError {
+        SourceError::new(place(&self.path, line), why, "correct the calibration file")
+    }
+
+    /// The value of a key that must be there.
+    pub fn need<'a>(&self, node: &'a Node, key: &str) -> Result<&'a Node, SourceError> {
+        let line = if std::ptr::eq(node, &self.root) { 0 } else { node.line };
+        node.get(key).ok_or_else(|| self.error(line, format!("{key} is missing")))
+    }
+
+    /// A finite number.
+    pub fn number(&self, node: &Node) -> Result<f64, SourceError> {
+        let text = node.text().unwrap_or("a list");
+        text.parse()
+            .ok()
+            .filter(|v: &f64| v.is_finite())
+            .ok_or_else(|| self.error(node.line, format!("\"{text}\" is not a finite number")))
+    }
+
+    /// A finite number under a key that must be there.
+    pub fn need_number(&self, node: &Node, key: &str) -> Result<f64, SourceError> {
+        self.number(self.need(node, key)?)
+    }
+
+    /// A sequence of finite numbers.
+    pub fn numbers(&self, node: &Node) -> Result<Vec<f64>, SourceError> {
+        let items = node.list().ok_or_else(|| self.error(node.line, "a list of numbers is expected"))?;
+        items.iter().map(|item| self.number(item)).collect()
+    }
+
+    /// Exactly `N` numbers.
+    pub fn array<const N: usize>(&self, node: &Node, what: &str) -> Result<[f64; N], SourceError> {
+        let list = self.numbers(node)?;
+        let count = list.len();
+        list.try_into()
+            .map_err(|_| self.error(node.line, format!("{what} needs {N} numbers, here are {count}")))
+    }
+
+    /// A matrix in row order: `{rows, cols, data}` whose counts agree, a list of rows, or a plain list.
+    pub fn matrix(&self, node: &Node, what: &str) -> Result<Vec<f64>, SourceError> {
+        if let Value::Map(_) = node.value {
+            let count = self.need_number(node, "rows")? * self.need_number(node, "cols")?;
+            let data = self.numbers(self.need(node, "data")?)?;
+            if data.len() as f64 != count {
+                let why = format!("{what}: rows x cols is {count}, but data has {} numbers", data.len());
+                return Err(self.error(node.line, why));
+            }
+            return Ok(data);
+        }
+        match node.list() {
+            Some(rows) if rows.iter().all(|r| r.list().is_some()) => {
+                rows.iter().map(|row| self.numbers(row)).collect::<Result<Vec<_>, _>>().map(|r| r.concat())
+            }
+            _ => self.numbers(node),
+        }
+    }
+
+    /// A rigid transform from a 4x4 (or 3x4) matrix.
+    pub fn transform(&self, node: &Node, what: &str) -> Result<Se3, SourceError> {
+        let mut m = self.matrix(node, what)?;
+        if m.len() == 12 {
+            m.extend([0.0, 0.0, 0.0, 1.0]);
+        }
+        rigid(&m, what).map_err(|why| self.error(node.line, why))
+    }
+
+    /// A lens by its name in EuRoC and Kalibr files.
+    pub fn distortion(&self, line: usize, name: &str, c: &[f64]) -> Result<Distortion, SourceError> {
+        distortion(name, c).map_err(|why| self.error(line, why))
+    }
+}
+
+/// Sixteen numbers in row order as a rigid transform, or what is wrong with them.
+pub fn rigid(m: &[f64], what: &str) -> Result<Se3, String> {
+    if m.len() != 16 {
+        return Err(format!("{what} needs 4x4 numbers, here are {}", m.len()));
+    }
+    let m = Matrix4::from_row_slice(m);
+    let r: Mat3 = m.fixed_view::<3, 3>(0, 0).into();
+    check_rotation(what, &r).map_err(|e| e.to_string())?;
+    if (m.row(3) - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).norm() > 1e-6 {
+        return Err(format!("{what}: the last row must be 0 0 0 1"));
+    }
+    Ok(Se3::from_matrix(&m))
+}
+
+fn distortion(name: &str, c: &[f64]) -> Result<Distortion, String> {
+    let counted =
+        |wanted: &str| format!("{name} distortion needs {wanted} coefficients, here are {}", c.len());
+    match name.to_ascii_lowercase().as_str() {
+        "none" | "" => match c.iter().find(|v| **v != 0.0) {
+            Some(v) => Err(format!("distortion is \"none\", but a coefficient is {v}")),
+            None => Ok(Distortion::None),
+        },
+        "radtan" | "radial-tangential" | "plumb_bob" | "rational_polynomial" | "rational" => match *c {
+            [k1, k2, p1, p2] => Ok(Distortion::RadialTangential([k1, k2, p1, p2, 0.0])),
+            [k1, k2, p1, p2, k3] => Ok(Distortion::RadialTangential([k1, k2, p1, p2, k3])),
+            [k1, k2, p1, p2, k3, k4, k5, k6] => Ok(Distortion::Rational([k1, k2, p1, p2, k3, k4, k5, k6])),
+            _ => Err(counted("4, 5 or 8")),
+        },
+        "inverse-radial-tangential" | "inverse_brown_conrady" => match *c {
+            [k1, k2, p1, p2, k3] => Ok(Distortion::InverseRadialTangential([k1, k2, p1, p2, k3])),
+            _ => Err(counted("5")),
+        },
+        "equi" | "equidistant" => match *c {
+            [k1, k2, k3, k4] => Ok(Distortion::Equidistant([k1, k2, k3, k4])),
+            _ => Err(counted("4")),
+        },
+        "fov" => match *c {
+            [w] => Ok(Distortion::Fov(w)),
+            _ => Err(counted("1")),
+        },
+        "double-sphere" => match *c {
+            [xi, alpha] => Ok(Distortion::DoubleSphere { xi, alpha }),
+            _ => Err(counted("2")),
+        },
+        other => Err(format!(
+            "distortion \"{other}\" is not known (none, radtan, rational, inverse-radial-tangential, equidistant, fov, double-sphere are)"
+        )),
+    }
+}
+
+/// A lens by its name in Cairn's own files; the same names as in the others are understood.
+pub fn lens(name: &str, c: &[f64]) -> Result<Distortion, String> {
+    distortion(name, c)
+}

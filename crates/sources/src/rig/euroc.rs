@@ -1,0 +1,37 @@
+//! EuRoC rigs: one `sensor.yaml` per sensor, with `T_BS` from sensor to body.
+
+use super::document::Document;
+use super::kalibr;
+use crate::text::read_text;
+use cairn_sensor::{Rig, RigCamera, SourceError};
+use std::path::Path;
+
+/// All of a folder with `cam0/sensor.yaml`, and `cam1` and `imu0` where they are.
+pub fn folder(root: &Path) -> Result<Rig, SourceError> {
+    let mut cameras = Vec::new();
+    for name in ["cam0", "cam1"] {
+        let path = root.join(name).join("sensor.yaml");
+        if path.is_file() {
+            cameras.push(camera(&Document::parse(&path, &read_text(&path)?)?, name)?);
+        }
+    }
+    let path = root.join("imu0").join("sensor.yaml");
+    let imu = match path.is_file() {
+        true => {
+            let doc = Document::parse(&path, &read_text(&path)?)?;
+            Some(kalibr::imu(&doc, &doc.root, "rate_hz")?)
+        }
+        false => None,
+    };
+    Ok(Rig { cameras, depth: None, imu })
+}
+
+/// One camera's file as a rig of its own; the body stays the file's body.
+pub fn single(doc: &Document) -> Result<Rig, SourceError> {
+    Ok(Rig { cameras: vec![camera(doc, "cam0")?], depth: None, imu: None })
+}
+
+fn camera(doc: &Document, name: &str) -> Result<RigCamera, SourceError> {
+    let body_from_camera = doc.transform(doc.need(&doc.root, "T_BS")?, "T_BS")?;
+    Ok(RigCamera { name: name.into(), camera: kalibr::camera(doc, &doc.root)?, body_from_camera })
+}

@@ -1,0 +1,126 @@
+//! Kalibr camera chains and IMU files (also EuRoC's `sensor.yaml`, which has the same parts under other names).
+
+use super::document::Document;
+use super::yaml::Node;
+use crate::text::read_text;
+use cairn_geometry::Se3;
+use cairn_sensor::{Camera, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
+use std::path::{Path, PathBuf};
+
+/// The rig of a camera chain; the IMU's noise comes from `imu` or, without it, from the one IMU file beside the chain.
+///
+/// With `T_cam_imu` (camera from IMU) or `T_imu_cam` the body is the IMU; without, the first camera, and
+/// `T_cn_cnm1` (camera from the camera before) places the others.
+pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
+    let mut cameras: Vec<RigCamera> = Vec::new();
+    let (mut shift_s, mut sees_imu) = (0.0, false);
+    for i in 0.. {
+        let name = format!("cam{i}");
+        let Some(node) = doc.root.get(&name) else { break };
+        let camera = camera(doc, node)?;
+        let body_from_camera = if let Some(t) = node.get("T_cam_imu") {
+            sees_imu = true;
+            doc.transform(t, "T_cam_imu")?.inverse()
+        } else if let Some(t) = node.get("T_imu_cam") {
+            sees_imu = true;
+            doc.transform(t, "T_imu_cam")?
+        } else if let Some(before) = cameras.last() {
+            let t = doc.need(node, "T_cn_cnm1")?;
+            before.body_from_camera * doc.transform(t, "T_cn_cnm1")?.inverse()
+        } else {
+            Se3::identity()
+        };
+        if let Some(t) = node.get("timeshift_cam_imu").filter(|_| i == 0) {
+            shift_s = doc.number(t)?;
+        }
+        cameras.push(RigCamera { name, camera, body_from_camera });
+    }
+    if cameras.is_empty() {
+        return Err(doc.error(0, "has no cam0"));
+    }
+    let imu = match imu.filter(|_| sees_imu).or_else(|| sees_imu.then(|| imu_beside(&doc.path)).flatten()) {
+        Some(path) => {
+            let mut sensor = imu_file(&path)?;
+            // Kalibr: t_imu = t_cam + shift.
+            sensor.offset_s = -shift_s;
+            Some(sensor)
+        }
+        None => None,
+    };
+    Ok(Rig { cameras, depth: None, imu })
+}
+
+/// One camera: `camera_model`, `intrinsics`, `distortion_model`, `distortion_coeffs` (EuRoC:
+/// `distortion_coefficients`), `resolution`.
+pub fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
+    let [width, height] = doc.array::<2>(doc.need(node, "resolution")?, "resolution")?;
+    let model = doc.need(node, "camera_model")?;
+    let intrinsics = doc.need(node, "intrinsics")?;
+    let lens = |name: &str| -> Result<Distortion, SourceError> {
+        let line = node.get("distortion_model").map_or(node.line, |n| n.line);
+        let coefficients = node.get("distortion_coeffs").or_else(|| node.get("distortion_coefficients"));
+        let c = coefficients.map_or(Ok(Vec::new()), |c| doc.numbers(c))?;
+        doc.distortion(line, name, &c)
+    };
+    let name = node.get("distortion_model").and_then(Node::text).unwrap_or("none");
+    let ([fx, fy, cx, cy], distortion) = match model.text().unwrap_or_default() {
+        "pinhole" => (doc.array::<4>(intrinsics, "intrinsics of a pinhole")?, lens(name)?),
+        // In some files the lens is folded into the model's name.
+        joint @ ("pinhole-equi" | "pinhole-radtan" | "pinhole-fov") => {
+            (doc.array::<4>(intrinsics, "intrinsics of a pinhole")?, lens(&joint["pinhole-".len()..])?)
+        }
+        "ds" => {
+            let [xi, alpha, fx, fy, cx, cy] = doc.array::<6>(intrinsics, "intrinsics of ds")?;
+            lens(name)?; // only "none" can stand beside it
+            ([fx, fy, cx, cy], Distortion::DoubleSphere { xi, alpha })
+        }
+        other => {
+            let why = format!("camera model \"{other}\" is not known (pinhole and ds are)");
+            return Err(doc.error(model.line, why));
+        }
+    };
+    let camera = Camera { width: width as usize, height: height as usize, fx, fy, cx, cy, distortion };
+    camera.validate().map_err(|e| doc.error(intrinsics.line, e.to_string()))?;
+    Ok(camera)
+}
+
+/// An IMU file: under `imu0`, or flat as Kalibr takes it in.
+pub fn imu_file(path: &Path) -> Result<ImuSensor, SourceError> {
+    let doc = Document::parse(path, &read_text(path)?)?;
+    let node = doc.root.get("imu0").unwrap_or(&doc.root);
+    imu(&doc, node, "update_rate")
+}
+
+/// Noise and rate of an IMU node; the body is the IMU unless `T_BS` or `T_i_b` say otherwise.
+pub fn imu(doc: &Document, node: &Node, rate_key: &str) -> Result<ImuSensor, SourceError> {
+    let body_from_imu = match (node.get("T_BS"), node.get("T_i_b")) {
+        (Some(t), _) => doc.transform(t, "T_BS")?,
+        (None, Some(t)) => doc.transform(t, "T_i_b")?.inverse(),
+        (None, None) => Se3::identity(),
+    };
+    Ok(ImuSensor {
+        body_from_imu,
+        rate_hz: doc.need_number(node, rate_key)?,
+        noise: ImuNoise {
+            gyro: doc.need_number(node, "gyroscope_noise_density")?,
+            gyro_walk: doc.need_number(node, "gyroscope_random_walk")?,
+            accel: doc.need_number(node, "accelerometer_noise_density")?,
+            accel_walk: doc.need_number(node, "accelerometer_random_walk")?,
+        },
+        offset_s: 0.0,
+    })
+}
+
+/// The one YAML file beside the chain that is an IMU's by name; `None` when there is none or more than one.
+fn imu_beside(chain: &Path) -> Option<PathBuf> {
+    let mut found =
+        std::fs::read_dir(chain.parent()?).ok()?.filter_map(|e| Some(e.ok()?.path())).filter(|p| {
+            let name = p.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+            name.contains("imu")
+                && !name.contains("cam")
+                && (name.ends_with(".yaml") || name.ends_with(".yml"))
+                && p != chain
+        });
+    let first = found.next()?;
+    found.next().is_none().then_some(first)
+}

@@ -1,0 +1,65 @@
+//! KITTI odometry `calib.txt`: a 3x4 projection per camera of the rectified rig.
+
+use crate::text::{data_lines, fields, numbers, place, read_text};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{Camera, Rig, RigCamera, SourceError};
+use std::path::Path;
+
+/// Projections `P0:` to `P3:` as they stand in the file, with their line; absent ones are `None`.
+pub type Projections = [Option<(usize, [f64; 12])>; 4];
+
+/// Reads the `P` lines; other lines (`Tr:`) are passed over.
+pub fn projections(path: &Path) -> Result<Projections, SourceError> {
+    let text = read_text(path)?;
+    let mut out = [None; 4];
+    for (number, line) in data_lines(&text) {
+        let Some((key, rest)) = line.split_once(':') else { continue };
+        let index = match key.trim() {
+            "P0" | "P_rect_00" => 0,
+            "P1" | "P_rect_01" => 1,
+            "P2" | "P_rect_02" => 2,
+            "P3" | "P_rect_03" => 3,
+            _ => continue,
+        };
+        let values = numbers::<12>(fields(rest)).ok_or_else(|| {
+            SourceError::new(place(path, number), "a projection needs 12 finite numbers", "correct the line")
+        })?;
+        out[index] = Some((number, values));
+    }
+    if out.iter().all(Option::is_none) {
+        return Err(SourceError::new(
+            path.display().to_string(),
+            "has no line \"P0:\"",
+            "give a KITTI calib.txt",
+        ));
+    }
+    Ok(out)
+}
+
+/// The rig of two of the cameras (`[0, 1]` gray or `[2, 3]` colour); the body is camera 0 of the file, whose poses
+/// the truth gives: `P = K [I | t]`, so a camera sits at `-K^-1 P[:, 3]`.
+pub fn rig(path: &Path, all: &Projections, which: &[usize], size: [usize; 2]) -> Result<Rig, SourceError> {
+    let mut cameras = Vec::new();
+    for &i in which {
+        let (line, p) = all[i].ok_or_else(|| {
+            SourceError::new(
+                path.display().to_string(),
+                format!("has no line \"P{i}:\""),
+                "complete the file",
+            )
+        })?;
+        let [fx, cx, fy, cy] = [p[0], p[2], p[5], p[6]];
+        let camera = Camera::pinhole(size[0], size[1], fx, fy, cx, cy);
+        camera
+            .validate()
+            .map_err(|e| SourceError::new(place(path, line), e.to_string(), "correct the projection"))?;
+        let z = p[11];
+        let origin = -Vec3::new((p[3] - cx * z) / fx, (p[7] - cy * z) / fy, z);
+        cameras.push(RigCamera {
+            name: format!("image_{i}"),
+            camera,
+            body_from_camera: Se3::new(So3::identity(), origin),
+        });
+    }
+    Ok(Rig { cameras, depth: None, imu: None })
+}

@@ -1,0 +1,124 @@
+//! Rig files of all kinds, found by looking.
+
+mod document;
+mod euroc;
+pub mod kalibr;
+pub mod kitti;
+mod orbslam;
+mod own;
+mod yaml;
+
+pub use document::rigid;
+pub use euroc::folder as euroc_folder;
+
+use crate::text::{data_lines, read_text};
+use cairn_sensor::{Rig, SourceError};
+use document::Document;
+use std::path::{Path, PathBuf};
+
+/// Reads a rig: a file of Cairn's own (`.toml`), an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file
+/// beside it), ORB-SLAM settings, a KITTI `calib.txt` beside its images, or a folder that holds one of these.
+pub fn read_rig(path: impl AsRef<Path>) -> Result<Rig, SourceError> {
+    read_rig_for(path, None)
+}
+
+/// As [`read_rig`], with the size of the images, `[width, height]`, for files that do not tell it.
+pub fn read_rig_for(path: impl AsRef<Path>, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    let path = path.as_ref();
+    let rig = if path.is_dir() { in_folder(path, size)? } else { in_file(path, size)? };
+    rig.validate().map_err(|e| {
+        SourceError::new(path.display().to_string(), e.to_string(), "correct the calibration")
+    })?;
+    Ok(rig)
+}
+
+/// The rig as a file of Cairn's own.
+pub fn write_rig(rig: &Rig) -> Result<String, SourceError> {
+    own::write(rig)
+}
+
+/// The rig file of a data set folder, if it has one that is not the data set's own: `rig.toml`, or a Kalibr chain.
+pub fn file_in(folder: &Path) -> Option<PathBuf> {
+    const NAMES: [&str; 6] = [
+        "rig.toml",
+        "camchain.yaml",
+        "camchain-imucam.yaml",
+        "kalibr_imucam_chain.yaml",
+        "dso/camchain.yaml",
+        "../dso/camchain.yaml",
+    ];
+    NAMES.iter().map(|name| folder.join(name)).find(|p| p.is_file())
+}
+
+fn in_folder(folder: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    if let Some(path) = file_in(folder) {
+        return in_file(&path, size);
+    }
+    for root in [folder.to_owned(), folder.join("mav0")] {
+        if root.join("cam0/sensor.yaml").is_file() {
+            return euroc::folder(&root);
+        }
+    }
+    let calib = folder.join("calib.txt");
+    if calib.is_file() {
+        return in_file(&calib, size);
+    }
+    Err(SourceError::new(
+        folder.display().to_string(),
+        "holds no rig (rig.toml, cam0/sensor.yaml, a Kalibr camchain or calib.txt)",
+        "name the calibration file itself",
+    ))
+}
+
+fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    if name.ends_with(".toml") {
+        return own::read(path);
+    }
+    let text = read_text(path)?;
+    let kitti = data_lines(&text).any(|(_, l)| l.starts_with("P0:") || l.starts_with("P_rect_00:"));
+    if kitti {
+        return kitti_file(path, size);
+    }
+    let unknown = |line_cure: &str| {
+        SourceError::new(
+            path.display().to_string(),
+            "is no rig file that is known (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, KITTI calib.txt)",
+            line_cure,
+        )
+    };
+    if !name.ends_with(".yaml") && !name.ends_with(".yml") {
+        return Err(unknown("give one of these"));
+    }
+    let doc = Document::parse(path, &text)?;
+    if doc.root.get("cam0").is_some() {
+        kalibr::chain(&doc, None)
+    } else if doc.root.get("sensor_type").is_some_and(|s| s.text() == Some("camera")) {
+        euroc::single(&doc)
+    } else if orbslam::is_settings(&doc.root) {
+        orbslam::rig(&doc, size)
+    } else if doc.root.get("imu0").is_some() || doc.root.get("gyroscope_noise_density").is_some() {
+        Err(unknown("this one is an IMU's: give the camera chain, the IMU file beside it is found"))
+    } else {
+        Err(unknown("give one of these"))
+    }
+}
+
+fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let gray = !folder.join("image_2").is_dir() || folder.join("image_0").is_dir();
+    let which: [usize; 2] = if gray { [0, 1] } else { [2, 3] };
+    let size = match size {
+        Some(size) => size,
+        None => crate::kitti::image_size(folder, which[0]).map_err(|why| {
+            SourceError::new(
+                path.display().to_string(),
+                format!("does not tell the size of the images ({why})"),
+                "keep it beside image_0, or write a rig.toml",
+            )
+        })?,
+    };
+    let all = kitti::projections(path)?;
+    let present: Vec<usize> = which.into_iter().filter(|&i| all[i].is_some()).collect();
+    kitti::rig(path, &all, &present, size)
+}

@@ -1,0 +1,219 @@
+//! ORB-SLAM settings files: OpenCV FileStorage with names of the versions 1.0 and before.
+
+use super::document::Document;
+use super::yaml::Node;
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{Camera, DepthSensor, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
+use nalgebra::Matrix3;
+
+/// The rig; `size` is used where the file names no resolution.
+///
+/// `RGBD.DepthMapFactor` makes it an RGB-D rig, `Camera2.*` or `RIGHT.*` a stereo rig, `Stereo.b` or `Camera.bf`
+/// alone a rectified stereo rig. The body is the IMU where `IMU.T_b_c1` (`Tbc`) is given, else the first camera.
+pub fn rig(doc: &Document, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    let reader = Reader { doc, size: resolution(doc, size)? };
+    let first = reader.first_camera()?;
+    let body_from_first = match reader.any(&["IMU.T_b_c1", "Tbc"]) {
+        Some(t) => doc.transform(t, "IMU.T_b_c1")?,
+        None => Se3::identity(),
+    };
+    let depth_factor =
+        reader.any(&["RGBD.DepthMapFactor", "DepthMapFactor"]).map(|n| doc.number(n)).transpose()?;
+    let mut cameras =
+        vec![RigCamera { name: "cam0".into(), camera: first, body_from_camera: body_from_first }];
+    let mut depth = None;
+    if let Some(factor) = depth_factor {
+        // One unit is 1 / factor metres; old files write 0 or 1e-9 for "already metres".
+        let metres_per_unit = if factor.abs() < 1e-5 { 1.0 } else { 1.0 / factor };
+        depth = Some(DepthSensor {
+            camera: first,
+            body_from_depth: body_from_first,
+            metres_per_unit,
+            registered: true,
+        });
+    } else if let Some((camera, first_from_second)) = reader.second_camera(&first)? {
+        let body_from_camera = body_from_first * first_from_second;
+        cameras.push(RigCamera { name: "cam1".into(), camera, body_from_camera });
+    }
+    Ok(Rig { cameras, depth, imu: reader.imu()? })
+}
+
+/// True when a file has the names of such settings.
+pub fn is_settings(root: &Node) -> bool {
+    ["Camera.type", "Camera1.fx", "Camera.fx"].iter().any(|key| root.get(key).is_some())
+}
+
+fn resolution(doc: &Document, size: Option<[usize; 2]>) -> Result<[usize; 2], SourceError> {
+    match (doc.root.get("Camera.width"), doc.root.get("Camera.height"), size) {
+        (Some(w), Some(h), _) => Ok([doc.number(w)? as usize, doc.number(h)? as usize]),
+        (_, _, Some(size)) => Ok(size),
+        _ => Err(doc.error(0, "names no Camera.width and Camera.height")),
+    }
+}
+
+struct Reader<'a> {
+    doc: &'a Document,
+    size: [usize; 2],
+}
+
+impl<'a> Reader<'a> {
+    fn any(&self, keys: &[&str]) -> Option<&'a Node> {
+        keys.iter().find_map(|key| self.doc.root.get(key))
+    }
+
+    fn optional(&self, key: &str) -> Result<Option<f64>, SourceError> {
+        self.doc.root.get(key).map(|node| self.doc.number(node)).transpose()
+    }
+
+    fn first_camera(&self) -> Result<Camera, SourceError> {
+        // Before version 1.0 raw stereo images had their own matrices, and Camera.* meant the rectified ones.
+        match self.doc.root.get("LEFT.K") {
+            Some(_) => self.matrix_camera("LEFT"),
+            None if self.doc.root.get("Camera1.fx").is_some() => self.camera("Camera1"),
+            None => self.camera("Camera"),
+        }
+    }
+
+    /// `fx, fy, cx, cy` and `k1, k2, ...` under a prefix, with the lens that `Camera.type` names.
+    fn camera(&self, prefix: &str) -> Result<Camera, SourceError> {
+        let need = |name: &str| self.doc.need_number(&self.doc.root, &format!("{prefix}.{name}"));
+        let coefficient = |name: &str| -> Result<f64, SourceError> {
+            Ok(self.optional(&format!("{prefix}.{name}"))?.unwrap_or(0.0))
+        };
+        let kind = self.doc.root.get("Camera.type");
+        let distortion = match kind.and_then(Node::text).unwrap_or("PinHole") {
+            "Rectified" => Distortion::None,
+            "KannalaBrandt8" => Distortion::Equidistant([
+                coefficient("k1")?,
+                coefficient("k2")?,
+                coefficient("k3")?,
+                coefficient("k4")?,
+            ]),
+            "PinHole" | "Pinhole" => brown([
+                coefficient("k1")?,
+                coefficient("k2")?,
+                coefficient("p1")?,
+                coefficient("p2")?,
+                coefficient("k3")?,
+                coefficient("k4")?,
+                coefficient("k5")?,
+                coefficient("k6")?,
+            ]),
+            other => {
+                let why =
+                    format!("Camera.type \"{other}\" is not known (PinHole, KannalaBrandt8, Rectified are)");
+                return Err(self.doc.error(kind.map_or(0, |n| n.line), why));
+            }
+        };
+        let [width, height] = self.size;
+        let (fx, fy, cx, cy) = (need("fx")?, need("fy")?, need("cx")?, need("cy")?);
+        let camera = Camera { width, height, fx, fy, cx, cy, distortion };
+        let line = self.doc.root.get(&format!("{prefix}.fx")).map_or(0, |n| n.line);
+        camera.validate().map_err(|e| self.doc.error(line, format!("{prefix}: {e}")))?;
+        Ok(camera)
+    }
+
+    /// The second camera and its place in the first one's frame, if the file has one.
+    fn second_camera(&self, first: &Camera) -> Result<Option<(Camera, Se3)>, SourceError> {
+        let along_x = |baseline: f64| Se3::new(So3::identity(), Vec3::new(baseline, 0.0, 0.0));
+        let doc = self.doc;
+        if doc.root.get("LEFT.K").is_some() {
+            return Ok(Some((self.matrix_camera("RIGHT")?, self.rectified_extrinsics()?)));
+        }
+        let baseline = match (self.optional("Stereo.b")?, self.optional("Camera.bf")?) {
+            (Some(b), _) => Some(b),
+            (None, Some(bf)) => Some(bf / first.fx),
+            (None, None) => None,
+        };
+        let extrinsics = self.any(&["Stereo.T_c1_c2", "Tlr"]);
+        if doc.root.get("Camera2.fx").is_some() {
+            let camera = self.camera("Camera2")?;
+            return match (extrinsics, baseline) {
+                (Some(t), _) => Ok(Some((camera, doc.transform(t, "Stereo.T_c1_c2")?))),
+                (None, Some(b)) => Ok(Some((camera, along_x(b)))),
+                (None, None) => Err(doc.error(0, "has Camera2 but neither Stereo.T_c1_c2 nor Stereo.b")),
+            };
+        }
+        Ok(baseline.filter(|b| *b != 0.0).map(|b| (*first, along_x(b))))
+    }
+
+    /// `LEFT.K`, `LEFT.D` and the like: the raw camera behind a rectified pair.
+    fn matrix_camera(&self, side: &str) -> Result<Camera, SourceError> {
+        let node = self.doc.need(&self.doc.root, &format!("{side}.K"))?;
+        let k = self.nine(node, side)?;
+        let d = match self.doc.root.get(&format!("{side}.D")) {
+            Some(node) => self.doc.matrix(node, side)?,
+            None => Vec::new(),
+        };
+        let mut c = [0.0; 8];
+        if d.len() > c.len() {
+            return Err(self
+                .doc
+                .error(node.line, format!("{side}.D has {} coefficients, at most 8", d.len())));
+        }
+        c[..d.len()].copy_from_slice(&d);
+        let [width, height] = self.size;
+        let camera = Camera { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5], distortion: brown(c) };
+        camera.validate().map_err(|e| self.doc.error(node.line, format!("{side}: {e}")))?;
+        Ok(camera)
+    }
+
+    /// Left from right, out of the rotations that rectify both: `x_rect = R x`, and in the rectified frame
+    /// the right camera stands `-P[0][3] / P[0][0]` along x.
+    fn rectified_extrinsics(&self) -> Result<Se3, SourceError> {
+        let rotation = |key: &str| -> Result<So3, SourceError> {
+            let node = self.doc.need(&self.doc.root, key)?;
+            let r = Matrix3::from_row_slice(&self.nine(node, key)?);
+            cairn_sensor::check_rotation(key, &r).map_err(|e| self.doc.error(node.line, e.to_string()))?;
+            Ok(So3::from_matrix(&r))
+        };
+        let node = self.doc.need(&self.doc.root, "RIGHT.P")?;
+        let p = self.doc.matrix(node, "RIGHT.P")?;
+        if p.len() != 12 || p[0] <= 0.0 {
+            return Err(self.doc.error(node.line, "RIGHT.P must be a 3x4 projection"));
+        }
+        let baseline = Vec3::new(-p[3] / p[0], 0.0, 0.0);
+        let rect_from_left = Se3::new(rotation("LEFT.R")?, Vec3::zeros());
+        let rect_from_right = Se3::new(rotation("RIGHT.R")?, baseline);
+        Ok(rect_from_left.inverse() * rect_from_right)
+    }
+
+    fn nine(&self, node: &Node, what: &str) -> Result<[f64; 9], SourceError> {
+        let m = self.doc.matrix(node, what)?;
+        let count = m.len();
+        m.try_into()
+            .map_err(|_| self.doc.error(node.line, format!("{what} needs 3x3 numbers, here are {count}")))
+    }
+
+    /// The IMU, when its place and its noise are given.
+    fn imu(&self) -> Result<Option<ImuSensor>, SourceError> {
+        let doc = self.doc;
+        let placed = self.any(&["IMU.T_b_c1", "Tbc"]).is_some();
+        if !placed || doc.root.get("IMU.NoiseGyro").is_none() {
+            return Ok(None);
+        }
+        let need = |key: &str| doc.need_number(&doc.root, key);
+        Ok(Some(ImuSensor {
+            body_from_imu: Se3::identity(),
+            rate_hz: need("IMU.Frequency")?,
+            noise: ImuNoise {
+                gyro: need("IMU.NoiseGyro")?,
+                gyro_walk: need("IMU.GyroWalk")?,
+                accel: need("IMU.NoiseAcc")?,
+                accel_walk: need("IMU.AccWalk")?,
+            },
+            offset_s: 0.0,
+        }))
+    }
+}
+
+/// The simplest lens with these coefficients.
+fn brown(c: [f64; 8]) -> Distortion {
+    if c.iter().all(|v| *v == 0.0) {
+        Distortion::None
+    } else if c[5..].iter().all(|v| *v == 0.0) {
+        Distortion::RadialTangential([c[0], c[1], c[2], c[3], c[4]])
+    } else {
+        Distortion::Rational(c)
+    }
+}

@@ -1,0 +1,115 @@
+//! 7-Scenes folders: `frame-NNNNNN.color.*`, `.depth.png`, `.pose.txt`.
+//!
+//! Shotton et al., "Scene coordinate regression forests" (2013). Kinect images at a nominal 30 Hz without times; depth
+//! in millimetres, 65535 for none; the poses are the depth camera's.
+
+use crate::recording::{Instant, Recording};
+use crate::rig;
+use crate::text::{fields, numbers, read_text};
+use cairn_geometry::{Mat3, Se3, So3, Vec3};
+use cairn_sensor::{Camera, DepthSensor, Rig, RigCamera, SourceError, Stamp};
+use std::path::{Path, PathBuf};
+
+const RATE_HZ: i64 = 30;
+const NO_DEPTH: u16 = 65535;
+
+/// True when a folder looks like one.
+pub fn is(folder: &Path) -> bool {
+    entries(folder).next().is_some()
+}
+
+/// Indexes the folder.
+pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
+    let mut rig = match (given, rig::file_in(folder)) {
+        (Some(rig), _) => rig,
+        (None, Some(path)) => rig::read_rig(path)?,
+        (None, None) => kinect(folder)?,
+    };
+    rig.cameras.truncate(1);
+    rig.imu = None;
+    let mut files: Vec<(i64, PathBuf)> = entries(folder).collect();
+    files.sort();
+    files.dedup_by_key(|(number, _)| *number);
+    let first = files.first().map_or(0, |(number, _)| *number);
+    let mut instants = Vec::new();
+    let mut truth = Vec::new();
+    for (number, image) in files {
+        let stamp = Stamp(((number - first) * 1_000_000_000 + RATE_HZ / 2) / RATE_HZ);
+        let name = image.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let stem = name.split('.').next().unwrap_or_default();
+        let depth = folder.join(format!("{stem}.depth.png"));
+        // A pose that is missing or not finite (tracking was lost there) is no truth.
+        if let Some(pose) = pose(&folder.join(format!("{stem}.pose.txt"))) {
+            truth.push((stamp, pose));
+        }
+        instants.push(Instant { stamp, images: vec![image], depth: depth.is_file().then_some(depth) });
+    }
+    let name = format!("7-Scenes folder {}", folder.display());
+    Ok(Recording { name, rig, instants, imu: None, truth, no_depth: Some(NO_DEPTH), skipped: Vec::new() })
+}
+
+/// Numbers and paths of the colour images.
+fn entries(folder: &Path) -> impl Iterator<Item = (i64, PathBuf)> {
+    std::fs::read_dir(folder).into_iter().flatten().filter_map(|e| {
+        let path = e.ok()?.path();
+        let name = path.file_name()?.to_str()?;
+        let (number, kind) = name.strip_prefix("frame-")?.split_once(".color.")?;
+        let number = number.parse().ok().filter(|n| (0..1_000_000_000).contains(n))?;
+        matches!(kind, "png" | "jpg" | "jpeg").then_some((number, path))
+    })
+}
+
+fn pose(path: &Path) -> Option<Se3> {
+    let m = numbers::<16>(fields(&read_text(path).ok()?))?;
+    rig::rigid(&m, "pose").ok()
+}
+
+/// The Kinect of the recordings. The body is the depth camera.
+fn kinect(folder: &Path) -> Result<Rig, SourceError> {
+    let depth = depth_camera(&folder.join("camera-intrinsics.txt"))?;
+    let colour = Camera::pinhole(640, 480, 525.0, 525.0, 320.0, 240.0);
+    let colour =
+        RigCamera { name: "color".into(), camera: colour, body_from_camera: colour_from_depth().inverse() };
+    let depth = DepthSensor {
+        camera: depth,
+        body_from_depth: Se3::identity(),
+        metres_per_unit: 0.001,
+        registered: false,
+    };
+    Ok(Rig { cameras: vec![colour], depth: Some(depth), imu: None })
+}
+
+/// Where the colour camera sits: `p_colour = colour_from_depth * p_depth`.
+fn colour_from_depth() -> Se3 {
+    let r = Mat3::new(
+        0.99996518,
+        0.0026765126,
+        -0.0079041012,
+        -0.0027409311,
+        0.99996303,
+        -0.008150452,
+        0.0078819942,
+        0.0081718329,
+        0.99993554,
+    );
+    Se3::new(So3::from_matrix(&r), Vec3::new(-0.0256, 0.0001, 0.0020))
+}
+
+/// The depth camera: the 3x3 matrix in the folder, else the data set's stated 585 px around the middle.
+fn depth_camera(path: &Path) -> Result<Camera, SourceError> {
+    if !path.is_file() {
+        return Ok(Camera::pinhole(640, 480, 585.0, 585.0, 320.0, 240.0));
+    }
+    let text = read_text(path)?;
+    let wrong = |why: String| {
+        SourceError::new(
+            path.display().to_string(),
+            why,
+            "write the 3x3 matrix of the depth camera, or delete it",
+        )
+    };
+    let k = numbers::<9>(fields(&text)).ok_or_else(|| wrong("does not hold nine finite numbers".into()))?;
+    let camera = Camera::pinhole(640, 480, k[0], k[4], k[2], k[5]);
+    camera.validate().map_err(|e| wrong(e.to_string()))?;
+    Ok(camera)
+}

@@ -1,0 +1,106 @@
+//! Reading the small text files of data sets: lines, exact stamps, numbers, and errors that name the line.
+
+use cairn_sensor::{SourceError, Stamp};
+use std::path::Path;
+
+/// The whole file as text (bytes that are no UTF-8 become question marks).
+pub fn read_text(path: &Path) -> Result<String, SourceError> {
+    let bytes = std::fs::read(path).map_err(|e| {
+        SourceError::new(
+            path.display().to_string(),
+            format!("can not be read ({e})"),
+            "check the path and its rights",
+        )
+    })?;
+    Ok(String::from_utf8(bytes).unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned()))
+}
+
+/// `file` or `file, line n`, as errors name places.
+pub fn place(path: &Path, line: usize) -> String {
+    if line == 0 { path.display().to_string() } else { format!("{}, line {line}", path.display()) }
+}
+
+/// Lines that hold data, with their numbers from 1: no blank ones, no comments.
+pub fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines()
+        .enumerate()
+        .map(|(i, line)| (i + 1, line.trim().trim_start_matches('\u{feff}')))
+        .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
+/// Fields between commas or blanks.
+pub fn fields(line: &str) -> impl Iterator<Item = &str> {
+    line.split(|c: char| c == ',' || c.is_whitespace()).filter(|f| !f.is_empty())
+}
+
+/// The first `N` fields as finite numbers; `None` when there are fewer or one is none.
+pub fn numbers<'a, const N: usize>(mut from: impl Iterator<Item = &'a str>) -> Option<[f64; N]> {
+    let mut out = [0.0; N];
+    for v in &mut out {
+        *v = from.next()?.parse().ok().filter(|v: &f64| v.is_finite())?;
+    }
+    Some(out)
+}
+
+/// A stamp in whole nanoseconds.
+pub fn stamp_ns(field: &str) -> Option<Stamp> {
+    // Room is left for differences.
+    field.parse().ok().filter(|ns: &i64| ns.unsigned_abs() < 1 << 61).map(Stamp)
+}
+
+/// A stamp in decimal seconds, to the last digit (an epoch in `f64` would lose all below 200 ns).
+pub fn stamp_seconds(field: &str) -> Option<Stamp> {
+    if let Some(exact) = exact_seconds(field) {
+        return Some(exact);
+    }
+    let seconds: f64 = field.parse().ok()?;
+    (seconds.is_finite() && seconds.abs() < 9e9).then(|| Stamp::from_seconds(seconds))
+}
+
+fn exact_seconds(field: &str) -> Option<Stamp> {
+    let (negative, digits) = match field.strip_prefix('-') {
+        Some(rest) => (true, rest),
+        None => (false, field),
+    };
+    let (whole, part) = digits.split_once('.').unwrap_or((digits, ""));
+    let plain = |s: &str| s.bytes().all(|b| b.is_ascii_digit());
+    if whole.is_empty() || !plain(whole) || !plain(part) {
+        return None;
+    }
+    let mut nanos: i64 = whole.parse::<i64>().ok()?.checked_mul(1_000_000_000)?;
+    let mut unit = 100_000_000;
+    for (i, b) in part.bytes().enumerate() {
+        let digit = i64::from(b - b'0');
+        if i == 9 {
+            nanos = nanos.checked_add(i64::from(digit >= 5))?;
+            break;
+        }
+        nanos = nanos.checked_add(digit * unit)?;
+        unit /= 10;
+    }
+    Some(Stamp(if negative { -nanos } else { nanos }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seconds_keep_every_digit() {
+        assert_eq!(stamp_seconds("1305031102.175304"), Some(Stamp(1_305_031_102_175_304_000)));
+        assert_eq!(stamp_seconds("1403636584.763555584"), Some(Stamp(1_403_636_584_763_555_584)));
+        assert_eq!(stamp_seconds("0.0000000015"), Some(Stamp(2)));
+        assert_eq!(stamp_seconds("-2.5"), Some(Stamp(-2_500_000_000)));
+        assert_eq!(stamp_seconds("1.037000e-01"), Some(Stamp(103_700_000)));
+        assert_eq!(stamp_seconds("nan"), None);
+        assert_eq!(stamp_seconds("99999999999999999999"), None);
+        assert_eq!(stamp_seconds("x"), None);
+    }
+
+    #[test]
+    fn numbers_must_be_finite() {
+        assert_eq!(numbers::<2>(fields("1, 2.5,3")), Some([1.0, 2.5]));
+        assert_eq!(numbers::<2>(fields("1,nan")), None);
+        assert_eq!(numbers::<2>(fields("1")), None);
+    }
+}
