@@ -1,0 +1,300 @@
+//! The first room: from a packet of images to a [`Frame`] of features, with depth where the sensors give it.
+
+use crate::depth::{DepthLookup, DepthSetting};
+use crate::orb::{Features, OrbExtractor, OrbSetting};
+use crate::rectify::{Rectifier, rectify_pair};
+use crate::stereo::{Side, StereoMatcher, StereoSetting};
+use crate::{EyeModel, Frame, Octaves};
+use cairn_geometry::{So3, Vec2, Vec3};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigError};
+
+/// Features of one frame, at most: what the lookup grid of a [`Frame`] can number.
+const MAX_FEATURES: usize = 65_535;
+
+/// Which sensors the eye uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SensorMode {
+    /// The first camera.
+    Mono,
+    /// The first two cameras.
+    Stereo,
+    /// The first camera and the depth sensor.
+    Rgbd,
+}
+
+/// What is asked of the eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EyeSetting {
+    /// Features.
+    pub orb: OrbSetting,
+    /// Stereo matching.
+    pub stereo: StereoSetting,
+    /// Depth lookup.
+    pub depth: DepthSetting,
+    /// True to look at the right image on a second thread; the result is the same.
+    pub two_threads: bool,
+}
+
+impl Default for EyeSetting {
+    fn default() -> Self {
+        Self {
+            orb: OrbSetting::default(),
+            stereo: StereoSetting::default(),
+            depth: DepthSetting::default(),
+            two_threads: true,
+        }
+    }
+}
+
+/// Why a packet can not be seen.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SeeError {
+    /// The packet has too few images.
+    #[error("the packet has {have} images, the eye needs {need}")]
+    MissingImage {
+        /// Images in the packet.
+        have: usize,
+        /// Images that the sensors of the eye give.
+        need: usize,
+    },
+    /// An image has another size than its calibration.
+    #[error("{name}: the image is {have:?} pixels, its calibration is for {need:?}")]
+    WrongSize {
+        /// Name of the camera, or "depth".
+        name: String,
+        /// Width and height of the image.
+        have: [usize; 2],
+        /// Width and height of the calibration.
+        need: [usize; 2],
+    },
+}
+
+/// Sees: owns the extractors and all buffers.
+#[derive(Clone, Debug)]
+pub struct Eye {
+    model: EyeModel,
+    octaves: Octaves,
+    setting: EyeSetting,
+    /// Name, width and height of each camera in use.
+    cameras: Vec<(String, [usize; 2])>,
+    left: Look,
+    kind: Kind,
+}
+
+#[derive(Clone, Debug)]
+enum Kind {
+    Mono(Rectifier),
+    Rgbd { map: Rectifier, lookup: Box<DepthLookup>, size: [usize; 2] },
+    Stereo(Box<Pair>),
+}
+
+/// What only stereo needs.
+#[derive(Clone, Debug)]
+struct Pair {
+    matcher: StereoMatcher,
+    right: Look,
+}
+
+/// One camera's extractor and what it found.
+#[derive(Clone, Debug)]
+struct Look {
+    extractor: OrbExtractor,
+    features: Features,
+    px: Vec<[f32; 2]>,
+}
+
+impl Look {
+    fn new(setting: OrbSetting) -> Self {
+        Self { extractor: OrbExtractor::new(setting), features: Features::default(), px: Vec::new() }
+    }
+
+    /// Extracts, and rectifies; features outside the eye's view get NaN.
+    fn run(&mut self, image: &GrayImage, map: &Rectifier) {
+        self.extractor.extract(image, &mut self.features);
+        self.px.clear();
+        self.px.extend(self.features.raw.iter().map(|&raw| map.rectify(raw).unwrap_or([f32::NAN; 2])));
+    }
+
+    /// Drops the features without a rectified pixel.
+    fn keep_seen(&mut self) {
+        if self.px.iter().all(|p| p[0].is_finite()) {
+            return;
+        }
+        let seen: Vec<bool> = self.px.iter().map(|p| p[0].is_finite()).collect();
+        let f = &mut self.features;
+        retain(&mut self.px, &seen);
+        retain(&mut f.raw, &seen);
+        retain(&mut f.octave, &seen);
+        retain(&mut f.angle, &seen);
+        retain(&mut f.response, &seen);
+        retain(&mut f.descriptors, &seen);
+    }
+
+    fn side(&self) -> Side<'_> {
+        Side {
+            raw: &self.features.raw,
+            px: &self.px,
+            octave: &self.features.octave,
+            descriptors: &self.features.descriptors,
+            levels: self.extractor.pyramid().levels(),
+        }
+    }
+}
+
+fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
+    let mut i = 0;
+    items.retain(|_| {
+        i += 1;
+        keep[i - 1]
+    });
+}
+
+impl Eye {
+    /// An eye for the sensors of a rig; refuses a rig that is wrong or lacks a sensor of the mode.
+    pub fn new(rig: &Rig, sensor: SensorMode, setting: EyeSetting) -> Result<Self, RigError> {
+        rig.validate()?;
+        let setting = EyeSetting {
+            orb: OrbSetting { features: setting.orb.features.min(MAX_FEATURES), ..setting.orb },
+            ..setting
+        };
+        let left = Look::new(setting.orb);
+        let used = left.extractor.setting();
+        let octaves = Octaves { levels: used.levels, factor: used.factor };
+        let first = rig.cameras.first().ok_or_else(|| RigError("the rig has no camera".into()))?;
+        let mut cameras = vec![(first.name.clone(), [first.camera.width, first.camera.height])];
+        let (model, kind) = match sensor {
+            SensorMode::Mono => {
+                let (model, map) = alone(rig)?;
+                (model, Kind::Mono(map))
+            }
+            SensorMode::Rgbd => {
+                let (mut model, map) = alone(rig)?;
+                let depth =
+                    rig.depth.as_ref().ok_or_else(|| RigError("the rig has no depth sensor".into()))?;
+                model.baseline_fx = setting.depth.virtual_baseline * model.fx;
+                model.close_depth = setting.depth.close_depth;
+                let lookup =
+                    Box::new(DepthLookup::new(setting.depth, depth, &first.camera, &first.body_from_camera));
+                (model, Kind::Rgbd { map, lookup, size: [depth.camera.width, depth.camera.height] })
+            }
+            SensorMode::Stereo => {
+                let second = rig
+                    .cameras
+                    .get(1)
+                    .ok_or_else(|| RigError("stereo needs two cameras, the rig has one".into()))?;
+                cameras.push((second.name.clone(), [second.camera.width, second.camera.height]));
+                let pair = rectify_pair(first, second)?;
+                let close_depth = setting.stereo.close_baselines * pair.baseline;
+                let model = EyeModel { close_depth, ..pair.eye };
+                let matcher =
+                    StereoMatcher::new(setting.stereo, pair.left, pair.right, octaves, model.baseline_fx);
+                (model, Kind::Stereo(Box::new(Pair { matcher, right: Look::new(setting.orb) })))
+            }
+        };
+        Ok(Self { model, octaves, setting, cameras, left, kind })
+    }
+
+    /// The ideal camera that frames are expressed in.
+    pub fn model(&self) -> &EyeModel {
+        &self.model
+    }
+
+    /// The scale pyramid's levels.
+    pub fn octaves(&self) -> Octaves {
+        self.octaves
+    }
+
+    /// Sees one packet. A packet without depth gives a frame without depth; a packet without an image that the eye
+    /// needs, or with an image of another size than its calibration, is an error and changes nothing.
+    pub fn see(&mut self, packet: &FramePacket) -> Result<Frame, SeeError> {
+        self.check(packet)?;
+        let mut frame = Frame::default();
+        match &mut self.kind {
+            Kind::Mono(map) => {
+                self.left.run(&packet.images[0], map);
+                self.left.keep_seen();
+            }
+            Kind::Rgbd { map, lookup, .. } => {
+                self.left.run(&packet.images[0], map);
+                self.left.keep_seen();
+                if let Some(depth) = &packet.depth {
+                    add_depth(&mut frame, depth, &self.left, lookup, &self.model);
+                }
+            }
+            Kind::Stereo(pair) => {
+                let Pair { matcher, right } = pair.as_mut();
+                if self.setting.two_threads {
+                    std::thread::scope(|s| {
+                        s.spawn(|| right.run(&packet.images[1], matcher.right()));
+                        self.left.run(&packet.images[0], matcher.left());
+                    });
+                } else {
+                    right.run(&packet.images[1], matcher.right());
+                    self.left.run(&packet.images[0], matcher.left());
+                }
+                self.left.keep_seen();
+                matcher.run(self.left.side(), right.side(), &mut frame.right_x, &mut frame.depth);
+            }
+        }
+        let n = self.left.px.len();
+        frame.right_x.resize(n, f32::NAN);
+        frame.depth.resize(n, f32::NAN);
+        frame.stamp = packet.stamp;
+        frame.raw.clone_from(&self.left.features.raw);
+        frame.px.clone_from(&self.left.px);
+        frame.octave.clone_from(&self.left.features.octave);
+        frame.angle.clone_from(&self.left.features.angle);
+        frame.descriptors.clone_from(&self.left.features.descriptors);
+        frame.index(&self.model);
+        Ok(frame)
+    }
+
+    fn check(&self, packet: &FramePacket) -> Result<(), SeeError> {
+        if packet.images.len() < self.cameras.len() {
+            return Err(SeeError::MissingImage { have: packet.images.len(), need: self.cameras.len() });
+        }
+        for (image, (name, need)) in packet.images.iter().zip(&self.cameras) {
+            let have = [image.width(), image.height()];
+            if have != *need {
+                return Err(SeeError::WrongSize { name: name.clone(), have, need: *need });
+            }
+        }
+        if let (Kind::Rgbd { size, .. }, Some(depth)) = (&self.kind, &packet.depth) {
+            let have = [depth.width(), depth.height()];
+            if have != *size {
+                return Err(SeeError::WrongSize { name: "depth".into(), have, need: *size });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The ideal pinhole of the first camera alone: its own focal lengths and principal point, without the lens.
+fn alone(rig: &Rig) -> Result<(EyeModel, Rectifier), RigError> {
+    let first = rig.cameras.first().ok_or_else(|| RigError("the rig has no camera".into()))?;
+    let c = &first.camera;
+    let map = Rectifier::new(c, &So3::identity(), Vec2::new(c.fx, c.fy), Vec2::new(c.cx, c.cy));
+    let bounds = map
+        .bounds()
+        .ok_or_else(|| RigError(format!("{}: no pixel has a ray within 75 degrees", first.name)))?;
+    let model = EyeModel {
+        fx: c.fx,
+        fy: c.fy,
+        cx: c.cx,
+        cy: c.cy,
+        baseline_fx: 0.0,
+        bounds,
+        close_depth: 0.0,
+        body_from_eye: first.body_from_camera,
+    };
+    Ok((model, map))
+}
+
+fn add_depth(frame: &mut Frame, image: &DepthImage, look: &Look, lookup: &DepthLookup, model: &EyeModel) {
+    for (&raw, &px) in look.features.raw.iter().zip(&look.px) {
+        let ray: Vec3 = model.unproject(px, 1.0);
+        let depth = lookup.find(image, raw, &ray).unwrap_or(f32::NAN);
+        frame.depth.push(depth);
+        frame.right_x.push(px[0] - (model.baseline_fx / depth as f64) as f32);
+    }
+}

@@ -1,0 +1,106 @@
+//! Recordings from the folder in `CAIRN_DATA`, else `../shared/data` beside the workspace.
+
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, Rig, RigCamera};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use zune_jpeg::zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
+
+/// A folder of recordings, or `None` after saying that the test is skipped.
+pub fn folder(name: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("CAIRN_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    let path = root.join(name);
+    if !path.is_dir() {
+        println!("skipped: no recording at {}", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+pub fn jpeg(path: &Path) -> Arc<GrayImage> {
+    let bytes = std::fs::read(path).unwrap();
+    let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::Luma);
+    let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    let data = decoder.decode().unwrap();
+    let (w, h) = decoder.dimensions().unwrap();
+    Arc::new(GrayImage::from_vec(w, h, data).unwrap())
+}
+
+pub fn depth_png(path: &Path) -> Arc<DepthImage> {
+    let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut bytes).unwrap();
+    assert_eq!(info.bit_depth, png::BitDepth::Sixteen);
+    let data = bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
+    Arc::new(DepthImage::from_vec(info.width as usize, info.height as usize, data).unwrap())
+}
+
+/// The numbers of a text file.
+pub fn numbers(path: &Path) -> Vec<f64> {
+    let text = std::fs::read_to_string(path).unwrap();
+    text.split_whitespace().filter_map(|t| t.parse().ok()).collect()
+}
+
+/// Files of a folder by name.
+pub fn listing(path: &Path, ending: &str) -> Vec<PathBuf> {
+    let mut all: Vec<PathBuf> = std::fs::read_dir(path).unwrap().map(|e| e.unwrap().path()).collect();
+    all.retain(|p| p.to_string_lossy().ends_with(ending));
+    all.sort();
+    all
+}
+
+fn rigid(m: [f64; 12]) -> Se3 {
+    Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&[m.as_slice(), &[0.0, 0.0, 0.0, 1.0]].concat()))
+}
+
+/// The calibration that EuRoC publishes for its MAV (sensor.yaml of both cameras).
+pub fn euroc_rig() -> Rig {
+    let camera = |f: [f64; 4], d: [f64; 4]| Camera {
+        distortion: Distortion::RadialTangential([d[0], d[1], d[2], d[3], 0.0]),
+        ..Camera::pinhole(752, 480, f[0], f[1], f[2], f[3])
+    };
+    #[rustfmt::skip]
+    let left = rigid([
+        0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975,
+        0.999557249008, 0.0149672133247, 0.025715529948, -0.064676986768,
+        -0.0257744366974, 0.00375618835797, 0.999660727178, 0.00981073058949,
+    ]);
+    #[rustfmt::skip]
+    let right = rigid([
+        0.0125552670891, -0.999755099723, 0.0182237714554, -0.0198435579556,
+        0.999598781151, 0.0130119051815, 0.0251588363115, 0.0453689425024,
+        -0.0253898008918, 0.0179005838253, 0.999517347078, 0.00786212447038,
+    ]);
+    let cameras = vec![
+        RigCamera {
+            name: "cam0".into(),
+            camera: camera(
+                [458.654, 457.296, 367.215, 248.375],
+                [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05],
+            ),
+            body_from_camera: left,
+        },
+        RigCamera {
+            name: "cam1".into(),
+            camera: camera(
+                [457.587, 456.134, 379.999, 255.238],
+                [-0.28368365, 0.07451284, -0.00010473, -3.55590700e-05],
+            ),
+            body_from_camera: right,
+        },
+    ];
+    Rig { cameras, depth: None, imu: None }
+}
+
+/// The rectified pair of `kitti-a` (its calib.txt).
+pub fn kitti_rig() -> Rig {
+    let camera = Camera::pinhole(1226, 370, 707.0912, 707.0912, 601.8873, 183.1104);
+    let at = |name: &str, x: f64| RigCamera {
+        name: name.into(),
+        camera,
+        body_from_camera: Se3::new(So3::identity(), Vec3::new(x, 0.0, 0.0)),
+    };
+    Rig { cameras: vec![at("cam0", 0.0), at("cam1", 379.8145 / 707.0912)], depth: None, imu: None }
+}

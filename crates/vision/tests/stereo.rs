@@ -1,0 +1,145 @@
+//! Stereo against exact truth, and on recordings against geometry that both images must obey.
+
+mod common;
+
+use cairn_geometry::{Se3, Vec2};
+use cairn_sensor::{FramePacket, GrayImage, Rig, Stamp};
+use cairn_vision::{Eye, EyeSetting, Frame, OrbSetting, SensorMode};
+use common::recordings::{euroc_rig, folder, jpeg, kitti_rig, listing};
+use common::scene::{Exposure, Scene, lens_pair, pinhole_pair};
+use std::sync::Arc;
+
+fn packet(images: Vec<Arc<GrayImage>>) -> FramePacket {
+    FramePacket { stamp: Stamp(0), images, depth: None, imu: Vec::new(), decode_ms: 0.0 }
+}
+
+fn setting(features: usize) -> EyeSetting {
+    EyeSetting { orb: OrbSetting { features, ..OrbSetting::default() }, ..EyeSetting::default() }
+}
+
+/// What the disparities of some frames are worth.
+#[derive(Default)]
+struct Score {
+    features: usize,
+    matched: usize,
+    /// Off by more than one pixel of the feature's level.
+    wrong: usize,
+    /// Errors in pixels of the level, of matches that are not wrong.
+    errors: Vec<f64>,
+}
+
+impl Score {
+    fn quantile(&self, q: f64) -> f64 {
+        let mut sorted: Vec<f64> = self.errors.iter().map(|e| e.abs()).collect();
+        sorted.sort_by(f64::total_cmp);
+        sorted[(q * (sorted.len() - 1) as f64) as usize]
+    }
+
+    /// Adds the frame of a pair whose left camera stands at the world's origin.
+    fn add(&mut self, rig: &Rig, scene: &Scene, images: [Arc<GrayImage>; 2]) {
+        let mut eye = Eye::new(rig, SensorMode::Stereo, setting(1200)).unwrap();
+        let left = &rig.cameras[0];
+        let frame: Frame = eye.see(&packet(images.to_vec())).unwrap();
+        let eye_from_left = eye.model().body_from_eye.inverse() * left.body_from_camera;
+        self.features += frame.len();
+        for i in (0..frame.len()).filter(|&i| frame.has_depth(i)) {
+            let raw = frame.raw[i];
+            let Some(z) = scene.depth(&left.camera, &Se3::identity(), raw) else { continue };
+            let b = left.camera.unproject(&Vec2::new(raw[0] as f64, raw[1] as f64)).unwrap();
+            let [u, v, right_x] = eye.model().project(&(eye_from_left * (b / b.z * z))).unwrap();
+            assert!((u - frame.px[i][0] as f64).abs() < 0.01 && (v - frame.px[i][1] as f64).abs() < 0.01);
+            let product = frame.depth[i] as f64 * (frame.px[i][0] - frame.right_x[i]) as f64;
+            assert!((product / eye.model().baseline_fx - 1.0).abs() < 1e-3);
+            self.matched += 1;
+            let error = (frame.right_x[i] as f64 - right_x) / eye.octaves().scale(frame.octave[i]);
+            if error.abs() > 1.0 { self.wrong += 1 } else { self.errors.push(error) }
+        }
+    }
+}
+
+#[test]
+fn disparity_against_truth() {
+    for (name, rig) in [("pinhole", pinhole_pair()), ("lens", lens_pair())] {
+        let mut scores: [Score; 2] = Default::default();
+        for seed in 0..3 {
+            let scene = Scene::room(seed);
+            let (left, right) = (&rig.cameras[0], &rig.cameras[1]);
+            let world_from_right = left.body_from_camera.inverse() * right.body_from_camera;
+            let look = |gain, offset, seed| Exposure { gain, offset, noise: 2.0, seed };
+            let l = Arc::new(scene.render(&left.camera, &Se3::identity(), &look(1.0, 0.0, seed)));
+            let r = scene.render(&right.camera, &world_from_right, &look(1.0, 0.0, seed + 50));
+            let mut darker = r.clone();
+            darker.data_mut().iter_mut().for_each(|v| *v = (*v as f32 * 0.7 + 20.0).round() as u8);
+            scores[0].add(&rig, &scene, [l.clone(), Arc::new(r)]);
+            scores[1].add(&rig, &scene, [l, Arc::new(darker)]);
+        }
+        for (exposure, s) in ["equal", "right darker"].iter().zip(&scores) {
+            let n = s.errors.len() as f64;
+            let bias = s.errors.iter().sum::<f64>() / n;
+            let rms = (s.errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt();
+            let share = s.matched as f64 / s.features as f64;
+            let wrong = s.wrong as f64 / s.matched as f64;
+            println!(
+                "{name}, exposure {exposure}: {} of {} matched ({share:.3}), {} wrong ({:.2} %); error in level \
+                 pixels: median {:.4}, 90 % {:.4}, 99 % {:.3}, rms {rms:.4}, bias {bias:+.4}",
+                s.matched,
+                s.features,
+                s.wrong,
+                100.0 * wrong,
+                s.quantile(0.5),
+                s.quantile(0.9),
+                s.quantile(0.99)
+            );
+            assert!(share > 0.5, "{share}");
+            assert!(wrong < 0.01, "{wrong}");
+            assert!(rms < 0.15 && s.quantile(0.5) < 0.06 && bias.abs() < 0.02);
+        }
+    }
+}
+
+/// Shares and rows of a recording's pairs: `(features, matched, close matched, ms of the fastest tenth)`.
+fn recording(rig: &Rig, pairs: &[(std::path::PathBuf, std::path::PathBuf)], features: usize) -> [f64; 3] {
+    let mut eye = Eye::new(rig, SensorMode::Stereo, setting(features)).unwrap();
+    let (mut n, mut matched, mut close) = (0.0, 0.0, 0.0);
+    let mut times = Vec::new();
+    for (l, r) in pairs {
+        let packet = packet(vec![jpeg(l), jpeg(r)]);
+        for _ in 0..5 {
+            let start = std::time::Instant::now();
+            eye.see(&packet).unwrap();
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+        let frame = eye.see(&packet).unwrap();
+        n += frame.len() as f64;
+        matched += frame.depth.iter().filter(|d| **d > 0.0).count() as f64;
+        close += frame.depth.iter().filter(|d| (**d as f64) < eye.model().close_depth).count() as f64;
+    }
+    times.sort_by(f64::total_cmp);
+    let frames = pairs.len() as f64;
+    println!(
+        "{} pairs: {:.0} features, {:.0} with depth, {:.0} of them close; see() takes {:.2} ms (fastest tenth)",
+        pairs.len(),
+        n / frames,
+        matched / frames,
+        close / frames,
+        times[times.len() / 10]
+    );
+    [n / frames, matched / frames, close / frames]
+}
+
+#[test]
+fn recordings_have_depth() {
+    if let Some(path) = folder("kitti-a") {
+        let (l, r) = (listing(&path.join("image_0"), ".jpg"), listing(&path.join("image_1"), ".jpg"));
+        let pairs: Vec<_> = l.into_iter().zip(r).step_by(10).collect();
+        let [n, matched, close] = recording(&kitti_rig(), &pairs, 2000);
+        assert!(n > 1800.0 && matched > 0.4 * n && close > 300.0);
+    }
+    if let Some(path) = folder("euroc-mh01") {
+        let (l, r) =
+            (listing(&path.join("mav0/cam0/data"), ".jpg"), listing(&path.join("mav0/cam1/data"), ".jpg"));
+        let pairs: Vec<_> = l.into_iter().zip(r).step_by(40).collect();
+        let [n, matched, close] = recording(&euroc_rig(), &pairs, 1200);
+        assert!(n > 1100.0 && matched > 0.4 * n && close > 300.0);
+    }
+}
