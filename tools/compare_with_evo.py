@@ -14,6 +14,7 @@ import argparse
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -90,6 +91,9 @@ def main():
     if not os.path.isdir(folder):
         print(f"skipped: no folder {folder}")
         return 0
+    if shutil.which("evo_ape") is None:
+        print("evo is not installed: pip install evo", file=sys.stderr)
+        return 1
     worst, rows, missing = 0.0, 0, 0
     if not args.golden:
         print(f"{'pair':<18}{'align':<6}{'metric':<22}{'count':>7}{'evo rmse':>16}{'cairn rmse':>16}{'worst diff':>12}")

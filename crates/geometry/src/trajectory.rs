@@ -6,7 +6,7 @@
 use crate::{Se3, Vec3};
 use std::fmt;
 
-/// Poses `world_from_body` at strictly increasing times.
+/// Poses `world_from_body` at times that never go back; two poses may share a time, as they do in recorded truth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectory {
     stamps_ns: Vec<i64>,
@@ -16,8 +16,8 @@ pub struct Trajectory {
 /// Why poses do not make a trajectory. The index is that of the offending pose in the order given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrajectoryError {
-    /// The time is not later than the one before.
-    NotIncreasing {
+    /// The time is earlier than the one before.
+    Backwards {
         /// Index of the pose.
         index: usize,
         /// Its time in nanoseconds.
@@ -35,8 +35,8 @@ pub enum TrajectoryError {
 impl fmt::Display for TrajectoryError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotIncreasing { index, stamp_ns, previous_ns } => {
-                write!(f, "pose {index}: time {stamp_ns} ns does not come after {previous_ns} ns")
+            Self::Backwards { index, stamp_ns, previous_ns } => {
+                write!(f, "pose {index}: time {stamp_ns} ns comes before {previous_ns} ns")
             }
             Self::NotFinite { index } => write!(f, "pose {index}: a number is NaN or infinite"),
         }
@@ -51,8 +51,8 @@ impl Trajectory {
         Self::default()
     }
 
-    /// From poses in any order; two poses at one time, or numbers that are not finite, are an error
-    /// (the index then counts in time order).
+    /// From poses in any order; those at one time keep their order. Numbers that are not finite are an
+    /// error, whose index counts in time order.
     pub fn from_unsorted(mut poses: Vec<(i64, Se3)>) -> Result<Self, TrajectoryError> {
         poses.sort_by_key(|(stamp, _)| *stamp);
         let mut out = Self::new();
@@ -62,13 +62,13 @@ impl Trajectory {
         Ok(out)
     }
 
-    /// Appends a pose; its time must be later than the last.
+    /// Appends a pose; its time must not be earlier than the last.
     pub fn push(&mut self, stamp_ns: i64, world_from_body: Se3) -> Result<(), TrajectoryError> {
         let index = self.len();
         if let Some(&previous_ns) = self.stamps_ns.last()
-            && stamp_ns <= previous_ns
+            && stamp_ns < previous_ns
         {
-            return Err(TrajectoryError::NotIncreasing { index, stamp_ns, previous_ns });
+            return Err(TrajectoryError::Backwards { index, stamp_ns, previous_ns });
         }
         if !world_from_body.is_finite() {
             return Err(TrajectoryError::NotFinite { index });
@@ -88,7 +88,7 @@ impl Trajectory {
         self.poses.is_empty()
     }
 
-    /// Times in nanoseconds, strictly increasing, (n).
+    /// Times in nanoseconds, never falling, (n).
     pub fn stamps_ns(&self) -> &[i64] {
         &self.stamps_ns
     }
@@ -122,7 +122,7 @@ impl Trajectory {
     }
 
     /// The pose at a time: position linearly, rotation spherically between the two neighbours.
-    /// `None` outside of the first and the last time.
+    /// `None` outside of the first and the last time; of several poses at this time the first.
     pub fn at(&self, stamp_ns: i64) -> Option<Se3> {
         self.at_within(stamp_ns, u64::MAX)
     }
@@ -141,12 +141,12 @@ impl Trajectory {
         (gap <= max_gap_ns).then(|| self.poses[previous].interpolate(&self.poses[next], t))
     }
 
-    /// Index of the pose nearest in time, the earlier of two equally near; `None` when empty.
+    /// Index of the pose nearest in time, the first of several equally near; `None` when empty.
     pub fn nearest(&self, stamp_ns: i64) -> Option<usize> {
         nearest(&self.stamps_ns, stamp_ns)
     }
 
-    /// The poses at these indices, which must increase; those out of range are left out.
+    /// The poses at these indices, which must not fall; those out of range are left out.
     pub fn select(&self, indices: &[usize]) -> Result<Self, TrajectoryError> {
         let mut out = Self::new();
         for &i in indices {
@@ -158,36 +158,51 @@ impl Trajectory {
     }
 }
 
-/// Index of the value of an increasing list nearest to `value`, the earlier of two equally near.
+/// Index of the value of a sorted list nearest to `value`, the first of several equally near.
 fn nearest(sorted: &[i64], value: i64) -> Option<usize> {
     let next = sorted.partition_point(|s| *s < value);
     let before = next.checked_sub(1);
     match (before, sorted.get(next)) {
-        (Some(b), Some(n)) => Some(if value.abs_diff(sorted[b]) <= n.abs_diff(value) { b } else { next }),
-        (Some(b), None) => Some(b),
+        (Some(b), Some(n)) if n.abs_diff(value) < value.abs_diff(sorted[b]) => Some(next),
+        (Some(b), _) => Some(sorted.partition_point(|s| *s < sorted[b])),
         (None, Some(_)) => Some(next),
         (None, None) => None,
     }
 }
 
-/// Pairs `(index in reference, index in estimate)` nearest in time, at most `max_difference_ns` apart.
+/// Pairs `(index in reference, index in estimate)` nearest in time, at most `max_difference_s` seconds apart.
 ///
 /// Each stamp of the list with fewer entries (the estimate when equal) takes the nearest stamp of the
-/// other; a stamp of the longer list may serve twice. This is evo's rule, here on integer nanoseconds.
-/// Both lists must increase.
-pub fn associate(reference_ns: &[i64], estimate_ns: &[i64], max_difference_ns: u64) -> Vec<(usize, usize)> {
+/// other; a stamp of the longer list may serve twice. Both lists must be sorted. This is evo's rule, down to
+/// its arithmetic: where a rounded stamp lies in the middle between two others, differences of `f64` seconds
+/// decide (they are multiples of 240 ns for stamps of an epoch), and the first counts when these are equal.
+pub fn associate(reference_ns: &[i64], estimate_ns: &[i64], max_difference_s: f64) -> Vec<(usize, usize)> {
     let estimate_is_longer = estimate_ns.len() > reference_ns.len();
     let (short, long) =
         if estimate_is_longer { (reference_ns, estimate_ns) } else { (estimate_ns, reference_ns) };
-    short
-        .iter()
-        .enumerate()
-        .filter_map(|(i, stamp)| {
-            let j = nearest(long, *stamp)?;
-            let close = long[j].abs_diff(*stamp) <= max_difference_ns;
-            close.then_some(if estimate_is_longer { (i, j) } else { (j, i) })
-        })
-        .collect()
+    let pair = |(i, stamp): (usize, &i64)| {
+        let distance = |j: usize| (seconds(long[j]) - seconds(*stamp)).abs();
+        let next = long.partition_point(|s| s < stamp);
+        let before = next.checked_sub(1).map(|b| long.partition_point(|s| *s < long[b]));
+        let next = (next < long.len()).then_some(next);
+        let j = match (before, next) {
+            (Some(b), Some(n)) => {
+                if distance(n) < distance(b) {
+                    n
+                } else {
+                    b
+                }
+            }
+            (b, n) => b.or(n)?,
+        };
+        (distance(j) <= max_difference_s).then_some(if estimate_is_longer { (i, j) } else { (j, i) })
+    };
+    short.iter().enumerate().filter_map(pair).collect()
+}
+
+/// The `f64` nearest to the seconds, as a parser of decimal text gives it.
+fn seconds(ns: i64) -> f64 {
+    (ns / 1_000_000_000) as f64 + (ns % 1_000_000_000) as f64 / 1e9
 }
 
 #[cfg(test)]
@@ -216,24 +231,49 @@ mod tests {
     }
 
     #[test]
-    fn rejects_time_that_stands_still_and_nan() {
+    fn rejects_time_that_goes_back_and_nan() {
         let mut t = Trajectory::new();
         t.push(5, at_x(0.0, 0.0)).unwrap();
-        let error = t.push(5, at_x(1.0, 0.0)).unwrap_err();
-        assert_eq!(error, TrajectoryError::NotIncreasing { index: 1, stamp_ns: 5, previous_ns: 5 });
+        let error = t.push(4, at_x(1.0, 0.0)).unwrap_err();
+        assert_eq!(error, TrajectoryError::Backwards { index: 1, stamp_ns: 4, previous_ns: 5 });
         assert_eq!(t.push(6, at_x(f64::NAN, 0.0)), Err(TrajectoryError::NotFinite { index: 1 }));
         assert_eq!(t.len(), 1, "a refused pose leaves nothing behind");
-        assert!(Trajectory::from_unsorted(vec![(1, at_x(0.0, 0.0)), (1, at_x(0.0, 0.0))]).is_err());
+    }
+
+    #[test]
+    fn of_poses_at_one_time_the_first_counts() {
+        let mut t = Trajectory::new();
+        for (ns, x) in [(0, 0.0), (10, 1.0), (10, 2.0), (20, 3.0)] {
+            t.push(ns, at_x(x, 0.0)).unwrap();
+        }
+        assert_eq!(t.at(10).unwrap().translation.x, 1.0);
+        assert_eq!(t.at(15).unwrap().translation.x, 2.5, "the last one before");
+        assert_eq!((t.nearest(9), t.nearest(12), t.nearest(19)), (Some(1), Some(1), Some(3)));
     }
 
     #[test]
     fn shorter_list_picks_its_nearest() {
         let reference = [0, 10, 20, 30, 40];
-        assert_eq!(associate(&reference, &[9, 21, 47], 5), [(1, 0), (2, 1)]);
-        assert_eq!(associate(&reference, &[15], 5), [(1, 0)], "the earlier of two equally near");
-        assert_eq!(associate(&[9, 11], &reference, 5), [(0, 1), (1, 1)], "one may serve twice");
-        assert_eq!(associate(&[0, 10], &[4, 4], 6), [(0, 0), (0, 1)], "equal lengths: the estimate picks");
-        assert_eq!(associate(&[], &reference, 5), []);
-        assert_eq!(associate(&[i64::MIN], &[i64::MAX], 5), [], "extremes do not overflow");
+        assert_eq!(associate(&reference, &[9, 21, 47], 5e-9), [(1, 0), (2, 1)]);
+        assert_eq!(associate(&[9, 11], &reference, 5e-9), [(0, 1), (1, 1)], "one may serve twice");
+        assert_eq!(associate(&[0, 10], &[4, 4], 6e-9), [(0, 0), (0, 1)], "equal lengths: the estimate picks");
+        assert_eq!(associate(&[0, 10, 10], &[9], 5e-9), [(1, 0)], "of two at one time the first");
+        assert_eq!(associate(&[], &reference, 5e-9), []);
+        assert_eq!(associate(&[i64::MIN], &[i64::MAX], 5e-9), [], "extremes do not overflow");
+    }
+
+    #[test]
+    fn floats_decide_between_equally_near_stamps() {
+        // Exactly in the middle, of the kind that rounded decimals of real recordings make.
+        let middle = 1_311_868_172_363_500_000;
+        let (mut first, mut second) = (0, 0);
+        for half in (1..200).map(|i| i * 50_000) {
+            match associate(&[middle - half, middle + half], &[middle], 0.02)[..] {
+                [(0, 0)] => first += 1,
+                [(1, 0)] => second += 1,
+                _ => panic!("no pair"),
+            }
+        }
+        assert!(first > 0 && second > 0, "{first} took the first, {second} the second");
     }
 }

@@ -1,0 +1,49 @@
+//! What can go wrong: files that are not what they should be, and pairs that cannot be compared.
+
+use cairn_geometry::Degenerate;
+use thiserror::Error;
+
+/// A file that cannot be read or written; the message names the file, the line where there is one, and the reason.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{file}{}: {reason}", line.map(|l| format!(":{l}")).unwrap_or_default())]
+pub struct FileError {
+    /// Path or name.
+    pub file: String,
+    /// Line, counted from one.
+    pub line: Option<usize>,
+    /// What is wrong, and the cure where it is known.
+    pub reason: String,
+}
+
+impl FileError {
+    pub(crate) fn at(file: &str, line: usize, reason: String) -> Self {
+        Self { file: file.to_owned(), line: Some(line), reason }
+    }
+
+    pub(crate) fn whole(file: &str, reason: impl Into<String>) -> Self {
+        Self { file: file.to_owned(), line: None, reason: reason.into() }
+    }
+}
+
+/// Why an estimate cannot be compared with its reference.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum EvalError {
+    /// No two poses are close in time.
+    #[error(
+        "no pose of the estimate is within {max_difference_s} s of a pose of the reference (reference {reference_span}, estimate {estimate_span}); are both in the same clock? --max-difference widens the search"
+    )]
+    NoPairs {
+        /// Greatest difference allowed, in seconds.
+        max_difference_s: f64,
+        /// First and last time of the reference.
+        reference_span: String,
+        /// First and last time of the estimate.
+        estimate_span: String,
+    },
+    /// The pairs determine no alignment.
+    #[error("the trajectories cannot be aligned: {0}; --align none compares them as they are")]
+    Alignment(#[from] Degenerate),
+    /// An option that makes no sense.
+    #[error("{0}")]
+    Option(String),
+}

@@ -1,0 +1,294 @@
+//! The evaluation of an estimate against a reference: absolute and relative error, and coverage.
+//!
+//! Definitions: Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section V, as
+//! the public tool evo computes them; the figures agree with evo's.
+
+use crate::coverage::{coverage_of_frames, coverage_of_reference};
+use crate::error::EvalError;
+use crate::read::{Format, TrajectoryFile};
+use crate::relative::{Delta, pairs};
+use crate::statistics::Statistics;
+use crate::write::seconds_text;
+use cairn_geometry::{Sim3, Trajectory, Vec3, associate, umeyama};
+use serde::{Deserialize, Serialize};
+use std::str::FromStr;
+
+/// How the estimate is laid onto the reference before the comparison.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Align {
+    /// Not at all.
+    None,
+    /// Rotation and translation (Umeyama).
+    #[default]
+    Se3,
+    /// Rotation, translation and scale (Umeyama).
+    Sim3,
+}
+
+impl FromStr for Align {
+    type Err = EvalError;
+    fn from_str(text: &str) -> Result<Self, EvalError> {
+        match text {
+            "none" => Ok(Self::None),
+            "se3" => Ok(Self::Se3),
+            "sim3" => Ok(Self::Sim3),
+            _ => Err(EvalError::Option(format!("'{text}' is no alignment; write none, se3 or sim3"))),
+        }
+    }
+}
+
+/// What belongs together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Association {
+    /// Poses nearest in time.
+    #[default]
+    Time,
+    /// Poses with the same number (KITTI files have no times).
+    Index,
+}
+
+/// How to compare. The defaults are evo's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EvalOptions {
+    /// Alignment before the comparison.
+    pub align: Align,
+    /// Greatest difference in time of a pair, in seconds.
+    pub max_difference_s: f64,
+    /// What belongs together.
+    pub association: Association,
+    /// Distance of the pairs of the relative error.
+    pub delta: Delta,
+    /// All pairs at that distance, not only those that follow each other.
+    pub all_pairs: bool,
+    /// Tolerance of the distance with `all_pairs`, relative.
+    pub delta_tolerance: f64,
+    /// False when one side has positions only: then there are no angles, and no relative error.
+    pub rotations: bool,
+}
+
+impl Default for EvalOptions {
+    fn default() -> Self {
+        Self {
+            align: Align::Se3,
+            max_difference_s: 0.01,
+            association: Association::Time,
+            delta: Delta::default(),
+            all_pairs: false,
+            delta_tolerance: 0.1,
+            rotations: true,
+        }
+    }
+}
+
+/// Two positions of one instant, both in the reference's frame, and how far they are apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PairError {
+    /// Time of the estimate in nanoseconds.
+    pub stamp_ns: i64,
+    /// Position of the reference in metres.
+    pub reference: Vec3,
+    /// Position of the aligned estimate in metres.
+    pub estimate: Vec3,
+    /// Distance in metres.
+    pub error_m: f64,
+}
+
+/// How an estimate compares with its reference.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Alignment asked for.
+    pub align: Align,
+    /// Scale that the alignment found; 1 without one.
+    pub scale: f64,
+    /// Number of pairs that were compared.
+    pub pairs: usize,
+    /// Poses of the reference.
+    pub reference_poses: usize,
+    /// Poses of the estimate.
+    pub estimate_poses: usize,
+    /// Fraction of the reference that the estimate covers, see [`coverage_of_reference`].
+    pub coverage: f64,
+    /// Length of the reference through the pairs, in metres.
+    pub path_m: f64,
+    /// Absolute trajectory error: distances of positions in metres.
+    pub ate_m: Statistics,
+    /// Absolute rotation error in degrees.
+    pub ate_deg: Option<Statistics>,
+    /// Distance of the pairs of the relative error, as `1f`, `0.5m`, `2s`.
+    pub delta: String,
+    /// Relative error, translation part, in metres.
+    pub rpe_m: Option<Statistics>,
+    /// Relative error, rotation angle, in degrees.
+    pub rpe_deg: Option<Statistics>,
+    /// What else the reader should know, in sentences.
+    pub notes: Vec<String>,
+    /// Transform `reference_from_estimate` of the alignment.
+    #[serde(skip)]
+    pub reference_from_estimate: Sim3,
+    /// The pairs, in order of time, for plots.
+    #[serde(skip)]
+    pub errors: Vec<PairError>,
+}
+
+impl Evaluation {
+    /// ATE (RMSE) as a fraction of the path; `None` when the reference stands still.
+    pub fn drift(&self) -> Option<f64> {
+        (self.path_m > 1e-6).then(|| self.ate_m.rmse / self.path_m)
+    }
+}
+
+/// Compares two files: positions only and missing times are taken care of.
+pub fn evaluate_files(
+    reference: &TrajectoryFile,
+    estimate: &TrajectoryFile,
+    options: &EvalOptions,
+) -> Result<Evaluation, EvalError> {
+    let mut options = *options;
+    options.rotations &= reference.has_rotations && estimate.has_rotations;
+    if reference.format == Format::Kitti && estimate.format == Format::Kitti {
+        options.association = Association::Index;
+    }
+    let mut out = evaluate(&reference.trajectory, &estimate.trajectory, &options)?;
+    for file in [reference, estimate] {
+        if !file.has_rotations {
+            out.notes.push(format!("{} has positions only: no angles and no relative error", file.name));
+        }
+        if file.unknown_poses > 0 {
+            out.notes.push(format!("{}: {} lines are nan and were left out", file.name, file.unknown_poses));
+        }
+        if file.nominal_times && options.association == Association::Time {
+            out.notes.push(format!("{} has no times: nominal ones were taken", file.name));
+        }
+    }
+    Ok(out)
+}
+
+/// Compares an estimate with a reference, both `world_from_body` of the same body.
+pub fn evaluate(
+    reference: &Trajectory,
+    estimate: &Trajectory,
+    options: &EvalOptions,
+) -> Result<Evaluation, EvalError> {
+    if !(options.max_difference_s >= 0.0 && options.max_difference_s.is_finite()) {
+        return Err(EvalError::Option(format!(
+            "--max-difference {}: must be seconds, zero or more",
+            options.max_difference_s
+        )));
+    }
+    let matches = match options.association {
+        Association::Time => associate(reference.stamps_ns(), estimate.stamps_ns(), options.max_difference_s),
+        Association::Index => (0..reference.len().min(estimate.len())).map(|i| (i, i)).collect(),
+    };
+    if matches.is_empty() {
+        return Err(EvalError::NoPairs {
+            max_difference_s: options.max_difference_s,
+            reference_span: span(reference),
+            estimate_span: span(estimate),
+        });
+    }
+    let targets: Vec<Vec3> = matches.iter().map(|(i, _)| reference.poses()[*i].translation).collect();
+    let sources: Vec<Vec3> = matches.iter().map(|(_, j)| estimate.poses()[*j].translation).collect();
+    let aligned_from_estimate = match options.align {
+        Align::None => Sim3::identity(),
+        Align::Se3 => umeyama(&targets, &sources, false)?,
+        Align::Sim3 => umeyama(&targets, &sources, true)?,
+    };
+    let matched = Matched::new(reference, estimate, &matches, &aligned_from_estimate);
+    let errors: Vec<PairError> = matched.errors();
+    let distances: Vec<f64> = errors.iter().map(|e| e.error_m).collect();
+    let ate_m = Statistics::of(&distances)
+        .ok_or_else(|| EvalError::Option("the distances are not finite numbers".into()))?;
+    let coverage = match options.association {
+        Association::Time => {
+            coverage_of_reference(reference.stamps_ns(), estimate.stamps_ns(), options.max_difference_s)
+        }
+        Association::Index => matches.len() as f64 / reference.len() as f64,
+    };
+    let mut notes = Vec::new();
+    let (mut ate_deg, mut rpe_m, mut rpe_deg) = (None, None, None);
+    if options.rotations {
+        ate_deg = Statistics::of(&matched.angles_deg());
+        let (metres, degrees) = matched.relative(options);
+        (rpe_m, rpe_deg) = (Statistics::of(&metres), Statistics::of(&degrees));
+        if metres.is_empty() {
+            notes.push(format!("no two poses are {} apart: no relative error", options.delta));
+        }
+    }
+    Ok(Evaluation {
+        align: options.align,
+        scale: aligned_from_estimate.scale,
+        pairs: matches.len(),
+        reference_poses: reference.len(),
+        estimate_poses: estimate.len(),
+        coverage,
+        path_m: targets.windows(2).map(|w| (w[1] - w[0]).norm()).sum(),
+        ate_m,
+        ate_deg,
+        delta: options.delta.to_string(),
+        rpe_m,
+        rpe_deg,
+        notes,
+        reference_from_estimate: aligned_from_estimate,
+        errors,
+    })
+}
+
+/// The fraction of a source's frames that have a pose: the coverage of a run, for frames whose times are
+/// those of the poses to the nanosecond.
+pub fn tracked_fraction(frames_ns: &[i64], estimate: &Trajectory) -> f64 {
+    coverage_of_frames(frames_ns, estimate.stamps_ns(), 0.0)
+}
+
+fn span(trajectory: &Trajectory) -> String {
+    match (trajectory.stamps_ns().first(), trajectory.stamps_ns().last()) {
+        (Some(a), Some(b)) => format!("{} to {} s", seconds_text(*a), seconds_text(*b)),
+        _ => "without poses".to_owned(),
+    }
+}
+
+/// The associated poses, the estimate's already aligned; equally long.
+struct Matched {
+    stamps_ns: Vec<i64>,
+    reference: Vec<cairn_geometry::Se3>,
+    estimate: Vec<cairn_geometry::Se3>,
+}
+
+impl Matched {
+    fn new(reference: &Trajectory, estimate: &Trajectory, matches: &[(usize, usize)], align: &Sim3) -> Self {
+        Self {
+            stamps_ns: matches.iter().map(|(_, j)| estimate.stamps_ns()[*j]).collect(),
+            reference: matches.iter().map(|(i, _)| reference.poses()[*i]).collect(),
+            estimate: matches.iter().map(|(_, j)| align.transform_pose(&estimate.poses()[*j])).collect(),
+        }
+    }
+
+    fn errors(&self) -> Vec<PairError> {
+        let poses = self.reference.iter().zip(&self.estimate);
+        let pair = |((r, e), stamp_ns): ((&cairn_geometry::Se3, &cairn_geometry::Se3), &i64)| PairError {
+            stamp_ns: *stamp_ns,
+            reference: r.translation,
+            estimate: e.translation,
+            error_m: (e.translation - r.translation).norm(),
+        };
+        poses.zip(&self.stamps_ns).map(pair).collect()
+    }
+
+    fn angles_deg(&self) -> Vec<f64> {
+        let poses = self.reference.iter().zip(&self.estimate);
+        poses.map(|(r, e)| (r.rotation.inverse() * e.rotation).angle().to_degrees()).collect()
+    }
+
+    /// Sturm et al. eq. 2: `(Q_i^-1 Q_j)^-1 (P_i^-1 P_j)`, its translation in metres and angle in degrees.
+    fn relative(&self, options: &EvalOptions) -> (Vec<f64>, Vec<f64>) {
+        let index_pairs =
+            pairs(&self.estimate, &self.stamps_ns, options.delta, options.all_pairs, options.delta_tolerance);
+        let error = |(i, j): (usize, usize)| {
+            let reference = self.reference[i].inverse() * self.reference[j];
+            let estimate = self.estimate[i].inverse() * self.estimate[j];
+            let error = reference.inverse() * estimate;
+            (error.translation.norm(), error.rotation.angle().to_degrees())
+        };
+        index_pairs.into_iter().map(error).unzip()
+    }
+}

@@ -1,0 +1,138 @@
+//! Loads a trajectory from a path: a file of any known kind, or the truth within a folder of a data set.
+
+use crate::decimal;
+use crate::error::FileError;
+use crate::read::{Format, TrajectoryFile, parse_trajectory, pose_from_matrix};
+use cairn_geometry::{Mat3, Trajectory, Vec3};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Where folders of known data sets keep their truth, in the order in which they are tried.
+const TRUTH_IN_FOLDER: [&str; 7] = [
+    "mav0/state_groundtruth_estimate0/data.csv",
+    "state_groundtruth_estimate0/data.csv",
+    "mav0/mocap0/data.csv",
+    "mocap0/data.csv",
+    "groundtruth.txt",
+    "gt_tum.txt",
+    "poses.txt",
+];
+
+/// Reads the trajectory at a path: a TUM, KITTI or EuRoC file, or a folder of EuRoC, TUM, KITTI or
+/// 7-Scenes that has truth in it. A KITTI file takes its times from `times.txt` beside it.
+pub fn load_trajectory(path: &Path) -> Result<TrajectoryFile, FileError> {
+    let name = path.display().to_string();
+    if path.is_dir() {
+        if let Some(file) = TRUTH_IN_FOLDER.iter().map(|f| path.join(f)).find(|f| f.is_file()) {
+            return load_trajectory(&file);
+        }
+        return load_matrices(path);
+    }
+    let text = read(path)?;
+    let file = parse_trajectory(&text, &name, None)?;
+    let times_path = path.with_file_name("times.txt");
+    if file.format == Format::Kitti && times_path.is_file() {
+        let times = parse_times(&read(&times_path)?, &times_path.display().to_string())?;
+        if times.len() == file.trajectory.len() {
+            return parse_trajectory(&text, &name, Some(&times));
+        }
+    }
+    Ok(file)
+}
+
+fn read(path: &Path) -> Result<String, FileError> {
+    let name = path.display().to_string();
+    let bytes = fs::read(path).map_err(|e| FileError::whole(&name, format!("cannot read: {e}")))?;
+    String::from_utf8(bytes).map_err(|_| FileError::whole(&name, "not a text file"))
+}
+
+fn parse_times(text: &str, name: &str) -> Result<Vec<i64>, FileError> {
+    let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'));
+    lines
+        .map(|(i, line)| {
+            decimal::nanoseconds(line.trim()).ok_or_else(|| {
+                FileError::at(name, i + 1, format!("'{}' is not a time in seconds", line.trim()))
+            })
+        })
+        .collect()
+}
+
+/// 7-Scenes: `frame-000123.pose.txt`, a 4x4 matrix each, 30 Hz nominal by the frame number.
+fn load_matrices(folder: &Path) -> Result<TrajectoryFile, FileError> {
+    let name = folder.display().to_string();
+    let entries = fs::read_dir(folder).map_err(|e| FileError::whole(&name, format!("cannot read: {e}")))?;
+    let mut frames: Vec<(i64, PathBuf)> = entries
+        .filter_map(|entry| {
+            let path = entry.ok()?.path();
+            let digits = path.file_name()?.to_str()?.strip_prefix("frame-")?.strip_suffix(".pose.txt")?;
+            Some((digits.parse().ok()?, path))
+        })
+        .collect();
+    frames.sort();
+    if frames.is_empty() {
+        return Err(FileError::whole(
+            &name,
+            "no truth found in this folder (looked for EuRoC, TUM, KITTI and 7-Scenes files); name the file itself",
+        ));
+    }
+    let mut trajectory = Trajectory::new();
+    let mut unknown_poses = 0;
+    for (number, path) in frames {
+        let name = path.display().to_string();
+        let text = read(&path)?;
+        let values: Vec<f64> = text.split_ascii_whitespace().filter_map(|v| v.parse().ok()).collect();
+        if values.len() != 16 {
+            return Err(FileError::whole(&name, "not a 4x4 matrix"));
+        }
+        if values.iter().any(|v| !v.is_finite()) {
+            unknown_poses += 1;
+            continue;
+        }
+        let m = nalgebra::Matrix4::from_row_slice(&values);
+        let rotation: Mat3 = m.fixed_view::<3, 3>(0, 0).into();
+        let translation: Vec3 = m.fixed_view::<3, 1>(0, 3).into();
+        let pose = pose_from_matrix(&rotation, translation).map_err(|e| FileError::whole(&name, e))?;
+        let stamp_ns = (i128::from(number) * 1_000_000_000 / 30).try_into();
+        let stamp_ns = stamp_ns.map_err(|_| FileError::whole(&name, "the frame number is too large"))?;
+        trajectory.push(stamp_ns, pose).map_err(|e| FileError::whole(&name, e.to_string()))?;
+    }
+    let format = Format::Matrices;
+    Ok(TrajectoryFile { trajectory, name, format, has_rotations: true, nominal_times: true, unknown_poses })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_and_times_beside() {
+        let folder = std::env::temp_dir().join(format!("cairn-eval-load-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let error = load_trajectory(&folder).unwrap_err().to_string();
+        assert!(error.contains("no truth found"), "{error}");
+        fs::write(folder.join("frame-000003.pose.txt"), "1 0 0 5\n0 1 0 6\n0 0 1 7\n0 0 0 1\n").unwrap();
+        let scenes = load_trajectory(&folder).unwrap();
+        assert_eq!(scenes.trajectory.stamps_ns(), [100_000_000]);
+        assert_eq!(scenes.trajectory.poses()[0].translation, Vec3::new(5.0, 6.0, 7.0));
+        fs::write(folder.join("frame-000004.pose.txt"), "1 0 0\n").unwrap();
+        assert!(
+            load_trajectory(&folder).unwrap_err().to_string().contains("frame-000004.pose.txt: not a 4x4")
+        );
+        fs::write(folder.join("poses.txt"), "1 0 0 4 0 1 0 5 0 0 1 6\n1 0 0 7 0 1 0 8 0 0 1 9\n").unwrap();
+        fs::write(folder.join("times.txt"), "0\n1.037000e-01\n").unwrap();
+        let kitti = load_trajectory(&folder).unwrap();
+        assert_eq!(kitti.trajectory.stamps_ns(), [0, 103_700_000]);
+        fs::write(folder.join("times.txt"), "0\n").unwrap();
+        assert_eq!(
+            load_trajectory(&folder).unwrap().trajectory.stamps_ns()[1],
+            100_000_000,
+            "times of another"
+        );
+        fs::write(folder.join("times.txt"), "0\nlate\n").unwrap();
+        assert!(load_trajectory(&folder).unwrap_err().to_string().contains("times.txt:2: 'late'"));
+        assert!(load_trajectory(&folder.join("none")).unwrap_err().to_string().contains("cannot read"));
+        fs::write(folder.join("binary"), [0xff, 0xfe, 0x00]).unwrap();
+        assert!(load_trajectory(&folder.join("binary")).unwrap_err().to_string().contains("not a text file"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,247 @@
+//! Trajectory files: TUM, KITTI and EuRoC, their kind found by looking at the text.
+//!
+//! In: text. Out: poses `world_from_body` at exact nanoseconds, or an error that names file, line and cure.
+//!
+//! | kind | a line |
+//! |---|---|
+//! | TUM | `t x y z qx qy qz qw`, seconds; `t x y z` alone is positions only |
+//! | KITTI | the 3x4 matrix by rows, no time |
+//! | EuRoC | `ns,x,y,z,qw,qx,qy,qz,...`; `ns,x,y,z` alone is positions only |
+//!
+//! Lines that begin with `#` and empty lines are passed over; a line whose numbers are `nan` is a
+//! pose that is not known: it is left out and counted.
+
+use crate::decimal;
+use crate::error::FileError;
+use cairn_geometry::{Mat3, Se3, So3, Trajectory, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// How a trajectory file is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// Time in seconds, position, quaternion with the scalar last.
+    Tum,
+    /// The 3x4 matrix by rows; no times.
+    Kitti,
+    /// Comma-separated: nanoseconds, position, quaternion with the scalar first.
+    Euroc,
+    /// One 4x4 matrix per file, a folder of them (7-Scenes).
+    Matrices,
+}
+
+/// Nanoseconds between lines of a KITTI file without `times.txt`.
+pub const KITTI_STEP_NS: i64 = 100_000_000;
+
+/// A trajectory with what its file says about it.
+#[derive(Clone, Debug)]
+pub struct TrajectoryFile {
+    /// Poses `world_from_body`; the rotations are the identity where [`Self::has_rotations`] is false.
+    pub trajectory: Trajectory,
+    /// Where it came from, for messages.
+    pub name: String,
+    /// Kind found.
+    pub format: Format,
+    /// False when the file holds positions only.
+    pub has_rotations: bool,
+    /// True when the times are nominal, made up from the line number.
+    pub nominal_times: bool,
+    /// Lines left out because their numbers are `nan`.
+    pub unknown_poses: usize,
+}
+
+/// Reads a trajectory; `name` is used in errors. Lines of a KITTI file get `times_ns`, else 10 Hz from zero.
+pub fn parse_trajectory(
+    text: &str,
+    name: &str,
+    times_ns: Option<&[i64]>,
+) -> Result<TrajectoryFile, FileError> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut file: Option<TrajectoryFile> = None;
+    let (mut columns, mut rows, mut fields) = (0, 0, Vec::new());
+    for (index, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let fail = |reason: String| FileError::at(name, index + 1, reason);
+        fields.clear();
+        fields.extend(split(line));
+        if file.is_none() {
+            columns = fields.len();
+            let (format, has_rotations) = find_format(line, &fields).map_err(fail)?;
+            file = Some(TrajectoryFile {
+                trajectory: Trajectory::new(),
+                name: name.to_owned(),
+                format,
+                has_rotations,
+                nominal_times: format == Format::Kitti && times_ns.is_none(),
+                unknown_poses: 0,
+            });
+        }
+        let Some(file) = file.as_mut() else { continue };
+        if fields.len() != columns {
+            return Err(fail(format!(
+                "{} numbers where the lines before have {columns}; is the line cut off?",
+                fields.len()
+            )));
+        }
+        let stamp_ns = match file.format {
+            Format::Kitti | Format::Matrices => match times_ns {
+                Some(times) => *times
+                    .get(rows)
+                    .ok_or_else(|| fail(format!("there are more poses than the {} times", times.len())))?,
+                None => rows as i64 * KITTI_STEP_NS,
+            },
+            Format::Euroc => fields[0]
+                .parse()
+                .map_err(|_| fail(format!("'{}' is not a time in whole nanoseconds", fields[0])))?,
+            Format::Tum => decimal::nanoseconds(fields[0])
+                .ok_or_else(|| fail(format!("'{}' is not a time in seconds", fields[0])))?,
+        };
+        rows += 1;
+        match parse_pose(file, &fields).map_err(fail)? {
+            Some(pose) => file.trajectory.push(stamp_ns, pose).map_err(|_| {
+                fail("the time is earlier than that of the line before; sort the file by time".into())
+            })?,
+            None => file.unknown_poses += 1,
+        }
+    }
+    let file = file
+        .ok_or_else(|| FileError::whole(name, "no pose in it: the file is empty or holds comments only"))?;
+    if file.trajectory.is_empty() {
+        return Err(FileError::whole(name, "no pose in it: every line is nan"));
+    }
+    Ok(file)
+}
+
+fn split(line: &str) -> impl Iterator<Item = &str> {
+    let commas = line.contains(',');
+    line.split(move |c: char| if commas { c == ',' } else { c.is_ascii_whitespace() })
+        .map(str::trim)
+        .filter(move |field| commas || !field.is_empty())
+}
+
+fn find_format(line: &str, fields: &[&str]) -> Result<(Format, bool), String> {
+    if line.contains(',') {
+        if fields[0].parse::<i64>().is_err() {
+            return Err(format!(
+                "comma-separated, but the first column '{}' is not whole nanoseconds as in EuRoC csv; TUM files are separated by spaces",
+                fields[0]
+            ));
+        }
+        return match fields.len() {
+            4 => Ok((Format::Euroc, false)),
+            8.. => Ok((Format::Euroc, true)),
+            n => Err(format!("{n} columns; EuRoC csv has 'ns,x,y,z' or 'ns,x,y,z,qw,qx,qy,qz,...'")),
+        };
+    }
+    match fields.len() {
+        4 => Ok((Format::Tum, false)),
+        8 => Ok((Format::Tum, true)),
+        12 => Ok((Format::Kitti, true)),
+        n => Err(format!(
+            "{n} columns; TUM has 8 ('t x y z qx qy qz qw') or 4 ('t x y z'), KITTI has 12 (3x4 matrix), EuRoC is comma-separated"
+        )),
+    }
+}
+
+/// The pose of a line; `None` when a number is `nan`.
+fn parse_pose(file: &TrajectoryFile, fields: &[&str]) -> Result<Option<Se3>, String> {
+    if file.format == Format::Kitti {
+        let m = numbers::<12>(fields)?;
+        let rotation = Mat3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
+        return pose_from_matrix(&rotation, Vec3::new(m[3], m[7], m[11])).map(Some);
+    }
+    let p = numbers::<3>(&fields[1..])?;
+    let q = if file.has_rotations { numbers::<4>(&fields[4..])? } else { [0.0, 0.0, 0.0, 1.0] };
+    if p.iter().chain(&q).any(|v| v.is_nan()) {
+        return Ok(None);
+    }
+    let [x, y, z, w] =
+        if file.format == Format::Euroc && file.has_rotations { [q[1], q[2], q[3], q[0]] } else { q };
+    let rotation = So3::from_xyzw(x, y, z, w)
+        .ok_or_else(|| format!("the quaternion ({x} {y} {z} {w}) has no direction"))?;
+    Ok(Some(Se3::new(rotation, Vec3::from(p))))
+}
+
+/// A pose from a rotation block that may be rounded, but must be a rotation.
+pub(crate) fn pose_from_matrix(rotation: &Mat3, translation: Vec3) -> Result<Se3, String> {
+    let error = (rotation.transpose() * rotation - Mat3::identity()).norm();
+    if !(error < 0.05 && rotation.determinant() > 0.0 && translation.iter().all(|v| v.is_finite())) {
+        return Err("the matrix is not a pose: its 3x3 block is no rotation or a number is nan".into());
+    }
+    Ok(Se3::new(So3::from_matrix(rotation), translation))
+}
+
+fn numbers<const N: usize>(fields: &[&str]) -> Result<[f64; N], String> {
+    let mut out = [0.0; N];
+    for (value, field) in out.iter_mut().zip(fields) {
+        *value = match field.parse::<f64>() {
+            Ok(v) if !v.is_infinite() => v,
+            _ => return Err(format!("'{field}' is not a number")),
+        };
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<TrajectoryFile, FileError> {
+        parse_trajectory(text, "x.txt", None)
+    }
+
+    #[test]
+    fn kinds_are_found_by_looking() {
+        let tum = parse("# t x y z qx qy qz qw\r\n1403636584.763555584 1 2 3 0 0 0 1\r\n").unwrap();
+        assert_eq!((tum.format, tum.has_rotations), (Format::Tum, true));
+        assert_eq!(tum.trajectory.stamps_ns(), [1_403_636_584_763_555_584]);
+        let euroc = parse("#timestamp [ns],x,y,z,qw\n5, 1, 2, 3, 0.5, 0.5, 0.5, -0.5, 0, 0\n").unwrap();
+        assert_eq!(euroc.format, Format::Euroc);
+        let q = euroc.trajectory.poses()[0].rotation;
+        assert_eq!((q.quaternion().w, q.quaternion().k), (0.5, -0.5), "the scalar comes first");
+        let kitti = parse("1 0 0 4 0 1 0 5 0 0 1 6\n1 0 0 7 0 1 0 8 0 0 1 9").unwrap();
+        assert_eq!((kitti.format, kitti.nominal_times), (Format::Kitti, true));
+        assert_eq!(kitti.trajectory.stamps_ns(), [0, 100_000_000]);
+        assert_eq!(kitti.trajectory.poses()[1].translation, Vec3::new(7.0, 8.0, 9.0));
+        for positions in ["\u{feff}0.5 1 2 3\n", "500000000,1,2,3\n"] {
+            let file = parse(positions).unwrap();
+            assert!(!file.has_rotations);
+            assert_eq!(file.trajectory.stamps_ns(), [500_000_000]);
+            assert_eq!(file.trajectory.poses()[0].translation, Vec3::new(1.0, 2.0, 3.0));
+        }
+    }
+
+    #[test]
+    fn nan_is_a_gap() {
+        let file = parse("1 0 0 0 0 0 0 1\n2 nan nan nan nan nan nan nan\n3 1 0 0 0 0 0 1\n").unwrap();
+        assert_eq!((file.trajectory.len(), file.unknown_poses), (2, 1));
+        assert!(parse("1 nan 0 0 0 0 0 1\n").unwrap_err().to_string().contains("every line is nan"));
+    }
+
+    #[test]
+    fn errors_name_file_line_and_cure() {
+        for (text, line, words) in [
+            ("1 0 0 0 0 0 0 1\n\n2 0 0 0 0\n", "x.txt:3: ", "cut off"),
+            ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "x.txt:2: ", "earlier than that of the line before"),
+            ("1 0 0 0 0 0 0 0\n", "x.txt:1: ", "no direction"),
+            ("1 0 0 zero 0 0 0 1\n", "x.txt:1: ", "'zero' is not a number"),
+            ("soon 0 0 0 0 0 0 1\n", "x.txt:1: ", "'soon' is not a time"),
+            ("1 0 0 inf 0 0 0 1\n", "x.txt:1: ", "'inf' is not a number"),
+            ("1 2 3\n", "x.txt:1: ", "TUM has 8"),
+            ("1.5,0,0,0,1,0,0,0\n", "x.txt:1: ", "whole nanoseconds"),
+            ("1,0,0,0,1\n", "x.txt:1: ", "5 columns"),
+            ("1 0 0 4 0 1 0 5 0 0 -1 6\n", "x.txt:1: ", "not a pose"),
+            ("nan 0 0 4 0 1 0 5 0 0 1 6\n", "x.txt:1: ", "not a pose"),
+            ("", "x.txt: ", "empty"),
+            ("# nothing\n", "x.txt: ", "comments only"),
+        ] {
+            let message = parse(text).unwrap_err().to_string();
+            assert!(message.starts_with(line) && message.contains(words), "{text:?}: {message}");
+        }
+        let short = parse_trajectory("1 0 0 4 0 1 0 5 0 0 1 6\n1 0 0 4 0 1 0 5 0 0 1 6\n", "k", Some(&[3]));
+        assert!(short.unwrap_err().to_string().contains("more poses than the 1 times"));
+    }
+}
