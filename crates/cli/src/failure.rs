@@ -37,3 +37,10 @@ impl From<cairn_sensor::SourceError> for Failure {
         Self::new(e.what, e.why, e.cure)
     }
 }
+
+/// A file that could not be written (reading has its own words where it happens).
+impl From<cairn_eval::FileError> for Failure {
+    fn from(e: cairn_eval::FileError) -> Self {
+        Self::new(e.file, e.reason, "check that its folder exists, may be written, and has room")
+    }
+}

@@ -25,6 +25,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Eval(commands::eval::Arguments),
+    Rig(commands::rig::Arguments),
     Doctor(commands::doctor::Arguments),
 }
 
@@ -40,6 +42,8 @@ fn main() -> ExitCode {
 
 fn run(command: Command, output: &Output) -> Result<(), Failure> {
     match command {
+        Command::Eval(arguments) => commands::eval::run(&arguments, output),
+        Command::Rig(arguments) => commands::rig::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
     }
 }

@@ -1,3 +1,5 @@
 //! One file for each command: its arguments, and what it prints.
 
 pub mod doctor;
+pub mod eval;
+pub mod rig;

@@ -1,0 +1,105 @@
+//! `cairn eval`: how far an estimated trajectory is from its reference.
+
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_eval::{
+    Align, Delta, EvalError, EvalOptions, Evaluation, Statistics, evaluate_files, load_trajectory,
+};
+use std::path::PathBuf;
+
+/// Absolute and relative error of a trajectory, and how much of the reference it covers.
+///
+/// Files in TUM, KITTI or EuRoC form, found by looking, or the folder of a data set with its truth. The figures
+/// agree with evo's.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The truth.
+    reference: PathBuf,
+    /// What is to be judged.
+    estimate: PathBuf,
+    /// How the estimate is laid onto the reference: none, se3 or sim3.
+    #[arg(long, default_value = "se3", value_name = "HOW")]
+    align: Align,
+    /// Greatest difference in time of two poses that are compared, in seconds.
+    #[arg(long, default_value_t = EvalOptions::default().max_difference_s, value_name = "S")]
+    max_difference: f64,
+    /// Distance of the poses of the relative error, as 1f (frames), 0.5m or 2s.
+    #[arg(long, default_value_t = Delta::default(), value_name = "DISTANCE")]
+    delta: Delta,
+    /// All pairs at that distance, not only those that follow each other.
+    #[arg(long)]
+    all_pairs: bool,
+}
+
+/// Compares the two and prints the figures.
+pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    let load = |path: &PathBuf| {
+        load_trajectory(path).map_err(|e| {
+            let place = e.line.map_or_else(String::new, |line| format!(", line {line}"));
+            let hint =
+                "give a trajectory in TUM, KITTI or EuRoC form, or the folder of a data set with its truth";
+            Failure::new(format!("{}{place}", e.file), e.reason, hint)
+        })
+    };
+    let (reference, estimate) = (load(&arguments.reference)?, load(&arguments.estimate)?);
+    let options = EvalOptions {
+        align: arguments.align,
+        max_difference_s: arguments.max_difference,
+        delta: arguments.delta,
+        all_pairs: arguments.all_pairs,
+        ..EvalOptions::default()
+    };
+    let evaluation = evaluate_files(&reference, &estimate, &options).map_err(|e| explain(e, arguments))?;
+    output.result(&evaluation, text)
+}
+
+fn explain(error: EvalError, arguments: &Arguments) -> Failure {
+    let estimate = arguments.estimate.display().to_string();
+    match error {
+        EvalError::NoPairs { max_difference_s, reference_span, estimate_span } => Failure::new(
+            estimate,
+            format!(
+                "no pose is within {max_difference_s} s of a pose of {} (it spans {estimate_span}, the reference {reference_span})",
+                arguments.reference.display()
+            ),
+            "give two trajectories of one clock, or widen the search with --max-difference",
+        ),
+        EvalError::Alignment(why) => Failure::new(
+            estimate,
+            format!("can not be aligned: {why}"),
+            "compare it as it is with --align none",
+        ),
+        EvalError::Option(why) => Failure::new("eval", why, "see cairn eval --help"),
+    }
+}
+
+fn text(e: &Evaluation) -> String {
+    let align = match e.align {
+        Align::None => "as it is".to_owned(),
+        Align::Se3 => "aligned by SE3".to_owned(),
+        Align::Sim3 => format!("aligned by Sim3, scale {:.6}", e.scale),
+    };
+    let drift = e.drift().map_or_else(String::new, |d| format!(" ({:.3} % of the way)", 100.0 * d));
+    let mut lines = vec![
+        format!("poses     {} of {} reference poses", e.estimate_poses, e.reference_poses),
+        format!("pairs     {}, {align}, over {:.3} m", e.pairs, e.path_m),
+        format!("coverage  {:.4}", e.coverage),
+        format!("ATE       {:.6} m RMSE{drift}{}", e.ate_m.rmse, rest(&e.ate_m, "m")),
+    ];
+    let more = [
+        ("rotation", "deg", &e.ate_deg, String::new()),
+        ("RPE", "m", &e.rpe_m, format!(" over {}", e.delta)),
+        ("RPE", "deg", &e.rpe_deg, format!(" over {}", e.delta)),
+    ];
+    for (name, unit, statistics, over) in more {
+        if let Some(s) = statistics {
+            lines.push(format!("{name:<8}  {:.6} {unit} RMSE{over}{}", s.rmse, rest(s, unit)));
+        }
+    }
+    lines.extend(e.notes.iter().map(|note| format!("note      {note}")));
+    lines.join("\n")
+}
+
+fn rest(s: &Statistics, unit: &str) -> String {
+    format!(", median {:.6}, max {:.6} {unit}", s.median, s.max)
+}

@@ -1,0 +1,201 @@
+//! `cairn rig`: what a calibration file says, whether it can be, and the same rig as Cairn's own TOML.
+
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_geometry::Vec2;
+use cairn_sensor::{Camera, Rig};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Calibration files: cameras, lenses, where they sit, IMU.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    Check(Check),
+}
+
+/// Reads a rig, refuses what can not be, and says what it is.
+///
+/// Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, KITTI calib.txt, or a
+/// folder that holds one of them.
+#[derive(clap::Args)]
+struct Check {
+    /// The calibration file.
+    file: PathBuf,
+    /// Writes the rig as Cairn's own TOML.
+    #[arg(long, value_name = "OUT.toml")]
+    write: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Report {
+    cameras: Vec<CameraReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stereo: Option<StereoReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    depth: Option<DepthReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    imu: Option<ImuReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    written: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct CameraReport {
+    name: String,
+    resolution: [usize; 2],
+    focal_px: [f64; 2],
+    centre_px: [f64; 2],
+    distortion: &'static str,
+    coefficients: Vec<f64>,
+    /// Angles between the rays of opposite sides of the image, through its middle; none where there is no ray.
+    field_of_view_deg: [Option<f64>; 2],
+    /// Pixels of a 33 x 33 grid that have a ray, of all.
+    rays: f64,
+    /// Greatest distance between a pixel of that grid and its ray's projection.
+    round_trip_px: f64,
+    position_m: [f64; 3],
+}
+
+#[derive(Serialize)]
+struct StereoReport {
+    baseline_m: f64,
+    /// Angle between the optical axes.
+    axes_deg: f64,
+}
+
+#[derive(Serialize)]
+struct DepthReport {
+    resolution: [usize; 2],
+    metres_per_unit: f64,
+    registered: bool,
+}
+
+#[derive(Serialize)]
+struct ImuReport {
+    rate_hz: f64,
+    gyro_noise: f64,
+    gyro_walk: f64,
+    accel_noise: f64,
+    accel_walk: f64,
+    offset_s: f64,
+}
+
+/// Runs the subcommand.
+pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    let Command::Check(check) = &arguments.command;
+    let rig = cairn_sources::read_rig(&check.file)?;
+    if let Some(path) = &check.write {
+        cairn_eval::write_whole(path, &cairn_sources::write_rig(&rig)?)?;
+    }
+    output.result(&Report { written: check.write.clone(), ..report(&rig) }, text)
+}
+
+fn report(rig: &Rig) -> Report {
+    let stereo = match rig.cameras.as_slice() {
+        [a, b, ..] => {
+            let a_from_b = a.body_from_camera.inverse() * b.body_from_camera;
+            let axis = a_from_b.rotation * cairn_geometry::Vec3::z();
+            let axes_deg = axis.z.clamp(-1.0, 1.0).acos().to_degrees();
+            Some(StereoReport { baseline_m: a_from_b.translation.norm(), axes_deg })
+        }
+        _ => None,
+    };
+    Report {
+        cameras: rig
+            .cameras
+            .iter()
+            .map(|c| camera(&c.name, &c.camera, c.body_from_camera.translation.into()))
+            .collect(),
+        stereo,
+        depth: rig.depth.as_ref().map(|d| DepthReport {
+            resolution: [d.camera.width, d.camera.height],
+            metres_per_unit: d.metres_per_unit,
+            registered: d.registered,
+        }),
+        imu: rig.imu.as_ref().map(|i| ImuReport {
+            rate_hz: i.rate_hz,
+            gyro_noise: i.noise.gyro,
+            gyro_walk: i.noise.gyro_walk,
+            accel_noise: i.noise.accel,
+            accel_walk: i.noise.accel_walk,
+            offset_s: i.offset_s,
+        }),
+        written: None,
+    }
+}
+
+fn camera(name: &str, c: &Camera, position_m: [f64; 3]) -> CameraReport {
+    let (right, bottom) = ((c.width - 1) as f64, (c.height - 1) as f64);
+    let angle = |a: Vec2, b: Vec2| Some(c.unproject(&a)?.angle(&c.unproject(&b)?).to_degrees());
+    let grid =
+        (0..33 * 33).map(|i| Vec2::new(right * (i % 33) as f64 / 32.0, bottom * (i / 33) as f64 / 32.0));
+    let (mut rays, mut round_trip_px) = (0, 0.0f64);
+    for px in grid {
+        let Some(ray) = c.unproject(&px) else { continue };
+        rays += 1;
+        round_trip_px = round_trip_px.max(c.project(&ray).map_or(f64::INFINITY, |back| (back - px).norm()));
+    }
+    CameraReport {
+        name: name.to_owned(),
+        resolution: [c.width, c.height],
+        focal_px: [c.fx, c.fy],
+        centre_px: [c.cx, c.cy],
+        distortion: c.distortion.name(),
+        coefficients: c.distortion.coefficients(),
+        field_of_view_deg: [
+            angle(Vec2::new(0.0, bottom / 2.0), Vec2::new(right, bottom / 2.0)),
+            angle(Vec2::new(right / 2.0, 0.0), Vec2::new(right / 2.0, bottom)),
+        ],
+        rays: rays as f64 / (33.0 * 33.0),
+        round_trip_px,
+        position_m,
+    }
+}
+
+fn text(r: &Report) -> String {
+    let mut lines = Vec::new();
+    for c in &r.cameras {
+        let [w, h] = c.resolution;
+        let [across, down] = c.field_of_view_deg.map(|a| a.map_or("no ray".into(), |a| format!("{a:.1}")));
+        // Adding zero makes a negative zero a plain one.
+        let [x, y, z] = c.position_m.map(|v| v + 0.0);
+        lines.push(format!("{}  {w}x{h}, field of view {across} x {down} deg", c.name));
+        lines.push(format!(
+            "  focal {:.3} {:.3} px, centre {:.3} {:.3} px",
+            c.focal_px[0], c.focal_px[1], c.centre_px[0], c.centre_px[1]
+        ));
+        lines.push(format!("  distortion {} {:?}", c.distortion, c.coefficients));
+        lines.push(format!("  at {x:.4} {y:.4} {z:.4} m in the body"));
+        lines.push(format!(
+            "  rays for {:.1} % of the image, round trip within {:.1e} px",
+            100.0 * c.rays,
+            c.round_trip_px
+        ));
+    }
+    if let Some(s) = &r.stereo {
+        lines.push(format!("stereo  baseline {:.4} m, axes {:.3} deg apart", s.baseline_m, s.axes_deg));
+    }
+    if let Some(d) = &r.depth {
+        let registered =
+            if d.registered { "registered to the first camera" } else { "with its own projection" };
+        lines.push(format!(
+            "depth  {}x{}, {} m a unit, {registered}",
+            d.resolution[0], d.resolution[1], d.metres_per_unit
+        ));
+    }
+    if let Some(i) = &r.imu {
+        lines.push(format!("imu  {} Hz, {:+.6} s to the images' clock", i.rate_hz, i.offset_s + 0.0));
+        lines.push(format!("  gyro {:e} rad/s/sqrt(Hz), walk {:e}", i.gyro_noise, i.gyro_walk));
+        lines.push(format!("  accel {:e} m/s^2/sqrt(Hz), walk {:e}", i.accel_noise, i.accel_walk));
+    }
+    if let Some(path) = &r.written {
+        lines.push(format!("written to {}", path.display()));
+    }
+    lines.join("\n")
+}
