@@ -1,1 +1,40 @@
-//! path recorder, clean-up, matcher, guide, phrases, announcement queue.
+#![doc = include_str!("../README.md")]
+
+mod announcer;
+mod clean;
+mod cue;
+mod facing;
+mod ground;
+mod guide;
+mod info;
+mod matcher;
+mod motion;
+mod moving;
+mod phrases;
+mod random;
+mod recorder;
+mod route;
+mod setting;
+mod store;
+mod tracks;
+pub mod trial;
+mod turning;
+pub mod walker;
+mod way;
+
+pub use announcer::{Announcer, AnnouncerSetting, Utterance, speaking_time};
+pub use clean::{CleanSetting, CleanWay, Cut, clean, clean_line, largest_distance, length};
+pub use cue::{Ahead, Cue, CueKind, Earcon, First, Next, Priority, StopReason};
+pub use facing::{Facing, Stance};
+pub use ground::{Ground, cross, direction, heading_of, wrap};
+pub use guide::{Guide, GuideError, GuideInput, GuideState};
+pub use info::{WayDrawing, WayInfo, survey};
+pub use matcher::{Match, Matcher, MatcherSetting};
+pub use phrases::{Direction, DirectionStyle, PhraseSetting, Side, Unit, clock};
+pub use random::Random;
+pub use recorder::{RecordInput, Recorder, RecorderEvent, RecorderSetting};
+pub use route::{Maneuver, Route, RouteError, RouteSetting, Stairs, Travel};
+pub use setting::GuideSetting;
+pub use store::{Durable, WayError, WayWriter};
+pub use walker::Walker;
+pub use way::{Anchor, Confidence, PlacedPoint, Stretch, Way, WayHeader, WayPoint};

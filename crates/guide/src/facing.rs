@@ -1,0 +1,64 @@
+//! How the walker stands to the camera, and the body frame that follows from it.
+
+use crate::ground::{Ground, direction, wrap};
+use cairn_geometry::{Camera, Odom, Pose, Vec2};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
+
+/// One of the three ways back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Facing {
+    /// The walker faces and goes where the camera looks.
+    Home,
+    /// The camera looks back: the walker faces and goes along minus the optical axis.
+    Back,
+    /// The walker faces along the optical axis and goes along minus it.
+    Backwards,
+}
+
+/// The walker seen from above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stance {
+    /// Where, in metres on the ground plane.
+    pub position: Vec2,
+    /// Height of the camera in metres.
+    pub height: f64,
+    /// Where the walker's chest points, in radians.
+    pub heading: f64,
+    /// Where the walker goes when told to move on, in radians: the heading, or its opposite.
+    pub course: f64,
+}
+
+impl Facing {
+    /// The walker's stance from the pose of the camera; `None` when the pose has no heading or is not finite.
+    pub fn stance(self, ground: &Ground, odom_from_camera: &Pose<Odom, Camera>) -> Option<Stance> {
+        let pose = &odom_from_camera.se3;
+        if !pose.is_finite() {
+            return None;
+        }
+        let camera = ground.heading(pose)?;
+        let (heading, course) = match self {
+            Facing::Home => (camera, camera),
+            Facing::Back => (wrap(camera + PI), wrap(camera + PI)),
+            Facing::Backwards => (camera, wrap(camera + PI)),
+        };
+        let (position, height) = (ground.plane(&pose.translation), ground.height(&pose.translation));
+        Some(Stance { position, height, heading, course })
+    }
+}
+
+impl Stance {
+    /// How far a point lies to the walker's own left, in metres (negative: right), whichever way the walker goes.
+    pub fn to_left(&self, point: &Vec2) -> f64 {
+        let left = direction(self.heading + 0.5 * PI);
+        (point - self.position).dot(&left)
+    }
+
+    /// The rotation in radians that brings the course to `heading`: positive to the walker's left.
+    ///
+    /// Chest and course turn together, so this holds for a walker going backwards as well.
+    pub fn turn_to(&self, heading: f64) -> f64 {
+        wrap(heading - self.course)
+    }
+}

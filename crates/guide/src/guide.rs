@@ -1,0 +1,347 @@
+//! The guide: from stamped poses and a route to cues.
+//!
+//! In: a pose of the camera in the smooth frame with its confidence, many times a second, and a tick when
+//! there is none. Out: at most one cue a step. It knows no clock but the stamps, and no map: when the map
+//! moves, the caller places the way anew and hands over the corrected route.
+
+use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
+use crate::facing::{Facing, Stance};
+use crate::ground::{Ground, heading_of};
+use crate::matcher::{Match, Matcher};
+use crate::motion::Motion;
+use crate::route::{Maneuver, Route};
+use crate::setting::GuideSetting;
+use crate::turning::Turning;
+use crate::way::Confidence;
+use cairn_geometry::{Camera, Odom, Pose};
+use cairn_sensor::Stamp;
+
+/// One step's input.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GuideInput {
+    /// The time now, in the clock of the poses.
+    pub now: Stamp,
+    /// The time of the pose.
+    pub pose_stamp: Stamp,
+    /// The camera rig (x right, y down, z forward) in the smooth frame; the last known one when lost.
+    pub odom_from_camera: Pose<Odom, Camera>,
+    /// How far to trust the pose.
+    pub confidence: Confidence,
+    /// Speed over ground in m/s, when something better than the poses knows it.
+    pub speed: Option<f64>,
+    /// A reason to stop that others found: an obstacle, unknown ground, a dead stage.
+    pub hazard: Option<StopReason>,
+}
+
+/// Why guidance cannot begin.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum GuideError {
+    /// Going backwards is for flat ground only.
+    #[error("the way has stairs: it must not be walked backwards")]
+    BackwardsOnStairs,
+}
+
+/// What the guide is doing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GuideState {
+    /// Waiting for the first good pose.
+    Waiting,
+    /// The walker turns on the spot.
+    Turning,
+    /// The walker is under way.
+    Moving,
+    /// Backwards: standing at the end of a leg, looking behind.
+    Checking,
+    /// Backwards: stepping back to the line.
+    SteppingAside,
+    /// Told to stop for a reason.
+    Stopped(StopReason),
+    /// The end was reached.
+    Arrived,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) enum Phase {
+    Begin,
+    Turning(Turning),
+    Moving,
+    Checking { since: Stamp },
+    SteppingAside { since: Stamp },
+    Done,
+}
+
+/// What one step knows.
+pub(crate) struct Now {
+    pub stamp: Stamp,
+    pub stance: Stance,
+    pub at: Match,
+    pub speed: f64,
+}
+
+/// Guides one walker along one route.
+#[derive(Clone, Debug)]
+pub struct Guide {
+    pub(crate) setting: GuideSetting,
+    ground: Ground,
+    pub(crate) route: Route,
+    matcher: Matcher,
+    pub(crate) motion: Motion,
+    pub(crate) phase: Phase,
+    halted: Option<Halt>,
+    started: bool,
+    last_match: Option<Match>,
+    /// The next maneuver that is not done yet.
+    pub(crate) next: usize,
+    pub(crate) memory: Memory,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Halt {
+    reason: StopReason,
+    said: Stamp,
+    good_since: Option<Stamp>,
+}
+
+/// When things were last said or seen.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Memory {
+    /// The maneuver whose approach was told.
+    pub approached: Option<usize>,
+    /// When the last direction was given.
+    pub directed: Option<Stamp>,
+    /// Metres along when the distance ahead was last told.
+    pub told_at_m: f64,
+    pub aim_off_since: Option<Stamp>,
+    pub off_since: Option<Stamp>,
+    pub off: bool,
+    pub off_said: Option<Stamp>,
+    pub wrong_m: f64,
+    pub wrong_said: Option<Stamp>,
+    pub stopped_said: Option<(Stamp, u32)>,
+    pub ticked: Option<Stamp>,
+    pub leg_start_m: f64,
+    pub fast_since: Option<Stamp>,
+    pub fast_said: Option<Stamp>,
+    pub weak_since: Option<Stamp>,
+    pub weak_said: bool,
+}
+
+impl Guide {
+    /// A guide for a route in the smooth frame whose ground is `ground`.
+    pub fn new(route: Route, ground: Ground, setting: GuideSetting) -> Result<Self, GuideError> {
+        if setting.facing == Facing::Backwards && route.has_stairs() {
+            return Err(GuideError::BackwardsOnStairs);
+        }
+        Ok(Self {
+            matcher: Matcher::new(setting.matcher),
+            setting,
+            ground,
+            route,
+            motion: Motion::default(),
+            phase: Phase::Begin,
+            halted: None,
+            started: false,
+            last_match: None,
+            next: 0,
+            memory: Memory::default(),
+        })
+    }
+
+    /// What the guide is doing.
+    pub fn state(&self) -> GuideState {
+        match (&self.halted, &self.phase) {
+            (Some(halt), _) => GuideState::Stopped(halt.reason),
+            (_, Phase::Begin) => GuideState::Waiting,
+            (_, Phase::Turning(_)) => GuideState::Turning,
+            (_, Phase::Moving) => GuideState::Moving,
+            (_, Phase::Checking { .. }) => GuideState::Checking,
+            (_, Phase::SteppingAside { .. }) => GuideState::SteppingAside,
+            (_, Phase::Done) => GuideState::Arrived,
+        }
+    }
+
+    /// The route being walked.
+    pub fn route(&self) -> &Route {
+        &self.route
+    }
+
+    /// Where on the route the walker was at the last good pose.
+    pub fn place(&self) -> Option<Match> {
+        self.last_match
+    }
+
+    /// Replaces the route by a corrected one after the map moved: the walker stays where he was along it.
+    pub fn correct_route(&mut self, route: Route) {
+        let left = self.route.length() - self.matcher.along_m();
+        let along = (route.length() - left).clamp(0.0, route.length());
+        let done = self.route.maneuvers().len() - self.next;
+        self.route = route;
+        self.matcher.place(along);
+        // The same maneuvers are done when there are as many; else those that lie behind are.
+        let behind = self.route.maneuvers().partition_point(|m| m.at_m < along + 0.3);
+        self.next = match self.route.maneuvers().len().checked_sub(done) {
+            Some(k) if k.abs_diff(behind) <= 1 => k,
+            _ => behind,
+        };
+        self.memory.told_at_m = self.memory.told_at_m.min(along);
+    }
+
+    /// Takes a pose (or the last one again, when time passed without a new one) and says what to tell the walker.
+    pub fn step(&mut self, input: &GuideInput) -> Option<Cue> {
+        if matches!(self.phase, Phase::Done) {
+            return None;
+        }
+        let kind = self.decide(input)?;
+        Some(Cue { stamp: input.now, facing: self.setting.facing, kind })
+    }
+
+    fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
+        let stance = self.setting.facing.stance(&self.ground, &input.odom_from_camera);
+        let (Some(stance), None) = (stance, self.danger(input)) else {
+            return self.halt(self.danger(input).unwrap_or(StopReason::TrackingLost), input.now);
+        };
+        if !self.confident_again(input.now) {
+            return None;
+        }
+        self.motion.push(input.pose_stamp, &stance);
+        let at = self.matcher.update(&self.route, &stance.position, input.now);
+        self.last_match = Some(at);
+        let speed = input.speed.filter(|v| v.is_finite()).unwrap_or_else(|| self.motion.speed());
+        let now = Now { stamp: input.now, stance, at, speed };
+        if let Some(kind) = self.weak(input) {
+            return Some(kind);
+        }
+        match self.phase.clone() {
+            Phase::Begin => Some(self.begin(&now)),
+            Phase::Turning(turning) => self.turning(turning, &now),
+            Phase::Moving => self.moving(&now),
+            Phase::Checking { since } => self.checking(since, &now),
+            Phase::SteppingAside { since } => self.stepping_aside(since, &now),
+            Phase::Done => None,
+        }
+    }
+
+    fn danger(&self, input: &GuideInput) -> Option<StopReason> {
+        if input.hazard.is_some() {
+            input.hazard
+        } else if input.confidence == Confidence::Lost {
+            Some(StopReason::TrackingLost)
+        } else if input.now - input.pose_stamp > self.setting.stale_s {
+            Some(StopReason::PoseStale)
+        } else {
+            None
+        }
+    }
+
+    /// Says stop at once, and again while the reason lasts.
+    fn halt(&mut self, reason: StopReason, now: Stamp) -> Option<CueKind> {
+        if !self.started && self.halted.is_none() && reason == StopReason::TrackingLost {
+            // Nobody was told to move yet: wait for the first pose in silence.
+            return None;
+        }
+        let said = self.halted.filter(|h| h.reason == reason).map(|h| h.said);
+        let due = said.is_none_or(|t| now - t >= self.setting.stop_again_s);
+        let said = if due { now } else { said.unwrap_or(now) };
+        self.halted = Some(Halt { reason, said, good_since: None });
+        due.then_some(CueKind::Stop(reason))
+    }
+
+    /// True when guidance may go on; after a stop only when poses were good for a while.
+    fn confident_again(&mut self, now: Stamp) -> bool {
+        let Some(halt) = &mut self.halted else { return true };
+        let since = *halt.good_since.get_or_insert(now);
+        if now - since < self.setting.resume_s {
+            return false;
+        }
+        self.halted = None;
+        self.motion.clear();
+        self.phase = Phase::Begin;
+        true
+    }
+
+    fn weak(&mut self, input: &GuideInput) -> Option<CueKind> {
+        if input.confidence == Confidence::Good {
+            self.memory.weak_since = None;
+            self.memory.weak_said = false;
+            return None;
+        }
+        let since = *self.memory.weak_since.get_or_insert(input.now);
+        let due = self.started && !self.memory.weak_said && input.now - since >= self.setting.weak_s;
+        self.memory.weak_said |= due;
+        due.then_some(CueKind::Weak)
+    }
+
+    /// The first words, and the first after a stop.
+    fn begin(&mut self, now: &Now) -> CueKind {
+        self.next = self.route.maneuvers().partition_point(|m| m.end_m < now.at.along_m + 0.3);
+        let turn = now.stance.turn_to(self.aim(now));
+        let first = if turn.abs().to_degrees() < self.setting.turn_tolerance_deg {
+            self.set_out(now);
+            First::Go(self.ahead(now))
+        } else {
+            self.phase = Phase::Turning(Turning::new(now, turn, false));
+            First::Turn(turn)
+        };
+        self.memory.directed = Some(now.stamp);
+        match std::mem::replace(&mut self.started, true) {
+            false => CueKind::Start { total_m: self.route.length(), first },
+            true => CueKind::Resume(first),
+        }
+    }
+
+    /// The walker is told to go: legs, progress and patience begin anew.
+    pub(crate) fn set_out(&mut self, now: &Now) {
+        self.phase = Phase::Moving;
+        self.memory.told_at_m = now.at.along_m;
+        self.memory.leg_start_m = now.at.along_m;
+        self.memory.aim_off_since = None;
+        self.memory.directed = Some(now.stamp);
+        self.memory.wrong_m = 0.0;
+        self.memory.stopped_said = None;
+    }
+
+    /// The maneuver to come, if any.
+    pub(crate) fn coming(&self) -> Option<&Maneuver> {
+        self.route.maneuvers().get(self.next)
+    }
+
+    /// Metres along the route of the next thing to do: a maneuver or the end.
+    pub(crate) fn next_at_m(&self) -> f64 {
+        self.coming().map_or(self.route.length(), |m| m.at_m)
+    }
+
+    /// The heading towards the point the walker should aim at: some way ahead, not past the next turn.
+    pub(crate) fn aim(&self, now: &Now) -> f64 {
+        let reach = if self.setting.facing == Facing::Backwards {
+            0.67 * self.setting.look_ahead_m
+        } else {
+            self.setting.look_ahead_m
+        };
+        // Near a turn that is not due yet the aim stays beyond the walker's feet.
+        let target = (now.at.along_m + reach).min(self.next_at_m().max(now.at.along_m + 0.5));
+        let to = self.route.point_at(target) - now.stance.position;
+        if to.norm() < 0.3 { now.at.heading } else { heading_of(&to) }
+    }
+
+    /// What comes next from here.
+    pub(crate) fn ahead(&self, now: &Now) -> Ahead {
+        let maneuvers = self.route.maneuvers();
+        let Some(m) = maneuvers.get(self.next) else {
+            let distance_m = (self.route.length() - now.at.along_m).max(0.0);
+            return Ahead { distance_m, next: Next::End, then: None };
+        };
+        let then = maneuvers.get(self.next + 1).filter(|n| n.joined);
+        Ahead {
+            distance_m: (m.at_m - now.at.along_m).max(0.0),
+            next: as_next(m),
+            then: then.map(|n| ((n.at_m - m.end_m).max(0.0), as_next(n))),
+        }
+    }
+}
+
+fn as_next(m: &Maneuver) -> Next {
+    match m.stairs {
+        Some(s) if m.turn_rad == 0.0 => Next::Stairs(s),
+        stairs => Next::Turn { turn_rad: m.turn_rad, stairs },
+    }
+}

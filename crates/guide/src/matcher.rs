@@ -1,0 +1,164 @@
+//! Where on the route the walker is: the nearest point that continuity along the route allows.
+//!
+//! A route may cross itself, so the search looks only at a window around the last match; when the walker
+//! has been far from that stretch for a while, the whole route is searched, nearer stretches preferred.
+
+use crate::ground::cross;
+use crate::route::Route;
+use cairn_geometry::Vec2;
+use cairn_sensor::Stamp;
+
+/// How far the search reaches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MatcherSetting {
+    /// Metres searched behind the last match.
+    pub behind_m: f64,
+    /// Metres searched ahead of it.
+    pub ahead_m: f64,
+    /// Metres of distance that one metre along the route is worth when candidates compete.
+    pub along_weight: f64,
+    /// Farther than this from the window for [`Self::lost_s`], the whole route is searched.
+    pub lost_m: f64,
+    /// Seconds.
+    pub lost_s: f64,
+}
+
+impl Default for MatcherSetting {
+    fn default() -> Self {
+        Self { behind_m: 4.0, ahead_m: 4.0, along_weight: 0.1, lost_m: 4.0, lost_s: 4.0 }
+    }
+}
+
+/// A place on the route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Match {
+    /// Metres from the start of the route.
+    pub along_m: f64,
+    /// Metres to the left of the route (negative: right).
+    pub cross_m: f64,
+    /// The nearest point of the route.
+    pub foot: Vec2,
+    /// The heading of the route there, radians.
+    pub heading: f64,
+}
+
+/// Follows one walker along one route.
+#[derive(Clone, Debug)]
+pub struct Matcher {
+    setting: MatcherSetting,
+    along_m: f64,
+    far_since: Option<Stamp>,
+}
+
+impl Matcher {
+    /// Starts at the beginning of the route.
+    pub fn new(setting: MatcherSetting) -> Self {
+        Self { setting, along_m: 0.0, far_since: None }
+    }
+
+    /// Says where the walker is; used when the route was replaced by a corrected one.
+    pub fn place(&mut self, along_m: f64) {
+        self.along_m = along_m;
+        self.far_since = None;
+    }
+
+    /// Metres along at the last match.
+    pub fn along_m(&self) -> f64 {
+        self.along_m
+    }
+
+    /// The match for a position on the ground plane.
+    pub fn update(&mut self, route: &Route, position: &Vec2, now: Stamp) -> Match {
+        let (from, to) = (self.along_m - self.setting.behind_m, self.along_m + self.setting.ahead_m);
+        let mut found = self.nearest(route, position, from, to);
+        let far = (found.foot - position).norm() > self.setting.lost_m;
+        match (far, self.far_since) {
+            (false, _) => self.far_since = None,
+            (true, None) => self.far_since = Some(now),
+            (true, Some(since)) if now - since >= self.setting.lost_s => {
+                found = self.nearest(route, position, f64::NEG_INFINITY, f64::INFINITY);
+                self.far_since = None;
+            }
+            (true, Some(_)) => {}
+        }
+        self.along_m = found.along_m;
+        found
+    }
+
+    fn nearest(&self, route: &Route, p: &Vec2, from: f64, to: f64) -> Match {
+        let (points, along) = (route.points(), route.along());
+        let mut best: Option<(f64, Match)> = None;
+        for k in 0..points.len() - 1 {
+            if along[k + 1] < from || along[k] > to {
+                continue;
+            }
+            let d = points[k + 1] - points[k];
+            let span = along[k + 1] - along[k];
+            let (low, high) = ((from - along[k]).max(0.0) / span, (to - along[k]).min(span) / span);
+            let t = ((p - points[k]).dot(&d) / d.norm_squared()).clamp(low, high);
+            let foot = points[k] + d * t;
+            let along_m = along[k] + span * t;
+            let cost = (p - foot).norm() + self.setting.along_weight * (along_m - self.along_m).abs();
+            if best.as_ref().is_none_or(|(c, _)| cost < *c) {
+                let cross_m = cross(&(d / d.norm()), &(p - foot));
+                // At a corner the foot is the corner itself: the whole distance counts, with the side of the segment.
+                let side = if cross_m < 0.0 { -1.0 } else { 1.0 };
+                let cross_m = if t > 0.0 && t < 1.0 { cross_m } else { side * (p - foot).norm() };
+                best = Some((cost, Match { along_m, cross_m, foot, heading: d.y.atan2(d.x) }));
+            }
+        }
+        // The window always holds the segment of the last match; a route has at least one segment.
+        best.map_or_else(
+            || {
+                let foot = route.point_at(self.along_m);
+                let cross_m = (p - foot).norm();
+                Match { along_m: self.along_m, cross_m, foot, heading: route.heading_at(self.along_m) }
+            },
+            |(_, m)| m,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Ground, RouteSetting};
+    use cairn_geometry::Vec3;
+
+    fn route(line: &[[f64; 2]]) -> Route {
+        let line: Vec<Vec3> = line.iter().map(|p| Vec3::new(p[0], p[1], 0.0)).collect();
+        Route::new(&line, &Ground::z_up(), &RouteSetting::default()).unwrap()
+    }
+
+    #[test]
+    fn a_crossing_does_not_make_it_jump() {
+        // A figure that crosses itself at (10, 0), 10 m and 50 m along.
+        let r = route(&[[0., 0.], [20., 0.], [20., 10.], [10., 10.], [10., -10.]]);
+        let mut matcher = Matcher::new(MatcherSetting::default());
+        let mut t = 0;
+        for truth in (0..=600).map(|k| k as f64 * 0.1).filter(|a| *a <= r.length()) {
+            t += 100_000_000;
+            // 0.4 m to the left all the way.
+            let left = crate::ground::direction(r.heading_at(truth) + std::f64::consts::FRAC_PI_2) * 0.4;
+            let m = matcher.update(&r, &(r.point_at(truth) + left), Stamp(t));
+            assert!((m.along_m - truth).abs() < 0.9, "at {truth} matched {}", m.along_m);
+            assert!(m.cross_m.abs() < 0.6);
+        }
+    }
+
+    #[test]
+    fn cross_track_is_signed_and_the_whole_route_is_searched_when_lost() {
+        let r = route(&[[0., 0.], [50., 0.], [50., 30.]]);
+        let mut matcher = Matcher::new(MatcherSetting::default());
+        assert_eq!(matcher.update(&r, &Vec2::new(2.0, 1.0), Stamp(0)).cross_m, 1.0);
+        assert_eq!(matcher.update(&r, &Vec2::new(3.0, -1.0), Stamp(0)).cross_m, -1.0);
+        let far = Vec2::new(50.5, 20.0);
+        let near = matcher.update(&r, &far, Stamp::from_seconds(1.0));
+        assert!(near.along_m < 10.0);
+        let mut m = near;
+        for k in 0..60 {
+            m = matcher.update(&r, &far, Stamp::from_seconds(1.0 + 0.1 * k as f64));
+        }
+        assert!((m.along_m - 70.0).abs() < 1e-9 && (m.cross_m + 0.5).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,294 @@
+//! While the walker is under way: turns, corrections, corridor, wrong way, standing, progress, arrival.
+
+use crate::cue::CueKind;
+use crate::facing::Facing;
+use crate::ground::{cross, direction, heading_of, wrap};
+use crate::guide::{Guide, Now, Phase};
+use crate::turning::Turning;
+use cairn_sensor::Stamp;
+
+fn since(last: Option<Stamp>, now: Stamp) -> f64 {
+    last.map_or(f64::INFINITY, |t| now - t)
+}
+
+impl Guide {
+    fn backwards(&self) -> bool {
+        self.setting.facing == Facing::Backwards
+    }
+
+    pub(crate) fn moving(&mut self, now: &Now) -> Option<CueKind> {
+        self.note(now);
+        let aim = now.stance.turn_to(self.aim(now));
+        self.arrival(now)
+            .or_else(|| self.turn_now(now))
+            .or_else(|| self.wrong_way(now, aim))
+            .or_else(|| self.step_aside(now))
+            .or_else(|| self.off_path(now, aim))
+            .or_else(|| self.approach(now))
+            .or_else(|| self.adjust(now, aim))
+            .or_else(|| self.check_behind(now))
+            .or_else(|| self.slow_down(now))
+            .or_else(|| self.stopped(now))
+            .or_else(|| self.progress(now))
+            .or_else(|| self.tick(now, aim))
+    }
+
+    /// Keeps count of going the wrong way and of being off the path.
+    fn note(&mut self, now: &Now) {
+        let wrong = now.stance.turn_to(now.at.heading).abs().to_degrees() > self.setting.wrong_way_deg;
+        self.memory.wrong_m = if wrong { self.memory.wrong_m + self.motion.last_step() } else { 0.0 };
+        let limit = self.setting.off_m - if self.memory.off { self.setting.off_hysteresis_m } else { 0.0 };
+        if now.at.cross_m.abs() <= limit {
+            self.memory.off_since = None;
+        } else {
+            self.memory.off_since.get_or_insert(now.stamp);
+        }
+    }
+
+    fn direct(&mut self, now: &Now) {
+        self.memory.directed = Some(now.stamp);
+        self.memory.aim_off_since = None;
+    }
+
+    fn turn_on_spot(&mut self, now: &Now, turn: f64) {
+        self.direct(now);
+        self.phase = Phase::Turning(Turning::new(now, turn, true));
+    }
+
+    /// The walker will stand at the end of the way if told now.
+    fn arrival(&mut self, now: &Now) -> Option<CueKind> {
+        let end = self.route.end();
+        let to_end = end - now.stance.position;
+        if self.next < self.route.maneuvers().len() || self.route.length() - now.at.along_m > 4.0 {
+            return None;
+        }
+        let [width, depth, height] = self.setting.arrival_box_m;
+        let level = (now.stance.height - self.route.height_at(self.route.length())).abs() <= height;
+        let course = direction(now.stance.course);
+        let (ahead, miss) = (to_end.dot(&course), cross(&course, &to_end).abs());
+        let standing_there = to_end.norm() <= 0.5 * width.min(depth);
+        let early = (now.speed * self.setting.arrival_lead_s).max(0.5 * depth);
+        let soon = ahead > -0.5 * depth && ahead <= early && miss <= self.setting.arrival_miss_m;
+        if level && (standing_there || soon) {
+            self.phase = Phase::Done;
+            return Some(CueKind::Arrived);
+        }
+        None
+    }
+
+    /// "Turn now" at the coming maneuver, or just its waypoint when the walker already goes the right way.
+    fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
+        let m = *self.coming()?;
+        let before = self.next.checked_sub(1).map_or(0.0, |k| self.route.maneuvers()[k].end_m);
+        let s = &self.setting;
+        let most = (s.turn_now_share * (m.at_m - before)).max(s.turn_now_min_m);
+        let early = (s.turn_now_s * now.speed).clamp(s.turn_now_min_m, most) + s.reaction_s * now.speed;
+        let middle = 0.5 * (m.at_m + m.end_m);
+        if middle - now.at.along_m > early {
+            return None;
+        }
+        self.next += 1;
+        self.memory.leg_start_m = now.at.along_m;
+        self.memory.told_at_m = now.at.along_m;
+        let turn = now.stance.turn_to(m.exit_heading);
+        if m.turn_rad != 0.0 && turn.abs().to_degrees() >= 20.0 {
+            self.turn_on_spot(now, turn);
+            return Some(CueKind::TurnNow { turn_rad: turn, stairs: m.stairs });
+        }
+        match m.stairs {
+            Some(stairs) => Some(CueKind::StairsNow(stairs)),
+            None => Some(CueKind::Waypoint),
+        }
+    }
+
+    fn approach(&mut self, now: &Now) -> Option<CueKind> {
+        let m = *self.coming()?;
+        if self.memory.approached == Some(self.next) {
+            return None;
+        }
+        let before = self.next.checked_sub(1).map_or(0.0, |k| self.route.maneuvers()[k].end_m);
+        let segment = m.at_m - before;
+        let s = &self.setting;
+        let faster = s.approach_per_speed * (now.speed - 1.0).max(0.0);
+        let far = if m.stairs.is_some() { s.approach_stairs_m } else { s.approach_m } + faster;
+        let wanted = segment >= s.approach_segment_m || m.stairs.is_some();
+        if !wanted || m.at_m - now.at.along_m > far.min(0.5 * segment) {
+            return None;
+        }
+        self.memory.approached = Some(self.next);
+        self.memory.told_at_m = now.at.along_m;
+        Some(CueKind::Approach(self.ahead(now)))
+    }
+
+    fn wrong_way(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+        let again = since(self.memory.wrong_said, now.stamp) >= self.setting.wrong_way_again_s;
+        if self.memory.wrong_m <= self.setting.wrong_way_m || !again {
+            return None;
+        }
+        self.memory.wrong_m = 0.0;
+        self.memory.wrong_said = Some(now.stamp);
+        self.turn_on_spot(now, aim);
+        Some(CueKind::WrongWay(aim))
+    }
+
+    fn off_path(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+        let Some(off_since) = self.memory.off_since else {
+            let was = std::mem::replace(&mut self.memory.off, false);
+            return was.then_some(CueKind::BackOnPath);
+        };
+        if now.stamp - off_since < self.setting.off_dwell_s {
+            return None;
+        }
+        let first = self.next == 0;
+        let pause = if first { self.setting.off_again_first_s } else { self.setting.off_again_s };
+        if self.memory.off && since(self.memory.off_said, now.stamp) < pause {
+            return None;
+        }
+        self.memory.off = true;
+        self.memory.off_said = Some(now.stamp);
+        let to_path = now.at.foot - now.stance.position;
+        let bearing = now.stance.turn_to(heading_of(&to_path));
+        let turn = if aim.abs().to_degrees() >= 20.0 { aim } else { 0.0 };
+        if turn != 0.0 {
+            self.turn_on_spot(now, turn);
+        } else {
+            self.direct(now);
+        }
+        Some(CueKind::OffPath { distance_m: to_path.norm(), bearing_rad: bearing, turn_rad: turn })
+    }
+
+    /// Small corrections, before anything goes wrong.
+    fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+        let s = &self.setting;
+        let off_deg = aim.abs().to_degrees();
+        let warned = now.at.cross_m.abs() > s.warn_m && aim * now.at.cross_m < 0.0;
+        let base = if self.backwards() { s.backwards_adjust_deg } else { s.adjust_deg };
+        let limit = if warned { 0.6 * base } else { base };
+        // A turn or the end right ahead: the aim is too near to mean anything.
+        let near = self.next_at_m() - now.at.along_m < 1.2;
+        if off_deg <= limit || off_deg > s.wrong_way_deg || near || now.speed < 0.15 {
+            self.memory.aim_off_since = None;
+            return None;
+        }
+        let off_since = *self.memory.aim_off_since.get_or_insert(now.stamp);
+        let rested = since(self.memory.directed, now.stamp) >= s.adjust_again_s;
+        if now.stamp - off_since < s.adjust_dwell_s || !rested || self.motion.turn_rate().abs() > 0.3 {
+            return None;
+        }
+        if off_deg > s.adjust_turn_deg {
+            self.turn_on_spot(now, aim);
+            return Some(CueKind::Rotate(aim));
+        }
+        self.direct(now);
+        Some(CueKind::Adjust(aim))
+    }
+
+    fn stopped(&mut self, now: &Now) -> Option<CueKind> {
+        if !self.motion.stood(self.setting.stopped_s, self.setting.stopped_m) {
+            if now.speed > 0.2 {
+                self.memory.stopped_said = None;
+            }
+            return None;
+        }
+        let times = match self.memory.stopped_said {
+            None if since(self.memory.directed, now.stamp) >= self.setting.stopped_s => 1,
+            Some((at, 1)) if now.stamp - at >= self.setting.stopped_again_s => 2,
+            _ => return None,
+        };
+        self.memory.stopped_said = Some((now.stamp, times));
+        Some(CueKind::Stopped(self.ahead(now)))
+    }
+
+    fn progress(&mut self, now: &Now) -> Option<CueKind> {
+        let step = self.setting.progress_m?;
+        if now.at.along_m - self.memory.told_at_m < step || self.next_at_m() - now.at.along_m < 3.0 {
+            return None;
+        }
+        self.memory.told_at_m = now.at.along_m;
+        Some(CueKind::Progress(self.ahead(now)))
+    }
+
+    fn tick(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+        let on = aim.abs().to_degrees() <= self.setting.cone_deg && now.speed > 0.15 && !self.memory.off;
+        if !on || since(self.memory.ticked, now.stamp) < self.setting.tick_s {
+            return None;
+        }
+        self.memory.ticked = Some(now.stamp);
+        Some(CueKind::OnCourse)
+    }
+
+    // Backwards.
+
+    fn check_behind(&mut self, now: &Now) -> Option<CueKind> {
+        let walked = now.at.along_m - self.memory.leg_start_m;
+        let rest = self.next_at_m() - self.memory.leg_start_m;
+        if !self.backwards() || walked < self.setting.leg_m || rest <= self.setting.leg_most_m {
+            return None;
+        }
+        self.direct(now);
+        self.phase = Phase::Checking { since: now.stamp };
+        Some(CueKind::CheckBehind)
+    }
+
+    pub(crate) fn checking(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
+        if now.stamp - since < self.setting.check_s || !self.motion.stood(1.0, 0.15) {
+            return None;
+        }
+        self.go_or_rotate(now)
+    }
+
+    fn step_aside(&mut self, now: &Now) -> Option<CueKind> {
+        // After a turn the first step is off by the overshoot; the line is judged once the walker goes along it.
+        let rested = since(self.memory.directed, now.stamp) >= 2.0;
+        if !self.backwards() || now.at.cross_m.abs() <= self.setting.backwards_off_m || !rested {
+            return None;
+        }
+        Some(self.aside(now))
+    }
+
+    fn aside(&mut self, now: &Now) -> CueKind {
+        self.direct(now);
+        self.phase = Phase::SteppingAside { since: now.stamp };
+        let ahead = now.at.foot + direction(now.at.heading) * 0.3;
+        CueKind::StepAside(now.stance.to_left(&ahead))
+    }
+
+    pub(crate) fn stepping_aside(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
+        if let Some(arrived) = self.arrival(now) {
+            return Some(arrived);
+        }
+        if now.stamp - since < 3.5 || !self.motion.stood(1.0, 0.15) {
+            return None;
+        }
+        if now.at.cross_m.abs() > 0.6 * self.setting.backwards_off_m {
+            return Some(self.aside(now));
+        }
+        self.go_or_rotate(now)
+    }
+
+    /// From standing: on, or first turn.
+    fn go_or_rotate(&mut self, now: &Now) -> Option<CueKind> {
+        let aim = wrap(now.stance.turn_to(self.aim(now)));
+        if aim.abs().to_degrees() > self.setting.turn_tolerance_deg {
+            self.direct(now);
+            self.phase = Phase::Turning(Turning::new(now, aim, false));
+            return Some(CueKind::Rotate(aim));
+        }
+        self.set_out(now);
+        Some(CueKind::Go { ahead: self.ahead(now), check: false })
+    }
+
+    fn slow_down(&mut self, now: &Now) -> Option<CueKind> {
+        if !self.backwards() || now.speed <= 1.1 * self.setting.backwards_speed {
+            self.memory.fast_since = None;
+            return None;
+        }
+        let fast_since = *self.memory.fast_since.get_or_insert(now.stamp);
+        let again = since(self.memory.fast_said, now.stamp) >= 6.0;
+        if now.stamp - fast_since < 1.5 || !again {
+            return None;
+        }
+        self.memory.fast_said = Some(now.stamp);
+        Some(CueKind::SlowDown)
+    }
+}

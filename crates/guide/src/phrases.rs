@@ -1,0 +1,310 @@
+//! From cues to English words.
+//!
+//! An instruction is landmark, action, what comes next. "Continue" and "move", never "walk". The first
+//! clause carries what to do now, so that it can be acted on while the rest is still being said.
+
+use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
+use crate::facing::Facing;
+use crate::route::Stairs;
+
+/// How distances are told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unit {
+    /// Metres.
+    Metres,
+    /// Feet.
+    Feet,
+    /// Steps of this many metres (blind walkers do best with them: Kalia et al. 2010).
+    Steps(f64),
+}
+
+/// How directions are told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DirectionStyle {
+    /// "slightly left", "left", "sharp left", "around".
+    Words,
+    /// "to 9 o'clock".
+    Clock,
+    /// "left 90 degrees", to the nearest ten.
+    Degrees,
+}
+
+/// How things are said.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhraseSetting {
+    /// The unit of distances.
+    pub unit: Unit,
+    /// The form of directions.
+    pub directions: DirectionStyle,
+    /// False when the scale is not known: then no distance is said, only "soon", "now", "further on".
+    pub metric: bool,
+}
+
+impl Default for PhraseSetting {
+    fn default() -> Self {
+        Self { unit: Unit::Metres, directions: DirectionStyle::Words, metric: true }
+    }
+}
+
+/// A side of the walker's own body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Left.
+    Left,
+    /// Right.
+    Right,
+}
+
+/// The class of a direction. Limits of 20, 60, 120 and 150 degrees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Below 20 degrees.
+    Straight,
+    /// 20 to 60.
+    Slight(Side),
+    /// 60 to 120.
+    Turn(Side),
+    /// 120 to 150.
+    Sharp(Side),
+    /// Above 150.
+    Around,
+}
+
+impl Side {
+    /// Of an angle in radians, positive to the left.
+    pub fn of(angle_rad: f64) -> Self {
+        if angle_rad >= 0.0 { Side::Left } else { Side::Right }
+    }
+
+    /// "left" or "right".
+    pub fn word(self) -> &'static str {
+        match self {
+            Side::Left => "left",
+            Side::Right => "right",
+        }
+    }
+}
+
+impl Direction {
+    /// Of an angle in radians, positive to the left, within plus and minus pi.
+    pub fn of(angle_rad: f64) -> Self {
+        let (deg, side) = (angle_rad.abs().to_degrees(), Side::of(angle_rad));
+        match deg {
+            d if d < 20.0 => Direction::Straight,
+            d if d < 60.0 => Direction::Slight(side),
+            d if d < 120.0 => Direction::Turn(side),
+            d if d <= 150.0 => Direction::Sharp(side),
+            _ => Direction::Around,
+        }
+    }
+}
+
+impl PhraseSetting {
+    /// The words of a cue; `None` for cues that are sounds only.
+    pub fn words(&self, cue: &Cue) -> Option<String> {
+        let back = cue.facing == Facing::Backwards;
+        Some(match cue.kind {
+            CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
+            CueKind::Resume(First::Turn(a)) => format!("Tracking is back. {}.", capital(&self.turn(a, back))),
+            CueKind::Resume(First::Go(ahead)) => format!("Tracking is back. {}", self.go(&ahead, back, back)),
+            CueKind::Approach(ahead) => self.approach(&ahead, back),
+            CueKind::TurnNow { turn_rad, stairs } => self.turn_now(turn_rad, stairs, back),
+            CueKind::StairsNow(stairs) => format!("Stairs now, {}.", stairs_verb(stairs)),
+            CueKind::Rotate(a) if back => format!("Stop. {}.", capital(&self.turn(a, true))),
+            CueKind::Rotate(a) => format!("{}.", capital(&self.turn(a, false))),
+            CueKind::StopTurning(ahead) => format!("Stop turning. {}", self.go(&ahead, back, back)),
+            CueKind::Go { ahead, check } => self.go(&ahead, back, check),
+            CueKind::Adjust(a) if back => format!("Rotate {} a little.", Side::of(a).word()),
+            CueKind::Adjust(a) => format!("Bear {}.", Side::of(a).word()),
+            CueKind::Progress(ahead) => self.progress(&ahead, back),
+            CueKind::OffPath { distance_m, bearing_rad, turn_rad } => {
+                self.off_path(distance_m, bearing_rad, turn_rad, back)
+            }
+            CueKind::WrongWay(a) => format!("Wrong way. {}.", capital(&self.turn(a, back))),
+            CueKind::Stopped(ahead) => format!("You are on the path. {}", self.go(&ahead, back, false)),
+            CueKind::CheckBehind => "Stop. Check behind you.".into(),
+            CueKind::StepAside(left_m) => {
+                format!("Stop. Step back and to your {}.", Side::of(left_m).word())
+            }
+            CueKind::SlowDown => "Slow down.".into(),
+            CueKind::Weak => "Tracking is weak. Slow down.".into(),
+            CueKind::Arrived => "Stop. You have arrived. Guidance ends.".into(),
+            CueKind::Stop(reason) => format!("Stop. {}", reason_words(reason)),
+            CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
+        })
+    }
+
+    /// A distance in words: under 10 to 1, from 10 to 5, from 50 to 10, in the unit of choice.
+    pub fn distance(&self, metres: f64) -> String {
+        let (value, one, many) = match self.unit {
+            Unit::Metres => (metres, "metre", "metres"),
+            Unit::Feet => (metres / 0.3048, "foot", "feet"),
+            Unit::Steps(length) => (metres / length.max(0.1), "step", "steps"),
+        };
+        let grain = match value {
+            v if v >= 50.0 => 10.0,
+            v if v >= 10.0 => 5.0,
+            _ => 1.0,
+        };
+        let rounded = ((value / grain).round() * grain).max(1.0) as i64;
+        format!("{rounded} {}", if rounded == 1 { one } else { many })
+    }
+
+    fn start(&self, total_m: f64, first: &First, facing: Facing) -> String {
+        let mut s = match self.metric {
+            true => format!("The way is {}. ", self.distance(total_m)),
+            false => "Guidance starts. Distances are not known. ".into(),
+        };
+        match facing {
+            Facing::Home => {}
+            Facing::Back => s += "The camera faces behind you. ",
+            Facing::Backwards => {
+                s += "Caution, you will move backwards. Go slowly and only on flat ground. ";
+            }
+        }
+        let back = facing == Facing::Backwards;
+        s += &match first {
+            First::Turn(a) => format!("{}.", capital(&self.turn(*a, back))),
+            First::Go(ahead) => self.go(ahead, back, back),
+        };
+        s
+    }
+
+    /// "turn left", "rotate right", "turn around".
+    fn turn(&self, angle_rad: f64, back: bool) -> String {
+        let verb = if back { "rotate" } else { "turn" };
+        match self.directions {
+            DirectionStyle::Words => match Direction::of(angle_rad) {
+                Direction::Straight if back => format!("rotate {} a little", Side::of(angle_rad).word()),
+                Direction::Straight => format!("bear {}", Side::of(angle_rad).word()),
+                Direction::Slight(side) => format!("{verb} slightly {}", side.word()),
+                Direction::Turn(side) => format!("{verb} {}", side.word()),
+                Direction::Sharp(side) => format!("{verb} sharp {}", side.word()),
+                Direction::Around => format!("{verb} around"),
+            },
+            DirectionStyle::Clock => format!("{verb} to {}", clock(angle_rad)),
+            DirectionStyle::Degrees => {
+                let deg = ((angle_rad.to_degrees().abs() / 10.0).round() * 10.0).max(10.0);
+                format!("{verb} {} {deg} degrees", Side::of(angle_rad).word())
+            }
+        }
+    }
+
+    fn next(&self, next: &Next, back: bool) -> String {
+        match next {
+            Next::Turn { turn_rad, stairs: None } => self.turn(*turn_rad, back),
+            Next::Turn { turn_rad, stairs: Some(s) } => {
+                format!("{} and {}", self.turn(*turn_rad, back), stairs_verb(*s))
+            }
+            Next::Stairs(s) => stairs_verb(*s).into(),
+            Next::End => "arrive".into(),
+        }
+    }
+
+    /// ", then in 3 metres turn right" for a turn that follows soon.
+    fn then(&self, ahead: &Ahead, back: bool) -> String {
+        match &ahead.then {
+            Some((d, next)) if self.metric => {
+                format!(", then in {} {}", self.distance(*d), self.next(next, back))
+            }
+            Some((_, next)) => format!(", then soon {}", self.next(next, back)),
+            None => String::new(),
+        }
+    }
+
+    fn go(&self, ahead: &Ahead, back: bool, check: bool) -> String {
+        let mut s = String::new();
+        if check {
+            s += "Check behind you. ";
+        }
+        s += if back { "Move back" } else { "Continue" };
+        if self.metric {
+            s += &format!(" {}", self.distance(ahead.distance_m));
+        }
+        s += &match &ahead.next {
+            Next::End => " to the end".into(),
+            next => format!(", then {}", self.next(next, back)),
+        };
+        s + &self.then(ahead, back) + "."
+    }
+
+    fn approach(&self, ahead: &Ahead, back: bool) -> String {
+        let lead = match self.metric {
+            true => format!("In {}, ", self.distance(ahead.distance_m)),
+            false => "Soon, ".into(),
+        };
+        format!("{lead}{}{}.", self.next(&ahead.next, back), self.then(ahead, back))
+    }
+
+    fn turn_now(&self, turn_rad: f64, stairs: Option<Stairs>, back: bool) -> String {
+        let halt = if back { "Stop. " } else { "" };
+        let now = if back { "" } else { " now" };
+        let stairs = stairs.map_or(String::new(), |s| format!(", and {}", stairs_verb(s)));
+        format!("{halt}{}{now}{stairs}.", capital(&self.turn(turn_rad, back)))
+    }
+
+    fn progress(&self, ahead: &Ahead, back: bool) -> String {
+        let left = match self.metric {
+            true => format!("{} more", self.distance(ahead.distance_m)),
+            false => "On the path".into(),
+        };
+        match &ahead.next {
+            Next::End => format!("{left}, to the end."),
+            next => format!("{left}, then {}.", self.next(next, back)),
+        }
+    }
+
+    fn off_path(&self, distance_m: f64, bearing_rad: f64, turn_rad: f64, back: bool) -> String {
+        let at = if self.metric { format!("{} ", self.distance(distance_m)) } else { String::new() };
+        let place = match Direction::of(bearing_rad) {
+            Direction::Straight => "ahead".to_owned(),
+            Direction::Around => "behind you".to_owned(),
+            Direction::Slight(s) | Direction::Turn(s) | Direction::Sharp(s) => {
+                format!("to your {}", s.word())
+            }
+        };
+        // A walker going backwards has the course at the back: ahead on the course is behind the chest.
+        let place = match (back, Direction::of(bearing_rad)) {
+            (true, Direction::Straight) => "behind you".to_owned(),
+            (true, Direction::Around) => "in front of you".to_owned(),
+            _ => place,
+        };
+        let act = match Direction::of(turn_rad) {
+            Direction::Straight => String::new(),
+            _ => format!(" {}.", capital(&self.turn(turn_rad, back))),
+        };
+        format!("Off the path. It is {at}{place}.{act}")
+    }
+}
+
+/// "9 o'clock"; straight ahead is 12, a quarter to the left is 9.
+pub fn clock(angle_rad: f64) -> String {
+    let sector = (-angle_rad.to_degrees() / 30.0).round() as i64;
+    let hour = match sector.rem_euclid(12) {
+        0 => 12,
+        h => h,
+    };
+    format!("{hour} o'clock")
+}
+
+fn stairs_verb(stairs: Stairs) -> &'static str {
+    match stairs {
+        Stairs::Up => "go upstairs",
+        Stairs::Down => "go downstairs",
+    }
+}
+
+fn reason_words(reason: StopReason) -> &'static str {
+    match reason {
+        StopReason::TrackingLost => "Tracking is lost.",
+        StopReason::PoseStale => "The camera does not answer.",
+        StopReason::Obstacle => "Something is in the way.",
+        StopReason::UnknownGround => "The ground ahead is not known.",
+        StopReason::StageDied => "A part of the guide has failed.",
+    }
+}
+
+fn capital(s: &str) -> String {
+    let mut chars = s.chars();
+    chars.next().map_or(String::new(), |c| c.to_uppercase().collect::<String>() + chars.as_str())
+}

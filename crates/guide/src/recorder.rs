@@ -1,0 +1,298 @@
+//! Records the way: a point each 5 cm or 5 degrees while there is a pose, losses marked, on disk at once.
+
+use crate::ground::Ground;
+use crate::store::WayWriter;
+use crate::way::{Anchor, Confidence, Stretch, Way, WayHeader, WayPoint};
+use cairn_geometry::{Camera, Odom, Pose, Se3};
+use cairn_sensor::Stamp;
+use std::io;
+
+/// When to take a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecorderSetting {
+    /// Metres between points.
+    pub step_m: f64,
+    /// Degrees between points.
+    pub step_deg: f64,
+    /// Seconds after which what was appended is made to last.
+    pub sync_s: f64,
+}
+
+impl Default for RecorderSetting {
+    fn default() -> Self {
+        Self { step_m: 0.05, step_deg: 5.0, sync_s: 1.0 }
+    }
+}
+
+/// One pose offered to the recorder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecordInput {
+    /// Time of the pose.
+    pub stamp: Stamp,
+    /// The camera in the smooth frame.
+    pub odom_from_camera: Pose<Odom, Camera>,
+    /// The reference key frame.
+    pub anchor: Anchor,
+    /// The camera seen from the reference key frame.
+    pub anchor_from_camera: Se3,
+    /// How far to trust it.
+    pub confidence: Confidence,
+    /// Tracking quality, 0 to 1.
+    pub quality: f32,
+}
+
+/// What the walker should be told about the recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RecorderEvent {
+    /// Tracking weakened: the stretch is bridged and marked.
+    Bridging,
+    /// There is no pose: a gap begins.
+    Lost,
+    /// Good again. Seconds without good tracking and metres between the last good point and this.
+    Resumed {
+        /// Seconds.
+        seconds: f64,
+        /// Metres, straight.
+        metres: f64,
+    },
+}
+
+/// The recorder.
+pub struct Recorder {
+    setting: RecorderSetting,
+    way: Way,
+    writer: Option<WayWriter>,
+    last_sync: Option<Stamp>,
+    confidence: Confidence,
+    last_good: Option<(Stamp, Se3)>,
+    gap: bool,
+    refused: usize,
+}
+
+impl Recorder {
+    /// Records into memory; `metric` tells whether lengths are metres.
+    pub fn new(setting: RecorderSetting, metric: bool, ground: &Ground, source: impl Into<String>) -> Self {
+        Self {
+            setting,
+            way: Way::new(WayHeader::new(metric, ground, source)),
+            writer: None,
+            last_sync: None,
+            confidence: Confidence::Good,
+            last_good: None,
+            gap: false,
+            refused: 0,
+        }
+    }
+
+    /// Records to disk as well: every point from now on is appended.
+    pub fn with_writer(mut self, writer: WayWriter) -> Self {
+        self.writer = Some(writer);
+        self
+    }
+
+    /// What is recorded so far.
+    pub fn way(&self) -> &Way {
+        &self.way
+    }
+
+    /// How many inputs were refused: time not going forward, or numbers that are not finite.
+    pub fn refused(&self) -> usize {
+        self.refused
+    }
+
+    /// Ends the recording: everything on disk, and the way.
+    pub fn finish(mut self) -> (Way, io::Result<()>) {
+        let synced = self.writer.as_mut().map_or(Ok(()), WayWriter::make_durable);
+        (self.way, synced)
+    }
+
+    /// Offers a pose. An error tells that the disk failed; the point is still kept in memory.
+    pub fn observe(&mut self, input: &RecordInput) -> io::Result<Option<RecorderEvent>> {
+        let late = self.way.points.last().is_some_and(|p| p.stamp >= input.stamp);
+        let finite = input.odom_from_camera.se3.is_finite() && input.anchor_from_camera.is_finite();
+        if input.confidence != Confidence::Lost && (late || !finite) {
+            self.refused += 1;
+            return Ok(None);
+        }
+        let event = self.change(input);
+        if input.confidence == Confidence::Lost {
+            self.gap = !self.way.points.is_empty();
+        } else {
+            if input.confidence == Confidence::Good {
+                self.last_good = Some((input.stamp, input.odom_from_camera.se3));
+            }
+            if self.wanted(input) {
+                self.add(input)?;
+            }
+        }
+        self.sync(input.stamp)?;
+        Ok(event)
+    }
+
+    fn change(&mut self, input: &RecordInput) -> Option<RecorderEvent> {
+        let before = std::mem::replace(&mut self.confidence, input.confidence);
+        match (before, input.confidence) {
+            (Confidence::Good, Confidence::Low) => Some(RecorderEvent::Bridging),
+            (Confidence::Good | Confidence::Low, Confidence::Lost) => Some(RecorderEvent::Lost),
+            (Confidence::Low | Confidence::Lost, Confidence::Good) => {
+                self.last_good.map(|(stamp, pose)| RecorderEvent::Resumed {
+                    seconds: input.stamp - stamp,
+                    metres: (input.odom_from_camera.se3.translation - pose.translation).norm(),
+                })
+            }
+            _ => None,
+        }
+    }
+
+    fn wanted(&self, input: &RecordInput) -> bool {
+        let Some(last) = self.way.points.last() else { return input.confidence == Confidence::Good };
+        let moved = last.odom_from_camera.inverse() * input.odom_from_camera.se3;
+        self.gap
+            || moved.translation.norm() >= self.setting.step_m
+            || moved.rotation.angle().to_degrees() >= self.setting.step_deg
+    }
+
+    fn add(&mut self, input: &RecordInput) -> io::Result<()> {
+        let stretch = match (std::mem::take(&mut self.gap), input.confidence) {
+            (true, _) => Stretch::Gap,
+            (false, Confidence::Good) => Stretch::Tracked,
+            (false, _) => Stretch::Bridged,
+        };
+        let point = WayPoint {
+            stamp: input.stamp,
+            anchor: input.anchor,
+            anchor_from_camera: input.anchor_from_camera,
+            odom_from_camera: input.odom_from_camera.se3,
+            stretch,
+            quality: input.quality,
+        };
+        self.way.points.push(point);
+        self.writer.as_mut().map_or(Ok(()), |w| w.append(&point))
+    }
+
+    fn sync(&mut self, now: Stamp) -> io::Result<()> {
+        let due = self.last_sync.is_none_or(|t| now - t >= self.setting.sync_s);
+        match &mut self.writer {
+            Some(writer) if due => {
+                self.last_sync = Some(now);
+                writer.make_durable()
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{So3, Vec3};
+    use std::sync::{Arc, Mutex};
+
+    fn input(t: f64, x: f64, yaw: f64, confidence: Confidence) -> RecordInput {
+        let pose = Se3::new(So3::exp(&Vec3::new(0.0, 0.0, yaw)), Vec3::new(x, 0.0, 0.0));
+        RecordInput {
+            stamp: Stamp::from_seconds(t),
+            odom_from_camera: Pose::new(pose),
+            anchor: Anchor { robot: 0, seq: 0 },
+            anchor_from_camera: pose,
+            confidence,
+            quality: 1.0,
+        }
+    }
+
+    fn recorder() -> Recorder {
+        Recorder::new(RecorderSetting::default(), true, &Ground::z_up(), "test")
+    }
+
+    #[test]
+    fn a_point_each_five_centimetres_or_five_degrees() {
+        let mut r = recorder();
+        for k in 0..=100 {
+            r.observe(&input(k as f64 * 0.1, k as f64 * 0.0101, 0.0, Confidence::Good)).unwrap();
+        }
+        assert_eq!(r.way().points.len(), 1 + 100 / 5);
+        for k in 1..=30 {
+            let yaw = (k as f64 * 1.01).to_radians();
+            r.observe(&input(20.0 + k as f64 * 0.1, 1.01, yaw, Confidence::Good)).unwrap();
+        }
+        assert_eq!(r.way().points.len(), 21 + 30 / 5);
+    }
+
+    #[test]
+    fn losses_are_marked_and_told() {
+        let mut r = recorder();
+        let mut events = Vec::new();
+        let mut t = 0.0;
+        for (confidence, from, to) in [
+            (Confidence::Good, 0.0, 1.0),
+            (Confidence::Low, 1.0, 1.5),
+            (Confidence::Good, 1.5, 2.0),
+            (Confidence::Lost, 2.0, 2.0),
+            (Confidence::Good, 3.0, 3.5),
+        ] {
+            for k in 0..10 {
+                t += 0.1;
+                let x = from + (to - from) * k as f64 / 10.0;
+                events.extend(r.observe(&input(t, x, 0.0, confidence)).unwrap());
+            }
+        }
+        assert_eq!(events[0], RecorderEvent::Bridging);
+        assert!(matches!(events[1], RecorderEvent::Resumed { .. }));
+        assert_eq!(events[2], RecorderEvent::Lost);
+        let RecorderEvent::Resumed { seconds, metres } = events[3] else { panic!("{events:?}") };
+        assert!((seconds - 1.1).abs() < 1e-6 && (metres - 1.05).abs() < 1e-6, "{seconds} {metres}");
+        let stretches: Vec<Stretch> = r.way().points.iter().map(|p| p.stretch).collect();
+        assert_eq!(stretches.iter().filter(|s| **s == Stretch::Gap).count(), 1);
+        assert!(stretches.iter().filter(|s| **s == Stretch::Bridged).count() >= 5);
+    }
+
+    #[test]
+    fn refuses_what_cannot_be() {
+        let mut r = recorder();
+        r.observe(&input(1.0, 0.0, 0.0, Confidence::Good)).unwrap();
+        r.observe(&input(0.5, 1.0, 0.0, Confidence::Good)).unwrap();
+        r.observe(&input(2.0, f64::NAN, 0.0, Confidence::Good)).unwrap();
+        assert_eq!((r.way().points.len(), r.refused()), (1, 2));
+    }
+
+    #[derive(Clone, Default)]
+    struct Shared(Arc<Mutex<(Vec<u8>, usize)>>);
+
+    impl io::Write for Shared {
+        fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap().0.extend_from_slice(data);
+            Ok(data.len())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl crate::store::Durable for Shared {
+        fn make_durable(&mut self) -> io::Result<()> {
+            let mut inner = self.0.lock().unwrap();
+            inner.1 = inner.0.len();
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_crash_loses_at_most_a_second() {
+        let disk = Shared::default();
+        let header = WayHeader::new(true, &Ground::z_up(), "test");
+        let mut r = recorder().with_writer(WayWriter::new(Box::new(disk.clone()), &header).unwrap());
+        for k in 0..200 {
+            let t = k as f64 * 0.05;
+            r.observe(&input(t, t, 0.0, Confidence::Good)).unwrap();
+            // What has reached the disk for sure, read as after a crash at this moment.
+            let inner = disk.0.lock().unwrap();
+            let way = Way::read(&inner.0[..inner.1]).unwrap();
+            let kept = way.points.last().map_or(0.0, |p| p.stamp.seconds());
+            assert!(t - kept <= 1.06, "at {t} s only {kept} s were safe");
+        }
+        let (way, synced) = r.finish();
+        synced.unwrap();
+        let inner = disk.0.lock().unwrap();
+        assert_eq!(Way::read(&inner.0[..inner.1]).unwrap().points.len(), way.points.len());
+    }
+}

@@ -1,0 +1,228 @@
+//! A way on disk: one JSON object a line, the header first, only ever appended to.
+//!
+//! A crash can tear at most the last line; reading leaves that one out and says so. A broken line
+//! anywhere else is an error that names the line.
+
+use crate::way::{Way, WayHeader, WayPoint};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::Path;
+
+/// Why a way could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum WayError {
+    /// The file could not be opened or read.
+    #[error("{path}: {source}")]
+    File {
+        /// Which.
+        path: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A line is not what it should be.
+    #[error("line {line}: {why}")]
+    Line {
+        /// Counted from 1.
+        line: usize,
+        /// What is wrong.
+        why: String,
+    },
+    /// Nothing that could be a header.
+    #[error("not a recorded way: {0}")]
+    Header(String),
+}
+
+/// Something to append to that can be made to last.
+pub trait Durable: Write {
+    /// Returns when all that was written has reached the disk.
+    fn make_durable(&mut self) -> io::Result<()>;
+}
+
+impl Durable for File {
+    fn make_durable(&mut self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+/// For tests and for ways kept in memory only.
+impl Durable for Vec<u8> {
+    fn make_durable(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Appends points to a file as they come.
+pub struct WayWriter {
+    out: Box<dyn Durable + Send>,
+}
+
+impl WayWriter {
+    /// Creates the file (an existing one is refused, a record is never overwritten) and writes the header.
+    pub fn create(path: &Path, header: &WayHeader) -> io::Result<Self> {
+        Self::new(Box::new(File::options().write(true).create_new(true).open(path)?), header)
+    }
+
+    /// Writes the header to `out`.
+    pub fn new(mut out: Box<dyn Durable + Send>, header: &WayHeader) -> io::Result<Self> {
+        write_line(&mut *out, header)?;
+        out.make_durable()?;
+        Ok(Self { out })
+    }
+
+    /// Appends one point, in one write.
+    pub fn append(&mut self, point: &WayPoint) -> io::Result<()> {
+        write_line(&mut *self.out, point)
+    }
+
+    /// Makes all appended points last.
+    pub fn make_durable(&mut self) -> io::Result<()> {
+        self.out.make_durable()
+    }
+}
+
+fn write_line<T: serde::Serialize>(out: &mut (dyn Durable + Send), value: &T) -> io::Result<()> {
+    let mut line = serde_json::to_vec(value)?;
+    line.push(b'\n');
+    out.write_all(&line)
+}
+
+impl Way {
+    /// Reads a way from a file.
+    pub fn load(path: &Path) -> Result<Self, WayError> {
+        let file =
+            File::open(path).map_err(|source| WayError::File { path: path.display().to_string(), source })?;
+        Self::read(BufReader::new(file))
+    }
+
+    /// Writes the whole way to a new file.
+    pub fn save(&self, path: &Path) -> io::Result<()> {
+        let mut writer = WayWriter::create(path, &self.header)?;
+        for p in &self.points {
+            writer.append(p)?;
+        }
+        writer.make_durable()
+    }
+
+    /// Reads a way: header, then points.
+    pub fn read(mut input: impl BufRead) -> Result<Self, WayError> {
+        let mut line = Vec::new();
+        let mut number = 0;
+        let mut next = |line: &mut Vec<u8>| {
+            line.clear();
+            number += 1;
+            let read = input.read_until(b'\n', line);
+            read.map(|n| (n > 0).then_some(number))
+                .map_err(|e| WayError::Line { line: number, why: e.to_string() })
+        };
+        if next(&mut line)?.is_none() {
+            return Err(WayError::Header("the file is empty".into()));
+        }
+        let header: WayHeader =
+            serde_json::from_slice(&line).map_err(|e| WayError::Header(format!("first line: {e}")))?;
+        check_header(&header)?;
+        let mut way = Way::new(header);
+        while let Some(number) = next(&mut line)? {
+            let whole = line.last() == Some(&b'\n');
+            match parse_point(&line, &way) {
+                Ok(point) => way.points.push(point),
+                Err(_) if !whole => way.torn = true,
+                Err(why) => return Err(WayError::Line { line: number, why }),
+            }
+        }
+        Ok(way)
+    }
+}
+
+fn check_header(header: &WayHeader) -> Result<(), WayError> {
+    if header.format != WayHeader::FORMAT {
+        return Err(WayError::Header(format!("the form is called {:?}", header.format)));
+    }
+    if header.version != WayHeader::VERSION {
+        let (found, known) = (header.version, WayHeader::VERSION);
+        return Err(WayError::Header(format!("version {found}, this program reads version {known}")));
+    }
+    if crate::Ground::new(header.up.into()).is_none() {
+        return Err(WayError::Header(format!("{:?} does not point up", header.up)));
+    }
+    Ok(())
+}
+
+fn parse_point(line: &[u8], way: &Way) -> Result<WayPoint, String> {
+    let point: WayPoint = serde_json::from_slice(line).map_err(|e| e.to_string())?;
+    if !(point.anchor_from_camera.is_finite() && point.odom_from_camera.is_finite()) {
+        return Err("a number is not finite".into());
+    }
+    if way.points.last().is_some_and(|last| last.stamp >= point.stamp) {
+        return Err("time does not go forward".into());
+    }
+    Ok(point)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ground::Ground;
+    use crate::way::{Anchor, Stretch};
+    use cairn_geometry::{Se3, So3, Vec3};
+    use cairn_sensor::Stamp;
+
+    fn text() -> String {
+        let mut s = serde_json::to_string(&WayHeader::new(true, &Ground::z_up(), "test")).unwrap() + "\n";
+        for k in 0..3 {
+            let pose = Se3::new(So3::exp(&Vec3::new(0.1, 0.2, k as f64)), Vec3::new(k as f64, 0.25, -1.0));
+            let point = WayPoint {
+                stamp: Stamp(k),
+                anchor: Anchor { robot: 1, seq: 7 },
+                anchor_from_camera: pose,
+                odom_from_camera: pose,
+                stretch: Stretch::Tracked,
+                quality: 0.5,
+            };
+            s += &(serde_json::to_string(&point).unwrap() + "\n");
+        }
+        s
+    }
+
+    #[test]
+    fn comes_back_as_written() {
+        let way = Way::read(text().as_bytes()).unwrap();
+        assert_eq!(way.points.len(), 3);
+        assert!(!way.torn);
+        let path = std::env::temp_dir().join(format!("cairn-way-{}.jsonl", std::process::id()));
+        let _ = std::fs::remove_file(&path);
+        way.save(&path).unwrap();
+        let again = Way::load(&path).unwrap();
+        assert!(way.save(&path).is_err(), "a record was overwritten");
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(again.header, way.header);
+        for (a, b) in again.points.iter().zip(&way.points) {
+            assert!((a.odom_from_camera.inverse() * b.odom_from_camera).log().norm() < 1e-12);
+            assert_eq!((a.stamp, a.anchor, a.stretch), (b.stamp, b.anchor, b.stretch));
+        }
+    }
+
+    #[test]
+    fn a_torn_last_line_is_left_out_wherever_it_tears() {
+        let text = text();
+        let last = text.trim_end().rfind('\n').unwrap() + 1;
+        for cut in last + 1..text.len() - 1 {
+            let way = Way::read(&text.as_bytes()[..cut]).unwrap();
+            assert_eq!((way.points.len(), way.torn), (2, true), "cut at {cut}");
+        }
+        // Only the line end is missing: the point itself is whole and is kept.
+        assert_eq!(Way::read(&text.as_bytes()[..text.len() - 1]).unwrap().points.len(), 3);
+    }
+
+    #[test]
+    fn broken_files_are_told_with_their_line() {
+        let told = |s: String| Way::read(s.as_bytes()).unwrap_err().to_string();
+        assert!(told(String::new()).contains("empty"));
+        assert!(told("hello\n".into()).contains("first line"));
+        assert!(told(text().replace("\"version\":1", "\"version\":9")).contains("version 9"));
+        assert!(told(text().replace("cairn-way", "other")).contains("other"));
+        assert!(told(text().replace("[0.0,0.0,1.0]", "[0.0,0.0,0.0]")).contains("up"));
+        assert!(told(text().replace("\"t\":1,", "\"t\":0,")).contains("line 3: time"));
+        assert!(told(text().replace("\"t\":1,", "\"t\":x,")).contains("line 3"));
+        assert!(told(text().replace("\"rel\":[0.0", "\"rel\":[1e999")).contains("line 2"));
+    }
+}

@@ -1,0 +1,252 @@
+//! Judges a trial by the truth: where the walker really was and which way the words sent him.
+
+use super::{STEP_S, TrialSetting, guide_setting};
+use crate::announcer::Utterance;
+use crate::cue::{Cue, CueKind};
+use crate::facing::{Facing, Stance};
+use crate::ground::{heading_of, wrap};
+use crate::matcher::{Match, Matcher, MatcherSetting};
+use crate::phrases::Side;
+use crate::route::Route;
+use crate::walker::{Walker, side_of};
+use cairn_geometry::Vec2;
+use cairn_sensor::Stamp;
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+/// One line of a transcript.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Said {
+    /// Seconds from the start.
+    pub t: f64,
+    /// Metres along the way home, truly.
+    pub along_m: f64,
+    /// The words.
+    pub text: String,
+    /// Where the walker truly was, metres.
+    pub x: f64,
+    /// Likewise.
+    pub y: f64,
+    /// The words sent to the wrong side.
+    pub wrong_side: bool,
+}
+
+/// What came of a trial.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// The guide said that the way has ended.
+    pub arrived: bool,
+    /// Metres from the walker to the end of the way, truly.
+    pub error_m: f64,
+    /// How often the walker was off the path for 2 s, truly.
+    pub off_path: usize,
+    /// Directions to the wrong side.
+    pub wrong_side: usize,
+    /// Metres of the way home.
+    pub length_m: f64,
+    /// Seconds it took.
+    pub seconds: f64,
+    /// What was said.
+    pub said: Vec<Said>,
+    /// Utterances by kind of cue.
+    pub kinds: BTreeMap<&'static str, usize>,
+    /// On-course ticks and other sounds.
+    pub sounds: usize,
+}
+
+impl Outcome {
+    /// The transcript as text, a line each.
+    pub fn transcript(&self) -> String {
+        let line = |s: &Said| {
+            let flag = if s.wrong_side { "  [wrong side]" } else { "" };
+            format!("{:>5.0} s {:>4.0} m  {}{flag}\n", s.t, s.along_m, s.text)
+        };
+        self.said.iter().map(line).collect()
+    }
+}
+
+/// Sums over trials.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tally {
+    /// Trials.
+    pub trials: usize,
+    /// Arrived within 1 m.
+    pub arrived: usize,
+    /// Off-path events.
+    pub off_path: usize,
+    /// Directions to the wrong side.
+    pub wrong_side: usize,
+    /// Utterances.
+    pub said: usize,
+    /// Metres.
+    pub metres: f64,
+    /// Arrival errors of all trials, metres.
+    pub errors_m: Vec<f64>,
+    /// Utterances by kind.
+    pub kinds: BTreeMap<&'static str, usize>,
+}
+
+impl Tally {
+    /// Adds a trial.
+    pub fn add(&mut self, o: &Outcome) {
+        self.trials += 1;
+        self.arrived += usize::from(o.arrived && o.error_m <= 1.0);
+        self.off_path += o.off_path;
+        self.wrong_side += o.wrong_side;
+        self.said += o.said.len();
+        self.metres += o.length_m;
+        self.errors_m.push(o.error_m);
+        for (kind, n) in &o.kinds {
+            *self.kinds.entry(kind).or_default() += n;
+        }
+    }
+
+    /// Share that arrived within 1 m.
+    pub fn arrival_rate(&self) -> f64 {
+        self.arrived as f64 / self.trials.max(1) as f64
+    }
+
+    /// Off-path events in 50 m.
+    pub fn off_path_per_50_m(&self) -> f64 {
+        50.0 * self.off_path as f64 / self.metres.max(1e-9)
+    }
+
+    /// Utterances in 100 m.
+    pub fn said_per_100_m(&self) -> f64 {
+        100.0 * self.said as f64 / self.metres.max(1e-9)
+    }
+}
+
+pub(crate) struct Judge {
+    route: Route,
+    facing: Facing,
+    off_m: f64,
+    dwell_s: f64,
+    matcher: Matcher,
+    at: Option<Match>,
+    off_s: f64,
+    off: bool,
+    last_kind: Option<CueKind>,
+    outcome: Outcome,
+}
+
+impl Judge {
+    pub fn new(route: Route, setting: &TrialSetting) -> Self {
+        let s = guide_setting(setting.facing, setting.corridor_m);
+        let outcome = Outcome { length_m: route.length(), ..Outcome::default() };
+        Self {
+            route,
+            facing: setting.facing,
+            off_m: s.off_m,
+            dwell_s: s.off_dwell_s,
+            matcher: Matcher::new(MatcherSetting::default()),
+            at: None,
+            off_s: 0.0,
+            off: false,
+            last_kind: None,
+            outcome,
+        }
+    }
+
+    pub fn length(&self) -> f64 {
+        self.route.length()
+    }
+
+    fn stance(&self, walker: &Walker) -> Stance {
+        let (x, y, heading) = walker.pose();
+        let course = if self.facing == Facing::Backwards { wrap(heading + PI) } else { heading };
+        Stance { position: Vec2::new(x, y), height: 1.3, heading, course }
+    }
+
+    pub fn see(&mut self, walker: &Walker, cue: Option<&Cue>, now: Stamp) {
+        let at = self.matcher.update(&self.route, &self.stance(walker).position, now);
+        self.at = Some(at);
+        self.off_s = if at.cross_m.abs() > self.off_m { self.off_s + STEP_S } else { 0.0 };
+        if self.off_s >= self.dwell_s && !self.off {
+            self.off = true;
+            self.outcome.off_path += 1;
+        } else if self.off_s == 0.0 {
+            self.off = false;
+        }
+        self.outcome.seconds = now.seconds();
+        if let Some(cue) = cue {
+            if matches!(cue.kind, CueKind::OnCourse | CueKind::Waypoint | CueKind::BackOnPath) {
+                self.outcome.sounds += 1;
+            } else {
+                self.last_kind = Some(cue.kind);
+            }
+        }
+    }
+
+    pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) {
+        let stance = self.stance(walker);
+        let along_m = self.at.map_or(0.0, |m| m.along_m);
+        let wrong_side = side_of(&said.text).is_some_and(|side| self.wrong(side, &stance, along_m));
+        self.outcome.wrong_side += usize::from(wrong_side);
+        if let Some(kind) = &self.last_kind {
+            *self.outcome.kinds.entry(name(kind)).or_default() += 1;
+        }
+        let (x, y) = (stance.position.x, stance.position.y);
+        self.outcome.said.push(Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side });
+    }
+
+    /// Whether the words send the walker away from the way, by the truth.
+    fn wrong(&self, side: Side, stance: &Stance, along_m: f64) -> bool {
+        let limit = 20.0_f64.to_radians();
+        let against = |needed: f64, limit: f64| match side {
+            Side::Left => needed < -limit,
+            Side::Right => needed > limit,
+        };
+        match self.last_kind {
+            Some(CueKind::StepAside(_)) => {
+                let foot = self.route.point_at(along_m);
+                against(stance.to_left(&foot), 0.1)
+            }
+            Some(CueKind::TurnNow { .. }) => {
+                // The corner nearest to the walker: where does the way go after it?
+                let distance = |m: &&crate::Maneuver| (m.at_m - along_m).abs();
+                let corner = self.route.maneuvers().iter().filter(|m| m.turn_rad != 0.0);
+                let nearest = corner.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+                nearest.is_none_or(|m| {
+                    let needed = stance.turn_to(m.exit_heading);
+                    // From 150 degrees on both sides lead there.
+                    against(needed, limit) && needed.abs() < 150.0_f64.to_radians()
+                })
+            }
+            _ => {
+                let target = self.route.point_at((along_m + 3.0).min(self.route.length()));
+                let needed = stance.turn_to(heading_of(&(target - stance.position)));
+                against(needed, limit) && needed.abs() < 150.0_f64.to_radians()
+            }
+        }
+    }
+
+    pub fn finish(mut self, walker: &Walker, arrived: bool) -> Outcome {
+        self.outcome.arrived = arrived;
+        self.outcome.error_m = (self.stance(walker).position - self.route.end()).norm();
+        self.outcome
+    }
+}
+
+fn name(kind: &CueKind) -> &'static str {
+    match kind {
+        CueKind::Start { .. } => "start",
+        CueKind::Resume(_) => "resume",
+        CueKind::Approach(_) => "approach",
+        CueKind::TurnNow { .. } | CueKind::StairsNow(_) => "turn now",
+        CueKind::Rotate(_) => "rotate",
+        CueKind::StopTurning(_) => "stop turning",
+        CueKind::Go { .. } => "go",
+        CueKind::Adjust(_) => "adjust",
+        CueKind::Progress(_) => "progress",
+        CueKind::OffPath { .. } => "off path",
+        CueKind::WrongWay(_) => "wrong way",
+        CueKind::Stopped(_) => "stopped",
+        CueKind::CheckBehind => "check behind",
+        CueKind::StepAside(_) => "step aside",
+        CueKind::SlowDown | CueKind::Weak => "slow down",
+        CueKind::Arrived => "arrived",
+        CueKind::Stop(_) => "stop",
+        CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => "sound",
+    }
+}

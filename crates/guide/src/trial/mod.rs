@@ -1,0 +1,141 @@
+//! Trials on poses: a way is walked out and recorded, cleaned, and a simulated walker who hears only the
+//! words is brought home; truth is kept apart from what the guide is given.
+
+mod judge;
+mod noise;
+mod ways;
+
+pub use judge::{Outcome, Said, Tally};
+pub use noise::{Noise, PoseNoise};
+pub use ways::{crosses_itself, random_way, walk_out};
+
+use crate::announcer::{Announcer, AnnouncerSetting};
+use crate::clean::{CleanSetting, CleanWay, clean};
+use crate::facing::Facing;
+use crate::ground::Ground;
+use crate::guide::{Guide, GuideInput};
+use crate::phrases::PhraseSetting;
+use crate::route::{Route, RouteSetting, Travel};
+use crate::setting::GuideSetting;
+use crate::walker::Walker;
+use crate::way::{Confidence, Way};
+use cairn_geometry::{Mat3, Pose, Se3, So3, Vec2, Vec3};
+use cairn_sensor::Stamp;
+use judge::Judge;
+
+/// Seconds between steps of a trial.
+pub const STEP_S: f64 = 0.05;
+
+/// How a trial is done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrialSetting {
+    /// How the walker goes home.
+    pub facing: Facing,
+    /// What the poses suffer.
+    pub noise: Noise,
+    /// Width of the corridor in metres: off the path is half of it, the warning two thirds of that.
+    pub corridor_m: f64,
+    /// Whether detours are cut before guidance.
+    pub cut_detours: bool,
+    /// For the walker, the recording and the noise.
+    pub seed: u64,
+}
+
+/// The level pose of a camera 1.3 m above the ground that looks along `heading`, tilted down.
+pub fn camera_pose(x: f64, y: f64, heading: f64, tilt_down: f64) -> Se3 {
+    let (s, c) = heading.sin_cos();
+    let level = Mat3::from_columns(&[Vec3::new(s, -c, 0.0), -Vec3::z(), Vec3::new(c, s, 0.0)]);
+    let tilt = So3::exp(&Vec3::new(-tilt_down, 0.0, 0.0));
+    Se3::new(So3::from_matrix(&level) * tilt, Vec3::new(x, y, 1.3))
+}
+
+/// The settings of the guide for a corridor of this width.
+pub fn guide_setting(facing: Facing, corridor_m: f64) -> GuideSetting {
+    let off_m = 0.5 * corridor_m;
+    GuideSetting {
+        facing,
+        off_m,
+        warn_m: off_m * 2.0 / 3.0,
+        off_hysteresis_m: 0.2 * off_m,
+        look_ahead_m: corridor_m.clamp(2.0, 3.0),
+        ..GuideSetting::default()
+    }
+}
+
+/// Walks `line` out, records and cleans it, and brings a walker home. Metres on the ground plane.
+pub fn run(line: &[Vec2], setting: &TrialSetting) -> Outcome {
+    let way = walk_out(line, setting.noise, setting.seed);
+    let placed = way.resolve(|_| None);
+    let clean_setting = CleanSetting { cut_detours: setting.cut_detours, ..CleanSetting::default() };
+    let cleaned = clean(&placed, way.metres_per_unit(), &way.header.ground(), &clean_setting);
+    home(&way, &cleaned, setting)
+}
+
+fn home(way: &Way, cleaned: &CleanWay, setting: &TrialSetting) -> Outcome {
+    let ground = Ground::z_up();
+    let route_in = |odom_from_world: &Se3| {
+        let moved = CleanWay {
+            points: cleaned.points.iter().map(|p| *odom_from_world * *p).collect(),
+            ..cleaned.clone()
+        };
+        Route::from_way(&moved, Travel::Home, &ground, &RouteSetting::default())
+    };
+    let Ok(route) = route_in(&Se3::identity()) else { return Outcome::default() };
+    let Some(last) = way.points.last() else { return Outcome::default() };
+    let mut judge = Judge::new(route.clone(), setting);
+    let guide_setting = guide_setting(setting.facing, setting.corridor_m);
+    let Ok(mut guide) = Guide::new(route, ground, guide_setting) else { return Outcome::default() };
+    let mut voice = Announcer::new(AnnouncerSetting::default());
+    let phrases = PhraseSetting::default();
+    let mut noise = PoseNoise::new(setting.noise, setting.seed);
+    let end = last.odom_from_camera.translation;
+    let facing_out = ground.heading(&last.odom_from_camera).unwrap_or(0.0);
+    let mut walker = Walker::new(setting.seed, (end.x, end.y, facing_out));
+
+    let limit_s = 90.0 + judge.length() / if setting.facing == Facing::Backwards { 0.08 } else { 0.2 };
+    let mut stood_s = 0.0;
+    for tick in 0..(limit_s / STEP_S) as i64 {
+        let now = Stamp::from_seconds(tick as f64 * STEP_S);
+        let (x, y, heading) = walker.step(STEP_S, now);
+        let looks = heading + if setting.facing == Facing::Back { std::f64::consts::PI } else { 0.0 };
+        // The chest sways and the camera is tilted down; neither may leak into the directions.
+        let tilt = 0.25 + 0.05 * (now.seconds() * 6.0).sin();
+        let reading = noise.read(&camera_pose(x, y, looks, tilt), now);
+        if let Some(odom_from_world) = reading.corrected
+            && let Ok(route) = route_in(&odom_from_world)
+        {
+            guide.correct_route(route);
+        }
+        let cue = guide.step(&GuideInput {
+            now,
+            pose_stamp: reading.stamp,
+            odom_from_camera: Pose::new(reading.odom_from_camera),
+            confidence: reading.confidence,
+            speed: None,
+            hazard: None,
+        });
+        if let Some(words) = cue.as_ref().and_then(|c| phrases.words(c).map(|w| (w, c.priority()))) {
+            voice.push(words.0, words.1, now);
+        }
+        judge.see(&walker, cue.as_ref(), now);
+        if let Some(said) = voice.poll(now) {
+            walker.hear(&said.text, now);
+            judge.hear(&said, &walker, now);
+        }
+        let arrived = guide.state() == crate::GuideState::Arrived;
+        stood_s = if arrived && walker.is_standing() { stood_s + STEP_S } else { 0.0 };
+        if stood_s > 3.0 {
+            break;
+        }
+    }
+    judge.finish(&walker, guide.state() == crate::GuideState::Arrived)
+}
+
+/// What the guide is given at one instant.
+pub(crate) struct Reading {
+    pub stamp: Stamp,
+    pub odom_from_camera: Se3,
+    pub confidence: Confidence,
+    /// The smooth frame against the world, when the map was corrected just now.
+    pub corrected: Option<Se3>,
+}

@@ -1,0 +1,106 @@
+//! What happens to poses between the truth and the guide: noise, drift, corrections, losses.
+
+use super::Reading;
+use crate::random::Random;
+use crate::way::Confidence;
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::Stamp;
+
+/// How bad the poses are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Noise {
+    /// Exact.
+    None,
+    /// White noise of 2 cm and half a degree; drift of 0.5 % of the way and 0.1 degrees a metre, put right
+    /// by a correction each 10 m; once or twice in 100 m tracking is lost or the camera silent for 1 to 3 s.
+    Usual,
+}
+
+/// Makes readings from true poses.
+pub struct PoseNoise {
+    noise: Noise,
+    random: Random,
+    odom_from_world: Se3,
+    last: Option<Vec3>,
+    walked_m: f64,
+    corrected_at_m: f64,
+    outage_at_m: f64,
+    outage: Option<(Stamp, bool)>,
+    held: Option<(Stamp, Se3)>,
+    drift: Vec3,
+}
+
+impl PoseNoise {
+    /// Seeded noise.
+    pub fn new(noise: Noise, seed: u64) -> Self {
+        let mut random = Random::new(seed ^ 0xA015E);
+        let outage_at_m = random.uniform(10.0, 90.0);
+        let drift = Vec3::new(
+            random.normal(0.0, 0.004),
+            random.normal(0.0, 0.004),
+            random.normal(0.0, 0.1_f64.to_radians()),
+        );
+        let odom_from_world = Se3::identity();
+        Self {
+            noise,
+            random,
+            odom_from_world,
+            last: None,
+            walked_m: 0.0,
+            corrected_at_m: 0.0,
+            outage_at_m,
+            outage: None,
+            held: None,
+            drift,
+        }
+    }
+
+    pub(crate) fn read(&mut self, world_from_camera: &Se3, now: Stamp) -> Reading {
+        let good = |pose| Reading {
+            stamp: now,
+            odom_from_camera: pose,
+            confidence: Confidence::Good,
+            corrected: None,
+        };
+        if self.noise == Noise::None {
+            return good(*world_from_camera);
+        }
+        let step = self
+            .last
+            .replace(world_from_camera.translation)
+            .map_or(0.0, |l| (world_from_camera.translation - l).norm());
+        self.walked_m += step;
+        let at = world_from_camera.translation;
+        let twist = So3::exp(&(Vec3::z() * self.drift.z * step));
+        // Drift turns the smooth frame about the walker, and shifts it.
+        let about = Se3::new(twist, at - twist * at + Vec3::new(self.drift.x, self.drift.y, 0.0) * step);
+        self.odom_from_world = self.odom_from_world * about;
+        let corrected = (self.walked_m - self.corrected_at_m > 10.0).then_some(self.odom_from_world);
+        if corrected.is_some() {
+            self.corrected_at_m = self.walked_m;
+        }
+        let mut white = |s: f64| self.random.normal(0.0, s);
+        let shake = Vec3::new(white(0.02), white(0.02), white(0.02));
+        let turn = So3::exp(&(Vec3::new(white(1.0), white(1.0), white(1.0)) * 0.5_f64.to_radians()));
+        let pose = self.odom_from_world * *world_from_camera;
+        let pose = Se3::new(pose.rotation * turn, pose.translation + shake);
+        let mut reading = Reading { corrected, ..good(pose) };
+        if self.walked_m > self.outage_at_m {
+            self.outage_at_m = self.walked_m + self.random.uniform(30.0, 100.0);
+            let until = now.plus_seconds(self.random.uniform(1.0, 3.0));
+            self.outage = Some((until, self.random.chance(0.5)));
+        }
+        match (self.outage, self.held) {
+            (Some((until, silent)), Some((stamp, held))) if now < until => {
+                reading.odom_from_camera = held;
+                reading.stamp = if silent { stamp } else { now };
+                reading.confidence = if silent { Confidence::Good } else { Confidence::Lost };
+            }
+            _ => {
+                self.outage = None;
+                self.held = Some((now, pose));
+            }
+        }
+        reading
+    }
+}

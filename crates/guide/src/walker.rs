@@ -1,0 +1,305 @@
+//! A simulated blind walker who hears only words.
+//!
+//! It parses the English that is said, clause by clause, and knows nothing of the way, the map or the
+//! cues. It reacts late, turns too far (17 degrees on average: Ahmetovic et al. 2018), veers, and goes on
+//! until told otherwise.
+
+use crate::announcer::speaking_time;
+use crate::phrases::Side;
+use crate::random::Random;
+use cairn_sensor::Stamp;
+
+/// What a clause asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Action {
+    Stop,
+    StopTurning,
+    /// Turn on the spot by this, radians, positive left.
+    Turn(f64),
+    /// Change direction a little without stopping.
+    Bear(f64),
+    Forward,
+    Back,
+    /// One step back and to a side: plus one for left.
+    Step(f64),
+    Slow,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Doing {
+    Standing,
+    /// Going at plus (forward) or minus one (back) times the speed.
+    Going(f64),
+    /// Turning on the spot to a heading not wrapped; then going again, with this sign, or standing (0).
+    Turning {
+        left: f64,
+        then: f64,
+    },
+    /// Half a metre in a straight line: metres left, and the direction relative to the heading.
+    Stepping {
+        left: f64,
+        direction: f64,
+    },
+}
+
+/// The walker.
+#[derive(Clone, Debug)]
+pub struct Walker {
+    random: Random,
+    x: f64,
+    y: f64,
+    heading: f64,
+    now: Option<Stamp>,
+    doing: Doing,
+    /// What was heard and is not done yet: when heard to its end, when it will be done.
+    heard: Vec<(Stamp, Stamp, Action)>,
+    /// A small change of direction under way, radians.
+    bearing: f64,
+    speed: f64,
+    step_scale: f64,
+    turn_rate: f64,
+    /// Radians a metre.
+    veer: f64,
+    speech_rate: f64,
+}
+
+impl Walker {
+    /// A walker at x, y in metres with a heading in radians (counter-clockwise from x). The seed decides
+    /// speed (0.4 to 1.2 m/s), step length (off by up to 10 %), turn rate (35 to 60 degrees a second), veer.
+    pub fn new(seed: u64, start: (f64, f64, f64)) -> Self {
+        let mut random = Random::new(seed);
+        let speed = random.uniform(0.4, 1.2);
+        let step_scale = random.uniform(0.9, 1.1);
+        let turn_rate = random.uniform(35.0, 60.0_f64).to_radians();
+        let (x, y, heading) = start;
+        let mut walker = Self {
+            random,
+            x,
+            y,
+            heading,
+            now: None,
+            doing: Doing::Standing,
+            heard: Vec::new(),
+            bearing: 0.0,
+            speed,
+            step_scale,
+            turn_rate,
+            veer: 0.0,
+            speech_rate: 1.0,
+        };
+        walker.veer_anew();
+        walker
+    }
+
+    /// Tells the walker how fast the voice speaks.
+    pub fn with_speech_rate(mut self, rate: f64) -> Self {
+        self.speech_rate = rate;
+        self
+    }
+
+    /// True position and heading: x, y in metres, radians.
+    pub fn pose(&self) -> (f64, f64, f64) {
+        (self.x, self.y, self.heading)
+    }
+
+    /// True when the walker neither goes nor turns.
+    pub fn is_standing(&self) -> bool {
+        self.doing == Doing::Standing && self.bearing == 0.0
+    }
+
+    /// The voice begins to say this now; whatever it was saying breaks off, and what had not been heard to
+    /// the end of a clause is not acted on.
+    pub fn hear(&mut self, text: &str, stamp: Stamp) {
+        self.heard.retain(|(heard, ..)| *heard <= stamp);
+        let reaction = self.random.uniform(0.3, 1.2);
+        let mut said = String::new();
+        for sentence in text.split_inclusive('.') {
+            let mut future = false;
+            for clause in sentence.split_inclusive(',') {
+                said += clause;
+                let plain = clause.trim().trim_end_matches(['.', ',']).to_lowercase();
+                future |= is_future(&plain);
+                if future {
+                    continue;
+                }
+                if let Some(action) = self.understand(&plain) {
+                    let heard = stamp.plus_seconds(speaking_time(&said, self.speech_rate));
+                    // After "continue" everything in the sentence is for later.
+                    future |= matches!(action, Action::Forward | Action::Back);
+                    self.heard.push((heard, heard.plus_seconds(reaction), action));
+                }
+            }
+        }
+    }
+
+    /// What a clause asks for now; `None` for information.
+    fn understand(&mut self, clause: &str) -> Option<Action> {
+        let words: Vec<&str> = clause.split_whitespace().collect();
+        let words = if words.first() == Some(&"then") { &words[1..] } else { &words[..] };
+        let sign = match (words.contains(&"left"), words.contains(&"right")) {
+            (true, false) => 1.0,
+            (false, true) => -1.0,
+            _ => 0.0,
+        };
+        match words {
+            ["stop", "turning", ..] => Some(Action::StopTurning),
+            ["stop", ..] => Some(Action::Stop),
+            ["continue", ..] => Some(Action::Forward),
+            ["move", "back", ..] => Some(Action::Back),
+            ["move", ..] => Some(Action::Forward),
+            ["step", "back", ..] => Some(Action::Step(sign)),
+            ["slow", "down", ..] => Some(Action::Slow),
+            ["bear", ..] | ["rotate", _, "a", "little", ..] => {
+                // A small change over-turns by a share of what a whole turn does.
+                let angle = 15.0 + 0.25 * self.random.normal(17.0, 8.0);
+                Some(Action::Bear(sign * angle.to_radians()))
+            }
+            ["turn" | "rotate", "to", hour, ..] => {
+                let hour: f64 = hour.parse().ok()?;
+                let left = crate::ground::wrap(-(30.0 * hour).to_radians()).to_degrees();
+                let angle = left.abs() + self.random.normal(17.0, 8.0);
+                Some(Action::Turn((angle * left.signum()).to_radians()))
+            }
+            ["turn" | "rotate", rest @ ..] => {
+                let asked = asked_degrees(rest)?;
+                let sign = if sign == 0.0 { [1.0, -1.0][self.random.below(2)] } else { sign };
+                let angle = (asked + self.random.normal(17.0, 8.0)).max(5.0);
+                Some(Action::Turn(sign * angle.to_radians()))
+            }
+            _ => None,
+        }
+    }
+
+    /// Lets time pass, in seconds; gives the true pose after it.
+    pub fn step(&mut self, dt: f64, now: Stamp) -> (f64, f64, f64) {
+        self.now = Some(now);
+        let due: Vec<Action> = self.heard.iter().filter(|(_, at, _)| *at <= now).map(|(.., a)| *a).collect();
+        self.heard.retain(|(_, at, _)| *at > now);
+        for action in due {
+            self.act(action);
+        }
+        self.go(dt);
+        self.pose()
+    }
+
+    fn act(&mut self, action: Action) {
+        let going = match self.doing {
+            Doing::Going(sign) => sign,
+            Doing::Turning { then, .. } => then,
+            _ => 0.0,
+        };
+        match action {
+            Action::Stop => {
+                self.doing = Doing::Standing;
+                self.bearing = 0.0;
+            }
+            Action::StopTurning => {
+                self.bearing = 0.0;
+                self.finish_turn(going);
+            }
+            Action::Turn(left) => self.doing = Doing::Turning { left, then: going },
+            Action::Bear(angle) => self.bearing = angle,
+            Action::Forward | Action::Back => {
+                let sign = if action == Action::Back { -1.0 } else { 1.0 };
+                match &mut self.doing {
+                    Doing::Turning { then, .. } => *then = sign,
+                    _ => {
+                        if self.doing == Doing::Standing {
+                            self.veer_anew();
+                        }
+                        self.doing = Doing::Going(sign);
+                    }
+                }
+            }
+            Action::Step(side) => {
+                // Back and to a side: halfway between the two.
+                let direction = if side > 0.0 { 0.75 } else { -0.75 } * std::f64::consts::PI;
+                self.doing = Doing::Stepping { left: 0.5 * self.step_scale, direction };
+            }
+            Action::Slow => self.speed = (0.75 * self.speed).max(0.3),
+        }
+    }
+
+    fn finish_turn(&mut self, then: f64) {
+        self.doing = if then == 0.0 { Doing::Standing } else { Doing::Going(then) };
+        self.veer_anew();
+    }
+
+    fn veer_anew(&mut self) {
+        // Up to 5 degrees in 10 metres.
+        self.veer = self.random.uniform(-5.0, 5.0_f64).to_radians() / 10.0;
+    }
+
+    fn go(&mut self, dt: f64) {
+        let most = self.turn_rate * dt;
+        let bend = self.bearing.clamp(-most, most);
+        self.bearing -= bend;
+        self.heading += bend;
+        match self.doing {
+            Doing::Standing => {}
+            Doing::Going(sign) => {
+                // Backwards people go half as fast.
+                let pace = if sign < 0.0 { 0.5 } else { 1.0 };
+                let metres = self.speed * self.step_scale * pace * dt;
+                self.heading += self.veer * metres;
+                self.advance(metres, if sign < 0.0 { std::f64::consts::PI } else { 0.0 });
+            }
+            Doing::Turning { left, then } => {
+                let turn = left.clamp(-most, most);
+                self.heading += turn;
+                self.doing = Doing::Turning { left: left - turn, then };
+                if (left - turn).abs() < 1e-9 {
+                    self.finish_turn(then);
+                }
+            }
+            Doing::Stepping { left, direction } => {
+                let metres = left.min(0.5 * dt);
+                self.advance(metres, direction);
+                let left = left - metres;
+                self.doing = if left > 1e-9 { Doing::Stepping { left, direction } } else { Doing::Standing };
+            }
+        }
+        self.heading = crate::ground::wrap(self.heading);
+    }
+
+    fn advance(&mut self, metres: f64, direction: f64) {
+        self.x += metres * (self.heading + direction).cos();
+        self.y += metres * (self.heading + direction).sin();
+    }
+}
+
+/// True for clauses that tell of later: "in 6 metres", "soon", "then turn left" after "continue".
+fn is_future(clause: &str) -> bool {
+    let mut words = clause.split_whitespace();
+    match words.next() {
+        Some("in") | Some("soon") => true,
+        Some("then") => !matches!(words.next(), Some("continue") | Some("move")),
+        _ => false,
+    }
+}
+
+/// How far one thinks one should turn, in degrees.
+fn asked_degrees(words: &[&str]) -> Option<f64> {
+    if let Some(k) = words.iter().position(|w| *w == "degrees") {
+        return words.get(k.checked_sub(1)?)?.parse().ok();
+    }
+    Some(match words {
+        ["slightly", ..] => 40.0,
+        ["sharp", ..] => 135.0,
+        ["around", ..] => 180.0,
+        ["left" | "right", ..] => 90.0,
+        _ => return None,
+    })
+}
+
+/// The side that the first direction in a text sends to: what the walker would make of it.
+pub fn side_of(text: &str) -> Option<Side> {
+    let mut parser = Walker::new(0, (0.0, 0.0, 0.0));
+    parser.hear(text, Stamp(0));
+    let around = text.to_lowercase().contains(" around");
+    parser.heard.iter().find_map(|(.., action)| match action {
+        Action::Turn(_) if around => None,
+        Action::Turn(a) | Action::Bear(a) | Action::Step(a) => Some(Side::of(*a)),
+        _ => None,
+    })
+}
