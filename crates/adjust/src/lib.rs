@@ -1,1 +1,9 @@
-//! pose-only and bundle adjustment over a map: one window builder.
+#![doc = include_str!("../README.md")]
+
+mod camera;
+mod locate;
+mod window;
+
+pub use camera::{pinhole, pixel, weight};
+pub use locate::{Located, locate};
+pub use window::{Settled, Window, WindowSetting};

@@ -1,0 +1,45 @@
+//! Where a frame was taken, from the landmarks its features show.
+
+use crate::{pinhole, pixel, weight};
+use cairn_atlas::{LandmarkId, Map};
+use cairn_geometry::{Se3, Vec3};
+use cairn_solve::{PointMatch, PoseOnly, PoseOnlySetting, Report};
+use cairn_vision::{EyeModel, Frame};
+
+/// A pose with what speaks for it.
+#[derive(Clone, Debug)]
+pub struct Located {
+    /// Where the eye is.
+    pub world_from_eye: Se3,
+    /// Features whose match does not fit.
+    pub outliers: Vec<usize>,
+    /// Matches that fit.
+    pub inliers: usize,
+    /// How the solve went.
+    pub report: Report,
+}
+
+/// Solves for the pose of a frame; `matches` holds a landmark per feature, `extra` further features with a
+/// point that is not in the map.
+pub fn locate(
+    map: &Map,
+    eye: &EyeModel,
+    frame: &Frame,
+    guess: &Se3,
+    matches: &[Option<LandmarkId>],
+    extra: &[(usize, Vec3)],
+) -> Located {
+    let known = matches.iter().enumerate().filter_map(|(i, id)| Some((i, map.landmark((*id)?)?.position)));
+    let (features, points): (Vec<usize>, Vec<PointMatch>) = known
+        .chain(extra.iter().copied())
+        .map(|(i, point)| (i, PointMatch { point, pixel: pixel(frame, i), weight: weight(frame, i, &map.octaves()) }))
+        .unzip();
+    let found = PoseOnly::solve(&pinhole(eye), guess, &points, &PoseOnlySetting::default());
+    let outliers = features.iter().zip(&found.inlier).filter(|(_, ok)| !**ok).map(|(i, _)| *i).collect();
+    Located {
+        world_from_eye: found.world_from_eye,
+        outliers,
+        inliers: found.report.inliers,
+        report: found.report,
+    }
+}

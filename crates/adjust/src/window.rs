@@ -1,0 +1,155 @@
+//! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes.
+
+use crate::{pinhole, pixel, weight};
+use cairn_atlas::{Change, ChangeSet, KeyFrameId, LandmarkId, Map};
+use cairn_geometry::Se3;
+use cairn_solve::{Bundle, BundleSetting, Observation, Report};
+use cairn_vision::EyeModel;
+use std::collections::BTreeMap;
+
+/// How large a window may be and how long it is solved.
+#[derive(Clone, Copy, Debug)]
+pub struct WindowSetting {
+    /// Key frames that move, at most.
+    pub key_frames: usize,
+    /// Key frames that stay but are seen from, at most.
+    pub anchors: usize,
+    /// Steps before outliers are left out, and after.
+    pub iterations: [usize; 2],
+    /// Stop when a step lowers the cost by less than this part.
+    pub tolerance: f64,
+}
+
+impl Default for WindowSetting {
+    fn default() -> Self {
+        Self { key_frames: 16, anchors: 24, iterations: [5, 6], tolerance: 1e-4 }
+    }
+}
+
+/// A copied window.
+#[derive(Clone, Debug)]
+pub struct Window {
+    base: u64,
+    key_frames: Vec<KeyFrameId>,
+    landmarks: Vec<LandmarkId>,
+    bundle: Bundle,
+}
+
+/// A window after its solve.
+#[derive(Clone, Debug)]
+pub struct Settled {
+    /// What to commit: moved key frames and landmarks, observations that do not fit forgotten.
+    pub changes: ChangeSet,
+    /// Of the last solve.
+    pub report: Report,
+}
+
+impl Window {
+    /// The window around a key frame: it and the key frames that share most landmarks with it move, and so do
+    /// all landmarks they show; other key frames that see those landmarks hold them in place.
+    pub fn around(map: &Map, eye: &EyeModel, centre: KeyFrameId, setting: &WindowSetting) -> Option<Self> {
+        let mut moving = vec![centre];
+        moving.extend(map.key_frame(centre)?.covisible.iter().map(|(id, _)| *id).take(setting.key_frames.saturating_sub(1)));
+        Some(Self::of(map, eye, &moving, setting.anchors))
+    }
+
+    /// The window in which every key frame of a map moves but the first.
+    pub fn whole(map: &Map, eye: &EyeModel) -> Self {
+        let all: Vec<KeyFrameId> = map.key_frames().map(|k| k.id).collect();
+        Self::of(map, eye, &all, 0)
+    }
+
+    fn of(map: &Map, eye: &EyeModel, moving: &[KeyFrameId], anchors: usize) -> Self {
+        let shown = moving.iter().filter_map(|id| map.key_frame(*id)).flat_map(|k| k.landmarks.iter().flatten().copied());
+        let mut landmarks: Vec<LandmarkId> = shown.collect();
+        landmarks.sort_unstable();
+        landmarks.dedup();
+        // The eldest key frame never moves: it is where the world is.
+        let eldest = map.key_frames().next().map(|k| k.id);
+        let mut slots: BTreeMap<KeyFrameId, u32> = BTreeMap::new();
+        let mut key_frames = Vec::new();
+        let mut add = |id: KeyFrameId| {
+            slots.insert(id, key_frames.len() as u32);
+            key_frames.push(id);
+        };
+        moving.iter().for_each(|id| add(*id));
+        let held = map.votes(&landmarks).into_iter().filter(|(id, _)| !moving.contains(id)).take(anchors);
+        held.for_each(|(id, _)| add(id));
+        let mut fixed: Vec<bool> =
+            (0..key_frames.len()).map(|i| i >= moving.len() || Some(key_frames[i]) == eldest).collect();
+        if !fixed.contains(&true)
+            && let Some(oldest) = (0..key_frames.len()).min_by_key(|i| key_frames[*i])
+        {
+            fixed[oldest] = true;
+        }
+        let mut points = Vec::with_capacity(landmarks.len());
+        let mut observations = Vec::new();
+        let mut kept = Vec::with_capacity(landmarks.len());
+        for l in landmarks.iter().filter_map(|id| map.landmark(*id)) {
+            let first = observations.len();
+            for o in &l.observations {
+                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), map.key_frame(o.key_frame)) else { continue };
+                observations.push(Observation {
+                    pose: *slot,
+                    point: points.len() as u32,
+                    pixel: pixel(&k.frame, o.feature as usize),
+                    weight: weight(&k.frame, o.feature as usize, &map.octaves()),
+                });
+            }
+            // A single view without depth says nothing about a point.
+            let seen = &observations[first..];
+            if seen.len() < 2 && seen.iter().all(|o| o.pixel[2].is_nan()) {
+                observations.truncate(first);
+                continue;
+            }
+            kept.push(l.id);
+            points.push(l.position);
+        }
+        let poses: Vec<Se3> =
+            key_frames.iter().map(|id| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye)).collect();
+        let bundle = Bundle { camera: pinhole(eye), poses, fixed, points, observations };
+        Self { base: map.version(), key_frames, landmarks: kept, bundle }
+    }
+
+    /// Key frames that move and key frames that hold.
+    pub fn size(&self) -> (usize, usize) {
+        let held = self.bundle.fixed.iter().filter(|f| **f).count();
+        (self.key_frames.len() - held, held)
+    }
+
+    /// Solves the window: robustly, then without the observations that do not fit. `stop` is asked before each step.
+    pub fn solve(mut self, setting: &WindowSetting, mut stop: impl FnMut() -> bool) -> Settled {
+        let bundle = &mut self.bundle;
+        let [before, after] = setting.iterations;
+        let solve = |iterations| BundleSetting { iterations, robust: true, tolerance: setting.tolerance };
+        let mut report = bundle.solve(&solve(before), &mut stop);
+        let judge = |bundle: &mut Bundle| {
+            for i in 0..bundle.observations.len() {
+                let o = bundle.observations[i];
+                if bundle.chi2(&o) > Bundle::bound(&o) {
+                    bundle.observations[i].weight = 0.0;
+                }
+            }
+        };
+        if after > 0 && !stop() {
+            judge(bundle);
+            let first = report.cost_before;
+            report = bundle.solve(&solve(after), &mut stop);
+            report.cost_before = first;
+        }
+        judge(bundle);
+        let mut changes = Vec::new();
+        for ((id, pose), fixed) in self.key_frames.iter().zip(&bundle.poses).zip(&bundle.fixed) {
+            if !fixed {
+                changes.push(Change::MoveKeyFrame(*id, *pose));
+            }
+        }
+        for (id, point) in self.landmarks.iter().zip(&bundle.points) {
+            changes.push(Change::MoveLandmark(*id, *point));
+        }
+        for o in bundle.observations.iter().filter(|o| o.weight == 0.0) {
+            changes.push(Change::Forget(self.landmarks[o.point as usize], self.key_frames[o.pose as usize]));
+        }
+        Settled { changes: ChangeSet { base: self.base, changes }, report }
+    }
+}
