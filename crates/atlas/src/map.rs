@@ -73,6 +73,11 @@ impl Map {
         self.landmarks.iter().map(|(_, l)| l)
     }
 
+    /// The youngest living key frame.
+    pub fn newest_key_frame(&self) -> Option<&KeyFrame> {
+        (0..self.next_key_frame).rev().find_map(|i| self.key_frames.get(i))
+    }
+
     /// How many key frames are alive.
     pub fn key_frame_count(&self) -> usize {
         self.key_frames.len()

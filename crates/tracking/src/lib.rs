@@ -1,1 +1,12 @@
-//! from a frame and a map to a pose with evidence.
+#![doc = include_str!("../README.md")]
+
+mod decide;
+mod local_map;
+mod match_last;
+mod recover;
+mod start;
+mod state;
+mod tracker;
+
+pub use state::{Evidence, Offer, Placed, State, Tracked};
+pub use tracker::{Tracker, TrackerSetting};

@@ -1,0 +1,55 @@
+//! Which frames become key frames.
+
+use crate::match_last::Matches;
+use cairn_atlas::{KeyFrameId, Map};
+use cairn_vision::{EyeModel, Frame};
+
+/// What the decision is made from.
+pub(crate) struct Situation<'a> {
+    pub map: &'a Map,
+    pub eye: &'a EyeModel,
+    pub frame: &'a Frame,
+    pub matches: &'a Matches,
+    pub inliers: usize,
+    pub reference: KeyFrameId,
+    /// Frames since the last key frame was offered.
+    pub since: usize,
+    /// Whether mapping would take it up at once.
+    pub idle: bool,
+}
+
+/// True when the frame should become a key frame: the view has changed since the reference, or close points
+/// are running out (after Mur-Artal & Tardós 2017, section III-E).
+pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bool {
+    if s.since < min_gap {
+        return false;
+    }
+    let depth = s.eye.baseline_fx > 0.0;
+    let least = if s.map.key_frame_count() <= 2 { 2 } else { 3 };
+    let Some(reference) = s.map.key_frame(s.reference) else { return true };
+    let settled = reference
+        .landmarks
+        .iter()
+        .flatten()
+        .filter(|id| s.map.landmark(**id).is_some_and(|l| l.observations.len() >= least))
+        .count();
+    let mut close = [0usize; 2];
+    if depth {
+        for i in 0..s.frame.len() {
+            if s.frame.has_depth(i) && (s.frame.depth[i] as f64) < s.eye.close_depth {
+                close[s.matches.landmarks[i].is_some() as usize] += 1;
+            }
+        }
+    }
+    let [new_close, known_close] = close;
+    let starving = depth && known_close < 100 && new_close > 70;
+    let ratio = match (depth, s.map.key_frame_count()) {
+        (_, 1) => 0.4,
+        (true, _) => 0.75,
+        (false, _) => 0.9,
+    };
+    let changed = (s.inliers as f64) < ratio * settled as f64 || starving;
+    let overdue = s.since as f64 >= rate_hz;
+    let weak = depth && ((s.inliers as f64) < 0.25 * settled as f64 || starving);
+    changed && s.inliers > 15 && (overdue || s.idle || weak)
+}

@@ -1,0 +1,110 @@
+//! Matching a frame with the part of the map around it.
+
+use crate::match_last::{LOOSE, Matches};
+use cairn_atlas::{KeyFrameId, LandmarkId, Map};
+use cairn_geometry::Se3;
+use cairn_vision::{EyeModel, Frame, Target, search};
+
+/// The part of the map a frame is matched with.
+#[derive(Debug, Default)]
+pub(crate) struct LocalMap {
+    /// The key frame that shares most landmarks with the frame.
+    pub reference: Option<KeyFrameId>,
+    landmarks: Vec<LandmarkId>,
+    /// For each landmark index, the round it was gathered in.
+    rounds: Vec<u32>,
+    round: u32,
+}
+
+impl LocalMap {
+    /// Gathers the key frames that see the frame's landmarks, their neighbours, and all they see.
+    pub fn gather(&mut self, map: &Map, matches: &Matches, fallback: KeyFrameId, key_frames: usize) {
+        let votes = map.votes(matches.landmarks.iter().flatten());
+        self.reference = votes.first().map(|(id, _)| *id).or(Some(fallback));
+        let mut chosen: Vec<KeyFrameId> = votes.iter().map(|(id, _)| *id).take(key_frames * 2 / 3).collect();
+        if chosen.is_empty() {
+            chosen.push(fallback);
+        }
+        for i in 0..chosen.len() {
+            let Some(k) = map.key_frame(chosen[i]) else { continue };
+            let neighbours = k.covisible.iter().map(|(id, _)| *id).take(5).chain(k.parent);
+            for id in neighbours {
+                if chosen.len() < key_frames && !chosen.contains(&id) {
+                    chosen.push(id);
+                    break;
+                }
+            }
+        }
+        self.round += 1;
+        self.landmarks.clear();
+        for k in chosen.iter().filter_map(|id| map.key_frame(*id)) {
+            for id in k.landmarks.iter().flatten() {
+                let i = id.index();
+                if self.rounds.len() <= i {
+                    self.rounds.resize(i + 1024, 0);
+                }
+                if self.rounds[i] != self.round {
+                    self.rounds[i] = self.round;
+                    self.landmarks.push(*id);
+                }
+            }
+        }
+    }
+
+    /// Projects the gathered landmarks and adds what is found to `matches`; returns the landmarks that should be
+    /// in view (those matched before too).
+    pub fn search(&self, map: &Map, eye: &EyeModel, frame: &Frame, pose: &Se3, factor: f64, matches: &mut Matches) -> Vec<LandmarkId> {
+        let octaves = map.octaves();
+        let eye_from_world = pose.inverse();
+        let rotation = eye_from_world.rotation.matrix();
+        let before: std::collections::BTreeSet<LandmarkId> = matches.landmarks.iter().flatten().copied().collect();
+        let mut expected: Vec<LandmarkId> = before.iter().copied().collect();
+        let mut owner: Vec<Option<(LandmarkId, u32)>> = vec![None; frame.len()];
+        for id in &self.landmarks {
+            if before.contains(id) {
+                continue;
+            }
+            let Some(l) = map.landmark(*id) else { continue };
+            let q = rotation * l.position + eye_from_world.translation;
+            let Some([u, v, right]) = eye.project(&q) else { continue };
+            if !eye.contains(u, v) {
+                continue;
+            }
+            let distance = q.norm();
+            if distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
+                continue;
+            }
+            let cosine = (l.position - pose.translation).dot(&l.normal) / distance;
+            if cosine < 0.5 {
+                continue;
+            }
+            expected.push(*id);
+            let level = octaves.predict(l.max_distance, distance);
+            // Seen nearly as before: a small window will do (Mur-Artal et al. 2015, section V-D).
+            let radius = factor * if cosine > 0.998 { 2.5 } else { 4.0 };
+            let target = Target {
+                pixel: [u as f32, v as f32],
+                right_x: if eye.baseline_fx > 0.0 { right as f32 } else { f32::NAN },
+                radius: (radius * octaves.scale(level)) as f32,
+                octaves: [level.saturating_sub(1), level],
+                descriptor: &l.descriptor,
+            };
+            let Some(found) = search(frame, &target, |i| matches.landmarks[i].is_none()) else { continue };
+            let rival = found.second_octave == frame.octave[found.feature] && found.second != u32::MAX;
+            let ambiguous = rival && found.distance as f64 > 0.8 * found.second as f64;
+            if found.distance > LOOSE || ambiguous {
+                continue;
+            }
+            let slot = &mut owner[found.feature];
+            if slot.is_none_or(|(_, d)| found.distance < d) {
+                *slot = Some((*id, found.distance));
+            }
+        }
+        for (feature, slot) in owner.iter().enumerate() {
+            if let Some((id, _)) = slot {
+                matches.landmarks[feature] = Some(*id);
+            }
+        }
+        expected
+    }
+}

@@ -1,0 +1,130 @@
+//! Matching a frame with the one before it, around where the motion model expects each point.
+
+use cairn_atlas::{LandmarkId, Map};
+use cairn_geometry::{Se3, Vec3};
+use cairn_vision::{EyeModel, Frame, Target, consistent_rotation, search};
+
+/// Bits that may differ between two looks at one point.
+pub(crate) const LOOSE: u32 = 100;
+/// The same where the place is less certain.
+pub(crate) const TIGHT: u32 = 50;
+
+/// Matches of a frame.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Matches {
+    /// Landmark shown by each feature.
+    pub landmarks: Vec<Option<LandmarkId>>,
+    /// Features that show a point of the last frame that is no landmark (yet), with its place in the world.
+    pub extra: Vec<(usize, Vec3)>,
+}
+
+impl Matches {
+    pub fn none(frame: &Frame) -> Self {
+        Self { landmarks: vec![None; frame.len()], extra: Vec::new() }
+    }
+
+    pub fn count(&self) -> usize {
+        self.landmarks.iter().flatten().count() + self.extra.len()
+    }
+
+    pub fn drop_outliers(&mut self, outliers: &[usize]) {
+        for i in outliers {
+            self.landmarks[*i] = None;
+        }
+        self.extra.retain(|(i, _)| !outliers.contains(i));
+    }
+}
+
+/// Projects what the last frame saw with `guess` and looks within `radius` pixels (times the level's scale).
+/// `last_landmarks` are its landmarks; its close features without one take part as plain points.
+pub(crate) fn match_last(
+    map: &Map,
+    eye: &EyeModel,
+    last: &Frame,
+    last_landmarks: &[Option<LandmarkId>],
+    world_from_last: &Se3,
+    frame: &Frame,
+    guess: &Se3,
+    radius: f64,
+) -> Matches {
+    let octaves = map.octaves();
+    let eye_from_world = guess.inverse();
+    let forward = (world_from_last.inverse() * guess.translation).z;
+    let baseline = eye.baseline_fx / eye.fx;
+    let top = (octaves.levels - 1) as u8;
+    // Owner of each feature: item index and distance; the nearer look wins.
+    let mut owner: Vec<Option<(u32, u32)>> = vec![None; frame.len()];
+    let mut places: Vec<(usize, Option<LandmarkId>, Vec3)> = Vec::new();
+    for i in 0..last.len() {
+        let known = last_landmarks[i].and_then(|id| map.landmark(id)).map(|l| (Some(l.id), l.position));
+        let close = || {
+            (last.has_depth(i) && (last.depth[i] as f64) < eye.close_depth)
+                .then(|| (None, *world_from_last * eye.unproject(last.px[i], last.depth[i] as f64)))
+        };
+        let Some((id, point)) = known.or_else(close) else { continue };
+        let Some([u, v, right]) = eye.project(&(eye_from_world * point)) else { continue };
+        if !eye.contains(u, v) {
+            continue;
+        }
+        let level = last.octave[i];
+        let range = if baseline > 0.0 && forward > baseline {
+            [level, top]
+        } else if baseline > 0.0 && -forward > baseline {
+            [0, level]
+        } else {
+            [level.saturating_sub(1), (level + 1).min(top)]
+        };
+        let target = Target {
+            pixel: [u as f32, v as f32],
+            right_x: if baseline > 0.0 { right as f32 } else { f32::NAN },
+            radius: (radius * octaves.scale(level)) as f32,
+            octaves: range,
+            descriptor: &last.descriptors[i],
+        };
+        let item = places.len() as u32;
+        if let Some(found) = search(frame, &target, |_| true)
+            && found.distance <= LOOSE
+        {
+            places.push((i, id, point));
+            let slot = &mut owner[found.feature];
+            // A landmark goes before a plain point; else the nearer look wins.
+            let wins = slot.is_none_or(|(other, distance)| {
+                let rank = |landmark: Option<LandmarkId>| landmark.is_none();
+                (rank(id), found.distance) < (rank(places[other as usize].1), distance)
+            });
+            if wins {
+                *slot = Some((item, found.distance));
+            }
+        }
+    }
+    let turned = owner.iter().enumerate().filter_map(|(feature, slot)| {
+        let (item, _) = (*slot)?;
+        let i = places[item as usize].0;
+        Some(((feature, item), last.angle[i] - frame.angle[feature]))
+    });
+    let mut matches = Matches::none(frame);
+    for (feature, item) in consistent_rotation(turned.collect()) {
+        let (_, id, point) = places[item as usize];
+        match id {
+            Some(id) => matches.landmarks[feature] = Some(id),
+            None => matches.extra.push((feature, point)),
+        }
+    }
+    one_feature_each(&mut matches.landmarks);
+    matches
+}
+
+/// A landmark matched by several features keeps the first.
+pub(crate) fn one_feature_each(landmarks: &mut [Option<LandmarkId>]) {
+    let mut seen: Vec<LandmarkId> = landmarks.iter().flatten().copied().collect();
+    seen.sort_unstable();
+    if seen.windows(2).all(|w| w[0] != w[1]) {
+        return;
+    }
+    let mut taken = std::collections::BTreeSet::new();
+    for slot in landmarks.iter_mut() {
+        if slot.is_some_and(|id| !taken.insert(id)) {
+            *slot = None;
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! What tracking tells of a frame.
+
+use cairn_atlas::{KeyFrameId, LandmarkId};
+use cairn_geometry::{Se3, Vec3};
+use cairn_sensor::Stamp;
+use cairn_vision::Frame;
+use std::sync::Arc;
+
+/// Where tracking stands, with the numbers behind it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum State {
+    /// No map yet: what the start has and what it needs (features with depth, or matches between two views).
+    Starting {
+        /// Found so far.
+        have: usize,
+        /// Needed.
+        need: usize,
+    },
+    /// The pose is known.
+    Tracking,
+    /// The pose is not known: this many matches agreed where `need` are needed.
+    Lost {
+        /// Agreed.
+        inliers: usize,
+        /// Needed.
+        need: usize,
+    },
+}
+
+/// A pose that follows the map: it hangs on a key frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    /// The key frame it hangs on.
+    pub reference: KeyFrameId,
+    /// Where the eye stands in the key frame's eye frame.
+    pub reference_from_eye: Se3,
+    /// Where the eye stands in the world of the map version at hand.
+    pub world_from_eye: Se3,
+}
+
+/// What speaks for a pose.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Evidence {
+    /// Features seen.
+    pub features: usize,
+    /// Landmarks of the local map that should be in view.
+    pub expected: usize,
+    /// Matches before the last judgement.
+    pub matched: usize,
+    /// Matches that agree with the pose.
+    pub inliers: usize,
+}
+
+/// What mapping is offered.
+#[derive(Clone, Debug)]
+pub enum Offer {
+    /// The first key frame of a map: its features have depth.
+    First(Arc<Frame>),
+    /// The first two key frames of a map without depth, with the points that both see.
+    Pair {
+        /// The earlier frame; its eye is the world.
+        first: Arc<Frame>,
+        /// The later frame.
+        second: Arc<Frame>,
+        /// Where the second stands; the baseline has unit length.
+        first_from_second: Se3,
+        /// Feature in the first, feature in the second, point in the first eye's frame.
+        points: Vec<(u16, u16, Vec3)>,
+    },
+    /// A further key frame.
+    Next {
+        /// The frame.
+        frame: Arc<Frame>,
+        /// The landmark each feature shows.
+        landmarks: Vec<Option<LandmarkId>>,
+        /// Where it stands.
+        placed: Placed,
+    },
+}
+
+/// What became of a frame.
+#[derive(Clone, Debug)]
+pub struct Tracked {
+    /// Time of the frame.
+    pub stamp: Stamp,
+    /// Where tracking stands.
+    pub state: State,
+    /// The pose, when it is known.
+    pub pose: Option<Placed>,
+    /// What speaks for it.
+    pub evidence: Evidence,
+    /// Something for mapping, when this frame is worth it.
+    pub offer: Option<Offer>,
+    /// Landmarks that should have been in view, each with whether it was matched and agreed.
+    pub seen: Vec<(LandmarkId, bool)>,
+}

@@ -1,0 +1,253 @@
+//! One frame after another: predict, match, locate, judge.
+
+use crate::decide::{Situation, wants_key_frame};
+use crate::local_map::LocalMap;
+use crate::match_last::{Matches, match_last};
+use crate::recover::{candidates, match_key_frame};
+use crate::start::Starter;
+use crate::state::{Evidence, Offer, Placed, State, Tracked};
+use cairn_adjust::{Located, locate};
+use cairn_atlas::{KeyFrameId, LandmarkId, Map};
+use cairn_geometry::Se3;
+use cairn_vision::{EyeModel, Frame};
+use std::sync::Arc;
+
+/// How to track.
+#[derive(Clone, Copy, Debug)]
+pub struct TrackerSetting {
+    /// Features the eye gives at most; thresholds of the start are relative to it.
+    pub features: usize,
+    /// Nominal frames a second.
+    pub rate_hz: f64,
+    /// Matches that must agree for a pose to count.
+    pub min_inliers: usize,
+    /// Key frames in the local map, at most.
+    pub local_key_frames: usize,
+    /// Frames between two key frames, at least.
+    pub min_key_frame_gap: usize,
+}
+
+impl Default for TrackerSetting {
+    fn default() -> Self {
+        Self { features: 1000, rate_hz: 30.0, min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1 }
+    }
+}
+
+/// What is kept of the last frame that had a pose.
+#[derive(Debug)]
+struct Last {
+    frame: Arc<Frame>,
+    landmarks: Vec<Option<LandmarkId>>,
+    placed: Placed,
+}
+
+/// The tracking stage.
+#[derive(Debug)]
+pub struct Tracker {
+    eye: EyeModel,
+    setting: TrackerSetting,
+    starter: Starter,
+    local: LocalMap,
+    last: Option<Last>,
+    /// Motion between the last two frames, `last_from_now`, when both had a pose.
+    motion: Option<Se3>,
+    lost: bool,
+    since_key_frame: usize,
+    since_recovery: usize,
+}
+
+impl Tracker {
+    /// A tracker without a map.
+    pub fn new(eye: EyeModel, setting: TrackerSetting) -> Self {
+        Self {
+            eye,
+            setting,
+            starter: Starter::default(),
+            local: LocalMap::default(),
+            last: None,
+            motion: None,
+            lost: false,
+            since_key_frame: 0,
+            since_recovery: usize::MAX / 2,
+        }
+    }
+
+    /// Takes one frame. `idle` tells whether mapping would take up a key frame at once.
+    pub fn step(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
+        if map.key_frame_count() == 0 {
+            return self.start(frame, map);
+        }
+        self.since_key_frame = self.since_key_frame.saturating_add(1);
+        self.since_recovery = self.since_recovery.saturating_add(1);
+        self.refresh_last(map);
+        let first_guess = if self.lost { None } else { self.by_motion(&frame, map).or_else(|| self.by_reference(&frame, map)) };
+        let (guess, matches, recovered) = match first_guess {
+            Some((pose, matches)) => (pose, matches, false),
+            None => match self.relocalise(&frame, map) {
+                Ok((pose, matches)) => (pose, matches, true),
+                Err(inliers) => return self.lose(frame, inliers),
+            },
+        };
+        if recovered {
+            self.since_recovery = 0;
+            self.motion = None;
+        }
+        self.finish(frame, map, guess, matches, idle)
+    }
+
+    fn start(&mut self, frame: Arc<Frame>, map: &Map) -> Tracked {
+        let features = frame.len();
+        let (state, offer) = match self.starter.step(&self.eye, map.octaves(), &frame, self.setting.features) {
+            Ok(offer) => (State::Starting { have: features, need: 0 }, Some(offer)),
+            Err(state) => (state, None),
+        };
+        self.since_key_frame = 0;
+        let evidence = Evidence { features, ..Evidence::default() };
+        Tracked { stamp: frame.stamp, state, pose: None, evidence, offer, seen: Vec::new() }
+    }
+
+    /// When the last frame has become a key frame, what it shows and where it stands is told by the map.
+    fn refresh_last(&mut self, map: &Map) {
+        let Some(newest) = map.newest_key_frame() else { return };
+        match &mut self.last {
+            Some(last) if Arc::ptr_eq(&last.frame, &newest.frame) => {
+                last.landmarks.clone_from(&newest.landmarks);
+                last.placed = Placed {
+                    reference: newest.id,
+                    reference_from_eye: Se3::identity(),
+                    world_from_eye: newest.world_from_eye,
+                };
+            }
+            Some(last) => {
+                if let Some(reference) = map.world_from_eye(last.placed.reference) {
+                    last.placed.world_from_eye = reference * last.placed.reference_from_eye;
+                }
+            }
+            None => {
+                // The map has just begun: its newest key frame was the last frame.
+                let placed =
+                    Placed { reference: newest.id, reference_from_eye: Se3::identity(), world_from_eye: newest.world_from_eye };
+                self.last = Some(Last { frame: newest.frame.clone(), landmarks: newest.landmarks.clone(), placed });
+            }
+        }
+    }
+
+    fn locate(&self, map: &Map, frame: &Frame, guess: &Se3, matches: &mut Matches) -> Located {
+        let located = locate(map, &self.eye, frame, guess, &matches.landmarks, &matches.extra);
+        matches.drop_outliers(&located.outliers);
+        located
+    }
+
+    /// By the motion of the last two frames, or by standing still when that is not known.
+    fn by_motion(&self, frame: &Frame, map: &Map) -> Option<(Se3, Matches)> {
+        let last = self.last.as_ref()?;
+        let guess = last.placed.world_from_eye * self.motion.unwrap_or_default();
+        let radius = if self.eye.baseline_fx > 0.0 { 7.0 } else { 15.0 };
+        for widen in [1.0, 2.0, 4.0] {
+            let world_from_last = &last.placed.world_from_eye;
+            let mut matches =
+                match_last(map, &self.eye, &last.frame, &last.landmarks, world_from_last, frame, &guess, radius * widen);
+            if matches.count() < 20 {
+                continue;
+            }
+            let located = self.locate(map, frame, &guess, &mut matches);
+            if located.inliers >= 12 {
+                return Some((located.world_from_eye, matches));
+            }
+        }
+        None
+    }
+
+    /// By descriptors of the reference key frame, near the last pose.
+    fn by_reference(&self, frame: &Frame, map: &Map) -> Option<(Se3, Matches)> {
+        let last = self.last.as_ref()?;
+        let (reference, _) = map.living(last.placed.reference)?;
+        let mut matches = match_key_frame(map.key_frame(reference)?, frame, 0.7);
+        if matches.count() < 15 {
+            return None;
+        }
+        let located = self.locate(map, frame, &last.placed.world_from_eye, &mut matches);
+        (located.inliers >= 12).then_some((located.world_from_eye, matches))
+    }
+
+    /// Tries key frame after key frame; the best count of agreeing matches when none succeeds.
+    fn relocalise(&self, frame: &Frame, map: &Map) -> Result<(Se3, Matches), usize> {
+        let last = self.last.as_ref().map(|l| l.placed.world_from_eye.translation);
+        let mut best = 0;
+        for id in candidates(map, last, 12) {
+            let Some(k) = map.key_frame(id) else { continue };
+            let mut matches = match_key_frame(k, frame, 0.75);
+            if matches.count() < 15 {
+                continue;
+            }
+            let located = self.locate(map, frame, &k.world_from_eye, &mut matches);
+            best = best.max(located.inliers);
+            if located.inliers >= self.setting.min_inliers {
+                return Ok((located.world_from_eye, matches));
+            }
+        }
+        Err(best)
+    }
+
+    /// Matches with the local map, settles the pose and decides what the frame is good for.
+    fn finish(&mut self, frame: Arc<Frame>, map: &Map, guess: Se3, mut matches: Matches, idle: bool) -> Tracked {
+        let Some(newest) = map.newest_key_frame().map(|k| k.id) else { return self.lose(frame, 0) };
+        let fallback = self.last.as_ref().and_then(|l| map.living(l.placed.reference)).map_or(newest, |(id, _)| id);
+        matches.extra.clear();
+        self.local.gather(map, &matches, fallback, self.setting.local_key_frames);
+        let factor = match self.since_recovery {
+            0..=2 => 5.0,
+            _ => 1.0,
+        };
+        let expected = self.local.search(map, &self.eye, &frame, &guess, factor, &mut matches);
+        let matched = matches.count();
+        let located = self.locate(map, &frame, &guess, &mut matches);
+        let need = if self.since_recovery < 30 { self.setting.min_inliers * 3 / 2 } else { self.setting.min_inliers };
+        if located.inliers < need {
+            return self.lose(frame, located.inliers);
+        }
+        let world_from_eye = located.world_from_eye;
+        let reference = self.local.reference.unwrap_or(fallback);
+        let world_from_reference = map.world_from_eye(reference).unwrap_or_default();
+        let placed = Placed { reference, reference_from_eye: world_from_reference.inverse() * world_from_eye, world_from_eye };
+        self.motion = match (&self.last, self.lost) {
+            (Some(last), false) => Some(last.placed.world_from_eye.inverse() * world_from_eye),
+            _ => None,
+        };
+        self.lost = false;
+        let situation = Situation {
+            map,
+            eye: &self.eye,
+            frame: &frame,
+            matches: &matches,
+            inliers: located.inliers,
+            reference,
+            since: self.since_key_frame,
+            idle,
+        };
+        let offer = wants_key_frame(&situation, self.setting.rate_hz, self.setting.min_key_frame_gap).then(|| {
+            self.since_key_frame = 0;
+            Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed }
+        });
+        let found: std::collections::BTreeSet<LandmarkId> = matches.landmarks.iter().flatten().copied().collect();
+        let evidence =
+            Evidence { features: frame.len(), expected: expected.len(), matched, inliers: located.inliers };
+        let stamp = frame.stamp;
+        self.last = Some(Last { frame, landmarks: matches.landmarks, placed });
+        let seen = expected.into_iter().map(|id| (id, found.contains(&id))).collect();
+        Tracked { stamp, state: State::Tracking, pose: Some(placed), evidence, offer, seen }
+    }
+
+    fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
+        self.lost = true;
+        self.motion = None;
+        let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
+        let state = State::Lost { inliers, need: self.setting.min_inliers };
+        Tracked { stamp: frame.stamp, state, pose: None, evidence, offer: None, seen: Vec::new() }
+    }
+
+    /// The key frame that the last pose hangs on.
+    pub fn reference(&self) -> Option<KeyFrameId> {
+        self.last.as_ref().map(|l| l.placed.reference)
+    }
+}

@@ -1,0 +1,75 @@
+//! Looking for a known descriptor around a predicted place in a frame.
+
+use crate::{Descriptor, Frame, hamming};
+
+/// Where to look and for what.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    /// Predicted rectified pixel.
+    pub pixel: [f32; 2],
+    /// Predicted x in the right image; NaN when nothing is known of it.
+    pub right_x: f32,
+    /// Half the side of the window in pixels.
+    pub radius: f32,
+    /// Levels allowed, first and last.
+    pub octaves: [u8; 2],
+    /// What is looked for.
+    pub descriptor: &'a Descriptor,
+}
+
+/// The nearest feature and the next one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Found {
+    /// Index of the feature.
+    pub feature: usize,
+    /// Bits that differ.
+    pub distance: u32,
+    /// Bits that differ in the second nearest; `u32::MAX` where there is none.
+    pub second: u32,
+    /// Level of the second nearest.
+    pub second_octave: u8,
+}
+
+/// The feature of `frame` most like the target among those that `allowed` lets pass.
+pub fn search(frame: &Frame, target: &Target, allowed: impl Fn(usize) -> bool) -> Option<Found> {
+    let mut best: Option<Found> = None;
+    frame.near(target.pixel[0], target.pixel[1], target.radius, |i| {
+        let octave = frame.octave[i];
+        if octave < target.octaves[0] || octave > target.octaves[1] || !allowed(i) {
+            return;
+        }
+        // A measured right x must agree as well as the left one does.
+        if (frame.right_x[i] - target.right_x).abs() > target.radius {
+            return;
+        }
+        let distance = hamming(target.descriptor, &frame.descriptors[i]);
+        match &mut best {
+            None => best = Some(Found { feature: i, distance, second: u32::MAX, second_octave: 0 }),
+            Some(b) if distance < b.distance => {
+                *b = Found { feature: i, distance, second: b.distance, second_octave: frame.octave[b.feature] }
+            }
+            Some(b) if distance < b.second => (b.second, b.second_octave) = (distance, octave),
+            _ => {}
+        }
+    });
+    best
+}
+
+/// Drops matches whose change of orientation is unlike that of most: keeps those in the three fullest of 30
+/// bins of `(target angle - feature angle)`. Matches are `(item, angle difference in radians)`.
+pub fn consistent_rotation<T>(matches: Vec<(T, f32)>) -> Vec<T> {
+    const BINS: usize = 30;
+    let bin = |angle: f32| {
+        let turn = angle.rem_euclid(std::f32::consts::TAU) / std::f32::consts::TAU;
+        (turn * BINS as f32 + 0.5) as usize % BINS
+    };
+    let mut counts = [0usize; BINS];
+    for (_, angle) in &matches {
+        counts[bin(*angle)] += 1;
+    }
+    let mut order: Vec<usize> = (0..BINS).collect();
+    order.sort_by_key(|b| std::cmp::Reverse(counts[*b]));
+    // A bin counts only when it holds a tenth of the fullest one.
+    let keep: Vec<usize> = order[..3].iter().copied().filter(|b| counts[*b] * 10 >= counts[order[0]]).collect();
+    matches.into_iter().filter(|(_, angle)| keep.contains(&bin(*angle))).map(|(item, _)| item).collect()
+}
