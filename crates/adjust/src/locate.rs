@@ -32,7 +32,9 @@ pub fn locate(
     let known = matches.iter().enumerate().filter_map(|(i, id)| Some((i, map.landmark((*id)?)?.position)));
     let (features, points): (Vec<usize>, Vec<PointMatch>) = known
         .chain(extra.iter().copied())
-        .map(|(i, point)| (i, PointMatch { point, pixel: pixel(frame, i), weight: weight(frame, i, &map.octaves()) }))
+        .map(|(i, point)| {
+            (i, PointMatch { point, pixel: pixel(frame, i), weight: weight(frame, i, &map.octaves()) })
+        })
         .unzip();
     let found = PoseOnly::solve(&pinhole(eye), guess, &points, &PoseOnlySetting::default());
     let outliers = features.iter().zip(&found.inlier).filter(|(_, ok)| !**ok).map(|(i, _)| *i).collect();

@@ -49,7 +49,13 @@ impl Window {
     /// all landmarks they show; other key frames that see those landmarks hold them in place.
     pub fn around(map: &Map, eye: &EyeModel, centre: KeyFrameId, setting: &WindowSetting) -> Option<Self> {
         let mut moving = vec![centre];
-        moving.extend(map.key_frame(centre)?.covisible.iter().map(|(id, _)| *id).take(setting.key_frames.saturating_sub(1)));
+        moving.extend(
+            map.key_frame(centre)?
+                .covisible
+                .iter()
+                .map(|(id, _)| *id)
+                .take(setting.key_frames.saturating_sub(1)),
+        );
         Some(Self::of(map, eye, &moving, setting.anchors))
     }
 
@@ -60,7 +66,10 @@ impl Window {
     }
 
     fn of(map: &Map, eye: &EyeModel, moving: &[KeyFrameId], anchors: usize) -> Self {
-        let shown = moving.iter().filter_map(|id| map.key_frame(*id)).flat_map(|k| k.landmarks.iter().flatten().copied());
+        let shown = moving
+            .iter()
+            .filter_map(|id| map.key_frame(*id))
+            .flat_map(|k| k.landmarks.iter().flatten().copied());
         let mut landmarks: Vec<LandmarkId> = shown.collect();
         landmarks.sort_unstable();
         landmarks.dedup();
@@ -88,7 +97,9 @@ impl Window {
         for l in landmarks.iter().filter_map(|id| map.landmark(*id)) {
             let first = observations.len();
             for o in &l.observations {
-                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), map.key_frame(o.key_frame)) else { continue };
+                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), map.key_frame(o.key_frame)) else {
+                    continue;
+                };
                 observations.push(Observation {
                     pose: *slot,
                     point: points.len() as u32,
@@ -105,8 +116,10 @@ impl Window {
             kept.push(l.id);
             points.push(l.position);
         }
-        let poses: Vec<Se3> =
-            key_frames.iter().map(|id| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye)).collect();
+        let poses: Vec<Se3> = key_frames
+            .iter()
+            .map(|id| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye))
+            .collect();
         let bundle = Bundle { camera: pinhole(eye), poses, fixed, points, observations };
         Self { base: map.version(), key_frames, landmarks: kept, bundle }
     }

@@ -5,12 +5,14 @@
 
 mod apply;
 mod arena;
+mod atlas;
 mod change;
 mod ids;
 mod key_frame;
 mod landmark;
 mod map;
 
+pub use atlas::{Atlas, Reader};
 pub use change::{Applied, Change, ChangeSet};
 pub use ids::{KeyFrameId, LandmarkId};
 pub use key_frame::KeyFrame;

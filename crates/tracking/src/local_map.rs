@@ -53,11 +53,20 @@ impl LocalMap {
 
     /// Projects the gathered landmarks and adds what is found to `matches`; returns the landmarks that should be
     /// in view (those matched before too).
-    pub fn search(&self, map: &Map, eye: &EyeModel, frame: &Frame, pose: &Se3, factor: f64, matches: &mut Matches) -> Vec<LandmarkId> {
+    pub fn search(
+        &self,
+        map: &Map,
+        eye: &EyeModel,
+        frame: &Frame,
+        pose: &Se3,
+        factor: f64,
+        matches: &mut Matches,
+    ) -> Vec<LandmarkId> {
         let octaves = map.octaves();
         let eye_from_world = pose.inverse();
         let rotation = eye_from_world.rotation.matrix();
-        let before: std::collections::BTreeSet<LandmarkId> = matches.landmarks.iter().flatten().copied().collect();
+        let before: std::collections::BTreeSet<LandmarkId> =
+            matches.landmarks.iter().flatten().copied().collect();
         let mut expected: Vec<LandmarkId> = before.iter().copied().collect();
         let mut owner: Vec<Option<(LandmarkId, u32)>> = vec![None; frame.len()];
         for id in &self.landmarks {

@@ -21,7 +21,8 @@ pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -
             owner[feature] = Some((*id, best.distance, turn));
         }
     }
-    let turned = owner.iter().enumerate().filter_map(|(feature, o)| o.map(|(id, _, turn)| ((feature, id), turn)));
+    let turned =
+        owner.iter().enumerate().filter_map(|(feature, o)| o.map(|(id, _, turn)| ((feature, id), turn)));
     let mut matches = Matches::none(frame);
     for (feature, id) in consistent_rotation(turned.collect()) {
         matches.landmarks[feature] = Some(id);

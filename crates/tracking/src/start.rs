@@ -16,17 +16,33 @@ pub(crate) struct Starter {
 
 impl Starter {
     /// Looks at a frame: an offer when a map can begin, else what is missing. `features` is the eye's budget.
-    pub fn step(&mut self, eye: &EyeModel, octaves: Octaves, frame: &Arc<Frame>, features: usize) -> Result<Offer, State> {
+    pub fn step(
+        &mut self,
+        eye: &EyeModel,
+        octaves: Octaves,
+        frame: &Arc<Frame>,
+        features: usize,
+    ) -> Result<Offer, State> {
         if eye.baseline_fx > 0.0 {
             // Relative to the budget, so that rooms with few features start too.
             let need = (features / 12).max(40);
             let have = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
-            return if have >= need { Ok(Offer::First(frame.clone())) } else { Err(State::Starting { have, need }) };
+            return if have >= need {
+                Ok(Offer::First(frame.clone()))
+            } else {
+                Err(State::Starting { have, need })
+            };
         }
         self.pair(eye, octaves, frame, (features / 10).max(50))
     }
 
-    fn pair(&mut self, eye: &EyeModel, octaves: Octaves, frame: &Arc<Frame>, need: usize) -> Result<Offer, State> {
+    fn pair(
+        &mut self,
+        eye: &EyeModel,
+        octaves: Octaves,
+        frame: &Arc<Frame>,
+        need: usize,
+    ) -> Result<Offer, State> {
         let Some(first) = self.first.clone() else {
             if frame.len() >= need {
                 self.trail = frame.px.clone();
@@ -42,7 +58,9 @@ impl Starter {
         }
         self.attempts += 1;
         let waiting = State::Starting { have: matches.len(), need };
-        let Some((first_from_second, points)) = two_views(eye, octaves, &first, frame, &matches, self.attempts) else {
+        let Some((first_from_second, points)) =
+            two_views(eye, octaves, &first, frame, &matches, self.attempts)
+        else {
             return Err(waiting);
         };
         if points.len() < need / 2 {
@@ -71,7 +89,10 @@ impl Starter {
                 owner[f.feature] = Some((i, f.distance));
             }
         }
-        let turned = owner.iter().enumerate().filter_map(|(j, o)| o.map(|(i, _)| ((i, j), first.angle[i] - frame.angle[j])));
+        let turned = owner
+            .iter()
+            .enumerate()
+            .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), first.angle[i] - frame.angle[j])));
         let matches = consistent_rotation(turned.collect());
         for (i, j) in &matches {
             self.trail[*i] = frame.px[*j];
@@ -82,6 +103,13 @@ impl Starter {
 
 type Pair = (cairn_geometry::Se3, Vec<(u16, u16, Vec3)>);
 
-fn two_views(_eye: &EyeModel, _octaves: Octaves, _first: &Frame, _second: &Frame, _matches: &[(usize, usize)], _seed: u64) -> Option<Pair> {
+fn two_views(
+    _eye: &EyeModel,
+    _octaves: Octaves,
+    _first: &Frame,
+    _second: &Frame,
+    _matches: &[(usize, usize)],
+    _seed: u64,
+) -> Option<Pair> {
     None
 }

@@ -80,7 +80,11 @@ impl Tracker {
         self.since_key_frame = self.since_key_frame.saturating_add(1);
         self.since_recovery = self.since_recovery.saturating_add(1);
         self.refresh_last(map);
-        let first_guess = if self.lost { None } else { self.by_motion(&frame, map).or_else(|| self.by_reference(&frame, map)) };
+        let first_guess = if self.lost {
+            None
+        } else {
+            self.by_motion(&frame, map).or_else(|| self.by_reference(&frame, map))
+        };
         let (guess, matches, recovered) = match first_guess {
             Some((pose, matches)) => (pose, matches, false),
             None => match self.relocalise(&frame, map) {
@@ -97,7 +101,8 @@ impl Tracker {
 
     fn start(&mut self, frame: Arc<Frame>, map: &Map) -> Tracked {
         let features = frame.len();
-        let (state, offer) = match self.starter.step(&self.eye, map.octaves(), &frame, self.setting.features) {
+        let (state, offer) = match self.starter.step(&self.eye, map.octaves(), &frame, self.setting.features)
+        {
             Ok(offer) => (State::Starting { have: features, need: 0 }, Some(offer)),
             Err(state) => (state, None),
         };
@@ -125,9 +130,13 @@ impl Tracker {
             }
             None => {
                 // The map has just begun: its newest key frame was the last frame.
-                let placed =
-                    Placed { reference: newest.id, reference_from_eye: Se3::identity(), world_from_eye: newest.world_from_eye };
-                self.last = Some(Last { frame: newest.frame.clone(), landmarks: newest.landmarks.clone(), placed });
+                let placed = Placed {
+                    reference: newest.id,
+                    reference_from_eye: Se3::identity(),
+                    world_from_eye: newest.world_from_eye,
+                };
+                self.last =
+                    Some(Last { frame: newest.frame.clone(), landmarks: newest.landmarks.clone(), placed });
             }
         }
     }
@@ -145,8 +154,16 @@ impl Tracker {
         let radius = if self.eye.baseline_fx > 0.0 { 7.0 } else { 15.0 };
         for widen in [1.0, 2.0, 4.0] {
             let world_from_last = &last.placed.world_from_eye;
-            let mut matches =
-                match_last(map, &self.eye, &last.frame, &last.landmarks, world_from_last, frame, &guess, radius * widen);
+            let mut matches = match_last(
+                map,
+                &self.eye,
+                &last.frame,
+                &last.landmarks,
+                world_from_last,
+                frame,
+                &guess,
+                radius * widen,
+            );
             if matches.count() < 20 {
                 continue;
             }
@@ -190,9 +207,17 @@ impl Tracker {
     }
 
     /// Matches with the local map, settles the pose and decides what the frame is good for.
-    fn finish(&mut self, frame: Arc<Frame>, map: &Map, guess: Se3, mut matches: Matches, idle: bool) -> Tracked {
+    fn finish(
+        &mut self,
+        frame: Arc<Frame>,
+        map: &Map,
+        guess: Se3,
+        mut matches: Matches,
+        idle: bool,
+    ) -> Tracked {
         let Some(newest) = map.newest_key_frame().map(|k| k.id) else { return self.lose(frame, 0) };
-        let fallback = self.last.as_ref().and_then(|l| map.living(l.placed.reference)).map_or(newest, |(id, _)| id);
+        let fallback =
+            self.last.as_ref().and_then(|l| map.living(l.placed.reference)).map_or(newest, |(id, _)| id);
         matches.extra.clear();
         self.local.gather(map, &matches, fallback, self.setting.local_key_frames);
         let factor = match self.since_recovery {
@@ -202,14 +227,22 @@ impl Tracker {
         let expected = self.local.search(map, &self.eye, &frame, &guess, factor, &mut matches);
         let matched = matches.count();
         let located = self.locate(map, &frame, &guess, &mut matches);
-        let need = if self.since_recovery < 30 { self.setting.min_inliers * 3 / 2 } else { self.setting.min_inliers };
+        let need = if self.since_recovery < 30 {
+            self.setting.min_inliers * 3 / 2
+        } else {
+            self.setting.min_inliers
+        };
         if located.inliers < need {
             return self.lose(frame, located.inliers);
         }
         let world_from_eye = located.world_from_eye;
         let reference = self.local.reference.unwrap_or(fallback);
         let world_from_reference = map.world_from_eye(reference).unwrap_or_default();
-        let placed = Placed { reference, reference_from_eye: world_from_reference.inverse() * world_from_eye, world_from_eye };
+        let placed = Placed {
+            reference,
+            reference_from_eye: world_from_reference.inverse() * world_from_eye,
+            world_from_eye,
+        };
         self.motion = match (&self.last, self.lost) {
             (Some(last), false) => Some(last.placed.world_from_eye.inverse() * world_from_eye),
             _ => None,
@@ -225,11 +258,13 @@ impl Tracker {
             since: self.since_key_frame,
             idle,
         };
-        let offer = wants_key_frame(&situation, self.setting.rate_hz, self.setting.min_key_frame_gap).then(|| {
-            self.since_key_frame = 0;
-            Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed }
-        });
-        let found: std::collections::BTreeSet<LandmarkId> = matches.landmarks.iter().flatten().copied().collect();
+        let offer =
+            wants_key_frame(&situation, self.setting.rate_hz, self.setting.min_key_frame_gap).then(|| {
+                self.since_key_frame = 0;
+                Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed }
+            });
+        let found: std::collections::BTreeSet<LandmarkId> =
+            matches.landmarks.iter().flatten().copied().collect();
         let evidence =
             Evidence { features: frame.len(), expected: expected.len(), matched, inliers: located.inliers };
         let stamp = frame.stamp;

@@ -46,7 +46,8 @@ pub fn search(frame: &Frame, target: &Target, allowed: impl Fn(usize) -> bool) -
         match &mut best {
             None => best = Some(Found { feature: i, distance, second: u32::MAX, second_octave: 0 }),
             Some(b) if distance < b.distance => {
-                *b = Found { feature: i, distance, second: b.distance, second_octave: frame.octave[b.feature] }
+                *b =
+                    Found { feature: i, distance, second: b.distance, second_octave: frame.octave[b.feature] }
             }
             Some(b) if distance < b.second => (b.second, b.second_octave) = (distance, octave),
             _ => {}
@@ -70,6 +71,7 @@ pub fn consistent_rotation<T>(matches: Vec<(T, f32)>) -> Vec<T> {
     let mut order: Vec<usize> = (0..BINS).collect();
     order.sort_by_key(|b| std::cmp::Reverse(counts[*b]));
     // A bin counts only when it holds a tenth of the fullest one.
-    let keep: Vec<usize> = order[..3].iter().copied().filter(|b| counts[*b] * 10 >= counts[order[0]]).collect();
+    let keep: Vec<usize> =
+        order[..3].iter().copied().filter(|b| counts[*b] * 10 >= counts[order[0]]).collect();
     matches.into_iter().filter(|(_, angle)| keep.contains(&bin(*angle))).map(|(item, _)| item).collect()
 }

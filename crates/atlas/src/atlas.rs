@@ -1,0 +1,52 @@
+//! The keeper of the map: one writer, many readers.
+
+use crate::{Applied, Change, ChangeSet, Map};
+use arc_swap::ArcSwap;
+use std::sync::Arc;
+
+/// The one who may write: holds the latest map and publishes each version.
+#[derive(Debug)]
+pub struct Atlas {
+    latest: Arc<Map>,
+    published: Arc<ArcSwap<Map>>,
+}
+
+/// Reads the latest map without a lock.
+#[derive(Clone, Debug)]
+pub struct Reader(Arc<ArcSwap<Map>>);
+
+impl Reader {
+    /// The latest map; it stays as it is for as long as it is held.
+    pub fn latest(&self) -> Arc<Map> {
+        self.0.load_full()
+    }
+}
+
+impl Atlas {
+    /// An atlas with one map.
+    pub fn new(map: Map) -> Self {
+        let latest = Arc::new(map);
+        Self { published: Arc::new(ArcSwap::new(latest.clone())), latest }
+    }
+
+    /// A reader for another stage.
+    pub fn reader(&self) -> Reader {
+        Reader(self.published.clone())
+    }
+
+    /// The latest map.
+    pub fn latest(&self) -> &Arc<Map> {
+        &self.latest
+    }
+
+    /// Applies changes and publishes the next version. An empty list changes nothing.
+    pub fn commit(&mut self, changes: Vec<Change>) -> Applied {
+        if changes.is_empty() {
+            return Applied::default();
+        }
+        let (next, applied) = self.latest.apply(&ChangeSet { base: self.latest.version(), changes });
+        self.latest = Arc::new(next);
+        self.published.store(self.latest.clone());
+        applied
+    }
+}

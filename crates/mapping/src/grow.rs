@@ -1,0 +1,207 @@
+//! New landmarks from two views: features that show nothing yet are matched along epipolar lines and triangulated.
+//!
+//! Source: Mur-Artal, Montiel, Tardós, "ORB-SLAM" (2015), section VI-C; epipolar geometry after Hartley & Zisserman.
+
+use crate::insert::Births;
+use cairn_adjust::pixel;
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
+use cairn_geometry::{Mat3, Se3, Vec3, hat};
+use cairn_solve::{CHI2_2, CHI2_3};
+use cairn_vision::{EyeModel, Frame, Octaves, hamming};
+
+/// Bits that may differ between two views of a point.
+const TIGHT: u32 = 50;
+/// Cosine of the least angle between two rays that are triangulated (about 1.1 degrees).
+const LEAST_PARALLAX_COS: f64 = 0.9998;
+
+/// New landmarks of `centre` with its best `neighbours`.
+pub(crate) fn grow(
+    map: &Map,
+    eye: &EyeModel,
+    centre: KeyFrameId,
+    neighbours: usize,
+    births: &mut Births,
+    mut stop: impl FnMut() -> bool,
+) -> Vec<Change> {
+    let Some(here) = map.key_frame(centre) else { return Vec::new() };
+    let mut changes = Vec::new();
+    let mut taken: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
+    for (nth, (id, _)) in here.covisible.iter().take(neighbours).enumerate() {
+        if nth > 0 && stop() {
+            break;
+        }
+        let Some(there) = map.key_frame(*id) else { continue };
+        if !wide_enough(map, eye, here, there) {
+            continue;
+        }
+        for (i, j) in match_along_lines(eye, map.octaves(), here, there, &taken) {
+            let Some(point) = triangulate(eye, map.octaves(), here, i, there, j) else { continue };
+            let Some(landmark) = births.id() else { return changes };
+            taken[i] = true;
+            changes.push(Change::AddLandmark(landmark, point));
+            changes.push(Change::Observe(landmark, centre, i as u16));
+            changes.push(Change::Observe(landmark, *id, j as u16));
+        }
+    }
+    changes
+}
+
+/// Whether two views stand far enough apart: more than the eye's own baseline, or, without one, a hundredth of
+/// the scene's depth.
+fn wide_enough(map: &Map, eye: &EyeModel, here: &KeyFrame, there: &KeyFrame) -> bool {
+    let baseline = (here.world_from_eye.translation - there.world_from_eye.translation).norm();
+    if eye.baseline_fx > 0.0 {
+        return baseline > eye.baseline_fx / eye.fx;
+    }
+    median_depth(map, there).is_some_and(|depth| baseline > 0.01 * depth)
+}
+
+/// Median depth of what a key frame shows, in map units.
+pub(crate) fn median_depth(map: &Map, k: &KeyFrame) -> Option<f64> {
+    let eye_from_world = k.world_from_eye.inverse();
+    let mut depths: Vec<f64> = k
+        .landmarks
+        .iter()
+        .flatten()
+        .filter_map(|id| map.landmark(*id))
+        .map(|l| (eye_from_world * l.position).z)
+        .filter(|z| *z > 0.0)
+        .collect();
+    if depths.is_empty() {
+        return None;
+    }
+    let middle = depths.len() / 2;
+    Some(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Pairs of free features, one of each key frame, that lie on each other's epipolar line and look alike.
+fn match_along_lines(
+    eye: &EyeModel,
+    octaves: Octaves,
+    here: &KeyFrame,
+    there: &KeyFrame,
+    taken: &[bool],
+) -> Vec<(usize, usize)> {
+    let there_from_here = there.world_from_eye.inverse() * here.world_from_eye;
+    let k_inv =
+        Mat3::new(1.0 / eye.fx, 0.0, -eye.cx / eye.fx, 0.0, 1.0 / eye.fy, -eye.cy / eye.fy, 0.0, 0.0, 1.0);
+    // Line in `there` of a pixel x in `here`: K^-T [t]x R K^-1 x.
+    let fundamental =
+        k_inv.transpose() * hat(&there_from_here.translation) * there_from_here.rotation.matrix() * k_inv;
+    let epipole = eye.project(&there_from_here.translation);
+    let free: Vec<usize> = (0..there.frame.len()).filter(|j| there.landmarks[*j].is_none()).collect();
+    let px: Vec<[f32; 2]> = free.iter().map(|j| there.frame.px[*j]).collect();
+    let variance: Vec<f32> =
+        free.iter().map(|j| octaves.scale(there.frame.octave[*j]).powi(2) as f32).collect();
+    let mut owner: Vec<Option<(usize, u32)>> = vec![None; there.frame.len()];
+    for i in (0..here.frame.len()).filter(|i| !taken[*i]) {
+        let [u, v] = here.frame.px[i];
+        let line = fundamental * Vec3::new(u as f64, v as f64, 1.0);
+        let norm = line.x.hypot(line.y);
+        if norm < 1e-12 {
+            continue;
+        }
+        let [a, b, c] = [(line.x / norm) as f32, (line.y / norm) as f32, (line.z / norm) as f32];
+        let mut best = (u32::MAX, usize::MAX);
+        for (k, [x, y]) in px.iter().enumerate() {
+            let off = a * x + b * y + c;
+            if off * off > 3.84 * variance[k] {
+                continue;
+            }
+            let j = free[k];
+            let deep = here.frame.has_depth(i) || there.frame.has_depth(j);
+            if let (Some([eu, ev, _]), false) = (epipole, deep) {
+                // Next to the epipole a pair says nothing about depth.
+                let (du, dv) = (eu - *x as f64, ev - *y as f64);
+                if du * du + dv * dv < 100.0 * octaves.scale(there.frame.octave[j]) {
+                    continue;
+                }
+            }
+            let distance = hamming(&here.frame.descriptors[i], &there.frame.descriptors[j]);
+            if distance < best.0 {
+                best = (distance, j);
+            }
+        }
+        let (distance, j) = best;
+        if distance <= TIGHT && owner[j].is_none_or(|(_, d)| distance < d) {
+            owner[j] = Some((i, distance));
+        }
+    }
+    let turned: Vec<((usize, usize), f32)> = owner
+        .iter()
+        .enumerate()
+        .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), here.frame.angle[i] - there.frame.angle[j])))
+        .collect();
+    let mut matches = cairn_vision::consistent_rotation(turned);
+    matches.sort_unstable();
+    matches
+}
+
+/// The point that two features show, where it is well placed and agrees with both views.
+fn triangulate(
+    eye: &EyeModel,
+    octaves: Octaves,
+    here: &KeyFrame,
+    i: usize,
+    there: &KeyFrame,
+    j: usize,
+) -> Option<Vec3> {
+    let ray =
+        |k: &KeyFrame, f: usize| k.world_from_eye.rotation * eye.unproject(k.frame.px[f], 1.0).normalize();
+    let (ra, rb) = (ray(here, i), ray(there, j));
+    let cosine = ra.dot(&rb);
+    let stereo_cosine = |frame: &Frame, f: usize| {
+        if frame.has_depth(f) {
+            let half = 0.5 * eye.baseline_fx / eye.fx / frame.depth[f] as f64;
+            (2.0 * half.atan()).cos()
+        } else {
+            2.0
+        }
+    };
+    let (ca, cb) = (stereo_cosine(&here.frame, i), stereo_cosine(&there.frame, j));
+    let point = if cosine > 0.0 && cosine < LEAST_PARALLAX_COS && cosine < ca.min(cb) {
+        intersect(
+            &here.world_from_eye,
+            &eye.unproject(here.frame.px[i], 1.0),
+            &there.world_from_eye,
+            &eye.unproject(there.frame.px[j], 1.0),
+        )?
+    } else if ca <= cb && ca < 2.0 {
+        here.world_from_eye * eye.unproject(here.frame.px[i], here.frame.depth[i] as f64)
+    } else if cb < ca {
+        there.world_from_eye * eye.unproject(there.frame.px[j], there.frame.depth[j] as f64)
+    } else {
+        return None;
+    };
+    let distance = |k: &KeyFrame, f: usize| {
+        let q = k.world_from_eye.inverse() * point;
+        let [u, v, right] = eye.project(&q)?;
+        let [mu, mv, mr] = pixel(&k.frame, f);
+        let dr = if mr.is_nan() { 0.0 } else { mr - right };
+        let chi2 = ((mu - u).powi(2) + (mv - v).powi(2) + dr * dr) / octaves.scale(k.frame.octave[f]).powi(2);
+        (chi2 < if mr.is_nan() { CHI2_2 } else { CHI2_3 }).then(|| q.norm())
+    };
+    let (da, db) = (distance(here, i)?, distance(there, j)?);
+    // A point looks smaller from farther away: the ratio of distances and that of the levels tell the same story.
+    let by_range = db / da;
+    let by_level = octaves.scale(here.frame.octave[i]) / octaves.scale(there.frame.octave[j]);
+    let slack = 1.5 * octaves.factor;
+    (by_range < by_level * slack && by_range * slack > by_level).then_some(point)
+}
+
+/// Linear triangulation (Hartley & Zisserman, section 12.2, inhomogeneous) of two normalised pixels.
+fn intersect(world_from_a: &Se3, xa: &Vec3, world_from_b: &Se3, xb: &Vec3) -> Option<Vec3> {
+    let mut h = Mat3::zeros();
+    let mut g = Vec3::zeros();
+    for (pose, x) in [(world_from_a, xa), (world_from_b, xb)] {
+        let r = pose.rotation.matrix();
+        // Eye axes in the world: columns of r. Row k of the projection: r.column(k) . (p - centre).
+        let (rx, ry, rz) = (r.column(0), r.column(1), r.column(2));
+        for row in [rz * x.x - rx, rz * x.y - ry] {
+            h += row * row.transpose();
+            g += row * row.dot(&pose.translation);
+        }
+    }
+    let p = h.try_inverse()? * g;
+    p.iter().all(|v| v.is_finite()).then_some(p)
+}

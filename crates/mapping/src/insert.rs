@@ -1,0 +1,70 @@
+//! Key frames enter the map: with what tracking matched, and with the points their own depth shows.
+
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map};
+use cairn_geometry::{Se3, Vec3};
+use cairn_vision::{EyeModel, Frame};
+use std::sync::Arc;
+
+/// Ids of new landmarks, in order.
+pub(crate) struct Births {
+    next: usize,
+    pub born: Vec<LandmarkId>,
+}
+
+impl Births {
+    pub fn after(map: &Map) -> Self {
+        Self { next: map.next_landmark_id().index(), born: Vec::new() }
+    }
+
+    /// The next id; `None` when there are no more.
+    pub fn id(&mut self) -> Option<LandmarkId> {
+        let id = LandmarkId::from_index(self.next)?;
+        self.next += 1;
+        self.born.push(id);
+        Some(id)
+    }
+}
+
+/// A key frame with the landmarks it is known to show.
+pub(crate) fn add_key_frame(
+    id: KeyFrameId,
+    frame: &Arc<Frame>,
+    world_from_eye: Se3,
+    parent: Option<KeyFrameId>,
+    landmarks: &[Option<LandmarkId>],
+) -> Vec<Change> {
+    let mut changes =
+        vec![Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame.clone(), world_from_eye, parent)))];
+    let shown = landmarks.iter().enumerate().filter_map(|(i, l)| l.map(|l| Change::Observe(l, id, i as u16)));
+    changes.extend(shown);
+    changes
+}
+
+/// New landmarks for the features of a key frame that have depth and show nothing yet: all that are close, and of
+/// the others as many as bring the count of points to `least`, nearest first.
+pub(crate) fn points_from_depth(
+    eye: &EyeModel,
+    frame: &Frame,
+    world_from_eye: &Se3,
+    id: KeyFrameId,
+    shown: &[Option<LandmarkId>],
+    least: usize,
+    births: &mut Births,
+) -> Vec<Change> {
+    let mut by_depth: Vec<usize> = (0..frame.len()).filter(|i| frame.has_depth(*i)).collect();
+    by_depth.sort_by(|a, b| frame.depth[*a].total_cmp(&frame.depth[*b]).then(a.cmp(b)));
+    let mut changes = Vec::new();
+    for (rank, i) in by_depth.into_iter().enumerate() {
+        if frame.depth[i] as f64 > eye.close_depth && rank >= least {
+            break;
+        }
+        if shown[i].is_some() {
+            continue;
+        }
+        let Some(landmark) = births.id() else { break };
+        let point: Vec3 = *world_from_eye * eye.unproject(frame.px[i], frame.depth[i] as f64);
+        changes.push(Change::AddLandmark(landmark, point));
+        changes.push(Change::Observe(landmark, id, i as u16));
+    }
+    changes
+}

@@ -1,0 +1,213 @@
+//! The mapping stage: one key frame in, the map grown, fused, adjusted and culled.
+
+use crate::cull::{Nursery, redundant};
+use crate::fuse::{around, fuse_into};
+use crate::grow::{grow, median_depth};
+use crate::insert::{Births, add_key_frame, points_from_depth};
+use cairn_adjust::{Window, WindowSetting};
+use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId};
+use cairn_geometry::{Se3, Vec3};
+use cairn_solve::Report;
+use cairn_vision::{EyeModel, Frame};
+use std::sync::Arc;
+
+/// How to map.
+#[derive(Clone, Copy, Debug)]
+pub struct MapperSetting {
+    /// Neighbours searched for new points.
+    pub grow_neighbours: usize,
+    /// Neighbours searched for duplicates.
+    pub fuse_neighbours: usize,
+    /// The window of the local adjustment.
+    pub window: WindowSetting,
+    /// A key frame goes when more than this share of its landmarks is seen by three others.
+    pub redundant_share: f64,
+    /// Points from depth that a key frame brings at least, where it has them.
+    pub depth_points: usize,
+}
+
+impl Default for MapperSetting {
+    fn default() -> Self {
+        Self {
+            grow_neighbours: 10,
+            fuse_neighbours: 10,
+            window: WindowSetting::default(),
+            redundant_share: 0.9,
+            depth_points: 100,
+        }
+    }
+}
+
+/// What mapping did with one offer.
+#[derive(Clone, Copy, Debug)]
+pub struct Mapped {
+    /// The key frame that was added.
+    pub key_frame: KeyFrameId,
+    /// Landmarks born.
+    pub born: usize,
+    /// The local adjustment, when there was one.
+    pub adjustment: Option<Report>,
+}
+
+/// The mapping stage.
+#[derive(Debug)]
+pub struct Mapper {
+    eye: EyeModel,
+    setting: MapperSetting,
+    nursery: Nursery,
+}
+
+impl Mapper {
+    /// A mapper for one eye.
+    pub fn new(eye: EyeModel, setting: MapperSetting) -> Self {
+        Self { eye, setting, nursery: Nursery::default() }
+    }
+
+    /// What tracking expected in a frame and whether it was found: young landmarks are judged by it.
+    pub fn note(&mut self, seen: &[(LandmarkId, bool)]) {
+        self.nursery.note(seen);
+    }
+
+    /// Begins a map with a frame that has depth; its eye is the world.
+    pub fn start(&mut self, atlas: &mut Atlas, frame: &Arc<Frame>, world_from_eye: Se3) -> KeyFrameId {
+        let map = atlas.latest();
+        let id = map.next_key_frame_id();
+        let mut births = Births::after(map);
+        let nothing = vec![None; frame.len()];
+        let mut changes = add_key_frame(id, frame, world_from_eye, None, &nothing);
+        let least = frame.len();
+        changes.extend(points_from_depth(
+            &self.eye,
+            frame,
+            &world_from_eye,
+            id,
+            &nothing,
+            least,
+            &mut births,
+        ));
+        atlas.commit(changes);
+        id
+    }
+
+    /// Begins a map with two frames and the points both see, and adjusts it; the unit of length becomes the median
+    /// depth of the first. `None` when too little is left after adjusting: the map stays empty.
+    pub fn start_pair(
+        &mut self,
+        atlas: &mut Atlas,
+        first: &Arc<Frame>,
+        second: &Arc<Frame>,
+        first_from_second: Se3,
+        points: &[(u16, u16, Vec3)],
+    ) -> Option<KeyFrameId> {
+        let mut depths: Vec<f64> = points.iter().map(|(_, _, p)| p.z).filter(|z| *z > 0.0).collect();
+        if depths.is_empty() {
+            return None;
+        }
+        let middle = depths.len() / 2;
+        let unit = 1.0 / *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let before = atlas.latest().clone();
+        let a = before.next_key_frame_id();
+        let b = KeyFrameId::from_index(a.index() + 1)?;
+        let mut births = Births::after(&before);
+        let nothing = |frame: &Frame| vec![None; frame.len()];
+        let mut changes = add_key_frame(a, first, Se3::identity(), None, &nothing(first));
+        let scaled = Se3::new(first_from_second.rotation, first_from_second.translation * unit);
+        changes.extend(add_key_frame(b, second, scaled, Some(a), &nothing(second)));
+        for (i, j, p) in points {
+            let id = births.id()?;
+            changes.push(Change::AddLandmark(id, p * unit));
+            changes.push(Change::Observe(id, a, *i));
+            changes.push(Change::Observe(id, b, *j));
+        }
+        atlas.commit(changes);
+        let window = WindowSetting { iterations: [10, 10], tolerance: 1e-6, ..self.setting.window };
+        let settled = Window::whole(atlas.latest(), &self.eye).solve(&window, || false);
+        atlas.commit(settled.changes.changes);
+        self.nursery.admit(&births.born, b);
+        Some(b)
+    }
+
+    /// Takes up a key frame. `stop` is asked between and within the steps: when it says true, what can wait is left
+    /// for the next key frame.
+    pub fn step(
+        &mut self,
+        atlas: &mut Atlas,
+        frame: &Arc<Frame>,
+        landmarks: &[Option<LandmarkId>],
+        reference: KeyFrameId,
+        reference_from_eye: Se3,
+        mut stop: impl FnMut() -> bool,
+    ) -> Option<Mapped> {
+        let depth = self.eye.baseline_fx > 0.0;
+        let map = atlas.latest().clone();
+        let (parent, parent_from_reference) = map.living(reference)?;
+        let world_from_eye = map.world_from_eye(parent)? * parent_from_reference * reference_from_eye;
+        let id = map.next_key_frame_id();
+        let mut births = Births::after(&map);
+        let alive: Vec<Option<LandmarkId>> =
+            landmarks.iter().map(|l| l.filter(|l| map.landmark(*l).is_some())).collect();
+        let mut changes = add_key_frame(id, frame, world_from_eye, Some(parent), &alive);
+        if depth {
+            let least = self.setting.depth_points;
+            changes.extend(points_from_depth(
+                &self.eye,
+                frame,
+                &world_from_eye,
+                id,
+                &alive,
+                least,
+                &mut births,
+            ));
+        }
+        atlas.commit(changes);
+        atlas.commit(self.nursery.judge(atlas.latest(), id, depth));
+        self.nursery.admit(&births.born, id);
+        let mut born = births.born.len();
+
+        let map = atlas.latest().clone();
+        let mut births = Births::after(&map);
+        atlas.commit(grow(&map, &self.eye, id, self.setting.grow_neighbours, &mut births, &mut stop));
+        self.nursery.admit(&births.born, id);
+        born += births.born.len();
+
+        let mut adjustment = None;
+        if !stop() {
+            self.fuse(atlas, id);
+        }
+        if !stop() && atlas.latest().key_frame_count() > 2 {
+            let window = Window::around(atlas.latest(), &self.eye, id, &self.setting.window)?;
+            let settled = window.solve(&self.setting.window, &mut stop);
+            adjustment = Some(settled.report);
+            atlas.commit(settled.changes.changes);
+            let gone = redundant(atlas.latest(), &self.eye, id, self.setting.redundant_share);
+            atlas.commit(gone.into_iter().collect());
+        }
+        Some(Mapped { key_frame: id, born, adjustment })
+    }
+
+    fn fuse(&self, atlas: &mut Atlas, id: KeyFrameId) {
+        let near = around(atlas.latest(), id, self.setting.fuse_neighbours);
+        for neighbour in &near {
+            let map = atlas.latest().clone();
+            let (Some(here), Some(there)) = (map.key_frame(id), map.key_frame(*neighbour)) else { continue };
+            let mine: Vec<LandmarkId> = here.landmarks.iter().flatten().copied().collect();
+            atlas.commit(fuse_into(&map, &self.eye, &mine, there));
+        }
+        let map = atlas.latest().clone();
+        let Some(here) = map.key_frame(id) else { return };
+        let mut theirs: Vec<LandmarkId> = near
+            .iter()
+            .filter_map(|k| map.key_frame(*k))
+            .flat_map(|k| k.landmarks.iter().flatten().copied())
+            .collect();
+        theirs.sort_unstable();
+        theirs.dedup();
+        atlas.commit(fuse_into(&map, &self.eye, &theirs, here));
+    }
+
+    /// Median depth of what a key frame shows, in map units.
+    pub fn median_depth(&self, atlas: &Atlas, id: KeyFrameId) -> Option<f64> {
+        let map = atlas.latest();
+        median_depth(map, map.key_frame(id)?)
+    }
+}
