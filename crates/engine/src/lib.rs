@@ -1,1 +1,12 @@
-//! the stages wired: lockstep and threaded runners, config, report.
+#![doc = include_str!("../README.md")]
+
+mod config;
+mod engine;
+mod log;
+mod mapping;
+
+pub use cairn_vision::SensorMode;
+pub use config::Config;
+pub use engine::{Engine, Output};
+pub use log::{Log, Logged};
+pub use mapping::Runner;

@@ -1,0 +1,153 @@
+//! The whole system on one page: what happens to a packet.
+
+use crate::log::{Log, Logged};
+use crate::mapping::{Done, Mapping, Runner};
+use crate::Config;
+use cairn_atlas::Map;
+use cairn_geometry::{Body, Pose, Se3, World};
+use cairn_mapping::Mapper;
+use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
+use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
+use cairn_vision::{Eye, Frame, SeeError, SensorMode};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// The engine: packets in, poses and a map out.
+pub struct Engine {
+    eye: Eye,
+    tracker: Tracker,
+    mapping: Mapping,
+    log: Log,
+    died: Option<String>,
+}
+
+/// What became of a packet.
+#[derive(Clone, Debug)]
+pub struct Output {
+    /// Time of the packet.
+    pub stamp: Stamp,
+    /// Where tracking stands.
+    pub state: State,
+    /// Where the body is, when that is known.
+    pub world_from_body: Option<Pose<World, Body>>,
+    /// The same, hanging on a key frame (of the eye, not of the body).
+    pub placed: Option<Placed>,
+    /// What speaks for the pose.
+    pub evidence: Evidence,
+    /// Milliseconds from the decoded image to features.
+    pub see_ms: f64,
+    /// Milliseconds from features to the pose.
+    pub track_ms: f64,
+    /// Milliseconds of each key frame that mapping finished meanwhile.
+    pub map_ms: Vec<f64>,
+    /// Why mapping died, once; tracking goes on with the map there is.
+    pub died: Option<String>,
+}
+
+impl Engine {
+    /// An engine without a map; refuses a rig that can not serve the mode.
+    pub fn new(rig: &Rig, mode: SensorMode, runner: Runner, config: &Config) -> Result<Self, RigError> {
+        let eye = Eye::new(rig, mode, config.eye.clone())?;
+        let model = *eye.model();
+        let tracker = Tracker::new(model, config.tracker);
+        let mapper = Mapper::new(model, config.mapper);
+        let mapping = Mapping::new(runner, mapper, Map::with_octaves(eye.octaves()));
+        Ok(Self { eye, tracker, mapping, log: Log::default(), died: None })
+    }
+
+    /// Takes one packet: see, track, and hand over what mapping should have.
+    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, SeeError> {
+        let start = Instant::now();
+        let frame = Arc::new(self.eye.see(packet)?);
+        let seen = Instant::now();
+        let map = self.mapping.latest();
+        let mut tracked = self.tracker.step(frame, &map, self.mapping.idle());
+        drop(map);
+        let track_ms = seen.elapsed().as_secs_f64() * 1e3;
+        let mut done = Done::default();
+        self.hand_over(&mut tracked, &mut done);
+        self.mapping.poll(&mut done);
+        self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose });
+        let died = done.died.filter(|_| self.died.is_none());
+        self.died = self.died.take().or_else(|| died.clone());
+        Ok(Output {
+            stamp: tracked.stamp,
+            state: tracked.state,
+            world_from_body: tracked.pose.map(|p| self.body(&p.world_from_eye)),
+            placed: tracked.pose,
+            evidence: tracked.evidence,
+            see_ms: (seen - start).as_secs_f64() * 1e3,
+            track_ms,
+            map_ms: done.ms,
+            died,
+        })
+    }
+
+    /// Gives mapping what tracking saw and offers; a start gives the frame its pose.
+    fn hand_over(&mut self, tracked: &mut Tracked, done: &mut Done) {
+        if !tracked.seen.is_empty() {
+            self.mapping.note(std::mem::take(&mut tracked.seen));
+        }
+        let Some(offer) = tracked.offer.take() else { return };
+        let earlier = match &offer {
+            Offer::Pair { first, .. } => Some(first.clone()),
+            _ => None,
+        };
+        let starting = !matches!(offer, Offer::Next { .. });
+        let Some(id) = self.mapping.offer(offer, done).filter(|_| starting) else { return };
+        let map = self.mapping.latest();
+        let at = |id| {
+            let world_from_eye = map.world_from_eye(id)?;
+            Some(Placed { reference: id, reference_from_eye: Se3::identity(), world_from_eye })
+        };
+        tracked.pose = at(id);
+        tracked.state = State::Tracking;
+        let eldest = map.key_frames().next().map(|k| k.id);
+        if let (Some(first), Some(placed)) = (earlier, eldest.and_then(at)) {
+            self.amend(&first, placed);
+        }
+    }
+
+    fn amend(&mut self, frame: &Frame, placed: Placed) {
+        self.log.amend(frame.stamp, placed);
+    }
+
+    fn body(&self, world_from_eye: &Se3) -> Pose<World, Body> {
+        Pose::new(*world_from_eye * self.eye.model().body_from_eye.inverse())
+    }
+
+    /// The latest map.
+    pub fn map(&self) -> Arc<Map> {
+        self.mapping.latest()
+    }
+
+    /// The eye.
+    pub fn eye(&self) -> &Eye {
+        &self.eye
+    }
+
+    /// What became of every frame.
+    pub fn log(&self) -> &Log {
+        &self.log
+    }
+
+    /// Waits for mapping to finish what it has; call at the end of a run, before [`Engine::trajectory`]. Returns
+    /// the milliseconds of each key frame finished meanwhile.
+    pub fn finish(&mut self) -> Vec<f64> {
+        let mut done = Done::default();
+        self.mapping.finish(&mut done);
+        self.died = self.died.take().or(done.died);
+        done.ms
+    }
+
+    /// Where the body was in every tracked frame, as the map sees it now.
+    pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
+        let map = self.mapping.latest();
+        self.log.corrected(&map).into_iter().map(|(t, p)| (t, self.body(&p).se3)).collect()
+    }
+
+    /// Where the body was as it was told at the time.
+    pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
+        self.log.live().into_iter().map(|(t, p)| (t, self.body(&p).se3)).collect()
+    }
+}
