@@ -8,8 +8,9 @@ use crate::start::Starter;
 use crate::state::{Evidence, Offer, Placed, State, Tracked};
 use cairn_adjust::{Located, locate};
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
-use cairn_geometry::Se3;
+use cairn_geometry::{Manifold, Se3};
 use cairn_vision::{EyeModel, Frame};
+use nalgebra::SVector;
 use std::sync::Arc;
 
 /// How to track.
@@ -49,8 +50,8 @@ pub struct Tracker {
     starter: Starter,
     local: LocalMap,
     last: Option<Last>,
-    /// Motion between the last two frames, `last_from_now`, when both had a pose.
-    motion: Option<Se3>,
+    /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
+    velocity: Option<SVector<f64, 6>>,
     lost: bool,
     since_key_frame: usize,
     since_recovery: usize,
@@ -65,7 +66,7 @@ impl Tracker {
             starter: Starter::default(),
             local: LocalMap::default(),
             last: None,
-            motion: None,
+            velocity: None,
             lost: false,
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
@@ -94,7 +95,7 @@ impl Tracker {
         };
         if recovered {
             self.since_recovery = 0;
-            self.motion = None;
+            self.velocity = None;
         }
         self.finish(frame, map, guess, matches, idle)
     }
@@ -150,29 +151,31 @@ impl Tracker {
     /// By the motion of the last two frames, or by standing still when that is not known.
     fn by_motion(&self, frame: &Frame, map: &Map) -> Option<(Se3, Matches)> {
         let last = self.last.as_ref()?;
-        let guess = last.placed.world_from_eye * self.motion.unwrap_or_default();
+        let elapsed = frame.stamp - last.frame.stamp;
+        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * elapsed)));
+        let mut guess = last.placed.world_from_eye * moved;
         let radius = if self.eye.baseline_fx > 0.0 { 7.0 } else { 15.0 };
-        for widen in [1.0, 2.0, 4.0] {
-            let world_from_last = &last.placed.world_from_eye;
-            let mut matches = match_last(
-                map,
-                &self.eye,
-                &last.frame,
-                &last.landmarks,
-                world_from_last,
-                frame,
-                &guess,
-                radius * widen,
-            );
-            if matches.count() < 20 {
+        let known = last.landmarks.iter().flatten().count();
+        let at = |guess: &Se3, radius: f64| {
+            match_last(map, &self.eye, &last.frame, &last.landmarks, &last.placed.world_from_eye, frame, guess, radius)
+        };
+        let mut best: Option<(usize, Se3, Matches)> = None;
+        // A good prediction finds most of what was seen; else look farther, then closely from where that leads.
+        for radius in [radius, 2.0 * radius, 4.0 * radius, radius] {
+            let mut matches = at(&guess, radius);
+            if matches.count() < 15 {
                 continue;
             }
             let located = self.locate(map, frame, &guess, &mut matches);
-            if located.inliers >= 12 {
-                return Some((located.world_from_eye, matches));
+            if located.inliers >= 12 && best.as_ref().is_none_or(|(n, ..)| located.inliers > *n) {
+                guess = located.world_from_eye;
+                best = Some((located.inliers, located.world_from_eye, matches));
+            }
+            if located.inliers * 2 >= known.max(24) {
+                break;
             }
         }
-        None
+        best.map(|(_, pose, matches)| (pose, matches))
     }
 
     /// By descriptors of the reference key frame, near the last pose.
@@ -224,9 +227,15 @@ impl Tracker {
             0..=2 => 5.0,
             _ => 1.0,
         };
-        let expected = self.local.search(map, &self.eye, &frame, &guess, factor, &mut matches);
-        let matched = matches.count();
-        let located = self.locate(map, &frame, &guess, &mut matches);
+        let mut expected = self.local.search(map, &self.eye, &frame, &guess, factor, &mut matches);
+        let mut matched = matches.count();
+        let mut located = self.locate(map, &frame, &guess, &mut matches);
+        // Few of those expected were found: the guess was poor. Look again from the better pose.
+        if located.inliers * 3 < expected.len() {
+            expected = self.local.search(map, &self.eye, &frame, &located.world_from_eye, 1.0, &mut matches);
+            matched = matches.count();
+            located = self.locate(map, &frame, &located.world_from_eye, &mut matches);
+        }
         let need = if self.since_recovery < 30 {
             self.setting.min_inliers * 3 / 2
         } else {
@@ -243,8 +252,10 @@ impl Tracker {
             reference_from_eye: world_from_reference.inverse() * world_from_eye,
             world_from_eye,
         };
-        self.motion = match (&self.last, self.lost) {
-            (Some(last), false) => Some(last.placed.world_from_eye.inverse() * world_from_eye),
+        self.velocity = match &self.last {
+            Some(last) if !self.lost && frame.stamp > last.frame.stamp => {
+                Some(last.placed.world_from_eye.local(&world_from_eye) / (frame.stamp - last.frame.stamp))
+            }
             _ => None,
         };
         self.lost = false;
@@ -275,7 +286,7 @@ impl Tracker {
 
     fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
         self.lost = true;
-        self.motion = None;
+        self.velocity = None;
         let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
         let state = State::Lost { inliers, need: self.setting.min_inliers };
         Tracked { stamp: frame.stamp, state, pose: None, evidence, offer: None, seen: Vec::new() }
