@@ -1,8 +1,8 @@
 //! The whole system on one page: what happens to a packet.
 
+use crate::Config;
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Runner};
-use crate::Config;
 use cairn_atlas::Map;
 use cairn_geometry::{Body, Pose, Se3, World};
 use cairn_mapping::Mapper;

@@ -30,15 +30,25 @@ pub(crate) struct Done {
     pub died: Option<String>,
 }
 
-enum Message {
+/// What the mapping thread is sent.
+pub(crate) enum Message {
     Seen(Vec<(LandmarkId, bool)>),
     Offer(Offer, SyncSender<Option<KeyFrameId>>),
 }
 
 /// Mapping, wherever it runs.
 pub(crate) enum Mapping {
-    Inline { mapper: Box<Mapper>, atlas: Atlas },
-    Thread { to: Option<Sender<Message>>, reader: Reader, waiting: Arc<AtomicUsize>, done: Receiver<Done>, handle: Option<JoinHandle<()>> },
+    Inline {
+        mapper: Box<Mapper>,
+        atlas: Atlas,
+    },
+    Thread {
+        to: Option<Sender<Message>>,
+        reader: Reader,
+        waiting: Arc<AtomicUsize>,
+        done: Receiver<Done>,
+        handle: Option<JoinHandle<()>>,
+    },
 }
 
 impl Mapping {
@@ -64,7 +74,8 @@ impl Mapping {
                         let start = Instant::now();
                         // The one in hand counts as waiting: more than one means that another has come.
                         let stop = || count.load(Ordering::Relaxed) > 1;
-                        let result = catch_unwind(AssertUnwindSafe(|| take(&mut mapper, &mut atlas, &offer, stop)));
+                        let result =
+                            catch_unwind(AssertUnwindSafe(|| take(&mut mapper, &mut atlas, &offer, stop)));
                         count.fetch_sub(1, Ordering::Relaxed);
                         let ms = vec![start.elapsed().as_secs_f64() * 1e3];
                         match result {
@@ -162,7 +173,12 @@ impl Drop for Mapping {
     }
 }
 
-fn take(mapper: &mut Mapper, atlas: &mut Atlas, offer: &Offer, stop: impl FnMut() -> bool) -> Option<KeyFrameId> {
+fn take(
+    mapper: &mut Mapper,
+    atlas: &mut Atlas,
+    offer: &Offer,
+    stop: impl FnMut() -> bool,
+) -> Option<KeyFrameId> {
     match offer {
         Offer::First(frame) => Some(mapper.start(atlas, frame, Se3::identity())),
         Offer::Pair { first, second, first_from_second, points } => {
@@ -175,6 +191,9 @@ fn take(mapper: &mut Mapper, atlas: &mut Atlas, offer: &Offer, stop: impl FnMut(
 }
 
 fn text_of(cause: Box<dyn std::any::Any + Send>) -> String {
-    let text = cause.downcast_ref::<&str>().map(|s| s.to_string()).or_else(|| cause.downcast_ref::<String>().cloned());
+    let text = cause
+        .downcast_ref::<&str>()
+        .map(|s| s.to_string())
+        .or_else(|| cause.downcast_ref::<String>().cloned());
     format!("mapping stopped: {}", text.unwrap_or_else(|| "no reason given".into()))
 }

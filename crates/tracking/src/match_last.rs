@@ -35,19 +35,25 @@ impl Matches {
     }
 }
 
-/// Projects what the last frame saw with `guess` and looks within `radius` pixels (times the level's scale).
-/// `last_landmarks` are its landmarks; its close features without one take part as plain points.
+/// The frame before: its features, the landmarks they show, and where it was taken.
+pub(crate) struct Before<'a> {
+    pub frame: &'a Frame,
+    pub landmarks: &'a [Option<LandmarkId>],
+    pub world_from_eye: Se3,
+}
+
+/// Projects what the frame before saw with `guess` and looks within `radius` pixels (times the level's scale). Its
+/// close features without a landmark take part as plain points.
 pub(crate) fn match_last(
     map: &Map,
     eye: &EyeModel,
-    last: &Frame,
-    last_landmarks: &[Option<LandmarkId>],
-    world_from_last: &Se3,
+    before: &Before,
     frame: &Frame,
     guess: &Se3,
     radius: f64,
 ) -> Matches {
     let octaves = map.octaves();
+    let Before { frame: last, landmarks: last_landmarks, world_from_eye: world_from_last } = before;
     let eye_from_world = guess.inverse();
     let forward = (world_from_last.inverse() * guess.translation).z;
     let baseline = eye.baseline_fx / eye.fx;

@@ -2,7 +2,7 @@
 
 use crate::decide::{Situation, wants_key_frame};
 use crate::local_map::LocalMap;
-use crate::match_last::{Matches, match_last};
+use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
 use crate::start::Starter;
 use crate::state::{Evidence, Offer, Placed, State, Tracked};
@@ -156,13 +156,15 @@ impl Tracker {
         let mut guess = last.placed.world_from_eye * moved;
         let radius = if self.eye.baseline_fx > 0.0 { 7.0 } else { 15.0 };
         let known = last.landmarks.iter().flatten().count();
-        let at = |guess: &Se3, radius: f64| {
-            match_last(map, &self.eye, &last.frame, &last.landmarks, &last.placed.world_from_eye, frame, guess, radius)
+        let before = Before {
+            frame: &last.frame,
+            landmarks: &last.landmarks,
+            world_from_eye: last.placed.world_from_eye,
         };
         let mut best: Option<(usize, Se3, Matches)> = None;
         // A good prediction finds most of what was seen; else look farther, then closely from where that leads.
         for radius in [radius, 2.0 * radius, 4.0 * radius, radius] {
-            let mut matches = at(&guess, radius);
+            let mut matches = match_last(map, &self.eye, &before, frame, &guess, radius);
             if matches.count() < 15 {
                 continue;
             }
