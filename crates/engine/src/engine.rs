@@ -3,12 +3,12 @@
 use crate::Config;
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Runner};
-use cairn_atlas::Map;
+use cairn_atlas::{KeyFrameId, Map};
 use cairn_geometry::{Body, Pose, Se3, World};
 use cairn_mapping::Mapper;
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
-use cairn_vision::{Eye, Frame, SeeError, SensorMode};
+use cairn_vision::{Eye, SeeError, SensorMode};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -47,7 +47,7 @@ pub struct Output {
 impl Engine {
     /// An engine without a map; refuses a rig that can not serve the mode.
     pub fn new(rig: &Rig, mode: SensorMode, runner: Runner, config: &Config) -> Result<Self, RigError> {
-        let eye = Eye::new(rig, mode, config.eye.clone())?;
+        let eye = Eye::new(rig, mode, config.eye)?;
         let model = *eye.model();
         let tracker = Tracker::new(model, config.tracker);
         let mapper = Mapper::new(model, config.mapper);
@@ -96,20 +96,12 @@ impl Engine {
         let starting = !matches!(offer, Offer::Next { .. });
         let Some(id) = self.mapping.offer(offer, done).filter(|_| starting) else { return };
         let map = self.mapping.latest();
-        let at = |id| {
-            let world_from_eye = map.world_from_eye(id)?;
-            Some(Placed { reference: id, reference_from_eye: Se3::identity(), world_from_eye })
-        };
-        tracked.pose = at(id);
+        tracked.pose = standing_at(&map, id);
         tracked.state = State::Tracking;
-        let eldest = map.key_frames().next().map(|k| k.id);
-        if let (Some(first), Some(placed)) = (earlier, eldest.and_then(at)) {
-            self.amend(&first, placed);
+        let eldest = map.key_frames().next().and_then(|k| standing_at(&map, k.id));
+        if let (Some(first), Some(placed)) = (earlier, eldest) {
+            self.log.amend(first.stamp, placed);
         }
-    }
-
-    fn amend(&mut self, frame: &Frame, placed: Placed) {
-        self.log.amend(frame.stamp, placed);
     }
 
     fn body(&self, world_from_eye: &Se3) -> Pose<World, Body> {
@@ -150,4 +142,10 @@ impl Engine {
     pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
         self.log.live().into_iter().map(|(t, p)| (t, self.body(&p).se3)).collect()
     }
+}
+
+/// The pose of an eye that stands where a key frame does.
+fn standing_at(map: &Map, id: KeyFrameId) -> Option<Placed> {
+    let world_from_eye = map.world_from_eye(id)?;
+    Some(Placed { reference: id, reference_from_eye: Se3::identity(), world_from_eye })
 }
