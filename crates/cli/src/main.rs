@@ -6,6 +6,7 @@
 mod commands;
 mod failure;
 mod output;
+mod picture;
 
 use clap::{Parser, Subcommand};
 use failure::Failure;
@@ -26,6 +27,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Eval(commands::eval::Arguments),
+    Way(commands::way::Arguments),
     Rig(commands::rig::Arguments),
     Doctor(commands::doctor::Arguments),
 }
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
 fn run(command: Command, output: &Output) -> Result<(), Failure> {
     match command {
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
+        Command::Way(arguments) => commands::way::run(&arguments, output),
         Command::Rig(arguments) => commands::rig::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
     }

@@ -3,3 +3,4 @@
 pub mod doctor;
 pub mod eval;
 pub mod rig;
+pub mod way;

@@ -1,0 +1,71 @@
+//! `cairn way`.
+
+use crate::{cairn, fails, folder, json, stderr, stdout};
+
+/// A way east, into a dead end to the north and back, and on east; as `cairn run --record` writes it.
+fn recorded_way() -> String {
+    let leg =
+        |n: i32, at: &dyn Fn(f64) -> [f64; 2]| (0..n).map(|i| at(0.1 * f64::from(i))).collect::<Vec<_>>();
+    let mut line = leg(100, &|d| [d, 0.0]);
+    line.extend(leg(40, &|d| [10.0, d]));
+    line.extend(leg(40, &|d| [10.0, 4.0 - d]));
+    line.extend(leg(60, &|d| [10.0 + d, 0.0]));
+    line.extend(leg(50, &|d| [16.0, -d]));
+    let header = r#"{"format":"cairn-way","version":1,"metric":true,"up":[0,0,1],"source":"a test"}"#;
+    let mut text = format!("{header}\n");
+    for (i, [x, y]) in line.iter().enumerate() {
+        let (t, pose) = (i as i64 * 100_000_000, format!("[{x},{y},0,0,0,0,1]"));
+        text += &format!(
+            r#"{{"t":{t},"a":{{"robot":0,"seq":0}},"rel":{pose},"pose":{pose},"s":"tracked","q":1.0}}"#
+        );
+        text.push('\n');
+    }
+    text
+}
+
+#[test]
+fn way_tells_what_cleaning_does() {
+    let folder = folder("way");
+    let (way, picture) = (folder.join("walk.way"), folder.join("walk.svg"));
+    std::fs::write(&way, recorded_way()).unwrap();
+    let (way, picture) = (way.to_str().unwrap(), picture.to_str().unwrap());
+    let info = json(&cairn(&["way", "info", way, "--json"]));
+    assert!((info["length_m"].as_f64().unwrap() - 28.9).abs() < 0.2, "{info}");
+    assert!((info["cleaned_m"].as_f64().unwrap() - 20.9).abs() < 0.5, "the dead end goes: {info}");
+    let cleaned = json(&cairn(&["way", "clean", way, "--json"]));
+    assert_eq!(cleaned["cuts"].as_array().unwrap().len(), 1, "{cleaned}");
+    // On the way out the last corner bends right, so on the way home it bends left.
+    let home = cleaned["home"].as_array().unwrap();
+    assert!(home.len() == 1 && (home[0]["turn_deg"].as_f64().unwrap() - 90.0).abs() < 10.0, "{cleaned}");
+    let text = stdout(&cairn(&["way", "clean", way]));
+    assert!(text.contains("deg left"), "{text}");
+    let shown = cairn(&["way", "show", way, "--out", picture]);
+    assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
+    let svg = std::fs::read_to_string(picture).unwrap();
+    assert!(svg.starts_with("<svg") && svg == stdout(&cairn(&["way", "show", way])));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn way_tells_what_is_wrong_with_a_file() {
+    let folder = folder("way-wrong");
+    let write = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let good = recorded_way();
+    fails(&["way", "info", "/no/walk.way"], &["/no/walk.way"]);
+    fails(&["way", "info", &write("empty.way", "")], &["empty.way", "not a recorded way"]);
+    fails(&["way", "show", &write("other.way", "{\"a\": 1}\n")], &["other.way", "not a recorded way"]);
+    fails(
+        &["way", "clean", &write("broken.way", &good.replacen("\"t\":100000000,", "", 1))],
+        &["broken.way, line 3"],
+    );
+    let still: String = good.lines().take(2).map(|line| format!("{line}\n")).collect();
+    fails(&["way", "clean", &write("still.way", &still)], &["still.way", "at least 2"]);
+    // A crash tears at most the last line: that is told, not refused.
+    let torn = json(&cairn(&["way", "info", &write("torn.way", &good[..good.len() - 20]), "--json"]));
+    assert_eq!(torn["torn"], true);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
