@@ -1,1 +1,21 @@
-//! simulated worlds: renderer, walkers, exact truth, simulated IMU.
+#![doc = include_str!("../README.md")]
+
+mod effects;
+mod live;
+mod random;
+mod render;
+mod setting;
+mod source;
+mod texture;
+mod walk;
+mod world;
+mod write;
+
+pub use effects::Effects;
+pub use live::LiveRig;
+pub use render::Renderer;
+pub use setting::{Route, SimSensor, SimSetting};
+pub use source::SimSource;
+pub use walk::{BodyState, GRAVITY_M_S2, ImuSetting, Motion, Walker, read_tum};
+pub use world::{Figure, Passer, Way, World, WorldKind, WorldOptions};
+pub use write::{write_euroc, write_tum};

@@ -1,0 +1,161 @@
+//! A rig in a world that goes where it is told, frame by frame: for closed loops, and as the eye of [`crate::SimSource`].
+
+use crate::effects::Sensor;
+use crate::render::Renderer;
+use crate::setting::{SimSensor, SimSetting};
+use crate::world::{Figure, Passer, World};
+use cairn_geometry::{Manifold, Se3};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, SourceError, Stamp};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// The rig of a setting, moved by hand. It has no IMU: readings need a motion known ahead.
+pub struct LiveRig {
+    setting: SimSetting,
+    rig: Rig,
+    world: Arc<World>,
+    renderer: Renderer,
+    sensors: Vec<Sensor>,
+    passers: Vec<Passer>,
+    last: Option<(Stamp, Se3)>,
+}
+
+impl LiveRig {
+    /// Builds the world of the setting.
+    ///
+    /// # Errors
+    /// When the setting can not be simulated.
+    pub fn new(setting: &SimSetting) -> Result<Self, SourceError> {
+        setting.check()?;
+        let world = Arc::new(World::build(setting.world, setting.seed, &setting.options));
+        Self::in_world(setting, world)
+    }
+
+    /// In a world that stands already (the setting's own world, seed and options are not looked at).
+    ///
+    /// # Errors
+    /// When the setting can not be simulated.
+    pub fn in_world(setting: &SimSetting, world: Arc<World>) -> Result<Self, SourceError> {
+        setting.check()?;
+        let renderer = Renderer::new(&world, setting.camera).map_err(|e| {
+            SourceError::new(format!("sim:{}", setting.world), e.to_string(), "correct the camera")
+        })?;
+        let rig = Rig { imu: None, ..setting.rig() };
+        let sensors = (0..rig.cameras.len())
+            .map(|i| Sensor::new(&setting.camera, setting.effects, setting.seed, i as u64))
+            .collect();
+        let passers = passers(&world, setting.passers_by, setting.seed);
+        Ok(Self { setting: setting.clone(), rig, world, renderer, sensors, passers, last: None })
+    }
+
+    /// The rig, without IMU.
+    pub fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// The world it is in.
+    pub fn world(&self) -> &Arc<World> {
+        &self.world
+    }
+
+    /// The packet seen from a body pose; blur follows the motion since the packet before.
+    ///
+    /// # Errors
+    /// When the pose is not finite or time does not increase.
+    pub fn packet(&mut self, stamp: Stamp, world_from_body: &Se3) -> Result<FramePacket, SourceError> {
+        let fail = |why: String| {
+            SourceError::new(
+                format!("sim:{}", self.setting.world),
+                why,
+                "give finite poses in increasing time",
+            )
+        };
+        if !world_from_body.is_finite() {
+            return Err(fail(format!("the pose at {stamp} s is not finite")));
+        }
+        if let Some((before, _)) = self.last
+            && stamp <= before
+        {
+            return Err(fail(format!("{stamp} s is not after {before} s")));
+        }
+        let twist = match &self.last {
+            Some((before, pose)) if stamp - *before < 0.3 => pose.local(world_from_body) / (stamp - *before),
+            _ => nalgebra::SVector::zeros(),
+        };
+        self.last = Some((stamp, *world_from_body));
+        let pose = *world_from_body;
+        Ok(self.packet_along(stamp, &|dt| pose.retract(&(twist * dt))))
+    }
+
+    /// The packet seen along a motion given around the stamp: `pose_at(seconds from the stamp)`.
+    pub(crate) fn packet_along(&mut self, stamp: Stamp, pose_at: &dyn Fn(f64) -> Se3) -> FramePacket {
+        let begin = Instant::now();
+        let (width, height) = (self.setting.camera.width, self.setting.camera.height);
+        let times = self.sub_frames(pose_at);
+        let gain = self.sensors.first_mut().map_or(1.0, |s| s.gain(stamp.seconds()));
+        let figures: Vec<Vec<Figure>> = times
+            .iter()
+            .map(|dt| self.passers.iter().map(|p| p.figure(stamp.seconds() + dt)).collect())
+            .collect();
+        let mut images = Vec::with_capacity(self.sensors.len());
+        let mut depth = None;
+        for (k, sensor) in self.sensors.iter_mut().enumerate() {
+            let body_from_camera = self.rig.cameras[k].body_from_camera;
+            sensor.begin(width * height);
+            for (i, (dt, people)) in times.iter().zip(&figures).enumerate() {
+                let pose = pose_at(*dt) * body_from_camera;
+                sensor.add(self.renderer.draw(&pose, people));
+                if k == 0 && i == times.len() / 2 && self.setting.sensor == SimSensor::Rgbd {
+                    let mut d = DepthImage::new(width, height);
+                    self.renderer.depth(&mut d);
+                    depth = Some(d);
+                }
+            }
+            let mut image = GrayImage::new(width, height);
+            sensor.develop(times.len(), gain, &mut image);
+            images.push(Arc::new(image));
+        }
+        if let (Some(d), Some(sensor)) = (&mut depth, self.sensors.first_mut()) {
+            sensor.depth(d);
+        }
+        let decode_ms = begin.elapsed().as_secs_f64() * 1e3;
+        FramePacket { stamp, images, depth: depth.map(Arc::new), imu: Vec::new(), decode_ms }
+    }
+
+    /// Times from the stamp at which sub-frames are drawn: an odd number, about one for each 1.5 pixels of motion.
+    fn sub_frames(&self, pose_at: &dyn Fn(f64) -> Se3) -> Vec<f64> {
+        let blur = self.setting.effects.blur_s;
+        if blur <= 0.0 {
+            return vec![0.0];
+        }
+        let moved = pose_at(-blur / 2.0).local(&pose_at(blur / 2.0));
+        let pixels = self.setting.camera.fx
+            * (moved.fixed_rows::<3>(3).norm() + moved.fixed_rows::<3>(0).norm() / 1.5);
+        let most = self.setting.effects.blur_frames.clamp(1, 64);
+        let n = ((pixels / 1.5).ceil() as usize).clamp(1, most) | 1;
+        (0..n).map(|i| blur * ((i as f64 + 0.5) / n as f64 - 0.5)).collect()
+    }
+}
+
+/// People who walk to and fro beside the straight legs of the world's first way.
+fn passers(world: &World, count: usize, seed: u64) -> Vec<Passer> {
+    let mut random = crate::random::Random::new(seed, 0x9A55);
+    let Some(way) = world.ways().first() else { return Vec::new() };
+    let legs: Vec<_> = way.points.windows(2).filter(|w| (w[1] - w[0]).norm() > 2.0).collect();
+    if legs.is_empty() {
+        return Vec::new();
+    }
+    (0..count)
+        .map(|i| {
+            let leg = legs[random.below(legs.len())];
+            let d = (leg[1] - leg[0]).normalize();
+            let side = cairn_geometry::Vec2::new(-d.y, d.x) * if random.chance(0.5) { 0.62 } else { -0.62 };
+            Passer {
+                line: vec![leg[0] + side, leg[1] + side],
+                speed: random.range(0.7, 1.4),
+                start: random.range(0.0, 30.0),
+                clothes: i,
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,107 @@
+//! The renderer's face to the world: a camera, its buffers, one image at a time.
+
+use super::raster::Visibility;
+use super::setup::{Setup, View};
+use super::{edges, shade};
+use crate::texture::Texture;
+use crate::world::{Figure, World};
+use cairn_geometry::Se3;
+use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, RigError};
+use std::sync::Arc;
+
+/// Draws a world as one pinhole camera sees it, on one core; holds buffers between images.
+pub struct Renderer {
+    world: Arc<World>,
+    camera: Camera,
+    seen: Visibility,
+    setups: Vec<Setup>,
+    grey: Vec<u16>,
+}
+
+impl Renderer {
+    /// For a camera without distortion.
+    ///
+    /// # Errors
+    /// When the camera is not one, has a distortion, or is larger than 4096 pixels on a side.
+    pub fn new(world: &Arc<World>, camera: Camera) -> Result<Self, RigError> {
+        camera.validate()?;
+        if camera.distortion != Distortion::None {
+            return Err(RigError("the renderer draws pinhole images only; remove the distortion".into()));
+        }
+        if camera.width > 4096 || camera.height > 4096 || camera.width < 8 || camera.height < 8 {
+            return Err(RigError(format!(
+                "resolution {}x{} is not in 8..=4096",
+                camera.width, camera.height
+            )));
+        }
+        let (w, h) = (camera.width, camera.height);
+        Ok(Self {
+            world: Arc::clone(world),
+            camera,
+            seen: Visibility::new(w, h),
+            setups: Vec::new(),
+            grey: vec![0; w * h],
+        })
+    }
+
+    /// The camera that is drawn for.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// The world that is drawn.
+    pub fn world(&self) -> &Arc<World> {
+        &self.world
+    }
+
+    /// Draws the world without passers-by; see [`Renderer::render_with`].
+    pub fn render(&mut self, world_from_camera: &Se3, image: &mut GrayImage, depth: Option<&mut DepthImage>) {
+        self.render_with(world_from_camera, &[], image, depth);
+    }
+
+    /// Draws the world with passers-by. The images take the camera's size; depth is along the optical axis at the
+    /// pixel's centre, in millimetres, 0 where nothing is or where it is past 65.535 m.
+    pub fn render_with(
+        &mut self,
+        world_from_camera: &Se3,
+        figures: &[Figure],
+        image: &mut GrayImage,
+        depth: Option<&mut DepthImage>,
+    ) {
+        self.draw(world_from_camera, figures);
+        image.resize(self.camera.width, self.camera.height);
+        for (o, g) in image.data_mut().iter_mut().zip(&self.grey) {
+            *o = ((u32::from(*g) + 128) >> 8).min(255) as u8;
+        }
+        if let Some(depth) = depth {
+            self.depth(depth);
+        }
+    }
+
+    /// Draws and returns 256 times the grey level of each pixel.
+    pub(crate) fn draw(&mut self, world_from_camera: &Se3, figures: &[Figure]) -> &[u16] {
+        let view = View::new(&self.camera, world_from_camera);
+        self.setups.clear();
+        self.setups.extend(self.world.faces.iter().filter_map(|f| view.setup(f)));
+        for figure in figures {
+            self.setups.extend(figure.faces(&self.world).iter().filter_map(|f| view.setup(f)));
+        }
+        self.seen.clear();
+        for (i, s) in self.setups.iter().enumerate() {
+            self.seen.draw(s, i as u32 + 1);
+        }
+        let textures: Vec<&Texture> = self.world.textures.iter().collect();
+        shade::shade(&self.seen, &self.setups, &textures, &mut self.grey);
+        edges::smooth(&self.seen, &self.setups, &textures, &mut self.grey);
+        &self.grey
+    }
+
+    /// The depth of what was drawn last, in millimetres.
+    pub(crate) fn depth(&self, depth: &mut DepthImage) {
+        depth.resize(self.camera.width, self.camera.height);
+        for (o, q) in depth.data_mut().iter_mut().zip(&self.seen.inverse_depth) {
+            let mm = 1000.0 / q.max(1e-6) + 0.5;
+            *o = if mm < 65536.0 { mm as u16 } else { 0 };
+        }
+    }
+}

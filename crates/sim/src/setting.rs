@@ -1,0 +1,269 @@
+//! What is simulated: world, way, sensors, effects; and its short form `sim:WORLD?key=value&...`.
+
+use crate::effects::Effects;
+use crate::walk::{ImuSetting, Walker};
+use crate::world::{WorldKind, WorldOptions};
+use cairn_geometry::{Se3, So3, Vec2, Vec3};
+use cairn_sensor::{Camera, DepthSensor, Rig, RigCamera, SourceError, Stamp};
+use std::path::PathBuf;
+
+/// Which cameras there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SimSensor {
+    /// One camera.
+    Mono,
+    /// Two cameras side by side.
+    Stereo,
+    /// One camera with depth at each pixel.
+    Rgbd,
+}
+
+/// Where the body goes.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Route {
+    /// A way of the world by name; `None` takes the first.
+    Way(Option<String>),
+    /// Corners on the floor, metres.
+    Points(Vec<Vec2>),
+    /// Body poses in time, already in the world's frame.
+    Poses(Vec<(Stamp, Se3)>),
+    /// A TUM file of body poses; it is moved (not turned) so that its middle comes to the middle of the world's first way.
+    File(PathBuf),
+}
+
+/// Everything that makes a simulated recording; the same setting gives the same bytes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimSetting {
+    /// Which world.
+    pub world: WorldKind,
+    /// Seed of the world, of the noise and of the passers-by.
+    pub seed: u64,
+    /// Variants of the world.
+    pub options: WorldOptions,
+    /// Which cameras.
+    pub sensor: SimSensor,
+    /// The inertial sensor, if any.
+    pub imu: Option<ImuSetting>,
+    /// The camera; a pinhole.
+    pub camera: Camera,
+    /// Where the first camera sits on the body; identity: the body is the camera.
+    pub body_from_camera: Se3,
+    /// Metres between the two cameras.
+    pub baseline_m: f64,
+    /// Frames a second.
+    pub rate_hz: f64,
+    /// Where the body goes.
+    pub route: Route,
+    /// Seconds of the motion that are left out at its beginning.
+    pub start_s: f64,
+    /// Seconds at most.
+    pub duration_s: Option<f64>,
+    /// How the walker goes.
+    pub walker: Walker,
+    /// What the sensor does to the images.
+    pub effects: Effects,
+    /// How many people walk about.
+    pub passers_by: usize,
+}
+
+impl SimSetting {
+    /// A world with the usual rig: stereo, 640x480 at 20 Hz, IMU at 200 Hz.
+    pub fn new(world: WorldKind, seed: u64) -> Self {
+        Self {
+            world,
+            seed,
+            options: WorldOptions::default(),
+            sensor: SimSensor::Stereo,
+            imu: Some(ImuSetting::default()),
+            camera: Camera::pinhole(640, 480, 420.0, 420.0, 319.5, 239.5),
+            body_from_camera: Se3::identity(),
+            baseline_m: 0.12,
+            rate_hz: 20.0,
+            route: Route::Way(None),
+            start_s: 0.0,
+            duration_s: None,
+            walker: Walker::default(),
+            effects: Effects::default(),
+            passers_by: 0,
+        }
+    }
+
+    /// The rig that this setting describes.
+    pub fn rig(&self) -> Rig {
+        let camera = |name: &str, x: f64| RigCamera {
+            name: name.into(),
+            camera: self.camera,
+            body_from_camera: self.body_from_camera * Se3::new(So3::identity(), Vec3::new(x, 0.0, 0.0)),
+        };
+        let mut cameras = vec![camera("cam0", 0.0)];
+        if self.sensor == SimSensor::Stereo {
+            cameras.push(camera("cam1", self.baseline_m));
+        }
+        let depth = (self.sensor == SimSensor::Rgbd).then_some(DepthSensor {
+            camera: self.camera,
+            body_from_depth: self.body_from_camera,
+            metres_per_unit: 0.001,
+            registered: true,
+        });
+        Rig { cameras, depth, imu: self.imu.as_ref().map(ImuSetting::sensor) }
+    }
+
+    /// Reads `sim:WORLD` or `sim:WORLD?key=value&key=value`; [`SimSetting::KEYS`] lists the keys.
+    ///
+    /// # Errors
+    /// Names the part that is not understood and what could stand there.
+    pub fn parse(text: &str) -> Result<Self, SourceError> {
+        let fail = |why: String, cure: String| SourceError::new(text, why, cure);
+        let Some(rest) = text.strip_prefix("sim:") else {
+            return Err(fail("does not begin with \"sim:\"".into(), "write sim:WORLD?key=value&...".into()));
+        };
+        let (name, query) = rest.split_once('?').unwrap_or((rest, ""));
+        let world: WorldKind = name.parse().map_err(|e| fail(e, "choose one of them".into()))?;
+        let mut setting = Self::new(world, 1);
+        for pair in query.split('&').filter(|p| !p.is_empty()) {
+            let Some((key, value)) = pair.split_once('=') else {
+                return Err(fail(format!("\"{pair}\" has no \"=\""), "write key=value".into()));
+            };
+            setting.set(key, value).map_err(|(why, cure)| fail(format!("{key}={value}: {why}"), cure))?;
+        }
+        setting.check()?;
+        Ok(setting)
+    }
+
+    /// The keys of the short form and what they mean.
+    pub const KEYS: [(&'static str, &'static str); 25] = [
+        ("seed", "whole number, 1"),
+        ("sensor", "mono, stereo, rgbd, mono-imu, stereo-imu, rgbd-imu (default stereo-imu)"),
+        ("rate", "frames a second, 20"),
+        ("way", "name of a way of the world, its first"),
+        ("trajectory", "TUM file of body poses to follow instead of a way"),
+        ("start", "seconds of the motion to leave out, 0"),
+        ("duration", "seconds at most"),
+        ("speed", "m/s, 0.9"),
+        ("gait", "size of the gait, 1"),
+        ("height", "camera above the floor in m, 1.3"),
+        ("pitch", "degrees that the camera looks down, 5"),
+        ("pause", "seconds of standing at every third corner, 0"),
+        ("resolution", "WIDTHxHEIGHT, 640x480 (the focal length follows the width)"),
+        ("focal", "focal length in pixels, 420"),
+        ("baseline", "metres between the cameras, 0.12"),
+        ("effects", "none or default"),
+        ("noise", "grey levels, 2"),
+        ("vignette", "share of light lost in the corners, 0.15"),
+        ("exposure", "share by which the exposure wanders, 0.06"),
+        ("flicker", "share by which the light flickers, 0.01"),
+        ("blur", "exposure time in ms, 0"),
+        ("depth_noise", "metres at 1 m, 0.0012"),
+        ("imu_noise", "0 or 1, 1"),
+        ("passers", "how many people walk about, 0"),
+        ("poor", "share of plain walls, 0; look_alike=1 gives an office of rooms that look alike"),
+    ];
+
+    fn set(&mut self, key: &str, value: &str) -> Result<(), (String, String)> {
+        let number = |low: f64, high: f64| -> Result<f64, (String, String)> {
+            let v: f64 =
+                value.parse().map_err(|_| ("not a number".to_string(), "write a number".to_string()))?;
+            if v.is_finite() && v >= low && v <= high {
+                Ok(v)
+            } else {
+                Err(("out of range".into(), format!("write a number from {low} to {high}")))
+            }
+        };
+        match key {
+            "seed" => {
+                self.seed = value.parse().map_err(|_| {
+                    ("not a whole number".to_string(), "write a whole number from 0".to_string())
+                })?;
+            }
+            "sensor" => self.set_sensor(value)?,
+            "rate" => self.rate_hz = number(0.5, 240.0)?,
+            "way" => self.route = Route::Way(Some(value.into())),
+            "trajectory" => self.route = Route::File(value.into()),
+            "start" => self.start_s = number(0.0, 86_400.0)?,
+            "duration" => self.duration_s = Some(number(0.0, 86_400.0)?),
+            "speed" => self.walker.speed = number(0.1, 3.0)?,
+            "gait" => self.walker.gait = number(0.0, 5.0)?,
+            "height" => self.walker.height = number(0.2, 2.2)?,
+            "pitch" => self.walker.pitch_down = number(-60.0, 60.0)?.to_radians(),
+            "pause" => {
+                self.walker.pause_s = number(0.0, 600.0)?;
+                self.walker.pause_every = 3;
+            }
+            "resolution" => self.set_resolution(value)?,
+            "focal" => {
+                let f = number(20.0, 5000.0)?;
+                (self.camera.fx, self.camera.fy) = (f, f);
+            }
+            "baseline" => self.baseline_m = number(0.005, 2.0)?,
+            "effects" => match value {
+                "none" => self.effects = Effects::none(),
+                "default" => self.effects = Effects::default(),
+                _ => return Err(("not known".into(), "write none or default".into())),
+            },
+            "noise" => self.effects.noise = number(0.0, 60.0)?,
+            "vignette" => self.effects.vignette = number(0.0, 1.0)?,
+            "exposure" => self.effects.exposure = number(0.0, 0.9)?,
+            "flicker" => self.effects.flicker = number(0.0, 0.9)?,
+            "blur" => self.effects.blur_s = number(0.0, 100.0)? / 1000.0,
+            "depth_noise" => self.effects.depth_noise = number(0.0, 0.1)?,
+            "imu_noise" => {
+                let noisy = number(0.0, 1.0)? > 0.5;
+                self.imu = self.imu.map(|i| ImuSetting { noisy, ..i });
+            }
+            "passers" => self.passers_by = number(0.0, 50.0)? as usize,
+            "poor" => self.options.poor_walls = number(0.0, 1.0)?,
+            "look_alike" => self.options.look_alike = number(0.0, 1.0)? > 0.5,
+            _ => {
+                let keys: Vec<&str> = Self::KEYS.iter().map(|k| k.0).collect();
+                return Err((
+                    "the key is not known".into(),
+                    format!("known are {}, look_alike", keys.join(", ")),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn set_sensor(&mut self, value: &str) -> Result<(), (String, String)> {
+        let (cameras, imu) = value.strip_suffix("-imu").map_or((value, false), |c| (c, true));
+        self.sensor = match cameras {
+            "mono" => SimSensor::Mono,
+            "stereo" => SimSensor::Stereo,
+            "rgbd" => SimSensor::Rgbd,
+            _ => return Err(("not known".into(), "write mono, stereo or rgbd, with -imu or without".into())),
+        };
+        self.imu = imu.then(|| self.imu.unwrap_or_default());
+        Ok(())
+    }
+
+    fn set_resolution(&mut self, value: &str) -> Result<(), (String, String)> {
+        let parse = || {
+            let (w, h) = value.split_once('x')?;
+            let (w, h): (usize, usize) = (w.parse().ok()?, h.parse().ok()?);
+            ((16..=4096).contains(&w) && (16..=4096).contains(&h)).then_some((w, h))
+        };
+        let (w, h) =
+            parse().ok_or(("not a resolution".to_string(), "write for example 640x480".to_string()))?;
+        let f = self.camera.fx * w as f64 / self.camera.width as f64;
+        self.camera = Camera::pinhole(w, h, f, f, (w as f64 - 1.0) / 2.0, (h as f64 - 1.0) / 2.0);
+        Ok(())
+    }
+
+    /// Refuses settings that can not be simulated.
+    ///
+    /// # Errors
+    /// Names the number and its range.
+    pub fn check(&self) -> Result<(), SourceError> {
+        let fail = |why: String, cure: &str| Err(SourceError::new(format!("sim:{}", self.world), why, cure));
+        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+            return fail(format!("rate {} Hz", self.rate_hz), "give a positive rate");
+        }
+        if let Err(e) = self.rig().validate() {
+            return fail(e.to_string(), "correct the rig");
+        }
+        if !(self.start_s.is_finite() && self.duration_s.is_none_or(|d| d.is_finite() && d >= 0.0)) {
+            return fail("start or duration is not a number of seconds".into(), "give seconds from 0");
+        }
+        Ok(())
+    }
+}

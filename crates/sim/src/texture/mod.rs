@@ -1,0 +1,13 @@
+//! Textures: painted with band-limited shapes, kept as mip chains.
+
+mod canvas;
+mod decor;
+mod material;
+mod mips;
+mod noise;
+
+pub(crate) use canvas::Canvas;
+pub(crate) use decor::Decor;
+pub(crate) use material::Material;
+pub(crate) use mips::{Level, Texture};
+pub(crate) use noise::Noise;

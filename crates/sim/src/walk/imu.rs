@@ -1,0 +1,93 @@
+//! What an inertial sensor reads on a moving body: exact values, white noise, wandering biases.
+//!
+//! Source: discrete noise from densities as in Crassidis, "Sigma-point Kalman filtering for integrated GPS and
+//! inertial navigation" (2006), eq. 4-6: white noise `sigma / sqrt(dt)`, bias step `sigma_walk * sqrt(dt)`.
+
+use super::Motion;
+use crate::random::Random;
+use cairn_geometry::{Se3, Vec3};
+use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
+
+/// Gravity along -z of the world.
+pub const GRAVITY_M_S2: f64 = 9.81;
+
+/// The simulated inertial sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuSetting {
+    /// Samples a second.
+    pub rate_hz: f64,
+    /// Noise densities (default: ADIS16448 as in EuRoC).
+    pub noise: ImuNoise,
+    /// False gives exact readings; the rig still tells the densities.
+    pub noisy: bool,
+}
+
+impl Default for ImuSetting {
+    fn default() -> Self {
+        let noise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
+        Self { rate_hz: 200.0, noise, noisy: true }
+    }
+}
+
+impl ImuSetting {
+    /// As the rig tells it; the sensor sits at the body's origin.
+    pub(crate) fn sensor(&self) -> ImuSensor {
+        ImuSensor { body_from_imu: Se3::identity(), rate_hz: self.rate_hz, noise: self.noise, offset_s: 0.0 }
+    }
+}
+
+/// Gives samples one after the other.
+pub(crate) struct ImuSim {
+    setting: ImuSetting,
+    random: Random,
+    gyro_bias: Vec3,
+    accel_bias: Vec3,
+    next: u64,
+}
+
+impl ImuSim {
+    /// From the first sample at time 0.
+    pub fn new(setting: ImuSetting, seed: u64) -> Self {
+        let mut random = Random::new(seed, 0x1A1);
+        let mut vector = |s: f64| Vec3::new(random.normal() * s, random.normal() * s, random.normal() * s);
+        let (gyro_bias, accel_bias) =
+            if setting.noisy { (vector(2e-3), vector(2e-2)) } else { Default::default() };
+        Self { setting, random, gyro_bias, accel_bias, next: 0 }
+    }
+
+    /// All samples up to the first one at or after `until`; times are nanoseconds after `epoch`.
+    pub fn until(&mut self, motion: &Motion, epoch: Stamp, until: i64) -> Vec<ImuSample> {
+        let mut out = Vec::new();
+        // The last sample given may already lie past the image of this packet.
+        let rate_hz = self.setting.rate_hz;
+        let time = |k: u64| (k as f64 * 1e9 / rate_hz).round() as i64;
+        if self.next > 0 && time(self.next - 1) >= until {
+            return out;
+        }
+        loop {
+            let t = time(self.next);
+            out.push(self.sample(motion, epoch, t));
+            self.next += 1;
+            if t >= until {
+                return out;
+            }
+        }
+    }
+
+    fn sample(&mut self, motion: &Motion, epoch: Stamp, t: i64) -> ImuSample {
+        let state = motion.state(t as f64 * 1e-9);
+        let force = state.acceleration + Vec3::z() * GRAVITY_M_S2;
+        let mut gyro = state.rate;
+        let mut accel = state.world_from_body.rotation.inverse() * force;
+        if self.setting.noisy {
+            let (n, root) = (self.setting.noise, self.setting.rate_hz.sqrt());
+            let r = &mut self.random;
+            let mut vector = |s: f64| Vec3::new(r.normal() * s, r.normal() * s, r.normal() * s);
+            gyro += self.gyro_bias + vector(n.gyro * root);
+            accel += self.accel_bias + vector(n.accel * root);
+            self.gyro_bias += vector(n.gyro_walk / root);
+            self.accel_bias += vector(n.accel_walk / root);
+        }
+        ImuSample { stamp: Stamp(epoch.0 + t), gyro, accel }
+    }
+}

@@ -1,0 +1,171 @@
+//! Worlds: textured flat faces, what stands where, and ways that can be walked.
+
+mod build;
+mod corridor;
+mod face;
+mod figure;
+mod furniture;
+mod hall;
+mod house;
+mod office;
+mod plan;
+mod street;
+mod way;
+
+pub(crate) use face::Face;
+pub use figure::{Figure, Passer};
+pub use way::Way;
+
+use crate::texture::Texture;
+use build::Builder;
+use cairn_geometry::Vec2;
+use plan::Footprint;
+use std::fmt;
+use std::str::FromStr;
+
+/// Which world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WorldKind {
+    /// A ring of corridors with doors, notices and a side branch.
+    Corridor,
+    /// A corridor with furnished rooms on both sides.
+    Office,
+    /// One big room with furniture and columns.
+    Hall,
+    /// Houses along a road, with trees, poles, cars and sky.
+    Street,
+    /// Corridors with three turns, about 40 m of way.
+    Demo,
+}
+
+impl WorldKind {
+    /// All of them.
+    pub const ALL: [WorldKind; 5] =
+        [WorldKind::Corridor, WorldKind::Office, WorldKind::Hall, WorldKind::Street, WorldKind::Demo];
+
+    /// Its name in `sim:NAME`.
+    pub fn name(self) -> &'static str {
+        match self {
+            WorldKind::Corridor => "corridor",
+            WorldKind::Office => "office",
+            WorldKind::Hall => "hall",
+            WorldKind::Street => "street",
+            WorldKind::Demo => "demo",
+        }
+    }
+}
+
+impl fmt::Display for WorldKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for WorldKind {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        WorldKind::ALL.into_iter().find(|k| k.name() == s).ok_or_else(|| {
+            let known: Vec<&str> = WorldKind::ALL.iter().map(|k| k.name()).collect();
+            format!("there is no world \"{s}\"; known are {}", known.join(", "))
+        })
+    }
+}
+
+/// What may differ between worlds of one kind and seed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WorldOptions {
+    /// Share of walls (0 to 1) that are plain, with next to nothing to see.
+    pub poor_walls: f64,
+    /// Rooms of the office that look alike.
+    pub look_alike: bool,
+}
+
+/// A simulated place. The world frame has z up and the floor at z = 0; metres.
+pub struct World {
+    kind: WorldKind,
+    seed: u64,
+    pub(crate) faces: Vec<Face>,
+    pub(crate) textures: Vec<Texture>,
+    areas: Vec<[f64; 4]>,
+    footprints: Vec<Footprint>,
+    plan: Vec<(Vec2, Vec2)>,
+    ways: Vec<Way>,
+    pub(crate) wardrobe: Vec<figure::Wardrobe>,
+}
+
+impl World {
+    /// Builds a world; the same arguments give the same world, texel for texel.
+    pub fn build(kind: WorldKind, seed: u64, options: &WorldOptions) -> World {
+        let mut b = Builder::new(seed, *options);
+        match kind {
+            WorldKind::Corridor => corridor::ring(&mut b),
+            WorldKind::Demo => corridor::demo(&mut b),
+            WorldKind::Office => office::build(&mut b),
+            WorldKind::Hall => hall::build(&mut b),
+            WorldKind::Street => street::build(&mut b),
+        }
+        let wardrobe = figure::wardrobes(&mut b);
+        World {
+            kind,
+            seed,
+            faces: b.faces,
+            textures: b.textures,
+            areas: b.areas,
+            footprints: b.footprints,
+            plan: b.plan,
+            ways: b.ways,
+            wardrobe,
+        }
+    }
+
+    /// Which kind.
+    pub fn kind(&self) -> WorldKind {
+        self.kind
+    }
+
+    /// Its seed.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Named ways that can be walked; the first is the usual one.
+    pub fn ways(&self) -> &[Way] {
+        &self.ways
+    }
+
+    /// A way by name.
+    pub fn way(&self, name: &str) -> Option<&Way> {
+        self.ways.iter().find(|w| w.name == name)
+    }
+
+    /// Walls and outlines of furniture seen from above, as segments in metres, to draw.
+    pub fn plan(&self) -> &[(Vec2, Vec2)] {
+        &self.plan
+    }
+
+    /// True where someone can stand: inside the world and inside no thing.
+    pub fn is_free(&self, x: f64, y: f64) -> bool {
+        let p = Vec2::new(x, y);
+        self.areas.iter().any(|a| x >= a[0] && y >= a[1] && x <= a[2] && y <= a[3])
+            && !self.footprints.iter().any(|f| f.distance(&p) <= 0.0)
+    }
+
+    /// Metres to the nearest wall or thing; 0 where nobody can stand.
+    pub fn clearance(&self, x: f64, y: f64) -> f64 {
+        if !self.is_free(x, y) {
+            return 0.0;
+        }
+        let p = Vec2::new(x, y);
+        self.plan.iter().map(|(a, b)| plan::distance_to_segment(&p, a, b)).fold(f64::MAX, f64::min)
+    }
+
+    /// Number of flat faces.
+    pub fn face_count(&self) -> usize {
+        self.faces.len()
+    }
+
+    /// Bytes of textures held.
+    pub fn texture_bytes(&self) -> usize {
+        self.textures.iter().map(Texture::bytes).sum()
+    }
+}

@@ -1,0 +1,150 @@
+//! The contract of the simulated source: times, determinism, inertial readings, errors.
+
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{FramePacket, ImuSample, Source, Stamp};
+use cairn_sim::{Effects, GRAVITY_M_S2, LiveRig, Route, SimSetting, SimSource, WorldKind};
+
+fn small(text: &str) -> SimSetting {
+    SimSetting::parse(&format!("{text}&resolution=160x120")).unwrap()
+}
+
+fn all(setting: &SimSetting) -> Vec<FramePacket> {
+    let mut source = SimSource::new(setting).unwrap();
+    std::iter::from_fn(|| source.next_packet().unwrap()).collect()
+}
+
+#[test]
+fn the_same_setting_gives_the_same_bytes() {
+    let s = small("sim:hall?seed=5&sensor=rgbd-imu&duration=0.3&passers=2&blur=8");
+    let (a, b) = (all(&s), all(&s));
+    assert_eq!(a.len(), 7);
+    for (a, b) in a.iter().zip(&b) {
+        assert_eq!((a.stamp, &a.images, &a.depth, &a.imu), (b.stamp, &b.images, &b.depth, &b.imu));
+    }
+    let other = all(&small("sim:hall?seed=6&sensor=rgbd-imu&duration=0.3&passers=2&blur=8"));
+    assert_ne!(a[0].images, other[0].images);
+}
+
+#[test]
+fn times_increase_and_each_packet_holds_its_samples() {
+    for rate in [20.0, 30.0, 7.3] {
+        let packets = all(&small(&format!("sim:demo?duration=1.5&rate={rate}")));
+        let stamps: Vec<Stamp> = packets.iter().map(|p| p.stamp).collect();
+        assert!(stamps.windows(2).all(|w| w[0] < w[1]));
+        let imu: Vec<ImuSample> = packets.iter().flat_map(|p| p.imu.clone()).collect();
+        assert!(imu.windows(2).all(|w| w[0].stamp < w[1].stamp));
+        let mut last = Stamp(i64::MIN);
+        for p in &packets {
+            last = p.imu.last().map_or(last, |s| s.stamp);
+            assert!(last >= p.stamp, "no sample at or after {}", p.stamp);
+            assert!(last - p.stamp < 0.0051);
+        }
+    }
+}
+
+#[test]
+fn exact_readings_integrate_to_the_truth() {
+    for text in [
+        "sim:demo?sensor=mono-imu&imu_noise=0&start=4&duration=11",
+        "sim:office?sensor=mono-imu&imu_noise=0&start=8&duration=11",
+    ] {
+        let source = SimSource::new(&small(text)).unwrap();
+        let motion = source.motion().clone();
+        let start = motion.state(0.0);
+        let (mut rotation, mut place, mut velocity) =
+            (start.world_from_body.rotation, start.world_from_body.translation, start.velocity);
+        let gravity = Vec3::new(0.0, 0.0, -GRAVITY_M_S2);
+        // The readings of the source itself, at 200 Hz.
+        let packets = all(&small(text));
+        let imu: Vec<ImuSample> = packets.iter().flat_map(|p| p.imu.clone()).collect();
+        for w in imu.windows(2).take(2000) {
+            let dt = w[1].stamp - w[0].stamp;
+            let next = rotation * So3::exp(&((w[0].gyro + w[1].gyro) * (0.5 * dt)));
+            let acceleration = (rotation * w[0].accel + next * w[1].accel) * 0.5 + gravity;
+            place += velocity * dt + acceleration * (0.5 * dt * dt);
+            velocity += acceleration * dt;
+            rotation = next;
+        }
+        let end = motion.pose(10.0);
+        let (off, angle) = ((place - end.translation).norm(), (rotation.inverse() * end.rotation).angle());
+        assert!((place - start.world_from_body.translation).norm() > 2.0, "did not move");
+        assert!(off < 0.01, "{text}: {off} m after 10 s");
+        assert!(angle < 1e-4, "{text}: {angle} rad after 10 s");
+    }
+}
+
+#[test]
+fn a_noisy_sensor_has_the_noise_it_tells() {
+    let exact = all(&small("sim:demo?sensor=mono-imu&imu_noise=0&duration=4&rate=1"));
+    let noisy = all(&small("sim:demo?sensor=mono-imu&duration=4&rate=1"));
+    let pairs: Vec<(ImuSample, ImuSample)> = exact
+        .iter()
+        .zip(&noisy)
+        .flat_map(|(a, b)| a.imu.iter().copied().zip(b.imu.iter().copied()))
+        .collect();
+    let steps: Vec<f64> = pairs
+        .windows(2)
+        .map(|w| (w[1].1.gyro - w[1].0.gyro) - (w[0].1.gyro - w[0].0.gyro))
+        .flat_map(|d| [d.x, d.y, d.z])
+        .collect();
+    // Differences of white noise have twice its variance.
+    let deviation = (steps.iter().map(|v| v * v).sum::<f64>() / steps.len() as f64 / 2.0).sqrt();
+    let expected = 1.7e-4 * 200f64.sqrt();
+    assert!((deviation / expected - 1.0).abs() < 0.1, "{deviation} for {expected}");
+}
+
+#[test]
+fn what_is_not_understood_is_said() {
+    for (text, word) in [
+        ("corridor", "sim:"),
+        ("sim:moon", "moon"),
+        ("sim:hall?seed=x", "seed=x"),
+        ("sim:hall?sped=1", "sped"),
+        ("sim:hall?rate=-1", "rate=-1"),
+        ("sim:hall?rate=NaN", "rate=NaN"),
+        ("sim:hall?resolution=0x0", "resolution"),
+        ("sim:hall?sensor=sonar", "sonar"),
+        ("sim:hall?seed", "\"=\""),
+        ("sim:hall?way=nowhere", "nowhere"),
+        ("sim:hall?trajectory=/no/such/file", "/no/such/file"),
+        ("sim:hall?start=99999", "99999"),
+    ] {
+        let error = SimSource::open(text).err().unwrap_or_else(|| panic!("{text} was taken"));
+        assert!(error.to_string().contains(word), "{text}: {error}");
+    }
+}
+
+#[test]
+fn follows_given_poses() {
+    let pose = |i: i64| {
+        Se3::new(
+            So3::exp(&Vec3::new(-1.57, 0.0, 0.0)) * So3::exp(&Vec3::new(0.0, 0.03 * i as f64, 0.0)),
+            Vec3::new(8.0 + 0.05 * i as f64, 6.0, 1.4),
+        )
+    };
+    let poses: Vec<(Stamp, Se3)> =
+        (0..10).map(|i| (Stamp(5_000_000_000 + 100_000_000 * i), pose(i))).collect();
+    let mut s = small("sim:hall?effects=none&rate=10");
+    s.route = Route::Poses(poses.clone());
+    let source = SimSource::new(&s).unwrap();
+    assert_eq!(source.info().truth.len(), 10);
+    for ((a, p), (b, q)) in poses.iter().zip(&source.info().truth) {
+        assert_eq!(a, b);
+        assert!((p.translation - q.translation).norm() < 1e-9);
+    }
+}
+
+#[test]
+fn a_live_rig_sees_what_the_source_sees() {
+    let mut s = small("sim:corridor?sensor=stereo&duration=0.4");
+    s.effects = Effects::none();
+    let mut live = LiveRig::new(&s).unwrap();
+    let mut source = SimSource::new(&s).unwrap();
+    let truth = source.info().truth.clone();
+    for (stamp, pose) in truth {
+        let (a, b) = (live.packet(stamp, &pose).unwrap(), source.next_packet().unwrap().unwrap());
+        assert_eq!(a.images, b.images);
+    }
+    assert!(live.packet(Stamp(0), &Se3::identity()).is_err());
+    assert_eq!(WorldKind::ALL.len(), 5);
+}
