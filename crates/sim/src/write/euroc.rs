@@ -4,7 +4,7 @@
 
 use super::folder::Folder;
 use cairn_geometry::Se3;
-use cairn_sensor::{Distortion, ImuSensor, RigCamera, Source, SourceError};
+use cairn_sensor::{ImuSensor, RigCamera, Source, SourceError};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -27,7 +27,8 @@ pub fn write_euroc(target: &Path, source: &mut dyn Source) -> Result<usize, Sour
     let rate = source.info().rate_hz;
     for (i, camera) in rig.cameras.iter().enumerate() {
         folder.folder(&format!("mav0/cam{i}/data"))?;
-        folder.text(&format!("mav0/cam{i}/sensor.yaml"), &camera_yaml(camera, rate))?;
+        let lens = super::radial_tangential(&camera.name, &camera.camera)?;
+        folder.text(&format!("mav0/cam{i}/sensor.yaml"), &camera_yaml(camera, lens, rate))?;
     }
     let mut lists = vec![String::from("#timestamp [ns],filename\n"); rig.cameras.len()];
     let mut imu = String::from(
@@ -82,12 +83,8 @@ fn extrinsics(body_from_sensor: &Se3) -> String {
     format!("T_BS:\n  cols: 4\n  rows: 4\n  data: [{}]\n", rows.join(",\n         "))
 }
 
-fn camera_yaml(c: &RigCamera, rate_hz: f64) -> String {
+fn camera_yaml(c: &RigCamera, coefficients: [f64; 4], rate_hz: f64) -> String {
     let k = &c.camera;
-    let coefficients = match k.distortion {
-        Distortion::None => [0.0; 4],
-        Distortion::RadialTangential([k1, k2, p1, p2, _]) => [k1, k2, p1, p2],
-    };
     format!(
         "sensor_type: camera\ncomment: {}\n{}rate_hz: {rate_hz:?}\nresolution: [{}, {}]\ncamera_model: pinhole\nintrinsics: [{:?}, {:?}, {:?}, {:?}] #fu, fv, cu, cv\ndistortion_model: radial-tangential\ndistortion_coefficients: {coefficients:?}\n",
         c.name,

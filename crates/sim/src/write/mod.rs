@@ -6,3 +6,18 @@ mod tum;
 
 pub use euroc::write_euroc;
 pub use tum::write_tum;
+
+use cairn_sensor::{Camera, Distortion, SourceError};
+
+/// The four radial-tangential coefficients of a camera; other lenses have no place in these layouts.
+fn radial_tangential(name: &str, camera: &Camera) -> Result<[f64; 4], SourceError> {
+    match camera.distortion {
+        Distortion::None => Ok([0.0; 4]),
+        Distortion::RadialTangential([k1, k2, p1, p2, 0.0]) => Ok([k1, k2, p1, p2]),
+        _ => Err(SourceError::new(
+            name,
+            "the layout holds four radial-tangential coefficients and no other lens",
+            "undistort the images first",
+        )),
+    }
+}

@@ -4,7 +4,7 @@
 //! Source: Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012), and its file formats.
 
 use super::folder::Folder;
-use cairn_sensor::{DepthImage, Distortion, Source, SourceError};
+use cairn_sensor::{DepthImage, Source, SourceError};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -64,12 +64,9 @@ pub fn write_tum(target: &Path, source: &mut dyn Source) -> Result<usize, Source
         folder.text("groundtruth.txt", &truth)?;
     }
     let c = &camera.camera;
-    let (model, coefficients) = match c.distortion {
-        Distortion::None => ("none", vec![]),
-        Distortion::RadialTangential([k1, k2, p1, p2, _]) => ("radtan", vec![k1, k2, p1, p2]),
-    };
+    let coefficients = super::radial_tangential(&camera.name, c)?;
     let chain = format!(
-        "cam0:\n  camera_model: pinhole\n  intrinsics: [{:?}, {:?}, {:?}, {:?}]\n  distortion_model: {model}\n  distortion_coeffs: {coefficients:?}\n  resolution: [{}, {}]\n  rostopic: /cam0/image_raw\n",
+        "cam0:\n  camera_model: pinhole\n  intrinsics: [{:?}, {:?}, {:?}, {:?}]\n  distortion_model: radtan\n  distortion_coeffs: {coefficients:?}\n  resolution: [{}, {}]\n  rostopic: /cam0/image_raw\n",
         c.fx, c.fy, c.cx, c.cy, c.width, c.height
     );
     folder.text("camchain.yaml", &chain)?;
