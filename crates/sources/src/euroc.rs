@@ -1,8 +1,9 @@
 //! EuRoC folders (`mav0/cam0 cam1 imu0`), and TUM-VI, which has the same shape with a Kalibr calibration.
 //!
+//! A `depth0/` beside them, of 16-bit PNG at the stamps of `cam0`, is read where the rig has a depth sensor.
 //! Burri et al., "The EuRoC micro aerial vehicle datasets" (2016); Schubert et al., "The TUM VI benchmark" (2018).
 
-use crate::recording::{Instant, QuaternionOrder, Recording, pair, read_index, read_truth};
+use crate::recording::{Instant, QuaternionOrder, Recording, join_depth, pair, read_index, read_truth};
 use crate::rig;
 use crate::text::{stamp_ns, stamp_seconds};
 use cairn_geometry::Se3;
@@ -10,7 +11,7 @@ use cairn_sensor::{Rig, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Cameras that are triggered together differ by less.
-const SAME_INSTANT_NS: i64 = 500_000;
+const SAME_INSTANT_NS: u64 = 500_000;
 
 /// True when a folder looks like one.
 pub fn is(folder: &Path) -> bool {
@@ -50,7 +51,9 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     };
     let depth = root.join("depth0");
     match depth.join("data.csv").is_file() {
-        true if rig.depth.is_some() => join_depth(&mut instants, &images(&depth, &mut skipped)?),
+        true if rig.depth.is_some() => {
+            join_depth(&mut instants, images(&depth, &mut skipped)?, SAME_INSTANT_NS)
+        }
         _ => rig.depth = None,
     }
     let imu = root.join("imu0/data.csv");
@@ -85,16 +88,6 @@ fn own_rig(folder: &Path, root: &Path) -> Result<Rig, SourceError> {
 
 fn images(camera: &Path, skipped: &mut Vec<String>) -> Result<Vec<(Stamp, PathBuf)>, SourceError> {
     read_index(&camera.join("data.csv"), stamp_ns, &camera.join("data"), skipped)
-}
-
-/// Gives each instant the depth image of its time, if there is one.
-fn join_depth(instants: &mut [Instant], depth: &[(Stamp, PathBuf)]) {
-    for instant in instants {
-        let near = depth.iter().min_by_key(|(stamp, _)| stamp.0.abs_diff(instant.stamp.0));
-        instant.depth = near
-            .filter(|(stamp, _)| stamp.0.abs_diff(instant.stamp.0) <= SAME_INSTANT_NS as u64)
-            .map(|(_, path)| path.clone());
-    }
 }
 
 /// Poses of the body, where one of the two data sets' files has them.

@@ -99,14 +99,14 @@ fn forward_only(instants: &mut Vec<Instant>, skipped: &mut Vec<String>) {
 pub fn pair(
     left: &[(Stamp, PathBuf)],
     right: &[(Stamp, PathBuf)],
-    tolerance_ns: i64,
+    tolerance_ns: u64,
     skipped: &mut Vec<String>,
 ) -> Vec<Instant> {
     let mut pairs = Vec::with_capacity(left.len());
     let (mut l, mut r) = (0, 0);
     while l < left.len() || r < right.len() {
         match (left.get(l), right.get(r)) {
-            (Some(a), Some(b)) if a.0.0.abs_diff(b.0.0) <= tolerance_ns as u64 => {
+            (Some(a), Some(b)) if a.0.0.abs_diff(b.0.0) <= tolerance_ns => {
                 pairs.push(Instant { stamp: a.0, images: vec![a.1.clone(), b.1.clone()], depth: None });
                 (l, r) = (l + 1, r + 1);
             }
@@ -122,6 +122,19 @@ pub fn pair(
         }
     }
     pairs
+}
+
+/// Gives each instant the depth image nearest in time, if there is one within `tolerance_ns`.
+pub fn join_depth(instants: &mut [Instant], mut depth: Vec<(Stamp, PathBuf)>, tolerance_ns: u64) {
+    depth.sort_by_key(|(stamp, _)| *stamp);
+    for instant in instants {
+        let stamp = instant.stamp;
+        let after = depth.partition_point(|(d, _)| *d < stamp);
+        let around = &depth[after.saturating_sub(1)..depth.len().min(after + 1)];
+        let nearest = around.iter().min_by_key(|(d, _)| d.0.abs_diff(stamp.0));
+        instant.depth =
+            nearest.filter(|(d, _)| d.0.abs_diff(stamp.0) <= tolerance_ns).map(|(_, path)| path.clone());
+    }
 }
 
 /// A file of `stamp file` lines; lines that are none are told in `skipped`, a file without any is an error.

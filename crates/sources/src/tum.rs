@@ -3,12 +3,12 @@
 //! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to colour and
 //! 5000 units make a metre.
 
-use crate::recording::{Instant, QuaternionOrder, Recording, read_index, read_truth};
+use crate::recording::{Instant, QuaternionOrder, Recording, join_depth, read_index, read_truth};
 use crate::rig;
 use crate::text::stamp_seconds;
 use cairn_geometry::Se3;
-use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SourceError, Stamp};
-use std::path::{Path, PathBuf};
+use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SourceError};
+use std::path::Path;
 
 /// A depth image further in time from a colour image than this is not its partner.
 const FARTHEST_NS: u64 = 20_000_000;
@@ -48,26 +48,12 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         true => read_truth(&truth_file, stamp_seconds, QuaternionOrder::WLast)?,
         false => Vec::new(),
     };
-    let instants = associate(colour, depth);
-    Ok(Recording { name, rig, instants, imu: None, truth, no_depth: None, skipped })
-}
-
-/// Gives each colour image the depth image nearest in time.
-fn associate(colour: Vec<(Stamp, PathBuf)>, mut depth: Vec<(Stamp, PathBuf)>) -> Vec<Instant> {
-    depth.sort_by_key(|(stamp, _)| *stamp);
-    let nearest = |stamp: Stamp| {
-        let after = depth.partition_point(|(d, _)| *d < stamp);
-        let from = after.saturating_sub(1);
-        depth[from..depth.len().min(after + 1)]
-            .iter()
-            .min_by_key(|(d, _)| d.0.abs_diff(stamp.0))
-            .filter(|(d, _)| d.0.abs_diff(stamp.0) <= FARTHEST_NS)
-            .map(|(_, path)| path.clone())
-    };
-    colour
+    let mut instants: Vec<Instant> = colour
         .into_iter()
-        .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: nearest(stamp) })
-        .collect()
+        .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
+        .collect();
+    join_depth(&mut instants, depth, FARTHEST_NS);
+    Ok(Recording { name, rig, instants, imu: None, truth, no_depth: None, skipped })
 }
 
 fn rgbd(camera: Camera) -> Rig {

@@ -105,6 +105,7 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
 }
 
 fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    let all = kitti::projections(path)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let gray = !folder.join("image_2").is_dir() || folder.join("image_0").is_dir();
     let which: [usize; 2] = if gray { [0, 1] } else { [2, 3] };
@@ -118,7 +119,6 @@ fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError>
             )
         })?,
     };
-    let all = kitti::projections(path)?;
     let present: Vec<usize> = which.into_iter().filter(|&i| all[i].is_some()).collect();
     kitti::rig(path, &all, &present, size)
 }
