@@ -1,27 +1,37 @@
 #![doc = include_str!("../README.md")]
 
+mod chart;
 mod coverage;
 mod decimal;
 mod error;
 mod evaluate;
+mod figures;
+mod html;
 mod load;
 mod percentiles;
+mod plan;
 pub mod process;
 mod read;
 mod relative;
 mod report;
 mod statistics;
+mod svg;
 mod write;
 
+pub use chart::{Labels, Mark, Series, histogram, line_chart};
 pub use coverage::{coverage_of_frames, coverage_of_reference};
 pub use error::{EvalError, FileError};
 pub use evaluate::{
     Align, Association, EvalOptions, Evaluation, PairError, evaluate, evaluate_files, tracked_fraction,
 };
+pub use figures::{error_over_time, times_histogram, times_over_frames, trajectory_view, widest_axes};
+pub use html::{Page, Said};
 pub use load::load_trajectory;
 pub use percentiles::{Percentiles, StageTimes, Stages};
+pub use plan::{Event, Marker, Plan, Way};
 pub use read::{Format, KITTI_STEP_NS, TrajectoryFile, parse_trajectory};
 pub use relative::Delta;
 pub use report::{Lost, RunReport};
 pub use statistics::Statistics;
+pub use svg::{Figure, Tone};
 pub use write::{seconds_text, to_euroc, to_kitti, to_tum, write_whole};
