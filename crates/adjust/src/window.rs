@@ -8,7 +8,8 @@ use cairn_vision::EyeModel;
 use std::collections::BTreeMap;
 
 /// How large a window may be and how long it is solved.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct WindowSetting {
     /// Key frames that move, at most.
     pub key_frames: usize,

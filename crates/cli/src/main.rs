@@ -29,6 +29,7 @@ enum Command {
     Eval(commands::eval::Arguments),
     Way(commands::way::Arguments),
     Rig(commands::rig::Arguments),
+    Config(commands::config::Arguments),
     Doctor(commands::doctor::Arguments),
 }
 
@@ -47,6 +48,7 @@ fn run(command: Command, output: &Output) -> Result<(), Failure> {
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
         Command::Way(arguments) => commands::way::run(&arguments, output),
         Command::Rig(arguments) => commands::rig::run(&arguments, output),
+        Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
     }
 }

@@ -1,11 +1,13 @@
-//! Everything that can be set, with defaults that need no tuning.
+//! Everything that can be set, with defaults that need no tuning; read from TOML, printed with comments.
 
 use cairn_mapping::MapperSetting;
 use cairn_tracking::TrackerSetting;
 use cairn_vision::EyeSetting;
+use serde::{Deserialize, Serialize};
 
-/// The settings of every stage.
-#[derive(Clone, Debug, Default)]
+/// The settings of every stage. What a TOML file does not name keeps its default.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// Features, stereo, depth.
     pub eye: EyeSetting,
@@ -13,4 +15,143 @@ pub struct Config {
     pub tracker: TrackerSetting,
     /// Mapping.
     pub mapper: MapperSetting,
+}
+
+/// Why a text is no configuration.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}{why}", line.map(|l| format!("line {l}: ")).unwrap_or_default())]
+pub struct ConfigError {
+    /// Line, counted from one, where it is known.
+    pub line: Option<usize>,
+    /// What is wrong.
+    pub why: String,
+}
+
+/// The whole default configuration with a comment at each entry.
+const DEFAULT_TOML: &str = include_str!("default.toml");
+
+impl Config {
+    /// The whole default configuration as TOML, with a comment at each entry.
+    pub fn default_toml() -> &'static str {
+        DEFAULT_TOML
+    }
+
+    /// Reads TOML; unknown names and numbers that can not be are errors.
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        let config: Self = toml::from_str(text).map_err(|e| {
+            let line = e.span().map(|s| 1 + text[..s.start.min(text.len())].matches('\n').count());
+            ConfigError { line, why: e.message().to_owned() }
+        })?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Refuses numbers outside the range in which they make sense, naming entry and range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let (orb, stereo, depth) = (&self.eye.orb, &self.eye.stereo, &self.eye.depth);
+        let (tracker, mapper) = (&self.tracker, &self.mapper);
+        let ranges = [
+            // Frames count their features in 16 bits; a quarter of that leaves room for every caller.
+            ("eye.orb.features", orb.features as f64, 50.0, 16_000.0),
+            ("eye.orb.levels", orb.levels as f64, 1.0, 16.0),
+            ("eye.orb.factor", orb.factor, 1.05, 1.6),
+            ("eye.orb.fast_high", f64::from(orb.fast_high), 1.0, 255.0),
+            ("eye.orb.fast_low", f64::from(orb.fast_low), 1.0, f64::from(orb.fast_high)),
+            ("eye.stereo.max_hamming", f64::from(stereo.max_hamming), 0.0, 256.0),
+            ("eye.stereo.row_tolerance", stereo.row_tolerance, 0.5, 100.0),
+            ("eye.stereo.min_depth_baselines", stereo.min_depth_baselines, 0.1, 100.0),
+            ("eye.stereo.min_disparity", stereo.min_disparity, 0.0, 100.0),
+            ("eye.stereo.close_baselines", stereo.close_baselines, 1.0, 1e4),
+            ("eye.stereo.max_shift", stereo.max_shift, 0.1, 20.0),
+            ("eye.stereo.min_correlation", f64::from(stereo.min_correlation), -1.0, 1.0),
+            ("eye.stereo.max_over_median", f64::from(stereo.max_over_median), 1.0, 1e4),
+            ("eye.stereo.max_sigma", f64::from(stereo.max_sigma), 1e-3, 100.0),
+            ("eye.depth.virtual_baseline", depth.virtual_baseline, 1e-3, 10.0),
+            ("eye.depth.close_depth", depth.close_depth, 0.1, 1e3),
+            ("eye.depth.max_depth", depth.max_depth, 0.1, 1e3),
+            ("eye.depth.edge_spread", f64::from(depth.edge_spread), 0.0, 10.0),
+            ("tracker.min_inliers", tracker.min_inliers as f64, 6.0, 1e4),
+            ("tracker.local_key_frames", tracker.local_key_frames as f64, 1.0, 1e4),
+            ("tracker.min_key_frame_gap", tracker.min_key_frame_gap as f64, 0.0, 1e4),
+            ("mapper.grow_neighbours", mapper.grow_neighbours as f64, 1.0, 1e3),
+            ("mapper.fuse_neighbours", mapper.fuse_neighbours as f64, 0.0, 1e3),
+            ("mapper.redundant_share", mapper.redundant_share, 0.1, 1.0),
+            ("mapper.depth_points", mapper.depth_points as f64, 0.0, 1e5),
+            ("mapper.window.key_frames", mapper.window.key_frames as f64, 2.0, 1e3),
+            ("mapper.window.anchors", mapper.window.anchors as f64, 1.0, 1e4),
+            ("mapper.window.iterations[0]", mapper.window.iterations[0] as f64, 1.0, 1e3),
+            ("mapper.window.iterations[1]", mapper.window.iterations[1] as f64, 1.0, 1e3),
+            ("mapper.window.tolerance", mapper.window.tolerance, 0.0, 1.0),
+        ];
+        for (name, value, low, high) in ranges {
+            // Not a number is in no range.
+            if !(low..=high).contains(&value) {
+                let why = format!("{name} is {value}, it must lie between {low} and {high}");
+                return Err(ConfigError { line: None, why });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_printed_default_is_the_default_and_names_every_entry() {
+        assert_eq!(Config::from_toml(Config::default_toml()).unwrap(), Config::default());
+        assert_eq!(Config::from_toml("").unwrap(), Config::default());
+        let printed: toml::Table = Config::default_toml().parse().unwrap();
+        let whole = toml::Table::try_from(Config::default()).unwrap();
+        assert_eq!(printed.keys().collect::<Vec<_>>(), whole.keys().collect::<Vec<_>>());
+        let mut names = Vec::new();
+        for (name, value) in &whole {
+            leaves(name, value, &mut names);
+        }
+        let mut shown = Vec::new();
+        for (name, value) in &printed {
+            leaves(name, value, &mut shown);
+        }
+        assert_eq!(names, shown);
+    }
+
+    fn leaves(path: &str, value: &toml::Value, out: &mut Vec<String>) {
+        match value {
+            toml::Value::Table(table) => {
+                table.iter().for_each(|(k, v)| leaves(&format!("{path}.{k}"), v, out))
+            }
+            _ => out.push(path.to_owned()),
+        }
+    }
+
+    #[test]
+    fn every_entry_of_the_printed_default_has_its_comment() {
+        let mut before = "";
+        for line in Config::default_toml().lines() {
+            if line.contains(" = ") && !line.starts_with('#') {
+                assert!(before.starts_with("# "), "no comment above: {line}");
+            }
+            before = line;
+        }
+    }
+
+    #[test]
+    fn a_part_is_enough_and_the_rest_keeps_its_default() {
+        let config = Config::from_toml("[eye.orb]\nfeatures = 700\n").unwrap();
+        assert_eq!(config.eye.orb.features, 700);
+        assert_eq!(config.eye.orb.levels, Config::default().eye.orb.levels);
+        assert_eq!(config.tracker, Config::default().tracker);
+    }
+
+    #[test]
+    fn what_is_no_configuration_is_told() {
+        let error = |text: &str| Config::from_toml(text).unwrap_err();
+        assert_eq!(error("[eye.orb]\nfeatures = \"many\"\n").line, Some(2));
+        assert!(error("[eye]\nfeetures = 3\n").why.contains("feetures"));
+        assert!(error("[eye.orb]\nfeatures = 70000\n").why.contains("eye.orb.features is 70000"));
+        assert!(error("[eye.orb]\nfactor = nan\n").why.contains("eye.orb.factor is NaN"));
+        assert!(error("[mapper.window]\niterations = [0, 5]\n").why.contains("iterations[0]"));
+        assert!(error("[tracker]\nrate_hz = 5.0\n").why.contains("rate_hz"), "the source tells the rate");
+    }
 }

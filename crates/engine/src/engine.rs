@@ -7,7 +7,7 @@ use cairn_atlas::{KeyFrameId, Map};
 use cairn_geometry::{Body, Pose, Se3, World};
 use cairn_mapping::Mapper;
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
-use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
+use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker, TrackerSetting};
 use cairn_vision::{Eye, SeeError, SensorMode};
 use std::sync::Arc;
 use std::time::Instant;
@@ -49,7 +49,8 @@ impl Engine {
     pub fn new(rig: &Rig, mode: SensorMode, runner: Runner, config: &Config) -> Result<Self, RigError> {
         let eye = Eye::new(rig, mode, config.eye)?;
         let model = *eye.model();
-        let tracker = Tracker::new(model, config.tracker);
+        let tracker =
+            Tracker::new(model, TrackerSetting { features: config.eye.orb.features, ..config.tracker });
         let mapper = Mapper::new(model, config.mapper);
         let mapping = Mapping::new(runner, mapper, Map::with_octaves(eye.octaves()));
         Ok(Self { eye, tracker, mapping, log: Log::default(), died: None })

@@ -41,6 +41,9 @@ pub struct RunReport {
     pub resets: usize,
     /// Maps at the end.
     pub maps: usize,
+    /// Frames that a source in real time gave but nobody had time for; they count as frames without a pose.
+    #[serde(default)]
+    pub dropped: usize,
     /// Key frames at the end.
     pub keyframes: usize,
     /// Landmarks at the end.

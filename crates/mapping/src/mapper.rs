@@ -12,7 +12,8 @@ use cairn_vision::{EyeModel, Frame};
 use std::sync::Arc;
 
 /// How to map.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct MapperSetting {
     /// Neighbours searched for new points.
     pub grow_neighbours: usize,

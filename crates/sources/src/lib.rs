@@ -5,6 +5,7 @@ mod euroc;
 mod imu;
 mod kitti;
 mod open;
+mod paced;
 mod player;
 mod recording;
 mod rig;
@@ -13,4 +14,5 @@ mod text;
 mod tum;
 
 pub use open::{OpenOptions, open};
+pub use paced::Paced;
 pub use rig::{read_rig, read_rig_for, write_rig};

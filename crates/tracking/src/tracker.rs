@@ -14,11 +14,14 @@ use nalgebra::SVector;
 use std::sync::Arc;
 
 /// How to track.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct TrackerSetting {
-    /// Features the eye gives at most; thresholds of the start are relative to it.
+    /// Features the eye gives at most; thresholds of the start are relative to it. Follows the eye's own setting.
+    #[serde(skip)]
     pub features: usize,
-    /// Nominal frames a second.
+    /// Nominal frames a second. Follows the source.
+    #[serde(skip)]
     pub rate_hz: f64,
     /// Matches that must agree for a pose to count.
     pub min_inliers: usize,

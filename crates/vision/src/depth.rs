@@ -5,7 +5,8 @@ use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage, DepthSensor};
 
 /// What is asked of the depth lookup.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct DepthSetting {
     /// Baseline in metres of the virtual projector: one pixel of error in `right_x` stands for a depth error of
     /// `depth^2 / (baseline * fx)`. 0.075 m (the distance between a Kinect's projector and camera) and fx = 535 give

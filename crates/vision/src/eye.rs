@@ -23,7 +23,8 @@ pub enum SensorMode {
 }
 
 /// What is asked of the eye.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct EyeSetting {
     /// Features.
     pub orb: OrbSetting,

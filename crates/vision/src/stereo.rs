@@ -20,7 +20,8 @@ const AREA: usize = SIDE * SIDE;
 const STEPS: usize = 6;
 
 /// What is asked of the stereo matcher.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct StereoSetting {
     /// Bits in which descriptors of one point may differ.
     pub max_hamming: u32,

@@ -1,5 +1,6 @@
 //! One file for each command: its arguments, and what it prints.
 
+pub mod config;
 pub mod doctor;
 pub mod eval;
 pub mod rig;

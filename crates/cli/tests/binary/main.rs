@@ -1,5 +1,6 @@
 //! The binary as a user meets it: exit codes, one-line errors that name the cure, JSON that is JSON.
 
+mod config;
 mod doctor;
 mod eval;
 mod rig;

@@ -8,7 +8,8 @@ use crate::Descriptor;
 use cairn_sensor::GrayImage;
 
 /// What is asked of the extractor.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct OrbSetting {
     /// Features per image, at most.
     pub features: usize,

@@ -1,0 +1,19 @@
+//! `cairn config`.
+
+use crate::{cairn, json, stdout};
+
+#[test]
+fn config_prints_every_entry_with_a_comment_and_the_same_as_json() {
+    let text = stdout(&cairn(&["config"]));
+    let value = json(&cairn(&["config", "--json"]));
+    let features = &value["eye"]["orb"]["features"];
+    assert!(
+        text.contains(&format!("# Features per image, at most (50 to 16000).\nfeatures = {features}\n")),
+        "{text}"
+    );
+    let entries = text.lines().filter(|l| !l.starts_with('#') && l.contains(" = ")).count();
+    fn leaves(value: &serde_json::Value) -> usize {
+        value.as_object().map_or(1, |o| o.values().map(leaves).sum())
+    }
+    assert_eq!(entries, leaves(&value));
+}

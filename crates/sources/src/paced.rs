@@ -1,0 +1,133 @@
+//! A recording given as a camera would give it: no packet before its time, and none that is already overtaken.
+
+use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
+use std::time::{Duration, Instant};
+
+/// Plays a source in real time. A packet whose successor is due as well is dropped and counted; its IMU samples
+/// go to the successor, so none is lost.
+pub struct Paced {
+    source: Box<dyn Source>,
+    /// When the first packet was given, and its stamp.
+    began: Option<(Instant, Stamp)>,
+    /// Read, but not yet given.
+    next: Option<FramePacket>,
+    dropped: usize,
+}
+
+impl Paced {
+    /// Time begins with the first packet taken.
+    pub fn new(source: Box<dyn Source>) -> Self {
+        Self { source, began: None, next: None, dropped: 0 }
+    }
+
+    /// Packets that were overtaken before they were asked for.
+    pub fn dropped(&self) -> usize {
+        self.dropped
+    }
+
+    /// How long until a stamp is due; `None` when it is.
+    fn until(&self, stamp: Stamp) -> Option<Duration> {
+        let (instant, first) = self.began?;
+        let due = Duration::try_from_secs_f64(stamp - first).ok()?;
+        due.checked_sub(instant.elapsed()).filter(|d| !d.is_zero())
+    }
+}
+
+impl Source for Paced {
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn rig(&self) -> &Rig {
+        self.source.rig()
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        let packet = match self.next.take() {
+            Some(packet) => Some(packet),
+            None => self.source.next_packet()?,
+        };
+        let Some(mut packet) = packet else { return Ok(None) };
+        self.began.get_or_insert((Instant::now(), packet.stamp));
+        while let Some(mut next) = self.source.next_packet()? {
+            if self.until(next.stamp).is_some() {
+                self.next = Some(next);
+                break;
+            }
+            self.dropped += 1;
+            let mut imu: Vec<ImuSample> = std::mem::take(&mut packet.imu);
+            imu.append(&mut next.imu);
+            next.imu = imu;
+            packet = next;
+        }
+        if let Some(wait) = self.until(packet.stamp) {
+            std::thread::sleep(wait);
+        }
+        Ok(Some(packet))
+    }
+
+    fn skipped(&self) -> &[String] {
+        self.source.skipped()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::Vec3;
+    use cairn_sensor::Camera;
+
+    /// Twenty packets 10 ms apart, each with one IMU sample.
+    struct Clockwork(SourceInfo, Rig, i64);
+
+    fn clockwork() -> Paced {
+        let info = SourceInfo { name: "clockwork".into(), frames: Some(20), rate_hz: 100.0, truth: vec![] };
+        Paced::new(Box::new(Clockwork(info, Rig::mono(Camera::pinhole(8, 8, 8.0, 8.0, 4.0, 4.0)), 0)))
+    }
+
+    impl Source for Clockwork {
+        fn info(&self) -> &SourceInfo {
+            &self.0
+        }
+        fn rig(&self) -> &Rig {
+            &self.1
+        }
+        fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+            let stamp = Stamp(7_000_000_000 + self.2 * 10_000_000);
+            self.2 += 1;
+            let imu = vec![ImuSample { stamp, gyro: Vec3::zeros(), accel: Vec3::zeros() }];
+            let packet = FramePacket { stamp, images: vec![], depth: None, imu, decode_ms: 0.0 };
+            Ok((self.2 <= 20).then_some(packet))
+        }
+        fn skipped(&self) -> &[String] {
+            &[]
+        }
+    }
+
+    #[test]
+    fn no_packet_comes_before_its_time() {
+        let (mut source, start) = (clockwork(), Instant::now());
+        let mut given = 0;
+        while let Some(packet) = source.next_packet().unwrap() {
+            assert!(start.elapsed().as_secs_f64() >= packet.stamp.seconds() - 7.0 - 1e-6);
+            given += 1;
+        }
+        assert!(start.elapsed() >= Duration::from_millis(190));
+        assert_eq!(given + source.dropped(), 20);
+    }
+
+    #[test]
+    fn a_slow_reader_loses_images_but_no_imu_sample() {
+        let mut source = clockwork();
+        let (mut given, mut samples) = (0, Vec::new());
+        while let Some(packet) = source.next_packet().unwrap() {
+            given += 1;
+            samples.extend(packet.imu.iter().map(|s| s.stamp));
+            std::thread::sleep(Duration::from_millis(45));
+        }
+        assert!(source.dropped() >= 10, "{} of 20 given", given);
+        assert_eq!(given + source.dropped(), 20);
+        assert_eq!(samples.len(), 20);
+        assert!(samples.windows(2).all(|w| w[0] < w[1]));
+    }
+}
