@@ -1,9 +1,11 @@
 //! Opening a source by its name: what kind it is, is found by looking.
 
+use crate::ahead::Ahead;
 use crate::player::Player;
 use crate::recording::Recording;
 use crate::{euroc, kitti, seven_scenes, tum};
 use cairn_sensor::{Rig, Source, SourceError};
+use cairn_sim::{SimSetting, SimSource};
 use std::path::Path;
 
 /// How a source is to be read.
@@ -32,26 +34,47 @@ const KINDS: [Kind; 4] = [
 
 const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*)";
 
-/// Opens a recording. Its images are read ahead on a thread, which ends when the source is dropped.
+/// Opens a recording or a simulated world (`sim:WORLD?key=value`, see [`SimSetting::KEYS`]). Packets are read ahead on a
+/// thread, which ends when the source is dropped.
 pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, SourceError> {
     if !(options.start_s.is_finite() && options.start_s >= 0.0) {
         let why = format!("can not start at {} s", options.start_s);
         return Err(SourceError::new(source, why, "give seconds after the first image, 0 or more"));
     }
+    if options.frames == Some(0) {
+        return Err(SourceError::new(source, "0 frames are asked for", "ask for at least one"));
+    }
+    if source.starts_with("sim:") {
+        return Ok(Box::new(Ahead::start(simulated(source, options)?)?));
+    }
     if let Some(scheme) = scheme(source) {
         return Err(SourceError::new(
             source,
             format!("sources of the kind \"{scheme}:\" can not be read here"),
-            format!("give a folder ({KNOWN})"),
+            format!("give a folder or sim:WORLD; {KNOWN}"),
         ));
     }
     let path = Path::new(source);
     let mut recording = (kind_of(path)?.index)(path, options.rig)?;
     recording.settle(options.start_s, options.frames)?;
-    Ok(Box::new(Player::start(recording)?))
+    Ok(Box::new(Ahead::start(Player::new(recording)?)?))
 }
 
-/// `sim` of `sim:corridor`, `rtsp` of `rtsp://...`; a drive letter is none.
+fn simulated(source: &str, options: OpenOptions) -> Result<SimSource, SourceError> {
+    if options.rig.is_some() {
+        let cure = "leave the rig out, and choose the camera with sim:WORLD?key=value";
+        return Err(SourceError::new(source, "a simulated world has a rig of its own", cure));
+    }
+    let mut setting = SimSetting::parse(source)?;
+    setting.start_s += options.start_s;
+    if let Some(frames) = options.frames {
+        let seconds = (frames - 1) as f64 / setting.rate_hz;
+        setting.duration_s = Some(setting.duration_s.map_or(seconds, |d| d.min(seconds)));
+    }
+    SimSource::new(&setting)
+}
+
+/// `rtsp` of `rtsp://...`; a drive letter is none.
 fn scheme(source: &str) -> Option<&str> {
     let (scheme, _) = source.split_once(':')?;
     let plain = scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-');

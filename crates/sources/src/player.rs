@@ -1,4 +1,4 @@
-//! Plays a recording: one thread reads ahead and decodes, a bounded queue hands packets over.
+//! Plays a recording: decodes the images of each instant and joins the IMU samples to them.
 
 use crate::decode;
 use crate::imu::ImuStream;
@@ -7,12 +7,9 @@ use cairn_sensor::{
     Camera, DepthImage, FramePacket, GrayImage, ImuSample, Rig, Source, SourceError, SourceInfo,
 };
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::thread::JoinHandle;
 use std::time;
+use std::vec::IntoIter;
 
-/// Packets decoded ahead of the reader: 6 MB of EuRoC stereo.
-const READ_AHEAD: usize = 8;
 /// Lines kept of what was skipped; a longer list only grows its last line's count.
 const MOST_LINES: usize = 10_000;
 
@@ -20,21 +17,20 @@ const MOST_LINES: usize = 10_000;
 pub struct Player {
     info: SourceInfo,
     rig: Rig,
+    instants: IntoIter<Instant>,
+    imu: Option<ImuStream>,
+    no_depth: Option<u16>,
+    /// Samples read but not given yet.
+    pending: Vec<ImuSample>,
+    /// No packet was given yet.
+    first: bool,
     skipped: Vec<String>,
     left_out: usize,
-    packets: Option<Receiver<Step>>,
-    reader: Option<JoinHandle<()>>,
-}
-
-/// One instant read: its packet, unless it was skipped, and what was left out on the way.
-struct Step {
-    packet: Option<FramePacket>,
-    skipped: Vec<String>,
 }
 
 impl Player {
-    /// Checks the rig against the first image of each camera and starts the reading thread.
-    pub fn start(recording: Recording) -> Result<Self, SourceError> {
+    /// Checks the rig against the first image of each camera.
+    pub fn new(recording: Recording) -> Result<Self, SourceError> {
         let rate_hz = recording.rate_hz();
         let Recording { name, mut rig, instants, imu, truth, no_depth, skipped } = recording;
         if let Err(e) = rig.validate() {
@@ -43,26 +39,20 @@ impl Player {
         check_sizes(&name, &rig, &instants)?;
         // Stamps are given in the images' clock, so nothing is left to add.
         let offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
-        let stream = imu.map(|path| ImuStream::open(&path, offset_s)).transpose()?;
-
-        let (sender, receiver) = sync_channel(READ_AHEAD);
-        let work =
-            Work { rig: rig.clone(), instants, imu: stream, no_depth, pending: Vec::new(), first: true };
-        let frames = work.instants.len();
-        let reader = std::thread::Builder::new()
-            .name("cairn-reader".into())
-            .spawn(move || work.run(&sender))
-            .map_err(|e| {
-                SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
-            })?;
-        Ok(Self {
-            info: SourceInfo { name, frames: Some(frames), rate_hz, truth },
+        let imu = imu.map(|path| ImuStream::open(&path, offset_s)).transpose()?;
+        let mut player = Self {
+            info: SourceInfo { name, frames: Some(instants.len()), rate_hz, truth },
             rig,
-            skipped,
+            instants: instants.into_iter(),
+            imu,
+            no_depth,
+            pending: Vec::new(),
+            first: true,
+            skipped: Vec::new(),
             left_out: 0,
-            packets: Some(receiver),
-            reader: Some(reader),
-        })
+        };
+        player.note(skipped);
+        Ok(player)
     }
 
     fn note(&mut self, lines: Vec<String>) {
@@ -75,85 +65,20 @@ impl Player {
             }
         }
     }
-}
 
-impl Source for Player {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    fn rig(&self) -> &Rig {
-        &self.rig
-    }
-
-    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
-        while let Some(step) = self.packets.as_ref().and_then(|p| p.recv().ok()) {
-            self.note(step.skipped);
-            if step.packet.is_some() {
-                return Ok(step.packet);
-            }
-        }
-        // The queue is closed: the thread is done, or it died.
-        self.packets = None;
-        match self.reader.take().map(JoinHandle::join) {
-            Some(Err(_)) => Err(SourceError::new(
-                &self.info.name,
-                "the reading thread failed",
-                "report it with the recording",
-            )),
-            _ => Ok(None),
-        }
-    }
-
-    fn skipped(&self) -> &[String] {
-        &self.skipped
-    }
-}
-
-impl Drop for Player {
-    /// Closes the queue, which ends the thread after the packet in its hands.
-    fn drop(&mut self) {
-        self.packets = None;
-        if let Some(reader) = self.reader.take() {
-            // A panic there was already reported on standard error; there is no one left to tell.
-            let _ = reader.join();
-        }
-    }
-}
-
-/// What the reading thread owns.
-struct Work {
-    rig: Rig,
-    instants: Vec<Instant>,
-    imu: Option<ImuStream>,
-    no_depth: Option<u16>,
-    /// Samples read but not given yet.
-    pending: Vec<ImuSample>,
-    first: bool,
-}
-
-impl Work {
-    fn run(mut self, sender: &SyncSender<Step>) {
-        for instant in std::mem::take(&mut self.instants) {
-            let mut skipped = Vec::new();
-            let packet = self.read(&instant, &mut skipped);
-            if sender.send(Step { packet, skipped }).is_err() {
-                return; // no one listens any more
-            }
-        }
-    }
-
-    fn read(&mut self, instant: &Instant, skipped: &mut Vec<String>) -> Option<FramePacket> {
+    /// The packet of an instant; `None` when it is skipped.
+    fn read(&mut self, instant: &Instant) -> Option<FramePacket> {
         let start = time::Instant::now();
         let decoded = self.decode(instant);
         let decode_ms = start.elapsed().as_secs_f64() * 1e3;
+        let mut skipped = Vec::new();
         if let Some(imu) = &mut self.imu {
-            imu.take_until(instant.stamp, &mut self.pending, skipped);
+            imu.take_until(instant.stamp, &mut self.pending, &mut skipped);
             if self.first {
                 self.pending.retain(|s| s.stamp >= instant.stamp.plus_seconds(-1.0));
             }
         }
-        match decoded {
+        let packet = match decoded {
             Ok((images, depth)) => {
                 self.first = false;
                 let imu = std::mem::take(&mut self.pending);
@@ -163,7 +88,9 @@ impl Work {
                 skipped.push(format!("{}: {why}", instant.stamp));
                 None
             }
-        }
+        };
+        self.note(skipped);
+        packet
     }
 
     fn decode(&self, instant: &Instant) -> Result<Decoded, String> {
@@ -185,6 +112,29 @@ impl Work {
             _ => None,
         };
         Ok((images, depth))
+    }
+}
+
+impl Source for Player {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        while let Some(instant) = self.instants.next() {
+            if let Some(packet) = self.read(&instant) {
+                return Ok(Some(packet));
+            }
+        }
+        Ok(None)
+    }
+
+    fn skipped(&self) -> &[String] {
+        &self.skipped
     }
 }
 

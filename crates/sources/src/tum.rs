@@ -24,7 +24,12 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     let mut name = format!("TUM RGB-D folder {}", folder.display());
     let mut rig = match (given, rig::file_in(folder)) {
         (Some(rig), _) => rig,
-        (None, Some(path)) => rig::read_rig(path)?,
+        (None, Some(path)) => {
+            let rig = rig::read_rig(&path)?;
+            // Kalibr knows no depth sensors; the layout's is the colour camera, whose poses the truth gives.
+            let own = path.extension().is_some_and(|e| e == "toml");
+            if own { rig } else { rgbd(rig.cameras[0].camera) }
+        }
         (None, None) => {
             let (camera, which) = published(folder);
             name += &format!(" ({which})");

@@ -1,0 +1,173 @@
+//! Reads any source ahead on a thread: a bounded queue hands the packets over.
+
+use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+/// Packets decoded ahead of the reader: 6 MB of EuRoC stereo.
+const QUEUE: usize = 8;
+
+/// A source whose packets are made on a thread of their own, at most [`QUEUE`] ahead.
+pub struct Ahead {
+    info: SourceInfo,
+    rig: Rig,
+    skipped: Vec<String>,
+    packets: Option<Receiver<Step>>,
+    reader: Option<JoinHandle<()>>,
+}
+
+/// One answer of the source, and what it skipped on the way there (how many of its old lines stand, and the rest).
+struct Step {
+    answer: Result<Option<FramePacket>, SourceError>,
+    kept: usize,
+    skipped: Vec<String>,
+}
+
+impl Ahead {
+    /// Starts reading.
+    pub fn start(source: impl Source + 'static) -> Result<Self, SourceError> {
+        let (info, rig) = (source.info().clone(), source.rig().clone());
+        let skipped = source.skipped().to_vec();
+        let (sender, receiver) = sync_channel(QUEUE);
+        let thread = std::thread::Builder::new().name("cairn-reader".into());
+        let reader = thread.spawn(move || read(source, &sender)).map_err(|e| {
+            SourceError::new(&info.name, format!("no thread to read it ({e})"), "close other programs")
+        })?;
+        Ok(Self { info, rig, skipped, packets: Some(receiver), reader: Some(reader) })
+    }
+}
+
+/// The thread: until the source ends or fails, or no one listens any more.
+fn read(mut source: impl Source, sender: &SyncSender<Step>) {
+    let mut told: Vec<String> = source.skipped().last().cloned().into_iter().collect();
+    let mut count = source.skipped().len();
+    loop {
+        let answer = source.next_packet();
+        let lines = source.skipped();
+        // The last line may be a running count: send it again when it has changed.
+        let kept = match (count, told.last()) {
+            (0, _) => 0,
+            (n, last) if lines.get(n - 1) == last => n,
+            (n, _) => n - 1,
+        };
+        let skipped = lines.get(kept..).unwrap_or_default().to_vec();
+        count = lines.len();
+        told = lines.last().cloned().into_iter().collect();
+        let more = matches!(answer, Ok(Some(_)));
+        if sender.send(Step { answer, kept, skipped }).is_err() || !more {
+            return;
+        }
+    }
+}
+
+impl Source for Ahead {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        let Some(packets) = &self.packets else { return Ok(None) };
+        if let Ok(step) = packets.recv() {
+            self.skipped.truncate(step.kept);
+            self.skipped.extend(step.skipped);
+            if !matches!(step.answer, Ok(Some(_))) {
+                self.packets = None;
+            }
+            return step.answer;
+        }
+        // The queue closed without an end: the thread died.
+        self.packets = None;
+        Err(SourceError::new(&self.info.name, "the reading thread failed", "report it with the recording"))
+    }
+
+    fn skipped(&self) -> &[String] {
+        &self.skipped
+    }
+}
+
+impl Drop for Ahead {
+    /// Closes the queue, which ends the thread after the packet in its hands.
+    fn drop(&mut self) {
+        self.packets = None;
+        if let Some(reader) = self.reader.take() {
+            // A panic there was already reported on standard error; there is no one left to tell.
+            let _ = reader.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_sensor::{Camera, Stamp};
+
+    /// Gives `packets` packets, with a line skipped before each, then what `end` says.
+    struct Fake {
+        info: SourceInfo,
+        rig: Rig,
+        skipped: Vec<String>,
+        packets: usize,
+        end: fn() -> Result<Option<FramePacket>, SourceError>,
+    }
+
+    impl Fake {
+        fn new(packets: usize, end: fn() -> Result<Option<FramePacket>, SourceError>) -> Self {
+            let info = SourceInfo { name: "fake".into(), frames: None, rate_hz: 1.0, truth: Vec::new() };
+            let rig = Rig::mono(Camera::pinhole(2, 2, 1.0, 1.0, 0.5, 0.5));
+            Self { info, rig, skipped: vec!["at the start".into()], packets, end }
+        }
+    }
+
+    impl Source for Fake {
+        fn info(&self) -> &SourceInfo {
+            &self.info
+        }
+        fn rig(&self) -> &Rig {
+            &self.rig
+        }
+        fn skipped(&self) -> &[String] {
+            &self.skipped
+        }
+        fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+            if self.packets == 0 {
+                return (self.end)();
+            }
+            self.packets -= 1;
+            self.skipped.push(format!("before {}", self.packets));
+            if self.packets == 0 {
+                // A running count takes the last place.
+                *self.skipped.last_mut().unwrap() = "and 1 more".into();
+            }
+            let stamp = Stamp(self.packets as i64);
+            Ok(Some(FramePacket { stamp, images: Vec::new(), depth: None, imu: Vec::new(), decode_ms: 0.0 }))
+        }
+    }
+
+    #[test]
+    fn gives_what_the_source_gives_with_its_skipped_lines_in_step() {
+        let mut ahead = Ahead::start(Fake::new(30, || Ok(None))).unwrap();
+        assert_eq!(ahead.skipped(), ["at the start"]);
+        for i in 1..=30 {
+            assert_eq!(ahead.next_packet().unwrap().unwrap().stamp, Stamp(30 - i as i64));
+            assert_eq!(ahead.skipped().len(), 1 + i);
+        }
+        assert_eq!(ahead.skipped()[30], "and 1 more");
+        assert!(ahead.next_packet().unwrap().is_none() && ahead.next_packet().unwrap().is_none());
+    }
+
+    #[test]
+    fn failures_and_panics_are_errors() {
+        let mut ahead = Ahead::start(Fake::new(1, || Err(SourceError::new("a", "b", "c")))).unwrap();
+        assert!(ahead.next_packet().unwrap().is_some());
+        assert_eq!(ahead.next_packet().unwrap_err().to_string(), "a: b; c");
+        assert!(ahead.next_packet().unwrap().is_none());
+        let mut ahead = Ahead::start(Fake::new(1, || panic!("on purpose"))).unwrap();
+        assert!(ahead.next_packet().unwrap().is_some());
+        assert!(ahead.next_packet().unwrap_err().to_string().contains("the reading thread failed"));
+        assert!(ahead.next_packet().unwrap().is_none());
+    }
+}
