@@ -1,12 +1,18 @@
 //! From pixels to features with depth, and from matched features to geometry.
 
+// `!(a > b)` is meant: it also refuses NaN.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 mod depth;
 mod eye;
 mod frame;
 pub mod orb;
 mod rectify;
+mod roots;
 mod search;
 mod stereo;
+mod triangulate;
+mod two_view;
 
 pub use depth::DepthSetting;
 pub use eye::{Eye, EyeSetting, SeeError, SensorMode};
@@ -15,3 +21,11 @@ pub use orb::{BestTwo, Features, OrbExtractor, OrbSetting, Pyramid, best_two, be
 pub use rectify::{RectifiedPair, Rectifier, rectify_pair};
 pub use search::{Found, Target, consistent_rotation, search};
 pub use stereo::StereoSetting;
+pub use triangulate::{
+    NotTriangulated, TriangulateGate, Triangulated, correct, essential, midpoint, triangulate_checked,
+    triangulate_views,
+};
+pub use two_view::{
+    TwoView, TwoViewModel, TwoViewReason, TwoViewRejected, TwoViewSetting, essential_motions, five_point,
+    four_point, homography_motions, two_view,
+};

@@ -1,0 +1,242 @@
+//! Where rays meet: closed-form triangulation from two views and from many, with the gates that make a point believed.
+
+use crate::EyeModel;
+use cairn_geometry::{Mat3, Se3, Vec2, Vec3, hat};
+
+/// The essential matrix of a motion: `second_ray' * E * first_ray = 0` (Longuet-Higgins 1981), E = [t]x R.
+pub fn essential(second_from_first: &Se3) -> Mat3 {
+    hat(&second_from_first.translation) * second_from_first.rotation.matrix()
+}
+
+/// The point, in the first eye's frame, where two rays come nearest, as the mean of the two nearest points.
+///
+/// Rays are directions of any length in their own eye's frame. `None` when they are parallel to rounding. The point may
+/// lie behind the eyes: see [`triangulate_checked`].
+pub fn midpoint(second_from_first: &Se3, first_ray: &Vec3, second_ray: &Vec3) -> Option<Vec3> {
+    let inverse = second_from_first.rotation.inverse();
+    let (a, b) = (*first_ray, inverse * *second_ray);
+    let centre = -(inverse * second_from_first.translation);
+    // Least squares of lambda * a - mu * b = centre.
+    let (aa, ab, bb) = (a.norm_squared(), a.dot(&b), b.norm_squared());
+    let determinant = aa * bb - ab * ab;
+    // Also true for NaN.
+    if !(determinant > 1e-14 * aa * bb) {
+        return None;
+    }
+    let (ca, cb) = (centre.dot(&a), centre.dot(&b));
+    let lambda = (bb * ca - ab * cb) / determinant;
+    let mu = (ab * ca - aa * cb) / determinant;
+    Some((a * lambda + centre + b * mu) * 0.5)
+}
+
+/// Moves two image points (unit focal length) by the least sum of squares that makes their rays meet.
+///
+/// Lindstrom, "Triangulation made easy" (CVPR 2010), listing 3 (two steps; the rest is below rounding in practice).
+pub fn correct(essential: &Mat3, first: &Vec2, second: &Vec2) -> [Vec2; 2] {
+    // The paper's x' E x' = 0 has the second view on the left here.
+    let (x1, x2) = (Vec3::new(first.x, first.y, 1.0), Vec3::new(second.x, second.y, 1.0));
+    let e = essential.fixed_view::<2, 2>(0, 0).into_owned();
+    let (line2, line1) = (essential * x1, essential.transpose() * x2);
+    let (mut n2, mut n1) = (line2.xy(), line1.xy());
+    let a = n2.dot(&(e * n1));
+    let b = 0.5 * (n1.norm_squared() + n2.norm_squared());
+    let c = x2.dot(&line2);
+    let d = (b * b - a * c).max(0.0).sqrt();
+    let lambda = c / (b + d);
+    let (d1, d2) = (n1 * lambda, n2 * lambda);
+    n2 -= e * d1;
+    n1 -= e.transpose() * d2;
+    let lambda = lambda * 2.0 * d / (n1.norm_squared() + n2.norm_squared());
+    if !lambda.is_finite() {
+        return [*first, *second];
+    }
+    [first - n1 * lambda, second - n2 * lambda]
+}
+
+/// What a triangulated point must keep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TriangulateGate {
+    /// Least angle between the rays in degrees.
+    pub min_parallax_deg: f64,
+    /// Largest squared reprojection error in each view over its variance (5.99: 95 % with two degrees of freedom).
+    pub max_chi2: f64,
+    /// Nearest depth in both views, in units of the translation's.
+    pub min_depth: f64,
+}
+
+impl Default for TriangulateGate {
+    fn default() -> Self {
+        Self { min_parallax_deg: 1.0, max_chi2: 5.99, min_depth: 1e-3 }
+    }
+}
+
+/// A point that passed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triangulated {
+    /// In the first eye's frame.
+    pub point: Vec3,
+    /// Angle between the rays in degrees.
+    pub parallax_deg: f64,
+    /// Squared reprojection error over its variance in the first and second view.
+    pub chi2: [f64; 2],
+}
+
+/// Why a point is not believed, with the number that says so.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NotTriangulated {
+    /// The rays are too nearly parallel (degrees).
+    LowParallax(f64),
+    /// It lies behind or too near to an eye (the smaller of both depths).
+    Behind(f64),
+    /// It does not project to where it was seen (the larger of both squared errors over their variance).
+    FarFromRays(f64),
+}
+
+/// Triangulates one match of rectified pixels with the least reprojection error, and checks it; `sigma` is the standard
+/// deviation of the two pixels (the scale of their levels).
+pub fn triangulate_checked(
+    eye: &EyeModel,
+    second_from_first: &Se3,
+    first: [f32; 2],
+    second: [f32; 2],
+    sigma: [f64; 2],
+    gate: &TriangulateGate,
+) -> Result<Triangulated, NotTriangulated> {
+    let (mut a, mut b) = (eye.unproject(first, 1.0), eye.unproject(second, 1.0));
+    let turned = second_from_first.rotation.inverse() * b;
+    let parallax_deg = a.cross(&turned).norm().atan2(a.dot(&turned)).to_degrees();
+    if !(parallax_deg >= gate.min_parallax_deg) {
+        return Err(NotTriangulated::LowParallax(parallax_deg));
+    }
+    let [pa, pb] = correct(&essential(second_from_first), &a.xy(), &b.xy());
+    (a, b) = (pa.push(1.0), pb.push(1.0));
+    let point = midpoint(second_from_first, &a, &b).ok_or(NotTriangulated::LowParallax(parallax_deg))?;
+    let there = *second_from_first * point;
+    let depth = point.z.min(there.z);
+    if !(depth >= gate.min_depth) {
+        return Err(NotTriangulated::Behind(depth));
+    }
+    let chi2 = [(point, first, sigma[0]), (there, second, sigma[1])].map(|(p, px, sigma)| {
+        let [u, v, _] = eye.project(&p).unwrap_or([f64::INFINITY; 3]);
+        ((u - px[0] as f64).powi(2) + (v - px[1] as f64).powi(2)) / (sigma * sigma)
+    });
+    let worst = chi2[0].max(chi2[1]);
+    if !(worst <= gate.max_chi2) {
+        return Err(NotTriangulated::FarFromRays(worst));
+    }
+    Ok(Triangulated { point, parallax_deg, chi2 })
+}
+
+/// The point nearest to many rays, in least squares of the distances: `views` are poses `eye_from_world` and unit rays in
+/// the eye. `None` for fewer than two views or when all rays are parallel.
+pub fn triangulate_views(views: &[(Se3, Vec3)]) -> Option<Vec3> {
+    let (mut a, mut b) = (Mat3::zeros(), Vec3::zeros());
+    for (eye_from_world, ray) in views {
+        let inverse = eye_from_world.inverse();
+        let ray = inverse.rotation * ray.normalize();
+        let across = Mat3::identity() - ray * ray.transpose();
+        a += across;
+        b += across * inverse.translation;
+    }
+    // The smallest eigenvalue is about the sum of squared sines between rays.
+    let determinant = a.determinant();
+    let n = views.len() as f64;
+    if views.len() < 2 || !(determinant > 1e-12 * n * n * n) {
+        return None;
+    }
+    a.cholesky().map(|c| c.solve(&b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::So3;
+    use cairn_solve::ransac::Rng;
+
+    fn eye() -> EyeModel {
+        EyeModel {
+            fx: 450.0,
+            fy: 450.0,
+            cx: 320.0,
+            cy: 240.0,
+            baseline_fx: 0.0,
+            bounds: [0.0, 0.0, 640.0, 480.0],
+            close_depth: 0.0,
+            body_from_eye: Se3::identity(),
+        }
+    }
+
+    fn motion(rng: &mut Rng) -> Se3 {
+        let small = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+        let w = small(rng, 0.08);
+        Se3::new(So3::exp(&w), small(rng, 0.4))
+    }
+
+    fn point(rng: &mut Rng) -> Vec3 {
+        let z = rng.range(2.0, 8.0);
+        Vec3::new(rng.range(-0.5, 0.5) * z, rng.range(-0.4, 0.4) * z, z)
+    }
+
+    #[test]
+    fn exact_without_noise() {
+        let mut rng = Rng::new(1);
+        for _ in 0..500 {
+            let (t, p) = (motion(&mut rng), point(&mut rng));
+            let q = t * p;
+            if q.z < 0.2 {
+                continue;
+            }
+            assert!((midpoint(&t, &p, &q).unwrap() - p).norm() < 1e-6 * p.norm());
+            let views = [(Se3::identity(), p.normalize()), (t, q.normalize())];
+            if let Some(m) = triangulate_views(&views) {
+                assert!((m - p).norm() < 1e-5 * p.norm());
+            }
+        }
+    }
+
+    #[test]
+    fn correction_makes_rays_meet_and_moves_least() {
+        let mut rng = Rng::new(2);
+        let (mut cost, mut cost_midpoint) = (0.0, 0.0);
+        for _ in 0..500 {
+            let (t, p) = (motion(&mut rng), point(&mut rng));
+            let q = t * p;
+            if q.z < 0.5 {
+                continue;
+            }
+            let noise = |rng: &mut Rng| Vec2::new(rng.normal(), rng.normal()) / 450.0;
+            let (a, b) = (p.xy() / p.z + noise(&mut rng), q.xy() / q.z + noise(&mut rng));
+            let e = essential(&t);
+            let [ca, cb] = correct(&e, &a, &b);
+            let off = cb.push(1.0).dot(&(e * ca.push(1.0))).abs();
+            assert!(off < 1e-7 * t.translation.norm(), "{off}");
+            let m = midpoint(&t, &a.push(1.0), &b.push(1.0)).unwrap();
+            let n = t * m;
+            cost += (ca - a).norm_squared() + (cb - b).norm_squared();
+            cost_midpoint += (m.xy() / m.z - a).norm_squared() + (n.xy() / n.z - b).norm_squared();
+        }
+        // One degree of freedom of noise: 500 * sigma^2 expected, and never more than the plain midpoint's.
+        assert!(cost < cost_midpoint);
+        assert!((cost * 450.0 * 450.0 - 500.0).abs() < 120.0, "{}", cost * 450.0 * 450.0);
+    }
+
+    #[test]
+    fn gates_say_why() {
+        let gate = TriangulateGate::default();
+        let t = Se3::new(So3::identity(), Vec3::new(-0.3, 0.0, 0.0));
+        let px = |p: Vec3| eye().project(&p).map(|[u, v, _]| [u as f32, v as f32]).unwrap();
+        let check = |a, b| triangulate_checked(&eye(), &t, a, b, [1.0; 2], &gate);
+        let p = Vec3::new(0.2, 0.1, 3.0);
+        let good = check(px(p), px(t * p)).unwrap();
+        assert!((good.point - p).norm() < 1e-4 && good.chi2[0] < 1e-4);
+        assert!((good.parallax_deg - 5.7).abs() < 0.1);
+        let far = Vec3::new(2.0, 1.0, 30.0);
+        assert!(matches!(check(px(far), px(t * far)), Err(NotTriangulated::LowParallax(_))));
+        let [u, v] = px(t * p);
+        assert!(matches!(check(px(p), [u, v + 9.0]), Err(NotTriangulated::FarFromRays(_))));
+        assert!(matches!(check(px(t * p), px(p)), Err(NotTriangulated::Behind(_))));
+        assert!(check([f32::NAN; 2], px(p)).is_err());
+        assert!(triangulate_views(&[(Se3::identity(), Vec3::z())]).is_none());
+        assert!(triangulate_views(&[(Se3::identity(), Vec3::z()), (t, Vec3::z())]).is_none());
+    }
+}

@@ -1,0 +1,395 @@
+//! Starting from two views of one camera: the motion between them and the points both see, up to scale.
+//!
+//! A homography (plane, or rotation) and an essential matrix (anything else) are sought side by side in the same seeded
+//! samples; the motions that either stands for then compete on all matches, each refined, and the winner must be alone,
+//! in front of both eyes, and have parallax. After Mur-Artal et al. 2015 (ORB-SLAM), section IV, with five-point
+//! essential matrices (the camera is calibrated) and a refinement of five unknowns.
+
+mod five_point;
+mod homography;
+mod refine;
+mod score;
+
+pub use five_point::five_point;
+pub use homography::{four_point, motions as homography_motions};
+
+use crate::EyeModel;
+use crate::triangulate::{correct, essential, midpoint};
+use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
+use cairn_solve::ransac::{Rng, iterations};
+use score::{CHI2_1, CHI2_2, Match};
+use std::fmt;
+
+/// What is asked of the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TwoViewSetting {
+    /// Samples drawn, at most.
+    pub iterations: usize,
+    /// Standard deviation of a keypoint in pixels.
+    pub sigma_px: f64,
+    /// Triangulated points needed.
+    pub min_points: usize,
+    /// Share of the matches that obey the motion which must also be points in front of both eyes.
+    pub min_point_share: f64,
+    /// Least parallax of the result in degrees: half of the points, or fifty, must have it.
+    pub min_parallax_deg: f64,
+    /// Least parallax of a single point in degrees.
+    pub point_parallax_deg: f64,
+    /// A second motion with more than this share of the winner's points makes the start ambiguous.
+    pub ambiguity: f64,
+    /// Ratio of scores, `S_H / (S_H + S_F)`, above which the scene is told to be a plane (or without parallax).
+    pub homography_ratio: f64,
+}
+
+impl Default for TwoViewSetting {
+    fn default() -> Self {
+        Self {
+            iterations: 200,
+            sigma_px: 1.0,
+            min_points: 50,
+            min_point_share: 0.7,
+            min_parallax_deg: 1.0,
+            point_parallax_deg: 0.4,
+            ambiguity: 0.87,
+            homography_ratio: 0.45,
+        }
+    }
+}
+
+/// Which model explains the matches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TwoViewModel {
+    /// A plane, or little parallax.
+    Homography,
+    /// Points at many depths.
+    Essential,
+}
+
+/// Two views and what they see.
+#[derive(Clone, Debug)]
+pub struct TwoView {
+    /// The motion; its translation has length one.
+    pub second_from_first: Se3,
+    /// For each match its point in the first eye's frame, in units of the translation.
+    pub points: Vec<Option<Vec3>>,
+    /// Parallax that half of the points, or fifty, have at least.
+    pub parallax_deg: f64,
+    /// Which model explained the matches better.
+    pub model: TwoViewModel,
+    /// `S_H / (S_H + S_F)`.
+    pub homography_ratio: f64,
+}
+
+impl TwoView {
+    /// How many matches have a point.
+    pub fn point_count(&self) -> usize {
+        self.points.iter().flatten().count()
+    }
+}
+
+/// Why two views were refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TwoViewReason {
+    /// Fewer matches than points needed.
+    TooFewMatches,
+    /// No model explains enough matches.
+    TooFewInliers,
+    /// The rays are too nearly parallel: the camera turned or stood still, or all is far.
+    LowParallax,
+    /// Two different motions explain the matches about equally well.
+    Ambiguous,
+    /// Too few points stand in front of both eyes.
+    TooFewPoints,
+}
+
+/// Two views that do not make a start, with the numbers that say why; what was not reached is zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TwoViewRejected {
+    /// Why.
+    pub reason: TwoViewReason,
+    /// Matches given.
+    pub matches: usize,
+    /// Matches that obey the best motion.
+    pub inliers: usize,
+    /// Triangulated points of the best motion.
+    pub points: usize,
+    /// Points of the best other motion.
+    pub other_points: usize,
+    /// Parallax of the best motion in degrees.
+    pub parallax_deg: f64,
+    /// `S_H / (S_H + S_F)`.
+    pub homography_ratio: f64,
+}
+
+impl fmt::Display for TwoViewRejected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { matches, inliers, points, other_points, parallax_deg, .. } = self;
+        match self.reason {
+            TwoViewReason::TooFewMatches => write!(f, "too few matches: {matches}"),
+            TwoViewReason::TooFewInliers => write!(f, "{inliers} of {matches} matches obey one motion"),
+            TwoViewReason::LowParallax => write!(f, "parallax of {parallax_deg:.2} degrees is too little"),
+            TwoViewReason::Ambiguous => {
+                write!(f, "two motions fit: one with {points} points, one with {other_points}")
+            }
+            TwoViewReason::TooFewPoints => {
+                write!(f, "{points} points of {inliers} matches that obey the motion")
+            }
+        }
+    }
+}
+
+impl std::error::Error for TwoViewRejected {}
+
+/// A motion and what it makes of the matches.
+struct Candidate {
+    motion: Se3,
+    points: Vec<Option<Vec3>>,
+    count: usize,
+    inliers: usize,
+    parallax_deg: f64,
+}
+
+/// Finds the motion between two views from matched rectified pixels (`first[i]` and `second[i]` are one point), or says
+/// why there is none to be had. The same seed gives the same answer.
+pub fn two_view(
+    eye: &EyeModel,
+    first: &[[f32; 2]],
+    second: &[[f32; 2]],
+    setting: &TwoViewSetting,
+    seed: u64,
+) -> Result<TwoView, TwoViewRejected> {
+    let n = first.len().min(second.len());
+    let mut rejected = TwoViewRejected {
+        reason: TwoViewReason::TooFewMatches,
+        matches: n,
+        inliers: 0,
+        points: 0,
+        other_points: 0,
+        parallax_deg: 0.0,
+        homography_ratio: 0.0,
+    };
+    if n < setting.min_points.max(8) {
+        return Err(rejected);
+    }
+    let focal = (eye.fx * eye.fy).sqrt();
+    let sigma = setting.sigma_px / focal;
+    let unit = |p: [f32; 2]| eye.unproject(p, 1.0).xy();
+    let matches: Vec<Match> = first
+        .iter()
+        .zip(second)
+        .map(|(&a, &b)| {
+            let (a, b) = (unit(a), unit(b));
+            [a.x, a.y, b.x, b.y]
+        })
+        .collect();
+    let best = search(&matches, sigma, setting, seed);
+    rejected.homography_ratio = best.ratio();
+    rejected.reason = TwoViewReason::TooFewInliers;
+
+    let mut candidates = best.candidates(&matches, sigma, setting);
+    let Some(winner) = take_best(&mut candidates) else { return Err(rejected) };
+    let other =
+        candidates.iter().filter(|c| differ(&c.motion, &winner.motion)).map(|c| c.count).max().unwrap_or(0);
+    rejected.inliers = winner.inliers;
+    rejected.points = winner.count;
+    rejected.other_points = other;
+    rejected.parallax_deg = winner.parallax_deg;
+    // Noise alone looks like this much parallax.
+    let noise_deg = (3.0 * std::f64::consts::SQRT_2 * sigma).to_degrees();
+    rejected.reason = if winner.inliers < setting.min_points {
+        TwoViewReason::TooFewInliers
+    } else if winner.parallax_deg < setting.min_parallax_deg.max(noise_deg) {
+        TwoViewReason::LowParallax
+    } else if winner.count < setting.min_points
+        || (winner.count as f64) < setting.min_point_share * winner.inliers as f64
+    {
+        TwoViewReason::TooFewPoints
+    } else if other as f64 > setting.ambiguity * winner.count as f64 {
+        TwoViewReason::Ambiguous
+    } else {
+        let ratio = best.ratio();
+        let plane = ratio > setting.homography_ratio;
+        return Ok(TwoView {
+            second_from_first: winner.motion,
+            points: winner.points,
+            parallax_deg: winner.parallax_deg,
+            model: if plane { TwoViewModel::Homography } else { TwoViewModel::Essential },
+            homography_ratio: ratio,
+        });
+    };
+    Err(rejected)
+}
+
+/// Different essential matrices that are followed up.
+const FOLLOWED: usize = 4;
+/// Essential matrices (of norm root two) nearer than this are one.
+const SAME_ESSENTIAL: f64 = 0.25;
+/// Matches, at most, on which a motion is judged at first.
+const FIRST_LOOK: usize = 150;
+
+/// The best models of each kind.
+struct Best {
+    homography: Option<Mat3>,
+    homography_score: f64,
+    /// With their scores, best first.
+    essentials: Vec<(f64, Mat3)>,
+}
+
+/// Draws samples of five; the first four of each make a homography.
+fn search(matches: &[Match], sigma: f64, setting: &TwoViewSetting, seed: u64) -> Best {
+    // Scores want points whose standard deviation is one.
+    let scaled: Vec<Match> = matches.iter().map(|m| m.map(|c| c / sigma)).collect();
+    let to_unit = Mat3::from_diagonal(&Vec3::new(sigma, sigma, 1.0));
+    let from_unit = Mat3::from_diagonal(&Vec3::new(1.0 / sigma, 1.0 / sigma, 1.0));
+    let mut best =
+        Best { homography: None, homography_score: 0.0, essentials: Vec::with_capacity(FOLLOWED + 1) };
+    let mut rng = Rng::with_stream(seed, 2);
+    let mut limit = setting.iterations;
+    let mut done = 0;
+    while done < limit {
+        done += 1;
+        let Some(sample) = rng.sample::<5>(matches.len()) else { break };
+        let four = |at: usize| -> [Vec2; 4] {
+            std::array::from_fn(|k| Vec2::new(matches[sample[k]][at], matches[sample[k]][at + 1]))
+        };
+        if let Some(h) = four_point(&four(0), &four(2)) {
+            let h_scaled = from_unit * h * to_unit;
+            if let Some(inverse) = h_scaled.try_inverse() {
+                let s = score::homography(&h_scaled, &inverse, &scaled);
+                if s > best.homography_score {
+                    (best.homography, best.homography_score) = (Some(h), s);
+                }
+            }
+        }
+        let rays = |at: usize| -> [Vec3; 5] {
+            std::array::from_fn(|k| {
+                Vec3::new(matches[sample[k]][at], matches[sample[k]][at + 1], 1.0).normalize()
+            })
+        };
+        five_point(&rays(0), &rays(2), |e| {
+            let f = to_unit * e * to_unit;
+            let s = score::fundamental(&f, &scaled);
+            if best.offer(s, e) {
+                let share = score::fundamental_inliers(&f, &scaled) as f64 / scaled.len() as f64;
+                limit = iterations(share, 5, 0.9999, setting.iterations).max(setting.iterations.min(30));
+            }
+        });
+    }
+    best
+}
+
+impl Best {
+    fn ratio(&self) -> f64 {
+        let essential = self.essentials.first().map_or(0.0, |e| e.0);
+        self.homography_score / (self.homography_score + essential).max(f64::MIN_POSITIVE)
+    }
+
+    /// Keeps an essential matrix if it is among the best, one of each kind; true when it is the best of all.
+    fn offer(&mut self, score: f64, e: Mat3) -> bool {
+        if self.essentials.len() == FOLLOWED && score <= self.essentials[FOLLOWED - 1].0 {
+            return false;
+        }
+        let near = |o: &Mat3| (o - e).norm().min((o + e).norm()) < SAME_ESSENTIAL;
+        if self.essentials.iter().any(|(s, o)| *s >= score && near(o)) {
+            return false;
+        }
+        self.essentials.retain(|(_, o)| !near(o));
+        let at = self.essentials.partition_point(|(s, _)| *s >= score);
+        self.essentials.insert(at, (score, e));
+        self.essentials.truncate(FOLLOWED);
+        at == 0
+    }
+
+    /// The motions of all models, refined and judged; those with far fewer inliers than the best are left out early.
+    fn candidates(&self, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -> Vec<Candidate> {
+        let stride = matches.len().div_ceil(FIRST_LOOK);
+        let some: Vec<Match> = matches.iter().step_by(stride).copied().collect();
+        let from_homography = self.homography.as_ref().and_then(homography_motions).into_iter().flatten();
+        let from_essential = self.essentials.iter().filter_map(|e| essential_motions(&e.1)).flatten();
+        // Looser at first: a model of five noisy points is not exact.
+        let judged: Vec<Candidate> = from_homography
+            .chain(from_essential)
+            .map(|motion| judge(motion, &some, 2.0 * sigma, setting))
+            .collect();
+        let most = judged.iter().map(|c| c.inliers).max().unwrap_or(0);
+        judged
+            .into_iter()
+            .filter(|c| c.inliers * 2 >= most)
+            .map(|c| {
+                let motion = refine::refine(&c.motion, matches, sigma);
+                judge(motion, matches, sigma, setting)
+            })
+            .collect()
+    }
+}
+
+fn take_best(candidates: &mut Vec<Candidate>) -> Option<Candidate> {
+    let mut best = 0;
+    for (k, c) in candidates.iter().enumerate() {
+        if (c.count, c.inliers) > (candidates[best].count, candidates[best].inliers) {
+            best = k;
+        }
+    }
+    (!candidates.is_empty()).then(|| candidates.swap_remove(best))
+}
+
+/// More than two degrees of rotation or ten of direction apart.
+fn differ(a: &Se3, b: &Se3) -> bool {
+    (a.rotation.inverse() * b.rotation).angle() > 2f64.to_radians()
+        || a.translation.dot(&b.translation) < 10f64.to_radians().cos()
+}
+
+/// The four motions of an essential matrix (Hartley and Zisserman 2004, result 9.19), with unit translation.
+pub fn essential_motions(e: &Mat3) -> Option<[Se3; 4]> {
+    let svd = e.svd(true, true);
+    let (mut u, mut vt) = (svd.u?, svd.v_t?);
+    // Columns of vanishing singular value are free in sign: make both rotations.
+    let (sign_u, sign_v) = (u.determinant().signum(), vt.determinant().signum());
+    u.column_mut(2).scale_mut(sign_u);
+    vt.row_mut(2).scale_mut(sign_v);
+    let w = Mat3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+    let (r1, r2) = (So3::from_matrix(&(u * w * vt)), So3::from_matrix(&(u * w.transpose() * vt)));
+    let t: Vec3 = u.column(2).into();
+    let all = [Se3::new(r1, t), Se3::new(r1, -t), Se3::new(r2, t), Se3::new(r2, -t)];
+    all.iter().all(Se3::is_finite).then_some(all)
+}
+
+/// Triangulates all matches under a motion: inliers obey it (near both lines, and either in front of both eyes or too far
+/// to tell), points have parallax besides.
+fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -> Candidate {
+    let e = essential(&motion);
+    let inverse = motion.rotation.inverse();
+    let (line, pixel) = (CHI2_1 * sigma * sigma, CHI2_2 * sigma * sigma);
+    let mut points = vec![None; matches.len()];
+    let mut parallaxes = Vec::with_capacity(matches.len());
+    let mut inliers = 0;
+    for (point, m) in points.iter_mut().zip(matches) {
+        if !score::line_distances(&e, m).iter().all(|&d| d < line) {
+            continue;
+        }
+        let (a, b) = (Vec2::new(m[0], m[1]), Vec2::new(m[2], m[3]));
+        let turned = inverse * b.push(1.0);
+        let parallax = a.push(1.0).cross(&turned).norm().atan2(a.push(1.0).dot(&turned)).to_degrees();
+        let [ca, cb] = correct(&e, &a, &b);
+        let moved = (ca - a).norm_squared().max((cb - b).norm_squared());
+        let met = midpoint(&motion, &ca.push(1.0), &cb.push(1.0));
+        let in_front = met.is_some_and(|p| p.z > 0.0 && (motion * p).z > 0.0);
+        if moved > pixel || !in_front && parallax > setting.point_parallax_deg {
+            continue;
+        }
+        inliers += 1;
+        if in_front {
+            parallaxes.push(parallax);
+            if parallax > setting.point_parallax_deg {
+                *point = met;
+            }
+        }
+    }
+    parallaxes.sort_by(|a, b| b.total_cmp(a));
+    let parallax_deg = match parallaxes.len() {
+        0 => 0.0,
+        n => parallaxes[(n / 2).min(50)],
+    };
+    let count = points.iter().flatten().count();
+    Candidate { motion, points, count, inliers, parallax_deg }
+}

@@ -1,0 +1,138 @@
+//! The motion that explains its matches best: five unknowns, Sampson's approximation of the reprojection error.
+
+use super::score::Match;
+use crate::triangulate::essential;
+use cairn_geometry::{Mat3, Se3, So3, Vec3, hat};
+use nalgebra::{SMatrix, SVector};
+
+/// Residuals beyond this many standard deviations count linearly (Huber 1964).
+const HUBER: f64 = 1.5;
+/// Residuals beyond this do not count at all.
+const GATE: f64 = 2.5;
+const STEPS: usize = 12;
+
+/// Gauss-Newton with Levenberg's damping over rotation and direction of translation; `matches` are unit-focal image points,
+/// `sigma` their standard deviation. The result has unit translation.
+pub(super) fn refine(start: &Se3, matches: &[Match], sigma: f64) -> Se3 {
+    let mut best = Se3::new(start.rotation, start.translation.normalize());
+    let mut system = linearise(&best, matches, sigma);
+    let mut damping = 1e-6;
+    for _ in 0..STEPS {
+        let mut h = system.h;
+        for k in 0..5 {
+            h[(k, k)] *= 1.0 + damping;
+        }
+        let Some(step) = h.cholesky().map(|c| -c.solve(&system.g)) else { break };
+        let tangent = tangent(&best.translation);
+        let rotation = best.rotation * So3::exp(&Vec3::new(step[0], step[1], step[2]));
+        let translation = (best.translation + tangent[0] * step[3] + tangent[1] * step[4]).normalize();
+        let tried = Se3::new(rotation, translation);
+        let next = linearise(&tried, matches, sigma);
+        if next.cost < system.cost {
+            let gain = system.cost - next.cost;
+            (best, system) = (tried, next);
+            damping = (damping * 0.1).max(1e-9);
+            if gain < 1e-6 * system.cost {
+                break;
+            }
+        } else {
+            damping = (damping * 100.0).max(1e-4);
+            if damping > 1e4 {
+                break;
+            }
+        }
+    }
+    best
+}
+
+struct System {
+    h: SMatrix<f64, 5, 5>,
+    g: SVector<f64, 5>,
+    cost: f64,
+}
+
+/// Two unit vectors across a unit vector.
+fn tangent(t: &Vec3) -> [Vec3; 2] {
+    let other = if t.x.abs() < 0.6 { Vec3::x() } else { Vec3::y() };
+    let a = t.cross(&other).normalize();
+    [a, t.cross(&a)]
+}
+
+fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> System {
+    let e = essential(motion);
+    let rotation = motion.rotation.matrix();
+    let [b1, b2] = tangent(&motion.translation);
+    let by: [Mat3; 5] = [
+        e * hat(&Vec3::x()),
+        e * hat(&Vec3::y()),
+        e * hat(&Vec3::z()),
+        hat(&b1) * rotation,
+        hat(&b2) * rotation,
+    ];
+    let mut s = System { h: SMatrix::zeros(), g: SVector::zeros(), cost: 0.0 };
+    for &[x, y, u, v] in matches {
+        let (a, b) = (Vec3::new(x, y, 1.0), Vec3::new(u, v, 1.0));
+        let (line2, line1) = (e * a, e.tr_mul(&b));
+        let square = line2.xy().norm_squared() + line1.xy().norm_squared();
+        let root = square.sqrt() * sigma;
+        let algebraic = b.dot(&line2);
+        let r = algebraic / root;
+        // Also skips NaN.
+        if !(r.abs() < GATE) {
+            s.cost += HUBER * (2.0 * GATE - HUBER);
+            continue;
+        }
+        let weight = if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
+        s.cost += if r.abs() <= HUBER { r * r } else { HUBER * (2.0 * r.abs() - HUBER) };
+        let mut j = SVector::<f64, 5>::zeros();
+        for (k, d) in by.iter().enumerate() {
+            let (d2, d1) = (d * a, d.tr_mul(&b));
+            let d_square = line2.xy().dot(&d2.xy()) + line1.xy().dot(&d1.xy());
+            j[k] = b.dot(&d2) / root - r * d_square / square;
+        }
+        s.h += j * j.transpose() * weight;
+        s.g += j * (weight * r);
+    }
+    s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_solve::ransac::Rng;
+
+    #[test]
+    fn gradient_is_that_of_the_cost() {
+        let mut rng = Rng::new(31);
+        let t = Se3::new(So3::exp(&Vec3::new(0.05, -0.1, 0.02)), Vec3::new(0.8, 0.1, -0.3).normalize());
+        let matches: Vec<Match> = (0..40)
+            .map(|_| {
+                let p = Vec3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), rng.range(3.0, 8.0));
+                let q = t * p;
+                let n = || 0.001;
+                [p.x / p.z + n() * rng.normal(), p.y / p.z, q.x / q.z, q.y / q.z + n() * rng.normal()]
+            })
+            .collect();
+        let s = linearise(&t, &matches, 0.002);
+        let [b1, b2] = tangent(&t.translation);
+        for k in 0..5 {
+            let moved = |h: f64| {
+                let mut w = Vec3::zeros();
+                let mut d = Vec3::zeros();
+                match k {
+                    0..3 => w[k] = h,
+                    3 => d = b1 * h,
+                    _ => d = b2 * h,
+                }
+                let m = Se3::new(t.rotation * So3::exp(&w), (t.translation + d).normalize());
+                linearise(&m, &matches, 0.002).cost
+            };
+            let numeric = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            assert!(
+                (numeric - 2.0 * s.g[k]).abs() < 1e-4 * numeric.abs().max(10.0),
+                "{k}: {numeric} {}",
+                s.g[k]
+            );
+        }
+    }
+}
