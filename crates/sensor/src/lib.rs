@@ -1,5 +1,4 @@
-//! What sensors give: time, images, IMU samples, rigs with camera models, frame packets, and the
-//! [`Source`] contract that every recording, live stream and simulated world keeps.
+#![doc = include_str!("../README.md")]
 
 mod camera;
 mod image;

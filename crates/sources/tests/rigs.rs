@@ -2,7 +2,7 @@
 
 mod common;
 
-use cairn_geometry::{So3, Vec3};
+use cairn_geometry::{So3, Vec2, Vec3};
 use cairn_sensor::{Camera, Distortion, Rig};
 use cairn_sources::{read_rig, read_rig_for, write_rig};
 use common::{Folder, data};
@@ -85,6 +85,35 @@ fn all_real_settings_are_read() {
     let d455 = read_rig(data("rigs/kalibr-d455/kalibr_imucam_chain.yaml").unwrap()).unwrap();
     assert_eq!(d455.imu.as_ref().unwrap().offset_s, -0.002524377913673846);
     assert_eq!((d455.cameras[0].camera.width, d455.imu.unwrap().rate_hz), (848, 400.0));
+}
+
+/// Every third pixel of every real camera has a ray that comes back to it.
+#[test]
+fn real_cameras_project_and_unproject() {
+    let Some(rigs) = data("rigs") else { return };
+    let mut cameras = 0;
+    for folder in std::fs::read_dir(rigs).unwrap().map(|e| e.unwrap().path()) {
+        for file in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
+            if file.to_str().unwrap().ends_with("kalibr_imu_chain.yaml") {
+                continue;
+            }
+            for c in read_rig(&file).unwrap().cameras {
+                for (x, y) in
+                    (0..c.camera.height).step_by(3).flat_map(|y| (0..c.camera.width).map(move |x| (x, y)))
+                {
+                    let px = Vec2::new(x as f64, y as f64);
+                    let back = c.camera.unproject(&px).and_then(|ray| c.camera.project(&(2.0 * ray)));
+                    assert!(
+                        back.is_some_and(|b| (b - px).norm() < 1e-6),
+                        "{}: {px} is {back:?}",
+                        file.display()
+                    );
+                }
+                cameras += 1;
+            }
+        }
+    }
+    assert_eq!(cameras, 13);
 }
 
 #[test]
