@@ -5,7 +5,7 @@ use cairn_sensor::{FramePacket, ImuSample, Source, Stamp};
 use cairn_sim::{Effects, GRAVITY_M_S2, LiveRig, Route, SimSetting, SimSource, WorldKind};
 
 fn small(text: &str) -> SimSetting {
-    SimSetting::parse(&format!("{text}&resolution=160x120")).unwrap()
+    SimSetting::parse(&format!("{text}&resolution=160x120&detail=0.2")).unwrap()
 }
 
 fn all(setting: &SimSetting) -> Vec<FramePacket> {

@@ -19,7 +19,7 @@ fn lines(path: PathBuf) -> Vec<String> {
 #[test]
 fn euroc_is_whole() {
     let dir = folder("euroc");
-    let mut source = SimSource::open("sim:hall?duration=0.2&resolution=64x48").unwrap();
+    let mut source = SimSource::open("sim:hall?duration=0.2&resolution=64x48&detail=0.1").unwrap();
     let stamp = source.info().truth[0].0.0;
     assert_eq!(write_euroc(&dir.join("walk"), &mut source).unwrap(), 5);
     let mav = dir.join("walk/mav0");
@@ -42,7 +42,7 @@ fn euroc_is_whole() {
     assert_eq!(lines(mav.join("imu0/data.csv")).len(), 1 + 41);
     assert_eq!(lines(mav.join("state_groundtruth_estimate0/data.csv")).len(), 6);
     // A second time: the folder is not empty.
-    let mut source = SimSource::open("sim:hall?duration=0&resolution=64x48").unwrap();
+    let mut source = SimSource::open("sim:hall?duration=0&resolution=64x48&detail=0.1").unwrap();
     let error = write_euroc(&dir.join("walk"), &mut source).unwrap_err();
     assert!(error.to_string().contains("not empty"), "{error}");
     let left: Vec<_> = fs::read_dir(&dir).unwrap().map(|e| e.unwrap().file_name()).collect();
@@ -54,9 +54,11 @@ fn euroc_is_whole() {
 fn tum_is_whole() {
     let dir = folder("tum");
     let mut source =
-        SimSource::open("sim:office?duration=0.2&resolution=64x48&sensor=rgbd-imu&effects=none").unwrap();
+        SimSource::open("sim:office?duration=0.2&resolution=64x48&detail=0.1&sensor=rgbd-imu&effects=none")
+            .unwrap();
     let mut same =
-        SimSource::open("sim:office?duration=0.2&resolution=64x48&sensor=rgbd-imu&effects=none").unwrap();
+        SimSource::open("sim:office?duration=0.2&resolution=64x48&detail=0.1&sensor=rgbd-imu&effects=none")
+            .unwrap();
     assert_eq!(write_tum(&dir.join("walk"), &mut source).unwrap(), 5);
     let walk = dir.join("walk");
     let first = lines(walk.join("depth.txt"))[3].clone();
@@ -77,7 +79,7 @@ fn tum_is_whole() {
         assert_eq!(lines(walk.join(name)).len(), count, "{name}");
     }
     // Stereo has no depth: nothing is left of the attempt.
-    let mut stereo = SimSource::open("sim:hall?duration=0&resolution=64x48").unwrap();
+    let mut stereo = SimSource::open("sim:hall?duration=0&resolution=64x48&detail=0.1").unwrap();
     assert!(write_tum(&dir.join("other"), &mut stereo).is_err());
     assert_eq!(fs::read_dir(&dir).unwrap().count(), 1);
     fs::remove_dir_all(&dir).unwrap();

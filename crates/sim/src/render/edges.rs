@@ -14,6 +14,7 @@ const DY: [f32; SAMPLES] = [-0.1875, 0.1875, 0.0625, -0.3125, 0.3125, -0.0625, 0
 const MOST: usize = 6;
 
 /// Smooths every pixel that has another face beside, above or below it; `out` is 256 times the grey level.
+#[inline(always)]
 pub(crate) fn smooth(seen: &Visibility, setups: &[Setup], textures: &[&Texture], out: &mut [u16]) {
     let (w, h) = (seen.width, seen.height);
     let mut mark = vec![false; w];
@@ -40,6 +41,7 @@ pub(crate) fn smooth(seen: &Visibility, setups: &[Setup], textures: &[&Texture],
 }
 
 /// The mean over the samples that some face covers; `None` where only one face is near.
+#[inline(always)]
 fn pixel(seen: &Visibility, setups: &[Setup], textures: &[&Texture], x: usize, y: usize) -> Option<u16> {
     let mut ids = [0u32; MOST];
     let mut count = 0;

@@ -7,10 +7,14 @@
 //! are exact at every pixel centre.
 
 mod edges;
+mod passes;
 mod raster;
 mod renderer;
 mod sample;
 mod setup;
 mod shade;
+
+#[cfg(test)]
+mod tests;
 
 pub use renderer::Renderer;

@@ -37,13 +37,14 @@ impl Visibility {
     }
 
     /// Draws one face.
+    #[inline(always)]
     pub fn draw(&mut self, setup: &Setup, id: u32) {
         let Some((first, end)) = self.scan(&setup.outline[..setup.corners]) else { return };
         let [gx, gy, g0] = setup.inverse_depth;
         for y in first..end {
             // A pixel belongs to the face when its centre does; a centre on the left edge is in, on the right out.
-            let x0 = self.left[y].ceil().max(0.0) as usize;
-            let x1 = self.right[y].ceil().clamp(0.0, self.width as f64) as usize;
+            let x0 = ceil_in(self.left[y], self.width);
+            let x1 = ceil_in(self.right[y], self.width);
             if x0 >= x1 {
                 continue;
             }
@@ -56,14 +57,15 @@ impl Visibility {
     }
 
     /// Fills left and right ends per row; the rows are `first..end`.
+    #[inline(always)]
     fn scan(&mut self, outline: &[(f64, f64)]) -> Option<(usize, usize)> {
         let (mut low, mut high) = (f64::MAX, f64::MIN);
         for p in outline {
             low = low.min(p.1);
             high = high.max(p.1);
         }
-        let limit = self.height as f64;
-        let (first, end) = (low.ceil().clamp(0.0, limit) as usize, high.ceil().clamp(0.0, limit) as usize);
+        let limit = self.height;
+        let (first, end) = (ceil_in(low, limit), ceil_in(high, limit));
         if first >= end {
             return None;
         }
@@ -73,7 +75,7 @@ impl Visibility {
             let b = outline[(i + 1) % outline.len()];
             // The same order of corners for both faces at an edge: the same rounding, no gap between them.
             let (a, b) = if a.1 <= b.1 { (a, b) } else { (b, a) };
-            let (y0, y1) = (a.1.ceil().clamp(0.0, limit) as usize, b.1.ceil().clamp(0.0, limit) as usize);
+            let (y0, y1) = (ceil_in(a.1, limit), ceil_in(b.1, limit));
             if y0 >= y1 {
                 continue;
             }
@@ -88,7 +90,17 @@ impl Visibility {
     }
 }
 
+/// The least whole number that is not below `v`, brought into `0..=limit`.
+#[inline(always)]
+fn ceil_in(v: f64, limit: usize) -> usize {
+    let v = v.clamp(-1.0, limit as f64 + 1.0);
+    let whole = v as i64;
+    let up = whole + i64::from(v > whole as f64);
+    up.clamp(0, limit as i64) as usize
+}
+
 /// Keeps the nearer of what is there and a face with linear inverse depth.
+#[inline(always)]
 fn span(depths: &mut [f32], faces: &mut [u32], base: f32, step: f32, id: u32) {
     for (i, (z, f)) in depths.iter_mut().zip(faces.iter_mut()).enumerate() {
         let inverse = base + step * i as i32 as f32;

@@ -1,8 +1,8 @@
 //! The renderer's face to the world: a camera, its buffers, one image at a time.
 
+use super::passes;
 use super::raster::Visibility;
 use super::setup::{Setup, View};
-use super::{edges, shade};
 use crate::texture::Texture;
 use crate::world::{Figure, World};
 use cairn_geometry::Se3;
@@ -86,13 +86,8 @@ impl Renderer {
         for figure in figures {
             self.setups.extend(figure.faces(&self.world).iter().filter_map(|f| view.setup(f)));
         }
-        self.seen.clear();
-        for (i, s) in self.setups.iter().enumerate() {
-            self.seen.draw(s, i as u32 + 1);
-        }
         let textures: Vec<&Texture> = self.world.textures.iter().collect();
-        shade::shade(&self.seen, &self.setups, &textures, &mut self.grey);
-        edges::smooth(&self.seen, &self.setups, &textures, &mut self.grey);
+        passes::run(&mut self.seen, &self.setups, &textures, &mut self.grey);
         &self.grey
     }
 

@@ -9,6 +9,7 @@ use crate::texture::Texture;
 const NOTHING: u16 = 200 << 8;
 
 /// Shades the whole image into 256 times the grey level.
+#[inline(always)]
 pub(crate) fn shade(seen: &Visibility, setups: &[Setup], textures: &[&Texture], out: &mut [u16]) {
     for y in 0..seen.height {
         let row = y * seen.width;
@@ -34,6 +35,7 @@ pub(crate) fn shade(seen: &Visibility, setups: &[Setup], textures: &[&Texture], 
     }
 }
 
+#[inline(always)]
 fn block(setup: &Setup, texture: &Texture, (x, y): (usize, usize), depths: &[f32], out: &mut [u16]) {
     let mut inverse = [1f32; BLOCK];
     inverse[..depths.len()].copy_from_slice(depths);
@@ -56,6 +58,7 @@ fn block(setup: &Setup, texture: &Texture, (x, y): (usize, usize), depths: &[f32
 }
 
 /// The filter where the texture coordinates are `u, v` and the inverse depth is `q`: d(U/q)/dx = (U' - u q') / q.
+#[inline(always)]
 fn footprint(setup: &Setup, texture: &Texture, u: f32, v: f32, q: f32) -> Filter {
     let inv = 1.0 / q;
     let d = |p: &Plane, k: usize, value: f32| (p[k] as f32 - value * setup.inverse_depth[k] as f32) * inv;
@@ -64,6 +67,7 @@ fn footprint(setup: &Setup, texture: &Texture, u: f32, v: f32, q: f32) -> Filter
 
 /// The grey of up to [`BLOCK`] places of unlike faces is asked one at a time here: 256 times the grey of one
 /// face at one place of the image.
+#[inline(always)]
 pub(crate) fn shade_one(setup: &Setup, texture: &Texture, x: f64, y: f64) -> u16 {
     let q = (at(&setup.inverse_depth, x, y) as f32).max(1e-6);
     let (u, v) = (at(&setup.u, x, y) as f32 / q, at(&setup.v, x, y) as f32 / q);

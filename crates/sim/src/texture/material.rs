@@ -32,6 +32,11 @@ pub(crate) enum Material {
     Sky,
 }
 
+/// The whole part of a number from 0.
+fn whole(v: f32) -> f32 {
+    v as i32 as f32
+}
+
 impl Material {
     /// Coats the whole canvas.
     pub fn coat(self, c: &mut Canvas<'_>) {
@@ -66,9 +71,9 @@ impl Material {
                 let (w, h, joint) = (0.25 / texel, 0.083 / texel, 0.012 / texel);
                 c.fill(|x, y| {
                     let (fx, fy) = (x as f32 + 0.5, y as f32 + 0.5);
-                    let row = (fy / h).floor();
+                    let row = whole(fy / h);
                     let shifted = fx + if row as i64 % 2 == 0 { 0.0 } else { w / 2.0 };
-                    let column = (shifted / w).floor();
+                    let column = whole(shifted / w);
                     let (dx, dy) = (shifted - column * w, fy - row * h);
                     // The distance to the joint's edge, for a ramp of one texel.
                     let inside = (dx - joint).min(w - dx).min(dy - joint).min(h - dy).clamp(-0.5, 0.5) + 0.5;
@@ -82,7 +87,7 @@ impl Material {
                 let (s, joint) = (side / texel, 0.007 / texel);
                 c.fill(|x, y| {
                     let (fx, fy) = (x as f32 + 0.5, y as f32 + 0.5);
-                    let (i, j) = ((fx / s).floor(), (fy / s).floor());
+                    let (i, j) = (whole(fx / s), whole(fy / s));
                     let (dx, dy) = (fx - i * s, fy - j * s);
                     let inside = (dx - joint).min(s - dx).min(dy - joint).min(s - dy).clamp(-0.5, 0.5) + 0.5;
                     let tone = lattice(seed, i as i64, j as i64);
@@ -103,7 +108,7 @@ impl Material {
                 let (s, joint) = (0.6 / texel, 0.015 / texel);
                 c.fill(|x, y| {
                     let (fx, fy) = (x as f32 + 0.5, y as f32 + 0.5);
-                    let (dx, dy) = (fx % s, fy % s);
+                    let (dx, dy) = (fx - s * whole(fx / s), fy - s * whole(fy / s));
                     let inside = (dx - joint).min(s - dx).min(dy - joint).min(s - dy).clamp(-0.5, 0.5) + 0.5;
                     let f = fine(x, y);
                     let panel = mean + 5.0 * f + 9.0 * coarse(x, y) + if f > 0.55 { -40.0 } else { 0.0 };
@@ -114,9 +119,9 @@ impl Material {
                 let (w, long) = (0.13 / texel, 1.1 / texel);
                 c.fill(|x, y| {
                     let fy = y as f32 + 0.5;
-                    let row = (fy / w).floor();
+                    let row = whole(fy / w);
                     let shifted = x as f32 + 0.5 + long * lattice(seed, row as i64, 0);
-                    let column = (shifted / long).floor();
+                    let column = whole(shifted / long);
                     let (dx, dy) = (shifted - column * long, fy - row * w);
                     let inside = dx.min(long - dx).min(dy).min(w - dy).clamp(-0.5, 0.8) + 0.2;
                     let tone = lattice(seed ^ 9, column as i64, row as i64);
@@ -129,13 +134,17 @@ impl Material {
                 let s = 0.16 / texel;
                 c.fill(|x, y| {
                     let (fx, fy) = (x as f32 + 0.5, y as f32 + 0.5);
-                    let row = (fy / s).floor();
-                    let (dx, dy) = ((fx + row * s / 2.0) % s - s / 2.0, fy - row * s - s / 2.0);
-                    let r = dx.hypot(dy);
+                    let row = whole(fy / s);
+                    let shifted = fx + row * s / 2.0;
+                    let column = whole(shifted / s);
+                    let (dx, dy) = (shifted - column * s - s / 2.0, fy - row * s - s / 2.0);
+                    let r = (dx * dx + dy * dy).sqrt();
+                    // Faded and stained unlike from sign to sign, so that no two are the same.
+                    let ink = 70.0 * lattice(seed, column as i64, row as i64) - 14.0;
                     let ring = (r - 0.3 * s).abs() - 0.06 * s;
                     let dot = r - 0.1 * s;
                     let cover = (0.5 - ring.min(dot)).clamp(0.0, 1.0);
-                    mean - 42.0 * cover + 8.0 * fine(x, y) + 15.0 * coarse(x, y)
+                    mean - ink * cover + 8.0 * fine(x, y) + 15.0 * coarse(x, y)
                 });
             }
             Material::Sky => c.fill(|x, y| {

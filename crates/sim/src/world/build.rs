@@ -105,7 +105,7 @@ impl Builder {
             plan: Vec::new(),
             ways: Vec::new(),
             lights: Vec::new(),
-            ambient: 0.42,
+            ambient: 0.5,
             sun: None,
             random: Random::new(seed, 0),
             seed,
@@ -128,7 +128,8 @@ impl Builder {
         paint: impl FnOnce(&mut Canvas<'_>, &mut Random),
     ) -> (usize, f64) {
         let offset = (self.random.below(500), self.random.below(500));
-        let mut canvas = Canvas::new(width, height, texel, offset, &self.noise);
+        let detail = self.options.detail.clamp(0.02, 4.0);
+        let mut canvas = Canvas::new(width, height, texel / detail, offset, &self.noise);
         paint(&mut canvas, &mut self.random);
         let [origin, along, down] = frame;
         let normal = -along.cross(&down);

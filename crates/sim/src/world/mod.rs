@@ -72,12 +72,20 @@ impl FromStr for WorldKind {
 }
 
 /// What may differ between worlds of one kind and seed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WorldOptions {
     /// Share of walls (0 to 1) that are plain, with next to nothing to see.
     pub poor_walls: f64,
     /// Rooms of the office that look alike.
     pub look_alike: bool,
+    /// Texels a metre, as a share of the usual: 0.2 builds quickly and is fine enough for small images.
+    pub detail: f64,
+}
+
+impl Default for WorldOptions {
+    fn default() -> Self {
+        Self { poor_walls: 0.0, look_alike: false, detail: 1.0 }
+    }
 }
 
 /// A simulated place. The world frame has z up and the floor at z = 0; metres.

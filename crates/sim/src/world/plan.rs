@@ -97,7 +97,7 @@ fn lamps(b: &mut Builder, room: &Room) {
     for i in 0..nx as usize {
         for j in 0..ny as usize {
             let (x, y) = (x0 + (i as f64 + 0.5) * (x1 - x0) / nx, y0 + (j as f64 + 0.5) * (y1 - y0) / ny);
-            b.lights.push((Vec3::new(x, y, room.height - 0.05), 0.55));
+            b.lights.push((Vec3::new(x, y, room.height - 0.05), 0.62));
         }
     }
 }

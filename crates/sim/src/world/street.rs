@@ -12,7 +12,7 @@ const PAVED: f64 = 6.0;
 
 /// A road of about 60 m along x.
 pub(super) fn build(b: &mut Builder) {
-    b.ambient = 0.62;
+    b.ambient = 0.78;
     b.sun = Some((Vec3::new(0.45, -0.55, 0.7).normalize(), 0.5));
     let length = b.random.range(52.0, 62.0);
     let y = 0.5 * (ROAD + PAVED);
@@ -90,6 +90,8 @@ fn ground(b: &mut Builder, length: f64) {
 /// Hills all round at 200 m and clouds above.
 fn horizon(b: &mut Builder, length: f64) {
     b.stream(0x5C);
+    // The sky is not lit: it is the light.
+    let (ambient, sun) = (std::mem::replace(&mut b.ambient, 1.0), b.sun.take());
     let (mid, far, high) = (length / 2.0, 200.0 + length / 2.0, 46.0);
     for k in 0..4 {
         let out = [Vec3::x(), Vec3::y(), -Vec3::x(), -Vec3::y()][k];
@@ -113,6 +115,7 @@ fn horizon(b: &mut Builder, length: f64) {
     let side = 4.6 * far;
     let origin = Vec3::new(mid - side / 2.0, -side / 2.0, 100.0);
     b.quad([origin, Vec3::x(), Vec3::y()], side, side, 0.7, |c, _| Material::Sky.coat(c));
+    (b.ambient, b.sun) = (ambient, sun);
 }
 
 /// Houses, hedges, trees, poles and cars on one side of the road.
