@@ -1,22 +1,29 @@
 //! Even spread: which corners of a level become features.
 //!
 //! The level is cut into square cells. A cell with a corner above the high threshold keeps only such corners; a
-//! poorer cell keeps what it has. Then cells fill up together, as water does: first the strongest corner of every cell,
-//! then the second strongest of every cell, and so on; the last round, which not all can join, goes to the strongest.
+//! poorer cell keeps what it has. Then every corner is worth `score^4 / (1 + rank)`, where `rank` is how
+//! many stronger corners its cell of a second, finer grid holds, and the worthiest stay; the strongest corner of
+//! each cell of a third, coarse grid stays at any rate. So a textured place gives several features before a
+//! poor one gives its first, but cannot take them all. Measured on real recordings (`tools/compare_orb.py`), this
+//! gives as many matches as taking the strongest of the level, spread over a fifth more of the image; strict
+//! sharing among cells loses a quarter of the matches.
 
 use super::BORDER;
 use super::fast::Corner;
 
 /// Side of a threshold cell in pixels, about.
 const THRESHOLD_CELL: usize = 32;
-/// Features that a cell of the spread holds when corners are everywhere.
-const PER_CELL: f64 = 4.0;
+/// Features that a fine cell of the spread holds when corners are everywhere.
+const PER_FINE_CELL: f64 = 2.0;
+/// Features that a coarse cell holds, one of which it is sure of.
+const PER_COARSE_CELL: f64 = 8.0;
 
 /// Scratch of [`distribute`], reused.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     keys: Vec<u64>,
     best: Vec<u8>,
+    sure: Vec<u32>,
 }
 
 struct Grid {
@@ -75,26 +82,35 @@ pub(super) fn distribute(
         return corners.clear();
     }
     let area = ((width - 2 * BORDER) * (height - 2 * BORDER)) as f64;
-    let grid = Grid::new(width, height, (area * PER_CELL / wanted as f64).sqrt());
+    let grid = |per_cell: f64| Grid::new(width, height, (area * per_cell / wanted as f64).sqrt());
+    let (fine, coarse) = (grid(PER_FINE_CELL), grid(PER_COARSE_CELL));
+    strongest(corners, &coarse, &mut scratch.sure);
     // Cell, then strength, then reading order.
-    let key = |i: usize, c: &Corner| (grid.cell(c) as u64) << 40 | (255 - c.score as u64) << 32 | i as u64;
+    let key = |i: usize, c: &Corner| (fine.cell(c) as u64) << 40 | (255 - c.score as u64) << 32 | i as u64;
     let keys = &mut scratch.keys;
     keys.clear();
     keys.extend(corners.iter().enumerate().map(|(i, c)| key(i, c)));
     keys.sort_unstable();
-    // Now rank within the cell, then strength, then reading order.
+    // Now worth in 36 bits (greatest first), then reading order in 28.
     let (mut cell, mut rank) = (u64::MAX, 0u64);
     for k in keys.iter_mut() {
-        let this = *k >> 40;
+        let (this, index) = (*k >> 40, *k & 0xffff_ffff);
         rank = if this == cell { rank + 1 } else { 0 };
         cell = this;
-        *k = (*k & 0xff_ffff_ffff) | rank << 40;
+        let corner = &corners[index as usize];
+        let score = corner.score as u64;
+        let worth = if scratch.sure[coarse.cell(corner)] as u64 == index {
+            MOST - 255 + score
+        } else {
+            16 * score.pow(4) / (1 + rank)
+        };
+        *k = (MOST - worth) << 28 | index;
     }
     keys.select_nth_unstable(wanted - 1);
     keys.truncate(wanted);
     // Back in reading order.
     for k in keys.iter_mut() {
-        *k &= 0xffff_ffff;
+        *k &= (1 << 28) - 1;
     }
     keys.sort_unstable();
     for (to, &from) in keys.iter().enumerate() {
@@ -103,33 +119,41 @@ pub(super) fn distribute(
     corners.truncate(wanted);
 }
 
-/// Shares `total` features among levels: each level's share shrinks with its scale (as its side does), and what a level
-/// cannot use goes to the others.
-pub(super) fn shares(available: &[usize], total: usize, factor: f64) -> Vec<usize> {
-    let mut given = vec![0usize; available.len()];
-    let mut left = total.min(available.iter().sum());
-    while left > 0 {
-        let open: Vec<usize> = (0..given.len()).filter(|&l| given[l] < available[l]).collect();
-        let weight = |l: usize| factor.powi(-(l as i32));
-        let sum: f64 = open.iter().map(|&l| weight(l)).sum();
-        let round = left;
-        let mut gave = false;
-        for &l in &open {
-            let part = (round as f64 * weight(l) / sum).floor() as usize;
-            let part = part.min(available[l] - given[l]).min(left);
-            given[l] += part;
-            left -= part;
-            gave |= part > 0;
-        }
-        if !gave {
-            // Fewer left than levels: one each, finest first.
-            for &l in open.iter().take(left) {
-                given[l] += 1;
-            }
-            left -= left.min(open.len());
+/// More than any corner is worth: 36 bits of ones.
+const MOST: u64 = (1 << 36) - 1;
+
+/// Index of the strongest corner (the first of equals) of each cell.
+fn strongest(corners: &[Corner], grid: &Grid, out: &mut Vec<u32>) {
+    out.clear();
+    out.resize(grid.columns * grid.rows, u32::MAX);
+    for (i, c) in corners.iter().enumerate() {
+        let best = &mut out[grid.cell(c)];
+        if corners.get(*best as usize).is_none_or(|b| b.score < c.score) {
+            *best = i as u32;
         }
     }
-    given
+}
+
+/// Shares `total` features among levels: each level's share shrinks with its scale (as its side does), and what a level
+/// cannot use goes to the others.
+pub(super) fn shares(available: &[usize], total: usize, factor: f64, given: &mut [usize]) {
+    given.fill(0);
+    let mut left = total.min(available.iter().sum());
+    let weight = |l: usize| factor.powi(-(l as i32));
+    while left > 0 {
+        let open = |given: &[usize], l: usize| given[l] < available[l];
+        let sum: f64 = (0..given.len()).filter(|&l| open(given, l)).map(weight).sum();
+        let round = left;
+        for l in 0..given.len() {
+            if left > 0 && open(given, l) {
+                // At least one, so that every round ends with less to give.
+                let part = ((round as f64 * weight(l) / sum).floor() as usize).max(1);
+                let part = part.min(available[l] - given[l]).min(left);
+                given[l] += part;
+                left -= part;
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -138,12 +162,18 @@ mod tests {
 
     #[test]
     fn shares_give_all_that_can_be_used_and_no_more() {
-        assert_eq!(shares(&[10_000; 8], 1000, 1.2).iter().sum::<usize>(), 1000);
-        assert_eq!(shares(&[3, 0, 5], 1000, 1.2), vec![3, 0, 5]);
-        let s = shares(&[20, 10_000, 10_000], 1000, 1.2);
+        let shares = |available: &[usize], total| {
+            let mut given = vec![7; available.len()];
+            super::shares(available, total, 1.2, &mut given);
+            given
+        };
+        assert_eq!(shares(&[10_000; 8], 1000).iter().sum::<usize>(), 1000);
+        assert_eq!(shares(&[10_000; 8], 3), vec![1, 1, 1, 0, 0, 0, 0, 0]);
+        assert_eq!(shares(&[3, 0, 5], 1000), vec![3, 0, 5]);
+        let s = shares(&[20, 10_000, 10_000], 1000);
         assert_eq!((s[0], s.iter().sum::<usize>()), (20, 1000));
         assert!(s[1] > s[2]);
-        assert!(shares(&[], 10, 1.2).is_empty());
+        assert!(shares(&[], 10).is_empty());
     }
 
     #[test]

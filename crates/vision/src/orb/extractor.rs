@@ -2,7 +2,7 @@
 
 use super::blur::Blurred;
 use super::distribute::{Scratch, distribute, prefer_strong, shares};
-use super::fast::{Corner, Scores, corners};
+use super::fast::{Corner, Scores, corners, scores_around};
 use super::{Backend, Pyramid, descriptor, orientation, subpixel};
 use crate::Descriptor;
 use cairn_sensor::GrayImage;
@@ -76,7 +76,12 @@ pub struct OrbExtractor {
     scores: Scores,
     scratch: Scratch,
     blurred: Blurred,
+    /// Cosine and sine of each feature.
+    directions: Vec<[i16; 2]>,
 }
+
+/// Levels, at most.
+const MOST_LEVELS: usize = 16;
 
 impl OrbExtractor {
     /// An extractor with the fastest loops of this machine. Values outside their range are moved to its nearest end.
@@ -86,7 +91,7 @@ impl OrbExtractor {
 
     /// An extractor with chosen loops, for tests and benches; falls back to what this machine has.
     pub fn with_backend(setting: OrbSetting, backend: Backend) -> Self {
-        let levels = setting.levels.clamp(1, 16);
+        let levels = setting.levels.clamp(1, MOST_LEVELS);
         let pyramid = Pyramid::new(levels, setting.factor);
         let setting = OrbSetting {
             levels,
@@ -102,6 +107,7 @@ impl OrbExtractor {
             scores: Scores::default(),
             scratch: Scratch::default(),
             blurred: Blurred::default(),
+            directions: Vec::new(),
         }
     }
 
@@ -119,15 +125,24 @@ impl OrbExtractor {
     ///
     /// An image too small for a patch (32 pixels or less on a side) has none.
     pub fn extract(&mut self, image: &GrayImage, out: &mut Features) {
-        out.clear();
-        self.pyramid.build(image, self.backend);
-        self.detect();
-        self.select();
-        for level in 0..self.pyramid.levels().len() {
-            self.describe(level, out);
+        for stage in Stage::ALL {
+            self.run(stage, image, out);
         }
     }
 
+    /// One step of [`OrbExtractor::extract`], which runs all in order; by itself only for benches.
+    #[doc(hidden)]
+    pub fn run(&mut self, stage: Stage, image: &GrayImage, out: &mut Features) {
+        match stage {
+            Stage::Shrink => self.pyramid.build(image, self.backend),
+            Stage::Detect => self.detect(),
+            Stage::Select => self.select(),
+            Stage::Place => self.place(out),
+            Stage::Describe => self.describe(out),
+        }
+    }
+
+    /// Corners of all levels.
     fn detect(&mut self) {
         for (level, found) in self.pyramid.levels().iter().zip(&mut self.corners) {
             corners(level, self.setting.fast_low, &mut self.scores, found, self.backend);
@@ -135,36 +150,73 @@ impl OrbExtractor {
         }
     }
 
+    /// Which corners stay.
     fn select(&mut self) {
         let levels = self.pyramid.levels();
-        let mut available = [0usize; 16];
+        let mut available = [0usize; MOST_LEVELS];
         for (n, found) in available.iter_mut().zip(&self.corners[..levels.len()]) {
             *n = found.len();
         }
-        let given = shares(&available[..levels.len()], self.setting.features, self.setting.factor);
+        let mut given = [0usize; MOST_LEVELS];
+        let n = levels.len();
+        shares(&available[..n], self.setting.features, self.setting.factor, &mut given[..n]);
         for ((level, found), wanted) in levels.iter().zip(&mut self.corners).zip(given) {
             distribute(found, level.width(), level.height(), wanted, &mut self.scratch);
         }
     }
 
-    fn describe(&mut self, level: usize, out: &mut Features) {
-        if self.corners[level].is_empty() {
-            return;
-        }
-        let image = &self.pyramid.levels()[level];
-        self.blurred.run(image, self.backend);
-        for c in &self.corners[level] {
-            let (x, y) = (c.x as usize, c.y as usize);
-            let offset = subpixel::refine(image, x, y);
-            let direction = orientation::direction(orientation::moments(image, x, y, self.backend));
-            let stride = self.blurred.stride();
-            let centre = y * stride + x;
-            let bits = descriptor::describe(self.blurred.data(), stride, centre, direction, self.backend);
-            out.raw.push(self.pyramid.to_image(level, [x as f32 + offset[0], y as f32 + offset[1]]));
-            out.octave.push(level as u8);
-            out.angle.push((direction[1] as f32).atan2(direction[0] as f32));
-            out.response.push(c.score as f32);
-            out.descriptors.push(bits);
+    /// All about the features but their descriptors.
+    fn place(&mut self, out: &mut Features) {
+        out.clear();
+        self.directions.clear();
+        for (level, (image, corners)) in self.pyramid.levels().iter().zip(&self.corners).enumerate() {
+            for c in corners {
+                let (x, y) = (c.x as usize, c.y as usize);
+                let offset = subpixel::peak(&scores_around(image, x, y, self.backend));
+                let direction = orientation::direction(orientation::moments(image, x, y, self.backend));
+                out.raw.push(self.pyramid.to_image(level, [x as f32 + offset[0], y as f32 + offset[1]]));
+                out.octave.push(level as u8);
+                out.angle.push((direction[1] as f32).atan2(direction[0] as f32));
+                out.response.push(c.score as f32);
+                self.directions.push(direction);
+            }
         }
     }
+
+    fn describe(&mut self, out: &mut Features) {
+        out.descriptors.clear();
+        let mut directions = self.directions.iter();
+        for (image, corners) in self.pyramid.levels().iter().zip(&self.corners) {
+            if corners.is_empty() {
+                continue;
+            }
+            self.blurred.run(image, self.backend);
+            let (data, stride) = (self.blurred.data(), self.blurred.stride());
+            for (c, &direction) in corners.iter().zip(&mut directions) {
+                let centre = c.y as usize * stride + c.x as usize;
+                out.descriptors.push(descriptor::describe(data, stride, centre, direction, self.backend));
+            }
+        }
+    }
+}
+
+/// The steps of the extraction.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Pyramid.
+    Shrink,
+    /// FAST corners and their thresholds.
+    Detect,
+    /// Even spread.
+    Select,
+    /// Sub-pixel place and orientation.
+    Place,
+    /// Blur and descriptors.
+    Describe,
+}
+
+impl Stage {
+    /// In order.
+    pub const ALL: [Self; 5] = [Self::Shrink, Self::Detect, Self::Select, Self::Place, Self::Describe];
 }

@@ -95,8 +95,24 @@ fn score_row(
     }
 }
 
+/// Scores of the 5 x 5 pixels around a place at least [`BORDER`] from the edge, row by row, with no threshold.
+pub(super) fn scores_around(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [[u8; 5]; 5] {
+    let mut out = [[0; 5]; 5];
+    for (v, out) in out.iter_mut().enumerate() {
+        let y = y + v - 2;
+        #[cfg(target_arch = "x86_64")]
+        if backend == Backend::Avx2 {
+            *out = super::fast_avx2::five_scores(image, x - 2, y);
+            continue;
+        }
+        let _ = backend;
+        *out = std::array::from_fn(|u| score_at(image, x + u - 2, y, 0));
+    }
+    out
+}
+
 /// Score of the pixel at a place at least three from the edge, or 0 at or below the threshold.
-pub(super) fn score_at(image: &GrayImage, x: usize, y: usize, threshold: u8) -> u8 {
+fn score_at(image: &GrayImage, x: usize, y: usize, threshold: u8) -> u8 {
     let (w, data) = (image.width() as isize, image.data());
     let at = y * image.width() + x;
     let ring = CIRCLE.map(|[dx, dy]| data[at.wrapping_add_signed(dy * w + dx)]);

@@ -22,51 +22,77 @@ pub(super) fn score_row(image: &GrayImage, y: usize, x0: usize, x1: usize, thres
 /// AVX2 must be available, and the bounds that [`score_row`] asserts must hold.
 #[target_feature(enable = "avx2")]
 unsafe fn score_row_avx2(image: &GrayImage, y: usize, x0: usize, x1: usize, threshold: u8, out: &mut [u8]) {
-    let w = image.width() as isize;
-    let offsets = CIRCLE.map(|[dx, dy]| dy * w + dx);
+    let offsets = CIRCLE.map(|[dx, dy]| dy * image.width() as isize + dx);
     let limit = _mm256_set1_epi8(threshold as i8);
-    let zero = _mm256_setzero_si256();
-    let mut x = x0;
-    while x < x1 {
+    for x in (x0..x1).step_by(32) {
         // SAFETY: see `score_row`.
-        let (centre, to) = unsafe {
-            (image.data().as_ptr().add(y * image.width() + x), out.as_mut_ptr().add(x) as *mut __m256i)
-        };
-        // SAFETY: likewise.
-        let at = |k: usize| unsafe { _mm256_loadu_si256(centre.offset(offsets[k]) as *const __m256i) };
-        // SAFETY: likewise.
-        let c = unsafe { _mm256_loadu_si256(centre as *const __m256i) };
-        x += 32;
-
-        let (p0, p4, p8, p12) = (at(0), at(4), at(8), at(12));
-        let most = _mm256_min_epu8(_mm256_max_epu8(p0, p8), _mm256_max_epu8(p4, p12));
-        let least = _mm256_max_epu8(_mm256_min_epu8(p0, p8), _mm256_min_epu8(p4, p12));
-        let bound = _mm256_max_epu8(_mm256_subs_epu8(most, c), _mm256_subs_epu8(c, least));
-        let over = _mm256_subs_epu8(bound, limit);
-        if _mm256_testz_si256(over, over) == 1 {
-            // SAFETY: likewise.
-            unsafe { _mm256_storeu_si256(to, zero) };
-            continue;
+        unsafe {
+            let s = score_block(image.data().as_ptr().add(y * image.width() + x), &offsets, limit);
+            _mm256_storeu_si256(out.as_mut_ptr().add(x) as *mut __m256i, s);
         }
-        let (p2, p6, p10, p14) = (at(2), at(6), at(10), at(14));
-        let most = _mm256_min_epu8(_mm256_max_epu8(p2, p10), _mm256_max_epu8(p6, p14));
-        let least = _mm256_max_epu8(_mm256_min_epu8(p2, p10), _mm256_min_epu8(p6, p14));
-        let other = _mm256_max_epu8(_mm256_subs_epu8(most, c), _mm256_subs_epu8(c, least));
-        let over = _mm256_subs_epu8(_mm256_min_epu8(bound, other), limit);
-        if _mm256_testz_si256(over, over) == 1 {
-            // SAFETY: likewise.
-            unsafe { _mm256_storeu_si256(to, zero) };
-            continue;
-        }
-        let p: [__m256i; 16] =
-            [p0, at(1), p2, at(3), p4, at(5), p6, at(7), p8, at(9), p10, at(11), p12, at(13), p14, at(15)];
-        let bright = brightest(&p);
-        let dark = darkest(&p);
-        let s = _mm256_max_epu8(_mm256_subs_epu8(bright, c), _mm256_subs_epu8(c, dark));
-        let below = _mm256_cmpeq_epi8(_mm256_subs_epu8(s, limit), zero);
-        // SAFETY: likewise.
-        unsafe { _mm256_storeu_si256(to, _mm256_andnot_si256(below, s)) };
     }
+}
+
+/// Scores, without threshold, of the five pixels from `x` on in row `y`.
+pub(super) fn five_scores(image: &GrayImage, x: usize, y: usize) -> [u8; 5] {
+    let (w, h) = (image.width(), image.height());
+    assert!(x >= 3 && x + 34 <= w + BORDER + 2 && y >= 3 && y + BORDER - 2 <= h && w > 2 * BORDER);
+    assert!(is_x86_feature_detected!("avx2"));
+    // SAFETY: AVX2 is there; reads begin at x - 3 >= 0 in row y - 3 >= 0 and end at x + 34 <= w + 18 in row y + 3 <=
+    // h - 11, that is, before the end of row h - 10.
+    let s = unsafe { five_scores_avx2(image, x, y) };
+    [s[0], s[1], s[2], s[3], s[4]]
+}
+
+/// # Safety
+/// AVX2 must be available, and the bounds that [`five_scores`] asserts must hold.
+#[target_feature(enable = "avx2")]
+unsafe fn five_scores_avx2(image: &GrayImage, x: usize, y: usize) -> [u8; 32] {
+    let offsets = CIRCLE.map(|[dx, dy]| dy * image.width() as isize + dx);
+    let mut out = [0u8; 32];
+    // SAFETY: see `five_scores`; `out` is 32 bytes long.
+    unsafe {
+        let centre = image.data().as_ptr().add(y * image.width() + x);
+        let s = score_block(centre, &offsets, _mm256_setzero_si256());
+        _mm256_storeu_si256(out.as_mut_ptr() as *mut __m256i, s);
+    }
+    out
+}
+
+/// Scores of the 32 pixels from `centre` on.
+///
+/// # Safety
+/// AVX2 must be available; 32 bytes must be readable at `centre` and at each offset from it.
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn score_block(centre: *const u8, offsets: &[isize; 16], limit: __m256i) -> __m256i {
+    let zero = _mm256_setzero_si256();
+    // SAFETY: as this function asks of its caller.
+    let at = |k: usize| unsafe { _mm256_loadu_si256(centre.offset(offsets[k]) as *const __m256i) };
+    // SAFETY: likewise.
+    let c = unsafe { _mm256_loadu_si256(centre as *const __m256i) };
+
+    // Nine in a row hold two neighbours of the four compass points, and two of the four between: both bound the score.
+    let bound = |a, b, c4, d| {
+        let most = _mm256_min_epu8(_mm256_max_epu8(a, c4), _mm256_max_epu8(b, d));
+        let least = _mm256_max_epu8(_mm256_min_epu8(a, c4), _mm256_min_epu8(b, d));
+        _mm256_max_epu8(_mm256_subs_epu8(most, c), _mm256_subs_epu8(c, least))
+    };
+    let (p0, p4, p8, p12) = (at(0), at(4), at(8), at(12));
+    let compass = bound(p0, p4, p8, p12);
+    let over = _mm256_subs_epu8(compass, limit);
+    if _mm256_testz_si256(over, over) == 1 {
+        return zero;
+    }
+    let (p2, p6, p10, p14) = (at(2), at(6), at(10), at(14));
+    let over = _mm256_subs_epu8(_mm256_min_epu8(compass, bound(p2, p6, p10, p14)), limit);
+    if _mm256_testz_si256(over, over) == 1 {
+        return zero;
+    }
+    let p = [p0, at(1), p2, at(3), p4, at(5), p6, at(7), p8, at(9), p10, at(11), p12, at(13), p14, at(15)];
+    let s = _mm256_max_epu8(_mm256_subs_epu8(brightest(&p), c), _mm256_subs_epu8(c, darkest(&p)));
+    let below = _mm256_cmpeq_epi8(_mm256_subs_epu8(s, limit), zero);
+    _mm256_andnot_si256(below, s)
 }
 
 macro_rules! arcs {

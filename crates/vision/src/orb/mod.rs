@@ -35,6 +35,8 @@ mod subpixel;
 mod tests;
 
 pub use backend::Backend;
+#[doc(hidden)]
+pub use extractor::Stage;
 pub use extractor::{Features, OrbExtractor, OrbSetting};
 pub use hamming::{BestTwo, best_two, best_two_of, hamming};
 pub use pyramid::Pyramid;

@@ -21,7 +21,7 @@ fn noise(w: usize, h: usize, seed: u64) -> GrayImage {
 }
 
 /// A smooth scene of overlapping soft-edged boxes, defined at real positions.
-struct Scene(Vec<[f64; 6]>);
+struct Scene(Vec<[f64; 7]>);
 
 impl Scene {
     fn new(seed: u64) -> Self {
@@ -30,15 +30,10 @@ impl Scene {
         Self(
             (0..900)
                 .map(|_| {
-                    let angle = unit() * 3.2;
-                    [
-                        unit() * 900.0 - 150.0,
-                        unit() * 900.0 - 150.0,
-                        4.0 + unit() * 22.0,
-                        4.0 + unit() * 22.0,
-                        angle,
-                        unit() * 255.0,
-                    ]
+                    let (s, c) = (unit() * 3.2).sin_cos();
+                    let at = [unit() * 900.0 - 150.0, unit() * 900.0 - 150.0];
+                    let half = [4.0 + unit() * 22.0, 4.0 + unit() * 22.0];
+                    [at[0], at[1], half[0], half[1], s, c, unit() * 255.0]
                 })
                 .collect(),
         )
@@ -46,12 +41,11 @@ impl Scene {
 
     fn at(&self, x: f64, y: f64) -> f64 {
         let mut value = 100.0;
-        for &[cx, cy, a, b, angle, tone] in &self.0 {
+        for &[cx, cy, a, b, s, c, tone] in &self.0 {
             let (dx, dy) = (x - cx, y - cy);
             if dx.abs() + dy.abs() > 60.0 {
                 continue;
             }
-            let (s, c) = angle.sin_cos();
             let inside = (a - (c * dx + s * dy).abs()).min(b - (c * dy - s * dx).abs());
             value += (tone - value) * (inside + 0.5).clamp(0.0, 1.0);
         }
@@ -165,15 +159,25 @@ fn features_spread_over_the_image() {
             *v = (128.0 + (*v as f64 - 128.0) * 0.0625f64.powf(x as f64 / 640.0)) as u8;
         }
     }
-    let found = default(&image);
-    let mut cells = [0usize; 8 * 6];
-    for p in &found.raw {
-        cells[(p[1] / 80.0) as usize * 8 + (p[0] / 80.0) as usize] += 1;
-    }
-    let filled = cells.iter().filter(|&&n| n >= 4).count();
-    println!("cells with at least 4 of {} features: {filled} of 48, {cells:?}", found.len());
-    assert!(filled >= 44, "{cells:?}");
-    assert!(*cells.iter().max().unwrap() < 80, "{cells:?}");
+    let filled = |points: &[[f32; 2]]| {
+        let mut cells = [0usize; 8 * 6];
+        for p in points {
+            cells[(p[1] / 80.0) as usize * 8 + (p[0] / 80.0) as usize] += 1;
+        }
+        (cells.iter().filter(|&&n| n > 0).count(), *cells.iter().max().unwrap())
+    };
+    let spread = default(&image).raw;
+    // The same budget for the strongest corners of all, wherever they are.
+    let all = extract(&image, OrbSetting { features: 100_000, ..OrbSetting::default() }, Backend::detect());
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by(|&a, &b| all.response[b].total_cmp(&all.response[a]));
+    let strongest: Vec<_> = order.iter().take(spread.len()).map(|&i| all.raw[i]).collect();
+    let ((here, most), (there, most_there)) = (filled(&spread), filled(&strongest));
+    println!(
+        "of 48 cells {here} hold a feature (at most {most}); of the strongest alone {there} ({most_there})"
+    );
+    assert!(here >= 40 && here >= there + 8, "{here} {there}");
+    assert!(most < most_there, "{most} {most_there}");
 }
 
 /// Share of the features of `a` that `b` has, at the place that `b_from_a` says, with a descriptor near enough to be

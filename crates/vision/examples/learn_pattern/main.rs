@@ -1,0 +1,10 @@
+//! Learns the descriptor's tests and prints the file `src/orb/pattern.rs`:
+//! `cargo run --release -p cairn-vision --example learn_pattern > crates/vision/src/orb/pattern.rs`.
+
+mod learn;
+mod patches;
+mod scene;
+
+fn main() {
+    print!("{}", learn::regenerate());
+}
