@@ -6,12 +6,13 @@
 mod commands;
 mod failure;
 mod output;
-mod picture;
+mod progress;
 
 use clap::{Parser, Subcommand};
 use failure::Failure;
 use output::Output;
 use std::process::ExitCode;
+use std::time::Instant;
 
 /// Remembers the way you came and guides you back: SLAM, evaluation, simulation, guidance.
 #[derive(Parser)]
@@ -26,7 +27,9 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Run(Box<commands::run::Arguments>),
     Eval(commands::eval::Arguments),
+    Sim(commands::sim::Arguments),
     Way(commands::way::Arguments),
     Rig(commands::rig::Arguments),
     Config(commands::config::Arguments),
@@ -34,18 +37,21 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    let began = Instant::now();
     // clap prints help (code 0) and wrong usage (code 2) by itself.
     let arguments = Arguments::parse();
     let output = Output::new(arguments.json);
-    match run(arguments.command, &output) {
+    match run(arguments.command, &output, began) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => output.fail(&failure),
     }
 }
 
-fn run(command: Command, output: &Output) -> Result<(), Failure> {
+fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure> {
     match command {
+        Command::Run(arguments) => commands::run::run(&arguments, output, began),
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
+        Command::Sim(arguments) => commands::sim::run(&arguments, output),
         Command::Way(arguments) => commands::way::run(&arguments, output),
         Command::Rig(arguments) => commands::rig::run(&arguments, output),
         Command::Config(arguments) => commands::config::run(&arguments, output),

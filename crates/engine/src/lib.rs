@@ -4,9 +4,12 @@ mod config;
 mod engine;
 mod log;
 mod mapping;
+mod record;
 
+pub use cairn_tracking::{Evidence, Placed, State};
 pub use cairn_vision::SensorMode;
 pub use config::{Config, ConfigError};
 pub use engine::{Engine, Output};
 pub use log::{Log, Logged};
 pub use mapping::Runner;
+pub use record::record_input;

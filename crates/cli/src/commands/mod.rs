@@ -4,4 +4,6 @@ pub mod config;
 pub mod doctor;
 pub mod eval;
 pub mod rig;
+pub mod run;
+pub mod sim;
 pub mod way;

@@ -4,7 +4,8 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
-use crate::picture;
+use cairn_eval::{Marker, Plan, Tone};
+use cairn_geometry::Vec2;
 use cairn_guide::{
     CleanSetting, CleanWay, Maneuver, Route, RouteSetting, Stairs, Travel, Way, WayDrawing, WayError,
     WayInfo, survey,
@@ -70,7 +71,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         }
         Command::Show(show) => {
             let Surveyed { info, drawing, .. } = load(&show.way)?;
-            let svg = picture::way(&drawing, &info);
+            let svg = plan(&drawing, &info).figure().standalone();
             let written = show.out.clone();
             let shown = match &written {
                 Some(path) => {
@@ -166,16 +167,49 @@ fn cleaned(surveyed: &Surveyed) -> Result<Cleaned, String> {
     })
 }
 
+/// The way seen from above.
+fn plan(drawing: &WayDrawing, info: &WayInfo) -> Plan {
+    let points = |line: &[[f64; 2]]| line.iter().map(|p| Vec2::new(p[0], p[1])).collect::<Vec<_>>();
+    let (recorded, cleaned) = (points(&drawing.recorded), points(&drawing.cleaned));
+    let ends = [("start", cleaned.first()), ("end", cleaned.last())];
+    let marker = |(label, at): (&str, Option<&Vec2>)| {
+        Some(Marker { label: label.to_owned(), at: *at?, tone: Tone::Third })
+    };
+    let way = |label: &str, points, tone| cairn_eval::Way {
+        label: label.to_owned(),
+        points,
+        tone,
+        ..cairn_eval::Way::default()
+    };
+    Plan {
+        title: format!("A way of {:.1} m, cleaned to {:.1} m", info.length_m, info.cleaned_m),
+        description: format!(
+            "Seen from above: {} turns, {} detours cut out, {} stairs; recorded from {}.",
+            info.turns, info.cuts, info.stairs, info.source
+        ),
+        axes: ("x".to_owned(), "y".to_owned()),
+        markers: ends.into_iter().filter_map(marker).collect(),
+        ways: vec![
+            cairn_eval::Way { broad: true, ..way("as recorded", recorded, Tone::Truth) },
+            cairn_eval::Way { arrows: true, ..way("cleaned", cleaned, Tone::First) },
+        ],
+        ..Plan::default()
+    }
+}
+
 fn info_text(i: &WayInfo) -> String {
     let unit = if i.metric { "m" } else { "m (a guess from the pace: the scale is not known)" };
     let mut text = String::new();
     // Writing to a string does not fail.
     let _ = writeln!(text, "source    {}", i.source);
+    // Adding zero makes the negative zero of an empty sum a plain one.
     let _ = writeln!(text, "points    {} in {:.1} s", i.points, i.duration_s);
     let _ = writeln!(
         text,
         "length    {:.2} {unit}, of it {:.2} bridged, {:.2} gaps",
-        i.length_m, i.bridged_m, i.gap_m
+        i.length_m,
+        i.bridged_m + 0.0,
+        i.gap_m + 0.0
     );
     let _ = writeln!(
         text,

@@ -4,6 +4,8 @@ mod config;
 mod doctor;
 mod eval;
 mod rig;
+mod run;
+mod sim;
 mod way;
 
 use serde_json::Value;

@@ -1,0 +1,159 @@
+//! Counts and times of a run, frame by frame, and what becomes of them: the report and its text.
+
+use cairn_engine::{Config, Engine, Output, SensorMode, State};
+use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_sensor::{FramePacket, Stamp};
+use std::fmt::{Display, Write};
+use std::time::Instant;
+
+/// What happened so far.
+pub struct Tally {
+    began: Instant,
+    /// Frames that reached the engine.
+    pub frames: usize,
+    /// Frames that were overtaken before they could be taken.
+    pub dropped: usize,
+    /// Decoded image to pose in milliseconds, frame by frame.
+    pub step_ms: Vec<f64>,
+    stages: StageTimes,
+    lost: Vec<Lost>,
+    first_pose_s: Option<f64>,
+    tracking: bool,
+    /// In words, why the last frame has no pose; `None` when it has one.
+    pub last_state: Option<String>,
+    unseen: Vec<String>,
+}
+
+impl Tally {
+    /// Counts from the start of the process.
+    pub fn new(began: Instant) -> Self {
+        Self {
+            began,
+            frames: 0,
+            dropped: 0,
+            step_ms: Vec::new(),
+            stages: StageTimes::new(),
+            lost: Vec::new(),
+            first_pose_s: None,
+            tracking: false,
+            last_state: None,
+            unseen: Vec::new(),
+        }
+    }
+
+    /// A frame that the engine took.
+    pub fn frame(&mut self, packet: &FramePacket, done: &Output) {
+        self.frames += 1;
+        self.step_ms.push(done.see_ms + done.track_ms);
+        self.stages.add_ms("decode", packet.decode_ms);
+        self.stages.add_ms("see", done.see_ms);
+        self.stages.add_ms("track", done.track_ms);
+        self.finished(done.map_ms.iter().copied());
+        if done.world_from_body.is_some() && self.first_pose_s.is_none() {
+            self.first_pose_s = Some(self.began.elapsed().as_secs_f64());
+        }
+        if let Some(cause) = &done.died {
+            self.lost.push(Lost { t: done.stamp.seconds(), reason: cause.clone() });
+        }
+        self.last_state = match done.state {
+            State::Tracking => None,
+            State::Starting { have, need } => Some(format!("the start has {have} of {need} points")),
+            State::Lost { inliers, need } => Some(format!("{inliers} matches agree, {need} are needed")),
+        };
+        if let (State::Lost { .. }, true, Some(reason)) = (done.state, self.tracking, &self.last_state) {
+            self.lost.push(Lost { t: done.stamp.seconds(), reason: reason.clone() });
+        }
+        self.tracking = done.state == State::Tracking;
+    }
+
+    /// A frame that the eye refused.
+    pub fn unseen(&mut self, packet: &FramePacket, why: &impl Display) {
+        self.frames += 1;
+        self.last_state = Some(why.to_string());
+        self.unseen.push(format!("{}: {why}", packet.stamp));
+    }
+
+    /// Milliseconds of key frames that mapping finished.
+    pub fn finished(&mut self, map_ms: impl IntoIterator<Item = f64>) {
+        map_ms.into_iter().for_each(|ms| self.stages.add_ms("map", ms));
+    }
+
+    /// The report so far; the source and the sensor are not known here.
+    pub fn report(&self, engine: &Engine, config: &Config, skipped: &[String]) -> RunReport {
+        let map = engine.map();
+        let mut report = RunReport {
+            version: env!("CARGO_PKG_VERSION").into(),
+            skipped: skipped.len() + self.unseen.len(),
+            dropped: self.dropped,
+            lost: self.lost.clone(),
+            maps: usize::from(map.key_frame_count() > 0),
+            keyframes: map.key_frame_count(),
+            landmarks: map.landmark_count(),
+            ms: Percentiles::of(&self.step_ms),
+            stages: self.stages.summary(),
+            first_pose_s: self.first_pose_s,
+            // A configuration holds nothing that JSON can not.
+            config: serde_json::to_value(config).unwrap_or_default(),
+            ..RunReport::default()
+        };
+        report.set_frames(self.frames + self.dropped + skipped.len(), engine.log().tracked());
+        report.set_usage(self.began.elapsed().as_secs_f64());
+        report
+    }
+}
+
+/// The comparison with the source's own truth, where it has one that can be compared: without scale by Sim3.
+pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine, mode: SensorMode) -> Option<Evaluation> {
+    let trajectory = |poses: &[(Stamp, Se3)]| {
+        Trajectory::from_unsorted(poses.iter().map(|(t, pose)| (t.0, *pose)).collect()).ok()
+    };
+    let align = if mode == SensorMode::Mono { Align::Sim3 } else { Align::Se3 };
+    let options = EvalOptions { align, ..EvalOptions::default() };
+    let (reference, estimate) = (trajectory(truth)?, trajectory(&engine.trajectory())?);
+    evaluate(&reference, &estimate, &options).ok()
+}
+
+/// The report as a table for people.
+pub fn text(r: &RunReport, realtime: bool) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    let _ = writeln!(text, "source    {}, {}", r.source, r.sensor);
+    let dropped = if realtime { format!(", {} dropped", r.dropped) } else { String::new() };
+    let _ = writeln!(
+        text,
+        "frames    {}, {} tracked (coverage {:.3}), {} skipped{dropped}",
+        r.frames, r.tracked, r.coverage, r.skipped
+    );
+    let _ = writeln!(text, "map       {} key frames, {} landmarks", r.keyframes, r.landmarks);
+    if let Some(ms) = &r.ms {
+        let _ = writeln!(text, "step      {ms} ms");
+    }
+    for (name, ms) in &r.stages.0 {
+        let _ = writeln!(text, "  {name:<8}{ms} ms");
+    }
+    let number = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.2} {unit}"));
+    let _ = writeln!(
+        text,
+        "cost      first pose after {}, {:.2} s in all, {} of processor, {} at most",
+        number(r.first_pose_s, "s"),
+        r.wall_s,
+        number(r.cpu_s, "s"),
+        number(r.peak_rss_mb, "MB"),
+    );
+    if let Some(e) = &r.accuracy {
+        let align = match e.align {
+            Align::Sim3 => format!("Sim3, scale {:.4}", e.scale),
+            _ => "SE3".into(),
+        };
+        let _ = writeln!(
+            text,
+            "truth     ATE {:.4} m RMSE ({align}) over {:.2} m, {} pairs, largest {:.4} m",
+            e.ate_m.rmse, e.path_m, e.pairs, e.ate_m.max
+        );
+    }
+    for lost in &r.lost {
+        let _ = writeln!(text, "lost      at {:.3} s: {}", lost.t, lost.reason);
+    }
+    text
+}

@@ -1,0 +1,133 @@
+//! `cairn run`.
+
+use crate::{cairn, fails, folder, json, stderr, stdout};
+
+/// A second and a half of the demo world, small: what a test has time for.
+const WORLD: &str = "sim:demo?duration=1.5&resolution=320x240&sensor=rgbd";
+
+#[test]
+fn run_writes_all_that_was_asked_for_and_twice_the_same() {
+    let folder = folder("run");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let run = |n: &str| {
+        let (a, b, c) =
+            (path(&format!("{n}.tum")), path(&format!("{n}-live.tum")), path(&format!("{n}.way")));
+        let output = cairn(&["run", WORLD, "--trajectory", &a, "--live-trajectory", &b, "--record", &c]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        assert!(output.stderr.is_empty(), "no bar where there is no terminal: {}", stderr(&output));
+        let text = stdout(&output);
+        assert!(
+            text.contains("frames    31, 31 tracked (coverage 1.000)") && text.contains("truth     ATE"),
+            "{text}"
+        );
+        [a, b, c].map(|file| std::fs::read_to_string(file).unwrap())
+    };
+    let first = run("first");
+    assert_eq!(first, run("second"), "lockstep gives the same bits");
+    assert_eq!(first[0].lines().filter(|l| !l.starts_with('#')).count(), 31);
+    let info = json(&cairn(&["way", "info", &path("first.way"), "--json"]));
+    assert!(info["points"].as_u64().unwrap() >= 5 && info["metric"] == true, "{info}");
+    fails(&["run", WORLD, "--record", &path("first.way")], &["first.way", "never overwritten"]);
+    assert_eq!(std::fs::read_to_string(path("first.way")).unwrap(), first[2], "the record is still whole");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn run_reports_in_json_and_as_a_page() {
+    let folder = folder("run-report");
+    let (report, page) = (folder.join("report.json"), folder.join("report.html"));
+    let (report, page) = (report.to_str().unwrap(), page.to_str().unwrap());
+    let output =
+        cairn(&["run", WORLD, "--json", "--report", report, "--report-html", page, "--frames", "20"]);
+    let shown = json(&output);
+    let saved: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    assert_eq!(shown, saved);
+    assert_eq!(
+        (&shown["frames"], &shown["tracked"], &shown["sensor"]),
+        (&20.into(), &20.into(), &"rgbd".into())
+    );
+    for stage in ["decode", "see", "track", "map"] {
+        assert!(shown["stages"][stage]["p99"].as_f64().is_some_and(|ms| ms >= 0.0), "{stage}: {shown}");
+    }
+    assert!(shown["accuracy"]["ate_m"]["rmse"].as_f64().unwrap() < 0.02, "{shown}");
+    assert_eq!(shown["config"]["eye"]["orb"]["features"], 1000);
+    let page = std::fs::read_to_string(page).unwrap();
+    assert!(page.starts_with("<!DOCTYPE html>") && page.contains("Trajectory") && page.contains("</html>"));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn run_in_real_time_accounts_for_every_frame() {
+    let report = json(&cairn(&["run", WORLD, "--realtime", "--json"]));
+    assert_eq!(report["frames"], 31);
+    assert!(report["tracked"].as_u64().unwrap() + report["dropped"].as_u64().unwrap() <= 31, "{report}");
+    assert!(report["wall_s"].as_f64().unwrap() >= 1.5, "{report}");
+}
+
+#[test]
+fn run_takes_settings_and_refuses_wrong_ones() {
+    let folder = folder("run-config");
+    let write = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let fewer = write("fewer.toml", "[eye.orb]\nfeatures = 400\n");
+    let report = json(&cairn(&["run", WORLD, "--config", &fewer, "--json", "--frames", "5"]));
+    assert_eq!(report["config"]["eye"]["orb"]["features"], 400);
+    fails(
+        &["run", WORLD, "--config", &write("word.toml", "[eye.orb]\nfeatures = \"all\"\n")],
+        &["word.toml, line 2"],
+    );
+    fails(&["run", WORLD, "--config", &write("name.toml", "[eyes]\n")], &["name.toml", "eyes"]);
+    fails(&["run", WORLD, "--config", "/no/config.toml"], &["/no/config.toml"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn run_tells_what_is_wrong_with_a_source_before_it_works() {
+    let folder = folder("run-wrong");
+    let empty = folder.to_str().unwrap();
+    fails(&["run", "/no/recording"], &["/no/recording", "does not exist"]);
+    fails(&["run", empty], &["no recording of a kind that is known"]);
+    fails(&["run", "rtsp://camera"], &["rtsp:"]);
+    fails(&["run", "sim:moon"], &["no world \"moon\""]);
+    fails(&["run", "sim:demo?sensor=mono", "--sensor", "stereo"], &["sim:demo", "--sensor"]);
+    fails(&["run", WORLD, "--rig", "/no/rig.toml"], &["/no/rig.toml"]);
+    fails(&["run", WORLD, "--start=-1"], &["0 or more"]);
+    fails(&["run", WORLD, "--start", "1000"], &["past the end"]);
+    fails(&["run", WORLD, "--report", "/no/folder/r.json"], &["/no/folder/r.json", "does not exist"]);
+    fails(&["run", WORLD, "--trajectory", empty], &["is a folder"]);
+    for usage in
+        [&["run"][..], &["run", WORLD, "--sensor", "sonar"], &["run", WORLD, "--lockstep", "--realtime"]]
+    {
+        assert_eq!(cairn(usage).status.code(), Some(2), "{usage:?}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn run_without_any_pose_is_a_failure_with_its_reason() {
+    // A mono start needs motion: two frames have next to none.
+    fails(&["run", WORLD, "--sensor", "mono", "--frames", "2"], &["no frame got a pose", "the start has"]);
+}
+
+#[test]
+fn run_skips_a_damaged_image_and_says_so() {
+    let folder = folder("run-damaged");
+    let recording = folder.join("recording");
+    let out = recording.to_str().unwrap();
+    let written = cairn(&["sim", "demo?duration=0.5&resolution=160x120&sensor=stereo", "--out", out]);
+    assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
+    let images = recording.join("mav0/cam0/data");
+    let mut names: Vec<_> = std::fs::read_dir(&images).unwrap().map(|e| e.unwrap().path()).collect();
+    names.sort();
+    let whole = std::fs::read(&names[4]).unwrap();
+    std::fs::write(&names[4], &whole[..whole.len() / 2]).unwrap();
+    let output = cairn(&["run", out, "--json"]);
+    let report = json(&output);
+    assert_eq!((&report["skipped"], &report["frames"]), (&1.into(), &11.into()), "{report}");
+    assert_eq!(report["tracked"], 10);
+    assert!(stderr(&output).contains("warning: skipped: "), "{}", stderr(&output));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
