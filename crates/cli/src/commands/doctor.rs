@@ -82,8 +82,11 @@ fn table(report: &Report) -> String {
     };
     lines.push(("memory".to_owned(), memory));
     for feature in &report.cpu_features {
-        let state = if feature.present { "yes" } else { "no: a slower path is taken" };
+        let state = if feature.present { "yes" } else { "no: plain loops, slower" };
         lines.push((format!("cpu {}", feature.name), state.to_owned()));
+    }
+    if report.cpu_features.is_empty() {
+        lines.push(("cpu".to_owned(), "plain loops: none faster is written for this processor".to_owned()));
     }
     for program in &report.programs {
         let state = match &program.path {
@@ -103,20 +106,13 @@ fn table(report: &Report) -> String {
     lines.iter().map(|(name, state)| format!("{name:width$}  {state}\n")).collect()
 }
 
+/// The instruction sets that some loop has a version for; every loop has a plain one as well.
 #[cfg(target_arch = "x86_64")]
 fn cpu_features() -> Vec<Feature> {
-    macro_rules! features {
-        ($($name:tt),*) => { vec![$(Feature { name: $name, present: is_x86_feature_detected!($name) }),*] };
-    }
-    features!("ssse3", "sse4.1", "popcnt", "avx2", "fma")
+    vec![Feature { name: "avx2", present: is_x86_feature_detected!("avx2") }]
 }
 
-#[cfg(target_arch = "aarch64")]
-fn cpu_features() -> Vec<Feature> {
-    vec![Feature { name: "neon", present: std::arch::is_aarch64_feature_detected!("neon") }]
-}
-
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+#[cfg(not(target_arch = "x86_64"))]
 fn cpu_features() -> Vec<Feature> {
     Vec::new()
 }
@@ -139,9 +135,12 @@ fn programs(search: Option<std::ffi::OsString>) -> Vec<Program> {
         let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
         folders.iter().map(|folder| folder.join(&file)).find(|path| path.is_file())
     };
-    [("ffmpeg", "video files and network cameras"), ("espeak-ng", "speech without a screen reader")]
-        .map(|(name, used_for)| Program { name, used_for, path: find(name) })
-        .into()
+    [
+        ("ffmpeg", "video files and network cameras, which are not read yet"),
+        ("espeak-ng", "speech, which is not spoken yet"),
+    ]
+    .map(|(name, used_for)| Program { name, used_for, path: find(name) })
+    .into()
 }
 
 fn data(named: Option<PathBuf>) -> Data {

@@ -109,7 +109,15 @@ fn run_tells_what_is_wrong_with_a_source_before_it_works() {
 #[test]
 fn run_without_any_pose_is_a_failure_with_its_reason() {
     // A mono start needs motion: two frames have next to none.
-    fails(&["run", WORLD, "--sensor", "mono", "--frames", "2"], &["no frame got a pose", "the start has"]);
+    let folder = folder("run-none");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (tum, way, report) = (path("a.tum"), path("a.way"), path("a.json"));
+    let files = ["--trajectory", &tum, "--record", &way, "--report", &report];
+    let run = ["run", WORLD, "--sensor", "mono", "--frames", "2"];
+    fails(&[&run[..], &files[..]].concat(), &["no frame got a pose", "the start has"]);
+    let left: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["a.json"], "the report tells it; there is no trajectory and no way");
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]

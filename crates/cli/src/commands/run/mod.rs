@@ -150,16 +150,17 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     tally.finished(engine.finish());
     warn_of_skipped(&skipped);
     if let (Some(recorder), Some(path)) = (recorder, &a.record) {
-        recorder.finish().1.map_err(|e| way_failed(path, &e))?;
+        end_way(path, recorder)?;
     }
     let mut report = tally.report(&engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
     report.accuracy = tally::accuracy(&truth, &engine, sensor.mode());
-    write_files(a, &rig, &engine, &report, &tally)?;
+    write_reports(a, &engine, &report, &tally)?;
     if report.tracked == 0 {
         let why = tally.last_state.clone().unwrap_or_else(|| "it gave no frame".into());
         return Err(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
     }
+    write_trajectories(a, &rig, &engine)?;
     output.result(&report, |r| tally::text(r, a.realtime))
 }
 
@@ -215,6 +216,13 @@ fn begin_way(path: &Path, sensor: Sensor, source: &str) -> Result<Recorder, Fail
     Ok(Recorder::new(RecorderSetting::default(), metric, &ground, source).with_writer(writer))
 }
 
+/// Everything to disk; a way without a single point leaves no file behind.
+fn end_way(path: &Path, recorder: Recorder) -> Result<(), Failure> {
+    let (way, synced) = recorder.finish();
+    let done = if way.points.is_empty() { std::fs::remove_file(path) } else { synced };
+    done.map_err(|e| way_failed(path, &e))
+}
+
 fn way_failed(path: &Path, error: &std::io::Error) -> Failure {
     let hint = match error.kind() {
         std::io::ErrorKind::AlreadyExists => "a record is never overwritten: give another name",
@@ -259,13 +267,17 @@ fn warn_of_skipped(skipped: &[String]) {
     }
 }
 
-fn write_files(
-    a: &Arguments,
-    rig: &Rig,
-    engine: &Engine,
-    report: &RunReport,
-    tally: &Tally,
-) -> Result<(), Failure> {
+fn write_reports(a: &Arguments, engine: &Engine, report: &RunReport, tally: &Tally) -> Result<(), Failure> {
+    if let Some(path) = &a.report {
+        report.save(path)?;
+    }
+    if let Some(path) = &a.report_html {
+        write_whole(path, &page::of(report, tally, &engine.trajectory()))?;
+    }
+    Ok(())
+}
+
+fn write_trajectories(a: &Arguments, rig: &Rig, engine: &Engine) -> Result<(), Failure> {
     let of_frame = |poses: Vec<(Stamp, Se3)>| {
         let body_from = match a.frame {
             Whose::Body => Se3::identity(),
@@ -282,12 +294,6 @@ fn write_files(
     }
     if let Some(path) = &a.live_trajectory {
         write_whole(path, &to_tum(&of_frame(engine.live_trajectory())?))?;
-    }
-    if let Some(path) = &a.report {
-        report.save(path)?;
-    }
-    if let Some(path) = &a.report_html {
-        write_whole(path, &page::of(report, tally, &engine.trajectory()))?;
     }
     Ok(())
 }
