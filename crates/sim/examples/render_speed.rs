@@ -4,8 +4,8 @@
 //! `cargo run --release -p cairn-sim --example render_speed [SNAPSHOT_DIR]`; with a folder, also writes some images.
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{Camera, DepthImage, GrayImage};
-use cairn_sim::{Renderer, World, WorldKind, WorldOptions};
+use cairn_sensor::{Camera, DepthImage, GrayImage, Source};
+use cairn_sim::{Renderer, SimSensor, SimSetting, SimSource, World, WorldKind, WorldOptions};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -50,10 +50,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 }
             }
         }
+        let mut setting = SimSetting::new(kind, 1);
+        setting.start_s = 3.0;
+        setting.duration_s = Some(2.0);
+        setting.sensor = SimSensor::Rgbd;
+        let mut source = SimSource::in_world(&setting, Arc::clone(&world))?;
+        let begin = clock.ms();
+        let mut packets = 0;
+        while source.next_packet()?.is_some() {
+            packets += 1;
+        }
+        let packet_ms = (clock.ms() - begin) / f64::from(packets);
         let mean = ms.iter().sum::<f64>() / ms.len() as f64;
         ms.sort_by(f64::total_cmp);
         println!(
-            "{kind:9} build {build_ms:5.0} ms, {:4} faces, {:5.1} MB textures; frame p50 {:.2} p95 {:.2} mean {mean:.2} ms: {:.0} frames/s",
+            "{kind:9} build {build_ms:5.0} ms, {:4} faces, {:5.1} MB textures; frame p50 {:.2} p95 {:.2} mean {mean:.2} ms: {:.0} frames/s; with sensor effects and IMU {packet_ms:.2} ms",
             world.face_count(),
             world.texture_bytes() as f64 / 1e6,
             ms[ms.len() / 2],

@@ -131,7 +131,7 @@ impl SimSetting {
     }
 
     /// The keys of the short form and what they mean.
-    pub const KEYS: [(&'static str, &'static str); 27] = [
+    pub const KEYS: [(&'static str, &'static str); 28] = [
         ("seed", "whole number, 1"),
         ("sensor", "mono, stereo, rgbd, mono-imu, stereo-imu, rgbd-imu (default stereo-imu)"),
         ("rate", "frames a second, 20"),
@@ -143,6 +143,7 @@ impl SimSetting {
         ("gait", "size of the gait, 1"),
         ("height", "camera above the floor in m, 1.3"),
         ("pitch", "degrees that the camera looks down, 5"),
+        ("look", "degrees that the camera looks to the left of where the walker goes, 0; 180 looks back"),
         ("pause", "seconds of standing at every third corner, 0"),
         ("resolution", "WIDTHxHEIGHT, 640x480 (the focal length follows the width)"),
         ("focal", "focal length in pixels, 420"),
@@ -187,6 +188,7 @@ impl SimSetting {
             "gait" => self.walker.gait = number(0.0, 5.0)?,
             "height" => self.walker.height = number(0.2, 2.2)?,
             "pitch" => self.walker.pitch_down = number(-60.0, 60.0)?.to_radians(),
+            "look" => self.walker.look = number(-180.0, 180.0)?.to_radians(),
             "pause" => {
                 self.walker.pause_s = number(0.0, 600.0)?;
                 self.walker.pause_every = 3;

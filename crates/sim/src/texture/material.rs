@@ -65,7 +65,7 @@ impl Material {
             }),
             Material::Leaves(mean) => c.fill(|x, y| {
                 let f = fine(x, y);
-                mean + 48.0 * f + 26.0 * coarse(x, y) + if f < -0.45 { -26.0 } else { 0.0 }
+                mean + 52.0 * f + 16.0 * coarse(x, y) + if f > 0.4 { 26.0 } else { 0.0 }
             }),
             Material::Brick(mean) => {
                 let (w, h, joint) = (0.25 / texel, 0.083 / texel, 0.012 / texel);

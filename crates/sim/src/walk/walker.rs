@@ -19,6 +19,8 @@ pub struct Walker {
     pub pitch_down: f64,
     /// Size of the gait: 1 is a usual one (vertical motion of 2.6 cm from top to bottom), 0 glides.
     pub gait: f64,
+    /// Radians by which the camera looks to the left of where the walker goes: pi looks back.
+    pub look: f64,
     /// Turning rate in radians a second.
     pub turn_rate: f64,
     /// Corners sharper than this (radians) are turned on the spot.
@@ -38,6 +40,7 @@ impl Default for Walker {
             height: 1.3,
             pitch_down: 0.09,
             gait: 1.0,
+            look: 0.0,
             turn_rate: 1.1,
             spot_turn: 1.9,
             rest_s: 0.6,
@@ -80,16 +83,22 @@ impl Walker {
         for i in 0..n {
             let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
             let pace = (x[b] - x[a]).hypot(y[b] - y[a]) * RATE_HZ / (b - a).max(1) as f64;
-            // Steps of 0.55 to 0.7 m: rate grows with the square root of the pace.
-            phase += TAU * (1.75 * pace.max(0.0).sqrt()) / RATE_HZ;
-            let strength = self.gait * (pace / 0.8).clamp(0.0, 1.0);
-            poses.push(self.pose(x[i], y[i], heading[i], phase, strength));
+            phase += Self::steps_per_s(pace) * TAU / RATE_HZ;
+            poses.push(self.body(Vec2::new(x[i], y[i]), heading[i], phase, (pace / 0.8).clamp(0.0, 1.0)));
         }
         Motion::sampled(0.0, 1.0 / RATE_HZ, &poses)
     }
 
-    /// The body (camera: x right, y down, z forward) with its gait.
-    fn pose(&self, x: f64, y: f64, heading: f64, phase: f64, strength: f64) -> Se3 {
+    /// Steps a second at a pace in m/s: of 0.55 to 0.7 m, the rate grows with the square root of the pace.
+    pub fn steps_per_s(pace: f64) -> f64 {
+        1.75 * pace.max(0.0).sqrt()
+    }
+
+    /// The body (camera: x right, y down, z forward) at a place with its gait, for walkers whose way is not known
+    /// ahead. `heading` is where the walker goes, radians from x; `phase` is the angle of the steps, 2 pi for each
+    /// (see [`Walker::steps_per_s`]); `strength` goes from 0 at rest to 1 at a usual pace.
+    pub fn body(&self, at: Vec2, heading: f64, phase: f64, strength: f64) -> Se3 {
+        let strength = self.gait * strength;
         let stride = phase / 2.0;
         let up = 0.013 * strength * phase.cos();
         let side = 0.014 * strength * stride.sin();
@@ -97,9 +106,9 @@ impl Walker {
         let pitch = self.pitch_down + 0.009 * strength * (phase + 0.9).cos();
         let roll = 0.012 * strength * (stride + 0.3).cos();
         let right = Vec3::new(heading.sin(), -heading.cos(), 0.0);
-        let at = Vec3::new(x, y, self.height + up) + right * side;
+        let place = Vec3::new(at.x, at.y, self.height + up) + right * side;
         let turn = So3::exp(&Vec3::new(-pitch, 0.0, 0.0)) * So3::exp(&Vec3::new(0.0, 0.0, roll));
-        Se3::new(facing(heading + yaw) * turn, at)
+        Se3::new(facing(heading + self.look + yaw) * turn, place)
     }
 
     /// Legs, turns and stops in time.
@@ -210,4 +219,44 @@ fn box_average(v: &[f64], half: usize) -> Vec<f64> {
         sum += get(i + half + 1) - get(i - half);
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turns_about_on_the_spot_and_bobs() {
+        let way = [Vec2::new(0.0, 0.0), Vec2::new(6.0, 0.0), Vec2::new(0.0, 0.0)];
+        let motion = Walker::default().motion(&way);
+        let (mut turned, mut low, mut high, mut fastest) = (0.0, 9.0f64, 0.0f64, 0.0f64);
+        let n = (motion.end() * 100.0) as usize;
+        for i in 0..n {
+            let s = motion.state(i as f64 / 100.0);
+            let p = s.world_from_body.translation;
+            // Down is the body's y: turning left is negative about it.
+            turned -= s.rate.y / 100.0;
+            if s.rate.norm() > 0.7 {
+                assert!((p.x - 6.0).abs() < 0.12 && p.y.abs() < 0.05, "turns at {p:?}");
+            }
+            if (1.5..4.5).contains(&p.x) {
+                (low, high) = (low.min(p.z), high.max(p.z));
+            }
+            fastest = fastest.max(s.velocity.norm());
+        }
+        assert!((turned - PI).abs() < 0.05, "turned by {turned}");
+        assert!((0.02..0.03).contains(&(high - low)), "bobs by {}", high - low);
+        assert!((0.85..1.0).contains(&fastest), "at most {fastest} m/s");
+        let end = motion.pose(motion.end());
+        assert!((end.translation.xy() - way[2]).norm() < 0.03);
+    }
+
+    #[test]
+    fn looks_back_when_told() {
+        let way = [Vec2::new(0.0, 0.0), Vec2::new(3.0, 4.0)];
+        let back = Walker { look: PI, ..Walker::default() }.motion(&way);
+        let s = back.state(3.0);
+        let forward = s.world_from_body.rotation * Vec3::z();
+        assert!(forward.dot(&s.velocity.normalize()) < -0.95);
+    }
 }

@@ -41,6 +41,28 @@ pub(crate) struct Block {
     pub texel: f64,
 }
 
+/// A lamp.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lamp {
+    /// Where it hangs.
+    pub at: Vec3,
+    /// How bright it is.
+    pub power: f32,
+    /// The room `[x0, y0, x1, y1]` whose walls keep its light in, where there are such.
+    pub room: Option<[f64; 4]>,
+}
+
+impl Lamp {
+    /// True when walls do not stand between the lamp and a surface with this middle.
+    fn reaches(&self, p: &Vec3) -> bool {
+        // A little more than half a wall's thickness: the jambs of doors belong to both sides.
+        let slack = 0.081;
+        self.room.is_none_or(|[x0, y0, x1, y1]| {
+            p.x > x0 - slack && p.y > y0 - slack && p.x < x1 + slack && p.y < y1 + slack
+        })
+    }
+}
+
 /// A world in the making.
 pub(crate) struct Builder {
     /// What the user asked for.
@@ -57,8 +79,8 @@ pub(crate) struct Builder {
     pub plan: Vec<(Vec2, Vec2)>,
     /// Ways.
     pub ways: Vec<Way>,
-    /// Lamps: place and power.
-    pub lights: Vec<(Vec3, f32)>,
+    /// Lamps.
+    pub lights: Vec<Lamp>,
     /// Light from everywhere.
     pub ambient: f32,
     /// Direction to the sun and its power, outdoors.
@@ -135,8 +157,12 @@ impl Builder {
         let normal = -along.cross(&down);
         let middle = origin + along * (width / 2.0) + down * (height / 2.0);
         let reach = 0.5 * width.hypot(height) + 9.0;
-        let near: Vec<(Vec3, f32)> =
-            self.lights.iter().filter(|(p, _)| (p - middle).norm() < reach).copied().collect();
+        let near: Vec<Lamp> = self
+            .lights
+            .iter()
+            .filter(|l| (l.at - middle).norm() < reach && l.reaches(&middle))
+            .copied()
+            .collect();
         let (ambient, sun) = (self.ambient, self.sun);
         canvas.light(|x, y| {
             let p = origin + along * f64::from(x) + down * f64::from(y);
@@ -144,8 +170,8 @@ impl Builder {
             if let Some((to_sun, power)) = sun {
                 sum += power * normal.dot(&to_sun).max(0.0) as f32;
             }
-            for (lamp, power) in &near {
-                let d = lamp - p;
+            for Lamp { at, power, .. } in &near {
+                let d = at - p;
                 let r2 = d.norm_squared();
                 let facing = (normal.dot(&d) / r2.sqrt().max(0.1)).max(0.0) as f32;
                 let fade = (1.0 - r2 as f32 / 81.0).max(0.0);

@@ -193,7 +193,7 @@ fn plant(b: &mut Builder, p: Put) {
         let (x, y) = (b.random.range(-0.13, 0.13), b.random.range(-0.13, 0.13));
         let size = [b.random.range(0.12, 0.3), b.random.range(0.12, 0.3), b.random.range(0.15, 0.4)];
         let (base, turn) = (0.32 + 0.16 * f64::from(i), b.random.range(0.0, 1.5));
-        b.block(&p.part(x, y, base, size, turn), |_, c, _| Material::Leaves(88.0).coat(c));
+        b.block(&p.part(x, y, base, size, turn), |_, c, _| Material::Leaves(105.0).coat(c));
     }
 }
 

@@ -101,7 +101,7 @@ pub(super) fn tree(b: &mut Builder, at: Vec2) {
             yaw: b.random.range(0.0, 1.5),
             texel: 0.016,
         };
-        let tone = b.random.rangef(75.0, 110.0);
+        let tone = b.random.rangef(95.0, 130.0);
         b.block(&leaf, |_, c, _| Material::Leaves(tone).coat(c));
     }
 }
@@ -185,5 +185,5 @@ pub(super) fn hedge(b: &mut Builder, from: Vec2, to: Vec2) {
     let (at, yaw) = ((from + to) / 2.0, d.y.atan2(d.x));
     b.stands(at, Vec2::new(d.norm() / 2.0, 0.25), yaw);
     let size = Vec3::new(d.norm(), 0.5, b.random.range(0.8, 1.2));
-    b.block(&Block { at, base: 0.0, size, yaw, texel: 0.01 }, |_, c, _| Material::Leaves(85.0).coat(c));
+    b.block(&Block { at, base: 0.0, size, yaw, texel: 0.01 }, |_, c, _| Material::Leaves(105.0).coat(c));
 }

@@ -23,11 +23,11 @@ pub(super) fn build(b: &mut Builder) {
     for i in 0..n {
         for side in [1.0, -1.0] {
             let x0 = 0.5 + i as f64 * (wide + WALL);
-            let door_x = x0 + wide * b.random.range(0.3, 0.7);
             let (low, high) = if side > 0.0 { (k + WALL, k + WALL + deep) } else { (-WALL - deep, -WALL) };
             let index = rooms.len() as u64;
             let stream = if b.options.look_alike { 500 } else { index | 1 << 40 };
             b.stream(stream);
+            let door_x = x0 + wide * b.random.range(0.3, 0.7);
             let walls = [
                 Material::Plaster(168.0),
                 Material::Paper(165.0),
@@ -57,23 +57,21 @@ pub(super) fn build(b: &mut Builder) {
                 dress: Dress::Bare,
                 stream: index | 1 << 41,
             });
-            places.push((rooms.len() - 2, door_x, side));
+            let (near, far) =
+                if side > 0.0 { (k + WALL + 0.9, high - 1.3) } else { (-WALL - 0.9, low + 1.3) };
+            let (left, right, out) = (x0 + 1.3, x0 + wide - 1.3, (door_x, k / 2.0));
+            let inside =
+                [(door_x, near), (left, near), (left, far), (right, far), (right, near), (door_x, near)];
             // The tour visits every second room, alternating sides: in, once round, out.
             if (i % 2 == 0) == (side > 0.0) {
-                let (near, far) =
-                    if side > 0.0 { (k + WALL + 0.9, high - 1.3) } else { (-WALL - 0.9, low + 1.3) };
-                let (left, right) = (x0 + 1.3, x0 + wide - 1.3);
-                tour.extend([
-                    (door_x, k / 2.0),
-                    (door_x, near),
-                    (left, near),
-                    (left, far),
-                    (right, far),
-                    (right, near),
-                    (door_x, near),
-                    (door_x, k / 2.0),
-                ]);
+                tour.push(out);
+                tour.extend(inside);
+                tour.push(out);
             }
+            // Rooms that look alike keep the same places free whether they are visited or not.
+            let keep = if b.options.look_alike { &inside[..] } else { &[(door_x, near)] };
+            let keep = [&[out], keep].concat();
+            places.push((rooms.len() - 2, Way::new("kept free", &keep)));
         }
     }
     tour.push((length - 1.2, k / 2.0));
@@ -86,15 +84,16 @@ pub(super) fn build(b: &mut Builder) {
     long.dedup();
     b.ways.push(Way::new("long", &long));
     plan::build(b, &rooms);
-    for (index, door_x, side) in places {
-        furnish(b, &rooms[index], door_x, side);
+    for (index, keep) in places {
+        furnish(b, &rooms[index], keep);
     }
     b.stream(77);
     line_walls(b, [0.0, 0.0, length, k], &[Piece::Plant, Piece::Cabinet, Piece::Shelf], 10, 0.5, 2.6);
 }
 
-/// Furniture along the walls and in the middle; the space before the door stays free.
-fn furnish(b: &mut Builder, room: &Room, door_x: f64, side: f64) {
+/// Furniture along the walls and in the middle, clear of the ways and of what is to be kept free.
+fn furnish(b: &mut Builder, room: &Room, keep: Way) {
+    b.ways.push(keep);
     b.stream(room.stream ^ 0xF00D);
     let [x0, y0, x1, y1] = room.area;
     let middle = Vec2::new(0.5 * (x0 + x1), 0.5 * (y0 + y1));
@@ -106,17 +105,44 @@ fn furnish(b: &mut Builder, room: &Room, door_x: f64, side: f64) {
             piece.place(b, at, yaw, room.height);
         }
     }
-    // A strip of half a metre on each side of the door stays empty.
-    let keep = Way::new(
-        "door",
-        &[
-            (door_x, if side > 0.0 { y0 - 0.3 } else { y1 + 0.3 }),
-            (door_x, if side > 0.0 { y0 + 1.2 } else { y1 - 1.2 }),
-        ],
-    );
-    b.ways.push(keep);
     let pieces =
         [Piece::Shelf, Piece::Cabinet, Piece::Plant, Piece::Sofa, Piece::Chair, Piece::Cartons, Piece::Shelf];
     line_walls(b, room.area, &pieces, 26, 0.5, room.height);
     b.ways.pop();
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{Renderer, World, WorldKind, WorldOptions};
+    use cairn_geometry::{Se3, So3, Vec3};
+    use cairn_sensor::{Camera, GrayImage};
+    use std::sync::Arc;
+
+    /// Mean difference in grey levels between the same view in two rooms on the same side.
+    fn difference(look_alike: bool) -> f64 {
+        let options = WorldOptions { look_alike, detail: 0.3, ..Default::default() };
+        let world = Arc::new(World::build(WorldKind::Office, 3, &options));
+        let mut renderer =
+            Renderer::new(&world, Camera::pinhole(160, 120, 105.0, 105.0, 79.5, 59.5)).unwrap();
+        // Areas: the corridor, then a room and its door for each side in turn.
+        let mut view = |room: usize| {
+            let area = world.areas[room];
+            let along_y = nalgebra::Matrix3::from_columns(&[Vec3::x(), -Vec3::z(), Vec3::y()]);
+            let pose = Se3::new(So3::from_matrix(&along_y), Vec3::new(area[0] + 1.3, area[1] + 0.7, 1.3));
+            let mut image = GrayImage::new(1, 1);
+            renderer.render(&pose, &mut image, None);
+            image
+        };
+        let (a, b) = (view(1), view(5));
+        let sum: i64 =
+            a.data().iter().zip(b.data()).map(|(a, b)| (i64::from(*a) - i64::from(*b)).abs()).sum();
+        sum as f64 / a.data().len() as f64
+    }
+
+    #[test]
+    fn rooms_look_alike_only_where_asked() {
+        let (same, other) = (difference(true), difference(false));
+        assert!(same < 1.0, "{same} grey levels between rooms that look alike");
+        assert!(other > 15.0, "{other} grey levels between rooms that do not");
+    }
 }

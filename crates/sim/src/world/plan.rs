@@ -2,7 +2,7 @@
 //!
 //! Where a higher room meets a lower one (a door in its wall), the wall above the lower one remains.
 
-use super::build::Builder;
+use super::build::{Builder, Lamp};
 use crate::random::Random;
 use crate::texture::{Decor, Material};
 use cairn_geometry::{Vec2, Vec3};
@@ -76,9 +76,10 @@ pub(crate) fn distance_to_segment(p: &Vec2, a: &Vec2, b: &Vec2) -> f64 {
 
 /// Builds walls, floors and ceilings of rooms that do not overlap.
 pub(crate) fn build(b: &mut Builder, rooms: &[Room]) {
+    let walled = rooms.iter().any(|r| r.dress == Dress::Room);
     for room in rooms {
         b.areas.push(room.area);
-        lamps(b, room);
+        lamps(b, room, walled);
     }
     for room in rooms {
         slab(b, room);
@@ -88,7 +89,7 @@ pub(crate) fn build(b: &mut Builder, rooms: &[Room]) {
     }
 }
 
-fn lamps(b: &mut Builder, room: &Room) {
+fn lamps(b: &mut Builder, room: &Room, walled: bool) {
     let [x0, y0, x1, y1] = room.area;
     if room.dress == Dress::Bare {
         return;
@@ -97,7 +98,8 @@ fn lamps(b: &mut Builder, room: &Room) {
     for i in 0..nx as usize {
         for j in 0..ny as usize {
             let (x, y) = (x0 + (i as f64 + 0.5) * (x1 - x0) / nx, y0 + (j as f64 + 0.5) * (y1 - y0) / ny);
-            b.lights.push((Vec3::new(x, y, room.height - 0.05), 0.62));
+            let at = Vec3::new(x, y, room.height - 0.05);
+            b.lights.push(Lamp { at, power: 0.62, room: walled.then_some(room.area) });
         }
     }
 }
@@ -205,10 +207,13 @@ fn wall(
     let start = if (c - a).dot(&right.xy()) > 0.0 { a } else { c };
     let frame = [Vec3::new(start.x, start.y, room.height), right, -Vec3::z()];
     let corner = (room.area[0] * 7.0 + line * 13.0 + from * 3.0) as i64 as u64;
-    let local = ((line - room.area[axis]) * 8.0) as i64 as u64;
+    let local = ((line - room.area[axis]) * 8.0).round() as i64 as u64;
     // Rooms of one stream look alike: the place in the room counts, not the place in the world.
-    let place =
-        if room.stream < 1 << 32 { local ^ (up as u64) << 8 ^ ((to - from) * 10.0) as u64 } else { corner };
+    let place = if room.stream < 1 << 32 {
+        local ^ (up as u64) << 8 ^ ((to - from) * 10.0).round() as u64
+    } else {
+        corner
+    };
     b.stream(room.stream ^ place.wrapping_mul(31) ^ (axis as u64) << 40 ^ 0x3A11);
     let poor = b.options.poor_walls;
     let room = *room;

@@ -73,7 +73,7 @@ fn ground(b: &mut Builder, length: f64) {
         flat(b, [x0, y0, x1, y1], 0.008, Material::Tiles(150.0, 0.5), 2.0);
     }
     for (y0, y1) in [(-PAVED - 9.0, -PAVED), (PAVED, PAVED + 9.0)] {
-        flat(b, [x0, y0, x1, y1], 0.014, Material::Leaves(95.0), 0.3);
+        flat(b, [x0, y0, x1, y1], 0.018, Material::Leaves(112.0), 0.3);
     }
     let (far, out) = (210.0, PAVED + 9.0);
     let fields = [
@@ -83,7 +83,7 @@ fn ground(b: &mut Builder, length: f64) {
         [x1, -out, length + far, out],
     ];
     for area in fields {
-        flat(b, area, 0.2, Material::Leaves(100.0), 0.0);
+        flat(b, area, 0.2, Material::Leaves(112.0), 0.0);
     }
 }
 
