@@ -1,0 +1,10 @@
+#![doc = include_str!("../README.md")]
+
+pub mod accuracy;
+pub mod long;
+pub mod measure;
+pub mod memory;
+pub mod recordings;
+pub mod walks;
+
+pub use measure::{Measured, Sensor, Setting, measure};

@@ -1,0 +1,169 @@
+//! `xtask`: measurements of the whole engine. Tables on stdout, progress on stderr.
+
+use cairn_sim::WorldKind;
+use cairn_sources::{OpenOptions, open};
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use xtask::recordings::{data_folder, recording};
+use xtask::walks::{WORLDS, Walk};
+use xtask::{Sensor, Setting, accuracy, long, measure, walks};
+
+/// Measures the whole engine.
+#[derive(Parser)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// The real recordings: ATE, coverage, step times, memory; each twice.
+    Accuracy {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Only rows whose name holds this.
+        #[arg(long)]
+        only: Option<String>,
+        /// Runs of each.
+        #[arg(long, default_value_t = 2)]
+        times: usize,
+        /// Write all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+        /// Write docs/accuracy.md.
+        #[arg(long)]
+        write: bool,
+    },
+    /// Simulated walks: drift and coverage per world and sensor.
+    Walks {
+        /// Seeds from 0; the worlds take turns.
+        #[arg(long, default_value_t = 20)]
+        seeds: u64,
+        /// Leave out the seeds before this one.
+        #[arg(long, default_value_t = 0)]
+        from: u64,
+        /// Worlds, with commas.
+        #[arg(long, value_delimiter = ',')]
+        worlds: Vec<WorldKind>,
+        /// Sensors, with commas.
+        #[arg(long, value_delimiter = ',')]
+        sensors: Vec<Sensor>,
+        /// Seconds of each walk.
+        #[arg(long, default_value_t = 40.0)]
+        seconds: f64,
+        /// Every seed in every world.
+        #[arg(long)]
+        all: bool,
+        /// Walks at a time.
+        #[arg(long, default_value_t = 1)]
+        jobs: usize,
+        /// Write all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+    },
+    /// Minutes of laps: step time, memory and map, minute by minute.
+    Long {
+        /// World.
+        #[arg(long, default_value = "hall")]
+        world: WorldKind,
+        /// Sensor.
+        #[arg(long, default_value = "stereo")]
+        sensor: Sensor,
+        /// Minutes.
+        #[arg(long, default_value_t = 10.0)]
+        minutes: f64,
+    },
+    /// One recording by its row's name, or any source with --sensor; prints JSON.
+    One {
+        /// Name of a row, a folder, or sim:WORLD.
+        source: String,
+        /// Folder of the recordings.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Sensors of a source that is no row.
+        #[arg(long, default_value = "stereo")]
+        sensor: Sensor,
+        /// Packets at most.
+        #[arg(long, default_value_t = usize::MAX)]
+        frames: usize,
+        /// Tell of every frame on stderr.
+        #[arg(long, short)]
+        verbose: bool,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            eprintln!("xtask: {why}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), String> {
+    match command {
+        Command::Accuracy { data, only, times, json, write } => {
+            let rows = accuracy::run(&data.unwrap_or_else(data_folder), only.as_deref(), times)?;
+            print!("{}", accuracy::table(&rows));
+            if write {
+                save(
+                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/accuracy.md").into(),
+                    &accuracy::page(&rows),
+                )?;
+            }
+            json.map_or(Ok(()), |path| save(path, &text(&rows)?))
+        }
+        Command::Walks { seeds, from, worlds, sensors, seconds, all, jobs, json } => {
+            let worlds = if worlds.is_empty() { WORLDS.to_vec() } else { worlds };
+            let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
+            let mut list = Vec::new();
+            for seed in from..seeds {
+                let turn = seed as usize % worlds.len();
+                let here = if all { &worlds[..] } else { &worlds[turn..=turn] };
+                for world in here {
+                    list.extend(sensors.iter().map(|s| Walk::new(*world, *s, seed)));
+                }
+            }
+            let walked = walks::run(&list, seconds, jobs)?;
+            print!("{}", walks::table(&walked));
+            json.map_or(Ok(()), |path| save(path, &text(&walked)?))
+        }
+        Command::Long { world, sensor, minutes } => {
+            let seconds = minutes * 60.0;
+            let address = format!("sim:{world}?way=long&sensor={}&rate=15&duration={seconds}", sensor.name());
+            let mut source = open(&address, OpenOptions::default()).map_err(|e| e.to_string())?;
+            print!("{}", long::table(&long::run(source.as_mut(), sensor)?));
+            Ok(())
+        }
+        Command::One { source, data, sensor, frames, verbose } => {
+            let measured = match recording(&source) {
+                Some(r) => {
+                    let setting = Setting { sensor: r.sensor, frames, verbose };
+                    accuracy::run_here(&data.unwrap_or_else(data_folder), &r, &setting)?
+                }
+                None => {
+                    let mut source = open(&source, OpenOptions::default()).map_err(|e| e.to_string())?;
+                    measure(source.as_mut(), &Setting { sensor, frames, verbose })?
+                }
+            };
+            println!("{}", text(&measured)?);
+            Ok(())
+        }
+    }
+}
+
+fn text(value: &impl serde::Serialize) -> Result<String, String> {
+    serde_json::to_string_pretty(value).map_err(|e| e.to_string())
+}
+
+fn save(path: PathBuf, text: &str) -> Result<(), String> {
+    let failed = |e: std::io::Error| format!("{}: {e}", path.display());
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    std::fs::write(&path, text).map_err(failed)
+}

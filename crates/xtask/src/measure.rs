@@ -1,0 +1,282 @@
+//! One source through the engine in lockstep: how good, how fast, how large, and a hash of every bit of the result.
+
+use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_sensor::{Rig, Source, Stamp};
+use serde::{Deserialize, Serialize};
+use std::str::FromStr;
+
+/// Which sensors the engine is given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sensor {
+    /// One camera.
+    Mono,
+    /// Two cameras.
+    Stereo,
+    /// One camera and a depth sensor.
+    Rgbd,
+}
+
+impl Sensor {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Mono, Self::Stereo, Self::Rgbd];
+
+    /// Its name, as in `sim:` addresses.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mono => "mono",
+            Self::Stereo => "stereo",
+            Self::Rgbd => "rgbd",
+        }
+    }
+
+    /// The engine's word for it.
+    pub fn mode(self) -> SensorMode {
+        match self {
+            Self::Mono => SensorMode::Mono,
+            Self::Stereo => SensorMode::Stereo,
+            Self::Rgbd => SensorMode::Rgbd,
+        }
+    }
+
+    /// One camera sees no scale: its trajectories are compared after a similarity.
+    pub fn align(self) -> Align {
+        if self == Self::Mono { Align::Sim3 } else { Align::Se3 }
+    }
+}
+
+impl FromStr for Sensor {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = Self::ALL.into_iter().find(|s| s.name() == text);
+        known.ok_or_else(|| format!("there is no sensor \"{text}\"; write mono, stereo or rgbd"))
+    }
+}
+
+/// What is asked of a run.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// Sensors to use.
+    pub sensor: Sensor,
+    /// Packets at most.
+    pub frames: usize,
+    /// True to tell of every frame on stderr.
+    pub verbose: bool,
+}
+
+impl Setting {
+    /// A whole source with these sensors.
+    pub fn new(sensor: Sensor) -> Self {
+        Self { sensor, frames: usize::MAX, verbose: false }
+    }
+}
+
+/// What a run gave.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Measured {
+    /// Sensors used.
+    pub sensor: Sensor,
+    /// Packets.
+    pub frames: usize,
+    /// Packets that have a pose in the final trajectory.
+    pub tracked: usize,
+    /// Frames without a pose after the first with one: first and last of each run of them.
+    pub lost: Vec<[usize; 2]>,
+    /// Frame that was the first with a pose.
+    pub started: Option<usize>,
+    /// RMSE of the final trajectory against the truth after alignment, metres.
+    pub ate_m: Option<f64>,
+    /// RMSE of the poses as they were told at the time.
+    pub live_ate_m: Option<f64>,
+    /// Scale that the alignment found.
+    pub scale: f64,
+    /// Length of the true way, metres.
+    pub path_m: f64,
+    /// Decoded image to pose, milliseconds.
+    pub step_ms: Percentiles,
+    /// The part of it from features to pose.
+    pub track_ms: Percentiles,
+    /// Mapping of a key frame, milliseconds.
+    pub map_ms: Percentiles,
+    /// Key frames in the map at the end.
+    pub key_frames: usize,
+    /// Landmarks in the map at the end.
+    pub landmarks: usize,
+    /// Peak resident memory of this process, megabytes.
+    pub peak_mb: Option<f64>,
+    /// Hash of all bits of the final trajectory.
+    pub hash: u64,
+}
+
+impl Measured {
+    /// Share of the packets that have a pose.
+    pub fn coverage(&self) -> f64 {
+        self.tracked as f64 / self.frames.max(1) as f64
+    }
+
+    /// ATE as a share of the way.
+    pub fn drift(&self) -> Option<f64> {
+        self.ate_m.map(|ate| ate / self.path_m)
+    }
+}
+
+/// The engine's settings for a rig and a rate.
+pub fn config_for(rig: &Rig, rate_hz: f64) -> Config {
+    let mut config = Config::default();
+    let area = rig.cameras.first().map_or(0, |c| c.camera.width * c.camera.height);
+    config.eye.orb.features = (area / 300).clamp(800, 2000);
+    config.tracker.rate_hz = rate_hz;
+    config
+}
+
+/// Runs a source to its end.
+///
+/// # Errors
+/// When the source fails, the rig does not serve the sensors, a packet does not fit the rig, or the final map breaks
+/// one of its own rules.
+pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, String> {
+    let config = config_for(source.rig(), source.info().rate_hz);
+    let rig = source.rig().clone();
+    let mode = setting.sensor.mode();
+    let mut engine = Engine::new(&rig, mode, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
+    let mut stamps = Vec::new();
+    while stamps.len() < setting.frames {
+        let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
+        let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        if let Some(cause) = out.died {
+            return Err(format!("frame {}: {cause}", stamps.len()));
+        }
+        if setting.verbose {
+            eprintln!(
+                "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{}",
+                stamps.len(),
+                out.state,
+                out.evidence.features,
+                out.evidence.expected,
+                out.evidence.matched,
+                out.evidence.inliers,
+                engine.map().key_frame_count(),
+                if out.map_ms.is_empty() { "" } else { " +" },
+            );
+        }
+        stamps.push(packet.stamp);
+        step_ms.push(out.see_ms + out.track_ms);
+        track_ms.push(out.track_ms);
+        map_ms.extend(out.map_ms);
+    }
+    map_ms.extend(engine.finish());
+    let map = engine.map();
+    map.check()?;
+    let poses = engine.trajectory();
+    let align = setting.sensor.align();
+    let (ate_m, scale) = ate(&source.info().truth, &poses, align)?;
+    let (live_ate_m, _) = ate(&source.info().truth, &engine.live_trajectory(), align)?;
+    let (started, lost) = gaps(&stamps, &poses);
+    Ok(Measured {
+        sensor: setting.sensor,
+        frames: stamps.len(),
+        tracked: poses.len(),
+        lost,
+        started,
+        ate_m,
+        live_ate_m,
+        scale,
+        path_m: path_between(&source.info().truth, &stamps),
+        step_ms: Percentiles::of(&step_ms).unwrap_or_default(),
+        track_ms: Percentiles::of(&track_ms).unwrap_or_default(),
+        map_ms: Percentiles::of(&map_ms).unwrap_or_default(),
+        key_frames: map.key_frame_count(),
+        landmarks: map.landmark_count(),
+        peak_mb: cairn_eval::process::peak_rss_mb(),
+        hash: hash(&poses),
+    })
+}
+
+/// RMSE and scale; nothing when there are too few poses for an alignment.
+fn ate(truth: &[(Stamp, Se3)], poses: &[(Stamp, Se3)], align: Align) -> Result<(Option<f64>, f64), String> {
+    let trajectory = |poses: &[(Stamp, Se3)]| {
+        Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect()).map_err(|e| e.to_string())
+    };
+    let options = EvalOptions { align, ..EvalOptions::default() };
+    match evaluate(&trajectory(truth)?, &trajectory(poses)?, &options) {
+        Ok(e) => Ok((Some(e.ate_m.rmse), e.scale)),
+        Err(_) => Ok((None, 1.0)),
+    }
+}
+
+/// The first frame with a pose, and the runs of frames without one after it.
+fn gaps(stamps: &[Stamp], poses: &[(Stamp, Se3)]) -> (Option<usize>, Vec<[usize; 2]>) {
+    let have = |t: &Stamp| poses.binary_search_by_key(t, |p| p.0).is_ok();
+    let started = stamps.iter().position(have);
+    let mut lost: Vec<[usize; 2]> = Vec::new();
+    for i in started.unwrap_or(stamps.len())..stamps.len() {
+        if have(&stamps[i]) {
+            continue;
+        }
+        match lost.last_mut() {
+            Some([_, last]) if *last + 1 == i => *last = i,
+            _ => lost.push([i, i]),
+        }
+    }
+    (started, lost)
+}
+
+/// Length of the true way between the first and the last of these times.
+fn path_between(truth: &[(Stamp, Se3)], stamps: &[Stamp]) -> f64 {
+    let (Some(first), Some(last)) = (stamps.first(), stamps.last()) else { return 0.0 };
+    let inside: Vec<&Se3> = truth.iter().filter(|(t, _)| t >= first && t <= last).map(|(_, p)| p).collect();
+    inside.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum()
+}
+
+/// FNV-1a over the bits of times and poses (Fowler, Noll, Vo).
+fn hash(poses: &[(Stamp, Se3)]) -> u64 {
+    let mut h = 0xcbf2_9ce4_8422_2325_u64;
+    let mut take = |bits: u64| {
+        for byte in bits.to_le_bytes() {
+            h = (h ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    };
+    for (t, p) in poses {
+        take(t.0 as u64);
+        p.translation.iter().for_each(|v| take(v.to_bits()));
+        p.rotation.matrix().iter().for_each(|v| take(v.to_bits()));
+    }
+    h
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{So3, Vec3};
+
+    fn pose(x: f64) -> Se3 {
+        Se3::new(So3::identity(), Vec3::new(x, 0.0, 0.0))
+    }
+
+    #[test]
+    fn gaps_are_found() {
+        let stamps: Vec<Stamp> = (0..8).map(Stamp).collect();
+        let poses: Vec<(Stamp, Se3)> = [1, 2, 5, 7].map(|t| (Stamp(t), pose(0.0))).to_vec();
+        assert_eq!(gaps(&stamps, &poses), (Some(1), vec![[3, 4], [6, 6]]));
+        assert_eq!(gaps(&stamps, &[]), (None, vec![]));
+    }
+
+    #[test]
+    fn the_hash_sees_the_last_bit() {
+        let one = [(Stamp(1), pose(1.0))];
+        let other = [(Stamp(1), pose(1.0 + f64::EPSILON))];
+        assert_eq!(hash(&one), hash(&one));
+        assert_ne!(hash(&one), hash(&other));
+    }
+
+    #[test]
+    fn sensors_have_names() {
+        for s in Sensor::ALL {
+            assert_eq!(s.name().parse::<Sensor>(), Ok(s));
+        }
+        assert!("lidar".parse::<Sensor>().unwrap_err().contains("lidar"));
+    }
+}

@@ -1,0 +1,90 @@
+//! The real recordings that accuracy is measured on, and what a reference system reaches on the same files.
+
+use crate::Sensor;
+use std::path::{Path, PathBuf};
+
+/// One row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Recording {
+    /// Name of the row.
+    pub name: &'static str,
+    /// Folder below the data folder.
+    pub folder: &'static str,
+    /// Sensors used.
+    pub sensor: Sensor,
+    /// What ORB-SLAM3 V1.0 reaches here.
+    pub reference: Reference,
+}
+
+/// Figures of ORB-SLAM3 V1.0 on these files: two cores of the kind used here, quiet, fed in real time, three runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Reference {
+    /// ATE in metres, best and worst of the runs.
+    pub ate_m: [f64; 2],
+    /// Coverage.
+    pub coverage: f64,
+    /// Image to pose, p50 and p99 in milliseconds, in words as they vary between runs.
+    pub step_ms: &'static str,
+    /// Peak memory in MB.
+    pub peak_mb: f64,
+}
+
+/// All rows.
+pub const RECORDINGS: [Recording; 5] = [
+    Recording {
+        name: "euroc-mh01-stereo",
+        folder: "euroc-mh01",
+        sensor: Sensor::Stereo,
+        reference: Reference {
+            ate_m: [0.0043, 0.0046],
+            coverage: 1.0,
+            step_ms: "19-25 / 29-44",
+            peak_mb: 509.0,
+        },
+    },
+    Recording {
+        name: "euroc-mh01-mono",
+        folder: "euroc-mh01",
+        sensor: Sensor::Mono,
+        reference: Reference { ate_m: [0.0044, 0.0046], coverage: 0.99, step_ms: "12 / 34", peak_mb: 500.0 },
+    },
+    Recording {
+        name: "7scenes-kitchen-rgbd",
+        folder: "7scenes-kitchen",
+        sensor: Sensor::Rgbd,
+        reference: Reference { ate_m: [0.0286, 0.0296], coverage: 1.0, step_ms: "12.3 / 19", peak_mb: 495.0 },
+    },
+    Recording {
+        name: "kitti-a-stereo",
+        folder: "kitti-a",
+        sensor: Sensor::Stereo,
+        reference: Reference {
+            ate_m: [0.052, 0.053],
+            coverage: 1.0,
+            step_ms: "22-26 / 33-51",
+            peak_mb: 497.0,
+        },
+    },
+    Recording {
+        name: "kitti-a-mono",
+        folder: "kitti-a",
+        sensor: Sensor::Mono,
+        reference: Reference {
+            ate_m: [0.035, 0.050],
+            coverage: 0.98,
+            step_ms: "15 / 100-116",
+            peak_mb: 490.0,
+        },
+    },
+];
+
+/// A row by its name.
+pub fn recording(name: &str) -> Option<Recording> {
+    RECORDINGS.into_iter().find(|r| r.name == name)
+}
+
+/// Where recordings lie: `CAIRN_DATA`, else `../shared/data` beside the checkout.
+pub fn data_folder() -> PathBuf {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
+    std::env::var_os("CAIRN_DATA").map_or_else(|| Path::new(beside).to_path_buf(), PathBuf::from)
+}

@@ -1,0 +1,194 @@
+//! `walks`: walkers in simulated worlds, seen by the engine through rendered images. Some walls are poor, some walks are
+//! blurred, in some a passer-by crosses the view; which, follows from the seed.
+
+use crate::{Measured, Sensor, Setting, measure};
+use cairn_sim::WorldKind;
+use cairn_sources::{OpenOptions, open};
+use serde::Serialize;
+use std::fmt::Write;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The worlds walked by default.
+pub const WORLDS: [WorldKind; 4] =
+    [WorldKind::Corridor, WorldKind::Office, WorldKind::Hall, WorldKind::Street];
+
+/// Frames a second.
+const RATE_HZ: f64 = 15.0;
+
+/// One walk.
+#[derive(Clone, Copy, Debug)]
+pub struct Walk {
+    /// Where.
+    pub world: WorldKind,
+    /// What sees.
+    pub sensor: Sensor,
+    /// Seed of world, noise and hardships.
+    pub seed: u64,
+    /// Share of plain walls.
+    pub poor: f64,
+    /// People who walk about.
+    pub passers: usize,
+    /// Exposure time in milliseconds.
+    pub blur_ms: f64,
+}
+
+impl Walk {
+    /// A walk with the hardships of its seed: of four, one has none, one poor walls, one a passer-by, one both; every
+    /// third is blurred.
+    pub fn new(world: WorldKind, sensor: Sensor, seed: u64) -> Self {
+        // The worlds take turns with the seeds, so hardships follow the round.
+        let round = seed / 4;
+        let poor = if round % 2 == 1 { 0.35 } else { 0.0 };
+        let passers = (round / 2 % 2) as usize;
+        let blur_ms = if round % 3 == 2 { 8.0 } else { 0.0 };
+        Self { world, sensor, seed, poor, passers, blur_ms }
+    }
+
+    /// The source's address for the first `seconds` of the walk.
+    pub fn address(&self, seconds: f64) -> String {
+        let Self { world, sensor, seed, poor, passers, blur_ms } = self;
+        let sensor = sensor.name();
+        format!(
+            "sim:{world}?seed={seed}&sensor={sensor}&rate={RATE_HZ}&duration={seconds}&poor={poor}&passers={passers}&blur={blur_ms}"
+        )
+    }
+
+    /// Walks it.
+    ///
+    /// # Errors
+    /// As [`measure`].
+    pub fn run(&self, seconds: f64) -> Result<Measured, String> {
+        let address = self.address(seconds);
+        let mut source = open(&address, OpenOptions::default()).map_err(|e| format!("{address}: {e}"))?;
+        measure(source.as_mut(), &Setting::new(self.sensor)).map_err(|e| format!("{address}: {e}"))
+    }
+}
+
+/// A walk and what came of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Walked {
+    /// World.
+    pub world: String,
+    /// Seed.
+    pub seed: u64,
+    /// The source's address: the same walk again with `one ADDRESS`.
+    pub address: String,
+    /// The run.
+    pub measured: Measured,
+}
+
+/// Walks all, `jobs` at a time; the results in the order of the walks, progress on stderr.
+///
+/// # Errors
+/// The first walk that failed, in their order.
+pub fn run(walks: &[Walk], seconds: f64, jobs: usize) -> Result<Vec<Walked>, String> {
+    let next = AtomicUsize::new(0);
+    let results: Mutex<Vec<Option<Result<Walked, String>>>> = Mutex::new(vec![None; walks.len()]);
+    let work = || {
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(walk) = walks.get(i) else { return };
+            let address = walk.address(seconds);
+            let result = walk.run(seconds);
+            match &result {
+                Ok(m) => eprintln!("{address}: {}", line(m)),
+                Err(e) => eprintln!("{address}: {e}"),
+            }
+            let walked = result.map(|measured| Walked {
+                world: walk.world.to_string(),
+                seed: walk.seed,
+                address,
+                measured,
+            });
+            if let Ok(mut slots) = results.lock() {
+                slots[i] = Some(walked);
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        (0..jobs.clamp(1, 64)).for_each(|_| {
+            scope.spawn(work);
+        });
+    });
+    let slots = results.into_inner().map_err(|_| "a walk panicked".to_string())?;
+    slots.into_iter().map(|s| s.unwrap_or_else(|| Err("a walk was not walked".into()))).collect()
+}
+
+/// One walk in a line.
+pub fn line(m: &Measured) -> String {
+    let ate = m.ate_m.map_or("none".into(), |a| format!("{a:.3} m"));
+    let drift = m.drift().map_or("none".into(), |d| format!("{:.2} %", 100.0 * d));
+    format!(
+        "ATE {ate} of {:.1} m ({drift}), coverage {:.3}, lost {:?}, from {:?}, scale {:.3}, step {:.1} ms, {} key frames, {} landmarks",
+        m.path_m,
+        m.coverage(),
+        m.lost,
+        m.started,
+        m.scale,
+        m.step_ms.p50,
+        m.key_frames,
+        m.landmarks
+    )
+}
+
+/// Per world and sensor: drift and coverage, least, median and greatest.
+pub fn table(walked: &[Walked]) -> String {
+    let mut t = String::from(
+        "| world | sensor | walks | ATE % of the way: min / median / max | coverage: min / median | lost after the start |\n|---|---|---|---|---|---|\n",
+    );
+    let mut groups: Vec<(String, Sensor)> = Vec::new();
+    for w in walked {
+        let key = (w.world.clone(), w.measured.sensor);
+        if !groups.contains(&key) {
+            groups.push(key);
+        }
+    }
+    for sensor in Sensor::ALL {
+        groups.push(("all".into(), sensor));
+    }
+    for (world, sensor) in groups {
+        let of: Vec<&Measured> = walked
+            .iter()
+            .filter(|w| (w.world == world || world == "all") && w.measured.sensor == sensor)
+            .map(|w| &w.measured)
+            .collect();
+        if of.is_empty() {
+            continue;
+        }
+        let mut drift: Vec<f64> = of.iter().map(|m| m.drift().map_or(f64::INFINITY, |d| 100.0 * d)).collect();
+        let mut coverage: Vec<f64> = of.iter().map(|m| m.coverage()).collect();
+        drift.sort_by(f64::total_cmp);
+        coverage.sort_by(f64::total_cmp);
+        let lost = of.iter().filter(|m| !m.lost.is_empty()).count();
+        let _ = writeln!(
+            t,
+            "| {world} | {} | {} | {:.2} / {:.2} / {:.2} | {:.3} / {:.3} | {lost} |",
+            sensor.name(),
+            of.len(),
+            drift[0],
+            drift[drift.len() / 2],
+            drift[drift.len() - 1],
+            coverage[0],
+            coverage[coverage.len() / 2],
+        );
+    }
+    t
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn twenty_seeds_hold_every_hardship_in_every_world() {
+        let walks: Vec<Walk> = (0..24).map(|s| Walk::new(WORLDS[s % 4], Sensor::Mono, s as u64)).collect();
+        for world in WORLDS {
+            let here: Vec<&Walk> = walks.iter().filter(|w| w.world == world).collect();
+            assert!(here.iter().any(|w| w.poor > 0.0 && w.passers == 0));
+            assert!(here.iter().any(|w| w.passers > 0));
+            assert!(here.iter().any(|w| w.blur_ms > 0.0));
+            assert!(here.iter().any(|w| w.poor == 0.0 && w.passers == 0 && w.blur_ms == 0.0));
+        }
+    }
+}
