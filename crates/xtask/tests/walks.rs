@@ -12,7 +12,7 @@ fn short_walks_are_tracked_to_the_end() {
             walks.extend([Sensor::Stereo, Sensor::Rgbd].map(|sensor| Walk::new(world, sensor, seed)));
         }
     }
-    for walked in run(&walks, 6.0, 2).expect("the walks run") {
+    for walked in run(&walks, 4.0, 2).expect("the walks run") {
         let m = &walked.measured;
         assert_eq!(m.coverage(), 1.0, "{}: {}", walked.address, line(m));
         let drift = m.drift().expect("poses to align");
