@@ -1,12 +1,13 @@
 //! Everything that can be set, with defaults that need no tuning; read from TOML, printed with comments.
 
 use cairn_mapping::MapperSetting;
+use cairn_sensor::Rig;
 use cairn_tracking::TrackerSetting;
 use cairn_vision::EyeSetting;
 use serde::{Deserialize, Serialize};
 
 /// The settings of every stage. What a TOML file does not name keeps its default.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// Features, stereo, depth.
@@ -15,6 +16,15 @@ pub struct Config {
     pub tracker: TrackerSetting,
     /// Mapping.
     pub mapper: MapperSetting,
+}
+
+impl Default for Config {
+    /// The eye's features follow from the image's size.
+    fn default() -> Self {
+        let mut eye = EyeSetting::default();
+        eye.orb.features = 0;
+        Self { eye, tracker: TrackerSetting::default(), mapper: MapperSetting::default() }
+    }
 }
 
 /// Why a text is no configuration.
@@ -27,10 +37,22 @@ pub struct ConfigError {
     pub why: String,
 }
 
+/// So many pixels of the image bring one feature: 1,024 at 640x480, 1,203 at 752x480, 1,512 at 1226x370.
+const PIXELS_A_FEATURE: usize = 300;
+
 /// The whole default configuration with a comment at each entry.
 const DEFAULT_TOML: &str = include_str!("default.toml");
 
 impl Config {
+    /// The eye's settings for a rig: features that are not given follow from the size of the first camera's image.
+    pub(crate) fn eye_for(&self, rig: &Rig) -> EyeSetting {
+        let mut eye = self.eye;
+        if let (0, Some(first)) = (eye.orb.features, rig.cameras.first()) {
+            eye.orb.features = (first.camera.width * first.camera.height / PIXELS_A_FEATURE).clamp(500, 2000);
+        }
+        eye
+    }
+
     /// The whole default configuration as TOML, with a comment at each entry.
     pub fn default_toml() -> &'static str {
         DEFAULT_TOML
@@ -52,7 +74,7 @@ impl Config {
         let (tracker, mapper) = (&self.tracker, &self.mapper);
         let ranges = [
             // Frames count their features in 16 bits; a quarter of that leaves room for every caller.
-            ("eye.orb.features", orb.features as f64, 50.0, 16_000.0),
+            ("eye.orb.features", orb.features as f64, 0.0, 16_000.0),
             ("eye.orb.levels", orb.levels as f64, 1.0, 16.0),
             ("eye.orb.factor", orb.factor, 1.05, 1.6),
             ("eye.orb.fast_high", f64::from(orb.fast_high), 1.0, 255.0),

@@ -7,7 +7,7 @@ use cairn_atlas::{KeyFrameId, Map};
 use cairn_geometry::{Body, Pose, Se3, World};
 use cairn_mapping::Mapper;
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
-use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker, TrackerSetting};
+use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
 use cairn_vision::{Eye, SeeError, SensorMode};
 use std::sync::Arc;
 use std::time::Instant;
@@ -45,12 +45,18 @@ pub struct Output {
 }
 
 impl Engine {
-    /// An engine without a map; refuses a rig that can not serve the mode.
-    pub fn new(rig: &Rig, mode: SensorMode, runner: Runner, config: &Config) -> Result<Self, RigError> {
-        let eye = Eye::new(rig, mode, config.eye)?;
+    /// An engine without a map, for packets at about `rate_hz`; refuses a rig that can not serve the mode.
+    pub fn new(
+        rig: &Rig,
+        mode: SensorMode,
+        rate_hz: f64,
+        runner: Runner,
+        config: &Config,
+    ) -> Result<Self, RigError> {
+        let setting = config.eye_for(rig);
+        let eye = Eye::new(rig, mode, setting)?;
         let model = *eye.model();
-        let tracker =
-            Tracker::new(model, TrackerSetting { features: config.eye.orb.features, ..config.tracker });
+        let tracker = Tracker::new(model, setting.orb.features, rate_hz, config.tracker);
         let mapper = Mapper::new(model, config.mapper);
         let mapping = Mapping::new(runner, mapper, Map::with_octaves(eye.octaves()));
         Ok(Self { eye, tracker, mapping, log: Log::default(), died: None })
@@ -65,6 +71,9 @@ impl Engine {
         let mut tracked = self.tracker.step(frame, &map, self.mapping.idle());
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
+        for (stamp, placed) in tracked.earlier.drain(..) {
+            self.log.amend(stamp, placed);
+        }
         let mut done = Done::default();
         self.hand_over(&mut tracked, &mut done);
         self.mapping.poll(&mut done);

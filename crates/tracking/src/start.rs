@@ -2,8 +2,11 @@
 
 use crate::state::{Offer, State};
 use cairn_geometry::Vec3;
-use cairn_vision::{EyeModel, Frame, Octaves, Target, consistent_rotation, search};
+use cairn_vision::{EyeModel, Frame, Target, TwoViewSetting, consistent_rotation, search, two_view};
 use std::sync::Arc;
+
+/// Levels up to this one are fine enough to start from.
+const FINE: u8 = 3;
 
 /// Waits for a frame, or a pair of frames, from which a map can begin.
 #[derive(Debug, Default)]
@@ -16,13 +19,7 @@ pub(crate) struct Starter {
 
 impl Starter {
     /// Looks at a frame: an offer when a map can begin, else what is missing. `features` is the eye's budget.
-    pub fn step(
-        &mut self,
-        eye: &EyeModel,
-        octaves: Octaves,
-        frame: &Arc<Frame>,
-        features: usize,
-    ) -> Result<Offer, State> {
+    pub fn step(&mut self, eye: &EyeModel, frame: &Arc<Frame>, features: usize) -> Result<Offer, State> {
         if eye.baseline_fx > 0.0 {
             // Relative to the budget, so that rooms with few features start too.
             let need = (features / 12).max(40);
@@ -33,34 +30,23 @@ impl Starter {
                 Err(State::Starting { have, need })
             };
         }
-        self.pair(eye, octaves, frame, (features / 10).max(50))
+        self.pair(eye, frame, (features / 12).max(50))
     }
 
-    fn pair(
-        &mut self,
-        eye: &EyeModel,
-        octaves: Octaves,
-        frame: &Arc<Frame>,
-        need: usize,
-    ) -> Result<Offer, State> {
+    fn pair(&mut self, eye: &EyeModel, frame: &Arc<Frame>, need: usize) -> Result<Offer, State> {
         let Some(first) = self.first.clone() else {
-            if frame.len() >= need {
-                self.trail = frame.px.clone();
-                self.first = Some(frame.clone());
-            }
+            self.begin(frame, need);
             return Err(State::Starting { have: 0, need });
         };
         let matches = self.matches(&first, frame);
         if matches.len() < need {
             // The view has moved on too far: begin again from here.
-            self.first = None;
+            self.begin(frame, need);
             return Err(State::Starting { have: matches.len(), need });
         }
         self.attempts += 1;
         let waiting = State::Starting { have: matches.len(), need };
-        let Some((first_from_second, points)) =
-            two_views(eye, octaves, &first, frame, &matches, self.attempts)
-        else {
+        let Some((first_from_second, points)) = two_views(eye, &first, frame, &matches, self.attempts) else {
             return Err(waiting);
         };
         if points.len() < need / 2 {
@@ -70,15 +56,22 @@ impl Starter {
         Ok(Offer::Pair { first, second: frame.clone(), first_from_second, points })
     }
 
-    /// Finest-level features of the first frame around where they were last seen.
+    /// Makes a frame the first of the pair, when it shows enough.
+    fn begin(&mut self, frame: &Arc<Frame>, need: usize) {
+        self.trail = frame.px.clone();
+        self.first = (frame.len() >= need).then(|| frame.clone());
+    }
+
+    /// Fine-level features of the first frame around where they were last seen.
     fn matches(&mut self, first: &Frame, frame: &Frame) -> Vec<(usize, usize)> {
         let mut owner: Vec<Option<(usize, u32)>> = vec![None; frame.len()];
-        for i in (0..first.len()).filter(|i| first.octave[*i] == 0) {
+        for i in (0..first.len()).filter(|i| first.octave[*i] <= FINE) {
+            let octave = first.octave[i];
             let target = Target {
                 pixel: self.trail[i],
                 right_x: f32::NAN,
                 radius: 100.0,
-                octaves: [0, 0],
+                octaves: [octave.saturating_sub(1), octave + 1],
                 descriptor: &first.descriptors[i],
             };
             if let Some(f) = search(frame, &target, |_| true)
@@ -104,12 +97,16 @@ impl Starter {
 type Pair = (cairn_geometry::Se3, Vec<(u16, u16, Vec3)>);
 
 fn two_views(
-    _eye: &EyeModel,
-    _octaves: Octaves,
-    _first: &Frame,
-    _second: &Frame,
-    _matches: &[(usize, usize)],
-    _seed: u64,
+    eye: &EyeModel,
+    first: &Frame,
+    second: &Frame,
+    matches: &[(usize, usize)],
+    seed: u64,
 ) -> Option<Pair> {
-    None
+    let (a, b): (Vec<[f32; 2]>, Vec<[f32; 2]>) =
+        matches.iter().map(|(i, j)| (first.px[*i], second.px[*j])).unzip();
+    let found = two_view(eye, &a, &b, &TwoViewSetting::default(), seed).ok()?;
+    let points =
+        matches.iter().zip(&found.points).filter_map(|((i, j), p)| Some((*i as u16, *j as u16, (*p)?)));
+    Some((found.second_from_first.inverse(), points.collect()))
 }

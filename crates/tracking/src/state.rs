@@ -91,6 +91,8 @@ pub struct Tracked {
     pub evidence: Evidence,
     /// Something for mapping, when this frame is worth it.
     pub offer: Option<Offer>,
+    /// Poses of frames before the start, found once there was a map: time and pose.
+    pub earlier: Vec<(Stamp, Placed)>,
     /// Landmarks that should have been in view, each with whether it was matched and agreed.
     pub seen: Vec<(LandmarkId, bool)>,
 }

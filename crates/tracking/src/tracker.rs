@@ -8,21 +8,17 @@ use crate::start::Starter;
 use crate::state::{Evidence, Offer, Placed, State, Tracked};
 use cairn_adjust::{Located, locate};
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
-use cairn_geometry::{Manifold, Se3};
-use cairn_vision::{EyeModel, Frame};
+use cairn_geometry::{Manifold, Se3, Vec3};
+use cairn_sensor::Stamp;
+use cairn_vision::{EyeModel, Frame, PnpSetting, pnp_ransac};
 use nalgebra::SVector;
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// How to track.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackerSetting {
-    /// Features the eye gives at most; thresholds of the start are relative to it. Follows the eye's own setting.
-    #[serde(skip)]
-    pub features: usize,
-    /// Nominal frames a second. Follows the source.
-    #[serde(skip)]
-    pub rate_hz: f64,
     /// Matches that must agree for a pose to count.
     pub min_inliers: usize,
     /// Key frames in the local map, at most.
@@ -33,9 +29,12 @@ pub struct TrackerSetting {
 
 impl Default for TrackerSetting {
     fn default() -> Self {
-        Self { features: 1000, rate_hz: 30.0, min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1 }
+        Self { min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1 }
     }
 }
+
+/// Frames kept while there is no map, so that they get their pose afterwards.
+const WAITING: usize = 64;
 
 /// What is kept of the last frame that had a pose.
 #[derive(Debug)]
@@ -49,8 +48,12 @@ struct Last {
 #[derive(Debug)]
 pub struct Tracker {
     eye: EyeModel,
+    features: usize,
+    rate_hz: f64,
     setting: TrackerSetting,
     starter: Starter,
+    /// Frames seen before there was a map, oldest first.
+    waiting: VecDeque<Arc<Frame>>,
     local: LocalMap,
     last: Option<Last>,
     /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
@@ -61,12 +64,16 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// A tracker without a map.
-    pub fn new(eye: EyeModel, setting: TrackerSetting) -> Self {
+    /// A tracker without a map. `features` is what the eye gives at most (thresholds of the start are relative to
+    /// it), `rate_hz` the nominal rate of frames.
+    pub fn new(eye: EyeModel, features: usize, rate_hz: f64, setting: TrackerSetting) -> Self {
         Self {
             eye,
+            features,
+            rate_hz,
             setting,
             starter: Starter::default(),
+            waiting: VecDeque::new(),
             local: LocalMap::default(),
             last: None,
             velocity: None,
@@ -79,11 +86,19 @@ impl Tracker {
     /// Takes one frame. `idle` tells whether mapping would take up a key frame at once.
     pub fn step(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
         if map.key_frame_count() == 0 {
-            return self.start(frame, map);
+            return self.start(frame);
         }
         self.since_key_frame = self.since_key_frame.saturating_add(1);
         self.since_recovery = self.since_recovery.saturating_add(1);
         self.refresh_last(map);
+        let earlier = self.look_back(map);
+        let mut tracked = self.follow(frame, map, idle);
+        tracked.earlier = earlier;
+        tracked
+    }
+
+    /// Finds where a frame is: by motion, by the reference, or by appearance.
+    fn follow(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
         let first_guess = if self.lost {
             None
         } else {
@@ -103,16 +118,75 @@ impl Tracker {
         self.finish(frame, map, guess, matches, idle)
     }
 
-    fn start(&mut self, frame: Arc<Frame>, map: &Map) -> Tracked {
+    fn start(&mut self, frame: Arc<Frame>) -> Tracked {
         let features = frame.len();
-        let (state, offer) = match self.starter.step(&self.eye, map.octaves(), &frame, self.setting.features)
-        {
+        if self.waiting.len() == WAITING {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(frame.clone());
+        let (state, offer) = match self.starter.step(&self.eye, &frame, self.features) {
             Ok(offer) => (State::Starting { have: features, need: 0 }, Some(offer)),
             Err(state) => (state, None),
         };
         self.since_key_frame = 0;
         let evidence = Evidence { features, ..Evidence::default() };
-        Tracked { stamp: frame.stamp, state, pose: None, evidence, offer, seen: Vec::new() }
+        Tracked {
+            stamp: frame.stamp,
+            state,
+            pose: None,
+            evidence,
+            offer,
+            earlier: Vec::new(),
+            seen: Vec::new(),
+        }
+    }
+
+    /// Poses of the frames before the start, from the youngest back, as far as they can be tracked.
+    fn look_back(&mut self, map: &Map) -> Vec<(Stamp, Placed)> {
+        let frames = std::mem::take(&mut self.waiting);
+        let mut found = Vec::new();
+        let (Some(last), false) = (&self.last, frames.is_empty()) else { return found };
+        let mut before =
+            Last { frame: last.frame.clone(), landmarks: last.landmarks.clone(), placed: last.placed };
+        for frame in frames.iter().rev() {
+            let known = map.key_frames().find(|k| Arc::ptr_eq(&k.frame, frame));
+            let (placed, landmarks) = match known {
+                Some(k) => (standing_at(k.id, k.world_from_eye), k.landmarks.clone()),
+                None => {
+                    let Some((placed, landmarks)) = self.place_after(&before, frame, map) else { break };
+                    found.push((frame.stamp, placed));
+                    (placed, landmarks)
+                }
+            };
+            before = Last { frame: frame.clone(), landmarks, placed };
+        }
+        found
+    }
+
+    /// Where a frame stands that was taken next to one whose place is known.
+    fn place_after(
+        &mut self,
+        before: &Last,
+        frame: &Frame,
+        map: &Map,
+    ) -> Option<(Placed, Vec<Option<LandmarkId>>)> {
+        let (guess, mut matches) = self.match_from(before, &before.placed.world_from_eye, frame, map)?;
+        matches.extra.clear();
+        self.local.gather(map, &matches, before.placed.reference, self.setting.local_key_frames);
+        self.local.search(map, &self.eye, frame, &guess, 1.0, &mut matches);
+        let located = self.locate(map, frame, &guess, &mut matches);
+        if located.inliers < self.setting.min_inliers {
+            return None;
+        }
+        let placed = self.place(map, before.placed.reference, located.world_from_eye)?;
+        Some((placed, matches.landmarks))
+    }
+
+    /// A pose as it hangs on the key frame that the local map was gathered around.
+    fn place(&self, map: &Map, fallback: KeyFrameId, world_from_eye: Se3) -> Option<Placed> {
+        let reference = self.local.reference.unwrap_or(fallback);
+        let reference_from_eye = map.world_from_eye(reference)?.inverse() * world_from_eye;
+        Some(Placed { reference, reference_from_eye, world_from_eye })
     }
 
     /// When the last frame has become a key frame, what it shows and where it stands is told by the map.
@@ -121,11 +195,7 @@ impl Tracker {
         match &mut self.last {
             Some(last) if Arc::ptr_eq(&last.frame, &newest.frame) => {
                 last.landmarks.clone_from(&newest.landmarks);
-                last.placed = Placed {
-                    reference: newest.id,
-                    reference_from_eye: Se3::identity(),
-                    world_from_eye: newest.world_from_eye,
-                };
+                last.placed = standing_at(newest.id, newest.world_from_eye);
             }
             Some(last) => {
                 if let Some(reference) = map.world_from_eye(last.placed.reference) {
@@ -134,11 +204,7 @@ impl Tracker {
             }
             None => {
                 // The map has just begun: its newest key frame was the last frame.
-                let placed = Placed {
-                    reference: newest.id,
-                    reference_from_eye: Se3::identity(),
-                    world_from_eye: newest.world_from_eye,
-                };
+                let placed = standing_at(newest.id, newest.world_from_eye);
                 self.last =
                     Some(Last { frame: newest.frame.clone(), landmarks: newest.landmarks.clone(), placed });
             }
@@ -156,7 +222,12 @@ impl Tracker {
         let last = self.last.as_ref()?;
         let elapsed = frame.stamp - last.frame.stamp;
         let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * elapsed)));
-        let mut guess = last.placed.world_from_eye * moved;
+        self.match_from(last, &(last.placed.world_from_eye * moved), frame, map)
+    }
+
+    /// Matches with the frame before around a guess, and farther out where the guess was poor.
+    fn match_from(&self, last: &Last, guess: &Se3, frame: &Frame, map: &Map) -> Option<(Se3, Matches)> {
+        let mut guess = *guess;
         let radius = if self.eye.baseline_fx > 0.0 { 7.0 } else { 15.0 };
         let known = last.landmarks.iter().flatten().count();
         let before = Before {
@@ -205,13 +276,26 @@ impl Tracker {
             if matches.count() < 15 {
                 continue;
             }
-            let located = self.locate(map, frame, &k.world_from_eye, &mut matches);
+            let Some(guess) = self.pose_from_points(map, frame, &matches) else { continue };
+            let located = self.locate(map, frame, &guess, &mut matches);
             best = best.max(located.inliers);
             if located.inliers >= self.setting.min_inliers {
                 return Ok((located.world_from_eye, matches));
             }
         }
         Err(best)
+    }
+
+    /// The pose that most matches agree on, whatever the last one was.
+    fn pose_from_points(&self, map: &Map, frame: &Frame, matches: &Matches) -> Option<Se3> {
+        let pairs = matches.landmarks.iter().enumerate().filter_map(|(i, id)| {
+            let landmark = map.landmark((*id)?)?;
+            Some((landmark.position, self.eye.unproject(frame.px[i], 1.0).normalize()))
+        });
+        let (points, bearings): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
+        let setting = PnpSetting { threshold_rad: 2.45 * 2.0 / self.eye.fx, ..PnpSetting::default() };
+        let found = pnp_ransac(&points, &bearings, &setting, frame.stamp.0 as u64).ok()?;
+        Some(found.eye_from_world.inverse())
     }
 
     /// Matches with the local map, settles the pose and decides what the frame is good for.
@@ -250,13 +334,10 @@ impl Tracker {
             return self.lose(frame, located.inliers);
         }
         let world_from_eye = located.world_from_eye;
-        let reference = self.local.reference.unwrap_or(fallback);
-        let world_from_reference = map.world_from_eye(reference).unwrap_or_default();
-        let placed = Placed {
-            reference,
-            reference_from_eye: world_from_reference.inverse() * world_from_eye,
-            world_from_eye,
+        let Some(placed) = self.place(map, fallback, world_from_eye) else {
+            return self.lose(frame, located.inliers);
         };
+        let reference = placed.reference;
         self.velocity = match &self.last {
             Some(last) if !self.lost && frame.stamp > last.frame.stamp => {
                 Some(last.placed.world_from_eye.local(&world_from_eye) / (frame.stamp - last.frame.stamp))
@@ -274,11 +355,10 @@ impl Tracker {
             since: self.since_key_frame,
             idle,
         };
-        let offer =
-            wants_key_frame(&situation, self.setting.rate_hz, self.setting.min_key_frame_gap).then(|| {
-                self.since_key_frame = 0;
-                Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed }
-            });
+        let offer = wants_key_frame(&situation, self.rate_hz, self.setting.min_key_frame_gap).then(|| {
+            self.since_key_frame = 0;
+            Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed }
+        });
         let found: std::collections::BTreeSet<LandmarkId> =
             matches.landmarks.iter().flatten().copied().collect();
         let evidence =
@@ -286,7 +366,15 @@ impl Tracker {
         let stamp = frame.stamp;
         self.last = Some(Last { frame, landmarks: matches.landmarks, placed });
         let seen = expected.into_iter().map(|id| (id, found.contains(&id))).collect();
-        Tracked { stamp, state: State::Tracking, pose: Some(placed), evidence, offer, seen }
+        Tracked {
+            stamp,
+            state: State::Tracking,
+            pose: Some(placed),
+            evidence,
+            offer,
+            earlier: Vec::new(),
+            seen,
+        }
     }
 
     fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
@@ -294,11 +382,24 @@ impl Tracker {
         self.velocity = None;
         let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
         let state = State::Lost { inliers, need: self.setting.min_inliers };
-        Tracked { stamp: frame.stamp, state, pose: None, evidence, offer: None, seen: Vec::new() }
+        Tracked {
+            stamp: frame.stamp,
+            state,
+            pose: None,
+            evidence,
+            offer: None,
+            earlier: Vec::new(),
+            seen: Vec::new(),
+        }
     }
 
     /// The key frame that the last pose hangs on.
     pub fn reference(&self) -> Option<KeyFrameId> {
         self.last.as_ref().map(|l| l.placed.reference)
     }
+}
+
+/// The pose of an eye that stands where a key frame does.
+fn standing_at(reference: KeyFrameId, world_from_eye: Se3) -> Placed {
+    Placed { reference, reference_from_eye: Se3::identity(), world_from_eye }
 }
