@@ -125,14 +125,18 @@ impl Sensor {
 /// Runs the engine over the source, then writes what was asked for. `began` is when the process started.
 pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
     targets_can_be_written(a)?;
-    let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
+    let config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
     let (source, sensor) = open_source(a)?;
-    config.tracker.rate_hz = source.info().rate_hz;
     let rig = source.rig().clone();
     let runner = if a.realtime { Runner::Threaded } else { Runner::Lockstep };
-    let mut engine = Engine::new(&rig, sensor.mode(), runner, &config).map_err(|e| {
-        Failure::new(&a.source, e.to_string(), "choose another --sensor, or give a calibration with --rig")
-    })?;
+    let mut engine =
+        Engine::new(&rig, sensor.mode(), source.info().rate_hz, runner, &config).map_err(|e| {
+            Failure::new(
+                &a.source,
+                e.to_string(),
+                "choose another --sensor, or give a calibration with --rig",
+            )
+        })?;
     let mut recorder = a.record.as_deref().map(|path| begin_way(path, sensor, &a.source)).transpose()?;
     let mut tally = Tally::new(began);
     let truth = source.info().truth.clone();
