@@ -29,22 +29,40 @@ impl BestTwo {
 }
 
 /// Number of bits in which two descriptors differ, 0 to 256.
+#[inline]
 pub fn hamming(a: &Descriptor, b: &Descriptor) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(distance) = super::hamming_x86::distance(a, b) {
+        return distance;
+    }
     distance(a, b)
 }
 
 /// The nearest two of `among[i]` for each `i` of `candidates`, in the order given; indices outside are passed over.
 pub fn best_two(query: &Descriptor, among: &[Descriptor], candidates: &[u32]) -> BestTwo {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(best) = super::hamming_x86::nearest(query, among, candidates.len(), |k| candidates[k]) {
+        return best;
+    }
     nearest(query, among, candidates.iter().copied())
 }
 
 /// The nearest two of all of `among`.
 pub fn best_two_of(query: &Descriptor, among: &[Descriptor]) -> BestTwo {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(best) = super::hamming_x86::nearest(query, among, among.len(), |k| k as u32) {
+        return best;
+    }
     nearest(query, among, 0..among.len() as u32)
 }
 
+/// The plain search, compiled again by vector twins with more instructions.
 #[inline(always)]
-fn nearest(query: &Descriptor, among: &[Descriptor], candidates: impl Iterator<Item = u32>) -> BestTwo {
+pub(super) fn nearest(
+    query: &Descriptor,
+    among: &[Descriptor],
+    candidates: impl Iterator<Item = u32>,
+) -> BestTwo {
     let mut best = BestTwo::NONE;
     for i in candidates {
         if let Some(d) = among.get(i as usize) {
@@ -55,7 +73,7 @@ fn nearest(query: &Descriptor, among: &[Descriptor], candidates: impl Iterator<I
 }
 
 #[inline(always)]
-fn distance(a: &Descriptor, b: &Descriptor) -> u32 {
+pub(super) fn distance(a: &Descriptor, b: &Descriptor) -> u32 {
     let word = |d: &Descriptor, k: usize| {
         let mut w = [0u8; 8];
         w.copy_from_slice(&d[k * 8..k * 8 + 8]);
@@ -107,6 +125,40 @@ mod tests {
                 let candidates: Vec<u32> = (0..n).collect();
                 assert_eq!(best_two(query, &among, &candidates), expected);
                 assert_eq!(best_two_of(query, &among[..n as usize]), expected);
+                assert_eq!(nearest(query, &among, 0..n), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn of_equals_the_first_in_the_order_given_wins() {
+        let mut among = descriptors(40);
+        among[7] = among[30];
+        among[12] = among[30];
+        let order: Vec<u32> = (0..40).rev().collect();
+        let expected = BestTwo { index: 30, distance: 0, second: 0 };
+        assert_eq!(best_two(&among[30], &among, &order), expected);
+        assert_eq!(best_two_of(&among[30], &among), BestTwo { index: 7, ..expected });
+    }
+
+    #[test]
+    fn each_kernel_that_this_machine_has_agrees_with_the_plain_one() {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let among = descriptors(203);
+            for (k, kernel) in super::super::hamming_x86::kernels().into_iter().enumerate() {
+                for (q, query) in descriptors(300).iter().enumerate().skip(200) {
+                    // Some indices lie outside.
+                    let list: Vec<u32> = (0..q as u32 * 3).map(|i| i * 91 % 230).collect();
+                    for n in [0, 1, 2, 3, 4, 5, 17, 63, list.len()] {
+                        let found = kernel(query, &among, &list[..n]);
+                        assert_eq!(
+                            found,
+                            nearest(query, &among, list[..n].iter().copied()),
+                            "kernel {k}, {n}"
+                        );
+                    }
+                }
             }
         }
     }

@@ -21,6 +21,8 @@ mod fast;
 #[cfg(target_arch = "x86_64")]
 mod fast_avx2;
 mod hamming;
+#[cfg(target_arch = "x86_64")]
+mod hamming_x86;
 mod orientation;
 #[cfg(target_arch = "x86_64")]
 mod orientation_avx2;
