@@ -2,7 +2,8 @@
 
 use super::blur::Blurred;
 use super::distribute::{Scratch, distribute, prefer_strong, shares};
-use super::fast::{Corner, Scores, corners, scores_around};
+use super::fast::{Corner, Scores, corners};
+use super::fast_score::scores_around;
 use super::{Backend, Pyramid, descriptor, orientation, subpixel};
 use crate::Descriptor;
 use cairn_sensor::GrayImage;

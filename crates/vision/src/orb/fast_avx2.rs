@@ -1,8 +1,9 @@
-//! AVX2 twin of [`super::fast`]: 32 pixels at a time, the same bits.
+//! AVX2 twin of [`super::fast`] and [`super::fast_score`]: 32 pixels at a time, the same bits.
 #![allow(unsafe_code)]
 
 use super::BORDER;
-use super::fast::{CIRCLE, Corner};
+use super::fast::Corner;
+use super::fast_score::CIRCLE;
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 

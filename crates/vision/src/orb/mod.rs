@@ -20,6 +20,7 @@ mod extractor;
 mod fast;
 #[cfg(target_arch = "x86_64")]
 mod fast_avx2;
+mod fast_score;
 mod hamming;
 #[cfg(target_arch = "x86_64")]
 mod hamming_x86;

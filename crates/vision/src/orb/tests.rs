@@ -20,32 +20,35 @@ fn noise(w: usize, h: usize, seed: u64) -> GrayImage {
     GrayImage::from_vec(w, h, (0..w * h).map(|_| rng.next() as u8).collect()).unwrap()
 }
 
-/// A smooth scene of overlapping soft-edged boxes, defined at real positions.
-struct Scene(Vec<[f64; 7]>);
+/// A smooth scene of overlapping soft-edged boxes, defined at real positions; boxes by the cells they can reach.
+struct Scene(Vec<Vec<[f64; 7]>>);
+
+const CELL: f64 = 32.0;
+const CELLS: usize = 40;
 
 impl Scene {
     fn new(seed: u64) -> Self {
         let mut rng = Rng(seed);
         let mut unit = || rng.next() as f64 / u32::MAX as f64;
-        Self(
-            (0..900)
-                .map(|_| {
-                    let (s, c) = (unit() * 3.2).sin_cos();
-                    let at = [unit() * 900.0 - 150.0, unit() * 900.0 - 150.0];
-                    let half = [4.0 + unit() * 22.0, 4.0 + unit() * 22.0];
-                    [at[0], at[1], half[0], half[1], s, c, unit() * 255.0]
-                })
-                .collect(),
-        )
+        let mut cells = vec![Vec::new(); CELLS * CELLS];
+        for _ in 0..900 {
+            let (s, c) = (unit() * 3.2).sin_cos();
+            let at = [unit() * 900.0 - 150.0, unit() * 900.0 - 150.0];
+            let half = [4.0 + unit() * 22.0, 4.0 + unit() * 22.0];
+            let shape = [at[0], at[1], half[0], half[1], s, c, unit() * 255.0];
+            for y in cell(at[1] - 38.0)..=cell(at[1] + 38.0) {
+                for x in cell(at[0] - 38.0)..=cell(at[0] + 38.0) {
+                    cells[y * CELLS + x].push(shape);
+                }
+            }
+        }
+        Self(cells)
     }
 
     fn at(&self, x: f64, y: f64) -> f64 {
         let mut value = 100.0;
-        for &[cx, cy, a, b, s, c, tone] in &self.0 {
+        for &[cx, cy, a, b, s, c, tone] in &self.0[cell(y) * CELLS + cell(x)] {
             let (dx, dy) = (x - cx, y - cy);
-            if dx.abs() + dy.abs() > 60.0 {
-                continue;
-            }
             let inside = (a - (c * dx + s * dy).abs()).min(b - (c * dy - s * dx).abs());
             value += (tone - value) * (inside + 0.5).clamp(0.0, 1.0);
         }
@@ -64,6 +67,11 @@ impl Scene {
         };
         GrayImage::from_vec(w, h, (0..w * h).map(pixel).collect()).unwrap()
     }
+}
+
+/// Cell of a coordinate; the scene begins at -256.
+fn cell(c: f64) -> usize {
+    (((c + 256.0) / CELL).max(0.0) as usize).min(CELLS - 1)
 }
 
 fn extract(image: &GrayImage, setting: OrbSetting, backend: Backend) -> Features {
@@ -213,11 +221,11 @@ fn features_are_found_again_after_turning_and_scaling() {
     let reference = default(&scene.image(w, h, |x, y| [x + 60.0, y + 60.0]));
     for (degrees, scale, least) in [
         (0.0f64, 1.0f64, 0.99),
-        (25.0, 1.0, 0.6),
-        (90.0, 1.0, 0.8),
-        (180.0, 1.0, 0.8),
-        (0.0, 1.3, 0.55),
-        (-40.0, 0.8, 0.5),
+        (25.0, 1.0, 0.8),
+        (90.0, 1.0, 0.92),
+        (180.0, 1.0, 0.9),
+        (0.0, 1.3, 0.78),
+        (-40.0, 0.8, 0.65),
     ] {
         let (s, c) = degrees.to_radians().sin_cos();
         let centre = 239.5;
@@ -236,7 +244,7 @@ fn features_are_found_again_after_turning_and_scaling() {
             share * 100.0
         );
         assert!(share > least, "{degrees} {scale}: {share}");
-        assert!(error < 0.6, "{degrees} {scale}: {error}");
+        assert!(error < 0.5, "{degrees} {scale}: {error}");
     }
 }
 

@@ -1,0 +1,212 @@
+//! FAST scores in plain Rust: of one pixel, of a row, and of the neighbourhood of a corner. See [`super::fast`].
+
+use super::Backend;
+use cairn_sensor::GrayImage;
+
+/// The circle of radius three, clockwise from the top.
+pub(super) const CIRCLE: [[isize; 2]; 16] = [
+    [0, -3],
+    [1, -3],
+    [2, -2],
+    [3, -1],
+    [3, 0],
+    [3, 1],
+    [2, 2],
+    [1, 3],
+    [0, 3],
+    [-1, 3],
+    [-2, 2],
+    [-3, 1],
+    [-3, 0],
+    [-3, -1],
+    [-2, -2],
+    [-1, -3],
+];
+
+/// Scores of columns `x0..x1` of row `y`, at least three from every edge; `out` is indexed by column.
+pub(super) fn score_row(
+    image: &GrayImage,
+    y: usize,
+    x0: usize,
+    x1: usize,
+    threshold: u8,
+    out: &mut [u8],
+    backend: Backend,
+) {
+    #[cfg(target_arch = "x86_64")]
+    if backend == Backend::Avx2 {
+        return super::fast_avx2::score_row(image, y, x0, x1, threshold, out);
+    }
+    let _ = backend;
+    let mut x = x0;
+    while x < x1 {
+        if x1 - x0 < LANES {
+            out[x] = score_at(image, x, y, threshold);
+            x += 1;
+            continue;
+        }
+        // The last block overlaps the one before.
+        x = x.min(x1 - LANES);
+        out[x..x + LANES].copy_from_slice(&score_block(image, x, y, threshold).0);
+        x += LANES;
+    }
+}
+
+/// Scores of the 5 x 5 pixels around a place at least [`super::BORDER`] from the edge, row by row, with no threshold.
+pub(super) fn scores_around(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [[u8; 5]; 5] {
+    let mut out = [[0; 5]; 5];
+    for (v, out) in out.iter_mut().enumerate() {
+        let y = y + v - 2;
+        #[cfg(target_arch = "x86_64")]
+        if backend == Backend::Avx2 {
+            *out = super::fast_avx2::five_scores(image, x - 2, y);
+            continue;
+        }
+        let _ = backend;
+        let block = score_block(image, x - 2, y, 0).0;
+        out.copy_from_slice(&block[..5]);
+    }
+    out
+}
+
+/// Pixels that are worked on together; loops over them become vector instructions on most machines.
+const LANES: usize = 16;
+
+#[derive(Clone, Copy)]
+struct Lanes([u8; LANES]);
+
+impl Lanes {
+    #[inline(always)]
+    fn with(self, other: Self, f: impl Fn(u8, u8) -> u8) -> Self {
+        Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.with(other, u8::min)
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.with(other, u8::max)
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Self {
+        self.with(other, u8::saturating_sub)
+    }
+
+    #[inline(always)]
+    fn any_above(self, threshold: u8) -> bool {
+        self.0.iter().fold(0, |m, &v| m.max(v)) > threshold
+    }
+}
+
+/// Scores of [`LANES`] pixels in a row.
+fn score_block(image: &GrayImage, x: usize, y: usize, threshold: u8) -> Lanes {
+    let (w, data) = (image.width() as isize, image.data());
+    let at = |dx: isize, dy: isize| {
+        let start = (y * image.width() + x).wrapping_add_signed(dy * w + dx);
+        let mut lanes = [0; LANES];
+        lanes.copy_from_slice(&data[start..start + LANES]);
+        Lanes(lanes)
+    };
+    let ring = |k: usize| at(CIRCLE[k][0], CIRCLE[k][1]);
+    let centre = at(0, 0);
+    // Nine in a row hold two neighbours of the four compass points, and two of the four between: both bound the score.
+    let bound = |first: usize| {
+        let [a, b, c, d] = [0, 4, 8, 12].map(|k| ring(first + k));
+        let most = a.max(c).min(b.max(d));
+        let least = a.min(c).max(b.min(d));
+        most.less(centre).max(centre.less(least))
+    };
+    let compass = bound(0);
+    if !compass.any_above(threshold) || !compass.min(bound(2)).any_above(threshold) {
+        return Lanes([0; LANES]);
+    }
+    let p: [Lanes; 16] = std::array::from_fn(ring);
+    // Runs of two, four and eight from every odd place, then the two arcs of nine that share each run of eight.
+    let runs = |within: fn(Lanes, Lanes) -> Lanes, across: fn(Lanes, Lanes) -> Lanes| {
+        let two: [Lanes; 8] = std::array::from_fn(|i| within(p[2 * i + 1], p[(2 * i + 2) & 15]));
+        let four: [Lanes; 8] = std::array::from_fn(|i| within(two[i], two[(i + 1) & 7]));
+        let nine =
+            |i: usize| within(within(four[i], four[(i + 2) & 7]), across(p[2 * i], p[(2 * i + 9) & 15]));
+        (1..8).fold(nine(0), |best, i| across(best, nine(i)))
+    };
+    let score = runs(Lanes::min, Lanes::max).less(centre).max(centre.less(runs(Lanes::max, Lanes::min)));
+    Lanes(score.0.map(|s| if s > threshold { s } else { 0 }))
+}
+
+/// Score of the pixel at a place at least three from the edge, or 0 at or below the threshold.
+fn score_at(image: &GrayImage, x: usize, y: usize, threshold: u8) -> u8 {
+    let (w, data) = (image.width() as isize, image.data());
+    let at = y * image.width() + x;
+    let ring = CIRCLE.map(|[dx, dy]| data[at.wrapping_add_signed(dy * w + dx)]);
+    score(data[at], &ring, threshold)
+}
+
+/// Score of one pixel, or 0 at or below the threshold.
+fn score(centre: u8, p: &[u8; 16], threshold: u8) -> u8 {
+    // Nine in a row hold two neighbouring compass points, so these bound the score.
+    let bright = p[0].max(p[8]).min(p[4].max(p[12])).saturating_sub(centre);
+    let dark = centre.saturating_sub(p[0].min(p[8]).max(p[4].min(p[12])));
+    if bright.max(dark) <= threshold {
+        return 0;
+    }
+    let (mut brightest, mut darkest) = (0u8, 255u8);
+    // Each turn covers the two arcs that share p[k + 1] to p[k + 8].
+    for k in (0..16).step_by(2) {
+        let (mut low, mut high) = (255u8, 0u8);
+        for i in 1..=8 {
+            low = low.min(p[(k + i) & 15]);
+            high = high.max(p[(k + i) & 15]);
+        }
+        let ends = [p[k], p[(k + 9) & 15]];
+        brightest = brightest.max(low.min(ends[0].max(ends[1])));
+        darkest = darkest.min(high.max(ends[0].min(ends[1])));
+    }
+    let s = brightest.saturating_sub(centre).max(centre.saturating_sub(darkest));
+    if s > threshold { s } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Straight from the definition: the greatest threshold, plus one, at which nine in a row pass.
+    fn by_definition(image: &GrayImage, x: usize, y: usize) -> u8 {
+        let centre = image.at(x, y) as i32;
+        let ring = CIRCLE
+            .map(|[dx, dy]| image.at(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)) as i32 - centre);
+        let is_corner = |t: i32| {
+            (0..16).any(|k| (0..9).all(|i| ring[(k + i) & 15] > t) || (0..9).all(|i| ring[(k + i) & 15] < -t))
+        };
+        (0..255).take_while(|&t| is_corner(t)).count() as u8
+    }
+
+    #[test]
+    fn scores_are_those_of_the_definition() {
+        let (w, h) = (70, 40);
+        let mut state = 3u32;
+        let mut next = |i: usize| {
+            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
+            // Noise on blocks, so that many pixels are corners.
+            (((i % w / 5 + i / w / 5) % 2) as u32 * 150 + (state >> 24) % 90) as u8
+        };
+        let image = GrayImage::from_vec(w, h, (0..w * h).map(&mut next).collect()).unwrap();
+        let (mut corners, mut row) = (0, vec![0; w + 64]);
+        for backend in [Backend::Scalar, Backend::detect()] {
+            for y in 16..24 {
+                score_row(&image, y, 16, w - 16, 0, &mut row, backend);
+                for x in 16..w - 16 {
+                    let expected = by_definition(&image, x, y);
+                    assert_eq!(row[x], expected, "{x} {y}");
+                    assert_eq!(score_at(&image, x, y, 0), expected);
+                    assert_eq!(scores_around(&image, x, y, backend)[2][2], expected);
+                    corners += (expected > 0) as usize;
+                }
+            }
+        }
+        assert!(corners > 60, "{corners}");
+    }
+}
