@@ -1,6 +1,6 @@
 //! Times of the ORB extractor, stage by stage, and of the distance kernels: `cargo bench -p cairn-vision --bench orb`.
 //!
-//! Prints the minimum and the median of many repetitions, one thread. Images are made here; real ones (binary
+//! Prints the minimum, the 20th percentile and the median of many repetitions, one thread; on a busy machine read the first two. Images are made here; real ones (binary
 //! PGM, as `tools/compare_orb.py --keep FOLDER` writes them) follow where `CAIRN_PGM` names a folder of them.
 
 use cairn_sensor::GrayImage;
@@ -64,7 +64,8 @@ fn images(name: &str, images: &[GrayImage]) {
 
 fn report(name: &str, mut times: Vec<f64>, unit: &str) {
     times.sort_by(f64::total_cmp);
-    println!("  {name:10} min {:7.3}  median {:7.3} {unit}", times[0], times[times.len() / 2]);
+    let at = |percent: usize| times[times.len() * percent / 100];
+    println!("  {name:11} min {:7.3}  p20 {:7.3}  median {:7.3} {unit}", at(0), at(20), at(50));
 }
 
 fn distances() {

@@ -1,5 +1,4 @@
-//! From pixels to features with depth, and from matched features to geometry.
-
+#![doc = include_str!("../README.md")]
 // `!(a > b)` is meant: it also refuses NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 

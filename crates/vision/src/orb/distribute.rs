@@ -1,9 +1,7 @@
 //! Even spread: which corners of a level become features.
 //!
-//! The level is cut into square cells. A cell with a corner above the high threshold keeps only such corners; a
-//! poorer cell keeps what it has. Then every corner is worth `score^4 / (1 + rank)`, where `rank` is how
-//! many stronger corners its cell of a second, finer grid holds, and the worthiest stay; the strongest corner of
-//! each cell of a third, coarse grid stays at any rate. So a textured place gives several features before a
+//! Every corner is worth `score^4 / (1 + rank)`, where `rank` is how many stronger corners its cell of a fine
+//! grid holds, and the worthiest stay; the strongest corner of each cell of a coarse grid stays at any rate. So a textured place gives several features before a
 //! poor one gives its first, but cannot take them all. Measured on real recordings (`tools/compare_orb.py`), this
 //! gives as many matches as taking the strongest of the level, spread over a fifth more of the image; strict
 //! sharing among cells loses a quarter of the matches.
@@ -11,8 +9,6 @@
 use super::BORDER;
 use super::fast::Corner;
 
-/// Side of a threshold cell in pixels, about.
-const THRESHOLD_CELL: usize = 32;
 /// Features that a fine cell of the spread holds when corners are everywhere.
 const PER_FINE_CELL: f64 = 2.0;
 /// Features that a coarse cell holds, one of which it is sure of.
@@ -22,7 +18,6 @@ const PER_COARSE_CELL: f64 = 8.0;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     keys: Vec<u64>,
-    best: Vec<u8>,
     sure: Vec<u32>,
 }
 
@@ -44,27 +39,6 @@ impl Grid {
         let y = (c.y as usize - BORDER) * self.rows / self.size[1];
         y * self.columns + x
     }
-}
-
-/// Drops corners at or below `high` from cells that have a better one.
-pub(super) fn prefer_strong(
-    corners: &mut Vec<Corner>,
-    width: usize,
-    height: usize,
-    high: u8,
-    scratch: &mut Scratch,
-) {
-    if corners.is_empty() {
-        return;
-    }
-    let grid = Grid::new(width, height, THRESHOLD_CELL as f64);
-    scratch.best.clear();
-    scratch.best.resize(grid.columns * grid.rows, 0);
-    for c in corners.iter() {
-        let best = &mut scratch.best[grid.cell(c)];
-        *best = (*best).max(c.score);
-    }
-    corners.retain(|c| c.score > high || scratch.best[grid.cell(c)] <= high);
 }
 
 /// Keeps at most `wanted` corners, spread over the level.
@@ -183,20 +157,8 @@ mod tests {
             (0..1000).map(|i| Corner { x: 20 + i % 40, y: 20 + (i / 40) * 3, score: 200 }).collect();
         corners.push(Corner { x: 600, y: 400, score: 9 });
         let mut scratch = Scratch::default();
-        prefer_strong(&mut corners, 640, 480, 20, &mut scratch);
         distribute(&mut corners, 640, 480, 100, &mut scratch);
         assert_eq!(corners.len(), 100);
         assert!(corners.iter().any(|c| c.x == 600));
-    }
-
-    #[test]
-    fn weak_corners_yield_to_a_strong_neighbour() {
-        let mut corners = vec![
-            Corner { x: 20, y: 20, score: 50 },
-            Corner { x: 24, y: 20, score: 10 },
-            Corner { x: 200, y: 20, score: 10 },
-        ];
-        prefer_strong(&mut corners, 640, 480, 20, &mut Scratch::default());
-        assert_eq!(corners.iter().map(|c| c.x).collect::<Vec<_>>(), vec![20, 200]);
     }
 }

@@ -1,8 +1,8 @@
 //! One image in, features out; owns every buffer that is needed between.
 
 use super::blur::Blurred;
-use super::distribute::{Scratch, distribute, prefer_strong, shares};
-use super::fast::{Corner, Scores, corners};
+use super::distribute::{self, distribute, shares};
+use super::fast::{self, Corner, corners};
 use super::fast_score::scores_around;
 use super::{Backend, Pyramid, descriptor, orientation, subpixel};
 use crate::Descriptor;
@@ -74,8 +74,8 @@ pub struct OrbExtractor {
     pyramid: Pyramid,
     /// Per level.
     corners: Vec<Vec<Corner>>,
-    scores: Scores,
-    scratch: Scratch,
+    fast: fast::Scratch,
+    spread: distribute::Scratch,
     blurred: Blurred,
     /// Cosine and sine of each feature.
     directions: Vec<[i16; 2]>,
@@ -105,8 +105,8 @@ impl OrbExtractor {
             backend: if backend.available() { backend } else { Backend::Scalar },
             pyramid,
             corners: vec![Vec::new(); levels],
-            scores: Scores::default(),
-            scratch: Scratch::default(),
+            fast: fast::Scratch::default(),
+            spread: distribute::Scratch::default(),
             blurred: Blurred::default(),
             directions: Vec::new(),
         }
@@ -145,9 +145,9 @@ impl OrbExtractor {
 
     /// Corners of all levels.
     fn detect(&mut self) {
+        let thresholds = [self.setting.fast_low, self.setting.fast_high];
         for (level, found) in self.pyramid.levels().iter().zip(&mut self.corners) {
-            corners(level, self.setting.fast_low, &mut self.scores, found, self.backend);
-            prefer_strong(found, level.width(), level.height(), self.setting.fast_high, &mut self.scratch);
+            corners(level, thresholds, &mut self.fast, found, self.backend);
         }
     }
 
@@ -162,7 +162,7 @@ impl OrbExtractor {
         let n = levels.len();
         shares(&available[..n], self.setting.features, self.setting.factor, &mut given[..n]);
         for ((level, found), wanted) in levels.iter().zip(&mut self.corners).zip(given) {
-            distribute(found, level.width(), level.height(), wanted, &mut self.scratch);
+            distribute(found, level.width(), level.height(), wanted, &mut self.spread);
         }
     }
 

@@ -4,6 +4,10 @@
 //! radius three, are all at least `s` brighter, or all at least `s` darker; it is a corner for a threshold below `s`.
 //! Scores are computed densely (zero at or below the threshold), and a corner is kept where its
 //! score is the greatest of its 3 x 3 neighbours, the first of equals in reading order.
+//!
+//! The image is cut into cells of 32 x 32 pixels with two thresholds: a cell with a corner above the high one keeps only such
+//! corners; a poorer cell keeps what passes the low one. Once a row of a cell gave a strong corner, the rows below
+//! are searched with the high threshold only, which is most of the work saved.
 
 use super::fast_score::score_row;
 use super::{BORDER, Backend};
@@ -18,17 +22,23 @@ pub(super) struct Corner {
     pub(super) score: u8,
 }
 
-/// Three rows of scores, as far as suppression looks.
+/// Side of a cell in pixels; vector code works on as many columns at once.
+pub(super) const CELL: usize = 32;
+/// The first column and row with a score: one before the first corner, so that suppression sees its neighbours.
+const FIRST: usize = BORDER - 1;
+
+/// Scratch of [`corners`]: three rows of scores, as far as suppression looks, and the thresholds of a row of cells.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Scores {
+pub(super) struct Scratch {
     rows: [Vec<u8>; 3],
+    thresholds: Vec<u8>,
 }
 
-/// Finds corners at least [`BORDER`] from the edge with a score above `threshold`, in reading order.
+/// Finds corners at least [`BORDER`] from the edge, in reading order; thresholds are `[low, high]`.
 pub(super) fn corners(
     image: &GrayImage,
-    threshold: u8,
-    scores: &mut Scores,
+    [low, high]: [u8; 2],
+    scratch: &mut Scratch,
     out: &mut Vec<Corner>,
     backend: Backend,
 ) {
@@ -37,24 +47,64 @@ pub(super) fn corners(
     if w <= 2 * BORDER || h <= 2 * BORDER || w > i16::MAX as usize || h > i16::MAX as usize {
         return;
     }
-    // One pixel more on each side, so that suppression at the rim sees its neighbours.
-    let (x0, x1) = (BORDER - 1, w - BORDER + 1);
-    for row in &mut scores.rows {
+    let end = [w, h].map(|n| n - FIRST);
+    for row in &mut scratch.rows {
         row.clear();
-        row.resize(w + 64, 0);
+        row.resize(w + 2 * CELL, 0);
     }
-    for y in BORDER - 1..h - BORDER + 1 {
-        score_row(image, y, x0, x1, threshold, &mut scores.rows[y % 3], backend);
-        if y > BORDER {
-            let [a, b, c] = &scores.rows;
-            let rows = match y % 3 {
-                0 => [b, c, a],
-                1 => [c, a, b],
-                _ => [a, b, c],
-            };
-            peaks(rows.map(|r| r.as_slice()), y - 1, x0 + 1, x1 - 1, out, backend);
+    let thresholds = &mut scratch.thresholds;
+    thresholds.clear();
+    thresholds.resize((end[0] - FIRST).div_ceil(CELL), low);
+    let mut of_cells = 0;
+    for y in FIRST..end[1] {
+        let new_cells = (y - FIRST).is_multiple_of(CELL);
+        if new_cells {
+            thresholds.fill(low);
+        }
+        score_row(image, y, FIRST, thresholds, &mut scratch.rows[y % 3], backend);
+        if y < FIRST + 2 {
+            continue;
+        }
+        let before = out.len();
+        let [a, b, c] = &scratch.rows;
+        let rows = match y % 3 {
+            0 => [b, c, a],
+            1 => [c, a, b],
+            _ => [a, b, c],
+        };
+        peaks(rows.map(|r| r.as_slice()), y - 1, FIRST + 1, end[0] - 1, out, backend);
+        if new_cells {
+            // Those were the last of the row of cells above.
+            keep_strong(out, of_cells, high, thresholds);
+            thresholds.fill(low);
+            of_cells = out.len();
+        } else {
+            raise(&out[before..], high, thresholds);
         }
     }
+    keep_strong(out, of_cells, high, thresholds);
+}
+
+/// Sets the high threshold in the cells of strong corners.
+fn raise(corners: &[Corner], high: u8, thresholds: &mut [u8]) {
+    for c in corners.iter().filter(|c| c.score > high) {
+        thresholds[(c.x as usize - FIRST) / CELL] = high;
+    }
+}
+
+/// Of the corners from `from` on, all in one row of cells, drops the weak ones where a cell has a strong one.
+fn keep_strong(corners: &mut Vec<Corner>, from: usize, high: u8, thresholds: &mut [u8]) {
+    thresholds.fill(0);
+    raise(&corners[from..], high, thresholds);
+    let mut kept = from;
+    for i in from..corners.len() {
+        let c = corners[i];
+        if c.score > thresholds[(c.x as usize - FIRST) / CELL] {
+            corners[kept] = c;
+            kept += 1;
+        }
+    }
+    corners.truncate(kept);
 }
 
 /// Keeps the peaks of the middle of three rows of scores.
@@ -75,5 +125,29 @@ fn peaks(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>
         if s > before && s >= after {
             out.push(Corner { x: x as u16, y: y as u16, score: s });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weak_corners_yield_to_a_strong_one_of_their_cell() {
+        // Bright squares on black, their corners well apart; the weak ones are 12 bright.
+        let mut image = GrayImage::new(160, 100);
+        for (x0, y0, tone) in
+            [(20, 20, 100), (34, 20, 12), (20, 34, 12), (100, 20, 12), (60, 60, 12), (72, 72, 90)]
+        {
+            for y in y0..y0 + 6 {
+                image.row_mut(y)[x0..x0 + 6].fill(tone);
+            }
+        }
+        let mut out = vec![];
+        corners(&image, [7, 20], &mut Scratch::default(), &mut out, Backend::detect());
+        let has = |x: u16, y: u16| out.iter().any(|c| c.x.abs_diff(x + 3) < 5 && c.y.abs_diff(y + 3) < 5);
+        assert!(has(20, 20) && has(72, 72) && has(100, 20), "{out:?}");
+        // Found after the strong one, and before it.
+        assert!(!has(34, 20) && !has(20, 34) && !has(60, 60), "{out:?}");
     }
 }

@@ -2,30 +2,30 @@
 #![allow(unsafe_code)]
 
 use super::BORDER;
-use super::fast::Corner;
+use super::fast::{CELL, Corner};
 use super::fast_score::CIRCLE;
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 
-/// Scores of columns `x0..x1` of row `y`; `out` is indexed by column and may be written 31 beyond `x1`.
-pub(super) fn score_row(image: &GrayImage, y: usize, x0: usize, x1: usize, threshold: u8, out: &mut [u8]) {
+/// See [`super::fast_score::score_row`].
+pub(super) fn score_row(image: &GrayImage, y: usize, x0: usize, thresholds: &[u8], out: &mut [u8]) {
     let (w, h) = (image.width(), image.height());
+    let end = x0 + thresholds.len() * CELL;
     assert!(w > 2 * BORDER && h > 2 * BORDER, "image smaller than a patch");
-    assert!(x0 >= 3 && x1 <= w - BORDER + 1 && y >= 3 && y <= h - BORDER && out.len() >= x1 + 31);
+    assert!(x0 >= 3 && end <= w + CELL && y >= 3 && y + BORDER <= h && out.len() >= end);
     assert!(is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there. The last block starts at x1 - 1 <= w - 16 at most and reads to 34 beyond it in row y + 3 <=
-    // h - 13, that is, before the end of row h - 12; the first reads from x0 - 3 >= 0 in row y - 3 >= 0. Writes
-    // end at x1 + 30 at most.
-    unsafe { score_row_avx2(image, y, x0, x1, threshold, out) }
+    // SAFETY: AVX2 is there. The first block reads from x0 - 3 >= 0 in row y - 3 >= 0 on; the last reads up to column
+    // end + 3 <= w + 35 in row y + 3 <= h - 13, that is, before the end of row h - 11. Writes end at `end`.
+    unsafe { score_row_avx2(image, y, x0, thresholds, out) }
 }
 
 /// # Safety
 /// AVX2 must be available, and the bounds that [`score_row`] asserts must hold.
 #[target_feature(enable = "avx2")]
-unsafe fn score_row_avx2(image: &GrayImage, y: usize, x0: usize, x1: usize, threshold: u8, out: &mut [u8]) {
+unsafe fn score_row_avx2(image: &GrayImage, y: usize, x0: usize, thresholds: &[u8], out: &mut [u8]) {
     let offsets = CIRCLE.map(|[dx, dy]| dy * image.width() as isize + dx);
-    let limit = _mm256_set1_epi8(threshold as i8);
-    for x in (x0..x1).step_by(32) {
+    for (cell, &threshold) in thresholds.iter().enumerate() {
+        let (x, limit) = (x0 + cell * CELL, _mm256_set1_epi8(threshold as i8));
         // SAFETY: see `score_row`.
         unsafe {
             let s = score_block(image.data().as_ptr().add(y * image.width() + x), &offsets, limit);

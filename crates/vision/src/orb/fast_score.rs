@@ -1,6 +1,7 @@
 //! FAST scores in plain Rust: of one pixel, of a row, and of the neighbourhood of a corner. See [`super::fast`].
 
 use super::Backend;
+use super::fast::CELL;
 use cairn_sensor::GrayImage;
 
 /// The circle of radius three, clockwise from the top.
@@ -23,32 +24,29 @@ pub(super) const CIRCLE: [[isize; 2]; 16] = [
     [-1, -3],
 ];
 
-/// Scores of columns `x0..x1` of row `y`, at least three from every edge; `out` is indexed by column.
+/// Scores of a row from column `x0` on, [`CELL`] columns for each of the thresholds; all at least three from every
+/// edge but those of the last cell, which may reach beyond the row. `out` is indexed by column.
 pub(super) fn score_row(
     image: &GrayImage,
     y: usize,
     x0: usize,
-    x1: usize,
-    threshold: u8,
+    thresholds: &[u8],
     out: &mut [u8],
     backend: Backend,
 ) {
     #[cfg(target_arch = "x86_64")]
     if backend == Backend::Avx2 {
-        return super::fast_avx2::score_row(image, y, x0, x1, threshold, out);
+        return super::fast_avx2::score_row(image, y, x0, thresholds, out);
     }
     let _ = backend;
-    let mut x = x0;
-    while x < x1 {
-        if x1 - x0 < LANES {
-            out[x] = score_at(image, x, y, threshold);
-            x += 1;
-            continue;
+    for (cell, &threshold) in thresholds.iter().enumerate() {
+        for half in 0..CELL / LANES {
+            let x = x0 + cell * CELL + half * LANES;
+            // Nothing is asked for beyond the row.
+            if x + 3 < image.width() {
+                out[x..x + LANES].copy_from_slice(&score_block(image, x, y, threshold).0);
+            }
         }
-        // The last block overlaps the one before.
-        x = x.min(x1 - LANES);
-        out[x..x + LANES].copy_from_slice(&score_block(image, x, y, threshold).0);
-        x += LANES;
     }
 }
 
@@ -137,38 +135,6 @@ fn score_block(image: &GrayImage, x: usize, y: usize, threshold: u8) -> Lanes {
     Lanes(score.0.map(|s| if s > threshold { s } else { 0 }))
 }
 
-/// Score of the pixel at a place at least three from the edge, or 0 at or below the threshold.
-fn score_at(image: &GrayImage, x: usize, y: usize, threshold: u8) -> u8 {
-    let (w, data) = (image.width() as isize, image.data());
-    let at = y * image.width() + x;
-    let ring = CIRCLE.map(|[dx, dy]| data[at.wrapping_add_signed(dy * w + dx)]);
-    score(data[at], &ring, threshold)
-}
-
-/// Score of one pixel, or 0 at or below the threshold.
-fn score(centre: u8, p: &[u8; 16], threshold: u8) -> u8 {
-    // Nine in a row hold two neighbouring compass points, so these bound the score.
-    let bright = p[0].max(p[8]).min(p[4].max(p[12])).saturating_sub(centre);
-    let dark = centre.saturating_sub(p[0].min(p[8]).max(p[4].min(p[12])));
-    if bright.max(dark) <= threshold {
-        return 0;
-    }
-    let (mut brightest, mut darkest) = (0u8, 255u8);
-    // Each turn covers the two arcs that share p[k + 1] to p[k + 8].
-    for k in (0..16).step_by(2) {
-        let (mut low, mut high) = (255u8, 0u8);
-        for i in 1..=8 {
-            low = low.min(p[(k + i) & 15]);
-            high = high.max(p[(k + i) & 15]);
-        }
-        let ends = [p[k], p[(k + 9) & 15]];
-        brightest = brightest.max(low.min(ends[0].max(ends[1])));
-        darkest = darkest.min(high.max(ends[0].min(ends[1])));
-    }
-    let s = brightest.saturating_sub(centre).max(centre.saturating_sub(darkest));
-    if s > threshold { s } else { 0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -197,11 +163,10 @@ mod tests {
         let (mut corners, mut row) = (0, vec![0; w + 64]);
         for backend in [Backend::Scalar, Backend::detect()] {
             for y in 16..24 {
-                score_row(&image, y, 16, w - 16, 0, &mut row, backend);
+                score_row(&image, y, 16, &[0, 0], &mut row, backend);
                 for x in 16..w - 16 {
                     let expected = by_definition(&image, x, y);
                     assert_eq!(row[x], expected, "{x} {y}");
-                    assert_eq!(score_at(&image, x, y, 0), expected);
                     assert_eq!(scores_around(&image, x, y, backend)[2][2], expected);
                     corners += (expected > 0) as usize;
                 }
