@@ -257,13 +257,48 @@ impl SimSetting {
     /// Names the number and its range.
     pub fn check(&self) -> Result<(), SourceError> {
         let fail = |why: String, cure: &str| Err(SourceError::new(format!("sim:{}", self.world), why, cure));
-        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
-            return fail(format!("rate {} Hz", self.rate_hz), "give a positive rate");
+        if !(self.rate_hz > 0.0 && self.rate_hz <= 1000.0) {
+            return fail(format!("rate {} Hz", self.rate_hz), "give a rate up to 1000 Hz");
+        }
+        if let Some(imu) = &self.imu
+            && imu.rate_hz > 20_000.0
+        {
+            return fail(format!("IMU rate {} Hz", imu.rate_hz), "give a rate up to 20000 Hz");
+        }
+        let w = &self.walker;
+        let numbers =
+            [w.speed, w.height, w.pitch_down, w.gait, w.look, w.turn_rate, w.spot_turn, w.rest_s, w.pause_s];
+        if !numbers.iter().all(|v| v.abs() < 1e4) {
+            return fail("a number of the walker is not finite or too large".into(), "correct the walker");
+        }
+        let e = &self.effects;
+        let numbers = [
+            e.noise,
+            e.vignette,
+            e.exposure,
+            e.flicker,
+            e.blur_s,
+            e.depth_noise,
+            e.depth_range[0],
+            e.depth_range[1],
+        ];
+        if numbers.iter().any(|v| !(0.0..1e4).contains(v)) {
+            return fail(
+                "a number of the effects is negative, not finite or too large".into(),
+                "correct the effects",
+            );
+        }
+        if self.camera.width > 4096 || self.camera.height > 4096 {
+            return fail(
+                format!("resolution {}x{}", self.camera.width, self.camera.height),
+                "give 4096 at most",
+            );
         }
         if let Err(e) = self.rig().validate() {
             return fail(e.to_string(), "correct the rig");
         }
-        if !(self.start_s.is_finite() && self.duration_s.is_none_or(|d| d.is_finite() && d >= 0.0)) {
+        if !((0.0..1e9).contains(&self.start_s) && self.duration_s.is_none_or(|d| d.is_finite() && d >= 0.0))
+        {
             return fail("start or duration is not a number of seconds".into(), "give seconds from 0");
         }
         Ok(())

@@ -22,6 +22,9 @@ pub struct SimSource {
 /// The stamp at which walks begin; recorded trajectories keep their own.
 const EPOCH: Stamp = Stamp(1_000_000_000);
 
+/// More than a day at 100 Hz.
+const MOST_FRAMES: f64 = 1e7;
+
 impl SimSource {
     /// Builds the world and the motion.
     ///
@@ -55,6 +58,10 @@ impl SimSource {
         if length < 0.0 {
             let why = format!("start {start} s is past the end of the motion at {:.1} s", motion.end());
             return Err(SourceError::new(name, why, "choose an earlier start"));
+        }
+        if length * setting.rate_hz > MOST_FRAMES {
+            let why = format!("{length:.0} s at {} Hz are more than {MOST_FRAMES} frames", setting.rate_hz);
+            return Err(SourceError::new(name, why, "give a duration"));
         }
         let frames = (length * setting.rate_hz + 1e-6).floor() as usize + 1;
         // Shifted so that the first frame is the motion's time `start`.
@@ -104,10 +111,10 @@ fn motion(setting: &SimSetting, world: &World) -> Result<(Motion, Stamp), Source
             Ok((setting.walker.motion(&way.points), EPOCH))
         }
         Route::Points(points) => {
-            if points.is_empty() || points.iter().any(|p| !(p.x.is_finite() && p.y.is_finite())) {
+            if points.is_empty() || !points.iter().all(|p| p.x.abs() < 1e5 && p.y.abs() < 1e5) {
                 return Err(SourceError::new(
                     what,
-                    "the way has no points or one that is not finite",
+                    "the way has no points or one that is not within 100 km",
                     "give corners in metres",
                 ));
             }

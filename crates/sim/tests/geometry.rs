@@ -105,7 +105,8 @@ fn ways_keep_clear_of_walls_and_things() {
         for seed in 0..3 {
             let world =
                 World::build(kind, seed, &WorldOptions { look_alike: seed == 2, ..Default::default() });
-            for way in world.ways() {
+            // "long" goes the first way's legs again and again.
+            for way in world.ways().iter().filter(|w| w.name != "long") {
                 let motion = Walker::default().motion(&way.points);
                 let n = (motion.end() * 5.0) as usize;
                 for i in 0..n {

@@ -115,6 +115,31 @@ fn what_is_not_understood_is_said() {
 }
 
 #[test]
+fn settings_that_can_not_be_are_refused() {
+    let spoil: [fn(&mut SimSetting); 9] = [
+        |s| s.start_s = -1e300,
+        |s| s.rate_hz = f64::NAN,
+        |s| s.rate_hz = 1e9,
+        |s| s.walker.height = f64::INFINITY,
+        |s| s.walker.speed = f64::NAN,
+        |s| s.effects.noise = -1.0,
+        |s| s.camera.fx = 0.0,
+        |s| s.baseline_m = 0.0,
+        |s| s.route = Route::Points(vec![cairn_geometry::Vec2::new(f64::NAN, 0.0)]),
+    ];
+    for (i, spoil) in spoil.iter().enumerate() {
+        let mut s = small("sim:hall?rate=20");
+        spoil(&mut s);
+        assert!(SimSource::new(&s).is_err(), "setting {i} was taken");
+    }
+    // Two poses a century apart: too many frames, told at once.
+    let far = |t: i64| (Stamp(t * 1_000_000_000), Se3::identity());
+    let mut s = small("sim:hall?rate=20");
+    s.route = Route::Poses(vec![far(0), far(1), far(3_000_000_000)]);
+    assert!(SimSource::new(&s).is_err());
+}
+
+#[test]
 fn follows_given_poses() {
     let pose = |i: i64| {
         Se3::new(

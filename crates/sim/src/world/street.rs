@@ -29,8 +29,8 @@ pub(super) fn build(b: &mut Builder) {
     for side in [1.0, -1.0] {
         row(b, length, side);
     }
-    for (x0, side) in [(-8.0, 0.0), (length + 8.0, std::f64::consts::PI)] {
-        b.stream(0xE0 + x0 as i64 as u64);
+    for (k, x0, side) in [(0, -8.0, 0.0), (1, length + 8.0, std::f64::consts::PI)] {
+        b.stream(0xE0 + k);
         let size = Vec3::new(7.0, b.random.range(9.0, 13.0), 5.6);
         let shift = b.random.range(-2.0, 2.0);
         house::house(b, Vec2::new(x0, shift), size, side);
