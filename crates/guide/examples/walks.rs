@@ -1,5 +1,6 @@
 //! Brings simulated walkers home over random ways on poses, and prints the figures.
-//! `cargo run --release -p cairn-guide --example walks -- [WAYS] [SEED-TO-SHOW]`
+//! `cargo run --release -p cairn-guide --example walks -- [WAYS] [SEED-TO-SHOW [WHICH]]`: the transcript of
+//! one seed can be shown, for all or for one (0 to 5) of the six kinds of trial.
 
 use cairn_guide::Facing;
 use cairn_guide::trial::{Noise, Outcome, Tally, TrialSetting, random_way, run};
@@ -14,6 +15,7 @@ fn trial(seed: u64, facing: Facing, noise: Noise) -> Outcome {
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let ways = numbers.first().copied().unwrap_or(200);
+    let mut kind = 0;
     for (facing, name) in
         [(Facing::Home, "home"), (Facing::Back, "camera back"), (Facing::Backwards, "backwards")]
     {
@@ -47,7 +49,8 @@ fn main() {
                 .collect();
             println!("    per 100 m: {}", kinds.join(", "));
             println!("    worst seeds: {:?}", worst.iter().take(5).map(|w| w.1).collect::<Vec<_>>());
-            if let Some(seed) = numbers.get(1) {
+            kind += 1;
+            if let Some(seed) = numbers.get(1).filter(|_| numbers.get(2).is_none_or(|k| *k + 1 == kind)) {
                 println!("{}", trial(*seed, facing, noise).transcript());
             }
         }

@@ -106,20 +106,26 @@ pub enum CueKind {
     Adjust(f64),
     /// Progress along a straight.
     Progress(Ahead),
-    /// Off the path: metres to the walker's own left (negative right), metres ahead along the course, and
-    /// the turn towards it.
+    /// Off the path: how far, where it lies, and the turn that leads back.
     OffPath {
         /// Distance to the path in metres.
         distance_m: f64,
         /// Where it lies from the walker's course, radians, positive left.
         bearing_rad: f64,
-        /// The turn that leads back to it, radians, positive left.
+        /// The turn that leads back to it, radians, positive left; 0 when the walker already goes there.
         turn_rad: f64,
+        /// Whether to stop for it, or bear that way while moving.
+        on_spot: bool,
     },
     /// Going the wrong way; the turn that rights it. Radians, positive left.
     WrongWay(f64),
-    /// Standing for a while; what comes next.
-    Stopped(Ahead),
+    /// Standing for a while.
+    Stopped {
+        /// What comes next.
+        ahead: Ahead,
+        /// The walker stands on the path.
+        on_path: bool,
+    },
     /// Backwards: the leg is over, stop and look behind.
     CheckBehind,
     /// Backwards: off the line; metres to the walker's own left (negative right).
@@ -184,7 +190,7 @@ impl Cue {
             | CheckBehind
             | StepAside(_)
             | Arrived => Priority::High,
-            Start { .. } | Resume(_) | Approach(_) | Go { .. } | Stopped(_) | SlowDown | Weak => {
+            Start { .. } | Resume(_) | Approach(_) | Go { .. } | Stopped { .. } | SlowDown | Weak => {
                 Priority::Normal
             }
             Progress(_) | Waypoint | OnCourse | BackOnPath => Priority::Low,

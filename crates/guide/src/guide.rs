@@ -279,7 +279,7 @@ impl Guide {
             self.set_out(now);
             First::Go(self.ahead(now))
         } else {
-            self.phase = Phase::Turning(Turning::new(now, turn, false));
+            self.phase = Phase::Turning(Turning::new(now, false));
             First::Turn(turn)
         };
         self.memory.directed = Some(now.stamp);
@@ -298,6 +298,8 @@ impl Guide {
         self.memory.directed = Some(now.stamp);
         self.memory.wrong_m = 0.0;
         self.memory.stopped_said = None;
+        // The time spent on a turn does not count as time off the path.
+        self.memory.off_since = self.memory.off_since.map(|_| now.stamp);
     }
 
     /// The maneuver to come, if any.
@@ -312,15 +314,13 @@ impl Guide {
 
     /// The heading towards the point the walker should aim at: some way ahead, not past the next turn.
     pub(crate) fn aim(&self, now: &Now) -> f64 {
-        let reach = if self.setting.facing == Facing::Backwards {
-            0.67 * self.setting.look_ahead_m
-        } else {
-            self.setting.look_ahead_m
-        };
-        // Near a turn that is not due yet the aim stays beyond the walker's feet.
-        let target = (now.at.along_m + reach).min(self.next_at_m().max(now.at.along_m + 0.5));
+        let s = &self.setting;
+        let reach = s.look_ahead_m.max(s.look_ahead_s * now.speed).max(2.0 * now.at.cross_m.abs());
+        let target = (now.at.along_m + reach).min(self.next_at_m());
         let to = self.route.point_at(target) - now.stance.position;
-        if to.norm() < 0.3 { now.at.heading } else { heading_of(&to) }
+        // A point at the walker's feet is no aim: there the heading of the way counts, at its end a little longer not.
+        let least = if self.coming().is_some() { 2.0 } else { 0.5 };
+        if to.norm() < least { now.at.heading } else { heading_of(&to) }
     }
 
     /// What comes next from here.

@@ -7,6 +7,9 @@ use crate::guide::{Guide, Now, Phase};
 use crate::turning::Turning;
 use cairn_sensor::Stamp;
 
+/// Slower than this is standing, m/s.
+const STANDING: f64 = 0.15;
+
 fn since(last: Option<Stamp>, now: Stamp) -> f64 {
     last.map_or(f64::INFINITY, |t| now - t)
 }
@@ -23,12 +26,12 @@ impl Guide {
             .or_else(|| self.turn_now(now))
             .or_else(|| self.wrong_way(now, aim))
             .or_else(|| self.step_aside(now))
+            .or_else(|| self.stopped(now))
             .or_else(|| self.off_path(now, aim))
             .or_else(|| self.approach(now))
             .or_else(|| self.adjust(now, aim))
             .or_else(|| self.check_behind(now))
             .or_else(|| self.slow_down(now))
-            .or_else(|| self.stopped(now))
             .or_else(|| self.progress(now))
             .or_else(|| self.tick(now, aim))
     }
@@ -40,7 +43,7 @@ impl Guide {
         let limit = self.setting.off_m - if self.memory.off { self.setting.off_hysteresis_m } else { 0.0 };
         if now.at.cross_m.abs() <= limit {
             self.memory.off_since = None;
-        } else {
+        } else if now.speed > STANDING {
             self.memory.off_since.get_or_insert(now.stamp);
         }
     }
@@ -50,9 +53,9 @@ impl Guide {
         self.memory.aim_off_since = None;
     }
 
-    fn turn_on_spot(&mut self, now: &Now, turn: f64) {
+    fn turn_on_spot(&mut self, now: &Now) {
         self.direct(now);
-        self.phase = Phase::Turning(Turning::new(now, turn, true));
+        self.phase = Phase::Turning(Turning::new(now, true));
     }
 
     /// The walker will stand at the end of the way if told now.
@@ -82,7 +85,12 @@ impl Guide {
         let before = self.next.checked_sub(1).map_or(0.0, |k| self.route.maneuvers()[k].end_m);
         let s = &self.setting;
         let most = (s.turn_now_share * (m.at_m - before)).max(s.turn_now_min_m);
-        let early = (s.turn_now_s * now.speed).clamp(s.turn_now_min_m, most) + s.reaction_s * now.speed;
+        // Backwards the first word is "stop", and it is followed at once.
+        let early = if self.backwards() {
+            s.turn_lead_s * now.speed
+        } else {
+            (s.turn_now_s * now.speed).clamp(s.turn_now_min_m, most) + s.reaction_s * now.speed
+        };
         let middle = 0.5 * (m.at_m + m.end_m);
         if middle - now.at.along_m > early {
             return None;
@@ -92,7 +100,7 @@ impl Guide {
         self.memory.told_at_m = now.at.along_m;
         let turn = now.stance.turn_to(m.exit_heading);
         if m.turn_rad != 0.0 && turn.abs().to_degrees() >= 20.0 {
-            self.turn_on_spot(now, turn);
+            self.turn_on_spot(now);
             return Some(CueKind::TurnNow { turn_rad: turn, stairs: m.stairs });
         }
         match m.stairs {
@@ -127,7 +135,7 @@ impl Guide {
         }
         self.memory.wrong_m = 0.0;
         self.memory.wrong_said = Some(now.stamp);
-        self.turn_on_spot(now, aim);
+        self.turn_on_spot(now);
         Some(CueKind::WrongWay(aim))
     }
 
@@ -136,7 +144,7 @@ impl Guide {
             let was = std::mem::replace(&mut self.memory.off, false);
             return was.then_some(CueKind::BackOnPath);
         };
-        if now.stamp - off_since < self.setting.off_dwell_s {
+        if now.stamp - off_since < self.setting.off_dwell_s || now.speed <= STANDING {
             return None;
         }
         let first = self.next == 0;
@@ -148,13 +156,15 @@ impl Guide {
         self.memory.off_said = Some(now.stamp);
         let to_path = now.at.foot - now.stance.position;
         let bearing = now.stance.turn_to(heading_of(&to_path));
-        let turn = if aim.abs().to_degrees() >= 20.0 { aim } else { 0.0 };
-        if turn != 0.0 {
-            self.turn_on_spot(now, turn);
+        let off_deg = aim.abs().to_degrees();
+        let turn = if off_deg > self.setting.adjust_turn_deg {
+            self.turn_on_spot(now);
+            aim
         } else {
             self.direct(now);
-        }
-        Some(CueKind::OffPath { distance_m: to_path.norm(), bearing_rad: bearing, turn_rad: turn })
+            if off_deg > 0.6 * self.setting.adjust_deg { aim } else { 0.0 }
+        };
+        Some(CueKind::OffPath { distance_m: to_path.norm(), bearing_rad: bearing, turn_rad: turn, on_spot: off_deg > self.setting.adjust_turn_deg })
     }
 
     /// Small corrections, before anything goes wrong.
@@ -166,7 +176,7 @@ impl Guide {
         let limit = if warned { 0.6 * base } else { base };
         // A turn or the end right ahead: the aim is too near to mean anything.
         let near = self.next_at_m() - now.at.along_m < 1.2;
-        if off_deg <= limit || off_deg > s.wrong_way_deg || near || now.speed < 0.15 {
+        if off_deg <= limit || off_deg > s.wrong_way_deg || near || now.speed < STANDING {
             self.memory.aim_off_since = None;
             return None;
         }
@@ -176,7 +186,7 @@ impl Guide {
             return None;
         }
         if off_deg > s.adjust_turn_deg {
-            self.turn_on_spot(now, aim);
+            self.turn_on_spot(now);
             return Some(CueKind::Rotate(aim));
         }
         self.direct(now);
@@ -196,7 +206,8 @@ impl Guide {
             _ => return None,
         };
         self.memory.stopped_said = Some((now.stamp, times));
-        Some(CueKind::Stopped(self.ahead(now)))
+        let on_path = now.at.cross_m.abs() <= self.setting.off_m;
+        Some(CueKind::Stopped { ahead: self.ahead(now), on_path })
     }
 
     fn progress(&mut self, now: &Now) -> Option<CueKind> {
@@ -209,7 +220,7 @@ impl Guide {
     }
 
     fn tick(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let on = aim.abs().to_degrees() <= self.setting.cone_deg && now.speed > 0.15 && !self.memory.off;
+        let on = aim.abs().to_degrees() <= self.setting.cone_deg && now.speed > STANDING && !self.memory.off;
         if !on || since(self.memory.ticked, now.stamp) < self.setting.tick_s {
             return None;
         }
@@ -234,23 +245,30 @@ impl Guide {
         if now.stamp - since < self.setting.check_s || !self.motion.stood(1.0, 0.15) {
             return None;
         }
-        self.go_or_rotate(now)
+        self.turn_now(now).or_else(|| self.go_or_rotate(now))
     }
 
     fn step_aside(&mut self, now: &Now) -> Option<CueKind> {
         // After a turn the first step is off by the overshoot; the line is judged once the walker goes along it.
         let rested = since(self.memory.directed, now.stamp) >= 2.0;
-        if !self.backwards() || now.at.cross_m.abs() <= self.setting.backwards_off_m || !rested {
+        if !self.backwards() || !rested || self.off_line(now).abs() <= self.setting.backwards_off_m {
             return None;
         }
         Some(self.aside(now))
     }
 
+    /// Metres from the walker to the line, across it, to the walker's own left. Only across: a walker who
+    /// stands beyond a corner is not off the line of it.
+    fn off_line(&self, now: &Now) -> f64 {
+        let left = direction(now.at.heading + std::f64::consts::FRAC_PI_2);
+        let across = left * (now.at.foot - now.stance.position).dot(&left);
+        now.stance.to_left(&(now.stance.position + across))
+    }
+
     fn aside(&mut self, now: &Now) -> CueKind {
         self.direct(now);
         self.phase = Phase::SteppingAside { since: now.stamp };
-        let ahead = now.at.foot + direction(now.at.heading) * 0.3;
-        CueKind::StepAside(now.stance.to_left(&ahead))
+        CueKind::StepAside(self.off_line(now))
     }
 
     pub(crate) fn stepping_aside(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
@@ -260,7 +278,10 @@ impl Guide {
         if now.stamp - since < 3.5 || !self.motion.stood(1.0, 0.15) {
             return None;
         }
-        if now.at.cross_m.abs() > 0.6 * self.setting.backwards_off_m {
+        if let Some(kind) = self.turn_now(now) {
+            return Some(kind);
+        }
+        if self.off_line(now).abs() > 0.6 * self.setting.backwards_off_m {
             return Some(self.aside(now));
         }
         self.go_or_rotate(now)
@@ -271,7 +292,7 @@ impl Guide {
         let aim = wrap(now.stance.turn_to(self.aim(now)));
         if aim.abs().to_degrees() > self.setting.turn_tolerance_deg {
             self.direct(now);
-            self.phase = Phase::Turning(Turning::new(now, aim, false));
+            self.phase = Phase::Turning(Turning::new(now, false));
             return Some(CueKind::Rotate(aim));
         }
         self.set_out(now);

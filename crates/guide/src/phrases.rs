@@ -114,14 +114,17 @@ impl PhraseSetting {
             CueKind::Rotate(a) => format!("{}.", capital(&self.turn(a, false))),
             CueKind::StopTurning(ahead) => format!("Stop turning. {}", self.go(&ahead, back, back)),
             CueKind::Go { ahead, check } => self.go(&ahead, back, check),
-            CueKind::Adjust(a) if back => format!("Rotate {} a little.", Side::of(a).word()),
-            CueKind::Adjust(a) => format!("Bear {}.", Side::of(a).word()),
+            CueKind::Adjust(a) => format!("{}.", capital(&small_turn(a, back))),
             CueKind::Progress(ahead) => self.progress(&ahead, back),
-            CueKind::OffPath { distance_m, bearing_rad, turn_rad } => {
-                self.off_path(distance_m, bearing_rad, turn_rad, back)
+            CueKind::OffPath { distance_m, bearing_rad, turn_rad, on_spot } => {
+                let turn = if on_spot { self.turn(turn_rad, back) } else { small_turn(turn_rad, back) };
+                self.off_path(distance_m, bearing_rad, (turn_rad != 0.0).then_some(turn), back)
             }
             CueKind::WrongWay(a) => format!("Wrong way. {}.", capital(&self.turn(a, back))),
-            CueKind::Stopped(ahead) => format!("You are on the path. {}", self.go(&ahead, back, false)),
+            CueKind::Stopped { ahead, on_path: true } => {
+                format!("You are on the path. {}", self.go(&ahead, back, false))
+            }
+            CueKind::Stopped { ahead, on_path: false } => self.go(&ahead, back, false),
             CueKind::CheckBehind => "Stop. Check behind you.".into(),
             CueKind::StepAside(left_m) => {
                 format!("Stop. Step back and to your {}.", Side::of(left_m).word())
@@ -175,8 +178,7 @@ impl PhraseSetting {
         let verb = if back { "rotate" } else { "turn" };
         match self.directions {
             DirectionStyle::Words => match Direction::of(angle_rad) {
-                Direction::Straight if back => format!("rotate {} a little", Side::of(angle_rad).word()),
-                Direction::Straight => format!("bear {}", Side::of(angle_rad).word()),
+                Direction::Straight => small_turn(angle_rad, back),
                 Direction::Slight(side) => format!("{verb} slightly {}", side.word()),
                 Direction::Turn(side) => format!("{verb} {}", side.word()),
                 Direction::Sharp(side) => format!("{verb} sharp {}", side.word()),
@@ -254,7 +256,7 @@ impl PhraseSetting {
         }
     }
 
-    fn off_path(&self, distance_m: f64, bearing_rad: f64, turn_rad: f64, back: bool) -> String {
+    fn off_path(&self, distance_m: f64, bearing_rad: f64, turn: Option<String>, back: bool) -> String {
         let at = if self.metric { format!("{} ", self.distance(distance_m)) } else { String::new() };
         let place = match Direction::of(bearing_rad) {
             Direction::Straight => "ahead".to_owned(),
@@ -269,11 +271,12 @@ impl PhraseSetting {
             (true, Direction::Around) => "in front of you".to_owned(),
             _ => place,
         };
-        let act = match Direction::of(turn_rad) {
-            Direction::Straight => String::new(),
-            _ => format!(" {}.", capital(&self.turn(turn_rad, back))),
-        };
-        format!("Off the path. It is {at}{place}.{act}")
+        match turn {
+            // What to do comes first: the walker is still moving while this is said.
+            Some(turn) if self.metric => format!("Off the path. {}, it is {at}away.", capital(&turn)),
+            Some(turn) => format!("Off the path. {}.", capital(&turn)),
+            None => format!("Off the path. It is {at}{place}."),
+        }
     }
 }
 
@@ -285,6 +288,12 @@ pub fn clock(angle_rad: f64) -> String {
         h => h,
     };
     format!("{hour} o'clock")
+}
+
+/// A correction made without stopping.
+fn small_turn(angle_rad: f64, back: bool) -> String {
+    let side = Side::of(angle_rad).word();
+    if back { format!("rotate {side} a little") } else { format!("bear {side}") }
 }
 
 fn stairs_verb(stairs: Stairs) -> &'static str {

@@ -42,8 +42,11 @@ pub struct GuideSetting {
     pub cone_deg: f64,
     /// Time between on-course ticks.
     pub tick_s: f64,
-    /// How far ahead on the way the walker is aimed at.
+    /// How far ahead on the way the walker is aimed at, at least;
     pub look_ahead_m: f64,
+    /// farther when fast, by speed times this, and never nearer than twice the distance off the way, so
+    /// that the walker comes back to it at a small angle.
+    pub look_ahead_s: f64,
     /// A small correction is given when the aim is off by more than this,
     pub adjust_deg: f64,
     /// for this long,
@@ -112,7 +115,7 @@ impl Default for GuideSetting {
             turn_now_min_m: 0.6,
             turn_now_share: 0.25,
             reaction_s: 0.3,
-            turn_lead_s: 1.0,
+            turn_lead_s: 1.1,
             turn_tolerance_deg: 25.0,
             progress_m: Some(10.0),
             waypoint_box_m: [2.0, 0.5, 3.0],
@@ -122,9 +125,10 @@ impl Default for GuideSetting {
             cone_deg: 15.0,
             tick_s: 0.4,
             look_ahead_m: 3.0,
+            look_ahead_s: 3.5,
             adjust_deg: 20.0,
             adjust_dwell_s: 0.6,
-            adjust_again_s: 3.0,
+            adjust_again_s: 2.5,
             adjust_turn_deg: 60.0,
             warn_m: 1.0,
             off_m: 1.5,

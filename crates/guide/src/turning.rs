@@ -10,8 +10,6 @@ use cairn_sensor::Stamp;
 pub(crate) struct Turning {
     /// When it was told.
     said: Stamp,
-    /// The turn asked for, radians.
-    asked: f64,
     /// The walker began to turn.
     began: bool,
     /// "Stop turning" was said; with it, what comes next.
@@ -24,17 +22,19 @@ pub(crate) struct Turning {
 
 /// Slower than this is not turning, rad/s.
 const STILL: f64 = 0.15;
+/// Seconds in which nobody can have heard and followed a new direction.
+const HEARD: f64 = 1.0;
 /// Seconds without turning after which a turn has ended.
 const SETTLED: f64 = 0.5;
 /// Seconds after which a turn that nobody began is told again.
-const UNHEARD: f64 = 4.0;
+const UNHEARD: f64 = 6.0;
 /// Seconds after which a turn is given up, whatever happens.
 const LONGEST: f64 = 12.0;
 
 impl Turning {
     /// A turn told now; `moving` when the walker will go on by himself after it.
-    pub fn new(now: &Now, asked: f64, moving: bool) -> Self {
-        Self { said: now.stamp, asked, began: false, stop_said: false, still_since: None, moving }
+    pub fn new(now: &Now, moving: bool) -> Self {
+        Self { said: now.stamp, began: false, stop_said: false, still_since: None, moving }
     }
 }
 
@@ -42,7 +42,8 @@ impl Guide {
     pub(crate) fn turning(&mut self, mut turning: Turning, now: &Now) -> Option<CueKind> {
         let rate = self.motion.turn_rate();
         let left = now.stance.turn_to(self.aim(now));
-        turning.began |= rate.abs() > STILL && rate * turning.asked > 0.0 || rate.abs() > 2.0 * STILL;
+        // A small correction may still be under way while the words are heard: that is not this turn.
+        turning.began |= now.stamp - turning.said > HEARD && rate.abs() > 2.0 * STILL;
         if turning.began && !turning.stop_said && self.overtakes(left, rate) {
             turning.stop_said = true;
             self.phase = Phase::Turning(turning);
@@ -79,7 +80,7 @@ impl Guide {
         let small: f64 = if turning.stop_said || turning.moving { 60.0 } else { 45.0 };
         if off > small.max(self.setting.turn_tolerance_deg) {
             let moving = turning.stop_said || turning.moving;
-            self.phase = Phase::Turning(Turning::new(now, left, moving));
+            self.phase = Phase::Turning(Turning::new(now, moving));
             self.memory.directed = Some(now.stamp);
             return Some(CueKind::Rotate(left));
         }

@@ -42,6 +42,17 @@ enum Doing {
     },
 }
 
+/// A direction in the walker's mind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Heard {
+    /// When it was heard to its end.
+    at: Stamp,
+    /// When the walker will act on it.
+    due: Stamp,
+    action: Action,
+    utterance: u64,
+}
+
 /// The walker.
 #[derive(Clone, Debug)]
 pub struct Walker {
@@ -51,8 +62,10 @@ pub struct Walker {
     heading: f64,
     now: Option<Stamp>,
     doing: Doing,
-    /// What was heard and is not done yet: when heard to its end, when it will be done.
-    heard: Vec<(Stamp, Stamp, Action)>,
+    /// What was heard and is not done yet.
+    heard: Vec<Heard>,
+    /// How many utterances were heard.
+    utterances: u64,
     /// A small change of direction under way, radians.
     bearing: f64,
     speed: f64,
@@ -65,12 +78,12 @@ pub struct Walker {
 
 impl Walker {
     /// A walker at x, y in metres with a heading in radians (counter-clockwise from x). The seed decides
-    /// speed (0.4 to 1.2 m/s), step length (off by up to 10 %), turn rate (35 to 60 degrees a second), veer.
+    /// speed (0.4 to 1.2 m/s), step length (off by up to 10 %), turn rate (25 to 45 degrees a second), veer.
     pub fn new(seed: u64, start: (f64, f64, f64)) -> Self {
         let mut random = Random::new(seed);
         let speed = random.uniform(0.4, 1.2);
         let step_scale = random.uniform(0.9, 1.1);
-        let turn_rate = random.uniform(35.0, 60.0_f64).to_radians();
+        let turn_rate = random.uniform(25.0, 45.0_f64).to_radians();
         let (x, y, heading) = start;
         let mut walker = Self {
             random,
@@ -80,6 +93,7 @@ impl Walker {
             now: None,
             doing: Doing::Standing,
             heard: Vec::new(),
+            utterances: 0,
             bearing: 0.0,
             speed,
             step_scale,
@@ -110,12 +124,14 @@ impl Walker {
     /// The voice begins to say this now; whatever it was saying breaks off, and what had not been heard to
     /// the end of a clause is not acted on.
     pub fn hear(&mut self, text: &str, stamp: Stamp) {
-        self.heard.retain(|(heard, ..)| *heard <= stamp);
+        self.heard.retain(|h| h.at <= stamp);
+        self.utterances += 1;
         let reaction = self.random.uniform(0.3, 1.2);
         let mut said = String::new();
         for sentence in text.split_inclusive('.') {
             let mut future = false;
             for clause in sentence.split_inclusive(',') {
+                let before = said.clone();
                 said += clause;
                 let plain = clause.trim().trim_end_matches(['.', ',']).to_lowercase();
                 future |= is_future(&plain);
@@ -123,10 +139,14 @@ impl Walker {
                     continue;
                 }
                 if let Some(action) = self.understand(&plain) {
-                    let heard = stamp.plus_seconds(speaking_time(&said, self.speech_rate));
+                    // One acts on the word "stop" itself, on anything else when the clause has ended.
+                    let at_once = matches!(action, Action::Stop | Action::StopTurning);
+                    let until = if at_once { before + "stop" } else { said.clone() };
+                    let at = stamp.plus_seconds(speaking_time(&until, self.speech_rate));
                     // After "continue" everything in the sentence is for later.
                     future |= matches!(action, Action::Forward | Action::Back);
-                    self.heard.push((heard, heard.plus_seconds(reaction), action));
+                    let (due, utterance) = (at.plus_seconds(reaction), self.utterances);
+                    self.heard.push(Heard { at, due, action, utterance });
                 }
             }
         }
@@ -173,10 +193,12 @@ impl Walker {
     /// Lets time pass, in seconds; gives the true pose after it.
     pub fn step(&mut self, dt: f64, now: Stamp) -> (f64, f64, f64) {
         self.now = Some(now);
-        let due: Vec<Action> = self.heard.iter().filter(|(_, at, _)| *at <= now).map(|(.., a)| *a).collect();
-        self.heard.retain(|(_, at, _)| *at > now);
-        for action in due {
-            self.act(action);
+        let due: Vec<Heard> = self.heard.iter().filter(|h| h.due <= now).copied().collect();
+        // Acting on a newer direction puts an older one out of mind.
+        let newest = due.iter().map(|h| h.utterance).max().unwrap_or(0);
+        self.heard.retain(|h| h.due > now && h.utterance >= newest);
+        for h in due.iter().filter(|h| h.utterance == newest) {
+            self.act(h.action);
         }
         self.go(dt);
         self.pose()
@@ -297,7 +319,7 @@ pub fn side_of(text: &str) -> Option<Side> {
     let mut parser = Walker::new(0, (0.0, 0.0, 0.0));
     parser.hear(text, Stamp(0));
     let around = text.to_lowercase().contains(" around");
-    parser.heard.iter().find_map(|(.., action)| match action {
+    parser.heard.iter().find_map(|h| match &h.action {
         Action::Turn(_) if around => None,
         Action::Turn(a) | Action::Bear(a) | Action::Step(a) => Some(Side::of(*a)),
         _ => None,

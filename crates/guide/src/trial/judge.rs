@@ -241,7 +241,7 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::Progress(_) => "progress",
         CueKind::OffPath { .. } => "off path",
         CueKind::WrongWay(_) => "wrong way",
-        CueKind::Stopped(_) => "stopped",
+        CueKind::Stopped { .. } => "stopped",
         CueKind::CheckBehind => "check behind",
         CueKind::StepAside(_) => "step aside",
         CueKind::SlowDown | CueKind::Weak => "slow down",

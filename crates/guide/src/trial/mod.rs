@@ -57,7 +57,6 @@ pub fn guide_setting(facing: Facing, corridor_m: f64) -> GuideSetting {
         off_m,
         warn_m: off_m * 2.0 / 3.0,
         off_hysteresis_m: 0.2 * off_m,
-        look_ahead_m: corridor_m.clamp(2.0, 3.0),
         ..GuideSetting::default()
     }
 }
