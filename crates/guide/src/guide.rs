@@ -111,6 +111,8 @@ pub(crate) struct Memory {
     pub directed: Option<Stamp>,
     /// Metres along when the distance ahead was last told.
     pub told_at_m: f64,
+    /// When the walker was last told to go on.
+    pub set_out: Option<Stamp>,
     pub aim_off_since: Option<Stamp>,
     pub off_since: Option<Stamp>,
     pub off: bool,
@@ -296,6 +298,7 @@ impl Guide {
         self.memory.leg_start_m = now.at.along_m;
         self.memory.aim_off_since = None;
         self.memory.directed = Some(now.stamp);
+        self.memory.set_out = Some(now.stamp);
         self.memory.wrong_m = 0.0;
         self.memory.stopped_said = None;
         // The time spent on a turn does not count as time off the path.

@@ -10,6 +10,9 @@ use cairn_sensor::Stamp;
 /// Slower than this is standing, m/s.
 const STANDING: f64 = 0.15;
 
+/// Seconds until the words that send the walker on are heard and followed.
+const HEARING: f64 = 4.0;
+
 fn since(last: Option<Stamp>, now: Stamp) -> f64 {
     last.map_or(f64::INFINITY, |t| now - t)
 }
@@ -59,7 +62,7 @@ impl Guide {
     }
 
     /// The walker will stand at the end of the way if told now.
-    fn arrival(&mut self, now: &Now) -> Option<CueKind> {
+    pub(crate) fn arrival(&mut self, now: &Now) -> Option<CueKind> {
         let end = self.route.end();
         let to_end = end - now.stance.position;
         if self.next < self.route.maneuvers().len() || self.route.length() - now.at.along_m > 4.0 {
@@ -70,9 +73,12 @@ impl Guide {
         let course = direction(now.stance.course);
         let (ahead, miss) = (to_end.dot(&course), cross(&course, &to_end).abs());
         let standing_there = to_end.norm() <= 0.5 * width.min(depth);
+        // Beside or past the end and within reach of it: sending the walker round for less than a metre helps nobody.
+        let will_stand = course * (now.speed * self.setting.arrival_lead_s);
+        let beside = (to_end - will_stand).norm() <= self.setting.arrival_reach_m && ahead < 0.5 * to_end.norm();
         let early = (now.speed * self.setting.arrival_lead_s).max(0.5 * depth);
         let soon = ahead > -0.5 * depth && ahead <= early && miss <= self.setting.arrival_miss_m;
-        if level && (standing_there || soon) {
+        if level && (standing_there || soon || beside) {
             self.phase = Phase::Done;
             return Some(CueKind::Arrived);
         }
@@ -92,7 +98,8 @@ impl Guide {
             (s.turn_now_s * now.speed).clamp(s.turn_now_min_m, most) + s.reaction_s * now.speed
         };
         let middle = 0.5 * (m.at_m + m.end_m);
-        if middle - now.at.along_m > early {
+        // Crossing its plane counts, where the walker cuts or overruns the corner.
+        if middle - now.at.along_m > early && now.at.along_m < m.at_m - 1e-6 {
             return None;
         }
         self.next += 1;
@@ -147,6 +154,10 @@ impl Guide {
         if now.stamp - off_since < self.setting.off_dwell_s || now.speed <= STANDING {
             return None;
         }
+        // A turn right ahead sets the walker anew.
+        if self.coming().is_some() && self.next_at_m() - now.at.along_m < 2.0 {
+            return None;
+        }
         let first = self.next == 0;
         let pause = if first { self.setting.off_again_first_s } else { self.setting.off_again_s };
         if self.memory.off && since(self.memory.off_said, now.stamp) < pause {
@@ -175,7 +186,9 @@ impl Guide {
         let base = if self.backwards() { s.backwards_adjust_deg } else { s.adjust_deg };
         let limit = if warned { 0.6 * base } else { base };
         // A turn or the end right ahead: the aim is too near to mean anything.
-        let near = self.next_at_m() - now.at.along_m < 1.2;
+        let close = if self.coming().is_some() { (3.0 * now.speed).max(1.2) } else { 1.2 };
+        let close = if now.at.cross_m.abs() < s.off_m { close } else { 0.6 * close };
+        let near = self.next_at_m() - now.at.along_m < close;
         if off_deg <= limit || off_deg > s.wrong_way_deg || near || now.speed < STANDING {
             self.memory.aim_off_since = None;
             return None;
@@ -201,7 +214,7 @@ impl Guide {
             return None;
         }
         let times = match self.memory.stopped_said {
-            None if since(self.memory.directed, now.stamp) >= self.setting.stopped_s => 1,
+            None if since(self.memory.set_out, now.stamp) >= self.setting.stopped_s + HEARING => 1,
             Some((at, 1)) if now.stamp - at >= self.setting.stopped_again_s => 2,
             _ => return None,
         };
@@ -251,10 +264,17 @@ impl Guide {
     fn step_aside(&mut self, now: &Now) -> Option<CueKind> {
         // After a turn the first step is off by the overshoot; the line is judged once the walker goes along it.
         let rested = since(self.memory.directed, now.stamp) >= 2.0;
-        if !self.backwards() || !rested || self.off_line(now).abs() <= self.setting.backwards_off_m {
+        let off = self.off_line(now);
+        if !self.backwards() || !rested || off.abs() <= self.setting.backwards_off_m {
             return None;
         }
-        Some(self.aside(now))
+        // Coming back to the line already: the path's left is the walker's right when going backwards.
+        let towards = cross(&direction(now.at.heading), &direction(now.stance.course)) * now.at.cross_m < 0.0;
+        let across = now.stance.turn_to(now.at.heading).abs().to_degrees();
+        if towards && across > self.setting.backwards_adjust_deg && across < 80.0 {
+            return None;
+        }
+        self.aside(now)
     }
 
     /// Metres from the walker to the line, across it, to the walker's own left. Only across: a walker who
@@ -265,10 +285,18 @@ impl Guide {
         now.stance.to_left(&(now.stance.position + across))
     }
 
-    fn aside(&mut self, now: &Now) -> CueKind {
+    /// One step back towards the line; from farther off, or standing across it, a turn that leads back.
+    fn aside(&mut self, now: &Now) -> Option<CueKind> {
+        let aim = now.stance.turn_to(self.aim(now));
+        let across = now.stance.turn_to(now.at.heading).abs().to_degrees();
+        if across > 35.0 || self.off_line(now).abs() > 2.5 * self.setting.backwards_off_m {
+            self.direct(now);
+            self.phase = Phase::Turning(Turning::new(now, false));
+            return Some(CueKind::Rotate(aim));
+        }
         self.direct(now);
         self.phase = Phase::SteppingAside { since: now.stamp };
-        CueKind::StepAside(self.off_line(now))
+        Some(CueKind::StepAside(self.off_line(now)))
     }
 
     pub(crate) fn stepping_aside(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
@@ -282,7 +310,7 @@ impl Guide {
             return Some(kind);
         }
         if self.off_line(now).abs() > 0.6 * self.setting.backwards_off_m {
-            return Some(self.aside(now));
+            return self.aside(now);
         }
         self.go_or_rotate(now)
     }

@@ -38,6 +38,8 @@ pub struct GuideSetting {
     pub arrival_lead_s: f64,
     /// Arrival is said while the walker's line passes the end within this.
     pub arrival_miss_m: f64,
+    /// Beside or past the end, this near counts as arrived.
+    pub arrival_reach_m: f64,
     /// On course: the heading is within this of the one wanted.
     pub cone_deg: f64,
     /// Time between on-course ticks.
@@ -53,6 +55,8 @@ pub struct GuideSetting {
     pub adjust_dwell_s: f64,
     /// and this long after the last direction.
     pub adjust_again_s: f64,
+    /// sooner after a turn on the spot.
+    pub adjust_after_turn_s: f64,
     /// From here on the correction is a turn on the spot.
     pub adjust_turn_deg: f64,
     /// Half the corridor: from here on the aim is corrected sooner.
@@ -122,6 +126,7 @@ impl Default for GuideSetting {
             arrival_box_m: [1.0, 1.0, 3.0],
             arrival_lead_s: 1.0,
             arrival_miss_m: 0.7,
+            arrival_reach_m: 0.8,
             cone_deg: 15.0,
             tick_s: 0.4,
             look_ahead_m: 3.0,
@@ -129,6 +134,7 @@ impl Default for GuideSetting {
             adjust_deg: 20.0,
             adjust_dwell_s: 0.6,
             adjust_again_s: 2.5,
+            adjust_after_turn_s: 1.0,
             adjust_turn_deg: 60.0,
             warn_m: 1.0,
             off_m: 1.5,

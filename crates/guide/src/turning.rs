@@ -84,8 +84,14 @@ impl Guide {
             self.memory.directed = Some(now.stamp);
             return Some(CueKind::Rotate(left));
         }
+        if let Some(arrived) = self.arrival(now) {
+            return Some(arrived);
+        }
         let check = self.setting.facing == Facing::Backwards;
         self.set_out(now);
+        // What is left of the error shows at once.
+        let rest = self.setting.adjust_again_s - self.setting.adjust_after_turn_s;
+        self.memory.directed = Some(now.stamp.plus_seconds(-rest));
         (!turning.stop_said).then(|| CueKind::Go { ahead: self.ahead(now), check })
     }
 }

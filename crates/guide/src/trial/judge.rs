@@ -203,21 +203,20 @@ impl Judge {
                 against(stance.to_left(&foot), 0.1)
             }
             Some(CueKind::TurnNow { .. }) => {
-                // The corner nearest to the walker: where does the way go after it?
-                let distance = |m: &&crate::Maneuver| (m.at_m - along_m).abs();
-                let corner = self.route.maneuvers().iter().filter(|m| m.turn_rad != 0.0);
-                let nearest = corner.min_by(|a, b| distance(a).total_cmp(&distance(b)));
-                nearest.is_none_or(|m| {
+                // One of the corners here must turn that way, seen from how the walker stands.
+                let here = |m: &&crate::Maneuver| m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0;
+                !self.route.maneuvers().iter().filter(here).any(|m| {
                     let needed = stance.turn_to(m.exit_heading);
                     // From 150 degrees on both sides lead there.
-                    against(needed, limit) && needed.abs() < 150.0_f64.to_radians()
+                    !against(needed, limit) || needed.abs() >= 150.0_f64.to_radians()
                 })
             }
-            _ => {
-                let target = self.route.point_at((along_m + 3.0).min(self.route.length()));
+            // Away from the way, whether one looks one metre ahead along it or three.
+            _ => [1.0, 3.0].iter().all(|ahead| {
+                let target = self.route.point_at((along_m + ahead).min(self.route.length()));
                 let needed = stance.turn_to(heading_of(&(target - stance.position)));
                 against(needed, limit) && needed.abs() < 150.0_f64.to_radians()
-            }
+            }),
         }
     }
 
