@@ -84,7 +84,7 @@ pub struct Guide {
     pub(crate) setting: GuideSetting,
     ground: Ground,
     pub(crate) route: Route,
-    matcher: Matcher,
+    pub(crate) matcher: Matcher,
     pub(crate) motion: Motion,
     pub(crate) phase: Phase,
     halted: Option<Halt>,
@@ -107,6 +107,8 @@ struct Halt {
 pub(crate) struct Memory {
     /// The maneuver whose approach was told.
     pub approached: Option<usize>,
+    /// The end was announced.
+    pub end_told: bool,
     /// When the last direction was given.
     pub directed: Option<Stamp>,
     /// Metres along when the distance ahead was last told.

@@ -47,19 +47,28 @@ pub struct Match {
 pub struct Matcher {
     setting: MatcherSetting,
     along_m: f64,
+    /// The walker has been led past this point and is not matched before it.
+    passed_m: f64,
     far_since: Option<Stamp>,
 }
 
 impl Matcher {
     /// Starts at the beginning of the route.
     pub fn new(setting: MatcherSetting) -> Self {
-        Self { setting, along_m: 0.0, far_since: None }
+        Self { setting, along_m: 0.0, passed_m: 0.0, far_since: None }
     }
 
     /// Says where the walker is; used when the route was replaced by a corrected one.
     pub fn place(&mut self, along_m: f64) {
         self.along_m = along_m;
+        self.passed_m = 0.0;
         self.far_since = None;
+    }
+
+    /// Says that the walker was led round a hairpin here: its two legs lie near each other, and only this
+    /// tells which of them the walker is on. Forgotten when the walker is lost from the stretch.
+    pub fn pass(&mut self, along_m: f64) {
+        self.passed_m = along_m;
     }
 
     /// Metres along at the last match.
@@ -69,7 +78,8 @@ impl Matcher {
 
     /// The match for a position on the ground plane.
     pub fn update(&mut self, route: &Route, position: &Vec2, now: Stamp) -> Match {
-        let (from, to) = (self.along_m - self.setting.behind_m, self.along_m + self.setting.ahead_m);
+        let from = (self.along_m - self.setting.behind_m).max(self.passed_m);
+        let to = self.along_m.max(self.passed_m) + self.setting.ahead_m;
         let mut found = self.nearest(route, position, from, to);
         let far = (found.foot - position).norm() > self.setting.lost_m;
         match (far, self.far_since) {
@@ -78,6 +88,7 @@ impl Matcher {
             (true, Some(since)) if now - since >= self.setting.lost_s => {
                 found = self.nearest(route, position, f64::NEG_INFINITY, f64::INFINITY);
                 self.far_since = None;
+                self.passed_m = 0.0;
             }
             (true, Some(_)) => {}
         }
@@ -89,7 +100,7 @@ impl Matcher {
         let (points, along) = (route.points(), route.along());
         let mut best: Option<(f64, Match)> = None;
         for k in 0..points.len() - 1 {
-            if along[k + 1] < from || along[k] > to {
+            if along[k + 1] <= from || along[k] > to {
                 continue;
             }
             let d = points[k + 1] - points[k];

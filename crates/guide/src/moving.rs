@@ -7,11 +7,16 @@ use crate::guide::{Guide, Now, Phase};
 use crate::turning::Turning;
 use cairn_sensor::Stamp;
 
+/// From this turn on the legs before and after it are easily mistaken for each other, radians.
+const HAIRPIN: f64 = 1.75;
 /// Slower than this is standing, m/s.
 const STANDING: f64 = 0.15;
 
 /// Seconds until the words that send the walker on are heard and followed.
 const HEARING: f64 = 4.0;
+
+/// Farther off than this many times the limit single steps no longer help.
+const STEP_ASIDE_MOST: f64 = 2.5;
 
 fn since(last: Option<Stamp>, now: Stamp) -> f64 {
     last.map_or(f64::INFINITY, |t| now - t)
@@ -32,6 +37,7 @@ impl Guide {
             .or_else(|| self.stopped(now))
             .or_else(|| self.off_path(now, aim))
             .or_else(|| self.approach(now))
+            .or_else(|| self.near_end(now))
             .or_else(|| self.adjust(now, aim))
             .or_else(|| self.check_behind(now))
             .or_else(|| self.slow_down(now))
@@ -103,6 +109,9 @@ impl Guide {
             return None;
         }
         self.next += 1;
+        if m.turn_rad.abs() > HAIRPIN {
+            self.matcher.pass(m.at_m);
+        }
         self.memory.leg_start_m = now.at.along_m;
         self.memory.told_at_m = now.at.along_m;
         let turn = now.stance.turn_to(m.exit_heading);
@@ -114,6 +123,19 @@ impl Guide {
             Some(stairs) => Some(CueKind::StairsNow(stairs)),
             None => Some(CueKind::Waypoint),
         }
+    }
+
+    /// The end is near and the walker fast: a slow walker stands where told, a fast one a metre later.
+    fn near_end(&mut self, now: &Now) -> Option<CueKind> {
+        let left = self.route.length() - now.at.along_m;
+        let s = &self.setting;
+        let wanted = self.coming().is_none() && !self.memory.end_told && now.speed > s.end_speed && left < s.end_m;
+        if !wanted || left < 0.5 * s.end_m {
+            return None;
+        }
+        self.memory.end_told = true;
+        self.memory.told_at_m = now.at.along_m;
+        Some(CueKind::Approach(self.ahead(now)))
     }
 
     fn approach(&mut self, now: &Now) -> Option<CueKind> {
@@ -274,6 +296,10 @@ impl Guide {
         if towards && across > self.setting.backwards_adjust_deg && across < 80.0 {
             return None;
         }
+        let aimed = now.stance.turn_to(self.aim(now)).abs().to_degrees() < self.setting.adjust_deg;
+        if aimed && off.abs() > STEP_ASIDE_MOST * self.setting.backwards_off_m {
+            return None;
+        }
         self.aside(now)
     }
 
@@ -289,7 +315,7 @@ impl Guide {
     fn aside(&mut self, now: &Now) -> Option<CueKind> {
         let aim = now.stance.turn_to(self.aim(now));
         let across = now.stance.turn_to(now.at.heading).abs().to_degrees();
-        if across > 35.0 || self.off_line(now).abs() > 2.5 * self.setting.backwards_off_m {
+        if across > 35.0 || self.off_line(now).abs() > STEP_ASIDE_MOST * self.setting.backwards_off_m {
             self.direct(now);
             self.phase = Phase::Turning(Turning::new(now, false));
             return Some(CueKind::Rotate(aim));

@@ -231,6 +231,10 @@ impl PhraseSetting {
     }
 
     fn approach(&self, ahead: &Ahead, back: bool) -> String {
+        if ahead.next == Next::End {
+            let rest = if self.metric { self.distance(ahead.distance_m) } else { "a little".into() };
+            return format!("Slow down, {rest} to the end.");
+        }
         let lead = match self.metric {
             true => format!("In {}, ", self.distance(ahead.distance_m)),
             false => "Soon, ".into(),

@@ -34,6 +34,10 @@ pub struct GuideSetting {
     pub waypoint_box_m: [f64; 3],
     /// The box of the last one.
     pub arrival_box_m: [f64; 3],
+    /// The end is announced this far ahead
+    pub end_m: f64,
+    /// to a walker faster than this, m/s, with the word to slow down.
+    pub end_speed: f64,
     /// Arrival is said early by speed times this, so that the walker stands where the way ends.
     pub arrival_lead_s: f64,
     /// Arrival is said while the walker's line passes the end within this.
@@ -124,8 +128,10 @@ impl Default for GuideSetting {
             progress_m: Some(10.0),
             waypoint_box_m: [2.0, 0.5, 3.0],
             arrival_box_m: [1.0, 1.0, 3.0],
-            arrival_lead_s: 1.0,
-            arrival_miss_m: 0.7,
+            end_m: 5.0,
+            end_speed: 0.8,
+            arrival_lead_s: 1.1,
+            arrival_miss_m: 0.6,
             arrival_reach_m: 0.8,
             cone_deg: 15.0,
             tick_s: 0.4,
