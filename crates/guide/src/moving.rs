@@ -208,10 +208,13 @@ impl Guide {
         let base = if self.backwards() { s.backwards_adjust_deg } else { s.adjust_deg };
         let limit = if warned { 0.6 * base } else { base };
         // A turn or the end right ahead: the aim is too near to mean anything.
-        let close = if self.coming().is_some() { (3.0 * now.speed).max(1.2) } else { 1.2 };
+        let close = if self.coming().is_some() { (3.0 * now.speed).max(1.2) } else { (2.0 * now.speed).max(1.2) };
         let close = if now.at.cross_m.abs() < s.off_m { close } else { 0.6 * close };
         let near = self.next_at_m() - now.at.along_m < close;
-        if off_deg <= limit || off_deg > s.wrong_way_deg || near || now.speed < STANDING {
+        // Where the walker will be across the way when a direction given now has been followed.
+        let drift = -now.stance.turn_to(now.at.heading).sin() * now.speed * s.adjust_ahead_s;
+        let leaves = self.backwards() || off_deg > s.adjust_far_deg || (now.at.cross_m + drift).abs() > s.warn_m;
+        if off_deg <= limit || off_deg > s.wrong_way_deg || near || !leaves || now.speed < STANDING {
             self.memory.aim_off_since = None;
             return None;
         }

@@ -219,7 +219,13 @@ impl PhraseSetting {
         if check {
             s += "Check behind you. ";
         }
-        s += if back { "Move back" } else { "Continue" };
+        // The last few metres after a halt are done slowly: the walker must be able to stand where told.
+        let last = ahead.next == Next::End && ahead.distance_m < 3.0;
+        s += match (back, last) {
+            (true, _) => "Move back",
+            (false, true) => "Move slowly",
+            (false, false) => "Continue",
+        };
         if self.metric {
             s += &format!(" {}", self.distance(ahead.distance_m));
         }

@@ -55,6 +55,10 @@ pub struct GuideSetting {
     pub look_ahead_s: f64,
     /// A small correction is given when the aim is off by more than this,
     pub adjust_deg: f64,
+    /// and the walker would be past the warning line in this time, or the aim is off by more than
+    pub adjust_ahead_s: f64,
+    /// this,
+    pub adjust_far_deg: f64,
     /// for this long,
     pub adjust_dwell_s: f64,
     /// and this long after the last direction.
@@ -137,7 +141,9 @@ impl Default for GuideSetting {
             tick_s: 0.4,
             look_ahead_m: 3.0,
             look_ahead_s: 3.5,
-            adjust_deg: 20.0,
+            adjust_deg: 15.0,
+            adjust_ahead_s: 4.0,
+            adjust_far_deg: 35.0,
             adjust_dwell_s: 0.6,
             adjust_again_s: 2.5,
             adjust_after_turn_s: 1.0,

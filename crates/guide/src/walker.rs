@@ -19,6 +19,7 @@ enum Action {
     /// Change direction a little without stopping.
     Bear(f64),
     Forward,
+    ForwardSlowly,
     Back,
     /// One step back and to a side: plus one for left.
     Step(f64),
@@ -144,7 +145,7 @@ impl Walker {
                     let until = if at_once { before + "stop" } else { said.clone() };
                     let at = stamp.plus_seconds(speaking_time(&until, self.speech_rate));
                     // After "continue" everything in the sentence is for later.
-                    future |= matches!(action, Action::Forward | Action::Back);
+                    future |= matches!(action, Action::Forward | Action::ForwardSlowly | Action::Back);
                     let (due, utterance) = (at.plus_seconds(reaction), self.utterances);
                     self.heard.push(Heard { at, due, action, utterance });
                 }
@@ -166,6 +167,7 @@ impl Walker {
             ["stop", ..] => Some(Action::Stop),
             ["continue", ..] => Some(Action::Forward),
             ["move", "back", ..] => Some(Action::Back),
+            ["move", "slowly", ..] => Some(Action::ForwardSlowly),
             ["move", ..] => Some(Action::Forward),
             ["step", "back", ..] => Some(Action::Step(sign)),
             ["slow", "down", ..] => Some(Action::Slow),
@@ -221,6 +223,10 @@ impl Walker {
             }
             Action::Turn(left) => self.doing = Doing::Turning { left, then: going },
             Action::Bear(angle) => self.bearing = angle,
+            Action::ForwardSlowly => {
+                self.act(Action::Slow);
+                self.act(Action::Forward);
+            }
             Action::Forward | Action::Back => {
                 let sign = if action == Action::Back { -1.0 } else { 1.0 };
                 match &mut self.doing {
@@ -238,7 +244,7 @@ impl Walker {
                 let direction = if side > 0.0 { 0.75 } else { -0.75 } * std::f64::consts::PI;
                 self.doing = Doing::Stepping { left: 0.5 * self.step_scale, direction };
             }
-            Action::Slow => self.speed = (0.75 * self.speed).max(0.3),
+            Action::Slow => self.speed = self.speed.min((0.75 * self.speed).max(0.4)),
         }
     }
 
