@@ -323,8 +323,13 @@ impl Guide {
         let reach = s.look_ahead_m.max(s.look_ahead_s * now.speed).max(2.0 * now.at.cross_m.abs());
         let target = (now.at.along_m + reach).min(self.next_at_m());
         let to = self.route.point_at(target) - now.stance.position;
-        // A point at the walker's feet is no aim: there the heading of the way counts, at its end a little longer not.
-        let least = if self.coming().is_some() { 2.0 } else { 0.5 };
+        // A point at the walker's feet is no aim: there the heading of the way counts, unless the walker
+        // stands well beside it.
+        let least = match self.coming() {
+            Some(_) if now.at.cross_m.abs() < 1.0 => 2.0,
+            Some(_) => 0.8,
+            None => 0.5,
+        };
         if to.norm() < least { now.at.heading } else { heading_of(&to) }
     }
 

@@ -25,7 +25,7 @@ pub struct MatcherSetting {
 
 impl Default for MatcherSetting {
     fn default() -> Self {
-        Self { behind_m: 4.0, ahead_m: 4.0, along_weight: 0.1, lost_m: 4.0, lost_s: 4.0 }
+        Self { behind_m: 4.0, ahead_m: 4.0, along_weight: 0.1, lost_m: 6.0, lost_s: 5.0 }
     }
 }
 

@@ -8,7 +8,7 @@ use crate::turning::Turning;
 use cairn_sensor::Stamp;
 
 /// From this turn on the legs before and after it are easily mistaken for each other, radians.
-const HAIRPIN: f64 = 1.75;
+const HAIRPIN: f64 = 0.5;
 /// Slower than this is standing, m/s.
 const STANDING: f64 = 0.15;
 
@@ -81,9 +81,12 @@ impl Guide {
         let standing_there = to_end.norm() <= 0.5 * width.min(depth);
         // Beside or past the end and within reach of it: sending the walker round for less than a metre helps nobody.
         let will_stand = course * (now.speed * self.setting.arrival_lead_s);
-        let beside = (to_end - will_stand).norm() <= self.setting.arrival_reach_m && ahead < 0.5 * to_end.norm();
+        let beside =
+            (to_end - will_stand).norm() <= self.setting.arrival_reach_m && ahead < 0.5 * to_end.norm();
         let early = (now.speed * self.setting.arrival_lead_s).max(0.5 * depth);
-        let soon = ahead > -0.5 * depth && ahead <= early && miss <= self.setting.arrival_miss_m;
+        let spread = now.speed * self.setting.arrival_spread_s;
+        let most = (self.setting.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
+        let soon = ahead > -0.5 * depth && ahead <= early && miss <= most;
         if level && (standing_there || soon || beside) {
             self.phase = Phase::Done;
             return Some(CueKind::Arrived);
@@ -129,7 +132,8 @@ impl Guide {
     fn near_end(&mut self, now: &Now) -> Option<CueKind> {
         let left = self.route.length() - now.at.along_m;
         let s = &self.setting;
-        let wanted = self.coming().is_none() && !self.memory.end_told && now.speed > s.end_speed && left < s.end_m;
+        let wanted =
+            self.coming().is_none() && !self.memory.end_told && now.speed > s.end_speed && left < s.end_m;
         if !wanted || left < 0.5 * s.end_m {
             return None;
         }
@@ -197,7 +201,12 @@ impl Guide {
             self.direct(now);
             if off_deg > 0.6 * self.setting.adjust_deg { aim } else { 0.0 }
         };
-        Some(CueKind::OffPath { distance_m: to_path.norm(), bearing_rad: bearing, turn_rad: turn, on_spot: off_deg > self.setting.adjust_turn_deg })
+        Some(CueKind::OffPath {
+            distance_m: to_path.norm(),
+            bearing_rad: bearing,
+            turn_rad: turn,
+            on_spot: off_deg > self.setting.adjust_turn_deg,
+        })
     }
 
     /// Small corrections, before anything goes wrong.
@@ -208,12 +217,14 @@ impl Guide {
         let base = if self.backwards() { s.backwards_adjust_deg } else { s.adjust_deg };
         let limit = if warned { 0.6 * base } else { base };
         // A turn or the end right ahead: the aim is too near to mean anything.
-        let close = if self.coming().is_some() { (3.0 * now.speed).max(1.2) } else { (2.0 * now.speed).max(1.2) };
+        let close =
+            if self.coming().is_some() { (3.0 * now.speed).max(1.2) } else { (2.0 * now.speed).max(1.2) };
         let close = if now.at.cross_m.abs() < s.off_m { close } else { 0.6 * close };
         let near = self.next_at_m() - now.at.along_m < close;
         // Where the walker will be across the way when a direction given now has been followed.
         let drift = -now.stance.turn_to(now.at.heading).sin() * now.speed * s.adjust_ahead_s;
-        let leaves = self.backwards() || off_deg > s.adjust_far_deg || (now.at.cross_m + drift).abs() > s.warn_m;
+        let leaves =
+            self.backwards() || off_deg > s.adjust_far_deg || (now.at.cross_m + drift).abs() > s.warn_m;
         if off_deg <= limit || off_deg > s.wrong_way_deg || near || !leaves || now.speed < STANDING {
             self.memory.aim_off_since = None;
             return None;
@@ -250,7 +261,9 @@ impl Guide {
 
     fn progress(&mut self, now: &Now) -> Option<CueKind> {
         let step = self.setting.progress_m?;
-        if now.at.along_m - self.memory.told_at_m < step || self.next_at_m() - now.at.along_m < 3.0 {
+        // Not when the approach of a turn, or the end, will tell the distance anyway.
+        let soon = if self.coming().is_some() { self.setting.approach_m + 3.0 } else { 3.0 };
+        if now.at.along_m - self.memory.told_at_m < step || self.next_at_m() - now.at.along_m < soon {
             return None;
         }
         self.memory.told_at_m = now.at.along_m;

@@ -327,3 +327,71 @@ fn capital(s: &str) -> String {
     let mut chars = s.chars();
     chars.next().map_or(String::new(), |c| c.to_uppercase().collect::<String>() + chars.as_str())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_sensor::Stamp;
+
+    fn words(setting: &PhraseSetting, kind: CueKind) -> String {
+        setting.words(&Cue { stamp: Stamp(0), facing: Facing::Home, kind }).unwrap()
+    }
+
+    #[test]
+    fn classes_have_the_limits_of_the_specification() {
+        let class = |deg: f64| Direction::of(deg.to_radians());
+        assert_eq!(class(19.9), Direction::Straight);
+        assert_eq!(class(20.1), Direction::Slight(Side::Left));
+        assert_eq!(class(-59.9), Direction::Slight(Side::Right));
+        assert_eq!(class(60.1), Direction::Turn(Side::Left));
+        assert_eq!(class(-119.9), Direction::Turn(Side::Right));
+        assert_eq!(class(120.1), Direction::Sharp(Side::Left));
+        assert_eq!(class(-149.9), Direction::Sharp(Side::Right));
+        assert_eq!(class(150.1), Direction::Around);
+        assert_eq!(class(-180.0), Direction::Around);
+    }
+
+    #[test]
+    fn distances_are_rounded_and_told_in_the_unit() {
+        let metres = PhraseSetting::default();
+        for (m, text) in [
+            (0.2, "1 metre"),
+            (1.4, "1 metre"),
+            (9.4, "9 metres"),
+            (12.4, "10 metres"),
+            (12.6, "15 metres"),
+            (47.4, "45 metres"),
+            (56.0, "60 metres"),
+            (104.0, "100 metres"),
+        ] {
+            assert_eq!(metres.distance(m), text);
+        }
+        assert_eq!(PhraseSetting { unit: Unit::Feet, ..metres }.distance(1.0), "3 feet");
+        assert_eq!(PhraseSetting { unit: Unit::Steps(0.7), ..metres }.distance(7.0), "10 steps");
+        assert_eq!(PhraseSetting { unit: Unit::Steps(0.0), ..metres }.distance(1.0), "10 steps");
+    }
+
+    #[test]
+    fn clock_and_degrees() {
+        for (deg, text) in
+            [(0, "12 o'clock"), (90, "9 o'clock"), (-90, "3 o'clock"), (180, "6 o'clock"), (-25, "1 o'clock")]
+        {
+            assert_eq!(clock((deg as f64).to_radians()), text);
+        }
+        let turn = CueKind::TurnNow { turn_rad: 1.6, stairs: None };
+        let styled = |directions| PhraseSetting { directions, ..PhraseSetting::default() };
+        assert_eq!(words(&styled(DirectionStyle::Clock), turn), "Turn to 9 o'clock now.");
+        assert_eq!(words(&styled(DirectionStyle::Degrees), turn), "Turn left 90 degrees now.");
+        assert_eq!(words(&PhraseSetting::default(), turn), "Turn left now.");
+    }
+
+    #[test]
+    fn what_comes_next_is_told_with_the_action() {
+        let then = Some((2.6, Next::Turn { turn_rad: -1.5, stairs: Some(Stairs::Up) }));
+        let ahead = Ahead { distance_m: 6.1, next: Next::Turn { turn_rad: 0.7, stairs: None }, then };
+        assert_eq!(
+            words(&PhraseSetting::default(), CueKind::Approach(ahead)),
+            "In 6 metres, turn slightly left, then in 3 metres turn right and go upstairs."
+        );
+    }
+}

@@ -40,9 +40,9 @@ pub struct GuideSetting {
     pub end_speed: f64,
     /// Arrival is said early by speed times this, so that the walker stands where the way ends.
     pub arrival_lead_s: f64,
-    /// Arrival is said while the walker's line passes the end within this.
-    pub arrival_miss_m: f64,
-    /// Beside or past the end, this near counts as arrived.
+    /// People's reactions differ from the mean by this: speed times it is how far they may stand off.
+    pub arrival_spread_s: f64,
+    /// Standing this near to the end counts as arrived.
     pub arrival_reach_m: f64,
     /// On course: the heading is within this of the one wanted.
     pub cone_deg: f64,
@@ -135,7 +135,7 @@ impl Default for GuideSetting {
             end_m: 5.0,
             end_speed: 0.8,
             arrival_lead_s: 1.1,
-            arrival_miss_m: 0.6,
+            arrival_spread_s: 0.45,
             arrival_reach_m: 0.8,
             cone_deg: 15.0,
             tick_s: 0.4,

@@ -331,3 +331,84 @@ pub fn side_of(text: &str) -> Option<Side> {
         _ => None,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lets a walker with nothing in mind hear a text and live for some seconds: distance and turn.
+    fn after(texts: &[(&str, f64)], seconds: f64) -> (Walker, f64, f64) {
+        let mut walker = Walker::new(11, (0.0, 0.0, 0.0));
+        let (mut turned, mut last) = (0.0, 0.0);
+        for tick in 0..(seconds / 0.05) as i64 {
+            let now = Stamp::from_seconds(tick as f64 * 0.05);
+            for (text, _) in texts.iter().filter(|(_, at)| (at / 0.05).round() as i64 == tick) {
+                walker.hear(text, now);
+            }
+            let (_, _, heading) = walker.step(0.05, now);
+            turned += crate::ground::wrap(heading - last);
+            last = heading;
+        }
+        let (x, y, _) = walker.pose();
+        (walker, x.hypot(y), turned.to_degrees())
+    }
+
+    #[test]
+    fn goes_on_until_told_and_stops_late() {
+        let (walker, metres, _) = after(&[("Continue 3 metres to the end.", 0.0)], 30.0);
+        assert!(metres > 10.0 && !walker.is_standing());
+        let (walker, metres, _) =
+            after(&[("Continue 3 metres to the end.", 0.0), ("Stop. You have arrived.", 10.0)], 30.0);
+        assert!(walker.is_standing() && metres < 12.0);
+    }
+
+    #[test]
+    fn turns_too_far_unless_told_to_stop() {
+        let (_, metres, turned) = after(&[("Turn left.", 0.0)], 15.0);
+        assert!((100.0..125.0).contains(&turned) && metres == 0.0, "{turned}");
+        let (_, _, turned) = after(&[("Turn right.", 0.0), ("Stop turning.", 1.7)], 15.0);
+        assert!((-90.0..-5.0).contains(&turned), "{turned}");
+    }
+
+    #[test]
+    fn what_is_for_later_is_not_done_now() {
+        for text in [
+            "In 6 metres, turn left.",
+            "Soon, turn left.",
+            "10 metres more, then turn left.",
+            "Off the path. It is 2 metres to your left.",
+            "The way is 10 metres.",
+        ] {
+            let (walker, metres, turned) = after(&[(text, 0.0)], 15.0);
+            assert!(walker.is_standing() && metres == 0.0 && turned == 0.0, "{text}");
+        }
+        let (_, metres, turned) =
+            after(&[("Continue 5 metres, then turn left, then in 3 metres turn right.", 0.0)], 15.0);
+        assert!(metres > 2.0 && turned.abs() < 10.0);
+    }
+
+    #[test]
+    fn an_interrupted_sentence_is_not_followed() {
+        let long = "Tracking is back. Continue 10 metres.";
+        let (_, metres, _) = after(&[(long, 0.0), ("Stop. Tracking is lost.", 0.5)], 15.0);
+        assert_eq!(metres, 0.0);
+    }
+
+    #[test]
+    fn backwards_is_slow_and_goes_the_other_way() {
+        let (walker, ..) = after(&[("Check behind you. Move back 10 metres.", 0.0)], 10.0);
+        assert!(walker.pose().0 < -0.5, "{:?}", walker.pose());
+        let (walker, metres, _) = after(&[("Stop. Step back and to your left.", 0.0)], 10.0);
+        let (x, y, _) = walker.pose();
+        assert!(x < -0.2 && y > 0.2 && metres < 0.6 && walker.is_standing());
+    }
+
+    #[test]
+    fn sides_are_read_from_the_words() {
+        assert_eq!(side_of("Off the path. Bear left, it is 2 metres away."), Some(Side::Left));
+        assert_eq!(side_of("Stop. Step back and to your right."), Some(Side::Right));
+        assert_eq!(side_of("Continue 5 metres, then turn left."), None);
+        assert_eq!(side_of("Turn around."), None);
+        assert_eq!(side_of("Turn to 9 o'clock now."), Some(Side::Left));
+    }
+}

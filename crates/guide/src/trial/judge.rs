@@ -204,7 +204,9 @@ impl Judge {
             }
             Some(CueKind::TurnNow { .. }) => {
                 // One of the corners here must turn that way, seen from how the walker stands.
-                let here = |m: &&crate::Maneuver| m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0;
+                let here = |m: &&crate::Maneuver| {
+                    m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0
+                };
                 !self.route.maneuvers().iter().filter(here).any(|m| {
                     let needed = stance.turn_to(m.exit_heading);
                     // From 150 degrees on both sides lead there.
@@ -247,5 +249,50 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::Arrived => "arrived",
         CueKind::Stop(_) => "stop",
         CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => "sound",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cue::Priority;
+    use crate::trial::Noise;
+    use crate::{Ground, RouteSetting};
+    use cairn_geometry::Vec3;
+
+    #[test]
+    fn directions_to_the_wrong_side_and_time_off_the_path_are_seen() {
+        let corners = [Vec3::zeros(), Vec3::new(10.0, 0.0, 0.0), Vec3::new(10.0, 10.0, 0.0)];
+        let route = Route::new(&corners, &Ground::z_up(), &RouteSetting::default()).unwrap();
+        let setting = TrialSetting {
+            facing: Facing::Home,
+            noise: Noise::None,
+            corridor_m: 3.0,
+            cut_detours: true,
+            seed: 0,
+        };
+        for (text, wrong) in [("Turn left now.", 0), ("Turn right now.", 1), ("Turn around.", 0)] {
+            let mut judge = Judge::new(route.clone(), &setting);
+            judge.matcher.place(8.5);
+            let walker = Walker::new(0, (8.5, 0.0, 0.0));
+            let kind = CueKind::TurnNow { turn_rad: 1.5, stairs: None };
+            let cue = Cue { stamp: Stamp(0), facing: Facing::Home, kind };
+            judge.see(&walker, Some(&cue), Stamp(0));
+            let said = Utterance {
+                text: text.into(),
+                priority: Priority::High,
+                stamp: Stamp(0),
+                duration_s: 1.0,
+                interrupts: false,
+            };
+            judge.hear(&said, &walker, Stamp(0));
+            assert_eq!(judge.outcome.wrong_side, wrong, "{text}");
+        }
+        let mut judge = Judge::new(route, &setting);
+        let walker = Walker::new(0, (5.0, 2.0, 0.0));
+        for k in 0..100 {
+            judge.see(&walker, None, Stamp::from_seconds(k as f64 * STEP_S));
+        }
+        assert_eq!(judge.finish(&walker, true).off_path, 1);
     }
 }

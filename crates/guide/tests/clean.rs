@@ -1,0 +1,215 @@
+//! Cleaning: detours go, unwalked ground is never crossed, what is left lies where somebody walked.
+
+use cairn_geometry::Vec3;
+use cairn_guide::trial::{Noise, random_way, walk_out};
+use cairn_guide::{CleanSetting, CleanWay, Ground, Random, clean, clean_line, largest_distance, length};
+use proptest::prelude::*;
+
+type Line = Vec<(Vec3, bool)>;
+
+/// A line through corners with a point each 5 cm, swaying a little as people do.
+fn walk(corners: &[[f64; 3]], sway: f64, seed: u64) -> Line {
+    let mut random = Random::new(seed);
+    let mut line: Line = Vec::new();
+    let mut wave = 0.0;
+    for w in corners.windows(2) {
+        let (a, b) = (Vec3::from(w[0]), Vec3::from(w[1]));
+        let steps = ((b - a).norm() / 0.05).ceil() as usize;
+        let side = (b - a).cross(&Vec3::z());
+        let side = if side.norm() > 0.0 { side.normalize() } else { Vec3::zeros() };
+        for k in 0..steps {
+            wave += random.uniform(0.0, 0.08);
+            line.push((a + (b - a) * (k as f64 / steps as f64) + side * (sway * f64::sin(wave)), false));
+        }
+    }
+    line.extend(corners.last().map(|c| (Vec3::from(*c), false)));
+    line
+}
+
+fn points(line: &Line) -> Vec<Vec3> {
+    line.iter().map(|p| p.0).collect()
+}
+
+fn cleaned(line: &Line) -> CleanWay {
+    clean_line(line, line, &Ground::z_up(), &CleanSetting::default())
+}
+
+fn again(way: &CleanWay, record: &Line) -> CleanWay {
+    let line: Line = way.points.iter().copied().zip(way.gap_before.iter().copied()).collect();
+    clean_line(&line, record, &Ground::z_up(), &CleanSetting::default())
+}
+
+#[test]
+fn a_loop_a_spur_an_oscillation_and_a_hub_are_removed() {
+    let cases: [(&str, &[[f64; 3]], f64); 4] = [
+        (
+            "loop",
+            &[[0., 0., 0.], [10., 0., 0.], [10., 8., 0.], [4., 8., 0.], [4., -5., 0.], [4., -12., 0.]],
+            16.0,
+        ),
+        ("spur", &[[0., 0., 0.], [10., 0., 0.], [10., 9., 0.], [10., 0., 0.], [20., 0., 0.]], 20.0),
+        (
+            "oscillation",
+            &[[0., 0., 0.], [9., 0., 0.], [3., 0., 0.], [9., 0., 0.], [2., 0., 0.], [15., 0., 0.]],
+            15.0,
+        ),
+        (
+            "hub",
+            &[
+                [0., 0., 0.],
+                [5., 0., 0.],
+                [5., 6., 0.],
+                [5., 0., 0.],
+                [9., 5., 0.],
+                [5., 0., 0.],
+                [5., -7., 0.],
+                [5., 0., 0.],
+                [12., 0., 0.],
+            ],
+            12.0,
+        ),
+    ];
+    for (name, corners, expected) in cases {
+        for sway in [0.0, 0.12] {
+            let line = walk(corners, sway, 3);
+            let way = cleaned(&line);
+            assert!(
+                (way.after_m - expected).abs() < 0.05 * expected,
+                "{name}: {} m, expected {expected}",
+                way.after_m
+            );
+            assert!(!way.cuts.is_empty() && way.before_m > way.after_m + 1.0);
+        }
+    }
+}
+
+#[test]
+fn near_but_unwalked_ground_is_not_crossed() {
+    // Round a wall: the two sides are 0.9 m apart, inside the corridor's metre, but nobody went through.
+    let line = walk(&[[0., 0., 0.], [12., 0., 0.], [12., 0.9, 0.], [0., 0.9, 0.]], 0.0, 1);
+    let way = cleaned(&line);
+    assert!(way.cuts.is_empty(), "{:?}", way.cuts);
+    assert!((way.after_m - way.before_m).abs() < 0.5);
+    // The same with a third pass through the middle is walked ground.
+    let through = walk(&[[0., 0., 0.], [12., 0., 0.], [12., 0.9, 0.], [6., 0.9, 0.], [6., -3., 0.]], 0.0, 1);
+    assert!((cleaned(&through).after_m - 9.0).abs() < 0.5);
+}
+
+#[test]
+fn floors_above_each_other_are_not_joined() {
+    // Up a flight of stairs and over the place where the walk began.
+    let line =
+        walk(&[[0., 0., 0.], [8., 0., 0.], [8., 4., 3.], [0., 4., 3.], [0., 0., 3.], [6., 0., 3.]], 0.0, 1);
+    let way = cleaned(&line);
+    assert!(way.cuts.is_empty());
+    assert!(way.after_m > 0.95 * way.before_m);
+}
+
+#[test]
+fn gaps_stay_gaps() {
+    let mut line = walk(&[[0., 0., 0.], [5., 0., 0.]], 0.0, 1);
+    let mut rest = walk(&[[9., 0., 0.], [9., 6., 0.], [7., 6., 0.], [7., -4., 0.]], 0.0, 1);
+    rest[0].1 = true;
+    line.extend(rest);
+    let way = cleaned(&line);
+    // The last leg crosses the gap at (7, 0): nobody is known to have walked there, so no joint.
+    assert!(way.cuts.is_empty(), "{:?}", way.cuts);
+    assert_eq!(way.gap_before.iter().filter(|g| **g).count(), 1);
+}
+
+#[test]
+fn degenerate_lines_come_back() {
+    for n in 0..3 {
+        let line: Line = (0..n).map(|k| (Vec3::new(k as f64 * 0.01, 0.0, 0.0), false)).collect();
+        assert!(cleaned(&line).points.len() <= n);
+    }
+    let still: Line = vec![(Vec3::x(), false); 50];
+    assert_eq!(cleaned(&still).after_m, 0.0);
+}
+
+#[test]
+fn simplification_keeps_segments_long_where_it_may() {
+    let mut short = 0;
+    let mut all = 0;
+    for seed in 0..20 {
+        let way = walk_out(&random_way(seed, false), Noise::Usual, seed);
+        let placed = way.as_recorded();
+        let cleaned = clean(&placed, 1.0, &Ground::z_up(), &CleanSetting::default());
+        all += cleaned.points.len() - 1;
+        short += cleaned.points.windows(2).filter(|w| (w[1] - w[0]).norm() < 1.0).count();
+        assert!(cleaned.largest_distance_to(&placed, 1.0) <= 0.31);
+    }
+    assert!(short * 10 <= all, "{short} of {all} segments are shorter than a metre");
+}
+
+/// Corners of a random walk that loves to come back: to spots where it was, along ways it came.
+fn wandering() -> impl Strategy<Value = Line> {
+    (proptest::collection::vec((-8.0..8.0f64, -8.0..8.0f64, 0..4usize), 2..9), 0.0..0.15f64, any::<u64>())
+        .prop_map(|(steps, sway, seed)| {
+            let mut corners = vec![[0.0, 0.0, 0.0]];
+            for (x, y, kind) in steps {
+                let last = corners[corners.len() - 1];
+                let next = match kind {
+                    0 if corners.len() > 2 => corners[corners.len() - 2],
+                    1 => [0.0, 0.0, 0.0],
+                    _ => [last[0] + x, last[1] + y, 0.0],
+                };
+                if (Vec3::from(next) - Vec3::from(last)).norm() > 0.3 {
+                    corners.push(next);
+                }
+            }
+            corners.push([12.0, 3.0, 0.0]);
+            walk(&corners, sway, seed)
+        })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
+
+    #[test]
+    fn never_farther_than_the_tolerance_from_where_the_walker_went(line in wandering()) {
+        let way = cleaned(&line);
+        // Half of one 5 cm sampling step is allowed for, in the cleaning's own check and in this one.
+        prop_assert!(largest_distance(&way.points, &points(&line)) <= 0.30 + 0.01);
+    }
+
+    #[test]
+    fn keeps_its_ends_and_never_grows(line in wandering()) {
+        let way = cleaned(&line);
+        prop_assert_eq!(way.points[0], line[0].0);
+        prop_assert_eq!(way.points[way.points.len() - 1], line[line.len() - 1].0);
+        prop_assert!(way.after_m <= length(points(&line).into_iter()) + 1e-9);
+        let kept: f64 = way.cuts.iter().map(|c| c.saved_m).sum();
+        prop_assert!(way.cuts.is_empty() || kept >= 1.0);
+    }
+
+    #[test]
+    fn cuts_only_where_somebody_walked(line in wandering()) {
+        for cut in cleaned(&line).cuts {
+            prop_assert!((cut.to - cut.from).norm() <= 1.0);
+            prop_assert!(largest_distance(&[cut.from, cut.to], &points(&line)) <= 0.30 + 0.01);
+        }
+    }
+
+    #[test]
+    fn cleaning_again_changes_nothing(line in wandering()) {
+        let once = cleaned(&line);
+        let twice = again(&once, &line);
+        prop_assert_eq!(twice.points, once.points);
+        prop_assert!(twice.cuts.is_empty());
+    }
+
+    #[test]
+    fn a_loop_put_into_a_way_is_taken_out_again(at in 3.0..9.0f64, wide in 2.0..6.0f64, long in 2.0..6.0f64, left in any::<bool>()) {
+        let s = if left { 1.0 } else { -1.0 };
+        let plain = walk(&[[0., 0., 0.], [12., 0., 0.]], 0.0, 1);
+        let looped = walk(
+            &[[0., 0., 0.], [at + long, 0., 0.], [at + long, s * wide, 0.], [at, s * wide, 0.], [at, -0.1 * s, 0.], [at + 0.3, 0.0, 0.], [at + long, 0., 0.], [14., 0., 0.]],
+            0.0,
+            1,
+        );
+        let way = cleaned(&looped);
+        prop_assert!(way.after_m < 14.5, "{} m", way.after_m);
+        prop_assert!(cleaned(&plain).cuts.is_empty());
+    }
+}
