@@ -1,0 +1,60 @@
+//! Cleaning of real walks recorded by phone (ARKit poses at 2 Hz, y up, 4x4 column-major).
+
+use cairn_geometry::Vec3;
+use cairn_guide::{CleanSetting, Ground, clean_line, largest_distance};
+use std::path::PathBuf;
+
+fn folder() -> PathBuf {
+    let data = std::env::var_os("CAIRN_DATA").map(PathBuf::from);
+    data.unwrap_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into())
+        .join("walks/arkit")
+}
+
+/// The walk's points; a step that nobody walks in half a second is a gap.
+fn load(path: &std::path::Path) -> Vec<(Vec3, bool)> {
+    let value: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    let mut line: Vec<(Vec3, bool)> = Vec::new();
+    for pose in value["pose_data"].as_array().unwrap() {
+        let number = |k: usize| pose["pose"][k].as_f64().unwrap();
+        let p = Vec3::new(number(12), number(13), number(14));
+        let gap = line.last().is_some_and(|(last, _)| (p - last).norm() > 1.5);
+        line.push((p, gap));
+    }
+    line
+}
+
+#[test]
+fn real_walks_are_cleaned_on_walked_ground() {
+    let Ok(entries) = std::fs::read_dir(folder()) else {
+        println!("skipped: no recordings at {}", folder().display());
+        return;
+    };
+    let mut files: Vec<PathBuf> = entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
+    files.retain(|f| f.extension().is_some_and(|e| e == "json"));
+    files.sort();
+    let ground = Ground::new(Vec3::y()).unwrap();
+    for file in files {
+        let record = load(&file);
+        let points: Vec<Vec3> = record.iter().map(|p| p.0).collect();
+        for cut_detours in [true, false] {
+            let setting = CleanSetting { cut_detours, ..CleanSetting::default() };
+            let way = clean_line(&record, &record, &ground, &setting);
+            let far = largest_distance(&way.points, &points);
+            println!(
+                "{}: {:.1} m -> {:.1} m ({} cuts allowed: {cut_detours}), {} points -> {}, at most {far:.3} m off",
+                file.file_name().unwrap().display(),
+                way.before_m,
+                way.after_m,
+                way.cuts.len(),
+                record.len(),
+                way.points.len(),
+            );
+            assert!(far <= 0.31, "{far} m from the recorded way");
+            assert!(way.after_m <= way.before_m);
+            assert_eq!(way.points[way.points.len() - 1], points[points.len() - 1]);
+            for cut in &way.cuts {
+                assert!(largest_distance(&[cut.from, cut.to], &points) <= 0.31);
+            }
+        }
+    }
+}
