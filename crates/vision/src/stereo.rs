@@ -5,17 +5,20 @@
 //! 1981, one unknown), the right patch being warped by the local affine map between the two images, and gain and
 //! offset of the exposure being free. No image is ever rectified.
 
-use crate::orb::hamming;
+mod patch;
+mod sample;
+#[cfg(target_arch = "x86_64")]
+mod sample_avx2;
+mod warp;
+
+use crate::orb::{Backend, hamming};
 use crate::rectify::Rectifier;
 use crate::{Descriptor, Octaves};
-use cairn_geometry::Vec2;
 use cairn_sensor::GrayImage;
-use nalgebra::Matrix2;
+use patch::{AREA, PADDED, Template, dot, energy};
+use sample::sample;
+use warp::Warp;
 
-/// Half the side of the aligned patch in pixels of the level.
-const RADIUS: i32 = 5;
-const SIDE: usize = 2 * RADIUS as usize + 1;
-const AREA: usize = SIDE * SIDE;
 /// Steps of the alignment, at most.
 const STEPS: usize = 6;
 
@@ -88,6 +91,7 @@ pub(crate) struct StereoMatcher {
     starts: Vec<u32>,
     order: Vec<u32>,
     found: Vec<Found>,
+    backend: Backend,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -113,7 +117,7 @@ impl StereoMatcher {
         baseline_fx: f64,
     ) -> Self {
         let (starts, order, found) = (Vec::new(), Vec::new(), Vec::new());
-        Self { setting, left, right, octaves, baseline_fx, starts, order, found }
+        Self { setting, left, right, octaves, baseline_fx, starts, order, found, backend: Backend::detect() }
     }
 
     /// Maps raw left pixels.
@@ -233,11 +237,11 @@ impl StereoMatcher {
         let warp = Warp::new(&self.left, &self.right, centre, scale, start)?;
         let fit = template.prepare(&warp)?;
         let mut shift = 0.0; // of the disparity, in pixels of the level
-        let mut patch = [0.0; AREA];
+        let mut patch = [0.0; PADDED];
         let mut gain = 0.0;
         let mut converged = false;
         for _ in 0..STEPS {
-            sample(r_image, warp.at(shift), &warp.affine, &mut patch)?;
+            sample(r_image, warp.at(shift), &warp.affine, &mut patch, self.backend)?;
             gain = dot(&fit.contrast, &patch) / fit.contrast_energy;
             if gain < 0.1 {
                 return None;
@@ -260,8 +264,7 @@ impl StereoMatcher {
             return None;
         }
         // What the left patch does not explain of the right one.
-        let mean = patch.iter().sum::<f32>() / AREA as f32;
-        let energy = patch.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>();
+        let energy = energy(&patch);
         let explained = gain * gain * fit.contrast_energy;
         let correlation = (explained / energy.max(1e-6)).sqrt();
         let residual = (energy - explained).max(0.0) / (AREA - 3) as f32;
@@ -281,198 +284,4 @@ impl StereoMatcher {
         let (_, median, _) = rest.select_nth_unstable_by(middle, f32::total_cmp);
         1.0 - *median * self.setting.max_over_median
     }
-}
-
-/// A left patch on whole pixels with its gradients.
-struct Template {
-    value: [f32; AREA],
-    gradient_x: [f32; AREA],
-    gradient_y: [f32; AREA],
-}
-
-/// What stays the same over the steps of one alignment.
-struct Fit {
-    /// The patch without its mean.
-    contrast: [f32; AREA],
-    contrast_energy: f32,
-    /// Derivative by the shift, made orthogonal to a change of offset and of gain.
-    slope: [f32; AREA],
-    slope_energy: f32,
-}
-
-impl Template {
-    /// Cuts the patch; `None` at the image's edge.
-    fn cut(image: &GrayImage, centre: [f64; 2]) -> Option<Self> {
-        let (w, h) = (image.width() as i32, image.height() as i32);
-        let (cx, cy) = (centre[0] as i32, centre[1] as i32);
-        let reach = RADIUS + 1;
-        if cx < reach || cy < reach || cx + reach >= w || cy + reach >= h {
-            return None;
-        }
-        let mut t = Self { value: [0.0; AREA], gradient_x: [0.0; AREA], gradient_y: [0.0; AREA] };
-        for j in 0..SIDE {
-            let y = (cy - RADIUS) as usize + j;
-            let x = (cx - reach) as usize;
-            let above = &image.row(y - 1)[x..x + SIDE + 2];
-            let here = &image.row(y)[x..x + SIDE + 2];
-            let below = &image.row(y + 1)[x..x + SIDE + 2];
-            for i in 0..SIDE {
-                let k = j * SIDE + i;
-                t.value[k] = here[i + 1] as f32;
-                t.gradient_x[k] = 0.5 * (here[i + 2] as f32 - here[i] as f32);
-                t.gradient_y[k] = 0.5 * (below[i + 1] as f32 - above[i + 1] as f32);
-            }
-        }
-        Some(t)
-    }
-
-    /// Derivatives along the epipolar line; `None` without contrast or without texture along it.
-    fn prepare(self, warp: &Warp) -> Option<Fit> {
-        let mut contrast = self.value;
-        let mean = contrast.iter().sum::<f32>() / AREA as f32;
-        contrast.iter_mut().for_each(|v| *v -= mean);
-        let contrast_energy = dot(&contrast, &contrast);
-        // A contrast of one gray level is noise.
-        if contrast_energy < AREA as f32 {
-            return None;
-        }
-        let mut slope = [0.0; AREA];
-        let [dx, dy] = warp.direction_left;
-        for k in 0..AREA {
-            slope[k] = self.gradient_x[k] * dx + self.gradient_y[k] * dy;
-        }
-        let mean = slope.iter().sum::<f32>() / AREA as f32;
-        let along = dot(&slope, &contrast) / contrast_energy;
-        for k in 0..AREA {
-            slope[k] -= mean + along * contrast[k];
-        }
-        let slope_energy = dot(&slope, &slope);
-        (slope_energy > 1.0).then_some(Fit { contrast, contrast_energy, slope, slope_energy })
-    }
-}
-
-/// The local affine map from the left level to the right one.
-struct Warp {
-    /// Right level position at the first disparity.
-    origin: [f64; 2],
-    /// Motion of the right position for one pixel (of the level) of disparity.
-    direction: [f64; 2],
-    /// The same motion, mapped back into the left level.
-    direction_left: [f32; 2],
-    /// Right offset of a left offset, row by row.
-    affine: [f32; 4],
-}
-
-impl Warp {
-    fn new(
-        left: &Rectifier,
-        right: &Rectifier,
-        centre: [f64; 2],
-        scale: f64,
-        disparity: f64,
-    ) -> Option<Self> {
-        let to_raw = |c: f64| (c + 0.5) * scale - 0.5;
-        let to_level = |c: f64| (c + 0.5) / scale - 0.5;
-        let raw = centre.map(to_raw);
-        if left.is_identity() && right.is_identity() {
-            return Some(Self {
-                origin: [to_level(raw[0] - disparity), centre[1]],
-                direction: [-1.0, 0.0],
-                direction_left: [-1.0, 0.0],
-                affine: [1.0, 0.0, 0.0, 1.0],
-            });
-        }
-        let rectify = |dx: f64, dy: f64| {
-            let p = left.rectify([(raw[0] + dx) as f32, (raw[1] + dy) as f32])?;
-            Some(Vec2::new(p[0] as f64, p[1] as f64))
-        };
-        // Derivatives over the patch's own extent.
-        let h = RADIUS as f64 * scale;
-        let middle = rectify(0.0, 0.0)?;
-        let rectified_from_left = Matrix2::from_columns(&[
-            (rectify(h, 0.0)? - rectify(-h, 0.0)?) / (2.0 * h),
-            (rectify(0.0, h)? - rectify(0.0, -h)?) / (2.0 * h),
-        ]);
-        let there = middle - Vec2::new(disparity, 0.0);
-        let project = |dx: f64, dy: f64| right.raw([there.x + dx, there.y + dy]);
-        let origin = project(0.0, 0.0)?;
-        let right_from_rectified = Matrix2::from_columns(&[
-            (project(h, 0.0)? - project(-h, 0.0)?) / (2.0 * h),
-            (project(0.0, h)? - project(0.0, -h)?) / (2.0 * h),
-        ]);
-        let right_from_left = right_from_rectified * rectified_from_left;
-        let direction = -right_from_rectified.column(0);
-        let direction_left = right_from_left.try_inverse()? * direction;
-        Some(Self {
-            origin: [to_level(origin.x), to_level(origin.y)],
-            direction: [direction.x, direction.y],
-            direction_left: [direction_left.x as f32, direction_left.y as f32],
-            affine: [
-                right_from_left.m11 as f32,
-                right_from_left.m12 as f32,
-                right_from_left.m21 as f32,
-                right_from_left.m22 as f32,
-            ],
-        })
-    }
-
-    fn at(&self, shift: f64) -> [f64; 2] {
-        [self.origin[0] + shift * self.direction[0], self.origin[1] + shift * self.direction[1]]
-    }
-}
-
-/// Samples the warped patch bilinearly, positions in 1/65536 pixel; `None` where it leaves the image.
-fn sample(image: &GrayImage, centre: [f64; 2], affine: &[f32; 4], out: &mut [f32; AREA]) -> Option<()> {
-    let fixed = |v: f64| (v * 65536.0) as i32;
-    let [a, b, c, d] = affine.map(|v| fixed(v as f64));
-    let reach_x = RADIUS * (a.abs() + b.abs());
-    let reach_y = RADIUS * (c.abs() + d.abs());
-    let (w, h) = (image.width() as i32, image.height() as i32);
-    // Positions must fit 16.16 with room: levels are at most 16,000 pixels wide, warps at most fourfold.
-    if !(0.0..16_000.0).contains(&centre[0]) || !(0.0..16_000.0).contains(&centre[1]) {
-        return None;
-    }
-    let (x, y) = (fixed(centre[0]), fixed(centre[1]));
-    if x < reach_x
-        || y < reach_y
-        || (x + reach_x) >> 16 >= w - 1
-        || (y + reach_y) >> 16 >= h - 1
-        || reach_x > 20 << 16
-        || reach_y > 20 << 16
-    {
-        return None;
-    }
-    let data = image.data();
-    let stride = w as usize;
-    for j in 0..SIDE {
-        let dj = j as i32 - RADIUS;
-        let mut px = x - RADIUS * a + dj * b;
-        let mut py = y - RADIUS * c + dj * d;
-        for v in &mut out[j * SIDE..(j + 1) * SIDE] {
-            let at = (py >> 16) as usize * stride + (px >> 16) as usize;
-            let (fx, fy) = ((px >> 8) & 0xff, (py >> 8) & 0xff);
-            let upper = &data[at..at + 2];
-            let lower = &data[at + stride..at + stride + 2];
-            let top = (upper[0] as i32) * (256 - fx) + upper[1] as i32 * fx;
-            let bottom = (lower[0] as i32) * (256 - fx) + lower[1] as i32 * fx;
-            *v = (top * (256 - fy) + bottom * fy) as f32 * (1.0 / 65536.0);
-            px += a;
-            py += c;
-        }
-    }
-    Some(())
-}
-
-/// Inner product in eight fixed lanes, so that it vectorises and always rounds alike.
-fn dot(a: &[f32; AREA], b: &[f32; AREA]) -> f32 {
-    let mut lanes = [0.0f32; 8];
-    let (a8, a_rest) = a.as_chunks::<8>();
-    let (b8, b_rest) = b.as_chunks::<8>();
-    for (x, y) in a8.iter().zip(b8) {
-        for k in 0..8 {
-            lanes[k] += x[k] * y[k];
-        }
-    }
-    let rest: f32 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    lanes.iter().sum::<f32>() + rest
 }

@@ -104,3 +104,20 @@ pub fn kitti_rig() -> Rig {
     };
     Rig { cameras: vec![at("cam0", 0.0), at("cam1", 379.8145 / 707.0912)], depth: None, imu: None }
 }
+
+/// The Kinect of `7scenes-kitchen`: one camera for colour and depth as published, or colour with a focal length and a place
+/// of its own.
+pub fn kitchen_rig(registered: bool) -> Rig {
+    let depth = Camera::pinhole(640, 480, 585.0, 585.0, 320.0, 240.0);
+    let colour = if registered { depth } else { Camera::pinhole(640, 480, 525.0, 525.0, 320.0, 240.0) };
+    let mut rig = Rig::mono(colour);
+    let body_from_depth =
+        if registered { Se3::identity() } else { Se3::new(So3::identity(), Vec3::new(-0.025, 0.0, 0.0)) };
+    rig.depth = Some(cairn_sensor::DepthSensor {
+        camera: depth,
+        body_from_depth,
+        metres_per_unit: 0.001,
+        registered,
+    });
+    rig
+}
