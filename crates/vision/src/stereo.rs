@@ -89,9 +89,17 @@ pub(crate) struct StereoMatcher {
     baseline_fx: f64,
     /// Right features by rectified row: start of each row in `order`.
     starts: Vec<u32>,
-    order: Vec<u32>,
+    order: Vec<InRow>,
     found: Vec<Found>,
     backend: Backend,
+}
+
+/// A right feature in its row.
+#[derive(Clone, Copy, Debug, Default)]
+struct InRow {
+    px: [f32; 2],
+    octave: u8,
+    index: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -177,11 +185,11 @@ impl StereoMatcher {
             self.starts[r] += self.starts[r - 1];
         }
         self.order.clear();
-        self.order.resize(self.starts[self.starts.len() - 1] as usize, 0);
+        self.order.resize(self.starts[self.starts.len() - 1] as usize, InRow::default());
         // Filling moves each start to the end of its row, which is the start of the next: shifted back below.
         for (j, p) in right.px.iter().enumerate().filter(|(_, p)| p[1].is_finite()) {
             let slot = &mut self.starts[bucket(p[1])];
-            self.order[*slot as usize] = j as u32;
+            self.order[*slot as usize] = InRow { px: *p, octave: right.octave[j], index: j as u32 };
             *slot += 1;
         }
         self.starts.rotate_right(1);
@@ -202,17 +210,17 @@ impl StereoMatcher {
         let to = ((v + tolerance).floor() as i32 - first_row + 1).clamp(0, rows);
         let max_disparity = (self.max_disparity()) as f32 + slack;
         let mut best = (s.max_hamming + 1, usize::MAX);
-        for &j in &self.order[self.starts[from as usize] as usize..self.starts[to as usize] as usize] {
-            let j = j as usize;
-            let p = right.px[j];
-            let disparity = u - p[0];
+        let band = self.starts[from as usize] as usize..self.starts[to as usize] as usize;
+        for c in &self.order[band] {
+            let disparity = u - c.px[0];
             if disparity < -slack
                 || disparity > max_disparity
-                || (p[1] - v).abs() > tolerance
-                || right.octave[j].abs_diff(octave) > 1
+                || (c.px[1] - v).abs() > tolerance
+                || c.octave.abs_diff(octave) > 1
             {
                 continue;
             }
+            let j = c.index as usize;
             let distance = hamming(&left.descriptors[i], &right.descriptors[j]);
             if distance < best.0 {
                 best = (distance, j);
@@ -264,7 +272,7 @@ impl StereoMatcher {
             return None;
         }
         // What the left patch does not explain of the right one.
-        let energy = energy(&patch);
+        let energy = energy(patch);
         let explained = gain * gain * fit.contrast_energy;
         let correlation = (explained / energy.max(1e-6)).sqrt();
         let residual = (energy - explained).max(0.0) / (AREA - 3) as f32;

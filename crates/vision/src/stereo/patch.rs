@@ -61,8 +61,7 @@ impl Template {
     /// Derivatives along the epipolar line; `None` without contrast or without texture along it.
     pub(super) fn prepare(self, warp: &Warp) -> Option<Fit> {
         let mut contrast = self.value;
-        let mean = contrast[..AREA].iter().sum::<f32>() / AREA as f32;
-        contrast[..AREA].iter_mut().for_each(|v| *v -= mean);
+        centre(&mut contrast);
         let contrast_energy = dot(&contrast, &contrast);
         // A contrast of one gray level is noise.
         if contrast_energy < AREA as f32 {
@@ -70,23 +69,42 @@ impl Template {
         }
         let mut slope = [0.0; PADDED];
         let [dx, dy] = warp.direction_left;
-        for k in 0..AREA {
+        for k in 0..PADDED {
             slope[k] = self.gradient_x[k] * dx + self.gradient_y[k] * dy;
         }
-        let mean = slope[..AREA].iter().sum::<f32>() / AREA as f32;
+        centre(&mut slope);
         let along = dot(&slope, &contrast) / contrast_energy;
-        for k in 0..AREA {
-            slope[k] -= mean + along * contrast[k];
+        for k in 0..PADDED {
+            slope[k] -= along * contrast[k];
         }
         let slope_energy = dot(&slope, &slope);
         (slope_energy > 1.0).then_some(Fit { contrast, contrast_energy, slope, slope_energy })
     }
 }
 
+/// One for each pixel of the patch, zero in the padding.
+static ONES: Patch = {
+    let mut ones = [0.0; PADDED];
+    let mut k = 0;
+    while k < AREA {
+        ones[k] = 1.0;
+        k += 1;
+    }
+    ones
+};
+
+/// Takes the mean from all pixels of the patch; the padding becomes zero.
+fn centre(patch: &mut Patch) {
+    let mean = dot(patch, &ONES) / AREA as f32;
+    for (v, one) in patch.iter_mut().zip(&ONES) {
+        *v = (*v - mean) * one;
+    }
+}
+
 /// Sum of squares about the mean.
-pub(super) fn energy(patch: &Patch) -> f32 {
-    let mean = patch[..AREA].iter().sum::<f32>() / AREA as f32;
-    patch[..AREA].iter().map(|v| (v - mean) * (v - mean)).sum()
+pub(super) fn energy(mut patch: Patch) -> f32 {
+    centre(&mut patch);
+    dot(&patch, &patch)
 }
 
 /// Inner product in sixteen fixed lanes, so that it vectorises and always rounds alike.
