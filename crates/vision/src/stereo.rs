@@ -5,6 +5,7 @@
 //! 1981, one unknown), the right patch being warped by the local affine map between the two images, and gain and
 //! offset of the exposure being free. No image is ever rectified.
 
+mod lenders;
 mod patch;
 mod sample;
 #[cfg(target_arch = "x86_64")]
@@ -15,6 +16,7 @@ use crate::orb::{Backend, hamming};
 use crate::rectify::Rectifier;
 use crate::{Descriptor, Octaves};
 use cairn_sensor::GrayImage;
+use lenders::Lenders;
 use patch::{AREA, PADDED, Template, dot, energy};
 use sample::sample;
 use warp::Warp;
@@ -45,6 +47,9 @@ pub struct StereoSetting {
     pub max_over_median: f32,
     /// Largest standard deviation of the disparity in pixels of the level, told from residual and texture.
     pub max_sigma: f32,
+    /// Least correlation of a match at the disparity of a neighbour, for features without a match of their own; above one
+    /// turns such matches off.
+    pub borrow_correlation: f32,
 }
 
 impl Default for StereoSetting {
@@ -59,6 +64,7 @@ impl Default for StereoSetting {
             min_correlation: 0.8,
             max_over_median: 8.0,
             max_sigma: 0.3,
+            borrow_correlation: 0.95,
         }
     }
 }
@@ -91,6 +97,7 @@ pub(crate) struct StereoMatcher {
     starts: Vec<u32>,
     order: Vec<InRow>,
     found: Vec<Found>,
+    lenders: Lenders,
     backend: Backend,
 }
 
@@ -125,7 +132,18 @@ impl StereoMatcher {
         baseline_fx: f64,
     ) -> Self {
         let (starts, order, found) = (Vec::new(), Vec::new(), Vec::new());
-        Self { setting, left, right, octaves, baseline_fx, starts, order, found, backend: Backend::detect() }
+        Self {
+            setting,
+            left,
+            right,
+            octaves,
+            baseline_fx,
+            starts,
+            order,
+            found,
+            lenders: Lenders::default(),
+            backend: Backend::detect(),
+        }
     }
 
     /// Maps raw left pixels.
@@ -165,6 +183,32 @@ impl StereoMatcher {
             depth[i] = (self.baseline_fx / f.disparity as f64) as f32;
         }
         self.found = found;
+        if self.setting.borrow_correlation <= 1.0 {
+            let gate = gate.max(self.setting.borrow_correlation);
+            self.borrow(&left, &right, gate, right_x, depth);
+        }
+    }
+
+    /// Second pass: features without a match of their own try the disparities of matched features near them.
+    fn borrow(&mut self, left: &Side, right: &Side, gate: f32, right_x: &mut [f32], depth: &mut [f32]) {
+        let mut lenders = std::mem::take(&mut self.lenders);
+        lenders.fill(left.px, &self.found, depth);
+        for i in 0..left.px.len() {
+            // Those that the first pass matched; what this pass adds is not lent.
+            if depth[i] > 0.0 {
+                continue;
+            }
+            let scale = self.octaves.scale(left.octave[i]) as f32;
+            for disparity in lenders.near(left.px[i], scale) {
+                let aligned = self.align(left, i, right, disparity as f64);
+                if let Some(a) = aligned.filter(|a| a.correlation >= gate) {
+                    right_x[i] = left.px[i][0] - a.disparity as f32;
+                    depth[i] = (self.baseline_fx / a.disparity) as f32;
+                    break;
+                }
+            }
+        }
+        self.lenders = lenders;
     }
 
     /// Buckets right features by row; gives the row of the first bucket, `None` without features.

@@ -1,0 +1,132 @@
+//! Stereo depth on recordings against the true motion: a point placed by one frame must be seen again where the truth says.
+
+mod common;
+
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{FramePacket, Rig, Stamp};
+use cairn_vision::{Eye, EyeSetting, Frame, OrbSetting, SensorMode, hamming};
+use common::recordings::{euroc_rig, folder, jpeg, kitti_rig, listing, numbers};
+use std::path::PathBuf;
+
+/// Left and right image and the true `world_from_body`.
+type Shot = (PathBuf, PathBuf, Se3);
+
+/// Of points that are found again by descriptor on the epipolar line of the true motion: how many are there where their
+/// depth says, within three pixels of their level. Points whose place tells nothing of their depth are left out.
+fn seen_again(eye: &Eye, a: &Frame, b: &Frame, b_from_a: &Se3, which: impl Fn(usize) -> bool) -> [usize; 2] {
+    let (mut found, mut right) = (0, 0);
+    for i in (0..a.len()).filter(|&i| a.has_depth(i) && which(i)) {
+        let ray = eye.model().unproject(a.px[i], 1.0);
+        let here = eye.model().project(&(*b_from_a * (ray * a.depth[i] as f64)));
+        let (Some([u, v, _]), Some([fu, fv, _])) = (here, eye.model().project(&(b_from_a.rotation * ray)))
+        else {
+            continue;
+        };
+        let (mut best, mut second, mut at) = (256, 256, 0);
+        b.near(u as f32, v as f32, 40.0, |j| {
+            let d = hamming(&a.descriptors[i], &b.descriptors[j]);
+            if d < best {
+                (second, best, at) = (best, d, j);
+            } else if d < second {
+                second = d;
+            }
+        });
+        let length = (u - fu).hypot(v - fv);
+        let scale = eye.octaves().scale(a.octave[i].max(b.octave.get(at).copied().unwrap_or(0)));
+        if best > 50 || best * 10 > second * 8 || length < 6.0 * scale {
+            continue;
+        }
+        let along = [(u - fu) / length, (v - fv) / length];
+        let off = [b.px[at][0] as f64 - u, b.px[at][1] as f64 - v];
+        if (off[0] * along[1] - off[1] * along[0]).abs() > 1.5 * scale {
+            continue;
+        }
+        found += 1;
+        if (off[0] * along[0] + off[1] * along[1]).abs() < 3.0 * scale {
+            right += 1;
+        }
+    }
+    [found, right]
+}
+
+fn check(name: &str, rig: &Rig, shots: &[Shot], features: usize, step: usize) {
+    let orb = OrbSetting { features, ..OrbSetting::default() };
+    let on = EyeSetting { orb, ..EyeSetting::default() };
+    let mut off = on;
+    off.stereo.borrow_correlation = 2.0;
+    let mut eyes = [off, on].map(|s| Eye::new(rig, SensorMode::Stereo, s).unwrap());
+    let (mut own, mut borrowed) = ([0; 2], [0; 2]);
+    let mut depths = [0; 2];
+    for k in (0..shots.len() - step).step_by((shots.len() / 20).max(1)) {
+        let mut see = |e: usize, shot: &Shot| {
+            let images = vec![jpeg(&shot.0), jpeg(&shot.1)];
+            let packet = FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 };
+            eyes[e].see(&packet).unwrap()
+        };
+        let (a, a_all, b) = (see(0, &shots[k]), see(1, &shots[k]), see(0, &shots[k + step]));
+        let eye = &eyes[1];
+        let t = eye.model().body_from_eye;
+        let b_from_a = t.inverse() * shots[k + step].2.inverse() * shots[k].2 * t;
+        let add = |sum: &mut [usize; 2], n: [usize; 2]| (sum[0], sum[1]) = (sum[0] + n[0], sum[1] + n[1]);
+        add(&mut own, seen_again(eye, &a_all, &b, &b_from_a, |i| a.has_depth(i)));
+        add(&mut borrowed, seen_again(eye, &a_all, &b, &b_from_a, |i| !a.has_depth(i)));
+        add(&mut depths, [&a, &a_all].map(|f| f.depth.iter().filter(|d| **d > 0.0).count()));
+    }
+    let share = |n: [usize; 2]| n[1] as f64 / n[0].max(1) as f64;
+    println!(
+        "{name}: seen again where the motion says: {:.4} of {} matched by descriptor, {:.4} of {} at a neighbour's \
+         disparity; depths {} -> {}",
+        share(own),
+        own[0],
+        share(borrowed),
+        borrowed[0],
+        depths[0],
+        depths[1]
+    );
+    assert!(share(own) > 0.9 && share(borrowed) > 0.8);
+}
+
+#[test]
+fn kitti() {
+    let Some(path) = folder("kitti-a") else { return };
+    let truth = numbers(&path.join("poses.txt"));
+    let shots: Vec<Shot> = listing(&path.join("image_0"), ".jpg")
+        .into_iter()
+        .zip(listing(&path.join("image_1"), ".jpg"))
+        .zip(truth.chunks_exact(12))
+        .map(|((l, r), m)| {
+            let m = [m, &[0.0, 0.0, 0.0, 1.0]].concat();
+            (l, r, Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&m)))
+        })
+        .collect();
+    check("kitti-a", &kitti_rig(), &shots, 2000, 2);
+}
+
+#[test]
+fn euroc() {
+    let Some(path) = folder("euroc-mh01") else { return };
+    let mav = path.join("mav0");
+    let text = std::fs::read_to_string(mav.join("state_groundtruth_estimate0/data.csv")).unwrap();
+    let truth: Vec<(i64, Se3)> = text
+        .lines()
+        .filter(|l| !l.starts_with('#'))
+        .filter_map(|l| {
+            let mut fields = l.split(',').map(str::trim);
+            let stamp = fields.next()?.parse().ok()?;
+            let v: Vec<f64> = fields.filter_map(|f| f.parse().ok()).collect();
+            let r = So3::from_xyzw(*v.get(4)?, *v.get(5)?, *v.get(6)?, v[3])?;
+            Some((stamp, Se3::new(r, Vec3::new(v[0], v[1], v[2]))))
+        })
+        .collect();
+    let shots: Vec<Shot> = listing(&mav.join("cam0/data"), ".jpg")
+        .into_iter()
+        .zip(listing(&mav.join("cam1/data"), ".jpg"))
+        .filter_map(|(l, r)| {
+            let stamp: i64 = l.file_stem()?.to_str()?.parse().ok()?;
+            let k = truth.partition_point(|t| t.0 < stamp);
+            let near = truth.get(k).filter(|t| t.0 - stamp < 3_000_000)?;
+            Some((l, r, near.1))
+        })
+        .collect();
+    check("euroc-mh01", &euroc_rig(), &shots[..280.min(shots.len())], 1200, 8);
+}
