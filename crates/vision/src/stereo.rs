@@ -17,12 +17,16 @@ use crate::rectify::Rectifier;
 use crate::{Descriptor, Octaves};
 use cairn_sensor::GrayImage;
 use lenders::Lenders;
-use patch::{AREA, PADDED, Template, dot, energy};
+use patch::{AREA, Fit, PADDED, Patch, Template, dot, energy};
 use sample::sample;
 use warp::Warp;
 
 /// Steps of the alignment, at most.
 const STEPS: usize = 6;
+/// Step in pixels of the level after which no other is made; what is left is a small part of it.
+const SETTLED: f32 = 0.05;
+/// Correlation after one step below which an alignment is given up.
+const HOPELESS: f32 = 0.5;
 
 /// What is asked of the stereo matcher.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -116,6 +120,11 @@ struct Found {
     correlation: f32,
 }
 
+/// Correlation of the left patch with a right one, of which it explains `gain` times its own contrast.
+fn correlation(gain: f32, fit: &Fit, patch: &Patch) -> f32 {
+    (gain * gain * fit.contrast_energy / energy(*patch).max(1e-6)).sqrt()
+}
+
 /// What the alignment of one match found.
 #[derive(Clone, Copy, Debug)]
 struct Aligned {
@@ -168,7 +177,8 @@ impl StereoMatcher {
         for i in 0..left.px.len() {
             let Some(j) = self.best_candidate(&left, i, &right, first_row) else { continue };
             let start = (left.px[i][0] - right.px[j][0]) as f64;
-            if let Some(a) = self.align(&left, i, &right, start) {
+            let template = self.template(&left, i);
+            if let Some(a) = template.and_then(|t| self.align(&left, i, &t, &right, start)) {
                 found.push(Found {
                     left: i as u32,
                     disparity: a.disparity as f32,
@@ -198,9 +208,10 @@ impl StereoMatcher {
             if depth[i] > 0.0 {
                 continue;
             }
+            let Some(template) = self.template(left, i) else { continue };
             let scale = self.octaves.scale(left.octave[i]) as f32;
             for disparity in lenders.near(left.px[i], scale) {
-                let aligned = self.align(left, i, right, disparity as f64);
+                let aligned = self.align(left, i, &template, right, disparity as f64);
                 if let Some(a) = aligned.filter(|a| a.correlation >= gate) {
                     right_x[i] = left.px[i][0] - a.disparity as f32;
                     depth[i] = (self.baseline_fx / a.disparity) as f32;
@@ -278,24 +289,34 @@ impl StereoMatcher {
         self.left.focal_x() / self.setting.min_depth_baselines
     }
 
+    /// The whole pixel of its level nearest to a left feature: patches sit there, so that they need not be interpolated.
+    fn centre(&self, left: &Side, i: usize) -> [f64; 2] {
+        let scale = self.octaves.scale(left.octave[i]);
+        left.raw[i].map(|c| ((c as f64 + 0.5) / scale - 0.5).round())
+    }
+
+    /// The patch around a left feature.
+    fn template(&self, left: &Side, i: usize) -> Option<Template> {
+        Template::cut(left.levels.get(left.octave[i] as usize)?, self.centre(left, i))
+    }
+
     /// Aligns the patches of left feature `i` along the epipolar line, from a first disparity in rectified pixels.
-    fn align(&self, left: &Side, i: usize, right: &Side, start: f64) -> Option<Aligned> {
-        let level = left.octave[i] as usize;
-        let (l_image, r_image) = (left.levels.get(level)?, right.levels.get(level)?);
-        let scale = self.octaves.scale(level as u8);
-        // The patch sits on whole pixels of the left level, so that it need not be interpolated.
-        let centre = left.raw[i].map(|c| ((c as f64 + 0.5) / scale - 0.5).round());
-        let template = Template::cut(l_image, centre)?;
+    fn align(&self, left: &Side, i: usize, template: &Template, right: &Side, start: f64) -> Option<Aligned> {
+        let level = left.octave[i];
+        let r_image = right.levels.get(level as usize)?;
+        let scale = self.octaves.scale(level);
+        let centre = self.centre(left, i);
         let warp = Warp::new(&self.left, &self.right, centre, scale, start)?;
         let fit = template.prepare(&warp)?;
         let mut shift = 0.0; // of the disparity, in pixels of the level
         let mut patch = [0.0; PADDED];
         let mut gain = 0.0;
         let mut converged = false;
-        for _ in 0..STEPS {
+        for done in 0..STEPS {
             sample(r_image, warp.at(shift), &warp.affine, &mut patch, self.backend)?;
             gain = dot(&fit.contrast, &patch) / fit.contrast_energy;
-            if gain < 0.1 {
+            // One step brings patches of one place near enough to look alike; others are given up early.
+            if gain < 0.1 || done == 1 && correlation(gain, &fit, &patch) < HOPELESS {
                 return None;
             }
             let step = (-dot(&fit.slope, &patch) / (gain * fit.slope_energy)).clamp(-1.5, 1.5);
@@ -303,7 +324,7 @@ impl StereoMatcher {
             if shift.abs() > self.setting.max_shift {
                 return None;
             }
-            if step.abs() < 0.02 {
+            if step.abs() < SETTLED {
                 converged = true;
                 break;
             }

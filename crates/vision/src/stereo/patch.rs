@@ -59,7 +59,7 @@ impl Template {
     }
 
     /// Derivatives along the epipolar line; `None` without contrast or without texture along it.
-    pub(super) fn prepare(self, warp: &Warp) -> Option<Fit> {
+    pub(super) fn prepare(&self, warp: &Warp) -> Option<Fit> {
         let mut contrast = self.value;
         centre(&mut contrast);
         let contrast_energy = dot(&contrast, &contrast);
