@@ -4,13 +4,13 @@ use super::warp::Warp;
 use cairn_sensor::GrayImage;
 
 /// Half the side of the patch in pixels of its level.
-pub(super) const RADIUS: i32 = 5;
+pub(super) const RADIUS: i32 = 4;
 /// Its side.
 pub(super) const SIDE: usize = 2 * RADIUS as usize + 1;
 /// Its pixels.
 pub(super) const AREA: usize = SIDE * SIDE;
 /// Its pixels, rounded up for vector code; those beyond [`AREA`] have weight zero in a [`Fit`].
-pub(super) const PADDED: usize = 128;
+pub(super) const PADDED: usize = 96;
 
 /// Pixel values of a patch, row after row.
 pub(super) type Patch = [f32; PADDED];
