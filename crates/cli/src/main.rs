@@ -4,6 +4,7 @@
 //! says what, why, and what to do); 2: wrong usage.
 
 mod commands;
+mod demo;
 mod failure;
 mod output;
 mod progress;
@@ -27,6 +28,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Demo(demo::Arguments),
     Run(Box<commands::run::Arguments>),
     Eval(commands::eval::Arguments),
     Sim(commands::sim::Arguments),
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
 
 fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure> {
     match command {
+        Command::Demo(arguments) => demo::run(&arguments, output),
         Command::Run(arguments) => commands::run::run(&arguments, output, began),
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
         Command::Sim(arguments) => commands::sim::run(&arguments, output),

@@ -27,6 +27,11 @@ impl Output {
         print(shown.trim_end())
     }
 
+    /// Prints text for people, where no JSON was asked for: what a failure still has to show.
+    pub fn text(&self, text: &str) -> Result<(), Failure> {
+        if self.json { Ok(()) } else { print(text.trim_end()) }
+    }
+
     /// Tells the failure on stderr, with --json also as an object on stdout, and gives exit code 1.
     pub fn fail(&self, failure: &Failure) -> ExitCode {
         if self.json {

@@ -59,6 +59,7 @@ fn walk(page: &mut Page) {
     let events =
         numbered.clone().map(|(i, w)| Event { number: i + 1, at: w.0, tone: Tone::Second }).collect();
     let plan = Plan {
+        dots: Vec::new(),
         title: "The way out and the way home".into(),
         description: "A walk of 37 metres with three turns around a block, and the way back along it.".into(),
         axes: ("x".into(), "y".into()),

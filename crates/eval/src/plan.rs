@@ -57,6 +57,8 @@ pub struct Plan {
     pub axes: (String, String),
     /// Walls as segments.
     pub walls: Vec<[Vec2; 2]>,
+    /// Small dots, such as landmarks.
+    pub dots: Vec<Vec2>,
     /// Lines, drawn in this order.
     pub ways: Vec<Way>,
     /// Named places.
@@ -79,6 +81,14 @@ impl Plan {
         let view = View::around(self.all_points(), 8.0 + legend_height);
         let mut canvas = Canvas::new(WIDTH, view.height);
         canvas.legend(16.0, 8.0, WIDTH - 16.0, &entries);
+        let mut dots: Vec<(i64, i64)> = (self.dots.iter().filter(|p| is_finite(p)))
+            .map(|p| view.pixel(p))
+            .filter(|p| (0.0..WIDTH).contains(&p.0) && (view.top..view.height).contains(&p.1))
+            .map(|p| (p.0.round() as i64, p.1.round() as i64))
+            .collect();
+        dots.sort_unstable();
+        dots.dedup();
+        canvas.dots(&dots, Tone::Muted);
         for [a, b] in self.walls.iter().filter(|w| is_finite(&w[0]) && is_finite(&w[1])) {
             canvas.line(view.pixel(a), view.pixel(b), Tone::Muted, 3.0);
         }

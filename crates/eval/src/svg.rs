@@ -178,6 +178,18 @@ impl Canvas {
         );
     }
 
+    /// Dots of a pixel and a half, all in one element.
+    pub(crate) fn dots(&mut self, at: &[(i64, i64)], tone: Tone) {
+        if at.is_empty() {
+            return;
+        }
+        let _ = write!(self.body, "<path class=\"line s{}\" stroke-width=\"1.5\" d=\"", tone.class());
+        for (x, y) in at {
+            let _ = write!(self.body, "M{x} {y}h0");
+        }
+        self.body.push_str("\"/>");
+    }
+
     /// A filled polygon.
     pub(crate) fn polygon(&mut self, points: &[(f64, f64)], tone: Tone) {
         let list: Vec<String> =

@@ -3,7 +3,7 @@
 //! In: points and poses of the smooth frame. Out: plane coordinates in metres, headings in radians,
 //! counter-clockwise seen from above, so that a positive difference of headings is a turn to the left.
 
-use cairn_geometry::{Se3, Vec2, Vec3};
+use cairn_geometry::{Mat3, Se3, Vec2, Vec3};
 use std::f64::consts::PI;
 
 /// The plane across gravity, with two fixed axes in it.
@@ -35,6 +35,25 @@ impl Ground {
     /// For a map that starts at a level camera and knows no gravity: up is minus y of that camera.
     pub fn first_camera() -> Self {
         Self { up: -Vec3::y(), first: Vec3::x(), second: Vec3::z() }
+    }
+
+    /// For a walk whose frame knows no gravity: up is the direction that the cameras' axes to the right do not
+    /// have, as a camera on a chest looks down by an unknown pitch but does not lean to one side for long.
+    ///
+    /// Least squares over all poses (x right, y down, z forward): `sum (up . right)^2 + w |up + down|^2`, where
+    /// the small weight of the second part decides only what the walk leaves open: with no turns, the pitch.
+    /// `None` without poses, or when they cancel out.
+    pub fn of_walk<'a>(frame_from_camera: impl IntoIterator<Item = &'a Se3>) -> Option<Self> {
+        const WEIGHT: f64 = 0.01;
+        let (mut scatter, mut above, mut count) = (Mat3::zeros(), Vec3::zeros(), 0.0);
+        for pose in frame_from_camera {
+            let right = pose.rotation * Vec3::x();
+            scatter += right * right.transpose();
+            above -= pose.rotation * Vec3::y();
+            count += 1.0;
+        }
+        let normal = scatter + Mat3::identity() * (WEIGHT * count);
+        Self::new(normal.try_inverse()? * above)
     }
 
     /// The unit vector that points up.
@@ -118,6 +137,23 @@ mod tests {
             let h = ground.heading(&camera(yaw, 0.5, 0.15)).unwrap();
             assert!(wrap(h - yaw).abs() < 0.05, "a small roll moved the heading by {}", wrap(h - yaw));
         }
+    }
+
+    #[test]
+    fn a_walk_with_turns_tells_which_way_is_up() {
+        let tilted = So3::exp(&Vec3::new(0.2, -0.1, 0.4));
+        let angle = |headings: &[f64]| {
+            let walk: Vec<Se3> = (headings.iter())
+                .flat_map(|h| (0..40).map(move |k| camera(*h, 0.15, 0.012 * (0.7 * k as f64).sin())))
+                .map(|p| Se3::new(tilted * p.rotation, p.translation))
+                .collect();
+            let up = Ground::of_walk(&walk).unwrap().up();
+            up.angle(&(tilted * Vec3::z())).to_degrees()
+        };
+        assert!(angle(&[0.0, 1.5, 0.0, -1.5]) < 1.0, "{}", angle(&[0.0, 1.5, 0.0, -1.5]));
+        // Without turns the pitch cannot be told from a slope: 0.15 rad.
+        assert!(angle(&[0.3]) < 8.7, "{}", angle(&[0.3]));
+        assert!(Ground::of_walk(&[]).is_none());
     }
 
     #[test]

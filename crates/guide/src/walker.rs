@@ -117,6 +117,11 @@ impl Walker {
         (self.x, self.y, self.heading)
     }
 
+    /// The world puts the walker elsewhere than he meant to go: a wall holds him up. Metres.
+    pub fn held_at(&mut self, x: f64, y: f64) {
+        (self.x, self.y) = (x, y);
+    }
+
     /// True when the walker neither goes nor turns.
     pub fn is_standing(&self) -> bool {
         self.doing == Doing::Standing && self.bearing == 0.0

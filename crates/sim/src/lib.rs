@@ -16,6 +16,6 @@ pub use live::LiveRig;
 pub use render::Renderer;
 pub use setting::{Route, SimSensor, SimSetting};
 pub use source::SimSource;
-pub use walk::{BodyState, GRAVITY_M_S2, ImuSetting, Motion, Walker, read_tum};
+pub use walk::{BodyState, GRAVITY_M_S2, ImuSetting, Motion, Stride, Walker, read_tum};
 pub use world::{Figure, Passer, Way, World, WorldKind, WorldOptions};
 pub use write::{write_euroc, write_tum};

@@ -1,0 +1,89 @@
+//! The walker's true body: it goes where the words send it, walls and things are in its way, and it carries the camera.
+//!
+//! A walker whose next step would hit something feels it with the cane and goes along it, on the side where there is
+//! more room, without turning: the course that was told stays the course.
+
+use super::setting::Setting;
+use cairn_geometry::{Se3, Vec2};
+use cairn_guide::Walker;
+use cairn_sensor::Stamp;
+use cairn_sim::{Stride, World};
+
+/// Half the width of a person, metres: nearer than this to a wall nobody comes.
+const BODY_M: f64 = 0.25;
+/// How far the cane feels along a side, metres.
+const CANE_M: f64 = 0.6;
+/// Directions that are tried when the straight one is blocked, degrees to either side.
+const AROUND_DEG: [f64; 6] = [15.0, 35.0, 55.0, 75.0, 90.0, 100.0];
+
+/// A body in a world.
+pub struct Body {
+    /// Who hears the words.
+    pub walker: Walker,
+    /// The direction of the camera against that of the chest, radians: half a turn when the camera looks back.
+    pub mount: f64,
+    /// Steps in which something was in the way.
+    pub held_up: usize,
+    stride: Stride,
+    /// The side that is being felt along: plus one for left.
+    side: Option<f64>,
+}
+
+impl Body {
+    /// A body that stands at a place (metres) and faces along a heading (radians).
+    pub fn new(setting: &Setting, place: Vec2, heading: f64) -> Self {
+        Self {
+            walker: Walker::new(setting.seed, (place.x, place.y, heading)),
+            mount: 0.0,
+            held_up: 0,
+            stride: Stride::new(setting.sim.walker.clone()),
+            side: None,
+        }
+    }
+
+    /// Lets `dt` seconds pass; gives the camera's true pose after them.
+    pub fn step(&mut self, world: &World, dt: f64, now: Stamp) -> Se3 {
+        let from = self.place();
+        self.walker.step(dt, now);
+        let step = self.place() - from;
+        if step.norm() > 1e-9 {
+            let free = clear(world, &(from + step));
+            let to = if free { from + step } else { self.around(world, from, step) };
+            self.held_up += usize::from(!free);
+            self.side = self.side.filter(|_| !free);
+            self.walker.held_at(to.x, to.y);
+        }
+        self.camera(dt)
+    }
+
+    /// A step along what is in the way; none where there is no room.
+    fn around(&mut self, world: &World, from: Vec2, step: Vec2) -> Vec2 {
+        let turned = |deg: f64| {
+            let (s, c) = deg.to_radians().sin_cos();
+            Vec2::new(c * step.x - s * step.y, s * step.x + c * step.y)
+        };
+        let room = |side: f64| {
+            let to = from + turned(90.0 * side).normalize() * CANE_M;
+            world.clearance(to.x, to.y)
+        };
+        let side = *self.side.get_or_insert_with(|| if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 });
+        let tries = AROUND_DEG.iter().map(|deg| from + turned(deg * side));
+        tries.into_iter().find(|to| clear(world, to)).unwrap_or(from)
+    }
+
+    /// The camera's true pose, `dt` seconds after the one before.
+    pub fn camera(&mut self, dt: f64) -> Se3 {
+        let heading = self.walker.pose().2;
+        self.stride.pose(self.place(), heading + self.mount, dt)
+    }
+
+    /// Where the walker truly is, metres.
+    pub fn place(&self) -> Vec2 {
+        let (x, y, _) = self.walker.pose();
+        Vec2::new(x, y)
+    }
+}
+
+fn clear(world: &World, at: &Vec2) -> bool {
+    world.clearance(at.x, at.y) >= BODY_M
+}

@@ -1,0 +1,70 @@
+//! The way out: a walker goes along a way of the world, the engine looks, the recorder keeps the way.
+
+use super::eyes::Eyes;
+use super::setting::Setting;
+use crate::failure::Failure;
+use crate::progress::Progress;
+use cairn_geometry::{Se3, Vec2};
+use cairn_guide::{Ground, Recorder, RecorderSetting, Way, WayHeader};
+use cairn_sensor::Stamp;
+
+/// What the way out left behind.
+pub struct WalkedOut {
+    /// The way as it was recorded; its header holds the direction up that the walk itself told.
+    pub way: Way,
+    /// Time of the last frame.
+    pub end: Stamp,
+    /// Where the walker truly stands now, metres, and where he faces, radians.
+    pub stands: (Vec2, f64),
+    /// Metres truly walked, the gait left out.
+    pub walked_m: f64,
+}
+
+/// The corners of the way, of at most so many metres.
+pub fn corners(points: &[Vec2], metres: Option<f64>) -> Vec<Vec2> {
+    let mut left = metres.unwrap_or(f64::INFINITY);
+    let mut out: Vec<Vec2> = points.first().copied().into_iter().collect();
+    for leg in points.windows(2) {
+        let length = (leg[1] - leg[0]).norm();
+        if left <= length {
+            out.push(leg[0] + (leg[1] - leg[0]) * (left / length));
+            break;
+        }
+        out.push(leg[1]);
+        left -= length;
+    }
+    out
+}
+
+/// Walks out and records.
+pub fn walk_out(eyes: &mut Eyes, setting: &Setting, progress: &Progress) -> Result<WalkedOut, Failure> {
+    let points = eyes.world().ways().first().map_or(&[][..], |w| &w.points);
+    let corners = corners(points, setting.metres);
+    let motion = setting.sim.walker.motion(&corners);
+    let frames = (motion.end() * setting.sim.rate_hz).ceil() as usize + 1;
+    let mut recorder =
+        Recorder::new(RecorderSetting::default(), true, &Ground::first_camera(), setting.source());
+    let mut stamp = Stamp::from_seconds(0.0);
+    for k in 0..frames {
+        let t = (k as f64 / setting.sim.rate_hz).min(motion.end() + 1.0);
+        stamp = Stamp::from_seconds(t);
+        let seen = eyes.see(stamp, &motion.pose(t))?;
+        let told = recorder.observe(&seen);
+        told.map_err(|e| Failure::new("recording", e.to_string(), "make room on the disk"))?;
+        progress.step((50.0 * t / motion.end()) as usize);
+    }
+    let (mut way, _) = recorder.finish();
+    // The map begins at the first camera and knows no gravity; the walk tells which way is up.
+    let poses: Vec<Se3> = way.points.iter().map(|p| p.odom_from_camera).collect();
+    let ground = Ground::of_walk(&poses).ok_or_else(|| {
+        Failure::new("the way out", "tracking never began, nothing was recorded", "try another --seed")
+    })?;
+    way.header = WayHeader::new(true, &ground, setting.source());
+    let heading = match corners.as_slice() {
+        [.., a, b] => (b - a).y.atan2((b - a).x),
+        _ => 0.0,
+    };
+    let stands = (corners.last().copied().unwrap_or_default(), heading);
+    let walked_m = corners.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+    Ok(WalkedOut { way, end: stamp, stands, walked_m })
+}

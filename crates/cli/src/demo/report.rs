@@ -1,0 +1,224 @@
+//! What a demo leaves: text on the terminal, files in its folder, and a page that opens in any browser.
+
+use super::once::{Demo, Figures, once};
+use super::setting::Setting;
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_eval::{
+    Event, Figure, Marker, Page, Plan, Said, Tone, Way, error_over_time, times_over_frames, to_tum,
+    write_whole,
+};
+use cairn_geometry::Vec2;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Runs one demo, prints it and writes its files.
+pub fn run(setting: &Setting, folder: &Path, output: &Output) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|e| {
+        Failure::new(folder.display().to_string(), e.to_string(), "choose another folder with --out")
+    })?;
+    let demo = once(setting)?;
+    let plan = plan(&demo);
+    write_files(&demo, &plan, folder)?;
+    let report = folder.join("report.html");
+    let f = &demo.figures;
+    let text = |f: &Figures| format!("{}\n{}report     {}", transcript(f), summary(f), report.display());
+    if f.arrived {
+        return output.result(f, text);
+    }
+    output.text(&text(f))?;
+    let why = format!("the walker did not come home: {:.2} m from where the walk began", f.arrival_error_m);
+    Err(Failure::new("the demo", why, format!("see {} for where it went wrong", report.display())))
+}
+
+fn write_files(demo: &Demo, plan: &Figure, folder: &Path) -> Result<(), Failure> {
+    let json = serde_json::to_string_pretty(&demo.figures)
+        .map_err(|e| Failure::new("demo.json", e.to_string(), "report this with the command line"))?;
+    write_whole(&folder.join("report.html"), &page(demo, plan))?;
+    write_whole(&folder.join("plan.svg"), &plan.standalone())?;
+    write_whole(&folder.join("demo.json"), &json)?;
+    write_whole(&folder.join("transcript.txt"), &transcript(&demo.figures))?;
+    write_whole(&folder.join("truth.tum"), &to_tum(&demo.truth))?;
+    write_whole(&folder.join("estimate.tum"), &to_tum(&demo.estimate))?;
+    let way = folder.join("way.jsonl");
+    // A way on disk is never written over; the one of an earlier demo in this folder makes room.
+    let fail = |e: std::io::Error| {
+        Failure::new(way.display().to_string(), e.to_string(), "choose another folder with --out")
+    };
+    if way.exists() {
+        std::fs::remove_file(&way).map_err(fail)?;
+    }
+    demo.way.save(&way).map_err(fail)
+}
+
+/// What was said, a line each with its time.
+fn transcript(f: &Figures) -> String {
+    let mut text = String::new();
+    for line in &f.said {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{:>3}:{:04.1}  {}", (line.t_s / 60.0) as i64, line.t_s % 60.0, line.words);
+    }
+    text
+}
+
+fn summary(f: &Figures) -> String {
+    let mut text = String::new();
+    let mut row = |name: &str, value: String| {
+        let _ = writeln!(text, "{name:<10} {value}");
+    };
+    row(
+        "way",
+        format!(
+            "{:.1} m walked out, {:.1} m recorded, {:.1} m cleaned, {} turns",
+            f.walked_out_m, f.recorded_m, f.cleaned_m, f.turns
+        ),
+    );
+    row(
+        "home",
+        format!(
+            "{}, {:.1} m in {:.0} s, {} announcements",
+            f.facing,
+            f.walked_home_m,
+            f.home_s,
+            f.said.len()
+        ),
+    );
+    row(
+        "arrival",
+        format!(
+            "{}, {:.2} m from where the walk began",
+            if f.arrived { "yes" } else { "no" },
+            f.arrival_error_m
+        ),
+    );
+    row(
+        "ATE",
+        format!(
+            "{:.4} m RMSE over {:.1} m out and home, SE3; coverage {:.4} of {} frames",
+            f.ate_m,
+            f.walked_out_m + f.walked_home_m,
+            f.coverage,
+            f.frames
+        ),
+    );
+    for (t, frames) in &f.lost {
+        row("lost", format!("at {t:.1} s for {frames} frames"));
+    }
+    if let Some(ms) = &f.ms {
+        row("step", format!("{ms} ms from image to pose, {}", f.sensor));
+    }
+    if let Some(ms) = f.stages.get("map") {
+        row("mapping", format!("{ms} ms for a key frame"));
+    }
+    let memory = f.peak_rss_mb.map_or("unknown".into(), |m| format!("{m:.0} MB"));
+    row("map", format!("{} key frames, {} landmarks; peak memory {memory}", f.keyframes, f.landmarks));
+    row("time", format!("{:.1} s for {:.0} s of walking", f.wall_s, f.walk_s));
+    text
+}
+
+fn plan(demo: &Demo) -> Figure {
+    let f = &demo.figures;
+    let mut ways = vec![
+        Way {
+            label: "way as recorded".into(),
+            points: demo.recorded.clone(),
+            tone: Tone::Truth,
+            broad: true,
+            ..Way::default()
+        },
+        Way { label: "cleaned".into(), points: demo.cleaned.clone(), tone: Tone::First, ..Way::default() },
+        Way {
+            label: "way home, as walked".into(),
+            points: demo.path_home.clone(),
+            tone: Tone::Second,
+            arrows: true,
+            ..Way::default()
+        },
+    ];
+    ways.retain(|w| w.points.len() > 1);
+    let events = f.said.iter().enumerate();
+    let events = events.map(|(k, line)| Event { number: k + 1, at: Vec2::from(line.at), tone: Tone::Second });
+    let marker = |label: &str, at| Marker { label: label.into(), at, tone: Tone::Third };
+    let plan = Plan {
+        title: format!("Out and home, seed {}, {}", f.seed, f.facing),
+        description: format!(
+            "Corridors seen from above. The recorded way of {:.1} m with {} turns leads from the start to the far \
+             end; the way home leads back beside it and ends {:.2} m from the start. Numbers show where something \
+             was said; the words are in the transcript.",
+            f.recorded_m, f.turns, f.arrival_error_m
+        ),
+        walls: demo.walls.clone(),
+        dots: demo.landmarks.clone(),
+        ways,
+        markers: vec![marker("start", demo.start), marker("far end", demo.far_end)],
+        events: events.collect(),
+        ..Plan::default()
+    };
+    plan.figure()
+}
+
+fn page(demo: &Demo, plan: &Figure) -> String {
+    let f = &demo.figures;
+    let came = if f.arrived { "came home" } else { "did not come home" };
+    let lead = format!(
+        "A walker went {:.0} m out and {came}, {:.2} m from where the walk began, hearing only the words below.",
+        f.walked_out_m, f.arrival_error_m
+    );
+    let mut page =
+        Page::new(&format!("Out and home: {}, {} eyes, seed {}", f.facing, f.sensor, f.seed), &lead);
+    page.heading("In short");
+    let number = |v: Option<f64>, digits: usize, unit: &str| {
+        v.map_or("unknown".to_owned(), |v| format!("{v:.digits$} {unit}"))
+    };
+    page.facts(&[
+        ("Arrival error", &format!("{:.2} m", f.arrival_error_m)),
+        ("Way out", &format!("{:.1} m", f.walked_out_m)),
+        ("Cleaned way", &format!("{:.1} m, {} turns", f.cleaned_m, f.turns)),
+        ("Way home", &format!("{:.1} m", f.walked_home_m)),
+        ("ATE, RMSE", &format!("{:.4} m", f.ate_m)),
+        ("Coverage", &format!("{:.4}", f.coverage)),
+        ("Step, median", &number(f.ms.map(|ms| ms.p50), 1, "ms")),
+        ("Step, p99", &number(f.ms.map(|ms| ms.p99), 1, "ms")),
+        ("Key frames", &f.keyframes.to_string()),
+        ("Landmarks", &f.landmarks.to_string()),
+        ("Peak memory", &number(f.peak_rss_mb, 0, "MB")),
+    ]);
+    page.heading("The way");
+    page.figure(
+        plan,
+        "Walls of the world in grey lines, landmarks of the map as dots. The map, the recorded and the cleaned way \
+         are laid onto the world by aligning the whole trajectory; the way home is where the walker truly went.",
+    );
+    page.heading("What was said");
+    let said: Vec<Said> = (f.said.iter().enumerate())
+        .map(|(k, line)| Said {
+            number: Some(k + 1),
+            t_s: line.t_s,
+            words: line.words.clone(),
+            note: if line.interrupts { "interrupts".into() } else { String::new() },
+        })
+        .collect();
+    page.transcript("Times count from the first frame of the way out.", &said);
+    page.heading("How well it saw");
+    page.figure(
+        &error_over_time("Error of the position", &demo.evaluation),
+        "Distance of each pose to the truth, out and home, after aligning the whole trajectory.",
+    );
+    for (t, frames) in &f.lost {
+        page.paragraph(&format!("Tracking was lost at {t:.1} s for {frames} frames."));
+    }
+    page.heading("What it cost");
+    page.figure(&times_over_frames("Step", &demo.step_ms), "From the image to the pose, frame by frame.");
+    let rows = f.stages.0.iter().map(|(name, p)| {
+        let cells = [p.p50, p.p95, p.p99, p.max].map(|v| format!("{v:.2}"));
+        std::iter::once(name.clone()).chain(cells).collect()
+    });
+    let rows: Vec<Vec<String>> = rows.collect();
+    page.table("Milliseconds of each stage", &["stage", "p50", "p95", "p99", "max"], &rows);
+    page.paragraph(&format!(
+        "The whole demo took {:.1} s for {:.0} s of walking; rendering the images is part of that, and no part of \
+         the step.",
+        f.wall_s, f.walk_s
+    ));
+    page.finish()
+}

@@ -1,0 +1,90 @@
+//! Many seeds, one after the other: a table of how each came home.
+
+use super::once::{Figures, once};
+use super::setting::Setting;
+use crate::failure::Failure;
+use crate::output::Output;
+use serde::Serialize;
+
+/// What came of all of them.
+#[derive(Serialize)]
+struct Tally {
+    runs: usize,
+    arrived: usize,
+    arrival_error_m: Spread,
+    ate_m: Spread,
+    wall_s: Spread,
+    each: Vec<Figures>,
+}
+
+/// Half are at most the median.
+#[derive(Serialize)]
+struct Spread {
+    median: f64,
+    max: f64,
+}
+
+impl Spread {
+    fn of(values: impl Iterator<Item = f64>) -> Self {
+        let mut v: Vec<f64> = values.collect();
+        v.sort_by(f64::total_cmp);
+        let at = |i: usize| v.get(i).copied().unwrap_or(f64::NAN);
+        Self { median: at(v.len() / 2), max: at(v.len().saturating_sub(1)) }
+    }
+}
+
+/// Runs all; fails when one did not arrive.
+pub fn run(settings: impl Iterator<Item = Setting>, output: &Output) -> Result<(), Failure> {
+    let mut each = Vec::new();
+    for setting in settings {
+        each.push(once(&setting)?.figures);
+    }
+    let tally = Tally {
+        runs: each.len(),
+        arrived: each.iter().filter(|f| f.arrived).count(),
+        arrival_error_m: Spread::of(each.iter().map(|f| f.arrival_error_m)),
+        ate_m: Spread::of(each.iter().map(|f| f.ate_m)),
+        wall_s: Spread::of(each.iter().map(|f| f.wall_s)),
+        each,
+    };
+    if tally.arrived == tally.runs {
+        return output.result(&tally, text);
+    }
+    output.text(&text(&tally))?;
+    let why = format!("{} of {} walkers came home", tally.arrived, tally.runs);
+    Err(Failure::new("the demo", why, "run cairn demo --seed N for one that did not, and see its report"))
+}
+
+fn text(tally: &Tally) -> String {
+    let mut lines = vec![
+        "seed  arrived  error m  way m  home m  said  ATE m   coverage  ms p50   p99  wall s".to_owned(),
+    ];
+    for f in &tally.each {
+        let (p50, p99) = f.ms.map_or((0.0, 0.0), |ms| (ms.p50, ms.p99));
+        lines.push(format!(
+            "{:>4}  {:<7}  {:>7.2}  {:>5.1}  {:>6.1}  {:>4}  {:.4}  {:>8.4}  {:>6.1}  {:>4.1}  {:>6.1}",
+            f.seed,
+            if f.arrived { "yes" } else { "no" },
+            f.arrival_error_m,
+            f.cleaned_m,
+            f.walked_home_m,
+            f.said.len(),
+            f.ate_m,
+            f.coverage,
+            p50,
+            p99,
+            f.wall_s
+        ));
+    }
+    lines.push(format!(
+        "{} of {} arrived within 1 m; arrival error median {:.2}, max {:.2} m; ATE median {:.4}, max {:.4} m; at most {:.0} s each",
+        tally.arrived,
+        tally.runs,
+        tally.arrival_error_m.median,
+        tally.arrival_error_m.max,
+        tally.ate_m.median,
+        tally.ate_m.max,
+        tally.wall_s.max
+    ));
+    lines.join("\n")
+}

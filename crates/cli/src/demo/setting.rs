@@ -1,0 +1,65 @@
+//! What one demo is: the world, the eyes, the walker.
+
+use cairn_geometry::Se3;
+use cairn_guide::Facing;
+use cairn_sensor::Camera;
+use cairn_sim::{SimSensor, SimSetting, WorldKind};
+
+/// Frames a second.
+const RATE_HZ: f64 = 15.0;
+
+/// One demo.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    /// The world and its sensors.
+    pub sim: SimSetting,
+    /// How the walker goes home.
+    pub facing: Facing,
+    /// Metres of the way that are walked; all of it without.
+    pub metres: Option<f64>,
+    /// Of the world, the noise of the sensors and the walker.
+    pub seed: u64,
+}
+
+impl Setting {
+    /// The demo of a seed: the camera is the body, on the chest at 1.3 m, looking 5 degrees down.
+    pub fn new(seed: u64, facing: Facing, sensor: SimSensor, metres: Option<f64>) -> Self {
+        let sim = SimSetting {
+            sensor,
+            imu: None,
+            camera: Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5),
+            rate_hz: RATE_HZ,
+            body_from_camera: Se3::identity(),
+            ..SimSetting::new(WorldKind::Demo, seed)
+        };
+        Self { sim, facing, metres, seed }
+    }
+
+    /// What the way is recorded from, for its file.
+    pub fn source(&self) -> String {
+        format!("sim:{}?seed={}", self.sim.world, self.seed)
+    }
+
+    /// Seconds between frames.
+    pub fn step_s(&self) -> f64 {
+        1.0 / self.sim.rate_hz
+    }
+}
+
+/// The facing as it is written on the command line.
+pub fn facing_name(facing: Facing) -> &'static str {
+    match facing {
+        Facing::Home => "home",
+        Facing::Back => "back",
+        Facing::Backwards => "backwards",
+    }
+}
+
+/// The sensor as it is written on the command line.
+pub fn sensor_name(sensor: SimSensor) -> &'static str {
+    match sensor {
+        SimSensor::Mono => "mono",
+        SimSensor::Stereo => "stereo",
+        SimSensor::Rgbd => "rgbd",
+    }
+}
