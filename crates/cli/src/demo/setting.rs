@@ -6,7 +6,7 @@ use cairn_sensor::Camera;
 use cairn_sim::{SimSensor, SimSetting, WorldKind};
 
 /// Frames a second.
-const RATE_HZ: f64 = 15.0;
+const RATE_HZ: f64 = 12.0;
 
 /// One demo.
 #[derive(Clone, Debug)]
