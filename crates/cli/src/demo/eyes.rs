@@ -37,7 +37,7 @@ impl Eyes {
             SimSensor::Stereo => SensorMode::Stereo,
             SimSensor::Rgbd => SensorMode::Rgbd,
         };
-        let engine = Engine::new(live.rig(), mode, Runner::Lockstep, &Config::default())
+        let engine = Engine::new(live.rig(), mode, setting.rate_hz, Runner::Lockstep, &Config::default())
             .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
         Ok(Self {
             live,
