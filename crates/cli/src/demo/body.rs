@@ -1,7 +1,7 @@
 //! The walker's true body: it goes where the words send it, walls and things are in its way, and it carries the camera.
 //!
-//! A walker whose next step would hit something feels it with the cane and goes along it, on the side where there is
-//! more room, without turning: the course that was told stays the course.
+//! A walker feels what is ahead with the cane and goes along it, on the side where there is more room, without turning:
+//! the course that was told stays the course. Where that leads nowhere he stands and waits for words.
 
 use super::setting::Setting;
 use cairn_geometry::{Se3, Vec2};
@@ -11,8 +11,10 @@ use cairn_sim::{Stride, World};
 
 /// Half the width of a person, metres: nearer than this to a wall nobody comes.
 const BODY_M: f64 = 0.25;
-/// How far the cane feels along a side, metres.
-const CANE_M: f64 = 0.6;
+/// How far ahead of the body the cane feels, metres: a walker does not walk into a wall with his nose.
+const CANE_M: f64 = 0.45;
+/// How far to a side a walker goes around something before he gives up, metres.
+const ASIDE_M: f64 = 1.0;
 /// Directions that are tried when the straight one is blocked, degrees to either side.
 const AROUND_DEG: [f64; 6] = [15.0, 35.0, 55.0, 75.0, 90.0, 100.0];
 
@@ -25,8 +27,8 @@ pub struct Body {
     /// Steps in which something was in the way.
     pub held_up: usize,
     stride: Stride,
-    /// The side that is being felt along: plus one for left.
-    side: Option<f64>,
+    /// The side that is being felt along (plus one for left), and metres gone along it.
+    side: Option<(f64, f64)>,
 }
 
 impl Body {
@@ -47,13 +49,19 @@ impl Body {
         self.walker.step(dt, now);
         let step = self.place() - from;
         if step.norm() > 1e-9 {
-            let free = clear(world, &(from + step));
+            let free = self.free(world, from, step);
             let to = if free { from + step } else { self.around(world, from, step) };
             self.held_up += usize::from(!free);
             self.side = self.side.filter(|_| !free);
             self.walker.held_at(to.x, to.y);
         }
         self.camera(dt)
+    }
+
+    /// True when body and cane find nothing in the way of a step.
+    fn free(&self, world: &World, from: Vec2, step: Vec2) -> bool {
+        let felt = from + step + step.normalize() * CANE_M;
+        clear(world, &(from + step)) && world.clearance(felt.x, felt.y) >= 0.8 * BODY_M
     }
 
     /// A step along what is in the way; none where there is no room.
@@ -63,12 +71,16 @@ impl Body {
             Vec2::new(c * step.x - s * step.y, s * step.x + c * step.y)
         };
         let room = |side: f64| {
-            let to = from + turned(90.0 * side).normalize() * CANE_M;
+            let to = from + turned(90.0 * side).normalize() * 2.0 * BODY_M;
             world.clearance(to.x, to.y)
         };
-        let side = *self.side.get_or_insert_with(|| if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 });
-        let tries = AROUND_DEG.iter().map(|deg| from + turned(deg * side));
-        tries.into_iter().find(|to| clear(world, to)).unwrap_or(from)
+        let (side, gone) =
+            *self.side.get_or_insert_with(|| (if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 }, 0.0));
+        let mut tries = AROUND_DEG.iter().map(|deg| turned(deg * side));
+        let found = if gone < ASIDE_M { tries.find(|s| self.free(world, from, *s)) } else { None };
+        let aside = found.unwrap_or_default();
+        self.side = Some((side, gone + aside.norm()));
+        from + aside
     }
 
     /// The camera's true pose, `dt` seconds after the one before.
