@@ -2,14 +2,10 @@
 
 mod common;
 
-use cairn_geometry::{Se3, So3, Vec3};
+use cairn_geometry::Se3;
 use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_vision::{Eye, EyeSetting, Frame, OrbSetting, SensorMode, hamming};
-use common::recordings::{euroc_rig, folder, jpeg, kitti_rig, listing, numbers};
-use std::path::PathBuf;
-
-/// Left and right image and the true `world_from_body`.
-type Shot = (PathBuf, PathBuf, Se3);
+use common::recordings::{Shot, euroc_rig, euroc_shots, jpeg, kitti_rig, kitti_shots};
 
 /// Of points that are found again by descriptor on the epipolar line of the true motion: how many are there where their
 /// depth says, within three pixels of their level. Points whose place tells nothing of their depth are left out.
@@ -88,45 +84,12 @@ fn check(name: &str, rig: &Rig, shots: &[Shot], features: usize, step: usize) {
 
 #[test]
 fn kitti() {
-    let Some(path) = folder("kitti-a") else { return };
-    let truth = numbers(&path.join("poses.txt"));
-    let shots: Vec<Shot> = listing(&path.join("image_0"), ".jpg")
-        .into_iter()
-        .zip(listing(&path.join("image_1"), ".jpg"))
-        .zip(truth.chunks_exact(12))
-        .map(|((l, r), m)| {
-            let m = [m, &[0.0, 0.0, 0.0, 1.0]].concat();
-            (l, r, Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&m)))
-        })
-        .collect();
+    let Some(shots) = kitti_shots() else { return };
     check("kitti-a", &kitti_rig(), &shots, 2000, 2);
 }
 
 #[test]
 fn euroc() {
-    let Some(path) = folder("euroc-mh01") else { return };
-    let mav = path.join("mav0");
-    let text = std::fs::read_to_string(mav.join("state_groundtruth_estimate0/data.csv")).unwrap();
-    let truth: Vec<(i64, Se3)> = text
-        .lines()
-        .filter(|l| !l.starts_with('#'))
-        .filter_map(|l| {
-            let mut fields = l.split(',').map(str::trim);
-            let stamp = fields.next()?.parse().ok()?;
-            let v: Vec<f64> = fields.filter_map(|f| f.parse().ok()).collect();
-            let r = So3::from_xyzw(*v.get(4)?, *v.get(5)?, *v.get(6)?, v[3])?;
-            Some((stamp, Se3::new(r, Vec3::new(v[0], v[1], v[2]))))
-        })
-        .collect();
-    let shots: Vec<Shot> = listing(&mav.join("cam0/data"), ".jpg")
-        .into_iter()
-        .zip(listing(&mav.join("cam1/data"), ".jpg"))
-        .filter_map(|(l, r)| {
-            let stamp: i64 = l.file_stem()?.to_str()?.parse().ok()?;
-            let k = truth.partition_point(|t| t.0 < stamp);
-            let near = truth.get(k).filter(|t| t.0 - stamp < 3_000_000)?;
-            Some((l, r, near.1))
-        })
-        .collect();
+    let Some(shots) = euroc_shots() else { return };
     check("euroc-mh01", &euroc_rig(), &shots[..280.min(shots.len())], 1200, 8);
 }

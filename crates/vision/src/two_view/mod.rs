@@ -29,13 +29,13 @@ pub struct TwoViewSetting {
     pub sigma_px: f64,
     /// Triangulated points needed.
     pub min_points: usize,
-    /// Share of the matches that obey the motion which must also be points in front of both eyes.
-    pub min_point_share: f64,
+    /// Of the matches on their epipolar lines, the share that must be in front of both eyes or too far to tell.
+    pub min_front_share: f64,
     /// Least parallax of the result in degrees: half of the points, or fifty, must have it.
     pub min_parallax_deg: f64,
     /// Least parallax of a single point in degrees.
     pub point_parallax_deg: f64,
-    /// A second motion with more than this share of the winner's points makes the start ambiguous.
+    /// A second motion with more than this share of the winner's score makes the start ambiguous.
     pub ambiguity: f64,
     /// Ratio of scores, `S_H / (S_H + S_F)`, above which the scene is told to be a plane (or without parallax).
     pub homography_ratio: f64,
@@ -47,7 +47,7 @@ impl Default for TwoViewSetting {
             iterations: 200,
             sigma_px: 1.0,
             min_points: 50,
-            min_point_share: 0.7,
+            min_front_share: 0.9,
             min_parallax_deg: 1.0,
             point_parallax_deg: 0.4,
             ambiguity: 0.87,
@@ -113,8 +113,8 @@ pub struct TwoViewRejected {
     pub inliers: usize,
     /// Triangulated points of the best motion.
     pub points: usize,
-    /// Points of the best other motion.
-    pub other_points: usize,
+    /// Score of the best other motion over the best motion's.
+    pub other_share: f64,
     /// Parallax of the best motion in degrees.
     pub parallax_deg: f64,
     /// `S_H / (S_H + S_F)`.
@@ -123,13 +123,13 @@ pub struct TwoViewRejected {
 
 impl fmt::Display for TwoViewRejected {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { matches, inliers, points, other_points, parallax_deg, .. } = self;
+        let Self { matches, inliers, points, other_share, parallax_deg, .. } = self;
         match self.reason {
             TwoViewReason::TooFewMatches => write!(f, "too few matches: {matches}"),
             TwoViewReason::TooFewInliers => write!(f, "{inliers} of {matches} matches obey one motion"),
             TwoViewReason::LowParallax => write!(f, "parallax of {parallax_deg:.2} degrees is too little"),
             TwoViewReason::Ambiguous => {
-                write!(f, "two motions fit: one with {points} points, one with {other_points}")
+                write!(f, "two motions fit, the second {:.0} % as well as the first", other_share * 100.0)
             }
             TwoViewReason::TooFewPoints => {
                 write!(f, "{points} points of {inliers} matches that obey the motion")
@@ -145,7 +145,11 @@ struct Candidate {
     motion: Se3,
     points: Vec<Option<Vec3>>,
     count: usize,
+    /// What its inliers add (equation 2 of the paper): near matches count more.
+    score: f64,
     inliers: usize,
+    /// Matches on their epipolar lines, wherever they meet.
+    on_lines: usize,
     parallax_deg: f64,
 }
 
@@ -164,7 +168,7 @@ pub fn two_view(
         matches: n,
         inliers: 0,
         points: 0,
-        other_points: 0,
+        other_share: 0.0,
         parallax_deg: 0.0,
         homography_ratio: 0.0,
     };
@@ -189,10 +193,10 @@ pub fn two_view(
     let mut candidates = best.candidates(&matches, sigma, setting);
     let Some(winner) = take_best(&mut candidates) else { return Err(rejected) };
     let other =
-        candidates.iter().filter(|c| differ(&c.motion, &winner.motion)).map(|c| c.count).max().unwrap_or(0);
+        candidates.iter().filter(|c| differ(&c.motion, &winner.motion)).map(|c| c.score).fold(0.0, f64::max);
     rejected.inliers = winner.inliers;
     rejected.points = winner.count;
-    rejected.other_points = other;
+    rejected.other_share = other / winner.score.max(f64::MIN_POSITIVE);
     rejected.parallax_deg = winner.parallax_deg;
     // Noise alone looks like this much parallax.
     let noise_deg = (3.0 * std::f64::consts::SQRT_2 * sigma).to_degrees();
@@ -201,10 +205,10 @@ pub fn two_view(
     } else if winner.parallax_deg < setting.min_parallax_deg.max(noise_deg) {
         TwoViewReason::LowParallax
     } else if winner.count < setting.min_points
-        || (winner.count as f64) < setting.min_point_share * winner.inliers as f64
+        || (winner.inliers as f64) < setting.min_front_share * winner.on_lines as f64
     {
         TwoViewReason::TooFewPoints
-    } else if other as f64 > setting.ambiguity * winner.count as f64 {
+    } else if rejected.other_share > setting.ambiguity {
         TwoViewReason::Ambiguous
     } else {
         let ratio = best.ratio();
@@ -326,7 +330,7 @@ impl Best {
 fn take_best(candidates: &mut Vec<Candidate>) -> Option<Candidate> {
     let mut best = 0;
     for (k, c) in candidates.iter().enumerate() {
-        if (c.count, c.inliers) > (candidates[best].count, candidates[best].inliers) {
+        if c.score > candidates[best].score {
             best = k;
         }
     }
@@ -362,11 +366,13 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -
     let (line, pixel) = (CHI2_1 * sigma * sigma, CHI2_2 * sigma * sigma);
     let mut points = vec![None; matches.len()];
     let mut parallaxes = Vec::with_capacity(matches.len());
-    let mut inliers = 0;
+    let (mut inliers, mut on_lines, mut total) = (0, 0, 0.0);
     for (point, m) in points.iter_mut().zip(matches) {
-        if !score::line_distances(&e, m).iter().all(|&d| d < line) {
+        let distances = score::line_distances(&e, m);
+        if !distances.iter().all(|&d| d < line) {
             continue;
         }
+        on_lines += 1;
         let (a, b) = (Vec2::new(m[0], m[1]), Vec2::new(m[2], m[3]));
         let turned = inverse * b.push(1.0);
         let parallax = a.push(1.0).cross(&turned).norm().atan2(a.push(1.0).dot(&turned)).to_degrees();
@@ -378,6 +384,7 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -
             continue;
         }
         inliers += 1;
+        total += distances.iter().map(|d| CHI2_2 - d / (sigma * sigma)).sum::<f64>();
         if in_front {
             parallaxes.push(parallax);
             if parallax > setting.point_parallax_deg {
@@ -391,5 +398,5 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -
         n => parallaxes[(n / 2).min(50)],
     };
     let count = points.iter().flatten().count();
-    Candidate { motion, points, count, inliers, parallax_deg }
+    Candidate { motion, points, count, score: total, inliers, on_lines, parallax_deg }
 }

@@ -1,7 +1,7 @@
 //! Recordings from the folder in `CAIRN_DATA`, else `../shared/data` beside the workspace.
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, Rig, RigCamera};
+use cairn_sensor::{Camera, DepthImage, DepthSensor, Distortion, GrayImage, Rig, RigCamera};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use zune_jpeg::zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
@@ -105,19 +105,60 @@ pub fn kitti_rig() -> Rig {
     Rig { cameras: vec![at("cam0", 0.0), at("cam1", 379.8145 / 707.0912)], depth: None, imu: None }
 }
 
-/// The Kinect of `7scenes-kitchen`: one camera for colour and depth as published, or colour with a focal length and a place
-/// of its own.
+/// The Kinect of `7scenes-kitchen`: one camera for colour and depth as published, or two as they are (the place of the
+/// colour camera was measured on the recording's own depth and colour edges). The body is the depth camera.
 pub fn kitchen_rig(registered: bool) -> Rig {
     let depth = Camera::pinhole(640, 480, 585.0, 585.0, 320.0, 240.0);
-    let colour = if registered { depth } else { Camera::pinhole(640, 480, 525.0, 525.0, 320.0, 240.0) };
-    let mut rig = Rig::mono(colour);
-    let body_from_depth =
-        if registered { Se3::identity() } else { Se3::new(So3::identity(), Vec3::new(-0.025, 0.0, 0.0)) };
-    rig.depth = Some(cairn_sensor::DepthSensor {
+    let mut rig = Rig::mono(depth);
+    if !registered {
+        let turn = So3::exp(&Vec3::new(0.0047, -0.0012, 0.0074));
+        let colour_from_depth = Se3::new(turn, Vec3::new(-0.0220, 0.0017, 0.0));
+        rig = Rig::mono(Camera::pinhole(640, 480, 526.4, 526.4, 320.0, 240.0));
+        rig.cameras[0].body_from_camera = colour_from_depth.inverse();
+    }
+    rig.depth = Some(DepthSensor {
         camera: depth,
-        body_from_depth,
+        body_from_depth: Se3::identity(),
         metres_per_unit: 0.001,
         registered,
     });
     rig
+}
+
+/// Left and right image and the true `world_from_body`.
+pub type Shot = (PathBuf, PathBuf, Se3);
+
+/// All of `kitti-a`; the body is the left camera.
+pub fn kitti_shots() -> Option<Vec<Shot>> {
+    let path = folder("kitti-a")?;
+    let truth = numbers(&path.join("poses.txt"));
+    let pairs =
+        listing(&path.join("image_0"), ".jpg").into_iter().zip(listing(&path.join("image_1"), ".jpg"));
+    let place = |m: &[f64]| m.try_into().map(rigid).unwrap();
+    Some(pairs.zip(truth.chunks_exact(12)).map(|((l, r), m)| (l, r, place(m))).collect())
+}
+
+/// The pairs of `euroc-mh01` that have a truth within 3 ms; the body is the IMU.
+pub fn euroc_shots() -> Option<Vec<Shot>> {
+    let mav = folder("euroc-mh01")?.join("mav0");
+    let text = std::fs::read_to_string(mav.join("state_groundtruth_estimate0/data.csv")).unwrap();
+    let truth: Vec<(i64, Se3)> = text
+        .lines()
+        .filter(|l| !l.starts_with('#'))
+        .filter_map(|l| {
+            let mut fields = l.split(',').map(str::trim);
+            let stamp = fields.next()?.parse().ok()?;
+            let v: Vec<f64> = fields.filter_map(|f| f.parse().ok()).collect();
+            let r = So3::from_xyzw(*v.get(4)?, *v.get(5)?, *v.get(6)?, v[3])?;
+            Some((stamp, Se3::new(r, Vec3::new(v[0], v[1], v[2]))))
+        })
+        .collect();
+    let pairs =
+        listing(&mav.join("cam0/data"), ".jpg").into_iter().zip(listing(&mav.join("cam1/data"), ".jpg"));
+    let with_truth = |(l, r): (PathBuf, PathBuf)| {
+        let stamp: i64 = l.file_stem()?.to_str()?.parse().ok()?;
+        let near = truth.get(truth.partition_point(|t| t.0 < stamp)).filter(|t| t.0 - stamp < 3_000_000)?;
+        Some((l, r, near.1))
+    };
+    Some(pairs.filter_map(with_truth).collect())
 }

@@ -1,0 +1,72 @@
+//! Sensor depth on a recording against the true motion: poses found from points of one frame and pixels of another.
+
+mod common;
+
+use cairn_geometry::Se3;
+use cairn_sensor::{FramePacket, Rig, Stamp};
+use cairn_vision::{Eye, EyeSetting, Frame, PnpSetting, SensorMode, best_two_of, pnp_ransac};
+use common::recordings::{depth_png, folder, jpeg, kitchen_rig, listing, numbers};
+use std::path::Path;
+
+/// Median errors of the pose between frames: centimetres and degrees, and points with depth a frame.
+fn errors(rig: &Rig, path: &Path, setting: EyeSetting, apart: usize) -> [f64; 3] {
+    let mut eye = Eye::new(rig, SensorMode::Rgbd, setting).unwrap();
+    let (colours, depths) = (listing(path, ".color.jpg"), listing(path, ".depth.png"));
+    let poses = listing(path, ".pose.txt");
+    let mut see = |k: usize| -> (Frame, Se3) {
+        let packet = FramePacket {
+            stamp: Stamp(0),
+            images: vec![jpeg(&colours[k])],
+            depth: Some(depth_png(&depths[k])),
+            imu: vec![],
+            decode_ms: 0.0,
+        };
+        let truth = Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&numbers(&poses[k])));
+        (eye.see(&packet).unwrap(), truth)
+    };
+    let (mut shifts, mut turns, mut points_seen) = (vec![], vec![], 0);
+    let starts = (0..colours.len() - apart).step_by(12);
+    let count = starts.len();
+    let model = *Eye::new(rig, SensorMode::Rgbd, setting).unwrap().model();
+    for k in starts {
+        let ((a, world_from_a), (b, world_from_b)) = (see(k), see(k + apart));
+        let t = model.body_from_eye;
+        let truth = t.inverse() * world_from_b.inverse() * world_from_a * t;
+        let (mut points, mut bearings) = (vec![], vec![]);
+        for i in (0..a.len()).filter(|&i| a.has_depth(i)) {
+            let m = best_two_of(&a.descriptors[i], &b.descriptors);
+            if m.distance <= 50 && m.distance * 10 <= m.second * 8 {
+                points.push(model.unproject(a.px[i], a.depth[i] as f64));
+                bearings.push(model.unproject(b.px[m.index as usize], 1.0).normalize());
+            }
+        }
+        points_seen += a.depth.iter().filter(|d| **d > 0.0).count();
+        let setting = PnpSetting { threshold_rad: 0.006, ..PnpSetting::default() };
+        let Ok(found) = pnp_ransac(&points, &bearings, &setting, k as u64) else { continue };
+        let off = found.eye_from_world.inverse() * truth;
+        shifts.push(off.translation.norm() * 100.0);
+        turns.push(off.rotation.angle().to_degrees());
+    }
+    assert!(shifts.len() * 10 >= count * 9, "{} of {count} pairs have a pose", shifts.len());
+    let median = |v: &mut Vec<f64>| {
+        v.sort_by(f64::total_cmp);
+        v[v.len() / 2]
+    };
+    [median(&mut shifts), median(&mut turns), points_seen as f64 / count as f64]
+}
+
+#[test]
+fn kitchen() {
+    let Some(path) = folder("7scenes-kitchen") else { return };
+    for (name, registered) in
+        [("one camera, as published", true), ("two cameras, depth found along rays", false)]
+    {
+        for (apart, worst) in [(5, [1.2, 0.5]), (15, [3.0, 1.3])] {
+            let [cm, deg, n] = errors(&kitchen_rig(registered), &path, EyeSetting::default(), apart);
+            println!(
+                "{name}, {apart} frames apart: {cm:.2} cm, {deg:.2} deg (medians), {n:.0} points with depth"
+            );
+            assert!(cm < worst[0] && deg < worst[1] && n > 600.0);
+        }
+    }
+}
