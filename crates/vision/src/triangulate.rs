@@ -3,7 +3,7 @@
 use crate::EyeModel;
 use cairn_geometry::{Mat3, Se3, Vec2, Vec3, hat};
 
-/// The essential matrix of a motion: `second_ray' * E * first_ray = 0` (Longuet-Higgins 1981), E = [t]x R.
+/// The essential matrix of a motion: `second_ray' * E * first_ray = 0` (Longuet-Higgins 1981), `E = [t]x R`.
 pub fn essential(second_from_first: &Se3) -> Mat3 {
     hat(&second_from_first.translation) * second_from_first.rotation.matrix()
 }

@@ -24,7 +24,7 @@ pub struct Row {
 /// Runs one recording in this process.
 ///
 /// # Errors
-/// As [`measure`], and when the recording can not be opened.
+/// As [`measure()`], and when the recording can not be opened.
 pub fn run_here(data: &Path, recording: &Recording, setting: &Setting) -> Result<Measured, String> {
     let folder = data.join(recording.folder);
     let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;

@@ -57,7 +57,7 @@ impl Walk {
     /// Walks it.
     ///
     /// # Errors
-    /// As [`measure`].
+    /// As [`measure()`].
     pub fn run(&self, seconds: f64) -> Result<Measured, String> {
         let address = self.address(seconds);
         let mut source = open(&address, OpenOptions::default()).map_err(|e| format!("{address}: {e}"))?;

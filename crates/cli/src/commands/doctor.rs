@@ -82,7 +82,7 @@ fn table(report: &Report) -> String {
     };
     lines.push(("memory".to_owned(), memory));
     for feature in &report.cpu_features {
-        let state = if feature.present { "yes" } else { "no: plain loops, slower" };
+        let state = if feature.present { "yes" } else { "no: other loops, slower" };
         lines.push((format!("cpu {}", feature.name), state.to_owned()));
     }
     if report.cpu_features.is_empty() {
@@ -109,7 +109,10 @@ fn table(report: &Report) -> String {
 /// The instruction sets that some loop has a version for; every loop has a plain one as well.
 #[cfg(target_arch = "x86_64")]
 fn cpu_features() -> Vec<Feature> {
-    vec![Feature { name: "avx2", present: is_x86_feature_detected!("avx2") }]
+    macro_rules! features {
+        ($($name:tt),*) => { vec![$(Feature { name: $name, present: is_x86_feature_detected!($name) }),*] };
+    }
+    features!("popcnt", "avx2", "avx512vpopcntdq")
 }
 
 #[cfg(not(target_arch = "x86_64"))]
