@@ -88,6 +88,7 @@ impl Config {
             ("eye.stereo.min_correlation", f64::from(stereo.min_correlation), -1.0, 1.0),
             ("eye.stereo.max_over_median", f64::from(stereo.max_over_median), 1.0, 1e4),
             ("eye.stereo.max_sigma", f64::from(stereo.max_sigma), 1e-3, 100.0),
+            ("eye.stereo.borrow_correlation", f64::from(stereo.borrow_correlation), -1.0, 2.0),
             ("eye.depth.virtual_baseline", depth.virtual_baseline, 1e-3, 10.0),
             ("eye.depth.close_depth", depth.close_depth, 0.1, 1e3),
             ("eye.depth.max_depth", depth.max_depth, 0.1, 1e3),

@@ -2,9 +2,8 @@
 //! grow no further.
 
 use crate::Sensor;
-use crate::measure::config_for;
 use crate::memory::resident_mb;
-use cairn_engine::{Engine, Runner};
+use cairn_engine::{Config, Engine, Runner};
 use cairn_eval::Percentiles;
 use cairn_sensor::Source;
 use serde::Serialize;
@@ -39,9 +38,9 @@ pub struct Minute {
 /// As [`crate::measure()`].
 pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, String> {
     let rig = source.rig().clone();
-    let config = config_for(&rig, source.info().rate_hz);
+    let (config, rate_hz) = (Config::default(), source.info().rate_hz);
     let mut engine =
-        Engine::new(&rig, sensor.mode(), Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+        Engine::new(&rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
     let mut minutes = Vec::new();
     let mut first = None;
     let mut current = Costs::default();

@@ -3,7 +3,7 @@
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory};
-use cairn_sensor::{Rig, Source, Stamp};
+use cairn_sensor::{Source, Stamp};
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
@@ -122,25 +122,17 @@ impl Measured {
     }
 }
 
-/// The engine's settings for a rig and a rate.
-pub fn config_for(rig: &Rig, rate_hz: f64) -> Config {
-    let mut config = Config::default();
-    let area = rig.cameras.first().map_or(0, |c| c.camera.width * c.camera.height);
-    config.eye.orb.features = (area / 300).clamp(800, 2000);
-    config.tracker.rate_hz = rate_hz;
-    config
-}
-
 /// Runs a source to its end.
 ///
 /// # Errors
 /// When the source fails, the rig does not serve the sensors, a packet does not fit the rig, or the final map breaks
 /// one of its own rules.
 pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, String> {
-    let config = config_for(source.rig(), source.info().rate_hz);
+    let (config, rate_hz) = (Config::default(), source.info().rate_hz);
     let rig = source.rig().clone();
     let mode = setting.sensor.mode();
-    let mut engine = Engine::new(&rig, mode, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    let mut engine =
+        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
     while stamps.len() < setting.frames {

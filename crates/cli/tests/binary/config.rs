@@ -6,9 +6,9 @@ use crate::{cairn, json, stdout};
 fn config_prints_every_entry_with_a_comment_and_the_same_as_json() {
     let text = stdout(&cairn(&["config"]));
     let value = json(&cairn(&["config", "--json"]));
-    let features = &value["eye"]["orb"]["features"];
+    let levels = &value["eye"]["orb"]["levels"];
     assert!(
-        text.contains(&format!("# Features per image, at most (50 to 16000).\nfeatures = {features}\n")),
+        text.contains(&format!("# Levels of the image pyramid (1 to 16).\nlevels = {levels}\n")),
         "{text}"
     );
     let entries = text.lines().filter(|l| !l.starts_with('#') && l.contains(" = ")).count();

@@ -93,14 +93,20 @@ impl Tally {
             ms: Percentiles::of(&self.step_ms),
             stages: self.stages.summary(),
             first_pose_s: self.first_pose_s,
-            // A configuration holds nothing that JSON can not.
-            config: serde_json::to_value(config).unwrap_or_default(),
+            config: as_printed(config),
             ..RunReport::default()
         };
         report.set_frames(self.frames + self.dropped + skipped.len(), engine.log().tracked());
         report.set_usage(self.began.elapsed().as_secs_f64());
         report
     }
+}
+
+/// The configuration as `cairn config --json` prints it: by way of text, so that 0.8 in single precision stays 0.8.
+fn as_printed(config: &Config) -> serde_json::Value {
+    // A configuration holds nothing that JSON can not.
+    let text = serde_json::to_string(config).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
 }
 
 /// The comparison with the source's own truth, where it has one that can be compared: without scale by Sim3.
