@@ -19,6 +19,8 @@ struct Dirty {
     moved: BTreeSet<LandmarkId>,
     /// Shows other landmarks than before: covisibility.
     key_frames: BTreeSet<KeyFrameId>,
+    /// The first no longer shows something that the second shows.
+    parted: BTreeSet<(KeyFrameId, KeyFrameId)>,
 }
 
 impl Map {
@@ -109,7 +111,9 @@ impl Map {
 
     fn forget(&mut self, id: LandmarkId, key_frame: KeyFrameId, dirty: &mut Dirty) -> Option<()> {
         let feature = self.landmark(id)?.feature_in(key_frame)?;
-        self.landmarks.get_mut(id.index())?.observations.retain(|o| o.key_frame != key_frame);
+        let observations = &mut self.landmarks.get_mut(id.index())?.observations;
+        observations.retain(|o| o.key_frame != key_frame);
+        dirty.parted.extend(observations.iter().map(|o| (key_frame, o.key_frame)));
         if let Some(slot) =
             self.key_frames.get_mut(key_frame.index()).and_then(|k| k.landmarks.get_mut(feature as usize))
         {
@@ -154,9 +158,6 @@ impl Map {
         self.key_frames.remove(id.index());
         self.gone.insert(id.index(), (parent, parent_from_it));
         self.adopt(id, parent);
-        for (neighbour, _) in gone.covisible {
-            dirty.key_frames.insert(neighbour);
-        }
         Some(())
     }
 
@@ -198,19 +199,58 @@ impl Map {
                 (l.normal, l.min_distance, l.max_distance) = (normal, min, max);
             }
         }
-        let mut affected = dirty.key_frames.clone();
         for id in &dirty.key_frames {
-            affected.extend(self.key_frame(*id).iter().flat_map(|k| k.covisible.iter().map(|(id, _)| *id)));
-        }
-        for id in &affected {
-            let Some(k) = self.key_frame(*id) else { continue };
-            let mut votes = self.votes(k.landmarks.iter().flatten());
-            votes.retain(|(other, _)| other != id);
-            votes.truncate(NEIGHBOURS);
-            if let Some(k) = self.key_frames.get_mut(id.index()) {
-                k.covisible = votes;
+            let votes = self.shared(*id);
+            for (other, count) in &votes {
+                self.share(*other, *id, *count);
+            }
+            for (_, other) in
+                dirty.parted.range((*id, KeyFrameId::FIRST)..).take_while(|(from, _)| from == id)
+            {
+                if votes.iter().all(|(v, _)| v != other) {
+                    self.share(*other, *id, 0);
+                }
+            }
+            let best = &votes[..votes.len().min(NEIGHBOURS)];
+            if self.key_frame(*id).is_some_and(|k| k.covisible != best)
+                && let Some(k) = self.key_frames.get_mut(id.index())
+            {
+                k.covisible = best.to_vec();
             }
         }
+    }
+
+    /// Key frames that share landmarks with one, with how many, most first.
+    fn shared(&self, id: KeyFrameId) -> Vec<(KeyFrameId, u32)> {
+        let mut votes = self.key_frame(id).map_or(Vec::new(), |k| self.votes(k.landmarks.iter().flatten()));
+        votes.retain(|(other, _)| *other != id);
+        votes
+    }
+
+    /// Notes in the list of `at` that it shares `count` landmarks with `with`.
+    fn share(&mut self, at: KeyFrameId, with: KeyFrameId, count: u32) {
+        let Some(k) = self.key_frame(at) else { return };
+        let place = k.covisible.iter().position(|(id, _)| *id == with);
+        let before = place.map_or(0, |i| k.covisible[i].1);
+        if before == count {
+            return;
+        }
+        // When one of a full list falls back, another that is not in it may be ahead.
+        let recount = (count < before && k.covisible.len() == NEIGHBOURS).then(|| self.shared(at));
+        let Some(k) = self.key_frames.get_mut(at.index()) else { return };
+        if let Some(votes) = recount {
+            k.covisible = votes;
+        } else {
+            if let Some(i) = place {
+                k.covisible.remove(i);
+            }
+            if count > 0 {
+                let key = (std::cmp::Reverse(count), with);
+                let i = k.covisible.partition_point(|(id, n)| (std::cmp::Reverse(*n), *id) < key);
+                k.covisible.insert(i, (with, count));
+            }
+        }
+        k.covisible.truncate(NEIGHBOURS);
     }
 
     /// The observed descriptor with the least median Hamming distance to the others.

@@ -9,6 +9,9 @@ macro_rules! id {
         pub struct $name(NonZeroU32);
 
         impl $name {
+            /// The first of all.
+            pub const FIRST: Self = Self(NonZeroU32::MIN);
+
             /// The id with this place in the order of birth, from 0.
             pub fn from_index(index: usize) -> Option<Self> {
                 u32::try_from(index).ok()?.checked_add(1).and_then(NonZeroU32::new).map(Self)

@@ -1,0 +1,227 @@
+//! Any history of change sets, sensible or not, keeps the rules of the map, leaves older versions as they were, and
+//! keeps the place of key frames that are gone.
+
+use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_vision::Frame;
+use proptest::prelude::*;
+use std::sync::Arc;
+
+const FEATURES: usize = 12;
+
+/// A frame of a few features, each with a descriptor of its own.
+fn frame(seed: u8) -> Arc<Frame> {
+    let mut frame = Frame::default();
+    for i in 0..FEATURES {
+        frame.raw.push([10.0 * i as f32, 5.0]);
+        frame.px.push([10.0 * i as f32, 5.0]);
+        frame.octave.push((i % 8) as u8);
+        frame.angle.push(0.0);
+        frame.descriptors.push([seed.wrapping_mul(31).wrapping_add(i as u8); 32]);
+        frame.right_x.push(f32::NAN);
+        frame.depth.push(f32::NAN);
+    }
+    Arc::new(frame)
+}
+
+fn key_frame_id(i: u8) -> KeyFrameId {
+    KeyFrameId::from_index(i as usize).unwrap()
+}
+
+fn landmark_id(i: u8) -> LandmarkId {
+    LandmarkId::from_index(i as usize).unwrap()
+}
+
+fn pose(a: i8, b: i8) -> Se3 {
+    let (a, b) = (a as f64 / 16.0, b as f64 / 16.0);
+    Se3::new(So3::exp(&Vec3::new(0.1 * b, 0.2 * a, -0.1 * a)), Vec3::new(a, b, a - b))
+}
+
+fn point(a: i8, b: i8) -> Vec3 {
+    Vec3::new(a as f64, b as f64, 3.0 + a as f64 / 8.0)
+}
+
+/// Key frames that may be named: more than there will be, so that some do not exist.
+const KEY_FRAMES: u8 = 16;
+const LANDMARKS: u8 = 40;
+
+/// A key frame or landmark is mostly born with the next free id (`None`), sometimes with a wrong one.
+#[derive(Clone, Debug)]
+enum Step {
+    BearKeyFrame(Option<u8>, Option<u8>, i8, i8),
+    BearLandmark(Option<u8>, i8, i8),
+    Plain(Change),
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let k = 0..KEY_FRAMES;
+    let l = 0..LANDMARKS;
+    let wrong = |w| prop_oneof![4 => Just(None), 1 => (0..w).prop_map(Some)];
+    let poor = prop_oneof![9 => Just(false), 1 => Just(true)];
+    prop_oneof![
+        3 => (wrong(KEY_FRAMES), prop::option::weighted(0.9, k.clone()), any::<i8>(), any::<i8>())
+            .prop_map(|(id, parent, a, b)| Step::BearKeyFrame(id, parent, a, b)),
+        6 => (wrong(LANDMARKS), any::<i8>(), any::<i8>()).prop_map(|(id, a, b)| Step::BearLandmark(id, a, b)),
+        12 => (l.clone(), k.clone(), 0..FEATURES as u16 + 2)
+            .prop_map(|(l, k, f)| Step::Plain(Change::Observe(landmark_id(l), key_frame_id(k), f))),
+        2 => (l.clone(), k.clone()).prop_map(|(l, k)| Step::Plain(Change::Forget(landmark_id(l), key_frame_id(k)))),
+        3 => (l.clone(), l.clone()).prop_map(|(a, b)| Step::Plain(Change::Fuse(landmark_id(a), landmark_id(b)))),
+        1 => l.clone().prop_map(|l| Step::Plain(Change::RemoveLandmark(landmark_id(l)))),
+        1 => k.clone().prop_map(|k| Step::Plain(Change::RemoveKeyFrame(key_frame_id(k)))),
+        2 => (k, any::<i8>(), any::<i8>(), poor.clone()).prop_map(|(k, a, b, poor)| {
+            let mut at = pose(a, b);
+            if poor {
+                at.translation.x = f64::NAN;
+            }
+            Step::Plain(Change::MoveKeyFrame(key_frame_id(k), at))
+        }),
+        2 => (l, any::<i8>(), any::<i8>(), poor).prop_map(|(l, a, b, poor)| {
+            let at = if poor { Vec3::new(0.0, f64::INFINITY, 0.0) } else { point(a, b) };
+            Step::Plain(Change::MoveLandmark(landmark_id(l), at))
+        }),
+    ]
+}
+
+/// The changes of one set, with the ids that the map and the set so far ask for.
+fn changes(map: &Map, steps: &[Step]) -> Vec<Change> {
+    let (mut next_k, mut next_l) = (map.next_key_frame_id().index(), map.next_landmark_id().index());
+    let mut bear = |step: &Step| match step {
+        Step::BearKeyFrame(id, parent, a, b) => {
+            let index = id.map_or(next_k, usize::from);
+            next_k = next_k.max(index + 1);
+            let id = KeyFrameId::from_index(index).unwrap();
+            let parent = parent.map(key_frame_id);
+            let k = KeyFrame::new(id, frame(index as u8), pose(*a, *b), parent);
+            Change::AddKeyFrame(Box::new(k))
+        }
+        Step::BearLandmark(id, a, b) => {
+            let index = id.map_or(next_l, usize::from);
+            next_l = next_l.max(index + 1);
+            Change::AddLandmark(LandmarkId::from_index(index).unwrap(), point(*a, *b))
+        }
+        Step::Plain(change) => change.clone(),
+    };
+    steps.iter().map(&mut bear).collect()
+}
+
+/// All of a map that can be seen, in words.
+fn told(map: &Map) -> String {
+    let key_frames: Vec<String> = map
+        .key_frames()
+        .map(|k| {
+            format!("{:?} {:?} {:?} {:?} {:?}", k.id, k.world_from_eye, k.landmarks, k.parent, k.covisible)
+        })
+        .collect();
+    let landmarks: Vec<String> = map.landmarks().map(|l| format!("{l:?}")).collect();
+    format!("{} {key_frames:?} {landmarks:?}", map.version())
+}
+
+fn near(a: &Se3, b: &Se3) -> bool {
+    (a.translation - b.translation).norm() < 1e-9 * (1.0 + a.translation.norm())
+        && (a.rotation.inverse() * b.rotation).angle() < 1e-6
+}
+
+fn history() -> impl Strategy<Value = Vec<Vec<Step>>> {
+    prop::collection::vec(prop::collection::vec(step(), 1..30), 1..14)
+}
+
+proptest! {
+    #[test]
+    fn any_history_keeps_the_rules_and_the_past(history in history()) {
+        let mut map = Map::new();
+        let mut past: Vec<(Map, String)> = Vec::new();
+        for steps in &history {
+            past.push((map.clone(), told(&map)));
+            let set = ChangeSet { base: map.version(), changes: changes(&map, steps) };
+            let (next, applied) = map.apply(&set);
+            prop_assert_eq!(applied.done + applied.dropped, set.changes.len());
+            prop_assert_eq!(next.version(), map.version() + 1);
+            prop_assert_eq!(next.check(), Ok(()));
+            map = next;
+            prop_assert!(map.key_frames().all(|k| k.world_from_eye.is_finite()));
+            prop_assert!(map.landmarks().all(|l| l.position.iter().chain(&l.normal).all(|v| v.is_finite())));
+        }
+        for (version, words) in &past {
+            prop_assert_eq!(&told(version), words, "a version that was held has changed");
+        }
+    }
+
+    #[test]
+    fn covisibility_is_what_the_landmarks_say(history in history()) {
+        let mut map = Map::new();
+        for steps in &history {
+            map = map.apply(&ChangeSet { base: map.version(), changes: changes(&map, steps) }).0;
+            for k in map.key_frames() {
+                let mut votes = map.votes(k.landmarks.iter().flatten());
+                votes.retain(|(id, _)| *id != k.id);
+                prop_assert_eq!(&k.covisible, &votes, "{:?}", k.id);
+            }
+        }
+    }
+
+    #[test]
+    fn who_is_gone_follows_the_parent(history in history()) {
+        let mut map = Map::new();
+        // Key frames that are gone, with the one they hung on and where they stood there.
+        let mut gone: Vec<(KeyFrameId, KeyFrameId, Se3)> = Vec::new();
+        for change in history.iter().flatten() {
+            let set = ChangeSet { base: map.version(), changes: changes(&map, std::slice::from_ref(change)) };
+            let (next, applied) = map.apply(&set);
+            if let (Change::RemoveKeyFrame(id), 1) = (&set.changes[0], applied.done) {
+                let before = map.key_frame(*id).unwrap();
+                let parent = before.parent.unwrap();
+                let parent_from_it = map.world_from_eye(parent).unwrap().inverse() * before.world_from_eye;
+                prop_assert!(near(&next.world_from_eye(*id).unwrap(), &before.world_from_eye), "it jumped");
+                gone.push((*id, parent, parent_from_it));
+            }
+            map = next;
+            for (id, parent, parent_from_it) in &gone {
+                prop_assert!(map.key_frame(*id).is_none(), "it came back");
+                let expected = map.world_from_eye(*parent).unwrap() * *parent_from_it;
+                prop_assert!(near(&map.world_from_eye(*id).unwrap(), &expected));
+                let (living, living_from_it) = map.living(*id).unwrap();
+                let standing = map.key_frame(living).unwrap().world_from_eye * living_from_it;
+                prop_assert!(near(&standing, &expected));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_full_list_of_neighbours_is_exact_when_the_best_goes() {
+    // Fifty key frames share a landmark each with the first, in pairs of which one shares two: more than are kept.
+    let mut map = Map::new();
+    let first = key_frame_id(0);
+    let commit = |map: &mut Map, changes: Vec<Change>| {
+        let (next, applied) = map.apply(&ChangeSet { base: map.version(), changes });
+        assert_eq!(applied.dropped, 0);
+        *map = next;
+    };
+    commit(
+        &mut map,
+        vec![
+            Change::AddKeyFrame(Box::new(KeyFrame::new(first, frame(0), Se3::identity(), None))),
+            Change::AddLandmark(landmark_id(0), point(0, 0)),
+            Change::AddLandmark(landmark_id(1), point(1, 0)),
+            Change::Observe(landmark_id(0), first, 0),
+            Change::Observe(landmark_id(1), first, 1),
+        ],
+    );
+    for i in 1..=50u8 {
+        let id = key_frame_id(i);
+        let k = KeyFrame::new(id, frame(i), pose(i as i8, 0), Some(first));
+        let mut changes = vec![Change::AddKeyFrame(Box::new(k)), Change::Observe(landmark_id(0), id, 0)];
+        if i % 2 == 0 {
+            changes.push(Change::Observe(landmark_id(1), id, 1));
+        }
+        commit(&mut map, changes);
+    }
+    commit(
+        &mut map,
+        vec![Change::RemoveKeyFrame(key_frame_id(2)), Change::Forget(landmark_id(1), key_frame_id(4))],
+    );
+    let mut votes = map.votes(map.key_frame(first).unwrap().landmarks.iter().flatten());
+    votes.retain(|(id, _)| *id != first);
+    votes.truncate(40);
+    assert_eq!(map.key_frame(first).unwrap().covisible, votes);
+}
