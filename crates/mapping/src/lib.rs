@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod close;
 mod cull;
 mod fuse;
 mod grow;

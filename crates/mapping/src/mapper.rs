@@ -1,5 +1,6 @@
 //! The mapping stage: one key frame in, the map grown, fused, adjusted and culled.
 
+use crate::close::{find_return, join, spread};
 use crate::cull::{Nursery, redundant};
 use crate::fuse::{around, fuse_into};
 use crate::grow::{grow, median_depth};
@@ -56,12 +57,14 @@ pub struct Mapper {
     eye: EyeModel,
     setting: MapperSetting,
     nursery: Nursery,
+    /// The youngest key frame at which the map came back to itself: the way before it is settled.
+    settled: Option<KeyFrameId>,
 }
 
 impl Mapper {
     /// A mapper for one eye.
     pub fn new(eye: EyeModel, setting: MapperSetting) -> Self {
-        Self { eye, setting, nursery: Nursery::default() }
+        Self { eye, setting, nursery: Nursery::default(), settled: None }
     }
 
     /// What tracking expected in a frame and whether it was found: young landmarks are judged by it.
@@ -172,6 +175,9 @@ impl Mapper {
         born += births.born.len();
 
         let mut adjustment = None;
+        if depth && !stop() {
+            self.close(atlas, id);
+        }
         if !stop() {
             self.fuse(atlas, id);
         }
@@ -184,6 +190,15 @@ impl Mapper {
             atlas.commit(gone.into_iter().collect());
         }
         Some(Mapped { key_frame: id, born, adjustment })
+    }
+
+    /// When the eye has come back to a place mapped before: spreads the drift since then and joins what is seen again.
+    fn close(&mut self, atlas: &mut Atlas, id: KeyFrameId) {
+        let Some(back) = find_return(atlas.latest(), &self.eye, id) else { return };
+        let start = self.settled.map_or(back.old, |s| s.max(back.old));
+        atlas.commit(spread(atlas.latest(), start, id, &back.world_from_eye));
+        atlas.commit(join(atlas.latest(), id, &back.matches));
+        self.settled = Some(id);
     }
 
     fn fuse(&self, atlas: &mut Atlas, id: KeyFrameId) {

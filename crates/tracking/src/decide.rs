@@ -11,6 +11,8 @@ pub(crate) struct Situation<'a> {
     pub frame: &'a Frame,
     pub matches: &'a Matches,
     pub inliers: usize,
+    /// Matches that had to agree.
+    pub need: usize,
     pub reference: KeyFrameId,
     /// Frames since the last key frame was offered.
     pub since: usize,
@@ -57,5 +59,5 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     let changed = (s.inliers as f64) < ratio * settled as f64 || starving;
     let overdue = s.since as f64 >= rate_hz;
     let weak = depth && ((s.inliers as f64) < 0.25 * settled as f64 || starving);
-    changed && s.inliers > 15 && (overdue || s.idle || weak)
+    changed && s.inliers > s.need.min(15) && (overdue || s.idle || weak)
 }

@@ -36,6 +36,9 @@ impl Default for TrackerSetting {
 /// Frames kept while there is no map, so that they get their pose afterwards.
 const WAITING: usize = 64;
 
+/// Seconds without a pose that the motion before them may bridge.
+const BRIDGE_S: f64 = 0.6;
+
 /// What is kept of the last frame that had a pose.
 #[derive(Debug)]
 struct Last {
@@ -99,7 +102,9 @@ impl Tracker {
 
     /// Finds where a frame is: by motion, by the reference, or by appearance.
     fn follow(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
-        let first_guess = if self.lost {
+        // A short gap is bridged by going on as before; after a longer one only appearance tells.
+        let recent = self.last.as_ref().is_some_and(|l| recent(l, &frame));
+        let first_guess = if self.lost && !recent {
             None
         } else {
             self.by_motion(&frame, map).or_else(|| self.by_reference(&frame, map))
@@ -235,15 +240,16 @@ impl Tracker {
             landmarks: &last.landmarks,
             world_from_eye: last.placed.world_from_eye,
         };
+        let few = self.need(frame).min(15);
         let mut best: Option<(usize, Se3, Matches)> = None;
         // A good prediction finds most of what was seen; else look farther, then closely from where that leads.
         for radius in [radius, 2.0 * radius, 4.0 * radius, radius] {
             let mut matches = match_last(map, &self.eye, &before, frame, &guess, radius);
-            if matches.count() < 15 {
+            if matches.count() < few {
                 continue;
             }
             let located = self.locate(map, frame, &guess, &mut matches);
-            if located.inliers >= 12 && best.as_ref().is_none_or(|(n, ..)| located.inliers > *n) {
+            if located.inliers >= few.min(12) && best.as_ref().is_none_or(|(n, ..)| located.inliers > *n) {
                 guess = located.world_from_eye;
                 best = Some((located.inliers, located.world_from_eye, matches));
             }
@@ -325,11 +331,8 @@ impl Tracker {
             matched = matches.count();
             located = self.locate(map, &frame, &located.world_from_eye, &mut matches);
         }
-        let need = if self.since_recovery < 30 {
-            self.setting.min_inliers * 3 / 2
-        } else {
-            self.setting.min_inliers
-        };
+        let need =
+            if self.since_recovery < 30 { self.setting.min_inliers * 3 / 2 } else { self.need(&frame) };
         if located.inliers < need {
             return self.lose(frame, located.inliers);
         }
@@ -339,7 +342,7 @@ impl Tracker {
         };
         let reference = placed.reference;
         self.velocity = match &self.last {
-            Some(last) if !self.lost && frame.stamp > last.frame.stamp => {
+            Some(last) if recent(last, &frame) && frame.stamp > last.frame.stamp => {
                 Some(last.placed.world_from_eye.local(&world_from_eye) / (frame.stamp - last.frame.stamp))
             }
             _ => None,
@@ -351,6 +354,7 @@ impl Tracker {
             frame: &frame,
             matches: &matches,
             inliers: located.inliers,
+            need,
             reference,
             since: self.since_key_frame,
             idle,
@@ -377,9 +381,14 @@ impl Tracker {
         }
     }
 
+    /// Matches that must agree in a frame: of a blank wall's few features a good share will do, where each has depth.
+    fn need(&self, frame: &Frame) -> usize {
+        let least = if self.eye.baseline_fx > 0.0 { 10 } else { 15 };
+        self.setting.min_inliers.min((frame.len() / 4).max(least))
+    }
+
     fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
         self.lost = true;
-        self.velocity = None;
         let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
         let state = State::Lost { inliers, need: self.setting.min_inliers };
         Tracked {
@@ -397,6 +406,11 @@ impl Tracker {
     pub fn reference(&self) -> Option<KeyFrameId> {
         self.last.as_ref().map(|l| l.placed.reference)
     }
+}
+
+/// Whether so little time has passed since the last pose that motion goes on as it was.
+fn recent(last: &Last, frame: &Frame) -> bool {
+    frame.stamp - last.frame.stamp < BRIDGE_S
 }
 
 /// The pose of an eye that stands where a key frame does.
