@@ -62,6 +62,8 @@ pub struct Tracker {
     /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
     velocity: Option<SVector<f64, 6>>,
     lost: bool,
+    /// When the last frame was located.
+    located: Option<Stamp>,
     since_key_frame: usize,
     since_recovery: usize,
 }
@@ -81,6 +83,7 @@ impl Tracker {
             last: None,
             velocity: None,
             lost: false,
+            located: None,
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
         }
@@ -95,7 +98,10 @@ impl Tracker {
         self.since_recovery = self.since_recovery.saturating_add(1);
         self.refresh_last(map);
         let earlier = self.look_back(map);
-        let mut tracked = self.follow(frame, map, idle);
+        let mut tracked = self.follow(frame.clone(), map, idle);
+        if self.lost {
+            tracked.offer = self.bridge(frame, map);
+        }
         tracked.earlier = earlier;
         tracked
     }
@@ -103,8 +109,7 @@ impl Tracker {
     /// Finds where a frame is: by motion, by the reference, or by appearance.
     fn follow(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
         // A short gap is bridged by going on as before; after a longer one only appearance tells.
-        let recent = self.last.as_ref().is_some_and(|l| recent(l, &frame));
-        let first_guess = if self.lost && !recent {
+        let first_guess = if self.lost && !self.recent(&frame) {
             None
         } else {
             self.by_motion(&frame, map).or_else(|| self.by_reference(&frame, map))
@@ -342,12 +347,13 @@ impl Tracker {
         };
         let reference = placed.reference;
         self.velocity = match &self.last {
-            Some(last) if recent(last, &frame) && frame.stamp > last.frame.stamp => {
+            Some(last) if self.recent(&frame) && frame.stamp > last.frame.stamp => {
                 Some(last.placed.world_from_eye.local(&world_from_eye) / (frame.stamp - last.frame.stamp))
             }
             _ => None,
         };
         self.lost = false;
+        self.located = Some(frame.stamp);
         let situation = Situation {
             map,
             eye: &self.eye,
@@ -387,6 +393,32 @@ impl Tracker {
         self.setting.min_inliers.min((frame.len() / 4).max(least))
     }
 
+    /// Whether so little time has passed since the last pose that motion goes on as it was.
+    fn recent(&self, frame: &Frame) -> bool {
+        self.located.is_none_or(|t| frame.stamp - t < BRIDGE_S)
+    }
+
+    /// Past a blank wall: once there is something with depth to see again, it enters the map where the motion before
+    /// the gap leads. The frame itself counts as lost; the next ones are tracked from it. Only where the view had
+    /// run out of features: a sudden motion is no ground for going on as before.
+    fn bridge(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
+        let last = self.last.as_ref()?;
+        let blank = self.eye.baseline_fx > 0.0 && 4 * last.frame.len() < self.features;
+        let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
+        if !blank || !self.recent(&frame) || deep < (self.features / 12).max(40) {
+            return None;
+        }
+        let moved = Se3::exp(&(self.velocity? * (frame.stamp - last.frame.stamp)));
+        let world_from_eye = last.placed.world_from_eye * moved;
+        let (reference, _) = map.living(last.placed.reference)?;
+        let reference_from_eye = map.world_from_eye(reference)?.inverse() * world_from_eye;
+        let placed = Placed { reference, reference_from_eye, world_from_eye };
+        let landmarks = vec![None; frame.len()];
+        self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
+        self.since_key_frame = 0;
+        Some(Offer::Next { frame, landmarks, placed })
+    }
+
     fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
         self.lost = true;
         let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
@@ -406,11 +438,6 @@ impl Tracker {
     pub fn reference(&self) -> Option<KeyFrameId> {
         self.last.as_ref().map(|l| l.placed.reference)
     }
-}
-
-/// Whether so little time has passed since the last pose that motion goes on as it was.
-fn recent(last: &Last, frame: &Frame) -> bool {
-    frame.stamp - last.frame.stamp < BRIDGE_S
 }
 
 /// The pose of an eye that stands where a key frame does.
