@@ -12,6 +12,9 @@ const HAIRPIN: f64 = 0.5;
 /// Slower than this is standing, m/s.
 const STANDING: f64 = 0.15;
 
+/// A standing walker whose course is off by more than this is turned rather than reassured, radians.
+const POINTS_OFF: f64 = 0.26;
+
 /// Seconds until the words that send the walker on are heard and followed.
 const HEARING: f64 = 4.0;
 
@@ -34,7 +37,7 @@ impl Guide {
             .or_else(|| self.turn_now(now))
             .or_else(|| self.wrong_way(now, aim))
             .or_else(|| self.step_aside(now))
-            .or_else(|| self.stopped(now))
+            .or_else(|| self.stopped(now, aim))
             .or_else(|| self.off_path(now, aim))
             .or_else(|| self.approach(now))
             .or_else(|| self.near_end(now))
@@ -242,7 +245,7 @@ impl Guide {
         Some(CueKind::Adjust(aim))
     }
 
-    fn stopped(&mut self, now: &Now) -> Option<CueKind> {
+    fn stopped(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         if !self.motion.stood(self.setting.stopped_s, self.setting.stopped_m) {
             if now.speed > 0.2 {
                 self.memory.stopped_said = None;
@@ -252,9 +255,15 @@ impl Guide {
         let times = match self.memory.stopped_said {
             None if since(self.memory.set_out, now.stamp) >= self.setting.stopped_s + HEARING => 1,
             Some((at, 1)) if now.stamp - at >= self.setting.stopped_again_s => 2,
+            // Who is held up by something he points at needs another direction, as long as he stands.
+            Some((at, n)) if now.stamp - at >= self.setting.stopped_again_s && aim.abs() > POINTS_OFF => n,
             _ => return None,
         };
         self.memory.stopped_said = Some((now.stamp, times));
+        if aim.abs() > POINTS_OFF && !self.backwards() {
+            self.turn_on_spot(now);
+            return Some(CueKind::Rotate(aim));
+        }
         let on_path = now.at.cross_m.abs() <= self.setting.off_m;
         Some(CueKind::Stopped { ahead: self.ahead(now), on_path })
     }

@@ -12,7 +12,7 @@ use cairn_sim::{Stride, World};
 /// Half the width of a person, metres: nearer than this to a wall nobody comes.
 const BODY_M: f64 = 0.25;
 /// How far ahead of the body the cane feels, metres: a walker does not walk into a wall with his nose.
-const CANE_M: f64 = 0.45;
+const CANE_M: f64 = 0.7;
 /// How far to a side a walker goes around something before he gives up, metres.
 const ASIDE_M: f64 = 1.0;
 /// Directions that are tried when the straight one is blocked, degrees to either side.
@@ -76,10 +76,12 @@ impl Body {
         };
         let (side, gone) =
             *self.side.get_or_insert_with(|| (if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 }, 0.0));
-        let mut tries = AROUND_DEG.iter().map(|deg| turned(deg * side));
-        let found = if gone < ASIDE_M { tries.find(|s| self.free(world, from, *s)) } else { None };
-        let aside = found.unwrap_or_default();
-        self.side = Some((side, gone + aside.norm()));
+        // Sliding along a wall leads on; only what leads aside is counted.
+        let limit = if gone < ASIDE_M { f64::INFINITY } else { 60.0 };
+        let mut tries = AROUND_DEG.iter().filter(|deg| **deg < limit).map(|deg| (*deg, turned(deg * side)));
+        let found = tries.find(|(_, s)| self.free(world, from, *s));
+        let (deg, aside) = found.unwrap_or((0.0, Vec2::zeros()));
+        self.side = Some((side, gone + if deg < 60.0 { 0.0 } else { aside.norm() }));
         from + aside
     }
 

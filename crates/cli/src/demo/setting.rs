@@ -3,10 +3,10 @@
 use cairn_geometry::Se3;
 use cairn_guide::Facing;
 use cairn_sensor::Camera;
-use cairn_sim::{SimSensor, SimSetting, WorldKind};
+use cairn_sim::{SimSensor, SimSetting, Walker, WorldKind};
 
 /// Frames a second.
-const RATE_HZ: f64 = 12.0;
+const RATE_HZ: f64 = 20.0;
 
 /// One demo.
 #[derive(Clone, Debug)]
@@ -30,6 +30,8 @@ impl Setting {
             camera: Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5),
             rate_hz: RATE_HZ,
             body_from_camera: Se3::identity(),
+            // Who walks without seeing takes corners with care.
+            walker: Walker { turn_rate: 0.8, ..Walker::default() },
             ..SimSetting::new(WorldKind::Demo, seed)
         };
         Self { sim, facing, metres, seed }

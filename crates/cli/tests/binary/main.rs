@@ -1,6 +1,7 @@
 //! The binary as a user meets it: exit codes, one-line errors that name the cure, JSON that is JSON.
 
 mod config;
+mod demo;
 mod doctor;
 mod eval;
 mod rig;

@@ -1,0 +1,61 @@
+//! The demo on a shortened way, by the whole line: images, map, way, words, walker.
+
+use super::{cairn, fails, folder, json, stderr, stdout};
+
+/// Rendering and tracking some hundred frames takes minutes without optimisation.
+fn too_slow() -> bool {
+    let slow = cfg!(debug_assertions);
+    if slow {
+        println!("skipped: the demo is tested with --release");
+    }
+    slow
+}
+
+#[test]
+fn a_walker_comes_home_by_words_and_the_report_shows_it() {
+    if too_slow() {
+        return;
+    }
+    let out = folder("demo");
+    let out_name = out.to_str().unwrap();
+    let output = cairn(&["demo", "--metres", "17", "--seed", "1", "--out", out_name, "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(output.stderr.is_empty(), "no terminal, no progress: {}", stderr(&output));
+    let result = json(&output);
+    let number = |name: &str| result[name].as_f64().unwrap_or(f64::NAN);
+    assert_eq!(result["arrived"], true, "{result:#}");
+    assert!(number("arrival_error_m") <= 1.0 && number("walked_home_m") > 14.0, "{result:#}");
+    assert!((number("cleaned_m") - 17.0).abs() < 1.0 && number("turns") == 1.0, "{result:#}");
+    assert!(number("ate_m") < 0.2 && number("coverage") > 0.99, "{result:#}");
+    let said: Vec<&str> =
+        result["said"].as_array().unwrap().iter().filter_map(|line| line["words"].as_str()).collect();
+    assert!(said[0].contains("Turn around") && said.iter().any(|w| w.contains("Turn right now")), "{said:?}");
+    assert_eq!(said.last(), Some(&"Stop. You have arrived. Guidance ends."));
+
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    let report = read("report.html");
+    assert!(said.iter().all(|words| report.contains(words)), "every word stands in the report");
+    assert!(report.contains("<svg") && !report.contains("<script") && !report.contains("src="));
+    assert!(read("plan.svg").contains("</svg>"));
+    assert_eq!(read("transcript.txt").lines().count(), said.len());
+
+    // The files say what the figures say.
+    let path = |name: &str| out.join(name).to_str().unwrap().to_owned();
+    let judged = json(&cairn(&["eval", &path("truth.tum"), &path("estimate.tum"), "--json"]));
+    let ate_m = judged["ate_m"]["rmse"].as_f64().unwrap();
+    assert!((ate_m - number("ate_m")).abs() < 1e-6, "{ate_m}");
+    let way = stdout(&cairn(&["way", "info", &path("way.jsonl")]));
+    assert!(way.contains("1 turns"), "{way}");
+    std::fs::remove_dir_all(out).unwrap();
+}
+
+#[test]
+fn a_folder_that_cannot_be_and_a_way_that_is_none_are_told() {
+    let file = folder("demo-file").join("file");
+    std::fs::write(&file, "").unwrap();
+    fails(&["demo", "--out", file.join("inside").to_str().unwrap()], &["inside", "--out"]);
+    for wrong in [&["--metres", "2"][..], &["--metres", "nan"], &["--seeds", "0"], &["--facing", "up"]] {
+        let output = cairn(&[&["demo"], wrong].concat());
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+    }
+}
