@@ -142,6 +142,9 @@ pub enum CueKind {
     BackOnPath,
     /// The end is reached; guidance ends.
     Arrived,
+    /// Tracking stays lost: turn a little on the spot, so that the camera sees what the map knows. Radians,
+    /// positive left.
+    LookRound(f64),
     /// Stop at once.
     Stop(StopReason),
 }
@@ -179,7 +182,7 @@ impl Cue {
     pub fn priority(&self) -> Priority {
         use CueKind::*;
         match self.kind {
-            Stop(_) => Priority::Urgent,
+            Stop(_) | LookRound(_) => Priority::Urgent,
             TurnNow { .. }
             | StairsNow(_)
             | Rotate(_)
@@ -206,7 +209,7 @@ impl Cue {
             TurnNow { .. } | Rotate(_) => Some(Earcon::Turn),
             Waypoint => Some(Earcon::Waypoint),
             Arrived => Some(Earcon::Arrival),
-            Stop(_) => Some(Earcon::Stop),
+            Stop(_) | LookRound(_) => Some(Earcon::Stop),
             _ => None,
         }
     }

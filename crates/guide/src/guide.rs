@@ -95,10 +95,17 @@ pub struct Guide {
     pub(crate) memory: Memory,
 }
 
+/// So often "stop" is said of lost tracking before the walker is asked to look round.
+const STOPS_ALONE: u32 = 4;
+/// How far he is asked to turn each time, radians.
+const LOOK_ROUND: f64 = 0.7;
+
 #[derive(Clone, Copy, Debug)]
 struct Halt {
     reason: StopReason,
     said: Stamp,
+    /// How often it was said.
+    times: u32,
     good_since: Option<Stamp>,
 }
 
@@ -243,10 +250,20 @@ impl Guide {
             // Nobody was told to move yet: wait for the first pose in silence.
             return None;
         }
-        let said = self.halted.filter(|h| h.reason == reason).map(|h| h.said);
-        let due = said.is_none_or(|t| now - t >= self.setting.stop_again_s);
-        let said = if due { now } else { said.unwrap_or(now) };
-        self.halted = Some(Halt { reason, said, good_since: None });
+        let before = self.halted.filter(|h| h.reason == reason).map(|h| (h.said, h.times));
+        let (said, times) = match before {
+            Some((said, times)) if now - said < self.setting.stop_again_s => (said, times),
+            Some((_, times)) => (now, times + 1),
+            None => (now, 1),
+        };
+        let due = before.is_none_or(|(_, n)| n != times);
+        self.halted = Some(Halt { reason, said, times, good_since: None });
+        // Waiting does not bring tracking back; views that the map knows do. They lie where the walker turned from.
+        if reason == StopReason::TrackingLost && times > STOPS_ALONE {
+            let back = if self.motion.turn_rate() > 0.0 { -1.0 } else { 1.0 };
+            // Every second time, so that a "stop" does not cut the turn short.
+            return (due && times % 2 == 0).then_some(CueKind::LookRound(back * LOOK_ROUND));
+        }
         due.then_some(CueKind::Stop(reason))
     }
 

@@ -132,6 +132,7 @@ impl PhraseSetting {
             CueKind::SlowDown => "Slow down.".into(),
             CueKind::Weak => "Tracking is weak. Slow down.".into(),
             CueKind::Arrived => "Stop. You have arrived. Guidance ends.".into(),
+            CueKind::LookRound(a) => format!("Tracking is lost. {}.", capital(&self.turn(a, back))),
             CueKind::Stop(reason) => format!("Stop. {}", reason_words(reason)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
         })

@@ -329,6 +329,17 @@ fn lost_tracking_stops_at_once_and_repeats_with_the_reason() {
 }
 
 #[test]
+fn who_stays_lost_is_asked_to_look_round() {
+    let mut hand = Hand::bent(plain());
+    hand.go(5.0, 1.0);
+    hand.confidence = Confidence::Lost;
+    hand.stand(40.0);
+    let look = hand.find("Tracking is lost. Turn slightly left.");
+    assert_eq!(look.len(), 5, "each 6 s after four stops: {:?}", hand.heard());
+    assert_eq!(hand.find("Stop. Tracking is lost.").len(), 4);
+}
+
+#[test]
 fn a_stale_pose_stops_and_nothing_is_said_from_it() {
     let mut hand = Hand::bent(plain());
     hand.go(5.0, 1.0);

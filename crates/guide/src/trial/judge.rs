@@ -247,6 +247,7 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::StepAside(_) => "step aside",
         CueKind::SlowDown | CueKind::Weak => "slow down",
         CueKind::Arrived => "arrived",
+        CueKind::LookRound(_) => "look round",
         CueKind::Stop(_) => "stop",
         CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => "sound",
     }
