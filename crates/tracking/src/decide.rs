@@ -14,11 +14,16 @@ pub(crate) struct Situation<'a> {
     /// Matches that had to agree.
     pub need: usize,
     pub reference: KeyFrameId,
+    /// How far the view has turned since the reference, radians.
+    pub turned_rad: f64,
     /// Frames since the last key frame was offered.
     pub since: usize,
     /// Whether mapping would take it up at once.
     pub idle: bool,
 }
+
+/// A key frame is due when the view has turned by this share of the field of view.
+const TURNED: f64 = 0.2;
 
 /// True when the frame should become a key frame: the view has changed since the reference, or close points
 /// are running out (after Mur-Artal & Tardós 2017, section III-E).
@@ -56,7 +61,10 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         (true, _) => 0.75,
         (false, _) => 0.9,
     };
-    let changed = (s.inliers as f64) < ratio * settled as f64 || starving;
+    // A view that turns leaves what ties it to the reference at the edge of the image, where few points judge much.
+    let field_rad = 2.0 * (0.5 * (s.eye.bounds[2] - s.eye.bounds[0]) / s.eye.fx).atan();
+    let turned = depth && s.turned_rad > TURNED * field_rad;
+    let changed = (s.inliers as f64) < ratio * settled as f64 || starving || turned;
     let overdue = s.since as f64 >= rate_hz;
     let weak = depth && ((s.inliers as f64) < 0.25 * settled as f64 || starving);
     changed && s.inliers > s.need.min(15) && (overdue || s.idle || weak)

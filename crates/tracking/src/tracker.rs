@@ -362,6 +362,7 @@ impl Tracker {
             inliers: located.inliers,
             need,
             reference,
+            turned_rad: placed.reference_from_eye.rotation.angle(),
             since: self.since_key_frame,
             idle,
         };
