@@ -57,7 +57,7 @@ pub struct Plan {
     pub axes: (String, String),
     /// Walls as segments.
     pub walls: Vec<[Vec2; 2]>,
-    /// Small dots, such as landmarks.
+    /// Small dots, such as landmarks; drawn on a grid of two pixels, each once.
     pub dots: Vec<Vec2>,
     /// Lines, drawn in this order.
     pub ways: Vec<Way>,
@@ -84,7 +84,7 @@ impl Plan {
         let mut dots: Vec<(i64, i64)> = (self.dots.iter().filter(|p| is_finite(p)))
             .map(|p| view.pixel(p))
             .filter(|p| (0.0..WIDTH).contains(&p.0) && (view.top..view.height).contains(&p.1))
-            .map(|p| (p.0.round() as i64, p.1.round() as i64))
+            .map(|p| (2 * (0.5 * p.0).round() as i64, 2 * (0.5 * p.1).round() as i64))
             .collect();
         dots.sort_unstable();
         dots.dedup();

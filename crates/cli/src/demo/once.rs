@@ -15,6 +15,9 @@ use std::time::Instant;
 /// Arrived means: within this of where the walker set out, metres.
 const ARRIVAL_M: f64 = 1.0;
 
+/// Landmarks are drawn when so many key frames see them.
+const SHOWN_BY: usize = 3;
+
 /// The figures of a demo.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figures {
@@ -83,7 +86,7 @@ pub struct Demo {
     pub step_ms: Vec<f64>,
     /// Walls of the world, metres.
     pub walls: Vec<[Vec2; 2]>,
-    /// Landmarks laid onto the world, metres.
+    /// Landmarks that several key frames see, laid onto the world, metres.
     pub landmarks: Vec<Vec2>,
     /// The recorded way laid onto the world.
     pub recorded: Vec<Vec2>,
@@ -151,7 +154,9 @@ pub fn once(setting: &Setting) -> Result<Demo, Failure> {
         estimate,
         step_ms: std::mem::take(&mut eyes.step_ms),
         walls: eyes.world().plan().iter().map(|(a, b)| [*a, *b]).collect(),
-        landmarks: map.landmarks().map(|l| place(&l.position).xy()).collect(),
+        landmarks: (map.landmarks().filter(|l| l.observations.len() >= SHOWN_BY))
+            .map(|l| place(&l.position).xy())
+            .collect(),
         recorded: on_floor(&recorded, place),
         cleaned: on_floor(&cleaned.points, place),
         path_home: path,
