@@ -108,7 +108,7 @@ pub fn page(rows: &[Row]) -> String {
          `cargo run --release -p xtask -- accuracy --write` writes this page. Recordings are looked for in `CAIRN_DATA`, else\n\
          in `../shared/data` beside the checkout.\n\n{}\n\
          Lockstep, default configuration. ATE is the RMSE of the final trajectory against the truth after alignment; coverage is\n\
-         the share of packets that have a pose. A step is from the decoded image to the pose; the quieter of two runs, {cpu}.\n\
+         the share of packets that have a pose. A step is from the decoded image to the pose; the quietest of the runs, {cpu}.\n\
          Peak memory is that of the whole process. In brackets: ORB-SLAM3 V1.0 measured on the same files, on two cores of this\n\
          kind, quiet and fed in real time, range of three runs.\n",
         table(rows)

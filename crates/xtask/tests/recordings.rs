@@ -32,6 +32,16 @@ fn euroc_stereo_holds() {
 }
 
 #[test]
+fn euroc_mono_holds() {
+    holds("euroc-mh01-mono", 0.030, 0.98);
+}
+
+#[test]
+fn kitti_mono_holds() {
+    holds("kitti-a-mono", 0.050, 0.96);
+}
+
+#[test]
 fn kitchen_rgbd_holds() {
     holds("7scenes-kitchen-rgbd", 0.060, 1.0);
 }
