@@ -36,8 +36,10 @@ impl Default for TrackerSetting {
 /// Frames kept while there is no map, so that they get their pose afterwards.
 const WAITING: usize = 64;
 
-/// Seconds without a pose that the motion before them may bridge.
+/// Seconds without a pose after which matches are still sought where the motion before leads.
 const BRIDGE_S: f64 = 0.6;
+/// Seconds of a blank view after which the motion before may place what is seen next.
+const BLANK_S: f64 = 1.0;
 
 /// What is kept of the last frame that had a pose.
 #[derive(Debug)]
@@ -109,7 +111,7 @@ impl Tracker {
     /// Finds where a frame is: by motion, by the reference, or by appearance.
     fn follow(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
         // A short gap is bridged by going on as before; after a longer one only appearance tells.
-        let first_guess = if self.lost && !self.recent(&frame) {
+        let first_guess = if self.lost && !self.recent(&frame, BRIDGE_S) {
             None
         } else {
             self.by_motion(&frame, map).or_else(|| self.by_reference(&frame, map))
@@ -347,7 +349,7 @@ impl Tracker {
         };
         let reference = placed.reference;
         self.velocity = match &self.last {
-            Some(last) if self.recent(&frame) && frame.stamp > last.frame.stamp => {
+            Some(last) if self.recent(&frame, BRIDGE_S) && frame.stamp > last.frame.stamp => {
                 Some(last.placed.world_from_eye.local(&world_from_eye) / (frame.stamp - last.frame.stamp))
             }
             _ => None,
@@ -395,8 +397,8 @@ impl Tracker {
     }
 
     /// Whether so little time has passed since the last pose that motion goes on as it was.
-    fn recent(&self, frame: &Frame) -> bool {
-        self.located.is_none_or(|t| frame.stamp - t < BRIDGE_S)
+    fn recent(&self, frame: &Frame, seconds: f64) -> bool {
+        self.located.is_none_or(|t| frame.stamp - t < seconds)
     }
 
     /// Past a blank wall: once there is something with depth to see again, it enters the map where the motion before
@@ -406,7 +408,7 @@ impl Tracker {
         let last = self.last.as_ref()?;
         let blank = self.eye.baseline_fx > 0.0 && 4 * last.frame.len() < self.features;
         let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
-        if !blank || !self.recent(&frame) || deep < (self.features / 12).max(40) {
+        if !blank || !self.recent(&frame, BLANK_S) || deep < (self.features / 12).max(40) {
             return None;
         }
         let moved = Se3::exp(&(self.velocity? * (frame.stamp - last.frame.stamp)));
