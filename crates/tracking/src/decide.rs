@@ -32,13 +32,7 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         return false;
     }
     let depth = s.eye.baseline_fx > 0.0;
-    let least = if s.map.key_frame_count() <= 2 {
-        1
-    } else if depth {
-        2
-    } else {
-        3
-    };
+    let least = if s.map.key_frame_count() <= 2 { 1 } else { 2 };
     let Some(reference) = s.map.key_frame(s.reference) else { return true };
     let settled = reference
         .landmarks

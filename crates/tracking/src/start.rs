@@ -105,7 +105,9 @@ fn two_views(
 ) -> Option<Pair> {
     let (a, b): (Vec<[f32; 2]>, Vec<[f32; 2]>) =
         matches.iter().map(|(i, j)| (first.px[*i], second.px[*j])).unzip();
-    let found = two_view(eye, &a, &b, &TwoViewSetting::default(), seed).ok()?;
+    // Sub-pixel corners of the finest levels: half a pixel covers them.
+    let setting = TwoViewSetting { sigma_px: 0.5, ..TwoViewSetting::default() };
+    let found = two_view(eye, &a, &b, &setting, seed).ok()?;
     let points =
         matches.iter().zip(&found.points).filter_map(|((i, j), p)| Some((*i as u16, *j as u16, (*p)?)));
     Some((found.second_from_first.inverse(), points.collect()))
