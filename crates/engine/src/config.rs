@@ -99,6 +99,7 @@ impl Config {
             ("mapper.grow_neighbours", mapper.grow_neighbours as f64, 1.0, 1e3),
             ("mapper.fuse_neighbours", mapper.fuse_neighbours as f64, 0.0, 1e3),
             ("mapper.redundant_share", mapper.redundant_share, 0.1, 1.0),
+            ("mapper.settle_key_frames", mapper.settle_key_frames as f64, 0.0, 1000.0),
             ("mapper.depth_points", mapper.depth_points as f64, 0.0, 1e5),
             ("mapper.window.key_frames", mapper.window.key_frames as f64, 2.0, 1e3),
             ("mapper.window.anchors", mapper.window.anchors as f64, 1.0, 1e4),

@@ -33,6 +33,7 @@ pub(crate) struct Done {
 /// What the mapping thread is sent.
 pub(crate) enum Message {
     Seen(Vec<(LandmarkId, bool)>),
+    Settle,
     Offer(Offer, SyncSender<Option<KeyFrameId>>),
 }
 
@@ -70,6 +71,12 @@ impl Mapping {
             for message in from {
                 match message {
                     Message::Seen(seen) => mapper.note(&seen),
+                    Message::Settle => {
+                        if let Err(cause) = catch_unwind(AssertUnwindSafe(|| mapper.settle(&mut atlas))) {
+                            let _ = tell.send(Done { ms: Vec::new(), died: Some(text_of(cause)) });
+                            return;
+                        }
+                    }
                     Message::Offer(offer, reply) => {
                         let start = Instant::now();
                         // The one in hand counts as waiting: more than one means that another has come.
@@ -155,21 +162,37 @@ impl Mapping {
         }
     }
 
-    /// Waits until mapping has done what it was given.
+    /// Lets mapping end what it was given and settle the whole map, and waits for it.
     pub fn finish(&mut self, into: &mut Done) {
+        match self {
+            Self::Inline { mapper, atlas } => {
+                if let Err(cause) = catch_unwind(AssertUnwindSafe(|| mapper.settle(atlas))) {
+                    into.died = Some(text_of(cause));
+                }
+            }
+            Self::Thread { to, .. } => {
+                if let Some(to) = to {
+                    let _ = to.send(Message::Settle);
+                }
+                self.join();
+            }
+        }
+        self.poll(into);
+    }
+
+    fn join(&mut self) {
         if let Self::Thread { to, handle, .. } = self {
             *to = None;
             if let Some(handle) = handle.take() {
                 let _ = handle.join();
             }
         }
-        self.poll(into);
     }
 }
 
 impl Drop for Mapping {
     fn drop(&mut self) {
-        self.finish(&mut Done::default());
+        self.join();
     }
 }
 

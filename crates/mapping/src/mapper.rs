@@ -24,6 +24,8 @@ pub struct MapperSetting {
     pub window: WindowSetting,
     /// A key frame goes when more than this share of its landmarks is seen by three others.
     pub redundant_share: f64,
+    /// Key frames up to which a map is adjusted as a whole when a run ends.
+    pub settle_key_frames: usize,
     /// Points from depth that a key frame brings at least, where it has them.
     pub depth_points: usize,
 }
@@ -35,6 +37,7 @@ impl Default for MapperSetting {
             fuse_neighbours: 10,
             window: WindowSetting::default(),
             redundant_share: 0.9,
+            settle_key_frames: 150,
             depth_points: 100,
         }
     }
@@ -199,6 +202,19 @@ impl Mapper {
         atlas.commit(spread(atlas.latest(), start, id, &back.world_from_eye));
         atlas.commit(join(atlas.latest(), id, &back.matches));
         self.settled = Some(id);
+    }
+
+    /// Adjusts the whole map at once, as a run ends; maps of more than `settle_key_frames` are left as they are, since
+    /// their windows have settled long ago and the dense reduced system would not fit the time.
+    pub fn settle(&mut self, atlas: &mut Atlas) -> Option<Report> {
+        let map = atlas.latest();
+        if !(3..=self.setting.settle_key_frames).contains(&map.key_frame_count()) {
+            return None;
+        }
+        let window = WindowSetting { iterations: [10, 10], tolerance: 1e-6, ..self.setting.window };
+        let settled = Window::whole(map, &self.eye).solve(&window, || false);
+        atlas.commit(settled.changes.changes);
+        Some(settled.report)
     }
 
     fn fuse(&self, atlas: &mut Atlas, id: KeyFrameId) {
