@@ -211,7 +211,7 @@ impl Mapper {
         if !(3..=self.setting.settle_key_frames).contains(&map.key_frame_count()) {
             return None;
         }
-        let window = WindowSetting { iterations: [10, 10], tolerance: 1e-6, ..self.setting.window };
+        let window = WindowSetting { iterations: [40, 20], tolerance: 1e-6, ..self.setting.window };
         let settled = Window::whole(map, &self.eye).solve(&window, || false);
         atlas.commit(settled.changes.changes);
         Some(settled.report)

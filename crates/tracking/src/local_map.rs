@@ -2,7 +2,7 @@
 
 use crate::match_last::{LOOSE, Matches};
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{EyeModel, Frame, Target, search};
 
 /// The part of the map a frame is matched with.
@@ -10,6 +10,8 @@ use cairn_vision::{EyeModel, Frame, Target, search};
 pub(crate) struct LocalMap {
     /// The key frame that shares most landmarks with the frame.
     pub reference: Option<KeyFrameId>,
+    /// Key frames that share at least half as many.
+    close: Vec<KeyFrameId>,
     landmarks: Vec<LandmarkId>,
     /// For each landmark index, the round it was gathered in.
     rounds: Vec<u32>,
@@ -21,6 +23,9 @@ impl LocalMap {
     pub fn gather(&mut self, map: &Map, matches: &Matches, fallback: KeyFrameId, key_frames: usize) {
         let votes = map.votes(matches.landmarks.iter().flatten());
         self.reference = votes.first().map(|(id, _)| *id).or(Some(fallback));
+        let most = votes.first().map_or(0, |(_, n)| *n);
+        self.close.clear();
+        self.close.extend(votes.iter().take_while(|(_, n)| 2 * n >= most).map(|(id, _)| *id));
         let mut chosen: Vec<KeyFrameId> = votes.iter().map(|(id, _)| *id).take(key_frames * 2 / 3).collect();
         if chosen.is_empty() {
             chosen.push(fallback);
@@ -49,6 +54,16 @@ impl LocalMap {
                 }
             }
         }
+    }
+
+    /// Of the key frames that share much with the frame, the one nearest to a place. What hangs on a near key frame
+    /// changes least when the map is adjusted.
+    pub fn nearest(&self, map: &Map, place: &Vec3) -> Option<KeyFrameId> {
+        let distance = |id: &KeyFrameId| {
+            map.key_frame(*id)
+                .map_or(f64::INFINITY, |k| (k.world_from_eye.translation - place).norm_squared())
+        };
+        self.close.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
     /// Projects the gathered landmarks and adds what is found to `matches`; returns the landmarks that should be

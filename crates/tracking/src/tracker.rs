@@ -194,11 +194,9 @@ impl Tracker {
         Some((placed, matches.landmarks))
     }
 
-    /// A pose as it hangs on the key frame that the local map was gathered around.
+    /// A pose as it hangs on the nearest key frame of those that the local map was gathered around.
     fn place(&self, map: &Map, fallback: KeyFrameId, world_from_eye: Se3) -> Option<Placed> {
-        let reference = self.local.reference.unwrap_or(fallback);
-        let reference_from_eye = map.world_from_eye(reference)?.inverse() * world_from_eye;
-        Some(Placed { reference, reference_from_eye, world_from_eye })
+        hung(map, self.local.nearest(map, &world_from_eye.translation).unwrap_or(fallback), world_from_eye)
     }
 
     /// When the last frame has become a key frame, what it shows and where it stands is told by the map.
@@ -347,7 +345,7 @@ impl Tracker {
         let Some(placed) = self.place(map, fallback, world_from_eye) else {
             return self.lose(frame, located.inliers);
         };
-        let reference = placed.reference;
+        let reference = self.local.reference.unwrap_or(fallback);
         self.velocity = match &self.last {
             Some(last) if self.recent(&frame, BRIDGE_S) && frame.stamp > last.frame.stamp => {
                 Some(last.placed.world_from_eye.local(&world_from_eye) / (frame.stamp - last.frame.stamp))
@@ -370,6 +368,7 @@ impl Tracker {
         };
         let offer = wants_key_frame(&situation, self.rate_hz, self.setting.min_key_frame_gap).then(|| {
             self.since_key_frame = 0;
+            let placed = hung(map, reference, world_from_eye).unwrap_or(placed);
             Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed }
         });
         let found: std::collections::BTreeSet<LandmarkId> =
@@ -446,4 +445,10 @@ impl Tracker {
 /// The pose of an eye that stands where a key frame does.
 fn standing_at(reference: KeyFrameId, world_from_eye: Se3) -> Placed {
     Placed { reference, reference_from_eye: Se3::identity(), world_from_eye }
+}
+
+/// A pose that hangs on a key frame.
+fn hung(map: &Map, reference: KeyFrameId, world_from_eye: Se3) -> Option<Placed> {
+    let reference_from_eye = map.world_from_eye(reference)?.inverse() * world_from_eye;
+    Some(Placed { reference, reference_from_eye, world_from_eye })
 }
