@@ -4,6 +4,6 @@ mod camera;
 mod locate;
 mod window;
 
-pub use camera::{pinhole, pixel, weight};
+pub use camera::{depth, pinhole, pixel, weight};
 pub use locate::{Located, locate};
 pub use window::{Settled, Window, WindowSetting};

@@ -33,7 +33,7 @@ pub fn locate(
     let (features, points): (Vec<usize>, Vec<PointMatch>) = known
         .chain(extra.iter().copied())
         .map(|(i, point)| {
-            (i, PointMatch { point, pixel: pixel(frame, i), weight: weight(frame, i, &map.octaves()) })
+            (i, PointMatch { point, pixel: pixel(map, frame, i), weight: weight(frame, i, &map.octaves()) })
         })
         .unzip();
     let found = PoseOnly::solve(&pinhole(eye), guess, &points, &PoseOnlySetting::default());

@@ -1,10 +1,10 @@
 //! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes.
 
-use crate::{pinhole, pixel, weight};
+use crate::{pinhole, weight};
 use cairn_atlas::{Change, ChangeSet, KeyFrameId, LandmarkId, Map};
 use cairn_geometry::Se3;
-use cairn_solve::{Bundle, BundleSetting, Observation, Report};
-use cairn_vision::EyeModel;
+use cairn_solve::{Bundle, BundleSetting, Observation, Pixel, Report};
+use cairn_vision::{EyeModel, Frame};
 use std::collections::BTreeMap;
 
 /// How large a window may be and how long it is solved.
@@ -19,11 +19,13 @@ pub struct WindowSetting {
     pub iterations: [usize; 2],
     /// Stop when a step lowers the cost by less than this part.
     pub tolerance: f64,
+    /// Standard deviation in pixels of a disparity error of the stereo calibration, which windows find; 0: none.
+    pub right_offset_sigma: f64,
 }
 
 impl Default for WindowSetting {
     fn default() -> Self {
-        Self { key_frames: 16, anchors: 24, iterations: [5, 6], tolerance: 1e-4 }
+        Self { key_frames: 16, anchors: 24, iterations: [5, 6], tolerance: 1e-4, right_offset_sigma: 0.2 }
     }
 }
 
@@ -104,7 +106,7 @@ impl Window {
                 observations.push(Observation {
                     pose: *slot,
                     point: points.len() as u32,
-                    pixel: pixel(&k.frame, o.feature as usize),
+                    pixel: raw_pixel(&k.frame, o.feature as usize),
                     weight: weight(&k.frame, o.feature as usize, &map.octaves()),
                 });
             }
@@ -121,7 +123,15 @@ impl Window {
             .iter()
             .map(|id| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye))
             .collect();
-        let bundle = Bundle { camera: pinhole(eye), poses, fixed, points, observations };
+        let bundle = Bundle {
+            camera: pinhole(eye),
+            poses,
+            fixed,
+            points,
+            observations,
+            right_offset: map.right_offset(),
+            right_offset_sigma: 0.0,
+        };
         Self { base: map.version(), key_frames, landmarks: kept, bundle }
     }
 
@@ -134,6 +144,7 @@ impl Window {
     /// Solves the window: robustly, then without the observations that do not fit. `stop` is asked before each step.
     pub fn solve(mut self, setting: &WindowSetting, mut stop: impl FnMut() -> bool) -> Settled {
         let bundle = &mut self.bundle;
+        bundle.right_offset_sigma = setting.right_offset_sigma;
         let [before, after] = setting.iterations;
         let solve = |iterations| BundleSetting { iterations, robust: true, tolerance: setting.tolerance };
         let mut report = bundle.solve(&solve(before), &mut stop);
@@ -161,9 +172,18 @@ impl Window {
         for (id, point) in self.landmarks.iter().zip(&bundle.points) {
             changes.push(Change::MoveLandmark(*id, *point));
         }
+        if bundle.right_offset_sigma > 0.0 {
+            changes.push(Change::Calibrate(bundle.right_offset));
+        }
         for o in bundle.observations.iter().filter(|o| o.weight == 0.0) {
             changes.push(Change::Forget(self.landmarks[o.point as usize], self.key_frames[o.pose as usize]));
         }
         Settled { changes: ChangeSet { base: self.base, changes }, report }
     }
+}
+
+/// A feature as it was measured: the solver adds the right offset itself.
+fn raw_pixel(frame: &Frame, feature: usize) -> Pixel {
+    let [u, v] = frame.px[feature];
+    [u as f64, v as f64, frame.right_x[feature] as f64]
 }

@@ -74,6 +74,7 @@ impl Map {
             }
             Change::Observe(id, key_frame, feature) => self.observe(*id, *key_frame, *feature, dirty)?,
             Change::Forget(id, key_frame) => self.forget(*id, *key_frame, dirty)?,
+            Change::Calibrate(offset) => self.right_offset = offset.is_finite().then_some(*offset)?,
             Change::Fuse(from, into) => self.fuse(*from, *into, dirty)?,
             Change::RemoveLandmark(id) => self.remove_landmark(*id, dirty)?,
             Change::RemoveKeyFrame(id) => self.remove_key_frame(*id, dirty)?,

@@ -20,6 +20,8 @@ pub enum Change {
     Forget(LandmarkId, KeyFrameId),
     /// The first landmark is the second: its observations go over, and it is removed.
     Fuse(LandmarkId, LandmarkId),
+    /// What is to be added to every measured right x, pixels.
+    Calibrate(f64),
     /// A landmark is no more.
     RemoveLandmark(LandmarkId),
     /// A key frame is no more; what hangs on it hangs on its parent from now on.

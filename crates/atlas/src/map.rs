@@ -14,6 +14,7 @@ pub struct Map {
     pub(crate) landmarks: Arena<Landmark>,
     /// For each removed key frame, the one it hangs on and where it stood there.
     pub(crate) gone: Arena<(KeyFrameId, Se3)>,
+    pub(crate) right_offset: f64,
     pub(crate) next_key_frame: usize,
     pub(crate) next_landmark: usize,
 }
@@ -38,6 +39,7 @@ impl Map {
             key_frames: Arena::default(),
             landmarks: Arena::default(),
             gone: Arena::default(),
+            right_offset: 0.0,
             next_key_frame: 0,
             next_landmark: 0,
         }
@@ -51,6 +53,12 @@ impl Map {
     /// The scale pyramid of all key frames.
     pub fn octaves(&self) -> Octaves {
         self.octaves
+    }
+
+    /// What is to be added to every measured right x, pixels, as the map has found it: the part of a stereo
+    /// calibration's error that looks like disparity.
+    pub fn right_offset(&self) -> f64 {
+        self.right_offset
     }
 
     /// A key frame, if it is alive.

@@ -81,6 +81,7 @@ impl Config {
             ("eye.orb.fast_low", f64::from(orb.fast_low), 1.0, f64::from(orb.fast_high)),
             ("eye.stereo.max_hamming", f64::from(stereo.max_hamming), 0.0, 256.0),
             ("eye.stereo.row_tolerance", stereo.row_tolerance, 0.5, 100.0),
+            ("mapper.window.right_offset_sigma", mapper.window.right_offset_sigma, 0.0, 5.0),
             ("eye.stereo.min_depth_baselines", stereo.min_depth_baselines, 0.1, 100.0),
             ("eye.stereo.min_disparity", stereo.min_disparity, 0.0, 100.0),
             ("eye.stereo.close_baselines", stereo.close_baselines, 1.0, 1e4),

@@ -4,7 +4,7 @@ use crate::Config;
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Runner};
 use cairn_atlas::{KeyFrameId, Map};
-use cairn_geometry::{Body, Pose, Se3, World};
+use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_mapping::Mapper;
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
@@ -57,7 +57,11 @@ impl Engine {
         let eye = Eye::new(rig, mode, setting)?;
         let model = *eye.model();
         let tracker = Tracker::new(model, setting.orb.features, rate_hz, config.tracker);
-        let mapper = Mapper::new(model, config.mapper);
+        let mut mapper = config.mapper;
+        if mode != SensorMode::Stereo {
+            mapper.window.right_offset_sigma = 0.0;
+        }
+        let mapper = Mapper::new(model, mapper);
         let mapping = Mapping::new(runner, mapper, Map::with_octaves(eye.octaves()));
         Ok(Self { eye, tracker, mapping, log: Log::default(), died: None })
     }
@@ -114,8 +118,25 @@ impl Engine {
         }
     }
 
+    /// The body's pose. A map without metric scale does not know how far the body is from the eye: there the body is
+    /// told where the first camera is, in the body's own orientation.
     fn body(&self, world_from_eye: &Se3) -> Pose<World, Body> {
-        Pose::new(*world_from_eye * self.eye.model().body_from_eye.inverse())
+        let mut eye_from_body = self.eye.model().body_from_eye.inverse();
+        if !self.is_metric() {
+            eye_from_body.translation = Vec3::zeros();
+        }
+        Pose::new(*world_from_eye * eye_from_body)
+    }
+
+    /// Whether lengths in the map are metres.
+    pub fn is_metric(&self) -> bool {
+        self.eye.model().baseline_fx > 0.0
+    }
+
+    /// True poses of the body as [`Engine::trajectory`] tells them: without metric scale, at the first camera's place.
+    pub fn comparable(&self, truth: &[(Stamp, Se3)]) -> Vec<(Stamp, Se3)> {
+        let arm = if self.is_metric() { Vec3::zeros() } else { self.eye.model().body_from_eye.translation };
+        truth.iter().map(|(t, body)| (*t, Se3::new(body.rotation, *body * arm))).collect()
     }
 
     /// The latest map.

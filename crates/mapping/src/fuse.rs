@@ -62,7 +62,7 @@ pub(crate) fn fuse_into(
             descriptor: &l.descriptor,
         };
         let agrees = |i: usize| {
-            let [mu, mv, mr] = pixel(&target.frame, i);
+            let [mu, mv, mr] = pixel(map, &target.frame, i);
             let dr = if mr.is_nan() { 0.0 } else { mr - right };
             let chi2 = ((mu - u).powi(2) + (mv - v).powi(2) + dr * dr) * weight(&target.frame, i, &octaves);
             chi2 < if mr.is_nan() { CHI2_2 } else { CHI2_3 }

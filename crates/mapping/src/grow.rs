@@ -3,7 +3,7 @@
 //! Source: Mur-Artal, Montiel, Tardós, "ORB-SLAM" (2015), section VI-C; epipolar geometry after Hartley & Zisserman.
 
 use crate::insert::Births;
-use cairn_adjust::pixel;
+use cairn_adjust::{depth, pixel};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
 use cairn_geometry::{Mat3, Se3, Vec3, hat};
 use cairn_solve::{CHI2_2, CHI2_3};
@@ -35,7 +35,7 @@ pub(crate) fn grow(
             continue;
         }
         for (i, j) in match_along_lines(eye, map.octaves(), here, there, &taken) {
-            let Some(point) = triangulate(eye, map.octaves(), here, i, there, j) else { continue };
+            let Some(point) = triangulate(map, eye, here, i, there, j) else { continue };
             let Some(landmark) = births.id() else { return changes };
             taken[i] = true;
             changes.push(Change::AddLandmark(landmark, point));
@@ -139,13 +139,14 @@ fn match_along_lines(
 
 /// The point that two features show, where it is well placed and agrees with both views.
 fn triangulate(
+    map: &Map,
     eye: &EyeModel,
-    octaves: Octaves,
     here: &KeyFrame,
     i: usize,
     there: &KeyFrame,
     j: usize,
 ) -> Option<Vec3> {
+    let octaves = map.octaves();
     let ray =
         |k: &KeyFrame, f: usize| k.world_from_eye.rotation * eye.unproject(k.frame.px[f], 1.0).normalize();
     let (ra, rb) = (ray(here, i), ray(there, j));
@@ -167,16 +168,16 @@ fn triangulate(
             &eye.unproject(there.frame.px[j], 1.0),
         )?
     } else if ca <= cb && ca < 2.0 {
-        here.world_from_eye * eye.unproject(here.frame.px[i], here.frame.depth[i] as f64)
+        here.world_from_eye * eye.unproject(here.frame.px[i], depth(map, eye, &here.frame, i))
     } else if cb < ca {
-        there.world_from_eye * eye.unproject(there.frame.px[j], there.frame.depth[j] as f64)
+        there.world_from_eye * eye.unproject(there.frame.px[j], depth(map, eye, &there.frame, j))
     } else {
         return None;
     };
     let distance = |k: &KeyFrame, f: usize| {
         let q = k.world_from_eye.inverse() * point;
         let [u, v, right] = eye.project(&q)?;
-        let [mu, mv, mr] = pixel(&k.frame, f);
+        let [mu, mv, mr] = pixel(map, &k.frame, f);
         let dr = if mr.is_nan() { 0.0 } else { mr - right };
         let chi2 = ((mu - u).powi(2) + (mv - v).powi(2) + dr * dr) / octaves.scale(k.frame.octave[f]).powi(2);
         (chi2 < if mr.is_nan() { CHI2_2 } else { CHI2_3 }).then(|| q.norm())

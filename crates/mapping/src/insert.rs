@@ -1,5 +1,6 @@
 //! Key frames enter the map: with what tracking matched, and with the points their own depth shows.
 
+use cairn_adjust::depth;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{EyeModel, Frame};
@@ -43,6 +44,7 @@ pub(crate) fn add_key_frame(
 /// New landmarks for the features of a key frame that have depth and show nothing yet: all that are close, and of
 /// the others as many as bring the count of points to `least`, nearest first.
 pub(crate) fn points_from_depth(
+    map: &Map,
     eye: &EyeModel,
     frame: &Frame,
     world_from_eye: &Se3,
@@ -62,7 +64,7 @@ pub(crate) fn points_from_depth(
             continue;
         }
         let Some(landmark) = births.id() else { break };
-        let point: Vec3 = *world_from_eye * eye.unproject(frame.px[i], frame.depth[i] as f64);
+        let point: Vec3 = *world_from_eye * eye.unproject(frame.px[i], depth(map, eye, frame, i));
         changes.push(Change::AddLandmark(landmark, point));
         changes.push(Change::Observe(landmark, id, i as u16));
     }

@@ -84,6 +84,7 @@ impl Mapper {
         let mut changes = add_key_frame(id, frame, world_from_eye, None, &nothing);
         let least = frame.len();
         changes.extend(points_from_depth(
+            map,
             &self.eye,
             frame,
             &world_from_eye,
@@ -157,6 +158,7 @@ impl Mapper {
         if depth {
             let least = self.setting.depth_points;
             changes.extend(points_from_depth(
+                &map,
                 &self.eye,
                 frame,
                 &world_from_eye,

@@ -34,6 +34,10 @@ pub struct Bundle {
     pub points: Vec<Vec3>,
     /// Observations, grouped by point: all of a point stand together.
     pub observations: Vec<Observation>,
+    /// What is added to every measured right x, pixels: the error of the stereo calibration that looks like disparity.
+    pub right_offset: f64,
+    /// Standard deviation of that offset around zero, pixels, when it is to be found; 0 keeps it as it is.
+    pub right_offset_sigma: f64,
 }
 
 /// How to solve.
@@ -64,14 +68,26 @@ struct Normal {
     points: Vec<(Mat3, Vec3)>,
     /// Per observation: pose-point coupling.
     coupling: Vec<Block63>,
+    offset: OffsetTerms,
     cost: f64,
+}
+
+/// The part of the normal equations that belongs to the right offset.
+#[derive(Default)]
+struct OffsetTerms {
+    hessian: f64,
+    gradient: f64,
+    /// Coupling with each free pose.
+    poses: Vec<[f64; 6]>,
+    /// Coupling with each point.
+    points: Vec<Vec3>,
 }
 
 impl Bundle {
     /// Squared whitened residual of an observation; infinite behind the eye.
     pub fn chi2(&self, o: &Observation) -> f64 {
         let q = View::new(&self.poses[o.pose as usize]).to_eye(&self.points[o.point as usize]);
-        match self.camera.residual(&q, &o.pixel) {
+        match self.camera.residual(&q, &shifted(&o.pixel, self.right_offset)) {
             Some(r) => (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight,
             None => f64::INFINITY,
         }
@@ -102,13 +118,15 @@ impl Bundle {
             }
             report.iterations += 1;
             let step = self.step(&normal, &slot, free, lambda);
-            let accepted = step.and_then(|(poses, points)| {
-                let (poses, points) = self.moved(&slot, &poses, &points);
-                let cost = self.cost(&poses, &points, setting.robust);
-                (cost < normal.cost && cost.is_finite()).then_some((poses, points, cost))
+            let accepted = step.and_then(|(steps, points)| {
+                let offset = self.right_offset + if self.finds_offset() { steps[free * 6] } else { 0.0 };
+                let (poses, points) = self.moved(&slot, &steps, &points);
+                let cost = self.cost(&poses, &points, offset, setting.robust);
+                (cost < normal.cost && cost.is_finite()).then_some((poses, points, offset, cost))
             });
             match accepted {
-                Some((poses, points, cost)) => {
+                Some((poses, points, offset, cost)) => {
+                    self.right_offset = offset;
                     let gain = (normal.cost - cost) / normal.cost;
                     self.poses = poses;
                     self.points = points;
@@ -153,12 +171,21 @@ impl Bundle {
             .collect()
     }
 
-    fn cost(&self, poses: &[Se3], points: &[Vec3], robust: bool) -> f64 {
+    fn finds_offset(&self) -> bool {
+        self.right_offset_sigma > 0.0
+    }
+
+    /// Information of the offset's prior, 1/px^2.
+    fn offset_information(&self) -> f64 {
+        if self.finds_offset() { self.right_offset_sigma.powi(-2) } else { 0.0 }
+    }
+
+    fn cost(&self, poses: &[Se3], points: &[Vec3], offset: f64, robust: bool) -> f64 {
         let views: Vec<View> = poses.iter().map(View::new).collect();
-        let mut cost = 0.0;
+        let mut cost = 0.5 * self.offset_information() * offset * offset;
         for o in self.observations.iter().filter(|o| o.weight > 0.0) {
             let q = views[o.pose as usize].to_eye(&points[o.point as usize]);
-            let Some(r) = self.camera.residual(&q, &o.pixel) else { return f64::INFINITY };
+            let Some(r) = self.camera.residual(&q, &shifted(&o.pixel, offset)) else { return f64::INFINITY };
             let chi2 = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight;
             cost += 0.5 * if robust { huber(chi2, Self::bound(o)).0 } else { chi2 };
         }
@@ -171,15 +198,29 @@ impl Bundle {
             poses: vec![([[0.0; 6]; 6], [0.0; 6]); free],
             points: vec![(Mat3::zeros(), Vec3::zeros()); self.points.len()],
             coupling: vec![[[0.0; 3]; 6]; self.observations.len()],
+            offset: OffsetTerms::default(),
             cost: 0.0,
         };
+        let (offset, information) = (self.right_offset, self.offset_information());
+        let finds_offset = self.finds_offset();
+        if finds_offset {
+            normal.offset = OffsetTerms {
+                hessian: information,
+                gradient: information * offset,
+                poses: vec![[0.0; 6]; free],
+                points: vec![Vec3::zeros(); self.points.len()],
+            };
+            normal.cost = 0.5 * information * offset * offset;
+        }
         for (i, o) in self.observations.iter_mut().enumerate() {
             if o.weight <= 0.0 {
                 continue;
             }
-            let Some(l) =
-                self.camera.linearise(&views[o.pose as usize], &self.points[o.point as usize], &o.pixel)
-            else {
+            let Some(l) = self.camera.linearise(
+                &views[o.pose as usize],
+                &self.points[o.point as usize],
+                &shifted(&o.pixel, offset),
+            ) else {
                 // A point behind an eye can not be adjusted to it: out it goes.
                 o.weight = 0.0;
                 continue;
@@ -196,6 +237,17 @@ impl Bundle {
                     g[a] += wa * res;
                     for b in 0..3 {
                         h[(a, b)] += wa * row[b];
+                    }
+                }
+            }
+            if finds_offset && !o.pixel[2].is_nan() {
+                // Only the third row feels the offset, with slope one.
+                normal.offset.hessian += w;
+                normal.offset.gradient += w * r[2];
+                normal.offset.points[o.point as usize] += Vec3::from(l.by_point[2]) * w;
+                if let Some(s) = slot[o.pose as usize] {
+                    for (sum, d) in normal.offset.poses[s as usize].iter_mut().zip(&l.by_pose[2]) {
+                        *sum += w * d;
                     }
                 }
             }
@@ -227,7 +279,7 @@ impl Bundle {
         free: usize,
         lambda: f64,
     ) -> Option<(DVector<f64>, Vec<Vec3>)> {
-        let n = free * 6;
+        let n = free * 6 + self.finds_offset() as usize;
         let mut s = DMatrix::<f64>::zeros(n, n);
         let mut rhs = DVector::<f64>::zeros(n);
         for (k, (h, g)) in normal.poses.iter().enumerate() {
@@ -250,6 +302,12 @@ impl Bundle {
                 d.try_inverse().unwrap_or_else(Mat3::zeros)
             })
             .collect();
+        let mut offset = (normal.offset.hessian * (1.0 + lambda), -normal.offset.gradient);
+        for (k, c) in normal.offset.poses.iter().enumerate() {
+            for a in 0..6 {
+                s[(free * 6, k * 6 + a)] = c[a];
+            }
+        }
         let mut start = 0;
         let mut seen: Vec<(usize, Block63, Block63)> = Vec::new();
         while start < self.observations.len() {
@@ -270,6 +328,16 @@ impl Bundle {
                     seen.push((k as usize, *w, wv));
                 }
             }
+            if let Some(m) = normal.offset.points.get(point as usize) {
+                let mv = v * m;
+                offset.0 -= m.dot(&mv);
+                offset.1 += mv.dot(g);
+                for (k, w, _) in &seen {
+                    for a in 0..6 {
+                        s[(free * 6, k * 6 + a)] -= w[a][0] * mv.x + w[a][1] * mv.y + w[a][2] * mv.z;
+                    }
+                }
+            }
             for (ka, w, _) in &seen {
                 for (kb, _, wv) in &seen {
                     // Lower triangle in block order.
@@ -287,8 +355,14 @@ impl Bundle {
             }
             start = end;
         }
+        if self.finds_offset() {
+            (s[(n - 1, n - 1)], rhs[n - 1]) = offset;
+        }
         let poses = if n > 0 { Cholesky::new(s)?.solve(&rhs) } else { rhs };
         let mut back: Vec<Vec3> = normal.points.iter().map(|(_, g)| -g).collect();
+        for (b, m) in back.iter_mut().zip(&normal.offset.points) {
+            *b -= m * poses[n - 1];
+        }
         for (o, w) in self.observations.iter().zip(&normal.coupling) {
             if let (Some(k), true) = (slot[o.pose as usize], o.weight > 0.0) {
                 let d = poses.fixed_rows::<6>(k as usize * 6);
@@ -316,6 +390,11 @@ impl Bundle {
     }
 }
 
+/// A pixel with an offset added to its right x.
+fn shifted(pixel: &Pixel, offset: f64) -> Pixel {
+    [pixel[0], pixel[1], pixel[2] + offset]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -324,8 +403,15 @@ mod tests {
     /// Eyes on an arc around a cloud, stereo pixels without noise; the state is disturbed.
     fn disturbed() -> (Bundle, Vec<Se3>) {
         let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 50.0 };
-        let mut bundle =
-            Bundle { camera, poses: vec![], fixed: vec![], points: vec![], observations: vec![] };
+        let mut bundle = Bundle {
+            camera,
+            poses: vec![],
+            fixed: vec![],
+            points: vec![],
+            observations: vec![],
+            right_offset: 0.0,
+            right_offset_sigma: 0.0,
+        };
         let truth: Vec<Se3> = (0..6)
             .map(|i| {
                 Se3::new(
@@ -364,6 +450,19 @@ mod tests {
         for (found, truth) in bundle.poses.iter().zip(&truth) {
             assert!(found.local(truth).norm() < 1e-5);
         }
+    }
+
+    #[test]
+    fn a_wrong_disparity_shows_and_is_found() {
+        let (mut bundle, truth) = disturbed();
+        for o in &mut bundle.observations {
+            o.pixel[2] -= 0.3;
+        }
+        bundle.right_offset_sigma = 10.0;
+        let setting = BundleSetting { iterations: 40, robust: true, tolerance: 1e-14 };
+        let report = bundle.solve(&setting, || false);
+        assert!((bundle.right_offset - 0.3).abs() < 1e-3, "{} {report:?}", bundle.right_offset);
+        assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-3));
     }
 
     #[test]

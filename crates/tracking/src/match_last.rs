@@ -1,5 +1,6 @@
 //! Matching a frame with the one before it, around where the motion model expects each point.
 
+use cairn_adjust::depth;
 use cairn_atlas::{LandmarkId, Map};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{EyeModel, Frame, Target, consistent_rotation, search};
@@ -65,7 +66,7 @@ pub(crate) fn match_last(
         let known = last_landmarks[i].and_then(|id| map.landmark(id)).map(|l| (Some(l.id), l.position));
         let close = || {
             (last.has_depth(i) && (last.depth[i] as f64) < eye.close_depth)
-                .then(|| (None, *world_from_last * eye.unproject(last.px[i], last.depth[i] as f64)))
+                .then(|| (None, *world_from_last * eye.unproject(last.px[i], depth(map, eye, last, i))))
         };
         let Some((id, point)) = known.or_else(close) else { continue };
         let Some([u, v, right]) = eye.project(&(eye_from_world * point)) else { continue };

@@ -164,8 +164,9 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
     map.check()?;
     let poses = engine.trajectory();
     let align = setting.sensor.align();
-    let (ate_m, scale) = ate(&source.info().truth, &poses, align)?;
-    let (live_ate_m, _) = ate(&source.info().truth, &engine.live_trajectory(), align)?;
+    let truth = engine.comparable(&source.info().truth);
+    let (ate_m, scale) = ate(&truth, &poses, align)?;
+    let (live_ate_m, _) = ate(&truth, &engine.live_trajectory(), align)?;
     let (started, lost) = gaps(&stamps, &poses);
     Ok(Measured {
         sensor: setting.sensor,

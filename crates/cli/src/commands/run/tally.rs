@@ -116,7 +116,7 @@ pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine, mode: SensorMode) -> Op
     };
     let align = if mode == SensorMode::Mono { Align::Sim3 } else { Align::Se3 };
     let options = EvalOptions { align, ..EvalOptions::default() };
-    let (reference, estimate) = (trajectory(truth)?, trajectory(&engine.trajectory())?);
+    let (reference, estimate) = (trajectory(&engine.comparable(truth))?, trajectory(&engine.trajectory())?);
     evaluate(&reference, &estimate, &options).ok()
 }
 
