@@ -26,18 +26,21 @@ impl Births {
     }
 }
 
+/// A key frame about to enter the map.
+pub(crate) struct Entry<'a> {
+    pub id: KeyFrameId,
+    pub frame: &'a Arc<Frame>,
+    pub world_from_eye: Se3,
+    /// The landmark that each feature is known to show.
+    pub shown: &'a [Option<LandmarkId>],
+}
+
 /// A key frame with the landmarks it is known to show.
-pub(crate) fn add_key_frame(
-    id: KeyFrameId,
-    frame: &Arc<Frame>,
-    world_from_eye: Se3,
-    parent: Option<KeyFrameId>,
-    landmarks: &[Option<LandmarkId>],
-) -> Vec<Change> {
-    let mut changes =
-        vec![Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame.clone(), world_from_eye, parent)))];
-    let shown = landmarks.iter().enumerate().filter_map(|(i, l)| l.map(|l| Change::Observe(l, id, i as u16)));
-    changes.extend(shown);
+pub(crate) fn add_key_frame(entry: &Entry, parent: Option<KeyFrameId>) -> Vec<Change> {
+    let key_frame = KeyFrame::new(entry.id, entry.frame.clone(), entry.world_from_eye, parent);
+    let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame))];
+    let shown = entry.shown.iter().enumerate();
+    changes.extend(shown.filter_map(|(i, l)| l.map(|l| Change::Observe(l, entry.id, i as u16))));
     changes
 }
 
@@ -46,13 +49,11 @@ pub(crate) fn add_key_frame(
 pub(crate) fn points_from_depth(
     map: &Map,
     eye: &EyeModel,
-    frame: &Frame,
-    world_from_eye: &Se3,
-    id: KeyFrameId,
-    shown: &[Option<LandmarkId>],
+    entry: &Entry,
     least: usize,
     births: &mut Births,
 ) -> Vec<Change> {
+    let frame = entry.frame;
     let mut by_depth: Vec<usize> = (0..frame.len()).filter(|i| frame.has_depth(*i)).collect();
     by_depth.sort_by(|a, b| frame.depth[*a].total_cmp(&frame.depth[*b]).then(a.cmp(b)));
     let mut changes = Vec::new();
@@ -60,13 +61,13 @@ pub(crate) fn points_from_depth(
         if frame.depth[i] as f64 > eye.close_depth && rank >= least {
             break;
         }
-        if shown[i].is_some() {
+        if entry.shown[i].is_some() {
             continue;
         }
         let Some(landmark) = births.id() else { break };
-        let point: Vec3 = *world_from_eye * eye.unproject(frame.px[i], depth(map, eye, frame, i));
+        let point: Vec3 = entry.world_from_eye * eye.unproject(frame.px[i], depth(map, eye, frame, i));
         changes.push(Change::AddLandmark(landmark, point));
-        changes.push(Change::Observe(landmark, id, i as u16));
+        changes.push(Change::Observe(landmark, entry.id, i as u16));
     }
     changes
 }

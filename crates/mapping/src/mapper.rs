@@ -4,7 +4,7 @@ use crate::close::{find_return, join, spread};
 use crate::cull::{Nursery, redundant};
 use crate::fuse::{around, fuse_into};
 use crate::grow::{grow, median_depth};
-use crate::insert::{Births, add_key_frame, points_from_depth};
+use crate::insert::{Births, Entry, add_key_frame, points_from_depth};
 use cairn_adjust::{Window, WindowSetting};
 use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId};
 use cairn_geometry::{Se3, Vec3};
@@ -81,18 +81,9 @@ impl Mapper {
         let id = map.next_key_frame_id();
         let mut births = Births::after(map);
         let nothing = vec![None; frame.len()];
-        let mut changes = add_key_frame(id, frame, world_from_eye, None, &nothing);
-        let least = frame.len();
-        changes.extend(points_from_depth(
-            map,
-            &self.eye,
-            frame,
-            &world_from_eye,
-            id,
-            &nothing,
-            least,
-            &mut births,
-        ));
+        let entry = Entry { id, frame, world_from_eye, shown: &nothing };
+        let mut changes = add_key_frame(&entry, None);
+        changes.extend(points_from_depth(map, &self.eye, &entry, frame.len(), &mut births));
         atlas.commit(changes);
         id
     }
@@ -117,10 +108,12 @@ impl Mapper {
         let a = before.next_key_frame_id();
         let b = KeyFrameId::from_index(a.index() + 1)?;
         let mut births = Births::after(&before);
-        let nothing = |frame: &Frame| vec![None; frame.len()];
-        let mut changes = add_key_frame(a, first, Se3::identity(), None, &nothing(first));
         let scaled = Se3::new(first_from_second.rotation, first_from_second.translation * unit);
-        changes.extend(add_key_frame(b, second, scaled, Some(a), &nothing(second)));
+        let (none_a, none_b) = (vec![None; first.len()], vec![None; second.len()]);
+        let entry_a = Entry { id: a, frame: first, world_from_eye: Se3::identity(), shown: &none_a };
+        let entry_b = Entry { id: b, frame: second, world_from_eye: scaled, shown: &none_b };
+        let mut changes = add_key_frame(&entry_a, None);
+        changes.extend(add_key_frame(&entry_b, Some(a)));
         for (i, j, p) in points {
             let id = births.id()?;
             changes.push(Change::AddLandmark(id, p * unit));
@@ -154,19 +147,11 @@ impl Mapper {
         let mut births = Births::after(&map);
         let alive: Vec<Option<LandmarkId>> =
             landmarks.iter().map(|l| l.filter(|l| map.landmark(*l).is_some())).collect();
-        let mut changes = add_key_frame(id, frame, world_from_eye, Some(parent), &alive);
+        let entry = Entry { id, frame, world_from_eye, shown: &alive };
+        let mut changes = add_key_frame(&entry, Some(parent));
         if depth {
             let least = self.setting.depth_points;
-            changes.extend(points_from_depth(
-                &map,
-                &self.eye,
-                frame,
-                &world_from_eye,
-                id,
-                &alive,
-                least,
-                &mut births,
-            ));
+            changes.extend(points_from_depth(&map, &self.eye, &entry, least, &mut births));
         }
         atlas.commit(changes);
         atlas.commit(self.nursery.judge(atlas.latest(), id, depth));

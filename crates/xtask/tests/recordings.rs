@@ -33,22 +33,22 @@ fn euroc_stereo_holds() {
 
 #[test]
 fn euroc_mono_holds() {
-    holds("euroc-mh01-mono", 0.030, 0.98);
+    holds("euroc-mh01-mono", 0.0050, 1.0);
 }
 
 #[test]
 fn kitti_mono_holds() {
-    holds("kitti-a-mono", 0.050, 0.96);
+    holds("kitti-a-mono", 0.030, 1.0);
 }
 
 #[test]
 fn kitchen_rgbd_holds() {
-    holds("7scenes-kitchen-rgbd", 0.060, 1.0);
+    holds("7scenes-kitchen-rgbd", 0.032, 1.0);
 }
 
 #[test]
 fn kitti_stereo_holds() {
-    holds("kitti-a-stereo", 0.14, 1.0);
+    holds("kitti-a-stereo", 0.035, 1.0);
 }
 
 #[test]
