@@ -1,4 +1,4 @@
-//! Rigid and similarity transforms, the manifold contract, alignment and trajectories.
+#![doc = include_str!("../README.md")]
 //!
 //! Conventions: a transform is named `a_from_b` and maps coordinates in `b` to coordinates in `a`;
 //! rotations are unit quaternions, lengths are metres, angles radians, all in `f64`. Perturbations
