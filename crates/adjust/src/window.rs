@@ -135,12 +135,6 @@ impl Window {
         Self { base: map.version(), key_frames, landmarks: kept, bundle }
     }
 
-    /// Key frames that move and key frames that hold.
-    pub fn size(&self) -> (usize, usize) {
-        let held = self.bundle.fixed.iter().filter(|f| **f).count();
-        (self.key_frames.len() - held, held)
-    }
-
     /// Solves the window: robustly, then without the observations that do not fit. `stop` is asked before each step.
     pub fn solve(mut self, setting: &WindowSetting, mut stop: impl FnMut() -> bool) -> Settled {
         let bundle = &mut self.bundle;

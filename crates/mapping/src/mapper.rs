@@ -3,7 +3,7 @@
 use crate::close::{find_return, join, spread};
 use crate::cull::{Nursery, redundant};
 use crate::fuse::{around, fuse_into};
-use crate::grow::{grow, median_depth};
+use crate::grow::grow;
 use crate::insert::{Births, Entry, add_key_frame, points_from_depth};
 use cairn_adjust::{Window, WindowSetting};
 use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId};
@@ -222,11 +222,5 @@ impl Mapper {
         theirs.sort_unstable();
         theirs.dedup();
         atlas.commit(fuse_into(&map, &self.eye, &theirs, here));
-    }
-
-    /// Median depth of what a key frame shows, in map units.
-    pub fn median_depth(&self, atlas: &Atlas, id: KeyFrameId) -> Option<f64> {
-        let map = atlas.latest();
-        median_depth(map, map.key_frame(id)?)
     }
 }

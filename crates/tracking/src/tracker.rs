@@ -435,11 +435,6 @@ impl Tracker {
             seen: Vec::new(),
         }
     }
-
-    /// The key frame that the last pose hangs on.
-    pub fn reference(&self) -> Option<KeyFrameId> {
-        self.last.as_ref().map(|l| l.placed.reference)
-    }
 }
 
 /// The pose of an eye that stands where a key frame does.
