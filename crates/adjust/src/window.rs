@@ -1,7 +1,7 @@
 //! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes.
 
 use crate::{pinhole, weight};
-use cairn_atlas::{Change, ChangeSet, KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{Change, ChangeSet, KeyFrameId, LandmarkId, Map, WorldId};
 use cairn_geometry::Se3;
 use cairn_solve::{Bundle, BundleSetting, Observation, Pixel, Report};
 use cairn_vision::{EyeModel, Frame};
@@ -62,9 +62,9 @@ impl Window {
         Some(Self::of(map, eye, &moving, setting.anchors))
     }
 
-    /// The window in which every key frame of a map moves but the first.
-    pub fn whole(map: &Map, eye: &EyeModel) -> Self {
-        let all: Vec<KeyFrameId> = map.key_frames().map(|k| k.id).collect();
+    /// The window in which every key frame of a world moves but its root.
+    pub fn whole(map: &Map, eye: &EyeModel, world: WorldId) -> Self {
+        let all: Vec<KeyFrameId> = map.key_frames_of(world).map(|k| k.id).collect();
         Self::of(map, eye, &all, 0)
     }
 
@@ -76,8 +76,8 @@ impl Window {
         let mut landmarks: Vec<LandmarkId> = shown.collect();
         landmarks.sort_unstable();
         landmarks.dedup();
-        // The eldest key frame never moves: it is where the world is.
-        let eldest = map.key_frames().next().map(|k| k.id);
+        // The root never moves: it is where the world is.
+        let root = moving.first().and_then(|id| map.key_frame(*id)).map(|k| k.world.root());
         let mut slots: BTreeMap<KeyFrameId, u32> = BTreeMap::new();
         let mut key_frames = Vec::new();
         let mut add = |id: KeyFrameId| {
@@ -88,7 +88,7 @@ impl Window {
         let held = map.votes(&landmarks).into_iter().filter(|(id, _)| !moving.contains(id)).take(anchors);
         held.for_each(|(id, _)| add(id));
         let mut fixed: Vec<bool> =
-            (0..key_frames.len()).map(|i| i >= moving.len() || Some(key_frames[i]) == eldest).collect();
+            (0..key_frames.len()).map(|i| i >= moving.len() || Some(key_frames[i]) == root).collect();
         if !fixed.contains(&true)
             && let Some(oldest) = (0..key_frames.len()).min_by_key(|i| key_frames[*i])
         {

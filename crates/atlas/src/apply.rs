@@ -1,9 +1,10 @@
 //! From one version of a map to the next: a change set is applied and what is derived is brought up to date.
 
-use crate::{Applied, Change, ChangeSet, KeyFrameId, Landmark, LandmarkId, Map, Observation};
-use cairn_geometry::Vec3;
+use crate::{Applied, Change, ChangeSet, KeyFrameId, Landmark, LandmarkId, Map, Observation, WorldId};
+use cairn_geometry::{Sim3, Vec3};
 use cairn_vision::Descriptor;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// A key frame keeps as many covisible neighbours as this.
 const NEIGHBOURS: usize = 40;
@@ -45,13 +46,21 @@ impl Map {
         match change {
             Change::AddKeyFrame(k) => {
                 let fresh = k.id.index() >= self.next_key_frame;
-                let parent_lives = k.parent.is_none_or(|p| self.key_frame(p).is_some());
-                if !fresh || !parent_lives || !k.world_from_eye.is_finite() {
+                let world = match k.parent {
+                    Some(p) => self.key_frame(p)?.world,
+                    None => WorldId(k.id),
+                };
+                if !fresh || !k.world_from_eye.is_finite() || !positive(k.unit) {
                     return None;
+                }
+                if k.parent.is_none() {
+                    Arc::make_mut(&mut self.worlds).insert(world, None);
                 }
                 self.next_key_frame = k.id.index() + 1;
                 let mut key_frame = (**k).clone();
+                key_frame.world = world;
                 key_frame.landmarks = vec![None; key_frame.frame.len()];
+                key_frame.links.clear();
                 self.key_frames.insert(k.id.index(), key_frame);
             }
             Change::AddLandmark(id, position) => {
@@ -67,6 +76,10 @@ impl Map {
                 k.world_from_eye = *pose;
                 dirty.moved.extend(k.landmarks.iter().flatten());
             }
+            Change::Scale(id, factor) => {
+                let k = positive(*factor).then(|| self.key_frames.get_mut(id.index()))??;
+                k.unit = Some(k.unit * factor).filter(|unit| positive(*unit))?;
+            }
             Change::MoveLandmark(id, position) => {
                 let l = finite(position).then(|| self.landmarks.get_mut(id.index()))??;
                 l.position = *position;
@@ -76,6 +89,19 @@ impl Map {
             Change::Forget(id, key_frame) => self.forget(*id, *key_frame, dirty)?,
             Change::Calibrate(offset) => self.right_offset = offset.is_finite().then_some(*offset)?,
             Change::Fuse(from, into) => self.fuse(*from, *into, dirty)?,
+            Change::Link(a, b) => self.link(*a, *b)?,
+            Change::Tie(world, tie) => {
+                let former = self.living(tie.to).and_then(|(id, _)| self.key_frame(id))?.world;
+                let sound =
+                    tie.to_from_root.is_finite() && tie.sigma.is_finite() && tie.sigma_rad.is_finite();
+                if former == *world || !sound {
+                    return None;
+                }
+                *Arc::make_mut(&mut self.worlds).get_mut(world)? = Some(*tie);
+            }
+            Change::Merge { from, into, into_from, parent } => {
+                self.merge(*from, *into, into_from, *parent, dirty)?
+            }
             Change::RemoveLandmark(id) => self.remove_landmark(*id, dirty)?,
             Change::RemoveKeyFrame(id) => self.remove_key_frame(*id, dirty)?,
         }
@@ -89,7 +115,12 @@ impl Map {
         feature: u16,
         dirty: &mut Dirty,
     ) -> Option<()> {
-        self.landmark(id)?;
+        let seen_from = self.landmark(id)?.observations.first().map(|o| o.key_frame);
+        if let Some(seen_from) = seen_from
+            && self.key_frame(seen_from)?.world != self.key_frame(key_frame)?.world
+        {
+            return None;
+        }
         let before = *self.key_frame(key_frame)?.landmarks.get(feature as usize)?;
         if before == Some(id) {
             return Some(());
@@ -129,7 +160,14 @@ impl Map {
         if from == into {
             return None;
         }
+        let world = |map: &Self, id| map.landmark(id)?.observations.first().map(|o| o.key_frame);
+        let worlds = [from, into].map(|id| world(self, id).and_then(|k| self.key_frame(k)).map(|k| k.world));
         self.landmark(into)?;
+        if let [Some(a), Some(b)] = worlds
+            && a != b
+        {
+            return None;
+        }
         let observations = self.landmark(from)?.observations.clone();
         self.remove_landmark(from, dirty)?;
         for o in observations {
@@ -150,15 +188,70 @@ impl Map {
 
     fn remove_key_frame(&mut self, id: KeyFrameId, dirty: &mut Dirty) -> Option<()> {
         let gone = self.key_frame(id)?.clone();
-        // The first key frame holds the world in place: it stays.
+        // The root holds the world in place: it stays.
         let parent = gone.parent?;
-        let parent_from_it = self.key_frame(parent)?.world_from_eye.inverse() * gone.world_from_eye;
+        let parent_from_it = self.key_frame(parent)?.world_from_here().inverse() * gone.world_from_here();
         for landmark in gone.landmarks.iter().flatten() {
             self.forget(*landmark, id, dirty);
+        }
+        for other in &gone.links {
+            if let Some(k) = self.key_frames.get_mut(other.index()) {
+                k.links.retain(|l| *l != id);
+            }
         }
         self.key_frames.remove(id.index());
         self.gone.insert(id.index(), (parent, parent_from_it));
         self.adopt(id, parent);
+        Some(())
+    }
+
+    fn link(&mut self, a: KeyFrameId, b: KeyFrameId) -> Option<()> {
+        if a == b || self.key_frame(a)?.world != self.key_frame(b)?.world {
+            return None;
+        }
+        for (at, with) in [(a, b), (b, a)] {
+            let links = &mut self.key_frames.get_mut(at.index())?.links;
+            if let Err(i) = links.binary_search(&with) {
+                links.insert(i, with);
+            }
+        }
+        Some(())
+    }
+
+    fn merge(
+        &mut self,
+        from: WorldId,
+        into: WorldId,
+        into_from: &Sim3,
+        parent: KeyFrameId,
+        dirty: &mut Dirty,
+    ) -> Option<()> {
+        let known = self.worlds.contains_key(&from) && self.worlds.contains_key(&into);
+        if !known || from <= into || parent >= from.root() || !into_from.is_finite() {
+            return None;
+        }
+        if self.key_frame(parent)?.world != into {
+            return None;
+        }
+        let moving: Vec<KeyFrameId> = self.key_frames_of(from).map(|k| k.id).collect();
+        if !moving.iter().all(|id| self.key_frame(*id).is_some_and(|k| positive(k.unit * into_from.scale))) {
+            return None;
+        }
+        let mut landmarks: BTreeSet<LandmarkId> = BTreeSet::new();
+        for id in moving {
+            let k = self.key_frames.get_mut(id.index())?;
+            k.world = into;
+            k.world_from_eye = into_from.transform_pose(&k.world_from_eye);
+            k.unit *= into_from.scale;
+            landmarks.extend(k.landmarks.iter().flatten());
+        }
+        for id in landmarks {
+            let l = self.landmarks.get_mut(id.index())?;
+            l.position = *into_from * l.position;
+            dirty.moved.insert(id);
+        }
+        self.key_frames.get_mut(from.root().index())?.parent = Some(parent);
+        Arc::make_mut(&mut self.worlds).remove(&from);
         Some(())
     }
 
@@ -290,6 +383,10 @@ impl Map {
 fn distance(a: &Descriptor, b: &Descriptor) -> u32 {
     let words = |d: &Descriptor, i: usize| u64::from_ne_bytes(std::array::from_fn(|k| d[i * 8 + k]));
     (0..4).map(|i| (words(a, i) ^ words(b, i)).count_ones()).sum()
+}
+
+fn positive(v: f64) -> bool {
+    v.is_finite() && v > 0.0
 }
 
 fn finite(p: &Vec3) -> bool {

@@ -1,17 +1,19 @@
 //! Changes to a map, as data.
 
-use crate::{KeyFrame, KeyFrameId, LandmarkId};
-use cairn_geometry::{Se3, Vec3};
+use crate::{KeyFrame, KeyFrameId, LandmarkId, Tie, WorldId};
+use cairn_geometry::{Se3, Sim3, Vec3};
 
 /// One change.
 #[derive(Clone, Debug)]
 pub enum Change {
-    /// A new key frame, without observations.
+    /// A new key frame, without observations; one without a parent is the root of a new world.
     AddKeyFrame(Box<KeyFrame>),
     /// A new landmark at a place in the world; its observations follow.
     AddLandmark(LandmarkId, Vec3),
     /// A key frame is somewhere else: `world_from_eye`.
     MoveKeyFrame(KeyFrameId, Se3),
+    /// Lengths around a key frame, in its own world, are this many times what they were.
+    Scale(KeyFrameId, f64),
     /// A landmark is somewhere else.
     MoveLandmark(LandmarkId, Vec3),
     /// A feature of a key frame shows a landmark (and nothing else).
@@ -24,6 +26,22 @@ pub enum Change {
     Calibrate(f64),
     /// A landmark is no more.
     RemoveLandmark(LandmarkId),
+    /// A loop was closed between two key frames.
+    Link(KeyFrameId, KeyFrameId),
+    /// How a world hangs on a former one until they are merged.
+    Tie(WorldId, Tie),
+    /// A younger world is part of an older one from now on: all that is in it moves by `into_from`, and its root hangs
+    /// on `parent`, which is older than it.
+    Merge {
+        /// The younger world; its name goes.
+        from: WorldId,
+        /// The older world.
+        into: WorldId,
+        /// From the younger world's frame to the older one's.
+        into_from: Sim3,
+        /// Key frame of the older world, born before the younger one's root.
+        parent: KeyFrameId,
+    },
     /// A key frame is no more; what hangs on it hangs on its parent from now on.
     RemoveKeyFrame(KeyFrameId),
 }

@@ -1,7 +1,7 @@
 //! A frame that stays.
 
-use crate::{KeyFrameId, LandmarkId};
-use cairn_geometry::Se3;
+use crate::{KeyFrameId, LandmarkId, WorldId};
+use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Frame;
 use std::sync::Arc;
 
@@ -12,12 +12,19 @@ pub struct KeyFrame {
     pub id: KeyFrameId,
     /// Its features, never changed.
     pub frame: Arc<Frame>,
+    /// The world it stands in (set by the map: its parent's, or one of its own).
+    pub world: WorldId,
     /// Where the eye was.
     pub world_from_eye: Se3,
+    /// How many world units one unit of length is here that was one when the key frame was born: 1 until a map without
+    /// metric scale is corrected. What hangs on a key frame keeps its lengths in the unit of its birth.
+    pub unit: f64,
     /// For each feature the landmark it shows.
     pub landmarks: Vec<Option<LandmarkId>>,
-    /// Its parent in the spanning tree; none for the first.
+    /// Its parent in the spanning tree; none for the root of a world.
     pub parent: Option<KeyFrameId>,
+    /// Key frames at which a loop was closed with this one.
+    pub links: Vec<KeyFrameId>,
     /// Key frames that share landmarks, with how many, most first (derived by the map).
     pub covisible: Vec<(KeyFrameId, u32)>,
 }
@@ -26,6 +33,21 @@ impl KeyFrame {
     /// A key frame that shows no landmark yet.
     pub fn new(id: KeyFrameId, frame: Arc<Frame>, world_from_eye: Se3, parent: Option<KeyFrameId>) -> Self {
         let landmarks = vec![None; frame.len()];
-        Self { id, frame, world_from_eye, landmarks, parent, covisible: Vec::new() }
+        Self {
+            id,
+            frame,
+            world: WorldId(id),
+            world_from_eye,
+            unit: 1.0,
+            landmarks,
+            parent,
+            links: Vec::new(),
+            covisible: Vec::new(),
+        }
+    }
+
+    /// The pose with the unit: what hangs here with `eye_from_it` stands at `world_from_here() * eye_from_it`.
+    pub fn world_from_here(&self) -> Sim3 {
+        Sim3::new(self.world_from_eye.rotation, self.world_from_eye.translation, self.unit)
     }
 }

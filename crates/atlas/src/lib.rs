@@ -11,6 +11,7 @@ mod ids;
 mod key_frame;
 mod landmark;
 mod map;
+mod world;
 
 pub use atlas::{Atlas, Reader};
 pub use change::{Applied, Change, ChangeSet};
@@ -18,3 +19,4 @@ pub use ids::{KeyFrameId, LandmarkId};
 pub use key_frame::KeyFrame;
 pub use landmark::{Landmark, Observation};
 pub use map::Map;
+pub use world::{Tie, WorldId};

@@ -1,9 +1,11 @@
-//! The map: key frames and landmarks of one connected piece of the world.
+//! The map: key frames and landmarks of all that was ever seen, in one world or several.
 
 use crate::arena::Arena;
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId};
-use cairn_geometry::Se3;
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Tie, WorldId};
+use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A version of the map. Cloning is cheap; see [`Map::apply`] for the next version.
 #[derive(Clone, Debug)]
@@ -13,7 +15,8 @@ pub struct Map {
     pub(crate) key_frames: Arena<KeyFrame>,
     pub(crate) landmarks: Arena<Landmark>,
     /// For each removed key frame, the one it hangs on and where it stood there.
-    pub(crate) gone: Arena<(KeyFrameId, Se3)>,
+    pub(crate) gone: Arena<(KeyFrameId, Sim3)>,
+    pub(crate) worlds: Arc<BTreeMap<WorldId, Option<Tie>>>,
     pub(crate) right_offset: f64,
     pub(crate) next_key_frame: usize,
     pub(crate) next_landmark: usize,
@@ -39,6 +42,7 @@ impl Map {
             key_frames: Arena::default(),
             landmarks: Arena::default(),
             gone: Arena::default(),
+            worlds: Arc::default(),
             right_offset: 0.0,
             next_key_frame: 0,
             next_landmark: 0,
@@ -81,6 +85,16 @@ impl Map {
         self.landmarks.iter().map(|(_, l)| l)
     }
 
+    /// The worlds, eldest first, each with how it hangs on a former one.
+    pub fn worlds(&self) -> impl Iterator<Item = (WorldId, Option<&Tie>)> {
+        self.worlds.iter().map(|(id, tie)| (*id, tie.as_ref()))
+    }
+
+    /// The key frames of one world in order of birth.
+    pub fn key_frames_of(&self, world: WorldId) -> impl Iterator<Item = &KeyFrame> {
+        self.key_frames().filter(move |k| k.world == world)
+    }
+
     /// The youngest living key frame.
     pub fn newest_key_frame(&self) -> Option<&KeyFrame> {
         (0..self.next_key_frame).rev().find_map(|i| self.key_frames.get(i))
@@ -106,30 +120,39 @@ impl Map {
         LandmarkId::from_index(self.next_landmark).expect("fewer than four billion landmarks")
     }
 
-    /// Where the eye of a key frame stands, also for one that was removed: it stands where its parent puts it.
+    /// Where the eye of a key frame stands and the unit of what hangs on it, also for one that was removed: it stands
+    /// where its parent puts it.
+    pub fn world_from_here(&self, id: KeyFrameId) -> Option<Sim3> {
+        let (living, living_from_id) = self.living(id)?;
+        Some(self.key_frame(living)?.world_from_here() * living_from_id)
+    }
+
+    /// The pose alone of [`Map::world_from_here`].
     pub fn world_from_eye(&self, id: KeyFrameId) -> Option<Se3> {
-        let mut at = id;
-        let mut relative = Se3::identity();
-        loop {
-            if let Some(k) = self.key_frame(at) {
-                return Some(k.world_from_eye * relative);
-            }
-            let (parent, parent_from_it) = self.gone.get(at.index())?;
-            relative = *parent_from_it * relative;
-            at = *parent;
-        }
+        self.world_from_here(id).map(|here| Se3::new(here.rotation, here.translation))
     }
 
     /// The living key frame that what hangs on `id` hangs on now, with `living_from_id`.
-    pub fn living(&self, id: KeyFrameId) -> Option<(KeyFrameId, Se3)> {
+    pub fn living(&self, id: KeyFrameId) -> Option<(KeyFrameId, Sim3)> {
         let mut at = id;
-        let mut relative = Se3::identity();
+        let mut relative = Sim3::identity();
         while self.key_frame(at).is_none() {
             let (parent, parent_from_it) = self.gone.get(at.index())?;
             relative = *parent_from_it * relative;
             at = *parent;
         }
         Some((at, relative))
+    }
+
+    /// Where something stands that hangs on a key frame with `eye_from_it`.
+    pub fn stand(&self, id: KeyFrameId, eye_from_it: &Se3) -> Option<Se3> {
+        Some(self.world_from_here(id)?.transform_pose(eye_from_it))
+    }
+
+    /// How something hangs on a key frame that stands at `world_from_it` in its world: the `eye_from_it` that follows
+    /// the map from now on.
+    pub fn hang(&self, id: KeyFrameId, world_from_it: &Se3) -> Option<Se3> {
+        Some(self.world_from_here(id)?.inverse().transform_pose(world_from_it))
     }
 
     /// Key frames that see any of these landmarks, with how many of them each sees, most first.
@@ -168,15 +191,37 @@ impl Map {
                     ));
                 }
             }
-            if let Some(p) = k.parent
-                && self.key_frame(p).is_none()
-            {
-                return Err(format!("{:?} has the parent {p:?}, which is gone", k.id));
+            match k.parent {
+                Some(p) if p >= k.id => return Err(format!("{:?} has the younger parent {p:?}", k.id)),
+                Some(p) if self.key_frame(p).is_none_or(|p| p.world != k.world) => {
+                    return Err(format!("{:?} has the parent {p:?}, which is not in its world", k.id));
+                }
+                None if k.world.root() != k.id || !self.worlds.contains_key(&k.world) => {
+                    return Err(format!("{:?} is the root of no world", k.id));
+                }
+                _ => {}
+            }
+            if !(k.unit.is_finite() && k.unit > 0.0) {
+                return Err(format!("{:?} has the unit {}", k.id, k.unit));
+            }
+            if let Some(other) = k.links.iter().find(|other| {
+                self.key_frame(**other).is_none_or(|o| o.world != k.world || !o.links.contains(&k.id))
+            }) {
+                return Err(format!("{:?} has a loop with {other:?}, which does not know", k.id));
+            }
+        }
+        for world in self.worlds.keys() {
+            if self.key_frame(world.root()).is_none_or(|k| k.parent.is_some()) {
+                return Err(format!("{world:?} has no root"));
             }
         }
         for l in self.landmarks() {
             if l.observations.is_empty() {
                 return Err(format!("{:?} is seen by nobody", l.id));
+            }
+            let world = |o: &crate::Observation| self.key_frame(o.key_frame).map(|k| k.world);
+            if l.observations.iter().any(|o| world(o) != world(&l.observations[0])) {
+                return Err(format!("{:?} is seen from two worlds", l.id));
             }
             for o in &l.observations {
                 let shown =

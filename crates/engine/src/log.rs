@@ -49,7 +49,7 @@ impl Log {
     pub fn corrected(&self, map: &Map) -> Vec<(Stamp, Se3)> {
         let place = |f: &Logged| {
             let p = f.placed?;
-            Some((f.stamp, map.world_from_eye(p.reference)? * p.reference_from_eye))
+            Some((f.stamp, map.stand(p.reference, &p.reference_from_eye)?))
         };
         self.frames.iter().filter_map(place).collect()
     }

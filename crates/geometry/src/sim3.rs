@@ -25,6 +25,11 @@ impl Sim3 {
         Self::new(So3::identity(), Vec3::zeros(), 1.0)
     }
 
+    /// Whether every number is finite and the scale positive.
+    pub fn is_finite(&self) -> bool {
+        Se3::new(self.rotation, self.translation).is_finite() && self.scale.is_finite() && self.scale > 0.0
+    }
+
     /// The inverse similarity.
     pub fn inverse(&self) -> Self {
         let r = self.rotation.inverse();

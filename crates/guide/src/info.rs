@@ -4,7 +4,7 @@ use crate::clean::{CleanSetting, CleanWay, clean, length};
 use crate::route::{Route, RouteSetting, Travel};
 use crate::way::Anchor;
 use crate::way::{Stretch, Way};
-use cairn_geometry::{Se3, Vec2};
+use cairn_geometry::{Sim3, Vec2};
 use serde::Serialize;
 
 /// A way in numbers. Lengths in metres (in units of a metre guessed from the pace where `metric` is false).
@@ -52,7 +52,7 @@ pub struct WayDrawing {
 /// Cleans a way where its key frames are now and counts what is in it.
 pub fn survey(
     way: &Way,
-    frame_from_anchor: impl Fn(Anchor) -> Option<Se3>,
+    frame_from_anchor: impl Fn(Anchor) -> Option<Sim3>,
     setting: &CleanSetting,
 ) -> (WayInfo, CleanWay, WayDrawing) {
     let (ground, unit) = (way.header.ground(), way.metres_per_unit());

@@ -1,7 +1,7 @@
 //! A recorded way: points that hang on key frames and follow them when the map moves.
 
 use crate::ground::Ground;
-use cairn_geometry::{Se3, So3, Vec3};
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_sensor::Stamp;
 use serde::{Deserialize, Serialize};
 
@@ -128,11 +128,14 @@ impl Way {
     /// Places every point where its key frame is now.
     ///
     /// `frame_from_anchor` gives the pose of a key frame in the wanted frame (the world, or `odom` for
-    /// guidance), `None` for one that is gone. Such a point keeps its recorded place relative to the
+    /// guidance) with what its unit of length is there, `None` for one that is gone. Such a point keeps its recorded place relative to the
     /// nearest placed neighbour; when no key frame is known at all, the recorded poses are given.
-    pub fn resolve(&self, frame_from_anchor: impl Fn(Anchor) -> Option<Se3>) -> Vec<PlacedPoint> {
+    pub fn resolve(&self, frame_from_anchor: impl Fn(Anchor) -> Option<Sim3>) -> Vec<PlacedPoint> {
         let by_anchor: Vec<Option<Se3>> = (self.points.iter())
-            .map(|p| frame_from_anchor(p.anchor).filter(Se3::is_finite).map(|f| f * p.anchor_from_camera))
+            .map(|p| {
+                let frame_from_anchor = frame_from_anchor(p.anchor).filter(Sim3::is_finite)?;
+                Some(frame_from_anchor.transform_pose(&p.anchor_from_camera))
+            })
             .collect();
         let first = by_anchor.iter().zip(&self.points).find_map(|(placed, p)| placed.map(|t| (t, p)));
         // What carries recorded poses into the wanted frame, from the last point that could be placed.
@@ -238,8 +241,9 @@ mod tests {
     #[test]
     fn points_follow_their_key_frames() {
         let turned = Se3::new(So3::exp(&Vec3::new(0.0, 0.0, 0.5)), Vec3::new(3.0, -1.0, 0.2));
-        let placed = way()
-            .resolve(|a| Some(turned * Se3::new(So3::identity(), Vec3::new(5.0 * a.seq as f64, 0.0, 0.0))));
+        let placed = way().resolve(|a| {
+            Some((turned * Se3::new(So3::identity(), Vec3::new(5.0 * a.seq as f64, 0.0, 0.0))).into())
+        });
         for (k, p) in placed.iter().enumerate() {
             let expected = turned * Vec3::new(k as f64, 0.0, 0.0);
             assert!((p.frame_from_camera.translation - expected).norm() < 1e-12);
@@ -253,7 +257,7 @@ mod tests {
         for gone in [0, 1] {
             let placed = way().resolve(|a| {
                 let key = Se3::new(So3::identity(), Vec3::new(5.0 * a.seq as f64, 0.0, 0.0));
-                (a.seq != gone).then(|| moved * key)
+                (a.seq != gone).then(|| (moved * key).into())
             });
             for (k, p) in placed.iter().enumerate() {
                 assert!((p.frame_from_camera.translation - Vec3::new(k as f64, 7.0, 0.0)).norm() < 1e-12);

@@ -6,7 +6,7 @@ use crate::fuse::{around, fuse_into};
 use crate::grow::grow;
 use crate::insert::{Births, Entry, add_key_frame, points_from_depth};
 use cairn_adjust::{Window, WindowSetting};
-use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId};
+use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, WorldId};
 use cairn_geometry::{Se3, Vec3};
 use cairn_solve::Report;
 use cairn_vision::{EyeModel, Frame};
@@ -122,7 +122,7 @@ impl Mapper {
         }
         atlas.commit(changes);
         let window = WindowSetting { iterations: [10, 10], tolerance: 1e-6, ..self.setting.window };
-        let settled = Window::whole(atlas.latest(), &self.eye).solve(&window, || false);
+        let settled = Window::whole(atlas.latest(), &self.eye, WorldId(a)).solve(&window, || false);
         atlas.commit(settled.changes.changes);
         self.nursery.admit(&births.born, b);
         Some(b)
@@ -141,8 +141,8 @@ impl Mapper {
     ) -> Option<Mapped> {
         let depth = self.eye.baseline_fx > 0.0;
         let map = atlas.latest().clone();
-        let (parent, parent_from_reference) = map.living(reference)?;
-        let world_from_eye = map.world_from_eye(parent)? * parent_from_reference * reference_from_eye;
+        let (parent, _) = map.living(reference)?;
+        let world_from_eye = map.stand(reference, &reference_from_eye)?;
         let id = map.next_key_frame_id();
         let mut births = Births::after(&map);
         let alive: Vec<Option<LandmarkId>> =
@@ -191,17 +191,19 @@ impl Mapper {
         self.settled = Some(id);
     }
 
-    /// Adjusts the whole map at once, as a run ends; maps of more than `settle_key_frames` are left as they are, since
+    /// Adjusts each world as a whole, as a run ends; worlds of more than `settle_key_frames` are left as they are, since
     /// their windows have settled long ago and the dense reduced system would not fit the time.
-    pub fn settle(&mut self, atlas: &mut Atlas) -> Option<Report> {
-        let map = atlas.latest();
-        if !(3..=self.setting.settle_key_frames).contains(&map.key_frame_count()) {
-            return None;
+    pub fn settle(&mut self, atlas: &mut Atlas) {
+        let worlds: Vec<WorldId> = atlas.latest().worlds().map(|(id, _)| id).collect();
+        for world in worlds {
+            let map = atlas.latest();
+            if !(3..=self.setting.settle_key_frames).contains(&map.key_frames_of(world).count()) {
+                continue;
+            }
+            let window = WindowSetting { iterations: [40, 20], tolerance: 1e-6, ..self.setting.window };
+            let settled = Window::whole(map, &self.eye, world).solve(&window, || false);
+            atlas.commit(settled.changes.changes);
         }
-        let window = WindowSetting { iterations: [40, 20], tolerance: 1e-6, ..self.setting.window };
-        let settled = Window::whole(map, &self.eye).solve(&window, || false);
-        atlas.commit(settled.changes.changes);
-        Some(settled.report)
     }
 
     fn fuse(&self, atlas: &mut Atlas, id: KeyFrameId) {

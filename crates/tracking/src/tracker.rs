@@ -208,8 +208,9 @@ impl Tracker {
                 last.placed = standing_at(newest.id, newest.world_from_eye);
             }
             Some(last) => {
-                if let Some(reference) = map.world_from_eye(last.placed.reference) {
-                    last.placed.world_from_eye = reference * last.placed.reference_from_eye;
+                let placed = &mut last.placed;
+                if let Some(standing) = map.stand(placed.reference, &placed.reference_from_eye) {
+                    placed.world_from_eye = standing;
                 }
             }
             None => {
@@ -413,8 +414,7 @@ impl Tracker {
         let moved = Se3::exp(&(self.velocity? * (frame.stamp - last.frame.stamp)));
         let world_from_eye = last.placed.world_from_eye * moved;
         let (reference, _) = map.living(last.placed.reference)?;
-        let reference_from_eye = map.world_from_eye(reference)?.inverse() * world_from_eye;
-        let placed = Placed { reference, reference_from_eye, world_from_eye };
+        let placed = hung(map, reference, world_from_eye)?;
         let landmarks = vec![None; frame.len()];
         self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
         self.since_key_frame = 0;
@@ -444,6 +444,6 @@ fn standing_at(reference: KeyFrameId, world_from_eye: Se3) -> Placed {
 
 /// A pose that hangs on a key frame.
 fn hung(map: &Map, reference: KeyFrameId, world_from_eye: Se3) -> Option<Placed> {
-    let reference_from_eye = map.world_from_eye(reference)?.inverse() * world_from_eye;
+    let reference_from_eye = map.hang(reference, &world_from_eye)?;
     Some(Placed { reference, reference_from_eye, world_from_eye })
 }

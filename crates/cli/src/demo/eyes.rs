@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use cairn_atlas::{KeyFrameId, Map};
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode, record_input};
 use cairn_eval::StageTimes;
-use cairn_geometry::{Se3, Trajectory};
+use cairn_geometry::{Se3, Sim3, Trajectory};
 use cairn_guide::{Anchor, RecordInput};
 use cairn_sensor::Stamp;
 use cairn_sim::{LiveRig, SimSensor, SimSetting};
@@ -105,7 +105,7 @@ impl Eyes {
     }
 }
 
-/// Where a key frame that a way hangs on stands in the map.
-pub fn standing(map: &Map, anchor: Anchor) -> Option<Se3> {
-    map.world_from_eye(KeyFrameId::from_index(anchor.seq as usize)?)
+/// Where a key frame that a way hangs on stands in the map, with its unit of length.
+pub fn standing(map: &Map, anchor: Anchor) -> Option<Sim3> {
+    map.world_from_here(KeyFrameId::from_index(anchor.seq as usize)?)
 }
