@@ -13,6 +13,20 @@ pub struct ImuSample {
     pub gyro: Vec3,
     /// Specific force in m/s^2 (about +9.8 upwards at rest).
     pub accel: Vec3,
+    /// What to multiply the sensor's noise with: 1 for a real reading, more for one that the merge made up.
+    pub noise_scale: f64,
+}
+
+impl ImuSample {
+    /// A real reading.
+    pub fn new(stamp: Stamp, gyro: Vec3, accel: Vec3) -> Self {
+        Self { stamp, gyro, accel, noise_scale: 1.0 }
+    }
+
+    /// True when the merge made it up because no real one had come by then.
+    pub fn is_synthesised(&self) -> bool {
+        self.noise_scale != 1.0
+    }
 }
 
 /// The images of one instant and the IMU samples since the packet before.
@@ -24,7 +38,10 @@ pub struct FramePacket {
     pub images: Vec<Arc<GrayImage>>,
     /// The depth image, when the rig has a depth sensor and this instant a reading.
     pub depth: Option<Arc<DepthImage>>,
-    /// Samples in (previous packet, this packet], in strictly increasing time, with one at or after the image where the source has it.
+    /// Samples since the last one of the packet before, up to the first at or after the image. Real samples rise strictly
+    /// in time from packet to packet and come in the clock of the images. Where none at or after the image has come in time, a
+    /// last one is made up at the image's stamp from one at most a period old (see [`ImuSample::is_synthesised`]); it stands
+    /// outside that order: the next packet's real samples take its place. See [`crate::Merge`].
     pub imu: Vec<ImuSample>,
     /// Milliseconds spent on reading and decoding this packet.
     pub decode_ms: f64,

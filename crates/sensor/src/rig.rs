@@ -54,7 +54,8 @@ pub struct ImuSensor {
     pub rate_hz: f64,
     /// Its noise.
     pub noise: ImuNoise,
-    /// Seconds to add to an IMU stamp to get the image clock: `t_imu + offset = t_image`.
+    /// Seconds to add to an IMU stamp to get the image clock: `t_imu + offset = t_image`. Kalibr's `timeshift_cam_imu` is
+    /// its negative. Whoever merges the streams applies it ([`crate::Merge`]) and hands on a rig in which it is 0.
     pub offset_s: f64,
 }
 

@@ -2,24 +2,23 @@
 
 use crate::text::{fields, numbers, place, stamp_ns};
 use cairn_geometry::Vec3;
-use cairn_sensor::{ImuSample, SourceError, Stamp};
+use cairn_sensor::{ImuSample, SourceError};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// Samples of `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines, strictly increasing in time.
+/// Samples of `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines, as they stand in the file; their order is
+/// for the merge to judge.
 pub struct ImuStream {
     path: PathBuf,
     lines: BufReader<File>,
     number: usize,
-    offset_ns: i64,
-    last: Option<Stamp>,
     peeked: Option<ImuSample>,
 }
 
 impl ImuStream {
-    /// Opens the file; `offset_s` is added to every stamp. An empty file is an error.
-    pub fn open(path: &Path, offset_s: f64) -> Result<Self, SourceError> {
+    /// Opens the file. One without a sample is an error.
+    pub fn open(path: &Path) -> Result<Self, SourceError> {
         let file = File::open(path).map_err(|e| {
             SourceError::new(
                 path.display().to_string(),
@@ -27,15 +26,7 @@ impl ImuStream {
                 "restore it, or give a rig without an IMU",
             )
         })?;
-        let offset_ns = (offset_s * 1e9).round() as i64;
-        let mut stream = Self {
-            path: path.to_owned(),
-            lines: BufReader::new(file),
-            number: 0,
-            offset_ns,
-            last: None,
-            peeked: None,
-        };
+        let mut stream = Self { path: path.to_owned(), lines: BufReader::new(file), number: 0, peeked: None };
         let mut skipped = Vec::new();
         stream.peeked = stream.read(&mut skipped);
         if stream.peeked.is_none() {
@@ -50,18 +41,19 @@ impl ImuStream {
         Ok(stream)
     }
 
-    /// Appends every sample not yet given up to the first at or after `until`; what is dropped goes to `skipped`.
-    pub fn take_until(&mut self, until: Stamp, out: &mut Vec<ImuSample>, skipped: &mut Vec<String>) {
-        while let Some(sample) = self.peeked.take() {
-            out.push(sample);
-            self.peeked = self.read(skipped);
-            if sample.stamp >= until {
-                return;
-            }
+    /// The next sample; lines that are none are told in `skipped`. `None` at the end of the file.
+    pub fn next(&mut self, skipped: &mut Vec<String>) -> Option<ImuSample> {
+        match self.peeked.take() {
+            Some(sample) => Some(sample),
+            None => self.read(skipped),
         }
     }
 
-    /// The next good sample; `None` at the end of the file.
+    /// The file and the line that was read last, as errors name it.
+    pub fn place(&self) -> String {
+        place(&self.path, self.number)
+    }
+
     fn read(&mut self, skipped: &mut Vec<String>) -> Option<ImuSample> {
         let mut bytes = Vec::new();
         loop {
@@ -79,24 +71,17 @@ impl ImuStream {
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
-            let Some(sample) = parse(line, self.offset_ns) else {
-                skipped.push(format!("{}: not an IMU sample, dropped", place(&self.path, self.number)));
-                continue;
-            };
-            if self.last.is_some_and(|last| sample.stamp <= last) {
-                let why = "the time does not go forward, sample dropped";
-                skipped.push(format!("{}: {why}", place(&self.path, self.number)));
-                continue;
+            match parse(line) {
+                Some(sample) => return Some(sample),
+                None => skipped.push(format!("{}: not an IMU sample, dropped", self.place())),
             }
-            self.last = Some(sample.stamp);
-            return Some(sample);
         }
     }
 }
 
-fn parse(line: &str, offset_ns: i64) -> Option<ImuSample> {
+fn parse(line: &str) -> Option<ImuSample> {
     let mut from = fields(line);
-    let stamp = Stamp(stamp_ns(from.next()?)?.0.checked_add(offset_ns)?);
+    let stamp = stamp_ns(from.next()?)?;
     let [gx, gy, gz, ax, ay, az] = numbers::<6>(from)?;
-    Some(ImuSample { stamp, gyro: Vec3::new(gx, gy, gz), accel: Vec3::new(ax, ay, az) })
+    Some(ImuSample::new(stamp, Vec3::new(gx, gy, gz), Vec3::new(ax, ay, az)))
 }

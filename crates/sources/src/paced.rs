@@ -56,6 +56,8 @@ impl Source for Paced {
             }
             self.dropped += 1;
             let mut imu: Vec<ImuSample> = std::mem::take(&mut packet.imu);
+            // What was made up for the image that is left out is not needed any more.
+            imu.retain(|sample| !sample.is_synthesised());
             imu.append(&mut next.imu);
             next.imu = imu;
             packet = next;
@@ -95,7 +97,7 @@ mod tests {
         fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
             let stamp = Stamp(7_000_000_000 + self.2 * 10_000_000);
             self.2 += 1;
-            let imu = vec![ImuSample { stamp, gyro: Vec3::zeros(), accel: Vec3::zeros() }];
+            let imu = vec![ImuSample::new(stamp, Vec3::zeros(), Vec3::zeros())];
             let packet = FramePacket { stamp, images: vec![], depth: None, imu, decode_ms: 0.0 };
             Ok((self.2 <= 20).then_some(packet))
         }

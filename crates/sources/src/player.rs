@@ -4,7 +4,8 @@ use crate::decode;
 use crate::imu::ImuStream;
 use crate::recording::{Instant, Recording};
 use cairn_sensor::{
-    Camera, DepthImage, FramePacket, GrayImage, ImuSample, Rig, Source, SourceError, SourceInfo,
+    Camera, DepthImage, FramePacket, GrayImage, Merge, MergeSetting, Rig, Source, SourceError, SourceInfo,
+    Stream,
 };
 use std::sync::Arc;
 use std::time;
@@ -13,17 +14,19 @@ use std::vec::IntoIter;
 /// Lines kept of what was skipped; a longer list only grows its last line's count.
 const MOST_LINES: usize = 10_000;
 
+/// Holes in the IMU's stream that are told one by one.
+const MOST_GAPS: usize = 10;
+
 /// A recording being read.
 pub struct Player {
     info: SourceInfo,
     rig: Rig,
     instants: IntoIter<Instant>,
     imu: Option<ImuStream>,
+    /// Joins the IMU to the instants, which have their images together already.
+    merge: Merge<Decoded, ()>,
     no_depth: Option<u16>,
-    /// Samples read but not given yet.
-    pending: Vec<ImuSample>,
-    /// No packet was given yet.
-    first: bool,
+    ended: bool,
     skipped: Vec<String>,
     left_out: usize,
 }
@@ -38,16 +41,19 @@ impl Player {
         }
         check_sizes(&name, &rig, &instants)?;
         // Stamps are given in the images' clock, so nothing is left to add.
-        let offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
-        let imu = imu.map(|path| ImuStream::open(&path, offset_s)).transpose()?;
+        let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
+        let imu = imu.map(|path| ImuStream::open(&path)).transpose()?;
+        let imu_period_s = rig.imu.as_ref().filter(|_| imu.is_some()).map(|sensor| 1.0 / sensor.rate_hz);
+        let wait_s = f64::INFINITY;
+        let setting = MergeSetting { imu_period_s, imu_offset_s, wait_s, ..Default::default() };
         let mut player = Self {
             info: SourceInfo { name, frames: Some(instants.len()), rate_hz, truth },
             rig,
             instants: instants.into_iter(),
             imu,
+            merge: Merge::new(setting),
             no_depth,
-            pending: Vec::new(),
-            first: true,
+            ended: false,
             skipped: Vec::new(),
             left_out: 0,
         };
@@ -71,26 +77,42 @@ impl Player {
         let start = time::Instant::now();
         let decoded = self.decode(instant);
         let decode_ms = start.elapsed().as_secs_f64() * 1e3;
-        let mut skipped = Vec::new();
-        if let Some(imu) = &mut self.imu {
-            imu.take_until(instant.stamp, &mut self.pending, &mut skipped);
-            if self.first {
-                self.pending.retain(|s| s.stamp >= instant.stamp.plus_seconds(-1.0));
-            }
-        }
-        let packet = match decoded {
-            Ok((images, depth)) => {
-                self.first = false;
-                let imu = std::mem::take(&mut self.pending);
-                Some(FramePacket { stamp: instant.stamp, images, depth, imu, decode_ms })
-            }
+        let decoded = match decoded {
+            Ok(decoded) => decoded,
             Err(why) => {
-                skipped.push(format!("{}: {why}", instant.stamp));
-                None
+                self.note(vec![format!("{}: {why}", instant.stamp)]);
+                return None;
             }
         };
+        if let Err(dropped) = self.merge.push_image(0, instant.stamp, decoded) {
+            self.note(vec![format!("{dropped}, image dropped")]);
+        }
+        self.read_imu();
+        let merged = self.merge.pop()?;
+        let (images, depth) = merged.images.into_iter().next()?;
+        Some(FramePacket { stamp: merged.stamp, images, depth, imu: merged.imu, decode_ms })
+    }
+
+    /// Feeds the merge with what the next instant lacks.
+    fn read_imu(&mut self) {
+        let mut skipped = Vec::new();
+        while self.merge.lacks() == Some(Stream::Imu) {
+            let Some((imu, sample)) = self.imu.as_mut().and_then(|imu| {
+                let sample = imu.next(&mut skipped)?;
+                Some((imu, sample))
+            }) else {
+                self.merge.end(Stream::Imu);
+                break;
+            };
+            match self.merge.push_imu(sample) {
+                Ok(Some(gap)) if self.merge.counts().imu_gaps <= MOST_GAPS => {
+                    skipped.push(format!("{}: no IMU sample for {:.3} s", gap.from, gap.to - gap.from));
+                }
+                Ok(_) => {}
+                Err(dropped) => skipped.push(format!("{}: {dropped}, sample dropped", imu.place())),
+            }
+        }
         self.note(skipped);
-        packet
     }
 
     fn decode(&self, instant: &Instant) -> Result<Decoded, String> {
@@ -129,6 +151,10 @@ impl Source for Player {
             if let Some(packet) = self.read(&instant) {
                 return Ok(Some(packet));
             }
+        }
+        let without = self.merge.counts().without_imu;
+        if without > 0 && !std::mem::replace(&mut self.ended, true) {
+            self.note(vec![format!("{without} instants have no IMU sample at or after the image")]);
         }
         Ok(None)
     }

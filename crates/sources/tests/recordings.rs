@@ -207,7 +207,7 @@ fn time_going_backwards_is_dropped_and_counted() {
     assert_eq!(stamps, [1, 2, 3, 4, 5]);
     let has = |text: &str| source.skipped().iter().filter(|l| l.contains(text)).count();
     assert_eq!(
-        (has("is repeated"), has("goes backwards"), has("jumps ahead")),
+        (has("is repeated, image"), has("goes backwards, image"), has("jumps ahead, image")),
         (1, 1, 1),
         "{:?}",
         source.skipped()

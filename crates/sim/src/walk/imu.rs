@@ -88,6 +88,6 @@ impl ImuSim {
             self.gyro_bias += vector(n.gyro_walk / root);
             self.accel_bias += vector(n.accel_walk / root);
         }
-        ImuSample { stamp: Stamp(epoch.0 + t), gyro, accel }
+        ImuSample::new(Stamp(epoch.0 + t), gyro, accel)
     }
 }

@@ -83,6 +83,7 @@ struct ImuFile {
     accel_noise: f64,
     /// m/s^3/sqrt(Hz)
     accel_walk: f64,
+    /// Seconds: t_imu + offset_s = t_image.
     #[serde(default)]
     offset_s: f64,
     #[serde(default)]
@@ -122,7 +123,8 @@ pub fn write(rig: &Rig) -> Result<String, SourceError> {
             body_from_imu: pose_file(&i.body_from_imu),
         }),
     };
-    toml::to_string(&file).map_err(|e| SourceError::new("the rig", e.to_string(), "report it"))
+    let text = toml::to_string(&file).map_err(|e| SourceError::new("the rig", e.to_string(), "report it"))?;
+    Ok(text.replace("\noffset_s", "\n# Seconds: t_imu + offset_s = t_image.\noffset_s"))
 }
 
 fn build(file: RigFile) -> Result<Rig, String> {
