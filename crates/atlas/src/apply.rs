@@ -348,7 +348,7 @@ impl Map {
     }
 
     /// The observed descriptor with the least median Hamming distance to the others.
-    fn typical_descriptor(&self, l: &Landmark) -> Option<Descriptor> {
+    pub(crate) fn typical_descriptor(&self, l: &Landmark) -> Option<Descriptor> {
         let latest = &l.observations[l.observations.len().saturating_sub(DESCRIPTORS)..];
         let all: Vec<&Descriptor> = latest
             .iter()
@@ -364,7 +364,7 @@ impl Map {
     }
 
     /// Mean viewing direction and the range of distances the detector's octaves cover.
-    fn visibility(&self, l: &Landmark) -> Option<(Vec3, f64, f64)> {
+    pub(crate) fn visibility(&self, l: &Landmark) -> Option<(Vec3, f64, f64)> {
         let mut normal = Vec3::zeros();
         for o in &l.observations {
             let from = self.key_frame(o.key_frame)?.world_from_eye.translation;

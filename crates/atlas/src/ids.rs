@@ -17,6 +17,15 @@ macro_rules! id {
                 u32::try_from(index).ok()?.checked_add(1).and_then(NonZeroU32::new).map(Self)
             }
 
+            /// The number itself, from 1; 0 is nobody.
+            pub(crate) fn from_raw(raw: u32) -> Option<Self> {
+                NonZeroU32::new(raw).map(Self)
+            }
+
+            pub(crate) fn raw(self) -> u32 {
+                self.0.get()
+            }
+
             /// Place in the order of birth, from 0.
             pub fn index(self) -> usize {
                 (self.0.get() - 1) as usize

@@ -11,6 +11,7 @@ mod ids;
 mod key_frame;
 mod landmark;
 mod map;
+pub mod store;
 mod world;
 
 pub use atlas::{Atlas, Reader};

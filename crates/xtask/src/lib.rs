@@ -5,6 +5,7 @@ pub mod long;
 pub mod measure;
 pub mod memory;
 pub mod recordings;
+pub mod store;
 pub mod walks;
 
 pub use measure::{Measured, Sensor, Setting, measure};

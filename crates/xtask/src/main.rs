@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use xtask::recordings::{data_folder, recording};
 use xtask::walks::{WORLDS, Walk};
-use xtask::{Sensor, Setting, accuracy, long, measure, walks};
+use xtask::{Sensor, Setting, accuracy, long, measure, store, walks};
 
 /// Measures the whole engine.
 #[derive(Parser)]
@@ -75,6 +75,24 @@ enum Command {
         #[arg(long, default_value_t = 10.0)]
         minutes: f64,
     },
+    /// Saves and opens a large map: seconds, and bytes of each kind of part.
+    Store {
+        /// Key frames.
+        #[arg(long, default_value_t = 1000)]
+        key_frames: usize,
+        /// Features of each.
+        #[arg(long, default_value_t = 1000)]
+        features: usize,
+        /// Times to save and open.
+        #[arg(long, default_value_t = 5)]
+        times: usize,
+        /// Folder to save in; default the system's for temporary files.
+        #[arg(long)]
+        folder: Option<PathBuf>,
+        /// Write all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+    },
     /// One recording by its row's name, or any source with --sensor; prints JSON.
     One {
         /// Name of a row, a folder, or sim:WORLD.
@@ -138,6 +156,12 @@ fn run(command: Command) -> Result<(), String> {
             let mut source = open(&address, OpenOptions::default()).map_err(|e| e.to_string())?;
             print!("{}", long::table(&long::run(source.as_mut(), sensor)?));
             Ok(())
+        }
+        Command::Store { key_frames, features, times, folder, json } => {
+            let folder = folder.unwrap_or_else(std::env::temp_dir);
+            let stored = store::run(&folder, key_frames, features, times)?;
+            print!("{}", store::table(&stored));
+            json.map_or(Ok(()), |path| save(path, &text(&stored)?))
         }
         Command::One { source, data, sensor, frames, verbose } => {
             let measured = match recording(&source) {

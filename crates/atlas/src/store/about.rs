@@ -1,0 +1,194 @@
+//! What a map was made with: program, sensors, camera; and whether another camera may go on with it.
+
+use super::StoreError;
+use super::wire::{Decoder, Encoder};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_vision::{EyeModel, Octaves, SensorMode};
+use nalgebra::{Quaternion, UnitQuaternion};
+
+/// Pixels that the images of one ray may lie apart under two cameras that count as the same.
+const SAME_PX: f64 = 0.5;
+/// Relative difference of two baselines that count as the same.
+const SAME_BASELINE: f64 = 0.005;
+
+/// What a map was made with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct About {
+    /// The program that wrote the file, with its version.
+    pub program: String,
+    /// Sensors.
+    pub sensor: SensorMode,
+    /// The ideal camera that all key frames are seen with.
+    pub eye: EyeModel,
+}
+
+impl About {
+    /// Compares what made the map with what is to go on with it: an error in words when that would spoil the map,
+    /// else what differs a little, in words.
+    pub fn fits(
+        &self,
+        octaves: Octaves,
+        sensor: SensorMode,
+        eye: &EyeModel,
+        now: Octaves,
+    ) -> Result<Vec<String>, String> {
+        if self.sensor != sensor {
+            let (a, b) = (sensor_name(self.sensor), sensor_name(sensor));
+            return Err(format!("the map was made with {a}, this run uses {b}"));
+        }
+        if octaves != now {
+            return Err(format!(
+                "the map has {} octaves of {}, this run {} of {}",
+                octaves.levels, octaves.factor, now.levels, now.factor
+            ));
+        }
+        let apart = self.pixels_apart(eye);
+        if apart > SAME_PX {
+            return Err(format!(
+                "the map was made with another camera: fx {:.2} fy {:.2} cx {:.2} cy {:.2} where this run has {:.2} \
+                 {:.2} {:.2} {:.2}, up to {apart:.1} px apart",
+                self.eye.fx, self.eye.fy, self.eye.cx, self.eye.cy, eye.fx, eye.fy, eye.cx, eye.cy
+            ));
+        }
+        let baseline = |eye: &EyeModel| eye.baseline_fx / eye.fx;
+        let (a, b) = (baseline(&self.eye), baseline(eye));
+        if (a - b).abs() > SAME_BASELINE * a.max(b) {
+            return Err(format!("the map was made with a baseline of {a:.4} m, this run has {b:.4} m"));
+        }
+        let mut notes = Vec::new();
+        if apart > 1e-6 || a != b {
+            notes.push(format!(
+                "the cameras differ by up to {apart:.3} px, the baselines by {:.5} m",
+                (a - b).abs()
+            ));
+        }
+        let arm = self.eye.body_from_eye.inverse() * eye.body_from_eye;
+        let (metres, degrees) = (arm.translation.norm(), arm.rotation.angle().to_degrees());
+        if metres > 1e-6 || degrees > 1e-4 {
+            notes.push(format!(
+                "the camera sits {metres:.3} m and {degrees:.2} degrees from where it sat on the body"
+            ));
+        }
+        Ok(notes)
+    }
+
+    /// How far apart the two cameras see one ray, pixels, at worst over the corners and the middle of the view.
+    fn pixels_apart(&self, other: &EyeModel) -> f64 {
+        let e = &self.eye;
+        let [x0, y0, x1, y1] = e.bounds;
+        let at = [(x0, y0), (x1, y0), (x0, y1), (x1, y1), (e.cx, e.cy)];
+        let apart = |(u, v): (f64, f64)| {
+            let (x, y) = ((u - e.cx) / e.fx, (v - e.cy) / e.fy);
+            (other.fx * x + other.cx - u).hypot(other.fy * y + other.cy - v)
+        };
+        at.into_iter().map(apart).fold(0.0, f64::max)
+    }
+
+    pub(super) fn encode(&self, e: &mut Encoder) {
+        e.text(&self.program);
+        e.u8(match self.sensor {
+            SensorMode::Mono => 0,
+            SensorMode::Stereo => 1,
+            SensorMode::Rgbd => 2,
+        });
+        let m = &self.eye;
+        e.f64s(&[m.fx, m.fy, m.cx, m.cy, m.baseline_fx, m.close_depth]);
+        e.f64s(&m.bounds);
+        e.f64s(&numbers(&m.body_from_eye));
+    }
+
+    pub(super) fn decode(d: &mut Decoder) -> Result<Self, StoreError> {
+        let program = d.text()?;
+        let sensor = match d.u8()? {
+            0 => SensorMode::Mono,
+            1 => SensorMode::Stereo,
+            2 => SensorMode::Rgbd,
+            other => return Err(d.wrong(format!("sensor {other} is not known"))),
+        };
+        let [fx, fy, cx, cy, baseline_fx, close_depth] = d.f64s()?;
+        let bounds: [f64; 4] = d.f64s()?;
+        let body_from_eye = pose(d.f64s()?).ok_or_else(|| d.wrong("the camera's place is no pose"))?;
+        let eye = EyeModel { fx, fy, cx, cy, baseline_fx, bounds, close_depth, body_from_eye };
+        let finite = [fx, fy, cx, cy, baseline_fx, close_depth].iter().chain(&bounds).all(|v| v.is_finite());
+        let sound =
+            fx > 0.0 && fy > 0.0 && baseline_fx >= 0.0 && bounds[0] < bounds[2] && bounds[1] < bounds[3];
+        if !(finite && sound) {
+            return Err(d.wrong(format!("no camera is like this: {eye:?}")));
+        }
+        Ok(Self { program, sensor, eye })
+    }
+}
+
+/// What the command line calls the sensors.
+pub fn sensor_name(sensor: SensorMode) -> &'static str {
+    match sensor {
+        SensorMode::Mono => "mono",
+        SensorMode::Stereo => "stereo",
+        SensorMode::Rgbd => "rgbd",
+    }
+}
+
+/// A pose as quaternion (x y z w) and translation, to the last bit.
+pub(super) fn numbers(pose: &Se3) -> [f64; 7] {
+    let (q, t) = (pose.rotation.quaternion(), pose.translation);
+    [q.i, q.j, q.k, q.w, t.x, t.y, t.z]
+}
+
+/// Back from the numbers; `None` where they are no pose. The quaternion is taken as it is, so that nothing moves by
+/// being saved.
+pub(super) fn pose([i, j, k, w, x, y, z]: [f64; 7]) -> Option<Se3> {
+    let q = Quaternion::new(w, i, j, k);
+    let pose = Se3::new(So3::from_quaternion(UnitQuaternion::new_unchecked(q)), Vec3::new(x, y, z));
+    ((q.norm() - 1.0).abs() < 1e-6 && pose.is_finite()).then_some(pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn about() -> About {
+        let eye = EyeModel {
+            fx: 450.0,
+            fy: 451.0,
+            cx: 320.0,
+            cy: 240.0,
+            baseline_fx: 45.0,
+            bounds: [0.0, 0.0, 640.0, 480.0],
+            close_depth: 4.0,
+            body_from_eye: Se3::new(So3::exp(&Vec3::new(0.1, 0.2, 0.3)), Vec3::new(0.4, 0.5, 0.6)),
+        };
+        About { program: "a test".into(), sensor: SensorMode::Stereo, eye }
+    }
+
+    #[test]
+    fn comes_back_as_written() {
+        let mut e = Encoder::default();
+        about().encode(&mut e);
+        let mut d = Decoder::new("about", &e.0);
+        assert_eq!(About::decode(&mut d).unwrap(), about());
+        d.end().unwrap();
+        e.0[8] = 9;
+        assert!(
+            About::decode(&mut Decoder::new("about", &e.0)).unwrap_err().to_string().contains("sensor 9")
+        );
+    }
+
+    #[test]
+    fn another_camera_is_refused_and_a_like_one_noted_with_numbers() {
+        let octaves = Octaves { levels: 8, factor: 1.2 };
+        let (a, mut eye) = (about(), about().eye);
+        let fits = |eye: &EyeModel| a.fits(octaves, SensorMode::Stereo, eye, octaves);
+        assert_eq!(fits(&eye), Ok(vec![]));
+        eye.fx += 0.1;
+        assert!(fits(&eye).unwrap()[0].contains("0.071 px"), "{:?}", fits(&eye));
+        eye.fx += 10.0;
+        let told = fits(&eye).unwrap_err();
+        assert!(told.contains("fx 450.00") && told.contains("460.10") && told.contains("7.2 px"), "{told}");
+        eye = about().eye;
+        eye.baseline_fx = 54.0;
+        assert!(fits(&eye).unwrap_err().contains("0.1000 m, this run has 0.1200 m"));
+        assert!(a.fits(octaves, SensorMode::Mono, &a.eye, octaves).unwrap_err().contains("stereo"));
+        let fewer = Octaves { levels: 4, factor: 1.2 };
+        assert!(a.fits(octaves, SensorMode::Stereo, &a.eye, fewer).unwrap_err().contains("octaves"));
+    }
+}

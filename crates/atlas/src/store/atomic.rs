@@ -1,0 +1,159 @@
+//! A file that is whole or as it was before, whatever happens meanwhile.
+//!
+//! The new content goes into a neighbour, reaches the disk, and then takes the name; the folder is told to the disk
+//! too. On any error the neighbour is removed. One that a killed process left behind is removed by the next to save the
+//! same file: its owner held a lock on it that ends with the process.
+
+use super::StoreError;
+use std::ffi::{OsStr, OsString};
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Tells apart what one process saves at the same time.
+static COUNT: AtomicU32 = AtomicU32::new(0);
+
+/// Gives `path` the content that `write` makes, all of it or none.
+pub(crate) fn write_whole<T>(
+    path: &Path,
+    write: impl FnOnce(&mut File) -> Result<T, StoreError>,
+) -> Result<T, StoreError> {
+    let name = path.file_name().ok_or_else(|| StoreError::File {
+        path: path.to_owned(),
+        doing: "cannot write",
+        source: std::io::Error::other("the path names no file"),
+    })?;
+    if path.is_dir() {
+        let source = std::io::Error::other("it is a folder");
+        return Err(StoreError::File { path: path.to_owned(), doing: "cannot write", source });
+    }
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    remove_left_behind(folder, name);
+    let (part, mut file) = neighbour(folder, name).map_err(StoreError::file(path, "cannot write"))?;
+    let done = write(&mut file).map_err(|e| match e {
+        StoreError::File { doing, source, .. } => StoreError::File { path: path.to_owned(), doing, source },
+        other => other,
+    });
+    let done = done.and_then(|value| {
+        file.sync_all().map_err(StoreError::file(path, "cannot write to the disk"))?;
+        std::fs::rename(&part, path).map_err(StoreError::file(path, "cannot take its name"))?;
+        Ok(value)
+    });
+    match &done {
+        Ok(_) => sync_folder(folder).map_err(StoreError::file(folder, "cannot write to the disk"))?,
+        Err(_) => drop(std::fs::remove_file(&part)),
+    }
+    done
+}
+
+/// What the names of neighbours of `name` begin with.
+fn prefix(name: &OsStr) -> OsString {
+    let mut prefix = OsString::from(".");
+    prefix.push(name);
+    prefix.push(".saving-");
+    prefix
+}
+
+/// A new neighbour, locked for as long as it is open.
+fn neighbour(folder: &Path, name: &OsStr) -> std::io::Result<(PathBuf, File)> {
+    loop {
+        let mut part = prefix(name);
+        part.push(format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
+        let part = folder.join(part);
+        let file = match File::options().read(true).write(true).create_new(true).open(&part) {
+            // Left behind by an earlier process with the same number, on a file system without locks.
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => continue,
+            opened => opened?,
+        };
+        // Where there are no locks, nothing is removed either.
+        let _ = file.lock();
+        // Between opening and locking, another who saves may have taken it for left behind.
+        if part.exists() {
+            return Ok((part, file));
+        }
+    }
+}
+
+/// Removes neighbours whose owner is gone.
+fn remove_left_behind(folder: &Path, name: &OsStr) {
+    let prefix = prefix(name);
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        let found = entry.file_name();
+        if !found.as_encoded_bytes().starts_with(prefix.as_encoded_bytes()) {
+            continue;
+        }
+        let Ok(file) = File::options().write(true).open(entry.path()) else { continue };
+        if let Err(TryLockError::WouldBlock | TryLockError::Error(_)) = file.try_lock() {
+            continue;
+        }
+        let _ = std::fs::remove_file(entry.path());
+    }
+}
+
+#[cfg(unix)]
+fn sync_folder(folder: &Path) -> std::io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+/// Elsewhere folders can not be opened; the rename is as lasting as the system makes it.
+#[cfg(not(unix))]
+fn sync_folder(_: &Path) -> std::io::Result<()> {
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn folder(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("cairn-atlas-atomic-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        path
+    }
+
+    fn put(path: &Path, text: &str) -> Result<(), StoreError> {
+        write_whole(path, |file| {
+            file.write_all(text.as_bytes()).map_err(StoreError::file(path, "cannot write"))
+        })
+    }
+
+    #[test]
+    fn an_error_leaves_the_former_file_and_nothing_beside_it() {
+        let folder = folder("error");
+        let path = folder.join("a.map");
+        put(&path, "one").unwrap();
+        put(&path, "two").unwrap();
+        let error = write_whole(&path, |file| {
+            file.write_all(b"half").unwrap();
+            Err::<(), _>(StoreError::Unfit("on purpose".into()))
+        });
+        assert!(error.is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
+        let told = put(&folder.join("none/b.map"), "x").unwrap_err().to_string();
+        assert!(told.contains("none/b.map: cannot write"), "{told}");
+        assert!(put(&folder, "x").unwrap_err().to_string().contains("it is a folder"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_removed_and_what_is_being_written_stays() {
+        let folder = folder("left");
+        let path = folder.join("a.map");
+        let left = folder.join(".a.map.saving-999999999-0");
+        std::fs::write(&left, "half").unwrap();
+        let (part, file) = neighbour(&folder, OsStr::new("a.map")).unwrap();
+        put(&path, "one").unwrap();
+        assert!(!left.exists(), "nobody holds it");
+        assert!(part.exists(), "it is being written");
+        drop(file);
+        put(&path, "two").unwrap();
+        assert!(!part.exists());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

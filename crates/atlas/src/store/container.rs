@@ -1,0 +1,399 @@
+//! The file's outer form: a header, a table of named parts, the parts, each compressed and checksummed.
+//!
+//! All numbers are little-endian. Every byte of a file is guarded by a checksum, and no length is believed before it
+//! has been compared with the bytes there are.
+//!
+//! ```text
+//! header, 32 bytes, the same in every version:
+//!   magic 8 | version u32 | table bytes u32 | file bytes u64 | crc32 of the table u32 | crc32 of these 28 bytes u32
+//! table, an entry a part, in the order of the file:
+//!   name bytes u16 | name | codec u8 | plain bytes u64 | stored bytes u64 | crc32 of the stored bytes u32
+//! parts, end to end until the end of the file
+//! ```
+
+use super::StoreError;
+use std::io::{self, Seek, SeekFrom, Write};
+
+/// First bytes of a map file; the line ends tell a transfer that took it for text.
+const MAGIC: [u8; 8] = *b"\x8ccairn\r\n";
+const HEADER: usize = 32;
+/// Bytes of a table entry besides the name.
+const ENTRY: usize = 2 + 1 + 8 + 8 + 4;
+/// What shrinks by more than this is stored as it is, so that no small file can ask for much memory.
+const MOST_RATIO: usize = 32;
+/// A block may be as long as this.
+const MOST_PLAIN: u64 = 1 << 31;
+
+/// How a part is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Codec {
+    Plain,
+    Lz4,
+}
+
+/// A part's row in the table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Entry {
+    name: String,
+    codec: Codec,
+    plain: u64,
+    stored: u64,
+    crc: u32,
+}
+
+/// Writes parts one by one in the order that was announced; the header and the table come last, into the room that
+/// was left for them, so that a file that was not finished has no header at all.
+pub(crate) struct PartsWriter<'a, W: Write + Seek> {
+    out: &'a mut W,
+    version: u32,
+    names: Vec<String>,
+    entries: Vec<Entry>,
+}
+
+impl<'a, W: Write + Seek> PartsWriter<'a, W> {
+    /// Leaves room for the header and a table with these names.
+    pub fn begin(out: &'a mut W, version: u32, names: Vec<String>) -> Result<Self, StoreError> {
+        for (i, name) in names.iter().enumerate() {
+            if name.is_empty() || name.len() > usize::from(u16::MAX) || names[..i].contains(name) {
+                return Err(StoreError::Unfit(format!("'{name}' can not be the name of a part")));
+            }
+        }
+        let room = HEADER + names.iter().map(|n| ENTRY + n.len()).sum::<usize>();
+        out.write_all(&vec![0; room]).map_err(writing)?;
+        Ok(Self { out, version, names, entries: Vec::new() })
+    }
+
+    /// Writes the next part.
+    pub fn put(&mut self, plain: &[u8]) -> Result<(), StoreError> {
+        let Some(name) = self.names.get(self.entries.len()).cloned() else {
+            return Err(StoreError::Unfit("more parts than announced".into()));
+        };
+        if plain.len() as u64 > MOST_PLAIN {
+            return Err(StoreError::Unfit(format!("part '{name}' has {} bytes", plain.len())));
+        }
+        let packed = lz4_flex::block::compress(plain);
+        let shrinks = packed.len() < plain.len() && plain.len() / MOST_RATIO <= packed.len();
+        let (codec, stored) = if shrinks { (Codec::Lz4, &packed[..]) } else { (Codec::Plain, plain) };
+        self.out.write_all(stored).map_err(writing)?;
+        self.entries.push(Entry {
+            name,
+            codec,
+            plain: plain.len() as u64,
+            stored: stored.len() as u64,
+            crc: crc32fast::hash(stored),
+        });
+        Ok(())
+    }
+
+    /// Writes header and table.
+    pub fn finish(self) -> Result<(), StoreError> {
+        if self.entries.len() != self.names.len() {
+            return Err(StoreError::Unfit("fewer parts than announced".into()));
+        }
+        let mut table = Vec::new();
+        for e in &self.entries {
+            table.extend((e.name.len() as u16).to_le_bytes());
+            table.extend(e.name.as_bytes());
+            table.push(match e.codec {
+                Codec::Plain => 0,
+                Codec::Lz4 => 1,
+            });
+            table.extend(e.plain.to_le_bytes());
+            table.extend(e.stored.to_le_bytes());
+            table.extend(e.crc.to_le_bytes());
+        }
+        let length = HEADER as u64 + table.len() as u64 + self.entries.iter().map(|e| e.stored).sum::<u64>();
+        let mut header = Vec::with_capacity(HEADER);
+        header.extend(MAGIC);
+        header.extend(self.version.to_le_bytes());
+        header.extend((table.len() as u32).to_le_bytes());
+        header.extend(length.to_le_bytes());
+        header.extend(crc32fast::hash(&table).to_le_bytes());
+        header.extend(crc32fast::hash(&header).to_le_bytes());
+        self.out.seek(SeekFrom::Start(0)).map_err(writing)?;
+        self.out.write_all(&header).map_err(writing)?;
+        self.out.write_all(&table).map_err(writing)?;
+        self.out.flush().map_err(writing)
+    }
+}
+
+/// An error of a writer that has no path; whoever knows the path puts it in.
+fn writing(source: io::Error) -> StoreError {
+    StoreError::File { path: Default::default(), doing: "cannot write", source }
+}
+
+/// A file's parts, found but not yet unpacked.
+#[derive(Debug)]
+pub(crate) struct Parts<'a> {
+    /// Format version of the file.
+    pub version: u32,
+    /// Bytes of the file.
+    pub bytes: u64,
+    entries: Vec<(Entry, &'a [u8])>,
+}
+
+/// What the table says of a part.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PartInfo {
+    /// Its name.
+    pub name: String,
+    /// Bytes in the file.
+    pub stored_bytes: u64,
+    /// Bytes when unpacked.
+    pub plain_bytes: u64,
+}
+
+impl<'a> Parts<'a> {
+    /// Reads header and table; `newest` is the latest format version that can be read.
+    pub fn open(bytes: &'a [u8], newest: u32) -> Result<Self, StoreError> {
+        if bytes.is_empty() {
+            return Err(StoreError::Foreign("it is empty".into()));
+        }
+        let start = &bytes[..bytes.len().min(MAGIC.len())];
+        if start != &MAGIC[..start.len()] {
+            return Err(StoreError::Foreign("it begins with other bytes".into()));
+        }
+        let damaged = |why: String| StoreError::part("header", why);
+        let header: &[u8; HEADER] = bytes
+            .first_chunk()
+            .ok_or_else(|| damaged(format!("the file ends after {} of {HEADER} bytes", bytes.len())))?;
+        let u32_at = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| header[at + i]));
+        if crc32fast::hash(&header[..28]) != u32_at(28) {
+            return Err(damaged("its checksum does not fit: bytes were altered".into()));
+        }
+        let version = u32_at(8);
+        if version == 0 || version > newest {
+            return Err(StoreError::Version { found: version, known: newest });
+        }
+        let table_bytes = u32_at(12) as usize;
+        let file_bytes = u64::from_le_bytes(std::array::from_fn(|i| header[16 + i]));
+        let table = bytes[HEADER..].get(..table_bytes).ok_or_else(|| {
+            let have = bytes.len() - HEADER;
+            StoreError::part("table", format!("the file ends after {have} of its {table_bytes} bytes"))
+        })?;
+        if crc32fast::hash(table) != u32_at(24) {
+            return Err(StoreError::part("table", "its checksum does not fit: bytes were altered"));
+        }
+        let entries = read_table(table)?;
+        let mut parts = Self { version, bytes: bytes.len() as u64, entries: Vec::new() };
+        let mut rest = &bytes[HEADER + table_bytes..];
+        for entry in entries {
+            let stored = usize::try_from(entry.stored).unwrap_or(usize::MAX);
+            if stored > rest.len() {
+                let why = format!("the file ends after {} of its {stored} bytes", rest.len());
+                return Err(StoreError::part(&entry.name, why));
+            }
+            let (here, after) = rest.split_at(stored);
+            parts.entries.push((entry, here));
+            rest = after;
+        }
+        if !rest.is_empty() || file_bytes != parts.bytes {
+            let why = format!("it promises {file_bytes} bytes, there are {}", parts.bytes);
+            return Err(StoreError::part("header", why));
+        }
+        Ok(parts)
+    }
+
+    /// The table.
+    pub fn infos(&self) -> Vec<PartInfo> {
+        let info =
+            |e: &Entry| PartInfo { name: e.name.clone(), stored_bytes: e.stored, plain_bytes: e.plain };
+        self.entries.iter().map(|(e, _)| info(e)).collect()
+    }
+
+    /// Names of all parts in the order of the file.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.iter().map(|(e, _)| e.name.as_str())
+    }
+
+    /// A part's bytes, checked and unpacked.
+    pub fn get(&self, name: &str) -> Result<Vec<u8>, StoreError> {
+        let mut plain = Vec::new();
+        self.get_into(name, &mut plain)?;
+        Ok(plain)
+    }
+
+    /// The same into a buffer that is used again.
+    pub fn get_into(&self, name: &str, plain: &mut Vec<u8>) -> Result<(), StoreError> {
+        let Some((entry, stored)) = self.entries.iter().find(|(e, _)| e.name == name) else {
+            return Err(StoreError::part(name, "it is missing"));
+        };
+        if crc32fast::hash(stored) != entry.crc {
+            return Err(StoreError::part(name, "its checksum does not fit: bytes were altered"));
+        }
+        plain.clear();
+        match entry.codec {
+            Codec::Plain if entry.plain == entry.stored => plain.extend_from_slice(stored),
+            Codec::Lz4 if entry.plain <= MOST_PLAIN && entry.plain / MOST_RATIO as u64 <= entry.stored => {
+                plain.resize(entry.plain as usize, 0);
+                let unpacked = lz4_flex::block::decompress_into(stored, plain)
+                    .map_err(|e| StoreError::part(name, format!("it can not be unpacked: {e}")))?;
+                if unpacked as u64 != entry.plain {
+                    let why = format!("it unpacks to {unpacked} bytes, {} were promised", entry.plain);
+                    return Err(StoreError::part(name, why));
+                }
+            }
+            _ => {
+                let why = format!("{} bytes can not unpack to the promised {}", entry.stored, entry.plain);
+                return Err(StoreError::part(name, why));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn read_table(table: &[u8]) -> Result<Vec<Entry>, StoreError> {
+    let mut entries: Vec<Entry> = Vec::new();
+    let mut rest = table;
+    while !rest.is_empty() {
+        let (entry, after) =
+            read_entry(rest).ok_or_else(|| StoreError::part("table", "an entry is no entry"))?;
+        entries.push(entry);
+        rest = after;
+    }
+    let mut names: Vec<&str> = entries.iter().map(|e| e.name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(twice) = names.windows(2).find(|w| w[0] == w[1]) {
+        return Err(StoreError::part("table", format!("part '{}' is there twice", twice[0])));
+    }
+    Ok(entries)
+}
+
+fn read_entry(bytes: &[u8]) -> Option<(Entry, &[u8])> {
+    let (length, rest) = bytes.split_first_chunk()?;
+    let (name, rest) = rest.split_at_checked(usize::from(u16::from_le_bytes(*length)))?;
+    let (codec, rest) = rest.split_first()?;
+    let (plain, rest) = rest.split_first_chunk()?;
+    let (stored, rest) = rest.split_first_chunk()?;
+    let (crc, rest) = rest.split_first_chunk()?;
+    let entry = Entry {
+        name: String::from_utf8(name.to_vec()).ok()?,
+        codec: match codec {
+            0 => Codec::Plain,
+            1 => Codec::Lz4,
+            _ => return None,
+        },
+        plain: u64::from_le_bytes(*plain),
+        stored: u64::from_le_bytes(*stored),
+        crc: u32::from_le_bytes(*crc),
+    };
+    Some((entry, rest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::io::Cursor;
+
+    fn written(parts: &[(&str, Vec<u8>)]) -> Vec<u8> {
+        let mut out = Cursor::new(Vec::new());
+        let names = parts.iter().map(|(n, _)| n.to_string()).collect();
+        let mut writer = PartsWriter::begin(&mut out, 1, names).unwrap();
+        parts.iter().for_each(|(_, bytes)| writer.put(bytes).unwrap());
+        writer.finish().unwrap();
+        out.into_inner()
+    }
+
+    /// Shrinks to a third.
+    fn even() -> Vec<u8> {
+        (0..500u32).map(|i| (i / 8) as u8).collect()
+    }
+
+    fn sample() -> Vec<u8> {
+        let noise: Vec<u8> = (0..300u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+        written(&[("even", even()), ("none", vec![]), ("zeros", vec![0; 900]), ("noise", noise)])
+    }
+
+    /// All parts unpacked, or the first error.
+    fn all(bytes: &[u8]) -> Result<Vec<Vec<u8>>, StoreError> {
+        let parts = Parts::open(bytes, 1)?;
+        parts.names().map(|n| parts.get(n)).collect()
+    }
+
+    #[test]
+    fn parts_come_back_and_even_ones_shrink() {
+        let bytes = sample();
+        let parts = Parts::open(&bytes, 1).unwrap();
+        assert_eq!(parts.get("even").unwrap(), even());
+        assert_eq!(parts.get("zeros").unwrap(), vec![0; 900]);
+        assert_eq!(parts.get("none").unwrap(), Vec::<u8>::new());
+        assert_eq!(parts.get("noise").unwrap().len(), 300);
+        assert!(parts.get("other").unwrap_err().to_string().contains("part 'other': it is missing"));
+        let info = &parts.infos()[0];
+        assert_eq!(parts.infos()[2].stored_bytes, 900, "what would shrink too well is stored as it is");
+        assert!(
+            info.name == "even" && info.plain_bytes == 500 && (50..400).contains(&info.stored_bytes),
+            "{info:?}"
+        );
+    }
+
+    #[test]
+    fn every_flipped_bit_is_told() {
+        let whole = sample();
+        for at in 0..whole.len() {
+            for bit in 0..8 {
+                let mut bytes = whole.clone();
+                bytes[at] ^= 1 << bit;
+                let told = all(&bytes).expect_err("a flipped bit was not seen").to_string();
+                assert!(told.contains("part '") || told.contains("not a map"), "{told}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_truncation_names_the_part_that_is_cut() {
+        let whole = sample();
+        let parts = Parts::open(&whole, 1).unwrap();
+        let sizes: Vec<usize> = parts.infos().iter().map(|i| i.stored_bytes as usize).collect();
+        let start = whole.len() - sizes.iter().sum::<usize>();
+        for cut in 0..whole.len() {
+            let told = Parts::open(&whole[..cut], 1).unwrap_err().to_string();
+            let expected = match cut {
+                0 => "not a map file: it is empty",
+                _ if cut < 32 => "part 'header'",
+                _ if cut < start => "part 'table'",
+                _ if cut < start + sizes[0] => "part 'even'",
+                _ if cut < start + sizes[0] + 900 => "part 'zeros'",
+                _ => "part 'noise'",
+            };
+            assert!(told.contains(expected), "cut at {cut}: {told}");
+        }
+        let longer = [&whole[..], b"more"].concat();
+        assert!(Parts::open(&longer, 1).unwrap_err().to_string().contains("promises"));
+    }
+
+    #[test]
+    fn a_newer_version_is_told_with_both_numbers() {
+        let mut bytes = sample();
+        bytes[8] = 7;
+        let crc = crc32fast::hash(&bytes[..28]);
+        bytes[28..32].copy_from_slice(&crc.to_le_bytes());
+        let told = Parts::open(&bytes, 1).unwrap_err().to_string();
+        assert_eq!(told, "the map has format version 7, this program reads versions 1 to 1");
+    }
+
+    #[test]
+    fn a_length_that_can_not_be_is_refused_before_memory_is_taken() {
+        // 'even' promises to unpack to 2^30 bytes, with all checksums mended.
+        let mut bytes = sample();
+        let at = 32 + 2 + 4 + 1;
+        bytes[at..at + 8].copy_from_slice(&(1u64 << 30).to_le_bytes());
+        let table = u32::from_le_bytes(std::array::from_fn(|i| bytes[12 + i])) as usize;
+        let crc = crc32fast::hash(&bytes[32..32 + table]);
+        bytes[24..28].copy_from_slice(&crc.to_le_bytes());
+        let crc = crc32fast::hash(&bytes[..28]);
+        bytes[28..32].copy_from_slice(&crc.to_le_bytes());
+        let told = all(&bytes).unwrap_err().to_string();
+        assert!(told.contains("part 'even'") && told.contains("can not unpack"), "{told}");
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_refused_without_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), keep in 0usize..40) {
+            let mut mixed = sample()[..keep].to_vec();
+            mixed.extend(bytes);
+            prop_assert!(all(&mixed).is_err());
+        }
+    }
+}

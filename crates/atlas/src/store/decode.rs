@@ -1,0 +1,350 @@
+//! From the parts of a file to a map, version 1; see `encode.rs` for what stands where.
+//!
+//! A file may hold anything: every number is looked at before it is used, and what could not be a map is an error that
+//! names the part.
+
+use super::about::{About, pose};
+use super::container::Parts;
+use super::encode::{CHUNK, NO_PICK};
+use super::wire::Decoder;
+use super::{ATTACHED, MapFile, StoreError};
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Observation, Tie, WorldId};
+use cairn_geometry::{Sim3, Vec3};
+use cairn_sensor::Stamp;
+use cairn_vision::{Descriptor, EyeModel, Frame, Octaves};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Ids of key frames stay below this: some things count through all of them.
+const MOST_KEY_FRAMES: u32 = 1 << 24;
+/// Ids of landmarks stay below this.
+const MOST_LANDMARKS: u32 = 1 << 31;
+/// Features of one frame, at most.
+const MOST_FEATURES: u32 = 65_535;
+
+/// Counts from the part "about".
+struct Counts {
+    key_frames: usize,
+    landmarks: usize,
+    gone: usize,
+    worlds: usize,
+}
+
+pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
+    let (about, mut map, counts) = read_about(parts)?;
+    // Each has features, and features hardly shrink: fewer bytes than this are no map, but take much memory.
+    if counts.key_frames as u64 > 1000 + parts.bytes / 64 {
+        let why = format!("{} key frames can not be in {} bytes", counts.key_frames, parts.bytes);
+        return Err(StoreError::part("about", why));
+    }
+    let (mut key_frames, features) = read_key_frames(parts, &map, &counts)?;
+    read_worlds(parts, &mut map, &counts, &key_frames)?;
+    let (mut landmarks, picks) = read_landmarks(parts, &map, &counts)?;
+    let shown = read_features(parts, &about.eye, map.octaves, &mut key_frames, &features)?;
+    observe(&shown, &mut key_frames, &mut landmarks)?;
+    for k in key_frames {
+        map.key_frames.insert(k.id.index(), k);
+    }
+    read_gone(parts, &mut map, &counts)?;
+    for (l, pick) in landmarks.iter_mut().zip(picks) {
+        derive(&map, l, pick)
+            .ok_or_else(|| StoreError::part("landmarks", format!("{:?} can not be derived", l.id)))?;
+    }
+    for l in landmarks {
+        map.landmarks.insert(l.id.index(), l);
+    }
+    for (world, tie) in map.worlds() {
+        if tie.is_some_and(|tie| map.living(tie.to).is_none()) {
+            return Err(StoreError::part("worlds", format!("{world:?} is tied to nobody")));
+        }
+    }
+    map.check().map_err(|breach| StoreError::part("map", breach))?;
+    let mut attached = BTreeMap::new();
+    for name in parts.names() {
+        if let Some(short) = name.strip_prefix(ATTACHED) {
+            attached.insert(short.to_owned(), parts.get(name)?);
+        }
+    }
+    Ok(MapFile { map, about, attached })
+}
+
+fn read_about(parts: &Parts) -> Result<(About, Map, Counts), StoreError> {
+    let bytes = parts.get("about")?;
+    let mut d = Decoder::new("about", &bytes);
+    let about = About::decode(&mut d)?;
+    let octaves = Octaves { levels: d.u32()? as usize, factor: d.f64()? };
+    let sound = (1..=64).contains(&octaves.levels) && octaves.factor > 1.0 && octaves.factor <= 4.0;
+    if !sound {
+        return Err(d.wrong(format!("no pyramid is like this: {octaves:?}")));
+    }
+    let mut map = Map::with_octaves(octaves);
+    map.right_offset = d.f64()?;
+    map.version = d.u64()?;
+    if !map.right_offset.is_finite() {
+        return Err(d.wrong("the disparity offset is not finite"));
+    }
+    let (next_key_frame, next_landmark) = (d.u32()?, d.u32()?);
+    if next_key_frame > MOST_KEY_FRAMES || next_landmark > MOST_LANDMARKS {
+        return Err(
+            d.wrong(format!("{next_key_frame} key frames and {next_landmark} landmarks are too many"))
+        );
+    }
+    (map.next_key_frame, map.next_landmark) = (next_key_frame as usize, next_landmark as usize);
+    let mut count = || d.u32().map(|n| n as usize);
+    let counts = Counts { key_frames: count()?, landmarks: count()?, gone: count()?, worlds: count()? };
+    d.end()?;
+    Ok((about, map, counts))
+}
+
+/// Key frames without features, and how many features each has.
+fn read_key_frames(
+    parts: &Parts,
+    map: &Map,
+    counts: &Counts,
+) -> Result<(Vec<KeyFrame>, Vec<u32>), StoreError> {
+    let bytes = parts.get("key frames")?;
+    let mut d = Decoder::new("key frames", &bytes);
+    let n = counts.key_frames;
+    let (ids, parents, worlds) = (d.column_u32(n)?, d.column_u32(n)?, d.column_u32(n)?);
+    let (features, links, covisible) = (d.column_u32(n)?, d.column_u32(n)?, d.column_u32(n)?);
+    let stamps = d.column_i64(n)?;
+    let mut poses: [Vec<f64>; 7] = Default::default();
+    for column in &mut poses {
+        *column = d.column_f64(n)?;
+    }
+    let units = d.column_f64(n)?;
+    let sum = |v: &[u32]| v.iter().map(|n| *n as usize).sum::<usize>();
+    let all_links = d.column_u32(sum(&links))?;
+    let (neighbours, shared) = (d.column_u32(sum(&covisible))?, d.column_u32(sum(&covisible))?);
+    let wrong = |i: usize, why: &str| d.wrong(format!("row {i} {why}"));
+    let id = |row: u32| ids.get(row as usize).and_then(|raw| KeyFrameId::from_raw(*raw));
+    let (mut link_at, mut neighbour_at) = (0, 0);
+    let mut key_frames: Vec<KeyFrame> = Vec::with_capacity(n);
+    for i in 0..n {
+        let own = KeyFrameId::from_raw(ids[i]).filter(|own| own.index() < map.next_key_frame);
+        let rises = key_frames.last().is_none_or(|before| own > Some(before.id));
+        let own = own.filter(|_| rises).ok_or_else(|| wrong(i, "has no sound id"))?;
+        if features[i] > MOST_FEATURES {
+            return Err(wrong(i, &format!("has {} features", features[i])));
+        }
+        let at = pose(std::array::from_fn(|k| poses[k][i])).ok_or_else(|| wrong(i, "has no pose"))?;
+        let parent = match parents[i].checked_sub(1) {
+            Some(row) => Some(id(row).ok_or_else(|| wrong(i, "has an unknown parent"))?),
+            None => None,
+        };
+        let frame = empty_frame(Stamp(stamps[i]));
+        let mut k = KeyFrame::new(own, Arc::new(frame), at, parent);
+        k.world = WorldId(id(worlds[i]).ok_or_else(|| wrong(i, "is in an unknown world"))?);
+        k.unit = units[i];
+        let its = &all_links[link_at..link_at + links[i] as usize];
+        k.links = its
+            .iter()
+            .map(|row| id(*row))
+            .collect::<Option<_>>()
+            .ok_or_else(|| wrong(i, "has a loop with nobody"))?;
+        if !k.links.is_sorted_by(|a, b| a < b) {
+            return Err(wrong(i, "has loops out of order"));
+        }
+        link_at += links[i] as usize;
+        let span = neighbour_at..neighbour_at + covisible[i] as usize;
+        let its = neighbours[span.clone()].iter().zip(&shared[span.clone()]);
+        k.covisible = its
+            .map(|(row, count)| {
+                id(*row).filter(|other| *other != own && *count > 0).map(|other| (other, *count))
+            })
+            .collect::<Option<_>>()
+            .ok_or_else(|| wrong(i, "shares with nobody"))?;
+        if !k.covisible.is_sorted_by_key(|(id, n)| (std::cmp::Reverse(*n), *id)) {
+            return Err(wrong(i, "has neighbours out of order"));
+        }
+        neighbour_at = span.end;
+        key_frames.push(k);
+    }
+    d.end()?;
+    Ok((key_frames, features))
+}
+
+fn read_worlds(
+    parts: &Parts,
+    map: &mut Map,
+    counts: &Counts,
+    key_frames: &[KeyFrame],
+) -> Result<(), StoreError> {
+    let bytes = parts.get("worlds")?;
+    let mut d = Decoder::new("worlds", &bytes);
+    let mut worlds = BTreeMap::new();
+    for _ in 0..counts.worlds {
+        let root = d.u32()?;
+        let root =
+            key_frames.get(root as usize).ok_or_else(|| d.wrong(format!("there is no root {root}")))?.id;
+        let tie = match d.u8()? {
+            0 => None,
+            _ => {
+                let to = KeyFrameId::from_raw(d.u32()?).ok_or_else(|| d.wrong("a tie leads to nobody"))?;
+                let to_from_root = pose(d.f64s()?).ok_or_else(|| d.wrong("a tie is no pose"))?;
+                let [sigma, sigma_rad] = d.f64s()?;
+                if !(sigma.is_finite() && sigma_rad.is_finite()) {
+                    return Err(d.wrong("a tie is not finite"));
+                }
+                Some(Tie { to, to_from_root, sigma, sigma_rad })
+            }
+        };
+        if worlds.insert(WorldId(root), tie).is_some() {
+            return Err(d.wrong("a world is there twice"));
+        }
+    }
+    d.end()?;
+    map.worlds = Arc::new(worlds);
+    Ok(())
+}
+
+fn read_gone(parts: &Parts, map: &mut Map, counts: &Counts) -> Result<(), StoreError> {
+    let bytes = parts.get("gone")?;
+    let mut d = Decoder::new("gone", &bytes);
+    let mut before = 0;
+    for _ in 0..counts.gone {
+        let (raw, parent) = (d.u32()?, d.u32()?);
+        let rigid = pose(d.f64s()?);
+        let scale = d.f64()?;
+        let sound = raw > before && (raw as usize) <= map.next_key_frame && parent < raw;
+        let (Some(id), Some(parent), Some(rigid), true) =
+            (KeyFrameId::from_raw(raw), KeyFrameId::from_raw(parent), rigid, sound)
+        else {
+            return Err(d.wrong(format!("number {raw} can not be a removed key frame")));
+        };
+        let here = Sim3::new(rigid.rotation, rigid.translation, scale);
+        let known = map.key_frame(parent).is_some() || map.gone.get(parent.index()).is_some();
+        if !here.is_finite() || !known || map.key_frame(id).is_some() {
+            return Err(d.wrong(format!("{id:?} hangs on nobody")));
+        }
+        map.gone.insert(id.index(), (parent, here));
+        before = raw;
+    }
+    d.end()
+}
+
+/// Landmarks without observations, and which observation gives each its descriptor.
+fn read_landmarks(
+    parts: &Parts,
+    map: &Map,
+    counts: &Counts,
+) -> Result<(Vec<Landmark>, Vec<u32>), StoreError> {
+    let bytes = parts.get("landmarks")?;
+    let mut d = Decoder::new("landmarks", &bytes);
+    let n = counts.landmarks;
+    let steps = d.column_u32(n)?;
+    let (x, y, z) = (d.column_f64(n)?, d.column_f64(n)?, d.column_f64(n)?);
+    let picks = d.column_u32(n)?;
+    let mut landmarks = Vec::with_capacity(n);
+    let mut raw = 0u32;
+    for i in 0..n {
+        let next =
+            raw.checked_add(steps[i]).filter(|next| *next > raw && *next as usize <= map.next_landmark);
+        raw = next.ok_or_else(|| d.wrong(format!("row {i} has no sound id")))?;
+        let position = Vec3::new(x[i], y[i], z[i]);
+        let id = LandmarkId::from_raw(raw).filter(|_| position.iter().all(|v| v.is_finite()));
+        let id = id.ok_or_else(|| d.wrong(format!("row {i} has no place")))?;
+        landmarks.push(Landmark::new(id, position));
+    }
+    d.end()?;
+    Ok((landmarks, picks))
+}
+
+/// Gives the key frames their features; returns the landmark row (from 1) that each feature of all of them shows.
+fn read_features(
+    parts: &Parts,
+    eye: &EyeModel,
+    octaves: Octaves,
+    key_frames: &mut [KeyFrame],
+    features: &[u32],
+) -> Result<Vec<u32>, StoreError> {
+    let (mut bytes, mut shown) = (Vec::new(), Vec::new());
+    for (i, (chunk, features)) in key_frames.chunks_mut(CHUNK).zip(features.chunks(CHUNK)).enumerate() {
+        let name = format!("features {i}");
+        parts.get_into(&name, &mut bytes)?;
+        let mut d = Decoder::new(&name, &bytes);
+        let n = features.iter().map(|n| *n as usize).sum();
+        let raw_is_px = d.u8()? != 0;
+        let px = [d.column_f32(n)?, d.column_f32(n)?];
+        let raw = if raw_is_px { None } else { Some([d.column_f32(n)?, d.column_f32(n)?]) };
+        let (angle, right_x, depth) = (d.column_f32(n)?, d.column_f32(n)?, d.column_f32(n)?);
+        shown.append(&mut d.column_u32(n)?);
+        let octave = d.bytes(n)?;
+        let (descriptors, _) = d.bytes(n.saturating_mul(32))?.as_chunks::<32>();
+        let seen = px.iter().chain(raw.iter().flatten()).chain([&angle]);
+        if !seen.flatten().all(|v| v.is_finite()) {
+            return Err(d.wrong("a pixel is not finite"));
+        }
+        if octave.iter().any(|o| usize::from(*o) >= octaves.levels) {
+            return Err(d.wrong("a feature stands above the pyramid"));
+        }
+        d.end()?;
+        let mut start = 0;
+        for (k, features) in chunk.iter_mut().zip(features) {
+            let span = start..start + *features as usize;
+            let pairs = |c: &[Vec<f32>; 2]| -> Vec<[f32; 2]> {
+                c[0][span.clone()].iter().zip(&c[1][span.clone()]).map(|(x, y)| [*x, *y]).collect()
+            };
+            let mut frame = empty_frame(k.frame.stamp);
+            frame.px = pairs(&px);
+            frame.raw = raw.as_ref().map_or_else(|| frame.px.clone(), pairs);
+            frame.octave = octave[span.clone()].to_vec();
+            frame.angle = angle[span.clone()].to_vec();
+            frame.descriptors = descriptors[span.clone()].to_vec();
+            frame.right_x = right_x[span.clone()].to_vec();
+            frame.depth = depth[span.clone()].to_vec();
+            frame.index(eye);
+            k.landmarks = vec![None; frame.len()];
+            k.frame = Arc::new(frame);
+            start = span.end;
+        }
+    }
+    Ok(shown)
+}
+
+fn empty_frame(stamp: Stamp) -> Frame {
+    let mut frame = Frame::default();
+    frame.stamp = stamp;
+    frame
+}
+
+/// Ties key frames and landmarks to each other by what the features show.
+fn observe(shown: &[u32], key_frames: &mut [KeyFrame], landmarks: &mut [Landmark]) -> Result<(), StoreError> {
+    let mut counts = vec![0usize; landmarks.len()];
+    for row in shown.iter().filter_map(|row| row.checked_sub(1)) {
+        let wrong = || StoreError::part("landmarks", format!("row {row} is shown, and not there"));
+        *counts.get_mut(row as usize).ok_or_else(wrong)? += 1;
+    }
+    for (l, count) in landmarks.iter_mut().zip(counts) {
+        l.observations.reserve_exact(count);
+    }
+    let mut rest = shown;
+    for k in key_frames {
+        let (its, after) = rest.split_at(k.landmarks.len());
+        rest = after;
+        for (feature, (slot, row)) in k.landmarks.iter_mut().zip(its).enumerate() {
+            let Some(row) = row.checked_sub(1) else { continue };
+            let l = &mut landmarks[row as usize];
+            if l.observations.last().is_some_and(|o| o.key_frame == k.id) {
+                return Err(StoreError::part("landmarks", format!("{:?} is twice in {:?}", l.id, k.id)));
+            }
+            *slot = Some(l.id);
+            l.observations.push(Observation { key_frame: k.id, feature: feature as u16 });
+        }
+    }
+    Ok(())
+}
+
+/// What follows from the observations of a landmark.
+fn derive(map: &Map, l: &mut Landmark, pick: u32) -> Option<()> {
+    l.descriptor = match pick {
+        NO_PICK => map.typical_descriptor(l)?,
+        pick => {
+            let o = l.observations.get(pick as usize)?;
+            let descriptors: &[Descriptor] = &map.key_frame(o.key_frame)?.frame.descriptors;
+            *descriptors.get(usize::from(o.feature))?
+        }
+    };
+    (l.normal, l.min_distance, l.max_distance) = map.visibility(l)?;
+    Some(())
+}

@@ -1,0 +1,193 @@
+//! From a map to the parts of a file, version 1. `decode.rs` is the other side; the two are read together.
+//!
+//! Parts hold columns (see `wire.rs`). Key frames and landmarks name each other by row: the place in their part, which
+//! is their order of birth. A row that may be missing is counted from 1, and 0 is nobody.
+//!
+//! | part | what |
+//! |---|---|
+//! | about | what the map was made with; counts; calibration |
+//! | worlds | roots and ties |
+//! | key frames | poses, units, parents, loops, covisible neighbours |
+//! | gone | where removed key frames hang |
+//! | landmarks | ids, positions, and which observation gave the descriptor |
+//! | features 0, 1, .. | features and what they show, of 64 key frames each |
+//!
+//! Observations, normals, ranges and descriptors of landmarks follow from these when a map is opened.
+
+use super::about::{About, numbers};
+use super::container::PartsWriter;
+use super::wire::Encoder;
+use super::{ATTACHED, MapFile, StoreError};
+use crate::{KeyFrame, Map};
+use std::io::{Seek, Write};
+
+/// Key frames in one part of features.
+pub(super) const CHUNK: usize = 64;
+/// No observation has the landmark's descriptor.
+pub(super) const NO_PICK: u32 = u32::MAX;
+
+/// Rows of living key frames and landmarks by index of birth.
+struct Rows {
+    key_frames: Vec<u32>,
+    landmarks: Vec<u32>,
+}
+
+impl Rows {
+    fn new(map: &Map) -> Self {
+        let mut rows =
+            Self { key_frames: vec![0; map.next_key_frame], landmarks: vec![0; map.next_landmark] };
+        for (row, k) in map.key_frames().enumerate() {
+            rows.key_frames[k.id.index()] = row as u32;
+        }
+        for (row, l) in map.landmarks().enumerate() {
+            rows.landmarks[l.id.index()] = row as u32;
+        }
+        rows
+    }
+}
+
+pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(), StoreError> {
+    let map = &file.map;
+    let rows = Rows::new(map);
+    let key_frames: Vec<&KeyFrame> = map.key_frames().collect();
+    let mut names: Vec<String> =
+        ["about", "worlds", "key frames", "gone", "landmarks"].map(String::from).into();
+    names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
+    names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
+    let mut parts = PartsWriter::begin(out, super::VERSION, names)?;
+    parts.put(&about(&file.about, map))?;
+    parts.put(&worlds(map, &rows))?;
+    parts.put(&hung(&key_frames, &rows))?;
+    parts.put(&gone(map))?;
+    parts.put(&landmarks(map))?;
+    for chunk in key_frames.chunks(CHUNK) {
+        parts.put(&features(chunk, &rows))?;
+    }
+    for bytes in file.attached.values() {
+        parts.put(bytes)?;
+    }
+    parts.finish()
+}
+
+fn about(about: &About, map: &Map) -> Vec<u8> {
+    let mut e = Encoder::default();
+    about.encode(&mut e);
+    e.u32(map.octaves.levels as u32);
+    e.f64(map.octaves.factor);
+    e.f64(map.right_offset);
+    e.u64(map.version);
+    for n in [
+        map.next_key_frame,
+        map.next_landmark,
+        map.key_frames.len(),
+        map.landmarks.len(),
+        map.gone.len(),
+        map.worlds.len(),
+    ] {
+        e.u32(n as u32);
+    }
+    e.0
+}
+
+fn worlds(map: &Map, rows: &Rows) -> Vec<u8> {
+    let mut e = Encoder::default();
+    for (world, tie) in map.worlds() {
+        e.u32(rows.key_frames[world.root().index()]);
+        e.u8(u8::from(tie.is_some()));
+        if let Some(tie) = tie {
+            e.u32(tie.to.raw());
+            e.f64s(&numbers(&tie.to_from_root));
+            e.f64s(&[tie.sigma, tie.sigma_rad]);
+        }
+    }
+    e.0
+}
+
+fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
+    let mut e = Encoder::default();
+    let mut column = |value: &dyn Fn(&KeyFrame) -> u32| {
+        e.column_u32(&key_frames.iter().map(|k| value(k)).collect::<Vec<_>>());
+    };
+    column(&|k| k.id.raw());
+    column(&|k| k.parent.map_or(0, |p| rows.key_frames[p.index()] + 1));
+    column(&|k| rows.key_frames[k.world.root().index()]);
+    column(&|k| k.frame.len() as u32);
+    column(&|k| k.links.len() as u32);
+    column(&|k| k.covisible.len() as u32);
+    e.column(key_frames.iter().map(|k| k.frame.stamp.0.to_le_bytes()));
+    for i in 0..7 {
+        e.column_f64(&key_frames.iter().map(|k| numbers(&k.world_from_eye)[i]).collect::<Vec<_>>());
+    }
+    e.column_f64(&key_frames.iter().map(|k| k.unit).collect::<Vec<_>>());
+    let links = key_frames.iter().flat_map(|k| &k.links);
+    e.column_u32(&links.map(|id| rows.key_frames[id.index()]).collect::<Vec<_>>());
+    let covisible = || key_frames.iter().flat_map(|k| &k.covisible);
+    e.column_u32(&covisible().map(|(id, _)| rows.key_frames[id.index()]).collect::<Vec<_>>());
+    e.column_u32(&covisible().map(|(_, count)| *count).collect::<Vec<_>>());
+    e.0
+}
+
+fn gone(map: &Map) -> Vec<u8> {
+    let mut e = Encoder::default();
+    for (index, (parent, parent_from_it)) in map.gone.iter() {
+        e.u32(index as u32 + 1);
+        e.u32(parent.raw());
+        let rigid = cairn_geometry::Se3::new(parent_from_it.rotation, parent_from_it.translation);
+        e.f64s(&numbers(&rigid));
+        e.f64(parent_from_it.scale);
+    }
+    e.0
+}
+
+fn landmarks(map: &Map) -> Vec<u8> {
+    let mut e = Encoder::default();
+    // Ids rise: their differences are small.
+    let mut before = 0;
+    let steps = map.landmarks().map(|l| {
+        let step = l.id.raw() - before;
+        before = l.id.raw();
+        step
+    });
+    e.column_u32(&steps.collect::<Vec<_>>());
+    for i in 0..3 {
+        e.column_f64(&map.landmarks().map(|l| l.position[i]).collect::<Vec<_>>());
+    }
+    let pick = |l: &crate::Landmark| {
+        let its = |o: &crate::Observation| {
+            map.key_frame(o.key_frame).and_then(|k| k.frame.descriptors.get(usize::from(o.feature)))
+        };
+        l.observations.iter().position(|o| its(o) == Some(&l.descriptor)).map_or(NO_PICK, |i| i as u32)
+    };
+    e.column_u32(&map.landmarks().map(pick).collect::<Vec<_>>());
+    e.0
+}
+
+fn features(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
+    let total = key_frames.iter().map(|k| k.frame.len()).sum::<usize>();
+    let mut e = Encoder(Vec::with_capacity(total * 65 + 1));
+    let frames = || key_frames.iter().map(|k| &k.frame);
+    // Rectified and raw pixels are the same where there is no lens.
+    let raw_is_px = frames()
+        .all(|f| f.raw.iter().flatten().map(|v| v.to_bits()).eq(f.px.iter().flatten().map(|v| v.to_bits())));
+    e.u8(u8::from(raw_is_px));
+    let mut column: Vec<f32> = Vec::with_capacity(total);
+    let mut floats = |e: &mut Encoder, of: &dyn Fn(&cairn_vision::Frame, &mut Vec<f32>)| {
+        column.clear();
+        frames().for_each(|f| of(f, &mut column));
+        e.column_f32(&column);
+    };
+    for axis in 0..2 {
+        floats(&mut e, &|f, c| c.extend(f.px.iter().map(|p| p[axis])));
+    }
+    for axis in 0..2 * usize::from(!raw_is_px) {
+        floats(&mut e, &|f, c| c.extend(f.raw.iter().map(|p| p[axis])));
+    }
+    floats(&mut e, &|f, c| c.extend(&f.angle));
+    floats(&mut e, &|f, c| c.extend(&f.right_x));
+    floats(&mut e, &|f, c| c.extend(&f.depth));
+    let slots = key_frames.iter().flat_map(|k| &k.landmarks);
+    e.column_u32(&slots.map(|l| l.map_or(0, |id| rows.landmarks[id.index()] + 1)).collect::<Vec<_>>());
+    frames().for_each(|f| e.0.extend(&f.octave));
+    frames().for_each(|f| f.descriptors.iter().for_each(|d| e.0.extend(d)));
+    e.0
+}

@@ -1,0 +1,139 @@
+//! Small maps with a history: key frames of several worlds, merges, loops, removals, fused landmarks.
+
+use cairn_atlas::store::{About, MapFile};
+use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Tie, WorldId};
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
+use cairn_sensor::Stamp;
+use cairn_vision::{EyeModel, Frame, SensorMode};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A camera of 640 x 480.
+pub fn eye() -> EyeModel {
+    EyeModel {
+        fx: 450.0,
+        fy: 451.0,
+        cx: 320.5,
+        cy: 240.25,
+        baseline_fx: 45.0,
+        bounds: [-3.5, 0.0, 640.0, 481.5],
+        close_depth: 4.0,
+        body_from_eye: Se3::new(So3::exp(&Vec3::new(0.1, 0.2, 0.3)), Vec3::new(0.4, 0.5, 0.6)),
+    }
+}
+
+/// Numbers that look random and are the same every time.
+pub struct Dice(pub u64);
+
+impl Dice {
+    pub fn roll(&mut self, sides: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % sides as u64) as usize
+    }
+
+    fn real(&mut self) -> f64 {
+        self.roll(1 << 20) as f64 / f64::from(1 << 19) - 1.0
+    }
+
+    fn vector(&mut self) -> Vec3 {
+        Vec3::new(self.real(), self.real(), self.real())
+    }
+
+    fn pose(&mut self) -> Se3 {
+        Se3::new(So3::exp(&self.vector()), 5.0 * self.vector())
+    }
+}
+
+fn frame(dice: &mut Dice, features: usize) -> Arc<Frame> {
+    let mut frame = Frame::default();
+    frame.stamp = Stamp(1_403_636_579_763_555_584 + dice.roll(1 << 30) as i64);
+    for _ in 0..features {
+        let px = [320.0 + 330.0 * dice.real() as f32, 240.0 + 250.0 * dice.real() as f32];
+        frame.px.push(px);
+        frame.raw.push([px[0] + dice.real() as f32, px[1]]);
+        frame.octave.push(dice.roll(8) as u8);
+        frame.angle.push(3.0 * dice.real() as f32);
+        frame.descriptors.push(std::array::from_fn(|_| dice.roll(256) as u8));
+        let depth = if dice.roll(3) == 0 { f32::NAN } else { 4.0 + 3.0 * dice.real() as f32 };
+        frame.depth.push(depth);
+        frame.right_x.push(px[0] - 45.0 / depth);
+    }
+    frame.index(&eye());
+    Arc::new(frame)
+}
+
+/// A map after `steps` steps of a history.
+pub fn map(seed: u64, steps: usize, features: usize) -> Map {
+    let (mut dice, mut map) = (Dice(seed), Map::new());
+    for _ in 0..steps {
+        let changes = step(&mut dice, &map, features);
+        map = map.apply(&ChangeSet { base: map.version(), changes }).0;
+    }
+    assert_eq!(map.check(), Ok(()));
+    map
+}
+
+fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
+    let key_frames: Vec<KeyFrameId> = map.key_frames().map(|k| k.id).collect();
+    let landmarks: Vec<LandmarkId> = map.landmarks().map(|l| l.id).collect();
+    let new = map.next_key_frame_id();
+    let parent = key_frames.len().checked_sub(1 + dice.roll(3)).map(|i| key_frames[i]);
+    let parent = parent.filter(|_| dice.roll(8) > 0);
+    let born = KeyFrame::new(new, frame(dice, features), dice.pose(), parent);
+    let mut changes = vec![Change::AddKeyFrame(Box::new(born)), Change::Calibrate(dice.real())];
+    let next = map.next_landmark_id().index();
+    for i in 0..features / 3 {
+        let id = LandmarkId::from_index(next + i).unwrap();
+        changes.push(Change::AddLandmark(id, 4.0 * dice.vector()));
+        changes.push(Change::Observe(id, new, i as u16));
+    }
+    if key_frames.is_empty() || landmarks.is_empty() {
+        return changes;
+    }
+    for i in features / 3..features {
+        changes.push(Change::Observe(landmarks[dice.roll(landmarks.len())], new, i as u16));
+    }
+    let (a, b) = (key_frames[dice.roll(key_frames.len())], key_frames[dice.roll(key_frames.len())]);
+    let (l, m) = (landmarks[dice.roll(landmarks.len())], landmarks[dice.roll(landmarks.len())]);
+    changes.push(Change::Fuse(l, m));
+    changes.push(Change::MoveKeyFrame(a, dice.pose()));
+    changes.push(Change::Scale(b, 1.0 + 0.1 * dice.real()));
+    changes.push(Change::Link(a, b));
+    if dice.roll(3) == 0 {
+        changes.push(Change::RemoveKeyFrame(b));
+        changes.push(Change::RemoveLandmark(l));
+    }
+    let worlds: Vec<WorldId> = map.worlds().map(|(id, _)| id).collect();
+    if let [into, .., from] = worlds[..] {
+        let tie = Tie { to: a, to_from_root: dice.pose(), sigma: 0.5, sigma_rad: 0.125 };
+        changes.push(Change::Tie(from, tie));
+        if dice.roll(4) == 0 {
+            let at = dice.pose();
+            let into_from = Sim3::new(at.rotation, at.translation, 1.0 + 0.2 * dice.real());
+            changes.push(Change::Merge { from, into, into_from, parent: into.root() });
+        }
+    }
+    changes
+}
+
+/// The same with what belongs to a file.
+pub fn file(seed: u64, steps: usize, features: usize) -> MapFile {
+    let about = About { program: "cairn test".into(), sensor: SensorMode::Stereo, eye: eye() };
+    let attached = BTreeMap::from([("way/home".to_owned(), b"{\"format\":1}\n".repeat(3))]);
+    MapFile { map: map(seed, steps, features), about, attached }
+}
+
+/// All of a map that can be seen, in words, the features with their lookup grid among them.
+pub fn told(map: &Map) -> String {
+    let key_frames: Vec<String> = map.key_frames().map(|k| format!("{k:?}")).collect();
+    let landmarks: Vec<String> = map.landmarks().map(|l| format!("{l:?}")).collect();
+    let worlds: Vec<_> = map.worlds().collect();
+    let hung: Vec<_> = (0..map.next_key_frame_id().index())
+        .map(|i| map.living(KeyFrameId::from_index(i).unwrap()))
+        .collect();
+    let next = (map.next_key_frame_id(), map.next_landmark_id());
+    let all = (map.version(), map.octaves(), map.right_offset(), next, worlds, hung);
+    format!("{all:?}\n{}\n{}", key_frames.join("\n"), landmarks.join("\n"))
+}

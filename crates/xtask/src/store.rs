@@ -1,0 +1,230 @@
+//! Saving and opening a large map: a corridor walked along, made up with plausible features, written and read back.
+
+use cairn_atlas::store::{About, MapFile, Table};
+use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Map};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::Stamp;
+use cairn_vision::{Descriptor, EyeModel, Frame, SensorMode};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What saving and opening cost.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Stored {
+    /// Key frames of the map.
+    pub key_frames: usize,
+    /// Landmarks of the map.
+    pub landmarks: usize,
+    /// Observations of them.
+    pub observations: usize,
+    /// Megabytes of 10^6 bytes of the file.
+    pub file_mb: f64,
+    /// Seconds to save, to the disk and back from it, each time.
+    pub save_s: Vec<f64>,
+    /// Seconds to open, the file read from the system's cache, each time.
+    pub load_s: Vec<f64>,
+    /// Bytes stored and plain of each kind of part.
+    pub parts: BTreeMap<String, [u64; 2]>,
+}
+
+/// The camera: 752 x 480, a baseline of 0.11 m.
+fn eye() -> EyeModel {
+    EyeModel {
+        fx: 435.0,
+        fy: 435.0,
+        cx: 367.0,
+        cy: 252.0,
+        baseline_fx: 47.9,
+        bounds: [0.0, 0.0, 752.0, 480.0],
+        close_depth: 4.4,
+        body_from_eye: Se3::identity(),
+    }
+}
+
+/// Numbers that look random and are the same every time.
+struct Dice(u64);
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Between 0 and 1.
+    fn share(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn descriptor(&mut self) -> Descriptor {
+        let words: [u64; 4] = std::array::from_fn(|_| self.next());
+        std::array::from_fn(|i| words[i / 8].to_le_bytes()[i % 8])
+    }
+}
+
+/// A landmark that is still in view.
+struct InView {
+    id: LandmarkId,
+    position: Vec3,
+    descriptor: Descriptor,
+    octave: u8,
+}
+
+/// A map of so many key frames with so many features each, walked along a bending corridor: landmarks between 1 and
+/// 15 m ahead, seen with half a pixel of noise and some altered bits of the descriptor until they leave the view or are
+/// overlooked, five times on average; nine of ten features show a landmark.
+pub fn corridor(key_frames: usize, features: usize) -> Map {
+    let (eye, mut dice) = (eye(), Dice(1));
+    let mut map = Map::new();
+    let mut in_view: Vec<InView> = Vec::new();
+    let mut world_from_eye = Se3::identity();
+    for i in 0..key_frames {
+        let bend = So3::exp(&Vec3::new(0.0, 0.05 * (i as f64 * 0.05).sin(), 0.0));
+        world_from_eye = world_from_eye * Se3::new(bend, Vec3::new(0.0, 0.0, 0.25));
+        let (mut frame, mut changes) = (Frame::default(), Vec::new());
+        frame.stamp = Stamp(i as i64 * 250_000_000);
+        let id = map.next_key_frame_id();
+        in_view.retain(|l| {
+            let Some([u, v, _]) = eye.project(&(world_from_eye.inverse() * l.position)) else { return false };
+            let seen = eye.contains(u, v) && dice.share() > 0.12 && frame.len() * 10 < features * 9;
+            if seen {
+                let mut descriptor = l.descriptor;
+                (0..8).for_each(|_| {
+                    let bit = dice.next() as usize % 256;
+                    descriptor[bit / 8] ^= 1 << (bit % 8);
+                });
+                let depth = (world_from_eye.inverse() * l.position).z;
+                changes.push(Change::Observe(l.id, id, frame.len() as u16));
+                add(&mut frame, &mut dice, &eye, [u, v], depth, l.octave, descriptor);
+            }
+            seen
+        });
+        let mut next = map.next_landmark_id().index();
+        while frame.len() < features {
+            let pixel = [752.0 * dice.share(), 480.0 * dice.share()];
+            let (depth, octave, descriptor) =
+                (1.0 + 14.0 * dice.share().powi(2), (8.0 * dice.share().powi(2)) as u8, dice.descriptor());
+            if frame.len() * 10 < features * 9
+                && let Some(landmark) = LandmarkId::from_index(next)
+            {
+                next += 1;
+                let px = [pixel[0] as f32, pixel[1] as f32];
+                let position = world_from_eye * eye.unproject(px, depth);
+                changes.push(Change::AddLandmark(landmark, position));
+                changes.push(Change::Observe(landmark, id, frame.len() as u16));
+                in_view.push(InView { id: landmark, position, descriptor, octave });
+            }
+            add(&mut frame, &mut dice, &eye, pixel, depth, octave, descriptor);
+        }
+        frame.index(&eye);
+        let parent = map.newest_key_frame().map(|k| k.id);
+        let born = KeyFrame::new(id, Arc::new(frame), world_from_eye, parent);
+        changes.insert(0, Change::AddKeyFrame(Box::new(born)));
+        map = map.apply(&ChangeSet { base: map.version(), changes }).0;
+    }
+    map
+}
+
+/// Adds a feature at a pixel, half a pixel off.
+fn add(
+    frame: &mut Frame,
+    dice: &mut Dice,
+    eye: &EyeModel,
+    at: [f64; 2],
+    depth: f64,
+    octave: u8,
+    descriptor: Descriptor,
+) {
+    let px = at.map(|v| (v + dice.share() - 0.5) as f32);
+    // The lens moves what is far from the middle.
+    let off = [px[0] - eye.cx as f32, px[1] - eye.cy as f32];
+    let r2 = (off[0] * off[0] + off[1] * off[1]) / (eye.fx * eye.fx) as f32;
+    frame.raw.push([px[0] - 0.28 * r2 * off[0], px[1] - 0.28 * r2 * off[1]]);
+    frame.px.push(px);
+    frame.octave.push(octave);
+    frame.angle.push((std::f64::consts::TAU * (dice.share() - 0.5)) as f32);
+    frame.descriptors.push(descriptor);
+    let measured = dice.share() < 0.6;
+    frame.depth.push(if measured { depth as f32 } else { f32::NAN });
+    frame.right_x.push(if measured { px[0] - (eye.baseline_fx / depth) as f32 } else { f32::NAN });
+}
+
+/// Saves and opens such a map so many times in a folder, and checks that it comes back.
+pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> Result<Stored, String> {
+    let map = corridor(key_frames, features);
+    let about = About { program: "cairn xtask".into(), sensor: SensorMode::Stereo, eye: eye() };
+    let file = MapFile { map, about, attached: BTreeMap::new() };
+    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let path = folder.join(format!("cairn-xtask-store-{}.map", std::process::id()));
+    let measured = measure(&file, &path, times);
+    let _ = std::fs::remove_file(&path);
+    measured
+}
+
+fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> {
+    let map = &file.map;
+    let mut stored = Stored {
+        key_frames: map.key_frame_count(),
+        landmarks: map.landmark_count(),
+        observations: map.landmarks().map(|l| l.observations.len()).sum(),
+        file_mb: 0.0,
+        save_s: Vec::new(),
+        load_s: Vec::new(),
+        parts: BTreeMap::new(),
+    };
+    for _ in 0..times.max(1) {
+        let start = Instant::now();
+        let bytes = file.save(path).map_err(|e| e.to_string())?;
+        stored.save_s.push(start.elapsed().as_secs_f64());
+        stored.file_mb = bytes as f64 / 1e6;
+        let start = Instant::now();
+        let again = MapFile::load(path).map_err(|e| e.to_string())?;
+        stored.load_s.push(start.elapsed().as_secs_f64());
+        if again.map.key_frame_count() != stored.key_frames || again.map.landmark_count() != stored.landmarks
+        {
+            return Err("another map came back".into());
+        }
+    }
+    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    for part in Table::read(&bytes).map_err(|e| e.to_string())?.parts {
+        let kind = part.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end().to_owned();
+        let [stored, plain] = stored.parts.entry(kind).or_default();
+        *stored += part.stored_bytes;
+        *plain += part.plain_bytes;
+    }
+    Ok(stored)
+}
+
+/// The figures as a table.
+pub fn table(s: &Stored) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    let _ = writeln!(
+        text,
+        "map       {} key frames, {} landmarks, {} observations",
+        s.key_frames, s.landmarks, s.observations
+    );
+    let _ = writeln!(text, "file      {:.1} MB", s.file_mb);
+    for (kind, [stored, plain]) in &s.parts {
+        let _ = writeln!(
+            text,
+            "  {kind:<12}{:>9.3} MB, {:>9.3} MB unpacked",
+            *stored as f64 / 1e6,
+            *plain as f64 / 1e6
+        );
+    }
+    for (name, seconds) in [("save", &s.save_s), ("open", &s.load_s)] {
+        let least = seconds.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = seconds.iter().copied().fold(0.0, f64::max);
+        let _ = writeln!(
+            text,
+            "{name:<10}{least:.3} s at least, {most:.3} s at most, of {} times",
+            seconds.len()
+        );
+    }
+    text
+}
