@@ -2,8 +2,8 @@
 //!
 //! Source: Solà et al. (2018), appendix D; the tangent vector is (translation, rotation).
 
-use crate::{Manifold, Mat3, So3, Vec3, hat};
-use nalgebra::{Matrix4, SVector};
+use crate::{LieGroup, Manifold, Mat3, So3, Vec3, hat};
+use nalgebra::{Matrix4, Matrix6, SVector, Vector6};
 use std::ops::Mul;
 
 /// A rigid transform `a_from_b`: `p_a = rotation * p_b + translation`.
@@ -112,4 +112,83 @@ impl Manifold<6> for Se3 {
     fn local(&self, other: &Self) -> SVector<f64, 6> {
         (self.inverse() * *other).log()
     }
+}
+
+impl LieGroup<6> for Se3 {
+    fn identity() -> Self {
+        Self::identity()
+    }
+    fn compose(&self, other: &Self) -> Self {
+        *self * *other
+    }
+    fn inverse(&self) -> Self {
+        self.inverse()
+    }
+    fn adjoint(&self) -> Matrix6<f64> {
+        self.adjoint()
+    }
+    fn coordinates(&self) -> Vector6<f64> {
+        let (w, t) = (self.rotation.log(), &self.translation);
+        let wt = w.cross(t);
+        let v = t - wt * 0.5 + w.cross(&wt) * bend(w.norm_squared()).0;
+        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+    }
+    /// The inverse of the right Jacobian. The part that couples translation and rotation comes from differentiating
+    /// `inverse(left_jacobian(w)) * t` by `w`.
+    fn coordinates_jacobian(&self) -> Matrix6<f64> {
+        let (w, t) = (self.rotation.log(), &self.translation);
+        let (c, slope) = bend(w.norm_squared());
+        let h = hat(&w);
+        let turn = Mat3::identity() + h * 0.5 + h * h * c;
+        let by_w = hat(t) * 0.5
+            + (Mat3::from_diagonal_element(w.dot(t)) + w * t.transpose() - t * w.transpose() * 2.0) * c
+            + (h * (h * t)) * w.transpose() * slope;
+        corner(&turn, &(by_w * turn), &turn)
+    }
+    fn chordal(&self) -> Vector6<f64> {
+        let (q, t) = (positive(&self.rotation), &self.translation);
+        Vector6::new(t.x, t.y, t.z, 2.0 * q.1.x, 2.0 * q.1.y, 2.0 * q.1.z)
+    }
+    fn chordal_jacobian(&self) -> Matrix6<f64> {
+        corner(&self.rotation.matrix(), &Mat3::zeros(), &chord_by_turn(&self.rotation))
+    }
+    fn is_finite(&self) -> bool {
+        self.is_finite()
+    }
+}
+
+/// `c` in `inverse(left_jacobian(w)) = I - hat(w) / 2 + c hat(w)^2`, and `dc / d(angle) / angle`, of the squared angle.
+pub(crate) fn bend(angle2: f64) -> (f64, f64) {
+    if angle2 < 1e-4 {
+        // Error below 1e-17 for both.
+        let c = 1.0 / 12.0 + angle2 * (1.0 / 720.0 + angle2 * (1.0 / 30240.0 + angle2 / 1209600.0));
+        return (c, 1.0 / 360.0 + angle2 * (1.0 / 7560.0 + angle2 / 201600.0));
+    }
+    let angle = angle2.sqrt();
+    let (sin, cos) = (0.5 * angle).sin_cos();
+    let (cot, rest) = (cos / sin, 1.0 - 0.5 * angle * cos / sin);
+    let by_angle = 0.5 * (cot - 0.5 * angle / (sin * sin));
+    (rest / angle2, -(by_angle / angle + 2.0 * rest / angle2) / angle2)
+}
+
+/// Real and vector part of the quaternion with a real part that is not negative.
+pub(crate) fn positive(r: &So3) -> (f64, Vec3) {
+    let q = r.quaternion();
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    (sign * q.w, Vec3::new(q.i, q.j, q.k) * sign)
+}
+
+/// Derivative of twice the quaternion's vector part by a turn on the right.
+pub(crate) fn chord_by_turn(r: &So3) -> Mat3 {
+    let (w, v) = positive(r);
+    Mat3::from_diagonal_element(w) + hat(&v)
+}
+
+/// The matrix with these three blocks and zeros below.
+fn corner(a: &Mat3, b: &Mat3, d: &Mat3) -> Matrix6<f64> {
+    let mut m = Matrix6::zeros();
+    m.fixed_view_mut::<3, 3>(0, 0).copy_from(a);
+    m.fixed_view_mut::<3, 3>(0, 3).copy_from(b);
+    m.fixed_view_mut::<3, 3>(3, 3).copy_from(d);
+    m
 }
