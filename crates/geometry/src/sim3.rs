@@ -68,11 +68,6 @@ impl Sim3 {
         a
     }
 
-    /// True when every number is finite and the scale positive.
-    pub fn is_finite(&self) -> bool {
-        self.scale.is_finite() && self.scale > 0.0 && Se3::new(self.rotation, self.translation).is_finite()
-    }
-
     /// The screw of the logarithm: rotation vector, integral, its matrix and the inverse of that.
     fn screw(&self) -> (Vec3, Screw, Mat3) {
         let w = self.rotation.log();
@@ -155,9 +150,8 @@ fn circular(x: f64) -> (f64, f64, f64, f64) {
     let x2 = x * x;
     if x < 0.3 {
         // Taylor series, error below 1e-16.
-        let series = |first: f64, n: [f64; 6]| {
-            n.iter().rev().fold(0.0, |sum, divisor| first / divisor - x2 * sum)
-        };
+        let series =
+            |first: f64, n: [f64; 6]| n.iter().rev().fold(0.0, |sum, divisor| first / divisor - x2 * sum);
         return (
             series(1.0, [1.0, 6.0, 120.0, 5040.0, 362880.0, 39916800.0]),
             series(1.0, [2.0, 24.0, 720.0, 40320.0, 3628800.0, 479001600.0]),
@@ -166,12 +160,7 @@ fn circular(x: f64) -> (f64, f64, f64, f64) {
         );
     }
     let (sin, cos) = x.sin_cos();
-    (
-        sin / x,
-        (1.0 - cos) / x2,
-        (x * cos - sin) / (x2 * x),
-        (x * sin - 2.0 * (1.0 - cos)) / (x2 * x2),
-    )
+    (sin / x, (1.0 - cos) / x2, (x * cos - sin) / (x2 * x), (x * sin - 2.0 * (1.0 - cos)) / (x2 * x2))
 }
 
 impl Manifold<7> for Sim3 {

@@ -1,19 +1,25 @@
 #![doc = include_str!("../README.md")]
 //!
 //! Nonlinear least squares for cameras and points: reprojection residuals with analytic Jacobians,
-//! robust losses, pose-only adjustment, and bundle adjustment by the Schur complement.
+//! robust losses, pose-only adjustment, bundle adjustment by the Schur complement, and graphs of poses on a
+//! block-sparse Cholesky factorisation.
 //!
 //! Solvers are pure: they take a copied problem, change the copy, and tell in a [`Report`] how it went.
 
 mod bundle;
+pub mod g2o;
+pub mod graph;
 mod pose_only;
 pub mod ransac;
 mod report;
 mod reprojection;
 mod robust;
+pub mod sparse;
+mod text;
 
 pub use bundle::{Bundle, BundleSetting, Observation};
 pub use pose_only::{PointMatch, PoseOnly, PoseOnlySetting};
 pub use report::{Report, Stop};
 pub use reprojection::{Pinhole, Pixel};
-pub use robust::{CHI2_2, CHI2_3, huber};
+pub use robust::{CHI2_2, CHI2_3, CHI2_95, Loss, huber};
+pub use text::TextError;

@@ -1,0 +1,187 @@
+//! A start that does not depend on one: rotations by linear least squares over matrices, then translations.
+//!
+//! Source: Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM: a survey on rotation estimation
+//! and its use in pose graph optimization" (2015), section III.C (chordal relaxation; Martinec and Pajdla, 2007).
+
+use super::PoseGraph;
+use crate::sparse::{Analysis, Factor, NotPositive};
+use cairn_geometry::{LieGroup, Mat3, Se2, Se3, So2, So3, Vec2, Vec3};
+use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
+use std::sync::Arc;
+
+/// A group of rigid transforms, seen as transforms of space.
+pub trait Rigid<const D: usize>: LieGroup<D> {
+    /// The rotation matrix and the translation, metres.
+    fn to_space(&self) -> (Mat3, Vec3);
+    /// The element nearest to them.
+    fn from_space(rotation: &Mat3, translation: &Vec3) -> Self;
+    /// Weights of translation and rotation that an information matrix stands for (SE-Sync's maximum likelihood:
+    /// Rosen et al. 2019, section 3.1): 1/m^2 and 1/rad^2.
+    fn weights(information: &SMatrix<f64, D, D>) -> (f64, f64);
+}
+
+impl Rigid<6> for Se3 {
+    fn to_space(&self) -> (Mat3, Vec3) {
+        (self.rotation.matrix(), self.translation)
+    }
+    fn from_space(rotation: &Mat3, translation: &Vec3) -> Self {
+        Self::new(So3::from_matrix(rotation), *translation)
+    }
+    fn weights(information: &SMatrix<f64, 6, 6>) -> (f64, f64) {
+        let block = |k| information.fixed_view::<3, 3>(k, k).into_owned();
+        let weight = |m: Mat3| m.try_inverse().map_or(0.0, |c| 3.0 / c.trace());
+        (weight(block(0)), weight(block(3)))
+    }
+}
+
+impl Rigid<3> for Se2 {
+    fn to_space(&self) -> (Mat3, Vec3) {
+        let (c, s) = (self.rotation.cos(), self.rotation.sin());
+        (
+            Mat3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0),
+            Vec3::new(self.translation.x, self.translation.y, 0.0),
+        )
+    }
+    fn from_space(m: &Mat3, t: &Vec3) -> Self {
+        let rotation = So2::from_cos_sin(m[(0, 0)] + m[(1, 1)], m[(1, 0)] - m[(0, 1)]);
+        Self::new(rotation.unwrap_or(So2::identity()), Vec2::new(t.x, t.y))
+    }
+    fn weights(information: &SMatrix<f64, 3, 3>) -> (f64, f64) {
+        let translation = information.fixed_view::<2, 2>(0, 0).into_owned().try_inverse();
+        (translation.map_or(0.0, |c| 2.0 / c.trace()), information[(2, 2)])
+    }
+}
+
+/// Sets every vertex that is not held: rotations by the chordal relaxation, translations by least squares given those.
+/// Held vertices stay where they are.
+///
+/// # Errors
+/// When the measurements do not tie every vertex to a held one with weights for rotation and translation; nothing is
+/// changed then.
+pub fn chordal_start<G: Rigid<D>, const D: usize>(graph: &mut PoseGraph<G, D>) -> Result<(), NotPositive>
+where
+    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
+{
+    let held = graph.held();
+    let edges: Vec<Measured> = graph
+        .edges
+        .iter()
+        .map(|e| {
+            let (rotation, translation) = e.a_from_b.to_space();
+            let weights = G::weights(&e.information);
+            Measured { a: e.a, b: e.b, rotation, translation, weights }
+        })
+        .collect();
+    let mut poses: Vec<(Mat3, Vec3)> = graph.values.iter().map(|v| v.to_space()).collect();
+    let free: Vec<usize> = (0..held.len()).filter(|i| !held[*i]).collect();
+    let mut slot = vec![None; held.len()];
+    free.iter().enumerate().for_each(|(k, i)| slot[*i] = Some(k));
+    rotations(&mut poses, &edges, &free, &slot)?;
+    translations(&mut poses, &edges, &free, &slot)?;
+    for i in free {
+        graph.values[i] = G::from_space(&poses[i].0, &poses[i].1);
+    }
+    Ok(())
+}
+
+struct Measured {
+    a: usize,
+    b: usize,
+    rotation: Mat3,
+    translation: Vec3,
+    weights: (f64, f64),
+}
+
+/// `min sum k |R_b - R_a R_ab|^2` over matrices: the three rows of all rotations have one system with blocks of three.
+fn rotations(
+    poses: &mut [(Mat3, Vec3)],
+    edges: &[Measured],
+    free: &[usize],
+    slot: &[Option<usize>],
+) -> Result<(), NotPositive> {
+    let pairs = edges.iter().filter_map(|e| Some((slot[e.a]?, slot[e.b]?)));
+    let analysis = Arc::new(Analysis::new(free.len(), 3, pairs));
+    let mut diagonal = vec![Mat3::zeros(); free.len()];
+    let mut off = vec![Mat3::zeros(); analysis.pairs().len()];
+    // Column r of a right side belongs to row r of the rotations.
+    let mut sides = vec![vec![Vec3::zeros(); free.len()]; 3];
+    for e in edges {
+        let k = e.weights.1;
+        // With rows as columns x = R^T: x_b - R_ab^T x_a.
+        let m = e.rotation.transpose() * -k;
+        for (end, other, block) in [(e.b, e.a, m), (e.a, e.b, m.transpose())] {
+            let Some(s) = slot[end] else { continue };
+            diagonal[s] += Mat3::from_diagonal_element(k);
+            match slot[other] {
+                Some(t) if s > t => {
+                    if let Some(pair) = analysis.pair(s, t) {
+                        off[pair] += block;
+                    }
+                }
+                Some(_) => {}
+                None => {
+                    for (r, side) in sides.iter_mut().enumerate() {
+                        side[s] -= block * poses[other].0.row(r).transpose();
+                    }
+                }
+            }
+        }
+    }
+    let mut factor = Factor::new(analysis);
+    factor.factor(&numbers(&diagonal), &numbers(&off))?;
+    for (r, side) in sides.iter().enumerate() {
+        let mut x: Vec<f64> = side.iter().flat_map(|v| [v.x, v.y, v.z]).collect();
+        factor.solve(&mut x);
+        for (i, row) in free.iter().zip(x.chunks_exact(3)) {
+            poses[*i].0.set_row(r, &nalgebra::RowVector3::from_row_slice(row));
+        }
+    }
+    for i in free {
+        poses[*i].0 = So3::from_matrix(&poses[*i].0).matrix();
+    }
+    Ok(())
+}
+
+/// `min sum w |t_b - t_a - R_a t_ab|^2`: one scalar system for x, y and z.
+fn translations(
+    poses: &mut [(Mat3, Vec3)],
+    edges: &[Measured],
+    free: &[usize],
+    slot: &[Option<usize>],
+) -> Result<(), NotPositive> {
+    let pairs = edges.iter().filter_map(|e| Some((slot[e.a]?, slot[e.b]?)));
+    let analysis = Arc::new(Analysis::new(free.len(), 1, pairs));
+    let mut diagonal = vec![0.0; free.len()];
+    let mut off = vec![0.0; analysis.pairs().len()];
+    let mut sides = vec![vec![0.0; free.len()]; 3];
+    for e in edges {
+        let w = e.weights.0;
+        let moved = poses[e.a].0 * e.translation;
+        for (end, other, way) in [(e.b, e.a, moved), (e.a, e.b, -moved)] {
+            let Some(s) = slot[end] else { continue };
+            diagonal[s] += w;
+            let mut known = way;
+            match slot[other] {
+                Some(t) if s > t => {
+                    if let Some(pair) = analysis.pair(s, t) {
+                        off[pair] -= w;
+                    }
+                }
+                Some(_) => {}
+                None => known += poses[other].1,
+            }
+            (0..3).for_each(|r| sides[r][s] += w * known[r]);
+        }
+    }
+    let mut factor = Factor::new(analysis);
+    factor.factor(&diagonal, &off)?;
+    for (r, side) in sides.iter_mut().enumerate() {
+        factor.solve(side);
+        free.iter().zip(side.iter()).for_each(|(i, v)| poses[*i].1[r] = *v);
+    }
+    Ok(())
+}
+
+fn numbers(blocks: &[Mat3]) -> Vec<f64> {
+    blocks.iter().flat_map(|b| b.iter().copied()).collect()
+}

@@ -1,0 +1,247 @@
+//! Graphs of poses: vertices are poses `world_from_vertex`, edges measured transforms `a_from_b` between two of them.
+//!
+//! One code for every group that keeps [`LieGroup`]: the plane (`Se2`), space (`Se3`), space with unknown scale (`Sim3`),
+//! and space with known gravity (`YawPose`). What is minimised is half the sum of the losses of `r^T information r`,
+//! where `r` are the coordinates of `measured^-1 * (a^-1 * b)` (Grisetti et al., "A tutorial on graph-based SLAM",
+//! 2010; Dellaert and Kaess, "Factor graphs for robot perception", 2017, chapter 6).
+
+mod chordal;
+mod normal;
+mod odometry;
+mod solve;
+
+pub use chordal::{Rigid, chordal_start};
+pub use odometry::odometry_start;
+
+use crate::Loss;
+use cairn_geometry::LieGroup;
+use nalgebra::{Cholesky, Const, DimMin, SMatrix, SVector, ToTypenum};
+
+/// How steps are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// The whole step each time, also where the cost rises on the way; the best state is kept. Few steps from a good
+    /// start.
+    GaussNewton,
+    /// Damped steps, none of which raises the cost (Levenberg-Marquardt, damping after Nielsen 1999).
+    LevenbergMarquardt,
+}
+
+/// What the residual of an edge is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Metric {
+    /// The coordinates of the group ([`LieGroup::coordinates`]).
+    Geodesic,
+    /// The translation and `2 sin(angle / 2)` along the axis ([`LieGroup::chordal`]).
+    Chordal,
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug)]
+pub struct GraphSetting {
+    /// How steps are found.
+    pub method: Method,
+    /// What the residual of an edge is.
+    pub metric: Metric,
+    /// Steps at most, rejected ones too.
+    pub iterations: usize,
+    /// Done when a step promises to lower the cost by less than this part of it.
+    pub tolerance: f64,
+}
+
+impl Default for GraphSetting {
+    fn default() -> Self {
+        Self {
+            method: Method::LevenbergMarquardt,
+            metric: Metric::Geodesic,
+            iterations: 100,
+            tolerance: 1e-9,
+        }
+    }
+}
+
+/// A measured transform between two vertices.
+#[derive(Clone, Copy, Debug)]
+pub struct Edge<G, const D: usize> {
+    /// Index of the first vertex.
+    pub a: usize,
+    /// Index of the second vertex.
+    pub b: usize,
+    /// What was measured.
+    pub a_from_b: G,
+    /// Inverse covariance of the measurement's coordinates.
+    pub information: SMatrix<f64, D, D>,
+    /// What its residual costs.
+    pub loss: Loss,
+}
+
+/// Why an edge was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum EdgeError {
+    /// It names a vertex that there is not.
+    #[error("vertex {0} does not exist")]
+    NoVertex(usize),
+    /// Both its ends are the same vertex.
+    #[error("it ties vertex {0} to itself")]
+    Loop(usize),
+    /// The measurement is not finite.
+    #[error("its measurement is not finite")]
+    Measurement,
+    /// The information matrix is not finite, symmetric and positive semi-definite.
+    #[error("its information matrix is not symmetric and positive semi-definite")]
+    Information,
+    /// The width of the loss is not positive and finite.
+    #[error("the width of its robust loss is not positive")]
+    Width,
+}
+
+/// A graph of poses.
+///
+/// Components of the graph without a fixed vertex are held at their first vertex while solving.
+#[derive(Clone, Debug, Default)]
+pub struct PoseGraph<G, const D: usize> {
+    values: Vec<G>,
+    fixed: Vec<bool>,
+    edges: Vec<Edge<G, D>>,
+}
+
+impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D>
+where
+    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
+{
+    /// A graph without vertices.
+    pub fn new() -> Self {
+        Self { values: Vec::new(), fixed: Vec::new(), edges: Vec::new() }
+    }
+
+    /// Adds a vertex with its `world_from_vertex`; `fixed` ones are not moved. Gives its index.
+    pub fn add_vertex(&mut self, world_from_vertex: G, fixed: bool) -> usize {
+        self.values.push(world_from_vertex);
+        self.fixed.push(fixed);
+        self.values.len() - 1
+    }
+
+    /// Adds an edge: `a_from_b` as measured, and the inverse covariance of its coordinates. Gives its index.
+    ///
+    /// # Errors
+    /// When a vertex does not exist, both are the same, or the numbers make no sense.
+    pub fn add_edge(
+        &mut self,
+        a: usize,
+        b: usize,
+        a_from_b: G,
+        information: &SMatrix<f64, D, D>,
+        loss: Loss,
+    ) -> Result<usize, EdgeError> {
+        for vertex in [a, b] {
+            if vertex >= self.values.len() {
+                return Err(EdgeError::NoVertex(vertex));
+            }
+        }
+        if a == b {
+            return Err(EdgeError::Loop(a));
+        }
+        if !a_from_b.is_finite() {
+            return Err(EdgeError::Measurement);
+        }
+        if let Loss::Huber(width) | Loss::Cauchy(width) = loss
+            && !(width.is_finite() && width > 0.0)
+        {
+            return Err(EdgeError::Width);
+        }
+        if !semi_definite(information) {
+            return Err(EdgeError::Information);
+        }
+        self.edges.push(Edge { a, b, a_from_b, information: *information, loss });
+        Ok(self.edges.len() - 1)
+    }
+
+    /// `world_from_vertex` of all vertices.
+    pub fn values(&self) -> &[G] {
+        &self.values
+    }
+
+    /// The same, to be changed by hand.
+    pub fn values_mut(&mut self) -> &mut [G] {
+        &mut self.values
+    }
+
+    /// Which vertices are fixed.
+    pub fn fixed(&self) -> &[bool] {
+        &self.fixed
+    }
+
+    /// All edges.
+    pub fn edges(&self) -> &[Edge<G, D>] {
+        &self.edges
+    }
+
+    /// The edges, to be changed by hand; indices must stay within the graph.
+    pub fn edges_mut(&mut self) -> &mut [Edge<G, D>] {
+        &mut self.edges
+    }
+
+    /// Squared whitened residual of an edge.
+    pub fn chi2(&self, edge: &Edge<G, D>, metric: Metric) -> f64 {
+        let r = residual(&self.error(edge), metric);
+        r.dot(&(edge.information * r))
+    }
+
+    /// Half the sum of the edges' losses.
+    pub fn cost(&self, metric: Metric) -> f64 {
+        self.edges.iter().map(|e| 0.5 * e.loss.of(self.chi2(e, metric)).0).sum()
+    }
+
+    /// `measured^-1 * (a^-1 * b)`.
+    fn error(&self, edge: &Edge<G, D>) -> G {
+        let relative = self.values[edge.a].inverse().compose(&self.values[edge.b]);
+        edge.a_from_b.inverse().compose(&relative)
+    }
+
+    /// For each vertex, the first one that it is tied to, by edges that are not between fixed vertices.
+    fn components(&self) -> Vec<usize> {
+        let mut root: Vec<usize> = (0..self.values.len()).collect();
+        fn find(root: &mut [usize], mut i: usize) -> usize {
+            while root[i] != i {
+                root[i] = root[root[i]];
+                i = root[i];
+            }
+            i
+        }
+        for e in &self.edges {
+            let (a, b) = (find(&mut root, e.a), find(&mut root, e.b));
+            root[a.max(b)] = a.min(b);
+        }
+        (0..root.len()).map(|i| find(&mut root, i)).collect()
+    }
+
+    /// Which vertices are held while solving: the fixed ones, and the first of each component without any.
+    pub fn held(&self) -> Vec<bool> {
+        let components = self.components();
+        let mut anchored = vec![false; self.values.len()];
+        for (component, _) in components.iter().zip(&self.fixed).filter(|(_, fixed)| **fixed) {
+            anchored[*component] = true;
+        }
+        let held = |i: usize| self.fixed[i] || (components[i] == i && !anchored[i]);
+        (0..self.values.len()).map(held).collect()
+    }
+}
+
+/// The residual of an error.
+fn residual<G: LieGroup<D>, const D: usize>(error: &G, metric: Metric) -> SVector<f64, D> {
+    match metric {
+        Metric::Geodesic => error.coordinates(),
+        Metric::Chordal => error.chordal(),
+    }
+}
+
+/// Whether a matrix is symmetric, finite and has no eigenvalue that is clearly negative.
+pub fn semi_definite<const D: usize>(m: &SMatrix<f64, D, D>) -> bool
+where
+    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
+{
+    let largest = m.amax();
+    let symmetric = (m - m.transpose()).amax() <= 1e-6 * largest;
+    let lifted = m + SMatrix::<f64, D, D>::identity() * (1e-9 * largest);
+    largest.is_finite() && symmetric && (largest == 0.0 || Cholesky::new(lifted).is_some())
+}

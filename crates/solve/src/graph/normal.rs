@@ -1,0 +1,144 @@
+//! The normal equations of a graph: where each edge's blocks go, and what they are at a state.
+
+use super::{Edge, Metric, residual};
+use crate::Loss;
+use crate::sparse::Analysis;
+use cairn_geometry::LieGroup;
+use nalgebra::{SMatrix, SVector};
+
+/// Where the free vertices and the edges between them stand in the system.
+pub struct Layout {
+    /// Place of each vertex among the free ones.
+    pub slot: Vec<Option<u32>>,
+    /// For each edge between free vertices the index of its block.
+    pub pair: Vec<Option<u32>>,
+    pub analysis: Analysis,
+}
+
+impl Layout {
+    pub fn new<G, const D: usize>(held: &[bool], edges: &[Edge<G, D>]) -> Self {
+        let mut free = 0;
+        let slot: Vec<Option<u32>> = held
+            .iter()
+            .map(|held| {
+                (!held).then(|| {
+                    free += 1;
+                    free - 1
+                })
+            })
+            .collect();
+        let ends = |e: &Edge<G, D>| Some((slot[e.a]? as usize, slot[e.b]? as usize));
+        let analysis = Analysis::new(free as usize, D, edges.iter().filter_map(ends));
+        let pair = edges.iter().map(|e| ends(e).and_then(|(a, b)| analysis.pair(a, b)).map(|p| p as u32));
+        let pair = pair.collect();
+        Self { slot, pair, analysis }
+    }
+}
+
+/// A square matrix by columns.
+pub type Block<const D: usize> = [[f64; D]; D];
+
+/// The system at one state: `H` by blocks, the gradient, and the cost.
+#[derive(Clone)]
+pub struct Normal<const D: usize> {
+    pub diagonal: Vec<Block<D>>,
+    pub off_diagonal: Vec<Block<D>>,
+    pub gradient: Vec<[f64; D]>,
+    pub cost: f64,
+}
+
+impl<const D: usize> Normal<D> {
+    /// Room for the system.
+    pub fn new(layout: &Layout) -> Self {
+        let (n, pairs) = (layout.analysis.rows(), layout.analysis.pairs().len());
+        Self {
+            diagonal: vec![[[0.0; D]; D]; n],
+            off_diagonal: vec![[[0.0; D]; D]; pairs],
+            gradient: vec![[0.0; D]; n],
+            cost: 0.0,
+        }
+    }
+
+    /// Linearises all edges at `values`.
+    pub fn fill<G: LieGroup<D>>(
+        &mut self,
+        layout: &Layout,
+        values: &[G],
+        edges: &[Edge<G, D>],
+        metric: Metric,
+    ) {
+        self.diagonal.fill([[0.0; D]; D]);
+        self.off_diagonal.fill([[0.0; D]; D]);
+        self.gradient.fill([0.0; D]);
+        self.cost = 0.0;
+        for (edge, pair) in edges.iter().zip(&layout.pair) {
+            let l = Linear::new(edge, &values[edge.a], &values[edge.b], metric);
+            self.cost += 0.5 * l.loss;
+            let (a, b) = (layout.slot[edge.a], layout.slot[edge.b]);
+            if let Some(b) = b {
+                add(&mut self.diagonal[b as usize], &l.by_b);
+                add(std::slice::from_mut(&mut self.gradient[b as usize]), &l.gradient_b);
+            }
+            if let Some(a) = a {
+                // The error moves with `a` as with `b`, through the adjoint and with the other sign.
+                let across = -l.adjoint.tr_mul(&l.by_b);
+                add(&mut self.diagonal[a as usize], &-(across * l.adjoint));
+                add(std::slice::from_mut(&mut self.gradient[a as usize]), &-l.adjoint.tr_mul(&l.gradient_b));
+                if let (Some(b), Some(pair)) = (b, pair) {
+                    let block = &mut self.off_diagonal[*pair as usize];
+                    if a > b { add(block, &across) } else { add(block, &across.transpose()) }
+                }
+            }
+        }
+    }
+
+    /// The diagonal with `lambda` times its own entries added.
+    pub fn damped(&self, lambda: f64) -> Vec<Block<D>> {
+        let mut diagonal = self.diagonal.clone();
+        for block in &mut diagonal {
+            for k in 0..D {
+                block[k][k] += lambda * block[k][k].max(1e-12);
+            }
+        }
+        diagonal
+    }
+}
+
+/// Adds a matrix to one that is held by columns.
+fn add<const R: usize, const C: usize>(to: &mut [[f64; R]], m: &SMatrix<f64, R, C>) {
+    for (to, column) in to.iter_mut().zip(&m.data.0) {
+        to.iter_mut().zip(column).for_each(|(t, v)| *t += v);
+    }
+}
+
+/// An edge at a state.
+struct Linear<const D: usize> {
+    loss: f64,
+    /// `J^T W J` by the second vertex.
+    by_b: SMatrix<f64, D, D>,
+    gradient_b: SVector<f64, D>,
+    /// Adjoint of `b^-1 * a`.
+    adjoint: SMatrix<f64, D, D>,
+}
+
+impl<const D: usize> Linear<D> {
+    fn new<G: LieGroup<D>>(edge: &Edge<G, D>, a: &G, b: &G, metric: Metric) -> Self {
+        let relative = a.inverse().compose(b);
+        let error = edge.a_from_b.inverse().compose(&relative);
+        let r = residual(&error, metric);
+        let j = match metric {
+            Metric::Geodesic => error.coordinates_jacobian(),
+            Metric::Chordal => error.chordal_jacobian(),
+        };
+        let weighted = edge.information * r;
+        let chi2 = r.dot(&weighted);
+        let (loss, weight) = edge.loss.of(chi2);
+        let mut by_b = j.tr_mul(&(edge.information * j));
+        let mut gradient_b = j.tr_mul(&weighted);
+        if edge.loss != Loss::Squared {
+            by_b *= weight;
+            gradient_b *= weight;
+        }
+        Self { loss, by_b, gradient_b, adjoint: relative.inverse().adjoint() }
+    }
+}

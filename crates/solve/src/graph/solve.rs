@@ -1,0 +1,190 @@
+//! Gauss-Newton and Levenberg-Marquardt over a graph.
+//!
+//! Source: Madsen, Nielsen, Tingleff, "Methods for non-linear least squares problems" (2004), sections 3.1 and 3.2.
+
+use super::normal::{Layout, Normal};
+use super::{GraphSetting, Method, Metric, PoseGraph};
+use crate::sparse::Factor;
+use crate::{CHI2_95, Report, Stop};
+use cairn_geometry::LieGroup;
+use nalgebra::{Const, DimMin, SVector, ToTypenum};
+use std::sync::Arc;
+
+/// First damping of Levenberg-Marquardt: nearly a Gauss-Newton step.
+const FIRST_DAMPING: f64 = 1e-6;
+/// With so much damping no step is worth the name.
+const MOST_DAMPING: f64 = 1e10;
+
+impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D>
+where
+    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
+{
+    /// The gradient of the cost by a move of each vertex; zero for those that are held while solving.
+    pub fn gradient(&self, metric: Metric) -> Vec<SVector<f64, D>> {
+        let layout = Layout::new(&self.held(), &self.edges);
+        let mut normal = Normal::new(&layout);
+        normal.fill(&layout, &self.values, &self.edges, metric);
+        let of =
+            |slot: &Option<u32>| slot.map_or_else(SVector::zeros, |k| normal.gradient[k as usize].into());
+        layout.slot.iter().map(of).collect()
+    }
+
+    /// Lowers the cost; asks `stop` before each step. Whatever ends it, the vertices are left in the best state found.
+    pub fn solve(&mut self, setting: &GraphSetting, mut stop: impl FnMut() -> bool) -> Report {
+        let layout = Layout::new(&self.held(), &self.edges);
+        let cost = self.cost(setting.metric);
+        let mut report = Report {
+            iterations: 0,
+            cost_before: cost,
+            cost_after: cost,
+            inliers: 0,
+            stop: if self.edges.is_empty() || layout.analysis.rows() == 0 {
+                Stop::Empty
+            } else if cost.is_finite() {
+                Stop::Iterations
+            } else {
+                Stop::NoDescent
+            },
+        };
+        if report.stop == Stop::Iterations {
+            let mut descent = Descent::new(self, layout, setting);
+            report.stop = descent.run(&mut stop);
+            report.iterations = descent.iterations;
+            report.cost_after = descent.best_cost;
+            self.values = descent.best;
+        }
+        let bound = D.checked_sub(1).and_then(|k| CHI2_95.get(k)).copied().unwrap_or(f64::INFINITY);
+        report.inliers = self.edges.iter().filter(|e| self.chi2(e, setting.metric) <= bound).count();
+        report
+    }
+}
+
+/// A solve under way.
+struct Descent<'a, G, const D: usize> {
+    graph: &'a PoseGraph<G, D>,
+    setting: &'a GraphSetting,
+    layout: Layout,
+    factor: Factor,
+    /// The system at `now`.
+    normal: Normal<D>,
+    now: Vec<G>,
+    /// The system at the state tried, and that state.
+    tried: Normal<D>,
+    next: Vec<G>,
+    best: Vec<G>,
+    best_cost: f64,
+    iterations: usize,
+}
+
+impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
+    fn new(graph: &'a PoseGraph<G, D>, mut layout: Layout, setting: &'a GraphSetting) -> Self {
+        let mut normal = Normal::new(&layout);
+        normal.fill(&layout, &graph.values, &graph.edges, setting.metric);
+        let empty = crate::sparse::Analysis::new(0, D, std::iter::empty());
+        let analysis = Arc::new(std::mem::replace(&mut layout.analysis, empty));
+        Self {
+            factor: Factor::new(analysis),
+            best_cost: normal.cost,
+            tried: normal.clone(),
+            now: graph.values.clone(),
+            next: graph.values.clone(),
+            best: graph.values.clone(),
+            graph,
+            setting,
+            layout,
+            normal,
+            iterations: 0,
+        }
+    }
+
+    fn run(&mut self, stop: &mut impl FnMut() -> bool) -> Stop {
+        let (mut lambda, mut growth) = (FIRST_DAMPING, 2.0);
+        while self.iterations < self.setting.iterations {
+            if stop() {
+                return Stop::Interrupted;
+            }
+            self.iterations += 1;
+            let gauss_newton = self.setting.method == Method::GaussNewton;
+            let damping = if gauss_newton { 0.0 } else { lambda };
+            let Some((step, promise)) = self.step(damping) else {
+                if gauss_newton || lambda > MOST_DAMPING {
+                    return Stop::NoDescent;
+                }
+                (lambda, growth) = (lambda * growth, growth * 2.0);
+                continue;
+            };
+            self.try_step(&step);
+            let gain = self.normal.cost - self.tried.cost;
+            let small = promise <= self.enough();
+            if !self.tried.cost.is_finite() {
+                if gauss_newton {
+                    return Stop::NoDescent;
+                }
+                (lambda, growth) = (lambda * growth, growth * 2.0);
+            } else if gauss_newton || gain > 0.0 {
+                self.accept();
+                // Nielsen's rule: the better the model spoke, the less damping.
+                let ratio = gain / promise;
+                (lambda, growth) = (lambda * (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 2.0), 2.0);
+            } else {
+                (lambda, growth) = (lambda * growth, growth * 2.0);
+            }
+            if small {
+                return Stop::Converged;
+            }
+            if lambda > MOST_DAMPING {
+                return Stop::NoDescent;
+            }
+        }
+        Stop::Iterations
+    }
+
+    /// What a step must promise to be worth going on: a part of the cost, and above the noise of rounding.
+    fn enough(&self) -> f64 {
+        self.setting.tolerance * self.normal.cost + 1e-16 * self.graph.edges.len() as f64
+    }
+
+    /// The step from `now`, and by how much the linear model lowers the cost; `None` when the system is singular.
+    fn step(&mut self, lambda: f64) -> Option<(Vec<[f64; D]>, f64)> {
+        let damped;
+        let diagonal = if lambda > 0.0 {
+            damped = self.normal.damped(lambda);
+            &damped
+        } else {
+            &self.normal.diagonal
+        };
+        let off_diagonal = self.normal.off_diagonal.as_flattened().as_flattened();
+        self.factor.factor(diagonal.as_flattened().as_flattened(), off_diagonal).ok()?;
+        let mut step: Vec<[f64; D]> = self.normal.gradient.iter().map(|g| g.map(|v| -v)).collect();
+        self.factor.solve(step.as_flattened_mut());
+        let mut promise = 0.0;
+        for ((s, g), h) in step.iter().zip(&self.normal.gradient).zip(&self.normal.diagonal) {
+            for k in 0..D {
+                promise += 0.5 * s[k] * (lambda * h[k][k].max(1e-12) * s[k] - g[k]);
+            }
+        }
+        promise.is_finite().then_some((step, promise))
+    }
+
+    /// Moves `next` there and linearises.
+    fn try_step(&mut self, step: &[[f64; D]]) {
+        for ((next, now), slot) in self.next.iter_mut().zip(&self.now).zip(&self.layout.slot) {
+            if let Some(k) = slot {
+                *next = now.retract(&SVector::from(step[*k as usize]));
+            }
+        }
+        self.tried.fill(&self.layout, &self.next, &self.graph.edges, self.setting.metric);
+        if !self.next.iter().all(|v| v.is_finite()) {
+            self.tried.cost = f64::INFINITY;
+        }
+    }
+
+    fn accept(&mut self) {
+        std::mem::swap(&mut self.now, &mut self.next);
+        std::mem::swap(&mut self.normal, &mut self.tried);
+        if self.normal.cost <= self.best_cost {
+            self.best_cost = self.normal.cost;
+            self.best.copy_from_slice(&self.now);
+        }
+    }
+}
