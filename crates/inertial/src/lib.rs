@@ -2,10 +2,16 @@
 
 mod buffer;
 mod factor;
+mod initialise;
 mod preintegrated;
+mod rest;
 mod state;
 
 pub use buffer::{ImuBuffer, Missing};
 pub use factor::InertialResidual;
+pub use initialise::{
+    Attempt, Gate, GateKind, Initial, InitialiseSetting, Scale, Seen, SeenPose, initialise,
+};
 pub use preintegrated::Preintegrated;
+pub use rest::{Moves, Rest, RestSetting};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};

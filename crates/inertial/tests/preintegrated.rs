@@ -1,59 +1,13 @@
 //! Preintegration: exact motions, numeric Jacobians, consistency over many noisy runs.
 
-use cairn_geometry::{Manifold, Se3, So3, Vec3};
+mod common;
+
+use cairn_geometry::{Manifold, So3, Vec3};
 use cairn_inertial::{Bias, Gravity, NavState, Preintegrated};
-use cairn_sensor::{ImuNoise, ImuSample, Stamp};
+use cairn_sensor::ImuNoise;
 use cairn_solve::ransac::Rng;
+use common::{Motion, NOISE, noisy, samples, some_bias};
 use nalgebra::{SMatrix, SVector, Vector2};
-
-const NOISE: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
-
-/// A hand in motion, in closed form: rotation as the product of turns about fixed axes, position as sines.
-struct Motion;
-
-impl Motion {
-    fn rotation(t: f64) -> So3 {
-        So3::exp(&(Vec3::new(0.9, 0.2, 0.1) * (0.8 * (1.7 * t).sin())))
-            * So3::exp(&(Vec3::new(0.0, 0.3, 1.0) * (1.1 * (0.9 * t).sin() + 0.4 * t)))
-    }
-
-    fn position(t: f64) -> Vec3 {
-        Vec3::new((1.3 * t).sin(), 0.6 * (2.1 * t).cos(), 0.3 * (3.0 * t).sin()) * 0.7
-    }
-
-    fn velocity(t: f64) -> Vec3 {
-        (Self::position(t + 1e-4) - Self::position(t - 1e-4)) / 2e-4
-    }
-
-    fn acceleration(t: f64) -> Vec3 {
-        let w = Vec3::new(
-            1.3 * 1.3 * (1.3 * t).sin(),
-            0.6 * 2.1 * 2.1 * (2.1 * t).cos(),
-            0.3 * 9.0 * (3.0 * t).sin(),
-        );
-        w * -0.7
-    }
-
-    fn state(t: f64, bias: Bias) -> NavState {
-        let world_from_imu = Se3::new(Self::rotation(t), Self::position(t));
-        NavState { world_from_imu, velocity: Self::velocity(t), bias }
-    }
-
-    fn sample(t: f64) -> ImuSample {
-        let r = Self::rotation(t);
-        let gyro = (Self::rotation(t - 1e-4).inverse() * Self::rotation(t + 1e-4)).log() / 2e-4;
-        let accel = r.inverse() * (Self::acceleration(t) - Gravity::level().vector());
-        ImuSample::new(Stamp::from_seconds(t), gyro, accel)
-    }
-}
-
-fn samples(from: f64, seconds: f64, rate: f64) -> Vec<ImuSample> {
-    (0..=(seconds * rate).round() as usize).map(|i| Motion::sample(from + i as f64 / rate)).collect()
-}
-
-fn some_bias() -> Bias {
-    Bias { gyro: Vec3::new(0.01, -0.02, 0.015), accel: Vec3::new(0.1, -0.05, 0.2) }
-}
 
 #[test]
 fn exact_readings_predict_the_motion() {
@@ -161,21 +115,11 @@ fn every_jacobian_matches_differences() {
 
 /// A run of noisy readings with wandering biases: the squared error of the propagated state, whitened by its covariance.
 fn nees(rng: &mut Rng, seconds: f64, rate: f64) -> f64 {
-    let vector = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
-    let mut bias = some_bias();
-    let root = rate.sqrt();
-    let mut noisy = samples(0.1, seconds, rate);
-    for s in &mut noisy {
-        s.gyro += bias.gyro + vector(rng, NOISE.gyro * root);
-        s.accel += bias.accel + vector(rng, NOISE.accel * root);
-        bias.gyro += vector(rng, NOISE.gyro_walk / root);
-        bias.accel += vector(rng, NOISE.accel_walk / root);
-    }
-    let sum = Preintegrated::of(NOISE, some_bias(), noisy);
+    let (readings, bias) = noisy(rng, samples(0.1, seconds, rate), some_bias());
+    let sum = Preintegrated::of(NOISE, some_bias(), readings);
     let truth = Motion::state(0.1 + seconds, bias);
     let residual = sum.residual(&Motion::state(0.1, some_bias()), &truth, &Gravity::level());
-    let whitened = sum.whitening().unwrap() * residual;
-    whitened.norm_squared()
+    (sum.whitening().unwrap() * residual).norm_squared()
 }
 
 /// The 95 % band of the mean of 100 chi-squares of 15 degrees: `15 +- 1.96 sqrt(2 * 15 / 100)`.

@@ -1,0 +1,283 @@
+//! The maximum a posteriori over scale, gravity, biases, velocities, and the errors of the poses seen.
+//!
+//! Per key frame nine unknowns: the error of its place (map units, world axes), of its rotation (the sensor's axes), its
+//! velocity (m/s, world). Shared by all: log scale, gravity's tilt (2), gravity's norm (held, but for one look at what it
+//! would be), gyro bias (3), accel bias (3). Levenberg-Marquardt on [`Chain`].
+
+use super::chain::{Block, Chain, SHARED, STATE, Step};
+use super::guess::{self, Guess};
+use super::{Initial, InitialiseSetting, Scale, Seen};
+use crate::{Bias, GRAVITY_M_S2, Gravity, NavState, Preintegrated};
+use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3, hat};
+use cairn_sensor::ImuNoise;
+use nalgebra::{SMatrix, SVector, Vector2};
+
+/// Standard deviation that holds gravity's norm, relative.
+const NORM_SIGMA: f64 = 1e-5;
+
+/// What is given.
+pub struct Problem {
+    pub rotations: Vec<So3>,
+    /// Of the eye, in the map's units.
+    pub places: Vec<Vec3>,
+    pub links: Vec<Preintegrated>,
+    pub imu_from_eye: Se3,
+    pub scale: Scale,
+    pub setting: InitialiseSetting,
+    rotation_sigma: f64,
+    position_sigma: f64,
+}
+
+/// A point of the search.
+#[derive(Clone)]
+struct State {
+    log_scale: f64,
+    gravity: Gravity,
+    bias: Bias,
+    errors: Vec<Vec3>,
+    turns: Vec<Vec3>,
+    velocities: Vec<Vec3>,
+}
+
+impl Problem {
+    pub fn new(
+        seen: &Seen,
+        links: &[Preintegrated],
+        imu_from_eye: &Se3,
+        scale: Scale,
+        setting: &InitialiseSetting,
+    ) -> Self {
+        let eye_from_imu = imu_from_eye.rotation.inverse();
+        let times = setting.noise_times;
+        let worse = |link: &Preintegrated| {
+            let n = link.noise();
+            let noise = ImuNoise { gyro: n.gyro * times, accel: n.accel * times, ..*n };
+            Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
+        };
+        Self {
+            rotations: seen.poses.iter().map(|p| p.world_from_eye.rotation * eye_from_imu).collect(),
+            places: seen.poses.iter().map(|p| p.world_from_eye.translation).collect(),
+            links: links.iter().map(worse).collect(),
+            imu_from_eye: *imu_from_eye,
+            scale,
+            setting: *setting,
+            rotation_sigma: seen.rotation_sigma.max(1e-6),
+            position_sigma: seen.position_sigma.max(1e-9),
+        }
+    }
+
+    pub fn scale_is_free(&self) -> bool {
+        self.scale == Scale::Free
+    }
+
+    /// The best of what the guesses lead to; `None` when none leads anywhere.
+    pub fn solve(mut self) -> Option<Initial> {
+        let gyro = guess::gyro_bias(&self.rotations, &mut self.links, 6);
+        let mut best: Option<(f64, State)> = None;
+        for guess in guess::guesses(&self, gyro) {
+            if let Some((cost, state)) = self.descend(self.start(&guess))
+                && best.as_ref().is_none_or(|(least, _)| cost < *least)
+            {
+                best = Some((cost, state));
+            }
+        }
+        let (cost, state) = best?;
+        self.follow(&state);
+        self.told(cost, &state)
+    }
+
+    fn start(&self, guess: &Guess) -> State {
+        let n = self.places.len();
+        State {
+            log_scale: guess.scale.ln(),
+            gravity: guess.gravity,
+            bias: guess.bias,
+            errors: vec![Vec3::zeros(); n],
+            turns: vec![Vec3::zeros(); n],
+            velocities: guess.velocities.clone(),
+        }
+    }
+
+    fn follow(&mut self, state: &State) {
+        self.links.iter_mut().for_each(|link| link.follow(&state.bias));
+    }
+
+    fn descend(&mut self, mut state: State) -> Option<(f64, State)> {
+        self.follow(&state);
+        let (mut cost, mut chain) = self.linearise(&state, NORM_SIGMA)?;
+        let mut lambda = 1e-4;
+        for _ in 0..self.setting.iterations {
+            let next = chain.solve(lambda).map(|step| self.moved(&state, &step));
+            let next = next.and_then(|next| Some((self.cost(&next)?, next)));
+            match next {
+                Some((lower, next)) if lower < cost => {
+                    let gain = (cost - lower) / cost.max(1e-12);
+                    state = next;
+                    lambda = (lambda * 0.1).max(1e-9);
+                    if gain < 1e-6 {
+                        return Some((lower, state));
+                    }
+                    self.follow(&state);
+                    (cost, chain) = self.linearise(&state, NORM_SIGMA)?;
+                }
+                _ => {
+                    lambda *= 10.0;
+                    if lambda > 1e6 {
+                        break;
+                    }
+                }
+            }
+        }
+        cost.is_finite().then_some((cost, state))
+    }
+
+    fn moved(&self, s: &State, step: &Step) -> State {
+        let shared = &step.shared;
+        let part = |d: &SVector<f64, STATE>, i: usize| -> Vec3 { d.fixed_rows::<3>(i).into() };
+        let turned = |turn: &Vec3, by: Vec3| (So3::exp(turn) * So3::exp(&by)).log();
+        let mut gravity = s.gravity.retract(&Vector2::new(shared[1], shared[2]));
+        gravity.magnitude *= 1.0 + shared[3];
+        State {
+            // One step may not change the scale more than threefold.
+            log_scale: s.log_scale + shared[0].clamp(-1.1, 1.1),
+            gravity,
+            bias: Bias {
+                gyro: s.bias.gyro + shared.fixed_rows::<3>(4),
+                accel: s.bias.accel + shared.fixed_rows::<3>(7),
+            },
+            errors: s.errors.iter().zip(&step.states).map(|(e, d)| e + part(d, 0)).collect(),
+            turns: s.turns.iter().zip(&step.states).map(|(t, d)| turned(t, part(d, 3))).collect(),
+            velocities: s.velocities.iter().zip(&step.states).map(|(v, d)| v + part(d, 6)).collect(),
+        }
+    }
+
+    /// The sensor's state at a key frame, in metres.
+    fn nav(&self, s: &State, k: usize) -> NavState {
+        let rotation = self.rotations[k] * So3::exp(&s.turns[k]);
+        let eye = (self.places[k] + s.errors[k]) * s.log_scale.exp();
+        let place = eye - rotation * self.imu_from_eye.translation;
+        NavState { world_from_imu: Se3::new(rotation, place), velocity: s.velocities[k], bias: s.bias }
+    }
+
+    /// Standard deviations of the shared unknowns' priors, and how far they are from their means.
+    fn priors(&self, s: &State, norm_sigma: f64) -> [(f64, f64); SHARED] {
+        let (gyro, accel) = (self.setting.gyro_bias_sigma, self.setting.accel_bias_sigma);
+        let scale = match self.scale {
+            Scale::Free => 20.0,
+            Scale::Known { sigma } => sigma.max(1e-6),
+        };
+        let norm = s.gravity.magnitude / GRAVITY_M_S2 - 1.0;
+        let (g, a) = (s.bias.gyro, s.bias.accel);
+        [
+            (scale, s.log_scale),
+            (1e3, 0.0),
+            (1e3, 0.0),
+            (norm_sigma, norm),
+            (gyro, g.x),
+            (gyro, g.y),
+            (gyro, g.z),
+            (accel, a.x),
+            (accel, a.y),
+            (accel, a.z),
+        ]
+    }
+
+    fn prior_cost(&self, s: &State) -> f64 {
+        let shared: f64 = self.priors(s, NORM_SIGMA).iter().map(|(sigma, off)| (off / sigma).powi(2)).sum();
+        let places = s.errors.iter().map(Vec3::norm_squared).sum::<f64>() / self.position_sigma.powi(2);
+        let turns = s.turns.iter().map(Vec3::norm_squared).sum::<f64>() / self.rotation_sigma.powi(2);
+        0.5 * (shared + places + turns)
+    }
+
+    fn cost(&self, s: &State) -> Option<f64> {
+        let mut cost = self.prior_cost(s);
+        for (k, link) in self.links.iter().enumerate() {
+            let r = link.residual(&self.nav(s, k), &self.nav(s, k + 1), &s.gravity);
+            cost += 0.5 * (link.motion_whitening()? * r.fixed_rows::<9>(0)).norm_squared();
+        }
+        cost.is_finite().then_some(cost)
+    }
+
+    fn linearise(&self, s: &State, norm_sigma: f64) -> Option<(f64, Chain)> {
+        let n = self.places.len();
+        let mut chain = Chain::new(n);
+        let mut cost = self.prior_cost(s);
+        for (i, (sigma, off)) in self.priors(s, norm_sigma).iter().enumerate() {
+            chain.shared[(i, i)] += sigma.powi(-2);
+            chain.shared_gradient[i] += off / sigma.powi(2);
+        }
+        for k in 0..n {
+            for i in 0..3 {
+                chain.diagonal[k][(i, i)] += self.position_sigma.powi(-2);
+                chain.diagonal[k][(3 + i, 3 + i)] += self.rotation_sigma.powi(-2);
+                // Velocities are known to be less than those of trains.
+                chain.diagonal[k][(6 + i, 6 + i)] += 1e-6;
+                chain.gradient[k][i] += s.errors[k][i] / self.position_sigma.powi(2);
+                chain.gradient[k][3 + i] += s.turns[k][i] / self.rotation_sigma.powi(2);
+            }
+        }
+        let scale = s.log_scale.exp();
+        for (k, link) in self.links.iter().enumerate() {
+            let (from, to) = (self.nav(s, k), self.nav(s, k + 1));
+            let l = link.linearise(&from, &to, &s.gravity);
+            let white = link.motion_whitening()?;
+            let shift = (self.places[k + 1] + s.errors[k + 1] - self.places[k] - s.errors[k]) * scale;
+            let by_first = self.by_state(&l.by_from, &from, scale);
+            let by_second = self.by_state(&l.by_to, &to, scale);
+            let mut by_shared = SMatrix::<f64, 9, SHARED>::zeros();
+            by_shared.set_column(0, &l.by_log_scale(&shift).fixed_rows::<9>(0));
+            by_shared.fixed_view_mut::<9, 2>(0, 1).copy_from(&l.by_gravity.fixed_view::<9, 2>(0, 0));
+            // By the logarithm of gravity's norm.
+            let (t, g) = (link.seconds(), from.world_from_imu.rotation.inverse() * s.gravity.vector());
+            by_shared.fixed_view_mut::<3, 1>(3, 3).copy_from(&(g * -t));
+            by_shared.fixed_view_mut::<3, 1>(6, 3).copy_from(&(g * (-0.5 * t * t)));
+            by_shared.fixed_view_mut::<9, 6>(0, 4).copy_from(&l.by_from.fixed_view::<9, 6>(0, 9));
+            let residual = white * l.residual.fixed_rows::<9>(0);
+            cost += 0.5 * residual.norm_squared();
+            chain.add(k, &(white * by_first), &(white * by_second), &(white * by_shared), &residual);
+        }
+        cost.is_finite().then_some((cost, chain))
+    }
+
+    /// A link's Jacobian by a key frame's nine unknowns from that by its tangent.
+    fn by_state(&self, by: &SMatrix<f64, 15, 15>, at: &NavState, scale: f64) -> Block {
+        let by_place: SMatrix<f64, 9, 3> = by.fixed_view::<9, 3>(0, 0).into();
+        let by_turn: SMatrix<f64, 9, 3> = by.fixed_view::<9, 3>(0, 3).into();
+        let to_imu: Mat3 = at.world_from_imu.rotation.matrix().transpose();
+        let mut out = Block::zeros();
+        out.fixed_view_mut::<9, 3>(0, 0).copy_from(&(by_place * to_imu * scale));
+        // place = eye - R exp(turn) arm: turning moves the sensor about the eye.
+        let turn = by_turn + by_place * hat(&self.imu_from_eye.translation);
+        out.fixed_view_mut::<9, 3>(0, 3).copy_from(&turn);
+        out.fixed_view_mut::<9, 3>(0, 6).copy_from(&by.fixed_view::<9, 3>(0, 6));
+        out
+    }
+
+    fn told(&self, cost: f64, state: &State) -> Option<Initial> {
+        let n = self.places.len();
+        // Rows: 9 a link, 6 a key frame; unknowns: 9 a key frame, and the shared ones that have no prior worth the name.
+        let freedom = (9 * self.links.len() + 6 * n) as f64 - (9 * n + 9) as f64;
+        let residual = 2.0 * cost / freedom.max(1.0);
+        let (_, chain) = self.linearise(state, NORM_SIGMA)?;
+        let mut covariance = chain.solve(0.0)?.covariance;
+        covariance *= residual.max(1.0);
+        let (_, free) = self.linearise(state, 1.0)?;
+        let free = free.solve(0.0)?;
+        let norm = GRAVITY_M_S2 * (1.0 + free.shared[3]);
+        let norm_sigma = GRAVITY_M_S2 * (free.covariance[(3, 3)] * residual.max(1.0)).sqrt();
+        let kept = [0, 1, 2, 4, 5, 6, 7, 8, 9];
+        let covariance = SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(kept[i], kept[j])]);
+        let tilt: SMatrix<f64, 2, 2> = covariance.fixed_view::<2, 2>(1, 1).into();
+        Some(Initial {
+            scale: state.log_scale.exp(),
+            scale_sigma: covariance[(0, 0)].sqrt(),
+            gravity: state.gravity,
+            gravity_sigma: tilt.symmetric_eigenvalues().max().max(0.0).sqrt(),
+            gravity_norm: [norm, norm_sigma],
+            bias: state.bias,
+            states: (0..n).map(|k| self.nav(state, k)).collect(),
+            covariance,
+            residual,
+        })
+    }
+}
