@@ -61,6 +61,7 @@ impl Map {
                 key_frame.world = world;
                 key_frame.landmarks = vec![None; key_frame.frame.len()];
                 key_frame.links.clear();
+                self.places.insert(k.id, &k.bag);
                 self.key_frames.insert(k.id.index(), key_frame);
             }
             Change::AddLandmark(id, position) => {
@@ -199,6 +200,7 @@ impl Map {
                 k.links.retain(|l| *l != id);
             }
         }
+        self.places.remove(id, &gone.bag);
         self.key_frames.remove(id.index());
         self.gone.insert(id.index(), (parent, parent_from_it));
         self.adopt(id, parent);

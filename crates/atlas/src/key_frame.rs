@@ -3,6 +3,7 @@
 use crate::{KeyFrameId, LandmarkId, WorldId};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Frame;
+use cairn_vision::bow::Bag;
 use std::sync::Arc;
 
 /// A key frame: features, where they were seen from, and what they show.
@@ -14,6 +15,8 @@ pub struct KeyFrame {
     pub frame: Arc<Frame>,
     /// The world it stands in (set by the map: its parent's, or one of its own).
     pub world: WorldId,
+    /// The words of its features, by which the place is found again; empty where it is not to be found.
+    pub bag: Arc<Bag>,
     /// Where the eye was.
     pub world_from_eye: Se3,
     /// How many world units one unit of length is here that was one when the key frame was born: 1 until a map without
@@ -30,12 +33,13 @@ pub struct KeyFrame {
 }
 
 impl KeyFrame {
-    /// A key frame that shows no landmark yet.
+    /// A key frame that shows no landmark yet, and that has no words; see [`KeyFrame::with_bag`].
     pub fn new(id: KeyFrameId, frame: Arc<Frame>, world_from_eye: Se3, parent: Option<KeyFrameId>) -> Self {
         let landmarks = vec![None; frame.len()];
         Self {
             id,
             frame,
+            bag: Arc::default(),
             world: WorldId(id),
             world_from_eye,
             unit: 1.0,
@@ -49,5 +53,10 @@ impl KeyFrame {
     /// The pose with the unit: what hangs here with `eye_from_it` stands at `world_from_here() * eye_from_it`.
     pub fn world_from_here(&self) -> Sim3 {
         Sim3::new(self.world_from_eye.rotation, self.world_from_eye.translation, self.unit)
+    }
+
+    /// The same with the words of its features.
+    pub fn with_bag(self, bag: Arc<Bag>) -> Self {
+        Self { bag, ..self }
     }
 }

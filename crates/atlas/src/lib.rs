@@ -11,6 +11,7 @@ mod ids;
 mod key_frame;
 mod landmark;
 mod map;
+mod places;
 pub mod store;
 mod world;
 
@@ -20,4 +21,5 @@ pub use ids::{KeyFrameId, LandmarkId};
 pub use key_frame::KeyFrame;
 pub use landmark::{Landmark, Observation};
 pub use map::Map;
+pub use places::PlaceIndex;
 pub use world::{Tie, WorldId};

@@ -1,7 +1,7 @@
 //! The map: key frames and landmarks of all that was ever seen, in one world or several.
 
 use crate::arena::Arena;
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Tie, WorldId};
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, PlaceIndex, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
 use std::collections::BTreeMap;
@@ -17,6 +17,7 @@ pub struct Map {
     /// For each removed key frame, the one it hangs on and where it stood there.
     pub(crate) gone: Arena<(KeyFrameId, Sim3)>,
     pub(crate) worlds: Arc<BTreeMap<WorldId, Option<Tie>>>,
+    pub(crate) places: PlaceIndex,
     pub(crate) right_offset: f64,
     pub(crate) next_key_frame: usize,
     pub(crate) next_landmark: usize,
@@ -43,6 +44,7 @@ impl Map {
             landmarks: Arena::default(),
             gone: Arena::default(),
             worlds: Arc::default(),
+            places: PlaceIndex::default(),
             right_offset: 0.0,
             next_key_frame: 0,
             next_landmark: 0,
@@ -63,6 +65,11 @@ impl Map {
     /// calibration's error that looks like disparity.
     pub fn right_offset(&self) -> f64 {
         self.right_offset
+    }
+
+    /// The living key frames by the words that they show.
+    pub fn places(&self) -> &PlaceIndex {
+        &self.places
     }
 
     /// A key frame, if it is alive.

@@ -34,6 +34,7 @@ enum Command {
     Sim(commands::sim::Arguments),
     Way(commands::way::Arguments),
     Rig(commands::rig::Arguments),
+    Vocab(commands::vocab::Arguments),
     Config(commands::config::Arguments),
     Doctor(commands::doctor::Arguments),
 }
@@ -56,6 +57,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
         Command::Sim(arguments) => commands::sim::run(&arguments, output),
         Command::Way(arguments) => commands::way::run(&arguments, output),
+        Command::Vocab(arguments) => commands::vocab::run(&arguments, output),
         Command::Rig(arguments) => commands::rig::run(&arguments, output),
         Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),

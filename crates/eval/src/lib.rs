@@ -34,4 +34,4 @@ pub use relative::Delta;
 pub use report::{Lost, RunReport};
 pub use statistics::Statistics;
 pub use svg::{Figure, Tone};
-pub use write::{seconds_text, to_euroc, to_kitti, to_tum, write_whole};
+pub use write::{seconds_text, to_euroc, to_kitti, to_tum, write_bytes_whole, write_whole};

@@ -61,8 +61,13 @@ pub fn to_euroc(trajectory: &Trajectory) -> String {
     out
 }
 
-/// Writes a file whole or not at all: into a neighbour first, which then takes the name.
+/// Writes a text whole or not at all; see [`write_bytes_whole`].
 pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
+    write_bytes_whole(path, text.as_bytes())
+}
+
+/// Writes a file whole or not at all: into a neighbour first, which then takes the name.
+pub fn write_bytes_whole(path: &Path, content: &[u8]) -> Result<(), FileError> {
     let fail =
         |e: std::io::Error| FileError::whole(&path.display().to_string(), format!("cannot write: {e}"));
     let name = path.file_name().ok_or_else(|| {
@@ -72,7 +77,7 @@ pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
     part.push(name);
     part.push(format!(".{}.part", std::process::id()));
     let part = path.with_file_name(part);
-    std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path)).map_err(|e| {
+    std::fs::write(&part, content).and_then(|()| std::fs::rename(&part, path)).map_err(|e| {
         let _ = std::fs::remove_file(&part);
         fail(e)
     })

@@ -3,6 +3,7 @@
 use cairn_adjust::depth;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map};
 use cairn_geometry::{Se3, Vec3};
+use cairn_vision::bow::Vocabulary;
 use cairn_vision::{EyeModel, Frame};
 use std::sync::Arc;
 
@@ -35,9 +36,11 @@ pub(crate) struct Entry<'a> {
     pub shown: &'a [Option<LandmarkId>],
 }
 
-/// A key frame with the landmarks it is known to show.
+/// A key frame with its words and the landmarks it is known to show.
 pub(crate) fn add_key_frame(entry: &Entry, parent: Option<KeyFrameId>) -> Vec<Change> {
-    let key_frame = KeyFrame::new(entry.id, entry.frame.clone(), entry.world_from_eye, parent);
+    let bag = Vocabulary::embedded().bag(&entry.frame.descriptors);
+    let key_frame =
+        KeyFrame::new(entry.id, entry.frame.clone(), entry.world_from_eye, parent).with_bag(Arc::new(bag));
     let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame))];
     let shown = entry.shown.iter().enumerate();
     changes.extend(shown.filter_map(|(i, l)| l.map(|l| Change::Observe(l, entry.id, i as u16))));

@@ -14,6 +14,7 @@ mod seven_scenes;
 mod text;
 mod tum;
 
+pub use decode::gray as read_gray;
 pub use open::{OpenOptions, open};
 pub use paced::Paced;
 pub use rig::{read_rig, read_rig_for, write_rig};

@@ -2,6 +2,7 @@
 // `!(a > b)` is meant: it also refuses NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+pub mod bow;
 mod depth;
 mod eye;
 mod frame;

@@ -11,6 +11,7 @@ use super::{ATTACHED, MapFile, StoreError};
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Observation, Tie, WorldId};
 use cairn_geometry::{Sim3, Vec3};
 use cairn_sensor::Stamp;
+use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Descriptor, EyeModel, Frame, Octaves};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -43,7 +44,10 @@ pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
     let shown = read_features(parts, &about.eye, map.octaves, &mut key_frames, &features)?;
     observe(&shown, &mut key_frames, &mut landmarks)?;
     for k in key_frames {
-        map.key_frames.insert(k.id.index(), k);
+        // Words are not saved: they follow from the descriptors, and another program may have another vocabulary.
+        let bag = Vocabulary::embedded().bag(&k.frame.descriptors);
+        map.places.insert(k.id, &bag);
+        map.key_frames.insert(k.id.index(), k.with_bag(Arc::new(bag)));
     }
     read_gone(parts, &mut map, &counts)?;
     for (l, pick) in landmarks.iter_mut().zip(picks) {

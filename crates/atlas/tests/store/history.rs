@@ -4,6 +4,7 @@ use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_sensor::Stamp;
+use cairn_vision::bow::Vocabulary;
 use cairn_vision::{EyeModel, Frame, SensorMode};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -81,7 +82,9 @@ fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
     let new = map.next_key_frame_id();
     let parent = key_frames.len().checked_sub(1 + dice.roll(3)).map(|i| key_frames[i]);
     let parent = parent.filter(|_| dice.roll(8) > 0);
-    let born = KeyFrame::new(new, frame(dice, features), dice.pose(), parent);
+    let frame = frame(dice, features);
+    let bag = Vocabulary::embedded().bag(&frame.descriptors);
+    let born = KeyFrame::new(new, frame, dice.pose(), parent).with_bag(Arc::new(bag));
     let mut changes = vec![Change::AddKeyFrame(Box::new(born)), Change::Calibrate(dice.real())];
     let next = map.next_landmark_id().index();
     for i in 0..features / 3 {

@@ -6,4 +6,5 @@ pub mod eval;
 pub mod rig;
 pub mod run;
 pub mod sim;
+pub mod vocab;
 pub mod way;

@@ -7,6 +7,7 @@ mod eval;
 mod rig;
 mod run;
 mod sim;
+mod vocab;
 mod way;
 
 use serde_json::Value;

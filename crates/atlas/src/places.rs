@@ -1,0 +1,88 @@
+//! Which key frames look like what is seen now: an inverted index from words to key frames.
+//!
+//! A value like the map that it is part of: cloning is cheap, and a change copies only the lists it touches. The score
+//! of a key frame is [`Bag::similarity`] with the query, summed over the words in the same order, so that it is the same
+//! to the last bit.
+
+use crate::KeyFrameId;
+use crate::arena::Arena;
+use cairn_vision::bow::Bag;
+
+/// Key frames by the words that they show.
+#[derive(Clone, Debug, Default)]
+pub struct PlaceIndex {
+    /// For each word the key frames that show it, rising, with its weight there.
+    words: Arena<Vec<(KeyFrameId, f32)>>,
+}
+
+impl PlaceIndex {
+    /// Adds a key frame; one that is there already with these words is left as it is.
+    pub fn insert(&mut self, id: KeyFrameId, bag: &Bag) {
+        for &(word, weight) in bag.words() {
+            let word = word.0 as usize;
+            match self.words.get_mut(word) {
+                Some(list) => {
+                    let at = list.partition_point(|(k, _)| *k < id);
+                    if list.get(at).is_none_or(|(k, _)| *k != id) {
+                        list.insert(at, (id, weight));
+                    }
+                }
+                None => self.words.insert(word, vec![(id, weight)]),
+            }
+        }
+    }
+
+    /// Takes a key frame out; `bag` is what it was added with.
+    pub fn remove(&mut self, id: KeyFrameId, bag: &Bag) {
+        for &(word, _) in bag.words() {
+            let word = word.0 as usize;
+            if self.words.get(word).is_none_or(|list| list.iter().all(|(k, _)| *k != id)) {
+                continue;
+            }
+            let Some(list) = self.words.get_mut(word) else { continue };
+            list.retain(|(k, _)| *k != id);
+            if list.is_empty() {
+                self.words.remove(word);
+            }
+        }
+    }
+
+    /// The key frames most like a bag, best first (of equals the eldest), with their similarity, which is above zero;
+    /// at most `limit`, and only those that `accept` lets pass.
+    pub fn query(
+        &self,
+        bag: &Bag,
+        limit: usize,
+        accept: impl Fn(KeyFrameId) -> bool,
+    ) -> Vec<(KeyFrameId, f64)> {
+        // Similarity by place in the order of birth, grown as needed.
+        let mut scores: Vec<f64> = Vec::new();
+        for &(word, weight) in bag.words() {
+            let Some(list) = self.words.get(word.0 as usize) else { continue };
+            if let Some((last, _)) = list.last()
+                && scores.len() <= last.index()
+            {
+                scores.resize(last.index() + 1, 0.0);
+            }
+            for (id, w) in list {
+                scores[id.index()] += f64::from(weight.min(*w));
+            }
+        }
+        let mut found: Vec<(KeyFrameId, f64)> = scores
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| **s > 0.0)
+            .filter_map(|(i, s)| Some((KeyFrameId::from_index(i)?, *s)))
+            .filter(|(id, _)| accept(*id))
+            .collect();
+        let better = |a: &(KeyFrameId, f64), b: &(KeyFrameId, f64)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
+        if limit < found.len() {
+            if limit > 0 {
+                found.select_nth_unstable_by(limit - 1, better);
+            }
+            found.truncate(limit);
+        }
+        found.sort_unstable_by(better);
+        found
+    }
+}

@@ -1,0 +1,190 @@
+//! Reads vocabularies in the text form that DBoW2's users exchange: a line `k L scoring weighting`, then one line a
+//! node, `parent is_leaf d0 .. d31 weight`; nodes are counted from 1 in the order of their lines, 0 is the root.
+//!
+//! Only what this program can use is taken: 32-byte binary descriptors, scores in the L1 norm (0), weights by
+//! tf-idf (0).
+
+use super::build::{Head, Tree};
+use super::format::{MOST_BRANCHING, MOST_DEPTH, MOST_NODES};
+use super::{Vocabulary, VocabularyError};
+use crate::Descriptor;
+use std::fmt;
+use std::io::{BufRead, Read};
+use std::str::{FromStr, SplitAsciiWhitespace};
+
+/// No line of such a file is longer.
+const LONGEST_LINE: u64 = 4096;
+
+/// Why a text is no vocabulary.
+#[derive(Debug)]
+pub enum Dbow2Error {
+    /// It could not be read.
+    Read(std::io::Error),
+    /// A line, counted from 1, is not what it should be.
+    Line(usize, String),
+    /// Each line is right, their whole is not.
+    Whole(VocabularyError),
+}
+
+impl fmt::Display for Dbow2Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read(e) => write!(f, "{e}"),
+            Self::Line(n, why) => write!(f, "line {n}: {why}"),
+            Self::Whole(e) => write!(f, "{e}"),
+        }
+    }
+}
+
+impl std::error::Error for Dbow2Error {}
+
+/// One node as its line has it.
+struct Line {
+    parent: u32,
+    leaf: bool,
+    descriptor: Descriptor,
+    weight: f32,
+}
+
+/// Reads a text line by line and makes a vocabulary of it, whose bytes are our own form.
+///
+/// # Errors
+/// Names the line and what is wrong with it.
+pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
+    let mut buffer = Vec::new();
+    let mut number = 0;
+    let mut next = |buffer: &mut Vec<u8>| -> Result<Option<usize>, Dbow2Error> {
+        buffer.clear();
+        number += 1;
+        let n = (&mut text).take(LONGEST_LINE).read_until(b'\n', buffer).map_err(Dbow2Error::Read)?;
+        if n as u64 == LONGEST_LINE {
+            return Err(Dbow2Error::Line(number, format!("longer than {LONGEST_LINE} bytes")));
+        }
+        Ok((n > 0).then_some(number))
+    };
+    if next(&mut buffer)?.is_none() {
+        return Err(Dbow2Error::Line(1, "the file is empty".into()));
+    }
+    let [branching, depth] = header(&buffer).map_err(|why| Dbow2Error::Line(1, why))?;
+    let mut lines: Vec<Line> = Vec::new();
+    // Levels below the root, and how many children each node has; the root's first.
+    let (mut level, mut children) = (vec![0u8], vec![0u32]);
+    while let Some(number) = next(&mut buffer)? {
+        if buffer.trim_ascii().is_empty() {
+            continue;
+        }
+        let fail = |why: String| Dbow2Error::Line(number, why);
+        let line = node(&buffer).map_err(fail)?;
+        let parent = line.parent as usize;
+        if parent > lines.len() {
+            return Err(fail(format!("the parent {parent} comes later, or never")));
+        }
+        if parent > 0 && lines[parent - 1].leaf {
+            return Err(fail(format!("the parent {parent} is a leaf")));
+        }
+        children[parent] += 1;
+        if children[parent] > branching {
+            return Err(fail(format!("more than {branching} children of {parent}")));
+        }
+        let here = level[parent] + 1;
+        if u32::from(here) > depth {
+            return Err(fail(format!("deeper than {depth} levels")));
+        }
+        if lines.len() + 2 > MOST_NODES as usize {
+            return Err(fail(format!("more than {MOST_NODES} nodes")));
+        }
+        level.push(here);
+        children.push(0);
+        lines.push(line);
+    }
+    if let Some(i) = (0..lines.len()).find(|i| !lines[*i].leaf && children[i + 1] == 0) {
+        let why = format!("node {} of the tree is no leaf and has no children: the file is cut off", i + 1);
+        return Err(Dbow2Error::Line(number, why));
+    }
+    let head = Head { branching, ..Head::default() };
+    let bytes = tree(&lines, &children).to_bytes(&head);
+    let bytes = bytes.ok_or_else(|| Dbow2Error::Line(2, "there are no nodes".into()))?;
+    Vocabulary::open(bytes).map_err(Dbow2Error::Whole)
+}
+
+/// Branching and depth.
+fn header(line: &[u8]) -> Result<[u32; 2], String> {
+    let text = std::str::from_utf8(line).map_err(|_| "not text".to_string())?;
+    let mut words = text.split_ascii_whitespace();
+    let branching = number::<u32>(&mut words, "branching")?;
+    let depth = number::<u32>(&mut words, "depth")?;
+    let scoring = number::<u32>(&mut words, "scoring")?;
+    let weighting = number::<u32>(&mut words, "weighting")?;
+    if words.next().is_some() {
+        return Err("expected \"k L scoring weighting\"".into());
+    }
+    if !(1..=MOST_BRANCHING).contains(&branching) || !(1..=MOST_DEPTH).contains(&depth) {
+        return Err(format!("branching {branching} and depth {depth} are out of range"));
+    }
+    if (scoring, weighting) != (0, 0) {
+        return Err(format!(
+            "scoring {scoring} and weighting {weighting}; only 0 (L1) and 0 (tf-idf) are known"
+        ));
+    }
+    Ok([branching, depth])
+}
+
+fn node(line: &[u8]) -> Result<Line, String> {
+    let text = std::str::from_utf8(line).map_err(|_| "not text".to_string())?;
+    let mut words = text.split_ascii_whitespace();
+    let parent = number(&mut words, "the parent")?;
+    let leaf = match number::<u8>(&mut words, "the leaf mark")? {
+        0 => false,
+        1 => true,
+        other => return Err(format!("the leaf mark is {other}, not 0 or 1")),
+    };
+    let mut descriptor = [0; 32];
+    for byte in &mut descriptor {
+        *byte = number(&mut words, "a byte of the descriptor")?;
+    }
+    let weight: f32 = number(&mut words, "the weight")?;
+    if words.next().is_some() {
+        return Err("more than parent, leaf mark, 32 bytes and weight".into());
+    }
+    if !(weight >= 0.0 && weight.is_finite()) {
+        return Err(format!("the weight {weight}"));
+    }
+    Ok(Line { parent, leaf, descriptor, weight })
+}
+
+fn number<T: FromStr>(words: &mut SplitAsciiWhitespace, what: &str) -> Result<T, String> {
+    let word = words.next().ok_or_else(|| format!("{what} is missing"))?;
+    word.parse().map_err(|_| format!("{what}: \"{word}\" is no number that fits"))
+}
+
+/// The nodes level by level.
+fn tree(lines: &[Line], children: &[u32]) -> Tree {
+    // Children of each node side by side, in the order of their lines.
+    let mut starts: Vec<usize> = Vec::with_capacity(children.len() + 1);
+    let mut sum = 0;
+    for n in children {
+        starts.push(sum);
+        sum += *n as usize;
+    }
+    starts.push(sum);
+    let mut place = starts.clone();
+    let mut of_parent = vec![0usize; lines.len()];
+    for (i, line) in lines.iter().enumerate() {
+        let at = &mut place[line.parent as usize];
+        of_parent[*at] = i + 1;
+        *at += 1;
+    }
+    let mut order = vec![0usize];
+    let mut tree = Tree::default();
+    let mut at = 0;
+    while let Some(&node) = order.get(at) {
+        tree.first.push(order.len() as u32);
+        let line = node.checked_sub(1).map(|i| &lines[i]);
+        tree.centres.push(line.map_or([0; 32], |l| l.descriptor));
+        tree.weights.push(line.filter(|l| l.leaf).map_or(0.0, |l| l.weight));
+        order.extend(&of_parent[starts[node]..starts[node + 1]]);
+        at += 1;
+    }
+    tree.first.push(order.len() as u32);
+    tree
+}
