@@ -6,7 +6,9 @@
 //!
 //! Solvers are pure: they take a copied problem, change the copy, and tell in a [`Report`] how it went.
 
+pub mod bal;
 mod bundle;
+mod descent;
 pub mod g2o;
 pub mod graph;
 mod pose_only;
@@ -14,6 +16,7 @@ pub mod ransac;
 mod report;
 mod reprojection;
 mod robust;
+mod schur;
 pub mod sparse;
 mod text;
 

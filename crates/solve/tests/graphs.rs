@@ -3,7 +3,7 @@
 use cairn_geometry::{LieGroup, Manifold, Se2, Se3, Sim3, So2, So3, Vec3, YawPose};
 use cairn_solve::graph::{GraphSetting, Method, Metric, PoseGraph, Rigid, chordal_start, odometry_start};
 use cairn_solve::{Loss, Stop};
-use nalgebra::{Const, DimMin, SMatrix, SVector, ToTypenum};
+use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
 /// Numbers between -1 and 1 in a fixed order (splitmix64).
@@ -59,10 +59,7 @@ fn information<const D: usize>(dice: &mut Dice) -> SMatrix<f64, D, D> {
 }
 
 /// A walk of `n` poses with its true values: exact edges along it and `n` jumps between any two.
-fn walk<G: Drawn<D>, const D: usize>(seed: u64, n: usize, noise: f64) -> (PoseGraph<G, D>, Vec<G>)
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+fn walk<G: Drawn<D>, const D: usize>(seed: u64, n: usize, noise: f64) -> (PoseGraph<G, D>, Vec<G>) {
     let mut dice = Dice(seed);
     let mut truth = vec![G::draw(&mut dice)];
     for k in 1..n {
@@ -93,10 +90,7 @@ fn largest_error<G: LieGroup<D>, const D: usize>(graph: &[G], truth: &[G]) -> f6
     graph.iter().zip(truth).map(|(v, t)| v.local(t).norm()).fold(0.0, f64::max)
 }
 
-fn recovers<G: Drawn<D>, const D: usize>(seed: u64, n: usize) -> Result<(), TestCaseError>
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+fn recovers<G: Drawn<D>, const D: usize>(seed: u64, n: usize) -> Result<(), TestCaseError> {
     for method in [Method::GaussNewton, Method::LevenbergMarquardt] {
         for metric in [Metric::Geodesic, Metric::Chordal] {
             let (mut graph, truth) = walk::<G, D>(seed, n, 0.1);
@@ -111,10 +105,7 @@ where
 }
 
 /// The steepest way down that a solve takes (damped without end it is the gradient) is that of the cost by differences.
-fn descends<G: Drawn<D>, const D: usize>(seed: u64) -> Result<(), TestCaseError>
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+fn descends<G: Drawn<D>, const D: usize>(seed: u64) -> Result<(), TestCaseError> {
     for (metric, loss) in [
         (Metric::Geodesic, Loss::Squared),
         (Metric::Chordal, Loss::Squared),
@@ -147,10 +138,7 @@ where
     Ok(())
 }
 
-fn starts_anywhere<G: Drawn<D> + Rigid<D>, const D: usize>(seed: u64) -> Result<(), TestCaseError>
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+fn starts_anywhere<G: Drawn<D> + Rigid<D>, const D: usize>(seed: u64) -> Result<(), TestCaseError> {
     // Exact measurements: both starts are the truth, wherever the values stood.
     let (graph, truth) = walk::<G, D>(seed, 40, 2.0);
     let (mut chained, mut relaxed) = (graph.clone(), graph);

@@ -6,5 +6,6 @@ pub mod eval;
 pub mod rig;
 pub mod run;
 pub mod sim;
+pub mod solve;
 pub mod vocab;
 pub mod way;

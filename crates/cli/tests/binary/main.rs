@@ -7,6 +7,7 @@ mod eval;
 mod rig;
 mod run;
 mod sim;
+mod solve;
 mod vocab;
 mod way;
 

@@ -5,7 +5,7 @@ use crate::Loss;
 use crate::graph::{PoseGraph, semi_definite};
 use crate::text::{TextError, end, number, shown, whole};
 use cairn_geometry::{Se2, Se3};
-use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
+use nalgebra::SMatrix;
 use std::collections::BTreeMap;
 
 /// What a g2o text holds.
@@ -126,10 +126,7 @@ impl<G, const D: usize> Default for Lines<G, D> {
     }
 }
 
-impl<G: Record<D>, const D: usize> Lines<G, D>
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+impl<G: Record<D>, const D: usize> Lines<G, D> {
     fn vertex<'a>(
         &mut self,
         line: usize,

@@ -2,7 +2,6 @@
 
 use super::read::{G2o, Graph, Named};
 use super::record::Record;
-use nalgebra::{Const, DimMin, ToTypenum};
 use std::fmt::Write;
 
 /// The text of a graph: vertices, fixed ones, edges. Numbers keep every digit; what was not read is not written.
@@ -13,10 +12,7 @@ pub fn write(file: &G2o) -> String {
     }
 }
 
-fn lines<G: Record<D>, const D: usize>(named: &Named<G, D>) -> String
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+fn lines<G: Record<D>, const D: usize>(named: &Named<G, D>) -> String {
     let (ids, graph) = (&named.ids, &named.graph);
     let mut text = String::new();
     // Writing to a string does not fail.

@@ -6,7 +6,7 @@
 use super::PoseGraph;
 use crate::sparse::{Analysis, Factor, NotPositive};
 use cairn_geometry::{LieGroup, Mat3, Se2, Se3, So2, So3, Vec2, Vec3};
-use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
+use nalgebra::SMatrix;
 use std::sync::Arc;
 
 /// A group of rigid transforms, seen as transforms of space.
@@ -15,9 +15,12 @@ pub trait Rigid<const D: usize>: LieGroup<D> {
     fn to_space(&self) -> (Mat3, Vec3);
     /// The element nearest to them.
     fn from_space(rotation: &Mat3, translation: &Vec3) -> Self;
-    /// Weights of translation and rotation that an information matrix stands for (SE-Sync's maximum likelihood:
-    /// Rosen et al. 2019, section 3.1): 1/m^2 and 1/rad^2.
+    /// SE-Sync's weights `tau` of translation and `kappa` of rotation for an information matrix (Rosen et al., "SE-Sync",
+    /// 2019, problem 1, as its authors read g2o files).
     fn weights(information: &SMatrix<f64, D, D>) -> (f64, f64);
+    /// The isotropic information with which twice the chordal cost is SE-Sync's objective,
+    /// `sum kappa |R_b - R_a R_ab|^2 + tau |t_b - t_a - R_a t_ab|^2` in Frobenius norms.
+    fn isotropic(information: &SMatrix<f64, D, D>) -> SMatrix<f64, D, D>;
 }
 
 impl Rigid<6> for Se3 {
@@ -30,7 +33,13 @@ impl Rigid<6> for Se3 {
     fn weights(information: &SMatrix<f64, 6, 6>) -> (f64, f64) {
         let block = |k| information.fixed_view::<3, 3>(k, k).into_owned();
         let weight = |m: Mat3| m.try_inverse().map_or(0.0, |c| 3.0 / c.trace());
-        (weight(block(0)), weight(block(3)))
+        (weight(block(0)), 0.5 * weight(block(3)))
+    }
+    fn isotropic(information: &SMatrix<f64, 6, 6>) -> SMatrix<f64, 6, 6> {
+        let (tau, kappa) = Self::weights(information);
+        // The chord is half a Frobenius norm.
+        let diagonal = [tau, tau, tau, 2.0 * kappa, 2.0 * kappa, 2.0 * kappa];
+        SMatrix::from_diagonal(&diagonal.into())
     }
 }
 
@@ -50,6 +59,10 @@ impl Rigid<3> for Se2 {
         let translation = information.fixed_view::<2, 2>(0, 0).into_owned().try_inverse();
         (translation.map_or(0.0, |c| 2.0 / c.trace()), information[(2, 2)])
     }
+    fn isotropic(information: &SMatrix<f64, 3, 3>) -> SMatrix<f64, 3, 3> {
+        let (tau, kappa) = Self::weights(information);
+        SMatrix::from_diagonal(&[tau, tau, 2.0 * kappa].into())
+    }
 }
 
 /// Sets every vertex that is not held: rotations by the chordal relaxation, translations by least squares given those.
@@ -58,10 +71,7 @@ impl Rigid<3> for Se2 {
 /// # Errors
 /// When the measurements do not tie every vertex to a held one with weights for rotation and translation; nothing is
 /// changed then.
-pub fn chordal_start<G: Rigid<D>, const D: usize>(graph: &mut PoseGraph<G, D>) -> Result<(), NotPositive>
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+pub fn chordal_start<G: Rigid<D>, const D: usize>(graph: &mut PoseGraph<G, D>) -> Result<(), NotPositive> {
     let held = graph.held();
     let edges: Vec<Measured> = graph
         .edges

@@ -15,7 +15,7 @@ pub use odometry::odometry_start;
 
 use crate::Loss;
 use cairn_geometry::LieGroup;
-use nalgebra::{Cholesky, Const, DimMin, SMatrix, SVector, ToTypenum};
+use nalgebra::{Cholesky, SMatrix, SVector};
 
 /// How steps are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,10 +105,7 @@ pub struct PoseGraph<G, const D: usize> {
     edges: Vec<Edge<G, D>>,
 }
 
-impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D>
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
     /// A graph without vertices.
     pub fn new() -> Self {
         Self { values: Vec::new(), fixed: Vec::new(), edges: Vec::new() }
@@ -236,10 +233,7 @@ fn residual<G: LieGroup<D>, const D: usize>(error: &G, metric: Metric) -> SVecto
 }
 
 /// Whether a matrix is symmetric, finite and has no eigenvalue that is clearly negative.
-pub fn semi_definite<const D: usize>(m: &SMatrix<f64, D, D>) -> bool
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+pub fn semi_definite<const D: usize>(m: &SMatrix<f64, D, D>) -> bool {
     let largest = m.amax();
     let symmetric = (m - m.transpose()).amax() <= 1e-6 * largest;
     let lifted = m + SMatrix::<f64, D, D>::identity() * (1e-9 * largest);

@@ -2,15 +2,11 @@
 
 use super::{Edge, PoseGraph};
 use cairn_geometry::LieGroup;
-use nalgebra::{Const, DimMin, ToTypenum};
 use std::collections::VecDeque;
 
 /// Sets every vertex that is not held by chaining measurements from the held ones: along edges between neighbours in
 /// index first (the odometry), then breadth first along what else there is.
-pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D>)
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D>) {
     let n = graph.values.len();
     let mut known = graph.held();
     let mut next: Vec<Vec<usize>> = vec![Vec::new(); n];

@@ -1,24 +1,15 @@
-//! Gauss-Newton and Levenberg-Marquardt over a graph.
-//!
-//! Source: Madsen, Nielsen, Tingleff, "Methods for non-linear least squares problems" (2004), sections 3.1 and 3.2.
+//! Solving a graph.
 
 use super::normal::{Layout, Normal};
 use super::{GraphSetting, Method, Metric, PoseGraph};
+use crate::descent::{Attempt, Descend, Rule, descend};
 use crate::sparse::Factor;
 use crate::{CHI2_95, Report, Stop};
 use cairn_geometry::LieGroup;
-use nalgebra::{Const, DimMin, SVector, ToTypenum};
+use nalgebra::SVector;
 use std::sync::Arc;
 
-/// First damping of Levenberg-Marquardt: nearly a Gauss-Newton step.
-const FIRST_DAMPING: f64 = 1e-6;
-/// With so much damping no step is worth the name.
-const MOST_DAMPING: f64 = 1e10;
-
-impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D>
-where
-    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
-{
+impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
     /// The gradient of the cost by a move of each vertex; zero for those that are held while solving.
     pub fn gradient(&self, metric: Metric) -> Vec<SVector<f64, D>> {
         let layout = Layout::new(&self.held(), &self.edges);
@@ -48,8 +39,13 @@ where
         };
         if report.stop == Stop::Iterations {
             let mut descent = Descent::new(self, layout, setting);
-            report.stop = descent.run(&mut stop);
-            report.iterations = descent.iterations;
+            let rule = Rule {
+                gauss_newton: setting.method == Method::GaussNewton,
+                iterations: setting.iterations,
+                tolerance: setting.tolerance,
+                noise: 1e-16 * self.edges.len() as f64,
+            };
+            (report.iterations, report.stop) = descend(&mut descent, &rule, &mut stop);
             report.cost_after = descent.best_cost;
             self.values = descent.best;
         }
@@ -73,7 +69,6 @@ struct Descent<'a, G, const D: usize> {
     next: Vec<G>,
     best: Vec<G>,
     best_cost: f64,
-    iterations: usize,
 }
 
 impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
@@ -93,55 +88,7 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
             setting,
             layout,
             normal,
-            iterations: 0,
         }
-    }
-
-    fn run(&mut self, stop: &mut impl FnMut() -> bool) -> Stop {
-        let (mut lambda, mut growth) = (FIRST_DAMPING, 2.0);
-        while self.iterations < self.setting.iterations {
-            if stop() {
-                return Stop::Interrupted;
-            }
-            self.iterations += 1;
-            let gauss_newton = self.setting.method == Method::GaussNewton;
-            let damping = if gauss_newton { 0.0 } else { lambda };
-            let Some((step, promise)) = self.step(damping) else {
-                if gauss_newton || lambda > MOST_DAMPING {
-                    return Stop::NoDescent;
-                }
-                (lambda, growth) = (lambda * growth, growth * 2.0);
-                continue;
-            };
-            self.try_step(&step);
-            let gain = self.normal.cost - self.tried.cost;
-            let small = promise <= self.enough();
-            if !self.tried.cost.is_finite() {
-                if gauss_newton {
-                    return Stop::NoDescent;
-                }
-                (lambda, growth) = (lambda * growth, growth * 2.0);
-            } else if gauss_newton || gain > 0.0 {
-                self.accept();
-                // Nielsen's rule: the better the model spoke, the less damping.
-                let ratio = gain / promise;
-                (lambda, growth) = (lambda * (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 2.0), 2.0);
-            } else {
-                (lambda, growth) = (lambda * growth, growth * 2.0);
-            }
-            if small {
-                return Stop::Converged;
-            }
-            if lambda > MOST_DAMPING {
-                return Stop::NoDescent;
-            }
-        }
-        Stop::Iterations
-    }
-
-    /// What a step must promise to be worth going on: a part of the cost, and above the noise of rounding.
-    fn enough(&self) -> f64 {
-        self.setting.tolerance * self.normal.cost + 1e-16 * self.graph.edges.len() as f64
     }
 
     /// The step from `now`, and by how much the linear model lowers the cost; `None` when the system is singular.
@@ -177,6 +124,18 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
         if !self.next.iter().all(|v| v.is_finite()) {
             self.tried.cost = f64::INFINITY;
         }
+    }
+}
+
+impl<G: LieGroup<D>, const D: usize> Descend for Descent<'_, G, D> {
+    fn cost(&self) -> f64 {
+        self.normal.cost
+    }
+
+    fn attempt(&mut self, damping: f64) -> Option<Attempt> {
+        let (step, promise) = self.step(damping)?;
+        self.try_step(&step);
+        Some(Attempt { promise, cost: self.tried.cost })
     }
 
     fn accept(&mut self) {

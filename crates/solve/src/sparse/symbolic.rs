@@ -87,6 +87,16 @@ impl Analysis {
         self.supernodes.iter().map(|s| s.rows.len() * s.width * self.size * self.size).sum()
     }
 
+    /// Multiplications and additions of one factorisation.
+    pub fn flops(&self) -> f64 {
+        let column = |m: usize| (m * m) as f64;
+        let of = |s: &Supernode| -> f64 {
+            let (m, width) = (s.rows.len() * self.size, s.width * self.size);
+            (0..width).map(|j| column(m - j)).sum()
+        };
+        self.supernodes.iter().map(of).sum()
+    }
+
     fn place_blocks(&mut self, order: &[u32]) {
         let mut home = vec![0u32; order.len()];
         for (k, s) in self.supernodes.iter_mut().enumerate() {

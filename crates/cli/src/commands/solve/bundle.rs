@@ -1,0 +1,122 @@
+//! `cairn solve bundle`: a bundle adjustment problem in BAL text.
+
+use super::{positive, stop_name, text_of};
+use crate::failure::Failure;
+use crate::output::Output;
+use crate::progress::Progress;
+use cairn_solve::bal::{self, BalSetting};
+use cairn_solve::{Loss, Stop};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Adjusts the cameras and points of a BAL file, each camera with its own focal length and radial distortion.
+///
+/// The cost is half the sum of the losses of squared reprojection errors in pixels.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The problem, in BAL form (Bundle Adjustment in the Large), unpacked.
+    file: PathBuf,
+    /// Huber's loss with this width in pixels, so that far outliers pull less.
+    #[arg(long, value_name = "W", value_parser = positive)]
+    huber: Option<f64>,
+    /// Steps at most.
+    #[arg(long, default_value_t = BalSetting::default().iterations, value_name = "N")]
+    iterations: usize,
+    /// Done when a step promises to lower the cost by less than this part of it.
+    #[arg(long, default_value_t = BalSetting::default().tolerance, value_name = "PART", value_parser = positive)]
+    tolerance: f64,
+    /// Write the adjusted problem here, in BAL form.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// What is printed.
+#[derive(Serialize)]
+struct Solved {
+    cameras: usize,
+    points: usize,
+    observations: usize,
+    huber: Option<f64>,
+    cost_before: f64,
+    cost_after: f64,
+    /// Root of the mean squared reprojection error, without the loss.
+    rms_before_px: f64,
+    rms_after_px: f64,
+    iterations: usize,
+    stop: &'static str,
+    /// Of solving, without reading and writing.
+    seconds: f64,
+}
+
+pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    let name = arguments.file.display().to_string();
+    let text = text_of(&arguments.file, "BAL")?;
+    let mut bal = bal::read(&text).map_err(|e| {
+        let hint =
+            "give a BAL problem: counts, observations, nine numbers of each camera, three of each point";
+        Failure::new(format!("{name}, line {}", e.line), e.reason, hint)
+    })?;
+    drop(text);
+    let setting = BalSetting {
+        loss: arguments.huber.map_or(Loss::Squared, Loss::Huber),
+        iterations: arguments.iterations,
+        tolerance: arguments.tolerance,
+    };
+    let rms = |bal: &bal::Bal| (2.0 * bal.cost(Loss::Squared) / bal.observations.len() as f64).sqrt();
+    let rms_before_px = rms(&bal);
+    let progress = Progress::new(None);
+    let mut steps = 0;
+    let began = Instant::now();
+    let report = bal.solve(&setting, || {
+        steps += 1;
+        progress.step(steps);
+        false
+    });
+    let seconds = began.elapsed().as_secs_f64();
+    drop(progress);
+    if !report.cost_before.is_finite() {
+        return Err(Failure::new(
+            &name,
+            "a point lies in the plane of a camera that sees it, so the cost at the start is not finite",
+            "leave out that observation, or start from other values",
+        ));
+    }
+    if report.stop == Stop::NoDescent && report.cost_after >= report.cost_before && report.cost_before > 1e-12
+    {
+        let why = format!("no step lowers the cost of {:.6e}", report.cost_before);
+        return Err(Failure::new(
+            &name,
+            why,
+            "it may be solved already; else try a robust loss with --huber",
+        ));
+    }
+    if let Some(out) = &arguments.out {
+        cairn_eval::write_whole(out, &bal::write(&bal))?;
+    }
+    let solved = Solved {
+        cameras: bal.cameras.len(),
+        points: bal.points.len(),
+        observations: bal.observations.len(),
+        huber: arguments.huber,
+        cost_before: report.cost_before,
+        cost_after: report.cost_after,
+        rms_before_px,
+        rms_after_px: rms(&bal),
+        iterations: report.iterations,
+        stop: stop_name(report.stop),
+        seconds,
+    };
+    output.result(&solved, told)
+}
+
+fn told(s: &Solved) -> String {
+    [
+        format!("bundle      {} cameras, {} points, {} observations", s.cameras, s.points, s.observations),
+        format!("cost        {:.9} before, {:.9} after", s.cost_before, s.cost_after),
+        format!("RMS         {:.6} px before, {:.6} px after", s.rms_before_px, s.rms_after_px),
+        format!("iterations  {} ({})", s.iterations, s.stop),
+        format!("time        {:.3} s", s.seconds),
+    ]
+    .join("\n")
+}

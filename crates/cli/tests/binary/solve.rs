@@ -1,0 +1,114 @@
+//! `cairn solve`.
+
+use crate::{cairn, fails, folder, json, stdout};
+
+/// A square with a diagonal, in the plane; the vertices are off.
+const SQUARE: &str = "\
+VERTEX_SE2 0 0 0 0
+VERTEX_SE2 1 1.1 0.1 1.6
+VERTEX_SE2 2 0.8 1.2 3.0
+VERTEX_SE2 3 0.1 0.9 -1.5
+EDGE_SE2 0 1 1 0 1.570796 100 0 0 100 0 400
+EDGE_SE2 1 2 1 0 1.570796 100 0 0 100 0 400
+EDGE_SE2 2 3 1 0 1.570796 100 0 0 100 0 400
+EDGE_SE2 3 0 1.02 0 1.570796 100 0 0 100 0 400
+";
+
+const BUNDLE: &str = "\
+2 3 6
+0 0 -9.5 5.5
+0 1 12 3
+0 2 2 14
+1 0 -88 4
+1 1 -70 -2
+1 2 -80 10
+0 0 0 0 0 -5 500 0 0
+0 0 0 -1 0 -5 500 0 0
+-0.1 0.05 0
+0.1 0.03 -0.1
+0.02 0.1 -0.2
+";
+
+#[test]
+fn graphs_are_solved_by_every_way() {
+    let folder = folder("solve-graph");
+    let (file, out) = (folder.join("square.g2o"), folder.join("out.g2o"));
+    std::fs::write(&file, SQUARE).unwrap();
+    let (file, out) = (file.to_str().unwrap(), out.to_str().unwrap());
+    let mut costs = Vec::new();
+    for more in [
+        &["--method", "gn"][..],
+        &["--init", "odometry"],
+        &["--init", "chordal", "--robust", "huber", "--robust-width", "5"],
+        &["--out", out],
+    ] {
+        let told = json(&cairn(&[&["solve", "graph", file, "--json"], more].concat()));
+        let (before, after) = (told["cost_before"].as_f64().unwrap(), told["cost_after"].as_f64().unwrap());
+        assert!(after <= before && told["stop"] == "converged", "{more:?}: {told}");
+        assert_eq!(
+            (&told["vertices"], &told["edges"], &told["dimensions"]),
+            (&4.into(), &4.into(), &2.into())
+        );
+        assert!(
+            told["seconds"].as_f64().unwrap() > 0.0 && told["iterations"].as_u64().unwrap() > 0,
+            "{told}"
+        );
+        costs.push(after);
+    }
+    assert!(costs.iter().all(|c| (c - costs[0]).abs() < 1e-6 * costs[0]), "{costs:?}");
+    // What was written is solved already.
+    let again = json(&cairn(&["solve", "graph", out, "--json"]));
+    assert!((again["cost_before"].as_f64().unwrap() - costs[0]).abs() < 1e-9 * costs[0], "{again}");
+    let text = stdout(&cairn(&["solve", "graph", file]));
+    assert!(text.contains("4 vertices in the plane") && text.contains("converged"), "{text}");
+    for wrong in [&["--method", "magic"][..], &["--robust-width", "-1"], &["--init", "nowhere"]] {
+        assert_eq!(cairn(&[&["solve", "graph", file], wrong].concat()).status.code(), Some(2), "{wrong:?}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn bundles_are_adjusted() {
+    let folder = folder("solve-bundle");
+    let (file, out) = (folder.join("two.txt"), folder.join("out.txt"));
+    std::fs::write(&file, BUNDLE).unwrap();
+    let (file, out) = (file.to_str().unwrap(), out.to_str().unwrap());
+    for more in [&["--out", out][..], &["--huber", "2"]] {
+        let told = json(&cairn(&[&["solve", "bundle", file, "--json"], more].concat()));
+        assert!(told["rms_after_px"].as_f64() < told["rms_before_px"].as_f64(), "{told}");
+        assert_eq!(
+            (&told["cameras"], &told["points"], &told["observations"]),
+            (&2.into(), &3.into(), &6.into())
+        );
+    }
+    let text = stdout(&cairn(&["solve", "bundle", out, "--iterations", "0"]));
+    assert!(text.contains("2 cameras, 3 points, 6 observations"), "{text}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn what_is_wrong_with_a_file_is_told() {
+    let folder = folder("solve-wrong");
+    let write = |name: &str, text: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    fails(&["solve", "graph", "/no/graph.g2o"], &["/no/graph.g2o"]);
+    fails(&["solve", "graph", &write("bytes.g2o", b"VERTEX \xff\xfe")], &["bytes.g2o", "UTF-8"]);
+    let short = write("short.g2o", b"VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0\n");
+    fails(&["solve", "graph", &short], &["short.g2o, line 2", "missing"]);
+    let edges = write("edges.g2o", b"EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n");
+    fails(&["solve", "graph", &edges, "--init", "file"], &["no vertices", "--init odometry"]);
+    let loose = write("loose.g2o", b"EDGE_SE2 0 1 1 0 0 0 0 0 0 0 0\n");
+    fails(&["solve", "graph", &loose, "--init", "chordal"], &["chordal", "--init odometry"]);
+    fails(
+        &["solve", "graph", &write("good.g2o", SQUARE.as_bytes()), "--out", "/no/folder/x"],
+        &["/no/folder/x"],
+    );
+    let lie = write("lie.txt", b"1 1 5\n0 0 1 2\n");
+    fails(&["solve", "bundle", &lie], &["lie.txt, line 2", "missing"]);
+    let flat = write("flat.txt", b"1 1 1\n0 0 1 2\n0 0 0 0 0 0 500 0 0\n1 2 0\n");
+    fails(&["solve", "bundle", &flat], &["flat.txt", "not finite"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -1,0 +1,137 @@
+//! Bundle adjustment of BAL problems.
+
+use super::{Bal, BalCamera, BalObservation};
+use crate::descent::{Attempt, Descend, Rule, descend};
+use crate::schur::{Normal, Schur};
+use crate::{CHI2_2, Loss, Report, Stop};
+use cairn_geometry::{Manifold, Vec3};
+
+/// How to solve.
+#[derive(Clone, Copy, Debug)]
+pub struct BalSetting {
+    /// What a squared reprojection error in pixels costs.
+    pub loss: Loss,
+    /// Steps at most, rejected ones too.
+    pub iterations: usize,
+    /// Done when a step promises to lower the cost by less than this part of it.
+    pub tolerance: f64,
+}
+
+impl Default for BalSetting {
+    fn default() -> Self {
+        Self { loss: Loss::Squared, iterations: 100, tolerance: 1e-8 }
+    }
+}
+
+impl Bal {
+    /// Half the sum of the losses of squared reprojection errors.
+    pub fn cost(&self, loss: Loss) -> f64 {
+        cost(&self.cameras, &self.points, &self.observations, loss)
+    }
+
+    /// Lowers the cost by Levenberg-Marquardt; asks `stop` before each step. Nothing is held: where the whole stands, how it
+    /// is turned and its scale stay about as they were because steps are damped.
+    pub fn solve(&mut self, setting: &BalSetting, mut stop: impl FnMut() -> bool) -> Report {
+        let before = self.cost(setting.loss);
+        let mut report = Report {
+            iterations: 0,
+            cost_before: before,
+            cost_after: before,
+            inliers: 0,
+            stop: if self.observations.is_empty() { Stop::Empty } else { Stop::NoDescent },
+        };
+        if !self.observations.is_empty() && before.is_finite() {
+            let rule = Rule {
+                gauss_newton: false,
+                iterations: setting.iterations,
+                tolerance: setting.tolerance,
+                noise: 1e-16 * self.observations.len() as f64,
+            };
+            let mut adjustment = Adjustment::new(self, setting.loss);
+            (report.iterations, report.stop) = descend(&mut adjustment, &rule, &mut stop);
+            report.cost_after = adjustment.normal.cost;
+            (self.cameras, self.points) = (adjustment.cameras, adjustment.points);
+        }
+        report.inliers =
+            self.observations.iter().filter(|o| chi2(&self.cameras, &self.points, o) <= CHI2_2).count();
+        report
+    }
+}
+
+fn chi2(cameras: &[BalCamera], points: &[Vec3], o: &BalObservation) -> f64 {
+    (cameras[o.camera as usize].project(&points[o.point as usize]) - o.pixel).norm_squared()
+}
+
+fn cost(cameras: &[BalCamera], points: &[Vec3], observations: &[BalObservation], loss: Loss) -> f64 {
+    observations.iter().map(|o| 0.5 * loss.of(chi2(cameras, points, o)).0).sum()
+}
+
+/// A solve under way.
+struct Adjustment {
+    loss: Loss,
+    /// By point.
+    observations: Vec<BalObservation>,
+    schur: Schur<9>,
+    cameras: Vec<BalCamera>,
+    points: Vec<Vec3>,
+    tried: (Vec<BalCamera>, Vec<Vec3>),
+    normal: Normal<9>,
+}
+
+impl Adjustment {
+    fn new(bal: &Bal, loss: Loss) -> Self {
+        let mut observations = bal.observations.clone();
+        observations.sort_by_key(|o| o.point);
+        let (cameras, points) = (bal.cameras.clone(), bal.points.clone());
+        let seen = observations.iter().map(|o| (o.point as usize, Some(o.camera)));
+        let schur = Schur::new(cameras.len(), points.len(), seen);
+        let normal = Normal::zeros(cameras.len(), points.len(), observations.len());
+        let tried = (cameras.clone(), points.clone());
+        let mut adjustment = Self { loss, observations, schur, cameras, points, tried, normal };
+        adjustment.linearise();
+        adjustment
+    }
+
+    fn linearise(&mut self) {
+        let normal = &mut self.normal;
+        normal.clear();
+        for (o, coupling) in self.observations.iter().zip(&mut normal.couplings) {
+            let (camera, point) = (o.camera as usize, o.point as usize);
+            let p = self.cameras[camera].linearise(&self.points[point]);
+            let r = p.pixel - o.pixel;
+            let (loss, weight) = self.loss.of(r.norm_squared());
+            normal.cost += 0.5 * loss;
+            let weighted = p.by_camera * weight;
+            normal.cameras[camera] += p.by_camera.tr_mul(&weighted);
+            normal.camera_gradients[camera] += weighted.tr_mul(&r);
+            normal.points[point] += p.by_point.tr_mul(&p.by_point) * weight;
+            normal.point_gradients[point] += p.by_point.tr_mul(&r) * weight;
+            *coupling = weighted.tr_mul(&p.by_point);
+        }
+    }
+}
+
+impl Descend for Adjustment {
+    fn cost(&self) -> f64 {
+        self.normal.cost
+    }
+
+    fn attempt(&mut self, damping: f64) -> Option<Attempt> {
+        let step = self.schur.step(&self.normal, damping, 1e-12)?;
+        let (cameras, points) = &mut self.tried;
+        for ((to, from), d) in cameras.iter_mut().zip(&self.cameras).zip(&step.cameras) {
+            *to = from.retract(d);
+        }
+        for ((to, from), d) in points.iter_mut().zip(&self.points).zip(&step.points) {
+            *to = from + d;
+        }
+        let cost = cost(cameras, points, &self.observations, self.loss);
+        Some(Attempt { promise: step.promise, cost })
+    }
+
+    fn accept(&mut self) {
+        std::mem::swap(&mut self.cameras, &mut self.tried.0);
+        std::mem::swap(&mut self.points, &mut self.tried.1);
+        self.linearise();
+    }
+}
