@@ -38,6 +38,7 @@ enum Command {
     Vocab(commands::vocab::Arguments),
     Config(commands::config::Arguments),
     Doctor(commands::doctor::Arguments),
+    Serve(Box<commands::serve::Arguments>),
 }
 
 fn main() -> ExitCode {
@@ -63,5 +64,6 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Rig(arguments) => commands::rig::run(&arguments, output),
         Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
+        Command::Serve(arguments) => commands::serve::run(&arguments, output),
     }
 }

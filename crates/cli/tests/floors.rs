@@ -17,7 +17,9 @@ const FLOORS: &[(u8, &[&str])] = &[
     (5, &["cairn-adjust", "cairn-guide"]),
     (6, &["cairn-tracking", "cairn-mapping"]),
     (8, &["cairn-engine"]),
-    (9, &["cairn", "xtask"]),
+    (9, &["cairn-session"]),
+    (10, &["cairn-web"]),
+    (11, &["cairn", "xtask"]),
 ];
 
 fn workspace_root() -> &'static Path {

@@ -8,7 +8,7 @@ use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_mapping::Mapper;
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
-use cairn_vision::{Eye, SeeError, SensorMode};
+use cairn_vision::{Eye, Frame, SeeError, SensorMode};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -26,6 +26,8 @@ pub struct Engine {
 pub struct Output {
     /// Time of the packet.
     pub stamp: Stamp,
+    /// What the eye saw.
+    pub frame: Arc<Frame>,
     /// Where tracking stands.
     pub state: State,
     /// Where the body is, when that is known.
@@ -72,7 +74,7 @@ impl Engine {
         let frame = Arc::new(self.eye.see(packet)?);
         let seen = Instant::now();
         let map = self.mapping.latest();
-        let mut tracked = self.tracker.step(frame, &map, self.mapping.idle());
+        let mut tracked = self.tracker.step(frame.clone(), &map, self.mapping.idle());
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
         for (stamp, placed) in tracked.earlier.drain(..) {
@@ -86,6 +88,7 @@ impl Engine {
         self.died = self.died.take().or_else(|| died.clone());
         Ok(Output {
             stamp: tracked.stamp,
+            frame,
             state: tracked.state,
             world_from_body: tracked.pose.map(|p| self.body(&p.world_from_eye)),
             placed: tracked.pose,

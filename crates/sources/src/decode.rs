@@ -23,6 +23,15 @@ pub fn gray(path: &Path) -> Result<GrayImage, String> {
     })
 }
 
+/// Luminance of a JPEG in memory, as a phone's page sends it; a decoder that panics on it is a broken picture.
+pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, String> {
+    let decoded = std::panic::catch_unwind(|| match kind(bytes)? {
+        Kind::Jpeg => jpeg_gray(bytes),
+        Kind::Png => Err("not a JPEG".into()),
+    });
+    decoded.unwrap_or_else(|_| Err("the decoder failed".into()))
+}
+
 /// A depth image in the file's own units, or why there is none.
 pub fn depth(path: &Path) -> Result<DepthImage, String> {
     in_file(path, |bytes| match kind(bytes)? {

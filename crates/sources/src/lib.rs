@@ -5,6 +5,7 @@ mod decode;
 mod euroc;
 mod imu;
 mod kitti;
+mod live;
 mod open;
 mod paced;
 mod player;
@@ -15,6 +16,7 @@ mod text;
 mod tum;
 
 pub use decode::gray as read_gray;
+pub use live::{Motion, PhonePort, PhoneSource, guessed, is_live, waiting_for};
 pub use open::{OpenOptions, open};
 pub use paced::Paced;
-pub use rig::{read_rig, read_rig_for, write_rig};
+pub use rig::{NAMED_RIGS, NamedRig, named_rig, read_rig, read_rig_for, write_rig};

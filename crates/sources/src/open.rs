@@ -3,7 +3,7 @@
 use crate::ahead::Ahead;
 use crate::player::Player;
 use crate::recording::Recording;
-use crate::{euroc, kitti, seven_scenes, tum};
+use crate::{euroc, kitti, live, seven_scenes, tum};
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_sim::{SimSetting, SimSource};
 use std::path::Path;
@@ -34,8 +34,9 @@ const KINDS: [Kind; 4] = [
 
 const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*)";
 
-/// Opens a recording or a simulated world (`sim:WORLD?key=value`, see [`SimSetting::KEYS`]). Packets are read ahead on a
-/// thread, which ends when the source is dropped.
+/// Opens a recording, a simulated world (`sim:WORLD?key=value`, see [`SimSetting::KEYS`]) or video: a file, a camera
+/// (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits until someone sends. Packets are
+/// read on a thread, which ends when the source is dropped; what is live gives the newest picture.
 pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, SourceError> {
     if !(options.start_s.is_finite() && options.start_s >= 0.0) {
         let why = format!("can not start at {} s", options.start_s);
@@ -47,11 +48,16 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     if source.starts_with("sim:") {
         return Ok(Box::new(Ahead::start(simulated(source, options)?)?));
     }
+    if let Some(video) = live::open(source, &options) {
+        return video;
+    }
     if let Some(scheme) = scheme(source) {
         return Err(SourceError::new(
             source,
             format!("sources of the kind \"{scheme}:\" can not be read here"),
-            format!("give a folder or sim:WORLD; {KNOWN}"),
+            format!(
+                "give a folder, a video, camera:N, rtmp://, rtmp-listen://, rtsp:// or sim:WORLD; {KNOWN}"
+            ),
         ));
     }
     let path = Path::new(source);

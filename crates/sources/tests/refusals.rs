@@ -28,7 +28,7 @@ fn what_is_nothing_known() {
     );
     let file = folder.write("movie.xyz", "?");
     assert!(refused(file.to_str().unwrap()).contains("is a file, not a folder"));
-    for url in ["rtsp://camera/1", "nothing:here"] {
+    for url in ["gopher://camera/1", "nothing:here"] {
         assert!(refused(url).contains("can not be read here"), "{}", refused(url));
     }
 }

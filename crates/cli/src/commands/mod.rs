@@ -5,6 +5,7 @@ pub mod doctor;
 pub mod eval;
 pub mod rig;
 pub mod run;
+pub mod serve;
 pub mod sim;
 pub mod solve;
 pub mod vocab;

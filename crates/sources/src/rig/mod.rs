@@ -4,12 +4,14 @@ mod document;
 mod euroc;
 pub mod kalibr;
 pub mod kitti;
+mod named;
 mod orbslam;
 mod own;
 mod yaml;
 
 pub use document::rigid;
 pub use euroc::folder as euroc_folder;
+pub use named::{NAMED_RIGS, NamedRig, named_rig};
 
 use crate::text::{data_lines, read_text};
 use cairn_sensor::{Rig, SourceError};
@@ -17,7 +19,8 @@ use document::Document;
 use std::path::{Path, PathBuf};
 
 /// Reads a rig: a file of Cairn's own (`.toml`), an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file
-/// beside it), ORB-SLAM settings, a KITTI `calib.txt` beside its images, or a folder that holds one of these.
+/// beside it), ORB-SLAM settings, a KITTI `calib.txt` beside its images, a folder that holds one of these, or the name
+/// of a rig that is known (see [`named_rig`]).
 pub fn read_rig(path: impl AsRef<Path>) -> Result<Rig, SourceError> {
     read_rig_for(path, None)
 }
@@ -25,6 +28,9 @@ pub fn read_rig(path: impl AsRef<Path>) -> Result<Rig, SourceError> {
 /// As [`read_rig`], with the size of the images, `[width, height]`, for files that do not tell it.
 pub fn read_rig_for(path: impl AsRef<Path>, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let path = path.as_ref();
+    if let Some(named) = path.to_str().and_then(named_rig).filter(|_| !path.exists()) {
+        return Ok(named.rig);
+    }
     let rig = if path.is_dir() { in_folder(path, size)? } else { in_file(path, size)? };
     rig.validate().map_err(|e| {
         SourceError::new(path.display().to_string(), e.to_string(), "correct the calibration")

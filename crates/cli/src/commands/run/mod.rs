@@ -66,7 +66,7 @@ pub struct Arguments {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Sensor {
+pub enum Sensor {
     /// The first camera; the scale stays unknown.
     Mono,
     /// The first two cameras.
@@ -84,7 +84,7 @@ enum Whose {
 }
 
 impl Sensor {
-    fn mode(self) -> SensorMode {
+    pub fn mode(self) -> SensorMode {
         match self {
             Self::Mono => SensorMode::Mono,
             Self::Stereo => SensorMode::Stereo,
@@ -101,7 +101,7 @@ impl Sensor {
     }
 
     /// All that a rig has.
-    fn of(rig: &Rig) -> Self {
+    pub fn of(rig: &Rig) -> Self {
         match (&rig.depth, rig.cameras.len()) {
             (Some(_), _) => Self::Rgbd,
             (None, 0 | 1) => Self::Mono,
@@ -187,7 +187,7 @@ fn open_source(a: &Arguments) -> Result<(Box<dyn Source>, Sensor), Failure> {
     }
 }
 
-fn read_config(path: &Path) -> Result<Config, Failure> {
+pub fn read_config(path: &Path) -> Result<Config, Failure> {
     let shown = path.display().to_string();
     let text = std::fs::read_to_string(path)
         .map_err(|e| Failure::new(&shown, e.to_string(), "check the path, or see cairn config"))?;

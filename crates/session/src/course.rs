@@ -1,0 +1,76 @@
+//! A recorded way as a route in the map of now: it follows when the map moves.
+
+use cairn_atlas::{KeyFrameId, Map};
+use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_guide::{
+    Anchor, CleanSetting, CleanWay, Ground, PlacedPoint, Route, RouteError, RouteSetting, Travel, Way, clean,
+};
+use cairn_sensor::Stamp;
+
+/// The route is made anew when a recorded point has moved by more than this, metres,
+const MOVED_M: f64 = 0.05;
+/// looked at so often, seconds.
+const LOOK_AT_MAP_S: f64 = 1.0;
+
+/// A way, cleaned and placed.
+pub(crate) struct Course {
+    /// The ground of the walk.
+    pub ground: Ground,
+    /// Metres per unit of the map; a guess from the pace where the map has no metres.
+    pub unit: f64,
+    /// The cleaned way, in metres.
+    pub cleaned: CleanWay,
+    travel: Travel,
+    placed: Vec<PlacedPoint>,
+    looked: Stamp,
+    version: u64,
+}
+
+impl Course {
+    /// Places and cleans a way. Which way is up, the walk itself tells where the map does not know.
+    pub fn new(map: &Map, way: &Way, travel: Travel, now: Stamp) -> Self {
+        let placed = way.resolve(|a| standing(map, a));
+        let poses: Vec<Se3> = placed.iter().map(|p| p.frame_from_camera).collect();
+        let ground = Ground::of_walk(&poses).unwrap_or_else(|| way.header.ground());
+        let unit = way.metres_per_unit();
+        let cleaned = clean(&placed, unit, &ground, &CleanSetting::default());
+        Self { ground, unit, cleaned, travel, placed, looked: now, version: map.version() }
+    }
+
+    /// The route, in metres.
+    pub fn route(&self) -> Result<Route, RouteError> {
+        Route::from_way(&self.cleaned, self.travel, &self.ground, &RouteSetting::default())
+    }
+
+    /// The route once more, when the map has moved under it.
+    pub fn moved(&mut self, map: &Map, way: &Way, now: Stamp) -> Option<Route> {
+        if now - self.looked < LOOK_AT_MAP_S {
+            return None;
+        }
+        self.looked = now;
+        if map.version() == self.version {
+            return None;
+        }
+        self.version = map.version();
+        let placed = way.resolve(|a| standing(map, a));
+        let moved = (self.placed.iter().zip(&placed))
+            .map(|(a, b)| (a.frame_from_camera.translation - b.frame_from_camera.translation).norm())
+            .fold(0.0, f64::max);
+        if moved * self.unit <= MOVED_M {
+            return None;
+        }
+        self.cleaned = clean(&placed, self.unit, &self.ground, &CleanSetting::default());
+        self.placed = placed;
+        self.route().ok()
+    }
+
+    /// The corners of the cleaned way in the map's own units.
+    pub fn corners(&self) -> impl Iterator<Item = Vec3> {
+        self.cleaned.points.iter().map(|p| p / self.unit)
+    }
+}
+
+/// Where a key frame that a way hangs on stands in the map, with its unit of length.
+pub(crate) fn standing(map: &Map, anchor: Anchor) -> Option<Sim3> {
+    map.world_from_here(KeyFrameId::from_index(anchor.seq as usize)?)
+}

@@ -1,0 +1,165 @@
+//! A file that outlasts a full disk: what could not be written waits in memory and is written when there is room.
+//!
+//! In: lines, each in one write. What is on disk is always whole lines: a line that was cut short by the failure is cut
+//! off before the next one is tried, so that the file can be read at every moment.
+
+use cairn_guide::Durable;
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What a patient file writes to: something that can be cut to a length.
+pub trait Medium: Durable + Send {
+    /// Cuts to `length` bytes and goes on from there.
+    fn cut(&mut self, length: u64) -> io::Result<()>;
+}
+
+impl Medium for File {
+    fn cut(&mut self, length: u64) -> io::Result<()> {
+        self.set_len(length)?;
+        self.seek(SeekFrom::Start(length)).map(|_| ())
+    }
+}
+
+/// Tells whoever asks why writing fails at the moment.
+#[derive(Clone, Debug, Default)]
+pub struct Trouble(Arc<Mutex<Option<String>>>);
+
+impl Trouble {
+    /// Why the last write failed; `None` when all is on disk.
+    pub fn now(&self) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, why: Option<String>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = why;
+    }
+}
+
+/// The file. Its writes never fail; [`PatientFile::trouble`] tells when they wait.
+pub struct PatientFile<M> {
+    medium: M,
+    /// Bytes that are whole on the medium.
+    good: u64,
+    /// What is still to be written.
+    waiting: Vec<u8>,
+    trouble: Trouble,
+}
+
+impl<M: Medium> PatientFile<M> {
+    /// Over an empty medium.
+    pub fn new(medium: M) -> Self {
+        Self { medium, good: 0, waiting: Vec::new(), trouble: Trouble::default() }
+    }
+
+    /// Where to ask whether writing fails at the moment.
+    pub fn trouble(&self) -> Trouble {
+        self.trouble.clone()
+    }
+
+    /// Writes what waits, as far as it goes.
+    fn push(&mut self) {
+        if self.waiting.is_empty() {
+            return;
+        }
+        if self.trouble.now().is_some()
+            && let Err(e) = self.medium.cut(self.good)
+        {
+            return self.trouble.set(Some(e.to_string()));
+        }
+        match self.medium.write_all(&self.waiting) {
+            Ok(()) => {
+                self.good += self.waiting.len() as u64;
+                self.waiting.clear();
+                self.trouble.set(None);
+            }
+            Err(e) => {
+                // Half a line on disk would make the file unreadable when the next one follows.
+                let _ = self.medium.cut(self.good);
+                self.trouble.set(Some(e.to_string()));
+            }
+        }
+    }
+}
+
+impl<M: Medium> Write for PatientFile<M> {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        self.waiting.extend_from_slice(data);
+        self.push();
+        Ok(data.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<M: Medium> Durable for PatientFile<M> {
+    fn make_durable(&mut self) -> io::Result<()> {
+        self.push();
+        match (self.waiting.is_empty(), self.medium.make_durable()) {
+            (true, Err(e)) => self.trouble.set(Some(e.to_string())),
+            (true, Ok(())) => self.trouble.set(None),
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A disk with room for so many bytes.
+    #[derive(Clone, Default)]
+    pub(crate) struct Small(pub Arc<Mutex<(Vec<u8>, usize)>>);
+
+    impl Write for Small {
+        fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+            let (kept, room) = &mut *self.0.lock().unwrap();
+            let n = data.len().min(*room - kept.len());
+            if n == 0 {
+                return Err(io::Error::new(io::ErrorKind::StorageFull, "no space left on device"));
+            }
+            kept.extend_from_slice(&data[..n]);
+            Ok(n)
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Durable for Small {
+        fn make_durable(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Medium for Small {
+        fn cut(&mut self, length: u64) -> io::Result<()> {
+            self.0.lock().unwrap().0.truncate(length as usize);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_holds_whole_lines_and_everything_once_there_is_room() {
+        let disk = Small::default();
+        disk.0.lock().unwrap().1 = 25;
+        let mut file = PatientFile::new(disk.clone());
+        let mut all = Vec::new();
+        for k in 0..10 {
+            let line = format!("line {k:03}\n");
+            file.write_all(line.as_bytes()).unwrap();
+            all.extend_from_slice(line.as_bytes());
+            let kept = disk.0.lock().unwrap().0.clone();
+            assert!(kept.len().is_multiple_of(9) && all.starts_with(&kept), "{kept:?}");
+        }
+        assert_eq!(disk.0.lock().unwrap().0.len(), 18);
+        assert!(file.trouble().now().unwrap().contains("no space"));
+        disk.0.lock().unwrap().1 = 1000;
+        file.make_durable().unwrap();
+        assert_eq!(disk.0.lock().unwrap().0, all);
+        assert_eq!(file.trouble().now(), None);
+    }
+}

@@ -1,0 +1,113 @@
+//! Drives a session: a recording frame by frame, or a live source with a clock beside it.
+
+use crate::command::Command;
+use crate::event::Event;
+use crate::inbox::{Inbox, Item};
+use crate::script::Script;
+use crate::session::Session;
+use cairn_engine::Output;
+use cairn_sensor::{FramePacket, Source, SourceError, Stamp};
+use std::time::{Duration, Instant};
+
+/// The clock ticks so often while no packet comes.
+const TICK: Duration = Duration::from_millis(50);
+
+/// Eyes and ears of whoever uses a session.
+pub trait Face {
+    /// Words or a sound begin now.
+    fn heard(&mut self, _session: &Session, _event: &Event) {}
+    /// A packet was taken; `Err` tells why it was not seen.
+    fn saw(&mut self, _session: &Session, _packet: &FramePacket, _output: &Result<Output, String>) {}
+    /// A command was done, or not.
+    fn did(&mut self, _session: &Session, _command: &Command, _done: &Result<String, String>) {}
+    /// Called after every packet and about twenty times a second.
+    fn passed(&mut self, _session: &Session) {}
+    /// Commands that have come meanwhile, for who drives without an inbox.
+    fn asked(&mut self) -> Vec<Command> {
+        Vec::new()
+    }
+}
+
+/// Why driving ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The source has no more.
+    Source,
+    /// Someone asked for it.
+    Asked,
+}
+
+/// Takes every packet of a source in order; time is the packets' own.
+pub fn drive_lockstep(
+    session: &mut Session,
+    source: &mut dyn Source,
+    script: &mut Script,
+    face: &mut dyn Face,
+) -> Result<Ended, SourceError> {
+    while let Some(packet) = source.next_packet()? {
+        let output = session.on_packet(&packet);
+        face.saw(session, &packet, &output);
+        let mut commands = script.due(session);
+        commands.extend(face.asked());
+        if carry_out(session, &commands, face) {
+            return Ok(Ended::Asked);
+        }
+        after(session, face);
+    }
+    Ok(Ended::Source)
+}
+
+/// Takes the newest packet whenever there is one, and lets time pass while there is none. Ends with the source, or
+/// when asked to.
+pub fn drive_live(
+    session: &mut Session,
+    inbox: &Inbox,
+    script: &mut Script,
+    face: &mut dyn Face,
+) -> Result<Ended, SourceError> {
+    // The source's time and ours at the same moment.
+    let mut together: Option<(Stamp, Instant)> = None;
+    loop {
+        let mut commands = Vec::new();
+        let item = inbox.take(TICK);
+        if let (false, Some((stamp, at))) = (matches!(item, Item::Packet(..)), together) {
+            session.tick(stamp.plus_seconds(at.elapsed().as_secs_f64()));
+        }
+        match item {
+            Item::Packet(packet, put) => {
+                together = Some((packet.stamp, put));
+                let output = session.on_packet(&packet);
+                face.saw(session, &packet, &output);
+            }
+            Item::Command(command) => commands.push(command),
+            Item::Ended(result) => return result.map(|()| Ended::Source),
+            Item::Nothing => {}
+        }
+        commands.extend(script.due(session));
+        commands.extend(face.asked());
+        if carry_out(session, &commands, face) {
+            return Ok(Ended::Asked);
+        }
+        after(session, face);
+    }
+}
+
+/// Does the commands; true when one of them was to end.
+fn carry_out(session: &mut Session, commands: &[Command], face: &mut dyn Face) -> bool {
+    for command in commands {
+        let done = session.command(command);
+        face.did(session, command, &done);
+        if *command == Command::Quit {
+            after(session, face);
+            return true;
+        }
+    }
+    false
+}
+
+fn after(session: &mut Session, face: &mut dyn Face) {
+    for event in session.events() {
+        face.heard(session, &event);
+    }
+    face.passed(session);
+}

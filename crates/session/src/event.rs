@@ -1,0 +1,85 @@
+//! What a session tells its faces: words that begin now, and short sounds.
+
+use cairn_guide::{Cue, CueKind, Earcon, First, Next, Priority};
+use cairn_sensor::Stamp;
+use serde::Serialize;
+
+/// Something for ears, eyes or skin.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// Words to begin now.
+    Said(Said),
+    /// A short sound.
+    Sound(Sound),
+}
+
+/// Words that begin now.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Said {
+    /// Seconds since the session's first packet.
+    pub t_s: f64,
+    /// When, in the source's clock.
+    #[serde(skip)]
+    pub stamp: Stamp,
+    /// The words.
+    pub text: String,
+    /// 0 urgent, 1 high, 2 normal, 3 low.
+    pub priority: u8,
+    /// What is being said must be broken off.
+    pub interrupts: bool,
+    /// Estimated seconds that it takes.
+    pub duration_s: f64,
+    /// The turn that is asked for, radians, positive to the walker's left.
+    pub turn_rad: Option<f64>,
+}
+
+/// A short sound made by code.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sound {
+    /// Seconds since the session's first packet.
+    pub t_s: f64,
+    /// Which.
+    pub earcon: Earcon,
+    /// Where it should seem to come from, radians, positive to the walker's left, 0 ahead.
+    pub bearing_rad: f64,
+}
+
+/// A priority as a number, 0 the most urgent.
+pub fn rank(priority: Priority) -> u8 {
+    match priority {
+        Priority::Urgent => 0,
+        Priority::High => 1,
+        Priority::Normal => 2,
+        Priority::Low => 3,
+    }
+}
+
+/// The name of a sound, for pages and files.
+pub fn earcon_name(earcon: Earcon) -> &'static str {
+    match earcon {
+        Earcon::OnCourse => "on-course",
+        Earcon::OffCourse => "off-course",
+        Earcon::Turn => "turn",
+        Earcon::Waypoint => "waypoint",
+        Earcon::Arrival => "arrival",
+        Earcon::Stop => "stop",
+    }
+}
+
+/// The turn that a cue asks for, radians, positive to the left; `None` where it asks for none.
+pub fn turn_of(cue: &Cue) -> Option<f64> {
+    use CueKind::*;
+    let of_next = |next: Next| match next {
+        Next::Turn { turn_rad, .. } => Some(turn_rad),
+        _ => None,
+    };
+    match cue.kind {
+        TurnNow { turn_rad, .. } => Some(turn_rad),
+        Rotate(a) | WrongWay(a) | Adjust(a) | LookRound(a) => Some(a),
+        OffPath { turn_rad, bearing_rad, .. } => Some(if turn_rad == 0.0 { bearing_rad } else { turn_rad }),
+        Start { first: First::Turn(a), .. } | Resume(First::Turn(a)) => Some(a),
+        Approach(ahead) => of_next(ahead.next),
+        StepAside(left_m) => Some(left_m.signum() * std::f64::consts::FRAC_PI_2),
+        _ => None,
+    }
+}

@@ -1,0 +1,171 @@
+//! What waits for the thread that walks: the newest packet, all commands, the end.
+
+use crate::command::Command;
+use cairn_sensor::{FramePacket, ImuSample, Source, SourceError};
+use std::collections::VecDeque;
+use std::io;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// A packet that waited longer than this is dropped, when another may come.
+const TOO_OLD: Duration = Duration::from_millis(150);
+
+/// Something that came.
+pub enum Item {
+    /// The newest packet, and when it was put.
+    Packet(FramePacket, Instant),
+    /// A command.
+    Command(Command),
+    /// The source has ended, or failed.
+    Ended(Result<(), SourceError>),
+    /// Nothing in the time given.
+    Nothing,
+}
+
+#[derive(Default)]
+struct State {
+    packet: Option<(FramePacket, Instant)>,
+    /// Inertial samples of packets that were dropped.
+    orphans: Vec<ImuSample>,
+    commands: VecDeque<Command>,
+    ended: Option<Result<(), SourceError>>,
+    closed: bool,
+    dropped: usize,
+}
+
+/// One place for the newest packet, a queue for commands. The newest packet replaces one that still waits; its inertial
+/// samples are kept.
+#[derive(Default)]
+pub struct Inbox {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+impl Inbox {
+    /// Empty.
+    pub fn new() -> Arc<Self> {
+        Arc::default()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Puts a packet; false when nobody takes any more.
+    pub fn put(&self, mut packet: FramePacket) -> bool {
+        let mut s = self.lock();
+        if let Some((overtaken, _)) = s.packet.take() {
+            s.orphans.extend(overtaken.imu);
+            s.dropped += 1;
+        }
+        if !s.orphans.is_empty() {
+            let mut imu = std::mem::take(&mut s.orphans);
+            imu.append(&mut packet.imu);
+            packet.imu = imu;
+        }
+        s.packet = Some((packet, Instant::now()));
+        self.changed.notify_all();
+        !s.closed
+    }
+
+    /// Puts a command.
+    pub fn command(&self, command: Command) {
+        self.lock().commands.push_back(command);
+        self.changed.notify_all();
+    }
+
+    /// The source has ended.
+    pub fn end(&self, result: Result<(), SourceError>) {
+        self.lock().ended = Some(result);
+        self.changed.notify_all();
+    }
+
+    /// Nobody takes any more.
+    pub fn close(&self) {
+        self.lock().closed = true;
+    }
+
+    /// Packets overtaken or too old.
+    pub fn dropped(&self) -> usize {
+        self.lock().dropped
+    }
+
+    /// What came first in importance: commands, the newest packet, the end; waits at most `limit`.
+    pub fn take(&self, limit: Duration) -> Item {
+        let until = Instant::now() + limit;
+        let mut s = self.lock();
+        loop {
+            if let Some(command) = s.commands.pop_front() {
+                return Item::Command(command);
+            }
+            if let Some((packet, put)) = s.packet.take() {
+                if put.elapsed() <= TOO_OLD || s.ended.is_some() {
+                    return Item::Packet(packet, put);
+                }
+                s.orphans.extend(packet.imu);
+                s.dropped += 1;
+            }
+            if let Some(result) = s.ended.take() {
+                return Item::Ended(result);
+            }
+            let Some(left) = until.checked_duration_since(Instant::now()).filter(|d| !d.is_zero()) else {
+                return Item::Nothing;
+            };
+            s = self.changed.wait_timeout(s, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+}
+
+/// Reads a source on a thread of its own and puts its packets. The thread ends with the source, or with the first packet
+/// after the inbox was closed.
+pub fn feed(mut source: Box<dyn Source>, inbox: Arc<Inbox>) -> io::Result<()> {
+    let work = move || {
+        let result = loop {
+            match source.next_packet() {
+                Ok(Some(packet)) => {
+                    if !inbox.put(packet) {
+                        break Ok(());
+                    }
+                }
+                Ok(None) => break Ok(()),
+                Err(e) => break Err(e),
+            }
+        };
+        inbox.end(result);
+    };
+    std::thread::Builder::new().name("cairn-feed".into()).spawn(work).map(|_| ())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::Vec3;
+    use cairn_sensor::Stamp;
+
+    fn packet(n: i64) -> FramePacket {
+        let imu = vec![ImuSample::new(Stamp(n), Vec3::zeros(), Vec3::zeros())];
+        FramePacket { stamp: Stamp(n), images: Vec::new(), depth: None, imu, decode_ms: 0.0 }
+    }
+
+    #[test]
+    fn the_newest_packet_wins_and_no_inertial_sample_is_lost() {
+        let inbox = Inbox::new();
+        (1..=3).for_each(|n| assert!(inbox.put(packet(n))));
+        inbox.command(Command::Stop);
+        assert!(matches!(inbox.take(Duration::ZERO), Item::Command(Command::Stop)));
+        let Item::Packet(p, _) = inbox.take(Duration::ZERO) else { panic!("no packet") };
+        assert_eq!((p.stamp, p.imu.len(), inbox.dropped()), (Stamp(3), 3, 2));
+        assert!(matches!(inbox.take(Duration::from_millis(5)), Item::Nothing));
+        // What waited too long is dropped; its samples come with the next.
+        inbox.put(packet(4));
+        std::thread::sleep(Duration::from_millis(170));
+        assert!(matches!(inbox.take(Duration::ZERO), Item::Nothing));
+        inbox.put(packet(5));
+        let Item::Packet(p, _) = inbox.take(Duration::ZERO) else { panic!("no packet") };
+        assert_eq!((p.stamp, p.imu.len(), inbox.dropped()), (Stamp(5), 2, 3));
+        inbox.end(Ok(()));
+        assert!(matches!(inbox.take(Duration::ZERO), Item::Ended(Ok(()))));
+        inbox.close();
+        assert!(!inbox.put(packet(6)));
+    }
+}

@@ -1,0 +1,21 @@
+#![doc = include_str!("../README.md")]
+
+mod command;
+mod course;
+mod disk;
+mod drive;
+mod event;
+mod inbox;
+mod recording;
+mod script;
+mod session;
+mod status;
+
+pub use command::{Command, HELP};
+pub use disk::{Medium, PatientFile, Trouble};
+pub use drive::{Ended, Face, drive_live, drive_lockstep};
+pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
+pub use inbox::{Inbox, Item, feed};
+pub use script::{Script, ScriptError, When};
+pub use session::{Session, SessionSetting};
+pub use status::{GuidingStatus, RecordingStatus, Status, View, WayStatus};

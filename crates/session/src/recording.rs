@@ -1,0 +1,148 @@
+//! A recording under way: the recorder, its patient file, and what the walker is told about it.
+
+use crate::disk::{PatientFile, Trouble};
+use cairn_guide::{
+    Confidence, Ground, RecordInput, Recorder, RecorderEvent, RecorderSetting, Stretch, Way, WayHeader,
+    WayWriter,
+};
+use cairn_sensor::Stamp;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A way being recorded.
+pub(crate) struct Recording {
+    recorder: Recorder,
+    trouble: Trouble,
+    told_trouble: bool,
+    /// The file; `None` where none could be made.
+    pub path: Option<PathBuf>,
+    length: f64,
+    last: Option<(Stamp, cairn_geometry::Vec3)>,
+    gaps: usize,
+}
+
+impl Recording {
+    /// Begins; when the file can not be made, the recording goes on in memory and the reason is given.
+    pub fn begin(path: &Path, metric: bool, source: &str) -> (Self, Option<String>) {
+        let ground = Ground::first_camera();
+        let header = WayHeader::new(metric, &ground, source);
+        let recorder = Recorder::new(RecorderSetting::default(), metric, &ground, source);
+        let opened = File::options().write(true).create_new(true).open(path).and_then(|file| {
+            let file = PatientFile::new(file);
+            let trouble = file.trouble();
+            WayWriter::new(Box::new(file), &header).map(|w| (w, trouble))
+        });
+        let plain = |recorder, trouble, path| Self {
+            recorder,
+            trouble,
+            told_trouble: false,
+            path,
+            length: 0.0,
+            last: None,
+            gaps: 0,
+        };
+        match opened {
+            Ok((writer, trouble)) => {
+                (plain(recorder.with_writer(writer), trouble, Some(path.to_owned())), None)
+            }
+            Err(e) => (plain(recorder, Trouble::default(), None), Some(e.to_string())),
+        }
+    }
+
+    /// Takes a frame's pose; gives words for the walker, if any are due.
+    pub fn observe(&mut self, input: &RecordInput) -> Option<&'static str> {
+        let before = self.recorder.way().points.len();
+        // The file is patient: it keeps what it could not write, so there is no error here to lose a point by.
+        let event = self.recorder.observe(input).ok().flatten();
+        if let Some(point) = self.recorder.way().points.get(before) {
+            let at = point.odom_from_camera.translation;
+            self.length += self.last.map_or(0.0, |(_, p)| (at - p).norm());
+            self.last = Some((point.stamp, at));
+            self.gaps += usize::from(point.stretch == Stretch::Gap);
+        }
+        match (self.trouble.now().is_some(), self.told_trouble) {
+            (true, false) => {
+                self.told_trouble = true;
+                return Some("The disk is full. The way is kept in memory.");
+            }
+            (false, true) => {
+                self.told_trouble = false;
+                return Some("The way is on disk again.");
+            }
+            _ => {}
+        }
+        event.map(|e| match e {
+            RecorderEvent::Bridging => "Tracking is weak. Slow down.",
+            RecorderEvent::Lost => {
+                "Tracking is lost. Stand still, or turn back a little. The recording waits."
+            }
+            RecorderEvent::Resumed { .. } => "Tracking is back.",
+        })
+    }
+
+    /// What is recorded so far.
+    pub fn way(&self) -> &Way {
+        self.recorder.way()
+    }
+
+    /// Length as recorded, in units of the map.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Stretches of which only the ends are known.
+    pub fn gaps(&self) -> usize {
+        self.gaps
+    }
+
+    /// Why the file is behind, if it is.
+    pub fn trouble(&self) -> Option<String> {
+        self.trouble.now()
+    }
+
+    /// Ends: the way, its file, and an error when the file does not hold all of it.
+    pub fn finish(self) -> (Way, Option<PathBuf>, io::Result<()>) {
+        let trouble = self.trouble.clone();
+        let (way, synced) = self.recorder.finish();
+        if way.points.is_empty()
+            && let Some(path) = &self.path
+        {
+            let _ = std::fs::remove_file(path);
+        }
+        let whole = match (synced, trouble.now()) {
+            (Err(e), _) => Err(e),
+            (Ok(()), Some(why)) => Err(io::Error::other(why)),
+            (Ok(()), None) => Ok(()),
+        };
+        (way, self.path, whole)
+    }
+}
+
+/// Whether a frame counts as tracked.
+pub(crate) fn tracked(input: &RecordInput) -> bool {
+    input.confidence != Confidence::Lost
+}
+
+/// `way-0007.way`: one more than the highest number there is.
+pub(crate) fn next_path(folder: &Path) -> PathBuf {
+    let highest = ways_in(folder).into_iter().filter_map(|(n, _)| n).max().unwrap_or(0);
+    folder.join(format!("way-{:04}.way", highest + 1))
+}
+
+/// The way that was written last: by its number, else by its time.
+pub(crate) fn latest(folder: &Path) -> Option<PathBuf> {
+    let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
+    let mut ways = ways_in(folder);
+    ways.sort_by(|(a, p), (b, q)| written(p).cmp(&written(q)).then(a.cmp(b)).then(p.cmp(q)));
+    ways.pop().map(|(_, path)| path)
+}
+
+fn ways_in(folder: &Path) -> Vec<(Option<u32>, PathBuf)> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let number = |path: &Path| path.file_stem()?.to_str()?.strip_prefix("way-")?.parse::<u32>().ok();
+    (entries.flatten().map(|e| e.path()))
+        .filter(|p| p.extension().is_some_and(|e| e == "way") && p.is_file())
+        .map(|p| (number(&p), p))
+        .collect()
+}

@@ -1,0 +1,139 @@
+//! A script: commands that come by themselves, each when its condition holds, one after the other.
+//!
+//! ```text
+//! at 5 record                 # seconds since the first packet
+//! near 1.0 0.2 7.5 0.5 stop   # the camera within 0.5 of x y z, in the map's units
+//! tracked 100 record          # so many frames have a pose
+//! arrived quit                # guidance has ended at the end of its way
+//! ```
+
+use crate::command::Command;
+use crate::session::Session;
+use cairn_geometry::Vec3;
+use std::collections::VecDeque;
+
+/// When a command is due.
+#[derive(Clone, Debug, PartialEq)]
+pub enum When {
+    /// Seconds since the first packet.
+    At(f64),
+    /// The camera is within the distance of a place, in the map's units.
+    Near(Vec3, f64),
+    /// So many frames have a pose.
+    Tracked(usize),
+    /// The last guidance ended at the end of its way.
+    Arrived,
+}
+
+/// What is wrong with a script.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("line {line}: {why}")]
+pub struct ScriptError {
+    /// Counted from 1.
+    pub line: usize,
+    /// What is wrong.
+    pub why: String,
+}
+
+/// Commands still to come.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Script {
+    steps: VecDeque<(When, Command)>,
+}
+
+impl Script {
+    /// Reads the text; `#` begins a remark.
+    pub fn parse(text: &str) -> Result<Self, ScriptError> {
+        let mut steps = VecDeque::new();
+        for (number, line) in text.lines().enumerate() {
+            let line = line.split('#').next().unwrap_or_default().trim();
+            if line.is_empty() {
+                continue;
+            }
+            steps.push_back(step(line).map_err(|why| ScriptError { line: number + 1, why })?);
+        }
+        Ok(Self { steps })
+    }
+
+    /// The commands that are due now, in order.
+    pub fn due(&mut self, session: &Session) -> Vec<Command> {
+        let mut due = Vec::new();
+        while let Some((when, _)) = self.steps.front() {
+            // What waits for arrival waits also for what this same call has just begun.
+            let holds = match when {
+                When::At(t) => session.elapsed_s() >= *t,
+                When::Near(place, within) => session.place().is_some_and(|p| (p - place).norm() <= *within),
+                When::Tracked(n) => session.tracked() >= *n,
+                When::Arrived => session.has_arrived() && due.is_empty(),
+            };
+            match self.steps.pop_front() {
+                Some((_, command)) if holds => due.push(command),
+                Some(step) => {
+                    self.steps.push_front(step);
+                    break;
+                }
+                None => break,
+            }
+        }
+        due
+    }
+
+    /// Whether all has been done.
+    pub fn is_done(&self) -> bool {
+        self.steps.is_empty()
+    }
+}
+
+fn step(line: &str) -> Result<(When, Command), String> {
+    let (word, mut rest) = line.split_once(char::is_whitespace).ok_or("has no command")?;
+    let mut number = || -> Result<f64, String> {
+        let text = rest.trim_start();
+        let (first, after) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+        rest = after;
+        match first.parse::<f64>() {
+            Ok(v) if v.is_finite() => Ok(v),
+            _ => Err(format!("\"{first}\" is no number")),
+        }
+    };
+    let when = match word {
+        "at" => When::At(number()?),
+        "near" => {
+            let place = Vec3::new(number()?, number()?, number()?);
+            When::Near(place, number()?)
+        }
+        "tracked" => match number()? {
+            n if n >= 0.0 && n.fract() == 0.0 => When::Tracked(n as usize),
+            n => return Err(format!("{n} is no number of frames")),
+        },
+        "arrived" => When::Arrived,
+        other => return Err(format!("\"{other}\" is no condition: write at, near, tracked or arrived")),
+    };
+    Ok((when, Command::parse(rest)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_guide::Facing;
+
+    #[test]
+    fn conditions_and_commands_are_read_and_mistakes_are_told_with_their_line() {
+        let script =
+            Script::parse("# walk\nat 5 record\n\nnear 1 -2 3.5 0.5 guide back # home\narrived quit\n");
+        let steps: Vec<_> = script.unwrap().steps.into();
+        assert_eq!(steps[0], (When::At(5.0), Command::Record));
+        let guide = Command::Guide { facing: Some(Facing::Back), again: false };
+        assert_eq!(steps[1], (When::Near(Vec3::new(1.0, -2.0, 3.5), 0.5), guide));
+        assert_eq!(steps[2], (When::Arrived, Command::Quit));
+        for (wrong, line) in [
+            ("at 5", 1),
+            ("\nat x record", 2),
+            ("when 5 stop", 1),
+            ("tracked 1.5 stop", 1),
+            ("near 1 2 stop", 1),
+            ("stop", 1),
+        ] {
+            assert_eq!(Script::parse(wrong).unwrap_err().line, line, "{wrong}");
+        }
+    }
+}

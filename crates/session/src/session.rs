@@ -1,0 +1,605 @@
+//! One walk: packets and commands in, words and sounds out. The engine sees, the recorder keeps, the guide leads.
+//!
+//! It knows no clock but the stamps, and no thread. Whoever drives it ([`crate::drive_live`], [`crate::drive_lockstep`])
+//! gives it packets, and ticks while there are none: then the guide says stop.
+
+use crate::command::Command;
+use crate::course::{Course, standing};
+use crate::event::{Event, Said, Sound, rank, turn_of};
+use crate::recording::{Recording, latest, next_path, tracked};
+use crate::status::{GuidingStatus, RecordingStatus, Status, View, WayStatus};
+use cairn_engine::{Engine, Output, State, record_input};
+use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
+use cairn_guide::{
+    Announcer, AnnouncerSetting, Confidence, Cue, Facing, Guide, GuideInput, GuideSetting, GuideState,
+    PhraseSetting, Priority, RecordInput, StopReason, Travel, Way, wrap,
+};
+use cairn_sensor::{FramePacket, Stamp};
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+/// What a session goes by.
+#[derive(Clone, Debug)]
+pub struct SessionSetting {
+    /// Where ways are kept.
+    pub folder: PathBuf,
+    /// The file of the first recording; a free name in the folder without it.
+    pub record_to: Option<PathBuf>,
+    /// What the pictures come from, for the files.
+    pub source: String,
+    /// Record by itself after so many tracked frames.
+    pub auto_record: Option<usize>,
+    /// How the walker goes when nothing else is asked for.
+    pub facing: Facing,
+    /// The map was loaded: ways from files lie on it.
+    pub map_is_loaded: bool,
+    /// How things are said.
+    pub phrases: PhraseSetting,
+    /// Rate, volume and patience of the voice.
+    pub announcer: AnnouncerSetting,
+}
+
+impl Default for SessionSetting {
+    fn default() -> Self {
+        Self {
+            folder: PathBuf::from("ways"),
+            record_to: None,
+            source: String::new(),
+            auto_record: None,
+            facing: Facing::Home,
+            map_is_loaded: false,
+            phrases: PhraseSetting::default(),
+            announcer: AnnouncerSetting::default(),
+        }
+    }
+}
+
+/// No picture for this long is told, seconds.
+const GONE_S: f64 = 1.0;
+/// The first words of guidance wait so long for others to end, seconds.
+const WAITS_FOR_WORDS_S: f64 = 6.0;
+
+/// A way that can be walked.
+struct Held {
+    way: Way,
+    path: Option<PathBuf>,
+    /// It hangs on the map of this session.
+    here: bool,
+}
+
+/// Guidance under way.
+struct Guiding {
+    guide: Guide,
+    course: Course,
+    facing: Facing,
+    asked: Stamp,
+    begun: bool,
+}
+
+/// One walk.
+pub struct Session {
+    engine: Engine,
+    setting: SessionSetting,
+    began: Option<Stamp>,
+    now: Stamp,
+    /// The last frame's time, and the last pose with its own.
+    frame: Option<Stamp>,
+    pose: Option<(Stamp, Se3)>,
+    confidence: Confidence,
+    recording: Option<Recording>,
+    auto_recorded: bool,
+    way: Option<Held>,
+    guiding: Option<Guiding>,
+    voice: Announcer,
+    /// Words pushed last, and the turn they ask for.
+    pushed: Option<(String, Option<f64>)>,
+    events: VecDeque<Event>,
+    gone_told: bool,
+    arrived: bool,
+    dead: Option<String>,
+    status: Status,
+}
+
+impl Session {
+    /// A session over an engine that has seen nothing yet (or has loaded its map).
+    pub fn new(engine: Engine, setting: SessionSetting) -> Self {
+        let mut setting = setting;
+        setting.phrases.metric &= engine.is_metric();
+        let voice = Announcer::new(setting.announcer);
+        let status = Status { state: "starting", metric: engine.is_metric(), ..Status::default() };
+        Self {
+            engine,
+            setting,
+            began: None,
+            now: Stamp::default(),
+            frame: None,
+            pose: None,
+            confidence: Confidence::Lost,
+            recording: None,
+            auto_recorded: false,
+            way: None,
+            guiding: None,
+            voice,
+            pushed: None,
+            events: VecDeque::new(),
+            gone_told: false,
+            arrived: false,
+            dead: None,
+            status,
+        }
+    }
+
+    /// The engine.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// The engine, to finish it.
+    pub fn engine_mut(&mut self) -> &mut Engine {
+        &mut self.engine
+    }
+
+    /// Takes a packet: a pose, a point of the way, a step of the guide. `Err` tells why the packet was not seen; the
+    /// session goes on.
+    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, String> {
+        self.began.get_or_insert(packet.stamp);
+        self.now = self.now.max(packet.stamp);
+        if let Some(why) = &self.dead {
+            let why = why.clone();
+            self.tick(packet.stamp);
+            return Err(why);
+        }
+        let seen = catch_unwind(AssertUnwindSafe(|| self.engine.on_packet(packet)));
+        let output = match seen {
+            Ok(Ok(output)) => output,
+            Ok(Err(e)) => {
+                self.tick(packet.stamp);
+                return Err(e.to_string());
+            }
+            Err(_) => {
+                // What the engine holds can not be trusted any more.
+                self.dead = Some("tracking stopped by an error of the program".into());
+                self.tick(packet.stamp);
+                return Err("tracking stopped by an error of the program".into());
+            }
+        };
+        self.frame = Some(packet.stamp);
+        if std::mem::take(&mut self.gone_told) && self.guiding.is_none() {
+            self.say("The picture is back.", Priority::Normal);
+        }
+        if output.died.is_some() {
+            self.say("Stop. Mapping has failed. Record what you have and begin anew.", Priority::Urgent);
+        }
+        let seen = record_input(&output);
+        self.confidence = seen.confidence;
+        if tracked(&seen) {
+            self.pose = Some((seen.stamp, seen.odom_from_camera.se3));
+        }
+        self.note(&output);
+        self.record(&seen);
+        self.guide(packet.stamp);
+        self.speak(packet.stamp);
+        Ok(output)
+    }
+
+    /// Time passes without a packet.
+    pub fn tick(&mut self, now: Stamp) {
+        self.now = self.now.max(now);
+        let silent = self.frame.is_some_and(|t| self.now - t > GONE_S);
+        if silent && !self.gone_told {
+            self.gone_told = true;
+            self.status.state = "gone";
+            self.status.words = "No picture comes.".into();
+            if self.guiding.is_none() {
+                self.say("No picture comes. Stand still.", Priority::High);
+            }
+        }
+        self.guide(self.now);
+        self.speak(self.now);
+    }
+
+    /// Does what was asked; gives what was done or why not, in words that are also said.
+    pub fn command(&mut self, command: &Command) -> Result<String, String> {
+        let done = match command {
+            Command::Record => self.begin_recording(None),
+            Command::Stop => self.end_recording(),
+            Command::Load(path) => self.load(path.as_deref()),
+            Command::Guide { facing, again } => {
+                self.begin_guiding(facing.unwrap_or(self.setting.facing), *again)
+            }
+            Command::Halt => match self.guiding.take() {
+                Some(_) => Ok("Guidance has ended.".into()),
+                None => Err("There is no guidance to end.".into()),
+            },
+            Command::Repeat => {
+                self.voice.repeat(self.now);
+                self.speak(self.now);
+                return Ok(self.status.last_words.clone());
+            }
+            Command::Status => Ok(self.in_words()),
+            Command::Quit => Ok("Good bye.".into()),
+        };
+        let (text, quiet) = match &done {
+            // The guide's own first words are the answer.
+            Ok(text) => (
+                text.clone(),
+                matches!(command, Command::Guide { facing, .. } if *facing != Some(Facing::Backwards)),
+            ),
+            Err(text) => (text.clone(), false),
+        };
+        if !quiet {
+            self.say(&text, Priority::High);
+            self.speak(self.now);
+        }
+        done
+    }
+
+    /// What happened since this was last asked, in order.
+    pub fn events(&mut self) -> Vec<Event> {
+        self.events.drain(..).collect()
+    }
+
+    /// How things stand.
+    pub fn status(&self) -> Status {
+        let mut s = self.status.clone();
+        let name = |path: &Option<PathBuf>| {
+            let name = path.as_ref().and_then(|p| p.file_name());
+            name.map_or_else(|| "in memory".into(), |n| n.to_string_lossy().into_owned())
+        };
+        s.t_s = self.since_start(self.now);
+        s.recording = self.recording.as_ref().map(|r| RecordingStatus {
+            points: r.way().points.len(),
+            length: r.length(),
+            gaps: r.gaps(),
+            file: name(&r.path),
+            trouble: r.trouble(),
+        });
+        s.way = self.way.as_ref().map(|w| WayStatus {
+            file: name(&w.path),
+            points: w.way.points.len(),
+            here: w.here,
+        });
+        s.guiding = self.guiding.as_ref().map(|g| {
+            let place = g.guide.place();
+            GuidingStatus {
+                facing: facing_name(g.facing),
+                state: state_name(g.guide.state()),
+                along_m: place.map_or(0.0, |m| m.along_m),
+                length_m: g.guide.route().length(),
+                cross_m: place.map_or(0.0, |m| m.cross_m),
+            }
+        });
+        s
+    }
+
+    /// Lines and points to draw; at most `most` landmarks.
+    pub fn view(&self, most: usize) -> View {
+        let map = self.engine.map();
+        let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
+        let each = map.landmark_count().div_ceil(most.max(1)).max(1);
+        let way = self.recording.as_ref().map(Recording::way).or(self
+            .way
+            .as_ref()
+            .filter(|w| w.here)
+            .map(|w| &w.way));
+        let recorded = way.map_or_else(Vec::new, |way| {
+            let placed = way.resolve(|a| standing(&map, a));
+            let each = placed.len().div_ceil(600).max(1);
+            placed.iter().step_by(each).map(|p| single(&p.frame_from_camera.translation)).collect()
+        });
+        let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.course.ground.up());
+        View {
+            up: single(&up),
+            points: map.landmarks().step_by(each).map(|l| single(&l.position)).collect(),
+            key_frames: map.key_frames().map(|k| single(&k.world_from_eye.translation)).collect(),
+            recorded,
+            route: self
+                .guiding
+                .as_ref()
+                .map_or_else(Vec::new, |g| g.course.corners().map(|p| single(&p)).collect()),
+            camera: self.camera().filter(|_| self.status.state == "tracking"),
+        }
+    }
+
+    /// The camera: place, then the axes right, down and forward, in the map's frame.
+    pub fn camera(&self) -> Option<[[f32; 3]; 4]> {
+        let (_, pose) = self.pose?;
+        let single = |v: Vec3| [v.x as f32, v.y as f32, v.z as f32];
+        let axis = |v: Vec3| single(pose.rotation * v);
+        Some([single(pose.translation), axis(Vec3::x()), axis(Vec3::y()), axis(Vec3::z())])
+    }
+
+    /// The way at hand, if there is one.
+    pub fn way(&self) -> Option<&Way> {
+        self.way.as_ref().map(|w| &w.way)
+    }
+
+    /// Whether a recording is under way.
+    pub fn is_recording(&self) -> bool {
+        self.recording.is_some()
+    }
+
+    /// What the guide does; `None` without guidance.
+    pub fn guide_state(&self) -> Option<GuideState> {
+        self.guiding.as_ref().map(|g| g.guide.state())
+    }
+
+    /// Whether the last guidance ended at the end of its way.
+    pub fn has_arrived(&self) -> bool {
+        self.arrived
+    }
+
+    /// Where the camera was in the last pose, in the map's units.
+    pub fn place(&self) -> Option<Vec3> {
+        self.pose.map(|(_, p)| p.translation)
+    }
+
+    /// Seconds since the first packet.
+    pub fn elapsed_s(&self) -> f64 {
+        self.since_start(self.now)
+    }
+
+    /// The time now, in the source's clock.
+    pub fn now(&self) -> Stamp {
+        self.now
+    }
+
+    /// Frames with a pose so far.
+    pub fn tracked(&self) -> usize {
+        self.status.tracked
+    }
+
+    /// Ends what is under way; an error when a file does not hold all of its way.
+    pub fn close(&mut self) -> Result<(), String> {
+        self.guiding = None;
+        if self.recording.is_none() {
+            return Ok(());
+        }
+        self.end_recording().map(|_| ())
+    }
+
+    fn since_start(&self, t: Stamp) -> f64 {
+        self.began.map_or(0.0, |b| t - b)
+    }
+
+    fn say(&mut self, text: &str, priority: Priority) {
+        self.voice.push(text, priority, self.now);
+        self.pushed = Some((text.to_owned(), None));
+    }
+
+    fn speak(&mut self, now: Stamp) {
+        let Some(u) = self.voice.poll(now) else { return };
+        let turn_rad = self.pushed.as_ref().filter(|(t, _)| *t == u.text).and_then(|(_, turn)| *turn);
+        self.status.last_words.clone_from(&u.text);
+        let t_s = self.since_start(u.stamp);
+        self.events.push_back(Event::Said(Said {
+            t_s,
+            stamp: u.stamp,
+            priority: rank(u.priority),
+            interrupts: u.interrupts,
+            duration_s: u.duration_s,
+            text: u.text,
+            turn_rad,
+        }));
+    }
+
+    fn note(&mut self, output: &Output) {
+        let s = &mut self.status;
+        s.frames += 1;
+        s.tracked += usize::from(output.placed.is_some());
+        (s.features, s.inliers) = (output.evidence.features, output.evidence.inliers);
+        s.step_ms = output.see_ms + output.track_ms;
+        let map = self.engine.map();
+        (s.key_frames, s.landmarks) = (map.key_frame_count(), map.landmark_count());
+        (s.state, s.words) = match output.state {
+            State::Starting { have, need } => (
+                "starting",
+                format!("Looking for a start: {have} of {need} points. Move the camera sideways."),
+            ),
+            State::Tracking => ("tracking", "Tracking.".to_owned()),
+            State::Lost { inliers, need } => {
+                ("lost", format!("Tracking is lost: {inliers} of {need} matches."))
+            }
+        };
+    }
+
+    fn record(&mut self, seen: &RecordInput) {
+        let due = self.setting.auto_record.is_some_and(|n| self.status.tracked >= n);
+        if due
+            && !self.auto_recorded
+            && self.recording.is_none()
+            && self.guiding.is_none()
+            && self.way.is_none()
+        {
+            self.auto_recorded = true;
+            match self.begin_recording(None) {
+                Ok(words) => self.say(&words, Priority::Normal),
+                Err(words) => self.say(&words, Priority::High),
+            }
+        }
+        let words = self.recording.as_mut().and_then(|r| r.observe(seen));
+        // Under guidance the guide speaks about tracking.
+        if let Some(words) = words.filter(|_| self.guiding.is_none()) {
+            self.say(words, Priority::High);
+        }
+    }
+
+    fn begin_recording(&mut self, path: Option<PathBuf>) -> Result<String, String> {
+        if self.recording.is_some() {
+            return Err("The way is being recorded already.".into());
+        }
+        self.auto_recorded = true;
+        let named = path.or_else(|| self.setting.record_to.take());
+        if named.is_none() {
+            // Where it can not be made, the recording says so.
+            let _ = std::fs::create_dir_all(&self.setting.folder);
+        }
+        let path = named.unwrap_or_else(|| next_path(&self.setting.folder));
+        let metric = self.engine.is_metric();
+        let (recording, trouble) = Recording::begin(&path, metric, &self.setting.source);
+        self.recording = Some(recording);
+        Ok(match (trouble, metric) {
+            (Some(why), _) => format!("Recording in memory only: {}: {why}.", path.display()),
+            (None, true) => "Recording.".into(),
+            (None, false) => "Recording. The scale is not known: no distances will be told.".into(),
+        })
+    }
+
+    fn end_recording(&mut self) -> Result<String, String> {
+        let recording = self.recording.take().ok_or("Nothing is being recorded.")?;
+        let length = recording.length();
+        let (way, path, whole) = recording.finish();
+        if way.points.len() < 2 {
+            return Err("Recording has ended. Nothing was recorded.".into());
+        }
+        self.way = Some(Held { way, path, here: true });
+        whole.map_err(|e| {
+            format!("Recording has ended, but the file is not whole: {e}. The way is kept in memory.")
+        })?;
+        Ok(match self.engine.is_metric() {
+            true => format!("Recording has ended, {}.", self.setting.phrases.distance(length)),
+            false => "Recording has ended.".into(),
+        })
+    }
+
+    fn load(&mut self, path: Option<&Path>) -> Result<String, String> {
+        let path = match path {
+            Some(path) => path.to_owned(),
+            None => latest(&self.setting.folder).ok_or("There is no recorded way to load.")?,
+        };
+        if let Some(held) = self.way.as_ref().filter(|w| w.path.as_deref() == Some(&path)) {
+            return Ok(format!("The way is loaded, {} points.", held.way.points.len()));
+        }
+        let way = Way::load(&path).map_err(|e| format!("The way can not be read: {e}."))?;
+        if way.points.len() < 2 {
+            return Err("That way has no points.".into());
+        }
+        let words = format!("The way is loaded, {} points.", way.points.len());
+        self.way = Some(Held { way, path: Some(path), here: self.setting.map_is_loaded });
+        Ok(words)
+    }
+
+    fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, String> {
+        if self.recording.is_some() {
+            self.end_recording()?;
+        }
+        let held = self.way.as_ref().ok_or("There is no way to guide along: record or load one first.")?;
+        if !held.here {
+            return Err("That way belongs to a map that is not loaded.".into());
+        }
+        let travel = if again { Travel::Again } else { Travel::Home };
+        let course = Course::new(&self.engine.map(), &held.way, travel, self.now);
+        let route = course.route().map_err(|e| format!("There is no guidance: {e}."))?;
+        let length = route.length();
+        let setting = GuideSetting { facing, ..GuideSetting::default() };
+        let guide =
+            Guide::new(route, course.ground, setting).map_err(|e| format!("There is no guidance: {e}."))?;
+        self.guiding = Some(Guiding { guide, course, facing, asked: self.now, begun: false });
+        self.arrived = false;
+        let how = match facing {
+            Facing::Home => "Guiding",
+            Facing::Back => "Guiding, the camera looks back",
+            Facing::Backwards => "Backwards, on flat ground only",
+        };
+        Ok(match self.engine.is_metric() && facing != Facing::Backwards {
+            true => format!("{how}: {}.", self.setting.phrases.distance(length)),
+            false => format!("{how}."),
+        })
+    }
+
+    /// A step of the guide, with the last pose there is.
+    fn guide(&mut self, now: Stamp) {
+        let speaking = self.voice.is_speaking(now);
+        let (Some(guiding), Some((pose_stamp, pose))) = (&mut self.guiding, self.pose) else { return };
+        // What was just answered is not cut off by, and does not cost, the first words of guidance.
+        if !guiding.begun && speaking && now - guiding.asked < WAITS_FOR_WORDS_S {
+            return;
+        }
+        guiding.begun = true;
+        if let Some(held) = &self.way
+            && let Some(route) = guiding.course.moved(&self.engine.map(), &held.way, now)
+        {
+            guiding.guide.correct_route(route);
+        }
+        let in_metres = Se3::new(pose.rotation, pose.translation * guiding.course.unit);
+        let input = GuideInput {
+            now,
+            pose_stamp,
+            odom_from_camera: Pose::<Odom, Camera>::new(in_metres),
+            confidence: self.confidence,
+            speed: None,
+            hazard: self.dead.as_ref().map(|_| StopReason::StageDied),
+        };
+        let cue = guiding.guide.step(&input);
+        let ahead = bearing_of_way(guiding, &in_metres);
+        let arrived = guiding.guide.state() == GuideState::Arrived;
+        if let Some(cue) = cue {
+            self.cue(&cue, ahead, now);
+        }
+        if arrived {
+            self.arrived = true;
+            self.guiding = None;
+        }
+    }
+
+    fn cue(&mut self, cue: &Cue, ahead_rad: f64, now: Stamp) {
+        let turn = turn_of(cue);
+        if let Some(earcon) = cue.earcon() {
+            let bearing_rad = turn.unwrap_or(ahead_rad);
+            self.events.push_back(Event::Sound(Sound { t_s: self.since_start(now), earcon, bearing_rad }));
+        }
+        if let Some(words) = self.setting.phrases.words(cue) {
+            self.voice.push(words.clone(), cue.priority(), now);
+            self.pushed = Some((words, turn));
+        }
+    }
+
+    fn in_words(&self) -> String {
+        let s = self.status();
+        let mut words = s.words.clone();
+        if let Some(r) = &s.recording {
+            match s.metric {
+                true => words += &format!(" Recording, {}.", self.setting.phrases.distance(r.length)),
+                false => words += " Recording.",
+            }
+        }
+        if let Some(g) = &s.guiding {
+            words += &match s.metric {
+                true => format!(" Guiding, {} to go.", self.setting.phrases.distance(g.length_m - g.along_m)),
+                false => format!(" Guiding, {:.0} percent done.", 100.0 * g.along_m / g.length_m.max(1e-9)),
+            };
+        }
+        words
+    }
+}
+
+/// Where the way goes on, seen from the walker's course: radians, positive left.
+fn bearing_of_way(guiding: &Guiding, pose: &Se3) -> f64 {
+    let stance = guiding.facing.stance(&guiding.course.ground, &Pose::new(*pose));
+    match (stance, guiding.guide.place()) {
+        (Some(stance), Some(place)) => wrap(stance.turn_to(place.heading)),
+        _ => 0.0,
+    }
+}
+
+/// The name of a facing, as it is written on the command line.
+pub(crate) fn facing_name(facing: Facing) -> &'static str {
+    match facing {
+        Facing::Home => "home",
+        Facing::Back => "back",
+        Facing::Backwards => "backwards",
+    }
+}
+
+fn state_name(state: GuideState) -> &'static str {
+    match state {
+        GuideState::Waiting => "waiting",
+        GuideState::Turning => "turning",
+        GuideState::Moving => "moving",
+        GuideState::Checking => "checking behind",
+        GuideState::SteppingAside => "stepping aside",
+        GuideState::Stopped(_) => "stopped",
+        GuideState::Arrived => "arrived",
+    }
+}

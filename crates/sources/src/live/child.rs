@@ -1,0 +1,261 @@
+//! The `ffmpeg` child: gray pictures from its standard output, their times from what its `showinfo` filter says.
+//!
+//! The pipe carries YUV4MPEG2 (<https://wiki.multimedia.cx/index.php/YUV4MPEG2>): a line with the size, then `FRAME` and
+//! the rows. That form has no times; `showinfo` tells each on standard error, in the same order.
+
+use super::address::Address;
+use cairn_sensor::{GrayImage, SourceError};
+use std::collections::VecDeque;
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, ErrorKind, Read};
+use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// No camera that this is for has longer sides.
+const LONGEST_SIDE: usize = 16_384;
+/// How long a picture waits for its time, which was sent before it.
+const TIME_IS_LATE: Duration = Duration::from_millis(100);
+/// Lines of the child's complaints that are kept.
+const KEPT_LINES: usize = 8;
+
+/// What to start.
+#[derive(Clone, Debug)]
+pub(super) struct Recipe {
+    program: OsString,
+    arguments: Vec<OsString>,
+}
+
+impl Recipe {
+    /// `ffmpeg` for an address; `more` stands before the output.
+    pub fn ffmpeg(address: &Address, more: &[OsString]) -> Self {
+        let mut arguments: Vec<OsString> =
+            ["-nostdin", "-hide_banner", "-nostats", "-loglevel", "info"].map(OsString::from).into();
+        if address.live {
+            let low = ["-fflags", "nobuffer", "-flags", "low_delay", "-analyzeduration", "0"];
+            arguments.extend(low.map(OsString::from));
+            // One thread: several would each hold a picture back.
+            arguments.extend(["-threads", "1"].map(OsString::from));
+        }
+        arguments.extend(address.before.iter().cloned());
+        arguments.extend([OsString::from("-i"), address.input.clone()]);
+        arguments.extend(more.iter().cloned());
+        let out = ["-map", "0:v:0", "-an", "-vf", "format=gray,showinfo=checksum=0"];
+        arguments.extend(out.map(OsString::from));
+        let form = ["-fps_mode", "passthrough", "-strict", "-1", "-f", "yuv4mpegpipe", "pipe:1"];
+        arguments.extend(form.map(OsString::from));
+        Self { program: "ffmpeg".into(), arguments }
+    }
+
+    /// Any program that speaks the same way: for tests.
+    #[cfg(test)]
+    pub fn shell(script: &str) -> Self {
+        Self { program: "sh".into(), arguments: vec!["-c".into(), script.into()] }
+    }
+}
+
+/// A running child that can be ended from another thread.
+#[derive(Clone, Default)]
+pub(super) struct Handle(Arc<Mutex<Option<Child>>>);
+
+impl Handle {
+    /// Ends the child, if there is one; its pipes close.
+    pub fn end(&self) {
+        if let Some(mut child) = self.0.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            // It may be gone already.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Pictures of one run of the child.
+pub(super) struct Feed {
+    handle: Handle,
+    pictures: BufReader<ChildStdout>,
+    times: Receiver<f64>,
+    complaints: Arc<Mutex<VecDeque<String>>>,
+}
+
+impl Feed {
+    /// Starts the child; it can be ended by `handle` from now on.
+    pub fn start(recipe: &Recipe, handle: &Handle) -> Result<Self, SourceError> {
+        let program = recipe.program.to_string_lossy().into_owned();
+        let mut child = Command::new(&recipe.program)
+            .args(&recipe.arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|e| match e.kind() {
+                ErrorKind::NotFound => SourceError::new(
+                    program.clone(),
+                    "is not installed, and opens video for Cairn",
+                    "install it (Debian, Ubuntu: apt install ffmpeg)",
+                ),
+                _ => SourceError::new(program.clone(), e.to_string(), "check that it can be started"),
+            })?;
+        let (Some(out), Some(err)) = (child.stdout.take(), child.stderr.take()) else {
+            return Err(SourceError::new(program, "gave no pipes", "try again"));
+        };
+        let (tell, times) = channel();
+        let complaints = Arc::new(Mutex::new(VecDeque::new()));
+        let lines = complaints.clone();
+        std::thread::Builder::new()
+            .name("cairn-video-log".into())
+            .spawn(move || listen(err, &tell, &lines))
+            .map_err(|e| {
+                SourceError::new(program, format!("no thread for its log ({e})"), "close programs")
+            })?;
+        *handle.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(child);
+        Ok(Self {
+            handle: handle.clone(),
+            pictures: BufReader::with_capacity(1 << 16, out),
+            times,
+            complaints,
+        })
+    }
+
+    /// Reads the head of the stream: width, height, pictures a second. `None` when the stream ended before it.
+    pub fn head(&mut self) -> Option<([usize; 2], f64)> {
+        let mut line = Vec::new();
+        // A head is short; what is longer is none.
+        self.pictures.by_ref().take(4096).read_until(b'\n', &mut line).ok()?;
+        parse_head(std::str::from_utf8(&line).ok()?)
+    }
+
+    /// The next picture and its time in seconds where that is known; `None` at the end.
+    pub fn picture(&mut self, [width, height]: [usize; 2]) -> Option<(GrayImage, Option<f64>)> {
+        let mut line = Vec::new();
+        self.pictures.by_ref().take(4096).read_until(b'\n', &mut line).ok()?;
+        if !line.starts_with(b"FRAME") {
+            return None;
+        }
+        let mut data = vec![0; width * height];
+        self.pictures.read_exact(&mut data).ok()?;
+        let time = self.times.recv_timeout(TIME_IS_LATE).ok();
+        GrayImage::from_vec(width, height, data).map(|image| (image, time))
+    }
+
+    /// Ends the child and says what it complained of last.
+    pub fn end(self) -> String {
+        // Let it say its last words when it is ending by itself.
+        std::thread::sleep(Duration::from_millis(50));
+        self.handle.end();
+        let complaints = self.complaints.lock().unwrap_or_else(PoisonError::into_inner);
+        complaints.back().cloned().unwrap_or_else(|| "the stream ended".into())
+    }
+}
+
+/// Reads the child's log: times of pictures, and the last complaints.
+fn listen(log: ChildStderr, tell: &Sender<f64>, complaints: &Mutex<VecDeque<String>>) {
+    let mut log = BufReader::new(log);
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        match log.by_ref().take(1 << 16).read_until(b'\n', &mut line) {
+            Ok(n) if n > 0 => {}
+            _ => return,
+        }
+        let text = String::from_utf8_lossy(&line);
+        let text = text.trim();
+        if text.contains("showinfo") {
+            if let Some(time) = parse_time(text) {
+                let _ = tell.send(time);
+            }
+        } else if is_complaint(text) {
+            let mut kept = complaints.lock().unwrap_or_else(PoisonError::into_inner);
+            kept.push_back(text.to_owned());
+            while kept.len() > KEPT_LINES {
+                kept.pop_front();
+            }
+        }
+    }
+}
+
+fn is_complaint(line: &str) -> bool {
+    const SIGNS: [&str; 9] =
+        ["rror", "ailed", "nvalid", "No such", "refused", "imed out", "not found", "denied", "in use"];
+    SIGNS.iter().any(|s| line.contains(s))
+}
+
+/// `pts_time:1.25` of a line of showinfo.
+fn parse_time(line: &str) -> Option<f64> {
+    let rest = line.split("pts_time:").nth(1)?.trim_start();
+    let time: f64 = rest.split_whitespace().next()?.parse().ok()?;
+    time.is_finite().then_some(time)
+}
+
+/// `YUV4MPEG2 W640 H480 F30:1 ...`
+fn parse_head(line: &str) -> Option<([usize; 2], f64)> {
+    let mut parts = line.split_whitespace();
+    if parts.next() != Some("YUV4MPEG2") {
+        return None;
+    }
+    let (mut width, mut height, mut rate) = (0, 0, 0.0);
+    for part in parts {
+        match part.split_at_checked(1)? {
+            ("W", n) => width = n.parse().ok()?,
+            ("H", n) => height = n.parse().ok()?,
+            ("F", ratio) => {
+                let (over, under) = ratio.split_once(':')?;
+                let (over, under): (f64, f64) = (over.parse().ok()?, under.parse().ok()?);
+                rate = over / under;
+            }
+            ("C", kind) if !kind.starts_with("mono") => return None,
+            _ => {}
+        }
+    }
+    let sides = 16..=LONGEST_SIDE;
+    // Streams that do not know their rate tell wild numbers.
+    let rate = if (1.0..=240.0).contains(&rate) { rate } else { 30.0 };
+    (sides.contains(&width) && sides.contains(&height)).then_some(([width, height], rate))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heads_and_times_are_read() {
+        let head = "YUV4MPEG2 W854 H480 F30000:1001 Ip A1:1 Cmono XYSCSS=MONO\n";
+        let ([w, h], rate) = parse_head(head).unwrap();
+        assert_eq!([w, h], [854, 480]);
+        assert!((rate - 29.97).abs() < 0.01);
+        assert_eq!(parse_head("YUV4MPEG2 W64 H48 F1000:1\n").unwrap().1, 30.0);
+        for wrong in
+            ["", "RIFF", "YUV4MPEG2 W0 H48 F30:1", "YUV4MPEG2 W64 H48 F30", "YUV4MPEG2 W64 H48 C420jpeg"]
+        {
+            assert!(parse_head(wrong).is_none(), "{wrong}");
+        }
+        let line = "[Parsed_showinfo_1 @ 0x5] n:   3 pts:   3000 pts_time:0.1     duration:  1000 fmt:gray";
+        assert_eq!(parse_time(line), Some(0.1));
+        assert_eq!(parse_time("pts_time:NOPTS"), None);
+    }
+
+    #[test]
+    fn a_missing_program_says_what_to_install() {
+        let recipe = Recipe { program: "no-such-program-of-cairn".into(), arguments: Vec::new() };
+        let error = Feed::start(&recipe, &Handle::default()).err().unwrap().to_string();
+        assert!(error.contains("is not installed") && error.contains("apt install ffmpeg"), "{error}");
+    }
+
+    #[test]
+    fn pictures_come_with_their_times_and_complaints_are_kept() {
+        let script = r#"
+            echo 'YUV4MPEG2 W16 H16 F25:1 Cmono'
+            for t in 0.5 0.75; do
+                echo "[Parsed_showinfo_1 @ 0x5] n: 0 pts: 1 pts_time:$t x" >&2
+                echo FRAME; head -c 256 /dev/zero
+            done
+            echo 'Connection refused' >&2"#;
+        let mut feed = Feed::start(&Recipe::shell(script), &Handle::default()).unwrap();
+        let (size, rate) = feed.head().unwrap();
+        assert_eq!((size, rate), ([16, 16], 25.0));
+        assert_eq!(feed.picture(size).unwrap().1, Some(0.5));
+        assert_eq!(feed.picture(size).unwrap().1, Some(0.75));
+        assert!(feed.picture(size).is_none());
+        assert_eq!(feed.end(), "Connection refused");
+    }
+}

@@ -1,0 +1,89 @@
+//! A video file as a [`Source`]: every picture in order, at the times the file tells.
+
+use super::address::Address;
+use super::child::{Feed, Handle, Recipe};
+use super::rig_for;
+use crate::ahead::Ahead;
+use crate::open::OpenOptions;
+use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
+use std::ffi::OsString;
+use std::sync::Arc;
+use std::time::Instant;
+
+struct VideoFile {
+    info: SourceInfo,
+    rig: Rig,
+    handle: Handle,
+    feed: Option<Feed>,
+    size: [usize; 2],
+    given: usize,
+    last: Option<Stamp>,
+    skipped: Vec<String>,
+}
+
+/// Opens a file; it is read ahead on a thread.
+pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source>, SourceError> {
+    let mut more: Vec<OsString> = Vec::new();
+    if options.start_s > 0.0 {
+        more.extend(["-ss".into(), format!("{:.6}", options.start_s).into()]);
+    }
+    if let Some(frames) = options.frames {
+        more.extend(["-frames:v".into(), frames.to_string().into()]);
+    }
+    let handle = Handle::default();
+    let mut feed = Feed::start(&Recipe::ffmpeg(address, &more), &handle)?;
+    let Some((size, rate_hz)) = feed.head() else {
+        return Err(SourceError::new(&address.shown, feed.end(), "give a file with a picture track"));
+    };
+    let rig = rig_for(&address.shown, size, options.rig.clone())?;
+    let info =
+        SourceInfo { name: format!("video {}", address.shown), frames: None, rate_hz, truth: Vec::new() };
+    let feed = Some(feed);
+    let file = VideoFile { info, rig, handle, feed, size, given: 0, last: None, skipped: Vec::new() };
+    Ok(Box::new(Ahead::start(file)?))
+}
+
+impl Source for VideoFile {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        loop {
+            let begin = Instant::now();
+            let Some(feed) = &mut self.feed else { return Ok(None) };
+            let Some((image, time)) = feed.picture(self.size) else {
+                let why = self.feed.take().map(Feed::end).unwrap_or_default();
+                if self.given == 0 {
+                    return Err(SourceError::new(&self.info.name, why, "give a file with a picture track"));
+                }
+                return Ok(None);
+            };
+            let number = self.given;
+            self.given += 1;
+            let stamp = Stamp::from_seconds(time.unwrap_or(number as f64 / self.info.rate_hz));
+            if self.last.is_some_and(|last| stamp <= last) {
+                self.skipped.push(format!("picture {number}: its time {stamp} does not go forward"));
+                continue;
+            }
+            self.last = Some(stamp);
+            let decode_ms = begin.elapsed().as_secs_f64() * 1e3;
+            let images = vec![Arc::new(image)];
+            return Ok(Some(FramePacket { stamp, images, depth: None, imu: Vec::new(), decode_ms }));
+        }
+    }
+
+    fn skipped(&self) -> &[String] {
+        &self.skipped
+    }
+}
+
+impl Drop for VideoFile {
+    fn drop(&mut self) {
+        self.handle.end();
+    }
+}

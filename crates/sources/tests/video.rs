@@ -1,0 +1,132 @@
+//! Video through the `ffmpeg` program: files in order, a publisher that comes, goes and comes again.
+
+use cairn_sensor::Rig;
+use cairn_sources::{OpenOptions, named_rig, open};
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Whether there is an ffmpeg; says so aloud where there is none.
+fn ffmpeg() -> bool {
+    let there = Command::new("ffmpeg").arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let there = there.is_ok_and(|s| s.success());
+    if !there {
+        println!("skipped: ffmpeg is not installed");
+    }
+    there
+}
+
+fn folder() -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("cairn-video-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// Sends pictures to an address until it is killed.
+struct Publisher(Child);
+
+impl Publisher {
+    fn to(url: &str, size: &str) -> Self {
+        let input = format!("testsrc=size={size}:rate=30");
+        let coding =
+            ["-c:v", "libx264", "-preset", "ultrafast", "-tune", "zerolatency", "-g", "15", "-f", "flv"];
+        let child = Command::new("ffmpeg")
+            .args(["-nostdin", "-loglevel", "error", "-re", "-f", "lavfi", "-i", &input])
+            .args(coding)
+            .arg(url)
+            .stdin(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        Self(child)
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_file_gives_every_picture_at_its_time() {
+    if !ffmpeg() {
+        return;
+    }
+    let path = folder().join("walk.mp4");
+    let made = Command::new("ffmpeg")
+        .args(["-y", "-loglevel", "error", "-f", "lavfi", "-i", "testsrc=size=320x240:rate=25:duration=2"])
+        .arg(&path)
+        .status()
+        .unwrap();
+    assert!(made.success());
+    let mut source = open(path.to_str().unwrap(), OpenOptions::default()).unwrap();
+    assert_eq!(source.info().rate_hz, 25.0);
+    assert_eq!(source.rig().cameras[0].camera.fx, 0.7 * 320.0);
+    let mut stamps = Vec::new();
+    while let Some(packet) = source.next_packet().unwrap() {
+        assert_eq!((packet.images[0].width(), packet.images[0].height()), (320, 240));
+        stamps.push(packet.stamp.seconds());
+    }
+    assert_eq!(stamps.len(), 50);
+    assert!(
+        stamps.iter().enumerate().all(|(k, t)| (t - stamps[0] - 0.04 * k as f64).abs() < 1e-3),
+        "{stamps:?}"
+    );
+    // A rig of another size is refused, and so is a file that is no video.
+    let options =
+        OpenOptions { rig: Some(named_rig("phone-854x480").unwrap().rig), ..OpenOptions::default() };
+    let error = open(path.to_str().unwrap(), options).err().unwrap().to_string();
+    assert!(error.contains("320x240") && error.contains("854x480"), "{error}");
+    let broken = folder().join("broken.mp4");
+    std::fs::write(&broken, "no video at all").unwrap();
+    let error = open(broken.to_str().unwrap(), OpenOptions::default()).err().unwrap().to_string();
+    assert!(error.contains("Invalid data"), "{error}");
+}
+
+#[test]
+fn a_phone_that_publishes_is_heard_and_may_go_and_come_again() {
+    if !ffmpeg() {
+        return;
+    }
+    let port = free_port();
+    let url = format!("rtmp://127.0.0.1:{port}/cairn");
+    let address = format!("rtmp-listen://127.0.0.1:{port}/cairn");
+    let rig: Rig = named_rig("phone-854x480").unwrap().rig;
+    let opened =
+        std::thread::spawn(move || open(&address, OpenOptions { rig: Some(rig), ..OpenOptions::default() }));
+    std::thread::sleep(Duration::from_millis(300));
+    let publisher = Publisher::to(&url, "854x480");
+    let mut source = opened.join().unwrap().unwrap();
+    let mut last = source.next_packet().unwrap().unwrap().stamp;
+    for _ in 0..30 {
+        let packet = source.next_packet().unwrap().unwrap();
+        assert!(packet.stamp > last);
+        last = packet.stamp;
+    }
+    drop(publisher);
+    std::thread::sleep(Duration::from_millis(500));
+    // The phone comes back: it tries until the listener is there again.
+    let begin = Instant::now();
+    let mut publisher = Publisher::to(&url, "854x480");
+    let next = loop {
+        if publisher.0.try_wait().unwrap().is_some() {
+            publisher = Publisher::to(&url, "854x480");
+        }
+        let packet = source.next_packet().unwrap().unwrap();
+        if packet.stamp - last > 0.4 {
+            break packet.stamp;
+        }
+        last = packet.stamp;
+        assert!(begin.elapsed() < Duration::from_secs(20));
+    };
+    assert!(next > last);
+    let told = source.skipped().join("\n");
+    assert!(told.contains("is gone") && told.contains("is back"), "{told}");
+}

@@ -1,0 +1,93 @@
+//! How to get to the page: addresses with the token, and a QR code for the phone's camera.
+
+use qrcode::{EcLevel, QrCode};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+
+/// Where the page is and who may in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Invitation {
+    /// Addresses with the token, the best one first.
+    pub urls: Vec<String>,
+    /// The token.
+    pub token: String,
+}
+
+impl Invitation {
+    pub(crate) fn new(bound: SocketAddr, lan: Option<IpAddr>, token: &str) -> Self {
+        let port = bound.port();
+        let mut hosts: Vec<IpAddr> = lan.into_iter().collect();
+        hosts.push(if bound.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { bound.ip() });
+        let url = |host: &IpAddr| format!("https://{}/#k={token}", SocketAddr::new(*host, port));
+        Self { urls: hosts.iter().map(url).collect(), token: token.to_owned() }
+    }
+
+    /// The first address as a QR code of half blocks, two modules to a character, light on dark terminals and dark on
+    /// light ones alike (it brings its own background).
+    pub fn qr(&self) -> String {
+        let Some(url) = self.urls.first() else { return String::new() };
+        let Ok(code) = QrCode::with_error_correction_level(url, EcLevel::L) else { return String::new() };
+        let width = code.width() as i64;
+        let colors = code.to_colors();
+        const QUIET: i64 = 2;
+        let dark = |x: i64, y: i64| {
+            let inside = (0..width).contains(&x) && (0..width).contains(&y);
+            inside && colors[(y * width + x) as usize] == qrcode::Color::Dark
+        };
+        let mut out = String::new();
+        for y in (-QUIET..width + QUIET).step_by(2) {
+            out.push_str("\x1b[30;107m");
+            for x in -QUIET..width + QUIET {
+                out.push(match (dark(x, y), dark(x, y + 1)) {
+                    (true, true) => '\u{2588}',
+                    (true, false) => '\u{2580}',
+                    (false, true) => '\u{2584}',
+                    (false, false) => ' ',
+                });
+            }
+            out.push_str("\x1b[0m\n");
+        }
+        out
+    }
+}
+
+/// This machine's address in the local network, if it has one. Nothing is sent to find it out.
+pub fn lan_address() -> Option<IpAddr> {
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
+    // An address of the documentation's own range: the system only looks which way it would go.
+    socket.connect((Ipv4Addr::new(192, 0, 2, 1), 9)).ok()?;
+    let address = socket.local_addr().ok()?.ip();
+    (!address.is_loopback() && !address.is_unspecified()).then_some(address)
+}
+
+/// A word that nobody guesses: 128 bits.
+pub(crate) fn new_token() -> Result<String, String> {
+    let mut bytes = [0; 16];
+    rustls::crypto::ring::default_provider()
+        .secure_random
+        .fill(&mut bytes)
+        .map_err(|_| "this machine gives no random numbers".to_owned())?;
+    Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
+}
+
+/// Whether two words are the same, in a time that does not tell where they differ.
+pub(crate) fn same(a: &str, b: &str) -> bool {
+    a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |d, (x, y)| d | (x ^ y)) == 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tokens_differ_and_the_code_is_drawn() {
+        let (a, b) = (new_token().unwrap(), new_token().unwrap());
+        assert!(a != b && a.len() == 32);
+        assert!(same(&a, &a) && !same(&a, &b) && !same(&a, &a[1..]));
+        let bound = "0.0.0.0:8443".parse().unwrap();
+        let invitation = Invitation::new(bound, Some("192.168.1.7".parse().unwrap()), &a);
+        assert_eq!(invitation.urls[0], format!("https://192.168.1.7:8443/#k={a}"));
+        assert!(invitation.urls[1].starts_with("https://127.0.0.1:8443/#k="));
+        let qr = invitation.qr();
+        assert!(qr.lines().count() > 12 && qr.contains('\u{2588}'));
+    }
+}

@@ -1,0 +1,13 @@
+#![doc = include_str!("../README.md")]
+
+mod certificate;
+mod hub;
+mod invitation;
+mod server;
+mod tls;
+mod walk;
+mod wire;
+
+pub use certificate::Certificate;
+pub use invitation::{Invitation, lan_address};
+pub use server::{Eyes, OpenSource, ServeSetting, Server, WebError};

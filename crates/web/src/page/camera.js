@@ -1,0 +1,85 @@
+// The phone's camera and motion sensors: JPEGs with their time, and motion in the picture's axes.
+
+// The longer side of what is sent, pixels; the quality of the JPEG; pictures a second at most.
+const LONGER = 640;
+const QUALITY = 0.8;
+const MOST_A_SECOND = 20;
+// Motion is sent in parcels, each of so many readings.
+const PARCEL = 6;
+
+export class Camera {
+  constructor(video, { picture, motion, busy }) {
+    Object.assign(this, { video, picture, motion, busy, running: false, coding: 0, last: 0, parcel: [] });
+    this.canvas = document.createElement('canvas');
+  }
+
+  // Asks for camera and motion; must be called from a tap or a key, as phones demand.
+  async start() {
+    const ask = window.DeviceMotionEvent?.requestPermission;
+    const moves = !ask || (await ask.call(DeviceMotionEvent).catch(() => 'denied')) === 'granted';
+    const wish = { facingMode: 'environment', width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
+    const stream = await navigator.mediaDevices.getUserMedia({ video: wish, audio: false });
+    this.video.srcObject = stream;
+    await this.video.play();
+    this.running = true;
+    if (moves) window.addEventListener('devicemotion', (event) => this.moved(event));
+    this.stayAwake();
+    document.addEventListener('visibilitychange', () => this.stayAwake());
+    this.next();
+  }
+
+  // The screen may be dark, but the phone must not sleep.
+  async stayAwake() {
+    if (document.visibilityState !== 'visible' || !navigator.wakeLock) return;
+    this.lock = await navigator.wakeLock.request('screen').catch(() => null);
+  }
+
+  next() {
+    if (this.video.requestVideoFrameCallback) {
+      this.video.requestVideoFrameCallback((now, data) => {
+        this.next();
+        this.shoot(data.captureTime ?? now);
+      });
+    } else {
+      setInterval(() => this.shoot(performance.now()), 1000 / MOST_A_SECOND);
+    }
+  }
+
+  // One picture: drawn, coded, sent; left out when the one before is not away yet.
+  shoot(at) {
+    if (this.busy() || this.coding > 1 || at - this.last < 900 / MOST_A_SECOND) return;
+    const { videoWidth: w, videoHeight: h } = this.video;
+    if (!w) return;
+    this.last = at;
+    const scale = Math.min(1, LONGER / Math.max(w, h));
+    const [cw, ch] = [Math.round(w * scale), Math.round(h * scale)];
+    if (this.canvas.width !== cw || this.canvas.height !== ch) [this.canvas.width, this.canvas.height] = [cw, ch];
+    this.canvas.getContext('2d', { alpha: false }).drawImage(this.video, 0, 0, cw, ch);
+    this.coding += 1;
+    this.canvas.toBlob(async (blob) => {
+      this.coding -= 1;
+      if (!blob) return;
+      const bytes = new Uint8Array(8 + blob.size);
+      new DataView(bytes.buffer).setFloat64(0, performance.timeOrigin + at, true);
+      bytes.set(new Uint8Array(await blob.arrayBuffer()), 8);
+      this.picture(bytes);
+    }, 'image/jpeg', QUALITY);
+  }
+
+  // The device's axes (W3C: x right, y up, z out of the screen) into the picture's: x right, y down, z into the
+  // scene, for the rear camera; the picture turns with the screen.
+  moved(event) {
+    const { accelerationIncludingGravity: a, rotationRate: g } = event;
+    if (!a || !g || a.x === null || g.alpha === null) return;
+    const turn = ((screen.orientation?.angle ?? 0) * Math.PI) / 180;
+    const [c, s] = [Math.cos(turn), Math.sin(turn)];
+    // Apple's phones tell gravity with the other sign than the standard.
+    const sign = /iPhone|iPad|iPod/.test(navigator.userAgent) ? -1 : 1;
+    const axes = (x, y, z) => [c * x + s * y, -(c * y - s * x), -z];
+    const rad = Math.PI / 180;
+    // rotationRate: alpha about z, beta about x, gamma about y, degrees a second.
+    const rate = axes(g.beta * rad, g.gamma * rad, g.alpha * rad);
+    this.parcel.push([performance.timeOrigin + event.timeStamp, ...rate, ...axes(sign * a.x, sign * a.y, sign * a.z)]);
+    if (this.parcel.length >= PARCEL) this.motion(this.parcel.splice(0));
+  }
+}

@@ -1,0 +1,77 @@
+// Ears and skin: the browser's own voice, a screen reader's live regions, short sounds, vibration.
+
+// Short sounds, made by code: waves of [frequency in Hz, begin and length in s, loudness].
+const SOUNDS = {
+  'on-course': [[880, 0, 0.05, 0.15]],
+  'off-course': [[330, 0, 0.12, 0.4], [262, 0.14, 0.16, 0.4]],
+  turn: [[660, 0, 0.09, 0.4], [880, 0.1, 0.09, 0.4]],
+  waypoint: [[988, 0, 0.12, 0.3]],
+  arrival: [[523, 0, 0.15, 0.4], [659, 0.16, 0.15, 0.4], [784, 0.32, 0.3, 0.4]],
+  stop: [[196, 0, 0.18, 0.6], [196, 0.25, 0.18, 0.6]],
+};
+// Milliseconds of shaking and rest. Left is two short, right is three, around is one long; stop can not be mistaken.
+const SHAKES = { left: [80, 80, 80], right: [80, 80, 80, 80, 80], around: [500], stop: [300, 100, 300, 100, 300], arrival: [100, 60, 100, 60, 400] };
+
+export class Senses {
+  constructor({ polite, urgent }) {
+    Object.assign(this, { polite, urgent, told: 'voice', rate: 1.1, volume: 1, sounds: true, vibrate: true });
+  }
+
+  set(name, value) {
+    this[name] = value;
+    if (name === 'told' && value !== 'voice') window.speechSynthesis?.cancel();
+  }
+
+  // Browsers are silent until something was touched.
+  wake() {
+    if (!this.audio) {
+      try {
+        this.audio = new AudioContext();
+      } catch {
+        this.audio = null;
+      }
+      if (window.speechSynthesis && this.told === 'voice') speechSynthesis.speak(new SpeechSynthesisUtterance(''));
+    }
+    this.audio?.resume();
+  }
+
+  say({ text, priority, interrupts, turn_rad }) {
+    if (priority === 0) this.shake('stop');
+    else if (/^Stop\. You have arrived/.test(text)) this.shake('arrival');
+    else if (typeof turn_rad === 'number' && priority === 1) this.shake(Math.abs(turn_rad) > 2.6 ? 'around' : turn_rad > 0 ? 'left' : 'right');
+    if (this.told === 'reader') {
+      const region = priority <= 1 ? this.urgent : this.polite;
+      // The same words twice must be a change, or they are not read.
+      region.textContent = region.textContent === text ? `${text}\u00a0` : text;
+    } else if (this.told === 'voice' && window.speechSynthesis) {
+      if (interrupts || priority === 0) speechSynthesis.cancel();
+      const words = new SpeechSynthesisUtterance(text);
+      [words.rate, words.volume, words.lang] = [this.rate, this.volume, 'en'];
+      speechSynthesis.speak(words);
+    }
+  }
+
+  shake(name) {
+    if (this.vibrate && navigator.vibrate && navigator.userActivation?.hasBeenActive !== false) navigator.vibrate(SHAKES[name]);
+  }
+
+  // A sound from its side: bearing in radians, positive to the left.
+  sound(name, bearing) {
+    if (!this.sounds || !this.audio || this.told === 'silent' || this.volume === 0) return;
+    const pan = this.audio.createStereoPanner();
+    pan.pan.value = -Math.sin(bearing || 0);
+    pan.connect(this.audio.destination);
+    const now = this.audio.currentTime + 0.01;
+    for (const [frequency, begin, length, loud] of SOUNDS[name] ?? []) {
+      const wave = this.audio.createOscillator();
+      const gain = this.audio.createGain();
+      wave.frequency.value = frequency;
+      gain.gain.setValueAtTime(0, now + begin);
+      gain.gain.linearRampToValueAtTime(loud * this.volume, now + begin + 0.01);
+      gain.gain.linearRampToValueAtTime(0, now + begin + length);
+      wave.connect(gain).connect(pan);
+      wave.start(now + begin);
+      wave.stop(now + begin + length + 0.02);
+    }
+  }
+}

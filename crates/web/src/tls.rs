@@ -1,0 +1,91 @@
+//! Connections over TLS for the page's server; handshakes run beside each other, so that a slow one holds nobody up.
+
+use axum::serve::Listener;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::AsyncWriteExt;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::mpsc;
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::server::TlsStream;
+
+/// A handshake that takes longer is given up.
+const HANDSHAKE_WITHIN: Duration = Duration::from_secs(10);
+/// So many connections wait to be taken.
+const WAITING: usize = 32;
+
+/// Gives connections whose handshake is done.
+pub(crate) struct TlsListener {
+    address: SocketAddr,
+    ready: mpsc::Receiver<(TlsStream<TcpStream>, SocketAddr)>,
+}
+
+impl TlsListener {
+    /// Takes connections from a bound socket.
+    pub fn new(listener: TcpListener, config: rustls::ServerConfig) -> io::Result<Self> {
+        let address = listener.local_addr()?;
+        let acceptor = TlsAcceptor::from(Arc::new(config));
+        let (tell, ready) = mpsc::channel(WAITING);
+        tokio::spawn(accept(listener, acceptor, tell));
+        Ok(Self { address, ready })
+    }
+}
+
+async fn accept(
+    listener: TcpListener,
+    acceptor: TlsAcceptor,
+    tell: mpsc::Sender<(TlsStream<TcpStream>, SocketAddr)>,
+) {
+    while !tell.is_closed() {
+        let Ok((stream, peer)) = listener.accept().await else {
+            // Out of file descriptors, or the other side has gone: rest a little and go on.
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            continue;
+        };
+        let (acceptor, tell) = (acceptor.clone(), tell.clone());
+        tokio::spawn(async move {
+            let _ = stream.set_nodelay(true);
+            let handshake = async {
+                let mut first = [0];
+                match stream.peek(&mut first).await {
+                    // A TLS handshake begins with 22 (RFC 8446, 5.1).
+                    Ok(1) if first[0] == 22 => acceptor.accept(stream).await.ok(),
+                    _ => {
+                        plain(stream).await;
+                        None
+                    }
+                }
+            };
+            if let Ok(Some(stream)) = tokio::time::timeout(HANDSHAKE_WITHIN, handshake).await {
+                let _ = tell.send((stream, peer)).await;
+            }
+        });
+    }
+}
+
+/// Who came without TLS is told.
+async fn plain(mut stream: TcpStream) {
+    const ANSWER: &[u8] = b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nContent-Length: 56\r\n\
+        Connection: close\r\n\r\nThis page is given over HTTPS: write https:// before it.\n";
+    let _ = stream.write_all(ANSWER).await;
+    let _ = stream.shutdown().await;
+}
+
+impl Listener for TlsListener {
+    type Io = TlsStream<TcpStream>;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (Self::Io, Self::Addr) {
+        match self.ready.recv().await {
+            Some(connection) => connection,
+            // The accepting task has ended, with the runtime.
+            None => std::future::pending().await,
+        }
+    }
+
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        Ok(self.address)
+    }
+}

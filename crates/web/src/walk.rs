@@ -1,0 +1,133 @@
+//! The thread that walks: opens the source, drives the session, and tells the hub.
+
+use crate::hub::Hub;
+use crate::server::{Eyes, ServeSetting};
+use crate::wire::{self, ToPage};
+use cairn_engine::{Engine, Output, Runner, SensorMode};
+use cairn_sensor::{FramePacket, Source, SourceError};
+use cairn_session::{Command, Event, Face, Script, Session, drive_live, feed};
+use cairn_sources::PhoneSource;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// States are told so often,
+const STATUS_EVERY: Duration = Duration::from_millis(100);
+/// pictures so often,
+const PICTURE_EVERY: Duration = Duration::from_millis(100);
+/// the map so often.
+const VIEW_EVERY: Duration = Duration::from_millis(1000);
+/// Landmarks that are drawn.
+const MOST_POINTS: usize = 4000;
+
+/// Walks until the source ends; what goes wrong is told to the pages and given back.
+pub(crate) fn walk(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceError> {
+    let result = walk_on(hub, setting);
+    hub.walking.store(false, Ordering::Relaxed);
+    match &result {
+        Err(e) => hub.tell(&ToPage::Trouble(&e.to_string())),
+        Ok(()) => hub.tell(&ToPage::Trouble("The walk has ended.")),
+    }
+    result
+}
+
+fn walk_on(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceError> {
+    let (source, mode): (Box<dyn Source>, SensorMode) = match setting.eyes {
+        Eyes::Page { rig } => (Box::new(PhoneSource::open(&hub.port, rig.map(|r| *r))?), SensorMode::Mono),
+        Eyes::Source { open, .. } => open()?,
+    };
+    let name = source.info().name.clone();
+    let engine = Engine::new(source.rig(), mode, source.info().rate_hz, Runner::Threaded, &setting.config)
+        .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
+    let mut session_setting = setting.session;
+    session_setting.source.clone_from(&name);
+    let mut session = Session::new(engine, session_setting);
+    feed(source, hub.inbox.clone()).map_err(|e| {
+        SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
+    })?;
+    hub.walking.store(true, Ordering::Relaxed);
+    let mut face = PageFace::new(hub.clone());
+    let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut face);
+    let closed = session.close();
+    face.last(&mut session);
+    ended?;
+    closed.map_err(|why| SourceError::new(&name, why, "make room on the disk"))
+}
+
+/// Tells the hub what happens.
+struct PageFace {
+    hub: Arc<Hub>,
+    status: Option<Instant>,
+    picture: Option<Instant>,
+    view: Option<Instant>,
+    frame_ms: f64,
+}
+
+impl PageFace {
+    fn new(hub: Arc<Hub>) -> Self {
+        Self { hub, status: None, picture: None, view: None, frame_ms: 0.0 }
+    }
+
+    fn tell_status(&self, session: &Session) {
+        let status = session.status();
+        let dropped = self.hub.inbox.dropped();
+        let message = ToPage::Status { frame_ms: self.frame_ms, status: &status, dropped };
+        self.hub.status.send_replace(message.text().into());
+    }
+
+    /// What is left to tell when the walk has ended.
+    fn last(&mut self, session: &mut Session) {
+        for event in session.events() {
+            self.heard(session, &event);
+        }
+        self.tell_status(session);
+    }
+}
+
+/// Whether it is time again; remembers when it was.
+fn due(last: &mut Option<Instant>, every: Duration) -> bool {
+    let due = last.is_none_or(|t| t.elapsed() >= every);
+    if due {
+        *last = Some(Instant::now());
+    }
+    due
+}
+
+impl Face for PageFace {
+    fn heard(&mut self, _: &Session, event: &Event) {
+        let _ = self.hub.told.send(wire::event(event).into());
+    }
+
+    fn saw(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+        self.frame_ms = packet.stamp.0 as f64 * 1e-6;
+        if self.hub.pictures_wanted.load(Ordering::Relaxed) == 0 || !due(&mut self.picture, PICTURE_EVERY) {
+            return;
+        }
+        if let Some(image) = packet.images.first() {
+            let features = output.as_ref().map_or(&[][..], |o| &o.frame.raw);
+            self.hub.picture.send_replace(wire::preview(image, features).into());
+        }
+    }
+
+    fn did(&mut self, _: &Session, _: &Command, done: &Result<String, String>) {
+        let (ok, text) = match done {
+            Ok(text) => (true, text),
+            Err(text) => (false, text),
+        };
+        self.hub.tell(&ToPage::Did { ok, text });
+        // The map on the screens follows at once.
+        self.view = None;
+    }
+
+    fn passed(&mut self, session: &Session) {
+        if let Some(why) = self.hub.port.refused() {
+            self.hub.tell(&ToPage::Trouble(&why));
+        }
+        if due(&mut self.status, STATUS_EVERY) {
+            self.tell_status(session);
+        }
+        if self.hub.maps_wanted.load(Ordering::Relaxed) > 0 && due(&mut self.view, VIEW_EVERY) {
+            self.hub.view.send_replace(ToPage::View(&session.view(MOST_POINTS)).text().into());
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! What goes over the web socket. Text is JSON with one key that tells the kind; pictures are bytes.
+
+use cairn_geometry::Vec3;
+use cairn_session::{Event, Status, View, earcon_name};
+use cairn_sources::Motion;
+use serde::{Deserialize, Serialize};
+
+/// What a page sends as text.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+pub(crate) enum FromPage {
+    /// The first message: who may in, and who wants to walk.
+    Hello { token: String, walk: bool },
+    /// A command of the session, as a line.
+    Command(String),
+    /// Motion: milliseconds, angular rate, specific force, each in the picture's axes.
+    Motion(Vec<[f64; 7]>),
+    /// What should be sent: pictures, the map.
+    Want { picture: bool, map: bool },
+    /// Control, when nobody has it.
+    Take(bool),
+}
+
+/// What pages are sent as text.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum ToPage<'a> {
+    /// The answer to a hello.
+    Hello { id: u64, version: &'static str, eyes: &'a str },
+    /// Who controls.
+    Control { id: Option<u64> },
+    /// Words that begin now.
+    Said(&'a cairn_session::Said),
+    /// A sound that begins now.
+    Sound { name: &'static str, bearing_rad: f64 },
+    /// What became of a command.
+    Did { ok: bool, text: &'a str },
+    /// How things stand.
+    Status {
+        /// The time of the last picture, milliseconds in the page's clock.
+        frame_ms: f64,
+        /// What stands.
+        #[serde(flatten)]
+        status: &'a Status,
+        /// Packets left out.
+        dropped: usize,
+    },
+    /// The map to draw.
+    View(&'a View),
+    /// A picture was refused, or the walk has ended.
+    Trouble(&'a str),
+}
+
+impl ToPage<'_> {
+    /// As text.
+    pub fn text(&self) -> String {
+        // These types have no map keys and no numbers that JSON can not hold but NaN, which becomes null.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+/// The text of an event.
+pub(crate) fn event(event: &Event) -> String {
+    match event {
+        Event::Said(said) => ToPage::Said(said).text(),
+        Event::Sound(sound) => {
+            ToPage::Sound { name: earcon_name(sound.earcon), bearing_rad: sound.bearing_rad }.text()
+        }
+    }
+}
+
+/// Motion as the port takes it.
+pub(crate) fn motion([ms, gx, gy, gz, ax, ay, az]: [f64; 7]) -> Motion {
+    Motion { ms, gyro: Vec3::new(gx, gy, gz), accel: Vec3::new(ax, ay, az) }
+}
+
+/// A picture from a page: the page's milliseconds as eight bytes (little-endian float), then a JPEG.
+pub(crate) fn picture(bytes: &[u8]) -> Option<(f64, &[u8])> {
+    let (head, jpeg) = bytes.split_at_checked(8)?;
+    Some((f64::from_le_bytes(head.try_into().ok()?), jpeg))
+}
+
+/// A picture to a page: kind 1, width, height, count (16 bits each, little-endian), features as pairs of 16 bits, then
+/// gray rows. Large pictures are halved; features come in pixels of what is sent.
+pub(crate) fn preview(image: &cairn_sensor::GrayImage, features: &[[f32; 2]]) -> Vec<u8> {
+    let step = image.width().div_ceil(480).max(1);
+    let (w, h) = (image.width() / step, image.height() / step);
+    let count = features.len().min(4000);
+    let mut out = Vec::with_capacity(8 + 4 * count + w * h);
+    out.push(1);
+    for n in [w, h, count] {
+        out.extend((n as u16).to_le_bytes());
+    }
+    out.push(0);
+    for f in &features[..count] {
+        for v in f {
+            out.extend((v.max(0.0) as u16 / step as u16).to_le_bytes());
+        }
+    }
+    for y in 0..h {
+        out.extend(image.row(y * step).iter().step_by(step).take(w));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_sensor::GrayImage;
+
+    #[test]
+    fn messages_are_read_and_rubbish_is_refused() {
+        let read = |text: &str| serde_json::from_str::<FromPage>(text);
+        assert!(matches!(
+            read(r#"{"hello":{"token":"x","walk":true}}"#),
+            Ok(FromPage::Hello { walk: true, .. })
+        ));
+        assert!(matches!(read(r#"{"command":"guide back"}"#), Ok(FromPage::Command(c)) if c == "guide back"));
+        assert!(matches!(read(r#"{"motion":[[1,0,0,0,0,0,9.8]]}"#), Ok(FromPage::Motion(m)) if m.len() == 1));
+        for wrong in ["", "{}", r#"{"fly":1}"#, r#"{"motion":[[1,2]]}"#, r#"{"hello":{"token":"x"}}"#] {
+            assert!(read(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(picture(&[0, 0, 0, 0, 0, 0, 0xf0, 0x3f, 7]), Some((1.0, &[7][..])));
+        assert_eq!(picture(&[1, 2]), None);
+    }
+
+    #[test]
+    fn pictures_are_halved_with_their_features() {
+        let mut image = GrayImage::new(640, 480);
+        image.row_mut(2)[4] = 9;
+        let bytes = preview(&image, &[[4.0, 2.0]]);
+        assert_eq!(bytes.len(), 8 + 4 + 320 * 240);
+        assert_eq!(bytes[..12], [1, 64, 1, 240, 0, 1, 0, 0, 2, 0, 1, 0]);
+        assert_eq!(bytes[12 + 320 + 2], 9);
+    }
+}

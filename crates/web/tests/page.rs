@@ -1,0 +1,181 @@
+//! The server as a browser meets it, without a browser: TLS, the page's files, who may in, who controls, what is told.
+
+use cairn_engine::{Config, SensorMode};
+use cairn_sensor::Source;
+use cairn_session::SessionSetting;
+use cairn_sim::{SimSetting, SimSource};
+use cairn_sources::Paced;
+use cairn_web::{Eyes, ServeSetting, Server};
+use futures_util::{SinkExt, StreamExt};
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio_rustls::TlsConnector;
+use tokio_tungstenite::WebSocketStream;
+use tokio_tungstenite::tungstenite::Message;
+
+type Socket = WebSocketStream<tokio_rustls::client::TlsStream<tokio::net::TcpStream>>;
+
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("cairn-page-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    folder
+}
+
+fn server(name: &str, eyes: Eyes) -> Server {
+    let session = SessionSetting { folder: folder(name), ..SessionSetting::default() };
+    Server::start(ServeSetting { lan: false, port: 0, eyes, config: Config::default(), session }).unwrap()
+}
+
+/// A walk through a world, played in real time.
+fn walk() -> Eyes {
+    let open = || {
+        let setting = SimSetting::parse("sim:demo?sensor=rgbd&rate=10&resolution=320x240")?;
+        let source: Box<dyn Source> = Box::new(Paced::new(Box::new(SimSource::new(&setting)?)));
+        Ok((source, SensorMode::Rgbd))
+    };
+    Eyes::Source { name: "sim:demo".into(), open: Box::new(open) }
+}
+
+/// A TLS client that trusts this server alone.
+fn tls(server: &Server) -> Arc<rustls::ClientConfig> {
+    let mut roots = rustls::RootCertStore::empty();
+    roots.add(server.certificate().clone()).unwrap();
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let builder = rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
+    Arc::new(builder.unwrap().with_root_certificates(roots).with_no_client_auth())
+}
+
+async fn connect(server: &Server) -> Socket {
+    let stream = tokio::net::TcpStream::connect(server.address()).await.unwrap();
+    let name = "localhost".try_into().unwrap();
+    let stream = TlsConnector::from(tls(server)).connect(name, stream).await.unwrap();
+    let url = format!("wss://localhost:{}/ws", server.address().port());
+    tokio_tungstenite::client_async(url, stream).await.unwrap().0
+}
+
+async fn send(socket: &mut Socket, message: Value) {
+    socket.send(Message::text(message.to_string())).await.unwrap();
+}
+
+/// The first message of a kind, within ten seconds.
+async fn next(socket: &mut Socket, kind: &str) -> Value {
+    let find = async {
+        while let Some(Ok(message)) = socket.next().await {
+            if let Message::Text(text) = message {
+                let mut value: Value = serde_json::from_str(&text).unwrap();
+                if let Some(inner) = value.get_mut(kind) {
+                    return inner.take();
+                }
+            }
+        }
+        panic!("closed before \"{kind}\" came")
+    };
+    tokio::time::timeout(Duration::from_secs(10), find).await.unwrap_or_else(|_| panic!("no \"{kind}\" came"))
+}
+
+async fn enter(server: &Server, walk: bool) -> Socket {
+    let mut socket = connect(server).await;
+    send(&mut socket, json!({ "hello": { "token": server.invitation().token, "walk": walk } })).await;
+    socket
+}
+
+#[tokio::test]
+async fn the_page_comes_over_tls_with_its_policy_and_nothing_from_elsewhere() {
+    let server = server("files", Eyes::Page { rig: None });
+    let get = |path: &str| {
+        let mut connection =
+            rustls::ClientConnection::new(tls(&server), "localhost".try_into().unwrap()).unwrap();
+        let mut stream = TcpStream::connect(server.address()).unwrap();
+        let mut tls = rustls::Stream::new(&mut connection, &mut stream);
+        write!(tls, "GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").unwrap();
+        let mut text = String::new();
+        let _ = tls.read_to_string(&mut text);
+        text
+    };
+    for path in ["/", "/app.js", "/camera.js", "/senses.js", "/view.js", "/style.css", "/icon.svg"] {
+        let text = get(path);
+        assert!(text.starts_with("HTTP/1.1 200"), "{path}: {text}");
+        assert!(text.contains("content-security-policy: default-src 'none'"), "{path}");
+        let body = text.split_once("\r\n\r\n").unwrap().1;
+        let foreign = body.replace("http://www.w3.org/2000/svg", "");
+        assert!(!foreign.contains("http://") && !foreign.contains("https://"), "{path} names another place");
+    }
+    assert!(get("/secret").starts_with("HTTP/1.1 404"));
+    // Without TLS there is a word about it.
+    let mut plain = TcpStream::connect(server.address()).unwrap();
+    plain.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
+    let mut text = String::new();
+    let _ = plain.read_to_string(&mut text);
+    assert!(text.contains("https://"), "{text}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+async fn strangers_stay_out_one_controls_and_others_watch() {
+    let server = server("control", walk());
+    let mut stranger = connect(&server).await;
+    send(&mut stranger, json!({ "hello": { "token": "0".repeat(32), "walk": true } })).await;
+    assert!(next(&mut stranger, "trouble").await.as_str().unwrap().contains("key is wrong"));
+    assert!(!matches!(stranger.next().await, Some(Ok(Message::Text(_)))));
+
+    let mut walker = enter(&server, true).await;
+    let me = next(&mut walker, "hello").await["id"].clone();
+    assert_eq!(next(&mut walker, "control").await["id"], me);
+    let mut watcher = enter(&server, true).await;
+    next(&mut watcher, "hello").await;
+    assert_eq!(next(&mut watcher, "control").await["id"], me);
+    send(&mut watcher, json!({ "command": "record" })).await;
+    assert_eq!(next(&mut watcher, "did").await["ok"], false);
+    // The walk is seen by both.
+    while next(&mut watcher, "status").await["tracked"].as_u64().unwrap() < 5 {}
+    send(&mut watcher, json!({ "want": { "picture": true, "map": true } })).await;
+    let picture = loop {
+        if let Some(Ok(Message::Binary(bytes))) = watcher.next().await {
+            break bytes;
+        }
+    };
+    assert_eq!(picture[..5], [1, 64, 1, 240, 0]);
+    let view = next(&mut watcher, "view").await;
+    assert!(view["points"].as_array().unwrap().len() > 50 && view["camera"].is_array());
+
+    send(&mut walker, json!({ "command": "guide home" })).await;
+    let refused = next(&mut walker, "did").await;
+    assert!(refused["ok"] == false && refused["text"].as_str().unwrap().contains("no way"), "{refused}");
+    send(&mut walker, json!({ "command": "r" })).await;
+    assert_eq!(
+        next(&mut walker, "said").await["text"],
+        "There is no way to guide along: record or load one first."
+    );
+    assert_eq!(next(&mut watcher, "said").await["priority"], 1);
+    while next(&mut walker, "status").await["recording"]["points"].as_u64().unwrap_or(0) < 20 {}
+    send(&mut walker, json!({ "command": "stop" })).await;
+    loop {
+        if next(&mut walker, "did").await["text"].as_str().unwrap().starts_with("Recording has ended") {
+            break;
+        }
+    }
+    send(&mut walker, json!({ "command": "guide back" })).await;
+    let words = loop {
+        let said = next(&mut walker, "said").await["text"].as_str().unwrap().to_owned();
+        if said.starts_with("The way is") {
+            break said;
+        }
+    };
+    assert!(words.contains("metre"), "{words}");
+    // The walker's page dies: control is free, the recorded way is on disk, another page takes over.
+    drop(walker);
+    while !next(&mut watcher, "control").await["id"].is_null() {}
+    send(&mut watcher, json!({ "take": true })).await;
+    while next(&mut watcher, "control").await["id"].is_null() {}
+    send(&mut watcher, json!({ "command": "halt" })).await;
+    assert_eq!(next(&mut watcher, "did").await["ok"], true);
+    let way = cairn_guide::Way::load(&folder_of("control").join("way-0001.way")).unwrap();
+    assert!(way.points.len() >= 20 && !way.torn);
+}
+
+fn folder_of(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("cairn-page-{name}-{}", std::process::id()))
+}
