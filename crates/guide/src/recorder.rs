@@ -84,6 +84,21 @@ impl Recorder {
         }
     }
 
+    /// Goes on with what was recorded before, behind a gap: see [`WayWriter::resume`].
+    pub fn resume(setting: RecorderSetting, way: Way) -> Self {
+        let last = way.points.last().map(|p| (p.stamp, p.odom_from_camera));
+        Self {
+            setting,
+            gap: last.is_some(),
+            way,
+            writer: None,
+            last_sync: None,
+            confidence: Confidence::Lost,
+            last_good: last,
+            refused: 0,
+        }
+    }
+
     /// Records to disk as well: every point from now on is appended.
     pub fn with_writer(mut self, writer: WayWriter) -> Self {
         self.writer = Some(writer);
@@ -244,6 +259,24 @@ mod tests {
         let stretches: Vec<Stretch> = r.way().points.iter().map(|p| p.stretch).collect();
         assert_eq!(stretches.iter().filter(|s| **s == Stretch::Gap).count(), 1);
         assert!(stretches.iter().filter(|s| **s == Stretch::Bridged).count() >= 5);
+    }
+
+    #[test]
+    fn what_was_recorded_before_is_gone_on_with_behind_a_gap() {
+        let mut r = recorder();
+        (0..10).for_each(|k| drop(r.observe(&input(k as f64, k as f64, 0.0, Confidence::Good))));
+        let (way, _) = r.finish();
+        let mut r = Recorder::resume(RecorderSetting::default(), way);
+        assert_eq!(
+            r.observe(&input(3.0, 3.0, 0.0, Confidence::Good)).unwrap(),
+            None,
+            "it is older than the record"
+        );
+        let event = r.observe(&input(100.0, 9.5, 0.0, Confidence::Good)).unwrap();
+        assert_eq!(event, Some(RecorderEvent::Resumed { seconds: 91.0, metres: 0.5 }));
+        r.observe(&input(101.0, 10.0, 0.0, Confidence::Good)).unwrap();
+        let stretches: Vec<Stretch> = r.way().points[9..].iter().map(|p| p.stretch).collect();
+        assert_eq!(stretches, [Stretch::Tracked, Stretch::Gap, Stretch::Tracked]);
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! A way on disk: one JSON object a line, the header first, only ever appended to.
 //!
-//! A crash can tear at most the last line; reading leaves that one out and says so. A broken line
-//! anywhere else is an error that names the line.
+//! A crash can tear at most the last line; reading leaves that one out and says so, and recording can go on behind
+//! the lines that are whole. A broken line anywhere else is an error that names the line.
 
 use crate::way::{Way, WayHeader, WayPoint};
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Why a way could not be read.
@@ -62,6 +62,21 @@ impl WayWriter {
         Self::new(Box::new(File::options().write(true).create_new(true).open(path)?), header)
     }
 
+    /// Goes on with the record in a file, after a crash too: what was torn is cut off. Returns what is recorded so far.
+    pub fn resume(path: &Path) -> Result<(Way, Self), WayError> {
+        let failed = |source| WayError::File { path: path.display().to_string(), source };
+        let mut file = File::options().read(true).append(true).open(path).map_err(failed)?;
+        let mut way = Way::read(BufReader::new(&file))?;
+        let (whole, ended) = whole_lines(&mut file, way.torn).map_err(failed)?;
+        file.set_len(whole).map_err(failed)?;
+        if !ended {
+            file.write_all(b"\n").map_err(failed)?;
+        }
+        file.sync_data().map_err(failed)?;
+        way.torn = false;
+        Ok((way, Self { out: Box::new(file) }))
+    }
+
     /// Writes the header to `out`.
     pub fn new(mut out: Box<dyn Durable + Send>, header: &WayHeader) -> io::Result<Self> {
         write_line(&mut *out, header)?;
@@ -86,6 +101,26 @@ fn write_line<T: serde::Serialize>(out: &mut (dyn Durable + Send), value: &T) ->
     out.write_all(&line)
 }
 
+/// How many bytes of a record are whole, and whether they end with a line's end; without it, the last line is whole
+/// all the same unless it is `torn`.
+fn whole_lines(file: &mut File, torn: bool) -> io::Result<(u64, bool)> {
+    file.seek(SeekFrom::Start(0))?;
+    let mut lines = BufReader::new(file);
+    let (mut whole, mut line) = (0, Vec::new());
+    loop {
+        line.clear();
+        let length = lines.read_until(b'\n', &mut line)? as u64;
+        let ended = line.ends_with(b"\n");
+        if length == 0 || (torn && !ended) {
+            return Ok((whole, true));
+        }
+        whole += length;
+        if !ended {
+            return Ok((whole, false));
+        }
+    }
+}
+
 impl Way {
     /// Reads a way from a file.
     pub fn load(path: &Path) -> Result<Self, WayError> {
@@ -101,6 +136,14 @@ impl Way {
             writer.append(p)?;
         }
         writer.make_durable()
+    }
+
+    /// The bytes of a record of this way.
+    pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
+        let mut bytes: Vec<u8> = Vec::new();
+        write_line(&mut bytes, &self.header)?;
+        self.points.iter().try_for_each(|p| write_line(&mut bytes, p))?;
+        Ok(bytes)
     }
 
     /// Reads a way: header, then points.
@@ -211,6 +254,31 @@ mod tests {
         }
         // Only the line end is missing: the point itself is whole and is kept.
         assert_eq!(Way::read(&text.as_bytes()[..text.len() - 1]).unwrap().points.len(), 3);
+    }
+
+    #[test]
+    fn a_record_goes_on_after_a_crash_wherever_it_was_torn() {
+        let text = text();
+        let path = std::env::temp_dir().join(format!("cairn-way-resume-{}.jsonl", std::process::id()));
+        let header = text.find('\n').unwrap() + 1;
+        let mut after = Way::read(text.as_bytes()).unwrap().points[2];
+        after.stamp = Stamp(9);
+        for cut in header..=text.len() {
+            std::fs::write(&path, &text.as_bytes()[..cut]).unwrap();
+            let before = Way::load(&path).unwrap();
+            let (so_far, mut writer) = WayWriter::resume(&path).unwrap();
+            assert_eq!((so_far.points.len(), so_far.torn), (before.points.len(), false), "cut at {cut}");
+            writer.append(&after).unwrap();
+            writer.make_durable().unwrap();
+            let again = Way::load(&path).unwrap();
+            assert!(!again.torn, "cut at {cut}");
+            let (last, others) = again.points.split_last().unwrap();
+            assert_eq!((last.stamp, others), (after.stamp, &before.points[..]), "cut at {cut}");
+            assert_eq!(Way::read(&again.to_bytes().unwrap()[..]).unwrap().points.len(), again.points.len());
+        }
+        std::fs::write(&path, &text.as_bytes()[..header - 5]).unwrap();
+        assert!(WayWriter::resume(&path).is_err(), "there is no header to go on behind");
+        std::fs::remove_file(&path).unwrap();
     }
 
     #[test]
