@@ -6,6 +6,7 @@
 mod apply;
 mod arena;
 mod atlas;
+mod beside;
 mod change;
 mod ids;
 mod key_frame;
@@ -16,6 +17,7 @@ pub mod store;
 mod world;
 
 pub use atlas::{Atlas, Reader};
+pub use beside::Shift;
 pub use change::{Applied, Change, ChangeSet};
 pub use ids::{KeyFrameId, LandmarkId};
 pub use key_frame::KeyFrame;

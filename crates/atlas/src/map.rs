@@ -112,6 +112,11 @@ impl Map {
         self.key_frames.len()
     }
 
+    /// How many key frames were removed; what hung on them hangs on others.
+    pub fn removed_key_frame_count(&self) -> usize {
+        self.gone.len()
+    }
+
     /// How many landmarks are alive.
     pub fn landmark_count(&self) -> usize {
         self.landmarks.len()

@@ -144,8 +144,22 @@ pub struct PartInfo {
 }
 
 impl<'a> Parts<'a> {
-    /// Reads header and table; `newest` is the latest format version that can be read.
+    /// Reads header and table and sees that the file is as long as it should be; `newest` is the latest format version
+    /// that can be read.
     pub fn open(bytes: &'a [u8], newest: u32) -> Result<Self, StoreError> {
+        let (parts, promised) = Self::find(bytes, newest)?;
+        for (entry, stored) in &parts.entries {
+            whole(entry, stored)?;
+        }
+        if promised != parts.bytes {
+            let why = format!("it promises {promised} bytes, there are {}", parts.bytes);
+            return Err(StoreError::part("header", why));
+        }
+        Ok(parts)
+    }
+
+    /// The same of a file that may be cut off or go on behind its end; with the length that the header promises.
+    pub fn find(bytes: &'a [u8], newest: u32) -> Result<(Self, u64), StoreError> {
         if bytes.is_empty() {
             return Err(StoreError::Foreign("it is empty".into()));
         }
@@ -179,19 +193,24 @@ impl<'a> Parts<'a> {
         let mut rest = &bytes[HEADER + table_bytes..];
         for entry in entries {
             let stored = usize::try_from(entry.stored).unwrap_or(usize::MAX);
-            if stored > rest.len() {
-                let why = format!("the file ends after {} of its {stored} bytes", rest.len());
-                return Err(StoreError::part(&entry.name, why));
-            }
-            let (here, after) = rest.split_at(stored);
+            let (here, after) = rest.split_at(stored.min(rest.len()));
             parts.entries.push((entry, here));
             rest = after;
         }
-        if !rest.is_empty() || file_bytes != parts.bytes {
-            let why = format!("it promises {file_bytes} bytes, there are {}", parts.bytes);
-            return Err(StoreError::part("header", why));
-        }
-        Ok(parts)
+        let length = if rest.is_empty() { file_bytes } else { parts.bytes - rest.len() as u64 };
+        Ok((parts, length))
+    }
+
+    /// The table, each part with what is wrong with it.
+    pub fn inspected(&self) -> Vec<(PartInfo, Option<StoreError>)> {
+        let mut plain = Vec::new();
+        self.infos()
+            .into_iter()
+            .map(|info| {
+                let wrong = self.get_into(&info.name, &mut plain).err();
+                (info, wrong)
+            })
+            .collect()
     }
 
     /// The table.
@@ -218,6 +237,7 @@ impl<'a> Parts<'a> {
         let Some((entry, stored)) = self.entries.iter().find(|(e, _)| e.name == name) else {
             return Err(StoreError::part(name, "it is missing"));
         };
+        whole(entry, stored)?;
         if crc32fast::hash(stored) != entry.crc {
             return Err(StoreError::part(name, "its checksum does not fit: bytes were altered"));
         }
@@ -240,6 +260,15 @@ impl<'a> Parts<'a> {
         }
         Ok(())
     }
+}
+
+/// Refuses a part that is cut off.
+fn whole(entry: &Entry, stored: &[u8]) -> Result<(), StoreError> {
+    if stored.len() as u64 == entry.stored {
+        return Ok(());
+    }
+    let why = format!("the file ends after {} of its {} bytes", stored.len(), entry.stored);
+    Err(StoreError::part(&entry.name, why))
 }
 
 fn read_table(table: &[u8]) -> Result<Vec<Entry>, StoreError> {

@@ -39,6 +39,12 @@ pub struct MapFile {
     pub attached: BTreeMap<String, Vec<u8>>,
 }
 
+/// Looks at each part of a file by itself, also of one that is cut off or damaged: what the table says of it, and what is
+/// wrong with it. An error when not even the table can be read.
+pub fn inspect(bytes: &[u8]) -> Result<Vec<(PartInfo, Option<StoreError>)>, StoreError> {
+    Ok(Parts::find(bytes, VERSION)?.0.inspected())
+}
+
 /// What a file says of itself without being unpacked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {

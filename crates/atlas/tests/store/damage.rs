@@ -1,7 +1,7 @@
 //! Whatever happens to a file is told, and never a panic.
 
 use crate::history::{Dice, file};
-use cairn_atlas::store::MapFile;
+use cairn_atlas::store::{MapFile, inspect};
 
 #[test]
 fn every_flipped_byte_is_told() {
@@ -24,6 +24,19 @@ fn every_truncation_is_told() {
         let told = MapFile::read(&whole[..cut]).expect_err("it was not seen").to_string();
         assert!(told.contains("part '") || told.starts_with("not a map file: it is empty"), "{told}");
     }
+}
+
+#[test]
+fn parts_of_a_damaged_file_are_told_one_by_one() {
+    let mut bytes = file(3, 4, 6).write().unwrap();
+    assert!(inspect(&bytes).unwrap().iter().all(|(_, wrong)| wrong.is_none()));
+    bytes.truncate(bytes.len() - 3);
+    let last = bytes.len() - 200;
+    bytes[last] ^= 4;
+    let told: Vec<(String, bool)> =
+        inspect(&bytes).unwrap().into_iter().map(|(part, wrong)| (part.name, wrong.is_some())).collect();
+    let wrong: Vec<&str> = told.iter().filter(|(_, wrong)| *wrong).map(|(name, _)| name.as_str()).collect();
+    assert_eq!(wrong, ["features 0", "attached/way/home"], "{told:?}");
 }
 
 /// Puts right all checksums of a file, so that what was altered is not told by them.

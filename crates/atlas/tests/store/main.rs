@@ -1,5 +1,6 @@
 //! Map files: what is saved comes back to the last bit, what is damaged is told, what was there stays.
 
+mod beside;
 mod damage;
 mod history;
 mod round_trip;

@@ -3,6 +3,7 @@
 pub mod config;
 pub mod doctor;
 pub mod eval;
+pub mod map;
 pub mod rig;
 pub mod run;
 pub mod serve;

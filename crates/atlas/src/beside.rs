@@ -1,0 +1,92 @@
+//! Two maps in one: the worlds of the second stand beside those of the first until a place is recognised.
+
+use crate::{KeyFrameId, LandmarkId, Map, Observation, Tie, WorldId};
+use std::sync::Arc;
+
+/// How ids of a map were shifted to stand beside those of another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shift {
+    /// Added to the index of every key frame.
+    pub key_frames: usize,
+    /// Added to the index of every landmark.
+    pub landmarks: usize,
+}
+
+impl Shift {
+    /// The id of a key frame after the shift; `None` when there are no more ids.
+    pub fn key_frame(&self, id: KeyFrameId) -> Option<KeyFrameId> {
+        KeyFrameId::from_index(id.index() + self.key_frames)
+    }
+
+    /// The id of a landmark after the shift; `None` when there are no more ids.
+    pub fn landmark(&self, id: LandmarkId) -> Option<LandmarkId> {
+        LandmarkId::from_index(id.index() + self.landmarks)
+    }
+
+    fn world(&self, id: WorldId) -> Option<WorldId> {
+        self.key_frame(id.root()).map(WorldId)
+    }
+}
+
+impl Map {
+    /// This map with all worlds of another beside its own, unaligned: what the other holds keeps its order and gets
+    /// ids behind those of this map. The disparity offset stays that of this map. An error in words when the key frames
+    /// have different octaves or there are not enough ids.
+    pub fn beside(&self, other: &Map) -> Result<(Map, Shift), String> {
+        if self.octaves != other.octaves {
+            return Err(format!("one map has {:?}, the other {:?}", self.octaves, other.octaves));
+        }
+        let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark };
+        let map = self.joined(other, &shift).ok_or("there are not enough ids for both maps")?;
+        Ok((map, shift))
+    }
+
+    fn joined(&self, other: &Map, shift: &Shift) -> Option<Map> {
+        let mut map = self.clone();
+        map.version = self.version.max(other.version) + 1;
+        map.next_key_frame = shift.key_frames + other.next_key_frame;
+        map.next_landmark = shift.landmarks + other.next_landmark;
+        // The ids that the next ones will have must be ids too.
+        KeyFrameId::from_index(map.next_key_frame)?;
+        LandmarkId::from_index(map.next_landmark)?;
+        for k in other.key_frames() {
+            let mut k = k.clone();
+            k.id = shift.key_frame(k.id)?;
+            k.world = shift.world(k.world)?;
+            k.parent = match k.parent {
+                Some(parent) => Some(shift.key_frame(parent)?),
+                None => None,
+            };
+            for id in &mut k.links {
+                *id = shift.key_frame(*id)?;
+            }
+            for (id, _) in &mut k.covisible {
+                *id = shift.key_frame(*id)?;
+            }
+            for id in k.landmarks.iter_mut().flatten() {
+                *id = shift.landmark(*id)?;
+            }
+            map.key_frames.insert(k.id.index(), k);
+        }
+        for l in other.landmarks() {
+            let mut l = l.clone();
+            l.id = shift.landmark(l.id)?;
+            for Observation { key_frame, .. } in &mut l.observations {
+                *key_frame = shift.key_frame(*key_frame)?;
+            }
+            map.landmarks.insert(l.id.index(), l);
+        }
+        for (index, (parent, parent_from_it)) in other.gone.iter() {
+            map.gone.insert(index + shift.key_frames, (shift.key_frame(*parent)?, *parent_from_it));
+        }
+        let worlds = Arc::make_mut(&mut map.worlds);
+        for (world, tie) in other.worlds() {
+            let tie = match tie {
+                Some(tie) => Some(Tie { to: shift.key_frame(tie.to)?, ..*tie }),
+                None => None,
+            };
+            worlds.insert(shift.world(world)?, tie);
+        }
+        Some(map)
+    }
+}

@@ -1,0 +1,42 @@
+//! Two maps in one file: each is what it was, under other ids.
+
+use crate::history::{map, told};
+use cairn_atlas::store::MapFile;
+use cairn_atlas::{KeyFrameId, Map};
+use cairn_vision::Octaves;
+
+#[test]
+fn each_map_is_what_it_was_and_both_are_one() {
+    for seed in 0..20 {
+        let (a, b) = (map(seed, 12, 12), map(seed + 100, 9, 12));
+        let (both, shift) = a.beside(&b).unwrap();
+        assert_eq!(both.check(), Ok(()));
+        assert_eq!(both.key_frame_count(), a.key_frame_count() + b.key_frame_count());
+        assert_eq!(both.landmark_count(), a.landmark_count() + b.landmark_count());
+        assert_eq!(both.worlds().count(), a.worlds().count() + b.worlds().count());
+        for k in a.key_frames() {
+            assert_eq!(format!("{k:?}"), format!("{:?}", both.key_frame(k.id).unwrap()));
+        }
+        for index in 0..b.next_key_frame_id().index() {
+            let id = KeyFrameId::from_index(index).unwrap();
+            let here = both.world_from_here(shift.key_frame(id).unwrap());
+            assert_eq!(here, b.world_from_here(id), "living and removed ones stand where they stood");
+        }
+        for l in b.landmarks() {
+            let moved = both.landmark(shift.landmark(l.id).unwrap()).unwrap();
+            assert_eq!(
+                (moved.position, moved.descriptor, moved.normal),
+                (l.position, l.descriptor, l.normal)
+            );
+        }
+        let mut file = crate::history::file(seed, 1, 3);
+        file.map = both.clone();
+        assert_eq!(told(&MapFile::read(&file.write().unwrap()).unwrap().map), told(&both));
+    }
+}
+
+#[test]
+fn maps_of_other_octaves_do_not_stand_beside_each_other() {
+    let other = Map::with_octaves(Octaves { levels: 4, factor: 1.5 });
+    assert!(Map::new().beside(&other).unwrap_err().contains("levels: 4"));
+}

@@ -1,0 +1,138 @@
+//! `cairn map export`: landmarks as PLY, key frames as a trajectory.
+
+use super::open;
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_atlas::store::MapFile;
+use cairn_atlas::{Landmark, WorldId};
+use cairn_eval::{to_tum, write_whole};
+use cairn_geometry::Trajectory;
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Writes the landmarks of a world as points (PLY), and its key frames as a trajectory (TUM).
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The saved map.
+    file: PathBuf,
+    /// Landmarks with the direction they were seen along and by how many key frames.
+    #[arg(long, value_name = "OUT.ply")]
+    points: Option<PathBuf>,
+    /// Where the body was at each key frame.
+    #[arg(long, value_name = "OUT.tum")]
+    trajectory: Option<PathBuf>,
+    /// Which world, by the number of its root; without it, the one with the most key frames.
+    #[arg(long, value_name = "ROOT")]
+    world: Option<usize>,
+}
+
+#[derive(Serialize)]
+struct Exported {
+    /// Number of its root.
+    world: usize,
+    /// Other worlds in the file.
+    others: Vec<usize>,
+    landmarks: usize,
+    key_frames: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    points: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trajectory: Option<PathBuf>,
+}
+
+/// Writes what was asked for.
+pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
+    let shown = a.file.display().to_string();
+    if a.points.is_none() && a.trajectory.is_none() {
+        return Err(Failure::new(
+            shown,
+            "nothing is to be written",
+            "give --points OUT.ply or --trajectory OUT.tum",
+        ));
+    }
+    let file = open(&a.file)?;
+    let roots: Vec<usize> = file.map.worlds().map(|(id, _)| id.root().index()).collect();
+    let world = world(&file, a.world).ok_or_else(|| {
+        let (why, hint) = match a.world {
+            Some(root) => (format!("it has no world {root}"), format!("it has these: {roots:?}")),
+            None => ("the map is empty".to_owned(), "give a map with key frames".to_owned()),
+        };
+        Failure::new(shown, why, hint)
+    })?;
+    let landmarks = landmarks(&file, world);
+    if let Some(path) = &a.points {
+        write_whole(path, &ply(&landmarks))?;
+    }
+    if let Some(path) = &a.trajectory {
+        write_whole(path, &to_tum(&trajectory(&file, world)))?;
+    }
+    let root = world.root().index();
+    let exported = Exported {
+        world: root,
+        others: roots.into_iter().filter(|r| *r != root).collect(),
+        landmarks: landmarks.len(),
+        key_frames: file.map.key_frames_of(world).count(),
+        points: a.points.clone(),
+        trajectory: a.trajectory.clone(),
+    };
+    output.result(&exported, text)
+}
+
+fn world(file: &MapFile, root: Option<usize>) -> Option<WorldId> {
+    let mut worlds = file.map.worlds().map(|(id, _)| id);
+    match root {
+        Some(root) => worlds.find(|id| id.root().index() == root),
+        // Of equal ones the eldest.
+        None => worlds.min_by_key(|id| (std::cmp::Reverse(file.map.key_frames_of(*id).count()), *id)),
+    }
+}
+
+fn landmarks(file: &MapFile, world: WorldId) -> Vec<&Landmark> {
+    let map = &file.map;
+    let here = |l: &&Landmark| {
+        l.observations.first().and_then(|o| map.key_frame(o.key_frame)).is_some_and(|k| k.world == world)
+    };
+    map.landmarks().filter(here).collect()
+}
+
+fn ply(landmarks: &[&Landmark]) -> String {
+    let mut text = String::from("ply\nformat ascii 1.0\n");
+    // Writing to a string does not fail.
+    let _ = writeln!(text, "element vertex {}", landmarks.len());
+    for name in ["x", "y", "z", "nx", "ny", "nz"] {
+        let _ = writeln!(text, "property float {name}");
+    }
+    text += "property uint observations\nend_header\n";
+    for l in landmarks {
+        let (p, n) = (l.position, l.normal);
+        let seen = l.observations.len();
+        let _ = writeln!(text, "{:.5} {:.5} {:.5} {:.4} {:.4} {:.4} {seen}", p.x, p.y, p.z, n.x, n.y, n.z);
+    }
+    text
+}
+
+/// The key frames in the order of time; of two of one time, as several sessions may have, the elder.
+fn trajectory(file: &MapFile, world: WorldId) -> Trajectory {
+    let poses = file.map.key_frames_of(world);
+    let mut poses: Vec<_> =
+        poses.map(|k| (k.frame.stamp.0, file.about.world_from_body(&k.world_from_eye))).collect();
+    poses.sort_by_key(|(t, _)| *t);
+    let mut trajectory = Trajectory::new();
+    for (t, pose) in poses {
+        // Refused is what is not later than the one before.
+        let _ = trajectory.push(t, pose);
+    }
+    trajectory
+}
+
+fn text(e: &Exported) -> String {
+    let mut text = format!("world     {}: {} landmarks, {} key frames\n", e.world, e.landmarks, e.key_frames);
+    if !e.others.is_empty() {
+        let _ = writeln!(text, "others    {:?}: each has a frame of its own; --world chooses", e.others);
+    }
+    for path in [&e.points, &e.trajectory].into_iter().flatten() {
+        let _ = writeln!(text, "written   {}", path.display());
+    }
+    text
+}

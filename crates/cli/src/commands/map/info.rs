@@ -1,0 +1,233 @@
+//! `cairn map info`.
+
+use super::{WAY, bytes_of, failed};
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_atlas::store::{MapFile, Table, sensor_name};
+use cairn_atlas::{Map, WorldId};
+use cairn_guide::{CleanSetting, Way, survey};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+#[derive(Serialize)]
+struct Info {
+    file: PathBuf,
+    bytes: u64,
+    format: u32,
+    program: String,
+    sensor: &'static str,
+    metric: bool,
+    camera: Camera,
+    /// What is to be added to every measured right x, as the map has found it.
+    right_offset_px: f64,
+    key_frames: usize,
+    removed_key_frames: usize,
+    landmarks: usize,
+    observations: usize,
+    worlds: Vec<World>,
+    ways: Vec<WayReport>,
+    parts: Vec<Part>,
+}
+
+#[derive(Serialize)]
+struct Camera {
+    focal_px: [f64; 2],
+    centre_px: [f64; 2],
+    baseline_m: f64,
+}
+
+#[derive(Serialize)]
+struct World {
+    /// Number of its eldest key frame.
+    root: usize,
+    key_frames: usize,
+    landmarks: usize,
+    /// Least and greatest coordinates of the key frames' eyes.
+    bounds: [[f64; 3]; 2],
+    /// Seconds of the first and the last key frame, in the clock of the source.
+    from_s: f64,
+    to_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tie: Option<TieReport>,
+}
+
+/// How a world hangs on a former one until they are merged.
+#[derive(Serialize)]
+struct TieReport {
+    key_frame: usize,
+    sigma: f64,
+    sigma_deg: f64,
+}
+
+#[derive(Serialize)]
+struct WayReport {
+    name: String,
+    bytes: usize,
+    points: usize,
+    /// Where its key frames are now.
+    length_m: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    damaged: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Part {
+    name: String,
+    bytes: u64,
+    unpacked: u64,
+}
+
+/// All files, in their order.
+#[derive(Serialize)]
+struct Infos {
+    maps: Vec<Info>,
+}
+
+/// Tells what is in the maps.
+pub fn run(files: &[PathBuf], output: &Output) -> Result<(), Failure> {
+    let maps = files.iter().map(|path| info(path)).collect::<Result<_, _>>()?;
+    output.result(&Infos { maps }, |all| all.maps.iter().map(text).collect::<Vec<_>>().join("\n"))
+}
+
+fn info(path: &Path) -> Result<Info, Failure> {
+    let bytes = bytes_of(path)?;
+    let table = Table::read(&bytes).map_err(|e| failed(path, &e))?;
+    let file = MapFile::read(&bytes).map_err(|e| failed(path, &e))?;
+    let (map, eye) = (&file.map, &file.about.eye);
+    let ways =
+        file.attached.iter().filter_map(|(name, bytes)| Some(way(name.strip_prefix(WAY)?, bytes, map)));
+    let part = |p: &cairn_atlas::store::PartInfo| Part {
+        name: p.name.clone(),
+        bytes: p.stored_bytes,
+        unpacked: p.plain_bytes,
+    };
+    Ok(Info {
+        file: path.to_owned(),
+        bytes: table.bytes,
+        format: table.version,
+        program: file.about.program.clone(),
+        sensor: sensor_name(file.about.sensor),
+        metric: file.about.is_metric(),
+        camera: Camera {
+            focal_px: [eye.fx, eye.fy],
+            centre_px: [eye.cx, eye.cy],
+            baseline_m: eye.baseline_fx / eye.fx,
+        },
+        right_offset_px: map.right_offset(),
+        key_frames: map.key_frame_count(),
+        removed_key_frames: map.removed_key_frame_count(),
+        landmarks: map.landmark_count(),
+        observations: map.landmarks().map(|l| l.observations.len()).sum(),
+        worlds: map.worlds().map(|(id, _)| world(map, id)).collect(),
+        ways: ways.collect(),
+        parts: table.parts.iter().map(part).collect(),
+    })
+}
+
+fn world(map: &Map, id: WorldId) -> World {
+    let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    let mut span = [f64::INFINITY, f64::NEG_INFINITY];
+    for k in map.key_frames_of(id) {
+        for axis in 0..3 {
+            let at = k.world_from_eye.translation[axis];
+            bounds[0][axis] = bounds[0][axis].min(at);
+            bounds[1][axis] = bounds[1][axis].max(at);
+        }
+        let t = k.frame.stamp.seconds();
+        span = [span[0].min(t), span[1].max(t)];
+    }
+    let here = |l: &cairn_atlas::Landmark| {
+        l.observations.first().and_then(|o| map.key_frame(o.key_frame)).is_some_and(|k| k.world == id)
+    };
+    let tie = map.worlds().find(|(other, _)| *other == id).and_then(|(_, tie)| tie);
+    World {
+        root: id.root().index(),
+        key_frames: map.key_frames_of(id).count(),
+        landmarks: map.landmarks().filter(|l| here(l)).count(),
+        bounds,
+        from_s: span[0],
+        to_s: span[1],
+        tie: tie.map(|tie| TieReport {
+            key_frame: tie.to.index(),
+            sigma: tie.sigma,
+            sigma_deg: tie.sigma_rad.to_degrees(),
+        }),
+    }
+}
+
+fn way(name: &str, bytes: &[u8], map: &Map) -> WayReport {
+    let mut report =
+        WayReport { name: name.to_owned(), bytes: bytes.len(), points: 0, length_m: 0.0, damaged: None };
+    match Way::read(bytes) {
+        Ok(way) => {
+            let here = |anchor: cairn_guide::Anchor| {
+                map.world_from_here(cairn_atlas::KeyFrameId::from_index(anchor.seq as usize)?)
+            };
+            let (info, ..) = survey(&way, here, &CleanSetting::default());
+            (report.points, report.length_m) = (info.points, info.length_m);
+        }
+        Err(e) => report.damaged = Some(e.to_string()),
+    }
+    report
+}
+
+fn text(i: &Info) -> String {
+    let mut text = String::new();
+    let unit = if i.metric { "m" } else { "units" };
+    // Writing to a string does not fail.
+    let _ = writeln!(text, "file      {}, {:.3} MB", i.file.display(), i.bytes as f64 / 1e6);
+    let _ = writeln!(text, "written   by {}, format {}", i.program, i.format);
+    let [fx, fy] = i.camera.focal_px;
+    let baseline = match i.metric {
+        true => format!(", baseline {:.4} m, right x {:+.3} px", i.camera.baseline_m, i.right_offset_px),
+        false => ", without metric scale".to_owned(),
+    };
+    let _ = writeln!(text, "made with {}, focal length {fx:.2} {fy:.2} px{baseline}", i.sensor);
+    let _ = writeln!(
+        text,
+        "map       {} key frames ({} removed), {} landmarks, {} observations",
+        i.key_frames, i.removed_key_frames, i.landmarks, i.observations
+    );
+    for w in &i.worlds {
+        let [a, b] = w.bounds;
+        let _ = writeln!(
+            text,
+            "world     {}: {} key frames, {} landmarks, {:.1} s, x {:.2} to {:.2}, y {:.2} to {:.2}, z {:.2} to {:.2} {unit}",
+            w.root,
+            w.key_frames,
+            w.landmarks,
+            w.to_s - w.from_s,
+            a[0],
+            b[0],
+            a[1],
+            b[1],
+            a[2],
+            b[2]
+        );
+        if let Some(tie) = &w.tie {
+            let _ = writeln!(
+                text,
+                "          tied to key frame {} within {:.2} {unit} and {:.0} degrees",
+                tie.key_frame, tie.sigma, tie.sigma_deg
+            );
+        }
+    }
+    for w in &i.ways {
+        let _ = match &w.damaged {
+            Some(why) => writeln!(text, "way       {}: {why}", w.name),
+            None => writeln!(text, "way       {}: {} points, {:.2} {unit}", w.name, w.points, w.length_m),
+        };
+    }
+    // The many parts of features are one line.
+    let (features, others): (Vec<&Part>, Vec<&Part>) =
+        i.parts.iter().partition(|p| p.name.starts_with("features "));
+    for p in others {
+        let _ = writeln!(text, "part      {}: {} bytes, {} unpacked", p.name, p.bytes, p.unpacked);
+    }
+    let sum = |of: fn(&Part) -> u64| features.iter().map(|p| of(p)).sum::<u64>();
+    let (bytes, unpacked) = (sum(|p| p.bytes), sum(|p| p.unpacked));
+    let _ =
+        writeln!(text, "part      features: {bytes} bytes, {unpacked} unpacked, in {} parts", features.len());
+    text
+}
