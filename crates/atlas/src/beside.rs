@@ -66,6 +66,7 @@ impl Map {
             for id in k.landmarks.iter_mut().flatten() {
                 *id = shift.landmark(*id)?;
             }
+            map.places.insert(k.id, &k.bag);
             map.key_frames.insert(k.id.index(), k);
         }
         for l in other.landmarks() {

@@ -16,6 +16,27 @@ pub struct PlaceIndex {
 }
 
 impl PlaceIndex {
+    /// The index of key frames that rise by id; the same as inserting them one by one, but faster.
+    pub(crate) fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a Bag)> + Clone) -> Self {
+        let mut counts: Vec<usize> = Vec::new();
+        for (word, _) in key_frames.clone().flat_map(|(_, bag)| bag.words()) {
+            let word = word.0 as usize;
+            if counts.len() <= word {
+                counts.resize(word + 1, 0);
+            }
+            counts[word] += 1;
+        }
+        let mut lists: Vec<Vec<(KeyFrameId, f32)>> = counts.into_iter().map(Vec::with_capacity).collect();
+        for (id, bag) in key_frames {
+            bag.words().iter().for_each(|(word, weight)| lists[word.0 as usize].push((id, *weight)));
+        }
+        let mut index = Self::default();
+        for (word, list) in lists.into_iter().enumerate().filter(|(_, list)| !list.is_empty()) {
+            index.words.insert(word, list);
+        }
+        index
+    }
+
     /// Adds a key frame; one that is there already with these words is left as it is.
     pub fn insert(&mut self, id: KeyFrameId, bag: &Bag) {
         for &(word, weight) in bag.words() {

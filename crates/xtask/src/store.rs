@@ -4,6 +4,7 @@ use cairn_atlas::store::{About, MapFile, Table};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Map};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::Stamp;
+use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Descriptor, EyeModel, Frame, SensorMode};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -122,7 +123,8 @@ pub fn corridor(key_frames: usize, features: usize) -> Map {
         }
         frame.index(&eye);
         let parent = map.newest_key_frame().map(|k| k.id);
-        let born = KeyFrame::new(id, Arc::new(frame), world_from_eye, parent);
+        let bag = Vocabulary::embedded().bag(&frame.descriptors);
+        let born = KeyFrame::new(id, Arc::new(frame), world_from_eye, parent).with_bag(Arc::new(bag));
         changes.insert(0, Change::AddKeyFrame(Box::new(born)));
         map = map.apply(&ChangeSet { base: map.version(), changes }).0;
     }

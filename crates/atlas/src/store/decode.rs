@@ -8,10 +8,10 @@ use super::container::Parts;
 use super::encode::{CHUNK, NO_PICK};
 use super::wire::Decoder;
 use super::{ATTACHED, MapFile, StoreError};
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Observation, Tie, WorldId};
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Observation, PlaceIndex, Tie, WorldId};
 use cairn_geometry::{Sim3, Vec3};
 use cairn_sensor::Stamp;
-use cairn_vision::bow::Vocabulary;
+use cairn_vision::bow::{Bag, Vocabulary, WordId};
 use cairn_vision::{Descriptor, EyeModel, Frame, Octaves};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -43,11 +43,10 @@ pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
     let (mut landmarks, picks) = read_landmarks(parts, &map, &counts)?;
     let shown = read_features(parts, &about.eye, map.octaves, &mut key_frames, &features)?;
     observe(&shown, &mut key_frames, &mut landmarks)?;
+    read_words(parts, &mut key_frames)?;
+    map.places = PlaceIndex::of(key_frames.iter().map(|k| (k.id, &*k.bag)));
     for k in key_frames {
-        // Words are not saved: they follow from the descriptors, and another program may have another vocabulary.
-        let bag = Vocabulary::embedded().bag(&k.frame.descriptors);
-        map.places.insert(k.id, &bag);
-        map.key_frames.insert(k.id.index(), k.with_bag(Arc::new(bag)));
+        map.key_frames.insert(k.id.index(), k);
     }
     read_gone(parts, &mut map, &counts)?;
     for (l, pick) in landmarks.iter_mut().zip(picks) {
@@ -306,6 +305,56 @@ fn read_features(
     Ok(shown)
 }
 
+/// Gives the key frames their words: those of the file if this program has the vocabulary that made them, else its own.
+fn read_words(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {
+    let bytes = parts.get("words")?;
+    let mut d = Decoder::new("words", &bytes);
+    let vocabulary = Vocabulary::embedded();
+    let same = d.u32()? == vocabulary.facts().checksum;
+    let (words, nodes) = (d.column_u32(key_frames.len())?, d.column_u32(key_frames.len())?);
+    let sum = |v: &[u32]| v.iter().map(|n| *n as usize).sum::<usize>();
+    let word_steps = d.column_u32(sum(&words))?;
+    let weights = d.column_f32(sum(&words))?;
+    let node_steps = d.column_u32(sum(&nodes))?;
+    let features = d.column_u16(sum(&nodes))?;
+    let (mut word_at, mut node_at) = (0, 0);
+    for (i, k) in key_frames.iter_mut().enumerate() {
+        let word_span = word_at..word_at + words[i] as usize;
+        let node_span = node_at..node_at + nodes[i] as usize;
+        (word_at, node_at) = (word_span.end, node_span.end);
+        let bag = if same {
+            let weighted = sums(&word_steps[word_span.clone()]).zip(&weights[word_span]);
+            let passed = sums(&node_steps[node_span.clone()]).zip(&features[node_span]);
+            let words = weighted.map(|(word, weight)| (WordId(word), *weight)).collect();
+            let nodes = passed.map(|(node, feature)| (node, *feature)).collect();
+            Bag::from_parts(words, nodes).map_err(|e| d.wrong(e.to_string()))?
+        } else if words[i] > 0 {
+            vocabulary.bag(&k.frame.descriptors)
+        } else {
+            Bag::default()
+        };
+        let known = vocabulary.facts().nodes;
+        let sound = bag.words().last().is_none_or(|(word, _)| word.0 < known)
+            && bag
+                .nodes()
+                .iter()
+                .all(|(node, feature)| *node < known && usize::from(*feature) < k.frame.len());
+        if !sound {
+            return Err(d.wrong(format!("the words of {:?} are not in the vocabulary", k.id)));
+        }
+        k.bag = Arc::new(bag);
+    }
+    d.end()
+}
+
+/// Rising numbers from their differences; what does not fit in 32 bits comes out too small and is refused as not rising.
+fn sums(steps: &[u32]) -> impl Iterator<Item = u32> {
+    steps.iter().scan(0u32, |sum, step| {
+        *sum = sum.wrapping_add(*step);
+        Some(*sum)
+    })
+}
+
 fn empty_frame(stamp: Stamp) -> Frame {
     let mut frame = Frame::default();
     frame.stamp = stamp;
@@ -351,4 +400,101 @@ fn derive(map: &Map, l: &mut Landmark, pick: u32) -> Option<()> {
     };
     (l.normal, l.min_distance, l.max_distance) = map.visibility(l)?;
     Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::container::PartsWriter;
+    use crate::{Change, ChangeSet};
+    use cairn_geometry::Se3;
+    use std::io::Cursor;
+
+    /// A map of one key frame of which some features show landmarks.
+    fn small() -> MapFile {
+        let eye = EyeModel {
+            fx: 400.0,
+            fy: 400.0,
+            cx: 320.0,
+            cy: 240.0,
+            baseline_fx: 40.0,
+            bounds: [0.0, 0.0, 640.0, 480.0],
+            close_depth: 4.0,
+            body_from_eye: Se3::identity(),
+        };
+        let mut frame = empty_frame(Stamp(7));
+        for i in 0..40u8 {
+            let px = [f32::from(i) * 16.0, f32::from(i) * 11.0];
+            frame.px.push(px);
+            frame.raw.push(px);
+            frame.octave.push(i % 8);
+            frame.angle.push(0.1);
+            frame.descriptors.push(std::array::from_fn(|k| i.wrapping_mul(37).wrapping_add(91 * k as u8)));
+            frame.depth.push(f32::NAN);
+            frame.right_x.push(f32::NAN);
+        }
+        frame.index(&eye);
+        let bag = Arc::new(Vocabulary::embedded().bag(&frame.descriptors));
+        let born = KeyFrame::new(KeyFrameId::FIRST, Arc::new(frame), Se3::identity(), None).with_bag(bag);
+        let changes = vec![
+            Change::AddKeyFrame(Box::new(born)),
+            Change::AddLandmark(LandmarkId::FIRST, Vec3::new(0.0, 0.0, 3.0)),
+            Change::Observe(LandmarkId::FIRST, KeyFrameId::FIRST, 5),
+        ];
+        let map = Map::new().apply(&ChangeSet { base: 0, changes }).0;
+        let about = About { program: "a test".into(), sensor: cairn_vision::SensorMode::Mono, eye };
+        MapFile { map, about, attached: BTreeMap::new() }
+    }
+
+    /// A file with one part put in another's place, all checksums right.
+    fn with_part(bytes: &[u8], name: &str, change: impl Fn(&mut Vec<u8>)) -> Vec<u8> {
+        let parts = Parts::open(bytes, 1).unwrap();
+        let mut out = Cursor::new(Vec::new());
+        let names = parts.names().map(String::from).collect();
+        let mut writer = PartsWriter::begin(&mut out, 1, names).unwrap();
+        for each in parts.names() {
+            let mut plain = parts.get(each).unwrap();
+            if each == name {
+                change(&mut plain);
+            }
+            writer.put(&plain).unwrap();
+        }
+        writer.finish().unwrap();
+        out.into_inner()
+    }
+
+    #[test]
+    fn words_of_another_vocabulary_are_made_anew() {
+        let saved = small();
+        let bytes = saved.write().unwrap();
+        let other = with_part(&bytes, "words", |plain| {
+            // Another vocabulary, and words that would be wrong in this one.
+            plain[0] ^= 1;
+            let end = plain.len();
+            plain[end - 30..].fill(0);
+        });
+        let again = MapFile::read(&other).unwrap();
+        let (a, b) = (again.map.key_frames().next().unwrap(), saved.map.key_frames().next().unwrap());
+        assert!(!b.bag.is_empty() && a.bag == b.bag);
+        let found = again.map.places().query(&b.bag, 1, |_| true);
+        assert!(found.len() == 1 && found[0].1 > 0.999, "{found:?}");
+        // The same damage to words of this vocabulary is told.
+        let wrong = with_part(&bytes, "words", |plain| {
+            let end = plain.len();
+            plain[end - 30..].fill(0xff);
+        });
+        assert!(MapFile::read(&wrong).unwrap_err().to_string().contains("part 'words'"));
+    }
+
+    #[test]
+    fn counts_that_can_not_be_take_no_memory() {
+        let bytes = small().write().unwrap();
+        // The count of key frames, of landmarks, and of features of the first key frame, as large as can be.
+        let about = Parts::open(&bytes, 1).unwrap().get("about").unwrap().len();
+        for (part, at) in [("about", about - 16), ("about", about - 12), ("key frames", 12)] {
+            let wrong = with_part(&bytes, part, |plain| plain[at..at + 4].fill(0xff));
+            let told = MapFile::read(&wrong).unwrap_err().to_string();
+            assert!(told.contains("part '"), "{told}");
+        }
+    }
 }

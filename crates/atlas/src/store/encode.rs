@@ -10,8 +10,10 @@
 //! | key frames | poses, units, parents, loops, covisible neighbours |
 //! | gone | where removed key frames hang |
 //! | landmarks | ids, positions, and which observation gave the descriptor |
+//! | words | words of each key frame, by the vocabulary that made them |
 //! | features 0, 1, .. | features and what they show, of 64 key frames each |
 //!
+//! Words are taken as they are when this program has the vocabulary that made them, else made anew.
 //! Observations, normals, ranges and descriptors of landmarks follow from these when a map is opened.
 
 use super::about::{About, numbers};
@@ -19,6 +21,7 @@ use super::container::PartsWriter;
 use super::wire::Encoder;
 use super::{ATTACHED, MapFile, StoreError};
 use crate::{KeyFrame, Map};
+use cairn_vision::bow::Vocabulary;
 use std::io::{Seek, Write};
 
 /// Key frames in one part of features.
@@ -51,7 +54,7 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     let rows = Rows::new(map);
     let key_frames: Vec<&KeyFrame> = map.key_frames().collect();
     let mut names: Vec<String> =
-        ["about", "worlds", "key frames", "gone", "landmarks"].map(String::from).into();
+        ["about", "worlds", "key frames", "gone", "landmarks", "words"].map(String::from).into();
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
     let mut parts = PartsWriter::begin(out, super::VERSION, names)?;
@@ -60,6 +63,7 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.put(&hung(&key_frames, &rows))?;
     parts.put(&gone(map))?;
     parts.put(&landmarks(map))?;
+    parts.put(&words(&key_frames))?;
     for chunk in key_frames.chunks(CHUNK) {
         parts.put(&features(chunk, &rows))?;
     }
@@ -142,13 +146,9 @@ fn gone(map: &Map) -> Vec<u8> {
 fn landmarks(map: &Map) -> Vec<u8> {
     let mut e = Encoder::default();
     // Ids rise: their differences are small.
-    let mut before = 0;
-    let steps = map.landmarks().map(|l| {
-        let step = l.id.raw() - before;
-        before = l.id.raw();
-        step
-    });
-    e.column_u32(&steps.collect::<Vec<_>>());
+    let mut id_steps = Vec::new();
+    steps(map.landmarks().map(|l| l.id.raw()), &mut id_steps);
+    e.column_u32(&id_steps);
     for i in 0..3 {
         e.column_f64(&map.landmarks().map(|l| l.position[i]).collect::<Vec<_>>());
     }
@@ -160,6 +160,32 @@ fn landmarks(map: &Map) -> Vec<u8> {
     };
     e.column_u32(&map.landmarks().map(pick).collect::<Vec<_>>());
     e.0
+}
+
+fn words(key_frames: &[&KeyFrame]) -> Vec<u8> {
+    let mut e = Encoder::default();
+    e.u32(Vocabulary::embedded().facts().checksum);
+    let bags = || key_frames.iter().map(|k| &k.bag);
+    e.column_u32(&bags().map(|b| b.words().len() as u32).collect::<Vec<_>>());
+    e.column_u32(&bags().map(|b| b.nodes().len() as u32).collect::<Vec<_>>());
+    // Words and nodes rise within a key frame: their differences are small.
+    let (mut word_steps, mut node_steps) = (Vec::new(), Vec::new());
+    for bag in bags() {
+        steps(bag.words().iter().map(|(word, _)| word.0), &mut word_steps);
+        steps(bag.nodes().iter().map(|(node, _)| *node), &mut node_steps);
+    }
+    e.column_u32(&word_steps);
+    e.column_f32(&bags().flat_map(|b| b.words()).map(|(_, weight)| *weight).collect::<Vec<_>>());
+    e.column_u32(&node_steps);
+    let features: Vec<u16> = bags().flat_map(|b| b.nodes()).map(|(_, feature)| *feature).collect();
+    e.column(features.iter().map(|f| f.to_le_bytes()));
+    e.0
+}
+
+/// Differences of rising numbers, the first from 0.
+fn steps(values: impl Iterator<Item = u32>, into: &mut Vec<u32>) {
+    let mut before = 0;
+    into.extend(values.map(|v| v - std::mem::replace(&mut before, v)));
 }
 
 fn features(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {

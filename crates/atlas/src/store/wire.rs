@@ -136,6 +136,11 @@ impl<'a> Decoder<'a> {
         Ok((0..n).map(|i| u32::from_le_bytes([a[i], b[i], c[i], d[i]])).collect())
     }
 
+    pub fn column_u16(&mut self, n: usize) -> Result<Vec<u16>, StoreError> {
+        let [a, b] = self.planes(n)?;
+        Ok((0..n).map(|i| u16::from_le_bytes([a[i], b[i]])).collect())
+    }
+
     pub fn column_f32(&mut self, n: usize) -> Result<Vec<f32>, StoreError> {
         Ok(self.column_u32(n)?.into_iter().map(f32::from_bits).collect())
     }

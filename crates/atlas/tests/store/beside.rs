@@ -1,6 +1,6 @@
 //! Two maps in one file: each is what it was, under other ids.
 
-use crate::history::{map, told};
+use crate::history::{map, same};
 use cairn_atlas::store::MapFile;
 use cairn_atlas::{KeyFrameId, Map};
 use cairn_vision::Octaves;
@@ -16,6 +16,8 @@ fn each_map_is_what_it_was_and_both_are_one() {
         assert_eq!(both.worlds().count(), a.worlds().count() + b.worlds().count());
         for k in a.key_frames() {
             assert_eq!(format!("{k:?}"), format!("{:?}", both.key_frame(k.id).unwrap()));
+            let alike = both.places().query(&k.bag, 1, |_| true);
+            assert!(alike[0].1 > 0.999, "its own place is not found: {alike:?}");
         }
         for index in 0..b.next_key_frame_id().index() {
             let id = KeyFrameId::from_index(index).unwrap();
@@ -31,7 +33,7 @@ fn each_map_is_what_it_was_and_both_are_one() {
         }
         let mut file = crate::history::file(seed, 1, 3);
         file.map = both.clone();
-        assert_eq!(told(&MapFile::read(&file.write().unwrap()).unwrap().map), told(&both));
+        same(&MapFile::read(&file.write().unwrap()).unwrap().map, &both, "both");
     }
 }
 

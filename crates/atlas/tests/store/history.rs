@@ -137,6 +137,19 @@ pub fn told(map: &Map) -> String {
         .map(|i| map.living(KeyFrameId::from_index(i).unwrap()))
         .collect();
     let next = (map.next_key_frame_id(), map.next_landmark_id());
-    let all = (map.version(), map.octaves(), map.right_offset(), next, worlds, hung);
+    let places: Vec<_> = map.key_frames().map(|k| map.places().query(&k.bag, 9, |_| true)).collect();
+    let all = (places, map.version(), map.octaves(), map.right_offset(), next, worlds, hung);
     format!("{all:?}\n{}\n{}", key_frames.join("\n"), landmarks.join("\n"))
+}
+
+/// Two maps are the same in all that can be seen; tells no more than the first difference.
+#[track_caller]
+pub fn same(a: &Map, b: &Map, what: &str) {
+    let (a, b) = (told(a), told(b));
+    if let Some((x, y)) = a.lines().zip(b.lines()).find(|(x, y)| x != y) {
+        let at = x.bytes().zip(y.bytes()).take_while(|(x, y)| x == y).count().saturating_sub(60);
+        let end = |line: &str| line.chars().skip(at).take(160).collect::<String>();
+        panic!("{what}: {} where {} should be", end(x), end(y));
+    }
+    assert_eq!(a.lines().count(), b.lines().count(), "{what}");
 }

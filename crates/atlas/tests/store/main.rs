@@ -2,6 +2,7 @@
 
 mod beside;
 mod damage;
+mod fixtures;
 mod history;
 mod round_trip;
 mod saving;

@@ -1,6 +1,6 @@
 //! What is saved comes back to the last bit.
 
-use crate::history::{eye, file, told};
+use crate::history::{eye, file, same};
 use cairn_atlas::store::{About, MapFile, Table};
 use cairn_atlas::{Change, ChangeSet, Map};
 use cairn_vision::SensorMode;
@@ -13,14 +13,14 @@ fn any_history_comes_back_to_the_last_bit_and_goes_on_alike() {
         let saved = file(seed, 3 + seed as usize % 20, 12);
         let bytes = saved.write().unwrap();
         let again = MapFile::read(&bytes).unwrap();
-        assert_eq!(told(&again.map), told(&saved.map), "seed {seed}");
+        same(&again.map, &saved.map, &format!("seed {seed}"));
         assert_eq!((&again.about, &again.attached), (&saved.about, &saved.attached));
         assert_eq!(again.write().unwrap(), bytes, "the same map, other bytes");
         // What follows is the same too: everything that a change looks at has come back.
         let changes =
             vec![Change::MoveKeyFrame(saved.map.key_frames().last().unwrap().id, Default::default())];
         let next = |map: &Map| map.apply(&ChangeSet { base: map.version(), changes: changes.clone() }).0;
-        assert_eq!(told(&next(&again.map)), told(&next(&saved.map)));
+        same(&next(&again.map), &next(&saved.map), "a change later");
         worlds += usize::from(saved.map.worlds().count() > 1);
         gone += usize::from(saved.map.next_key_frame_id().index() > saved.map.key_frame_count());
     }
@@ -34,7 +34,7 @@ fn more_key_frames_than_one_part_holds_come_back() {
     let table = Table::read(&bytes).unwrap();
     let names: Vec<&str> = table.parts.iter().map(|p| p.name.as_str()).collect();
     assert!(names.contains(&"features 1") && names.last() == Some(&"attached/way/home"), "{names:?}");
-    assert_eq!(told(&MapFile::read(&bytes).unwrap().map), told(&saved.map));
+    same(&MapFile::read(&bytes).unwrap().map, &saved.map, "many");
 }
 
 #[test]
@@ -42,5 +42,5 @@ fn an_empty_map_comes_back() {
     let about = About { program: String::new(), sensor: SensorMode::Mono, eye: eye() };
     let saved = MapFile { map: Map::new(), about, attached: BTreeMap::new() };
     let again = MapFile::read(&saved.write().unwrap()).unwrap();
-    assert_eq!(told(&again.map), told(&saved.map));
+    same(&again.map, &saved.map, "nothing");
 }

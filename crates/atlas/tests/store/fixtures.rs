@@ -1,0 +1,61 @@
+//! One file a format version, kept for good: it still opens.
+
+use crate::history::{file, same};
+use cairn_atlas::store::{MapFile, Table, VERSION};
+use cairn_vision::SensorMode;
+use std::path::PathBuf;
+
+fn fixture(version: u32) -> PathBuf {
+    PathBuf::from(format!("{}/tests/store/fixtures/v{version}.map", env!("CARGO_MANIFEST_DIR")))
+}
+
+/// Run once when a version is new: `cargo test -p cairn-atlas --test store -- --ignored writes_the_fixture`.
+#[test]
+#[ignore = "writes the fixture of this version"]
+fn writes_the_fixture() {
+    let path = fixture(VERSION);
+    assert!(!path.exists(), "{} is kept for good", path.display());
+    // The first small history that has all there is: several worlds, a tie, loops, removed key frames.
+    let rich = |f: &MapFile| {
+        f.map.worlds().any(|(_, tie)| tie.is_some())
+            && f.map.removed_key_frame_count() > 0
+            && f.map.key_frames().any(|k| !k.links.is_empty())
+    };
+    let saved = (0..1000).map(|seed| file(seed, 10, 12)).find(rich).unwrap();
+    saved.save(&path).unwrap();
+    same(&MapFile::load(&path).unwrap().map, &saved.map, "the fixture");
+}
+
+#[test]
+fn every_version_has_its_fixture() {
+    for version in 1..=VERSION {
+        let bytes = std::fs::read(fixture(version)).unwrap();
+        assert_eq!(Table::read(&bytes).unwrap().version, version);
+    }
+}
+
+#[test]
+fn version_1_opens() {
+    let opened = MapFile::load(&fixture(1)).unwrap();
+    let map = &opened.map;
+    assert_eq!((opened.about.program.as_str(), opened.about.sensor), ("cairn test", SensorMode::Stereo));
+    assert_eq!((opened.about.eye.fx, opened.about.eye.baseline_fx), (450.0, 45.0));
+    let counts = (map.key_frame_count(), map.removed_key_frame_count(), map.landmark_count());
+    assert_eq!(counts, (7, 3, 29));
+    let observations: usize = map.landmarks().map(|l| l.observations.len()).sum();
+    assert_eq!((observations, map.worlds().count()), (38, 3));
+    assert_eq!(map.worlds().filter(|(_, tie)| tie.is_some()).count(), 1);
+    assert!(map.key_frames().any(|k| !k.links.is_empty()));
+    let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+    near(map.right_offset(), 0.510_328_292_846_679_7);
+    let last = map.key_frames().last().unwrap();
+    near(last.world_from_eye.translation.x, -0.504_512_786_865_234_4);
+    assert_eq!((last.id.index(), last.frame.len(), last.frame.px[3]), (9, 12, [101.00415, 127.11834]));
+    assert!(!last.bag.is_empty());
+    let l = map.landmarks().last().unwrap();
+    near(l.position.z, -2.616_806_030_273_437_5);
+    near(l.normal.z, -0.800_232_471_938_011_1);
+    assert_eq!((l.observations.len(), l.descriptor[..4].to_vec()), (1, vec![239, 67, 214, 41]));
+    assert_eq!(opened.attached["way/home"], b"{\"format\":1}\n".repeat(3));
+    assert_eq!(map.check(), Ok(()));
+}
