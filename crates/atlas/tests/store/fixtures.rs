@@ -44,7 +44,7 @@ fn version_1_opens() {
     assert_eq!(counts, (7, 3, 29));
     let observations: usize = map.landmarks().map(|l| l.observations.len()).sum();
     assert_eq!((observations, map.worlds().count()), (38, 3));
-    assert_eq!(map.worlds().filter(|(_, tie)| tie.is_some()).count(), 1);
+    assert_eq!(map.worlds().filter(|(_, tie)| tie.is_some()).count(), 2);
     assert!(map.key_frames().any(|k| !k.links.is_empty()));
     let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
     near(map.right_offset(), 0.510_328_292_846_679_7);
