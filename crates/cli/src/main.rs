@@ -8,6 +8,7 @@ mod demo;
 mod failure;
 mod output;
 mod progress;
+mod terminal;
 
 use clap::{Parser, Subcommand};
 use failure::Failure;

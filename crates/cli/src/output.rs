@@ -16,6 +16,11 @@ impl Output {
         Self { json }
     }
 
+    /// Whether the result is JSON, so that nothing else may go to stdout.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
     /// Prints a result: the value as JSON, or the text that `text` makes of it.
     pub fn result<T: Serialize>(&self, value: &T, text: impl FnOnce(&T) -> String) -> Result<(), Failure> {
         let shown = if self.json {

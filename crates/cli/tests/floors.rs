@@ -15,7 +15,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (3, &["cairn-vision", "cairn-sim", "cairn-inertial"]),
     (4, &["cairn-sources", "cairn-atlas"]),
     (5, &["cairn-adjust", "cairn-guide"]),
-    (6, &["cairn-tracking", "cairn-mapping"]),
+    (6, &["cairn-tracking", "cairn-mapping", "cairn-voice"]),
     (8, &["cairn-engine"]),
     (9, &["cairn-session"]),
     (10, &["cairn-web"]),

@@ -6,6 +6,7 @@
 use cairn_guide::Durable;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What a patient file writes to: something that can be cut to a length.
@@ -18,6 +19,34 @@ impl Medium for File {
     fn cut(&mut self, length: u64) -> io::Result<()> {
         self.set_len(length)?;
         self.seek(SeekFrom::Start(length)).map(|_| ())
+    }
+}
+
+impl Durable for Box<dyn Medium> {
+    fn make_durable(&mut self) -> io::Result<()> {
+        (**self).make_durable()
+    }
+}
+
+impl Medium for Box<dyn Medium> {
+    fn cut(&mut self, length: u64) -> io::Result<()> {
+        (**self).cut(length)
+    }
+}
+
+/// Makes new files; one that exists is an error.
+pub trait Disk: Send {
+    /// A new, empty file.
+    fn create(&self, path: &Path) -> io::Result<Box<dyn Medium>>;
+}
+
+/// The machine's own.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct OwnDisk;
+
+impl Disk for OwnDisk {
+    fn create(&self, path: &Path) -> io::Result<Box<dyn Medium>> {
+        Ok(Box::new(File::options().write(true).create_new(true).open(path)?))
     }
 }
 

@@ -12,7 +12,7 @@ mod session;
 mod status;
 
 pub use command::{Command, HELP};
-pub use disk::{Medium, PatientFile, Trouble};
+pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Face, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use inbox::{Inbox, Item, feed};

@@ -1,12 +1,11 @@
 //! A recording under way: the recorder, its patient file, and what the walker is told about it.
 
-use crate::disk::{PatientFile, Trouble};
+use crate::disk::{Disk, PatientFile, Trouble};
 use cairn_guide::{
     Confidence, Ground, RecordInput, Recorder, RecorderEvent, RecorderSetting, Stretch, Way, WayHeader,
     WayWriter,
 };
 use cairn_sensor::Stamp;
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -24,11 +23,11 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// Begins; when the file can not be made, the recording goes on in memory and the reason is given.
-    pub fn begin(path: &Path, metric: bool, source: &str) -> (Self, Option<String>) {
+    pub fn begin(disk: &dyn Disk, path: &Path, metric: bool, source: &str) -> (Self, Option<String>) {
         let ground = Ground::first_camera();
         let header = WayHeader::new(metric, &ground, source);
         let recorder = Recorder::new(RecorderSetting::default(), metric, &ground, source);
-        let opened = File::options().write(true).create_new(true).open(path).and_then(|file| {
+        let opened = disk.create(path).and_then(|file| {
             let file = PatientFile::new(file);
             let trouble = file.trouble();
             WayWriter::new(Box::new(file), &header).map(|w| (w, trouble))

@@ -5,6 +5,7 @@
 
 use crate::command::Command;
 use crate::course::{Course, standing};
+use crate::disk::{Disk, OwnDisk};
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::recording::{Recording, latest, next_path, tracked};
 use crate::status::{GuidingStatus, RecordingStatus, Status, View, WayStatus};
@@ -81,6 +82,7 @@ struct Guiding {
 pub struct Session {
     engine: Engine,
     setting: SessionSetting,
+    disk: Box<dyn Disk>,
     began: Option<Stamp>,
     now: Stamp,
     /// The last frame's time, and the last pose with its own.
@@ -111,6 +113,7 @@ impl Session {
         Self {
             engine,
             setting,
+            disk: Box::new(OwnDisk),
             began: None,
             now: Stamp::default(),
             frame: None,
@@ -128,6 +131,12 @@ impl Session {
             dead: None,
             status,
         }
+    }
+
+    /// Writes ways to another disk.
+    pub fn on_disk(mut self, disk: Box<dyn Disk>) -> Self {
+        self.disk = disk;
+        self
     }
 
     /// The engine.
@@ -353,10 +362,12 @@ impl Session {
     /// Ends what is under way; an error when a file does not hold all of its way.
     pub fn close(&mut self) -> Result<(), String> {
         self.guiding = None;
-        if self.recording.is_none() {
-            return Ok(());
-        }
-        self.end_recording().map(|_| ())
+        let Some(recording) = self.recording.take() else { return Ok(()) };
+        let (way, path, whole) = recording.finish();
+        let name = path.as_ref().map_or_else(|| "the way".to_owned(), |p| p.display().to_string());
+        let points = way.points.len();
+        self.way = Some(Held { way, path, here: true });
+        whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
     }
 
     fn since_start(&self, t: Stamp) -> f64 {
@@ -437,7 +448,7 @@ impl Session {
         }
         let path = named.unwrap_or_else(|| next_path(&self.setting.folder));
         let metric = self.engine.is_metric();
-        let (recording, trouble) = Recording::begin(&path, metric, &self.setting.source);
+        let (recording, trouble) = Recording::begin(&*self.disk, &path, metric, &self.setting.source);
         self.recording = Some(recording);
         Ok(match (trouble, metric) {
             (Some(why), _) => format!("Recording in memory only: {}: {why}.", path.display()),

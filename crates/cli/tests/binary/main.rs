@@ -9,6 +9,7 @@ mod run;
 mod sim;
 mod solve;
 mod vocab;
+mod walk;
 mod way;
 
 use serde_json::Value;

@@ -1,33 +1,39 @@
 //! `cairn run`: SLAM on any source; trajectories, a recorded way, a report in JSON and as a page.
 
+mod face;
 mod page;
 mod tally;
 
+use super::serve::rig_of;
 use crate::failure::Failure;
 use crate::output::Output;
-use crate::progress::Progress;
-use cairn_engine::{Config, Engine, Runner, SensorMode, record_input};
+use crate::terminal::Terminal;
+use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
-use cairn_guide::{Ground, Recorder, RecorderSetting, WayHeader, WayWriter};
+use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source, Stamp};
-use cairn_sources::{OpenOptions, Paced, open, read_rig};
+use cairn_session::{Command, Inbox, Script, Session, SessionSetting, drive_live, drive_lockstep, feed};
+use cairn_sources::{OpenOptions, Paced, is_live, open, waiting_for};
+use face::{RunFace, Say};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use tally::Tally;
 
 /// SLAM on any source: poses, a map, a recorded way, a report.
 ///
-/// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes) or sim:WORLD; its kind is found by
-/// looking.
+/// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes), sim:WORLD, a video file, camera:N,
+/// rtsp://..., rtmp://... or rtmp-listen://HOST:PORT/NAME; its kind is found by looking. On a terminal, in real time,
+/// keys give commands: r record, s stop, l load, g guide home, b backwards, h halt, p repeat, i state, q quit.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The recording or the simulated world.
+    /// The recording, the simulated world or the video.
     source: String,
     /// Which sensors to use; without it, all that the source has.
     #[arg(long, value_enum, value_name = "WHICH")]
     sensor: Option<Sensor>,
-    /// A calibration in place of the source's own.
+    /// A calibration in place of the source's own, or the name of a rig (phone-854x480).
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Settings that differ from the default, see cairn config.
@@ -45,6 +51,28 @@ pub struct Arguments {
     /// Records the way that was gone; an existing file is refused.
     #[arg(long, value_name = "WAY")]
     record: Option<PathBuf>,
+    /// Guides along this way, from its start to its end, as soon as there is a pose.
+    #[arg(long, value_name = "WAY")]
+    guide: Option<PathBuf>,
+    /// Guides from the end of the way to its start.
+    #[arg(long, requires = "guide")]
+    back: bool,
+    /// How the walker stands to the camera under guidance.
+    #[arg(long, value_enum, default_value = "home")]
+    facing: FacingArgument,
+    /// How words are told: text, speech, wav:FILE or none; text where something can be said, else none.
+    #[arg(long, value_name = "HOW")]
+    say: Option<Say>,
+    /// Gives commands at times and places, a line each: "at 5 record", "near X Y Z WITHIN stop", "tracked 100 record",
+    /// "arrived quit".
+    #[arg(long, value_name = "FILE")]
+    script: Option<PathBuf>,
+    /// Takes commands from standard input, a line each ("record", "stop", "guide home"), for screen readers.
+    #[arg(long)]
+    lines: bool,
+    /// Where ways are kept that are recorded on command.
+    #[arg(long, value_name = "DIR", default_value = "ways")]
+    ways: PathBuf,
     /// One stage after the other, the same bits every time, whatever else the machine does (the default).
     #[arg(long, conflicts_with = "realtime")]
     lockstep: bool,
@@ -125,59 +153,121 @@ impl Sensor {
 /// Runs the engine over the source, then writes what was asked for. `began` is when the process started.
 pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
     targets_can_be_written(a)?;
-    let config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
-    let (source, sensor) = open_source(a)?;
+    let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
+    let mut script = a.script.as_deref().map_or_else(|| Ok(Script::default()), read_script)?;
+    let live = is_live(&a.source);
+    let say = a.say.clone().unwrap_or(match live || a.guide.is_some() || a.script.is_some() || a.lines {
+        true => Say::Text,
+        false => Say::None,
+    });
+    let voice = say.voice(output.is_json())?;
+    let (source, sensor) = open_source(a, &mut config)?;
     let rig = source.rig().clone();
-    let runner = if a.realtime { Runner::Threaded } else { Runner::Lockstep };
-    let mut engine =
-        Engine::new(&rig, sensor.mode(), source.info().rate_hz, runner, &config).map_err(|e| {
-            Failure::new(
-                &a.source,
-                e.to_string(),
-                "choose another --sensor, or give a calibration with --rig",
-            )
-        })?;
-    let mut recorder = a.record.as_deref().map(|path| begin_way(path, sensor, &a.source)).transpose()?;
+    let runner = if a.realtime || live { Runner::Threaded } else { Runner::Lockstep };
+    let engine = Engine::new(&rig, sensor.mode(), source.info().rate_hz, runner, &config).map_err(|e| {
+        Failure::new(&a.source, e.to_string(), "choose another --sensor, or give a calibration with --rig")
+    })?;
+    let mut session = Session::new(engine, session_setting(a, live));
+    begin(&mut session, a)?;
     let mut tally = Tally::new(began);
     let truth = source.info().truth.clone();
     let name = source.info().name.clone();
-    let skipped = if a.realtime {
+    let terminal = Terminal::new(a.lines, a.realtime || live);
+    let mut face = RunFace::new(&mut tally, source.info().frames, voice, terminal);
+    let skipped = if live {
+        let inbox = Inbox::new();
+        feed(source, inbox.clone())
+            .map_err(|e| Failure::new(&a.source, e.to_string(), "close other programs"))?;
+        drive_live(&mut session, &inbox, &mut script, &mut face)?;
+        inbox.close();
+        face.tally.dropped = inbox.dropped();
+        Vec::new()
+    } else if a.realtime {
         let mut paced = Paced::new(source);
-        drive(&mut paced, &mut engine, &mut tally, &mut recorder, a)?;
-        tally.dropped = paced.dropped();
+        drive_lockstep(&mut session, &mut paced, &mut script, &mut face)?;
+        face.tally.dropped = paced.dropped();
         paced.skipped().to_vec()
     } else {
         let mut source = source;
-        drive(&mut *source, &mut engine, &mut tally, &mut recorder, a)?;
+        drive_lockstep(&mut session, &mut *source, &mut script, &mut face)?;
         source.skipped().to_vec()
     };
-    tally.finished(engine.finish());
+    face.end()?;
+    tally.finished(session.engine_mut().finish());
     warn_of_skipped(&skipped);
-    if let (Some(recorder), Some(path)) = (recorder, &a.record) {
-        end_way(path, recorder)?;
-    }
-    let mut report = tally.report(&engine, &config, &skipped);
+    session.close().map_err(|why| Failure::new("recording", why, "make room on the disk"))?;
+    let engine = session.engine();
+    let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
-    report.accuracy = tally::accuracy(&truth, &engine, sensor.mode());
-    write_reports(a, &engine, &report, &tally)?;
+    report.accuracy = tally::accuracy(&truth, engine, sensor.mode());
+    write_reports(a, engine, &report, &tally)?;
     if report.tracked == 0 {
         let why = tally.last_state.clone().unwrap_or_else(|| "it gave no frame".into());
         return Err(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
     }
-    write_trajectories(a, &rig, &engine)?;
-    output.result(&report, |r| tally::text(r, a.realtime))
+    write_trajectories(a, &rig, engine)?;
+    output.result(&report, |r| tally::text(r, a.realtime || live))
+}
+
+fn session_setting(a: &Arguments, live: bool) -> SessionSetting {
+    SessionSetting {
+        folder: a.ways.clone(),
+        record_to: a.record.clone(),
+        source: a.source.clone(),
+        // Whoever names a file or guides along another way says for himself what is recorded.
+        auto_record: (live && a.record.is_none() && a.guide.is_none() && a.script.is_none())
+            .then_some(AUTO_RECORD),
+        facing: a.facing.facing(),
+        ..SessionSetting::default()
+    }
+}
+
+/// A live walk is recorded by itself after so many tracked frames.
+const AUTO_RECORD: usize = 100;
+
+/// What the arguments ask for before the first frame.
+fn begin(session: &mut Session, a: &Arguments) -> Result<(), Failure> {
+    if a.record.is_some() {
+        let begun = session.command(&Command::Record);
+        begun.map_err(|why| Failure::new("recording", why, "give another --record"))?;
+        // Nobody asked to hear that.
+        session.events();
+    }
+    let Some(path) = &a.guide else { return Ok(()) };
+    let wanted = [
+        Command::Load(Some(path.clone())),
+        Command::Guide { facing: Some(a.facing.facing()), again: !a.back },
+    ];
+    for command in &wanted {
+        session.command(command).map_err(|why| {
+            let hint = "guide along a way of this run with --script, or load its map";
+            Failure::new(path.display().to_string(), why, hint)
+        })?;
+    }
+    Ok(())
+}
+
+fn read_script(path: &Path) -> Result<Script, Failure> {
+    let shown = path.display().to_string();
+    let text =
+        std::fs::read_to_string(path).map_err(|e| Failure::new(&shown, e.to_string(), "check the path"))?;
+    Script::parse(&text)
+        .map_err(|e| Failure::new(format!("{shown}, line {}", e.line), e.why, "see cairn run --help"))
 }
 
 const NO_POSE: &str =
     "check the calibration (cairn rig check), give a longer stretch, or let the camera see more texture";
 
-fn open_source(a: &Arguments) -> Result<(Box<dyn Source>, Sensor), Failure> {
+fn open_source(a: &Arguments, config: &mut Config) -> Result<(Box<dyn Source>, Sensor), Failure> {
     let options = |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames };
-    let given = a.rig.as_deref().map(read_rig).transpose()?;
+    let given = a.rig.as_deref().map(|path| rig_of(path, config)).transpose()?;
+    if let Some(waits) = waiting_for(&a.source) {
+        eprintln!("{waits}");
+    }
     let source = open(&a.source, options(given))?;
     let sensor = a.sensor.unwrap_or_else(|| Sensor::of(source.rig()));
-    // A world renders what its own address says.
-    let fewer = sensor.only(source.rig()).filter(|_| !a.source.starts_with("sim:"));
+    // A world renders what its own address says, and video has one camera.
+    let fewer = sensor.only(source.rig()).filter(|_| !a.source.starts_with("sim:") && !is_live(&a.source));
     match fewer {
         Some(rig) => {
             drop(source);
@@ -210,55 +300,38 @@ fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
             return Err(Failure::new(path.display().to_string(), "is a folder", "name a file"));
         }
     }
-    Ok(())
+    let Some(way) = &a.record else { return Ok(()) };
+    // Made and removed again: so a folder that may not be written is found out too.
+    let made = File::options().write(true).create_new(true).open(way).and_then(|_| std::fs::remove_file(way));
+    made.map_err(|e| {
+        let hint = match e.kind() {
+            std::io::ErrorKind::AlreadyExists => "a record is never overwritten: give another name",
+            _ => "check that its folder may be written and has room",
+        };
+        Failure::new(way.display().to_string(), e.to_string(), hint)
+    })
 }
 
-fn begin_way(path: &Path, sensor: Sensor, source: &str) -> Result<Recorder, Failure> {
-    let (metric, ground) = (sensor != Sensor::Mono, Ground::first_camera());
-    let header = WayHeader::new(metric, &ground, source);
-    let writer = WayWriter::create(path, &header).map_err(|e| way_failed(path, &e))?;
-    Ok(Recorder::new(RecorderSetting::default(), metric, &ground, source).with_writer(writer))
+/// How the walker stands to the camera.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum FacingArgument {
+    /// Walks where the camera looks.
+    Home,
+    /// Walks forwards while the camera looks back.
+    Back,
+    /// Walks backwards, the camera as on the way out.
+    Backwards,
 }
 
-/// Everything to disk; a way without a single point leaves no file behind.
-fn end_way(path: &Path, recorder: Recorder) -> Result<(), Failure> {
-    let (way, synced) = recorder.finish();
-    let done = if way.points.is_empty() { std::fs::remove_file(path) } else { synced };
-    done.map_err(|e| way_failed(path, &e))
-}
-
-fn way_failed(path: &Path, error: &std::io::Error) -> Failure {
-    let hint = match error.kind() {
-        std::io::ErrorKind::AlreadyExists => "a record is never overwritten: give another name",
-        _ => "check that its folder may be written and has room",
-    };
-    Failure::new(path.display().to_string(), error.to_string(), hint)
-}
-
-fn drive(
-    source: &mut dyn Source,
-    engine: &mut Engine,
-    tally: &mut Tally,
-    recorder: &mut Option<Recorder>,
-    a: &Arguments,
-) -> Result<(), Failure> {
-    let progress = Progress::new(source.info().frames);
-    while let Some(packet) = source.next_packet()? {
-        match engine.on_packet(&packet) {
-            Ok(done) => {
-                if let Some(cause) = &done.died {
-                    progress.warn(cause);
-                }
-                if let (Some(recorder), Some(path)) = (recorder.as_mut(), &a.record) {
-                    recorder.observe(&record_input(&done)).map_err(|e| way_failed(path, &e))?;
-                }
-                tally.frame(&packet, &done);
-            }
-            Err(e) => tally.unseen(&packet, &e),
+impl FacingArgument {
+    /// As the guide takes it.
+    pub fn facing(self) -> Facing {
+        match self {
+            Self::Home => Facing::Home,
+            Self::Back => Facing::Back,
+            Self::Backwards => Facing::Backwards,
         }
-        progress.step(tally.frames);
     }
-    Ok(())
 }
 
 fn warn_of_skipped(skipped: &[String]) {

@@ -1,0 +1,120 @@
+//! Eyes and ears of `cairn run`: counts frames, hands words to a voice, takes commands from the terminal.
+
+use super::tally::Tally;
+use crate::failure::Failure;
+use crate::progress::Progress;
+use crate::terminal::Terminal;
+use cairn_engine::Output;
+use cairn_sensor::FramePacket;
+use cairn_session::{Command, Event, Face, Session};
+use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechSetting, TextVoice, Voice, VoiceError, WavVoice};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// How words are told.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Say {
+    /// Lines of text.
+    Text,
+    /// Aloud.
+    Speech,
+    /// Into a file.
+    Wav(PathBuf),
+    /// Not at all.
+    None,
+}
+
+impl FromStr for Say {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(match text {
+            "text" => Self::Text,
+            "speech" => Self::Speech,
+            "none" => Self::None,
+            other => match other.strip_prefix("wav:").filter(|path| !path.is_empty()) {
+                Some(path) => Self::Wav(path.into()),
+                None => return Err("write text, speech, wav:FILE or none".into()),
+            },
+        })
+    }
+}
+
+impl Say {
+    /// The voice; where the result is JSON, text goes to stderr.
+    pub fn voice(&self, json: bool) -> Result<Box<dyn Voice>, Failure> {
+        let fail = |e: VoiceError| Failure::new("voice", e.why, e.cure);
+        let espeak = || Espeak::find(SpeechSetting::default()).map_err(fail);
+        Ok(match self {
+            Self::Text if json => Box::new(TextVoice::new(std::io::stderr())),
+            Self::Text => Box::new(TextVoice::new(std::io::stdout())),
+            Self::Speech => Box::new(EspeakVoice::new(espeak()?)),
+            Self::Wav(path) => Box::new(WavVoice::create(path, espeak()?).map_err(fail)?),
+            Self::None => Box::new(NoVoice),
+        })
+    }
+}
+
+/// The face of a run.
+pub struct RunFace<'a> {
+    /// Counts.
+    pub tally: &'a mut Tally,
+    progress: Progress,
+    voice: Box<dyn Voice>,
+    terminal: Terminal,
+}
+
+impl<'a> RunFace<'a> {
+    /// A face that has seen nothing yet.
+    pub fn new(
+        tally: &'a mut Tally,
+        frames: Option<usize>,
+        voice: Box<dyn Voice>,
+        terminal: Terminal,
+    ) -> Self {
+        Self { tally, progress: Progress::new(frames), voice, terminal }
+    }
+
+    /// Waits for the last words.
+    pub fn end(mut self) -> Result<(), Failure> {
+        self.voice.end().map_err(|e| Failure::new("voice", e.why, e.cure))
+    }
+}
+
+impl Face for RunFace<'_> {
+    fn heard(&mut self, _: &Session, event: &Event) {
+        match event {
+            Event::Said(said) => self.voice.say(&said.text, said.t_s, said.interrupts),
+            Event::Sound(s) => self.voice.sound(s.earcon, s.bearing_rad, s.t_s),
+        }
+    }
+
+    fn saw(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+        match output {
+            Ok(done) => {
+                if let Some(cause) = &done.died {
+                    self.progress.warn(cause);
+                }
+                self.tally.frame(packet, done);
+            }
+            Err(why) => self.tally.unseen(packet, why),
+        }
+        self.progress.step(self.tally.frames);
+    }
+
+    fn did(&mut self, _: &Session, _: &Command, done: &Result<String, String>) {
+        if let Err(why) = done {
+            self.progress.warn(why);
+        }
+    }
+
+    fn passed(&mut self, session: &Session) {
+        self.voice.pass(session.elapsed_s());
+    }
+
+    fn asked(&mut self) -> Vec<Command> {
+        let (commands, mistakes) = self.terminal.asked();
+        mistakes.iter().for_each(|why| self.progress.warn(why));
+        commands
+    }
+}

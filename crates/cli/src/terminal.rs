@@ -1,0 +1,131 @@
+//! Commands from standard input: single keys on a terminal, or lines for screen readers and pipes.
+
+use cairn_session::Command;
+use std::io::{BufRead, IsTerminal, Read};
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+/// Where commands come from; a terminal that was changed is as before when this is dropped.
+pub struct Terminal {
+    commands: Option<Receiver<Result<Command, String>>>,
+    _raw: Option<raw::Raw>,
+}
+
+impl Terminal {
+    /// Lines where they are asked for; keys on a terminal when `keys`; else nothing is read.
+    pub fn new(lines: bool, keys: bool) -> Self {
+        let (tell, commands) = channel();
+        if lines {
+            spawn(move || read_lines(std::io::stdin().lock(), &tell));
+            return Self { commands: Some(commands), _raw: None };
+        }
+        let raw = if keys && std::io::stdin().is_terminal() { raw::Raw::begin() } else { None };
+        match raw {
+            Some(raw) => {
+                eprintln!("{}", cairn_session::HELP);
+                spawn(move || read_keys(std::io::stdin().lock(), &tell));
+                Self { commands: Some(commands), _raw: Some(raw) }
+            }
+            None => Self { commands: None, _raw: None },
+        }
+    }
+
+    /// Commands that have come, and what was no command.
+    pub fn asked(&self) -> (Vec<Command>, Vec<String>) {
+        let (mut commands, mut mistakes) = (Vec::new(), Vec::new());
+        for answer in self.commands.iter().flat_map(Receiver::try_iter) {
+            match answer {
+                Ok(command) => commands.push(command),
+                Err(why) => mistakes.push(why),
+            }
+        }
+        (commands, mistakes)
+    }
+}
+
+/// A thread that ends with the process: it may wait for input for ever.
+fn spawn(work: impl FnOnce() + Send + 'static) {
+    // Without it the walk goes on, and no command comes.
+    let _ = std::thread::Builder::new().name("cairn-terminal".into()).spawn(work);
+}
+
+fn read_lines(input: impl BufRead, tell: &Sender<Result<Command, String>>) {
+    for line in input.lines().map_while(Result::ok).filter(|l| !l.trim().is_empty()) {
+        if tell.send(Command::parse(&line)).is_err() {
+            return;
+        }
+    }
+}
+
+fn read_keys(mut input: impl Read, tell: &Sender<Result<Command, String>>) {
+    let mut key = [0];
+    while input.read_exact(&mut key).is_ok() {
+        let answer = match key[0] {
+            // Control-C and control-D: raw terminals send no signal.
+            3 | 4 => Ok(Command::Quit),
+            b'\r' | b'\n' | b' ' => continue,
+            key => Command::of_key(char::from(key)).ok_or_else(|| cairn_session::HELP.to_owned()),
+        };
+        if tell.send(answer).is_err() {
+            return;
+        }
+    }
+}
+
+#[cfg(unix)]
+mod raw {
+    use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
+
+    /// A terminal that gives single keys, unseen.
+    pub struct Raw(Termios);
+
+    impl Raw {
+        /// `None` where standard input is no terminal.
+        pub fn begin() -> Option<Self> {
+            let input = rustix::stdio::stdin();
+            let before = tcgetattr(input).ok()?;
+            let mut keys = before.clone();
+            keys.local_modes -= LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG;
+            tcsetattr(input, OptionalActions::Now, &keys).ok()?;
+            Some(Self(before))
+        }
+    }
+
+    impl Drop for Raw {
+        fn drop(&mut self) {
+            // Nobody is left to tell.
+            let _ = tcsetattr(rustix::stdio::stdin(), OptionalActions::Now, &self.0);
+        }
+    }
+}
+
+#[cfg(not(unix))]
+mod raw {
+    /// Single keys are not read on this system; lines are.
+    pub struct Raw;
+
+    impl Raw {
+        pub fn begin() -> Option<Self> {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_and_keys_give_the_same_commands() {
+        let (tell, answers) = channel();
+        read_lines("record\n\nstop\nfly\nquit\n".as_bytes(), &tell);
+        read_keys("R s\nx\u{3}".as_bytes(), &tell);
+        drop(tell);
+        let all: Vec<_> = answers.iter().collect();
+        assert_eq!(all[0], Ok(Command::Record));
+        assert_eq!(all[1], Ok(Command::Stop));
+        assert!(all[2].is_err() && all[6].is_err());
+        assert_eq!(all[3], Ok(Command::Quit));
+        assert_eq!(all[4..6], [Ok(Command::Record), Ok(Command::Stop)]);
+        assert_eq!(all[7], Ok(Command::Quit));
+    }
+}

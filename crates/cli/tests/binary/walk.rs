@@ -1,0 +1,103 @@
+//! Commands of a walk on the command line: scripts, lines, voices, the page's first words.
+
+use crate::{cairn, fails, folder, json, stderr, stdout};
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Command, Stdio};
+
+/// Seven seconds of the demo world, small.
+const WORLD: &str = "sim:demo?duration=7&resolution=320x240&sensor=rgbd&rate=10";
+
+#[test]
+fn a_script_records_and_guides_and_the_words_are_lines() {
+    let folder = folder("script");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let script = "tracked 5 record\nat 5.5 stop\nat 5.5 guide back # and off we go\nat 6.8 halt\n";
+    std::fs::write(path("walk.script"), script).unwrap();
+    let run = || cairn(&["run", WORLD, "--script", &path("walk.script"), "--ways", &path("ways")]);
+    let (first, second) = (stdout(&run()), stdout(&run()));
+    assert!(first.contains("0:00.4  Recording."), "{first}");
+    assert!(first.contains("0:05.5  Recording has ended, 4 metres."), "{first}");
+    assert!(first.contains("Guidance has ended."), "{first}");
+    let said =
+        |text: &str| text.lines().filter(|l| l.starts_with("0:")).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(said(&first), said(&second), "lockstep says the same");
+    // The second walk did not write over the first.
+    for n in 1..=2 {
+        let info = json(&cairn(&["way", "info", &path(&format!("ways/way-000{n}.way")), "--json"]));
+        assert!(info["points"].as_u64().unwrap() > 30, "{info}");
+    }
+    std::fs::write(path("wrong.script"), "at 5 record\nat noon stop\n").unwrap();
+    fails(&["run", WORLD, "--script", &path("wrong.script")], &["wrong.script, line 2", "no number"]);
+    // A way of another day lies on another map.
+    fails(
+        &["run", WORLD, "--guide", &path("ways/way-0001.way")],
+        &["way-0001.way", "map that is not loaded"],
+    );
+    fails(&["run", WORLD, "--guide", &path("none.way")], &["none.way", "can not be read"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn lines_from_standard_input_give_commands() {
+    let folder = folder("lines");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cairn"))
+        .args(["run", WORLD, "--realtime", "--lines", "--ways", folder.to_str().unwrap(), "--json"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let mut words = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+    writeln!(input, "fly").unwrap();
+    assert!(words.any(|l| l.contains("\"fly\" is no command")), "a mistake was not told");
+    writeln!(input, "record").unwrap();
+    assert!(words.any(|l| l.contains("Recording.")), "nothing was recorded");
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    writeln!(input, "quit").unwrap();
+    drop(words);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    assert!(json(&output)["frames"].as_u64().unwrap() < 69, "it did not end when asked to");
+    let info = json(&cairn(&["way", "info", folder.join("way-0001.way").to_str().unwrap(), "--json"]));
+    assert!(info["points"].as_u64().unwrap() > 5, "{info}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn voices_that_can_not_be_are_told_before_the_walk() {
+    let wrong = cairn(&["run", WORLD, "--say", "loud"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(stderr(&wrong).contains("text, speech, wav:FILE or none"), "{}", stderr(&wrong));
+    let silent = |how: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_cairn"))
+            .args(["run", WORLD, "--frames", "2", "--say", how])
+            .env("PATH", "/nowhere")
+            .output()
+            .unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    for how in ["speech", "wav:/tmp/x.wav"] {
+        let (code, text) = silent(how);
+        assert!(code == Some(1) && text.contains("apt install espeak-ng"), "{text}");
+    }
+}
+
+#[test]
+fn the_page_tells_how_to_get_to_it_and_a_port_that_is_taken() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    fails(&["serve", "--port", &port], &[&format!("port {port}"), "another --port"]);
+    drop(taken);
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cairn"))
+        .args(["serve", "--port", &port, "--lan"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
+    let url = lines.find(|l| l.starts_with("https://")).unwrap();
+    assert!(url.contains(&format!(":{port}/#k=")) && url.len() > 50, "{url}");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}

@@ -1,0 +1,290 @@
+//! Walks through a rendered world under every command, with what goes wrong on the way: the stream ends, the disk is
+//! full, the engine's map moves. The walker comes back with the camera looking back, so that the pictures of the way out
+//! in reverse order are the pictures of the way home.
+
+use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_geometry::Se3;
+use cairn_guide::{Durable, Way};
+use cairn_sensor::{Camera, FramePacket, Stamp};
+use cairn_session::{Command, Disk, Event, Medium, Session, SessionSetting};
+use cairn_sim::{LiveRig, SimSensor, SimSetting, Walker, WorldKind};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock};
+
+const RATE_HZ: f64 = 10.0;
+
+/// Pictures of eight metres with a turn, one for each tenth of a second.
+fn out() -> &'static [FramePacket] {
+    static OUT: OnceLock<Vec<FramePacket>> = OnceLock::new();
+    OUT.get_or_init(|| {
+        let setting = SimSetting {
+            sensor: SimSensor::Rgbd,
+            imu: None,
+            camera: Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5),
+            rate_hz: RATE_HZ,
+            body_from_camera: Se3::identity(),
+            walker: Walker { turn_rate: 0.8, ..Walker::default() },
+            ..SimSetting::new(WorldKind::Demo, 3)
+        };
+        let mut rig = LiveRig::new(&setting).unwrap();
+        let way = rig.world().ways()[0].points.clone();
+        let motion = setting.walker.motion(&way);
+        let frames = (motion.end().min(16.0) * RATE_HZ) as usize;
+        (0..frames)
+            .map(|k| {
+                let t = k as f64 / RATE_HZ;
+                rig.packet(Stamp::from_seconds(t), &motion.pose(t)).unwrap()
+            })
+            .collect()
+    })
+}
+
+fn engine() -> Engine {
+    let camera = Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5);
+    let setting =
+        SimSetting { sensor: SimSensor::Rgbd, imu: None, camera, ..SimSetting::new(WorldKind::Demo, 3) };
+    Engine::new(&setting.rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap()
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("cairn-session-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    folder
+}
+
+/// A session with a clock: what was said, with its time.
+struct Walk {
+    session: Session,
+    now: f64,
+    said: Vec<(f64, String)>,
+    sounds: usize,
+}
+
+impl Walk {
+    fn new(session: Session) -> Self {
+        Self { session, now: 0.0, said: Vec::new(), sounds: 0 }
+    }
+
+    fn named(name: &str) -> Self {
+        let setting = SessionSetting { folder: folder(name), ..SessionSetting::default() };
+        Self::new(Session::new(engine(), setting))
+    }
+
+    fn hear(&mut self) {
+        for event in self.session.events() {
+            match event {
+                Event::Said(said) => self.said.push((said.stamp.seconds(), said.text)),
+                Event::Sound(_) => self.sounds += 1,
+            }
+        }
+    }
+
+    /// Shows pictures, one each tenth of a second.
+    fn see<'a>(&mut self, pictures: impl IntoIterator<Item = &'a FramePacket>) {
+        for picture in pictures {
+            self.now += 1.0 / RATE_HZ;
+            let packet = FramePacket { stamp: Stamp::from_seconds(self.now), ..picture.clone() };
+            self.session.on_packet(&packet).unwrap();
+            self.hear();
+        }
+    }
+
+    /// Time passes without a picture.
+    fn wait(&mut self, seconds: f64) {
+        let until = self.now + seconds;
+        while self.now < until {
+            self.now += 0.05;
+            self.session.tick(Stamp::from_seconds(self.now));
+            self.hear();
+        }
+    }
+
+    fn ask(&mut self, line: &str) -> Result<String, String> {
+        let done = self.session.command(&Command::parse(line).unwrap());
+        self.hear();
+        done
+    }
+
+    /// When something that begins so was first said after a time.
+    fn when(&self, begins: &str, after: f64) -> Option<f64> {
+        self.said.iter().find(|(t, words)| *t >= after && words.starts_with(begins)).map(|(t, _)| *t)
+    }
+
+    fn transcript(&self) -> String {
+        self.said.iter().map(|(t, words)| format!("{t:6.1}  {words}\n")).collect()
+    }
+}
+
+#[test]
+fn record_stop_guide_back_arrives_and_the_way_is_on_disk() {
+    let mut walk = Walk::named("whole");
+    walk.see(&out()[..5]);
+    assert_eq!(walk.ask("record").unwrap(), "Recording.");
+    assert!(walk.ask("record").is_err());
+    walk.see(&out()[5..]);
+    let ended = walk.ask("stop").unwrap();
+    assert!(ended.starts_with("Recording has ended, 1") && ended.ends_with("metres."), "{ended}");
+    walk.ask("guide back").unwrap();
+    walk.see(out().iter().rev());
+    assert!(walk.session.has_arrived(), "{}", walk.transcript());
+    let transcript = walk.transcript();
+    for words in ["Recording.", "The way is 1", "Turn ", "Stop. You have arrived"] {
+        assert!(walk.when(words, 0.0).is_some(), "\"{words}\" was not said:\n{transcript}");
+    }
+    assert!(!transcript.contains("lost") && walk.sounds > 5, "{transcript}");
+    let on_disk = Way::load(&folder_of("whole").join("way-0001.way")).unwrap();
+    same(&on_disk, walk.session.way().unwrap());
+    // The latest way can be loaded; one of another day belongs to another map.
+    assert!(walk.ask("load").unwrap().contains(&on_disk.points.len().to_string()));
+    assert!(walk.ask("guide again").is_ok());
+    let mut other = Walk::new(Session::new(
+        engine(),
+        SessionSetting { folder: folder_of("whole"), ..Default::default() },
+    ));
+    other.ask("load").unwrap();
+    assert!(other.ask("guide home").unwrap_err().contains("map that is not loaded"));
+}
+
+/// The same points; reading makes rotations of norm one again, which may move their last digit.
+fn same(a: &Way, b: &Way) {
+    assert_eq!(a.points.len(), b.points.len());
+    for (p, q) in a.points.iter().zip(&b.points) {
+        let apart = p.odom_from_camera.inverse() * q.odom_from_camera;
+        assert!(p.stamp == q.stamp && p.anchor == q.anchor && apart.translation.norm() < 1e-9, "{p:?} {q:?}");
+    }
+}
+
+fn folder_of(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("cairn-session-{name}-{}", std::process::id()))
+}
+
+#[test]
+fn when_the_stream_ends_stop_is_said_and_guidance_resumes_when_it_is_back() {
+    let mut walk = Walk::named("stream");
+    walk.see(&out()[..1]);
+    walk.ask("record").unwrap();
+    walk.see(&out()[1..60]);
+    // While recording: it is told, and nothing recorded is lost.
+    let points = walk.session.status().recording.unwrap().points;
+    let gone = walk.now;
+    walk.wait(4.0);
+    assert!(
+        walk.when("No picture comes. Stand still.", gone).is_some_and(|t| t - gone < 1.3),
+        "{}",
+        walk.transcript()
+    );
+    assert_eq!(walk.session.status().state, "gone");
+    assert_eq!(walk.session.status().recording.unwrap().points, points);
+    walk.see(&out()[59..]);
+    assert!(walk.when("The picture is back.", gone).is_some(), "{}", walk.transcript());
+    walk.ask("stop").unwrap();
+    let recorded = walk.session.way().unwrap().points.len();
+    walk.ask("guide back").unwrap();
+    let half = out().len() / 2;
+    walk.see(out()[half..].iter().rev());
+    // Under guidance: stop within the half second that a pose is good for, again while it lasts, then on.
+    let gone = walk.now;
+    walk.wait(7.0);
+    let stop = walk.when("Stop. The camera does not answer.", gone).unwrap_or(f64::INFINITY);
+    assert!(stop - gone < 0.7, "after {} s:\n{}", stop - gone, walk.transcript());
+    assert!(walk.when("Stop. The camera does not answer.", stop + 1.0).is_some(), "said once only");
+    let back = walk.now;
+    walk.see(out()[..half].iter().rev());
+    let resumed = walk.when("Tracking is back.", back).unwrap_or(f64::INFINITY);
+    assert!(resumed - back < 2.0, "{}", walk.transcript());
+    assert!(walk.session.has_arrived(), "{}", walk.transcript());
+    assert_eq!(walk.session.way().unwrap().points.len(), recorded);
+}
+
+/// A disk whose room can change.
+#[derive(Clone, Default)]
+struct Small(Arc<Mutex<(Vec<u8>, usize)>>);
+
+impl io::Write for Small {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        let (kept, room) = &mut *self.0.lock().unwrap();
+        let n = data.len().min(room.saturating_sub(kept.len()));
+        if n == 0 {
+            return Err(io::Error::new(io::ErrorKind::StorageFull, "no space left on device"));
+        }
+        kept.extend_from_slice(&data[..n]);
+        Ok(n)
+    }
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Durable for Small {
+    fn make_durable(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Medium for Small {
+    fn cut(&mut self, length: u64) -> io::Result<()> {
+        self.0.lock().unwrap().0.truncate(length as usize);
+        Ok(())
+    }
+}
+
+impl Disk for Small {
+    fn create(&self, _: &Path) -> io::Result<Box<dyn Medium>> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+#[test]
+fn a_full_disk_is_told_and_costs_no_point() {
+    let disk = Small::default();
+    disk.0.lock().unwrap().1 = 6000;
+    let setting = SessionSetting { folder: folder("disk"), ..SessionSetting::default() };
+    let mut walk = Walk::new(Session::new(engine(), setting).on_disk(Box::new(disk.clone())));
+    walk.see(&out()[..1]);
+    walk.ask("record").unwrap();
+    walk.see(&out()[1..80]);
+    assert!(
+        walk.when("The disk is full. The way is kept in memory.", 0.0).is_some(),
+        "{}",
+        walk.transcript()
+    );
+    assert!(walk.session.status().recording.unwrap().trouble.is_some());
+    // What is on the disk is whole lines.
+    let kept = Way::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
+    assert!(!kept.torn && kept.points.len() > 5);
+    // Someone makes room.
+    disk.0.lock().unwrap().1 = 10_000_000;
+    walk.see(&out()[80..]);
+    assert!(walk.when("The way is on disk again.", 0.0).is_some(), "{}", walk.transcript());
+    walk.ask("stop").unwrap();
+    let whole = Way::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
+    same(&whole, walk.session.way().unwrap());
+    // Full to the end: it is said, and the way home works all the same.
+    let disk = Small::default();
+    disk.0.lock().unwrap().1 = 3000;
+    let setting = SessionSetting { folder: folder("disk"), ..SessionSetting::default() };
+    let mut walk = Walk::new(Session::new(engine(), setting).on_disk(Box::new(disk)));
+    walk.see(&out()[..1]);
+    walk.ask("record").unwrap();
+    walk.see(&out()[1..]);
+    assert!(walk.ask("stop").unwrap_err().contains("not whole"));
+    walk.ask("guide back").unwrap();
+    walk.see(out().iter().rev());
+    assert!(walk.session.has_arrived(), "{}", walk.transcript());
+}
+
+#[test]
+fn a_live_walk_records_by_itself_after_a_hundred_tracked_frames() {
+    let setting =
+        SessionSetting { folder: folder("auto"), auto_record: Some(100), ..SessionSetting::default() };
+    let mut walk = Walk::new(Session::new(engine(), setting));
+    walk.see(&out()[..99]);
+    assert!(!walk.session.is_recording());
+    walk.see(&out()[99..120]);
+    assert!(walk.session.is_recording() && walk.when("Recording.", 9.0).is_some(), "{}", walk.transcript());
+    // Whoever stopped it does not want it to begin again.
+    walk.ask("stop").unwrap();
+    walk.see(&out()[120..]);
+    assert!(!walk.session.is_recording());
+}
