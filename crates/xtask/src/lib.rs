@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod accuracy;
+pub mod graphs;
 pub mod long;
 pub mod measure;
 pub mod memory;

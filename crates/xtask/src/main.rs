@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use xtask::recordings::{data_folder, recording};
 use xtask::walks::{WORLDS, Walk};
-use xtask::{Sensor, Setting, accuracy, long, measure, store, walks};
+use xtask::{Sensor, Setting, accuracy, graphs, long, measure, store, walks};
 
 /// Measures the whole engine.
 #[derive(Parser)]
@@ -62,6 +62,21 @@ enum Command {
         /// Write all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
+    },
+    /// The pose graphs: known optima from the odometry start, times.
+    Graphs {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Only graphs whose name holds this.
+        #[arg(long)]
+        only: Option<String>,
+        /// Repetitions of each solve.
+        #[arg(long, default_value_t = 15)]
+        times: usize,
+        /// Write docs/graphs.md.
+        #[arg(long)]
+        write: bool,
     },
     /// Minutes of laps: step time, memory and map, minute by minute.
     Long {
@@ -149,6 +164,17 @@ fn run(command: Command) -> Result<(), String> {
             let walked = walks::run(&list, seconds, jobs)?;
             print!("{}", walks::table(&walked));
             json.map_or(Ok(()), |path| save(path, &text(&walked)?))
+        }
+        Command::Graphs { data, only, times, write } => {
+            let rows = graphs::run(&data.unwrap_or_else(data_folder), only.as_deref(), times)?;
+            print!("{}", graphs::table(&rows));
+            if write {
+                save(
+                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/graphs.md").into(),
+                    &graphs::page(&rows),
+                )?;
+            }
+            Ok(())
         }
         Command::Long { world, sensor, minutes } => {
             let seconds = minutes * 60.0;

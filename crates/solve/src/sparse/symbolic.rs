@@ -261,9 +261,9 @@ fn join_columns(columns: &[Vec<u32>], size: usize) -> Vec<Supernode> {
             let scalars = width * size;
             let worth = zeros == 0
                 || scalars <= 12
-                || (scalars <= 24 && share < 0.6)
-                || (scalars <= 48 && share < 0.2)
-                || share < 0.05;
+                || (scalars <= 24 && share < 0.3)
+                || (scalars <= 48 && share < 0.1)
+                || share < 0.02;
             if !worth {
                 break;
             }

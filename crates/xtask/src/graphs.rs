@@ -1,0 +1,171 @@
+//! `graphs`: the pose graphs of the recordings, each from its odometry start: is the known optimum reached, how fast.
+//!
+//! Known are the global optima of SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, "SE-Sync", 2019, table 1, to four
+//! digits); the digits beyond are certified by `tools/compare_graphs.py`.
+
+use cairn_solve::Report;
+use cairn_solve::g2o::{Graph, read};
+use cairn_solve::graph::{GraphSetting, Method, Metric, PoseGraph, Rigid, odometry_start};
+use std::fmt::Write;
+use std::path::Path;
+use std::time::Instant;
+
+/// A graph and the least value of SE-Sync's objective on it.
+#[derive(Clone, Copy, Debug)]
+pub struct Known {
+    /// Name of the file below `graphs/`, without its ending.
+    pub name: &'static str,
+    /// The least value.
+    pub optimum: f64,
+}
+
+/// All graphs.
+pub const KNOWN: [Known; 6] = [
+    Known { name: "sphere2500", optimum: 1687.005814282 },
+    Known { name: "parking-garage", optimum: 1.262524427766 },
+    Known { name: "smallGrid3D", optimum: 1025.398055636 },
+    Known { name: "manhattan", optimum: 6431.391387218 },
+    Known { name: "intel", optimum: 52.348227286 },
+    Known { name: "kitti_05", optimum: 276.514377003 },
+];
+
+/// A graph that was solved.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Which.
+    pub known: Known,
+    /// Vertices and edges.
+    pub size: [usize; 2],
+    /// SE-Sync's objective where Levenberg-Marquardt ends that starts from odometry.
+    pub reached: f64,
+    /// The default cost, by Gauss-Newton and by Levenberg-Marquardt.
+    pub solved: [Solved; 2],
+}
+
+/// A solve of the default cost.
+#[derive(Clone, Copy, Debug)]
+pub struct Solved {
+    /// Its report.
+    pub report: Report,
+    /// Least wall time of the repetitions, ms.
+    pub wall_ms: f64,
+    /// Mean time on the processor, ms; not a number where the system does not tell.
+    pub cpu_ms: f64,
+}
+
+/// Solves the graphs that are there, each `times` times.
+///
+/// # Errors
+/// When a file can not be read; the text names it.
+pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, String> {
+    let mut rows = Vec::new();
+    for known in KNOWN.iter().filter(|k| only.is_none_or(|o| k.name.contains(o))) {
+        let path = data.join("graphs").join(format!("{}.g2o", known.name));
+        if !path.exists() {
+            eprintln!("skipped: {} is not there", path.display());
+            continue;
+        }
+        let failed = |why: String| format!("{}: {why}", path.display());
+        let text = std::fs::read_to_string(&path).map_err(|e| failed(e.to_string()))?;
+        rows.push(match read(&text).map_err(|e| failed(e.to_string()))?.graph {
+            Graph::Plane(named) => row(*known, &named.graph, times),
+            Graph::Space(named) => row(*known, &named.graph, times),
+        });
+    }
+    Ok(rows)
+}
+
+fn row<G: Rigid<D>, const D: usize>(known: Known, graph: &PoseGraph<G, D>, times: usize) -> Row {
+    let mut relaxed = graph.clone();
+    relaxed.edges_mut().iter_mut().for_each(|e| e.information = G::isotropic(&e.information));
+    odometry_start(&mut relaxed);
+    let setting = GraphSetting { metric: Metric::Chordal, ..GraphSetting::default() };
+    let reached = 2.0 * relaxed.solve(&setting, || false).cost_after;
+    let solved = [Method::GaussNewton, Method::LevenbergMarquardt].map(|method| {
+        let setting = GraphSetting { method, ..GraphSetting::default() };
+        let (mut wall_ms, mut cpu_ms, mut report) = (f64::INFINITY, 0.0, None);
+        for _ in 0..times.max(1) {
+            let mut graph = graph.clone();
+            let (wall, cpu) = (Instant::now(), cpu_ns());
+            odometry_start(&mut graph);
+            report = Some(graph.solve(&setting, || false));
+            wall_ms = wall_ms.min(wall.elapsed().as_secs_f64() * 1e3);
+            cpu_ms += (cpu_ns() - cpu) * 1e-6 / times.max(1) as f64;
+        }
+        let empty = Report {
+            iterations: 0,
+            cost_before: 0.0,
+            cost_after: 0.0,
+            inliers: 0,
+            stop: cairn_solve::Stop::Empty,
+        };
+        Solved { report: report.unwrap_or(empty), wall_ms, cpu_ms }
+    });
+    Row { known, size: [graph.values().len(), graph.edges().len()], reached, solved }
+}
+
+impl Row {
+    /// How far above the known optimum, relative to it.
+    pub fn excess(&self) -> f64 {
+        self.reached / self.known.optimum - 1.0
+    }
+}
+
+/// Nanoseconds that this thread has run, not a number where the system does not say.
+fn cpu_ns() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split(' ').next().and_then(|t| t.parse().ok()).unwrap_or(f64::NAN)
+}
+
+/// The table in Markdown.
+pub fn table(rows: &[Row]) -> String {
+    let mut t = String::from(
+        "| graph | vertices, edges | known optimum | reached (relative difference) | default chi2 | steps GN / LM | ms GN / LM: wall | ms GN / LM: processor |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    for row in rows {
+        let [gn, lm] = &row.solved;
+        let _ = writeln!(
+            t,
+            "| {} | {}, {} | {:.6} | {:.6} ({:+.1e}) | {:.9} | {} / {} | {:.1} / {:.1} | {:.1} / {:.1} |",
+            row.known.name,
+            row.size[0],
+            row.size[1],
+            row.known.optimum,
+            row.reached,
+            row.excess(),
+            2.0 * lm.report.cost_after.min(gn.report.cost_after),
+            gn.report.iterations,
+            lm.report.iterations,
+            gn.wall_ms,
+            lm.wall_ms,
+            gn.cpu_ms,
+            lm.cpu_ms,
+        );
+    }
+    t
+}
+
+/// The whole page `docs/graphs.md`.
+pub fn page(rows: &[Row]) -> String {
+    let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "a processor of unknown name".into());
+    format!("{HEAD}{}{TAIL}\nTimes here: {cpu}.\n", table(rows))
+}
+
+const HEAD: &str = "# Pose graphs
+
+`cargo run --release -p xtask -- graphs --write` writes this page from the g2o files below `graphs/` of the recordings
+(`CAIRN_DATA`, else `../shared/data` beside the checkout).
+
+";
+
+const TAIL: &str = "
+Everything starts from odometry: poses chained along the measurements between neighbours. *Known optimum* is that of
+SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, 2019, whose table has its first four digits), and *reached* is where
+`cairn solve graph FILE --init odometry --cost se-sync` ends. `tools/compare_graphs.py` certifies it: the dual certificate
+matrix at our solution is positive semi-definite, so that no other poses are better.
+
+*Default chi2* is the sum of squared whitened residuals with the file's whole information matrices (`cairn solve graph FILE`;
+twice its cost). In space the residual is the Lie logarithm, in the plane x, y and angle. The time is that of chaining the
+odometry, the symbolic analysis, and all steps until one promises less than 1e-9 of the cost, on one thread: the least wall
+time of the repetitions, which a busy machine lengthens, and the mean time that the thread was on the processor.
+";
