@@ -185,6 +185,5 @@ time on the processor is told (ms, least of five; cairn's is that of the whole p
 
 Quiet, cairn solves sphere2500 in 153 ms (`cargo bench -p cairn-solve --bench graph -- sphere`). In the plane g2o's
 Gauss-Newton ends at our cost to all nine decimals; its Levenberg-Marquardt stops early with the rule of the tool. In space GTSAM
-ends at our cost within 6e-8, on parking-garage 3e-6 above it, because it leaves part of the Jacobian of its residual out; its own
-error function agrees with ours at our poses within 4e-8.
+ends within 6e-8 of our cost, on parking-garage 3e-6 above it; its own error function agrees with ours at our poses within 4e-8.
 ";
