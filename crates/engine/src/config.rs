@@ -97,6 +97,7 @@ impl Config {
             ("tracker.min_inliers", tracker.min_inliers as f64, 6.0, 1e4),
             ("tracker.local_key_frames", tracker.local_key_frames as f64, 1.0, 1e4),
             ("tracker.min_key_frame_gap", tracker.min_key_frame_gap as f64, 0.0, 1e4),
+            ("tracker.new_world_s", tracker.new_world_s, 0.0, 1e4),
             ("mapper.grow_neighbours", mapper.grow_neighbours as f64, 1.0, 1e3),
             ("mapper.fuse_neighbours", mapper.fuse_neighbours as f64, 0.0, 1e3),
             ("mapper.redundant_share", mapper.redundant_share, 0.1, 1.0),

@@ -74,7 +74,7 @@ impl Engine {
         let frame = Arc::new(self.eye.see(packet)?);
         let seen = Instant::now();
         let map = self.mapping.latest();
-        let mut tracked = self.tracker.step(frame.clone(), &map, self.mapping.idle());
+        let mut tracked = self.tracker.step(frame.clone(), &map, self.mapping.idle(), true);
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
         for (stamp, placed) in tracked.earlier.drain(..) {
@@ -113,10 +113,11 @@ impl Engine {
         let starting = !matches!(offer, Offer::Next { .. });
         let Some(id) = self.mapping.offer(offer, done).filter(|_| starting) else { return };
         let map = self.mapping.latest();
+        self.tracker.begun(&map, id);
         tracked.pose = standing_at(&map, id);
         tracked.state = State::Tracking;
-        let eldest = map.key_frames().next().and_then(|k| standing_at(&map, k.id));
-        if let (Some(first), Some(placed)) = (earlier, eldest) {
+        let root = map.key_frame(id).and_then(|k| standing_at(&map, k.world.root()));
+        if let (Some(first), Some(placed)) = (earlier, root) {
             self.log.amend(first.stamp, placed);
         }
     }

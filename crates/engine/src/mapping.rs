@@ -1,9 +1,8 @@
 //! The mapping stage, run inline (lockstep) or on a thread of its own.
 
-use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Reader};
-use cairn_geometry::Se3;
-use cairn_mapping::Mapper;
-use cairn_tracking::Offer;
+use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Reader, Tie};
+use cairn_mapping::{Begin, Mapper};
+use cairn_tracking::{Adrift, Offer};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -203,14 +202,28 @@ fn take(
     stop: impl FnMut() -> bool,
 ) -> Option<KeyFrameId> {
     match offer {
-        Offer::First(frame) => Some(mapper.start(atlas, frame, Se3::identity())),
-        Offer::Pair { first, second, first_from_second, points } => {
-            mapper.start_pair(atlas, first, second, *first_from_second, points)
+        Offer::First { frame, adrift } => Some(mapper.start(atlas, frame, &begin(adrift))),
+        Offer::Pair { first, second, first_from_second, points, adrift } => {
+            mapper.start_pair(atlas, first, second, *first_from_second, points, &begin(adrift))
         }
         Offer::Next { frame, landmarks, placed } => mapper
             .step(atlas, frame, landmarks, placed.reference, placed.reference_from_eye, stop)
             .map(|mapped| mapped.key_frame),
     }
+}
+
+/// Where a world begins: at a place believed in a former world, or as the first.
+fn begin(adrift: &Option<Adrift>) -> Begin {
+    adrift.map_or(Begin::default(), |a| Begin {
+        world_from_eye: a.placed.world_from_eye,
+        tie: Some(Tie {
+            to: a.placed.reference,
+            to_from_root: a.placed.reference_from_eye,
+            sigma: a.sigma,
+            sigma_rad: a.sigma_rad,
+        }),
+        depth: a.depth,
+    })
 }
 
 fn text_of(cause: Box<dyn std::any::Any + Send>) -> String {

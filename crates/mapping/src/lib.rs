@@ -7,4 +7,4 @@ mod grow;
 mod insert;
 mod mapper;
 
-pub use mapper::{Mapped, Mapper, MapperSetting};
+pub use mapper::{Begin, Mapped, Mapper, MapperSetting};

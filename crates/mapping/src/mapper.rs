@@ -6,7 +6,7 @@ use crate::fuse::{around, fuse_into};
 use crate::grow::grow;
 use crate::insert::{Births, Entry, add_key_frame, points_from_depth};
 use cairn_adjust::{Window, WindowSetting};
-use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, WorldId};
+use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, Tie, WorldId};
 use cairn_geometry::{Se3, Vec3};
 use cairn_solve::Report;
 use cairn_vision::{EyeModel, Frame};
@@ -43,6 +43,23 @@ impl Default for MapperSetting {
     }
 }
 
+/// Where a world begins.
+#[derive(Clone, Copy, Debug)]
+pub struct Begin {
+    /// The pose of its root.
+    pub world_from_eye: Se3,
+    /// How it hangs on a former world, if there is one.
+    pub tie: Option<Tie>,
+    /// What the median depth of the first view shall be, where there is no other scale.
+    pub depth: f64,
+}
+
+impl Default for Begin {
+    fn default() -> Self {
+        Self { world_from_eye: Se3::identity(), tie: None, depth: 1.0 }
+    }
+}
+
 /// What mapping did with one offer.
 #[derive(Clone, Copy, Debug)]
 pub struct Mapped {
@@ -75,21 +92,22 @@ impl Mapper {
         self.nursery.note(seen);
     }
 
-    /// Begins a map with a frame that has depth; its eye is the world.
-    pub fn start(&mut self, atlas: &mut Atlas, frame: &Arc<Frame>, world_from_eye: Se3) -> KeyFrameId {
+    /// Begins a world with a frame that has depth.
+    pub fn start(&mut self, atlas: &mut Atlas, frame: &Arc<Frame>, begin: &Begin) -> KeyFrameId {
         let map = atlas.latest();
         let id = map.next_key_frame_id();
         let mut births = Births::after(map);
         let nothing = vec![None; frame.len()];
-        let entry = Entry { id, frame, world_from_eye, shown: &nothing };
+        let entry = Entry { id, frame, world_from_eye: begin.world_from_eye, shown: &nothing };
         let mut changes = add_key_frame(&entry, None);
+        changes.extend(begin.tie.map(|tie| Change::Tie(WorldId(id), tie)));
         changes.extend(points_from_depth(map, &self.eye, &entry, frame.len(), &mut births));
         atlas.commit(changes);
         id
     }
 
-    /// Begins a map with two frames and the points both see, and adjusts it; the unit of length becomes the median
-    /// depth of the first. `None` when too little is left after adjusting: the map stays empty.
+    /// Begins a world with two frames and the points both see, and adjusts it; the median depth of the first becomes
+    /// the one wanted. `None` when there is no point in front of both.
     pub fn start_pair(
         &mut self,
         atlas: &mut Atlas,
@@ -97,26 +115,29 @@ impl Mapper {
         second: &Arc<Frame>,
         first_from_second: Se3,
         points: &[(u16, u16, Vec3)],
+        begin: &Begin,
     ) -> Option<KeyFrameId> {
         let mut depths: Vec<f64> = points.iter().map(|(_, _, p)| p.z).filter(|z| *z > 0.0).collect();
         if depths.is_empty() {
             return None;
         }
         let middle = depths.len() / 2;
-        let unit = 1.0 / *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let unit = begin.depth / *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
         let before = atlas.latest().clone();
         let a = before.next_key_frame_id();
         let b = KeyFrameId::from_index(a.index() + 1)?;
         let mut births = Births::after(&before);
         let scaled = Se3::new(first_from_second.rotation, first_from_second.translation * unit);
         let (none_a, none_b) = (vec![None; first.len()], vec![None; second.len()]);
-        let entry_a = Entry { id: a, frame: first, world_from_eye: Se3::identity(), shown: &none_a };
-        let entry_b = Entry { id: b, frame: second, world_from_eye: scaled, shown: &none_b };
+        let entry_a = Entry { id: a, frame: first, world_from_eye: begin.world_from_eye, shown: &none_a };
+        let world_from_second = begin.world_from_eye * scaled;
+        let entry_b = Entry { id: b, frame: second, world_from_eye: world_from_second, shown: &none_b };
         let mut changes = add_key_frame(&entry_a, None);
+        changes.extend(begin.tie.map(|tie| Change::Tie(WorldId(a), tie)));
         changes.extend(add_key_frame(&entry_b, Some(a)));
         for (i, j, p) in points {
             let id = births.id()?;
-            changes.push(Change::AddLandmark(id, p * unit));
+            changes.push(Change::AddLandmark(id, begin.world_from_eye * (p * unit)));
             changes.push(Change::Observe(id, a, *i));
             changes.push(Change::Observe(id, b, *j));
         }

@@ -32,8 +32,10 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         return false;
     }
     let depth = s.eye.baseline_fx > 0.0;
-    let least = if s.map.key_frame_count() <= 2 { 1 } else { 2 };
     let Some(reference) = s.map.key_frame(s.reference) else { return true };
+    // A world that has just begun: how many others share the view.
+    let others = reference.covisible.len();
+    let least = if others <= 1 { 1 } else { 2 };
     let settled = reference
         .landmarks
         .iter()
@@ -50,8 +52,8 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     }
     let [new_close, known_close] = close;
     let starving = depth && known_close < 100 && new_close > 70;
-    let ratio = match (depth, s.map.key_frame_count()) {
-        (_, 1) => 0.4,
+    let ratio = match (depth, others) {
+        (_, 0) => 0.4,
         (true, _) => 0.75,
         (false, _) => 0.9,
     };

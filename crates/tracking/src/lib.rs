@@ -8,5 +8,5 @@ mod start;
 mod state;
 mod tracker;
 
-pub use state::{Evidence, Offer, Placed, State, Tracked};
+pub use state::{Adrift, Evidence, Offer, Placed, State, Tracked};
 pub use tracker::{Tracker, TrackerSetting};

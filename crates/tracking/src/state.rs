@@ -51,12 +51,30 @@ pub struct Evidence {
     pub inliers: usize,
 }
 
+/// Where a new world is believed to begin in a former one, when tracking was lost there and goes on elsewhere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adrift {
+    /// The place believed, hanging on a key frame of the former world.
+    pub placed: Placed,
+    /// Standard deviation of the place, in the former world's unit of length.
+    pub sigma: f64,
+    /// Standard deviation of the direction, radians.
+    pub sigma_rad: f64,
+    /// Median depth of what was seen last, in the former world's unit: what a new world without scale begins with.
+    pub depth: f64,
+}
+
 /// What mapping is offered.
 #[derive(Clone, Debug)]
 pub enum Offer {
-    /// The first key frame of a map: its features have depth.
-    First(Arc<Frame>),
-    /// The first two key frames of a map without depth, with the points that both see.
+    /// The first key frame of a world: its features have depth.
+    First {
+        /// The frame.
+        frame: Arc<Frame>,
+        /// Where that is believed to be, when there is a former world.
+        adrift: Option<Adrift>,
+    },
+    /// The first two key frames of a world without depth, with the points that both see.
     Pair {
         /// The earlier frame; its eye is the world.
         first: Arc<Frame>,
@@ -66,6 +84,8 @@ pub enum Offer {
         first_from_second: Se3,
         /// Feature in the first, feature in the second, point in the first eye's frame.
         points: Vec<(u16, u16, Vec3)>,
+        /// Where the first is believed to be, when there is a former world.
+        adrift: Option<Adrift>,
     },
     /// A further key frame.
     Next {

@@ -5,7 +5,7 @@ use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
 use crate::start::Starter;
-use crate::state::{Evidence, Offer, Placed, State, Tracked};
+use crate::state::{Adrift, Evidence, Offer, Placed, State, Tracked};
 use cairn_adjust::{Located, locate};
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
 use cairn_geometry::{Manifold, Se3, Vec3};
@@ -25,11 +25,13 @@ pub struct TrackerSetting {
     pub local_key_frames: usize,
     /// Frames between two key frames, at least.
     pub min_key_frame_gap: usize,
+    /// Seconds without a pose after which a new world begins, if the place is still not recognised.
+    pub new_world_s: f64,
 }
 
 impl Default for TrackerSetting {
     fn default() -> Self {
-        Self { min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1 }
+        Self { min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1, new_world_s: 0.5 }
     }
 }
 
@@ -38,6 +40,9 @@ const WAITING: usize = 64;
 
 /// Seconds without a pose after which matches are still sought where the motion before leads.
 const BRIDGE_S: f64 = 0.6;
+/// How fast someone may move while nothing is seen: metres a second and radians a second.
+const UNSEEN_SPEED: f64 = 1.5;
+const UNSEEN_TURN: f64 = 1.5;
 /// Seconds of a blank view after which the motion before may place what is seen next.
 const BLANK_S: f64 = 1.0;
 
@@ -66,6 +71,8 @@ pub struct Tracker {
     lost: bool,
     /// When the last frame was located.
     located: Option<Stamp>,
+    /// When a world was last begun, or the first frame came.
+    begun: Option<Stamp>,
     since_key_frame: usize,
     since_recovery: usize,
 }
@@ -86,13 +93,28 @@ impl Tracker {
             velocity: None,
             lost: false,
             located: None,
+            begun: None,
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
         }
     }
 
-    /// Takes one frame. `idle` tells whether mapping would take up a key frame at once.
-    pub fn step(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
+    /// Tells that mapping has begun a world with what was last offered: the last frame stands at key frame `id`.
+    pub fn begun(&mut self, map: &Map, id: KeyFrameId) {
+        let Some(k) = map.key_frame(id) else { return };
+        let placed = standing_at(k.id, k.world_from_eye);
+        self.last = Some(Last { frame: k.frame.clone(), landmarks: k.landmarks.clone(), placed });
+        self.lost = false;
+        self.velocity = None;
+        self.located = Some(k.frame.stamp);
+        self.begun = Some(k.frame.stamp);
+        self.since_key_frame = 0;
+    }
+
+    /// Takes one frame. `idle` tells whether mapping would take up a key frame at once. Once tracking is lost and the
+    /// place is not recognised, the frame may be offered as the begin of a new world, if `new_worlds` allows.
+    pub fn step(&mut self, frame: Arc<Frame>, map: &Map, idle: bool, new_worlds: bool) -> Tracked {
+        self.begun.get_or_insert(frame.stamp);
         if map.key_frame_count() == 0 {
             return self.start(frame);
         }
@@ -102,7 +124,12 @@ impl Tracker {
         let earlier = self.look_back(map);
         let mut tracked = self.follow(frame.clone(), map, idle);
         if self.lost {
-            tracked.offer = self.bridge(frame, map);
+            tracked.offer = self.bridge(frame.clone(), map);
+            if tracked.offer.is_none() && new_worlds {
+                tracked.offer = self.begin_anew(frame, map);
+            }
+        } else {
+            self.starter = Starter::default();
         }
         tracked.earlier = earlier;
         tracked
@@ -132,10 +159,7 @@ impl Tracker {
 
     fn start(&mut self, frame: Arc<Frame>) -> Tracked {
         let features = frame.len();
-        if self.waiting.len() == WAITING {
-            self.waiting.pop_front();
-        }
-        self.waiting.push_back(frame.clone());
+        self.wait(&frame);
         let (state, offer) = match self.starter.step(&self.eye, &frame, self.features) {
             Ok(offer) => (State::Starting { have: features, need: 0 }, Some(offer)),
             Err(state) => (state, None),
@@ -151,6 +175,47 @@ impl Tracker {
             earlier: Vec::new(),
             seen: Vec::new(),
         }
+    }
+
+    /// Keeps a frame that may get its pose later.
+    fn wait(&mut self, frame: &Arc<Frame>) {
+        if self.waiting.len() == WAITING {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(frame.clone());
+    }
+
+    /// A new world, when tracking has been lost for a while: nothing is thrown away, the former one stays and waits to
+    /// be recognised. It begins where the eye was last known to be, with an uncertainty that grows with the time since.
+    fn begin_anew(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
+        self.wait(&frame);
+        let since = self.located.max(self.begun)?;
+        if frame.stamp - since < self.setting.new_world_s {
+            return None;
+        }
+        let mut offer = self.starter.step(&self.eye, &frame, self.features).ok()?;
+        if let Offer::First { adrift, .. } | Offer::Pair { adrift, .. } = &mut offer {
+            *adrift = self.adrift(&frame, map);
+        }
+        Some(offer)
+    }
+
+    fn adrift(&self, frame: &Frame, map: &Map) -> Option<Adrift> {
+        let last = self.last.as_ref()?;
+        let placed = hung(map, map.living(last.placed.reference)?.0, last.placed.world_from_eye)?;
+        let eye_from_world = placed.world_from_eye.inverse();
+        let seen = last.landmarks.iter().flatten().filter_map(|id| map.landmark(*id));
+        let mut depths: Vec<f64> =
+            seen.map(|l| (eye_from_world * l.position).z).filter(|z| *z > 0.0).collect();
+        let middle = depths.len() / 2;
+        let depth = (!depths.is_empty())
+            .then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+            .unwrap_or(1.0);
+        let unseen_s = frame.stamp - last.frame.stamp;
+        // Without metric scale a speed is judged by what is seen: a median depth of some metres.
+        let metre = if self.eye.baseline_fx > 0.0 { 1.0 } else { depth / 4.0 };
+        let (sigma, sigma_rad) = (UNSEEN_SPEED * unseen_s * metre, UNSEEN_TURN * unseen_s);
+        Some(Adrift { placed, sigma, sigma_rad, depth })
     }
 
     /// Poses of the frames before the start, from the youngest back, as far as they can be tracked.
@@ -213,12 +278,8 @@ impl Tracker {
                     placed.world_from_eye = standing;
                 }
             }
-            None => {
-                // The map has just begun: its newest key frame was the last frame.
-                let placed = standing_at(newest.id, newest.world_from_eye);
-                self.last =
-                    Some(Last { frame: newest.frame.clone(), landmarks: newest.landmarks.clone(), placed });
-            }
+            // A map that was loaded: where in it the eye is, appearance has to tell.
+            None => self.lost = true,
         }
     }
 
