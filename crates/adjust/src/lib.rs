@@ -2,8 +2,10 @@
 
 mod camera;
 mod locate;
+mod recognise;
 mod window;
 
 pub use camera::{depth, pinhole, pixel, weight};
 pub use locate::{Located, locate};
+pub use recognise::{RecogniseSetting, Recognised, Unlike, recognise};
 pub use window::{Settled, Window, WindowSetting};

@@ -1,5 +1,6 @@
 //! The keeper of the map: one writer, many readers.
 
+use crate::rebase::rebase;
 use crate::{Applied, Change, ChangeSet, Map};
 use arc_swap::ArcSwap;
 use std::sync::Arc;
@@ -48,5 +49,14 @@ impl Atlas {
         self.latest = Arc::new(next);
         self.published.store(self.latest.clone());
         applied
+    }
+
+    /// Applies changes that were made on an older version: what has moved or been born since goes along.
+    pub fn commit_since(&mut self, base: &Map, changes: Vec<Change>) -> Applied {
+        if base.version() == self.latest.version() {
+            return self.commit(changes);
+        }
+        let rebased = rebase(base, changes, &self.latest);
+        self.commit(rebased)
     }
 }

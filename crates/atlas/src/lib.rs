@@ -13,6 +13,7 @@ mod key_frame;
 mod landmark;
 mod map;
 mod places;
+mod rebase;
 pub mod store;
 mod world;
 

@@ -1,6 +1,6 @@
 //! Everything that can be set, with defaults that need no tuning; read from TOML, printed with comments.
 
-use cairn_mapping::MapperSetting;
+use cairn_mapping::{CloserSetting, MapperSetting};
 use cairn_sensor::Rig;
 use cairn_tracking::TrackerSetting;
 use cairn_vision::EyeSetting;
@@ -16,6 +16,8 @@ pub struct Config {
     pub tracker: TrackerSetting,
     /// Mapping.
     pub mapper: MapperSetting,
+    /// Closing.
+    pub closer: CloserSetting,
 }
 
 impl Default for Config {
@@ -23,7 +25,12 @@ impl Default for Config {
     fn default() -> Self {
         let mut eye = EyeSetting::default();
         eye.orb.features = 0;
-        Self { eye, tracker: TrackerSetting::default(), mapper: MapperSetting::default() }
+        Self {
+            eye,
+            tracker: TrackerSetting::default(),
+            mapper: MapperSetting::default(),
+            closer: CloserSetting::default(),
+        }
     }
 }
 
@@ -71,7 +78,7 @@ impl Config {
     /// Refuses numbers outside the range in which they make sense, naming entry and range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (orb, stereo, depth) = (&self.eye.orb, &self.eye.stereo, &self.eye.depth);
-        let (tracker, mapper) = (&self.tracker, &self.mapper);
+        let (tracker, mapper, closer) = (&self.tracker, &self.mapper, &self.closer);
         let ranges = [
             // Frames count their features in 16 bits; a quarter of that leaves room for every caller.
             ("eye.orb.features", orb.features as f64, 0.0, 16_000.0),
@@ -108,6 +115,11 @@ impl Config {
             ("mapper.window.iterations[0]", mapper.window.iterations[0] as f64, 1.0, 1e3),
             ("mapper.window.iterations[1]", mapper.window.iterations[1] as f64, 1.0, 1e3),
             ("mapper.window.tolerance", mapper.window.tolerance, 0.0, 1.0),
+            ("closer.candidates", closer.candidates as f64, 1.0, 100.0),
+            ("closer.need", closer.need as f64, 10.0, 1e4),
+            ("closer.drift[0]", closer.drift[0], 0.0, 10.0),
+            ("closer.drift[1]", closer.drift[1], 0.0, 10.0),
+            ("closer.whole_key_frames", closer.whole_key_frames as f64, 0.0, 1e4),
         ];
         for (name, value, low, high) in ranges {
             // Not a number is in no range.

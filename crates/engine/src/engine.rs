@@ -5,7 +5,7 @@ use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Runner};
 use cairn_atlas::{KeyFrameId, Map};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
-use cairn_mapping::Mapper;
+use cairn_mapping::{Closer, Mapper, Verdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
 use cairn_vision::{Eye, Frame, SeeError, SensorMode};
@@ -42,6 +42,10 @@ pub struct Output {
     pub track_ms: f64,
     /// Milliseconds of each key frame that mapping finished meanwhile.
     pub map_ms: Vec<f64>,
+    /// Milliseconds of each key frame in closing, and of each adjustment of a whole world.
+    pub close_ms: Vec<f64>,
+    /// What closing said of places that may have been seen before.
+    pub verdicts: Vec<Verdict>,
     /// Why mapping died, once; tracking goes on with the map there is.
     pub died: Option<String>,
 }
@@ -63,8 +67,9 @@ impl Engine {
         if mode != SensorMode::Stereo {
             mapper.window.right_offset_sigma = 0.0;
         }
+        let closer = Closer::new(model, config.closer, mapper.window);
         let mapper = Mapper::new(model, mapper);
-        let mapping = Mapping::new(runner, mapper, Map::with_octaves(eye.octaves()));
+        let mapping = Mapping::new(runner, mapper, closer, Map::with_octaves(eye.octaves()));
         Ok(Self { eye, tracker, mapping, log: Log::default(), died: None })
     }
 
@@ -96,6 +101,8 @@ impl Engine {
             see_ms: (seen - start).as_secs_f64() * 1e3,
             track_ms,
             map_ms: done.ms,
+            close_ms: done.close_ms,
+            verdicts: done.verdicts,
             died,
         })
     }

@@ -6,6 +6,7 @@ mod log;
 mod mapping;
 mod record;
 
+pub use cairn_mapping::{Accepted, Joined, Refusal, Verdict};
 pub use cairn_tracking::{Evidence, Placed, State};
 pub use cairn_vision::SensorMode;
 pub use config::{Config, ConfigError};

@@ -1,7 +1,7 @@
-//! The mapping stage, run inline (lockstep) or on a thread of its own.
+//! Mapping and closing, run inline (lockstep) or on threads of their own.
 
-use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Reader, Tie};
-use cairn_mapping::{Begin, Mapper};
+use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Reader, Tie, WorldId};
+use cairn_mapping::{Begin, Closed, Closer, Mapper, Verdict};
 use cairn_tracking::{Adrift, Offer};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -20,26 +20,53 @@ pub enum Runner {
     Threaded,
 }
 
-/// What mapping has done since it was last asked.
+/// What mapping and closing have done since they were last asked.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Done {
-    /// Milliseconds of each key frame.
+    /// Milliseconds of each key frame in mapping.
     pub ms: Vec<f64>,
-    /// Why the stage died, if it did.
+    /// Milliseconds of each key frame in closing, and of each adjustment of a whole world.
+    pub close_ms: Vec<f64>,
+    /// What closing said of the places it compared.
+    pub verdicts: Vec<Verdict>,
+    /// Why a stage died, if one did.
     pub died: Option<String>,
+}
+
+impl Done {
+    fn take(&mut self, other: Done) {
+        self.ms.extend(other.ms);
+        self.close_ms.extend(other.close_ms);
+        self.verdicts.extend(other.verdicts);
+        self.died = self.died.take().or(other.died);
+    }
 }
 
 /// What the mapping thread is sent.
 pub(crate) enum Message {
     Seen(Vec<(LandmarkId, bool)>),
-    Settle,
     Offer(Offer, SyncSender<Option<KeyFrameId>>),
+    /// Closing has made changes on a map that may be older by now.
+    Closed(Arc<Map>, Closed),
+    /// Nothing more will come: end closing, and settle the map if asked to.
+    End {
+        settle: bool,
+    },
 }
 
-/// Mapping, wherever it runs.
+/// What the closing thread is sent.
+enum Job {
+    /// Look for the place of a key frame.
+    Place(Arc<Map>, KeyFrameId),
+    /// Adjust a world as a whole.
+    Whole(Arc<Map>, WorldId),
+}
+
+/// Mapping and closing, wherever they run.
 pub(crate) enum Mapping {
     Inline {
         mapper: Box<Mapper>,
+        closer: Box<Closer>,
         atlas: Atlas,
     },
     Thread {
@@ -52,53 +79,23 @@ pub(crate) enum Mapping {
 }
 
 impl Mapping {
-    pub fn new(runner: Runner, mapper: Mapper, map: Map) -> Self {
+    pub fn new(runner: Runner, mapper: Mapper, closer: Closer, map: Map) -> Self {
         let atlas = Atlas::new(map);
         match runner {
-            Runner::Lockstep => Self::Inline { mapper: Box::new(mapper), atlas },
-            Runner::Threaded => Self::spawn(mapper, atlas),
+            Runner::Lockstep => Self::Inline { mapper: Box::new(mapper), closer: Box::new(closer), atlas },
+            Runner::Threaded => Self::spawn(mapper, closer, atlas),
         }
     }
 
-    fn spawn(mut mapper: Mapper, mut atlas: Atlas) -> Self {
+    fn spawn(mapper: Mapper, closer: Closer, atlas: Atlas) -> Self {
         let reader = atlas.reader();
         let (to, from) = channel::<Message>();
         let (tell, done) = channel();
         let waiting = Arc::new(AtomicUsize::new(0));
-        let count = waiting.clone();
-        let work = move || {
-            for message in from {
-                match message {
-                    Message::Seen(seen) => mapper.note(&seen),
-                    Message::Settle => {
-                        if let Err(cause) = catch_unwind(AssertUnwindSafe(|| mapper.settle(&mut atlas))) {
-                            let _ = tell.send(Done { ms: Vec::new(), died: Some(text_of(cause)) });
-                            return;
-                        }
-                    }
-                    Message::Offer(offer, reply) => {
-                        let start = Instant::now();
-                        // The one in hand counts as waiting: more than one means that another has come.
-                        let stop = || count.load(Ordering::Relaxed) > 1;
-                        let result =
-                            catch_unwind(AssertUnwindSafe(|| take(&mut mapper, &mut atlas, &offer, stop)));
-                        count.fetch_sub(1, Ordering::Relaxed);
-                        let ms = vec![start.elapsed().as_secs_f64() * 1e3];
-                        match result {
-                            Ok(id) => {
-                                let _ = reply.try_send(id);
-                                let _ = tell.send(Done { ms, died: None });
-                            }
-                            Err(cause) => {
-                                let _ = tell.send(Done { ms, died: Some(text_of(cause)) });
-                                return;
-                            }
-                        }
-                    }
-                }
-            }
-        };
-        let handle = std::thread::Builder::new().name("cairn-mapping".into()).spawn(work).ok();
+        let closing = spawn_closing(closer, to.clone(), tell.clone());
+        let keeper = Keeper { mapper, atlas, waiting: waiting.clone(), tell, closing };
+        let handle =
+            std::thread::Builder::new().name("cairn-mapping".into()).spawn(move || keeper.work(from)).ok();
         Self::Thread { to: Some(to), reader, waiting, done, handle }
     }
 
@@ -132,12 +129,15 @@ impl Mapping {
     /// frames are answered when mapping runs inline.
     pub fn offer(&mut self, offer: Offer, done: &mut Done) -> Option<KeyFrameId> {
         match self {
-            Self::Inline { mapper, atlas } => {
+            Self::Inline { mapper, closer, atlas } => {
                 let start = Instant::now();
                 let result = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &offer, || false)));
                 done.ms.push(start.elapsed().as_secs_f64() * 1e3);
-                result.unwrap_or_else(|cause| {
-                    done.died = Some(text_of(cause));
+                let closed = result.and_then(|id| {
+                    catch_unwind(AssertUnwindSafe(|| close_inline(closer, atlas, id, done))).map(|()| id)
+                });
+                closed.unwrap_or_else(|cause| {
+                    done.died = Some(text_of(&cause));
                     None
                 })
             }
@@ -154,24 +154,21 @@ impl Mapping {
     /// Collects what mapping has done meanwhile.
     pub fn poll(&self, into: &mut Done) {
         if let Self::Thread { done, .. } = self {
-            for d in done.try_iter() {
-                into.ms.extend(d.ms);
-                into.died = into.died.take().or(d.died);
-            }
+            done.try_iter().for_each(|d| into.take(d));
         }
     }
 
     /// Lets mapping end what it was given and settle the whole map, and waits for it.
     pub fn finish(&mut self, into: &mut Done) {
         match self {
-            Self::Inline { mapper, atlas } => {
+            Self::Inline { mapper, atlas, .. } => {
                 if let Err(cause) = catch_unwind(AssertUnwindSafe(|| mapper.settle(atlas))) {
-                    into.died = Some(text_of(cause));
+                    into.died = Some(text_of(&cause));
                 }
             }
             Self::Thread { to, .. } => {
-                if let Some(to) = to {
-                    let _ = to.send(Message::Settle);
+                if let Some(to) = to.take() {
+                    let _ = to.send(Message::End { settle: true });
                 }
                 self.join();
             }
@@ -181,7 +178,9 @@ impl Mapping {
 
     fn join(&mut self) {
         if let Self::Thread { to, handle, .. } = self {
-            *to = None;
+            if let Some(to) = to.take() {
+                let _ = to.send(Message::End { settle: false });
+            }
             if let Some(handle) = handle.take() {
                 let _ = handle.join();
             }
@@ -192,6 +191,156 @@ impl Mapping {
 impl Drop for Mapping {
     fn drop(&mut self) {
         self.join();
+    }
+}
+
+/// The thread that alone may write: mapping, and what closing hands back.
+struct Keeper {
+    mapper: Mapper,
+    atlas: Atlas,
+    waiting: Arc<AtomicUsize>,
+    tell: Sender<Done>,
+    closing: (Option<Sender<Job>>, Option<JoinHandle<()>>),
+}
+
+impl Keeper {
+    fn work(mut self, from: Receiver<Message>) {
+        while let Ok(message) = from.recv() {
+            let end = match message {
+                Message::End { settle } => Some(settle),
+                _ => None,
+            };
+            if end.is_some() {
+                // What closing still has in hand is waited for.
+                self.end_closing();
+            }
+            let handled = catch_unwind(AssertUnwindSafe(|| {
+                self.handle(message);
+                if let Some(settle) = end {
+                    from.try_iter().for_each(|message| self.handle(message));
+                    settle.then(|| self.mapper.settle(&mut self.atlas));
+                }
+            }));
+            if let Err(cause) = &handled {
+                let _ = self.tell.send(Done { died: Some(text_of(cause)), ..Done::default() });
+            }
+            if end.is_some() || handled.is_err() {
+                return;
+            }
+        }
+    }
+
+    fn handle(&mut self, message: Message) {
+        match message {
+            Message::Seen(seen) => self.mapper.note(&seen),
+            Message::Offer(offer, reply) => {
+                let start = Instant::now();
+                // The one in hand counts as waiting: more than one means that another has come.
+                let stop = || self.waiting.load(Ordering::Relaxed) > 1;
+                let id =
+                    catch_unwind(AssertUnwindSafe(|| take(&mut self.mapper, &mut self.atlas, &offer, stop)));
+                self.waiting.fetch_sub(1, Ordering::Relaxed);
+                let ms = vec![start.elapsed().as_secs_f64() * 1e3];
+                let _ = self.tell.send(Done { ms, ..Done::default() });
+                let id = id.unwrap_or_else(|cause| std::panic::resume_unwind(cause));
+                let _ = reply.try_send(id);
+                if let Some(id) = id {
+                    self.job(Job::Place(self.atlas.latest().clone(), id));
+                }
+            }
+            Message::Closed(base, closed) => {
+                self.atlas.commit_since(&base, closed.changes);
+                let map = self.atlas.latest();
+                let joined =
+                    closed.joined.and_then(|id| map.living(id)).and_then(|(id, _)| map.key_frame(id));
+                if let Some(k) = joined {
+                    self.job(Job::Whole(map.clone(), k.world));
+                }
+            }
+            Message::End { .. } => {}
+        }
+    }
+
+    fn job(&self, job: Job) {
+        if let Some(closing) = &self.closing.0 {
+            let _ = closing.send(job);
+        }
+    }
+
+    fn end_closing(&mut self) {
+        self.closing.0 = None;
+        if let Some(handle) = self.closing.1.take() {
+            let _ = handle.join();
+        }
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        self.end_closing();
+    }
+}
+
+/// The thread that looks for places and adjusts whole worlds.
+fn spawn_closing(
+    mut closer: Closer,
+    to: Sender<Message>,
+    tell: Sender<Done>,
+) -> (Option<Sender<Job>>, Option<JoinHandle<()>>) {
+    let (jobs, from) = channel::<Job>();
+    let work = move || {
+        while let Ok(mut job) = from.recv() {
+            // The newest is the one that matters: places that were passed meanwhile are passed over.
+            for newer in from.try_iter() {
+                if matches!(newer, Job::Whole(..)) || matches!(job, Job::Place(..)) {
+                    job = newer;
+                }
+            }
+            let start = Instant::now();
+            let result = catch_unwind(AssertUnwindSafe(|| match job {
+                Job::Place(map, id) => {
+                    let closed = closer.step(&map, id);
+                    (map, closed)
+                }
+                Job::Whole(map, world) => {
+                    let changes = closer.adjust_whole(&map, world, || false);
+                    (map, Closed { changes, ..Closed::default() })
+                }
+            }));
+            let close_ms = vec![start.elapsed().as_secs_f64() * 1e3];
+            match result {
+                Ok((map, mut closed)) => {
+                    let verdicts = std::mem::take(&mut closed.verdicts);
+                    let _ = tell.send(Done { close_ms, verdicts, ..Done::default() });
+                    if !closed.changes.is_empty() && to.send(Message::Closed(map, closed)).is_err() {
+                        return;
+                    }
+                }
+                Err(cause) => {
+                    let died = Some(text_of(&cause).replace("mapping", "closing"));
+                    let _ = tell.send(Done { close_ms, died, ..Done::default() });
+                    return;
+                }
+            }
+        }
+    };
+    let handle = std::thread::Builder::new().name("cairn-closing".into()).spawn(work).ok();
+    (Some(jobs), handle)
+}
+
+/// Closing after a key frame, in step with it.
+fn close_inline(closer: &mut Closer, atlas: &mut Atlas, id: Option<KeyFrameId>, done: &mut Done) {
+    let Some(id) = id else { return };
+    let start = Instant::now();
+    let closed = closer.step(atlas.latest(), id);
+    done.verdicts.extend(closed.verdicts);
+    atlas.commit(closed.changes);
+    done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
+    if let Some(world) = closed.joined.and_then(|id| atlas.latest().key_frame(id)).map(|k| k.world) {
+        let start = Instant::now();
+        let changes = closer.adjust_whole(atlas.latest(), world, || false);
+        atlas.commit(changes);
+        done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
     }
 }
 
@@ -226,7 +375,7 @@ fn begin(adrift: &Option<Adrift>) -> Begin {
     })
 }
 
-fn text_of(cause: Box<dyn std::any::Any + Send>) -> String {
+fn text_of(cause: &Box<dyn std::any::Any + Send>) -> String {
     let text = cause
         .downcast_ref::<&str>()
         .map(|s| s.to_string())

@@ -1,10 +1,11 @@
 #![doc = include_str!("../README.md")]
 
-mod close;
+mod closing;
 mod cull;
 mod fuse;
 mod grow;
 mod insert;
 mod mapper;
 
+pub use closing::{Accepted, Closed, Closer, CloserSetting, Joined, Refusal, Verdict};
 pub use mapper::{Begin, Mapped, Mapper, MapperSetting};

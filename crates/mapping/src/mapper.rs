@@ -1,6 +1,5 @@
 //! The mapping stage: one key frame in, the map grown, fused, adjusted and culled.
 
-use crate::close::{find_return, join, spread};
 use crate::cull::{Nursery, redundant};
 use crate::fuse::{around, fuse_into};
 use crate::grow::grow;
@@ -77,14 +76,12 @@ pub struct Mapper {
     eye: EyeModel,
     setting: MapperSetting,
     nursery: Nursery,
-    /// The youngest key frame at which the map came back to itself: the way before it is settled.
-    settled: Option<KeyFrameId>,
 }
 
 impl Mapper {
     /// A mapper for one eye.
     pub fn new(eye: EyeModel, setting: MapperSetting) -> Self {
-        Self { eye, setting, nursery: Nursery::default(), settled: None }
+        Self { eye, setting, nursery: Nursery::default() }
     }
 
     /// What tracking expected in a frame and whether it was found: young landmarks are judged by it.
@@ -186,9 +183,6 @@ impl Mapper {
         born += births.born.len();
 
         let mut adjustment = None;
-        if depth && !stop() {
-            self.close(atlas, id);
-        }
         if !stop() {
             self.fuse(atlas, id);
         }
@@ -201,15 +195,6 @@ impl Mapper {
             atlas.commit(gone.into_iter().collect());
         }
         Some(Mapped { key_frame: id, born, adjustment })
-    }
-
-    /// When the eye has come back to a place mapped before: spreads the drift since then and joins what is seen again.
-    fn close(&mut self, atlas: &mut Atlas, id: KeyFrameId) {
-        let Some(back) = find_return(atlas.latest(), &self.eye, id) else { return };
-        let start = self.settled.map_or(back.old, |s| s.max(back.old));
-        atlas.commit(spread(atlas.latest(), start, id, &back.world_from_eye));
-        atlas.commit(join(atlas.latest(), id, &back.matches));
-        self.settled = Some(id);
     }
 
     /// Adjusts each world as a whole, as a run ends; worlds of more than `settle_key_frames` are left as they are, since

@@ -5,6 +5,9 @@ use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, Map};
 use cairn_geometry::Vec3;
 use cairn_vision::{Frame, best_two, consistent_rotation};
 
+/// Key frames around the last place that are tried more often than the others.
+const NEAR: usize = 12;
+
 /// Matches every landmark that a key frame shows with the features of a frame, by descriptor alone.
 pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -> Matches {
     let all: Vec<u32> = (0..frame.len() as u32).collect();
@@ -31,12 +34,22 @@ pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -
     matches
 }
 
-/// Key frames to try when lost, in order: those around where the eye was last, then the others, newest first.
-pub(crate) fn candidates(map: &Map, last: Option<Vec3>, limit: usize) -> Vec<KeyFrameId> {
+/// Key frames to try when lost: of those around where the eye was last, and of all the others, a few in turn with the
+/// number of frames since.
+pub(crate) fn candidates(map: &Map, last: Option<Vec3>, turn: usize) -> Vec<KeyFrameId> {
     let mut all: Vec<(f64, KeyFrameId)> = map
         .key_frames()
         .map(|k| (last.map_or(0.0, |at| (k.world_from_eye.translation - at).norm()), k.id))
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-    all.into_iter().map(|(_, id)| id).take(limit).collect()
+    let (near, far) = all.split_at(all.len().min(NEAR));
+    let tried = near.iter().take(2).chain(cycled(near, turn)).chain(cycled(far, turn));
+    let mut ids: Vec<KeyFrameId> = tried.map(|(_, id)| *id).collect();
+    ids.dedup();
+    ids
+}
+
+/// Two of a list, further on with each turn.
+fn cycled<T>(list: &[T], turn: usize) -> impl Iterator<Item = &T> {
+    list.iter().cycle().skip(2 * turn % list.len().max(1)).take(2.min(list.len()))
 }

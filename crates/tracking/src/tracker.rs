@@ -6,13 +6,13 @@ use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
 use crate::start::Starter;
 use crate::state::{Adrift, Evidence, Offer, Placed, State, Tracked};
-use cairn_adjust::{Located, locate};
+use cairn_adjust::{Located, RecogniseSetting, Unlike, locate, recognise};
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
-use cairn_geometry::{Manifold, Se3, Vec3};
+use cairn_geometry::{Manifold, Se3};
 use cairn_sensor::Stamp;
-use cairn_vision::{EyeModel, Frame, PnpSetting, pnp_ransac};
+use cairn_vision::{EyeModel, Frame};
 use nalgebra::SVector;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
 /// How to track.
@@ -43,6 +43,9 @@ const BRIDGE_S: f64 = 0.6;
 /// How fast someone may move while nothing is seen: metres a second and radians a second.
 const UNSEEN_SPEED: f64 = 1.5;
 const UNSEEN_TURN: f64 = 1.5;
+/// What it takes to recognise a place when lost: matches by appearance that agree, and the share of all in the end.
+const RECOGNISE_SEED: usize = 12;
+const RECOGNISE_SHARE: f64 = 0.4;
 /// Seconds of a blank view after which the motion before may place what is seen next.
 const BLANK_S: f64 = 1.0;
 
@@ -69,6 +72,8 @@ pub struct Tracker {
     /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
     velocity: Option<SVector<f64, 6>>,
     lost: bool,
+    /// Frames since tracking was lost.
+    lost_frames: usize,
     /// When the last frame was located.
     located: Option<Stamp>,
     /// When a world was last begun, or the first frame came.
@@ -92,6 +97,7 @@ impl Tracker {
             last: None,
             velocity: None,
             lost: false,
+            lost_frames: 0,
             located: None,
             begun: None,
             since_key_frame: 0,
@@ -105,6 +111,7 @@ impl Tracker {
         let placed = standing_at(k.id, k.world_from_eye);
         self.last = Some(Last { frame: k.frame.clone(), landmarks: k.landmarks.clone(), placed });
         self.lost = false;
+        self.lost_frames = 0;
         self.velocity = None;
         self.located = Some(k.frame.stamp);
         self.begun = Some(k.frame.stamp);
@@ -339,36 +346,23 @@ impl Tracker {
         (located.inliers >= 12).then_some((located.world_from_eye, matches))
     }
 
-    /// Tries key frame after key frame; the best count of agreeing matches when none succeeds.
-    fn relocalise(&self, frame: &Frame, map: &Map) -> Result<(Se3, Matches), usize> {
+    /// Looks for the place among earlier key frames; the best count of agreeing landmarks when none is recognised.
+    fn relocalise(&mut self, frame: &Frame, map: &Map) -> Result<(Se3, Matches), usize> {
         let last = self.last.as_ref().map(|l| l.placed.world_from_eye.translation);
+        let setting =
+            RecogniseSetting { seed: RECOGNISE_SEED, need: self.setting.min_inliers, share: RECOGNISE_SHARE };
         let mut best = 0;
-        for id in candidates(map, last, 12) {
-            let Some(k) = map.key_frame(id) else { continue };
-            let mut matches = match_key_frame(k, frame, 0.75);
-            if matches.count() < 15 {
-                continue;
-            }
-            let Some(guess) = self.pose_from_points(map, frame, &matches) else { continue };
-            let located = self.locate(map, frame, &guess, &mut matches);
-            best = best.max(located.inliers);
-            if located.inliers >= self.setting.min_inliers {
-                return Ok((located.world_from_eye, matches));
+        for id in candidates(map, last, self.lost_frames) {
+            match recognise(map, &self.eye, frame, id, &BTreeSet::new(), &setting, frame.stamp.0 as u64) {
+                Ok(place) => {
+                    let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };
+                    return Ok((place.world_from_eye, matches));
+                }
+                Err(Unlike::Agree { have, .. } | Unlike::Posed { have, .. }) => best = best.max(have),
+                Err(Unlike::Alike { .. }) => {}
             }
         }
         Err(best)
-    }
-
-    /// The pose that most matches agree on, whatever the last one was.
-    fn pose_from_points(&self, map: &Map, frame: &Frame, matches: &Matches) -> Option<Se3> {
-        let pairs = matches.landmarks.iter().enumerate().filter_map(|(i, id)| {
-            let landmark = map.landmark((*id)?)?;
-            Some((landmark.position, self.eye.unproject(frame.px[i], 1.0).normalize()))
-        });
-        let (points, bearings): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
-        let setting = PnpSetting { threshold_rad: 2.45 * 2.0 / self.eye.fx, ..PnpSetting::default() };
-        let found = pnp_ransac(&points, &bearings, &setting, frame.stamp.0 as u64).ok()?;
-        Some(found.eye_from_world.inverse())
     }
 
     /// Matches with the local map, settles the pose and decides what the frame is good for.
@@ -415,6 +409,7 @@ impl Tracker {
             _ => None,
         };
         self.lost = false;
+        self.lost_frames = 0;
         self.located = Some(frame.stamp);
         let situation = Situation {
             map,
@@ -484,6 +479,7 @@ impl Tracker {
 
     fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
         self.lost = true;
+        self.lost_frames += 1;
         let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
         let state = State::Lost { inliers, need: self.setting.min_inliers };
         Tracked {

@@ -1,9 +1,10 @@
 //! `xtask`: measurements of the whole engine. Tables on stdout, progress on stderr.
 
+use cairn_engine::Config;
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 use clap::{Parser, Subcommand};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use xtask::recordings::{data_folder, recording};
 use xtask::walks::{WORLDS, Walk};
@@ -124,7 +125,15 @@ enum Command {
         /// Tell of every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
+        /// Settings in TOML that differ from the defaults.
+        #[arg(long)]
+        config: Option<PathBuf>,
     },
+}
+
+fn read_config(path: &Path) -> Result<Config, String> {
+    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    Config::from_toml(&text).map_err(|e| format!("{}: {e}", path.display()))
 }
 
 fn main() -> ExitCode {
@@ -189,15 +198,19 @@ fn run(command: Command) -> Result<(), String> {
             print!("{}", store::table(&stored));
             json.map_or(Ok(()), |path| save(path, &text(&stored)?))
         }
-        Command::One { source, data, sensor, frames, verbose } => {
+        Command::One { source, data, sensor, frames, verbose, config } => {
+            let config = match config {
+                Some(path) => read_config(&path)?,
+                None => Config::default(),
+            };
             let measured = match recording(&source) {
                 Some(r) => {
-                    let setting = Setting { sensor: r.sensor, frames, verbose };
+                    let setting = Setting { frames, verbose, config, ..Setting::new(r.sensor) };
                     accuracy::run_here(&data.unwrap_or_else(data_folder), &r, &setting)?
                 }
                 None => {
                     let mut source = open(&source, OpenOptions::default()).map_err(|e| e.to_string())?;
-                    measure(source.as_mut(), &Setting { sensor, frames, verbose })?
+                    measure(source.as_mut(), &Setting { frames, verbose, config, ..Setting::new(sensor) })?
                 }
             };
             println!("{}", text(&measured)?);

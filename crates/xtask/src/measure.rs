@@ -1,6 +1,7 @@
 //! One source through the engine in lockstep: how good, how fast, how large, and a hash of every bit of the result.
 
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_atlas::KeyFrameId;
+use cairn_engine::{Config, Engine, Joined, Runner, SensorMode};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{Source, Stamp};
@@ -56,7 +57,7 @@ impl FromStr for Sensor {
 }
 
 /// What is asked of a run.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Setting {
     /// Sensors to use.
     pub sensor: Sensor,
@@ -64,12 +65,14 @@ pub struct Setting {
     pub frames: usize,
     /// True to tell of every frame on stderr.
     pub verbose: bool,
+    /// Settings of the engine.
+    pub config: Config,
 }
 
 impl Setting {
     /// A whole source with these sensors.
     pub fn new(sensor: Sensor) -> Self {
-        Self { sensor, frames: usize::MAX, verbose: false }
+        Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
     }
 }
 
@@ -100,6 +103,16 @@ pub struct Measured {
     pub track_ms: Percentiles,
     /// Mapping of a key frame, milliseconds.
     pub map_ms: Percentiles,
+    /// Worlds in the map at the end.
+    pub worlds: usize,
+    /// Places seen again that were joined: loops and merges, and the candidates that were refused.
+    pub loops: usize,
+    /// Worlds merged.
+    pub merges: usize,
+    /// Candidates refused.
+    pub refused: usize,
+    /// Joined places that the truth says are not where the join puts them: metres off, for each.
+    pub false_joins: Vec<f64>,
     /// Key frames in the map at the end.
     pub key_frames: usize,
     /// Landmarks in the map at the end.
@@ -128,13 +141,14 @@ impl Measured {
 /// When the source fails, the rig does not serve the sensors, a packet does not fit the rig, or the final map breaks
 /// one of its own rules.
 pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, String> {
-    let (config, rate_hz) = (Config::default(), source.info().rate_hz);
+    let rate_hz = source.info().rate_hz;
     let rig = source.rig().clone();
     let mode = setting.sensor.mode();
     let mut engine =
-        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &setting.config).map_err(|e| e.to_string())?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
+    let (mut loops, mut merges, mut refused, mut false_joins) = (0, 0, 0, Vec::new());
     while stamps.len() < setting.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
@@ -153,6 +167,23 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
                 engine.map().key_frame_count(),
                 if out.map_ms.is_empty() { "" } else { " +" },
             );
+        }
+        for v in &out.verdicts {
+            match v.result {
+                Ok(a) => {
+                    loops += usize::from(a.joined == Joined::Loop);
+                    merges += usize::from(a.joined != Joined::Loop);
+                    let off = misplaced(&engine, &source.info().truth, v.key_frame, v.candidate);
+                    false_joins.extend(off.filter(|off| *off > 0.5 && setting.sensor != Sensor::Mono));
+                }
+                Err(_) => refused += 1,
+            }
+            if setting.verbose {
+                match v.result {
+                    Ok(a) => eprintln!("closed {:?} with {:?}: {a:?}", v.key_frame, v.candidate),
+                    Err(why) => eprintln!("refused {:?} with {:?}: {why}", v.key_frame, v.candidate),
+                }
+            }
         }
         stamps.push(packet.stamp);
         step_ms.push(out.see_ms + out.track_ms);
@@ -181,11 +212,30 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         step_ms: Percentiles::of(&step_ms).unwrap_or_default(),
         track_ms: Percentiles::of(&track_ms).unwrap_or_default(),
         map_ms: Percentiles::of(&map_ms).unwrap_or_default(),
+        worlds: map.worlds().count(),
+        loops,
+        merges,
+        refused,
+        false_joins,
         key_frames: map.key_frame_count(),
         landmarks: map.landmark_count(),
         peak_mb: cairn_eval::process::peak_rss_mb(),
         hash: hash(&poses),
     })
+}
+
+/// By how many metres the place of one key frame in the eye frame of another differs from the truth.
+fn misplaced(engine: &Engine, truth: &[(Stamp, Se3)], a: KeyFrameId, b: KeyFrameId) -> Option<f64> {
+    let map = engine.map();
+    let (a, b) = (map.key_frame(a)?, map.key_frame(b)?);
+    let body_from_eye = engine.eye().model().body_from_eye;
+    let truly = |t: Stamp| {
+        let i = truth.binary_search_by_key(&t, |p| p.0).ok()?;
+        Some(truth[i].1 * body_from_eye)
+    };
+    let true_a_from_b = truly(a.frame.stamp)?.inverse() * truly(b.frame.stamp)?;
+    let a_from_b = a.world_from_eye.inverse() * b.world_from_eye;
+    Some((true_a_from_b.translation - a_from_b.translation).norm())
 }
 
 /// RMSE and scale; nothing when there are too few poses for an alignment.

@@ -120,7 +120,7 @@ pub fn line(m: &Measured) -> String {
     let ate = m.ate_m.map_or("none".into(), |a| format!("{a:.3} m"));
     let drift = m.drift().map_or("none".into(), |d| format!("{:.2} %", 100.0 * d));
     format!(
-        "ATE {ate} of {:.1} m ({drift}), coverage {:.3}, lost {:?}, from {:?}, scale {:.3}, step {:.1} ms, {} key frames, {} landmarks",
+        "ATE {ate} of {:.1} m ({drift}), coverage {:.3}, lost {:?}, from {:?}, scale {:.3}, step {:.1} ms, {} key frames, {} landmarks, {} worlds, {} loops, {} merges, {} refused, false {:?}",
         m.path_m,
         m.coverage(),
         m.lost,
@@ -128,7 +128,12 @@ pub fn line(m: &Measured) -> String {
         m.scale,
         m.step_ms.p50,
         m.key_frames,
-        m.landmarks
+        m.landmarks,
+        m.worlds,
+        m.loops,
+        m.merges,
+        m.refused,
+        m.false_joins
     )
 }
 

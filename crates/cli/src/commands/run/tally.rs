@@ -1,6 +1,6 @@
 //! Counts and times of a run, frame by frame, and what becomes of them: the report and its text.
 
-use cairn_engine::{Config, Engine, Output, SensorMode, State};
+use cairn_engine::{Config, Engine, Joined, Output, SensorMode, State};
 use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, Stamp};
@@ -23,6 +23,8 @@ pub struct Tally {
     /// In words, why the last frame has no pose; `None` when it has one.
     pub last_state: Option<String>,
     unseen: Vec<String>,
+    loops: usize,
+    merges: usize,
 }
 
 impl Tally {
@@ -39,6 +41,8 @@ impl Tally {
             tracking: false,
             last_state: None,
             unseen: Vec::new(),
+            loops: 0,
+            merges: 0,
         }
     }
 
@@ -50,6 +54,13 @@ impl Tally {
         self.stages.add_ms("see", done.see_ms);
         self.stages.add_ms("track", done.track_ms);
         self.finished(done.map_ms.iter().copied());
+        done.close_ms.iter().for_each(|ms| self.stages.add_ms("close", *ms));
+        for accepted in done.verdicts.iter().filter_map(|v| v.result.ok()) {
+            match accepted.joined {
+                Joined::Loop => self.loops += 1,
+                Joined::Merge { .. } => self.merges += 1,
+            }
+        }
         if done.world_from_body.is_some() && self.first_pose_s.is_none() {
             self.first_pose_s = Some(self.began.elapsed().as_secs_f64());
         }
@@ -87,7 +98,9 @@ impl Tally {
             skipped: skipped.len() + self.unseen.len(),
             dropped: self.dropped,
             lost: self.lost.clone(),
-            maps: usize::from(map.key_frame_count() > 0),
+            maps: map.worlds().count(),
+            loops: self.loops,
+            merges: self.merges,
             keyframes: map.key_frame_count(),
             landmarks: map.landmark_count(),
             ms: Percentiles::of(&self.step_ms),
@@ -131,7 +144,11 @@ pub fn text(r: &RunReport, realtime: bool) -> String {
         "frames    {}, {} tracked (coverage {:.3}), {} skipped{dropped}",
         r.frames, r.tracked, r.coverage, r.skipped
     );
-    let _ = writeln!(text, "map       {} key frames, {} landmarks", r.keyframes, r.landmarks);
+    let _ = writeln!(
+        text,
+        "map       {} key frames, {} landmarks, {} worlds, {} loops, {} merges",
+        r.keyframes, r.landmarks, r.maps, r.loops, r.merges
+    );
     if let Some(ms) = &r.ms {
         let _ = writeln!(text, "step      {ms} ms");
     }

@@ -1,0 +1,236 @@
+//! Recognising a place: where a frame stands among the landmarks around an earlier key frame, by appearance first, then
+//! by geometry. Nothing is believed that geometry does not confirm.
+//!
+//! In: a frame and a key frame that may show the same place. Out: the pose with the landmarks that agree, or the number
+//! that was too small. Stages: descriptors of the landmarks around the key frame against all features; P3P in RANSAC;
+//! pose-only adjustment; the same landmarks and their neighbours' projected and sought; adjustment again.
+
+use crate::locate;
+use cairn_atlas::{KeyFrameId, LandmarkId, Map};
+use cairn_geometry::{Se3, Vec3};
+use cairn_vision::{
+    EyeModel, Frame, PnpSetting, Target, best_two_of, consistent_rotation, pnp_ransac, search,
+};
+use std::collections::BTreeSet;
+use std::fmt;
+
+/// Bits that may differ between two looks at one point, by appearance alone.
+const ALIKE: u32 = 60;
+/// The nearest must be this much nearer than the second.
+const RATIO: f64 = 0.85;
+/// Bits that may differ where the place is known.
+const THERE: u32 = 80;
+/// Key frames around the old one whose landmarks are compared by appearance, and those projected.
+const COMPARED: usize = 4;
+const PROJECTED: usize = 12;
+
+/// What it takes to be believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecogniseSetting {
+    /// Matches by appearance that must agree on a pose before more are sought.
+    pub seed: usize,
+    /// Matches that must agree in the end.
+    pub need: usize,
+    /// Of all matches that were found, the share that must agree.
+    pub share: f64,
+}
+
+/// A place recognised.
+#[derive(Clone, Debug)]
+pub struct Recognised {
+    /// The earlier key frame.
+    pub old: KeyFrameId,
+    /// Where the eye stands in the world of `old`.
+    pub world_from_eye: Se3,
+    /// For each feature the landmark it shows, outliers left out.
+    pub landmarks: Vec<Option<LandmarkId>>,
+    /// How many of them.
+    pub inliers: usize,
+}
+
+/// Why a place was not recognised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unlike {
+    /// Too few features look alike.
+    Alike {
+        /// Matches by appearance.
+        have: usize,
+        /// Needed.
+        need: usize,
+    },
+    /// Too few of them agree on a pose.
+    Posed {
+        /// Agree.
+        have: usize,
+        /// Needed.
+        need: usize,
+    },
+    /// Too few landmarks are where that pose expects them.
+    Agree {
+        /// Agree.
+        have: usize,
+        /// Found at all.
+        of: usize,
+        /// Needed.
+        need: usize,
+    },
+}
+
+impl fmt::Display for Unlike {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Alike { have, need } => write!(f, "{have} features look alike, {need} needed"),
+            Self::Posed { have, need } => write!(f, "{have} agree on a pose, {need} needed"),
+            Self::Agree { have, of, need } => write!(f, "{have} of {of} landmarks agree, {need} needed"),
+        }
+    }
+}
+
+impl std::error::Error for Unlike {}
+
+/// Looks whether a frame shows what is around the key frame `old`. Landmarks that `known` names are left out. The same
+/// `seed` gives the same answer.
+pub fn recognise(
+    map: &Map,
+    eye: &EyeModel,
+    frame: &Frame,
+    old: KeyFrameId,
+    known: &BTreeSet<LandmarkId>,
+    setting: &RecogniseSetting,
+    seed: u64,
+) -> Result<Recognised, Unlike> {
+    let near = landmarks_around(map, old, COMPARED, known);
+    let mut landmarks = alike(map, frame, &near);
+    let have = landmarks.iter().flatten().count();
+    if have < setting.seed {
+        return Err(Unlike::Alike { have, need: setting.seed });
+    }
+    let posed = |have| Unlike::Posed { have, need: setting.seed };
+    let guess = pose_from_points(map, eye, frame, &landmarks, setting.seed, seed).map_err(posed)?;
+    let first = locate(map, eye, frame, &guess, &landmarks, &[]);
+    if first.inliers < setting.seed {
+        return Err(posed(first.inliers));
+    }
+    let mut pose = first.world_from_eye;
+    first.outliers.iter().for_each(|i| landmarks[*i] = None);
+    let wide = landmarks_around(map, old, PROJECTED, known);
+    let (mut of, mut inliers) = (0, 0);
+    for radius in [8.0, 4.0] {
+        project(map, eye, frame, &wide, &pose, radius, &mut landmarks);
+        of = landmarks.iter().flatten().count();
+        let found = locate(map, eye, frame, &pose, &landmarks, &[]);
+        found.outliers.iter().for_each(|i| landmarks[*i] = None);
+        (pose, inliers) = (found.world_from_eye, found.inliers);
+    }
+    if inliers < setting.need || (inliers as f64) < setting.share * of as f64 {
+        let need = setting.need.max((setting.share * of as f64).ceil() as usize);
+        return Err(Unlike::Agree { have: inliers, of, need });
+    }
+    Ok(Recognised { old, world_from_eye: pose, landmarks, inliers })
+}
+
+/// Landmarks that a key frame and its best neighbours show.
+fn landmarks_around(
+    map: &Map,
+    centre: KeyFrameId,
+    neighbours: usize,
+    known: &BTreeSet<LandmarkId>,
+) -> Vec<LandmarkId> {
+    let Some(k) = map.key_frame(centre) else { return Vec::new() };
+    let near = k.covisible.iter().take(neighbours).filter_map(|(id, _)| map.key_frame(*id));
+    let mut all: Vec<LandmarkId> =
+        std::iter::once(k).chain(near).flat_map(|k| k.landmarks.iter().flatten().copied()).collect();
+    all.sort_unstable();
+    all.dedup();
+    all.retain(|id| !known.contains(id));
+    all
+}
+
+/// The landmark that each feature resembles, by appearance alone.
+fn alike(map: &Map, frame: &Frame, landmarks: &[LandmarkId]) -> Vec<Option<LandmarkId>> {
+    let mut owner: Vec<Option<(LandmarkId, u32, f32)>> = vec![None; frame.len()];
+    for l in landmarks.iter().filter_map(|id| map.landmark(*id)) {
+        let best = best_two_of(&l.descriptor, &frame.descriptors);
+        if best.distance > ALIKE || best.distance as f64 > RATIO * best.second as f64 {
+            continue;
+        }
+        // Orientation as the latest observer saw it.
+        let seen = l.observations.last().and_then(|o| Some((map.key_frame(o.key_frame)?, o.feature)));
+        let Some((observer, feature)) = seen else { continue };
+        let slot = &mut owner[best.index as usize];
+        if slot.is_none_or(|(_, distance, _)| best.distance < distance) {
+            let turn = observer.frame.angle[feature as usize] - frame.angle[best.index as usize];
+            *slot = Some((l.id, best.distance, turn));
+        }
+    }
+    let turned = owner.iter().enumerate().filter_map(|(i, o)| o.map(|(id, _, turn)| ((i, id), turn)));
+    let mut matches = vec![None; frame.len()];
+    let mut taken = BTreeSet::new();
+    for (feature, id) in consistent_rotation(turned.collect()) {
+        if taken.insert(id) {
+            matches[feature] = Some(id);
+        }
+    }
+    matches
+}
+
+/// The pose that most matches agree on, else how many agreed.
+fn pose_from_points(
+    map: &Map,
+    eye: &EyeModel,
+    frame: &Frame,
+    matches: &[Option<LandmarkId>],
+    need: usize,
+    seed: u64,
+) -> Result<Se3, usize> {
+    let pairs = matches.iter().enumerate().filter_map(|(i, id)| {
+        let landmark = map.landmark((*id)?)?;
+        Some((landmark.position, eye.unproject(frame.px[i], 1.0).normalize()))
+    });
+    let (points, bearings): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
+    let setting =
+        PnpSetting { threshold_rad: 2.45 * 2.0 / eye.fx, min_inliers: need, ..PnpSetting::default() };
+    match pnp_ransac(&points, &bearings, &setting, seed) {
+        Ok(found) => Ok(found.eye_from_world.inverse()),
+        Err(rejected) => Err(rejected.inliers),
+    }
+}
+
+/// Adds the landmarks that are found where the pose expects them.
+fn project(
+    map: &Map,
+    eye: &EyeModel,
+    frame: &Frame,
+    landmarks: &[LandmarkId],
+    world_from_eye: &Se3,
+    radius: f64,
+    matches: &mut [Option<LandmarkId>],
+) {
+    let mut taken: BTreeSet<LandmarkId> = matches.iter().flatten().copied().collect();
+    let (octaves, eye_from_world) = (map.octaves(), world_from_eye.inverse());
+    for l in landmarks.iter().filter_map(|id| map.landmark(*id)) {
+        let q = eye_from_world * l.position;
+        let Some([u, v, right]) = eye.project(&q) else { continue };
+        let distance = q.norm();
+        if !eye.contains(u, v) || distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
+            continue;
+        }
+        if taken.contains(&l.id) || (l.position - world_from_eye.translation).dot(&l.normal) < 0.5 * distance
+        {
+            continue;
+        }
+        let level = octaves.predict(l.max_distance, distance);
+        let target = Target {
+            pixel: [u as f32, v as f32],
+            right_x: if eye.baseline_fx > 0.0 { right as f32 } else { f32::NAN },
+            radius: (radius * octaves.scale(level)) as f32,
+            octaves: [level.saturating_sub(1), level],
+            descriptor: &l.descriptor,
+        };
+        let Some(found) = search(frame, &target, |i| matches[i].is_none()) else { continue };
+        if found.distance <= THERE {
+            matches[found.feature] = Some(l.id);
+            taken.insert(l.id);
+        }
+    }
+}

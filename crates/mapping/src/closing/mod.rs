@@ -1,0 +1,335 @@
+//! Closing: places that were seen before are recognised, loops are closed, worlds are merged.
+//!
+//! In: a snapshot of the map and a key frame in it. Out: changes made on that snapshot, and a verdict on each candidate
+//! with its numbers. Nothing is forced: what fails a check is refused and told.
+
+mod correct;
+mod draft;
+mod seek;
+
+use cairn_adjust::{RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map, WorldId};
+use cairn_geometry::{Se3, Sim3};
+use cairn_vision::EyeModel;
+use draft::Draft;
+use std::collections::BTreeSet;
+use std::fmt;
+
+/// How to close.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CloserSetting {
+    /// Whether loops are closed and worlds merged at all.
+    pub enabled: bool,
+    /// Places compared for each key frame, at most.
+    pub candidates: usize,
+    /// Matches that must agree.
+    pub need: usize,
+    /// The drift that is plausible, as a share of the way between the two visits, with metric scale and without.
+    pub drift: [f64; 2],
+    /// Key frames up to which a world is adjusted as a whole after a loop.
+    pub whole_key_frames: usize,
+}
+
+impl Default for CloserSetting {
+    fn default() -> Self {
+        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.3], whole_key_frames: 300 }
+    }
+}
+
+/// Why a candidate was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refusal {
+    /// It does not look like the place, or its geometry does not fit.
+    Unlike(Unlike),
+    /// Too few points have a depth on both sides, or those depths do not agree on one scale.
+    Scale {
+        /// Points with both depths.
+        points: usize,
+        /// Median of the scale.
+        median: f64,
+        /// Spread of it: median absolute deviation of the logarithm.
+        spread: f64,
+    },
+    /// The map would have to be off by more than it can have drifted.
+    Drift {
+        /// By how much it would have to be off, units of the map.
+        off: f64,
+        /// What is plausible after the way between.
+        plausible: f64,
+    },
+    /// It fits, and waits for another key frame that says the same.
+    Alone,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unlike(why) => why.fmt(f),
+            Self::Scale { points, median, spread } => {
+                write!(f, "{points} points give a scale of {median:.3} with a spread of {spread:.3}")
+            }
+            Self::Drift { off, plausible } => {
+                write!(f, "the map would be off by {off:.2}, {plausible:.2} is plausible")
+            }
+            Self::Alone => write!(f, "waits for a second key frame that says the same"),
+        }
+    }
+}
+
+/// What a place seen again leads to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Joined {
+    /// A loop in one world was closed.
+    Loop,
+    /// Two worlds became one.
+    Merge {
+        /// The younger, whose name goes.
+        from: WorldId,
+        /// The older.
+        into: WorldId,
+    },
+}
+
+/// A candidate that was looked at closely.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// The key frame.
+    pub key_frame: KeyFrameId,
+    /// The earlier key frame that may show the same place.
+    pub candidate: KeyFrameId,
+    /// What came of it.
+    pub result: Result<Accepted, Refusal>,
+}
+
+/// The numbers of a place recognised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Accepted {
+    /// What it led to.
+    pub joined: Joined,
+    /// Landmarks of the earlier visit that agree.
+    pub inliers: usize,
+    /// How far the key frame was off, units of the map.
+    pub off: f64,
+    /// By how much, radians.
+    pub off_rad: f64,
+    /// Length there for each length here.
+    pub scale: f64,
+}
+
+/// What closing has to say of a key frame.
+#[derive(Clone, Debug, Default)]
+pub struct Closed {
+    /// To commit, made on the snapshot that was given.
+    pub changes: Vec<Change>,
+    /// Of each candidate.
+    pub verdicts: Vec<Verdict>,
+    /// A key frame in the world that was joined and should be adjusted as a whole when there is time.
+    pub joined: Option<KeyFrameId>,
+}
+
+/// A place seen again that waits for a second opinion.
+#[derive(Clone, Copy, Debug)]
+struct Hypothesis {
+    key_frame: KeyFrameId,
+    old: KeyFrameId,
+    /// Moves what is believed to where the earlier visit puts it.
+    shift: Sim3,
+}
+
+/// The closing stage.
+#[derive(Debug)]
+pub struct Closer {
+    eye: EyeModel,
+    setting: CloserSetting,
+    window: WindowSetting,
+    pending: Option<Hypothesis>,
+}
+
+impl Closer {
+    /// A closer for one eye; `window` is how mapping adjusts its windows.
+    pub fn new(eye: EyeModel, setting: CloserSetting, window: WindowSetting) -> Self {
+        Self { eye, setting, window, pending: None }
+    }
+
+    /// Looks whether a key frame shows a place that was seen before, and joins what is the same.
+    pub fn step(&mut self, map: &Map, id: KeyFrameId) -> Closed {
+        let mut closed = Closed::default();
+        let Some(here) = map.key_frame(id).filter(|_| self.setting.enabled) else { return closed };
+        for old in seek::candidates(map, here, self.reach(map, here), self.setting.candidates) {
+            let judged = self.judge(map, here, old);
+            let result = match judged {
+                Ok((place, world_from_here)) => {
+                    let (changes, accepted) = self.join(map, here, &place, &world_from_here);
+                    closed.changes = changes;
+                    closed.joined = Some(id);
+                    Ok(accepted)
+                }
+                Err(refusal) => Err(refusal),
+            };
+            closed.verdicts.push(Verdict { key_frame: id, candidate: old, result });
+            if result.is_ok() {
+                break;
+            }
+        }
+        closed
+    }
+
+    /// All checks of one candidate; the place and where the key frame stands there.
+    fn judge(&mut self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> Result<(Recognised, Sim3), Refusal> {
+        let known: BTreeSet<_> = here.landmarks.iter().flatten().copied().collect();
+        let setting = RecogniseSetting { seed: self.setting.need / 2, need: self.setting.need, share: 0.5 };
+        let seed = here.id.index() as u64;
+        let place =
+            recognise(map, &self.eye, &here.frame, old, &known, &setting, seed).map_err(Refusal::Unlike)?;
+        let scale = self.scale(map, here, &place)?;
+        let there = place.world_from_eye;
+        let world_from_here = Sim3::new(there.rotation, there.translation, scale);
+        let shift = world_from_here * Sim3::from(here.world_from_eye).inverse();
+        let plausible = self.plausible(map, here, old);
+        let off = (there.translation - here.world_from_eye.translation).norm();
+        let same_world = map.key_frame(old).is_some_and(|k| k.world == here.world);
+        if same_world && off > plausible {
+            return Err(Refusal::Drift { off, plausible });
+        }
+        // A small correction, well within the drift, is no news; a large one, or a merge, is asked twice.
+        let small = same_world && off < 0.2 * plausible;
+        let seconded = self.pending.is_some_and(|p| self.agrees(map, &p, here, old, &shift));
+        if !small && !seconded {
+            self.pending = Some(Hypothesis { key_frame: here.id, old, shift });
+            return Err(Refusal::Alone);
+        }
+        self.pending = None;
+        Ok((place, world_from_here))
+    }
+
+    /// How near a key frame must be believed to be looked at for its place alone.
+    fn reach(&self, map: &Map, here: &KeyFrame) -> f64 {
+        match self.eye.baseline_fx > 0.0 {
+            true => self.eye.close_depth / 3.0,
+            false => typical_depth(map, here),
+        }
+    }
+
+    /// Length in the earlier world for each length here, by the depths of the points that both know.
+    fn scale(&self, map: &Map, here: &KeyFrame, place: &Recognised) -> Result<f64, Refusal> {
+        let (eye_from_here, eye_from_there) = (here.world_from_eye.inverse(), place.world_from_eye.inverse());
+        let both = here.landmarks.iter().zip(&place.landmarks).filter_map(|(mine, theirs)| {
+            let mine = eye_from_here * map.landmark((*mine)?)?.position;
+            let theirs = eye_from_there * map.landmark((*theirs)?)?.position;
+            (mine.z > 0.0 && theirs.z > 0.0).then(|| (theirs.z / mine.z).ln())
+        });
+        let mut logs: Vec<f64> = both.collect();
+        let points = logs.len();
+        let (median, spread) = median_and_spread(&mut logs);
+        let metric = self.eye.baseline_fx > 0.0;
+        let refusal = Refusal::Scale { points, median: median.exp(), spread };
+        if points < self.setting.need / 4 {
+            // With depth, a view that shares no points yet still has its scale.
+            return if metric { Ok(1.0) } else { Err(refusal) };
+        }
+        match metric {
+            true if median.abs() < 0.1 => Ok(1.0),
+            false if spread < 0.15 => Ok(median.exp()),
+            _ => Err(refusal),
+        }
+    }
+
+    /// How far a key frame may be off after the way since an earlier one.
+    fn plausible(&self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> f64 {
+        let since: Vec<Se3> = map
+            .key_frames_of(here.world)
+            .filter(|k| k.id >= old.min(here.id) && k.id <= here.id.max(old))
+            .map(|k| k.world_from_eye)
+            .collect();
+        let way: f64 = since.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum();
+        let [with, without] = self.setting.drift;
+        match self.eye.baseline_fx > 0.0 {
+            true => 0.5 + with * way,
+            false => 0.3 * typical_depth(map, here) + without * way,
+        }
+    }
+
+    /// Whether an earlier hypothesis said the same: another key frame, near this one in time, was to be moved alike.
+    fn agrees(&self, map: &Map, p: &Hypothesis, here: &KeyFrame, old: KeyFrameId, shift: &Sim3) -> bool {
+        let world = |id| map.key_frame(id).map(|k| k.world);
+        if p.key_frame == here.id || world(p.old) != world(old) || world(p.key_frame) != Some(here.world) {
+            return false;
+        }
+        if here.id.index().abs_diff(p.key_frame.index()) > 8 {
+            return false;
+        }
+        let (a, b) = (*shift * here.world_from_eye.translation, p.shift * here.world_from_eye.translation);
+        let turned = (shift.rotation.inverse() * p.shift.rotation).angle();
+        let depth = typical_depth(map, here);
+        (a - b).norm() < 0.1 * depth * shift.scale
+            && turned < 0.1
+            && (shift.scale / p.shift.scale).ln().abs() < 0.15
+    }
+
+    /// Joins what is the same: the worlds or the two ends of the loop, then the landmarks, then adjusts around.
+    fn join(
+        &self,
+        map: &Map,
+        here: &KeyFrame,
+        place: &Recognised,
+        world_from_here: &Sim3,
+    ) -> (Vec<Change>, Accepted) {
+        let mut draft = Draft::new(map);
+        let before = Sim3::from(here.world_from_eye);
+        let shift = *world_from_here * before.inverse();
+        let off = (world_from_here.translation - here.world_from_eye.translation).norm();
+        let off_rad = shift.rotation.angle();
+        let there = map.key_frame(place.old).map_or(here.world, |k| k.world);
+        let joined = if there == here.world {
+            correct::close_loop(&mut draft, here.id, place.old, world_from_here);
+            Joined::Loop
+        } else {
+            let (from, into) = (here.world.max(there), here.world.min(there));
+            correct::merge(&mut draft, here, place.old, &shift);
+            Joined::Merge { from, into }
+        };
+        correct::fuse(&mut draft, &self.eye, here.id, place);
+        let weld = WindowSetting { key_frames: 2 * self.window.key_frames, ..self.window };
+        if let Some(window) = Window::around(draft.map(), &self.eye, here.id, &weld) {
+            draft.push(window.solve(&weld, || false).changes.changes);
+        }
+        let accepted =
+            Accepted { joined, inliers: place.inliers, off, off_rad, scale: world_from_here.scale };
+        (draft.into_changes(), accepted)
+    }
+
+    /// Adjusts a world as a whole. `stop` is asked before each step; nothing is handed back when it said true.
+    pub fn adjust_whole(&self, map: &Map, world: WorldId, mut stop: impl FnMut() -> bool) -> Vec<Change> {
+        let count = map.key_frames_of(world).count();
+        if !(3..=self.setting.whole_key_frames).contains(&count) {
+            return Vec::new();
+        }
+        let window = WindowSetting { iterations: [10, 10], ..self.window };
+        let mut stopped = false;
+        let settled = Window::whole(map, &self.eye, world).solve(&window, || {
+            stopped |= stop();
+            stopped
+        });
+        if stopped { Vec::new() } else { settled.changes.changes }
+    }
+}
+
+/// Median depth of what a key frame shows.
+fn typical_depth(map: &Map, here: &KeyFrame) -> f64 {
+    let eye_from_world = here.world_from_eye.inverse();
+    let seen = here.landmarks.iter().flatten().filter_map(|id| map.landmark(*id));
+    let mut depths: Vec<f64> = seen.map(|l| (eye_from_world * l.position).z).collect();
+    median_and_spread(&mut depths).0.abs()
+}
+
+/// Median and median absolute deviation; zeros for nothing.
+fn median_and_spread(values: &mut [f64]) -> (f64, f64) {
+    if values.is_empty() {
+        return (0.0, 0.0);
+    }
+    let middle = values.len() / 2;
+    let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
+    values.iter_mut().for_each(|v| *v = (*v - median).abs());
+    (median, *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
