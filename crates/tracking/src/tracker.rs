@@ -215,9 +215,10 @@ impl Tracker {
         let mut depths: Vec<f64> =
             seen.map(|l| (eye_from_world * l.position).z).filter(|z| *z > 0.0).collect();
         let middle = depths.len() / 2;
-        let depth = (!depths.is_empty())
-            .then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
-            .unwrap_or(1.0);
+        let depth = match depths.is_empty() {
+            true => 1.0,
+            false => *depths.select_nth_unstable_by(middle, f64::total_cmp).1,
+        };
         let unseen_s = frame.stamp - last.frame.stamp;
         // Without metric scale a speed is judged by what is seen: a median depth of some metres.
         let metre = if self.eye.baseline_fx > 0.0 { 1.0 } else { depth / 4.0 };

@@ -7,8 +7,9 @@ use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use xtask::recordings::{data_folder, recording};
+use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
-use xtask::{Sensor, Setting, accuracy, graphs, long, measure, store, walks};
+use xtask::{Sensor, Setting, accuracy, graphs, long, measure, revisit, store, walks};
 
 /// Measures the whole engine.
 #[derive(Parser)]
@@ -78,6 +79,27 @@ enum Command {
         /// Write docs/graphs.md.
         #[arg(long)]
         write: bool,
+    },
+    /// Walks that come back: laps with closing and without, a black lens around a corner, rooms that look alike.
+    Revisit {
+        /// laps, laps-open, dark, alike; with commas.
+        #[arg(long, value_delimiter = ',', value_enum)]
+        trials: Vec<Trial>,
+        /// Seeds from 1.
+        #[arg(long, default_value_t = 20)]
+        seeds: u64,
+        /// Leave out the seeds before this one.
+        #[arg(long, default_value_t = 1)]
+        from: u64,
+        /// Worlds, with commas; corridor, hall and street take turns else.
+        #[arg(long, value_delimiter = ',')]
+        worlds: Vec<WorldKind>,
+        /// Sensors, with commas.
+        #[arg(long, value_delimiter = ',')]
+        sensors: Vec<Sensor>,
+        /// Tell of every frame on stderr.
+        #[arg(long, short)]
+        verbose: bool,
     },
     /// Minutes of laps: step time, memory and map, minute by minute.
     Long {
@@ -182,6 +204,24 @@ fn run(command: Command) -> Result<(), String> {
                     concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/graphs.md").into(),
                     &graphs::page(&rows),
                 )?;
+            }
+            Ok(())
+        }
+        Command::Revisit { trials, seeds, from, worlds, sensors, verbose } => {
+            let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
+            let turns = [WorldKind::Corridor, WorldKind::Hall, WorldKind::Street];
+            for seed in from..from + seeds {
+                for trial in &trials {
+                    let world = match (*trial, worlds.is_empty()) {
+                        (Trial::Alike, true) => WorldKind::Office,
+                        (_, true) => turns[seed as usize % turns.len()],
+                        (_, false) => worlds[seed as usize % worlds.len()],
+                    };
+                    for sensor in &sensors {
+                        let walk = Revisit { trial: *trial, world, sensor: *sensor, seed };
+                        println!("{}", revisit::line(&walk.run(verbose)?));
+                    }
+                }
             }
             Ok(())
         }

@@ -109,6 +109,8 @@ pub struct Measured {
     pub loops: usize,
     /// Worlds merged.
     pub merges: usize,
+    /// When places were joined, seconds after the first frame.
+    pub joined_s: Vec<f64>,
     /// Candidates refused.
     pub refused: usize,
     /// Joined places that the truth says are not where the join puts them: metres off, for each.
@@ -148,7 +150,8 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &setting.config).map_err(|e| e.to_string())?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
-    let (mut loops, mut merges, mut refused, mut false_joins) = (0, 0, 0, Vec::new());
+    let (mut loops, mut merges, mut refused) = (0, 0, 0);
+    let (mut joined_s, mut false_joins) = (Vec::new(), Vec::new());
     while stamps.len() < setting.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
@@ -174,6 +177,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
                     loops += usize::from(a.joined == Joined::Loop);
                     merges += usize::from(a.joined != Joined::Loop);
                     let off = misplaced(&engine, &source.info().truth, v.key_frame, v.candidate);
+                    joined_s.push(packet.stamp - *stamps.first().unwrap_or(&packet.stamp));
                     false_joins.extend(off.filter(|off| *off > 0.5 && setting.sensor != Sensor::Mono));
                 }
                 Err(_) => refused += 1,
@@ -215,6 +219,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         worlds: map.worlds().count(),
         loops,
         merges,
+        joined_s,
         refused,
         false_joins,
         key_frames: map.key_frame_count(),
