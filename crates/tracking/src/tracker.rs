@@ -6,7 +6,7 @@ use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
 use crate::start::Starter;
 use crate::state::{Adrift, Evidence, Offer, Placed, State, Tracked};
-use cairn_adjust::{Located, RecogniseSetting, Unlike, locate, recognise};
+use cairn_adjust::{Located, RecogniseSetting, locate, recognise};
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
 use cairn_geometry::{Manifold, Se3};
 use cairn_sensor::Stamp;
@@ -359,8 +359,7 @@ impl Tracker {
                     let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };
                     return Ok((place.world_from_eye, matches));
                 }
-                Err(Unlike::Agree { have, .. } | Unlike::Posed { have, .. }) => best = best.max(have),
-                Err(Unlike::Alike { .. }) => {}
+                Err(why) => best = best.max(why.agreed()),
             }
         }
         Err(best)

@@ -5,6 +5,7 @@
 
 mod correct;
 mod draft;
+mod relax;
 mod seek;
 
 use cairn_adjust::{RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise};
@@ -12,6 +13,7 @@ use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map, WorldId};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::EyeModel;
 use draft::Draft;
+use relax::relax;
 use std::collections::BTreeSet;
 use std::fmt;
 
@@ -109,6 +111,8 @@ pub struct Accepted {
     pub joined: Joined,
     /// Landmarks of the earlier visit that agree.
     pub inliers: usize,
+    /// Of so many that should be in view.
+    pub expected: usize,
     /// How far the key frame was off, units of the map.
     pub off: f64,
     /// By how much, radians.
@@ -282,7 +286,10 @@ impl Closer {
         let off_rad = shift.rotation.angle();
         let there = map.key_frame(place.old).map_or(here.world, |k| k.world);
         let joined = if there == here.world {
-            correct::close_loop(&mut draft, here.id, place.old, world_from_here);
+            let metric = self.eye.baseline_fx > 0.0;
+            let metre = if metric { 1.0 } else { 0.25 * typical_depth(map, here) };
+            draft.push(relax(map, here, place.old, world_from_here, metre, metric));
+            draft.push(vec![Change::Link(here.id, place.old)]);
             Joined::Loop
         } else {
             let (from, into) = (here.world.max(there), here.world.min(there));
@@ -295,7 +302,7 @@ impl Closer {
             draft.push(window.solve(&weld, || false).changes.changes);
         }
         let accepted =
-            Accepted { joined, inliers: place.inliers, off, off_rad, scale: world_from_here.scale };
+            Accepted { joined, inliers: place.inliers, expected: place.expected, off, off_rad, scale: world_from_here.scale };
         (draft.into_changes(), accepted)
     }
 

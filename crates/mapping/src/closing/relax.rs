@@ -1,0 +1,161 @@
+//! The graph of a world's key frames, relaxed when a loop is closed: the drift since the earlier visit is spread over
+//! all that hangs together (the essential graph of Mur-Artal et al. 2015, section VII-D, with similarities after Strasdat,
+//! Montiel & Davison, "Scale drift-aware large scale monocular SLAM", RSS 2010).
+
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
+use cairn_geometry::{LieGroup, Se3, Sim3};
+use cairn_solve::Loss;
+use cairn_solve::graph::{GraphSetting, PoseGraph};
+use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
+use std::collections::BTreeMap;
+
+/// Key frames that share this many landmarks hold each other.
+const STRONG: u32 = 80;
+/// A metre weighs as much as this many radians, or as this part of scale: what a step of a walk is wrong by.
+const RADIANS_PER_METRE: f64 = 0.25;
+
+/// A tie between two key frames: by index, with what the map says of it or a loop corrects it to.
+pub(super) struct Tie {
+    pub a: usize,
+    pub b: usize,
+    pub a_from_b: Sim3,
+}
+
+/// What moves when key frame `here` belongs at `world_from_here` in sight of `old`.
+pub(super) fn relax(
+    map: &Map,
+    here: &KeyFrame,
+    old: KeyFrameId,
+    world_from_here: &Sim3,
+    metre: f64,
+    metric: bool,
+) -> Vec<Change> {
+    let chain: Vec<&KeyFrame> = map.key_frames_of(here.world).collect();
+    let slots: BTreeMap<KeyFrameId, usize> = chain.iter().enumerate().map(|(i, k)| (k.id, i)).collect();
+    let poses: Vec<Se3> = chain.iter().map(|k| k.world_from_eye).collect();
+    let mut ties = Vec::new();
+    for (b, k) in chain.iter().enumerate() {
+        let strong = k.covisible.iter().take_while(|(_, n)| *n >= STRONG).map(|(id, _)| *id);
+        let mut to: Vec<KeyFrameId> =
+            k.parent.into_iter().chain(k.links.iter().copied()).chain(strong).filter(|id| *id < k.id).collect();
+        to.sort_unstable();
+        to.dedup();
+        for a in to.iter().filter_map(|id| slots.get(id).copied()) {
+            ties.push(Tie { a, b, a_from_b: (poses[a].inverse() * poses[b]).into() });
+        }
+    }
+    let (Some(a), Some(b)) = (slots.get(&old).copied(), slots.get(&here.id).copied()) else {
+        return Vec::new();
+    };
+    ties.push(Tie { a, b, a_from_b: Sim3::from(poses[a]).inverse() * *world_from_here });
+    let relaxed: Vec<Sim3> = match metric {
+        true => solve::<Se3, 6>(&poses, &ties, metre, |s| Se3::new(s.rotation, s.translation))
+            .into_iter()
+            .map(Sim3::from)
+            .collect(),
+        false => solve::<Sim3, 7>(&poses, &ties, metre, |s| *s),
+    };
+    let mut shifts: BTreeMap<KeyFrameId, Sim3> = BTreeMap::new();
+    let mut changes = Vec::new();
+    for ((k, before), after) in chain.iter().zip(&poses).zip(&relaxed) {
+        shifts.insert(k.id, *after * Sim3::from(*before).inverse());
+        changes.push(Change::MoveKeyFrame(k.id, Se3::new(after.rotation, after.translation)));
+        if !metric {
+            changes.push(Change::Scale(k.id, after.scale));
+        }
+    }
+    for l in map.landmarks() {
+        if let Some(shift) = l.observations.first().and_then(|o| shifts.get(&o.key_frame)) {
+            changes.push(Change::MoveLandmark(l.id, *shift * l.position));
+        }
+    }
+    changes
+}
+
+/// Relaxes a chain of poses, the first of which stays, under ties.
+pub(super) fn solve<G: LieGroup<D> + Copy, const D: usize>(
+    poses: &[Se3],
+    ties: &[Tie],
+    metre: f64,
+    lift: impl Fn(&Sim3) -> G,
+) -> Vec<G>
+where
+    Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
+{
+    let mut graph = PoseGraph::<G, D>::new();
+    for (i, pose) in poses.iter().enumerate() {
+        graph.add_vertex(lift(&Sim3::from(*pose)), i == 0);
+    }
+    let mut information = SMatrix::<f64, D, D>::zeros();
+    for i in 0..D {
+        let sigma = if i < 3 { metre } else { RADIANS_PER_METRE };
+        information[(i, i)] = 1.0 / (sigma * sigma);
+    }
+    for tie in ties {
+        // What makes no sense as an edge is left out: the rest still holds together.
+        let _ = graph.add_edge(tie.a, tie.b, lift(&tie.a_from_b), &information, Loss::Squared);
+    }
+    let setting = GraphSetting { iterations: 20, tolerance: 1e-6, ..GraphSetting::default() };
+    graph.solve(&setting, || false);
+    graph.values().to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{So3, Vec3};
+
+    /// A square walked with a small error in each step, told of where it ended.
+    #[test]
+    fn a_walk_that_drifted_comes_home_and_its_start_stays() {
+        let step = |error: f64| Se3::new(So3::exp(&Vec3::new(0.0, 0.157 + error, 0.0)), Vec3::new(error, 0.0, 0.5));
+        let walk = |error: f64| {
+            let mut poses = vec![Se3::identity()];
+            for i in 0..40 {
+                poses.push(poses[i] * step(error));
+            }
+            poses
+        };
+        let (truth, drifted) = (walk(0.0), walk(0.002));
+        let mut ties: Vec<Tie> = (0..40)
+            .map(|a| Tie { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+            .collect();
+        ties.push(Tie { a: 0, b: 40, a_from_b: truth[40].into() });
+        let error = |poses: &[Se3]| -> f64 {
+            poses.iter().zip(&truth).map(|(a, b)| (a.translation - b.translation).norm()).sum::<f64>() / 41.0
+        };
+        let rigid = solve::<Se3, 6>(&drifted, &ties, 1.0, |s| Se3::new(s.rotation, s.translation));
+        let similar: Vec<Se3> = solve::<Sim3, 7>(&drifted, &ties, 1.0, |s| *s)
+            .iter()
+            .map(|s| Se3::new(s.rotation, s.translation))
+            .collect();
+        for relaxed in [rigid, similar] {
+            assert_eq!(relaxed[0], truth[0]);
+            assert!(error(&relaxed) < 0.3 * error(&drifted), "{} of {}", error(&relaxed), error(&drifted));
+        }
+    }
+
+    /// Each step of a circle is seen a little smaller than the one before; told that, the last comes back to the first.
+    #[test]
+    fn scale_that_drifted_comes_back() {
+        let step = Se3::new(So3::exp(&Vec3::new(0.0, 0.157, 0.0)), Vec3::new(0.0, 0.0, 0.5));
+        let mut drifted = vec![Se3::identity()];
+        let mut truth = drifted.clone();
+        for i in 0..40 {
+            let smaller = Se3::new(step.rotation, step.translation * 0.99_f64.powi(i));
+            drifted.push(drifted[i as usize] * smaller);
+            truth.push(truth[i as usize] * step);
+        }
+        let mut ties: Vec<Tie> = (0..40)
+            .map(|a| Tie { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+            .collect();
+        let end = Sim3::new(truth[40].rotation, truth[40].translation, 1.0 / 0.99_f64.powi(40));
+        ties.push(Tie { a: 0, b: 40, a_from_b: end });
+        let relaxed = solve::<Sim3, 7>(&drifted, &ties, 1.0, |s| *s);
+        let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
+            (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0
+        };
+        let (before, after) = (error(&|i| drifted[i].translation), error(&|i| relaxed[i].translation));
+        assert!(after < 0.1 * before, "{after} of {before}");
+    }
+}
