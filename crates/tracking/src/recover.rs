@@ -3,10 +3,13 @@
 use crate::match_last::{Matches, TIGHT, one_feature_each};
 use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, Map};
 use cairn_geometry::Vec3;
+use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Frame, best_two, consistent_rotation};
 
-/// Key frames around the last place that are tried more often than the others.
+/// Key frames around the last place that are tried in turn.
 const NEAR: usize = 12;
+/// Places that look alike by their words that are tried in each frame.
+const ALIKE: usize = 3;
 
 /// Matches every landmark that a key frame shows with the features of a frame, by descriptor alone.
 pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -> Matches {
@@ -34,22 +37,26 @@ pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -
     matches
 }
 
-/// Key frames to try when lost: of those around where the eye was last, and of all the others, a few in turn with the
-/// number of frames since.
-pub(crate) fn candidates(map: &Map, last: Option<Vec3>, turn: usize) -> Vec<KeyFrameId> {
-    let mut all: Vec<(f64, KeyFrameId)> = map
-        .key_frames()
-        .map(|k| (last.map_or(0.0, |at| (k.world_from_eye.translation - at).norm()), k.id))
-        .collect();
-    all.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-    let (near, far) = all.split_at(all.len().min(NEAR));
-    let tried = near.iter().take(2).chain(cycled(near, turn)).chain(cycled(far, turn));
-    let mut ids: Vec<KeyFrameId> = tried.map(|(_, id)| *id).collect();
-    ids.dedup();
-    ids
-}
-
-/// Two of a list, further on with each turn.
-fn cycled<T>(list: &[T], turn: usize) -> impl Iterator<Item = &T> {
-    list.iter().cycle().skip(2 * turn % list.len().max(1)).take(2.min(list.len()))
+/// Key frames to try when lost: the one nearest to where the eye was last, one of the others near there in turn, and those
+/// of any world that look most alike by their words, one of each group of neighbours.
+pub(crate) fn candidates(map: &Map, frame: &Frame, last: Option<Vec3>, turn: usize) -> Vec<KeyFrameId> {
+    let mut found = Vec::new();
+    if let Some(last) = last {
+        let mut all: Vec<(f64, KeyFrameId)> =
+            map.key_frames().map(|k| ((k.world_from_eye.translation - last).norm(), k.id)).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        found.extend(all.first().map(|(_, id)| *id));
+        found.extend(all.get(1 + turn % NEAR).map(|(_, id)| *id));
+    }
+    let most = found.len() + ALIKE;
+    let bag = Vocabulary::embedded().bag(&frame.descriptors);
+    for (id, _) in map.places().query(&bag, 8 * ALIKE, |id| !found.contains(&id)) {
+        let beside = |other: &KeyFrameId| {
+            map.key_frame(*other).is_some_and(|k| k.covisible.iter().take(10).any(|(n, _)| *n == id))
+        };
+        if found.len() < most && !found.iter().any(beside) {
+            found.push(id);
+        }
+    }
+    found
 }

@@ -353,7 +353,7 @@ impl Tracker {
         let setting =
             RecogniseSetting { seed: RECOGNISE_SEED, need: self.setting.min_inliers, share: RECOGNISE_SHARE };
         let mut best = 0;
-        for id in candidates(map, last, self.lost_frames) {
+        for id in candidates(map, frame, last, self.lost_frames) {
             match recognise(map, &self.eye, frame, id, &BTreeSet::new(), &setting, frame.stamp.0 as u64) {
                 Ok(place) => {
                     let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };

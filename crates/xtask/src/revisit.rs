@@ -124,13 +124,16 @@ fn around_a_corner(truth: &[(Stamp, Se3)]) -> Option<[f64; 2]> {
 fn back_at(truth: &[(Stamp, Se3)], dark: [f64; 2]) -> Option<f64> {
     let at = |i: usize| truth[i].0 - truth[0].0;
     let before: Vec<&Se3> = (0..truth.len()).filter(|i| at(*i) < dark[0]).map(|i| &truth[i].1).collect();
-    (0..truth.len()).filter(|i| at(*i) > dark[1]).find(|i| {
-        let here = &truth[*i].1;
-        before.iter().any(|b| {
-            (b.translation - here.translation).norm() < 1.0
-                && (b.rotation.inverse() * here.rotation).angle() < 20_f64.to_radians()
+    (0..truth.len())
+        .filter(|i| at(*i) > dark[1])
+        .find(|i| {
+            let here = &truth[*i].1;
+            before.iter().any(|b| {
+                (b.translation - here.translation).norm() < 1.0
+                    && (b.rotation.inverse() * here.rotation).angle() < 20_f64.to_radians()
+            })
         })
-    }).map(at)
+        .map(at)
 }
 
 /// A source whose lens is black for a while.
@@ -173,8 +176,11 @@ pub fn line(r: &Revisited) -> String {
     text.push_str(&crate::walks::line(m));
     // Writing to a string does not fail.
     if let (Some([from, to]), Some(known)) = (r.dark_s, r.known_s) {
-        let after = m.joined_s.iter().find(|t| **t > known).map(|t| t - known);
-        let _ = write!(text, ", dark {from:.1}-{to:.1} s, known again at {known:.1} s, joined {after:.2?} s later");
+        let after = m.joined_s.iter().find(|t| **t > to).map(|t| t - known);
+        let _ = write!(
+            text,
+            ", dark {from:.1}-{to:.1} s, known again at {known:.1} s, joined {after:.2?} s later"
+        );
     }
     text
 }

@@ -301,8 +301,14 @@ impl Closer {
         if let Some(window) = Window::around(draft.map(), &self.eye, here.id, &weld) {
             draft.push(window.solve(&weld, || false).changes.changes);
         }
-        let accepted =
-            Accepted { joined, inliers: place.inliers, expected: place.expected, off, off_rad, scale: world_from_here.scale };
+        let accepted = Accepted {
+            joined,
+            inliers: place.inliers,
+            expected: place.expected,
+            off,
+            off_rad,
+            scale: world_from_here.scale,
+        };
         (draft.into_changes(), accepted)
     }
 

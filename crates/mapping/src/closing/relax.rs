@@ -36,8 +36,13 @@ pub(super) fn relax(
     let mut ties = Vec::new();
     for (b, k) in chain.iter().enumerate() {
         let strong = k.covisible.iter().take_while(|(_, n)| *n >= STRONG).map(|(id, _)| *id);
-        let mut to: Vec<KeyFrameId> =
-            k.parent.into_iter().chain(k.links.iter().copied()).chain(strong).filter(|id| *id < k.id).collect();
+        let mut to: Vec<KeyFrameId> = k
+            .parent
+            .into_iter()
+            .chain(k.links.iter().copied())
+            .chain(strong)
+            .filter(|id| *id < k.id)
+            .collect();
         to.sort_unstable();
         to.dedup();
         for a in to.iter().filter_map(|id| slots.get(id).copied()) {
@@ -108,7 +113,8 @@ mod tests {
     /// A square walked with a small error in each step, told of where it ended.
     #[test]
     fn a_walk_that_drifted_comes_home_and_its_start_stays() {
-        let step = |error: f64| Se3::new(So3::exp(&Vec3::new(0.0, 0.157 + error, 0.0)), Vec3::new(error, 0.0, 0.5));
+        let step =
+            |error: f64| Se3::new(So3::exp(&Vec3::new(0.0, 0.157 + error, 0.0)), Vec3::new(error, 0.0, 0.5));
         let walk = |error: f64| {
             let mut poses = vec![Se3::identity()];
             for i in 0..40 {

@@ -5,7 +5,11 @@ use cairn_atlas::{KeyFrame, KeyFrameId, Map};
 use cairn_geometry::Vec3;
 use std::collections::BTreeSet;
 
-/// Key frames that stand near and look the same way but are no neighbours, nearest first.
+/// How alike by words a place must be, as a share of how alike the best neighbour is.
+const ALIKE: f64 = 0.3;
+
+/// Key frames that are no neighbours and may show the same place: first those that stand near and look the same way,
+/// then those of any world that look most alike by their words, one of each group of neighbours.
 pub(super) fn candidates(map: &Map, here: &KeyFrame, reach: f64, limit: usize) -> Vec<KeyFrameId> {
     let mut known: BTreeSet<KeyFrameId> = around(map, here.id, 20).into_iter().collect();
     known.extend(here.covisible.iter().map(|(id, _)| *id));
@@ -18,5 +22,19 @@ pub(super) fn candidates(map: &Map, here: &KeyFrame, reach: f64, limit: usize) -
         .filter(|(distance, _)| *distance < reach)
         .collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    near.into_iter().map(|(_, id)| id).take(limit).collect()
+    let mut found: Vec<KeyFrameId> = near.into_iter().map(|(_, id)| id).take(limit.div_ceil(2)).collect();
+    let neighbours = here.covisible.iter().take(5).filter_map(|(id, _)| map.key_frame(*id));
+    let usual = neighbours.map(|k| k.bag.similarity(&here.bag)).fold(0.0, f64::max);
+    for (id, similarity) in map.places().query(&here.bag, 8 * limit, |id| !known.contains(&id)) {
+        if found.len() >= limit || similarity < ALIKE * usual {
+            break;
+        }
+        let beside = |other: &KeyFrameId| {
+            *other == id || map.key_frame(*other).is_some_and(|k| k.covisible.iter().any(|(n, _)| *n == id))
+        };
+        if !found.iter().any(beside) {
+            found.push(id);
+        }
+    }
+    found
 }
