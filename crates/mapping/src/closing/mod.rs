@@ -17,6 +17,9 @@ use relax::relax;
 use std::collections::BTreeSet;
 use std::fmt;
 
+/// Scale that may have been lost between two visits, as a logarithm.
+const MOST_SCALE: f64 = 0.7;
+
 /// How to close.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -35,7 +38,7 @@ pub struct CloserSetting {
 
 impl Default for CloserSetting {
     fn default() -> Self {
-        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.3], whole_key_frames: 300 }
+        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 300 }
     }
 }
 
@@ -234,7 +237,7 @@ impl Closer {
         }
         match metric {
             true if median.abs() < 0.1 => Ok(1.0),
-            false if spread < 0.15 => Ok(median.exp()),
+            false if spread < 0.15 && median.abs() < MOST_SCALE => Ok(median.exp()),
             _ => Err(refusal),
         }
     }
