@@ -30,6 +30,6 @@ pub use triangulate::{
     triangulate_views,
 };
 pub use two_view::{
-    TwoView, TwoViewModel, TwoViewReason, TwoViewRejected, TwoViewSetting, essential_motions, five_point,
-    four_point, homography_motions, two_view,
+    TwoView, TwoViewModel, TwoViewReason, TwoViewRejected, TwoViewSetting, Verified, essential_motions,
+    five_point, four_point, homography_motions, two_view, verify_two_views,
 };

@@ -7,6 +7,7 @@ use cairn_vision::bow::{
 use cairn_vision::{Descriptor, hamming};
 use proptest::prelude::*;
 use std::fmt::Write;
+use std::sync::OnceLock;
 
 /// Images of descriptors that gather around a few hundred centres.
 fn images(count: usize, features: usize) -> Vec<Vec<Descriptor>> {
@@ -28,9 +29,14 @@ fn images(count: usize, features: usize) -> Vec<Vec<Descriptor>> {
 }
 
 fn small() -> (Vocabulary, Vec<Vec<Descriptor>>) {
-    let images = images(40, 60);
-    let setting = TrainSetting { branching: 6, depth: 3, index_level: Some(1), ..TrainSetting::default() };
-    (train(&images, &setting).unwrap().vocabulary, images)
+    static TRAINED: OnceLock<(Vocabulary, Vec<Vec<Descriptor>>)> = OnceLock::new();
+    let trained = TRAINED.get_or_init(|| {
+        let images = images(40, 60);
+        let setting =
+            TrainSetting { branching: 6, depth: 3, index_level: Some(1), ..TrainSetting::default() };
+        (train(&images, &setting).unwrap().vocabulary, images)
+    });
+    trained.clone()
 }
 
 /// The arrays of a file, read without the library: centres, first children, weights.

@@ -5,6 +5,7 @@ pub mod graphs;
 pub mod long;
 pub mod measure;
 pub mod memory;
+pub mod places;
 pub mod recordings;
 pub mod revisit;
 pub mod store;

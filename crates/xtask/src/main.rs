@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use xtask::recordings::{data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
-use xtask::{Sensor, Setting, accuracy, graphs, long, measure, revisit, store, walks};
+use xtask::{Sensor, Setting, accuracy, graphs, long, measure, places, revisit, store, walks};
 
 /// Measures the whole engine.
 #[derive(Parser)]
@@ -131,6 +131,24 @@ enum Command {
         #[arg(long)]
         json: Option<PathBuf>,
     },
+    /// How well places are recognised: photographs with a loop matrix, worlds and recordings with true poses, costs.
+    Places {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Another vocabulary than the embedded one; may be given several times, for a comparison.
+        #[arg(long)]
+        vocab: Vec<PathBuf>,
+        /// Only the photographs.
+        #[arg(long)]
+        loops: bool,
+        /// Tell of every pair that geometry looked at on stderr.
+        #[arg(long, short)]
+        verbose: bool,
+        /// Write docs/places.md.
+        #[arg(long)]
+        write: bool,
+    },
     /// One recording by its row's name, or any source with --sensor; prints JSON.
     One {
         /// Name of a row, a folder, or sim:WORLD.
@@ -237,6 +255,13 @@ fn run(command: Command) -> Result<(), String> {
             let stored = store::run(&folder, key_frames, features, times)?;
             print!("{}", store::table(&stored));
             json.map_or(Ok(()), |path| save(path, &text(&stored)?))
+        }
+        Command::Places { data, vocab, loops, verbose, write } => {
+            let data = data.unwrap_or_else(data_folder);
+            let text = places::run(&data, &vocab, loops, verbose)?;
+            print!("{text}");
+            let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/places.md");
+            if write { save(path.into(), &places::page::page(&text)) } else { Ok(()) }
         }
         Command::One { source, data, sensor, frames, verbose, config } => {
             let config = match config {

@@ -17,12 +17,10 @@ pub struct Bag {
 
 impl Bag {
     /// From rising words with weights of any scale (those without weight are left out) and nodes in any order.
-    pub(super) fn new(mut words: Vec<(WordId, f32)>, mut nodes: Vec<(u32, u16)>) -> Self {
-        words.retain(|(_, w)| *w > 0.0);
-        let sum: f64 = words.iter().map(|(_, w)| f64::from(*w)).sum();
-        for (_, w) in &mut words {
-            *w = (f64::from(*w) / sum) as f32;
-        }
+    pub(super) fn new(words: Vec<(WordId, f64)>, mut nodes: Vec<(u32, u16)>) -> Self {
+        let sum: f64 = words.iter().map(|(_, w)| *w).sum();
+        let scaled = words.into_iter().map(|(word, w)| (word, (w / sum) as f32));
+        let words = scaled.filter(|(_, w)| *w > 0.0).collect();
         nodes.sort_unstable();
         Self { words, nodes }
     }

@@ -100,7 +100,7 @@ impl Vocabulary {
         words.sort_unstable();
         let weighted = words.chunk_by(|a, b| a == b).map(|same| {
             let word = same[0];
-            (WordId(word), same.len() as f32 * arrays.weight(word as usize))
+            (WordId(word), same.len() as f64 * f64::from(arrays.weight(word as usize)))
         });
         Bag::new(weighted.collect(), nodes)
     }

@@ -9,9 +9,11 @@ mod five_point;
 mod homography;
 mod refine;
 mod score;
+mod verify;
 
 pub use five_point::five_point;
 pub use homography::{four_point, motions as homography_motions};
+pub use verify::{Verified, verify_two_views};
 
 use crate::EyeModel;
 use crate::triangulate::{correct, essential, midpoint};

@@ -1,0 +1,162 @@
+//! Whether two images can show one rigid scene at all: how many matches obey one motion, and how unlikely that is by chance.
+//!
+//! The number that decides is the expected count of motions that as many matches would obey if they were random, after
+//! Moisan and Stival, "A probabilistic criterion to detect rigid point matches between two images and estimate the
+//! fundamental matrix" (2004), equation 12, for one fixed bound instead of the best of all.
+
+use super::refine::refine;
+use super::score::{self, CHI2_1, Match};
+use super::{TwoViewSetting, essential_motions, search};
+use crate::EyeModel;
+use crate::triangulate::essential;
+use cairn_geometry::{Mat3, Vec3};
+
+/// What geometry says of the matches of two images.
+#[derive(Clone, Debug)]
+pub struct Verified {
+    /// Which matches obey the best motion.
+    pub inliers: Vec<bool>,
+    /// Logarithm to base 10 of the number of false alarms: how many motions one may expect to be obeyed by so many of these
+    /// matches if each were random. Below zero it is unlikely, at -10 out of the question.
+    pub log10_false_alarms: f64,
+}
+
+impl Verified {
+    /// How many matches obey the motion.
+    pub fn count(&self) -> usize {
+        self.inliers.iter().filter(|i| **i).count()
+    }
+}
+
+/// Matches that an essential matrix is made of.
+const SAMPLE: usize = 5;
+/// Essential matrices that a sample gives, at most.
+const MODELS: f64 = 10.0;
+
+/// Seeks the motion that most matches obey (`first[i]` and `second[i]` are one point, rectified pixels). Unlike
+/// [`super::two_view`] it needs no parallax: a camera that only turned, or stands where it stood before, passes. `None` for
+/// fewer than eight matches. The same seed gives the same answer.
+pub fn verify_two_views(
+    eye: &EyeModel,
+    first: &[[f32; 2]],
+    second: &[[f32; 2]],
+    setting: &TwoViewSetting,
+    seed: u64,
+) -> Option<Verified> {
+    let n = first.len().min(second.len());
+    if n < 8 {
+        return None;
+    }
+    let sigma = setting.sigma_px / (eye.fx * eye.fy).sqrt();
+    let unit = |p: [f32; 2]| eye.unproject(p, 1.0).xy();
+    let matches: Vec<Match> = first
+        .iter()
+        .zip(second)
+        .map(|(&a, &b)| {
+            let (a, b) = (unit(a), unit(b));
+            [a.x, a.y, b.x, b.y]
+        })
+        .collect();
+    let best = search(&matches, sigma, setting, seed);
+    let obey = |e: &Mat3| -> Vec<bool> {
+        let bound = CHI2_1 * sigma * sigma;
+        matches.iter().map(|m| score::line_distances(e, m).iter().all(|&d| d < bound)).collect()
+    };
+    let count = |i: &Vec<bool>| i.iter().filter(|i| **i).count();
+    let refined = best.essentials.iter().filter_map(|(_, e)| essential_motions(e)).map(|motions| {
+        // The four motions of one matrix have the same lines.
+        essential(&refine(&motions[0], &matches, sigma))
+    });
+    let all = best.essentials.iter().map(|(_, e)| *e).chain(refined);
+    let mut inliers = vec![false; n];
+    for found in all.map(|e| obey(&e)) {
+        if count(&found) > count(&inliers) {
+            inliers = found;
+        }
+    }
+    let [x0, y0, x1, y1] = eye.bounds;
+    let (width, height) = (x1 - x0, y1 - y0);
+    // A random point lies near a line with the chance of the strip along the diagonal.
+    let strip = 2.0 * CHI2_1.sqrt() * setting.sigma_px * Vec3::new(width, height, 0.0).norm();
+    let chance = (strip / (width * height)).clamp(1e-9, 1.0);
+    Some(Verified { log10_false_alarms: log10_false_alarms(n, count(&inliers), chance), inliers })
+}
+
+/// `models (n - 5) C(n, k) C(k, 5) chance^(k - 5)`, as a logarithm.
+fn log10_false_alarms(n: usize, k: usize, chance: f64) -> f64 {
+    if k <= SAMPLE {
+        return (MODELS * n as f64).log10();
+    }
+    let choose = |n: usize, k: usize| -> f64 {
+        (0..k).map(|i| ((n - i) as f64).log10() - ((i + 1) as f64).log10()).sum()
+    };
+    MODELS.log10()
+        + ((n - SAMPLE) as f64).log10()
+        + choose(n, k)
+        + choose(k, SAMPLE)
+        + (k - SAMPLE) as f64 * chance.log10()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{Se3, So3};
+    use cairn_solve::ransac::Rng;
+
+    fn eye() -> EyeModel {
+        EyeModel {
+            fx: 400.0,
+            fy: 400.0,
+            cx: 320.0,
+            cy: 240.0,
+            baseline_fx: 0.0,
+            bounds: [0.0, 0.0, 640.0, 480.0],
+            close_depth: 0.0,
+            body_from_eye: Se3::identity(),
+        }
+    }
+
+    /// Matches of a scene seen from two places, some of them wrong.
+    fn matches(motion: &Se3, right: usize, wrong: usize, seed: u64) -> [Vec<[f32; 2]>; 2] {
+        let (eye, mut rng) = (eye(), Rng::new(seed));
+        let (mut a, mut b) = (Vec::new(), Vec::new());
+        while a.len() < right {
+            let p = [rng.range(0.0, 640.0) as f32, rng.range(0.0, 480.0) as f32];
+            let q = *motion * eye.unproject(p, rng.range(2.0, 12.0));
+            let Some([u, v, _]) = eye.project(&q).filter(|q| eye.contains(q[0], q[1])) else { continue };
+            a.push(p);
+            b.push([(u + 0.5 * rng.normal()) as f32, (v + 0.5 * rng.normal()) as f32]);
+        }
+        for _ in 0..wrong {
+            for side in [&mut a, &mut b] {
+                side.push([rng.range(0.0, 640.0) as f32, rng.range(0.0, 480.0) as f32]);
+            }
+        }
+        [a, b]
+    }
+
+    #[test]
+    fn one_scene_is_believed_with_any_motion_and_random_matches_never() {
+        let setting = TwoViewSetting::default();
+        let motions = [
+            Se3::new(So3::exp(&Vec3::new(0.02, 0.1, -0.03)), Vec3::new(0.5, 0.1, 0.3)),
+            Se3::new(So3::exp(&Vec3::new(0.0, 0.15, 0.05)), Vec3::zeros()),
+            Se3::identity(),
+        ];
+        for seed in 0..8 {
+            for motion in &motions {
+                let [a, b] = matches(motion, 40, 40, seed);
+                let v = verify_two_views(&eye(), &a, &b, &setting, seed).unwrap();
+                let right = v.inliers[..40].iter().filter(|i| **i).count();
+                assert!(right >= 34, "seed {seed}: {right}");
+                assert!(v.log10_false_alarms < -10.0, "seed {seed}: {}", v.log10_false_alarms);
+            }
+            for n in [8, 20, 80, 300] {
+                let [a, b] = matches(&motions[0], 0, n, seed);
+                let v = verify_two_views(&eye(), &a, &b, &setting, seed).unwrap();
+                assert!(v.log10_false_alarms > -2.0, "seed {seed}, {n}: {}", v.log10_false_alarms);
+            }
+        }
+        assert!(verify_two_views(&eye(), &[[0.0; 2]; 7], &[[0.0; 2]; 7], &setting, 0).is_none());
+    }
+}

@@ -1,0 +1,126 @@
+//! How well places are recognised: on photographs with a loop matrix, and by true poses on worlds and recordings.
+
+pub mod loops;
+pub mod page;
+pub mod recall;
+pub mod times;
+
+use cairn_sensor::GrayImage;
+use cairn_sources::{OpenOptions, open};
+use cairn_vision::bow::{Bag, Vocabulary};
+use cairn_vision::{Descriptor, Features, OrbExtractor, OrbSetting};
+use std::path::{Path, PathBuf};
+
+/// One image as places know it.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Its features.
+    pub features: Features,
+    /// Its words.
+    pub bag: Bag,
+}
+
+impl Seen {
+    /// Looks at an image.
+    pub fn of(extractor: &mut OrbExtractor, image: &GrayImage, vocabulary: &Vocabulary) -> Self {
+        let mut features = Features::default();
+        extractor.extract(image, &mut features);
+        let bag = vocabulary.bag(&features.descriptors);
+        Self { features, bag }
+    }
+}
+
+/// The extractor that all of this uses: the one of mapping by default.
+pub fn extractor() -> OrbExtractor {
+    OrbExtractor::new(OrbSetting::default())
+}
+
+/// Worlds that are asked, with seeds that no vocabulary was trained on; each is walked twice.
+const WORLDS: [&str; 6] = [
+    "sim:corridor?seed=3",
+    "sim:corridor?seed=8&poor=0.5",
+    "sim:office?seed=4",
+    "sim:office?seed=7&look_alike=1",
+    "sim:hall?seed=5",
+    "sim:street?seed=6",
+];
+/// The two walks: what is added to the world.
+const WALKS: [&str; 2] = [
+    "&way=long&sensor=mono&rate=1&duration=100",
+    "&way=long&sensor=mono&rate=1&duration=100&height=1.6&look=12&pitch=9&speed=1.1&exposure=0.4&noise=5&passers=4",
+];
+/// Recordings that are asked; they have true poses.
+const RECORDINGS: [&str; 2] = ["7scenes-kitchen", "euroc-mh01"];
+
+/// The figures of each vocabulary (the embedded one where none is named), as text.
+///
+/// # Errors
+/// When something that is there can not be read.
+pub fn run(data: &Path, vocabularies: &[PathBuf], only_loops: bool, verbose: bool) -> Result<String, String> {
+    let mut views = Vec::new();
+    if !only_loops {
+        for world in WORLDS {
+            let walk = |more: &str| {
+                let source = open(&format!("{world}{more}"), OpenOptions::default());
+                recall::Views::read(world, source.map_err(|e| e.to_string())?.as_mut(), 1.0)
+            };
+            views.push(walk(WALKS[0])?.with(walk(WALKS[1])?));
+        }
+        for name in RECORDINGS {
+            let folder = data.join(name);
+            if !folder.exists() {
+                eprintln!("skipped: {name} is not in {}", data.display());
+                continue;
+            }
+            let source = open(&folder.to_string_lossy(), OpenOptions::default());
+            let mut source = source.map_err(|e| e.to_string())?;
+            views.push(recall::Views::read(name, source.as_mut(), 0.2)?);
+        }
+    }
+    let others: Vec<Vocabulary> = vocabularies
+        .iter()
+        .map(|path| {
+            let failed = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+            let bytes = std::fs::read(path).map_err(|e| failed(&e))?;
+            Vocabulary::open(bytes).map_err(|e| failed(&e))
+        })
+        .collect::<Result<_, String>>()?;
+    let chosen: Vec<&Vocabulary> =
+        if others.is_empty() { vec![Vocabulary::embedded()] } else { others.iter().collect() };
+    let mut text = String::new();
+    for vocabulary in chosen {
+        let walk = loops::read(data, vocabulary)?;
+        if walk.is_none() {
+            eprintln!("skipped: loops is not in {}", data.display());
+        }
+        let pairs = walk.as_ref().map_or(Vec::new(), |w| w.verified(loops::CANDIDATES));
+        if verbose {
+            let mut pairs = pairs.clone();
+            pairs.sort_by_key(|p| p.inliers);
+            for p in pairs {
+                eprintln!(
+                    "{} {}-{}: score {:.4}, {} matches, {} inliers, false alarms 10^{:.1}",
+                    if p.truth { "same " } else { "other" },
+                    p.query + 1,
+                    p.earlier + 1,
+                    p.score,
+                    p.matches,
+                    p.inliers,
+                    p.log10_false_alarms
+                );
+            }
+        }
+        let recalls: Vec<recall::Recall> = views.iter().map(|v| v.recall(vocabulary)).collect();
+        let frames: Vec<Vec<Descriptor>> =
+            walk.iter().flat_map(|w| w.seen.iter().map(|s| s.features.descriptors.clone())).collect();
+        let times = vocabularies.is_empty().then(|| times::measure(&frames));
+        text += &page::tables(&page::Figures {
+            walk: walk.as_ref(),
+            pairs: &pairs,
+            recalls: &recalls,
+            times: times.as_ref(),
+            facts: vocabulary.facts(),
+        });
+    }
+    Ok(text)
+}

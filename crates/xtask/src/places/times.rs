@@ -1,0 +1,66 @@
+//! What places cost: opening the vocabulary, finding the words of a frame, keeping and asking the index.
+
+use cairn_atlas::{KeyFrameId, PlaceIndex};
+use cairn_solve::ransac::Rng;
+use cairn_vision::Descriptor;
+use cairn_vision::bow::{Bag, Vocabulary};
+use serde::Serialize;
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Milliseconds, the least of many repetitions each.
+#[derive(Clone, Debug, Serialize)]
+pub struct Times {
+    /// Checking the embedded bytes, before first use.
+    pub open_ms: f64,
+    /// Bag of 1,000 descriptors.
+    pub bag_ms: f64,
+    /// One more key frame for an index of 1,000, of which another version is held.
+    pub insert_ms: f64,
+    /// The best ten of an index of 1,000 key frames.
+    pub query_ms: f64,
+    /// Comparison of two bags.
+    pub similarity_ms: f64,
+}
+
+/// Measures; `frames` are descriptors of real images.
+pub fn measure(frames: &[Vec<Descriptor>]) -> Times {
+    let vocabulary = Vocabulary::embedded();
+    let open_ms = least(20, || Vocabulary::open(vocabulary.bytes().to_vec()));
+    let all: Vec<Descriptor> = frames.iter().flatten().copied().collect();
+    let mut rng = Rng::new(7);
+    // A thousand key frames that share words as frames of one building do: mixtures of the real ones.
+    let mut mixture = || -> Vec<Descriptor> {
+        let from = rng.below(all.len().max(1) as u32) as usize;
+        (0..1000).map(|k| all[(from + k + rng.below(300) as usize) % all.len()]).collect()
+    };
+    let Some(first) = (!all.is_empty()).then(&mut mixture) else {
+        return Times { open_ms, bag_ms: 0.0, insert_ms: 0.0, query_ms: 0.0, similarity_ms: 0.0 };
+    };
+    let bags: Vec<Bag> = (0..1001).map(|_| vocabulary.bag(&mixture())).collect();
+    let mut index = PlaceIndex::default();
+    let ids: Vec<KeyFrameId> = (0..1001).filter_map(KeyFrameId::from_index).collect();
+    for (id, bag) in ids.iter().zip(&bags).take(1000) {
+        index.insert(*id, bag);
+    }
+    Times {
+        open_ms,
+        bag_ms: least(100, || vocabulary.bag(&first)),
+        insert_ms: least(100, || {
+            let mut next = index.clone();
+            next.insert(ids[1000], &bags[1000]);
+            next
+        }),
+        query_ms: least(100, || index.query(&bags[1000], 10, |_| true)),
+        similarity_ms: least(100, || bags[0].similarity(&bags[1])),
+    }
+}
+
+fn least<T>(times: usize, mut what: impl FnMut() -> T) -> f64 {
+    let once = |_| {
+        let began = Instant::now();
+        black_box(what());
+        began.elapsed().as_secs_f64() * 1e3
+    };
+    (0..times).map(once).fold(f64::INFINITY, f64::min)
+}
