@@ -1,12 +1,14 @@
-//! Bundle adjustment: poses of ideal pinholes and points, by Levenberg-Marquardt on the reduced camera system.
+//! Bundle adjustment: poses of ideal pinholes and points, by Levenberg-Marquardt on the reduced camera
+//! system, which is solved sparsely.
 //!
 //! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), section 6; damping after
 //! Nielsen, "Damping parameter in Marquardt's method" (1999).
 
 use crate::reprojection::View;
+use crate::schur::{Border, Normal, Schur, Step};
 use crate::{CHI2_2, CHI2_3, Pinhole, Pixel, Report, Stop, huber};
 use cairn_geometry::{Manifold, Mat3, Se3, Vec3};
-use nalgebra::{Cholesky, DMatrix, DVector, SVector};
+use nalgebra::{SMatrix, SVector};
 
 /// One point seen from one pose.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +22,9 @@ pub struct Observation {
     /// Inverse variance, 1/px^2; 0 leaves the observation out.
     pub weight: f64,
 }
+
+/// What is added to every diagonal entry of the normal equations, so that what nothing holds stays.
+const FLOOR: f64 = 1e-8;
 
 /// The problem and, after [`Bundle::solve`], its solution.
 #[derive(Clone, Debug)]
@@ -57,30 +62,11 @@ impl Default for BundleSetting {
     }
 }
 
-type Block66 = [[f64; 6]; 6];
-type Block63 = [[f64; 3]; 6];
-
 /// The undamped normal equations at one state.
-struct Normal {
-    /// Per free pose.
-    poses: Vec<(Block66, [f64; 6])>,
-    /// Per point: Hessian and gradient.
-    points: Vec<(Mat3, Vec3)>,
-    /// Per observation: pose-point coupling.
-    coupling: Vec<Block63>,
-    offset: OffsetTerms,
-    cost: f64,
-}
-
-/// The part of the normal equations that belongs to the right offset.
-#[derive(Default)]
-struct OffsetTerms {
-    hessian: f64,
-    gradient: f64,
-    /// Coupling with each free pose.
-    poses: Vec<[f64; 6]>,
-    /// Coupling with each point.
-    points: Vec<Vec3>,
+struct Linear {
+    normal: Normal<6>,
+    /// Of the right offset, when it is to be found.
+    border: Option<Border<6>>,
 }
 
 impl Bundle {
@@ -107,8 +93,14 @@ impl Bundle {
         if self.observations.is_empty() || (free == 0 && self.points.is_empty()) {
             return report;
         }
-        let mut normal = self.linearise(&slot, free, setting.robust);
-        report.cost_before = normal.cost;
+        let mut schur = Schur::new(
+            free,
+            self.points.len(),
+            self.observations.iter().map(|o| (o.point as usize, slot[o.pose as usize])),
+        );
+        let mut linear = self.linearise(&slot, free, setting.robust);
+        let mut cost_now = linear.normal.cost;
+        report.cost_before = cost_now;
         report.stop = Stop::Iterations;
         let (mut lambda, mut growth) = (1e-5, 2.0);
         while report.iterations < setting.iterations {
@@ -117,29 +109,28 @@ impl Bundle {
                 break;
             }
             report.iterations += 1;
-            let step = self.step(&normal, &slot, free, lambda);
-            let accepted = step.and_then(|(steps, points)| {
-                let offset = self.right_offset + if self.finds_offset() { steps[free * 6] } else { 0.0 };
-                let (poses, points) = self.moved(&slot, &steps, &points);
+            let step = schur.step(&linear.normal, linear.border.as_ref(), lambda, FLOOR);
+            let accepted = step.and_then(|step| {
+                let offset = self.right_offset + step.border;
+                let (poses, points) = self.moved(&slot, &step);
                 let cost = self.cost(&poses, &points, offset, setting.robust);
-                (cost < normal.cost && cost.is_finite()).then_some((poses, points, offset, cost))
+                (cost < cost_now && cost.is_finite()).then_some((poses, points, offset, cost))
             });
             match accepted {
                 Some((poses, points, offset, cost)) => {
                     self.right_offset = offset;
-                    let gain = (normal.cost - cost) / normal.cost;
+                    let gain = (cost_now - cost) / cost_now;
+                    cost_now = cost;
                     self.poses = poses;
                     self.points = points;
                     (lambda, growth) = ((lambda / 5.0).max(1e-9), 2.0);
                     if gain < setting.tolerance {
-                        normal.cost = cost;
                         report.stop = Stop::Converged;
                         break;
                     }
                     if report.iterations < setting.iterations {
-                        normal = self.linearise(&slot, free, setting.robust);
+                        linear = self.linearise(&slot, free, setting.robust);
                     }
-                    normal.cost = cost;
                 }
                 None => {
                     lambda *= growth * 5.0;
@@ -151,7 +142,7 @@ impl Bundle {
                 }
             }
         }
-        report.cost_after = normal.cost;
+        report.cost_after = cost_now;
         report.inliers =
             self.observations.iter().filter(|o| o.weight > 0.0 && self.chi2(o) <= Self::bound(o)).count();
         report
@@ -192,201 +183,65 @@ impl Bundle {
         cost
     }
 
-    fn linearise(&mut self, slot: &[Option<u32>], free: usize, robust: bool) -> Normal {
+    fn linearise(&mut self, slot: &[Option<u32>], free: usize, robust: bool) -> Linear {
         let views: Vec<View> = self.poses.iter().map(View::new).collect();
-        let mut normal = Normal {
-            poses: vec![([[0.0; 6]; 6], [0.0; 6]); free],
-            points: vec![(Mat3::zeros(), Vec3::zeros()); self.points.len()],
-            coupling: vec![[[0.0; 3]; 6]; self.observations.len()],
-            offset: OffsetTerms::default(),
-            cost: 0.0,
-        };
+        let mut normal = Normal::<6>::zeros(free, self.points.len(), self.observations.len());
         let (offset, information) = (self.right_offset, self.offset_information());
-        let finds_offset = self.finds_offset();
-        if finds_offset {
-            normal.offset = OffsetTerms {
-                hessian: information,
-                gradient: information * offset,
-                poses: vec![[0.0; 6]; free],
-                points: vec![Vec3::zeros(); self.points.len()],
-            };
-            normal.cost = 0.5 * information * offset * offset;
-        }
-        for (i, o) in self.observations.iter_mut().enumerate() {
+        let mut border = self.finds_offset().then(|| Border {
+            hessian: information,
+            gradient: information * offset,
+            cameras: vec![SVector::zeros(); free],
+            points: vec![Vec3::zeros(); self.points.len()],
+        });
+        normal.cost = 0.5 * information * offset * offset;
+        for (o, coupling) in self.observations.iter_mut().zip(&mut normal.couplings) {
             if o.weight <= 0.0 {
                 continue;
             }
-            let Some(l) = self.camera.linearise(
-                &views[o.pose as usize],
-                &self.points[o.point as usize],
-                &shifted(&o.pixel, offset),
-            ) else {
+            let point = o.point as usize;
+            let pixel = shifted(&o.pixel, offset);
+            let Some(l) = self.camera.linearise(&views[o.pose as usize], &self.points[point], &pixel) else {
                 // A point behind an eye can not be adjusted to it: out it goes.
                 o.weight = 0.0;
                 continue;
             };
-            let r = &l.residual;
-            let chi2 = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight;
+            let r = Vec3::from(l.residual);
+            let chi2 = r.norm_squared() * o.weight;
             let (loss, slope) = if robust { huber(chi2, Self::bound(o)) } else { (chi2, 1.0) };
             normal.cost += 0.5 * loss;
             let w = slope * o.weight;
-            let (h, g) = &mut normal.points[o.point as usize];
-            for (row, res) in l.by_point.iter().zip(r) {
-                for a in 0..3 {
-                    let wa = row[a] * w;
-                    g[a] += wa * res;
-                    for b in 0..3 {
-                        h[(a, b)] += wa * row[b];
-                    }
-                }
-            }
-            if finds_offset && !o.pixel[2].is_nan() {
+            // Rows of the Jacobians are held as columns here.
+            let by_point = Mat3::from_columns(&l.by_point.map(Vec3::from));
+            normal.points[point] += by_point * by_point.transpose() * w;
+            normal.point_gradients[point] += by_point * r * w;
+            let slot = slot[o.pose as usize].map(|s| s as usize);
+            if let (Some(border), false) = (&mut border, o.pixel[2].is_nan()) {
                 // Only the third row feels the offset, with slope one.
-                normal.offset.hessian += w;
-                normal.offset.gradient += w * r[2];
-                normal.offset.points[o.point as usize] += Vec3::from(l.by_point[2]) * w;
-                if let Some(s) = slot[o.pose as usize] {
-                    for (sum, d) in normal.offset.poses[s as usize].iter_mut().zip(&l.by_pose[2]) {
-                        *sum += w * d;
-                    }
+                border.hessian += w;
+                border.gradient += w * r[2];
+                border.points[point] += Vec3::from(l.by_point[2]) * w;
+                if let Some(s) = slot {
+                    border.cameras[s] += SVector::<f64, 6>::from(l.by_pose[2]) * w;
                 }
             }
-            if let Some(s) = slot[o.pose as usize] {
-                let (h, g) = &mut normal.poses[s as usize];
-                let c = &mut normal.coupling[i];
-                for ((row, by_point), res) in l.by_pose.iter().zip(&l.by_point).zip(r) {
-                    for a in 0..6 {
-                        let wa = row[a] * w;
-                        g[a] += wa * res;
-                        for b in a..6 {
-                            h[a][b] += wa * row[b];
-                        }
-                        for b in 0..3 {
-                            c[a][b] += wa * by_point[b];
-                        }
-                    }
-                }
+            if let Some(s) = slot {
+                let by_pose = SMatrix::<f64, 6, 3>::from_columns(&l.by_pose.map(SVector::<f64, 6>::from));
+                let weighted = by_pose * w;
+                normal.cameras[s] += weighted * by_pose.transpose();
+                normal.camera_gradients[s] += weighted * r;
+                *coupling = weighted * by_point.transpose();
             }
         }
-        normal
-    }
-
-    /// The damped step: free poses stacked, and points; `None` when the system is singular.
-    fn step(
-        &self,
-        normal: &Normal,
-        slot: &[Option<u32>],
-        free: usize,
-        lambda: f64,
-    ) -> Option<(DVector<f64>, Vec<Vec3>)> {
-        let n = free * 6 + self.finds_offset() as usize;
-        let mut s = DMatrix::<f64>::zeros(n, n);
-        let mut rhs = DVector::<f64>::zeros(n);
-        for (k, (h, g)) in normal.poses.iter().enumerate() {
-            for a in 0..6 {
-                rhs[k * 6 + a] = -g[a];
-                for b in a..6 {
-                    s[(k * 6 + b, k * 6 + a)] = h[a][b];
-                }
-                s[(k * 6 + a, k * 6 + a)] += lambda * h[a][a] + 1e-8;
-            }
-        }
-        let inverse: Vec<Mat3> = normal
-            .points
-            .iter()
-            .map(|(h, _)| {
-                let mut d = *h;
-                for a in 0..3 {
-                    d[(a, a)] += lambda * h[(a, a)] + 1e-8;
-                }
-                d.try_inverse().unwrap_or_else(Mat3::zeros)
-            })
-            .collect();
-        let mut offset = (normal.offset.hessian * (1.0 + lambda), -normal.offset.gradient);
-        for (k, c) in normal.offset.poses.iter().enumerate() {
-            for a in 0..6 {
-                s[(free * 6, k * 6 + a)] = c[a];
-            }
-        }
-        let mut start = 0;
-        let mut seen: Vec<(usize, Block63, Block63)> = Vec::new();
-        while start < self.observations.len() {
-            let point = self.observations[start].point;
-            let end = start + self.observations[start..].iter().take_while(|o| o.point == point).count();
-            let v = &inverse[point as usize];
-            let g = &normal.points[point as usize].1;
-            seen.clear();
-            for (o, w) in self.observations[start..end].iter().zip(&normal.coupling[start..end]) {
-                if let (Some(k), true) = (slot[o.pose as usize], o.weight > 0.0) {
-                    let mut wv = [[0.0; 3]; 6];
-                    for a in 0..6 {
-                        for b in 0..3 {
-                            wv[a][b] = w[a][0] * v[(0, b)] + w[a][1] * v[(1, b)] + w[a][2] * v[(2, b)];
-                        }
-                        rhs[k as usize * 6 + a] += wv[a][0] * g.x + wv[a][1] * g.y + wv[a][2] * g.z;
-                    }
-                    seen.push((k as usize, *w, wv));
-                }
-            }
-            if let Some(m) = normal.offset.points.get(point as usize) {
-                let mv = v * m;
-                offset.0 -= m.dot(&mv);
-                offset.1 += mv.dot(g);
-                for (k, w, _) in &seen {
-                    for a in 0..6 {
-                        s[(free * 6, k * 6 + a)] -= w[a][0] * mv.x + w[a][1] * mv.y + w[a][2] * mv.z;
-                    }
-                }
-            }
-            for (ka, w, _) in &seen {
-                for (kb, _, wv) in &seen {
-                    // Lower triangle in block order.
-                    if kb < ka {
-                        continue;
-                    }
-                    for a in 0..6 {
-                        let column = ka * 6 + a;
-                        for b in 0..6 {
-                            s[(kb * 6 + b, column)] -=
-                                wv[b][0] * w[a][0] + wv[b][1] * w[a][1] + wv[b][2] * w[a][2];
-                        }
-                    }
-                }
-            }
-            start = end;
-        }
-        if self.finds_offset() {
-            (s[(n - 1, n - 1)], rhs[n - 1]) = offset;
-        }
-        let poses = if n > 0 { Cholesky::new(s)?.solve(&rhs) } else { rhs };
-        let mut back: Vec<Vec3> = normal.points.iter().map(|(_, g)| -g).collect();
-        for (b, m) in back.iter_mut().zip(&normal.offset.points) {
-            *b -= m * poses[n - 1];
-        }
-        for (o, w) in self.observations.iter().zip(&normal.coupling) {
-            if let (Some(k), true) = (slot[o.pose as usize], o.weight > 0.0) {
-                let d = poses.fixed_rows::<6>(k as usize * 6);
-                let b = &mut back[o.point as usize];
-                for a in 0..6 {
-                    for c in 0..3 {
-                        b[c] -= w[a][c] * d[a];
-                    }
-                }
-            }
-        }
-        for (b, v) in back.iter_mut().zip(&inverse) {
-            *b = v * *b;
-        }
-        Some((poses, back))
+        Linear { normal, border }
     }
 
     /// The state after a step.
-    fn moved(&self, slot: &[Option<u32>], steps: &DVector<f64>, shifts: &[Vec3]) -> (Vec<Se3>, Vec<Vec3>) {
+    fn moved(&self, slot: &[Option<u32>], step: &Step<6>) -> (Vec<Se3>, Vec<Vec3>) {
         let poses = self.poses.iter().zip(slot).map(|(pose, slot)| match slot {
-            Some(k) => pose.retract(&SVector::<f64, 6>::from(steps.fixed_rows::<6>(*k as usize * 6))),
+            Some(k) => pose.retract(&step.cameras[*k as usize]),
             None => *pose,
         });
-        (poses.collect(), self.points.iter().zip(shifts).map(|(p, d)| p + d).collect())
+        (poses.collect(), self.points.iter().zip(&step.points).map(|(p, d)| p + d).collect())
     }
 }
 

@@ -5,12 +5,13 @@
 use crate::sparse::{Analysis, Factor};
 use cairn_geometry::{Mat3, Vec3};
 use nalgebra::{SMatrix, SVector};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Which camera sees which point, analysed; cameras have `P` parameters.
 pub struct Schur<const P: usize> {
-    /// Where the observations of each point begin, and where the last end.
-    starts: Vec<usize>,
+    /// The observations of each point.
+    ranges: Vec<Range<usize>>,
     /// Of each observation the place of its camera among the free ones.
     slots: Vec<Option<u32>>,
     factor: Factor,
@@ -39,7 +40,20 @@ pub struct Normal<const P: usize> {
 pub struct Step<const P: usize> {
     pub cameras: Vec<SVector<f64, P>>,
     pub points: Vec<Vec3>,
+    /// Of the border; zero without one.
+    pub border: f64,
     pub promise: f64,
+}
+
+/// One unknown more, which every camera and point may be tied to: its own entry, gradient, and couplings.
+#[derive(Clone, Default)]
+pub struct Border<const P: usize> {
+    pub hessian: f64,
+    pub gradient: f64,
+    /// With each free camera.
+    pub cameras: Vec<SVector<f64, P>>,
+    /// With each point.
+    pub points: Vec<Vec3>,
 }
 
 /// Most free cameras for which a table of pairs is kept.
@@ -70,23 +84,23 @@ impl<const P: usize> Normal<P> {
 }
 
 impl<const P: usize> Schur<P> {
-    /// Of `cameras` free cameras and observations grouped by point: the point of each (not falling, all below `points`), and
-    /// the place of its camera among the free ones.
+    /// Of `cameras` free cameras and observations grouped by point (those of a point stand together): the point of each,
+    /// below `points`, and the place of its camera among the free ones.
     pub fn new(
         cameras: usize,
         points: usize,
         observations: impl Iterator<Item = (usize, Option<u32>)>,
     ) -> Self {
-        let (mut starts, mut slots) = (Vec::with_capacity(points + 1), Vec::new());
-        for (point, slot) in observations {
-            starts.resize(starts.len().max(point + 1), slots.len());
+        let (mut ranges, mut slots) = (vec![0..0; points], Vec::new());
+        for (k, (point, slot)) in observations.enumerate() {
+            let start = if ranges[point].is_empty() { k } else { ranges[point].start };
+            ranges[point] = start..k + 1;
             slots.push(slot);
         }
-        starts.resize(points + 1, slots.len());
         // Each pair once: for each camera, the cameras of lower place that share a point with it.
         let mut shared: Vec<Vec<u32>> = vec![Vec::new(); cameras];
-        for point in starts.windows(2) {
-            let seen = &slots[point[0]..point[1]];
+        for range in &ranges {
+            let seen = &slots[range.clone()];
             for a in seen.iter().flatten() {
                 shared[*a as usize].extend(seen.iter().flatten().filter(|b| *b < a));
             }
@@ -103,7 +117,7 @@ impl<const P: usize> Schur<P> {
         let analysis = Arc::new(Analysis::new(cameras, P, pairs));
         let table = if cameras <= TABLE { table_of(&analysis) } else { Vec::new() };
         Self {
-            starts,
+            ranges,
             slots,
             table,
             diagonal: vec![SMatrix::zeros(); cameras],
@@ -113,8 +127,8 @@ impl<const P: usize> Schur<P> {
     }
 
     /// The range of a point's observations.
-    pub fn observations(&self, point: usize) -> std::ops::Range<usize> {
-        self.starts[point]..self.starts[point + 1]
+    fn observations(&self, point: usize) -> Range<usize> {
+        self.ranges[point].clone()
     }
 
     /// Index of the block of two cameras, the first of higher place.
@@ -128,7 +142,13 @@ impl<const P: usize> Schur<P> {
     }
 
     /// The step with every diagonal entry raised by `lambda` of itself and `floor`; `None` when it is singular.
-    pub fn step(&mut self, normal: &Normal<P>, lambda: f64, floor: f64) -> Option<Step<P>> {
+    pub fn step(
+        &mut self,
+        normal: &Normal<P>,
+        border: Option<&Border<P>>,
+        lambda: f64,
+        floor: f64,
+    ) -> Option<Step<P>> {
         let damping = |h: f64| lambda * h + floor;
         self.off.fill(SMatrix::zeros());
         self.diagonal.copy_from_slice(&normal.cameras);
@@ -139,12 +159,17 @@ impl<const P: usize> Schur<P> {
         let inverses = self.reduce(normal, &damping, &mut cameras);
         let (diagonal, off) = (numbers(&self.diagonal), numbers(&self.off));
         self.factor.factor(&diagonal, &off).ok()?;
-        let mut x: Vec<f64> = cameras.iter().flat_map(|v| v.iter().copied()).collect();
-        self.factor.solve(&mut x);
-        cameras.iter_mut().zip(x.chunks_exact(P)).for_each(|(v, x)| v.copy_from_slice(x));
+        self.solve(&mut cameras);
+        let along = match border {
+            Some(border) => self.along(normal, border, &inverses, lambda, &mut cameras)?,
+            None => 0.0,
+        };
         let mut points: Vec<Vec3> = Vec::with_capacity(inverses.len());
         for (point, inverse) in inverses.iter().enumerate() {
             let mut rest = -normal.point_gradients[point];
+            if let Some(border) = border {
+                rest -= border.points[point] * along;
+            }
             for k in self.observations(point) {
                 if let Some(slot) = self.slots[k] {
                     rest -= normal.couplings[k].tr_mul(&cameras[slot as usize]);
@@ -153,7 +178,53 @@ impl<const P: usize> Schur<P> {
             points.push(inverse * rest);
         }
         let promise = promise(normal, &damping, &cameras, &points);
-        promise.is_finite().then_some(Step { cameras, points, promise })
+        let promise =
+            promise + border.map_or(0.0, |b| 0.5 * along * (lambda * b.hessian * along - b.gradient));
+        promise.is_finite().then_some(Step { cameras, points, border: along, promise })
+    }
+
+    /// Solves the reduced system that was factored last.
+    fn solve(&self, cameras: &mut [SVector<f64, P>]) {
+        let mut x: Vec<f64> = cameras.iter().flat_map(|v| v.iter().copied()).collect();
+        self.factor.solve(&mut x);
+        cameras.iter_mut().zip(x.chunks_exact(P)).for_each(|(v, x)| v.copy_from_slice(x));
+    }
+
+    /// The step of the border, and what it changes in that of the cameras, which holds the step without it: block
+    /// elimination of the last row of the reduced system.
+    fn along(
+        &self,
+        normal: &Normal<P>,
+        border: &Border<P>,
+        inverses: &[Mat3],
+        lambda: f64,
+        cameras: &mut [SVector<f64, P>],
+    ) -> Option<f64> {
+        let mut own = border.hessian * (1.0 + lambda);
+        let mut right = -border.gradient;
+        let mut ties = border.cameras.clone();
+        for (point, (m, inverse)) in border.points.iter().zip(inverses).enumerate() {
+            let mv = inverse * m;
+            own -= m.dot(&mv);
+            right += mv.dot(&normal.point_gradients[point]);
+            for k in self.observations(point) {
+                if let Some(slot) = self.slots[k] {
+                    ties[slot as usize] -= normal.couplings[k] * mv;
+                }
+            }
+        }
+        let mut per_unit = ties.clone();
+        self.solve(&mut per_unit);
+        for ((tie, with), without) in ties.iter().zip(&per_unit).zip(cameras.iter()) {
+            own -= tie.dot(with);
+            right -= tie.dot(without);
+        }
+        let along = right / own;
+        if !(own > 0.0 && along.is_finite()) {
+            return None;
+        }
+        cameras.iter_mut().zip(&per_unit).for_each(|(c, p)| *c -= p * along);
+        Some(along)
     }
 
     /// Takes the points out of the cameras' system; gives the inverses of their blocks.

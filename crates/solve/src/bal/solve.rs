@@ -117,7 +117,7 @@ impl Descend for Adjustment {
     }
 
     fn attempt(&mut self, damping: f64) -> Option<Attempt> {
-        let step = self.schur.step(&self.normal, damping, 1e-12)?;
+        let step = self.schur.step(&self.normal, None, damping, 1e-12)?;
         let (cameras, points) = &mut self.tried;
         for ((to, from), d) in cameras.iter_mut().zip(&self.cameras).zip(&step.cameras) {
             *to = from.retract(d);
