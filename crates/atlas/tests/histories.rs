@@ -1,7 +1,7 @@
 //! Any history of change sets, sensible or not, keeps the rules of the map, leaves older versions as they were, and
 //! keeps the place of key frames that are gone.
 
-use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Tie, WorldId};
+use cairn_atlas::{Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_vision::Frame;
 use proptest::prelude::*;
@@ -236,6 +236,48 @@ proptest! {
                 }
             } else {
                 prop_assert_eq!(moved.world_from_eye, k.world_from_eye);
+            }
+        }
+    }
+
+    #[test]
+    fn changes_made_on_an_older_version_are_made_good(
+        history in history(),
+        meanwhile in prop::collection::vec(step(), 0..20),
+        late in prop::collection::vec(step(), 1..20),
+    ) {
+        let mut base = Map::new();
+        for steps in &history {
+            base = base.apply(&ChangeSet { base: base.version(), changes: changes(&base, steps) }).0;
+        }
+        // Nothing is born late: ids may be taken meanwhile.
+        let born = |c: &Change| matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..));
+        let late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !born(c)).collect();
+        let meant = base.apply(&ChangeSet { base: base.version(), changes: late.clone() }).0;
+        let mut atlas = Atlas::new(base.clone());
+        let now = changes(&base, &meanwhile);
+        atlas.commit(now);
+        let before = atlas.latest().clone();
+        atlas.commit_since(&base, late);
+        let after = atlas.latest().clone();
+        prop_assert_eq!(after.check(), Ok(()));
+        for k in after.key_frames() {
+            let stood = before.key_frame(k.id).unwrap();
+            match (base.key_frame(k.id), meant.key_frame(k.id)) {
+                // Untouched meanwhile: exactly where the late changes put it, in the world they left it in.
+                (Some(was), Some(wanted)) if was.world_from_eye == stood.world_from_eye && was.unit == stood.unit => {
+                    let same_worlds = was.world == stood.world && k.world == wanted.world;
+                    prop_assert!(!same_worlds || near(&k.world_from_eye, &wanted.world_from_eye), "{:?}", k.id);
+                }
+                // Born meanwhile: it stands to its parent as it did.
+                (None, _) => {
+                    let Some(parent) = stood.parent.filter(|p| k.parent == Some(*p)) else { continue };
+                    let (Some(p), Some(q)) = (before.key_frame(parent), after.key_frame(parent)) else { continue };
+                    let was = p.world_from_here().inverse().transform_pose(&stood.world_from_eye);
+                    let is = q.world_from_here().inverse().transform_pose(&k.world_from_eye);
+                    prop_assert!(near(&was, &is), "{:?} has left its parent", k.id);
+                }
+                _ => {}
             }
         }
     }
