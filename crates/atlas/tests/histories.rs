@@ -245,6 +245,7 @@ proptest! {
         history in history(),
         meanwhile in prop::collection::vec(step(), 0..20),
         late in prop::collection::vec(step(), 1..20),
+        (a, b) in (any::<i8>(), any::<i8>()),
     ) {
         let mut base = Map::new();
         for steps in &history {
@@ -252,10 +253,22 @@ proptest! {
         }
         // Nothing is born late: ids may be taken meanwhile.
         let born = |c: &Change| matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..));
-        let late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !born(c)).collect();
+        let mut late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !born(c)).collect();
+        // All is moved, as by a loop: each key frame in its own way.
+        let moved = base.key_frames().map(|k| {
+            Change::MoveKeyFrame(k.id, k.world_from_eye * pose(a, b.wrapping_add(k.id.index() as i8)))
+        });
+        late.extend(moved);
         let meant = base.apply(&ChangeSet { base: base.version(), changes: late.clone() }).0;
         let mut atlas = Atlas::new(base.clone());
-        let now = changes(&base, &meanwhile);
+        let mut now = changes(&base, &meanwhile);
+        let id = now.iter().filter_map(|c| match c {
+            Change::AddKeyFrame(k) => Some(k.id),
+            _ => None,
+        });
+        let id = id.max().map_or(base.next_key_frame_id(), |k| KeyFrameId::from_index(k.index() + 1).unwrap());
+        let parent = base.newest_key_frame().map(|k| k.id);
+        now.push(Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame(9), pose(b, a), parent))));
         atlas.commit(now);
         let before = atlas.latest().clone();
         atlas.commit_since(&base, late);
