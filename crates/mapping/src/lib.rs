@@ -6,6 +6,7 @@ mod fuse;
 mod grow;
 mod insert;
 mod mapper;
+mod turning;
 
 pub use closing::{Accepted, Closed, Closer, CloserSetting, Joined, Refusal, Verdict};
 pub use mapper::{Begin, Mapped, Mapper, MapperSetting};

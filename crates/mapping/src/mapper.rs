@@ -4,6 +4,7 @@ use crate::cull::{Nursery, redundant};
 use crate::fuse::{around, fuse_into};
 use crate::grow::grow;
 use crate::insert::{Births, Entry, add_key_frame, points_from_depth};
+use crate::turning::hold_orientation;
 use cairn_adjust::{Window, WindowSetting};
 use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, Tie, WorldId};
 use cairn_geometry::{Se3, Vec3};
@@ -181,6 +182,13 @@ impl Mapper {
         atlas.commit(grow(&map, &self.eye, id, self.setting.grow_neighbours, &mut births, &mut stop));
         self.nursery.admit(&births.born, id);
         born += births.born.len();
+        if !depth {
+            let mut births = Births::after(atlas.latest());
+            let held = hold_orientation(atlas.latest(), &self.eye, id, &mut births);
+            atlas.commit(held);
+            self.nursery.admit(&births.born, id);
+            born += births.born.len();
+        }
 
         let mut adjustment = None;
         if !stop() {

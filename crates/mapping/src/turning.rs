@@ -1,0 +1,123 @@
+//! Landmarks for an eye without depth that turns on the spot: there is no parallax, so new features are matched by
+//! rotation alone (the infinite homography; Hartley & Zisserman, section 13.4) and get the depth of what is known beside
+//! them. They hold the orientation at once; their depth is found by adjustment when there is parallax.
+
+use crate::insert::Births;
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
+use cairn_geometry::Vec3;
+use cairn_vision::{EyeModel, Target, consistent_rotation, search};
+
+/// A key frame without depth that shows fewer landmarks than this share of its features is running out of them.
+const FEW: f64 = 0.2;
+/// Key frames looked at.
+const NEIGHBOURS: usize = 3;
+/// Bits that may differ.
+const TIGHT: u32 = 50;
+/// The nearest must be this much nearer than the second.
+const RATIO: f64 = 0.8;
+/// Half the search window in pixels of the level.
+const RADIUS: f64 = 5.0;
+/// Baseline against depth up to which rotation alone says where a feature goes.
+const ON_THE_SPOT: f64 = 0.02;
+
+/// New landmarks of a key frame that is running out of them while the eye turns.
+pub(crate) fn hold_orientation(
+    map: &Map,
+    eye: &EyeModel,
+    centre: KeyFrameId,
+    births: &mut Births,
+) -> Vec<Change> {
+    let Some(here) = map.key_frame(centre) else { return Vec::new() };
+    let mut shown: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
+    let few = (FEW * here.frame.len() as f64) as usize;
+    let depths = known_depths(map, here);
+    let mut changes = Vec::new();
+    if depths.len() < 5 {
+        return changes;
+    }
+    let mut ordered: Vec<f64> = depths.iter().map(|(_, z)| *z).collect();
+    let middle = ordered.len() / 2;
+    let median = *ordered.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let before = here.covisible.iter().map(|(id, _)| *id).take(NEIGHBOURS);
+    for id in before {
+        if shown.iter().filter(|s| **s).count() >= few {
+            break;
+        }
+        let Some(there) = map.key_frame(id) else { continue };
+        let there_from_here = there.world_from_eye.inverse() * here.world_from_eye;
+        if there_from_here.translation.norm() > ON_THE_SPOT * median {
+            continue;
+        }
+        for (i, j) in match_by_rotation(map, eye, here, there, &shown) {
+            let z = depth_beside(&depths, here.frame.px[i]).unwrap_or(median);
+            let Some(landmark) = births.id() else { return changes };
+            shown[i] = true;
+            changes.push(Change::AddLandmark(
+                landmark,
+                here.world_from_eye * eye.unproject(here.frame.px[i], z),
+            ));
+            changes.push(Change::Observe(landmark, centre, i as u16));
+            changes.push(Change::Observe(landmark, id, j as u16));
+        }
+    }
+    changes
+}
+
+/// Pixel and depth of each landmark that a key frame shows.
+fn known_depths(map: &Map, k: &KeyFrame) -> Vec<([f32; 2], f64)> {
+    let eye_from_world = k.world_from_eye.inverse();
+    let shown = k.landmarks.iter().zip(&k.frame.px).filter_map(|(id, px)| {
+        let z = (eye_from_world * map.landmark((*id)?)?.position).z;
+        (z > 0.0).then_some((*px, z))
+    });
+    shown.collect()
+}
+
+/// Median depth of the three landmarks nearest in the image.
+fn depth_beside(depths: &[([f32; 2], f64)], px: [f32; 2]) -> Option<f64> {
+    let mut near: Vec<(f32, f64)> =
+        depths.iter().map(|([x, y], z)| ((x - px[0]).hypot(y - px[1]), *z)).collect();
+    if near.len() < 3 {
+        return None;
+    }
+    near.select_nth_unstable_by(2, |a, b| a.0.total_cmp(&b.0));
+    near[..3].sort_by(|a, b| a.1.total_cmp(&b.1));
+    Some(near[1].1)
+}
+
+/// Pairs of free features that lie where rotation alone takes them and look alike.
+fn match_by_rotation(
+    map: &Map,
+    eye: &EyeModel,
+    here: &KeyFrame,
+    there: &KeyFrame,
+    shown: &[bool],
+) -> Vec<(usize, usize)> {
+    let octaves = map.octaves();
+    let turn = there.world_from_eye.rotation.inverse() * here.world_from_eye.rotation;
+    let mut owner: Vec<Option<(usize, u32)>> = vec![None; there.frame.len()];
+    for i in (0..here.frame.len()).filter(|i| !shown[*i]) {
+        let ray: Vec3 = turn * eye.unproject(here.frame.px[i], 1.0);
+        let Some([u, v, _]) = eye.project(&ray).filter(|[u, v, _]| eye.contains(*u, *v)) else { continue };
+        let level = here.frame.octave[i];
+        let target = Target {
+            pixel: [u as f32, v as f32],
+            right_x: f32::NAN,
+            radius: (RADIUS * octaves.scale(level)) as f32,
+            octaves: [level.saturating_sub(1), level + 1],
+            descriptor: &here.frame.descriptors[i],
+        };
+        let Some(found) = search(&there.frame, &target, |j| there.landmarks[j].is_none()) else { continue };
+        let clear = (found.distance as f64) < RATIO * found.second as f64;
+        if found.distance <= TIGHT && clear && owner[found.feature].is_none_or(|(_, d)| found.distance < d) {
+            owner[found.feature] = Some((i, found.distance));
+        }
+    }
+    let turned = owner
+        .iter()
+        .enumerate()
+        .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), here.frame.angle[i] - there.frame.angle[j])));
+    let mut matches = consistent_rotation(turned.collect());
+    matches.sort_unstable();
+    matches
+}
