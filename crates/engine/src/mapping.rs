@@ -371,7 +371,7 @@ fn begin(adrift: &Option<Adrift>) -> Begin {
             sigma: a.sigma,
             sigma_rad: a.sigma_rad,
         }),
-        depth: a.depth,
+        pace: a.pace,
     })
 }
 

@@ -50,13 +50,13 @@ pub struct Begin {
     pub world_from_eye: Se3,
     /// How it hangs on a former world, if there is one.
     pub tie: Option<Tie>,
-    /// What the median depth of the first view shall be, where there is no other scale.
-    pub depth: f64,
+    /// Units a second that the eye shall have gone, where there is no other scale; else the median depth is one.
+    pub pace: Option<f64>,
 }
 
 impl Default for Begin {
     fn default() -> Self {
-        Self { world_from_eye: Se3::identity(), tie: None, depth: 1.0 }
+        Self { world_from_eye: Se3::identity(), tie: None, pace: None }
     }
 }
 
@@ -104,8 +104,8 @@ impl Mapper {
         id
     }
 
-    /// Begins a world with two frames and the points both see, and adjusts it; the median depth of the first becomes
-    /// the one wanted. `None` when there is no point in front of both.
+    /// Begins a world with two frames and the points both see, and adjusts it; the unit of length follows
+    /// from the pace, or is the median depth of the first. `None` when there is no point in front of both.
     pub fn start_pair(
         &mut self,
         atlas: &mut Atlas,
@@ -119,8 +119,14 @@ impl Mapper {
         if depths.is_empty() {
             return None;
         }
-        let middle = depths.len() / 2;
-        let unit = begin.depth / *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let gone = first_from_second.translation.norm() / (second.stamp - first.stamp);
+        let unit = match begin.pace {
+            Some(pace) if gone.is_finite() && gone > 0.0 => pace / gone,
+            _ => {
+                let middle = depths.len() / 2;
+                1.0 / *depths.select_nth_unstable_by(middle, f64::total_cmp).1
+            }
+        };
         let before = atlas.latest().clone();
         let a = before.next_key_frame_id();
         let b = KeyFrameId::from_index(a.index() + 1)?;

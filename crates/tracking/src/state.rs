@@ -60,8 +60,8 @@ pub struct Adrift {
     pub sigma: f64,
     /// Standard deviation of the direction, radians.
     pub sigma_rad: f64,
-    /// Median depth of what was seen last, in the former world's unit: what a new world without scale begins with.
-    pub depth: f64,
+    /// How fast the eye went there, in the former world's unit a second: what a new world without scale begins with.
+    pub pace: Option<f64>,
 }
 
 /// What mapping is offered.

@@ -40,6 +40,8 @@ const WAITING: usize = 64;
 
 /// Seconds without a pose after which matches are still sought where the motion before leads.
 const BRIDGE_S: f64 = 0.6;
+/// Frames whose speeds are remembered.
+const PACED: usize = 90;
 /// How fast someone may move while nothing is seen: metres a second and radians a second.
 const UNSEEN_SPEED: f64 = 1.5;
 const UNSEEN_TURN: f64 = 1.5;
@@ -71,6 +73,8 @@ pub struct Tracker {
     last: Option<Last>,
     /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
     velocity: Option<SVector<f64, 6>>,
+    /// Speeds of the last frames, units a second.
+    speeds: VecDeque<f64>,
     lost: bool,
     /// Frames since tracking was lost.
     lost_frames: usize,
@@ -96,6 +100,7 @@ impl Tracker {
             local: LocalMap::default(),
             last: None,
             velocity: None,
+            speeds: VecDeque::new(),
             lost: false,
             lost_frames: 0,
             located: None,
@@ -201,29 +206,35 @@ impl Tracker {
             return None;
         }
         let mut offer = self.starter.step(&self.eye, &frame, self.features).ok()?;
-        if let Offer::First { adrift, .. } | Offer::Pair { adrift, .. } = &mut offer {
-            *adrift = self.adrift(&frame, map);
+        if let Offer::First { frame: root, adrift } | Offer::Pair { first: root, adrift, .. } = &mut offer {
+            *adrift = self.adrift(root, map);
         }
         Some(offer)
     }
 
     fn adrift(&self, frame: &Frame, map: &Map) -> Option<Adrift> {
         let last = self.last.as_ref()?;
-        let placed = hung(map, map.living(last.placed.reference)?.0, last.placed.world_from_eye)?;
-        let eye_from_world = placed.world_from_eye.inverse();
-        let seen = last.landmarks.iter().flatten().filter_map(|id| map.landmark(*id));
-        let mut depths: Vec<f64> =
-            seen.map(|l| (eye_from_world * l.position).z).filter(|z| *z > 0.0).collect();
-        let middle = depths.len() / 2;
-        let depth = match depths.is_empty() {
-            true => 1.0,
-            false => *depths.select_nth_unstable_by(middle, f64::total_cmp).1,
-        };
         let unseen_s = frame.stamp - last.frame.stamp;
-        // Without metric scale a speed is judged by what is seen: a median depth of some metres.
-        let metre = if self.eye.baseline_fx > 0.0 { 1.0 } else { depth / 4.0 };
+        // Where the view ran out of features the motion goes on for a while; a sudden loss says nothing of it.
+        let goes_on_s = if self.ran_out(last) { unseen_s.clamp(0.0, BLANK_S) } else { 0.0 };
+        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * goes_on_s)));
+        let believed = last.placed.world_from_eye * moved;
+        let placed = hung(map, map.living(last.placed.reference)?.0, believed)?;
+        // Without metric scale the pace so far tells how long a metre is.
+        let pace = self.pace();
+        let metre = if self.eye.baseline_fx > 0.0 { 1.0 } else { pace.unwrap_or(1.0) / UNSEEN_SPEED };
         let (sigma, sigma_rad) = (UNSEEN_SPEED * unseen_s * metre, UNSEEN_TURN * unseen_s);
-        Some(Adrift { placed, sigma, sigma_rad, depth })
+        Some(Adrift { placed, sigma, sigma_rad, pace })
+    }
+
+    /// How fast the eye goes when it goes: the upper third of the last seconds, since turns and stops are slower.
+    fn pace(&self) -> Option<f64> {
+        let mut speeds: Vec<f64> = self.speeds.iter().copied().collect();
+        let third = 2 * speeds.len() / 3;
+        if speeds.len() < 10 {
+            return None;
+        }
+        Some(*speeds.select_nth_unstable_by(third, f64::total_cmp).1).filter(|pace| *pace > 0.0)
     }
 
     /// Poses of the frames before the start, from the youngest back, as far as they can be tracked.
@@ -408,6 +419,12 @@ impl Tracker {
             }
             _ => None,
         };
+        if let Some(v) = &self.velocity {
+            if self.speeds.len() == PACED {
+                self.speeds.pop_front();
+            }
+            self.speeds.push_back(v.fixed_rows::<3>(0).norm());
+        }
         self.lost = false;
         self.lost_frames = 0;
         self.located = Some(frame.stamp);
@@ -462,7 +479,7 @@ impl Tracker {
     /// run out of features: a sudden motion is no ground for going on as before.
     fn bridge(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
         let last = self.last.as_ref()?;
-        let blank = self.eye.baseline_fx > 0.0 && 4 * last.frame.len() < self.features;
+        let blank = self.eye.baseline_fx > 0.0 && self.ran_out(last);
         let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
         if !blank || !self.recent(&frame, BLANK_S) || deep < (self.features / 12).max(40) {
             return None;
@@ -475,6 +492,11 @@ impl Tracker {
         self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
         self.since_key_frame = 0;
         Some(Offer::Next { frame, landmarks, placed })
+    }
+
+    /// Whether the last view had run out of features: a blank wall.
+    fn ran_out(&self, last: &Last) -> bool {
+        4 * last.frame.len() < self.features
     }
 
     fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {

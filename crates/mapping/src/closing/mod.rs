@@ -17,8 +17,8 @@ use relax::relax;
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// Scale that may have been lost between two visits, as a logarithm.
-const MOST_SCALE: f64 = 0.7;
+/// Scale that may have been lost between two visits of one world, and between two worlds, as a logarithm.
+const MOST_SCALE: [f64; 2] = [0.7, 2.5];
 
 /// How to close.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -230,6 +230,8 @@ impl Closer {
         let points = logs.len();
         let (median, spread) = median_and_spread(&mut logs);
         let metric = self.eye.baseline_fx > 0.0;
+        let merging = map.key_frame(place.old).is_some_and(|k| k.world != here.world);
+        let most = MOST_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };
         if points < self.setting.need / 4 {
             // With depth, a view that shares no points yet still has its scale.
@@ -237,7 +239,7 @@ impl Closer {
         }
         match metric {
             true if median.abs() < 0.1 => Ok(1.0),
-            false if spread < 0.15 && median.abs() < MOST_SCALE => Ok(median.exp()),
+            false if spread < 0.15 && median.abs() < most => Ok(median.exp()),
             _ => Err(refusal),
         }
     }
