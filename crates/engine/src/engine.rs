@@ -17,6 +17,9 @@ pub struct Engine {
     eye: Eye,
     tracker: Tracker,
     mapping: Mapping,
+    pub(crate) mode: SensorMode,
+    /// True where the map is only looked at.
+    pub(crate) localize_only: bool,
     log: Log,
     died: Option<String>,
 }
@@ -59,18 +62,31 @@ impl Engine {
         runner: Runner,
         config: &Config,
     ) -> Result<Self, RigError> {
-        let setting = config.eye_for(rig);
-        let eye = Eye::new(rig, mode, setting)?;
+        let eye = Eye::new(rig, mode, config.eye_for(rig))?;
+        let map = Map::with_octaves(eye.octaves());
+        Ok(Self::around(eye, map, rig, mode, rate_hz, runner, config))
+    }
+
+    /// The stages around an eye and a map.
+    pub(crate) fn around(
+        eye: Eye,
+        map: Map,
+        rig: &Rig,
+        mode: SensorMode,
+        rate_hz: f64,
+        runner: Runner,
+        config: &Config,
+    ) -> Self {
         let model = *eye.model();
-        let tracker = Tracker::new(model, setting.orb.features, rate_hz, config.tracker);
+        let tracker = Tracker::new(model, config.eye_for(rig).orb.features, rate_hz, config.tracker);
         let mut mapper = config.mapper;
         if mode != SensorMode::Stereo {
             mapper.window.right_offset_sigma = 0.0;
         }
         let closer = Closer::new(model, config.closer, mapper.window);
         let mapper = Mapper::new(model, mapper);
-        let mapping = Mapping::new(runner, mapper, closer, Map::with_octaves(eye.octaves()));
-        Ok(Self { eye, tracker, mapping, log: Log::default(), died: None })
+        let mapping = Mapping::new(runner, mapper, closer, map);
+        Self { eye, tracker, mapping, mode, localize_only: false, log: Log::default(), died: None }
     }
 
     /// Takes one packet: see, track, and hand over what mapping should have.
@@ -79,7 +95,7 @@ impl Engine {
         let frame = Arc::new(self.eye.see(packet)?);
         let seen = Instant::now();
         let map = self.mapping.latest();
-        let mut tracked = self.tracker.step(frame.clone(), &map, self.mapping.idle(), true);
+        let mut tracked = self.tracker.step(frame.clone(), &map, self.mapping.idle(), !self.localize_only);
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
         for (stamp, placed) in tracked.earlier.drain(..) {
@@ -109,6 +125,9 @@ impl Engine {
 
     /// Gives mapping what tracking saw and offers; a start gives the frame its pose.
     fn hand_over(&mut self, tracked: &mut Tracked, done: &mut Done) {
+        if self.localize_only {
+            return;
+        }
         if !tracked.seen.is_empty() {
             self.mapping.note(std::mem::take(&mut tracked.seen));
         }
@@ -169,7 +188,9 @@ impl Engine {
     /// the milliseconds of each key frame finished meanwhile.
     pub fn finish(&mut self) -> Vec<f64> {
         let mut done = Done::default();
-        self.mapping.finish(&mut done);
+        if !self.localize_only {
+            self.mapping.finish(&mut done);
+        }
         self.died = self.died.take().or(done.died);
         done.ms
     }

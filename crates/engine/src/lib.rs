@@ -5,6 +5,7 @@ mod engine;
 mod log;
 mod mapping;
 mod record;
+mod saved;
 
 pub use cairn_mapping::{Accepted, Joined, Refusal, Verdict};
 pub use cairn_tracking::{Evidence, Placed, State};
@@ -14,3 +15,4 @@ pub use engine::{Engine, Output};
 pub use log::{Log, Logged};
 pub use mapping::Runner;
 pub use record::record_input;
+pub use saved::OpenMapError;

@@ -125,6 +125,23 @@ impl Way {
         Self { header, points: Vec::new(), torn: false }
     }
 
+    /// Hangs points whose key frame is not known on the key frame of the nearest point before that has a known one (for
+    /// the first points: after), where the recorded poses put them. Returns how many; `None` when no key frame is known.
+    pub fn rehang(&mut self, known: impl Fn(Anchor) -> bool) -> Option<usize> {
+        let first = *self.points.iter().find(|p| known(p.anchor))?;
+        let (mut near, mut count) = (first, 0);
+        for p in &mut self.points {
+            if known(p.anchor) {
+                near = *p;
+                continue;
+            }
+            let near_from_here = near.odom_from_camera.inverse() * p.odom_from_camera;
+            (p.anchor, p.anchor_from_camera) = (near.anchor, near.anchor_from_camera * near_from_here);
+            count += 1;
+        }
+        Some(count)
+    }
+
     /// Places every point where its key frame is now.
     ///
     /// `frame_from_anchor` gives the pose of a key frame in the wanted frame (the world, or `odom` for
@@ -218,6 +235,28 @@ mod tests {
 
     fn anchor(seq: u32) -> Anchor {
         Anchor { robot: 0, seq }
+    }
+
+    #[test]
+    fn points_of_unknown_key_frames_hang_on_known_ones_and_stay_where_they_were() {
+        let places = |way: &Way, known: &dyn Fn(u32) -> bool| -> Vec<Vec3> {
+            let at = |seq: u32| Sim3::from(Se3::new(So3::identity(), Vec3::new((5 * seq) as f64, 0.0, 0.0)));
+            let placed = way.resolve(|a| known(a.seq).then(|| at(a.seq)));
+            assert!(placed.iter().all(|p| p.anchored));
+            placed.iter().map(|p| p.frame_from_camera.translation).collect()
+        };
+        let before = places(&way(), &|_| true);
+        for known in [0, 1] {
+            let mut way = way();
+            assert_eq!(way.rehang(|a| a.seq == known), Some(5));
+            for (a, b) in places(&way, &|seq| seq == known).iter().zip(&before) {
+                assert!((a - b).norm() < 1e-12, "{a} {b}");
+            }
+            assert_eq!(way.rehang(|a| a.seq == known), Some(0));
+        }
+        let mut nowhere = way();
+        assert_eq!(nowhere.rehang(|_| false), None);
+        assert_eq!(nowhere, way());
     }
 
     fn way() -> Way {

@@ -49,6 +49,17 @@ impl Recording {
         }
     }
 
+    /// Goes on with a record that has a file already; what can not be written is kept in memory only.
+    pub fn resume(recorder: Recorder, path: &Path) -> Self {
+        let points = &recorder.way().points;
+        let at = |p: &cairn_guide::WayPoint| p.odom_from_camera.translation;
+        let length = points.windows(2).map(|w| (at(&w[1]) - at(&w[0])).norm()).sum();
+        let last = points.last().map(|p| (p.stamp, at(p)));
+        let gaps = points.iter().filter(|p| p.stretch == Stretch::Gap).count();
+        let (trouble, path) = (Trouble::default(), Some(path.to_owned()));
+        Self { recorder, trouble, told_trouble: false, path, length, last, gaps }
+    }
+
     /// Takes a frame's pose; gives words for the walker, if any are due.
     pub fn observe(&mut self, input: &RecordInput) -> Option<&'static str> {
         let before = self.recorder.way().points.len();

@@ -13,7 +13,7 @@ use cairn_engine::{Engine, Output, State, record_input};
 use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
 use cairn_guide::{
     Announcer, AnnouncerSetting, Confidence, Cue, Facing, Guide, GuideInput, GuideSetting, GuideState,
-    PhraseSetting, Priority, RecordInput, StopReason, Travel, Way, wrap,
+    PhraseSetting, Priority, RecordInput, Recorder, StopReason, Travel, Way, wrap,
 };
 use cairn_sensor::{FramePacket, Stamp};
 use std::collections::VecDeque;
@@ -91,6 +91,8 @@ pub struct Session {
     confidence: Confidence,
     recording: Option<Recording>,
     auto_recorded: bool,
+    /// Ways recorded in this session and ended, with their files.
+    recorded: Vec<(Option<PathBuf>, Way)>,
     way: Option<Held>,
     guiding: Option<Guiding>,
     voice: Announcer,
@@ -121,6 +123,7 @@ impl Session {
             confidence: Confidence::Lost,
             recording: None,
             auto_recorded: false,
+            recorded: Vec::new(),
             way: None,
             guiding: None,
             voice,
@@ -324,6 +327,18 @@ impl Session {
         self.way.as_ref().map(|w| &w.way)
     }
 
+    /// Every way recorded in this session, the one under way too, with its file.
+    pub fn recorded(&self) -> impl Iterator<Item = (Option<&Path>, &Way)> {
+        let ended = self.recorded.iter().map(|(path, way)| (path.as_deref(), way));
+        ended.chain(self.recording.iter().map(|r| (r.path.as_deref(), r.way())))
+    }
+
+    /// Goes on with a record that has a file already, in the map it was recorded in.
+    pub fn resume_recording(&mut self, recorder: Recorder, path: &Path) {
+        self.auto_recorded = true;
+        self.recording = Some(Recording::resume(recorder, path));
+    }
+
     /// Whether a recording is under way.
     pub fn is_recording(&self) -> bool {
         self.recording.is_some()
@@ -366,8 +381,15 @@ impl Session {
         let (way, path, whole) = recording.finish();
         let name = path.as_ref().map_or_else(|| "the way".to_owned(), |p| p.display().to_string());
         let points = way.points.len();
+        self.keep(&path, &way);
         self.way = Some(Held { way, path, here: true });
         whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
+    }
+
+    fn keep(&mut self, path: &Option<PathBuf>, way: &Way) {
+        if !way.points.is_empty() {
+            self.recorded.push((path.clone(), way.clone()));
+        }
     }
 
     fn since_start(&self, t: Stamp) -> f64 {
@@ -464,6 +486,7 @@ impl Session {
         if way.points.len() < 2 {
             return Err("Recording has ended. Nothing was recorded.".into());
         }
+        self.keep(&path, &way);
         self.way = Some(Held { way, path, here: true });
         whole.map_err(|e| {
             format!("Recording has ended, but the file is not whole: {e}. The way is kept in memory.")

@@ -123,9 +123,9 @@ impl Tracker {
         self.since_key_frame = 0;
     }
 
-    /// Takes one frame. `idle` tells whether mapping would take up a key frame at once. Once tracking is lost and the
-    /// place is not recognised, the frame may be offered as the begin of a new world, if `new_worlds` allows.
-    pub fn step(&mut self, frame: Arc<Frame>, map: &Map, idle: bool, new_worlds: bool) -> Tracked {
+    /// Takes one frame. `idle` tells whether mapping would take up a key frame at once, `mapping` whether ever. Once
+    /// tracking is lost and the place is not recognised, the frame may be offered as the begin of a new world.
+    pub fn step(&mut self, frame: Arc<Frame>, map: &Map, idle: bool, mapping: bool) -> Tracked {
         self.begun.get_or_insert(frame.stamp);
         if map.key_frame_count() == 0 {
             return self.start(frame);
@@ -135,12 +135,9 @@ impl Tracker {
         self.refresh_last(map);
         let earlier = self.look_back(map);
         let mut tracked = self.follow(frame.clone(), map, idle);
-        if self.lost {
-            tracked.offer = self.bridge(frame.clone(), map);
-            if tracked.offer.is_none() && new_worlds {
-                tracked.offer = self.begin_anew(frame, map);
-            }
-        } else {
+        if self.lost && mapping {
+            tracked.offer = self.bridge(frame.clone(), map).or_else(|| self.begin_anew(frame, map));
+        } else if !self.lost {
             self.starter = Starter::default();
         }
         tracked.earlier = earlier;

@@ -2,6 +2,7 @@
 
 use cairn_atlas::store::{About, MapFile, Table};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Map};
+use cairn_eval::process::cpu_s;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::Stamp;
 use cairn_vision::bow::Vocabulary;
@@ -27,6 +28,8 @@ pub struct Stored {
     pub save_s: Vec<f64>,
     /// Seconds to open, the file read from the system's cache, each time.
     pub load_s: Vec<f64>,
+    /// Seconds of processor to save and to open, on average: what it takes where nothing else runs.
+    pub processor_s: Option<[f64; 2]>,
     /// Bytes stored and plain of each kind of part.
     pub parts: BTreeMap<String, [u64; 2]>,
 }
@@ -176,21 +179,30 @@ fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> 
         file_mb: 0.0,
         save_s: Vec::new(),
         load_s: Vec::new(),
+        processor_s: None,
         parts: BTreeMap::new(),
     };
+    let mut processor = Some([0.0; 2]);
+    let since = |before: Option<f64>| Some(cpu_s()? - before?);
     for _ in 0..times.max(1) {
+        let before = cpu_s();
         let start = Instant::now();
         let bytes = file.save(path).map_err(|e| e.to_string())?;
         stored.save_s.push(start.elapsed().as_secs_f64());
         stored.file_mb = bytes as f64 / 1e6;
+        let saved = since(before);
+        let before = cpu_s();
         let start = Instant::now();
         let again = MapFile::load(path).map_err(|e| e.to_string())?;
         stored.load_s.push(start.elapsed().as_secs_f64());
+        let opened = since(before);
+        processor = processor.and_then(|[a, b]| Some([a + saved?, b + opened?]));
         if again.map.key_frame_count() != stored.key_frames || again.map.landmark_count() != stored.landmarks
         {
             return Err("another map came back".into());
         }
     }
+    stored.processor_s = processor.map(|sums| sums.map(|s| s / times.max(1) as f64));
     let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
     for part in Table::read(&bytes).map_err(|e| e.to_string())?.parts {
         let kind = part.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end().to_owned();
@@ -227,6 +239,9 @@ pub fn table(s: &Stored) -> String {
             "{name:<10}{least:.3} s at least, {most:.3} s at most, of {} times",
             seconds.len()
         );
+    }
+    if let Some([save, open]) = s.processor_s {
+        let _ = writeln!(text, "processor {save:.3} s to save, {open:.3} s to open, on average");
     }
     text
 }

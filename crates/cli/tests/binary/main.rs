@@ -4,6 +4,7 @@ mod config;
 mod demo;
 mod doctor;
 mod eval;
+mod map;
 mod rig;
 mod run;
 mod sim;

@@ -1,6 +1,6 @@
-//! `cairn map export`: landmarks as PLY, key frames as a trajectory.
+//! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded ways as files.
 
-use super::open;
+use super::{WAY, open};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::MapFile;
@@ -9,9 +9,11 @@ use cairn_eval::{to_tum, write_whole};
 use cairn_geometry::Trajectory;
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 
-/// Writes the landmarks of a world as points (PLY), and its key frames as a trajectory (TUM).
+/// Writes the landmarks of a world as points (PLY), its key frames as a trajectory (TUM), and the ways in the map as files.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The saved map.
@@ -22,6 +24,9 @@ pub struct Arguments {
     /// Where the body was at each key frame.
     #[arg(long, value_name = "OUT.tum")]
     trajectory: Option<PathBuf>,
+    /// Each recorded way as a file; one that exists is refused.
+    #[arg(long, value_name = "DIR")]
+    ways: Option<PathBuf>,
     /// Which world, by the number of its root; without it, the one with the most key frames.
     #[arg(long, value_name = "ROOT")]
     world: Option<usize>,
@@ -39,16 +44,17 @@ struct Exported {
     points: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     trajectory: Option<PathBuf>,
+    ways: Vec<PathBuf>,
 }
 
 /// Writes what was asked for.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let shown = a.file.display().to_string();
-    if a.points.is_none() && a.trajectory.is_none() {
+    if a.points.is_none() && a.trajectory.is_none() && a.ways.is_none() {
         return Err(Failure::new(
             shown,
             "nothing is to be written",
-            "give --points OUT.ply or --trajectory OUT.tum",
+            "give --points OUT.ply, --trajectory OUT.tum or --ways DIR",
         ));
     }
     let file = open(&a.file)?;
@@ -67,6 +73,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     if let Some(path) = &a.trajectory {
         write_whole(path, &to_tum(&trajectory(&file, world)))?;
     }
+    let ways = a.ways.as_deref().map_or_else(|| Ok(Vec::new()), |folder| write_ways(&file, folder))?;
     let root = world.root().index();
     let exported = Exported {
         world: root,
@@ -75,6 +82,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         key_frames: file.map.key_frames_of(world).count(),
         points: a.points.clone(),
         trajectory: a.trajectory.clone(),
+        ways,
     };
     output.result(&exported, text)
 }
@@ -112,6 +120,27 @@ fn ply(landmarks: &[&Landmark]) -> String {
     text
 }
 
+/// Each way in a new file named after it.
+fn write_ways(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let mut written = Vec::new();
+    for (name, bytes) in &file.attached {
+        let Some(name) = name.strip_prefix(WAY) else { continue };
+        // A name from a file is no path to follow.
+        let plain = Path::new(name).file_name().and_then(|n| n.to_str()) == Some(name);
+        let path = folder.join(format!("{name}.way"));
+        let made = match plain {
+            true => File::options().write(true).create_new(true).open(&path),
+            false => Err(std::io::Error::other("the name of the way is no name of a file")),
+        };
+        made.and_then(|mut out| out.write_all(bytes)).map_err(|e| {
+            let hint = "give a folder that exists and has no ways of these names";
+            Failure::new(path.display().to_string(), e.to_string(), hint)
+        })?;
+        written.push(path);
+    }
+    Ok(written)
+}
+
 /// The key frames in the order of time; of two of one time, as several sessions may have, the elder.
 fn trajectory(file: &MapFile, world: WorldId) -> Trajectory {
     let poses = file.map.key_frames_of(world);
@@ -131,7 +160,7 @@ fn text(e: &Exported) -> String {
     if !e.others.is_empty() {
         let _ = writeln!(text, "others    {:?}: each has a frame of its own; --world chooses", e.others);
     }
-    for path in [&e.points, &e.trajectory].into_iter().flatten() {
+    for path in [&e.points, &e.trajectory].into_iter().flatten().chain(&e.ways) {
         let _ = writeln!(text, "written   {}", path.display());
     }
     text

@@ -1,5 +1,7 @@
 //! Eyes and ears of `cairn run`: counts frames, hands words to a voice, takes commands from the terminal.
 
+use super::interrupt::Interrupt;
+use super::map::Saver;
 use super::tally::Tally;
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -56,32 +58,38 @@ impl Say {
 }
 
 /// The face of a run.
-pub struct RunFace<'a> {
+pub struct RunFace<'t, 'a> {
     /// Counts.
-    pub tally: &'a mut Tally,
+    pub tally: &'t mut Tally,
     progress: Progress,
     voice: Box<dyn Voice>,
     terminal: Terminal,
+    saver: Saver<'a>,
+    interrupt: Interrupt,
+    interrupted: bool,
 }
 
-impl<'a> RunFace<'a> {
+impl<'t, 'a> RunFace<'t, 'a> {
     /// A face that has seen nothing yet.
     pub fn new(
-        tally: &'a mut Tally,
+        tally: &'t mut Tally,
         frames: Option<usize>,
         voice: Box<dyn Voice>,
         terminal: Terminal,
+        saver: Saver<'a>,
     ) -> Self {
-        Self { tally, progress: Progress::new(frames), voice, terminal }
+        let (progress, interrupt) = (Progress::new(frames), Interrupt::listen());
+        Self { tally, progress, voice, terminal, saver, interrupt, interrupted: false }
     }
 
-    /// Waits for the last words.
-    pub fn end(mut self) -> Result<(), Failure> {
-        self.voice.end().map_err(|e| Failure::new("voice", e.why, e.cure))
+    /// Waits for the last words; what saves the map is left to be ended.
+    pub fn end(mut self) -> (Saver<'a>, Result<(), Failure>) {
+        let spoken = self.voice.end().map_err(|e| Failure::new("voice", e.why, e.cure));
+        (self.saver, spoken)
     }
 }
 
-impl Face for RunFace<'_> {
+impl Face for RunFace<'_, '_> {
     fn heard(&mut self, _: &Session, event: &Event) {
         match event {
             Event::Said(said) => self.voice.say(&said.text, said.t_s, said.interrupts),
@@ -110,11 +118,16 @@ impl Face for RunFace<'_> {
 
     fn passed(&mut self, session: &Session) {
         self.voice.pass(session.elapsed_s());
+        self.saver.now_and_then(session, |text| self.progress.warn(text));
     }
 
     fn asked(&mut self) -> Vec<Command> {
-        let (commands, mistakes) = self.terminal.asked();
+        let (mut commands, mistakes) = self.terminal.asked();
         mistakes.iter().for_each(|why| self.progress.warn(why));
+        if self.interrupt.asked() && !std::mem::replace(&mut self.interrupted, true) {
+            self.progress.warn("interrupted: the run ends here; once more to stop at once");
+            commands.push(Command::Quit);
+        }
         commands
     }
 }

@@ -1,13 +1,17 @@
 //! `cairn run`: SLAM on any source; trajectories, a recorded way, a report in JSON and as a page.
 
 mod face;
+mod interrupt;
+mod map;
 mod page;
 mod tally;
+mod way;
 
 use super::serve::rig_of;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::terminal::Terminal;
+use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
@@ -48,7 +52,8 @@ pub struct Arguments {
     /// Whose poses the trajectories hold.
     #[arg(long, value_enum, default_value = "body", value_name = "WHOSE")]
     frame: Whose,
-    /// Records the way that was gone; an existing file is refused.
+    /// Records the way that was gone; an existing file is refused, but with --map-in it is gone on with if it hangs on
+    /// that map.
     #[arg(long, value_name = "WAY")]
     record: Option<PathBuf>,
     /// Guides along this way, from its start to its end, as soon as there is a pose.
@@ -73,6 +78,18 @@ pub struct Arguments {
     /// Where ways are kept that are recorded on command.
     #[arg(long, value_name = "DIR", default_value = "ways")]
     ways: PathBuf,
+    /// Goes on in a saved map; tracking begins when a place is recognised.
+    #[arg(long, value_name = "FILE")]
+    map_in: Option<PathBuf>,
+    /// Saves the map, now and then and at the end, however the run ends, with the ways recorded in it.
+    #[arg(long, value_name = "FILE")]
+    map_out: Option<PathBuf>,
+    /// Seconds between saves of the map while the run goes on.
+    #[arg(long, default_value_t = 30.0, value_name = "S", requires = "map_out")]
+    map_every: f64,
+    /// Only finds where it is in the map that --map-in gives; the map is never changed.
+    #[arg(long, requires = "map_in", conflicts_with = "map_out")]
+    localize_only: bool,
     /// One stage after the other, the same bits every time, whatever else the machine does (the default).
     #[arg(long, conflicts_with = "realtime")]
     lockstep: bool,
@@ -161,41 +178,46 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         false => Say::None,
     });
     let voice = say.voice(output.is_json())?;
-    let (source, sensor) = open_source(a, &mut config)?;
+    let map_in = map::opened(a)?;
+    let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
     let rig = source.rig().clone();
     let runner = if a.realtime || live { Runner::Threaded } else { Runner::Lockstep };
-    let engine = Engine::new(&rig, sensor.mode(), source.info().rate_hz, runner, &config).map_err(|e| {
-        Failure::new(&a.source, e.to_string(), "choose another --sensor, or give a calibration with --rig")
-    })?;
+    let rate_hz = source.info().rate_hz;
+    let engine = map::engine(a, map_in.as_ref(), &rig, sensor.mode(), rate_hz, runner, &config)?;
     let mut session = Session::new(engine, session_setting(a, live));
-    begin(&mut session, a)?;
+    begin(&mut session, a, map_in.as_ref())?;
     let mut tally = Tally::new(began);
     let truth = source.info().truth.clone();
     let name = source.info().name.clone();
     let terminal = Terminal::new(a.lines, a.realtime || live);
-    let mut face = RunFace::new(&mut tally, source.info().frames, voice, terminal);
-    let skipped = if live {
+    let saver = map::Saver::new(a, map_in);
+    let mut face = RunFace::new(&mut tally, source.info().frames, voice, terminal, saver);
+    let (driven, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())
             .map_err(|e| Failure::new(&a.source, e.to_string(), "close other programs"))?;
-        drive_live(&mut session, &inbox, &mut script, &mut face)?;
+        let driven = drive_live(&mut session, &inbox, &mut script, &mut face);
         inbox.close();
         face.tally.dropped = inbox.dropped();
-        Vec::new()
+        (driven, Vec::new())
     } else if a.realtime {
         let mut paced = Paced::new(source);
-        drive_lockstep(&mut session, &mut paced, &mut script, &mut face)?;
+        let driven = drive_lockstep(&mut session, &mut paced, &mut script, &mut face);
         face.tally.dropped = paced.dropped();
-        paced.skipped().to_vec()
+        (driven, paced.skipped().to_vec())
     } else {
         let mut source = source;
-        drive_lockstep(&mut session, &mut *source, &mut script, &mut face)?;
-        source.skipped().to_vec()
+        let driven = drive_lockstep(&mut session, &mut *source, &mut script, &mut face);
+        (driven, source.skipped().to_vec())
     };
-    face.end()?;
+    let (saver, spoken) = face.end();
     tally.finished(session.engine_mut().finish());
     warn_of_skipped(&skipped);
-    session.close().map_err(|why| Failure::new("recording", why, "make room on the disk"))?;
+    let closed = session.close().map_err(|why| Failure::new("recording", why, "make room on the disk"));
+    // The map is saved however the run has ended; the first thing that went wrong is told.
+    let saved = saver.end(&session);
+    driven?;
+    spoken.and(closed).and(saved)?;
     let engine = session.engine();
     let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
@@ -218,6 +240,7 @@ fn session_setting(a: &Arguments, live: bool) -> SessionSetting {
         auto_record: (live && a.record.is_none() && a.guide.is_none() && a.script.is_none())
             .then_some(AUTO_RECORD),
         facing: a.facing.facing(),
+        map_is_loaded: a.map_in.is_some(),
         ..SessionSetting::default()
     }
 }
@@ -226,8 +249,10 @@ fn session_setting(a: &Arguments, live: bool) -> SessionSetting {
 const AUTO_RECORD: usize = 100;
 
 /// What the arguments ask for before the first frame.
-fn begin(session: &mut Session, a: &Arguments) -> Result<(), Failure> {
-    if a.record.is_some() {
+fn begin(session: &mut Session, a: &Arguments, map: Option<&MapFile>) -> Result<(), Failure> {
+    if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map) {
+        session.resume_recording(way::resume(path, map)?, path);
+    } else if a.record.is_some() {
         let begun = session.command(&Command::Record);
         begun.map_err(|why| Failure::new("recording", why, "give another --record"))?;
         // Nobody asked to hear that.
@@ -258,14 +283,19 @@ fn read_script(path: &Path) -> Result<Script, Failure> {
 const NO_POSE: &str =
     "check the calibration (cairn rig check), give a longer stretch, or let the camera see more texture";
 
-fn open_source(a: &Arguments, config: &mut Config) -> Result<(Box<dyn Source>, Sensor), Failure> {
+/// The source with what is wanted of it: what --sensor names, what the map was made with, or all it has.
+fn open_source(
+    a: &Arguments,
+    config: &mut Config,
+    map: Option<&MapFile>,
+) -> Result<(Box<dyn Source>, Sensor), Failure> {
     let options = |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames };
     let given = a.rig.as_deref().map(|path| rig_of(path, config)).transpose()?;
     if let Some(waits) = waiting_for(&a.source) {
         eprintln!("{waits}");
     }
     let source = open(&a.source, options(given))?;
-    let sensor = a.sensor.unwrap_or_else(|| Sensor::of(source.rig()));
+    let sensor = a.sensor.or(map.map(map::sensor)).unwrap_or_else(|| Sensor::of(source.rig()));
     // A world renders what its own address says, and video has one camera.
     let fewer = sensor.only(source.rig()).filter(|_| !a.source.starts_with("sim:") && !is_live(&a.source));
     match fewer {
@@ -289,7 +319,7 @@ pub fn read_config(path: &Path) -> Result<Config, Failure> {
 
 /// Finds out before the work rather than after it that a result could not be written.
 fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
-    let targets = [&a.trajectory, &a.live_trajectory, &a.record, &a.report, &a.report_html];
+    let targets = [&a.trajectory, &a.live_trajectory, &a.record, &a.report, &a.report_html, &a.map_out];
     for path in targets.into_iter().flatten() {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {
@@ -300,7 +330,9 @@ fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
             return Err(Failure::new(path.display().to_string(), "is a folder", "name a file"));
         }
     }
-    let Some(way) = &a.record else { return Ok(()) };
+    // One that is there is gone on with if it hangs on the map that is opened.
+    let gone_on_with = |way: &&PathBuf| a.map_in.is_some() && way.exists();
+    let Some(way) = a.record.as_ref().filter(|way| !gone_on_with(way)) else { return Ok(()) };
     // Made and removed again: so a folder that may not be written is found out too.
     let made = File::options().write(true).create_new(true).open(way).and_then(|_| std::fs::remove_file(way));
     made.map_err(|e| {

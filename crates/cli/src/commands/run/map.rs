@@ -1,0 +1,130 @@
+//! The map that a run begins in and the one it leaves.
+
+use super::{Arguments, Sensor};
+use crate::commands::map::{WAY, failed, open};
+use crate::failure::Failure;
+use cairn_atlas::store::{MapFile, StoreError};
+use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
+use cairn_sensor::Rig;
+use cairn_session::Session;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+const CHOOSE: &str = "choose another --sensor, or give a calibration with --rig";
+
+/// The map of --map-in.
+pub fn opened(a: &Arguments) -> Result<Option<MapFile>, Failure> {
+    let Some(path) = &a.map_in else { return Ok(None) };
+    let file = open(path)?;
+    if file.map.key_frame_count() == 0 {
+        let shown = path.display().to_string();
+        return Err(Failure::new(
+            shown,
+            "the map is empty",
+            "give a map with key frames, or leave --map-in out",
+        ));
+    }
+    Ok(Some(file))
+}
+
+/// The sensors that a map was made with.
+pub fn sensor(file: &MapFile) -> Sensor {
+    match file.about.sensor {
+        SensorMode::Mono => Sensor::Mono,
+        SensorMode::Stereo => Sensor::Stereo,
+        SensorMode::Rgbd => Sensor::Rgbd,
+    }
+}
+
+/// The engine, in the map that was opened if there is one.
+pub fn engine(
+    a: &Arguments,
+    file: Option<&MapFile>,
+    rig: &Rig,
+    mode: SensorMode,
+    rate_hz: f64,
+    runner: Runner,
+    config: &Config,
+) -> Result<Engine, Failure> {
+    let unfit = |why: String| Failure::new(&a.source, why, CHOOSE);
+    let (Some(file), Some(path)) = (file, &a.map_in) else {
+        return Engine::new(rig, mode, rate_hz, runner, config).map_err(|e| unfit(e.to_string()));
+    };
+    let shown = path.display().to_string();
+    let opened = Engine::in_map(rig, mode, rate_hz, runner, config, file);
+    let (engine, notes) = opened.map_err(|e| match e {
+        OpenMapError::Rig(e) => unfit(e.to_string()),
+        OpenMapError::Camera(why) => Failure::new(&shown, why, "use the camera and the --sensor of the map"),
+    })?;
+    notes.iter().for_each(|note| eprintln!("warning: {shown}: {note}"));
+    Ok(if a.localize_only { engine.localize_only() } else { engine })
+}
+
+/// Saves the map where --map-out says, now and then and at the end.
+pub struct Saver<'a> {
+    to: Option<&'a Path>,
+    every: Duration,
+    /// What hung on the map of --map-in.
+    attached: BTreeMap<String, Vec<u8>>,
+    last: Instant,
+    /// The save at work, on a thread of its own: the run does not wait for the disk.
+    work: Option<JoinHandle<Result<u64, StoreError>>>,
+}
+
+impl<'a> Saver<'a> {
+    /// As the arguments say; what hung on the map of --map-in goes along.
+    pub fn new(a: &'a Arguments, before: Option<MapFile>) -> Self {
+        Self {
+            to: a.map_out.as_deref(),
+            every: Duration::try_from_secs_f64(a.map_every).unwrap_or(Duration::MAX),
+            attached: before.map_or_else(BTreeMap::new, |file| file.attached),
+            last: Instant::now(),
+            work: None,
+        }
+    }
+
+    /// Begins to save when it is time and the last save is done. What goes wrong is told, and tried again.
+    pub fn now_and_then(&mut self, session: &Session, warn: impl Fn(&str)) {
+        let Some(path) = self.to else { return };
+        if self.last.elapsed() < self.every || self.work.as_ref().is_some_and(|work| !work.is_finished()) {
+            return;
+        }
+        self.last = Instant::now();
+        if let Some(Ok(Err(e))) = self.work.take().map(JoinHandle::join) {
+            warn(&failed(path, &e).to_string());
+        }
+        let Some(file) = self.file(session) else { return };
+        let path = path.to_owned();
+        self.work =
+            std::thread::Builder::new().name("cairn-save".into()).spawn(move || file.save(&path)).ok();
+    }
+
+    /// Saves what there is at the end. A map without a key frame is not saved.
+    pub fn end(mut self, session: &Session) -> Result<(), Failure> {
+        let Some(path) = self.to else { return Ok(()) };
+        // What it could not do is tried once more here.
+        drop(self.work.take().map(JoinHandle::join));
+        let Some(file) = self.file(session) else {
+            eprintln!("warning: {}: not written, the map is empty", path.display());
+            return Ok(());
+        };
+        file.save(path).map(drop).map_err(|e| failed(path, &e))
+    }
+
+    /// The map of this moment with all that hangs on it; `None` while it is empty.
+    fn file(&self, session: &Session) -> Option<MapFile> {
+        let mut attached = self.attached.clone();
+        for (path, way) in session.recorded().filter(|(_, way)| !way.points.is_empty()) {
+            let stem = path.and_then(Path::file_stem);
+            let name = stem.map_or_else(|| "in memory".into(), |s| s.to_string_lossy().into_owned());
+            // Bytes in memory: there is nothing that could refuse them.
+            if let Ok(bytes) = way.to_bytes() {
+                attached.insert(format!("{WAY}{name}"), bytes);
+            }
+        }
+        let file = session.engine().to_save(concat!("cairn ", env!("CARGO_PKG_VERSION")), attached);
+        (file.map.key_frame_count() > 0).then_some(file)
+    }
+}

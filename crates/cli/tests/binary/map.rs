@@ -1,0 +1,225 @@
+//! `cairn map`, and the maps of `cairn run`.
+
+use crate::{cairn, fails, folder, json, stderr, stdout};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A second and a half of the demo world, small: what a test has time for.
+const WORLD: &str = "sim:demo?duration=1.5&resolution=320x240&sensor=rgbd";
+
+/// Runs through the world and saves the map; the path of the map.
+fn mapped(folder: &Path, name: &str, more: &[&str]) -> String {
+    let path = folder.join(name).to_str().unwrap().to_owned();
+    let arguments = [&["run", WORLD, "--map-out", &path][..], more].concat();
+    let output = cairn(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    path
+}
+
+#[test]
+fn a_saved_map_is_told_checked_exported_and_walked_in_again() {
+    let folder = folder("map");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let way = path("home.way");
+    let map = mapped(&folder, "a.map", &["--record", &way]);
+    assert_eq!(stdout(&cairn(&["map", "check", &map])).lines().count(), 1);
+
+    let info = json(&cairn(&["map", "info", &map, "--json"]))["maps"][0].clone();
+    assert_eq!((&info["sensor"], &info["metric"]), (&"rgbd".into(), &true.into()), "{info}");
+    let (key_frames, landmarks) = (info["key_frames"].as_u64().unwrap(), info["landmarks"].as_u64().unwrap());
+    assert!(key_frames >= 2 && landmarks > 100 && info["worlds"].as_array().unwrap().len() == 1, "{info}");
+    assert_eq!(info["ways"][0]["name"], "home", "{info}");
+    let recorded = json(&cairn(&["way", "info", &way, "--json"]));
+    assert_eq!(info["ways"][0]["points"], recorded["points"], "the way is in the map");
+    let text = stdout(&cairn(&["map", "info", &map]));
+    assert!(text.contains("made with rgbd") && text.contains("way       home"), "{text}");
+
+    let (points, trajectory) = (path("points.ply"), path("key.tum"));
+    let done = cairn(&["map", "export", &map, "--points", &points, "--trajectory", &trajectory, "--json"]);
+    assert_eq!(json(&done)["landmarks"].as_u64(), Some(landmarks));
+    let ply = std::fs::read_to_string(&points).unwrap();
+    assert!(ply.starts_with("ply\nformat ascii") && ply.contains(&format!("element vertex {landmarks}\n")));
+    assert_eq!(ply.lines().skip_while(|l| *l != "end_header").count() as u64, landmarks + 1);
+    let tum = std::fs::read_to_string(&trajectory).unwrap();
+    assert_eq!(tum.lines().filter(|l| !l.starts_with('#')).count() as u64, key_frames);
+
+    let ways = path("ways");
+    std::fs::create_dir(&ways).unwrap();
+    assert_eq!(cairn(&["map", "export", &map, "--ways", &ways]).status.code(), Some(0));
+    assert_eq!(std::fs::read(path("ways/home.way")).unwrap(), std::fs::read(&way).unwrap());
+    fails(&["map", "export", &map, "--ways", &ways], &["home.way", "exists"]);
+
+    let before = std::fs::read(&map).unwrap();
+    let again = json(&cairn(&["run", WORLD, "--map-in", &map, "--localize-only", "--json"]));
+    assert_eq!(
+        (&again["keyframes"], &again["landmarks"]),
+        (&key_frames.into(), &landmarks.into()),
+        "{again}"
+    );
+    assert!(again["tracked"].as_u64().unwrap() >= 30, "the place was not recognised: {again}");
+    assert!(again["accuracy"]["ate_m"]["rmse"].as_f64().unwrap() < 0.02, "{again}");
+    assert_eq!(std::fs::read(&map).unwrap(), before, "only looked at");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn what_does_not_fit_a_map_is_told() {
+    let folder = folder("map-wrong");
+    let map = mapped(&folder, "a.map", &["--frames", "5"]);
+    let other = "sim:demo?duration=1&resolution=640x480&sensor=rgbd";
+    fails(&["run", other, "--map-in", &map], &["a.map", "another camera", "px apart"]);
+    fails(&["run", WORLD, "--map-in", &map, "--sensor", "mono"], &["a.map", "made with rgbd"]);
+    fails(&["run", WORLD, "--map-in", "/no/such.map"], &["/no/such.map", "check the path"]);
+    fails(&["run", WORLD, "--map-out", "/no/such/a.map"], &["make the folder first"]);
+    fails(&["map", "export", &map], &["nothing is to be written"]);
+    fails(&["map", "export", &map, "--points", "x.ply", "--world", "7"], &["no world 7", "these: [0]"]);
+    for wrong in
+        [&["run", WORLD, "--localize-only"][..], &["map", "info"], &["map", "merge", &map, "--out", "x"]]
+    {
+        assert_eq!(cairn(wrong).status.code(), Some(2), "{wrong:?}");
+    }
+
+    // Damaged: the part is named, by every command, and the parts that are whole too.
+    let mut bytes = std::fs::read(&map).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x10;
+    std::fs::write(&map, &bytes).unwrap();
+    for command in [&["map", "info", &map][..], &["run", WORLD, "--map-in", &map]] {
+        fails(command, &["a.map", "part 'features 0'", "altered"]);
+    }
+    let check = cairn(&["map", "check", &map]);
+    let text = stdout(&check);
+    assert_eq!(check.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("bad ") && text.lines().any(|l| l.contains("landmarks") && l.ends_with("whole")),
+        "{text}"
+    );
+    std::fs::write(&map, b"something else").unwrap();
+    fails(&["map", "info", &map], &["a.map", "not a map file", "--map-out"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn two_sessions_stand_in_one_file_each_with_its_way() {
+    let folder = folder("map-merge");
+    let way = |n: &str| folder.join(n).join("home.way").to_str().unwrap().to_owned();
+    for n in ["one", "two"] {
+        std::fs::create_dir(folder.join(n)).unwrap();
+    }
+    let a = mapped(&folder, "a.map", &["--record", &way("one")]);
+    let b = mapped(&folder, "b.map", &["--record", &way("two"), "--frames", "25"]);
+    let both = folder.join("both.map").to_str().unwrap().to_owned();
+    let merged = json(&cairn(&["map", "merge", &a, &b, "--out", &both, "--json"]));
+    assert_eq!((&merged["worlds"], &merged["ways"]), (&2.into(), &2.into()), "{merged}");
+    let infos = json(&cairn(&["map", "info", &a, &b, &both, "--json"]));
+    let of = |i: usize, what: &str| infos["maps"][i][what].clone();
+    let count = |i: usize, what: &str| of(i, what).as_u64().unwrap();
+    for what in ["key_frames", "landmarks", "observations"] {
+        assert_eq!(count(0, what) + count(1, what), count(2, what), "{what}");
+    }
+    // The second way hangs on the key frames of the second map: it is as long as it was.
+    let length = |i: usize, way: usize| of(i, "ways")[way]["length_m"].as_f64().unwrap();
+    assert_eq!(of(2, "ways")[1]["name"], "home-2");
+    assert!((length(2, 1) - length(1, 0)).abs() < 1e-6 && length(1, 0) > 0.3, "{infos}");
+    assert_eq!(
+        of(2, "worlds")[1]["root"],
+        of(0, "key_frames").as_u64().unwrap() + of(0, "removed_key_frames").as_u64().unwrap()
+    );
+    assert_eq!(cairn(&["map", "check", &a, &b, &both]).status.code(), Some(0));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// The record with every key frame's number far beyond those of a map.
+fn hung_elsewhere(text: &str) -> String {
+    text.replace("\"seq\":", "\"seq\":4000")
+}
+
+#[test]
+fn a_record_goes_on_in_the_map_it_hangs_on() {
+    let folder = folder("map-record");
+    let way = folder.join("walk.way").to_str().unwrap().to_owned();
+    let map = mapped(&folder, "a.map", &["--record", &way, "--frames", "15"]);
+    let points = |way: &str| json(&cairn(&["way", "info", way, "--json"]))["points"].as_u64().unwrap();
+    let before = points(&way);
+    let on = mapped(&folder, "b.map", &["--map-in", &map, "--record", &way, "--start", "0.8"]);
+    assert!(points(&way) > before, "nothing was added to {before} points");
+    assert_eq!(json(&cairn(&["map", "info", &on, "--json"]))["maps"][0]["ways"][0]["points"], points(&way));
+    // A record of elsewhere is not touched.
+    let text = std::fs::read_to_string(&way).unwrap();
+    let far = hung_elsewhere(&text);
+    std::fs::write(&way, &far).unwrap();
+    fails(
+        &["run", WORLD, "--map-in", &map, "--record", &way],
+        &["walk.way", "none of the key frames", "--map-in"],
+    );
+    assert_eq!(std::fs::read_to_string(&way).unwrap(), far);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// A run that would last long, when what is waited for has come.
+#[cfg(unix)]
+fn running(more: &[&str], came: impl Fn() -> bool) -> std::process::Child {
+    let world = "sim:demo?duration=600&resolution=320x240&sensor=rgbd";
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cairn"))
+        .args([&["run", world][..], more].concat())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    while !came() {
+        let runs = began.elapsed() < Duration::from_secs(60) && child.try_wait().unwrap().is_none();
+        assert!(runs, "it does not run");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    child
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_saves_its_map_and_way() {
+    let folder = folder("map-interrupt");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (map, way) = (path("a.map"), path("walk.way"));
+    let child = running(&["--map-out", &map, "--record", &way], || {
+        std::fs::read_to_string(&way).is_ok_and(|text| text.lines().count() > 3)
+    });
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("interrupted"), "{}", stderr(&output));
+    let info = json(&cairn(&["map", "info", &map, "--json"]));
+    assert!(info["maps"][0]["ways"][0]["points"].as_u64().unwrap() >= 3, "{info}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn a_killed_run_leaves_the_map_of_a_moment_before() {
+    let folder = folder("map-kill");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (map, way) = (path("a.map"), path("walk.way"));
+    let more = ["--map-out", &map, "--record", &way, "--map-every", "0.5"];
+    let mut child = running(&more, || Path::new(&map).exists());
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let info = json(&cairn(&["map", "info", &map, "--json"]));
+    assert!(info["maps"][0]["key_frames"].as_u64().unwrap() >= 1, "{info}");
+    // The record goes on in that map, although its last points hang on key frames that were not saved.
+    let points = || json(&cairn(&["way", "info", &way, "--json"]))["points"].as_u64().unwrap();
+    let before = points();
+    let stamps = || std::fs::read_to_string(&way).unwrap().lines().filter(|l| l.contains("\"t\":")).count();
+    assert!(stamps() as u64 - before <= 1, "at most the last line was torn");
+    let stray =
+        std::fs::read_to_string(&way).unwrap().lines().last().unwrap().replacen("\"seq\":", "\"seq\":90", 1);
+    let stray = stray.replacen("\"t\":", "\"t\":9", 1);
+    std::fs::write(&way, std::fs::read_to_string(&way).unwrap() + &stray + "\n").unwrap();
+    assert_eq!(points(), before + 1);
+    let output = cairn(&["run", WORLD, "--map-in", &map, "--record", &way]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let text = std::fs::read_to_string(&way).unwrap();
+    assert!(!text.contains("\"seq\":90") && points() == before + 1, "{text}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}

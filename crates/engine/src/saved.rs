@@ -1,0 +1,50 @@
+//! Maps from file to engine and back.
+
+use crate::{Config, Engine, Runner, SensorMode};
+use cairn_atlas::store::{About, MapFile};
+use cairn_sensor::{Rig, RigError};
+use cairn_vision::Eye;
+use std::collections::BTreeMap;
+
+/// Why an engine can not go on in a saved map.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum OpenMapError {
+    /// The rig can not serve the mode.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The map was made with another camera or other sensors; in words, with the numbers of both.
+    #[error("{0}")]
+    Camera(String),
+}
+
+impl Engine {
+    /// An engine in a saved map. Tracking begins lost: there is no pose until a place is recognised. Gives also what
+    /// differs a little between the camera of the map and this one, in words.
+    pub fn in_map(
+        rig: &Rig,
+        mode: SensorMode,
+        rate_hz: f64,
+        runner: Runner,
+        config: &Config,
+        file: &MapFile,
+    ) -> Result<(Self, Vec<String>), OpenMapError> {
+        let eye = Eye::new(rig, mode, config.eye_for(rig))?;
+        let notes = file
+            .about
+            .fits(file.map.octaves(), mode, eye.model(), eye.octaves())
+            .map_err(OpenMapError::Camera)?;
+        Ok((Self::around(eye, file.map.clone(), rig, mode, rate_hz, runner, config), notes))
+    }
+
+    /// The same engine that only finds where it is: the map stays as it is, no world is begun.
+    pub fn localize_only(mut self) -> Self {
+        self.localize_only = true;
+        self
+    }
+
+    /// The latest map with what it was made with, to be saved; `program` names who saves it, `attached` hangs on it.
+    pub fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
+        let about = About { program: program.to_owned(), sensor: self.mode, eye: *self.eye().model() };
+        MapFile { map: (*self.map()).clone(), about, attached }
+    }
+}
