@@ -37,7 +37,7 @@ impl Default for MapperSetting {
             fuse_neighbours: 10,
             window: WindowSetting::default(),
             redundant_share: 0.9,
-            settle_key_frames: 150,
+            settle_key_frames: 500,
             depth_points: 100,
         }
     }

@@ -38,7 +38,7 @@ pub struct CloserSetting {
 
 impl Default for CloserSetting {
     fn default() -> Self {
-        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 300 }
+        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 500 }
     }
 }
 
