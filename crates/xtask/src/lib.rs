@@ -6,6 +6,7 @@ pub mod long;
 pub mod measure;
 pub mod memory;
 pub mod places;
+pub mod nextday;
 pub mod recordings;
 pub mod revisit;
 pub mod store;

@@ -1,0 +1,191 @@
+//! `next-day`: a map is made on one walk, and someone starts in the middle of it on another day: in other light, beside
+//! the way, looking another way. How often, and how soon, is the place recognised?
+
+use crate::Sensor;
+use cairn_engine::{Config, Engine, Runner};
+use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
+use cairn_sensor::{Source, SourceError, Stamp};
+use cairn_sim::{Route, SimSensor, SimSetting, SimSource, WorldKind};
+use cairn_solve::ransac::Rng;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// Frames a second.
+const RATE_HZ: f64 = 12.0;
+/// Seconds of the first day's walk.
+const WALK_S: f64 = 45.0;
+/// Seconds within which the place should be known.
+const SOON_S: f64 = 2.0;
+/// A pose this far off does not count, metres.
+const RIGHT_M: f64 = 0.5;
+
+/// Metres beside the way.
+pub const BESIDE_M: [f64; 4] = [0.0, 0.5, 1.0, 1.5];
+/// Degrees aside.
+pub const ASIDE_DEG: [f64; 5] = [0.0, 15.0, 30.0, 45.0, 60.0];
+
+/// What came of one start.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    /// Metres beside the way.
+    pub beside_m: f64,
+    /// Degrees that the view is turned aside.
+    pub aside_deg: f64,
+    /// Seconds until a right pose was known.
+    pub known_s: Option<f64>,
+    /// Poses that were told and wrong.
+    pub wrong: usize,
+}
+
+/// A map made on one day.
+pub struct Day {
+    setting: SimSetting,
+    source: SimSource,
+    engine: Engine,
+    sensor: Sensor,
+    /// From the map's frame to the true one.
+    true_from_map: Sim3,
+}
+
+impl Day {
+    /// Walks the first way of a world and maps it.
+    ///
+    /// # Errors
+    /// When the world can not be walked or nothing was mapped.
+    pub fn walk(world: WorldKind, sensor: Sensor, seed: u64) -> Result<Self, String> {
+        let text = |e: SourceError| e.to_string();
+        let mut setting = SimSetting::new(world, seed);
+        setting.rate_hz = RATE_HZ;
+        setting.imu = None;
+        setting.duration_s = Some(WALK_S);
+        setting.walker.speed = 1.1;
+        setting.options.detail = 0.6;
+        setting.sensor = match sensor {
+            Sensor::Mono => SimSensor::Mono,
+            Sensor::Stereo => SimSensor::Stereo,
+            Sensor::Rgbd => SimSensor::Rgbd,
+        };
+        let mut source = SimSource::new(&setting).map_err(text)?;
+        let rig = source.rig().clone();
+        let mut engine = Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default())
+            .map_err(|e| e.to_string())?;
+        while let Some(packet) = source.next_packet().map_err(text)? {
+            engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        }
+        engine.finish();
+        let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
+        let pairs = engine.trajectory().into_iter().filter_map(|(t, p)| Some((truth.get(&t)?.translation, p.translation)));
+        let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
+        let true_from_map =
+            umeyama(&target, &from, sensor == Sensor::Mono).map_err(|e| format!("nothing was mapped: {e}"))?;
+        Ok(Self { setting, source, engine, sensor, true_from_map })
+    }
+
+    /// Starts on another day at `share` of the way, beside it and looking aside, in light `gamma`.
+    ///
+    /// # Errors
+    /// When the walk can not be rendered.
+    pub fn start(&self, share: f64, beside_m: f64, aside_deg: f64, gamma: f64) -> Result<Option<Start>, String> {
+        let text = |e: SourceError| e.to_string();
+        let truth = &self.source.info().truth;
+        let frames = (SOON_S * RATE_HZ) as usize + 1;
+        let first = (share * truth.len().saturating_sub(frames) as f64) as usize;
+        // The eye's right is +x; up in the world is +z.
+        let turn = So3::exp(&Vec3::new(0.0, 0.0, aside_deg.to_radians()));
+        let poses: Vec<(Stamp, Se3)> = truth[first..(first + frames).min(truth.len())]
+            .iter()
+            .map(|(t, p)| (*t, Se3::new(turn * p.rotation, p.translation + p.rotation * Vec3::new(beside_m, 0.0, 0.0))))
+            .collect();
+        // No one walks through walls or furniture.
+        if !poses.iter().all(|(_, p)| self.source.world().clearance(p.translation.x, p.translation.y) > 0.25) {
+            return Ok(None);
+        }
+        let mut setting = self.setting.clone();
+        setting.route = Route::Poses(poses);
+        setting.duration_s = None;
+        let mut source = SimSource::in_world(&setting, self.source.world().clone()).map_err(text)?;
+        let file = self.engine.to_save("xtask", BTreeMap::new());
+        let rig = source.rig().clone();
+        let (engine, _) =
+            Engine::in_map(&rig, self.sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default(), &file)
+                .map_err(|e| e.to_string())?;
+        let mut engine = engine.localize_only();
+        let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
+        let light: Vec<u8> = (0..=255u8).map(|v| (255.0 * (f64::from(v) / 255.0).powf(gamma)) as u8).collect();
+        let mut outcome = Start { beside_m, aside_deg, known_s: None, wrong: 0 };
+        let mut began = None;
+        while let Some(mut packet) = source.next_packet().map_err(text)? {
+            let began = *began.get_or_insert(packet.stamp);
+            for image in &mut packet.images {
+                std::sync::Arc::make_mut(image).data_mut().iter_mut().for_each(|v| *v = light[usize::from(*v)]);
+            }
+            let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+            let (Some(told), Some(truth)) = (out.world_from_body, truth.get(&packet.stamp)) else { continue };
+            let off = (self.true_from_map * told.se3.translation - truth.translation).norm();
+            match off < RIGHT_M {
+                true => outcome.known_s = outcome.known_s.or(Some(packet.stamp - began)),
+                false => outcome.wrong += 1,
+            }
+        }
+        Ok(Some(outcome))
+    }
+}
+
+/// Starts of a day: the ordinary ones half a metre beside the way, and a grid for the curve.
+///
+/// # Errors
+/// As [`Day::start`].
+pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<Start>, String> {
+    let mut rng = Rng::with_stream(seed, 77);
+    let mut found = Vec::new();
+    let mut go = |beside: f64, aside: f64, wanted: usize| -> Result<(), String> {
+        let mut done = 0;
+        // Where there is no room beside the way, another place is taken.
+        for _ in 0..10 * wanted {
+            if done == wanted {
+                break;
+            }
+            let side = if rng.unit() < 0.5 { -1.0 } else { 1.0 };
+            let (share, gamma) = (rng.unit(), (0.35 * rng.range(-1.0, 1.0)).exp());
+            if let Some(start) = day.start(share, side * beside, aside * if rng.unit() < 0.5 { -1.0 } else { 1.0 }, gamma)? {
+                found.push(Start { beside_m: beside, aside_deg: aside, ..start });
+                done += 1;
+            }
+        }
+        Ok(())
+    };
+    go(0.5, 0.0, ordinary)?;
+    for beside in BESIDE_M {
+        for aside in ASIDE_DEG {
+            go(beside, aside, each)?;
+        }
+    }
+    Ok(found)
+}
+
+/// Recall within two seconds by distance and angle.
+pub fn table(starts: &[Start]) -> String {
+    let mut t = String::from("| beside the way |");
+    // Writing to a string does not fail.
+    ASIDE_DEG.iter().for_each(|a| {
+        let _ = write!(t, " {a:.0} deg |");
+    });
+    t.push_str("\n|---|---|---|---|---|---|\n");
+    for beside in BESIDE_M {
+        let _ = write!(t, "| {beside:.1} m |");
+        for aside in ASIDE_DEG {
+            let of: Vec<&Start> = starts.iter().filter(|s| s.beside_m == beside && s.aside_deg == aside).collect();
+            let known = of.iter().filter(|s| s.known_s.is_some()).count();
+            let _ = match of.len() {
+                0 => write!(t, " - |"),
+                n => write!(t, " {known} of {n} |"),
+            };
+        }
+        t.push('\n');
+    }
+    let ordinary: Vec<&Start> = starts.iter().filter(|s| s.beside_m == 0.5 && s.aside_deg == 0.0).collect();
+    let known = ordinary.iter().filter(|s| s.known_s.is_some()).count();
+    let wrong = starts.iter().filter(|s| s.wrong > 0).count();
+    let _ = writeln!(t, "half a metre beside, other light: {known} of {} starts known within {SOON_S} s; starts with a wrong pose: {wrong} of {}", ordinary.len(), starts.len());
+    t
+}
