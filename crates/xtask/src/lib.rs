@@ -2,11 +2,12 @@
 
 pub mod accuracy;
 pub mod graphs;
+pub mod halves;
 pub mod long;
 pub mod measure;
 pub mod memory;
-pub mod places;
 pub mod nextday;
+pub mod places;
 pub mod recordings;
 pub mod revisit;
 pub mod store;

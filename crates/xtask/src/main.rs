@@ -6,10 +6,11 @@ use cairn_sources::{OpenOptions, open};
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use xtask::recordings::{data_folder, recording};
+use xtask::nextday::{self, Day};
+use xtask::recordings::{RECORDINGS, data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
-use xtask::{Sensor, Setting, accuracy, graphs, long, measure, places, revisit, store, walks};
+use xtask::{Sensor, Setting, accuracy, graphs, halves, long, measure, places, revisit, store, walks};
 
 /// Measures the whole engine.
 #[derive(Parser)]
@@ -100,6 +101,27 @@ enum Command {
         /// Tell of every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
+    },
+    /// The first half of each recording is mapped and saved, the second half found in it.
+    Halves {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+    },
+    /// A map of one walk, and starts in its middle on another day: recall by distance and angle.
+    NextDay {
+        /// Seeds from 1; corridor, office, hall and street take turns.
+        #[arg(long, default_value_t = 4)]
+        seeds: u64,
+        /// Sensors, with commas.
+        #[arg(long, value_delimiter = ',')]
+        sensors: Vec<Sensor>,
+        /// Starts of each day half a metre beside the way.
+        #[arg(long, default_value_t = 10)]
+        starts: usize,
+        /// Starts of each day at each distance and angle of the curve.
+        #[arg(long, default_value_t = 2)]
+        each: usize,
     },
     /// Minutes of laps: step time, memory and map, minute by minute.
     Long {
@@ -240,6 +262,27 @@ fn run(command: Command) -> Result<(), String> {
                         println!("{}", revisit::line(&walk.run(verbose)?));
                     }
                 }
+            }
+            Ok(())
+        }
+        Command::Halves { data } => {
+            let data = data.unwrap_or_else(data_folder);
+            let rows: Result<Vec<_>, String> = RECORDINGS.iter().map(|r| halves::run(&data, r)).collect();
+            print!("{}", halves::table(&rows?));
+            Ok(())
+        }
+        Command::NextDay { seeds, sensors, starts, each } => {
+            let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
+            for sensor in sensors {
+                let mut all = Vec::new();
+                for seed in 1..=seeds {
+                    let world = WORLDS[seed as usize % WORLDS.len()];
+                    let day = Day::walk(world, sensor, seed)?;
+                    let found = nextday::starts(&day, seed, starts, each)?;
+                    eprintln!("{world} seed {seed} {}:\n{}", sensor.name(), nextday::table(&found));
+                    all.extend(found);
+                }
+                println!("{}:\n{}", sensor.name(), nextday::table(&all));
             }
             Ok(())
         }

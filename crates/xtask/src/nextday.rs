@@ -74,10 +74,13 @@ impl Day {
         }
         engine.finish();
         let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
-        let pairs = engine.trajectory().into_iter().filter_map(|(t, p)| Some((truth.get(&t)?.translation, p.translation)));
+        let pairs = engine
+            .trajectory()
+            .into_iter()
+            .filter_map(|(t, p)| Some((truth.get(&t)?.translation, p.translation)));
         let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
-        let true_from_map =
-            umeyama(&target, &from, sensor == Sensor::Mono).map_err(|e| format!("nothing was mapped: {e}"))?;
+        let true_from_map = umeyama(&target, &from, sensor == Sensor::Mono)
+            .map_err(|e| format!("nothing was mapped: {e}"))?;
         Ok(Self { setting, source, engine, sensor, true_from_map })
     }
 
@@ -85,7 +88,13 @@ impl Day {
     ///
     /// # Errors
     /// When the walk can not be rendered.
-    pub fn start(&self, share: f64, beside_m: f64, aside_deg: f64, gamma: f64) -> Result<Option<Start>, String> {
+    pub fn start(
+        &self,
+        share: f64,
+        beside_m: f64,
+        aside_deg: f64,
+        gamma: f64,
+    ) -> Result<Option<Start>, String> {
         let text = |e: SourceError| e.to_string();
         let truth = &self.source.info().truth;
         let frames = (SOON_S * RATE_HZ) as usize + 1;
@@ -94,10 +103,13 @@ impl Day {
         let turn = So3::exp(&Vec3::new(0.0, 0.0, aside_deg.to_radians()));
         let poses: Vec<(Stamp, Se3)> = truth[first..(first + frames).min(truth.len())]
             .iter()
-            .map(|(t, p)| (*t, Se3::new(turn * p.rotation, p.translation + p.rotation * Vec3::new(beside_m, 0.0, 0.0))))
+            .map(|(t, p)| {
+                (*t, Se3::new(turn * p.rotation, p.translation + p.rotation * Vec3::new(beside_m, 0.0, 0.0)))
+            })
             .collect();
         // No one walks through walls or furniture.
-        if !poses.iter().all(|(_, p)| self.source.world().clearance(p.translation.x, p.translation.y) > 0.25) {
+        if !poses.iter().all(|(_, p)| self.source.world().clearance(p.translation.x, p.translation.y) > 0.25)
+        {
             return Ok(None);
         }
         let mut setting = self.setting.clone();
@@ -111,13 +123,17 @@ impl Day {
                 .map_err(|e| e.to_string())?;
         let mut engine = engine.localize_only();
         let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
-        let light: Vec<u8> = (0..=255u8).map(|v| (255.0 * (f64::from(v) / 255.0).powf(gamma)) as u8).collect();
+        let light: Vec<u8> =
+            (0..=255u8).map(|v| (255.0 * (f64::from(v) / 255.0).powf(gamma)) as u8).collect();
         let mut outcome = Start { beside_m, aside_deg, known_s: None, wrong: 0 };
         let mut began = None;
         while let Some(mut packet) = source.next_packet().map_err(text)? {
             let began = *began.get_or_insert(packet.stamp);
             for image in &mut packet.images {
-                std::sync::Arc::make_mut(image).data_mut().iter_mut().for_each(|v| *v = light[usize::from(*v)]);
+                std::sync::Arc::make_mut(image)
+                    .data_mut()
+                    .iter_mut()
+                    .for_each(|v| *v = light[usize::from(*v)]);
             }
             let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
             let (Some(told), Some(truth)) = (out.world_from_body, truth.get(&packet.stamp)) else { continue };
@@ -147,7 +163,9 @@ pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<
             }
             let side = if rng.unit() < 0.5 { -1.0 } else { 1.0 };
             let (share, gamma) = (rng.unit(), (0.35 * rng.range(-1.0, 1.0)).exp());
-            if let Some(start) = day.start(share, side * beside, aside * if rng.unit() < 0.5 { -1.0 } else { 1.0 }, gamma)? {
+            if let Some(start) =
+                day.start(share, side * beside, aside * if rng.unit() < 0.5 { -1.0 } else { 1.0 }, gamma)?
+            {
                 found.push(Start { beside_m: beside, aside_deg: aside, ..start });
                 done += 1;
             }
@@ -174,7 +192,8 @@ pub fn table(starts: &[Start]) -> String {
     for beside in BESIDE_M {
         let _ = write!(t, "| {beside:.1} m |");
         for aside in ASIDE_DEG {
-            let of: Vec<&Start> = starts.iter().filter(|s| s.beside_m == beside && s.aside_deg == aside).collect();
+            let of: Vec<&Start> =
+                starts.iter().filter(|s| s.beside_m == beside && s.aside_deg == aside).collect();
             let known = of.iter().filter(|s| s.known_s.is_some()).count();
             let _ = match of.len() {
                 0 => write!(t, " - |"),
@@ -186,6 +205,11 @@ pub fn table(starts: &[Start]) -> String {
     let ordinary: Vec<&Start> = starts.iter().filter(|s| s.beside_m == 0.5 && s.aside_deg == 0.0).collect();
     let known = ordinary.iter().filter(|s| s.known_s.is_some()).count();
     let wrong = starts.iter().filter(|s| s.wrong > 0).count();
-    let _ = writeln!(t, "half a metre beside, other light: {known} of {} starts known within {SOON_S} s; starts with a wrong pose: {wrong} of {}", ordinary.len(), starts.len());
+    let _ = writeln!(
+        t,
+        "half a metre beside, other light: {known} of {} starts known within {SOON_S} s; starts with a wrong pose: {wrong} of {}",
+        ordinary.len(),
+        starts.len()
+    );
     t
 }

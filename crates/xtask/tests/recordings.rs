@@ -2,8 +2,8 @@
 //! when the engine becomes better, and not raised to make a test pass.
 
 use std::path::Path;
-use xtask::recordings::{data_folder, recording};
-use xtask::{Measured, Setting, accuracy::run_here};
+use xtask::recordings::{RECORDINGS, data_folder, recording};
+use xtask::{Measured, Setting, accuracy::run_here, halves};
 
 /// The recording when it is there; says aloud when it is not.
 fn run(name: &str, frames: usize) -> Option<Measured> {
@@ -57,5 +57,26 @@ fn a_hundred_frames_give_the_same_bits_twice() {
         let (Some(a), Some(b)) = (run(name, 100), run(name, 100)) else { continue };
         assert_eq!(a.hash, b.hash, "{name}");
         assert!(a.tracked > 50, "{name}: only {} of {} frames have a pose", a.tracked, a.frames);
+    }
+}
+
+#[test]
+fn the_saved_map_of_a_first_half_finds_the_second() {
+    for r in &RECORDINGS {
+        if !data_folder().join(r.folder).exists() {
+            println!("skipped: {} is not there", r.folder);
+            continue;
+        }
+        let found = halves::run(&data_folder(), r).expect("the halves run");
+        println!("{}", halves::table(std::slice::from_ref(&found)));
+        // A car leaves the street that was mapped: one eye follows it for half of the way.
+        let (share, off_m) = match r.name {
+            "kitti-a-mono" => (0.4, 0.5),
+            "kitti-a-stereo" => (0.95, 0.5),
+            "7scenes-kitchen-rgbd" => (0.95, 0.15),
+            _ => (0.95, 0.02),
+        };
+        assert!(found.found[0] as f64 >= share * found.found[1] as f64, "{found:?}");
+        assert!(found.off_m < off_m, "{found:?}");
     }
 }

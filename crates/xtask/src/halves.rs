@@ -1,0 +1,115 @@
+//! `halves`: the first half of a recording is mapped and saved, the second half is walked in the map that was loaded.
+
+use crate::recordings::Recording;
+use cairn_atlas::store::MapFile;
+use cairn_engine::{Config, Engine, Runner};
+use cairn_geometry::{Se3, Sim3, Vec3, umeyama};
+use cairn_sensor::{FramePacket, Stamp};
+use cairn_sources::{OpenOptions, open};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+/// What became of the second half.
+#[derive(Clone, Debug, Serialize)]
+pub struct Halves {
+    /// Name of the row.
+    pub name: String,
+    /// Frames of the first half that have a pose, of all.
+    pub mapped: [usize; 2],
+    /// Bytes of the saved map.
+    pub bytes: usize,
+    /// Frames of the second half that were recognised and have a pose, of all.
+    pub found: [usize; 2],
+    /// Frame of the second half that was the first with a pose.
+    pub first: Option<usize>,
+    /// RMSE of the second half's poses in the map of the first, which was aligned with the truth by itself, metres.
+    pub off_m: f64,
+    /// The largest of them.
+    pub most_m: f64,
+}
+
+/// Maps the first half, saves, loads, and finds the second half in it.
+///
+/// # Errors
+/// When the recording can not be read, the map not be saved or not be loaded.
+pub fn run(data: &Path, recording: &Recording) -> Result<Halves, String> {
+    let address = data.join(recording.folder);
+    let mut source = open(&address.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
+    let (rig, rate_hz, mode) = (source.rig().clone(), source.info().rate_hz, recording.sensor.mode());
+    let config = Config::default();
+    let mut packets = Vec::new();
+    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+        packets.push(packet);
+    }
+    let (one, two) = packets.split_at(packets.len() / 2);
+    let mut engine =
+        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    feed(&mut engine, one)?;
+    engine.finish();
+    let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
+    let at = |t: &Stamp| nearest(&truth, *t);
+    let pairs = engine.trajectory().into_iter().filter_map(|(t, p)| Some((at(&t)?, p.translation)));
+    let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
+    let without_scale = !engine.is_metric();
+    let true_from_map: Sim3 = umeyama(&target, &from, without_scale).map_err(|e| e.to_string())?;
+    let bytes = engine.to_save("xtask", BTreeMap::new()).write().map_err(|e| e.to_string())?;
+    let file = MapFile::read(&bytes).map_err(|e| e.to_string())?;
+    let (second, _) =
+        Engine::in_map(&rig, mode, rate_hz, Runner::Lockstep, &config, &file).map_err(|e| e.to_string())?;
+    let mut second = second.localize_only();
+    feed(&mut second, two)?;
+    let poses = second.trajectory();
+    let off: Vec<f64> =
+        poses.iter().filter_map(|(t, p)| Some((true_from_map * p.translation - at(t)?).norm())).collect();
+    let square: f64 = off.iter().map(|v| v * v).sum();
+    Ok(Halves {
+        name: recording.name.into(),
+        mapped: [engine.log().tracked(), one.len()],
+        bytes: bytes.len(),
+        found: [poses.len(), two.len()],
+        first: poses.first().and_then(|(t, _)| two.iter().position(|p| p.stamp == *t)),
+        off_m: (square / off.len().max(1) as f64).sqrt(),
+        most_m: off.iter().copied().fold(0.0, f64::max),
+    })
+}
+
+fn feed(engine: &mut Engine, packets: &[FramePacket]) -> Result<(), String> {
+    for packet in packets {
+        engine.on_packet(packet).map_err(|e| e.to_string())?;
+    }
+    Ok(())
+}
+
+/// The true place nearest in time, within 20 ms.
+fn nearest(truth: &BTreeMap<Stamp, Se3>, t: Stamp) -> Option<Vec3> {
+    let (before, after) = (truth.range(..=t).next_back(), truth.range(t..).next());
+    let gap = |other: &Stamp| (t - *other).abs();
+    let (stamp, pose) = before.into_iter().chain(after).min_by(|a, b| gap(a.0).total_cmp(&gap(b.0)))?;
+    (gap(stamp) < 0.02).then_some(pose.translation)
+}
+
+/// All of them in a table.
+pub fn table(rows: &[Halves]) -> String {
+    let mut t = String::from(
+        "| recording | first half: tracked | saved map MB | second half: found in it | first after frame | off m RMSE / max |\n|---|---|---|---|---|---|\n",
+    );
+    for r in rows {
+        let first = r.first.map_or("never".into(), |f| f.to_string());
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            t,
+            "| {} | {} of {} | {:.2} | {} of {} | {first} | {:.3} / {:.3} |",
+            r.name,
+            r.mapped[0],
+            r.mapped[1],
+            r.bytes as f64 / 1e6,
+            r.found[0],
+            r.found[1],
+            r.off_m,
+            r.most_m
+        );
+    }
+    t
+}
