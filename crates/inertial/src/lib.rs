@@ -3,6 +3,7 @@
 mod buffer;
 mod factor;
 mod initialise;
+mod offset;
 mod preintegrated;
 mod rest;
 mod state;
@@ -12,6 +13,7 @@ pub use factor::InertialResidual;
 pub use initialise::{
     Attempt, Gate, GateKind, Initial, InitialiseSetting, Scale, Seen, SeenPose, initialise,
 };
+pub use offset::{OffsetSetting, OffsetUnknown, TimeOffset, time_offset};
 pub use preintegrated::Preintegrated;
 pub use rest::{Moves, Rest, RestSetting};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};

@@ -1,0 +1,71 @@
+//! The time offset and the rotation between sensor and eye, found again on simulated motion.
+
+mod common;
+
+use cairn_geometry::{So3, Vec3};
+use cairn_inertial::{OffsetSetting, OffsetUnknown, TimeOffset, time_offset};
+use cairn_sensor::{ImuSample, Stamp};
+use cairn_solve::ransac::Rng;
+use common::{Motion, noisy, samples, some_bias, vector};
+
+fn imu_from_eye() -> So3 {
+    So3::exp(&Vec3::new(1.2, -1.1, 1.3))
+}
+
+/// Ten seconds at 20 Hz seen through an eye whose clock is `offset` ahead, turned by `extra` from where it should be.
+fn run(seed: u64, offset: f64, extra: So3, motion: fn(f64) -> So3) -> Result<TimeOffset, OffsetUnknown> {
+    let mut rng = Rng::new(seed);
+    let mut readings = samples(0.0, 10.0, 200.0);
+    if motion(1.0) != Motion::rotation(1.0) {
+        for s in &mut readings {
+            let t = s.stamp.seconds();
+            s.gyro = (motion(t - 1e-4).inverse() * motion(t + 1e-4)).log() / 2e-4;
+        }
+    }
+    let (readings, _): (Vec<ImuSample>, _) = noisy(&mut rng, readings, some_bias());
+    let world = So3::exp(&vector(&mut rng, 1.0));
+    let poses: Vec<(Stamp, So3)> = (0..200)
+        .map(|k| {
+            let t = 0.05 * k as f64;
+            let noise = So3::exp(&vector(&mut rng, 0.002));
+            (Stamp::from_seconds(t + offset), world * motion(t) * extra * imu_from_eye() * noise)
+        })
+        .collect();
+    time_offset(&poses, &readings, &imu_from_eye(), &OffsetSetting::default())
+}
+
+#[test]
+fn offsets_are_recovered_to_a_millisecond_and_as_well_as_told() {
+    let mut nees = 0.0;
+    let offsets = [-0.05, -0.02, -0.003, 0.0, 0.004, 0.02, 0.07];
+    for (seed, offset) in offsets.into_iter().enumerate() {
+        let found = run(seed as u64, offset, So3::identity(), Motion::rotation).unwrap();
+        assert!((found.offset_s - offset).abs() < 1e-3, "{offset}: {found:?}");
+        assert!((found.gyro_bias - some_bias().gyro).norm() < 2e-3 && found.misaligned < 0.01, "{found:?}");
+        nees += ((found.offset_s - offset) / found.sigma_s).powi(2) / offsets.len() as f64;
+    }
+    println!("NEES of the offset {nees:.2}");
+    assert!((0.1..2.6).contains(&nees), "{nees}");
+}
+
+#[test]
+fn a_rotation_that_is_off_is_told_however_large() {
+    for extra in [Vec3::new(0.0, 0.05, 0.0), Vec3::new(0.0, 0.0, 1.5707), Vec3::new(2.0, -1.0, 0.7)] {
+        let found = run(3, 0.015, So3::exp(&extra), Motion::rotation).unwrap();
+        assert!((found.misaligned - So3::exp(&extra).angle()).abs() < 0.01, "{extra}: {found:?}");
+        assert!((found.offset_s - 0.015).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn what_can_not_be_told_is_not() {
+    let still = run(1, 0.01, So3::identity(), |_| So3::identity());
+    assert!(matches!(still, Err(OffsetUnknown::TooLittleTurn { .. })), "{still:?}");
+    // A steady turn looks the same at any time.
+    let steady = run(1, 0.01, So3::identity(), |t| So3::exp(&Vec3::new(0.0, 0.0, 0.5 * t)));
+    assert!(matches!(steady, Err(OffsetUnknown::TooLittleTurn { .. })), "{steady:?}");
+    let few = time_offset(&[], &[], &imu_from_eye(), &OffsetSetting::default());
+    assert!(matches!(few, Err(OffsetUnknown::TooFew { found: 0, .. })));
+    let far = run(1, 0.3, So3::identity(), Motion::rotation);
+    assert!(far.is_err(), "{far:?}");
+}
