@@ -79,6 +79,17 @@ impl ImuStream {
     }
 }
 
+/// All samples of such a file, as a recording has them: `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines. Lines that
+/// are none are left out.
+///
+/// # Errors
+/// When the file can not be read or holds no sample.
+pub fn read_imu(path: impl AsRef<Path>) -> Result<Vec<ImuSample>, SourceError> {
+    let mut stream = ImuStream::open(path.as_ref())?;
+    let mut skipped = Vec::new();
+    Ok(std::iter::from_fn(|| stream.next(&mut skipped)).collect())
+}
+
 fn parse(line: &str) -> Option<ImuSample> {
     let mut from = fields(line);
     let stamp = stamp_ns(from.next()?)?;

@@ -3,6 +3,7 @@
 pub mod accuracy;
 pub mod graphs;
 pub mod halves;
+pub mod inertial;
 pub mod long;
 pub mod measure;
 pub mod memory;

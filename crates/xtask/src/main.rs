@@ -10,7 +10,7 @@ use xtask::nextday::{self, Day};
 use xtask::recordings::{RECORDINGS, data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
-use xtask::{Sensor, Setting, accuracy, graphs, halves, long, measure, places, revisit, store, walks};
+use xtask::{Sensor, Setting, accuracy, graphs, halves, inertial, long, measure, places, revisit, store, walks};
 
 /// Measures the whole engine.
 #[derive(Parser)]
@@ -171,6 +171,27 @@ enum Command {
         #[arg(long)]
         write: bool,
     },
+    /// Real inertial sensors on real motion, true poses in place of an eye: drift, initialisation, time offset.
+    Inertial {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Only recordings whose name holds this.
+        #[arg(long)]
+        only: Option<String>,
+        /// Only conditions whose name holds this.
+        #[arg(long)]
+        condition: Option<String>,
+        /// Every so-many-th start.
+        #[arg(long, default_value_t = 1)]
+        every: usize,
+        /// Write all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+        /// Write docs/inertial.md.
+        #[arg(long)]
+        write: bool,
+    },
     /// One recording by its row's name, or any source with --sensor; prints JSON.
     One {
         /// Name of a row, a folder, or sim:WORLD.
@@ -305,6 +326,17 @@ fn run(command: Command) -> Result<(), String> {
             print!("{text}");
             let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/places.md");
             if write { save(path.into(), &places::page::page(&text)) } else { Ok(()) }
+        }
+        Command::Inertial { data, only, condition, every, json, write } => {
+            let chosen =
+                inertial::Chosen { recording: only.as_deref(), condition: condition.as_deref(), every };
+            let figures = inertial::run(&data.unwrap_or_else(data_folder), &chosen)?;
+            print!("{}", inertial::tables(&figures));
+            if write {
+                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/inertial.md");
+                save(path.into(), &inertial::page(&figures))?;
+            }
+            json.map_or(Ok(()), |path| save(path, &text(&figures)?))
         }
         Command::One { source, data, sensor, frames, verbose, config } => {
             let config = match config {

@@ -22,6 +22,8 @@ pub enum GateKind {
     Converged,
     /// Weighted squared residuals for each degree of freedom.
     Residual,
+    /// The sensor's white noise, in times its data sheet's.
+    Noise,
     /// How far gravity's norm would be from 9.81 if it were free, beyond twice its standard deviation, m/s^2.
     GravityNorm,
     /// Relative standard deviation of the scale.
@@ -53,6 +55,7 @@ impl GateKind {
             Self::Baseline => ("baseline", " sigma"),
             Self::Converged => ("minimum found", ""),
             Self::Residual => ("residual", ""),
+            Self::Noise => ("noise", " times the data sheet's"),
             Self::GravityNorm => ("gravity's norm is off by", " m/s^2"),
             Self::ScaleSigma => ("scale's sigma", ""),
             Self::GravitySigma => ("gravity's sigma", " rad"),
@@ -137,6 +140,7 @@ pub fn after(found: &Initial, scale: Scale, s: &InitialiseSetting) -> Vec<Gate> 
     let off = ((norm - GRAVITY_M_S2).abs() - 2.0 * sigma).max(0.0);
     let mut gates = vec![
         Gate::new(GateKind::Residual, found.residual, s.most_residual),
+        Gate::new(GateKind::Noise, found.noise_times, s.most_noise_times),
         Gate::new(GateKind::GravityNorm, off, s.most_gravity_off),
         Gate::new(GateKind::GravitySigma, found.gravity_sigma, s.most_gravity_sigma),
         Gate::new(GateKind::GyroBias, found.bias.gyro.norm(), s.most_gyro_bias),

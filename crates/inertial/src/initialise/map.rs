@@ -15,6 +15,9 @@ use nalgebra::{SMatrix, SVector, Vector2};
 /// Standard deviation that holds gravity's norm, relative.
 const NORM_SIGMA: f64 = 1e-5;
 
+/// How often the sensor's noise is fitted to what is left over.
+const ROUNDS: usize = 4;
+
 /// What is given.
 pub struct Problem {
     pub rotations: Vec<So3>,
@@ -26,6 +29,14 @@ pub struct Problem {
     pub setting: InitialiseSetting,
     rotation_sigma: f64,
     position_sigma: f64,
+    noise_times: f64,
+}
+
+/// The same sum with the sensor's white noise so many times larger.
+fn worse(link: &Preintegrated, times: f64) -> Preintegrated {
+    let n = link.noise();
+    let noise = ImuNoise { gyro: n.gyro * times, accel: n.accel * times, ..*n };
+    Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
 }
 
 /// A point of the search.
@@ -48,16 +59,11 @@ impl Problem {
         setting: &InitialiseSetting,
     ) -> Self {
         let eye_from_imu = imu_from_eye.rotation.inverse();
-        let times = setting.noise_times;
-        let worse = |link: &Preintegrated| {
-            let n = link.noise();
-            let noise = ImuNoise { gyro: n.gyro * times, accel: n.accel * times, ..*n };
-            Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
-        };
         Self {
             rotations: seen.poses.iter().map(|p| p.world_from_eye.rotation * eye_from_imu).collect(),
             places: seen.poses.iter().map(|p| p.world_from_eye.translation).collect(),
-            links: links.iter().map(worse).collect(),
+            links: links.iter().map(|link| worse(link, setting.noise_times)).collect(),
+            noise_times: setting.noise_times,
             imu_from_eye: *imu_from_eye,
             scale,
             setting: *setting,
@@ -81,9 +87,28 @@ impl Problem {
                 best = Some((cost, state));
             }
         }
-        let (cost, state) = best?;
+        let (mut cost, mut state) = best?;
+        // What is left over beyond its share is the sensor's: real ones err by more than their white noise.
+        for _ in 0..ROUNDS {
+            let residual = self.residual(cost);
+            if residual < 1.2 {
+                break;
+            }
+            let times = residual.sqrt();
+            self.noise_times *= times;
+            self.links = self.links.iter().map(|link| worse(link, times)).collect();
+            (cost, state) = self.descend(state)?;
+        }
         self.follow(&state);
         self.told(cost, &state)
+    }
+
+    /// Weighted squared residuals for each degree of freedom: rows are 9 a link and 6 a key frame; unknowns 9 a key frame, and
+    /// the shared ones but gravity's norm.
+    fn residual(&self, cost: f64) -> f64 {
+        let n = self.places.len();
+        let freedom = (9 * self.links.len() + 6 * n) as f64 - (9 * n + 9) as f64;
+        2.0 * cost / freedom.max(1.0)
     }
 
     fn start(&self, guess: &Guess) -> State {
@@ -255,9 +280,7 @@ impl Problem {
 
     fn told(&self, cost: f64, state: &State) -> Option<Initial> {
         let n = self.places.len();
-        // Rows: 9 a link, 6 a key frame; unknowns: 9 a key frame, and the shared ones that have no prior worth the name.
-        let freedom = (9 * self.links.len() + 6 * n) as f64 - (9 * n + 9) as f64;
-        let residual = 2.0 * cost / freedom.max(1.0);
+        let residual = self.residual(cost);
         let (_, chain) = self.linearise(state, NORM_SIGMA)?;
         let mut covariance = chain.solve(0.0)?.covariance;
         covariance *= residual.max(1.0);
@@ -278,6 +301,7 @@ impl Problem {
             states: (0..n).map(|k| self.nav(state, k)).collect(),
             covariance,
             residual,
+            noise_times: self.noise_times,
         })
     }
 }

@@ -61,8 +61,11 @@ pub struct InitialiseSetting {
     pub gyro_bias_sigma: f64,
     /// Prior of the accelerometer's bias around zero, m/s^2.
     pub accel_bias_sigma: f64,
-    /// What to multiply the sensor's noise densities with: real ones are worse than their data sheets.
+    /// What to multiply the sensor's noise densities with at least: real ones are worse than their data sheets. It is raised
+    /// to fit what is left over.
     pub noise_times: f64,
+    /// That number at most.
+    pub most_noise_times: f64,
     /// Steps of the solver at most.
     pub iterations: usize,
     /// Key frames at least.
@@ -92,7 +95,8 @@ impl Default for InitialiseSetting {
         Self {
             gyro_bias_sigma: 0.1,
             accel_bias_sigma: 0.2,
-            noise_times: 2.0,
+            noise_times: 5.0,
+            most_noise_times: 30.0,
             iterations: 20,
             least_key_frames: 5,
             least_seconds: 1.5,
@@ -100,7 +104,7 @@ impl Default for InitialiseSetting {
             least_baseline: 10.0,
             most_residual: 4.0,
             most_gravity_off: 0.5,
-            most_scale_sigma: 0.03,
+            most_scale_sigma: 0.02,
             most_gravity_sigma: 0.035,
             most_gyro_bias: 0.3,
             most_accel_bias: 1.0,
@@ -129,6 +133,8 @@ pub struct Initial {
     pub covariance: SMatrix<f64, 9, 9>,
     /// Weighted squared residuals for each degree of freedom; the covariance is raised by it where it is over 1.
     pub residual: f64,
+    /// How many times its data sheet's white noise the sensor's seems to be.
+    pub noise_times: f64,
 }
 
 impl Initial {

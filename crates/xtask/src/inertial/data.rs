@@ -1,0 +1,71 @@
+//! Whole recordings of a real inertial sensor with true poses, without images.
+
+use cairn_geometry::{Se3, So3, Trajectory, Vec3};
+use cairn_inertial::{Bias, ImuBuffer, Preintegrated};
+use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
+use std::path::Path;
+
+/// Folders below `imu-truth`, and which sensor they are of.
+pub const NAMES: [&str; 5] = ["MH_03_medium", "V1_02_medium", "V2_01_easy", "tumvi_room1", "tumvi_room3"];
+
+/// The ADIS16448 of EuRoC, as its data sheet has it.
+const EUROC: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
+/// The BMI160 of TUM-VI, as its calibration has it.
+const TUMVI: ImuNoise = ImuNoise { gyro: 1.6e-4, gyro_walk: 2.2e-5, accel: 2.8e-3, accel_walk: 8.6e-4 };
+
+/// Where EuRoC's left camera sits, which stands for the eye of all.
+pub fn imu_from_eye() -> Se3 {
+    let q = So3::from_xyzw(-0.007_707_18, 0.010_499_32, 0.701_752_8, 0.712_301_5).unwrap_or(So3::identity());
+    Se3::new(q, Vec3::new(-0.021_640_1, -0.064_677, 0.009_810_7))
+}
+
+/// A recording.
+pub struct Motion {
+    /// Its folder.
+    pub name: &'static str,
+    /// The sensor; its frame is the body's.
+    pub sensor: ImuSensor,
+    /// All its samples.
+    pub samples: Vec<ImuSample>,
+    /// `world_from_imu`, up to 200 Hz.
+    pub truth: Trajectory,
+}
+
+impl Motion {
+    /// Reads a recording of [`NAMES`] below the data folder.
+    ///
+    /// # Errors
+    /// When a file is missing or not what it should be.
+    pub fn read(data: &Path, name: &'static str) -> Result<Self, String> {
+        let folder = data.join("imu-truth").join(name);
+        let samples = cairn_sources::read_imu(folder.join("imu.csv")).map_err(|e| e.to_string())?;
+        let truth =
+            cairn_eval::load_trajectory(&folder.join("gt_tum.txt")).map_err(|e| e.to_string())?.trajectory;
+        let noise = if name.starts_with("tumvi") { TUMVI } else { EUROC };
+        let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 200.0, noise, offset_s: 0.0 };
+        Ok(Self { name, sensor, samples, truth })
+    }
+
+    /// The true pose at an instant, where there are poses within 50 ms around it.
+    pub fn pose(&self, stamp: Stamp) -> Option<Se3> {
+        self.truth.at_within(stamp.0, 50_000_000)
+    }
+
+    /// The first and the last true stamp.
+    pub fn span(&self) -> (Stamp, Stamp) {
+        let stamps = self.truth.stamps_ns();
+        (Stamp(stamps.first().copied().unwrap_or(0)), Stamp(stamps.last().copied().unwrap_or(0)))
+    }
+
+    /// A buffer of all samples.
+    pub fn buffer(&self) -> ImuBuffer {
+        let mut buffer = ImuBuffer::new(&self.sensor, 0.1);
+        buffer.push(&self.samples);
+        buffer
+    }
+}
+
+/// Sums from stamp to stamp; `None` where readings are missing.
+pub fn links(buffer: &ImuBuffer, bias: Bias, stamps: &[Stamp]) -> Option<Vec<Preintegrated>> {
+    stamps.windows(2).map(|w| buffer.preintegrate(bias, w[0], w[1]).ok()).collect()
+}

@@ -1,0 +1,67 @@
+//! How far the readings alone carry: predictions over seconds from known states, against the true poses.
+
+use super::data::Motion;
+use super::reference::Reference;
+use cairn_geometry::Vec3;
+use serde::Serialize;
+
+/// Errors after some seconds without an eye.
+#[derive(Clone, Debug, Serialize)]
+pub struct Drift {
+    /// Recording.
+    pub name: &'static str,
+    /// How long.
+    pub seconds: f64,
+    /// Starts.
+    pub tries: usize,
+    /// Error of the place, metres: median and 95 %.
+    pub place_m: [f64; 2],
+    /// Error of the rotation, degrees: median and 95 %.
+    pub turn_deg: [f64; 2],
+    /// Root mean square of the place's error over what the covariance says, per axis; 1 is consistent.
+    pub place_over_sigma: f64,
+}
+
+/// Over these seconds.
+pub const SECONDS: [f64; 3] = [1.0, 5.0, 10.0];
+
+/// Starts at every second key frame of the reference.
+pub fn measure(motion: &Motion, reference: &Reference) -> Vec<Drift> {
+    let buffer = motion.buffer();
+    let over = |seconds: f64| {
+        let (mut places, mut turns, mut square) = (Vec::new(), Vec::new(), 0.0);
+        for (stamp, state) in reference.states.iter().step_by(2) {
+            let end = stamp.plus_seconds(seconds);
+            let (Some(truth), Ok(sum)) = (motion.pose(end), buffer.preintegrate(state.bias, *stamp, end))
+            else {
+                continue;
+            };
+            let found = sum.predict(state, &reference.gravity);
+            let off: Vec3 = found.world_from_imu.translation - truth.translation;
+            places.push(off.norm());
+            turns.push((truth.rotation.inverse() * found.world_from_imu.rotation).angle().to_degrees());
+            let sigma2 = sum.covariance().fixed_view::<3, 3>(6, 6).trace() / 3.0;
+            square += off.norm_squared() / (3.0 * sigma2);
+        }
+        let tries = places.len();
+        Drift {
+            name: motion.name,
+            seconds,
+            tries,
+            place_m: middle_and_most(&mut places),
+            turn_deg: middle_and_most(&mut turns),
+            place_over_sigma: (square / tries.max(1) as f64).sqrt(),
+        }
+    };
+    SECONDS.map(over).to_vec()
+}
+
+/// Median and 95 % of values; NaN where there are none.
+pub fn middle_and_most(values: &mut [f64]) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    let at = |part: f64| {
+        let i = (part * values.len() as f64).ceil() as usize;
+        values.get(i.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+    };
+    [at(0.5), at(0.95)]
+}

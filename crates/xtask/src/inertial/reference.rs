@@ -1,0 +1,82 @@
+//! What a recording's true poses and readings say together: gravity, biases and velocities, from poses without noise at
+//! their true scale, window by window. Tries are compared with it, and drift starts from it.
+
+use super::data::{Motion, links};
+use cairn_geometry::{Se3, Vec3};
+use cairn_inertial::{
+    Bias, InitialiseSetting, NavState, OffsetSetting, Scale, Seen, SeenPose, TimeOffset, initialise,
+    time_offset,
+};
+use cairn_sensor::Stamp;
+
+/// Seconds of a window; the biases are constant over it.
+const WINDOW_S: f64 = 20.0;
+/// Seconds between its key frames.
+const STEP_S: f64 = 0.25;
+
+/// What is taken as true besides the poses.
+pub struct Reference {
+    /// In the truth's world, m/s^2.
+    pub gravity: Vec3,
+    /// Per window: when it begins, the biases in it, and the weighted squared residual for each degree of freedom.
+    pub windows: Vec<(Stamp, Bias, f64)>,
+    /// States at key frames.
+    pub states: Vec<(Stamp, NavState)>,
+    /// Offset and rotation between truth and readings, as they are found on the whole recording.
+    pub clock: Option<TimeOffset>,
+}
+
+impl Reference {
+    /// From a recording.
+    pub fn of(motion: &Motion) -> Self {
+        let buffer = motion.buffer();
+        let (first, last) = motion.span();
+        let (mut windows, mut states, mut gravities) = (Vec::new(), Vec::new(), Vec::new());
+        let mut from = first;
+        while last - from > WINDOW_S {
+            let stamps: Vec<Stamp> =
+                (0..=(WINDOW_S / STEP_S) as usize).map(|k| from.plus_seconds(STEP_S * k as f64)).collect();
+            let poses: Option<Vec<SeenPose>> = stamps
+                .iter()
+                .map(|t| Some(SeenPose { stamp: *t, world_from_eye: motion.pose(*t)? }))
+                .collect();
+            if let (Some(poses), Some(links)) = (poses, links(&buffer, Bias::default(), &stamps)) {
+                let seen = Seen { poses: &poses, rotation_sigma: 1e-3, position_sigma: 1e-3 };
+                let setting = InitialiseSetting { accel_bias_sigma: 1.0, ..Default::default() };
+                let scale = Scale::Known { sigma: 1e-6 };
+                if let Some(found) = initialise(&seen, &links, &Se3::identity(), scale, &setting).found {
+                    gravities.push(found.gravity.vector());
+                    windows.push((from, found.bias, found.residual));
+                    states.extend(stamps.iter().copied().zip(found.states));
+                }
+            }
+            from = from.plus_seconds(WINDOW_S);
+        }
+        let gravity = gravities.iter().sum::<Vec3>() / gravities.len().max(1) as f64;
+        let poses: Vec<_> = (0..((last - first) * 20.0) as usize)
+            .map(|k| first.plus_seconds(0.05 * k as f64))
+            .filter_map(|t| Some((t, motion.pose(t)?.rotation)))
+            .collect();
+        let given = cairn_geometry::So3::identity();
+        let clock = time_offset(&poses, &motion.samples, &given, &OffsetSetting::default()).ok();
+        Self { gravity, windows, states, clock }
+    }
+
+    /// The true pose at a key frame of the reference: the place as it was measured; the rotation smoothed by the gyroscope, as
+    /// that of the markers jumps by half a degree at times (TUM-VI). The readings' accelerations have no part in it.
+    pub fn pose(&self, motion: &Motion, at: Stamp) -> Option<Se3> {
+        let near = self.states.partition_point(|(t, _)| *t < at.plus_seconds(-1e-4));
+        let (stamp, state) = self.states.get(near)?;
+        let rotation = state.world_from_imu.rotation;
+        ((*stamp - at).abs() < 1e-4).then_some(Se3::new(rotation, motion.pose(at)?.translation))
+    }
+
+    /// The biases at an instant.
+    pub fn bias(&self, at: Stamp) -> Bias {
+        let near = self.windows.iter().min_by(|a, b| {
+            let off = |w: &(Stamp, Bias, f64)| (w.0.plus_seconds(0.5 * WINDOW_S) - at).abs();
+            off(a).total_cmp(&off(b))
+        });
+        near.map_or(Bias::default(), |w| w.1)
+    }
+}

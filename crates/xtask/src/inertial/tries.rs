@@ -1,0 +1,335 @@
+//! Initialisation tried at many times of a recording: true poses at the rate of key frames with noise, in a world that
+//! stands askew and has a unit of its own, as a map of one camera has.
+
+use super::data::{Motion, imu_from_eye, links};
+use super::drift::middle_and_most;
+use super::reference::Reference;
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_inertial::{
+    Bias, GateKind, ImuBuffer, Initial, InitialiseSetting, OffsetSetting, Scale, Seen, SeenPose, initialise,
+    time_offset,
+};
+use cairn_sensor::{ImuSample, Stamp};
+use cairn_solve::ransac::Rng;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Seconds between key frames.
+const KEY_FRAME_S: f64 = 0.25;
+/// Seconds between images, where the offset is sought.
+const IMAGE_S: f64 = 0.05;
+/// Seconds of images that the offset is sought in.
+const OFFSET_S: f64 = 10.0;
+/// Tries give up after so many seconds.
+const MOST_S: f64 = 15.0;
+/// Seconds between starts.
+const START_S: f64 = 2.0;
+
+/// What is made worse than it was.
+#[derive(Clone, Copy, Debug)]
+pub struct Condition {
+    /// Name of the row.
+    pub name: &'static str,
+    /// Standard deviation of a seen rotation, degrees, each axis.
+    pub rotation_deg: f64,
+    /// Of a seen place: this part of the median step between key frames, and a millimetre, each axis.
+    pub place_part: f64,
+    /// Every second sample only.
+    pub half_rate: bool,
+    /// Part of the samples that are lost.
+    pub lost: f64,
+    /// How far the images' clock is ahead: `t_imu + offset = t_image`.
+    pub offset_s: f64,
+    /// Whether the offset is found and taken out first.
+    pub corrects: bool,
+    /// Both biases jump by a random step every ten seconds: rad/s and m/s^2, each axis.
+    pub bias_step: [f64; 2],
+}
+
+const PLAIN: Condition = Condition {
+    name: "0.1 deg, 0.5 %",
+    rotation_deg: 0.1,
+    place_part: 0.005,
+    half_rate: false,
+    lost: 0.0,
+    offset_s: 0.0,
+    corrects: false,
+    bias_step: [0.0; 2],
+};
+
+/// All rows.
+pub const CONDITIONS: [Condition; 9] = [
+    PLAIN,
+    Condition { name: "0.3 deg", rotation_deg: 0.3, ..PLAIN },
+    Condition { name: "half the IMU rate", half_rate: true, ..PLAIN },
+    Condition { name: "1 % lost", lost: 0.01, ..PLAIN },
+    Condition { name: "bias steps", bias_step: [0.003, 0.05], ..PLAIN },
+    Condition { name: "+20 ms, not known", offset_s: 0.02, ..PLAIN },
+    Condition { name: "+20 ms, found first", offset_s: 0.02, corrects: true, ..PLAIN },
+    Condition { name: "-20 ms, found first", offset_s: -0.02, corrects: true, ..PLAIN },
+    Condition { name: "0 ms, found first", corrects: true, ..PLAIN },
+];
+
+/// A row of the table.
+#[derive(Clone, Debug, Serialize)]
+pub struct Tried {
+    /// Recording.
+    pub name: &'static str,
+    /// Condition.
+    pub condition: &'static str,
+    /// Starts.
+    pub starts: usize,
+    /// Starts that led to a metric estimate within fifteen seconds.
+    pub accepted: usize,
+    /// Of those, with the scale wrong by more than a twentieth at first.
+    pub wrong: usize,
+    /// Seconds to the first estimate: median and 95 %.
+    pub first_s: [f64; 2],
+    /// Error of the scale in percent at the first estimate, with 5 s and with 15 s of key frames.
+    pub scale_percent: [[f64; 2]; 3],
+    /// Root mean square of the first scale's error over its own sigma.
+    pub scale_over_sigma: f64,
+    /// Error of gravity's direction at the first estimate, degrees.
+    pub gravity_deg: [f64; 2],
+    /// Errors of the biases at the first estimate, rad/s and m/s^2.
+    pub gyro_bias: [f64; 2],
+    /// Likewise.
+    pub accel_bias: [f64; 2],
+    /// The sensor's noise as it was fitted, in times the data sheet's.
+    pub noise_times: [f64; 2],
+    /// Error of the offset, ms: median and most of those found; and how many were found.
+    pub offset_ms: [f64; 2],
+    /// Offsets found.
+    pub offsets: usize,
+    /// What stopped those that were never accepted: how often each gate was failed at the end.
+    pub stopped: BTreeMap<String, usize>,
+}
+
+/// What one start gave.
+#[derive(Default)]
+struct Start {
+    first: Option<(f64, Errors)>,
+    at: [Option<Errors>; 2],
+    offset_ms: Option<f64>,
+    stopped: Vec<GateKind>,
+}
+
+struct Errors {
+    scale_percent: f64,
+    over_sigma: f64,
+    gravity_deg: f64,
+    gyro: f64,
+    accel: f64,
+    noise: f64,
+}
+
+/// All starts of a recording under a condition.
+pub fn measure(motion: &Motion, reference: &Reference, condition: &Condition, every: usize) -> Tried {
+    let (first, last) = motion.span();
+    let (samples, steps) = worsened(motion, condition);
+    let period = if condition.half_rate { 2.0 } else { 1.0 };
+    let mut sensor = motion.sensor.clone();
+    sensor.rate_hz /= period;
+    let mut starts = Vec::new();
+    let mut from = first.plus_seconds(START_S);
+    while last - from > MOST_S + 0.5 {
+        starts.push(from);
+        from = from.plus_seconds(START_S);
+    }
+    // Where the truth has a hole there is nothing to try.
+    let whole = |from: &Stamp| Case::times(*from).iter().all(|t| reference.pose(motion, *t).is_some());
+    starts.retain(whole);
+    let run = |(i, from): (usize, &Stamp)| {
+        let case = Case { motion, reference, condition, samples: &samples, steps: &steps, sensor: &sensor };
+        case.start(*from, i as u64)
+    };
+    let results: Vec<Start> = starts.iter().enumerate().step_by(every.max(1)).map(run).collect();
+    told(motion.name, condition.name, &results)
+}
+
+fn told(name: &'static str, condition: &'static str, results: &[Start]) -> Tried {
+    let firsts = || results.iter().filter_map(|s| s.first.as_ref());
+    let of =
+        |f: &dyn Fn(&Errors) -> f64| middle_and_most(&mut firsts().map(|(_, e)| f(e)).collect::<Vec<_>>());
+    let at = |k: usize| {
+        let values = results.iter().filter_map(|s| s.at[k].as_ref());
+        middle_and_most(&mut values.map(|e| e.scale_percent.abs()).collect::<Vec<_>>())
+    };
+    let n = firsts().count();
+    let mut offsets: Vec<f64> = results.iter().filter_map(|s| s.offset_ms).collect();
+    let mut stopped = BTreeMap::new();
+    for kind in results.iter().flat_map(|s| &s.stopped) {
+        *stopped.entry(format!("{kind:?}")).or_insert(0) += 1;
+    }
+    let middle = middle_and_most(&mut offsets)[0];
+    Tried {
+        name,
+        condition,
+        starts: results.len(),
+        accepted: n,
+        wrong: firsts().filter(|(_, e)| e.scale_percent.abs() > 5.0).count(),
+        first_s: middle_and_most(&mut firsts().map(|(s, _)| *s).collect::<Vec<_>>()),
+        scale_percent: [of(&|e| e.scale_percent.abs()), at(0), at(1)],
+        scale_over_sigma: (firsts().map(|(_, e)| e.over_sigma.powi(2)).sum::<f64>() / n.max(1) as f64).sqrt(),
+        gravity_deg: of(&|e| e.gravity_deg),
+        gyro_bias: of(&|e| e.gyro),
+        accel_bias: of(&|e| e.accel),
+        noise_times: of(&|e| e.noise),
+        offset_ms: [middle, offsets.last().copied().unwrap_or(f64::NAN)],
+        offsets: offsets.len(),
+        stopped,
+    }
+}
+
+/// The samples as the condition has them, and the biases that were added by time.
+fn worsened(motion: &Motion, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias)>) {
+    let mut rng = Rng::with_stream(7, 1);
+    let mut added = Bias::default();
+    let mut steps = Vec::new();
+    let mut next = motion.samples.first().map_or(Stamp(0), |s| s.stamp);
+    let mut out = Vec::with_capacity(motion.samples.len());
+    for (i, sample) in motion.samples.iter().enumerate() {
+        if sample.stamp >= next {
+            let mut draw = |s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+            added.gyro += draw(c.bias_step[0]);
+            added.accel += draw(c.bias_step[1]);
+            steps.push((next, added));
+            next = next.plus_seconds(10.0);
+        }
+        if (c.half_rate && i % 2 == 1) || rng.unit() < c.lost {
+            continue;
+        }
+        out.push(ImuSample { gyro: sample.gyro + added.gyro, accel: sample.accel + added.accel, ..*sample });
+    }
+    (out, steps)
+}
+
+struct Case<'a> {
+    motion: &'a Motion,
+    reference: &'a Reference,
+    condition: &'a Condition,
+    samples: &'a [ImuSample],
+    steps: &'a [(Stamp, Bias)],
+    sensor: &'a cairn_sensor::ImuSensor,
+}
+
+impl Case<'_> {
+    /// One start: the offset first where it is asked for, then tries with ever more key frames.
+    fn start(&self, from: Stamp, stream: u64) -> Start {
+        let mut rng = Rng::with_stream(3, stream);
+        let c = self.condition;
+        let mut out = Start::default();
+        let eye = imu_from_eye();
+        let sigma = c.rotation_deg.to_radians();
+        let mut corrected = 0.0;
+        if c.corrects {
+            let mut seen = |sigma: f64| -> Vec<(Stamp, So3)> {
+                let times = (0..(OFFSET_S / IMAGE_S) as usize).map(|k| from.plus_seconds(IMAGE_S * k as f64));
+                let mut pose = |t: Stamp| {
+                    let turned = self.motion.pose(t)?.rotation * eye.rotation;
+                    Some((t.plus_seconds(c.offset_s), turned * So3::exp(&vector(&mut rng, sigma))))
+                };
+                times.filter_map(&mut pose).collect()
+            };
+            let near = self.near(from, from.plus_seconds(OFFSET_S));
+            let find = |poses: &[_]| time_offset(poses, near, &eye.rotation, &OffsetSetting::default()).ok();
+            // The recording's own clocks drift by milliseconds: what the exact poses of these seconds give is right.
+            let exact = find(&seen(0.0));
+            if let (Some(found), Some(exact)) = (find(&seen(sigma)), exact) {
+                out.offset_ms = Some((found.offset_s - exact.offset_s).abs() * 1e3);
+                corrected = found.offset_s;
+            }
+        }
+        // A map with a unit and axes of its own.
+        let unit = rng.range(-1.5, 1.5).exp();
+        let turn = So3::exp(&vector(&mut rng, 1.0));
+        let Some((poses, place_sigma)) = self.poses(from, unit, &turn, &mut rng) else { return out };
+        let mut buffer = ImuBuffer::new(self.sensor, 0.1);
+        let moved = |s: &ImuSample| ImuSample { stamp: s.stamp.plus_seconds(corrected), ..*s };
+        buffer.push(&self.near(from, from.plus_seconds(MOST_S)).iter().map(moved).collect::<Vec<_>>());
+        let stamps: Vec<Stamp> = poses.iter().map(|p| p.stamp).collect();
+        let Some(links) = links(&buffer, Bias::default(), &stamps) else { return out };
+        let with = |n: usize| {
+            let seen = Seen {
+                poses: &poses[..n],
+                rotation_sigma: sigma.max(1e-3),
+                position_sigma: place_sigma / unit,
+            };
+            let setting = InitialiseSetting::default();
+            let attempt = initialise(&seen, &links[..n - 1], &eye, Scale::Free, &setting);
+            let good = attempt.accepted().is_some();
+            let stopped: Vec<GateKind> = attempt.failed().map(|g| g.kind).collect();
+            let errors = attempt.found.map(|f| self.errors(&f, unit, &turn, stamps[0], stamps[n - 1]));
+            (good, errors, stopped)
+        };
+        for n in (7..=poses.len()).step_by(2) {
+            let (good, errors, stopped) = with(n);
+            out.stopped = stopped;
+            if let (true, Some(errors)) = (good, errors) {
+                out.first = Some((stamps[n - 1] - stamps[0], errors));
+                break;
+            }
+        }
+        if out.first.is_some() {
+            for (slot, seconds) in out.at.iter_mut().zip([5.0, 15.0]) {
+                let n = ((seconds / KEY_FRAME_S) as usize + 1).min(poses.len());
+                let (good, errors, _) = with(n);
+                *slot = errors.filter(|_| good);
+            }
+        }
+        out
+    }
+
+    /// When the key frames of a start are taken.
+    fn times(from: Stamp) -> Vec<Stamp> {
+        (0..=(MOST_S / KEY_FRAME_S) as usize).map(|k| from.plus_seconds(KEY_FRAME_S * k as f64)).collect()
+    }
+
+    fn near(&self, from: Stamp, to: Stamp) -> &[ImuSample] {
+        let a = self.samples.partition_point(|s| s.stamp < from.plus_seconds(-0.3));
+        let b = self.samples.partition_point(|s| s.stamp < to.plus_seconds(0.3));
+        &self.samples[a..b]
+    }
+
+    /// Key frames with noise, and the standard deviation of a place in metres.
+    fn poses(&self, from: Stamp, unit: f64, turn: &So3, rng: &mut Rng) -> Option<(Vec<SeenPose>, f64)> {
+        let c = self.condition;
+        let times: Vec<Stamp> = (0..=(MOST_S / KEY_FRAME_S) as usize)
+            .map(|k| from.plus_seconds(KEY_FRAME_S * k as f64))
+            .collect();
+        let truth: Option<Vec<Se3>> =
+            times.iter().map(|t| Some(self.motion.pose(*t)? * imu_from_eye())).collect();
+        let truth = truth?;
+        let mut steps: Vec<f64> =
+            truth.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).collect();
+        let sigma = c.place_part * middle_and_most(&mut steps)[0] + 0.001;
+        let poses = times.iter().zip(&truth).map(|(t, eye)| {
+            let rotation = *turn * eye.rotation * So3::exp(&vector(rng, c.rotation_deg.to_radians()));
+            let place = *turn * (eye.translation + vector(rng, sigma)) / unit;
+            SeenPose { stamp: t.plus_seconds(c.offset_s), world_from_eye: Se3::new(rotation, place) }
+        });
+        Some((poses.collect(), sigma))
+    }
+
+    fn errors(&self, found: &Initial, unit: f64, turn: &So3, from: Stamp, to: Stamp) -> Errors {
+        let log = (found.scale / unit).ln();
+        let middle = from.plus_seconds(0.5 * (to - from));
+        let mut bias = self.reference.bias(middle);
+        if let Some((_, added)) = self.steps.iter().rev().find(|(t, _)| *t <= middle) {
+            bias.gyro += added.gyro;
+            bias.accel += added.accel;
+        }
+        Errors {
+            scale_percent: 100.0 * (log.exp() - 1.0),
+            over_sigma: log / found.scale_sigma,
+            gravity_deg: found.gravity.vector().angle(&(*turn * self.reference.gravity)).to_degrees(),
+            gyro: (found.bias.gyro - bias.gyro).norm(),
+            accel: (found.bias.accel - bias.accel).norm(),
+            noise: found.noise_times,
+        }
+    }
+}
+
+fn vector(rng: &mut Rng, sigma: f64) -> Vec3 {
+    Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma
+}
