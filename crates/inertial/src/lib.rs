@@ -5,6 +5,7 @@ mod factor;
 mod initialise;
 mod offset;
 mod preintegrated;
+mod readings;
 mod rest;
 mod state;
 
@@ -15,5 +16,6 @@ pub use initialise::{
 };
 pub use offset::{OffsetSetting, OffsetUnknown, TimeOffset, time_offset};
 pub use preintegrated::Preintegrated;
+pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestSetting};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};

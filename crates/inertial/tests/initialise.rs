@@ -191,6 +191,6 @@ fn each_gate_stops_what_it_is_there_for() {
     let (readings, _) = noisy(&mut rng, samples(0.0, 6.0, 200.0), Bias::default());
     let mirrored = |t: f64| Se3::new(Motion::rotation(t).inverse(), -Motion::position(t));
     let wrong = attempt(&case(&mut rng, readings, mirrored, 0.0, 24, 1.0), Scale::Free);
-    assert!(wrong.accepted().is_none() && failed(&wrong).contains(&GateKind::Residual), "{:?}", wrong.gates);
+    assert!(wrong.accepted().is_none() && failed(&wrong).contains(&GateKind::GyroNoise), "{:?}", wrong.gates);
     assert!(wrong.gates.iter().all(|g| g.to_string().contains(if g.passed { "good" } else { "failed" })));
 }

@@ -122,9 +122,64 @@ impl Rig {
                     return Err(RigError(format!("imu: {name} {v} is not a positive number")));
                 }
             }
+            for (name, v, possible, _) in densities(&imu.noise) {
+                if v < possible[0] || v > possible[1] {
+                    return Err(RigError(format!(
+                        "imu: {name} {v:e} can not be, sensors have {:e} to {:e}: is the unit right?",
+                        possible[0], possible[1]
+                    )));
+                }
+            }
+            if !imu.offset_s.is_finite() || imu.offset_s.abs() > 10.0 {
+                return Err(RigError(format!(
+                    "imu: an offset of {} s to the images can not be, is the unit seconds?",
+                    imu.offset_s
+                )));
+            }
         }
         Ok(())
     }
+
+    /// What can be but hardly is, with numbers, one line each.
+    pub fn doubts(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        let Some(imu) = &self.imu else { return out };
+        if imu.rate_hz < 100.0 || imu.rate_hz > 4000.0 {
+            out.push(format!(
+                "imu: {} samples a second, 100 to 1000 are usual and 100 are needed",
+                imu.rate_hz
+            ));
+        }
+        for (name, v, _, usual) in densities(&imu.noise) {
+            if v < usual[0] || v > usual[1] {
+                out.push(format!(
+                    "imu: {name} {v:e} is unusual, most sensors have {:e} to {:e}: a density has the unit of the reading over \
+                     sqrt(Hz)",
+                    usual[0], usual[1]
+                ));
+            }
+        }
+        if imu.offset_s.abs() > 0.1 {
+            out.push(format!("imu: {:+.3} s to the images is much, t_imu + offset = t_image", imu.offset_s));
+        }
+        if imu.noise.gyro > imu.noise.accel {
+            out.push(format!(
+                "imu: the gyroscope's noise {:e} is above the accelerometer's {:e}: are they exchanged?",
+                imu.noise.gyro, imu.noise.accel
+            ));
+        }
+        out
+    }
+}
+
+/// Noise densities with the range that can be and the one that is usual, inflated ones included.
+fn densities(n: &ImuNoise) -> [(&'static str, f64, [f64; 2], [f64; 2]); 4] {
+    [
+        ("gyro noise", n.gyro, [1e-8, 0.5], [1e-5, 2e-2]),
+        ("gyro walk", n.gyro_walk, [1e-10, 0.1], [1e-7, 5e-3]),
+        ("accel noise", n.accel, [1e-7, 5.0], [1e-4, 0.3]),
+        ("accel walk", n.accel_walk, [1e-9, 5.0], [1e-6, 0.1]),
+    ]
 }
 
 fn check_rigid(name: &str, t: &Se3) -> Result<(), RigError> {

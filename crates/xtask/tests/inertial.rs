@@ -55,3 +55,17 @@ fn an_offset_of_20_ms_is_recovered_to_a_millisecond() {
     }
     holds(&f, 0.9, [4.0, 1.8], 1.2);
 }
+
+#[test]
+fn real_readings_raise_no_doubt() {
+    for name in xtask::inertial::data::NAMES {
+        if !data_folder().join("imu-truth").join(name).exists() {
+            println!("skipped: imu-truth/{name} is not in {}", data_folder().display());
+            continue;
+        }
+        let motion = xtask::inertial::data::Motion::read(&data_folder(), name).expect("it is read");
+        let readings = cairn_inertial::Readings::of(&motion.samples, &motion.sensor);
+        println!("{name}: {readings:?}");
+        assert_eq!(readings.doubts(&motion.sensor), [], "{name}: {readings:?}");
+    }
+}

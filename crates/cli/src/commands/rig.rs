@@ -3,6 +3,7 @@
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_geometry::Vec2;
+use cairn_inertial::Readings;
 use cairn_sensor::{Camera, Rig};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -27,6 +28,12 @@ enum Command {
 struct Check {
     /// The calibration file.
     file: PathBuf,
+    /// A recording made with this rig: its image sizes, and what its IMU reads, are checked too.
+    #[arg(long, value_name = "SOURCE")]
+    with: Option<String>,
+    /// Seconds of that recording to look at.
+    #[arg(long, default_value_t = 30.0, value_name = "SECONDS")]
+    seconds: f64,
     /// Writes the rig as Cairn's own TOML.
     #[arg(long, value_name = "OUT.toml")]
     write: Option<PathBuf>,
@@ -42,7 +49,30 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     imu: Option<ImuReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    readings: Option<ReadingsReport>,
+    /// What can be but hardly is.
+    warnings: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     written: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct ReadingsReport {
+    seconds: f64,
+    images: usize,
+    samples: usize,
+    rate_hz: f64,
+    missing_percent: f64,
+    longest_step_s: f64,
+    rest_s: f64,
+    /// Mean norm of the accelerometer at rest, m/s^2; none where it never rests.
+    rest_norm: Option<f64>,
+    median_norm: f64,
+    fastest_rad_s: f64,
+    /// Mean seconds from an image to the last sample that came with it; a sample after the image makes it positive.
+    sample_after_image_s: Option<f64>,
+    /// Images without a sample at or after them.
+    images_without: usize,
 }
 
 #[derive(Serialize)]
@@ -93,7 +123,73 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     if let Some(path) = &check.write {
         cairn_eval::write_whole(path, &cairn_sources::write_rig(&rig)?)?;
     }
-    output.result(&Report { written: check.write.clone(), ..report(&rig) }, text)
+    let mut warnings = rig.doubts();
+    let readings = match &check.with {
+        Some(source) => Some(readings(source, &rig, check.seconds, &mut warnings)?),
+        None => None,
+    };
+    output.result(&Report { readings, warnings, written: check.write.clone(), ..report(&rig) }, text)
+}
+
+/// Seconds from an image to its sample that are no sensor's period any more.
+const MOST_AFTER_S: f64 = 0.05;
+
+/// Looks at a recording with the rig: a wrong resolution is refused when it is opened.
+fn readings(
+    source: &str,
+    rig: &Rig,
+    seconds: f64,
+    warnings: &mut Vec<String>,
+) -> Result<ReadingsReport, Failure> {
+    let given = if source.starts_with("sim:") { None } else { Some(rig.clone()) };
+    let options = cairn_sources::OpenOptions { rig: given, ..Default::default() };
+    let mut source = cairn_sources::open(source, options)?;
+    let (mut samples, mut images, mut without, mut after, mut first) =
+        (Vec::new(), 0usize, 0usize, 0.0, None);
+    while let Some(packet) = source.next_packet()? {
+        if packet.stamp - *first.get_or_insert(packet.stamp) > seconds {
+            break;
+        }
+        images += 1;
+        samples.extend(packet.imu.iter().filter(|s| !s.is_synthesised()).copied());
+        match samples.last() {
+            Some(last) if last.stamp >= packet.stamp => after += last.stamp - packet.stamp,
+            _ => without += 1,
+        }
+    }
+    let mean_after = (images > without).then(|| after / (images - without) as f64);
+    let sensor = source.rig().imu.as_ref().or(rig.imu.as_ref());
+    let found = sensor.map_or_else(Readings::default, |sensor| Readings::of(&samples, sensor));
+    if let Some(sensor) = sensor {
+        if samples.is_empty() {
+            warnings
+                .push("the rig has an IMU, but no sample lies near the images: is it the same clock?".into());
+        } else if 10 * without > images {
+            warnings.push(format!(
+                "{without} of {images} images have no IMU sample at or after them: the clocks are apart, or the IMU's file is short"
+            ));
+        }
+        if let Some(late) = mean_after.filter(|late| *late > MOST_AFTER_S) {
+            warnings.push(format!(
+                "the IMU sample next to an image lies {late:.3} s after it in the mean: the clocks are apart"
+            ));
+        }
+        warnings.extend(found.doubts(sensor).iter().map(|d| d.to_string()));
+    }
+    Ok(ReadingsReport {
+        seconds: found.seconds,
+        images,
+        samples: found.samples,
+        rate_hz: found.rate_hz,
+        missing_percent: found.missing_percent,
+        longest_step_s: found.longest_s,
+        rest_s: found.rest_s,
+        rest_norm: found.rest_norm,
+        median_norm: found.norm,
+        fastest_rad_s: found.fastest,
+        sample_after_image_s: mean_after,
+        images_without: without,
+    })
 }
 
 fn report(rig: &Rig) -> Report {
@@ -126,6 +222,8 @@ fn report(rig: &Rig) -> Report {
             accel_walk: i.noise.accel_walk,
             offset_s: i.offset_s,
         }),
+        readings: None,
+        warnings: Vec::new(),
         written: None,
     }
 }
@@ -190,10 +288,32 @@ fn text(r: &Report) -> String {
         ));
     }
     if let Some(i) = &r.imu {
-        lines.push(format!("imu  {} Hz, {:+.6} s to the images' clock", i.rate_hz, i.offset_s + 0.0));
+        lines.push(format!(
+            "imu  {} Hz, {:+.6} s to the images' clock (t_imu + offset = t_image)",
+            i.rate_hz,
+            i.offset_s + 0.0
+        ));
         lines.push(format!("  gyro {:e} rad/s/sqrt(Hz), walk {:e}", i.gyro_noise, i.gyro_walk));
         lines.push(format!("  accel {:e} m/s^2/sqrt(Hz), walk {:e}", i.accel_noise, i.accel_walk));
     }
+    if let Some(f) = &r.readings {
+        lines
+            .push(format!("recording  {} images; {} IMU samples in {:.1} s", f.images, f.samples, f.seconds));
+        if f.samples > 0 {
+            lines.push(format!(
+                "  {:.1} Hz, {:.2} % missing, {:.3} s without one at most",
+                f.rate_hz, f.missing_percent, f.longest_step_s
+            ));
+            let rest = f.rest_norm.map_or("never at rest".into(), |n| {
+                format!("at rest for {:.1} s with {n:.3} m/s^2", f.rest_s)
+            });
+            lines.push(format!(
+                "  {rest}; {:.3} m/s^2 in the middle; turns by {:.2} rad/s at most",
+                f.median_norm, f.fastest_rad_s
+            ));
+        }
+    }
+    lines.extend(r.warnings.iter().map(|w| format!("warning: {w}")));
     if let Some(path) = &r.written {
         lines.push(format!("written to {}", path.display()));
     }

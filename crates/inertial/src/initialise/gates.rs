@@ -22,8 +22,10 @@ pub enum GateKind {
     Converged,
     /// Weighted squared residuals for each degree of freedom.
     Residual,
-    /// The sensor's white noise, in times its data sheet's.
-    Noise,
+    /// The white noise of the gyroscope, in times its data sheet's. High too where the time offset is wrong.
+    GyroNoise,
+    /// The white noise of the accelerometer, in times its data sheet's.
+    AccelNoise,
     /// How far gravity's norm would be from 9.81 if it were free, beyond twice its standard deviation, m/s^2.
     GravityNorm,
     /// Relative standard deviation of the scale.
@@ -55,7 +57,8 @@ impl GateKind {
             Self::Baseline => ("baseline", " sigma"),
             Self::Converged => ("minimum found", ""),
             Self::Residual => ("residual", ""),
-            Self::Noise => ("noise", " times the data sheet's"),
+            Self::GyroNoise => ("gyro noise", " times the data sheet's"),
+            Self::AccelNoise => ("accel noise", " times the data sheet's"),
             Self::GravityNorm => ("gravity's norm is off by", " m/s^2"),
             Self::ScaleSigma => ("scale's sigma", ""),
             Self::GravitySigma => ("gravity's sigma", " rad"),
@@ -140,7 +143,8 @@ pub fn after(found: &Initial, scale: Scale, s: &InitialiseSetting) -> Vec<Gate> 
     let off = ((norm - GRAVITY_M_S2).abs() - 2.0 * sigma).max(0.0);
     let mut gates = vec![
         Gate::new(GateKind::Residual, found.residual, s.most_residual),
-        Gate::new(GateKind::Noise, found.noise_times, s.most_noise_times),
+        Gate::new(GateKind::GyroNoise, found.noise_times[0], s.most_noise_times[0]),
+        Gate::new(GateKind::AccelNoise, found.noise_times[1], s.most_noise_times[1]),
         Gate::new(GateKind::GravityNorm, off, s.most_gravity_off),
         Gate::new(GateKind::GravitySigma, found.gravity_sigma, s.most_gravity_sigma),
         Gate::new(GateKind::GyroBias, found.bias.gyro.norm(), s.most_gyro_bias),

@@ -29,13 +29,14 @@ pub struct Problem {
     pub setting: InitialiseSetting,
     rotation_sigma: f64,
     position_sigma: f64,
-    noise_times: f64,
+    /// Of the gyroscope and the accelerometer.
+    noise_times: [f64; 2],
 }
 
-/// The same sum with the sensor's white noise so many times larger.
-fn worse(link: &Preintegrated, times: f64) -> Preintegrated {
+/// The same sum with the white noise of (gyroscope, accelerometer) so many times larger.
+fn worse(link: &Preintegrated, times: [f64; 2]) -> Preintegrated {
     let n = link.noise();
-    let noise = ImuNoise { gyro: n.gyro * times, accel: n.accel * times, ..*n };
+    let noise = ImuNoise { gyro: n.gyro * times[0], accel: n.accel * times[1], ..*n };
     Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
 }
 
@@ -62,8 +63,8 @@ impl Problem {
         Self {
             rotations: seen.poses.iter().map(|p| p.world_from_eye.rotation * eye_from_imu).collect(),
             places: seen.poses.iter().map(|p| p.world_from_eye.translation).collect(),
-            links: links.iter().map(|link| worse(link, setting.noise_times)).collect(),
-            noise_times: setting.noise_times,
+            links: links.iter().map(|link| worse(link, [setting.noise_times; 2])).collect(),
+            noise_times: [setting.noise_times; 2],
             imu_from_eye: *imu_from_eye,
             scale,
             setting: *setting,
@@ -90,12 +91,11 @@ impl Problem {
         let (mut cost, mut state) = best?;
         // What is left over beyond its share is the sensor's: real ones err by more than their white noise.
         for _ in 0..ROUNDS {
-            let residual = self.residual(cost);
-            if residual < 1.2 {
+            let times = self.shares(&state)?.map(|share| if share > 1.2 { share.sqrt() } else { 1.0 });
+            if times == [1.0; 2] {
                 break;
             }
-            let times = residual.sqrt();
-            self.noise_times *= times;
+            self.noise_times = [0, 1].map(|i| self.noise_times[i] * times[i]);
             self.links = self.links.iter().map(|link| worse(link, times)).collect();
             (cost, state) = self.descend(state)?;
         }
@@ -109,6 +109,26 @@ impl Problem {
         let n = self.places.len();
         let freedom = (9 * self.links.len() + 6 * n) as f64 - (9 * n + 9) as f64;
         2.0 * cost / freedom.max(1.0)
+    }
+
+    /// The same for what the gyroscope answers for (rotations) and the accelerometer (velocities and places).
+    fn shares(&self, s: &State) -> Option<[f64; 2]> {
+        let (n, links) = (self.places.len() as f64, self.links.len() as f64);
+        let mut turns = s.turns.iter().map(Vec3::norm_squared).sum::<f64>() / self.rotation_sigma.powi(2);
+        let mut places = s.errors.iter().map(Vec3::norm_squared).sum::<f64>() / self.position_sigma.powi(2);
+        for k in 0..self.links.len() {
+            let white = self.whitened(s, k)?;
+            turns += white.fixed_rows::<3>(0).norm_squared();
+            places += white.fixed_rows::<6>(3).norm_squared();
+        }
+        Some([turns / (3.0 * links - 3.0).max(1.0), places / (6.0 * links - 3.0 * n - 6.0).max(1.0)])
+    }
+
+    /// The whitened residual of a link; its first three rows are of the rotation alone.
+    fn whitened(&self, s: &State, k: usize) -> Option<SVector<f64, 9>> {
+        let link = &self.links[k];
+        let r = link.residual(&self.nav(s, k), &self.nav(s, k + 1), &s.gravity);
+        Some(link.motion_whitening()? * r.fixed_rows::<9>(0))
     }
 
     fn start(&self, guess: &Guess) -> State {
@@ -216,9 +236,8 @@ impl Problem {
 
     fn cost(&self, s: &State) -> Option<f64> {
         let mut cost = self.prior_cost(s);
-        for (k, link) in self.links.iter().enumerate() {
-            let r = link.residual(&self.nav(s, k), &self.nav(s, k + 1), &s.gravity);
-            cost += 0.5 * (link.motion_whitening()? * r.fixed_rows::<9>(0)).norm_squared();
+        for k in 0..self.links.len() {
+            cost += 0.5 * self.whitened(s, k)?.norm_squared();
         }
         cost.is_finite().then_some(cost)
     }

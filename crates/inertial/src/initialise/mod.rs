@@ -64,8 +64,8 @@ pub struct InitialiseSetting {
     /// What to multiply the sensor's noise densities with at least: real ones are worse than their data sheets. It is raised
     /// to fit what is left over.
     pub noise_times: f64,
-    /// That number at most.
-    pub most_noise_times: f64,
+    /// That number at most, for gyroscope and accelerometer.
+    pub most_noise_times: [f64; 2],
     /// Steps of the solver at most.
     pub iterations: usize,
     /// Key frames at least.
@@ -96,7 +96,7 @@ impl Default for InitialiseSetting {
             gyro_bias_sigma: 0.1,
             accel_bias_sigma: 0.2,
             noise_times: 5.0,
-            most_noise_times: 30.0,
+            most_noise_times: [30.0, 60.0],
             iterations: 20,
             least_key_frames: 5,
             least_seconds: 1.5,
@@ -133,8 +133,8 @@ pub struct Initial {
     pub covariance: SMatrix<f64, 9, 9>,
     /// Weighted squared residuals for each degree of freedom; the covariance is raised by it where it is over 1.
     pub residual: f64,
-    /// How many times its data sheet's white noise the sensor's seems to be.
-    pub noise_times: f64,
+    /// How many times its data sheet's the white noise of the gyroscope and of the accelerometer seems to be.
+    pub noise_times: [f64; 2],
 }
 
 impl Initial {

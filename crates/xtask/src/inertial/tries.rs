@@ -25,6 +25,17 @@ const MOST_S: f64 = 15.0;
 /// Seconds between starts.
 const START_S: f64 = 2.0;
 
+/// How many samples there are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rate {
+    /// As they were recorded.
+    Whole,
+    /// Every second one as it is, with all that trembles faster than half the new rate in it.
+    Every2nd,
+    /// The means of pairs, as a sensor gives them that is set to that rate.
+    Pairs,
+}
+
 /// What is made worse than it was.
 #[derive(Clone, Copy, Debug)]
 pub struct Condition {
@@ -34,8 +45,8 @@ pub struct Condition {
     pub rotation_deg: f64,
     /// Of a seen place: this part of the median step between key frames, and a millimetre, each axis.
     pub place_part: f64,
-    /// Every second sample only.
-    pub half_rate: bool,
+    /// Half the samples only.
+    pub rate: Rate,
     /// Part of the samples that are lost.
     pub lost: f64,
     /// How far the images' clock is ahead: `t_imu + offset = t_image`.
@@ -50,7 +61,7 @@ const PLAIN: Condition = Condition {
     name: "0.1 deg, 0.5 %",
     rotation_deg: 0.1,
     place_part: 0.005,
-    half_rate: false,
+    rate: Rate::Whole,
     lost: 0.0,
     offset_s: 0.0,
     corrects: false,
@@ -58,10 +69,11 @@ const PLAIN: Condition = Condition {
 };
 
 /// All rows.
-pub const CONDITIONS: [Condition; 9] = [
+pub const CONDITIONS: [Condition; 10] = [
     PLAIN,
     Condition { name: "0.3 deg", rotation_deg: 0.3, ..PLAIN },
-    Condition { name: "half the IMU rate", half_rate: true, ..PLAIN },
+    Condition { name: "half the IMU rate, pairs", rate: Rate::Pairs, ..PLAIN },
+    Condition { name: "half the IMU rate, every 2nd", rate: Rate::Every2nd, ..PLAIN },
     Condition { name: "1 % lost", lost: 0.01, ..PLAIN },
     Condition { name: "bias steps", bias_step: [0.003, 0.05], ..PLAIN },
     Condition { name: "+20 ms, not known", offset_s: 0.02, ..PLAIN },
@@ -95,7 +107,7 @@ pub struct Tried {
     pub gyro_bias: [f64; 2],
     /// Likewise.
     pub accel_bias: [f64; 2],
-    /// The sensor's noise as it was fitted, in times the data sheet's.
+    /// Noise as it was fitted, in times the data sheet's: medians for gyroscope and accelerometer.
     pub noise_times: [f64; 2],
     /// Error of the offset, ms: median and most of those found; and how many were found.
     pub offset_ms: [f64; 2],
@@ -120,16 +132,15 @@ struct Errors {
     gravity_deg: f64,
     gyro: f64,
     accel: f64,
-    noise: f64,
+    noise: [f64; 2],
 }
 
 /// All starts of a recording under a condition.
 pub fn measure(motion: &Motion, reference: &Reference, condition: &Condition, every: usize) -> Tried {
     let (first, last) = motion.span();
     let (samples, steps) = worsened(motion, condition);
-    let period = if condition.half_rate { 2.0 } else { 1.0 };
     let mut sensor = motion.sensor.clone();
-    sensor.rate_hz /= period;
+    sensor.rate_hz /= if condition.rate == Rate::Whole { 1.0 } else { 2.0 };
     let mut starts = Vec::new();
     let mut from = first.plus_seconds(START_S);
     while last - from > MOST_S + 0.5 {
@@ -174,7 +185,7 @@ fn told(name: &'static str, condition: &'static str, results: &[Start]) -> Tried
         gravity_deg: of(&|e| e.gravity_deg),
         gyro_bias: of(&|e| e.gyro),
         accel_bias: of(&|e| e.accel),
-        noise_times: of(&|e| e.noise),
+        noise_times: [of(&|e| e.noise[0])[0], of(&|e| e.noise[1])[0]],
         offset_ms: [middle, offsets.last().copied().unwrap_or(f64::NAN)],
         offsets: offsets.len(),
         stopped,
@@ -196,10 +207,16 @@ fn worsened(motion: &Motion, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias
             steps.push((next, added));
             next = next.plus_seconds(10.0);
         }
-        if (c.half_rate && i % 2 == 1) || rng.unit() < c.lost {
+        if (c.rate != Rate::Whole && i % 2 == 1) || rng.unit() < c.lost {
             continue;
         }
-        out.push(ImuSample { gyro: sample.gyro + added.gyro, accel: sample.accel + added.accel, ..*sample });
+        let mut sample = *sample;
+        if let (Rate::Pairs, Some(next)) = (c.rate, motion.samples.get(i + 1)) {
+            sample.stamp = sample.stamp.plus_seconds(0.5 * (next.stamp - sample.stamp));
+            sample.gyro = (sample.gyro + next.gyro) * 0.5;
+            sample.accel = (sample.accel + next.accel) * 0.5;
+        }
+        out.push(ImuSample { gyro: sample.gyro + added.gyro, accel: sample.accel + added.accel, ..sample });
     }
     (out, steps)
 }
