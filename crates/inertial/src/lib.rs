@@ -8,6 +8,7 @@ mod preintegrated;
 mod readings;
 mod rest;
 mod state;
+mod window;
 
 pub use buffer::{ImuBuffer, Missing};
 pub use factor::InertialResidual;
@@ -19,3 +20,4 @@ pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestSetting};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};
+pub use window::{Hold, Prior, VioFrame, VioLink, VioSetting, VioWindow};

@@ -23,6 +23,6 @@ mod text;
 pub use bundle::{Bundle, BundleSetting, Observation};
 pub use pose_only::{PointMatch, PoseOnly, PoseOnlySetting};
 pub use report::{Report, Stop};
-pub use reprojection::{Pinhole, Pixel};
+pub use reprojection::{Linear, Pinhole, Pixel};
 pub use robust::{CHI2_2, CHI2_3, CHI2_95, Loss, huber};
 pub use text::TextError;

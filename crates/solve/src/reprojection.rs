@@ -25,7 +25,9 @@ pub struct Pinhole {
 pub type Pixel = [f64; 3];
 
 /// A residual with its Jacobians; the third row is zero for a monocular pixel.
-pub(crate) struct Linear {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linear {
+    /// Measured minus predicted: x, y, and x in the right image, pixels.
     pub residual: [f64; 3],
     /// By the pose: translation, then rotation.
     pub by_pose: [[f64; 6]; 3],
@@ -55,6 +57,12 @@ impl View {
 }
 
 impl Pinhole {
+    /// Residual and Jacobians of a point seen from a pose, for solvers with more unknowns than poses and points; `None` behind
+    /// the eye.
+    pub fn reproject(&self, world_from_eye: &Se3, point: &Vec3, pixel: &Pixel) -> Option<Linear> {
+        self.linearise(&View::new(world_from_eye), point, pixel)
+    }
+
     /// Measured minus predicted; `None` behind or at the eye.
     #[inline(always)]
     pub(crate) fn residual(&self, q: &Vec3, pixel: &Pixel) -> Option<[f64; 3]> {

@@ -16,8 +16,8 @@ mod text;
 mod tum;
 
 pub use decode::gray as read_gray;
-pub use live::{Motion, PhonePort, PhoneSource, guessed, is_live, waiting_for};
 pub use imu::read_imu;
+pub use live::{Motion, PhonePort, PhoneSource, guessed, is_live, waiting_for};
 pub use open::{OpenOptions, open};
 pub use paced::Paced;
 pub use rig::{NAMED_RIGS, NamedRig, named_rig, read_rig, read_rig_for, write_rig};

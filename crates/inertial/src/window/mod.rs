@@ -1,0 +1,248 @@
+//! Key frames that were seen and felt, adjusted together: reprojections, inertial links, and what is left of older ones.
+//!
+//! Per key frame fifteen unknowns: the eye's pose (translation, rotation), velocity, gyro bias, accel bias. Points are
+//! eliminated first (Triggs et al. 2000, section 6), the rest is solved densely: windows are short. The world is in metres
+//! with gravity as given. The eye is what poses are of, as everywhere in the map; the sensor is one constant transform away,
+//! and its Jacobians go through that transform's adjoint.
+//!
+//! Source: visual-inertial bundle adjustment as in Campos et al., "ORB-SLAM3" (TRO 2021), eq. 3-5; marginalisation as in
+//! Leutenegger et al., "Keyframe-based visual-inertial odometry using nonlinear optimization" (IJRR 2015), section 3.4.
+
+mod normal;
+mod prior;
+
+use crate::{Bias, Gravity, NavState, Preintegrated};
+use cairn_geometry::{Manifold, Se3, Vec3};
+use cairn_solve::{CHI2_2, CHI2_3, Observation, Pinhole, Report, Stop};
+use nalgebra::SVector;
+use normal::Normal;
+pub use prior::Prior;
+
+/// Unknowns of a key frame.
+pub const STATE: usize = 15;
+
+/// What of a key frame stays as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// Nothing.
+    Free,
+    /// Its pose.
+    Pose,
+    /// All of it.
+    All,
+}
+
+impl Hold {
+    /// How many of the first unknowns stay.
+    fn unknowns(self) -> usize {
+        match self {
+            Self::Free => 0,
+            Self::Pose => 6,
+            Self::All => STATE,
+        }
+    }
+}
+
+/// A key frame with its inertial state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VioFrame {
+    /// The eye's pose, metres.
+    pub world_from_eye: Se3,
+    /// The sensor's velocity in the world, m/s.
+    pub velocity: Vec3,
+    /// The sensor's biases.
+    pub bias: Bias,
+    /// What stays.
+    pub hold: Hold,
+}
+
+impl VioFrame {
+    /// The sensor's state.
+    pub fn nav(&self, imu_from_eye: &Se3) -> NavState {
+        let world_from_imu = self.world_from_eye * imu_from_eye.inverse();
+        NavState { world_from_imu, velocity: self.velocity, bias: self.bias }
+    }
+
+    /// Of a sensor's state.
+    pub fn of(state: &NavState, imu_from_eye: &Se3, hold: Hold) -> Self {
+        let world_from_eye = state.world_from_imu * *imu_from_eye;
+        Self { world_from_eye, velocity: state.velocity, bias: state.bias, hold }
+    }
+
+    fn moved(&self, d: &SVector<f64, STATE>) -> Self {
+        let part = |i: usize| -> Vec3 { d.fixed_rows::<3>(i).into() };
+        Self {
+            world_from_eye: self.world_from_eye.retract(&d.fixed_rows::<6>(0).into()),
+            velocity: self.velocity + part(6),
+            bias: Bias { gyro: self.bias.gyro + part(9), accel: self.bias.accel + part(12) },
+            hold: self.hold,
+        }
+    }
+
+    /// The tangent from here to another, in the order of the unknowns.
+    fn local(&self, other: &Self) -> SVector<f64, STATE> {
+        let mut d = SVector::<f64, STATE>::zeros();
+        d.fixed_rows_mut::<6>(0).copy_from(&self.world_from_eye.local(&other.world_from_eye));
+        d.fixed_rows_mut::<3>(6).copy_from(&(other.velocity - self.velocity));
+        d.fixed_rows_mut::<3>(9).copy_from(&(other.bias.gyro - self.bias.gyro));
+        d.fixed_rows_mut::<3>(12).copy_from(&(other.bias.accel - self.bias.accel));
+        d
+    }
+}
+
+/// Readings from one key frame of the window to another.
+#[derive(Clone, Debug)]
+pub struct VioLink {
+    /// Index of the earlier.
+    pub from: usize,
+    /// Index of the later.
+    pub to: usize,
+    /// Their sum, between the two stamps.
+    pub sum: Preintegrated,
+}
+
+/// The problem and, after [`VioWindow::solve`], its solution.
+#[derive(Clone, Debug)]
+pub struct VioWindow {
+    /// The camera of all key frames.
+    pub camera: Pinhole,
+    /// Where the eye sits on the sensor.
+    pub imu_from_eye: Se3,
+    /// Gravity in the world.
+    pub gravity: Gravity,
+    /// Key frames.
+    pub frames: Vec<VioFrame>,
+    /// Points in the world, metres.
+    pub points: Vec<Vec3>,
+    /// Observations, grouped by point: all of a point stand together. A weight of 0 leaves one out.
+    pub observations: Vec<Observation>,
+    /// Links; none where readings are missing.
+    pub links: Vec<VioLink>,
+    /// What is left of key frames that are gone.
+    pub prior: Option<Prior>,
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VioSetting {
+    /// Steps at most, rejected ones too.
+    pub iterations: usize,
+    /// Whether Huber's loss is used for observations.
+    pub robust: bool,
+    /// Stop when a step lowers the cost by less than this part of it.
+    pub tolerance: f64,
+}
+
+impl Default for VioSetting {
+    fn default() -> Self {
+        Self { iterations: 10, robust: true, tolerance: 1e-5 }
+    }
+}
+
+impl VioWindow {
+    /// Lowers the cost; asks `stop` before each step. Links whose bias has moved far are summed anew.
+    pub fn solve(&mut self, setting: &VioSetting, mut stop: impl FnMut() -> bool) -> Report {
+        let mut report =
+            Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
+        if self.frames.iter().all(|f| f.hold == Hold::All) && self.points.is_empty() {
+            return report;
+        }
+        self.follow();
+        let Some(mut normal) = Normal::of(self, setting.robust) else {
+            report.stop = Stop::NoDescent;
+            return report;
+        };
+        report.cost_before = normal.cost;
+        report.stop = Stop::Iterations;
+        let (mut lambda, mut growth) = (1e-6, 2.0);
+        while report.iterations < setting.iterations {
+            if stop() {
+                report.stop = Stop::Interrupted;
+                break;
+            }
+            report.iterations += 1;
+            let next = normal.step(self, lambda).map(|(frames, points)| {
+                let moved = Self { frames, points, ..self.clone() };
+                (moved.cost(setting.robust), moved)
+            });
+            match next {
+                Some((cost, moved)) if cost < normal.cost => {
+                    let gain = (normal.cost - cost) / normal.cost;
+                    *self = moved;
+                    self.follow();
+                    (lambda, growth) = ((lambda / 5.0).max(1e-10), 2.0);
+                    if gain < setting.tolerance {
+                        normal.cost = cost;
+                        report.stop = Stop::Converged;
+                        break;
+                    }
+                    match Normal::of(self, setting.robust) {
+                        Some(n) => normal = n,
+                        None => break,
+                    }
+                }
+                _ => {
+                    lambda *= growth * 5.0;
+                    growth *= 2.0;
+                    if lambda > 1e6 {
+                        report.stop = Stop::NoDescent;
+                        break;
+                    }
+                }
+            }
+        }
+        report.cost_after = normal.cost;
+        let fits = |o: &&Observation| o.weight > 0.0 && self.chi2(o) <= bound(o);
+        report.inliers = self.observations.iter().filter(fits).count();
+        report
+    }
+
+    /// Squared whitened residual of an observation; infinite behind the eye.
+    pub fn chi2(&self, o: &Observation) -> f64 {
+        let (frame, point) = (&self.frames[o.pose as usize], &self.points[o.point as usize]);
+        match self.camera.reproject(&frame.world_from_eye, point, &o.pixel) {
+            Some(l) => l.residual.iter().map(|r| r * r).sum::<f64>() * o.weight,
+            None => f64::INFINITY,
+        }
+    }
+
+    /// The squared whitened residual of each link, fifteen degrees of freedom: over 30.6 one in a hundred fits by chance.
+    pub fn link_chi2(&self) -> Vec<f64> {
+        self.links.iter().map(|l| self.whitened(l).map_or(f64::INFINITY, |r| r.norm_squared())).collect()
+    }
+
+    /// Removes a key frame and the points for which `gone` says so, and keeps what they say of the others as a prior at the
+    /// present states. All observations of those points go into it; other observations of the frame are forgotten.
+    /// Indices of frames and points close up. `None` when that is singular; the window is then as it was.
+    pub fn marginalise(&mut self, frame: usize, gone: impl Fn(usize) -> bool) -> Option<()> {
+        prior::marginalise(self, frame, gone)
+    }
+
+    fn follow(&mut self) {
+        for link in &mut self.links {
+            link.sum.follow(&self.frames[link.from].bias);
+        }
+    }
+
+    fn whitened(&self, link: &VioLink) -> Option<SVector<f64, STATE>> {
+        let nav = |i: usize| self.frames[i].nav(&self.imu_from_eye);
+        Some(link.sum.whitening()? * link.sum.residual(&nav(link.from), &nav(link.to), &self.gravity))
+    }
+
+    fn cost(&self, robust: bool) -> f64 {
+        let mut cost = self.prior.as_ref().map_or(0.0, |p| p.cost(&self.frames));
+        for link in &self.links {
+            cost += self.whitened(link).map_or(f64::INFINITY, |r| 0.5 * r.norm_squared());
+        }
+        for o in self.observations.iter().filter(|o| o.weight > 0.0) {
+            let chi2 = self.chi2(o);
+            cost += 0.5 * if robust { cairn_solve::huber(chi2, bound(o)).0 } else { chi2 };
+        }
+        if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+}
+
+/// The 95 % bound of an observation's chi-square.
+fn bound(o: &Observation) -> f64 {
+    if o.pixel[2].is_nan() { CHI2_2 } else { CHI2_3 }
+}
