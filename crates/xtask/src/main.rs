@@ -10,7 +10,9 @@ use xtask::nextday::{self, Day};
 use xtask::recordings::{RECORDINGS, data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
-use xtask::{Sensor, Setting, accuracy, graphs, halves, inertial, long, measure, places, revisit, store, walks};
+use xtask::{
+    Sensor, Setting, accuracy, graphs, halves, inertial, long, measure, places, revisit, store, walks,
+};
 
 /// Measures the whole engine.
 #[derive(Parser)]
