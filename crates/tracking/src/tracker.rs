@@ -75,6 +75,8 @@ pub struct Tracker {
     velocity: Option<SVector<f64, 6>>,
     /// Speeds of the last frames, units a second.
     speeds: VecDeque<f64>,
+    /// The key frame that the last pose hung on and its unit of length then.
+    unit: Option<(KeyFrameId, f64)>,
     lost: bool,
     /// Frames since tracking was lost.
     lost_frames: usize,
@@ -101,6 +103,7 @@ impl Tracker {
             last: None,
             velocity: None,
             speeds: VecDeque::new(),
+            unit: None,
             lost: false,
             lost_frames: 0,
             located: None,
@@ -282,6 +285,7 @@ impl Tracker {
 
     /// When the last frame has become a key frame, what it shows and where it stands is told by the map.
     fn refresh_last(&mut self, map: &Map) {
+        self.refresh_unit(map);
         let Some(newest) = map.newest_key_frame() else { return };
         match &mut self.last {
             Some(last) if Arc::ptr_eq(&last.frame, &newest.frame) => {
@@ -297,6 +301,19 @@ impl Tracker {
             // A map that was loaded: where in it the eye is, appearance has to tell.
             None => self.lost = true,
         }
+    }
+
+    /// When a loop or a merge has changed the unit of length, speeds are told in the new one.
+    fn refresh_unit(&mut self, map: &Map) {
+        let Some((id, before)) = self.unit else { return };
+        let Some(now) = map.world_from_here(id).map(|here| here.scale).filter(|now| *now != before) else {
+            return;
+        };
+        if let Some(v) = &mut self.velocity {
+            v.fixed_rows_mut::<3>(0).scale_mut(now / before);
+        }
+        self.speeds.iter_mut().for_each(|s| *s *= now / before);
+        self.unit = Some((id, now));
     }
 
     fn locate(&self, map: &Map, frame: &Frame, guess: &Se3, matches: &mut Matches) -> Located {
@@ -422,6 +439,7 @@ impl Tracker {
             }
             self.speeds.push_back(v.fixed_rows::<3>(0).norm());
         }
+        self.unit = map.world_from_here(placed.reference).map(|here| (placed.reference, here.scale));
         self.lost = false;
         self.lost_frames = 0;
         self.located = Some(frame.stamp);

@@ -6,6 +6,7 @@ use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{Source, Stamp};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::str::FromStr;
 
 /// Which sensors the engine is given.
@@ -152,6 +153,8 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
     let mut stamps = Vec::new();
     let (mut loops, mut merges, mut refused) = (0, 0, 0);
     let (mut joined_s, mut false_joins) = (Vec::new(), Vec::new());
+    let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
+    let mut before: Option<(Stamp, Se3)> = None;
     while stamps.len() < setting.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
@@ -160,7 +163,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         }
         if setting.verbose {
             eprintln!(
-                "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{}",
+                "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{} step off {:.3} m",
                 stamps.len(),
                 out.state,
                 out.evidence.features,
@@ -169,6 +172,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
                 out.evidence.inliers,
                 engine.map().key_frame_count(),
                 if out.map_ms.is_empty() { "" } else { " +" },
+                step_off(&truth, &mut before, packet.stamp, out.world_from_body.map(|p| p.se3)),
             );
         }
         for v in &out.verdicts {
@@ -227,6 +231,22 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         peak_mb: cairn_eval::process::peak_rss_mb(),
         hash: hash(&poses),
     })
+}
+
+/// By how much the step since the frame before differs from the true one, metres; not a number where that is not known.
+fn step_off(
+    truth: &BTreeMap<Stamp, Se3>,
+    before: &mut Option<(Stamp, Se3)>,
+    stamp: Stamp,
+    pose: Option<Se3>,
+) -> f64 {
+    let last = std::mem::replace(before, pose.map(|p| (stamp, p)));
+    let step = || {
+        let ((t, from), to) = (last?, pose?);
+        let truly = truth.get(&t)?.inverse() * *truth.get(&stamp)?;
+        Some(((from.inverse() * to).translation - truly.translation).norm())
+    };
+    step().unwrap_or(f64::NAN)
 }
 
 /// By how many metres the place of one key frame in the eye frame of another differs from the truth.

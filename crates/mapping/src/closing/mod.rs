@@ -195,8 +195,10 @@ impl Closer {
         let shift = world_from_here * Sim3::from(here.world_from_eye).inverse();
         let plausible = self.plausible(map, here, old);
         let off = (there.translation - here.world_from_eye.translation).norm();
-        let same_world = map.key_frame(old).is_some_and(|k| k.world == here.world);
-        if same_world && off > plausible {
+        let there = map.key_frame(old).map_or(here.world, |k| k.world);
+        let same_world = there == here.world;
+        let plausible = if same_world { plausible } else { plausible + self.adrift(map, here.world, there) };
+        if off > plausible {
             return Err(Refusal::Drift { off, plausible });
         }
         // A small correction, well within the drift, is no news; a large one, or a merge, is asked twice.
@@ -246,8 +248,9 @@ impl Closer {
 
     /// How far a key frame may be off after the way since an earlier one.
     fn plausible(&self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> f64 {
+        // In order of birth: from one world to the next the tie leads on.
         let since: Vec<Se3> = map
-            .key_frames_of(here.world)
+            .key_frames()
             .filter(|k| k.id >= old.min(here.id) && k.id <= here.id.max(old))
             .map(|k| k.world_from_eye)
             .collect();
@@ -256,6 +259,19 @@ impl Closer {
         match self.eye.baseline_fx > 0.0 {
             true => 0.5 + with * way,
             false => 0.3 * typical_depth(map, here) + without * way,
+        }
+    }
+
+    /// How far two worlds may be off each other beside what they have drifted: three standard deviations of what ties the
+    /// younger to the elder, and anything where nothing does.
+    fn adrift(&self, map: &Map, a: WorldId, b: WorldId) -> f64 {
+        let (younger, elder) = (a.max(b), a.min(b));
+        let tie = map.worlds().find(|(id, _)| *id == younger).and_then(|(_, tie)| tie);
+        let to = tie.and_then(|t| map.living(t.to)).and_then(|(id, _)| map.key_frame(id)).map(|k| k.world);
+        match tie {
+            // Without metric scale the tie's own unit is a guess.
+            Some(tie) if to == Some(elder) && self.eye.baseline_fx > 0.0 => 3.0 * tie.sigma,
+            _ => f64::INFINITY,
         }
     }
 
