@@ -102,7 +102,7 @@ fn rig_check_looks_at_a_recording() {
     let out = folder.join("walk");
     let made = cairn(&[
         "sim",
-        "sim:corridor?resolution=64x48&sensor=mono-imu&duration=4&rate=10",
+        "sim:corridor?resolution=64x48&sensor=mono-imu&start=14&duration=10&rate=5",
         "--out",
         out.to_str().unwrap(),
     ]);
