@@ -40,6 +40,19 @@ impl Terminal {
         }
         (commands, mistakes)
     }
+
+    /// Hands every command on from now on; what was no command is told on stderr.
+    pub fn forward(&mut self, mut to: impl FnMut(Command) + Send + 'static) {
+        let Some(commands) = self.commands.take() else { return };
+        spawn(move || {
+            for answer in commands {
+                match answer {
+                    Ok(command) => to(command),
+                    Err(why) => eprintln!("{why}"),
+                }
+            }
+        });
+    }
 }
 
 /// A thread that ends with the process: it may wait for input for ever.

@@ -3,12 +3,14 @@
 //! It knows no clock but the stamps, and no thread. Whoever drives it ([`crate::drive_live`], [`crate::drive_lockstep`])
 //! gives it packets, and ticks while there are none: then the guide says stop.
 
+mod look;
+
 use crate::command::Command;
-use crate::course::{Course, standing};
+use crate::course::Course;
 use crate::disk::{Disk, OwnDisk};
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::recording::{Recording, latest, next_path, tracked};
-use crate::status::{GuidingStatus, RecordingStatus, Status, View, WayStatus};
+use crate::status::Status;
 use cairn_engine::{Engine, Output, State, record_input};
 use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
 use cairn_guide::{
@@ -252,76 +254,6 @@ impl Session {
         self.events.drain(..).collect()
     }
 
-    /// How things stand.
-    pub fn status(&self) -> Status {
-        let mut s = self.status.clone();
-        let name = |path: &Option<PathBuf>| {
-            let name = path.as_ref().and_then(|p| p.file_name());
-            name.map_or_else(|| "in memory".into(), |n| n.to_string_lossy().into_owned())
-        };
-        s.t_s = self.since_start(self.now);
-        s.recording = self.recording.as_ref().map(|r| RecordingStatus {
-            points: r.way().points.len(),
-            length: r.length(),
-            gaps: r.gaps(),
-            file: name(&r.path),
-            trouble: r.trouble(),
-        });
-        s.way = self.way.as_ref().map(|w| WayStatus {
-            file: name(&w.path),
-            points: w.way.points.len(),
-            here: w.here,
-        });
-        s.guiding = self.guiding.as_ref().map(|g| {
-            let place = g.guide.place();
-            GuidingStatus {
-                facing: facing_name(g.facing),
-                state: state_name(g.guide.state()),
-                along_m: place.map_or(0.0, |m| m.along_m),
-                length_m: g.guide.route().length(),
-                cross_m: place.map_or(0.0, |m| m.cross_m),
-            }
-        });
-        s
-    }
-
-    /// Lines and points to draw; at most `most` landmarks.
-    pub fn view(&self, most: usize) -> View {
-        let map = self.engine.map();
-        let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
-        let each = map.landmark_count().div_ceil(most.max(1)).max(1);
-        let way = self.recording.as_ref().map(Recording::way).or(self
-            .way
-            .as_ref()
-            .filter(|w| w.here)
-            .map(|w| &w.way));
-        let recorded = way.map_or_else(Vec::new, |way| {
-            let placed = way.resolve(|a| standing(&map, a));
-            let each = placed.len().div_ceil(600).max(1);
-            placed.iter().step_by(each).map(|p| single(&p.frame_from_camera.translation)).collect()
-        });
-        let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.course.ground.up());
-        View {
-            up: single(&up),
-            points: map.landmarks().step_by(each).map(|l| single(&l.position)).collect(),
-            key_frames: map.key_frames().map(|k| single(&k.world_from_eye.translation)).collect(),
-            recorded,
-            route: self
-                .guiding
-                .as_ref()
-                .map_or_else(Vec::new, |g| g.course.corners().map(|p| single(&p)).collect()),
-            camera: self.camera().filter(|_| self.status.state == "tracking"),
-        }
-    }
-
-    /// The camera: place, then the axes right, down and forward, in the map's frame.
-    pub fn camera(&self) -> Option<[[f32; 3]; 4]> {
-        let (_, pose) = self.pose?;
-        let single = |v: Vec3| [v.x as f32, v.y as f32, v.z as f32];
-        let axis = |v: Vec3| single(pose.rotation * v);
-        Some([single(pose.translation), axis(Vec3::x()), axis(Vec3::y()), axis(Vec3::z())])
-    }
-
     /// The way at hand, if there is one.
     pub fn way(&self) -> Option<&Way> {
         self.way.as_ref().map(|w| &w.way)
@@ -452,8 +384,8 @@ impl Session {
             }
         }
         let words = self.recording.as_mut().and_then(|r| r.observe(seen));
-        // Under guidance the guide speaks about tracking.
-        if let Some(words) = words.filter(|_| self.guiding.is_none()) {
+        // Under guidance the guide speaks about tracking; before the first pose there is nothing to lose.
+        if let Some(words) = words.filter(|_| self.guiding.is_none() && self.pose.is_some()) {
             self.say(words, Priority::High);
         }
     }
@@ -588,24 +520,6 @@ impl Session {
             self.pushed = Some((words, turn));
         }
     }
-
-    fn in_words(&self) -> String {
-        let s = self.status();
-        let mut words = s.words.clone();
-        if let Some(r) = &s.recording {
-            match s.metric {
-                true => words += &format!(" Recording, {}.", self.setting.phrases.distance(r.length)),
-                false => words += " Recording.",
-            }
-        }
-        if let Some(g) = &s.guiding {
-            words += &match s.metric {
-                true => format!(" Guiding, {} to go.", self.setting.phrases.distance(g.length_m - g.along_m)),
-                false => format!(" Guiding, {:.0} percent done.", 100.0 * g.along_m / g.length_m.max(1e-9)),
-            };
-        }
-        words
-    }
 }
 
 /// Where the way goes on, seen from the walker's course: radians, positive left.
@@ -614,26 +528,5 @@ fn bearing_of_way(guiding: &Guiding, pose: &Se3) -> f64 {
     match (stance, guiding.guide.place()) {
         (Some(stance), Some(place)) => wrap(stance.turn_to(place.heading)),
         _ => 0.0,
-    }
-}
-
-/// The name of a facing, as it is written on the command line.
-pub(crate) fn facing_name(facing: Facing) -> &'static str {
-    match facing {
-        Facing::Home => "home",
-        Facing::Back => "back",
-        Facing::Backwards => "backwards",
-    }
-}
-
-fn state_name(state: GuideState) -> &'static str {
-    match state {
-        GuideState::Waiting => "waiting",
-        GuideState::Turning => "turning",
-        GuideState::Moving => "moving",
-        GuideState::Checking => "checking behind",
-        GuideState::SteppingAside => "stepping aside",
-        GuideState::Stopped(_) => "stopped",
-        GuideState::Arrived => "arrived",
     }
 }

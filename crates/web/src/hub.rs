@@ -1,7 +1,7 @@
 //! Where pages and the walk meet: who is there, who controls, what is to be sent.
 
 use crate::wire::ToPage;
-use cairn_session::Inbox;
+use cairn_session::{Command, Inbox};
 use cairn_sources::PhonePort;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,7 +25,9 @@ pub(crate) struct Hub {
     pub inbox: Arc<Inbox>,
     /// The walk has begun: there is someone to take commands.
     pub walking: AtomicBool,
-    /// Someone wants pictures, or the map.
+    /// Someone has asked to end all.
+    pub leaving: AtomicBool,
+    /// Someone wants pictures.
     pub pictures_wanted: AtomicU64,
     /// Someone wants the map.
     pub maps_wanted: AtomicU64,
@@ -48,6 +50,7 @@ impl Hub {
             port: PhonePort::default(),
             inbox: Inbox::new(),
             walking: AtomicBool::new(false),
+            leaving: AtomicBool::new(false),
             pictures_wanted: AtomicU64::new(0),
             maps_wanted: AtomicU64::new(0),
             told: broadcast::Sender::new(BEHIND),
@@ -62,6 +65,13 @@ impl Hub {
     /// A number for a page that has come.
     pub fn number(&self) -> u64 {
         self.next.fetch_add(1, Ordering::Relaxed)
+    }
+
+    /// Ends the walk, also one that still waits for its first picture.
+    pub fn leave_all(&self) {
+        self.leaving.store(true, Ordering::Relaxed);
+        self.inbox.command(Command::Quit);
+        self.port.close();
     }
 
     /// Tells every page.

@@ -169,9 +169,9 @@ impl Server {
         &self.certificate
     }
 
-    /// Gives a command from beside the pages: from the terminal.
-    pub fn command(&self, command: Command) {
-        self.hub.inbox.command(command);
+    /// What gives commands from beside the pages: from the terminal.
+    pub fn remote(&self) -> Remote {
+        Remote(self.hub.clone())
     }
 
     /// Waits until the walk ends, by its source or by [`Command::Quit`], then stops serving.
@@ -200,12 +200,25 @@ impl Server {
 impl Drop for Server {
     /// Ends the walk and the pages.
     fn drop(&mut self) {
-        self.hub.port.close();
-        self.hub.inbox.command(Command::Quit);
+        self.hub.leave_all();
         if let Some(walk) = self.walk.take() {
             let _ = walk.join();
         }
         self.end();
+    }
+}
+
+/// Gives commands from beside the pages.
+#[derive(Clone)]
+pub struct Remote(Arc<Hub>);
+
+impl Remote {
+    /// Gives a command; [`Command::Quit`] ends the server.
+    pub fn command(&self, command: Command) {
+        match command {
+            Command::Quit => self.0.leave_all(),
+            command => self.0.inbox.command(command),
+        }
     }
 }
 

@@ -22,7 +22,9 @@ const MOST_POINTS: usize = 4000;
 
 /// Walks until the source ends; what goes wrong is told to the pages and given back.
 pub(crate) fn walk(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceError> {
-    let result = walk_on(hub, setting);
+    // A walk that was asked to end before its first picture has not failed.
+    let result =
+        walk_on(hub, setting).or_else(|e| if hub.leaving.load(Ordering::Relaxed) { Ok(()) } else { Err(e) });
     hub.walking.store(false, Ordering::Relaxed);
     match &result {
         Err(e) => hub.tell(&ToPage::Trouble(&e.to_string())),

@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod graphs;
 pub mod halves;
 pub mod inertial;
+pub mod live;
 pub mod long;
 pub mod measure;
 pub mod memory;

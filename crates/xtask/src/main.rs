@@ -11,7 +11,7 @@ use xtask::recordings::{RECORDINGS, data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
 use xtask::{
-    Sensor, Setting, accuracy, graphs, halves, inertial, long, measure, places, revisit, store, walks,
+    Sensor, Setting, accuracy, graphs, halves, inertial, live, long, measure, places, revisit, store, walks,
 };
 
 /// Measures the whole engine.
@@ -194,6 +194,15 @@ enum Command {
         #[arg(long)]
         write: bool,
     },
+    /// A live stream: from the publisher over RTMP to the pose, and from the pose to words. Needs ffmpeg.
+    Live {
+        /// Minutes.
+        #[arg(long, default_value_t = 1.0)]
+        minutes: f64,
+        /// Write all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+    },
     /// One recording by its row's name, or any source with --sensor; prints JSON.
     One {
         /// Name of a row, a folder, or sim:WORLD.
@@ -315,6 +324,11 @@ fn run(command: Command) -> Result<(), String> {
             let mut source = open(&address, OpenOptions::default()).map_err(|e| e.to_string())?;
             print!("{}", long::table(&long::run(source.as_mut(), sensor)?));
             Ok(())
+        }
+        Command::Live { minutes, json } => {
+            let measured = live::run(minutes)?;
+            print!("{}", live::table(&measured));
+            json.map_or(Ok(()), |path| save(path, &text(&measured)?))
         }
         Command::Store { key_frames, features, times, folder, json } => {
             let folder = folder.unwrap_or_else(std::env::temp_dir);

@@ -3,6 +3,7 @@
 use super::run::{Sensor, read_config};
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::terminal::Terminal;
 use cairn_engine::Config;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
@@ -34,6 +35,9 @@ pub struct Arguments {
     /// Settings that differ from the default, see cairn config.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Takes commands from standard input, a line each, for screen readers; on a terminal, keys give them.
+    #[arg(long)]
+    lines: bool,
     /// Where recorded ways are kept.
     #[arg(long, value_name = "DIR", default_value = "ways")]
     ways: PathBuf,
@@ -71,6 +75,10 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         text += "The certificate is this machine's own: the browser asks once whether to trust it.\n";
         text + if a.lan { "" } else { "Only this machine is let in; --lan opens it to the phone.\n" }
     })?;
+    let remote = server.remote();
+    // As before when this is dropped.
+    let mut terminal = Terminal::new(a.lines, true);
+    terminal.forward(move |command| remote.command(command));
     Ok(server.wait()?)
 }
 

@@ -44,9 +44,9 @@ impl FromStr for Say {
 
 impl Say {
     /// The voice; where the result is JSON, text goes to stderr.
-    pub fn voice(&self, json: bool) -> Result<Box<dyn Voice>, Failure> {
+    pub fn voice(&self, setting: SpeechSetting, json: bool) -> Result<Box<dyn Voice>, Failure> {
         let fail = |e: VoiceError| Failure::new("voice", e.why, e.cure);
-        let espeak = || Espeak::find(SpeechSetting::default()).map_err(fail);
+        let espeak = || Espeak::find(setting).map_err(fail);
         Ok(match self {
             Self::Text if json => Box::new(TextVoice::new(std::io::stderr())),
             Self::Text => Box::new(TextVoice::new(std::io::stdout())),

@@ -15,10 +15,11 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
-use cairn_guide::Facing;
+use cairn_guide::{AnnouncerSetting, DirectionStyle, Facing, PhraseSetting, Unit};
 use cairn_sensor::{Rig, Source, Stamp};
 use cairn_session::{Command, Inbox, Script, Session, SessionSetting, drive_live, drive_lockstep, feed};
 use cairn_sources::{OpenOptions, Paced, is_live, open, waiting_for};
+use cairn_voice::SpeechSetting;
 use face::{RunFace, Say};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -68,6 +69,18 @@ pub struct Arguments {
     /// How words are told: text, speech, wav:FILE or none; text where something can be said, else none.
     #[arg(long, value_name = "HOW")]
     say: Option<Say>,
+    /// Rate of speech, 0.1 to 2.
+    #[arg(long, default_value_t = 1.0, value_name = "R", value_parser = between(0.1, 2.0))]
+    rate: f64,
+    /// Loudness of speech and sounds, 0 to 1.
+    #[arg(long, default_value_t = 1.0, value_name = "V", value_parser = between(0.0, 1.0))]
+    volume: f64,
+    /// The unit of distances.
+    #[arg(long, value_enum, default_value = "metres")]
+    unit: UnitArgument,
+    /// How directions are told.
+    #[arg(long, value_enum, default_value = "words")]
+    directions: DirectionsArgument,
     /// Gives commands at times and places, a line each: "at 5 record", "near X Y Z WITHIN stop", "tracked 100 record",
     /// "arrived quit".
     #[arg(long, value_name = "FILE")]
@@ -177,7 +190,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         true => Say::Text,
         false => Say::None,
     });
-    let voice = say.voice(output.is_json())?;
+    let voice = say.voice(SpeechSetting { rate: a.rate, volume: a.volume }, output.is_json())?;
     let map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
     let rig = source.rig().clone();
@@ -241,7 +254,8 @@ fn session_setting(a: &Arguments, live: bool) -> SessionSetting {
             .then_some(AUTO_RECORD),
         facing: a.facing.facing(),
         map_is_loaded: a.map_in.is_some(),
-        ..SessionSetting::default()
+        phrases: PhraseSetting { unit: a.unit.unit(), directions: a.directions.style(), metric: true },
+        announcer: AnnouncerSetting { rate: a.rate, volume: a.volume, ..AnnouncerSetting::default() },
     }
 }
 
@@ -342,6 +356,56 @@ fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
         };
         Failure::new(way.display().to_string(), e.to_string(), hint)
     })
+}
+
+/// A number within bounds.
+fn between(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| match text.parse::<f64>() {
+        Ok(v) if (low..=high).contains(&v) => Ok(v),
+        _ => Err(format!("must be a number from {low} to {high}")),
+    }
+}
+
+/// The unit of distances.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum UnitArgument {
+    /// Metres.
+    Metres,
+    /// Feet.
+    Feet,
+    /// Steps of 65 cm.
+    Steps,
+}
+
+impl UnitArgument {
+    fn unit(self) -> Unit {
+        match self {
+            Self::Metres => Unit::Metres,
+            Self::Feet => Unit::Feet,
+            Self::Steps => Unit::Steps(0.65),
+        }
+    }
+}
+
+/// How directions are told.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum DirectionsArgument {
+    /// "Turn left."
+    Words,
+    /// "Turn to 9 o'clock."
+    Clock,
+    /// "Turn left 90 degrees."
+    Degrees,
+}
+
+impl DirectionsArgument {
+    fn style(self) -> DirectionStyle {
+        match self {
+            Self::Words => DirectionStyle::Words,
+            Self::Clock => DirectionStyle::Clock,
+            Self::Degrees => DirectionStyle::Degrees,
+        }
+    }
 }
 
 /// How the walker stands to the camera.

@@ -1,0 +1,207 @@
+//! The page in a real browser: headless Chromium, whose camera shows a simulated walk. Record, come home with the camera
+//! looking back, read the directions; axe-core finds nothing; screenshots are left in the target folder.
+//!
+//! Needs Chromium (`CHROMIUM`, else `chromium` on the path) and for the accessibility part axe-core (`AXE_JS`, its
+//! `axe.min.js`); what is missing is said aloud. Run by `.ci/run` and by
+//! `cargo test --release -p cairn-web --test browser -- --ignored --nocapture`.
+
+mod cdp;
+
+use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_geometry::Se3;
+use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
+use cairn_session::{Command, Event, Session, SessionSetting};
+use cairn_sim::{LiveRig, SimSensor, SimSetting, Walker, WorldKind};
+use cairn_web::{Eyes, ServeSetting, Server};
+use cdp::{Browser, Tab};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Pictures a second of the camera.
+const RATE_HZ: f64 = 15.0;
+/// Seconds of the walk before the camera begins, and of the way out: a corner lies in its middle.
+const START_S: f64 = 8.5;
+const OUT_S: f64 = 16.0;
+
+fn camera() -> Camera {
+    Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5)
+}
+
+/// The pictures of the way out.
+fn way_out() -> Vec<FramePacket> {
+    let setting = SimSetting {
+        sensor: SimSensor::Mono,
+        imu: None,
+        camera: camera(),
+        rate_hz: RATE_HZ,
+        body_from_camera: Se3::identity(),
+        walker: Walker { speed: 0.7, turn_rate: 0.5, ..Walker::default() },
+        ..SimSetting::new(WorldKind::Demo, 3)
+    };
+    let mut rig = LiveRig::new(&setting).unwrap();
+    let motion = setting.walker.motion(&rig.world().ways()[0].points.clone());
+    let packet = |k: usize| {
+        let t = START_S + k as f64 / RATE_HZ;
+        rig.packet(Stamp::from_seconds(t), &motion.pose(t)).unwrap()
+    };
+    (0..(OUT_S * RATE_HZ) as usize).map(packet).collect()
+}
+
+/// The way out, then the same backwards: what a camera sees that looks back on the way home. The file is shown again and
+/// again, and its end is its beginning.
+fn write_video(path: &Path, out: &[FramePacket]) {
+    let (w, h) = (camera().width, camera().height);
+    let mut file = BufWriter::new(std::fs::File::create(path).unwrap());
+    writeln!(file, "YUV4MPEG2 W{w} H{h} F{RATE_HZ}:1 Ip A1:1 C420jpeg").unwrap();
+    let colourless = vec![128; w * h / 2];
+    for packet in out.iter().chain(out.iter().rev()) {
+        file.write_all(b"FRAME\n").unwrap();
+        file.write_all(packet.images[0].data()).unwrap();
+        file.write_all(&colourless).unwrap();
+    }
+    file.flush().unwrap();
+}
+
+fn folder() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// The same walk without a browser: what the browser's test needs of the engine holds by itself.
+#[test]
+fn a_single_camera_comes_home_along_its_own_pictures() {
+    let out = way_out();
+    let rig = Rig::mono(camera());
+    let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
+    let setting = SessionSetting { folder: folder().join("plain"), ..SessionSetting::default() };
+    let mut session = Session::new(engine, setting);
+    let mut said = Vec::new();
+    for (k, picture) in out.iter().chain(out.iter().rev()).enumerate() {
+        let stamp = Stamp::from_seconds(k as f64 / RATE_HZ);
+        session.on_packet(&FramePacket { stamp, ..picture.clone() }).unwrap();
+        if k == 1 {
+            session.command(&Command::Record).unwrap();
+        }
+        if k == out.len() {
+            session.command(&Command::parse("guide back").unwrap()).unwrap();
+        }
+        said.extend(session.events().into_iter().filter_map(|e| match e {
+            Event::Said(s) => Some(format!("{:5.1}  {}", s.t_s, s.text)),
+            Event::Sound(_) => None,
+        }));
+    }
+    let said = said.join("\n");
+    assert!(session.has_arrived(), "{said}");
+    assert!(said.contains("no distances will be told") && !said.contains("metre"), "{said}");
+    assert!(said.contains("Turn ") && !said.contains("lost"), "{said}");
+    println!("{said}");
+}
+
+#[test]
+#[ignore = "needs Chromium, and a minute: see .ci/run"]
+fn the_page_records_and_comes_home_in_a_browser() {
+    let folder = folder();
+    let video = folder.join("walk.y4m");
+    write_video(&video, &way_out());
+    let Some(mut browser) = Browser::start(&folder, &video) else {
+        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
+        return;
+    };
+    let session = SessionSetting { folder: folder.join("ways"), ..SessionSetting::default() };
+    let eyes = Eyes::Page { rig: Some(Box::new(Rig::mono(camera()))) };
+    let server =
+        Server::start(ServeSetting { lan: false, port: 0, eyes, config: Config::default(), session });
+    let server = server.unwrap();
+    let url = server.invitation().urls[0].clone();
+
+    // A desk watches, a phone walks.
+    let phone = browser.open(&url, [412, 915]);
+    wait(&mut browser, &phone, "You control this walk", "#control", 20.0);
+    let desk = browser.open(&url.replace("/#", "/?watch#"), [1280, 900]);
+    wait(&mut browser, &desk, "you watch", "#control", 20.0);
+    accessible(&mut browser, &phone, "before the walk");
+    browser.front(&phone);
+    browser.click(&phone, "#camera");
+    let began = Instant::now();
+    wait(&mut browser, &phone, "This camera", "#own figcaption", 20.0);
+    wait(&mut browser, &phone, "frames", "#s-tracking", 10.0);
+    browser.key(&phone, "r");
+    wait(&mut browser, &phone, "Recording", "#log", 10.0);
+    wait(&mut browser, &phone, "Tracking.", "#s-tracking", 12.0);
+    browser.picture(&phone, &folder.join("phone-recording.png"));
+    while began.elapsed().as_secs_f64() < OUT_S {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    browser.key(&phone, "s");
+    wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
+    browser.click(&phone, "[data-command='guide back']");
+    wait(&mut browser, &phone, "back,", "#s-guiding", 8.0);
+    std::thread::sleep(Duration::from_secs(4));
+    browser.picture(&phone, &folder.join("phone-guiding.png"));
+    browser.picture(&desk, &folder.join("desk-guiding.png"));
+    accessible(&mut browser, &phone, "under guidance");
+    accessible(&mut browser, &desk, "watching");
+    // Where the machine is too busy to show every picture he is told to stop, and comes by a second time.
+    wait(&mut browser, &phone, "You have arrived", "#log", 3.0 * OUT_S + 15.0);
+    let heard = browser.text(&phone, "#log");
+    println!("what the phone told:\n{heard}");
+    assert!(!heard.contains("metre"), "no scale is known, so no distance may be told:\n{heard}");
+    assert!(heard.contains("Turn ") && heard.contains("now."), "no direction was given:\n{heard}");
+    // The desk was told the same.
+    wait(&mut browser, &desk, "You have arrived", "#log", 5.0);
+    assert!(browser.drawn(&desk, "#map") && browser.drawn(&desk, "#picture"), "map or picture is empty");
+
+    // The phone's page dies while it records: the desk hears of it, and the way is on disk.
+    browser.key(&phone, "r");
+    wait(&mut browser, &phone, "0 units", "#s-recording", 5.0);
+    std::thread::sleep(Duration::from_secs(3));
+    browser.close(&phone);
+    wait(&mut browser, &desk, "No picture comes. Stand still.", "#log", 5.0);
+    wait(&mut browser, &desk, "Nobody controls", "#control", 5.0);
+    let way = cairn_guide::Way::load(&folder.join("ways/way-0002.way")).unwrap();
+    assert!(way.points.len() > 3, "{} points", way.points.len());
+    // It comes back, takes control, and the recording goes on.
+    let phone = browser.open(&url, [412, 915]);
+    wait(&mut browser, &phone, "You control this walk", "#control", 10.0);
+    browser.click(&phone, "#camera");
+    wait(&mut browser, &phone, "The picture is back.", "#log", 15.0);
+    browser.key(&phone, "s");
+    wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
+    // The machine dies: the page itself says so.
+    drop(server);
+    wait(&mut browser, &phone, "Stop. The connection to the machine is lost.", "#log", 5.0);
+    assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
+}
+
+/// Waits until an element's text holds some words.
+fn wait(browser: &mut Browser, tab: &Tab, words: &str, element: &str, seconds: f64) {
+    let begin = Instant::now();
+    loop {
+        let text = browser.text(tab, element);
+        if text.contains(words) {
+            return;
+        }
+        let waited = begin.elapsed().as_secs_f64();
+        assert!(
+            waited < seconds,
+            "{element} does not say \"{words}\" after {waited:.0} s but \"{text}\"; log:\n{}\n{}",
+            browser.text(tab, "#log"),
+            browser.text(tab, "#state")
+        );
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// axe-core finds nothing.
+fn accessible(browser: &mut Browser, tab: &Tab, when: &str) {
+    let Some(axe) = std::env::var_os("AXE_JS").and_then(|p| std::fs::read_to_string(p).ok()) else {
+        println!("skipped: axe-core is not there (AXE_JS), accessibility {when} is not checked");
+        return;
+    };
+    let found = browser.axe(tab, &axe);
+    assert_eq!(found, "[]", "axe-core {when}");
+    println!("axe-core finds nothing {when}");
+}
