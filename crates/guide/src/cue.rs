@@ -140,6 +140,13 @@ pub enum CueKind {
     OnCourse,
     /// Back on the path (sound only).
     BackOnPath,
+    /// The end was passed by: stop, and turn to it.
+    EndMissed {
+        /// Metres to the end.
+        distance_m: f64,
+        /// The turn that faces it, radians, positive left.
+        turn_rad: f64,
+    },
     /// The end is reached; guidance ends.
     Arrived,
     /// Tracking stays lost: turn a little on the spot, so that the camera sees what the map knows. Radians,
@@ -192,6 +199,7 @@ impl Cue {
             | WrongWay(_)
             | CheckBehind
             | StepAside(_)
+            | EndMissed { .. }
             | Arrived => Priority::High,
             Start { .. } | Resume(_) | Approach(_) | Go { .. } | Stopped { .. } | SlowDown | Weak => {
                 Priority::Normal
@@ -206,7 +214,7 @@ impl Cue {
         match self.kind {
             OnCourse | BackOnPath => Some(Earcon::OnCourse),
             OffPath { .. } | WrongWay(_) | StepAside(_) => Some(Earcon::OffCourse),
-            TurnNow { .. } | Rotate(_) => Some(Earcon::Turn),
+            TurnNow { .. } | Rotate(_) | EndMissed { .. } => Some(Earcon::Turn),
             Waypoint => Some(Earcon::Waypoint),
             Arrived => Some(Earcon::Arrival),
             Stop(_) | LookRound(_) => Some(Earcon::Stop),

@@ -97,6 +97,8 @@ pub struct Guide {
 
 /// So often "stop" is said of lost tracking before the walker is asked to look round.
 const STOPS_ALONE: u32 = 4;
+/// Seconds that the warning of a walk backwards takes.
+const WARNING_S: f64 = 8.0;
 /// How far he is asked to turn each time, radians.
 const LOOK_ROUND: f64 = 0.7;
 
@@ -120,7 +122,7 @@ pub(crate) struct Memory {
     pub directed: Option<Stamp>,
     /// Metres along when the distance ahead was last told.
     pub told_at_m: f64,
-    /// When the walker was last told to go on.
+    /// When the walker was last told to go on; later by what long words take.
     pub set_out: Option<Stamp>,
     pub aim_off_since: Option<Stamp>,
     pub off_since: Option<Stamp>,
@@ -304,6 +306,10 @@ impl Guide {
             First::Turn(turn)
         };
         self.memory.directed = Some(now.stamp);
+        // Backwards the first words are many: there is a warning among them.
+        if !self.started && self.backwards() {
+            self.memory.set_out = Some(now.stamp.plus_seconds(WARNING_S));
+        }
         match std::mem::replace(&mut self.started, true) {
             false => CueKind::Start { total_m: self.route.length(), first },
             true => CueKind::Resume(first),

@@ -21,18 +21,21 @@ const HEARING: f64 = 4.0;
 /// Farther off than this many times the limit single steps no longer help.
 const STEP_ASIDE_MOST: f64 = 2.5;
 
-fn since(last: Option<Stamp>, now: Stamp) -> f64 {
+pub(crate) fn since(last: Option<Stamp>, now: Stamp) -> f64 {
     last.map_or(f64::INFINITY, |t| now - t)
 }
 
 impl Guide {
-    fn backwards(&self) -> bool {
+    pub(crate) fn backwards(&self) -> bool {
         self.setting.facing == Facing::Backwards
     }
 
     pub(crate) fn moving(&mut self, now: &Now) -> Option<CueKind> {
         self.note(now);
         let aim = now.stance.turn_to(self.aim(now));
+        if self.at_end(now) {
+            return self.ending(now, aim);
+        }
         self.arrival(now)
             .or_else(|| self.turn_now(now))
             .or_else(|| self.wrong_way(now, aim))
@@ -60,45 +63,18 @@ impl Guide {
         }
     }
 
-    fn direct(&mut self, now: &Now) {
+    pub(crate) fn direct(&mut self, now: &Now) {
         self.memory.directed = Some(now.stamp);
         self.memory.aim_off_since = None;
     }
 
-    fn turn_on_spot(&mut self, now: &Now) {
+    pub(crate) fn turn_on_spot(&mut self, now: &Now) {
         self.direct(now);
         self.phase = Phase::Turning(Turning::new(now, true));
     }
 
-    /// The walker will stand at the end of the way if told now.
-    pub(crate) fn arrival(&mut self, now: &Now) -> Option<CueKind> {
-        let end = self.route.end();
-        let to_end = end - now.stance.position;
-        if self.next < self.route.maneuvers().len() || self.route.length() - now.at.along_m > 4.0 {
-            return None;
-        }
-        let [width, depth, height] = self.setting.arrival_box_m;
-        let level = (now.stance.height - self.route.height_at(self.route.length())).abs() <= height;
-        let course = direction(now.stance.course);
-        let (ahead, miss) = (to_end.dot(&course), cross(&course, &to_end).abs());
-        let standing_there = to_end.norm() <= 0.5 * width.min(depth);
-        // Beside or past the end and within reach of it: sending the walker round for less than a metre helps nobody.
-        let will_stand = course * (now.speed * self.setting.arrival_lead_s);
-        let beside =
-            (to_end - will_stand).norm() <= self.setting.arrival_reach_m && ahead < 0.5 * to_end.norm();
-        let early = (now.speed * self.setting.arrival_lead_s).max(0.5 * depth);
-        let spread = now.speed * self.setting.arrival_spread_s;
-        let most = (self.setting.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
-        let soon = ahead > -0.5 * depth && ahead <= early && miss <= most;
-        if level && (standing_there || soon || beside) {
-            self.phase = Phase::Done;
-            return Some(CueKind::Arrived);
-        }
-        None
-    }
-
     /// "Turn now" at the coming maneuver, or just its waypoint when the walker already goes the right way.
-    fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
+    pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
         let m = *self.coming()?;
         let before = self.next.checked_sub(1).map_or(0.0, |k| self.route.maneuvers()[k].end_m);
         let s = &self.setting;
@@ -129,20 +105,6 @@ impl Guide {
             Some(stairs) => Some(CueKind::StairsNow(stairs)),
             None => Some(CueKind::Waypoint),
         }
-    }
-
-    /// The end is near and the walker fast: a slow walker stands where told, a fast one a metre later.
-    fn near_end(&mut self, now: &Now) -> Option<CueKind> {
-        let left = self.route.length() - now.at.along_m;
-        let s = &self.setting;
-        let wanted =
-            self.coming().is_none() && !self.memory.end_told && now.speed > s.end_speed && left < s.end_m;
-        if !wanted || left < 0.5 * s.end_m {
-            return None;
-        }
-        self.memory.end_told = true;
-        self.memory.told_at_m = now.at.along_m;
-        Some(CueKind::Approach(self.ahead(now)))
     }
 
     fn approach(&mut self, now: &Now) -> Option<CueKind> {
@@ -187,6 +149,13 @@ impl Guide {
         if self.coming().is_some() && self.next_at_m() - now.at.along_m < 2.0 {
             return None;
         }
+        // Who was told a moment ago, or comes back already, needs no more words.
+        let off_deg = aim.abs().to_degrees();
+        let returns = now.stance.turn_to(now.at.heading) * now.at.cross_m > 0.0;
+        let told = since(self.memory.directed, now.stamp) < self.setting.adjust_again_s;
+        if told || returns && off_deg < self.setting.adjust_deg {
+            return None;
+        }
         let first = self.next == 0;
         let pause = if first { self.setting.off_again_first_s } else { self.setting.off_again_s };
         if self.memory.off && since(self.memory.off_said, now.stamp) < pause {
@@ -196,7 +165,6 @@ impl Guide {
         self.memory.off_said = Some(now.stamp);
         let to_path = now.at.foot - now.stance.position;
         let bearing = now.stance.turn_to(heading_of(&to_path));
-        let off_deg = aim.abs().to_degrees();
         let turn = if off_deg > self.setting.adjust_turn_deg {
             self.turn_on_spot(now);
             aim
@@ -212,40 +180,7 @@ impl Guide {
         })
     }
 
-    /// Small corrections, before anything goes wrong.
-    fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let s = &self.setting;
-        let off_deg = aim.abs().to_degrees();
-        let warned = now.at.cross_m.abs() > s.warn_m && aim * now.at.cross_m < 0.0;
-        let base = if self.backwards() { s.backwards_adjust_deg } else { s.adjust_deg };
-        let limit = if warned { 0.6 * base } else { base };
-        // A turn or the end right ahead: the aim is too near to mean anything.
-        let close =
-            if self.coming().is_some() { (3.0 * now.speed).max(1.2) } else { (2.0 * now.speed).max(1.2) };
-        let close = if now.at.cross_m.abs() < s.off_m { close } else { 0.6 * close };
-        let near = self.next_at_m() - now.at.along_m < close;
-        // Where the walker will be across the way when a direction given now has been followed.
-        let drift = -now.stance.turn_to(now.at.heading).sin() * now.speed * s.adjust_ahead_s;
-        let leaves =
-            self.backwards() || off_deg > s.adjust_far_deg || (now.at.cross_m + drift).abs() > s.warn_m;
-        if off_deg <= limit || off_deg > s.wrong_way_deg || near || !leaves || now.speed < STANDING {
-            self.memory.aim_off_since = None;
-            return None;
-        }
-        let off_since = *self.memory.aim_off_since.get_or_insert(now.stamp);
-        let rested = since(self.memory.directed, now.stamp) >= s.adjust_again_s;
-        if now.stamp - off_since < s.adjust_dwell_s || !rested || self.motion.turn_rate().abs() > 0.3 {
-            return None;
-        }
-        if off_deg > s.adjust_turn_deg {
-            self.turn_on_spot(now);
-            return Some(CueKind::Rotate(aim));
-        }
-        self.direct(now);
-        Some(CueKind::Adjust(aim))
-    }
-
-    fn stopped(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+    pub(crate) fn stopped(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         if !self.motion.stood(self.setting.stopped_s, self.setting.stopped_m) {
             if now.speed > 0.2 {
                 self.memory.stopped_said = None;
@@ -279,7 +214,7 @@ impl Guide {
         Some(CueKind::Progress(self.ahead(now)))
     }
 
-    fn tick(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+    pub(crate) fn tick(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         let on = aim.abs().to_degrees() <= self.setting.cone_deg && now.speed > STANDING && !self.memory.off;
         if !on || since(self.memory.ticked, now.stamp) < self.setting.tick_s {
             return None;

@@ -131,6 +131,14 @@ impl PhraseSetting {
             }
             CueKind::SlowDown => "Slow down.".into(),
             CueKind::Weak => "Tracking is weak. Slow down.".into(),
+            CueKind::EndMissed { distance_m, turn_rad } => {
+                let at = if self.metric { self.distance(distance_m) } else { "near".into() };
+                format!(
+                    "Stop. {}, the end is {at}{}.",
+                    capital(&self.turn(turn_rad, back)),
+                    if self.metric { " away" } else { "" }
+                )
+            }
             CueKind::Arrived => "Stop. You have arrived. Guidance ends.".into(),
             CueKind::LookRound(a) => format!("Tracking is lost. {}.", capital(&self.turn(a, back))),
             CueKind::Stop(reason) => format!("Stop. {}", reason_words(reason)),

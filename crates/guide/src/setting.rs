@@ -53,13 +53,17 @@ pub struct GuideSetting {
     /// farther when fast, by speed times this, and never nearer than twice the distance off the way, so
     /// that the walker comes back to it at a small angle.
     pub look_ahead_s: f64,
-    /// A small correction is given when the aim is off by more than this,
+    /// A course that is off by more than this is corrected at once where it leaves the corridor,
     pub adjust_deg: f64,
-    /// and the walker would be past the warning line in this time, or the aim is off by more than
-    pub adjust_ahead_s: f64,
-    /// this,
+    /// within so many metres; a lesser error when the walker is about to leave it, by this share of
+    pub adjust_ahead_m: f64,
+    /// [`Self::off_m`].
+    pub edge_share: f64,
+    /// On the last leg a course that misses the end by more than this is corrected.
+    pub end_miss_m: f64,
+    /// From here on the aim counts alone.
     pub adjust_far_deg: f64,
-    /// for this long,
+    /// A correction is given when wanted for this long,
     pub adjust_dwell_s: f64,
     /// and this long after the last direction.
     pub adjust_again_s: f64,
@@ -109,7 +113,7 @@ pub struct GuideSetting {
     pub backwards_speed: f64,
     /// Backwards: stop when so far off.
     pub backwards_off_m: f64,
-    /// Backwards: as [`Self::adjust_deg`].
+    /// Backwards: an aim that is off by more than this is corrected.
     pub backwards_adjust_deg: f64,
     /// How the walker is found on the way.
     pub matcher: MatcherSetting,
@@ -142,7 +146,9 @@ impl Default for GuideSetting {
             look_ahead_m: 3.0,
             look_ahead_s: 3.5,
             adjust_deg: 15.0,
-            adjust_ahead_s: 4.0,
+            adjust_ahead_m: 20.0,
+            edge_share: 0.8,
+            end_miss_m: 0.35,
             adjust_far_deg: 35.0,
             adjust_dwell_s: 0.6,
             adjust_again_s: 2.5,

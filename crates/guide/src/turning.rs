@@ -79,6 +79,10 @@ impl Guide {
         let off = left.abs().to_degrees();
         let small: f64 = if turning.stop_said || turning.moving { 60.0 } else { 45.0 };
         if off > small.max(self.setting.turn_tolerance_deg) {
+            // Already where the next turn begins: that turn is the one to make.
+            if let Some(turn @ CueKind::TurnNow { .. }) = self.turn_now(now) {
+                return Some(turn);
+            }
             let moving = turning.stop_said || turning.moving;
             self.phase = Phase::Turning(Turning::new(now, moving));
             self.memory.directed = Some(now.stamp);

@@ -218,6 +218,38 @@ fn a_small_error_of_aim_is_corrected_before_the_corridor_ends() {
     }
 }
 
+#[test]
+fn an_error_that_the_leg_outlives_not_is_left_alone() {
+    // 6 m to a turn, 5 degrees off: half a metre to the side when the turn comes.
+    let mut hand = Hand::new(&[[0., 0., 0.], [6., 0., 0.], [6., 20., 0.]], plain());
+    hand.heading = 0.087;
+    hand.go(5.0, 1.0);
+    assert_eq!(hand.count(|k| matches!(k, CueKind::Adjust(_))), 0, "{:#?}", hand.heard());
+    // The same on a long leg is corrected once, near the edge.
+    let mut hand = Hand::bent(plain());
+    hand.heading = 0.087;
+    hand.go(16.0, 1.0);
+    let adjusts = hand.find("Bear right");
+    assert!((10.0..14.0).contains(&adjusts[0].1) && hand.y < 1.5, "{adjusts:?}");
+}
+
+#[test]
+fn who_passes_the_end_is_stopped_and_turned_to_it() {
+    for (sign, side) in [(1.0, "right"), (-1.0, "left")] {
+        let mut hand = Hand::new(&[[0., 0., 0.], [10., 0., 0.]], stern());
+        hand.go(6.0, 1.0);
+        // Beside the way, so that the end is passed 1.5 m away.
+        hand.y = sign * 1.5;
+        hand.go(5.0, 1.0);
+        let missed = hand.find("the end is");
+        assert_eq!(missed.len(), 1, "{:#?}", hand.heard());
+        let words = hand.words();
+        let said = words.iter().find(|w| w.contains("the end is")).unwrap();
+        assert!(said.starts_with("Stop. ") && said.contains(side), "{said}");
+        assert!(!words.iter().any(|w| w.contains("Off the path")), "{words:?}");
+    }
+}
+
 /// A guide that gives no small corrections, to see the rule behind them.
 fn stern() -> GuideSetting {
     GuideSetting { adjust_dwell_s: 1e9, progress_m: None, ..plain() }

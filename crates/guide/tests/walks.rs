@@ -1,8 +1,8 @@
 //! A small version of the example `walks`, with floors, and transcripts that people can read.
 //! `CAIRN_UPDATE=1 cargo test -p cairn-guide --test walks` writes the transcripts anew.
 
-use cairn_guide::Facing;
 use cairn_guide::trial::{Noise, Outcome, Tally, TrialSetting, random_way, run};
+use cairn_guide::{Facing, Travel};
 use std::path::PathBuf;
 
 fn trial(seed: u64, facing: Facing, noise: Noise) -> Outcome {
@@ -10,7 +10,7 @@ fn trial(seed: u64, facing: Facing, noise: Noise) -> Outcome {
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     run(
         &random_way(seed, crossing),
-        &TrialSetting { facing, noise, corridor_m, cut_detours: !crossing, seed },
+        &TrialSetting { facing, travel: Travel::Home, noise, corridor_m, cut_detours: !crossing, seed },
     )
 }
 
@@ -35,14 +35,15 @@ fn walkers_come_home() {
     for facing in [Facing::Home, Facing::Back, Facing::Backwards] {
         for noise in [Noise::None, Noise::Usual] {
             let t = tally(facing, noise);
-            assert!(t.arrival_rate() >= 0.98, "{facing:?} {noise:?}: {} arrived", t.arrival_rate());
+            assert!(t.arrival_rate() >= 0.99, "{facing:?} {noise:?}: {} arrived", t.arrival_rate());
             assert!(t.off_path_per_50_m() <= 1.0, "{facing:?} {noise:?}: {}", t.off_path_per_50_m());
             assert!(
                 t.wrong_side as f64 <= 0.001 * t.said as f64,
                 "{facing:?} {noise:?}: {} wrong",
                 t.wrong_side
             );
-            assert!(t.said_per_100_m() <= 55.0, "{facing:?} {noise:?}: {}", t.said_per_100_m());
+            let most = if facing == Facing::Backwards { 52.0 } else { 36.0 };
+            assert!(t.said_per_100_m() <= most, "{facing:?} {noise:?}: {}", t.said_per_100_m());
         }
     }
 }

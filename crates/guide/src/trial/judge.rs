@@ -247,6 +247,7 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::StepAside(_) => "step aside",
         CueKind::SlowDown | CueKind::Weak => "slow down",
         CueKind::Arrived => "arrived",
+        CueKind::EndMissed { .. } => "end missed",
         CueKind::LookRound(_) => "look round",
         CueKind::Stop(_) => "stop",
         CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => "sound",
@@ -267,6 +268,7 @@ mod tests {
         let route = Route::new(&corners, &Ground::z_up(), &RouteSetting::default()).unwrap();
         let setting = TrialSetting {
             facing: Facing::Home,
+            travel: crate::Travel::Home,
             noise: Noise::None,
             corridor_m: 3.0,
             cut_detours: true,

@@ -29,8 +29,10 @@ pub const STEP_S: f64 = 0.05;
 /// How a trial is done.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrialSetting {
-    /// How the walker goes home.
+    /// How the walker goes.
     pub facing: Facing,
+    /// Home right after the way out, or the same way again another day.
+    pub travel: Travel,
     /// What the poses suffer.
     pub noise: Noise,
     /// Width of the corridor in metres: off the path is half of it, the warning two thirds of that.
@@ -61,35 +63,41 @@ pub fn guide_setting(facing: Facing, corridor_m: f64) -> GuideSetting {
     }
 }
 
-/// Walks `line` out, records and cleans it, and brings a walker home. Metres on the ground plane.
+/// Walks `line` out, records and cleans it, and brings a walker along it. Metres on the ground plane.
 pub fn run(line: &[Vec2], setting: &TrialSetting) -> Outcome {
     let way = walk_out(line, setting.noise, setting.seed);
     let placed = way.resolve(|_| None);
     let clean_setting = CleanSetting { cut_detours: setting.cut_detours, ..CleanSetting::default() };
     let cleaned = clean(&placed, way.metres_per_unit(), &way.header.ground(), &clean_setting);
-    home(&way, &cleaned, setting)
+    walk(&way, &cleaned, setting)
 }
 
-fn home(way: &Way, cleaned: &CleanWay, setting: &TrialSetting) -> Outcome {
+fn walk(way: &Way, cleaned: &CleanWay, setting: &TrialSetting) -> Outcome {
     let ground = Ground::z_up();
     let route_in = |odom_from_world: &Se3| {
         let moved = CleanWay {
             points: cleaned.points.iter().map(|p| *odom_from_world * *p).collect(),
             ..cleaned.clone()
         };
-        Route::from_way(&moved, Travel::Home, &ground, &RouteSetting::default())
+        Route::from_way(&moved, setting.travel, &ground, &RouteSetting::default())
     };
     let Ok(route) = route_in(&Se3::identity()) else { return Outcome::default() };
-    let Some(last) = way.points.last() else { return Outcome::default() };
+    let stands = match setting.travel {
+        Travel::Home => way.points.last(),
+        Travel::Again => way.points.first(),
+    };
+    let Some(stands) = stands else { return Outcome::default() };
     let mut judge = Judge::new(route.clone(), setting);
     let guide_setting = guide_setting(setting.facing, setting.corridor_m);
     let Ok(mut guide) = Guide::new(route, ground, guide_setting) else { return Outcome::default() };
     let mut voice = Announcer::new(AnnouncerSetting::default());
     let phrases = PhraseSetting::default();
     let mut noise = PoseNoise::new(setting.noise, setting.seed);
-    let end = last.odom_from_camera.translation;
-    let facing_out = ground.heading(&last.odom_from_camera).unwrap_or(0.0);
-    let mut walker = Walker::new(setting.seed, (end.x, end.y, facing_out));
+    let at = stands.odom_from_camera.translation;
+    // Facing as on the way out. Another day the walker is set down at the start as somebody put him there.
+    let facing = ground.heading(&stands.odom_from_camera).unwrap_or(0.0)
+        + if setting.travel == Travel::Again { 2.4 * ((setting.seed % 7) as f64 / 3.0 - 1.0) } else { 0.0 };
+    let mut walker = Walker::new(setting.seed, (at.x, at.y, facing));
 
     let limit_s = 90.0 + judge.length() / if setting.facing == Facing::Backwards { 0.08 } else { 0.2 };
     let mut stood_s = 0.0;

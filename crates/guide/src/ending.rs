@@ -1,0 +1,81 @@
+//! The last metres: the word to slow down, "stop" said early by the walker's reaction, and what to do when
+//! the end was missed.
+
+use crate::cue::CueKind;
+use crate::ground::{cross, direction};
+use crate::guide::{Guide, Now, Phase};
+use crate::moving::since;
+use crate::turning::Turning;
+
+/// Within this of the end only the end counts, metres.
+const LAST_M: f64 = 2.5;
+/// A course that is off by more than this has missed the end, radians.
+const MISSED: f64 = 0.8;
+/// Seconds in which nobody can have followed "stop" and a turn.
+const HEARD: f64 = 3.0;
+
+impl Guide {
+    /// The walker will stand at the end of the way if told now.
+    pub(crate) fn arrival(&mut self, now: &Now) -> Option<CueKind> {
+        let end = self.route.end();
+        let to_end = end - now.stance.position;
+        if self.next < self.route.maneuvers().len() || self.route.length() - now.at.along_m > 4.0 {
+            return None;
+        }
+        let [width, depth, height] = self.setting.arrival_box_m;
+        let level = (now.stance.height - self.route.height_at(self.route.length())).abs() <= height;
+        let course = direction(now.stance.course);
+        let (ahead, miss) = (to_end.dot(&course), cross(&course, &to_end).abs());
+        let standing_there = to_end.norm() <= 0.5 * width.min(depth);
+        // Beside or past the end and within reach of it: sending the walker round for less than a metre helps nobody.
+        let will_stand = course * (now.speed * self.setting.arrival_lead_s);
+        let beside =
+            (to_end - will_stand).norm() <= self.setting.arrival_reach_m && ahead < 0.5 * to_end.norm();
+        let early = (now.speed * self.setting.arrival_lead_s).max(0.5 * depth);
+        let spread = now.speed * self.setting.arrival_spread_s;
+        let most = (self.setting.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
+        let soon = ahead > -0.5 * depth && ahead <= early && miss <= most;
+        if level && (standing_there || soon || beside) {
+            self.phase = Phase::Done;
+            return Some(CueKind::Arrived);
+        }
+        None
+    }
+
+    /// The end is near and the walker fast: a slow walker stands where told, a fast one a metre later.
+    pub(crate) fn near_end(&mut self, now: &Now) -> Option<CueKind> {
+        let left = self.route.length() - now.at.along_m;
+        let s = &self.setting;
+        let wanted =
+            self.coming().is_none() && !self.memory.end_told && now.speed > s.end_speed && left < s.end_m;
+        if !wanted || left < 0.5 * s.end_m {
+            return None;
+        }
+        self.memory.end_told = true;
+        self.memory.told_at_m = now.at.along_m;
+        Some(CueKind::Approach(self.ahead(now)))
+    }
+
+    /// True when nothing but the end lies ahead and it is near.
+    pub(crate) fn at_end(&self, now: &Now) -> bool {
+        let near = (self.route.end() - now.stance.position).norm() < LAST_M;
+        let left = self.route.length() - now.at.along_m;
+        self.coming().is_none() && left < LAST_M && (near || left < 0.3) && !self.backwards()
+    }
+
+    /// Near the end: arrive, or stop and turn to it. One who goes on circles round it.
+    pub(crate) fn ending(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+        if let Some(arrived) = self.arrival(now) {
+            return Some(arrived);
+        }
+        let to_end = self.route.end() - now.stance.position;
+        let turn = now.stance.turn_to(crate::ground::heading_of(&to_end));
+        let missed = turn.abs() > MISSED;
+        if !missed || since(self.memory.directed, now.stamp) < HEARD {
+            return if missed { None } else { self.stopped(now, aim).or_else(|| self.tick(now, aim)) };
+        }
+        self.direct(now);
+        self.phase = Phase::Turning(Turning::new(now, false));
+        Some(CueKind::EndMissed { distance_m: to_end.norm(), turn_rad: turn })
+    }
+}

@@ -1,0 +1,134 @@
+//! Small corrections, by where the present course leads: said once, when they help most, and not at all
+//! where the leg ends before the walker leaves the corridor.
+//!
+//! People answer "bear left" with nearly the same change of course each time, whatever the error was. So a
+//! correction is held back until one such change leads back into the middle, unless the walker would leave
+//! the corridor before; to correct each small error at once would send him from side to side.
+
+use crate::cue::CueKind;
+use crate::guide::{Guide, Now};
+use crate::moving::since;
+
+/// What people make of "bear left", degrees.
+const BEAR_DEG: f64 = 19.0;
+/// Seconds from a short direction to the walker's following it.
+const ANSWER_S: f64 = 1.6;
+/// Slower than this is standing, m/s.
+const STANDING: f64 = 0.15;
+/// A correction must bring the walker nearer to the way by this share of what it is off.
+const WORTH: f64 = 0.3;
+
+/// A course over the rest of a leg: where it is across the way (left positive) and where it leads.
+#[derive(Clone, Copy, Debug)]
+struct Course {
+    cross_m: f64,
+    /// Heading against the leg's, radians, positive to the left.
+    off_rad: f64,
+    rest_m: f64,
+}
+
+impl Course {
+    /// Metres across the way after so many metres more.
+    fn after(&self, metres: f64) -> f64 {
+        self.cross_m + metres.clamp(0.0, self.rest_m) * self.off_rad.sin()
+    }
+
+    /// Metres across the way where the leg ends.
+    fn end(&self) -> f64 {
+        self.after(self.rest_m)
+    }
+
+    /// The same when after `metres` the walker bears by `turn_rad`.
+    fn bent(&self, metres: f64, turn_rad: f64) -> f64 {
+        let metres = metres.clamp(0.0, self.rest_m);
+        self.after(metres) + (self.rest_m - metres) * (self.off_rad + turn_rad).sin()
+    }
+
+    /// Metres from here at which bearing by `turn_rad` leads to the way just at the leg's end.
+    fn best(&self, turn_rad: f64) -> f64 {
+        let (now, bent) = (self.off_rad.sin(), (self.off_rad + turn_rad).sin());
+        if (now - bent).abs() < 1e-6 { 0.0 } else { -(self.cross_m + self.rest_m * bent) / (now - bent) }
+    }
+}
+
+/// No correction against an aim that is off by more than this, degrees.
+const AGAINST_DEG: f64 = 8.0;
+
+impl Guide {
+    /// A small correction, before anything goes wrong.
+    pub(crate) fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
+        let turn = self.wanted(now, aim);
+        let Some(turn) = turn.filter(|_| now.speed >= STANDING) else {
+            self.memory.aim_off_since = None;
+            return None;
+        };
+        let s = &self.setting;
+        let off_since = *self.memory.aim_off_since.get_or_insert(now.stamp);
+        let rested = since(self.memory.directed, now.stamp) >= s.adjust_again_s;
+        if now.stamp - off_since < s.adjust_dwell_s || !rested || self.motion.turn_rate().abs() > 0.3 {
+            return None;
+        }
+        if turn.abs().to_degrees() > s.adjust_turn_deg {
+            self.turn_on_spot(now);
+            return Some(CueKind::Rotate(turn));
+        }
+        self.direct(now);
+        Some(CueKind::Adjust(turn))
+    }
+
+    /// The turn that is wanted now, if any.
+    fn wanted(&self, now: &Now, aim: f64) -> Option<f64> {
+        let s = &self.setting;
+        let last = self.coming().is_none();
+        let course = Course {
+            cross_m: now.at.cross_m,
+            off_rad: -now.stance.turn_to(now.at.heading),
+            rest_m: (self.next_at_m() - now.at.along_m).max(0.0),
+        };
+        let off_deg = course.off_rad.abs().to_degrees();
+        let answer_m = ANSWER_S * now.speed;
+        if course.rest_m < answer_m + 0.5 || off_deg > s.wrong_way_deg {
+            return None;
+        }
+        let aim_deg = aim.abs().to_degrees();
+        if self.backwards() {
+            // The corridor is narrow and the pace slow: each error of aim counts.
+            let warned = now.at.cross_m.abs() > s.warn_m && aim * now.at.cross_m < 0.0;
+            let limit = if warned { 0.6 } else { 1.0 } * s.backwards_adjust_deg;
+            let near = course.rest_m < (3.0 * now.speed).max(1.2);
+            return (aim_deg > limit && aim_deg <= s.wrong_way_deg && !near).then_some(aim);
+        }
+        // Far off course, or far off the way: the aim says where to.
+        let outside = now.at.cross_m.abs() > s.off_m;
+        if aim_deg > s.adjust_far_deg || outside && aim_deg > s.adjust_deg {
+            return (aim_deg <= s.wrong_way_deg).then_some(aim);
+        }
+        let edge = s.edge_share * s.off_m;
+        let leaves = course.after(s.adjust_ahead_m).abs() > edge && !(outside && returns(&course));
+        let misses = last && course.end().abs() > s.end_miss_m;
+        if !leaves && !misses {
+            return None;
+        }
+        // Towards the way, from where the course leads.
+        let led = if leaves { course.after(s.adjust_ahead_m) } else { course.end() };
+        let turn = -led.signum() * BEAR_DEG.to_radians();
+        let soon = course.after(answer_m + 0.5 * now.speed).abs() > edge;
+        let bent = course.bent(answer_m, turn);
+        // Never against what the way just ahead asks for: on the way back to it, first get there.
+        if aim * turn < 0.0 && aim_deg > AGAINST_DEG {
+            return None;
+        }
+        let helps = bent.abs() < (1.0 - WORTH) * course.end().abs();
+        let due = course.best(turn) <= answer_m;
+        // On the way back to the middle there is time; on the way out, far off course, there is none.
+        let outwards = course.off_rad * turn < 0.0;
+        let much = off_deg > s.adjust_deg && outwards && course.after(answer_m) * course.off_rad > 0.0;
+        let wanted = soon && leaves || much || due;
+        (wanted && (helps || soon && outwards)).then_some(turn)
+    }
+}
+
+/// Coming back to the way by itself, at no small angle.
+fn returns(course: &Course) -> bool {
+    course.cross_m * course.off_rad < 0.0 && course.off_rad.abs().to_degrees() > 5.0
+}
