@@ -19,7 +19,7 @@ const ROWS: [(&str, Facing, Travel); 4] = [
 
 fn trial(seed: u64, row: usize) -> Outcome {
     let (_, facing, travel) = ROWS[row / 2];
-    let noise = if row % 2 == 0 { Noise::None } else { Noise::Usual };
+    let noise = if row.is_multiple_of(2) { Noise::None } else { Noise::Usual };
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     let line = random_way(seed, crossing);
@@ -27,7 +27,7 @@ fn trial(seed: u64, row: usize) -> Outcome {
 }
 
 fn name(row: usize) -> String {
-    format!("{}, {} poses", ROWS[row / 2].0, if row % 2 == 0 { "exact" } else { "noisy" })
+    format!("{}, {} poses", ROWS[row / 2].0, if row.is_multiple_of(2) { "exact" } else { "noisy" })
 }
 
 /// How bad a trial was: not arrived above all, then wrong sides, leaving the path, talk.
