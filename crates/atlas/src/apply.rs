@@ -28,14 +28,22 @@ impl Map {
     /// The next version. Changes that name something gone are dropped and counted, never a panic; landmarks
     /// that nobody sees any more are removed.
     pub fn apply(&self, set: &ChangeSet) -> (Map, Applied) {
+        self.apply_noting(&set.changes, |_| ())
+    }
+
+    /// The same; `note` is told the place of each change that was dropped.
+    pub(crate) fn apply_noting(&self, changes: &[Change], mut note: impl FnMut(usize)) -> (Map, Applied) {
         let mut map = self.clone();
         map.version += 1;
         let mut dirty = Dirty::default();
         let mut applied = Applied::default();
-        for change in &set.changes {
+        for (nth, change) in changes.iter().enumerate() {
             match map.apply_one(change, &mut dirty) {
                 Some(()) => applied.done += 1,
-                None => applied.dropped += 1,
+                None => {
+                    applied.dropped += 1;
+                    note(nth);
+                }
             }
         }
         map.settle(dirty);

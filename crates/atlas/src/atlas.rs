@@ -1,7 +1,8 @@
-//! The keeper of the map: one writer, many readers.
+//! The keeper of the map: one writer, many readers, and those who listen to each change.
 
 use crate::rebase::rebase;
-use crate::{Applied, Change, ChangeSet, Map};
+use crate::stream::Subscribers;
+use crate::{Applied, Change, Map, Subscription};
 use arc_swap::ArcSwap;
 use std::sync::Arc;
 
@@ -10,6 +11,7 @@ use std::sync::Arc;
 pub struct Atlas {
     latest: Arc<Map>,
     published: Arc<ArcSwap<Map>>,
+    subscribers: Subscribers,
 }
 
 /// Reads the latest map without a lock.
@@ -27,12 +29,19 @@ impl Atlas {
     /// An atlas with one map.
     pub fn new(map: Map) -> Self {
         let latest = Arc::new(map);
-        Self { published: Arc::new(ArcSwap::new(latest.clone())), latest }
+        let published = Arc::new(ArcSwap::new(latest.clone()));
+        Self { latest, published, subscribers: Subscribers::default() }
     }
 
     /// A reader for another stage.
     pub fn reader(&self) -> Reader {
         Reader(self.published.clone())
+    }
+
+    /// The stream of changes from the latest map on. What is told costs nothing where nobody listens; who drops the
+    /// receiver is forgotten.
+    pub fn subscribe(&mut self) -> Subscription {
+        self.subscribers.subscribe(self.latest.clone())
     }
 
     /// The latest map.
@@ -45,9 +54,16 @@ impl Atlas {
         if changes.is_empty() {
             return Applied::default();
         }
-        let (next, applied) = self.latest.apply(&ChangeSet { base: self.latest.version(), changes });
+        let mut dropped = Vec::new();
+        let (next, applied) = self.latest.apply_noting(&changes, |nth| dropped.push(nth));
         self.latest = Arc::new(next);
         self.published.store(self.latest.clone());
+        if !self.subscribers.is_empty() {
+            let mut dropped = dropped.into_iter().peekable();
+            let done = changes.into_iter().enumerate();
+            let done = done.filter(|(nth, _)| dropped.next_if_eq(nth).is_none()).map(|(_, change)| change);
+            self.subscribers.publish(done.collect(), &self.latest);
+        }
         applied
     }
 

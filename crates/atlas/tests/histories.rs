@@ -1,7 +1,7 @@
 //! Any history of change sets, sensible or not, keeps the rules of the map, leaves older versions as they were, and
 //! keeps the place of key frames that are gone.
 
-use cairn_atlas::{Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Tie, WorldId};
+use cairn_atlas::{Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Mirror, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_vision::Frame;
 use proptest::prelude::*;
@@ -291,6 +291,50 @@ proptest! {
                     prop_assert!(near(&was, &is), "{:?} has left its parent", k.id);
                 }
                 _ => {}
+            }
+        }
+    }
+
+    #[test]
+    fn a_mirror_that_only_listens_is_the_map(
+        history in history(),
+        meanwhile in prop::collection::vec(step(), 0..20),
+        late in prop::collection::vec(step(), 0..20),
+        joins_after in 0..14usize,
+    ) {
+        let mut atlas = Atlas::new(Map::new());
+        let from_the_start = atlas.subscribe();
+        let gone_soon = atlas.subscribe();
+        let mut joined = None;
+        // What hangs on key frames, also on those that will be removed, scaled and merged.
+        let mut hung: Vec<(KeyFrameId, Se3)> = Vec::new();
+        for (nth, steps) in history.iter().enumerate() {
+            if nth == joins_after {
+                joined = Some(atlas.subscribe());
+            }
+            let set = changes(atlas.latest(), steps);
+            atlas.commit(set);
+            let map = atlas.latest();
+            hung.extend(map.key_frames().map(|k| (k.id, pose(k.id.index() as i8, nth as i8))));
+        }
+        drop(gone_soon);
+        // Then what was made on an older version and is rebased.
+        let base = atlas.latest().clone();
+        let born = |c: &Change| matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..));
+        let now = changes(&base, &meanwhile);
+        atlas.commit(now);
+        atlas.commit_since(&base, changes(&base, &late).into_iter().filter(|c| !born(c)).collect());
+        let map = atlas.latest().clone();
+        for subscription in [Some(from_the_start), joined].into_iter().flatten() {
+            let mut mirror = Mirror::of(&subscription.start);
+            for published in subscription.changes.try_iter() {
+                prop_assert_eq!(published.version, mirror.version() + 1, "out of order");
+                mirror.take(&published);
+            }
+            prop_assert_eq!(&mirror, &Mirror::of(&map));
+            for (k, eye_from_it) in &hung {
+                let (there, here) = (mirror.stand(*k, eye_from_it), map.stand(*k, eye_from_it));
+                prop_assert!(there.is_some() && there == here, "{:?} stands elsewhere", k);
             }
         }
     }
