@@ -12,6 +12,8 @@ pub struct Atlas {
     latest: Arc<Map>,
     published: Arc<ArcSwap<Map>>,
     subscribers: Subscribers,
+    /// Every version since it was last asked, where someone wants them all.
+    kept: Option<Vec<Arc<Map>>>,
 }
 
 /// Reads the latest map without a lock.
@@ -30,7 +32,7 @@ impl Atlas {
     pub fn new(map: Map) -> Self {
         let latest = Arc::new(map);
         let published = Arc::new(ArcSwap::new(latest.clone()));
-        Self { latest, published, subscribers: Subscribers::default() }
+        Self { latest, published, subscribers: Subscribers::default(), kept: None }
     }
 
     /// A reader for another stage.
@@ -42,6 +44,16 @@ impl Atlas {
     /// receiver is forgotten.
     pub fn subscribe(&mut self) -> Subscription {
         self.subscribers.subscribe(self.latest.clone())
+    }
+
+    /// Keeps every version from the latest on until [`Atlas::kept`] takes them.
+    pub fn keep_versions(&mut self) {
+        self.kept = Some(vec![self.latest.clone()]);
+    }
+
+    /// The versions kept since this was last asked, in order; nothing where none are kept.
+    pub fn kept(&mut self) -> Vec<Arc<Map>> {
+        self.kept.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// The latest map.
@@ -58,6 +70,9 @@ impl Atlas {
         let (next, applied) = self.latest.apply_noting(&changes, |nth| dropped.push(nth));
         self.latest = Arc::new(next);
         self.published.store(self.latest.clone());
+        if let Some(kept) = &mut self.kept {
+            kept.push(self.latest.clone());
+        }
         if !self.subscribers.is_empty() {
             let mut dropped = dropped.into_iter().peekable();
             let done = changes.into_iter().enumerate();

@@ -1,14 +1,17 @@
 //! The whole system on one page: what happens to a packet.
 
 use crate::Config;
+use crate::digest::Digest;
+use crate::journal::{FrameRecord, Header, Journal};
 use crate::log::{Log, Logged};
-use crate::mapping::{Done, Mapping, Runner};
-use cairn_atlas::{KeyFrameId, Map};
+use crate::mapping::{Done, Mapping, Replayed, Runner};
+use cairn_atlas::{KeyFrameId, Map, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_mapping::{Closer, Mapper, Verdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
 use cairn_vision::{Eye, Frame, SeeError, SensorMode};
+use std::io::Write;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -20,6 +23,8 @@ pub struct Engine {
     pub(crate) mode: SensorMode,
     /// True where the map is only looked at.
     pub(crate) localize_only: bool,
+    /// All but the source and the map of what a journal belongs to.
+    header: Header,
     log: Log,
     died: Option<String>,
 }
@@ -51,6 +56,17 @@ pub struct Output {
     pub verdicts: Vec<Verdict>,
     /// Why mapping died, once; tracking goes on with the map there is.
     pub died: Option<String>,
+}
+
+/// What was done after the last packet.
+#[derive(Clone, Debug, Default)]
+pub struct Finished {
+    /// As in [`Output`].
+    pub map_ms: Vec<f64>,
+    /// As in [`Output`].
+    pub close_ms: Vec<f64>,
+    /// As in [`Output`].
+    pub verdicts: Vec<Verdict>,
 }
 
 impl Engine {
@@ -85,24 +101,33 @@ impl Engine {
         }
         let closer = Closer::new(model, config.closer, mapper.window);
         let mapper = Mapper::new(model, mapper);
+        let header = Header::of(mode, rate_hz, rig, config);
         let mapping = Mapping::new(runner, mapper, closer, map);
-        Self { eye, tracker, mapping, mode, localize_only: false, log: Log::default(), died: None }
+        Self { eye, tracker, mapping, mode, localize_only: false, header, log: Log::default(), died: None }
     }
 
     /// Takes one packet: see, track, and hand over what mapping should have.
     pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, SeeError> {
         let start = Instant::now();
         let frame = Arc::new(self.eye.see(packet)?);
+        let see_ms = start.elapsed().as_secs_f64() * 1e3;
+        let mut done = Done::default();
+        let (map, idle) = self.mapping.look(packet.stamp, &mut done);
+        let version = map.version();
         let seen = Instant::now();
-        let map = self.mapping.latest();
-        let mut tracked = self.tracker.step(frame.clone(), &map, self.mapping.idle(), !self.localize_only);
+        let mut tracked = self.tracker.step(frame.clone(), &map, idle, !self.localize_only);
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
+        let mut digest = Digest::default();
         for (stamp, placed) in tracked.earlier.drain(..) {
+            digest.placed(Some(&placed));
             self.log.amend(stamp, placed);
         }
-        let mut done = Done::default();
-        self.hand_over(&mut tracked, &mut done);
+        let begun = self.hand_over(&mut tracked, &mut done);
+        digest.state(tracked.state);
+        digest.placed(tracked.pose.as_ref());
+        let digest = digest.value();
+        self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, begun, digest });
         self.mapping.poll(&mut done);
         self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose });
         let died = done.died.filter(|_| self.died.is_none());
@@ -114,7 +139,7 @@ impl Engine {
             world_from_body: tracked.pose.map(|p| self.body(&p.world_from_eye)),
             placed: tracked.pose,
             evidence: tracked.evidence,
-            see_ms: (seen - start).as_secs_f64() * 1e3,
+            see_ms,
             track_ms,
             map_ms: done.ms,
             close_ms: done.close_ms,
@@ -123,22 +148,23 @@ impl Engine {
         })
     }
 
-    /// Gives mapping what tracking saw and offers; a start gives the frame its pose.
-    fn hand_over(&mut self, tracked: &mut Tracked, done: &mut Done) {
+    /// Gives mapping what tracking saw and offers; a start gives the frame its pose. Tells in which version of the map
+    /// that was.
+    fn hand_over(&mut self, tracked: &mut Tracked, done: &mut Done) -> Option<u64> {
         if self.localize_only {
-            return;
+            return None;
         }
         if !tracked.seen.is_empty() {
             self.mapping.note(std::mem::take(&mut tracked.seen));
         }
-        let Some(offer) = tracked.offer.take() else { return };
+        let offer = tracked.offer.take()?;
         let earlier = match &offer {
             Offer::Pair { first, .. } => Some(first.clone()),
             _ => None,
         };
         let starting = !matches!(offer, Offer::Next { .. });
-        let Some(id) = self.mapping.offer(offer, done).filter(|_| starting) else { return };
-        let map = self.mapping.latest();
+        let id = self.mapping.offer(offer, done).filter(|_| starting)?;
+        let map = self.mapping.after_start(done);
         self.tracker.begun(&map, id);
         tracked.pose = standing_at(&map, id);
         tracked.state = State::Tracking;
@@ -146,6 +172,55 @@ impl Engine {
         if let (Some(first), Some(placed)) = (earlier, root) {
             self.log.amend(first.stamp, placed);
         }
+        Some(map.version())
+    }
+
+    /// The stream of changes to the map from now on, every commit in order; `None` when mapping has died. Where mapping
+    /// has a thread, what it has in hand is waited for.
+    pub fn subscribe(&mut self) -> Option<Subscription> {
+        self.mapping.subscribe()
+    }
+
+    /// Writes into `to`, from the first packet on, what is needed to have the poses of this run again bit for bit;
+    /// `source` names where the packets come from. In lockstep nothing is written: there a second run is the same anyway.
+    pub fn write_journal(&self, source: &str, to: Box<dyn Write + Send>) {
+        self.mapping.write_journal(to, &self.header_for(source));
+    }
+
+    /// Why the journal is not whole, if so.
+    pub fn journal_failed(&self) -> Option<String> {
+        self.mapping.journal_failed()
+    }
+
+    /// An engine that has seen nothing yet, made for lockstep, takes the packets whose stamps are in the journal and goes as
+    /// the journal says. What the journal belongs to must be the same; else it is told in words.
+    pub fn replay(self, source: &str, journal: Journal) -> Result<Self, String> {
+        if let Some(why) = journal.header.differs(&self.header_for(source)) {
+            return Err(why);
+        }
+        let mapping = self.mapping.replay(journal).ok_or("a journal is replayed in lockstep")?;
+        Ok(Self { mapping, ..self })
+    }
+
+    /// How far a replay has come; `None` where there is none.
+    pub fn replayed(&self) -> Option<&Replayed> {
+        self.mapping.replayed()
+    }
+
+    fn header_for(&self, source: &str) -> Header {
+        self.header.with(source, self.localize_only, &self.mapping.latest())
+    }
+
+    /// A digest of the map and of every frame's pose, as given and as the map sees it now: equal when all bits are.
+    pub fn digest(&self) -> u64 {
+        let mut digest = Digest::default();
+        digest.map(&self.map());
+        for frame in self.log.frames() {
+            digest.state(frame.state);
+            digest.placed(frame.placed.as_ref());
+        }
+        self.trajectory().iter().for_each(|(_, pose)| digest.pose(pose));
+        digest.value()
     }
 
     /// The body's pose. A map without metric scale does not know how far the body is from the eye: there the body is
@@ -184,15 +259,19 @@ impl Engine {
         &self.log
     }
 
-    /// Waits for mapping to finish what it has; call at the end of a run, before [`Engine::trajectory`]. Returns
-    /// the milliseconds of each key frame finished meanwhile.
-    pub fn finish(&mut self) -> Vec<f64> {
+    /// Waits for mapping to finish what it has; call at the end of a run, before [`Engine::trajectory`]. Returns what was
+    /// done meanwhile.
+    pub fn finish(&mut self) -> Finished {
         let mut done = Done::default();
         if !self.localize_only {
             self.mapping.finish(&mut done);
         }
+        let map = self.mapping.latest();
+        let mut digest = Digest::default();
+        digest.map(&map);
+        self.mapping.tell_end(map.version(), digest.value());
         self.died = self.died.take().or(done.died);
-        done.ms
+        Finished { map_ms: done.ms, close_ms: done.close_ms, verdicts: done.verdicts }
     }
 
     /// Where the body was in every tracked frame, as the map sees it now.

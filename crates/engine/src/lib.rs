@@ -1,7 +1,9 @@
 #![doc = include_str!("../README.md")]
 
 mod config;
+mod digest;
 mod engine;
+pub mod journal;
 mod log;
 mod mapping;
 mod record;
@@ -11,8 +13,9 @@ pub use cairn_mapping::{Accepted, Joined, Refusal, Verdict};
 pub use cairn_tracking::{Evidence, Placed, State};
 pub use cairn_vision::SensorMode;
 pub use config::{Config, ConfigError};
-pub use engine::{Engine, Output};
+pub use engine::{Engine, Finished, Output};
+pub use journal::{Journal, JournalError};
 pub use log::{Log, Logged};
-pub use mapping::Runner;
+pub use mapping::{Replayed, Runner, Stopped};
 pub use record::record_input;
 pub use saved::OpenMapError;

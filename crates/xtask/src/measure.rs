@@ -198,7 +198,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         track_ms.push(out.track_ms);
         map_ms.extend(out.map_ms);
     }
-    map_ms.extend(engine.finish());
+    map_ms.extend(engine.finish().map_ms);
     let map = engine.map();
     map.check()?;
     let poses = engine.trajectory();

@@ -96,7 +96,7 @@ impl Eyes {
 
     /// Poses of the camera for every tracked frame, as the map sees them now.
     pub fn estimate(&mut self) -> Result<Trajectory, Failure> {
-        for ms in self.engine.finish() {
+        for ms in self.engine.finish().map_ms {
             self.times.add_ms("map", ms);
         }
         let poses = self.engine.trajectory().into_iter().map(|(t, p)| (t.0, p)).collect();

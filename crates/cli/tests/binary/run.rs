@@ -143,3 +143,35 @@ fn run_skips_a_damaged_image_and_says_so() {
     assert!(stderr(&output).contains("warning: skipped: "), "{}", stderr(&output));
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn a_run_in_real_time_is_replayed_and_its_events_are_told() {
+    let folder = folder("run-journal");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (journal, live, again) = (path("a.journal"), path("live.tum"), path("again.tum"));
+    let more = ["--realtime", "--journal", &journal, "--live-trajectory", &live];
+    let output = cairn(&[&["run", WORLD][..], &more].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let events = path("events.jsonl");
+    let more = ["--replay", &journal, "--live-trajectory", &again, "--events", &events];
+    let output = cairn(&[&["run", WORLD][..], &more].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("frames equal bit for bit, and the map"), "{}", stderr(&output));
+    let read = |path: &str| std::fs::read_to_string(path).unwrap();
+    assert_eq!(read(&live), read(&again));
+    // The first world is born with its root; versions only rise.
+    let lines: Vec<serde_json::Value> =
+        read(&events).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(
+        (&lines[0]["event"], &lines[0]["world"], &lines[0]["tie"]),
+        (&"world".into(), &0.into(), &().into())
+    );
+    assert!(lines.iter().any(|l| l["event"] == "born" && l["key_frames"][0]["id"] == 0), "{lines:?}");
+    let versions: Vec<u64> = lines.iter().filter_map(|l| l["version"].as_u64()).collect();
+    assert!(versions.is_sorted() && lines.iter().all(|l| l["stamp_ns"].is_i64()), "{lines:?}");
+    // What was written by another run, or what is no journal, is told.
+    fails(&["run", "sim:demo?duration=1&seed=5", "--replay", &journal], &["a.journal", "other", "options"]);
+    fails(&["run", WORLD, "--replay", &live], &["live.tum", "no journal"]);
+    assert_eq!(cairn(&["run", WORLD, "--journal", &journal]).status.code(), Some(2), "needs --realtime");
+    std::fs::remove_dir_all(&folder).unwrap();
+}

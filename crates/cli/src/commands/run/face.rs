@@ -1,5 +1,6 @@
 //! Eyes and ears of `cairn run`: counts frames, hands words to a voice, takes commands from the terminal.
 
+use super::events::Events;
 use super::interrupt::Interrupt;
 use super::map::Saver;
 use super::tally::Tally;
@@ -65,8 +66,11 @@ pub struct RunFace<'t, 'a> {
     voice: Box<dyn Voice>,
     terminal: Terminal,
     saver: Saver<'a>,
+    events: &'t mut Option<Events>,
     interrupt: Interrupt,
     interrupted: bool,
+    /// The journal that is replayed goes no further.
+    replay_stopped: bool,
 }
 
 impl<'t, 'a> RunFace<'t, 'a> {
@@ -77,9 +81,11 @@ impl<'t, 'a> RunFace<'t, 'a> {
         voice: Box<dyn Voice>,
         terminal: Terminal,
         saver: Saver<'a>,
+        events: &'t mut Option<Events>,
     ) -> Self {
         let (progress, interrupt) = (Progress::new(frames), Interrupt::listen());
-        Self { tally, progress, voice, terminal, saver, interrupt, interrupted: false }
+        let (interrupted, replay_stopped) = (false, false);
+        Self { tally, progress, voice, terminal, saver, events, interrupt, interrupted, replay_stopped }
     }
 
     /// Waits for the last words; what saves the map is left to be ended.
@@ -97,16 +103,20 @@ impl Face for RunFace<'_, '_> {
         }
     }
 
-    fn saw(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+    fn saw(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
         match output {
             Ok(done) => {
                 if let Some(cause) = &done.died {
                     self.progress.warn(cause);
                 }
                 self.tally.frame(packet, done);
+                if let Some(events) = self.events {
+                    events.write(done.stamp, &done.verdicts);
+                }
             }
             Err(why) => self.tally.unseen(packet, why),
         }
+        self.replay_stopped = session.engine().replayed().is_some_and(|r| r.stopped.is_some());
         self.progress.step(self.tally.frames);
     }
 
@@ -128,6 +138,7 @@ impl Face for RunFace<'_, '_> {
             self.progress.warn("interrupted: the run ends here; once more to stop at once");
             commands.push(Command::Quit);
         }
+        commands.extend(self.replay_stopped.then_some(Command::Quit));
         commands
     }
 }

@@ -1,7 +1,9 @@
 //! `cairn run`: SLAM on any source; trajectories, a recorded way, a report in JSON and as a page.
 
+mod events;
 mod face;
 mod interrupt;
+mod journal;
 mod map;
 mod page;
 mod tally;
@@ -12,14 +14,15 @@ use crate::failure::Failure;
 use crate::output::Output;
 use crate::terminal::Terminal;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Journal, Runner, SensorMode};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_guide::{AnnouncerSetting, DirectionStyle, Facing, PhraseSetting, Unit};
 use cairn_sensor::{Rig, Source, Stamp};
 use cairn_session::{Command, Inbox, Script, Session, SessionSetting, drive_live, drive_lockstep, feed};
-use cairn_sources::{OpenOptions, Paced, is_live, open, waiting_for};
+use cairn_sources::{OpenOptions, Paced, Picked, is_live, open, waiting_for};
 use cairn_voice::SpeechSetting;
+use events::Events;
 use face::{RunFace, Say};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -109,6 +112,16 @@ pub struct Arguments {
     /// Plays the source as a camera would; mapping has its own thread, frames that come too fast are dropped.
     #[arg(long)]
     realtime: bool,
+    /// Writes what happens to the map, a line of JSON each: worlds, loops, merges, key frames that move or go, and what
+    /// closing says of places.
+    #[arg(long, value_name = "FILE")]
+    events: Option<PathBuf>,
+    /// Writes what is needed to have the poses of this run again, bit for bit.
+    #[arg(long, value_name = "FILE", requires = "realtime")]
+    journal: Option<PathBuf>,
+    /// Runs again as this journal tells, on one thread, and checks every pose against it.
+    #[arg(long, value_name = "FILE", conflicts_with = "realtime")]
+    replay: Option<PathBuf>,
     /// Begins so many seconds after the first image.
     #[arg(long, default_value_t = 0.0, value_name = "S")]
     start: f64,
@@ -191,12 +204,23 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         false => Say::None,
     });
     let voice = say.voice(SpeechSetting { rate: a.rate, volume: a.volume }, output.is_json())?;
+    if live && (a.journal.is_some() || a.replay.is_some()) {
+        return Err(Failure::new(
+            &a.source,
+            "what is live can not be replayed",
+            "record it and run the recording",
+        ));
+    }
+    let replayed = journal::opened(a)?;
     let map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
     let rig = source.rig().clone();
     let runner = if a.realtime || live { Runner::Threaded } else { Runner::Lockstep };
     let rate_hz = source.info().rate_hz;
     let engine = map::engine(a, map_in.as_ref(), &rig, sensor.mode(), rate_hz, runner, &config)?;
+    let stamps = replayed.as_ref().map(Journal::stamps);
+    let mut engine = journal::engine(a, engine, &source.info().name, replayed)?;
+    let mut events = Events::begin(a.events.as_deref(), &mut engine)?;
     let mut session = Session::new(engine, session_setting(a, live));
     begin(&mut session, a, map_in.as_ref())?;
     let mut tally = Tally::new(began);
@@ -204,7 +228,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let name = source.info().name.clone();
     let terminal = Terminal::new(a.lines, a.realtime || live);
     let saver = map::Saver::new(a, map_in);
-    let mut face = RunFace::new(&mut tally, source.info().frames, voice, terminal, saver);
+    let mut face = RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events);
     let (driven, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())
@@ -218,19 +242,31 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         let driven = drive_lockstep(&mut session, &mut paced, &mut script, &mut face);
         face.tally.dropped = paced.dropped();
         (driven, paced.skipped().to_vec())
+    } else if let Some(stamps) = stamps {
+        let mut picked = Picked::new(source, stamps);
+        let driven = drive_lockstep(&mut session, &mut picked, &mut script, &mut face);
+        face.tally.dropped = picked.passed();
+        (driven, picked.skipped().to_vec())
     } else {
         let mut source = source;
         let driven = drive_lockstep(&mut session, &mut *source, &mut script, &mut face);
         (driven, source.skipped().to_vec())
     };
     let (saver, spoken) = face.end();
-    tally.finished(session.engine_mut().finish());
+    let finished = session.engine_mut().finish();
+    tally.after(&finished);
+    let events = events.map_or(Ok(()), |mut events| {
+        let last = session.engine().log().frames().last().map_or(Stamp::default(), |f| f.stamp);
+        events.write(last, &finished.verdicts);
+        events.end()
+    });
+    let told = journal::end(a, session.engine());
     warn_of_skipped(&skipped);
     let closed = session.close().map_err(|why| Failure::new("recording", why, "make room on the disk"));
     // The map is saved however the run has ended; the first thing that went wrong is told.
     let saved = saver.end(&session);
     driven?;
-    spoken.and(closed).and(saved)?;
+    spoken.and(closed).and(saved).and(events).and(told)?;
     let engine = session.engine();
     let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
@@ -333,7 +369,16 @@ pub fn read_config(path: &Path) -> Result<Config, Failure> {
 
 /// Finds out before the work rather than after it that a result could not be written.
 fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
-    let targets = [&a.trajectory, &a.live_trajectory, &a.record, &a.report, &a.report_html, &a.map_out];
+    let targets = [
+        &a.trajectory,
+        &a.live_trajectory,
+        &a.record,
+        &a.report,
+        &a.report_html,
+        &a.map_out,
+        &a.events,
+        &a.journal,
+    ];
     for path in targets.into_iter().flatten() {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {

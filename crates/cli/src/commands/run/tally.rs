@@ -1,6 +1,6 @@
 //! Counts and times of a run, frame by frame, and what becomes of them: the report and its text.
 
-use cairn_engine::{Config, Engine, Joined, Output, SensorMode, State};
+use cairn_engine::{Config, Engine, Finished, Joined, Output, SensorMode, State, Verdict};
 use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, Stamp};
@@ -54,13 +54,7 @@ impl Tally {
         self.stages.add_ms("see", done.see_ms);
         self.stages.add_ms("track", done.track_ms);
         self.finished(done.map_ms.iter().copied());
-        done.close_ms.iter().for_each(|ms| self.stages.add_ms("close", *ms));
-        for accepted in done.verdicts.iter().filter_map(|v| v.result.ok()) {
-            match accepted.joined {
-                Joined::Loop => self.loops += 1,
-                Joined::Merge { .. } => self.merges += 1,
-            }
-        }
+        self.closed(&done.close_ms, &done.verdicts);
         if done.world_from_body.is_some() && self.first_pose_s.is_none() {
             self.first_pose_s = Some(self.began.elapsed().as_secs_f64());
         }
@@ -86,8 +80,25 @@ impl Tally {
     }
 
     /// Milliseconds of key frames that mapping finished.
-    pub fn finished(&mut self, map_ms: impl IntoIterator<Item = f64>) {
+    fn finished(&mut self, map_ms: impl IntoIterator<Item = f64>) {
         map_ms.into_iter().for_each(|ms| self.stages.add_ms("map", ms));
+    }
+
+    /// What was done after the last frame.
+    pub fn after(&mut self, finished: &Finished) {
+        self.finished(finished.map_ms.iter().copied());
+        self.closed(&finished.close_ms, &finished.verdicts);
+    }
+
+    /// Milliseconds of closing, and what it has joined.
+    fn closed(&mut self, close_ms: &[f64], verdicts: &[Verdict]) {
+        close_ms.iter().for_each(|ms| self.stages.add_ms("close", *ms));
+        for accepted in verdicts.iter().filter_map(|v| v.result.ok()) {
+            match accepted.joined {
+                Joined::Loop => self.loops += 1,
+                Joined::Merge { .. } => self.merges += 1,
+            }
+        }
     }
 
     /// The report so far; the source and the sensor are not known here.

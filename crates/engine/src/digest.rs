@@ -1,0 +1,80 @@
+//! Digests: sixty-four bits that differ when any bit of what they were taken over differs (FNV-1a; no cryptography).
+
+use cairn_atlas::{KeyFrameId, Map};
+use cairn_geometry::{Se3, Vec3};
+use cairn_tracking::{Placed, State};
+
+/// A digest that grows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Digest(u64);
+
+impl Default for Digest {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Digest {
+    pub fn value(self) -> u64 {
+        self.0
+    }
+
+    pub fn u64(&mut self, v: u64) {
+        for byte in v.to_le_bytes() {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+
+    pub fn f64(&mut self, v: f64) {
+        self.u64(v.to_bits());
+    }
+
+    fn vec(&mut self, v: &Vec3) {
+        v.iter().for_each(|x| self.f64(*x));
+    }
+
+    fn id(&mut self, id: KeyFrameId) {
+        self.u64(id.index() as u64);
+    }
+
+    pub fn pose(&mut self, pose: &Se3) {
+        pose.rotation.quaternion().coords.iter().for_each(|x| self.f64(*x));
+        self.vec(&pose.translation);
+    }
+
+    pub fn placed(&mut self, placed: Option<&Placed>) {
+        self.u64(u64::from(placed.is_some()));
+        if let Some(p) = placed {
+            self.id(p.reference);
+            self.pose(&p.reference_from_eye);
+            self.pose(&p.world_from_eye);
+        }
+    }
+
+    pub fn state(&mut self, state: State) {
+        let numbers = match state {
+            State::Starting { have, need } => [0, have, need],
+            State::Tracking => [1, 0, 0],
+            State::Lost { inliers, need } => [2, inliers, need],
+        };
+        numbers.iter().for_each(|n| self.u64(*n as u64));
+    }
+
+    /// Every key frame and landmark: where it is, what it hangs on and what it shows.
+    pub fn map(&mut self, map: &Map) {
+        self.u64(map.version());
+        self.f64(map.right_offset());
+        for k in map.key_frames() {
+            self.id(k.id);
+            self.id(k.world.root());
+            k.parent.iter().chain(&k.links).for_each(|id| self.id(*id));
+            self.pose(&k.world_from_eye);
+            self.f64(k.unit);
+            k.landmarks.iter().for_each(|l| self.u64(l.map_or(0, |l| 1 + l.index() as u64)));
+        }
+        for l in map.landmarks() {
+            self.u64(l.id.index() as u64);
+            self.vec(&l.position);
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Mapping and closing one after the other, in step with tracking.
+
+use super::{Done, take, text_of};
+use cairn_atlas::{Atlas, KeyFrameId};
+use cairn_mapping::{Closer, Mapper};
+use cairn_tracking::Offer;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Instant;
+
+/// The stages and the atlas that they write.
+pub(crate) struct Inline {
+    pub mapper: Mapper,
+    pub closer: Closer,
+    pub atlas: Atlas,
+}
+
+impl Inline {
+    /// Maps an offer and closes after it.
+    pub fn offer(&mut self, offer: &Offer, done: &mut Done) -> Option<KeyFrameId> {
+        let Self { mapper, closer, atlas } = self;
+        let start = Instant::now();
+        let result = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, offer, || false)));
+        done.ms.push(start.elapsed().as_secs_f64() * 1e3);
+        let closed = result.and_then(|id| {
+            catch_unwind(AssertUnwindSafe(|| close_inline(closer, atlas, id, done))).map(|()| id)
+        });
+        closed.unwrap_or_else(|cause| {
+            done.died = Some(text_of(&cause));
+            None
+        })
+    }
+
+    /// Settles the whole map.
+    pub fn settle(&mut self, done: &mut Done) {
+        if let Err(cause) = catch_unwind(AssertUnwindSafe(|| self.mapper.settle(&mut self.atlas))) {
+            done.died = Some(text_of(&cause));
+        }
+    }
+}
+
+/// Closing after a key frame, in step with it.
+fn close_inline(closer: &mut Closer, atlas: &mut Atlas, id: Option<KeyFrameId>, done: &mut Done) {
+    let Some(id) = id else { return };
+    let start = Instant::now();
+    let closed = closer.step(atlas.latest(), id);
+    done.verdicts.extend(closed.verdicts);
+    atlas.commit(closed.changes);
+    done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
+    if let Some(world) = closed.joined.and_then(|id| atlas.latest().key_frame(id)).map(|k| k.world) {
+        let start = Instant::now();
+        let changes = closer.adjust_whole(atlas.latest(), world, || false);
+        atlas.commit(changes);
+        done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+}

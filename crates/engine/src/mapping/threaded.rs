@@ -1,0 +1,283 @@
+//! Mapping and closing on threads of their own.
+
+use super::{Done, take, text_of};
+use crate::journal::{JobRecord, Record, Scribe};
+use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Reader, Subscription, WorldId};
+use cairn_mapping::{Closed, Closer, Mapper};
+use cairn_tracking::Offer;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+/// What the mapping thread is sent.
+enum Message {
+    Seen(Vec<(LandmarkId, bool)>),
+    Offer(Offer, SyncSender<Option<KeyFrameId>>),
+    /// The closing job of this number has made changes on a map that may be older by now.
+    Closed(u64, Arc<Map>, Closed),
+    /// Someone wants to hear of every change.
+    Subscribe(SyncSender<Subscription>),
+    /// Nothing more will come: end closing, and settle the map if asked to.
+    End {
+        settle: bool,
+    },
+}
+
+/// What closing is given to do.
+pub(super) enum Job {
+    /// Look for the place of a key frame.
+    Place(Arc<Map>, KeyFrameId),
+    /// Adjust a world as a whole.
+    Whole(Arc<Map>, WorldId),
+}
+
+impl Job {
+    /// The job with its number as a journal tells it.
+    pub fn record(&self, number: u64) -> JobRecord {
+        let (map, whole, id) = match self {
+            Self::Place(map, id) => (map, false, *id),
+            Self::Whole(map, world) => (map, true, world.root()),
+        };
+        JobRecord { number, version: map.version(), whole, key_frame: id.index() as u64 }
+    }
+
+    /// Does it; the map that it was done on goes with the changes.
+    pub fn work(self, closer: &mut Closer) -> (Arc<Map>, Closed) {
+        match self {
+            Self::Place(map, id) => {
+                let closed = closer.step(&map, id);
+                (map, closed)
+            }
+            Self::Whole(map, world) => {
+                let changes = closer.adjust_whole(&map, world, || false);
+                (map, Closed { changes, ..Closed::default() })
+            }
+        }
+    }
+}
+
+/// Commits what closing made on an older map; the world to be adjusted as a whole after it, if there is one.
+pub(super) fn commit(atlas: &mut Atlas, base: &Map, closed: Closed) -> Option<Job> {
+    atlas.commit_since(base, closed.changes);
+    let map = atlas.latest();
+    let joined = closed.joined.and_then(|id| map.living(id)).and_then(|(id, _)| map.key_frame(id))?;
+    Some(Job::Whole(map.clone(), joined.world))
+}
+
+/// Tracking's end of the threads.
+pub(crate) struct Threaded {
+    to: Option<Sender<Message>>,
+    pub reader: Reader,
+    waiting: Arc<AtomicUsize>,
+    done: Receiver<Done>,
+    handle: Option<JoinHandle<()>>,
+    pub scribe: Scribe,
+}
+
+impl Threaded {
+    pub fn spawn(mapper: Mapper, closer: Closer, atlas: Atlas) -> Self {
+        let reader = atlas.reader();
+        let (to, from) = channel::<Message>();
+        let (tell, done) = channel();
+        let waiting = Arc::new(AtomicUsize::new(0));
+        let scribe = Scribe::default();
+        let closing = spawn_closing(closer, to.clone(), tell.clone(), scribe.clone());
+        let waits = waiting.clone();
+        let keeper = Keeper { mapper, atlas, waiting: waits, tell, closing, jobs: 0, scribe: scribe.clone() };
+        let handle =
+            std::thread::Builder::new().name("cairn-mapping".into()).spawn(move || keeper.work(from)).ok();
+        Self { to: Some(to), reader, waiting, done, handle, scribe }
+    }
+
+    pub fn idle(&self) -> bool {
+        self.waiting.load(Ordering::Relaxed) == 0
+    }
+
+    pub fn note(&self, seen: Vec<(LandmarkId, bool)>) {
+        if let Some(to) = &self.to {
+            let _ = to.send(Message::Seen(seen));
+        }
+    }
+
+    pub fn offer(&self, offer: Offer) -> Option<KeyFrameId> {
+        let starting = !matches!(offer, Offer::Next { .. });
+        let (reply, answer) = sync_channel(1);
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+        self.to.as_ref()?.send(Message::Offer(offer, reply)).ok()?;
+        if starting { answer.recv().ok().flatten() } else { None }
+    }
+
+    /// Waits for what mapping has in hand.
+    pub fn subscribe(&self) -> Option<Subscription> {
+        let (reply, answer) = sync_channel(1);
+        self.to.as_ref()?.send(Message::Subscribe(reply)).ok()?;
+        answer.recv().ok()
+    }
+
+    pub fn poll(&self, into: &mut Done) {
+        self.done.try_iter().for_each(|d| into.take(d));
+    }
+
+    pub fn finish(&mut self, into: &mut Done) {
+        self.end(true);
+        self.poll(into);
+    }
+
+    fn end(&mut self, settle: bool) {
+        if let Some(to) = self.to.take() {
+            let _ = to.send(Message::End { settle });
+        }
+        if let Some(handle) = self.handle.take() {
+            let _ = handle.join();
+        }
+    }
+}
+
+impl Drop for Threaded {
+    fn drop(&mut self) {
+        self.end(false);
+    }
+}
+
+/// The thread that alone may write: mapping, and what closing hands back.
+struct Keeper {
+    mapper: Mapper,
+    atlas: Atlas,
+    waiting: Arc<AtomicUsize>,
+    tell: Sender<Done>,
+    closing: Closing,
+    /// Jobs asked for so far, those that closing passed over among them.
+    jobs: u64,
+    scribe: Scribe,
+}
+
+impl Keeper {
+    fn work(mut self, from: Receiver<Message>) {
+        while let Ok(message) = from.recv() {
+            let end = match message {
+                Message::End { settle } => Some(settle),
+                _ => None,
+            };
+            if end.is_some() {
+                // What closing still has in hand is waited for.
+                self.end_closing();
+            }
+            let handled = catch_unwind(AssertUnwindSafe(|| {
+                self.handle(message);
+                if let Some(settle) = end {
+                    from.try_iter().for_each(|message| self.handle(message));
+                    settle.then(|| self.mapper.settle(&mut self.atlas));
+                }
+            }));
+            if let Err(cause) = &handled {
+                let _ = self.tell.send(Done { died: Some(text_of(cause)), ..Done::default() });
+            }
+            if end.is_some() || handled.is_err() {
+                return;
+            }
+        }
+    }
+
+    fn handle(&mut self, message: Message) {
+        match message {
+            Message::Seen(seen) => self.mapper.note(&seen),
+            Message::Offer(offer, reply) => {
+                let start = Instant::now();
+                // The one in hand counts as waiting: more than one means that another has come. Once it is to stop
+                // it stays so.
+                let (waiting, mut asked, mut stop_after) = (&self.waiting, 0, None);
+                let stop = || {
+                    if stop_after.is_none() && waiting.load(Ordering::Relaxed) > 1 {
+                        stop_after = Some(asked);
+                    }
+                    asked += 1;
+                    stop_after.is_some()
+                };
+                let id =
+                    catch_unwind(AssertUnwindSafe(|| take(&mut self.mapper, &mut self.atlas, &offer, stop)));
+                self.scribe.write(&Record::Offer { stop_after });
+                self.waiting.fetch_sub(1, Ordering::Relaxed);
+                let ms = vec![start.elapsed().as_secs_f64() * 1e3];
+                let _ = self.tell.send(Done { ms, ..Done::default() });
+                let id = id.unwrap_or_else(|cause| std::panic::resume_unwind(cause));
+                let _ = reply.try_send(id);
+                if let Some(id) = id {
+                    self.job(Job::Place(self.atlas.latest().clone(), id));
+                }
+            }
+            Message::Closed(job, base, closed) => {
+                let whole = commit(&mut self.atlas, &base, closed);
+                self.scribe.write(&Record::Closed { job });
+                if let Some(whole) = whole {
+                    self.job(whole);
+                }
+            }
+            Message::Subscribe(reply) => {
+                let _ = reply.try_send(self.atlas.subscribe());
+            }
+            Message::End { .. } => {}
+        }
+    }
+
+    fn job(&mut self, job: Job) {
+        if let Some(closing) = &self.closing.0 {
+            let _ = closing.send((self.jobs, job));
+        }
+        self.jobs += 1;
+    }
+
+    fn end_closing(&mut self) {
+        self.closing.0 = None;
+        if let Some(handle) = self.closing.1.take() {
+            let _ = handle.join();
+        }
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        self.end_closing();
+    }
+}
+
+/// Where closing takes its jobs, numbered, and its thread.
+type Closing = (Option<Sender<(u64, Job)>>, Option<JoinHandle<()>>);
+
+/// The thread that looks for places and adjusts whole worlds.
+fn spawn_closing(mut closer: Closer, to: Sender<Message>, tell: Sender<Done>, scribe: Scribe) -> Closing {
+    let (jobs, from) = channel::<(u64, Job)>();
+    let work = move || {
+        while let Ok(mut job) = from.recv() {
+            // The newest is the one that matters: places that were passed meanwhile are passed over.
+            for newer in from.try_iter() {
+                if matches!(newer.1, Job::Whole(..)) || matches!(job.1, Job::Place(..)) {
+                    job = newer;
+                }
+            }
+            let start = Instant::now();
+            let (number, job) = job;
+            scribe.write(&Record::Job(job.record(number)));
+            let result = catch_unwind(AssertUnwindSafe(|| job.work(&mut closer)));
+            let close_ms = vec![start.elapsed().as_secs_f64() * 1e3];
+            match result {
+                Ok((map, mut closed)) => {
+                    let verdicts = std::mem::take(&mut closed.verdicts);
+                    let _ = tell.send(Done { close_ms, verdicts, ..Done::default() });
+                    if !closed.changes.is_empty() && to.send(Message::Closed(number, map, closed)).is_err() {
+                        return;
+                    }
+                }
+                Err(cause) => {
+                    let died = Some(text_of(&cause).replace("mapping", "closing"));
+                    let _ = tell.send(Done { close_ms, died, ..Done::default() });
+                    return;
+                }
+            }
+        }
+    };
+    let handle = std::thread::Builder::new().name("cairn-closing".into()).spawn(work).ok();
+    (Some(jobs), handle)
+}
