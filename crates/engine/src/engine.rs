@@ -288,6 +288,5 @@ impl Engine {
 
 /// The pose of an eye that stands where a key frame does.
 fn standing_at(map: &Map, id: KeyFrameId) -> Option<Placed> {
-    let world_from_eye = map.world_from_eye(id)?;
-    Some(Placed { reference: id, reference_from_eye: Se3::identity(), world_from_eye })
+    Some(Placed::at(id, map.world_from_eye(id)?))
 }

@@ -57,7 +57,7 @@ fn wide_enough(map: &Map, eye: &EyeModel, here: &KeyFrame, there: &KeyFrame) -> 
 }
 
 /// Median depth of what a key frame shows, in map units.
-fn median_depth(map: &Map, k: &KeyFrame) -> Option<f64> {
+pub(crate) fn median_depth(map: &Map, k: &KeyFrame) -> Option<f64> {
     let eye_from_world = k.world_from_eye.inverse();
     let mut depths: Vec<f64> = k
         .landmarks

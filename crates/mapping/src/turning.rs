@@ -2,6 +2,7 @@
 //! rotation alone (the infinite homography; Hartley & Zisserman, section 13.4) and get the depth of what is known beside
 //! them. They hold the orientation at once; their depth is found by adjustment when there is parallax.
 
+use crate::grow::median_depth;
 use crate::insert::Births;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
 use cairn_geometry::Vec3;
@@ -35,9 +36,7 @@ pub(crate) fn hold_orientation(
     if depths.len() < 5 {
         return changes;
     }
-    let mut ordered: Vec<f64> = depths.iter().map(|(_, z)| *z).collect();
-    let middle = ordered.len() / 2;
-    let median = *ordered.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let Some(median) = median_depth(map, here) else { return changes };
     let before = here.covisible.iter().map(|(id, _)| *id).take(NEIGHBOURS);
     for id in before {
         if shown.iter().filter(|s| **s).count() >= few {

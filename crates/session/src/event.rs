@@ -74,7 +74,7 @@ pub fn turn_of(cue: &Cue) -> Option<f64> {
         _ => None,
     };
     match cue.kind {
-        TurnNow { turn_rad, .. } => Some(turn_rad),
+        TurnNow { turn_rad, .. } | EndMissed { turn_rad, .. } => Some(turn_rad),
         Rotate(a) | WrongWay(a) | Adjust(a) | LookRound(a) => Some(a),
         OffPath { turn_rad, bearing_rad, .. } => Some(if turn_rad == 0.0 { bearing_rad } else { turn_rad }),
         Start { first: First::Turn(a), .. } | Resume(First::Turn(a)) => Some(a),

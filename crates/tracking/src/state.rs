@@ -38,6 +38,13 @@ pub struct Placed {
     pub world_from_eye: Se3,
 }
 
+impl Placed {
+    /// The pose of an eye that stands where a key frame does.
+    pub fn at(reference: KeyFrameId, world_from_eye: Se3) -> Self {
+        Self { reference, reference_from_eye: Se3::identity(), world_from_eye }
+    }
+}
+
 /// What speaks for a pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {

@@ -116,7 +116,7 @@ impl Tracker {
     /// Tells that mapping has begun a world with what was last offered: the last frame stands at key frame `id`.
     pub fn begun(&mut self, map: &Map, id: KeyFrameId) {
         let Some(k) = map.key_frame(id) else { return };
-        let placed = standing_at(k.id, k.world_from_eye);
+        let placed = Placed::at(k.id, k.world_from_eye);
         self.last = Some(Last { frame: k.frame.clone(), landmarks: k.landmarks.clone(), placed });
         self.lost = false;
         self.lost_frames = 0;
@@ -247,7 +247,7 @@ impl Tracker {
         for frame in frames.iter().rev() {
             let known = map.key_frames().find(|k| Arc::ptr_eq(&k.frame, frame));
             let (placed, landmarks) = match known {
-                Some(k) => (standing_at(k.id, k.world_from_eye), k.landmarks.clone()),
+                Some(k) => (Placed::at(k.id, k.world_from_eye), k.landmarks.clone()),
                 None => {
                     let Some((placed, landmarks)) = self.place_after(&before, frame, map) else { break };
                     found.push((frame.stamp, placed));
@@ -290,7 +290,7 @@ impl Tracker {
         match &mut self.last {
             Some(last) if Arc::ptr_eq(&last.frame, &newest.frame) => {
                 last.landmarks.clone_from(&newest.landmarks);
-                last.placed = standing_at(newest.id, newest.world_from_eye);
+                last.placed = Placed::at(newest.id, newest.world_from_eye);
             }
             Some(last) => {
                 let placed = &mut last.placed;
@@ -529,11 +529,6 @@ impl Tracker {
             seen: Vec::new(),
         }
     }
-}
-
-/// The pose of an eye that stands where a key frame does.
-fn standing_at(reference: KeyFrameId, world_from_eye: Se3) -> Placed {
-    Placed { reference, reference_from_eye: Se3::identity(), world_from_eye }
 }
 
 /// A pose that hangs on a key frame.

@@ -8,6 +8,7 @@ mod draft;
 mod relax;
 mod seek;
 
+use crate::grow::median_depth;
 use cairn_adjust::{RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map, WorldId};
 use cairn_geometry::{Se3, Sim3};
@@ -216,7 +217,7 @@ impl Closer {
     fn reach(&self, map: &Map, here: &KeyFrame) -> f64 {
         match self.eye.baseline_fx > 0.0 {
             true => self.eye.close_depth / 3.0,
-            false => typical_depth(map, here),
+            false => median_depth(map, here).unwrap_or(0.0),
         }
     }
 
@@ -258,7 +259,7 @@ impl Closer {
         let [with, without] = self.setting.drift;
         match self.eye.baseline_fx > 0.0 {
             true => 0.5 + with * way,
-            false => 0.3 * typical_depth(map, here) + without * way,
+            false => 0.3 * median_depth(map, here).unwrap_or(0.0) + without * way,
         }
     }
 
@@ -286,7 +287,7 @@ impl Closer {
         }
         let (a, b) = (*shift * here.world_from_eye.translation, p.shift * here.world_from_eye.translation);
         let turned = (shift.rotation.inverse() * p.shift.rotation).angle();
-        let depth = typical_depth(map, here);
+        let depth = median_depth(map, here).unwrap_or(0.0);
         (a - b).norm() < 0.1 * depth * shift.scale
             && turned < 0.1
             && (shift.scale / p.shift.scale).ln().abs() < 0.15
@@ -308,7 +309,7 @@ impl Closer {
         let there = map.key_frame(place.old).map_or(here.world, |k| k.world);
         let joined = if there == here.world {
             let metric = self.eye.baseline_fx > 0.0;
-            let metre = if metric { 1.0 } else { 0.25 * typical_depth(map, here) };
+            let metre = if metric { 1.0 } else { 0.25 * median_depth(map, here).unwrap_or(0.0) };
             draft.push(relax(map, here, place.old, world_from_here, metre, metric));
             draft.push(vec![Change::Link(here.id, place.old)]);
             Joined::Loop
@@ -347,14 +348,6 @@ impl Closer {
         });
         if stopped { Vec::new() } else { settled.changes.changes }
     }
-}
-
-/// Median depth of what a key frame shows.
-fn typical_depth(map: &Map, here: &KeyFrame) -> f64 {
-    let eye_from_world = here.world_from_eye.inverse();
-    let seen = here.landmarks.iter().flatten().filter_map(|id| map.landmark(*id));
-    let mut depths: Vec<f64> = seen.map(|l| (eye_from_world * l.position).z).collect();
-    median_and_spread(&mut depths).0.abs()
 }
 
 /// Median and median absolute deviation; zeros for nothing.
