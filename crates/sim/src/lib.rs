@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod effects;
+mod feel;
 mod live;
 mod random;
 mod render;
@@ -16,6 +17,9 @@ pub use live::LiveRig;
 pub use render::Renderer;
 pub use setting::{Route, SimSensor, SimSetting};
 pub use source::SimSource;
-pub use walk::{BodyState, GRAVITY_M_S2, ImuSetting, Motion, Stride, Walker, read_tum};
+pub use walk::{
+    Agreement, BodyState, GRAVITY_M_S2, ImuSetting, ImuTroubles, Motion, Stride, Walker, read_readings,
+    read_tum,
+};
 pub use world::{Figure, Passer, Way, World, WorldKind, WorldOptions};
 pub use write::{write_euroc, write_tum};

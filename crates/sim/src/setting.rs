@@ -1,10 +1,10 @@
 //! What is simulated: world, way, sensors, effects; and its short form `sim:WORLD?key=value&...`.
 
 use crate::effects::Effects;
-use crate::walk::{ImuSetting, Walker};
+use crate::walk::{ImuSetting, ImuTroubles, Walker};
 use crate::world::{WorldKind, WorldOptions};
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
-use cairn_sensor::{Camera, DepthSensor, Rig, RigCamera, SourceError, Stamp};
+use cairn_sensor::{Camera, DepthSensor, ImuNoise, Rig, RigCamera, SourceError, Stamp};
 use std::path::PathBuf;
 
 /// Which cameras there are.
@@ -27,7 +27,8 @@ pub enum Route {
     Points(Vec<Vec2>),
     /// Body poses in time, already in the world's frame.
     Poses(Vec<(Stamp, Se3)>),
-    /// A TUM file of body poses; it is moved (not turned) so that its middle comes to the middle of the world's first way.
+    /// A TUM file of body poses (z up); it is moved (not turned) so that its middle comes to the middle of the world's first
+    /// way. With [`SimSetting::readings`] the poses are made smooth and put into the readings' clock.
     File(PathBuf),
 }
 
@@ -44,6 +45,10 @@ pub struct SimSetting {
     pub sensor: SimSensor,
     /// The inertial sensor, if any.
     pub imu: Option<ImuSetting>,
+    /// Real readings of the motion in [`Route::File`], in place of simulated ones: a csv file, see [`crate::read_readings`].
+    pub readings: Option<PathBuf>,
+    /// What goes wrong with the readings, simulated or real.
+    pub troubles: ImuTroubles,
     /// The camera; a pinhole.
     pub camera: Camera,
     /// Where the first camera sits on the body; identity: the body is the camera.
@@ -75,6 +80,8 @@ impl SimSetting {
             options: WorldOptions::default(),
             sensor: SimSensor::Stereo,
             imu: Some(ImuSetting::default()),
+            readings: None,
+            troubles: ImuTroubles::default(),
             camera: Camera::pinhole(640, 480, 420.0, 420.0, 319.5, 239.5),
             body_from_camera: Se3::identity(),
             baseline_m: 0.12,
@@ -105,7 +112,11 @@ impl SimSetting {
             metres_per_unit: 0.001,
             registered: true,
         });
-        Rig { cameras, depth, imu: self.imu.as_ref().map(ImuSetting::sensor) }
+        let mut imu = self.imu.as_ref().map(ImuSetting::sensor);
+        if let Some(sensor) = &mut imu {
+            sensor.rate_hz /= self.troubles.mean_of.max(1) as f64;
+        }
+        Rig { cameras, depth, imu }
     }
 
     /// Reads `sim:WORLD` or `sim:WORLD?key=value&key=value`; [`SimSetting::KEYS`] lists the keys.
@@ -131,12 +142,16 @@ impl SimSetting {
     }
 
     /// The keys of the short form and what they mean.
-    pub const KEYS: [(&'static str, &'static str); 28] = [
+    pub const KEYS: [(&'static str, &'static str); 37] = [
         ("seed", "whole number, 1"),
         ("sensor", "mono, stereo, rgbd, mono-imu, stereo-imu, rgbd-imu (default stereo-imu)"),
         ("rate", "frames a second, 20"),
         ("way", "name of a way of the world, its first"),
         ("trajectory", "TUM file of body poses to follow instead of a way"),
+        (
+            "imu",
+            "csv file of real readings on that trajectory (ns, gyro xyz, accel xyz), in place of simulated ones",
+        ),
         ("start", "seconds of the motion to leave out, 0"),
         ("duration", "seconds at most"),
         ("speed", "m/s, 0.9"),
@@ -155,9 +170,23 @@ impl SimSetting {
         ("flicker", "share by which the light flickers, 0.01"),
         ("blur", "exposure time in ms, 0"),
         ("depth_noise", "metres at 1 m, 0.0012"),
+        (
+            "mount",
+            "where the camera sits on the body: x,y,z,qx,qy,qz,qw, metres; without it the body is the camera",
+        ),
         ("imu_noise", "0 or 1, 1"),
+        ("imu_rate", "readings a second, 200"),
+        (
+            "imu_densities",
+            "gyro, gyro walk, accel, accel walk as the rig tells them: 1.7e-4,1.9e-5,2e-3,3e-3",
+        ),
+        ("imu_mean", "each reading given is the mean of so many, 1; 2 halves the rate"),
+        ("imu_offset", "ms that the rig does not tell: t_imu + offset = t_image, 0"),
+        ("imu_lost", "percent of the readings that are lost, 0"),
+        ("imu_steps", "seconds between jumps of the biases by 3 mrad/s and 0.05 m/s^2 an axis, 0: none"),
         ("passers", "how many people walk about, 0"),
         ("poor", "share of plain walls, 0"),
+        ("size", "WIDTHxDEPTHxHEIGHT of an arena in m; without it that of the trajectory, else 10x8x4"),
         ("look_alike", "1: an office whose rooms look alike, 0"),
         ("detail", "texels a metre as a share of the usual, 1; less builds faster"),
     ];
@@ -182,6 +211,7 @@ impl SimSetting {
             "rate" => self.rate_hz = number(0.5, 240.0)?,
             "way" => self.route = Route::Way(Some(value.into())),
             "trajectory" => self.route = Route::File(value.into()),
+            "imu" => self.readings = Some(value.into()),
             "start" => self.start_s = number(0.0, 86_400.0)?,
             "duration" => self.duration_s = Some(number(0.0, 86_400.0)?),
             "speed" => self.walker.speed = number(0.1, 3.0)?,
@@ -214,6 +244,26 @@ impl SimSetting {
                 let noisy = number(0.0, 1.0)? > 0.5;
                 self.imu = self.imu.map(|i| ImuSetting { noisy, ..i });
             }
+            "mount" => {
+                let [x, y, z, qx, qy, qz, qw] = numbers(value)?;
+                let turn = So3::from_xyzw(qx, qy, qz, qw)
+                    .ok_or(("the quaternion is zero".to_string(), "write 0,0,0,1 for none".to_string()))?;
+                self.body_from_camera = Se3::new(turn, Vec3::new(x, y, z));
+            }
+            "imu_rate" => {
+                let rate_hz = number(1.0, 20_000.0)?;
+                self.imu = self.imu.map(|i| ImuSetting { rate_hz, ..i });
+            }
+            "imu_densities" => {
+                let [gyro, gyro_walk, accel, accel_walk] = numbers(value)?;
+                let noise = ImuNoise { gyro, gyro_walk, accel, accel_walk };
+                self.imu = self.imu.map(|i| ImuSetting { noise, ..i });
+            }
+            "imu_mean" => self.troubles.mean_of = number(1.0, 100.0)? as usize,
+            "imu_offset" => self.troubles.offset_s = number(-1000.0, 1000.0)? / 1000.0,
+            "imu_lost" => self.troubles.lost = number(0.0, 100.0)? / 100.0,
+            "imu_steps" => self.troubles.bias_steps_s = number(0.0, 1e6)?,
+            "size" => self.options.size_m = Some(size(value)?),
             "passers" => self.passers_by = number(0.0, 50.0)? as usize,
             "poor" => self.options.poor_walls = number(0.0, 1.0)?,
             "detail" => self.options.detail = number(0.02, 4.0)?,
@@ -222,6 +272,29 @@ impl SimSetting {
                 let keys: Vec<&str> = Self::KEYS.iter().map(|k| k.0).collect();
                 return Err(("the key is not known".into(), format!("known are {}", keys.join(", "))));
             }
+        }
+        Ok(())
+    }
+
+    /// Settings that fit each other only with others.
+    fn check_readings(&self) -> Result<(), SourceError> {
+        let fail = |why: &str, cure: &str| Err(SourceError::new(format!("sim:{}", self.world), why, cure));
+        if self.readings.is_some() && !matches!(self.route, Route::File(_)) {
+            return fail("real readings without the motion they were taken on", "give trajectory=FILE too");
+        }
+        if self.readings.is_some() && self.imu.is_none() {
+            return fail(
+                "readings for a sensor that the rig lacks",
+                "write sensor=mono-imu, stereo-imu or rgbd-imu",
+            );
+        }
+        let t = &self.troubles;
+        let numbers = [t.offset_s.abs(), t.lost, t.bias_steps_s, t.bias_step[0], t.bias_step[1]];
+        if !numbers.iter().all(|v| (0.0..1e7).contains(v)) || t.lost > 1.0 {
+            return fail("a number of the readings' troubles can not be", "correct the troubles");
+        }
+        if self.options.size_m.is_some_and(|s| !s.iter().all(|v| (2.6..=100.0).contains(v))) {
+            return fail("a size of the arena is not from 2.6 to 100 m", "correct the size");
         }
         Ok(())
     }
@@ -294,6 +367,7 @@ impl SimSetting {
                 "give 4096 at most",
             );
         }
+        self.check_readings()?;
         if let Err(e) = self.rig().validate() {
             return fail(e.to_string(), "correct the rig");
         }
@@ -303,4 +377,21 @@ impl SimSetting {
         }
         Ok(())
     }
+}
+
+/// Numbers with commas between them.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], (String, String)> {
+    let parts: Option<Vec<f64>> =
+        text.split(',').map(|p| p.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    parts
+        .and_then(|p| p.try_into().ok())
+        .ok_or((format!("not {N} numbers"), format!("write {N} numbers with commas between them")))
+}
+
+/// Metres as `WxDxH`.
+fn size(text: &str) -> Result<[f64; 3], (String, String)> {
+    let parts: Option<Vec<f64>> = text.split('x').map(|p| p.parse().ok()).collect();
+    parts
+        .and_then(|p| p.try_into().ok())
+        .ok_or(("not a size".to_string(), "write for example 18x15x5".to_string()))
 }

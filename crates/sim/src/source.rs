@@ -1,11 +1,12 @@
 //! A simulated recording as a [`Source`]: a rig carried along a motion, with exact truth.
 
+use crate::feel::{Feel, Readings};
 use crate::live::LiveRig;
 use crate::setting::{Route, SimSetting};
-use crate::walk::{ImuSim, Motion, read_tum};
-use crate::world::{Way, World};
+use crate::walk::{Agreement, ImuSim, Motion, Recorded, Troubled, read_readings, read_tum};
+use crate::world::{Way, World, WorldKind};
 use cairn_geometry::{Se3, Vec3};
-use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::sync::Arc;
 
 /// Packets of a rig that goes through a world.
@@ -14,7 +15,8 @@ pub struct SimSource {
     rig: Rig,
     info: SourceInfo,
     motion: Motion,
-    imu: Option<ImuSim>,
+    feel: Option<Feel>,
+    agreement: Option<Agreement>,
     epoch: Stamp,
     next: usize,
 }
@@ -31,7 +33,8 @@ impl SimSource {
     /// # Errors
     /// When the setting can not be simulated, the way is not known, or the trajectory can not be read.
     pub fn new(setting: &SimSetting) -> Result<Self, SourceError> {
-        Self::on(setting, LiveRig::new(setting)?)
+        let setting = fitted(setting)?;
+        Self::on(&setting, LiveRig::new(&setting)?)
     }
 
     /// In a world that stands already (worlds take long to build).
@@ -52,7 +55,7 @@ impl SimSource {
 
     fn on(setting: &SimSetting, live: LiveRig) -> Result<Self, SourceError> {
         let name = format!("sim:{} seed {}", setting.world, setting.seed);
-        let (motion, epoch) = motion(setting, live.world())?;
+        let Path { motion, epoch, readings, agreement } = path(setting, live.world())?;
         let start = setting.start_s;
         let length = (motion.end() - start).min(setting.duration_s.unwrap_or(f64::MAX));
         if length < 0.0 {
@@ -74,13 +77,25 @@ impl SimSource {
             })
             .collect();
         let info = SourceInfo { name, frames: Some(frames), rate_hz: setting.rate_hz, truth };
-        let imu = setting.imu.map(|s| ImuSim::new(s, setting.seed));
-        Ok(Self { live, rig: setting.rig(), info, motion, imu, epoch, next: 0 })
+        let rig = setting.rig();
+        let feel = rig.imu.as_ref().zip(setting.imu).map(|(sensor, imu)| {
+            let readings = match readings {
+                Some(list) => Readings::Recorded(list.into_iter()),
+                None => Readings::Simulated(Box::new(ImuSim::new(imu, setting.seed))),
+            };
+            Feel::new(readings, Troubled::new(setting.troubles, setting.seed), sensor.rate_hz)
+        });
+        Ok(Self { live, rig, info, motion, feel, agreement, epoch, next: 0 })
     }
 
     /// The world.
     pub fn world(&self) -> &Arc<World> {
         self.live.world()
+    }
+
+    /// How well recorded poses and recorded readings agree, where the motion comes from both.
+    pub fn agreement(&self) -> Option<&Agreement> {
+        self.agreement.as_ref()
     }
 
     /// The motion of the body; its time 0 is the first frame.
@@ -94,8 +109,60 @@ fn time(i: usize, rate_hz: f64) -> i64 {
     (i as f64 * 1e9 / rate_hz).round() as i64
 }
 
-/// The motion that a setting asks for and the stamp of its time 0.
-fn motion(setting: &SimSetting, world: &World) -> Result<(Motion, Stamp), SourceError> {
+/// Metres around a recorded motion to the walls of a room that is made for it.
+const AROUND_M: f64 = 2.5;
+/// Metres below the lowest place of a recorded motion, and above the highest.
+const BELOW_M: f64 = 0.7;
+const ABOVE_M: f64 = 1.8;
+
+/// Where the body goes, and what it feels.
+struct Path {
+    motion: Motion,
+    /// The stamp of the motion's time 0.
+    epoch: Stamp,
+    readings: Option<Vec<ImuSample>>,
+    agreement: Option<Agreement>,
+}
+
+impl Path {
+    fn plain(motion: Motion, epoch: Stamp) -> Self {
+        Self { motion, epoch, readings: None, agreement: None }
+    }
+}
+
+/// An arena without a size gets that of the motion.
+fn fitted(setting: &SimSetting) -> Result<SimSetting, SourceError> {
+    let mut setting = setting.clone();
+    if let (WorldKind::Arena, None, Route::File(path)) =
+        (setting.world, setting.options.size_m, &setting.route)
+    {
+        let [low, high] = extent(&read_tum(path)?);
+        let size = high - low;
+        let size = [size.x + 2.0 * AROUND_M, size.y + 2.0 * AROUND_M, size.z + BELOW_M + ABOVE_M];
+        if size.iter().any(|s| *s > 100.0) {
+            let why = format!("goes over {:.0} x {:.0} x {:.0} m", size[0], size[1], size[2]);
+            return Err(SourceError::new(
+                path.display().to_string(),
+                why,
+                "cut out what fits a room of 100 m",
+            ));
+        }
+        setting.options.size_m = Some([size[0], size[1], size[2].max(2.6)]);
+    }
+    Ok(setting)
+}
+
+/// The corners of the box around poses.
+fn extent(poses: &[(Stamp, Se3)]) -> [Vec3; 2] {
+    let fold = |f: fn(f64, f64) -> f64, from: f64| {
+        let all = |v: Vec3, p: &(Stamp, Se3)| v.zip_map(&p.1.translation, f);
+        poses.iter().fold(Vec3::repeat(from), all)
+    };
+    [fold(f64::min, f64::MAX), fold(f64::max, f64::MIN)]
+}
+
+/// The path that a setting asks for.
+fn path(setting: &SimSetting, world: &World) -> Result<Path, SourceError> {
     let what = format!("sim:{}", setting.world);
     match &setting.route {
         Route::Way(name) => {
@@ -108,7 +175,7 @@ fn motion(setting: &SimSetting, world: &World) -> Result<(Motion, Stamp), Source
                 let why = format!("there is no way \"{}\"", name.as_deref().unwrap_or(""));
                 SourceError::new(&what, why, format!("choose one of {}", known.join(", ")))
             })?;
-            Ok((setting.walker.motion(&way.points), EPOCH))
+            Ok(Path::plain(setting.walker.motion(&way.points), EPOCH))
         }
         Route::Points(points) => {
             if points.is_empty() || !points.iter().all(|p| p.x.abs() < 1e5 && p.y.abs() < 1e5) {
@@ -118,18 +185,27 @@ fn motion(setting: &SimSetting, world: &World) -> Result<(Motion, Stamp), Source
                     "give corners in metres",
                 ));
             }
-            Ok((setting.walker.motion(points), EPOCH))
+            Ok(Path::plain(setting.walker.motion(points), EPOCH))
         }
-        Route::Poses(poses) => Ok((Motion::through(poses)?, poses.first().map_or(EPOCH, |p| p.0))),
-        Route::File(path) => {
-            let mut poses = read_tum(path)?;
-            let n = poses.len() as f64;
-            let middle = poses.iter().map(|p| p.1.translation).sum::<Vec3>() / n;
+        Route::Poses(poses) => Ok(Path::plain(Motion::through(poses)?, poses.first().map_or(EPOCH, |p| p.0))),
+        Route::File(file) => {
+            let mut poses = read_tum(file)?;
             let place = middle_of(world.ways().first());
-            for (_, pose) in &mut poses {
-                *pose = Se3::new(pose.rotation, pose.translation - middle + place);
-            }
-            Ok((Motion::through(&poses)?, poses.first().map_or(EPOCH, |p| p.0)))
+            let to = match setting.world {
+                WorldKind::Arena => {
+                    let [low, high] = extent(&poses);
+                    Vec3::new(place.x, place.y, BELOW_M)
+                        - Vec3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), low.z)
+                }
+                _ => place - poses.iter().map(|p| p.1.translation).sum::<Vec3>() / poses.len() as f64,
+            };
+            poses.iter_mut().for_each(|(_, pose)| *pose = Se3::new(pose.rotation, pose.translation + to));
+            let Some(readings) = setting.readings.as_ref().filter(|_| setting.imu.is_some()) else {
+                return Ok(Path::plain(Motion::through(&poses)?, poses[0].0));
+            };
+            let readings = read_readings(readings)?;
+            let Recorded { motion, epoch, agreement } = Recorded::new(&poses, &readings)?;
+            Ok(Path { motion, epoch, readings: Some(readings), agreement: Some(agreement) })
         }
     }
 }
@@ -161,8 +237,8 @@ impl Source for SimSource {
         self.next += 1;
         let motion = &self.motion;
         let mut packet = self.live.packet_along(stamp, &|dt| motion.pose(seconds + dt));
-        if let Some(imu) = &mut self.imu {
-            packet.imu = imu.until(motion, self.epoch, nanos);
+        if let Some(feel) = &mut self.feel {
+            packet.imu = feel.until(motion, self.epoch, stamp);
         }
         Ok(Some(packet))
     }

@@ -171,5 +171,109 @@ fn a_live_rig_sees_what_the_source_sees() {
         assert_eq!(a.images, b.images);
     }
     assert!(live.packet(Stamp(0), &Se3::identity()).is_err());
-    assert_eq!(WorldKind::ALL.len(), 5);
+    assert_eq!(WorldKind::ALL.len(), 7);
+}
+
+/// Writes a motion with its exact readings as recordings have them, and gives the two files.
+fn written_motion(folder: &std::path::Path) -> [String; 2] {
+    use std::fmt::Write;
+    let source = SimSource::new(&small("sim:hall?sensor=mono-imu&imu_noise=0&duration=4&rate=1")).unwrap();
+    let motion = source.motion();
+    let (mut poses, mut readings) = (String::new(), String::from("#timestamp [ns],w,a\n"));
+    for k in 0..800_i64 {
+        let (ns, state) = (7_000_000_000 + 5_000_000 * k, motion.state(k as f64 * 5e-3));
+        let (p, q) = (state.world_from_body.translation, state.world_from_body.rotation);
+        let force = q.inverse() * (state.acceleration + Vec3::z() * GRAVITY_M_S2);
+        let (w, q) = (state.rate, q.quaternion().coords);
+        writeln!(
+            poses,
+            "{}.{:09} {} {} {} {} {} {} {}",
+            ns / 1_000_000_000,
+            ns % 1_000_000_000,
+            p.x,
+            p.y,
+            p.z,
+            q.x,
+            q.y,
+            q.z,
+            q.w
+        )
+        .unwrap();
+        writeln!(readings, "{ns},{},{},{},{},{},{}", w.x, w.y, w.z, force.x, force.y, force.z).unwrap();
+    }
+    std::fs::create_dir_all(folder).unwrap();
+    let files = ["gt.tum", "imu.csv"].map(|f| folder.join(f));
+    std::fs::write(&files[0], poses).unwrap();
+    std::fs::write(&files[1], readings).unwrap();
+    files.map(|f| f.display().to_string())
+}
+
+#[test]
+fn a_recorded_motion_is_rendered_with_its_own_readings() {
+    let folder = std::env::temp_dir().join(format!("cairn-sim-recorded-{}", std::process::id()));
+    let [poses, readings] = written_motion(&folder);
+    let address = format!("sim:arena?trajectory={poses}&imu={readings}&sensor=rgbd-imu&duration=1");
+    let source = SimSource::new(&small(&address)).unwrap();
+    let agreement = source.agreement().unwrap();
+    assert!(agreement.turn_rms[1] < 1e-4 && agreement.acceleration_rms[1] < 0.05, "{agreement:?}");
+    assert!(agreement.offset_s.abs() < 1e-4 && agreement.moved_m[1] < 2e-3, "{agreement:?}");
+    // The room is made for the motion: all of it is inside.
+    for (_, pose) in &source.info().truth {
+        assert!(source.world().is_free(pose.translation.x, pose.translation.y) && pose.translation.z > 0.6);
+    }
+    let text = std::fs::read_to_string(&readings).unwrap();
+    let in_file: Vec<&str> = text.lines().skip(1).collect();
+    let packets = all(&small(&address));
+    assert_eq!(packets.len(), 21);
+    let given: Vec<ImuSample> = packets.iter().flat_map(|p| p.imu.clone()).collect();
+    let first = in_file.iter().position(|l| l.starts_with(&given[0].stamp.0.to_string())).unwrap();
+    for (sample, line) in given.iter().zip(&in_file[first..]) {
+        assert!(line.starts_with(&format!("{},{}", sample.stamp.0, sample.gyro.x)), "{line}");
+    }
+    // Wrong by 20 ms: the sample at or after an image was taken 20 ms later than it says.
+    let late = all(&small(&format!("{address}&imu_offset=20&imu_mean=2")));
+    let sample = late[10].imu.last().unwrap();
+    assert!(sample.stamp >= late[10].stamp && sample.stamp - late[10].stamp < 0.011);
+    let taken = sample.stamp.plus_seconds(0.02);
+    let pair = given.iter().filter(|s| (s.stamp - taken).abs() < 3e-3);
+    let mean = pair.fold(Vec3::zeros(), |sum, s| sum + s.gyro * 0.5);
+    assert!((mean - sample.gyro).norm() < 1e-9, "{mean:?} and {:?}", sample.gyro);
+    for (bad, word) in [
+        (format!("sim:arena?imu={readings}"), "trajectory"),
+        (format!("sim:arena?trajectory={poses}&imu={readings}&sensor=mono"), "sensor"),
+        (format!("sim:arena?trajectory={poses}&imu={poses}"), "fields"),
+        (format!("sim:arena?trajectory={poses}&imu=/no/such/file"), "/no/such/file"),
+        ("sim:arena?size=1x1".into(), "size"),
+        ("sim:arena?mount=1,2".into(), "mount"),
+    ] {
+        let error = SimSource::open(&bad).err().unwrap_or_else(|| panic!("{bad} was taken"));
+        assert!(error.to_string().contains(word), "{bad}: {error}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn the_dead_end_is_blank_where_one_turns() {
+    let mut s = small("sim:dead-end?sensor=mono-imu&effects=none&rate=10");
+    s.walker.turn_rate = std::f64::consts::PI / 3.0;
+    let mut source = SimSource::new(&s).unwrap();
+    let truth = source.info().truth.clone();
+    let turns: Vec<usize> =
+        (0..truth.len()).filter(|i| source.motion().state(*i as f64 * 0.1).rate.norm() > 0.8).collect();
+    let seconds = 0.1 * turns.len() as f64;
+    assert!((2.0..4.0).contains(&seconds), "turns for {seconds} s");
+    let (mut range, mut index) = ((0, 255), 0);
+    while let Some(packet) = source.next_packet().unwrap() {
+        if index == turns[turns.len() / 2] {
+            let pixels = packet.images[0].data();
+            range = (*pixels.iter().max().unwrap(), *pixels.iter().min().unwrap());
+            let across = truth[index].1.rotation * Vec3::z();
+            assert!(across.y.abs() > 0.8, "looks along {across:?}");
+        }
+        index += 1;
+    }
+    // One wall under one light: next to nothing.
+    assert!(range.0 - range.1 < 60, "grey levels from {} to {}", range.1, range.0);
+    let end = truth[truth.len() - 1].1.translation - truth[0].1.translation;
+    assert!(end.xy().norm() < 0.1, "comes home to {end:?}");
 }

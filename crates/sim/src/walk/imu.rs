@@ -55,23 +55,11 @@ impl ImuSim {
         Self { setting, random, gyro_bias, accel_bias, next: 0 }
     }
 
-    /// All samples up to the first one at or after `until`; times are nanoseconds after `epoch`.
-    pub fn until(&mut self, motion: &Motion, epoch: Stamp, until: i64) -> Vec<ImuSample> {
-        let mut out = Vec::new();
-        // The last sample given may already lie past the image of this packet.
-        let rate_hz = self.setting.rate_hz;
-        let time = |k: u64| (k as f64 * 1e9 / rate_hz).round() as i64;
-        if self.next > 0 && time(self.next - 1) >= until {
-            return out;
-        }
-        loop {
-            let t = time(self.next);
-            out.push(self.sample(motion, epoch, t));
-            self.next += 1;
-            if t >= until {
-                return out;
-            }
-        }
+    /// The next sample; its time is nanoseconds after `epoch`.
+    pub fn next(&mut self, motion: &Motion, epoch: Stamp) -> ImuSample {
+        let t = (self.next as f64 * 1e9 / self.setting.rate_hz).round() as i64;
+        self.next += 1;
+        self.sample(motion, epoch, t)
     }
 
     fn sample(&mut self, motion: &Motion, epoch: Stamp, t: i64) -> ImuSample {

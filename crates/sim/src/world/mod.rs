@@ -1,7 +1,9 @@
 //! Worlds: textured flat faces, what stands where, and ways that can be walked.
 
+mod arena;
 mod build;
 mod corridor;
+mod deadend;
 mod face;
 mod figure;
 mod furniture;
@@ -36,12 +38,23 @@ pub enum WorldKind {
     Street,
     /// Corridors with three turns, about 40 m of way.
     Demo,
+    /// One room with nothing in its middle, of any size: around a motion that knows nothing of furniture.
+    Arena,
+    /// A straight corridor whose end is plain, to turn about there.
+    DeadEnd,
 }
 
 impl WorldKind {
     /// All of them.
-    pub const ALL: [WorldKind; 5] =
-        [WorldKind::Corridor, WorldKind::Office, WorldKind::Hall, WorldKind::Street, WorldKind::Demo];
+    pub const ALL: [WorldKind; 7] = [
+        WorldKind::Corridor,
+        WorldKind::Office,
+        WorldKind::Hall,
+        WorldKind::Street,
+        WorldKind::Demo,
+        WorldKind::Arena,
+        WorldKind::DeadEnd,
+    ];
 
     /// Its name in `sim:NAME`.
     pub fn name(self) -> &'static str {
@@ -51,6 +64,8 @@ impl WorldKind {
             WorldKind::Hall => "hall",
             WorldKind::Street => "street",
             WorldKind::Demo => "demo",
+            WorldKind::Arena => "arena",
+            WorldKind::DeadEnd => "dead-end",
         }
     }
 }
@@ -80,11 +95,13 @@ pub struct WorldOptions {
     pub look_alike: bool,
     /// Texels a metre, as a share of the usual: 0.2 builds quickly and is fine enough for small images.
     pub detail: f64,
+    /// Width, depth and height of the arena, metres; without it 10 x 8 x 4.
+    pub size_m: Option<[f64; 3]>,
 }
 
 impl Default for WorldOptions {
     fn default() -> Self {
-        Self { poor_walls: 0.0, look_alike: false, detail: 1.0 }
+        Self { poor_walls: 0.0, look_alike: false, detail: 1.0, size_m: None }
     }
 }
 
@@ -111,6 +128,8 @@ impl World {
             WorldKind::Office => office::build(&mut b),
             WorldKind::Hall => hall::build(&mut b),
             WorldKind::Street => street::build(&mut b),
+            WorldKind::Arena => arena::build(&mut b),
+            WorldKind::DeadEnd => deadend::build(&mut b),
         }
         let wardrobe = figure::wardrobes(&mut b);
         World {

@@ -16,6 +16,10 @@ pub(crate) enum Dress {
     Room,
     /// Big pictures and windows.
     Hall,
+    /// As in a hall, and pictures in rows up to the ceiling.
+    Gallery,
+    /// Nothing at all.
+    Plain,
     /// Nothing: the jamb of a door.
     Bare,
 }
@@ -224,14 +228,33 @@ fn wall(
             return;
         }
         room.wall.coat(c);
-        if room.dress == Dress::Bare {
+        if matches!(room.dress, Dress::Bare | Dress::Plain) {
             return;
         }
         Decor::wear(c, r, 5.0, 58.0);
+        if room.dress == Dress::Gallery {
+            rows(c, r);
+        }
         if full {
             dress(c, r, room.dress);
         }
     });
+}
+
+/// Hangs pictures in rows above what hangs at the height of people.
+fn rows(c: &mut crate::texture::Canvas<'_>, r: &mut Random) {
+    let (w, h) = (c.width_m(), c.height_m());
+    let mut y = h - 2.5;
+    while y > 0.2 {
+        let row = r.rangef(0.7, 1.1).min(y - 0.1);
+        let mut x = r.rangef(0.1, 0.8);
+        while x < w - 0.5 && row > 0.3 {
+            let pw = r.rangef(0.5, 1.4).min(w - x - 0.1);
+            Decor::picture(c, r, x, y - row, pw, row);
+            x += pw + r.rangef(0.15, 0.7);
+        }
+        y -= row + r.rangef(0.15, 0.4);
+    }
 }
 
 /// Hangs things side by side along a wall.
@@ -264,12 +287,12 @@ fn dress(c: &mut crate::texture::Canvas<'_>, r: &mut Random, dress: Dress) {
                 Decor::board(c, r, x, h - 1.9, bw, bh);
                 bw
             }
-            (Dress::Room | Dress::Hall, 2..=4) if room > 1.5 => {
+            (Dress::Room | Dress::Hall | Dress::Gallery, 2..=4) if room > 1.5 => {
                 let (ww, wh) = (r.rangef(1.0, 1.4), r.rangef(1.0, 1.3));
                 Decor::window(c, r, x + 0.12, h - 2.25, ww, wh);
                 ww + 0.3
             }
-            (Dress::Hall, 5..=7) if room > 2.0 => {
+            (Dress::Hall | Dress::Gallery, 5..=7) if room > 2.0 => {
                 let (pw, ph) = (r.rangef(1.2, 1.9), r.rangef(1.0, 1.8));
                 Decor::picture(c, r, x, h - 1.0 - ph, pw, ph);
                 pw
