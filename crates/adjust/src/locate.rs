@@ -3,7 +3,8 @@
 use crate::{pinhole, pixel, weight};
 use cairn_atlas::{LandmarkId, Map};
 use cairn_geometry::{Se3, Vec3};
-use cairn_solve::{PointMatch, PoseOnly, PoseOnlySetting, Report};
+use cairn_solve::{PointMatch, PoseOnly, PoseOnlySetting, PosePrior, Report};
+use nalgebra::SMatrix;
 use cairn_vision::{EyeModel, Frame};
 
 /// A pose with what speaks for it.
@@ -15,12 +16,14 @@ pub struct Located {
     pub outliers: Vec<usize>,
     /// Matches that fit.
     pub inliers: usize,
+    /// Information over (translation, rotation) of the eye, that of a prior included.
+    pub information: SMatrix<f64, 6, 6>,
     /// How the solve went.
     pub report: Report,
 }
 
 /// Solves for the pose of a frame; `matches` holds a landmark per feature, `extra` further features with a
-/// point that is not in the map.
+/// point that is not in the map, `prior` what is believed of the pose without them.
 pub fn locate(
     map: &Map,
     eye: &EyeModel,
@@ -28,6 +31,7 @@ pub fn locate(
     guess: &Se3,
     matches: &[Option<LandmarkId>],
     extra: &[(usize, Vec3)],
+    prior: Option<&PosePrior>,
 ) -> Located {
     let known = matches.iter().enumerate().filter_map(|(i, id)| Some((i, map.landmark((*id)?)?.position)));
     let (features, points): (Vec<usize>, Vec<PointMatch>) = known
@@ -36,12 +40,13 @@ pub fn locate(
             (i, PointMatch { point, pixel: pixel(map, frame, i), weight: weight(frame, i, &map.octaves()) })
         })
         .unzip();
-    let found = PoseOnly::solve(&pinhole(eye), guess, &points, &PoseOnlySetting::default());
+    let found = PoseOnly::solve(&pinhole(eye), guess, &points, prior, &PoseOnlySetting::default());
     let outliers = features.iter().zip(&found.inlier).filter(|(_, ok)| !**ok).map(|(i, _)| *i).collect();
     Located {
         world_from_eye: found.world_from_eye,
         outliers,
         inliers: found.report.inliers,
+        information: found.information,
         report: found.report,
     }
 }

@@ -135,7 +135,7 @@ pub fn recognise(
     }
     let posed = |have| Unlike::Posed { have, need: setting.seed };
     let guess = pose_from_points(map, eye, frame, &landmarks, setting.seed, seed).map_err(posed)?;
-    let first = locate(map, eye, frame, &guess, &landmarks, &[]);
+    let first = locate(map, eye, frame, &guess, &landmarks, &[], None);
     if first.inliers < setting.seed {
         return Err(posed(first.inliers));
     }
@@ -146,7 +146,7 @@ pub fn recognise(
     for radius in [8.0, 4.0] {
         expected = project(map, eye, frame, &wide, &pose, radius, &mut landmarks);
         of = landmarks.iter().flatten().count();
-        let found = locate(map, eye, frame, &pose, &landmarks, &[]);
+        let found = locate(map, eye, frame, &pose, &landmarks, &[], None);
         found.outliers.iter().for_each(|i| landmarks[*i] = None);
         (pose, inliers) = (found.world_from_eye, found.inliers);
     }

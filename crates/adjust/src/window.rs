@@ -1,11 +1,10 @@
 //! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes.
 
-use crate::{pinhole, weight};
-use cairn_atlas::{Change, ChangeSet, KeyFrameId, LandmarkId, Map, WorldId};
-use cairn_geometry::Se3;
-use cairn_solve::{Bundle, BundleSetting, Observation, Pixel, Report};
-use cairn_vision::{EyeModel, Frame};
-use std::collections::BTreeMap;
+use crate::excerpt::Excerpt;
+use crate::pinhole;
+use cairn_atlas::{Change, ChangeSet, KeyFrameId, Map, WorldId};
+use cairn_solve::{Bundle, BundleSetting, Report};
+use cairn_vision::EyeModel;
 
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -32,9 +31,7 @@ impl Default for WindowSetting {
 /// A copied window.
 #[derive(Clone, Debug)]
 pub struct Window {
-    base: u64,
-    key_frames: Vec<KeyFrameId>,
-    landmarks: Vec<LandmarkId>,
+    excerpt: Excerpt,
     bundle: Bundle,
 }
 
@@ -69,24 +66,10 @@ impl Window {
     }
 
     fn of(map: &Map, eye: &EyeModel, moving: &[KeyFrameId], anchors: usize) -> Self {
-        let shown = moving
-            .iter()
-            .filter_map(|id| map.key_frame(*id))
-            .flat_map(|k| k.landmarks.iter().flatten().copied());
-        let mut landmarks: Vec<LandmarkId> = shown.collect();
-        landmarks.sort_unstable();
-        landmarks.dedup();
+        let excerpt = Excerpt::of(map, moving, anchors);
         // The root never moves: it is where the world is.
         let root = moving.first().and_then(|id| map.key_frame(*id)).map(|k| k.world.root());
-        let mut slots: BTreeMap<KeyFrameId, u32> = BTreeMap::new();
-        let mut key_frames = Vec::new();
-        let mut add = |id: KeyFrameId| {
-            slots.insert(id, key_frames.len() as u32);
-            key_frames.push(id);
-        };
-        moving.iter().for_each(|id| add(*id));
-        let held = map.votes(&landmarks).into_iter().filter(|(id, _)| !moving.contains(id)).take(anchors);
-        held.for_each(|(id, _)| add(id));
+        let key_frames = &excerpt.key_frames;
         let mut fixed: Vec<bool> =
             (0..key_frames.len()).map(|i| i >= moving.len() || Some(key_frames[i]) == root).collect();
         if !fixed.contains(&true)
@@ -94,45 +77,16 @@ impl Window {
         {
             fixed[oldest] = true;
         }
-        let mut points = Vec::with_capacity(landmarks.len());
-        let mut observations = Vec::new();
-        let mut kept = Vec::with_capacity(landmarks.len());
-        for l in landmarks.iter().filter_map(|id| map.landmark(*id)) {
-            let first = observations.len();
-            for o in &l.observations {
-                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), map.key_frame(o.key_frame)) else {
-                    continue;
-                };
-                observations.push(Observation {
-                    pose: *slot,
-                    point: points.len() as u32,
-                    pixel: raw_pixel(&k.frame, o.feature as usize),
-                    weight: weight(&k.frame, o.feature as usize, &map.octaves()),
-                });
-            }
-            // A single view without depth says nothing about a point.
-            let seen = &observations[first..];
-            if seen.len() < 2 && seen.iter().all(|o| o.pixel[2].is_nan()) {
-                observations.truncate(first);
-                continue;
-            }
-            kept.push(l.id);
-            points.push(l.position);
-        }
-        let poses: Vec<Se3> = key_frames
-            .iter()
-            .map(|id| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye))
-            .collect();
         let bundle = Bundle {
             camera: pinhole(eye),
-            poses,
+            poses: excerpt.poses.clone(),
             fixed,
-            points,
-            observations,
+            points: excerpt.points.clone(),
+            observations: excerpt.observations.clone(),
             right_offset: map.right_offset(),
             right_offset_sigma: 0.0,
         };
-        Self { base: map.version(), key_frames, landmarks: kept, bundle }
+        Self { excerpt, bundle }
     }
 
     /// Solves the window: robustly, then without the observations that do not fit. `stop` is asked before each step.
@@ -158,26 +112,18 @@ impl Window {
         }
         judge(bundle);
         let mut changes = Vec::new();
-        for ((id, pose), fixed) in self.key_frames.iter().zip(&bundle.poses).zip(&bundle.fixed) {
+        for ((id, pose), fixed) in self.excerpt.key_frames.iter().zip(&bundle.poses).zip(&bundle.fixed) {
             if !fixed {
                 changes.push(Change::MoveKeyFrame(*id, *pose));
             }
         }
-        for (id, point) in self.landmarks.iter().zip(&bundle.points) {
+        for (id, point) in self.excerpt.landmarks.iter().zip(&bundle.points) {
             changes.push(Change::MoveLandmark(*id, *point));
         }
         if bundle.right_offset_sigma > 0.0 {
             changes.push(Change::Calibrate(bundle.right_offset));
         }
-        for o in bundle.observations.iter().filter(|o| o.weight == 0.0) {
-            changes.push(Change::Forget(self.landmarks[o.point as usize], self.key_frames[o.pose as usize]));
-        }
-        Settled { changes: ChangeSet { base: self.base, changes }, report }
+        changes.extend(self.excerpt.forgotten(&bundle.observations));
+        Settled { changes: ChangeSet { base: self.excerpt.base, changes }, report }
     }
-}
-
-/// A feature as it was measured: the solver adds the right offset itself.
-fn raw_pixel(frame: &Frame, feature: usize) -> Pixel {
-    let [u, v] = frame.px[feature];
-    [u as f64, v as f64, frame.right_x[feature] as f64]
 }

@@ -1,6 +1,8 @@
 //! From one version of a map to the next: a change set is applied and what is derived is brought up to date.
 
-use crate::{Applied, Change, ChangeSet, KeyFrameId, Landmark, LandmarkId, Map, Observation, WorldId};
+use crate::{
+    Applied, Change, ChangeSet, KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Motion, Observation, WorldId,
+};
 use cairn_geometry::{Sim3, Vec3};
 use cairn_vision::Descriptor;
 use std::collections::BTreeSet;
@@ -88,6 +90,19 @@ impl Map {
             Change::Scale(id, factor) => {
                 let k = positive(*factor).then(|| self.key_frames.get_mut(id.index()))??;
                 k.unit = Some(k.unit * factor).filter(|unit| positive(*unit))?;
+            }
+            Change::Motion(id, velocity, bias) => {
+                let sound = [velocity, &bias.gyro, &bias.accel].into_iter().all(finite);
+                let k = sound.then(|| self.key_frames.get_mut(id.index()))??;
+                let motion = k.motion.as_mut()?;
+                (motion.velocity, motion.bias) = (*velocity, *bias);
+            }
+            Change::Level(world, level_from_world) => {
+                if !self.worlds.contains_key(world) {
+                    return None;
+                }
+                self.carry(*world, *world, level_from_world, dirty)?;
+                *Arc::make_mut(&mut self.levelled).entry(*world).or_insert(0) += 1;
             }
             Change::MoveLandmark(id, position) => {
                 let l = finite(position).then(|| self.landmarks.get_mut(id.index()))??;
@@ -210,6 +225,7 @@ impl Map {
         }
         self.places.remove(id, &gone.bag);
         self.key_frames.remove(id.index());
+        self.part_motion(id, gone.motion);
         self.gone.insert(id.index(), (parent, parent_from_it));
         self.adopt(id, parent);
         Some(())
@@ -237,10 +253,22 @@ impl Map {
         dirty: &mut Dirty,
     ) -> Option<()> {
         let known = self.worlds.contains_key(&from) && self.worlds.contains_key(&into);
-        if !known || from <= into || parent >= from.root() || !into_from.is_finite() {
+        if !known || from <= into || parent >= from.root() {
             return None;
         }
         if self.key_frame(parent)?.world != into {
+            return None;
+        }
+        self.carry(from, into, into_from, dirty)?;
+        self.key_frames.get_mut(from.root().index())?.parent = Some(parent);
+        Arc::make_mut(&mut self.worlds).remove(&from);
+        Arc::make_mut(&mut self.levelled).remove(&from);
+        Some(())
+    }
+
+    /// Moves all that is in a world; nothing when a unit would be none.
+    fn carry(&mut self, from: WorldId, into: WorldId, into_from: &Sim3, dirty: &mut Dirty) -> Option<()> {
+        if !into_from.is_finite() {
             return None;
         }
         let moving: Vec<KeyFrameId> = self.key_frames_of(from).map(|k| k.id).collect();
@@ -260,9 +288,17 @@ impl Map {
             l.position = *into_from * l.position;
             dirty.moved.insert(id);
         }
-        self.key_frames.get_mut(from.root().index())?.parent = Some(parent);
-        Arc::make_mut(&mut self.worlds).remove(&from);
         Some(())
+    }
+
+    /// What was felt since a removed key frame goes over to the one before it.
+    fn part_motion(&mut self, gone: KeyFrameId, motion: Option<Motion>) {
+        let since = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.felt.as_ref()).map(|f| f.since);
+        let Some(next) = self.key_frames().find(|k| since(k) == Some(gone)).map(|k| k.id) else { return };
+        if let Some(after) = self.key_frames.get_mut(next.index()).and_then(|k| k.motion.as_mut()) {
+            let before = motion.and_then(|m| m.felt);
+            after.felt = after.felt.take().zip(before).and_then(|(felt, before)| felt.after(&before));
+        }
     }
 
     /// Gives the children of a removed key frame new parents: the one they share most with among its other

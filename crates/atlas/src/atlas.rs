@@ -4,6 +4,7 @@ use crate::rebase::rebase;
 use crate::stream::Subscribers;
 use crate::{Applied, Change, Map, Subscription};
 use arc_swap::ArcSwap;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The one who may write: holds the latest map and publishes each version.
@@ -82,10 +83,16 @@ impl Atlas {
         applied
     }
 
-    /// Applies changes that were made on an older version: what has moved or been born since goes along.
+    /// Applies changes that were made on an older version: what has moved or been born since goes along. Where a world has
+    /// been levelled since, all of them are dropped: they speak of places in a frame that is no more.
     pub fn commit_since(&mut self, base: &Map, changes: Vec<Change>) -> Applied {
         if base.version() == self.latest.version() {
             return self.commit(changes);
+        }
+        let frames = |map: &Map| map.worlds().map(|(w, _)| (w, map.levelled.get(&w).copied())).collect();
+        let (before, now): (BTreeMap<_, _>, BTreeMap<_, _>) = (frames(base), frames(&self.latest));
+        if before.iter().any(|(world, times)| now.get(world).is_some_and(|t| t != times)) {
+            return Applied { done: 0, dropped: changes.len() };
         }
         let rebased = rebase(base, changes, &self.latest);
         self.commit(rebased)

@@ -60,6 +60,9 @@ impl Map {
             for id in &mut k.links {
                 *id = shift.key_frame(*id)?;
             }
+            if let Some(felt) = k.motion.as_mut().and_then(|m| m.felt.as_mut()) {
+                felt.since = shift.key_frame(felt.since)?;
+            }
             for (id, _) in &mut k.covisible {
                 *id = shift.key_frame(*id)?;
             }
@@ -87,6 +90,10 @@ impl Map {
                 None => None,
             };
             worlds.insert(shift.world(world)?, tie);
+        }
+        let levelled = Arc::make_mut(&mut map.levelled);
+        for (world, times) in other.levelled.iter() {
+            levelled.insert(shift.world(*world)?, *times);
         }
         Some(map)
     }

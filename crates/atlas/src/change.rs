@@ -2,6 +2,7 @@
 
 use crate::{KeyFrame, KeyFrameId, LandmarkId, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_inertial::Bias;
 
 /// One change.
 #[derive(Clone, Debug)]
@@ -14,6 +15,11 @@ pub enum Change {
     MoveKeyFrame(KeyFrameId, Se3),
     /// Lengths around a key frame, in its own world, are this many times what they were.
     Scale(KeyFrameId, f64),
+    /// The sensor of a key frame that has a motion moves like this: velocity along the eye's axes in m/s, and biases.
+    Motion(KeyFrameId, Vec3, Bias),
+    /// Gravity and scale of a world are known, or known better: all that is in it moves by this, and from now on its
+    /// lengths are metres and its z axis points up.
+    Level(WorldId, Sim3),
     /// A landmark is somewhere else.
     MoveLandmark(LandmarkId, Vec3),
     /// A feature of a key frame shows a landmark (and nothing else).

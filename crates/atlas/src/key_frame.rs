@@ -1,6 +1,6 @@
 //! A frame that stays.
 
-use crate::{KeyFrameId, LandmarkId, WorldId};
+use crate::{KeyFrameId, LandmarkId, Motion, WorldId};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Frame;
 use cairn_vision::bow::Bag;
@@ -28,6 +28,8 @@ pub struct KeyFrame {
     pub parent: Option<KeyFrameId>,
     /// Key frames at which a loop was closed with this one.
     pub links: Vec<KeyFrameId>,
+    /// How the eye moved there, where an inertial sensor felt it.
+    pub motion: Option<Motion>,
     /// Key frames that share landmarks, with how many, most first (derived by the map).
     pub covisible: Vec<(KeyFrameId, u32)>,
 }
@@ -46,6 +48,7 @@ impl KeyFrame {
             landmarks,
             parent,
             links: Vec::new(),
+            motion: None,
             covisible: Vec::new(),
         }
     }

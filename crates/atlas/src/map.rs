@@ -17,6 +17,8 @@ pub struct Map {
     /// For each removed key frame, the one it hangs on and where it stood there.
     pub(crate) gone: Arena<(KeyFrameId, Sim3)>,
     pub(crate) worlds: Arc<BTreeMap<WorldId, Option<Tie>>>,
+    /// How often each world was levelled; those that are not there never were.
+    pub(crate) levelled: Arc<BTreeMap<WorldId, u32>>,
     pub(crate) places: PlaceIndex,
     pub(crate) right_offset: f64,
     pub(crate) next_key_frame: usize,
@@ -44,6 +46,7 @@ impl Map {
             landmarks: Arena::default(),
             gone: Arena::default(),
             worlds: Arc::default(),
+            levelled: Arc::default(),
             places: PlaceIndex::default(),
             right_offset: 0.0,
             next_key_frame: 0,
@@ -95,6 +98,11 @@ impl Map {
     /// The worlds, eldest first, each with how it hangs on a former one.
     pub fn worlds(&self) -> impl Iterator<Item = (WorldId, Option<&Tie>)> {
         self.worlds.iter().map(|(id, tie)| (*id, tie.as_ref()))
+    }
+
+    /// True when lengths in a world are metres and its z axis points up, as an inertial sensor has found.
+    pub fn is_level(&self, world: WorldId) -> bool {
+        self.levelled.contains_key(&world)
     }
 
     /// The key frames of one world in order of birth.

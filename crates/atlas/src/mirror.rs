@@ -80,6 +80,12 @@ impl Mirror {
                     }
                     self.worlds.remove(from);
                 }
+                Change::Level(world, level_from_world) => {
+                    for k in self.key_frames.values_mut().filter(|k| k.world == *world) {
+                        k.world_from_eye = level_from_world.transform_pose(&k.world_from_eye);
+                        k.unit *= level_from_world.scale;
+                    }
+                }
                 Change::RemoveKeyFrame(id) => {
                     self.key_frames.remove(id);
                     if let Some(r) = removed.next() {
@@ -91,6 +97,7 @@ impl Mirror {
                 | Change::Observe(..)
                 | Change::Forget(..)
                 | Change::Fuse(..)
+                | Change::Motion(..)
                 | Change::Calibrate(_)
                 | Change::RemoveLandmark(_)
                 | Change::Link(..) => {}

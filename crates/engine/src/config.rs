@@ -1,6 +1,6 @@
 //! Everything that can be set, with defaults that need no tuning; read from TOML, printed with comments.
 
-use cairn_mapping::{CloserSetting, MapperSetting};
+use cairn_mapping::{CloserSetting, InertialSetting, MapperSetting};
 use cairn_sensor::Rig;
 use cairn_tracking::TrackerSetting;
 use cairn_vision::EyeSetting;
@@ -18,6 +18,8 @@ pub struct Config {
     pub mapper: MapperSetting,
     /// Closing.
     pub closer: CloserSetting,
+    /// The inertial sensor, where there is one.
+    pub inertial: InertialSetting,
 }
 
 impl Default for Config {
@@ -30,6 +32,7 @@ impl Default for Config {
             tracker: TrackerSetting::default(),
             mapper: MapperSetting::default(),
             closer: CloserSetting::default(),
+            inertial: InertialSetting::default(),
         }
     }
 }
@@ -79,6 +82,7 @@ impl Config {
     pub fn check(&self) -> Result<(), ConfigError> {
         let (orb, stereo, depth) = (&self.eye.orb, &self.eye.stereo, &self.eye.depth);
         let (tracker, mapper, closer) = (&self.tracker, &self.mapper, &self.closer);
+        let inertial = &self.inertial;
         let ranges = [
             // Frames count their features in 16 bits; a quarter of that leaves room for every caller.
             ("eye.orb.features", orb.features as f64, 0.0, 16_000.0),
@@ -105,6 +109,11 @@ impl Config {
             ("tracker.local_key_frames", tracker.local_key_frames as f64, 1.0, 1e4),
             ("tracker.min_key_frame_gap", tracker.min_key_frame_gap as f64, 0.0, 1e4),
             ("tracker.new_world_s", tracker.new_world_s, 0.0, 1e4),
+            ("tracker.coast_sigma", tracker.coast_sigma, 0.0, 100.0),
+            ("tracker.coast_s", tracker.coast_s, 0.0, 15.0),
+            ("inertial.noise_times", inertial.noise_times, 0.1, 1e3),
+            ("inertial.chain", inertial.chain as f64, 2.0, 100.0),
+            ("inertial.whole_key_frames", inertial.whole_key_frames as f64, 0.0, 1000.0),
             ("mapper.grow_neighbours", mapper.grow_neighbours as f64, 1.0, 1e3),
             ("mapper.fuse_neighbours", mapper.fuse_neighbours as f64, 0.0, 1e3),
             ("mapper.redundant_share", mapper.redundant_share, 0.1, 1.0),

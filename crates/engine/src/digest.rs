@@ -56,6 +56,11 @@ impl Digest {
             State::Starting { have, need } => [0, have, need],
             State::Tracking => [1, 0, 0],
             State::Lost { inliers, need } => [2, inliers, need],
+            State::Coasting { since_s, sigma } => {
+                self.f64(since_s);
+                self.f64(sigma);
+                [3, 0, 0]
+            }
         };
         numbers.iter().for_each(|n| self.u64(*n as u64));
     }
@@ -70,6 +75,10 @@ impl Digest {
             k.parent.iter().chain(&k.links).for_each(|id| self.id(*id));
             self.pose(&k.world_from_eye);
             self.f64(k.unit);
+            if let Some(m) = &k.motion {
+                [m.velocity, m.bias.gyro, m.bias.accel].iter().for_each(|v| self.vec(v));
+                self.u64(m.felt.as_ref().map_or(0, |f| 1 + f.since.index() as u64));
+            }
             k.landmarks.iter().for_each(|l| self.u64(l.map_or(0, |l| 1 + l.index() as u64)));
         }
         for l in map.landmarks() {

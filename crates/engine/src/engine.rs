@@ -7,6 +7,7 @@ use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
 use cairn_atlas::{KeyFrameId, Map, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
+use cairn_inertial::Attempt;
 use cairn_mapping::{Closer, Mapper, Verdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
@@ -42,6 +43,10 @@ pub struct Output {
     pub world_from_body: Option<Pose<World, Body>>,
     /// The same, hanging on a key frame (of the eye, not of the body).
     pub placed: Option<Placed>,
+    /// Whether lengths are metres where it is: always with depth, else once the inertial sensor has told.
+    pub metric: bool,
+    /// How gravity, scale and biases were sought last, where they were.
+    pub attempt: Option<Attempt>,
     /// What speaks for the pose.
     pub evidence: Evidence,
     /// Milliseconds from the decoded image to features.
@@ -100,7 +105,12 @@ impl Engine {
             mapper.window.right_offset_sigma = 0.0;
         }
         let closer = Closer::new(model, config.closer, mapper.window);
-        let mapper = Mapper::new(model, mapper);
+        let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
+        if let Some(imu) = rig.imu.as_ref().filter(|_| config.inertial.enabled) {
+            let (imu_from_eye, felt) = (imu.body_from_imu.inverse() * model.body_from_eye, config.inertial);
+            tracker = tracker.feeling(imu, imu_from_eye, felt.noise_times);
+            mapper = mapper.feeling(imu, imu_from_eye, felt);
+        }
         let header = Header::of(mode, rate_hz, rig, config);
         let mapping = Mapping::new(runner, mapper, closer, map);
         Self { eye, tracker, mapping, mode, localize_only: false, header, log: Log::default(), died: None }
@@ -115,7 +125,7 @@ impl Engine {
         let (map, idle) = self.mapping.look(packet.stamp, &mut done);
         let version = map.version();
         let seen = Instant::now();
-        let mut tracked = self.tracker.step(frame.clone(), &map, idle, !self.localize_only);
+        let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &map, idle, !self.localize_only);
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
         let mut digest = Digest::default();
@@ -129,14 +139,17 @@ impl Engine {
         let digest = digest.value();
         self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, begun, digest });
         self.mapping.poll(&mut done);
-        self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose });
+        let metric = tracked.pose.is_some_and(|p| self.is_metric_at(&self.map(), p.reference));
+        self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose, metric });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
         Ok(Output {
             stamp: tracked.stamp,
             frame,
             state: tracked.state,
-            world_from_body: tracked.pose.map(|p| self.body(&p.world_from_eye)),
+            world_from_body: tracked.pose.map(|p| self.body(&p.world_from_eye, metric)),
+            metric,
+            attempt: done.attempt,
             placed: tracked.pose,
             evidence: tracked.evidence,
             see_ms,
@@ -225,17 +238,24 @@ impl Engine {
 
     /// The body's pose. A map without metric scale does not know how far the body is from the eye: there the body is
     /// told where the first camera is, in the body's own orientation.
-    fn body(&self, world_from_eye: &Se3) -> Pose<World, Body> {
+    fn body(&self, world_from_eye: &Se3, metric: bool) -> Pose<World, Body> {
         let mut eye_from_body = self.eye.model().body_from_eye.inverse();
-        if !self.is_metric() {
+        if !metric {
             eye_from_body.translation = Vec3::zeros();
         }
         Pose::new(*world_from_eye * eye_from_body)
     }
 
-    /// Whether lengths in the map are metres.
+    /// Whether lengths in the whole map are metres: the eyes have depth, or the inertial sensor has told.
     pub fn is_metric(&self) -> bool {
-        self.eye.model().baseline_fx > 0.0
+        let map = self.map();
+        let level = map.worlds().next().is_some() && map.worlds().all(|(w, _)| map.is_level(w));
+        self.eye.model().baseline_fx > 0.0 || level
+    }
+
+    fn is_metric_at(&self, map: &Map, reference: KeyFrameId) -> bool {
+        let world = || map.living(reference).and_then(|(id, _)| map.key_frame(id)).map(|k| k.world);
+        self.eye.model().baseline_fx > 0.0 || world().is_some_and(|w| map.is_level(w))
     }
 
     /// True poses of the body as [`Engine::trajectory`] tells them: without metric scale, at the first camera's place.
@@ -277,12 +297,18 @@ impl Engine {
     /// Where the body was in every tracked frame, as the map sees it now.
     pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
         let map = self.mapping.latest();
-        self.log.corrected(&map).into_iter().map(|(t, p)| (t, self.body(&p).se3)).collect()
+        let place = |f: &Logged| {
+            let p = f.placed?;
+            let pose = map.stand(p.reference, &p.reference_from_eye)?;
+            Some((f.stamp, self.body(&pose, self.is_metric_at(&map, p.reference)).se3))
+        };
+        self.log.frames().iter().filter_map(place).collect()
     }
 
     /// Where the body was as it was told at the time.
     pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
-        self.log.live().into_iter().map(|(t, p)| (t, self.body(&p).se3)).collect()
+        let place = |f: &Logged| Some((f.stamp, self.body(&f.placed?.world_from_eye, f.metric).se3));
+        self.log.frames().iter().filter_map(place).collect()
     }
 }
 

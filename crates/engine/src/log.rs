@@ -1,7 +1,5 @@
 //! What became of every frame, kept so that the whole trajectory follows the map.
 
-use cairn_atlas::Map;
-use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use cairn_tracking::{Placed, State};
 
@@ -14,6 +12,8 @@ pub struct Logged {
     pub state: State,
     /// The pose as it was given then.
     pub placed: Option<Placed>,
+    /// Whether lengths there were metres then.
+    pub metric: bool,
 }
 
 /// All frames so far.
@@ -43,19 +43,5 @@ impl Log {
     /// Frames that have a pose.
     pub fn tracked(&self) -> usize {
         self.frames.iter().filter(|f| f.placed.is_some()).count()
-    }
-
-    /// Where the eye was in every tracked frame, as the map sees it now (`world_from_eye`).
-    pub fn corrected(&self, map: &Map) -> Vec<(Stamp, Se3)> {
-        let place = |f: &Logged| {
-            let p = f.placed?;
-            Some((f.stamp, map.stand(p.reference, &p.reference_from_eye)?))
-        };
-        self.frames.iter().filter_map(place).collect()
-    }
-
-    /// The same as it was given at the time.
-    pub fn live(&self) -> Vec<(Stamp, Se3)> {
-        self.frames.iter().filter_map(|f| Some((f.stamp, f.placed?.world_from_eye))).collect()
     }
 }

@@ -3,6 +3,7 @@
 use crate::Output;
 use cairn_geometry::{Pose, Se3};
 use cairn_guide::{Anchor, Confidence, RecordInput};
+use cairn_tracking::State;
 
 /// The frame's pose with its anchor and how far to trust it; a frame without a pose is offered as lost.
 ///
@@ -23,7 +24,10 @@ pub fn record_input(output: &Output) -> RecordInput {
         // Indices fit in 32 bits; there is one robot so far.
         anchor: Anchor { robot: 0, seq: placed.reference.index() as u32 },
         anchor_from_camera: placed.reference_from_eye,
-        confidence: Confidence::Good,
+        confidence: match output.state {
+            State::Coasting { .. } => Confidence::Low,
+            _ => Confidence::Good,
+        },
         // A start has no matches yet; its depth or its two views are its evidence.
         quality: match evidence.matched {
             0 => 1.0,

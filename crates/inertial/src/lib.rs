@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod belief;
 mod buffer;
 mod factor;
 mod initialise;
@@ -10,6 +11,7 @@ mod rest;
 mod state;
 mod window;
 
+pub use belief::Belief;
 pub use buffer::{ImuBuffer, Missing};
 pub use factor::InertialResidual;
 pub use initialise::{
@@ -20,4 +22,4 @@ pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestSetting};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};
-pub use window::{Hold, Prior, VioFrame, VioLink, VioSetting, VioWindow};
+pub use window::{Hold, VioFrame, VioLink, VioSetting, VioWindow};

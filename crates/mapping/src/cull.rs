@@ -4,6 +4,12 @@ use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map};
 use cairn_vision::EyeModel;
 use std::collections::BTreeMap;
 
+/// Key frames of the last so many seconds hold the links between them short.
+const LINKED_S: f64 = 20.0;
+/// Seconds of a link at most, before gravity and scale are known, and after.
+const LONGEST_LINK_UNLEVEL_S: f64 = 0.5;
+const LONGEST_LINK_S: f64 = 1.0;
+
 /// A young landmark on probation.
 #[derive(Clone, Copy, Debug)]
 struct Young {
@@ -62,11 +68,24 @@ pub(crate) fn redundant(map: &Map, eye: &EyeModel, centre: KeyFrameId, share: f6
     let candidates = here.covisible.iter().map(|(id, _)| *id).filter(|id| *id != centre);
     candidates
         .filter_map(|id| map.key_frame(id))
-        .filter(|k| k.parent.is_some())
+        .filter(|k| k.parent.is_some() && !links(map, k, here))
         .map(|k| (redundancy(map, eye, k), k.id))
         .filter(|(r, _)| *r > share)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, id)| Change::RemoveKeyFrame(id))
+}
+
+/// Whether a key frame of late is needed to feel from one to the next: without it the link over it were too long.
+fn links(map: &Map, k: &KeyFrame, newest: &KeyFrame) -> bool {
+    let felt = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.felt.clone());
+    if newest.frame.stamp - k.frame.stamp > LINKED_S {
+        return false;
+    }
+    let Some(before) = felt(k) else { return false };
+    let later = map.key_frames().skip_while(|next| next.id <= k.id).filter_map(felt);
+    let after = later.into_iter().find(|f| f.since == k.id);
+    let longest = if map.is_level(k.world) { LONGEST_LINK_S } else { LONGEST_LINK_UNLEVEL_S };
+    after.is_some_and(|after| before.sum.seconds() + after.sum.seconds() > longest)
 }
 
 /// Share of a key frame's landmarks that three others see as well.

@@ -1,7 +1,7 @@
 //! Key frames enter the map: with what tracking matched, and with the points their own depth shows.
 
 use cairn_adjust::depth;
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map, Motion};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::bow::Vocabulary;
 use cairn_vision::{EyeModel, Frame};
@@ -34,13 +34,16 @@ pub(crate) struct Entry<'a> {
     pub world_from_eye: Se3,
     /// The landmark that each feature is known to show.
     pub shown: &'a [Option<LandmarkId>],
+    /// How the eye moved, where that was felt.
+    pub motion: Option<Motion>,
 }
 
 /// A key frame with its words and the landmarks it is known to show.
 pub(crate) fn add_key_frame(entry: &Entry, parent: Option<KeyFrameId>) -> Vec<Change> {
     let bag = Vocabulary::embedded().bag(&entry.frame.descriptors);
-    let key_frame =
+    let mut key_frame =
         KeyFrame::new(entry.id, entry.frame.clone(), entry.world_from_eye, parent).with_bag(Arc::new(bag));
+    key_frame.motion = entry.motion.clone();
     let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame))];
     let shown = entry.shown.iter().enumerate();
     changes.extend(shown.filter_map(|(i, l)| l.map(|l| Change::Observe(l, entry.id, i as u16))));

@@ -3,11 +3,14 @@
 use crate::cull::{Nursery, redundant};
 use crate::fuse::{around, fuse_into};
 use crate::grow::grow;
+use crate::inertial::{Inertial, InertialSetting};
 use crate::insert::{Births, Entry, add_key_frame, points_from_depth};
 use crate::turning::hold_orientation;
 use cairn_adjust::{Window, WindowSetting};
-use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, Tie, WorldId};
-use cairn_geometry::{Se3, Vec3};
+use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, Motion, Sensed, Tie, WorldId};
+use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_inertial::Attempt;
+use cairn_sensor::ImuSensor;
 use cairn_solve::Report;
 use cairn_vision::{EyeModel, Frame};
 use std::sync::Arc;
@@ -44,7 +47,7 @@ impl Default for MapperSetting {
 }
 
 /// Where a world begins.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Begin {
     /// The pose of its root.
     pub world_from_eye: Se3,
@@ -52,16 +55,20 @@ pub struct Begin {
     pub tie: Option<Tie>,
     /// Units a second that the eye shall have gone, where there is no other scale; else the median depth is one.
     pub pace: Option<f64>,
+    /// What the inertial sensor says of its last key frame.
+    pub sensed: Option<Sensed>,
+    /// Whether its lengths are metres and its z axis points up already.
+    pub level: bool,
 }
 
 impl Default for Begin {
     fn default() -> Self {
-        Self { world_from_eye: Se3::identity(), tie: None, pace: None }
+        Self { world_from_eye: Se3::identity(), tie: None, pace: None, sensed: None, level: false }
     }
 }
 
 /// What mapping did with one offer.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Mapped {
     /// The key frame that was added.
     pub key_frame: KeyFrameId,
@@ -69,6 +76,8 @@ pub struct Mapped {
     pub born: usize,
     /// The local adjustment, when there was one.
     pub adjustment: Option<Report>,
+    /// How gravity, scale and biases were sought, when they were.
+    pub attempt: Option<Attempt>,
 }
 
 /// The mapping stage.
@@ -77,12 +86,18 @@ pub struct Mapper {
     eye: EyeModel,
     setting: MapperSetting,
     nursery: Nursery,
+    inertial: Option<Inertial>,
 }
 
 impl Mapper {
     /// A mapper for one eye.
     pub fn new(eye: EyeModel, setting: MapperSetting) -> Self {
-        Self { eye, setting, nursery: Nursery::default() }
+        Self { eye, setting, nursery: Nursery::default(), inertial: None }
+    }
+
+    /// The same with an inertial sensor; `imu_from_eye` in metres.
+    pub fn feeling(self, sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
+        Self { inertial: Some(Inertial::new(sensor, imu_from_eye, setting)), ..self }
     }
 
     /// What tracking expected in a frame and whether it was found: young landmarks are judged by it.
@@ -96,9 +111,11 @@ impl Mapper {
         let id = map.next_key_frame_id();
         let mut births = Births::after(map);
         let nothing = vec![None; frame.len()];
-        let entry = Entry { id, frame, world_from_eye: begin.world_from_eye, shown: &nothing };
+        let motion = begin.sensed.as_ref().filter(|_| self.inertial.is_some()).map(still_unfelt);
+        let entry = Entry { id, frame, world_from_eye: begin.world_from_eye, shown: &nothing, motion };
         let mut changes = add_key_frame(&entry, None);
         changes.extend(begin.tie.map(|tie| Change::Tie(WorldId(id), tie)));
+        changes.extend(begin.level.then(|| Change::Level(WorldId(id), Sim3::identity())));
         changes.extend(points_from_depth(map, &self.eye, &entry, frame.len(), &mut births));
         atlas.commit(changes);
         id
@@ -133,9 +150,12 @@ impl Mapper {
         let mut births = Births::after(&before);
         let scaled = Se3::new(first_from_second.rotation, first_from_second.translation * unit);
         let (none_a, none_b) = (vec![None; first.len()], vec![None; second.len()]);
-        let entry_a = Entry { id: a, frame: first, world_from_eye: begin.world_from_eye, shown: &none_a };
+        let felt = self.inertial.as_ref().zip(begin.sensed.as_ref());
+        let motion = felt.map(|(_, sensed)| still_unfelt(sensed));
+        let entry_a = Entry { id: a, frame: first, world_from_eye: begin.world_from_eye, shown: &none_a, motion };
         let world_from_second = begin.world_from_eye * scaled;
-        let entry_b = Entry { id: b, frame: second, world_from_eye: world_from_second, shown: &none_b };
+        let motion = felt.map(|(inertial, sensed)| inertial.motion_since(Some(a), sensed));
+        let entry_b = Entry { id: b, frame: second, world_from_eye: world_from_second, shown: &none_b, motion };
         let mut changes = add_key_frame(&entry_a, None);
         changes.extend(begin.tie.map(|tie| Change::Tie(WorldId(a), tie)));
         changes.extend(add_key_frame(&entry_b, Some(a)));
@@ -162,6 +182,7 @@ impl Mapper {
         landmarks: &[Option<LandmarkId>],
         reference: KeyFrameId,
         reference_from_eye: Se3,
+        sensed: Option<&Sensed>,
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
         let depth = self.eye.baseline_fx > 0.0;
@@ -172,7 +193,9 @@ impl Mapper {
         let mut births = Births::after(&map);
         let alive: Vec<Option<LandmarkId>> =
             landmarks.iter().map(|l| l.filter(|l| map.landmark(*l).is_some())).collect();
-        let entry = Entry { id, frame, world_from_eye, shown: &alive };
+        let world = map.key_frame(parent)?.world;
+        let motion = self.inertial.as_ref().zip(sensed).map(|(i, sensed)| i.motion(&map, world, sensed));
+        let entry = Entry { id, frame, world_from_eye, shown: &alive, motion };
         let mut changes = add_key_frame(&entry, Some(parent));
         if depth {
             let least = self.setting.depth_points;
@@ -201,14 +224,22 @@ impl Mapper {
             self.fuse(atlas, id);
         }
         if !stop() && atlas.latest().key_frame_count() > 2 {
-            let window = Window::around(atlas.latest(), &self.eye, id, &self.setting.window)?;
-            let settled = window.solve(&self.setting.window, &mut stop);
+            let (map, setting) = (atlas.latest(), &self.setting.window);
+            let felt = self.inertial.as_ref().and_then(|i| i.window(map, &self.eye, id, setting));
+            let settled = match felt {
+                Some(window) => window.solve(setting, &mut stop),
+                None => Window::around(map, &self.eye, id, setting)?.solve(setting, &mut stop),
+            };
             adjustment = Some(settled.report);
             atlas.commit(settled.changes.changes);
             let gone = redundant(atlas.latest(), &self.eye, id, self.setting.redundant_share);
             atlas.commit(gone.into_iter().collect());
         }
-        Some(Mapped { key_frame: id, born, adjustment })
+        let attempt = match &mut self.inertial {
+            Some(inertial) => inertial.settle(atlas, &self.eye, id, &self.setting.window),
+            None => None,
+        };
+        Some(Mapped { key_frame: id, born, adjustment, attempt })
     }
 
     /// Adjusts each world as a whole, as a run ends; worlds of more than `settle_key_frames` are left as they are, since
@@ -221,7 +252,9 @@ impl Mapper {
                 continue;
             }
             let window = WindowSetting { iterations: [40, 20], tolerance: 1e-6, ..self.setting.window };
-            let settled = Window::whole(map, &self.eye, world).solve(&window, || false);
+            let felt = self.inertial.as_ref().and_then(|i| i.whole(map, &self.eye, world, &window, || false));
+            let settled =
+                felt.unwrap_or_else(|| Window::whole(map, &self.eye, world).solve(&window, || false));
             atlas.commit(settled.changes.changes);
         }
     }
@@ -245,4 +278,9 @@ impl Mapper {
         theirs.dedup();
         atlas.commit(fuse_into(&map, &self.eye, &theirs, here));
     }
+}
+
+/// The motion of a key frame before which nothing was felt.
+fn still_unfelt(sensed: &Sensed) -> Motion {
+    Motion { velocity: sensed.velocity, bias: sensed.bias, felt: None }
 }

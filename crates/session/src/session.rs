@@ -363,6 +363,9 @@ impl Session {
                 format!("Looking for a start: {have} of {need} points. Move the camera sideways."),
             ),
             State::Tracking => ("tracking", "Tracking.".to_owned()),
+            State::Coasting { since_s, sigma } => {
+                ("coasting", format!("Going by the motion sensor for {since_s:.1} s, to {sigma:.2} m."))
+            }
             State::Lost { inliers, need } => {
                 ("lost", format!("Tracking is lost: {inliers} of {need} matches."))
             }

@@ -21,7 +21,7 @@ pub mod sparse;
 mod text;
 
 pub use bundle::{Bundle, BundleSetting, Observation};
-pub use pose_only::{PointMatch, PoseOnly, PoseOnlySetting};
+pub use pose_only::{PointMatch, PoseOnly, PoseOnlySetting, PosePrior};
 pub use report::{Report, Stop};
 pub use reprojection::{Linear, Pinhole, Pixel};
 pub use robust::{CHI2_2, CHI2_3, CHI2_95, Loss, huber};

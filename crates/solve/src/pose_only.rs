@@ -19,6 +19,15 @@ pub struct PointMatch {
     pub weight: f64,
 }
 
+/// What is believed of a pose before anything is seen from it.
+#[derive(Clone, Copy, Debug)]
+pub struct PosePrior {
+    /// The pose.
+    pub world_from_eye: Se3,
+    /// Information over (translation, rotation) of the eye.
+    pub information: SMatrix<f64, 6, 6>,
+}
+
 /// How to solve.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseOnlySetting {
@@ -41,15 +50,28 @@ pub struct PoseOnly {
     pub world_from_eye: Se3,
     /// For each match, whether its residual lies within the bound.
     pub inlier: Vec<bool>,
-    /// The information matrix at the solution over (translation, rotation) of the eye, before any outlier.
+    /// The information matrix at the solution over (translation, rotation) of the eye, that of the prior included.
     pub information: SMatrix<f64, 6, 6>,
     /// How it went.
     pub report: Report,
 }
 
 impl PoseOnly {
-    /// Solves from a first guess.
-    pub fn solve(camera: &Pinhole, guess: &Se3, matches: &[PointMatch], setting: &PoseOnlySetting) -> Self {
+    /// Solves from a first guess, and from what was believed before.
+    pub fn solve(
+        camera: &Pinhole,
+        guess: &Se3,
+        matches: &[PointMatch],
+        prior: Option<&PosePrior>,
+        setting: &PoseOnlySetting,
+    ) -> Self {
+        let normal_equations = |pose: &Se3, inlier: &[bool], robust: bool| {
+            let seen = normal_equations(camera, pose, matches, inlier, robust);
+            match prior {
+                Some(prior) => seen.with(prior, pose),
+                None => seen,
+            }
+        };
         let mut pose = *guess;
         let mut inlier = vec![true; matches.len()];
         let mut information = SMatrix::zeros();
@@ -57,7 +79,7 @@ impl PoseOnly {
             Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
         for round in 0..setting.rounds {
             let robust = round + 2 < setting.rounds;
-            let mut normal = normal_equations(camera, &pose, matches, &inlier, robust);
+            let mut normal = normal_equations(&pose, &inlier, robust);
             if round == 0 {
                 report.cost_before = normal.cost;
             }
@@ -75,7 +97,7 @@ impl PoseOnly {
                 };
                 let step = chol.solve(&-normal.b);
                 let moved = pose.retract(&step);
-                let next = normal_equations(camera, &moved, matches, &inlier, robust);
+                let next = normal_equations(&moved, &inlier, robust);
                 if next.cost <= normal.cost && moved.is_finite() {
                     let gain = (normal.cost - next.cost) / normal.cost.max(1e-12);
                     pose = moved;
@@ -103,7 +125,7 @@ impl PoseOnly {
                     .is_some_and(|r| chi2(&r, m.weight) <= bound(&m.pixel));
                 report.inliers += *ok as usize;
             }
-            if report.inliers < 4 {
+            if report.inliers < 4 && prior.is_none() {
                 break;
             }
         }
@@ -123,6 +145,18 @@ struct Normal {
     h: SMatrix<f64, 6, 6>,
     b: SVector<f64, 6>,
     cost: f64,
+}
+
+impl Normal {
+    /// The same with what was believed before; its Jacobian is taken as the identity, near enough to it.
+    fn with(mut self, prior: &PosePrior, pose: &Se3) -> Self {
+        let off = prior.world_from_eye.local(pose);
+        let pull = prior.information * off;
+        self.h += prior.information;
+        self.b += pull;
+        self.cost += 0.5 * off.dot(&pull);
+        self
+    }
 }
 
 fn normal_equations(
@@ -181,7 +215,7 @@ mod tests {
             matches.push(PointMatch { point: truth * q, pixel, weight: 1.0 });
         }
         let guess = truth * Se3::new(So3::exp(&Vec3::new(0.03, -0.02, 0.04)), Vec3::new(0.1, 0.05, -0.1));
-        let found = PoseOnly::solve(&camera, &guess, &matches, &PoseOnlySetting::default());
+        let found = PoseOnly::solve(&camera, &guess, &matches, None, &PoseOnlySetting::default());
         assert!(truth.local(&found.world_from_eye).norm() < 1e-6, "{:?}", found.report);
         for (i, ok) in found.inlier.iter().enumerate() {
             assert_eq!(*ok, i % 5 != 0, "match {i}");
@@ -191,8 +225,34 @@ mod tests {
     #[test]
     fn nothing_to_solve_is_told() {
         let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
-        let found = PoseOnly::solve(&camera, &Se3::identity(), &[], &PoseOnlySetting::default());
+        let found = PoseOnly::solve(&camera, &Se3::identity(), &[], None, &PoseOnlySetting::default());
         assert_eq!(found.report.inliers, 0);
         assert!(found.world_from_eye.is_finite());
+    }
+
+    /// Two points leave most of a pose open; what was believed before fills it in, and counts for little where much is seen.
+    #[test]
+    fn a_prior_holds_what_is_not_seen() {
+        let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
+        let truth = Se3::new(So3::exp(&Vec3::new(0.1, 0.4, -0.2)), Vec3::new(0.5, -0.3, 0.2));
+        let matches: Vec<PointMatch> = (0..120)
+            .map(|i| {
+                let a = i as f64;
+                let q = Vec3::new((a * 0.7).sin() * 2.0, (a * 1.3).cos() * 1.5, 4.0 + (a * 0.37).sin());
+                let pixel =
+                    [500.0 * q.x / q.z + 320.0, 500.0 * q.y / q.z + 240.0, f64::NAN];
+                PointMatch { point: truth * q, pixel, weight: 1.0 }
+            })
+            .collect();
+        let believed = truth * Se3::new(So3::exp(&Vec3::new(0.01, 0.0, 0.0)), Vec3::new(0.0, 0.02, 0.0));
+        let prior = PosePrior { world_from_eye: believed, information: SMatrix::identity() * 1e3 };
+        let solve = |matches: &[PointMatch]| {
+            let found =
+                PoseOnly::solve(&camera, &believed, matches, Some(&prior), &PoseOnlySetting::default());
+            (truth.local(&found.world_from_eye).norm(), found.report.inliers)
+        };
+        let (few, many) = (solve(&matches[..2]), solve(&matches));
+        assert!(few.0 < 0.025 && few.1 == 2, "{few:?}");
+        assert!(many.0 < 1e-3 && many.1 == 120, "{many:?}");
     }
 }

@@ -1,7 +1,9 @@
 #![doc = include_str!("../README.md")]
 
 mod decide;
+mod inertia;
 mod local_map;
+mod lost;
 mod match_last;
 mod recover;
 mod start;

@@ -25,7 +25,7 @@ impl Starter {
             let need = (features / 12).max(40);
             let have = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
             return if have >= need {
-                Ok(Offer::First { frame: frame.clone(), adrift: None })
+                Ok(Offer::First { frame: frame.clone(), adrift: None, sensed: None })
             } else {
                 Err(State::Starting { have, need })
             };
@@ -53,7 +53,7 @@ impl Starter {
             return Err(waiting);
         }
         *self = Self { attempts: self.attempts, ..Self::default() };
-        Ok(Offer::Pair { first, second: frame.clone(), first_from_second, points, adrift: None })
+        Ok(Offer::Pair { first, second: frame.clone(), first_from_second, points, adrift: None, sensed: None })
     }
 
     /// Makes a frame the first of the pair, when it shows enough.

@@ -1,6 +1,6 @@
 //! What tracking tells of a frame.
 
-use cairn_atlas::{KeyFrameId, LandmarkId};
+use cairn_atlas::{KeyFrameId, LandmarkId, Sensed};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
@@ -18,6 +18,13 @@ pub enum State {
     },
     /// The pose is known.
     Tracking,
+    /// Too little is seen; the pose is what the inertial sensor has made of the last that was seen.
+    Coasting {
+        /// Seconds since the pose was last seen.
+        since_s: f64,
+        /// Standard deviation of the place, metres.
+        sigma: f64,
+    },
     /// The pose is not known: this many matches agreed where `need` are needed.
     Lost {
         /// Agreed.
@@ -69,6 +76,8 @@ pub struct Adrift {
     pub sigma_rad: f64,
     /// How fast the eye went there, in the former world's unit a second: what a new world without scale begins with.
     pub pace: Option<f64>,
+    /// Whether the direction is that of a level world, so that a new one with depth is level from its begin.
+    pub level: bool,
 }
 
 /// What mapping is offered.
@@ -80,6 +89,8 @@ pub enum Offer {
         frame: Arc<Frame>,
         /// Where that is believed to be, when there is a former world.
         adrift: Option<Adrift>,
+        /// What the inertial sensor says of it.
+        sensed: Option<Sensed>,
     },
     /// The first two key frames of a world without depth, with the points that both see.
     Pair {
@@ -93,6 +104,8 @@ pub enum Offer {
         points: Vec<(u16, u16, Vec3)>,
         /// Where the first is believed to be, when there is a former world.
         adrift: Option<Adrift>,
+        /// What the inertial sensor says of the second, felt since the first.
+        sensed: Option<Sensed>,
     },
     /// A further key frame.
     Next {
@@ -102,6 +115,8 @@ pub enum Offer {
         landmarks: Vec<Option<LandmarkId>>,
         /// Where it stands.
         placed: Placed,
+        /// What the inertial sensor says of it.
+        sensed: Option<Sensed>,
     },
 }
 

@@ -1,15 +1,18 @@
 //! One frame after another: predict, match, locate, judge.
 
 use crate::decide::{Situation, wants_key_frame};
+use crate::inertia::Inertia;
 use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
 use crate::start::Starter;
-use crate::state::{Adrift, Evidence, Offer, Placed, State, Tracked};
+use crate::state::{Evidence, Offer, Placed, State, Tracked};
 use cairn_adjust::{Located, RecogniseSetting, locate, recognise};
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
 use cairn_geometry::{Manifold, Se3};
-use cairn_sensor::Stamp;
+use cairn_inertial::Belief;
+use cairn_sensor::{ImuSample, ImuSensor, Stamp};
+use cairn_solve::PosePrior;
 use cairn_vision::{EyeModel, Frame};
 use nalgebra::SVector;
 use std::collections::{BTreeSet, VecDeque};
@@ -27,65 +30,67 @@ pub struct TrackerSetting {
     pub min_key_frame_gap: usize,
     /// Seconds without a pose after which a new world begins, if the place is still not recognised.
     pub new_world_s: f64,
+    /// Standard deviation of the place in metres up to which the inertial sensor may carry a pose that is not seen.
+    pub coast_sigma: f64,
+    /// Seconds for which it may do so at most.
+    pub coast_s: f64,
 }
 
 impl Default for TrackerSetting {
     fn default() -> Self {
-        Self { min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1, new_world_s: 0.5 }
+        Self { min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1, new_world_s: 0.5, coast_sigma: 0.5, coast_s: 5.0 }
     }
 }
 
 /// Frames kept while there is no map, so that they get their pose afterwards.
 const WAITING: usize = 64;
 
+/// Matches that must agree where the inertial sensor tells the pose too.
+const NEED_FELT: usize = 15;
 /// Seconds without a pose after which matches are still sought where the motion before leads.
 const BRIDGE_S: f64 = 0.6;
 /// Frames whose speeds are remembered.
 const PACED: usize = 90;
-/// How fast someone may move while nothing is seen: metres a second and radians a second.
-const UNSEEN_SPEED: f64 = 1.5;
-const UNSEEN_TURN: f64 = 1.5;
 /// What it takes to recognise a place when lost: matches by appearance that agree, and the share of all in the end.
 const RECOGNISE_SEED: usize = 12;
 const RECOGNISE_SHARE: f64 = 0.4;
-/// Seconds of a blank view after which the motion before may place what is seen next.
-const BLANK_S: f64 = 1.0;
 
 /// What is kept of the last frame that had a pose.
 #[derive(Debug)]
-struct Last {
-    frame: Arc<Frame>,
-    landmarks: Vec<Option<LandmarkId>>,
-    placed: Placed,
+pub(crate) struct Last {
+    pub frame: Arc<Frame>,
+    pub landmarks: Vec<Option<LandmarkId>>,
+    pub placed: Placed,
 }
 
 /// The tracking stage.
 #[derive(Debug)]
 pub struct Tracker {
-    eye: EyeModel,
-    features: usize,
-    rate_hz: f64,
-    setting: TrackerSetting,
-    starter: Starter,
+    pub(crate) eye: EyeModel,
+    pub(crate) features: usize,
+    pub(crate) rate_hz: f64,
+    pub(crate) setting: TrackerSetting,
+    pub(crate) starter: Starter,
     /// Frames seen before there was a map, oldest first.
-    waiting: VecDeque<Arc<Frame>>,
+    pub(crate) waiting: VecDeque<Arc<Frame>>,
     local: LocalMap,
-    last: Option<Last>,
+    pub(crate) last: Option<Last>,
     /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
-    velocity: Option<SVector<f64, 6>>,
+    pub(crate) velocity: Option<SVector<f64, 6>>,
     /// Speeds of the last frames, units a second.
-    speeds: VecDeque<f64>,
+    pub(crate) speeds: VecDeque<f64>,
     /// The key frame that the last pose hung on and its unit of length then.
     unit: Option<(KeyFrameId, f64)>,
-    lost: bool,
+    pub(crate) lost: bool,
     /// Frames since tracking was lost.
-    lost_frames: usize,
+    pub(crate) lost_frames: usize,
     /// When the last frame was located.
-    located: Option<Stamp>,
+    pub(crate) located: Option<Stamp>,
     /// When a world was last begun, or the first frame came.
-    begun: Option<Stamp>,
-    since_key_frame: usize,
+    pub(crate) begun: Option<Stamp>,
+    pub(crate) since_key_frame: usize,
     since_recovery: usize,
+    pub(crate) inertia: Option<Inertia>,
 }
 
 impl Tracker {
@@ -110,7 +115,13 @@ impl Tracker {
             begun: None,
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
+            inertia: None,
         }
+    }
+
+    /// The same with an inertial sensor, whose white noise is `noise_times` its data sheet's; `imu_from_eye` in metres.
+    pub fn feeling(self, sensor: &ImuSensor, imu_from_eye: Se3, noise_times: f64) -> Self {
+        Self { inertia: Some(Inertia::new(sensor, imu_from_eye, noise_times)), ..self }
     }
 
     /// Tells that mapping has begun a world with what was last offered: the last frame stands at key frame `id`.
@@ -124,18 +135,34 @@ impl Tracker {
         self.located = Some(k.frame.stamp);
         self.begun = Some(k.frame.stamp);
         self.since_key_frame = 0;
+        if let Some(inertia) = &mut self.inertia {
+            inertia.begun(k);
+        }
     }
 
-    /// Takes one frame. `idle` tells whether mapping would take up a key frame at once, `mapping` whether ever. Once
+    /// Takes one frame, and the readings of the inertial sensor up to it. `idle` tells whether mapping would take up a key frame at once, `mapping` whether ever. Once
     /// tracking is lost and the place is not recognised, the frame may be offered as the begin of a new world.
-    pub fn step(&mut self, frame: Arc<Frame>, map: &Map, idle: bool, mapping: bool) -> Tracked {
+    pub fn step(
+        &mut self,
+        frame: Arc<Frame>,
+        imu: &[ImuSample],
+        map: &Map,
+        idle: bool,
+        mapping: bool,
+    ) -> Tracked {
         self.begun.get_or_insert(frame.stamp);
+        if let Some(inertia) = &mut self.inertia {
+            inertia.take(imu);
+        }
         if map.key_frame_count() == 0 {
             return self.start(frame);
         }
         self.since_key_frame = self.since_key_frame.saturating_add(1);
         self.since_recovery = self.since_recovery.saturating_add(1);
         self.refresh_last(map);
+        if let Some(inertia) = &mut self.inertia {
+            inertia.refresh(map);
+        }
         let earlier = self.look_back(map);
         let mut tracked = self.follow(frame.clone(), map, idle);
         if self.lost && mapping {
@@ -149,30 +176,37 @@ impl Tracker {
 
     /// Finds where a frame is: by motion, by the reference, or by appearance.
     fn follow(&mut self, frame: Arc<Frame>, map: &Map, idle: bool) -> Tracked {
+        let felt = self.inertia.as_ref().and_then(|i| i.predict(frame.stamp));
+        let coasts = felt.as_ref().is_some_and(|b| self.may_coast(&frame, b));
         // A short gap is bridged by going on as before; after a longer one only appearance tells.
-        let first_guess = if self.lost && !self.recent(&frame, BRIDGE_S) {
+        let first_guess = if self.lost && !self.recent(&frame, BRIDGE_S) && !coasts {
             None
         } else {
-            self.by_motion(&frame, map).or_else(|| self.by_reference(&frame, map))
+            self.by_motion(&frame, map, felt.as_ref()).or_else(|| self.by_reference(&frame, map))
         };
-        let (guess, matches, recovered) = match first_guess {
-            Some((pose, matches)) => (pose, matches, false),
-            None => match self.relocalise(&frame, map) {
+        let carried = felt.clone().filter(|_| coasts);
+        let (guess, matches, recovered) = match (first_guess, carried) {
+            (Some((pose, matches)), _) => (pose, matches, false),
+            // What is felt is good enough to look for the map where it must be.
+            (None, Some(belief)) => (belief.world_from_eye, Matches::none(&frame), false),
+            (None, None) => match self.relocalise(&frame, map) {
                 Ok((pose, matches)) => (pose, matches, true),
-                Err(inliers) => return self.lose(frame, inliers),
+                Err(inliers) => return self.miss(frame, map, inliers, felt, idle),
             },
         };
         if recovered {
             self.since_recovery = 0;
             self.velocity = None;
         }
-        self.finish(frame, map, guess, matches, idle)
+        let felt = felt.filter(|_| !recovered);
+        self.finish(frame, map, guess, matches, felt, idle)
     }
 
     fn start(&mut self, frame: Arc<Frame>) -> Tracked {
         let features = frame.len();
         self.wait(&frame);
-        let (state, offer) = match self.starter.step(&self.eye, &frame, self.features) {
+        let offered = self.starter.step(&self.eye, &frame, self.features);
+        let (state, offer) = match offered.map(|offer| self.with_sense(offer)) {
             Ok(offer) => (State::Starting { have: features, need: 0 }, Some(offer)),
             Err(state) => (state, None),
         };
@@ -190,51 +224,11 @@ impl Tracker {
     }
 
     /// Keeps a frame that may get its pose later.
-    fn wait(&mut self, frame: &Arc<Frame>) {
+    pub(crate) fn wait(&mut self, frame: &Arc<Frame>) {
         if self.waiting.len() == WAITING {
             self.waiting.pop_front();
         }
         self.waiting.push_back(frame.clone());
-    }
-
-    /// A new world, when tracking has been lost for a while: nothing is thrown away, the former one stays and waits to
-    /// be recognised. It begins where the eye was last known to be, with an uncertainty that grows with the time since.
-    fn begin_anew(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
-        self.wait(&frame);
-        let since = self.located.max(self.begun)?;
-        if frame.stamp - since < self.setting.new_world_s {
-            return None;
-        }
-        let mut offer = self.starter.step(&self.eye, &frame, self.features).ok()?;
-        if let Offer::First { frame: root, adrift } | Offer::Pair { first: root, adrift, .. } = &mut offer {
-            *adrift = self.adrift(root, map);
-        }
-        Some(offer)
-    }
-
-    fn adrift(&self, frame: &Frame, map: &Map) -> Option<Adrift> {
-        let last = self.last.as_ref()?;
-        let unseen_s = frame.stamp - last.frame.stamp;
-        // Where the view ran out of features the motion goes on for a while; a sudden loss says nothing of it.
-        let goes_on_s = if self.ran_out(last) { unseen_s.clamp(0.0, BLANK_S) } else { 0.0 };
-        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * goes_on_s)));
-        let believed = last.placed.world_from_eye * moved;
-        let placed = hung(map, map.living(last.placed.reference)?.0, believed)?;
-        // Without metric scale the pace so far tells how long a metre is.
-        let pace = self.pace();
-        let metre = if self.eye.baseline_fx > 0.0 { 1.0 } else { pace.unwrap_or(1.0) / UNSEEN_SPEED };
-        let (sigma, sigma_rad) = (UNSEEN_SPEED * unseen_s * metre, UNSEEN_TURN * unseen_s);
-        Some(Adrift { placed, sigma, sigma_rad, pace })
-    }
-
-    /// How fast the eye goes when it goes: the upper third of the last seconds, since turns and stops are slower.
-    fn pace(&self) -> Option<f64> {
-        let mut speeds: Vec<f64> = self.speeds.iter().copied().collect();
-        let third = 2 * speeds.len() / 3;
-        if speeds.len() < 10 {
-            return None;
-        }
-        Some(*speeds.select_nth_unstable_by(third, f64::total_cmp).1).filter(|pace| *pace > 0.0)
     }
 
     /// Poses of the frames before the start, from the youngest back, as far as they can be tracked.
@@ -317,17 +311,29 @@ impl Tracker {
     }
 
     fn locate(&self, map: &Map, frame: &Frame, guess: &Se3, matches: &mut Matches) -> Located {
-        let located = locate(map, &self.eye, frame, guess, &matches.landmarks, &matches.extra);
+        self.locate_from(map, frame, guess, None, matches)
+    }
+
+    fn locate_from(
+        &self,
+        map: &Map,
+        frame: &Frame,
+        guess: &Se3,
+        prior: Option<&PosePrior>,
+        matches: &mut Matches,
+    ) -> Located {
+        let located = locate(map, &self.eye, frame, guess, &matches.landmarks, &matches.extra, prior);
         matches.drop_outliers(&located.outliers);
         located
     }
 
-    /// By the motion of the last two frames, or by standing still when that is not known.
-    fn by_motion(&self, frame: &Frame, map: &Map) -> Option<(Se3, Matches)> {
+    /// By what was felt, by the motion of the last two frames, or by standing still when that is not known.
+    fn by_motion(&self, frame: &Frame, map: &Map, felt: Option<&Belief>) -> Option<(Se3, Matches)> {
         let last = self.last.as_ref()?;
         let elapsed = frame.stamp - last.frame.stamp;
         let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * elapsed)));
-        self.match_from(last, &(last.placed.world_from_eye * moved), frame, map)
+        let guess = felt.map_or(last.placed.world_from_eye * moved, |b| b.world_from_eye);
+        self.match_from(last, &guess, frame, map)
     }
 
     /// Matches with the frame before around a guess, and farther out where the guess was poor.
@@ -397,35 +403,48 @@ impl Tracker {
         map: &Map,
         guess: Se3,
         mut matches: Matches,
+        felt: Option<Belief>,
         idle: bool,
     ) -> Tracked {
         let Some(newest) = map.newest_key_frame().map(|k| k.id) else { return self.lose(frame, 0) };
+        let prior = felt.as_ref().and_then(|b| {
+            Some(PosePrior { world_from_eye: b.world_from_eye, information: b.pose_information()? })
+        });
         let fallback =
             self.last.as_ref().and_then(|l| map.living(l.placed.reference)).map_or(newest, |(id, _)| id);
         matches.extra.clear();
         self.local.gather(map, &matches, fallback, self.setting.local_key_frames);
         let factor = match self.since_recovery {
             0..=2 => 5.0,
+            _ if matches.count() == 0 => 5.0,
             _ => 1.0,
         };
         let mut expected = self.local.search(map, &self.eye, &frame, &guess, factor, &mut matches);
         let mut matched = matches.count();
-        let mut located = self.locate(map, &frame, &guess, &mut matches);
+        let mut located = self.locate_from(map, &frame, &guess, prior.as_ref(), &mut matches);
         // Few of those expected were found: the guess was poor. Look again from the better pose.
         if located.inliers * 3 < expected.len() {
             expected = self.local.search(map, &self.eye, &frame, &located.world_from_eye, 1.0, &mut matches);
             matched = matches.count();
-            located = self.locate(map, &frame, &located.world_from_eye, &mut matches);
+            located =
+                self.locate_from(map, &frame, &located.world_from_eye, prior.as_ref(), &mut matches);
         }
-        let need =
-            if self.since_recovery < 30 { self.setting.min_inliers * 3 / 2 } else { self.need(&frame) };
+        let need = match (&prior, self.since_recovery < 30) {
+            // What is felt speaks for the pose too.
+            (Some(_), _) => self.need(&frame).min(NEED_FELT),
+            (None, true) => self.setting.min_inliers * 3 / 2,
+            (None, false) => self.need(&frame),
+        };
         if located.inliers < need {
-            return self.lose(frame, located.inliers);
+            return self.miss(frame, map, located.inliers, felt, idle);
         }
         let world_from_eye = located.world_from_eye;
         let Some(placed) = self.place(map, fallback, world_from_eye) else {
             return self.lose(frame, located.inliers);
         };
+        if let Some(inertia) = &mut self.inertia {
+            inertia.seen(map, frame.stamp, &placed, felt.as_ref(), &located.information);
+        }
         let reference = self.local.reference.unwrap_or(fallback);
         self.velocity = match &self.last {
             Some(last) if self.recent(&frame, BRIDGE_S) && frame.stamp > last.frame.stamp => {
@@ -453,12 +472,14 @@ impl Tracker {
             reference,
             turned_rad: placed.reference_from_eye.rotation.angle(),
             since: self.since_key_frame,
+            since_s: self.inertia.as_ref().and_then(|i| i.unoffered(frame.stamp)),
             idle,
         };
         let offer = wants_key_frame(&situation, self.rate_hz, self.setting.min_key_frame_gap).then(|| {
             self.since_key_frame = 0;
             let placed = hung(map, reference, world_from_eye).unwrap_or(placed);
-            Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed }
+            let sensed = self.inertia.as_mut().map(|i| i.sense(frame.stamp));
+            Offer::Next { frame: frame.clone(), landmarks: matches.landmarks.clone(), placed, sensed }
         });
         let found: std::collections::BTreeSet<LandmarkId> =
             matches.landmarks.iter().flatten().copied().collect();
@@ -479,60 +500,20 @@ impl Tracker {
     }
 
     /// Matches that must agree in a frame: of a blank wall's few features a good share will do, where each has depth.
-    fn need(&self, frame: &Frame) -> usize {
+    pub(crate) fn need(&self, frame: &Frame) -> usize {
         let least = if self.eye.baseline_fx > 0.0 { 10 } else { 15 };
         self.setting.min_inliers.min((frame.len() / 4).max(least))
     }
 
     /// Whether so little time has passed since the last pose that motion goes on as it was.
-    fn recent(&self, frame: &Frame, seconds: f64) -> bool {
+    pub(crate) fn recent(&self, frame: &Frame, seconds: f64) -> bool {
         self.located.is_none_or(|t| frame.stamp - t < seconds)
     }
 
-    /// Past a blank wall: once there is something with depth to see again, it enters the map where the motion before
-    /// the gap leads. The frame itself counts as lost; the next ones are tracked from it. Only where the view had
-    /// run out of features: a sudden motion is no ground for going on as before.
-    fn bridge(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
-        let last = self.last.as_ref()?;
-        let blank = self.eye.baseline_fx > 0.0 && self.ran_out(last);
-        let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
-        if !blank || !self.recent(&frame, BLANK_S) || deep < (self.features / 12).max(40) {
-            return None;
-        }
-        let moved = Se3::exp(&(self.velocity? * (frame.stamp - last.frame.stamp)));
-        let world_from_eye = last.placed.world_from_eye * moved;
-        let (reference, _) = map.living(last.placed.reference)?;
-        let placed = hung(map, reference, world_from_eye)?;
-        let landmarks = vec![None; frame.len()];
-        self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
-        self.since_key_frame = 0;
-        Some(Offer::Next { frame, landmarks, placed })
-    }
-
-    /// Whether the last view had run out of features: a blank wall.
-    fn ran_out(&self, last: &Last) -> bool {
-        4 * last.frame.len() < self.features
-    }
-
-    fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
-        self.lost = true;
-        self.lost_frames += 1;
-        let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
-        let state = State::Lost { inliers, need: self.setting.min_inliers };
-        Tracked {
-            stamp: frame.stamp,
-            state,
-            pose: None,
-            evidence,
-            offer: None,
-            earlier: Vec::new(),
-            seen: Vec::new(),
-        }
-    }
 }
 
 /// A pose that hangs on a key frame.
-fn hung(map: &Map, reference: KeyFrameId, world_from_eye: Se3) -> Option<Placed> {
+pub(crate) fn hung(map: &Map, reference: KeyFrameId, world_from_eye: Se3) -> Option<Placed> {
     let reference_from_eye = map.hang(reference, &world_from_eye)?;
     Some(Placed { reference, reference_from_eye, world_from_eye })
 }

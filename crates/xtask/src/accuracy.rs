@@ -3,7 +3,6 @@
 
 use crate::recordings::{RECORDINGS, Recording};
 use crate::{Measured, Setting, measure};
-use cairn_eval::Align;
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
 use std::fmt::Write;
@@ -75,7 +74,7 @@ pub fn table(rows: &[Row]) -> String {
     for row in rows {
         let m = &row.measured;
         let Some(r) = crate::recordings::recording(&row.name).map(|r| r.reference) else { continue };
-        let align = if m.sensor.align() == Align::Sim3 { "Sim3" } else { "SE3" };
+        let align = if m.metric { "SE3" } else { "Sim3" };
         let ate = m.ate_m.map_or("none".into(), |a| format!("{a:.4}"));
         let same = match row.twice_the_same {
             Some(true) => "yes",

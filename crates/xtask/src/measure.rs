@@ -5,13 +5,14 @@ use cairn_engine::{Config, Engine, Joined, Runner, SensorMode};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{Source, Stamp};
+use cairn_sim::SimSensor;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
 /// Which sensors the engine is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum Sensor {
     /// One camera.
     Mono,
@@ -19,11 +20,24 @@ pub enum Sensor {
     Stereo,
     /// One camera and a depth sensor.
     Rgbd,
+    /// One camera and an inertial sensor.
+    MonoImu,
+    /// Two cameras and an inertial sensor.
+    StereoImu,
+    /// One camera, a depth sensor and an inertial sensor.
+    RgbdImu,
 }
 
 impl Sensor {
-    /// All of them.
+    /// Those without an inertial sensor.
     pub const ALL: [Self; 3] = [Self::Mono, Self::Stereo, Self::Rgbd];
+    /// Those with one.
+    pub const INERTIAL: [Self; 3] = [Self::MonoImu, Self::StereoImu, Self::RgbdImu];
+
+    /// Whether the inertial sensor is used.
+    pub fn is_inertial(self) -> bool {
+        Self::INERTIAL.contains(&self)
+    }
 
     /// Its name, as in `sim:` addresses.
     pub fn name(self) -> &'static str {
@@ -31,29 +45,36 @@ impl Sensor {
             Self::Mono => "mono",
             Self::Stereo => "stereo",
             Self::Rgbd => "rgbd",
+            Self::MonoImu => "mono-imu",
+            Self::StereoImu => "stereo-imu",
+            Self::RgbdImu => "rgbd-imu",
+        }
+    }
+
+    /// The simulation's word for its eyes.
+    pub fn simulated(self) -> SimSensor {
+        match self.mode() {
+            SensorMode::Mono => SimSensor::Mono,
+            SensorMode::Stereo => SimSensor::Stereo,
+            SensorMode::Rgbd => SimSensor::Rgbd,
         }
     }
 
     /// The engine's word for it.
     pub fn mode(self) -> SensorMode {
         match self {
-            Self::Mono => SensorMode::Mono,
-            Self::Stereo => SensorMode::Stereo,
-            Self::Rgbd => SensorMode::Rgbd,
+            Self::Mono | Self::MonoImu => SensorMode::Mono,
+            Self::Stereo | Self::StereoImu => SensorMode::Stereo,
+            Self::Rgbd | Self::RgbdImu => SensorMode::Rgbd,
         }
-    }
-
-    /// One camera sees no scale: its trajectories are compared after a similarity.
-    pub fn align(self) -> Align {
-        if self == Self::Mono { Align::Sim3 } else { Align::Se3 }
     }
 }
 
 impl FromStr for Sensor {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let known = Self::ALL.into_iter().find(|s| s.name() == text);
-        known.ok_or_else(|| format!("there is no sensor \"{text}\"; write mono, stereo or rgbd"))
+        let known = Self::ALL.into_iter().chain(Self::INERTIAL).find(|s| s.name() == text);
+        known.ok_or_else(|| format!("there is no sensor \"{text}\"; write mono, stereo, rgbd, or one of them with -imu"))
     }
 }
 
@@ -94,8 +115,12 @@ pub struct Measured {
     pub ate_m: Option<f64>,
     /// RMSE of the poses as they were told at the time.
     pub live_ate_m: Option<f64>,
-    /// Scale that the alignment found.
+    /// Whether lengths are metres: then scale is not aligned.
+    pub metric: bool,
+    /// Scale that the alignment found; where lengths are metres and scale is not aligned, what it would have found.
     pub scale: f64,
+    /// When the first pose with metres was told, seconds after the first frame.
+    pub metric_s: Option<f64>,
     /// Length of the true way, metres.
     pub path_m: f64,
     /// Decoded image to pose, milliseconds.
@@ -147,14 +172,16 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
     let rate_hz = source.info().rate_hz;
     let rig = source.rig().clone();
     let mode = setting.sensor.mode();
-    let mut engine =
-        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &setting.config).map_err(|e| e.to_string())?;
+    let mut config = setting.config.clone();
+    config.inertial.enabled = setting.sensor.is_inertial();
+    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
     let (mut loops, mut merges, mut refused) = (0, 0, 0);
     let (mut joined_s, mut false_joins) = (Vec::new(), Vec::new());
     let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
     let mut before: Option<(Stamp, Se3)> = None;
+    let mut metric_s = None;
     while stamps.len() < setting.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
@@ -174,6 +201,14 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
                 if out.map_ms.is_empty() { "" } else { " +" },
                 step_off(&truth, &mut before, packet.stamp, out.world_from_body.map(|p| p.se3)),
             );
+        }
+        if out.metric && metric_s.is_none() {
+            metric_s = Some(packet.stamp - *stamps.first().unwrap_or(&packet.stamp));
+        }
+        if let Some(attempt) = out.attempt.filter(|_| setting.verbose) {
+            let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
+            let found = attempt.found.as_ref().map(|f| (f.scale, f.scale_sigma, f.bias, f.noise_times));
+            eprintln!("initialising: {} {found:?}", if gates.is_empty() { "done".into() } else { gates.join("; ") });
         }
         for v in &out.verdicts {
             match v.result {
@@ -202,9 +237,10 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
     let map = engine.map();
     map.check()?;
     let poses = engine.trajectory();
-    let align = setting.sensor.align();
+    let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
     let truth = engine.comparable(&source.info().truth);
-    let (ate_m, scale) = ate(&truth, &poses, align)?;
+    let (ate_m, _) = ate(&truth, &poses, align)?;
+    let (_, scale) = ate(&truth, &poses, Align::Sim3)?;
     let (live_ate_m, _) = ate(&truth, &engine.live_trajectory(), align)?;
     let (started, lost) = gaps(&stamps, &poses);
     Ok(Measured {
@@ -215,7 +251,9 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         started,
         ate_m,
         live_ate_m,
+        metric: engine.is_metric(),
         scale,
+        metric_s,
         path_m: path_between(&source.info().truth, &stamps),
         step_ms: Percentiles::of(&step_ms).unwrap_or_default(),
         track_ms: Percentiles::of(&track_ms).unwrap_or_default(),

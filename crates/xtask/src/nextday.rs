@@ -5,7 +5,7 @@ use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
 use cairn_sensor::{Source, SourceError, Stamp};
-use cairn_sim::{Route, SimSensor, SimSetting, SimSource, WorldKind};
+use cairn_sim::{Route, SimSetting, SimSource, WorldKind};
 use cairn_solve::ransac::Rng;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -60,11 +60,7 @@ impl Day {
         setting.duration_s = Some(WALK_S);
         setting.walker.speed = 1.1;
         setting.options.detail = 0.6;
-        setting.sensor = match sensor {
-            Sensor::Mono => SimSensor::Mono,
-            Sensor::Stereo => SimSensor::Stereo,
-            Sensor::Rgbd => SimSensor::Rgbd,
-        };
+        setting.sensor = sensor.simulated();
         let mut source = SimSource::new(&setting).map_err(text)?;
         let rig = source.rig().clone();
         let mut engine = Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default())

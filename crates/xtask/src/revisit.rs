@@ -5,7 +5,7 @@ use crate::{Measured, Sensor, Setting, measure};
 use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
-use cairn_sim::{Route, SimSensor, SimSetting, SimSource, WorldKind};
+use cairn_sim::{Route, SimSetting, SimSource, WorldKind};
 use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -71,11 +71,7 @@ impl Revisit {
         sim.walker.speed = 1.1;
         sim.options.detail = 0.6;
         sim.options.look_alike = self.trial == Trial::Alike;
-        sim.sensor = match self.sensor {
-            Sensor::Mono => SimSensor::Mono,
-            Sensor::Stereo => SimSensor::Stereo,
-            Sensor::Rgbd => SimSensor::Rgbd,
-        };
+        sim.sensor = self.sensor.simulated();
         let plain = SimSource::new(&sim).map_err(text)?;
         if self.trial != Trial::Alike {
             sim.route = Route::Points(laps(&plain, self.world)?);

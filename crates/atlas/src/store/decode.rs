@@ -1,4 +1,4 @@
-//! From the parts of a file to a map, version 1; see `encode.rs` for what stands where.
+//! From the parts of a file to a map, versions 1 and 2; see `encode.rs` for what stands where.
 //!
 //! A file may hold anything: every number is looked at before it is used, and what could not be a map is an error that
 //! names the part.
@@ -8,8 +8,9 @@ use super::container::Parts;
 use super::encode::{CHUNK, NO_PICK};
 use super::wire::Decoder;
 use super::{ATTACHED, MapFile, StoreError};
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Observation, PlaceIndex, Tie, WorldId};
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Motion, Observation, PlaceIndex, Tie, WorldId};
 use cairn_geometry::{Sim3, Vec3};
+use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::{Bag, Vocabulary, WordId};
 use cairn_vision::{Descriptor, EyeModel, Frame, Octaves};
@@ -40,6 +41,9 @@ pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
     }
     let (mut key_frames, features) = read_key_frames(parts, &map, &counts)?;
     read_worlds(parts, &mut map, &counts, &key_frames)?;
+    if parts.version >= 2 {
+        read_motion(parts, &mut map, &mut key_frames)?;
+    }
     let (mut landmarks, picks) = read_landmarks(parts, &map, &counts)?;
     let shown = read_features(parts, &about.eye, map.octaves, &mut key_frames, &features)?;
     observe(&shown, &mut key_frames, &mut landmarks)?;
@@ -198,6 +202,40 @@ fn read_worlds(
     }
     d.end()?;
     map.worlds = Arc::new(worlds);
+    Ok(())
+}
+
+fn read_motion(parts: &Parts, map: &mut Map, key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {
+    let bytes = parts.get("motion")?;
+    let mut d = Decoder::new("motion", &bytes);
+    let mut levelled = BTreeMap::new();
+    for _ in 0..d.u32()? {
+        let (root, times) = (d.u32()?, d.u32()?);
+        let world = key_frames.get(root as usize).map(|k| WorldId(k.id));
+        let world = world.filter(|w| times > 0 && map.worlds.contains_key(w));
+        let world = world.ok_or_else(|| d.wrong(format!("row {root} is no world that was levelled")))?;
+        levelled.insert(world, times);
+    }
+    let n = d.u32()? as usize;
+    if n > key_frames.len() {
+        return Err(d.wrong(format!("{n} motions of {} key frames", key_frames.len())));
+    }
+    let rows = d.column_u32(n)?;
+    let mut numbers = Vec::with_capacity(9);
+    for _ in 0..9 {
+        numbers.push(d.column_f64(n)?);
+    }
+    d.end()?;
+    for (i, row) in rows.iter().enumerate() {
+        let vector = |at: usize| Vec3::new(numbers[at][i], numbers[at + 1][i], numbers[at + 2][i]);
+        let bias = Bias { gyro: vector(3), accel: vector(6) };
+        let motion = Motion { velocity: vector(0), bias, felt: None };
+        let sound = (0..9).all(|at| numbers[at][i].is_finite());
+        let k = key_frames.get_mut(*row as usize).filter(|_| sound);
+        let wrong = || StoreError::part("motion", format!("the motion of row {row} can not be"));
+        k.ok_or_else(wrong)?.motion = Some(motion);
+    }
+    map.levelled = Arc::new(levelled);
     Ok(())
 }
 

@@ -1,4 +1,4 @@
-//! From a map to the parts of a file, version 1. `decode.rs` is the other side; the two are read together.
+//! From a map to the parts of a file, version 2. `decode.rs` is the other side; the two are read together.
 //!
 //! Parts hold columns (see `wire.rs`). Key frames and landmarks name each other by row: the place in their part, which
 //! is their order of birth. A row that may be missing is counted from 1, and 0 is nobody.
@@ -8,6 +8,7 @@
 //! | about | what the map was made with; counts; calibration |
 //! | worlds | roots and ties |
 //! | key frames | poses, units, parents, loops, covisible neighbours |
+//! | motion | since version 2: which worlds are level; velocities and biases of key frames that have a motion |
 //! | gone | where removed key frames hang |
 //! | landmarks | ids, positions, and which observation gave the descriptor |
 //! | words | words of each key frame, by the vocabulary that made them |
@@ -20,7 +21,7 @@ use super::about::{About, numbers};
 use super::container::PartsWriter;
 use super::wire::Encoder;
 use super::{ATTACHED, MapFile, StoreError};
-use crate::{KeyFrame, Map};
+use crate::{KeyFrame, Map, Motion};
 use cairn_vision::bow::Vocabulary;
 use std::io::{Seek, Write};
 
@@ -54,13 +55,14 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     let rows = Rows::new(map);
     let key_frames: Vec<&KeyFrame> = map.key_frames().collect();
     let mut names: Vec<String> =
-        ["about", "worlds", "key frames", "gone", "landmarks", "words"].map(String::from).into();
+        ["about", "worlds", "key frames", "motion", "gone", "landmarks", "words"].map(String::from).into();
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
     let mut parts = PartsWriter::begin(out, super::VERSION, names)?;
     parts.put(&about(&file.about, map))?;
     parts.put(&worlds(map, &rows))?;
     parts.put(&hung(&key_frames, &rows))?;
+    parts.put(&motion(map, &key_frames, &rows))?;
     parts.put(&gone(map))?;
     parts.put(&landmarks(map))?;
     parts.put(&words(&key_frames))?;
@@ -129,6 +131,28 @@ fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     e.column_u32(&covisible().map(|(id, _)| rows.key_frames[id.index()]).collect::<Vec<_>>());
     e.column_u32(&covisible().map(|(_, count)| *count).collect::<Vec<_>>());
     e.0
+}
+
+/// What was felt between key frames is not kept: the next session has readings of its own.
+fn motion(map: &Map, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
+    let mut e = Encoder::default();
+    e.u32(map.levelled.len() as u32);
+    for (world, times) in map.levelled.iter() {
+        e.u32(rows.key_frames[world.root().index()]);
+        e.u32(*times);
+    }
+    let moving = || key_frames.iter().filter_map(|k| Some((k.id, k.motion.as_ref()?)));
+    e.u32(moving().count() as u32);
+    e.column_u32(&moving().map(|(id, _)| rows.key_frames[id.index()]).collect::<Vec<_>>());
+    for i in 0..9 {
+        e.column_f64(&moving().map(|(_, m)| motion_numbers(m)[i]).collect::<Vec<_>>());
+    }
+    e.0
+}
+
+fn motion_numbers(m: &Motion) -> [f64; 9] {
+    let parts = [m.velocity, m.bias.gyro, m.bias.accel];
+    std::array::from_fn(|i| parts[i / 3][i % 3])
 }
 
 fn gone(map: &Map) -> Vec<u8> {

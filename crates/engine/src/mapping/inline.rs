@@ -21,7 +21,8 @@ impl Inline {
         let start = Instant::now();
         let result = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, offer, || false)));
         done.ms.push(start.elapsed().as_secs_f64() * 1e3);
-        let closed = result.and_then(|id| {
+        let closed = result.and_then(|(id, attempt)| {
+            done.attempt = attempt.or(done.attempt.take());
             catch_unwind(AssertUnwindSafe(|| close_inline(closer, atlas, id, done))).map(|()| id)
         });
         closed.unwrap_or_else(|cause| {

@@ -7,7 +7,8 @@ mod threaded;
 pub use replay::{Replayed, Stopped};
 
 use crate::journal::{FrameRecord, Header, Journal, Record};
-use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Subscription, Tie};
+use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Sensed, Subscription, Tie};
+use cairn_inertial::Attempt;
 use cairn_mapping::{Begin, Closer, Mapper, Verdict};
 use cairn_sensor::Stamp;
 use cairn_tracking::{Adrift, Offer};
@@ -36,6 +37,8 @@ pub(crate) struct Done {
     pub close_ms: Vec<f64>,
     /// What closing said of the places it compared.
     pub verdicts: Vec<Verdict>,
+    /// How gravity, scale and biases were sought last.
+    pub attempt: Option<Attempt>,
     /// Why a stage died, if one did.
     pub died: Option<String>,
 }
@@ -45,6 +48,7 @@ impl Done {
         self.ms.extend(other.ms);
         self.close_ms.extend(other.close_ms);
         self.verdicts.extend(other.verdicts);
+        self.attempt = other.attempt.or(self.attempt.take());
         self.died = self.died.take().or(other.died);
     }
 }
@@ -188,21 +192,25 @@ fn take(
     atlas: &mut Atlas,
     offer: &Offer,
     stop: impl FnMut() -> bool,
-) -> Option<KeyFrameId> {
-    match offer {
-        Offer::First { frame, adrift } => Some(mapper.start(atlas, frame, &begin(adrift))),
-        Offer::Pair { first, second, first_from_second, points, adrift } => {
-            mapper.start_pair(atlas, first, second, *first_from_second, points, &begin(adrift))
+) -> (Option<KeyFrameId>, Option<Attempt>) {
+    let id = match offer {
+        Offer::First { frame, adrift, sensed } => Some(mapper.start(atlas, frame, &begin(adrift, sensed, true))),
+        Offer::Pair { first, second, first_from_second, points, adrift, sensed } => {
+            let begin = begin(adrift, sensed, false);
+            mapper.start_pair(atlas, first, second, *first_from_second, points, &begin)
         }
-        Offer::Next { frame, landmarks, placed } => mapper
-            .step(atlas, frame, landmarks, placed.reference, placed.reference_from_eye, stop)
-            .map(|mapped| mapped.key_frame),
-    }
+        Offer::Next { frame, landmarks, placed, sensed } => {
+            let (reference, from_eye) = (placed.reference, placed.reference_from_eye);
+            let mapped = mapper.step(atlas, frame, landmarks, reference, from_eye, sensed.as_ref(), stop);
+            return mapped.map_or((None, None), |m| (Some(m.key_frame), m.attempt));
+        }
+    };
+    (id, None)
 }
 
 /// Where a world begins: at a place believed in a former world, or as the first.
-fn begin(adrift: &Option<Adrift>) -> Begin {
-    adrift.map_or(Begin::default(), |a| Begin {
+fn begin(adrift: &Option<Adrift>, sensed: &Option<Sensed>, metric: bool) -> Begin {
+    let begin = adrift.map_or(Begin::default(), |a| Begin {
         world_from_eye: a.placed.world_from_eye,
         tie: Some(Tie {
             to: a.placed.reference,
@@ -211,7 +219,10 @@ fn begin(adrift: &Option<Adrift>) -> Begin {
             sigma_rad: a.sigma_rad,
         }),
         pace: a.pace,
-    })
+        level: metric && a.level,
+        ..Begin::default()
+    });
+    Begin { sensed: sensed.clone(), ..begin }
 }
 
 fn text_of(cause: &Box<dyn std::any::Any + Send>) -> String {

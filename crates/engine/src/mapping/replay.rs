@@ -256,7 +256,11 @@ impl Replay {
             stop_after.is_some_and(|n| asked > n)
         };
         let Inline { mapper, atlas, .. } = &mut self.stages;
-        let id = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &offer, stop)));
+        let taken = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &offer, stop)));
+        let id = taken.map(|(id, attempt)| {
+            done.attempt = attempt.or(done.attempt.take());
+            id
+        });
         done.ms.push(start.elapsed().as_secs_f64() * 1e3);
         self.answer = id.unwrap_or_else(|cause| {
             done.died = Some(text_of(&cause));

@@ -196,13 +196,14 @@ impl Keeper {
                     asked += 1;
                     stop_after.is_some()
                 };
-                let id =
+                let mut id =
                     catch_unwind(AssertUnwindSafe(|| take(&mut self.mapper, &mut self.atlas, &offer, stop)));
                 self.scribe.write(&Record::Offer { stop_after });
                 self.waiting.fetch_sub(1, Ordering::Relaxed);
                 let ms = vec![start.elapsed().as_secs_f64() * 1e3];
-                let _ = self.tell.send(Done { ms, ..Done::default() });
-                let id = id.unwrap_or_else(|cause| std::panic::resume_unwind(cause));
+                let attempt = id.as_mut().ok().and_then(|(_, attempt)| attempt.take());
+                let _ = self.tell.send(Done { ms, attempt, ..Done::default() });
+                let (id, _) = id.unwrap_or_else(|cause| std::panic::resume_unwind(cause));
                 let _ = reply.try_send(id);
                 if let Some(id) = id {
                     self.job(Job::Place(self.atlas.latest().clone(), id));

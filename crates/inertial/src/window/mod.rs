@@ -1,22 +1,19 @@
-//! Key frames that were seen and felt, adjusted together: reprojections, inertial links, and what is left of older ones.
+//! Key frames that were seen and felt, adjusted together: reprojections and inertial links.
 //!
 //! Per key frame fifteen unknowns: the eye's pose (translation, rotation), velocity, gyro bias, accel bias. Points are
 //! eliminated first (Triggs et al. 2000, section 6), the rest is solved densely: windows are short. The world is in metres
 //! with gravity as given. The eye is what poses are of, as everywhere in the map; the sensor is one constant transform away,
 //! and its Jacobians go through that transform's adjoint.
 //!
-//! Source: visual-inertial bundle adjustment as in Campos et al., "ORB-SLAM3" (TRO 2021), eq. 3-5; marginalisation as in
-//! Leutenegger et al., "Keyframe-based visual-inertial odometry using nonlinear optimization" (IJRR 2015), section 3.4.
+//! Source: visual-inertial bundle adjustment as in Campos et al., "ORB-SLAM3" (TRO 2021), eq. 3-5.
 
 mod normal;
-mod prior;
 
 use crate::{Bias, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Se3, Vec3};
 use cairn_solve::{CHI2_2, CHI2_3, Observation, Pinhole, Report, Stop};
 use nalgebra::SVector;
 use normal::Normal;
-pub use prior::Prior;
 
 /// Unknowns of a key frame.
 pub const STATE: usize = 15;
@@ -28,17 +25,23 @@ pub enum Hold {
     Free,
     /// Its pose.
     Pose,
+    /// Its place and heading; it may tilt.
+    Place,
+    /// Its velocity and biases: it has none that are known.
+    Motion,
     /// All of it.
     All,
 }
 
 impl Hold {
-    /// How many of the first unknowns stay.
-    fn unknowns(self) -> usize {
+    /// Which unknowns stay.
+    fn unknowns(self) -> std::ops::Range<usize> {
         match self {
-            Self::Free => 0,
-            Self::Pose => 6,
-            Self::All => STATE,
+            Self::Free => 0..0,
+            Self::Pose => 0..6,
+            Self::Place => 0..3,
+            Self::Motion => 6..STATE,
+            Self::All => 0..STATE,
         }
     }
 }
@@ -78,16 +81,6 @@ impl VioFrame {
             hold: self.hold,
         }
     }
-
-    /// The tangent from here to another, in the order of the unknowns.
-    fn local(&self, other: &Self) -> SVector<f64, STATE> {
-        let mut d = SVector::<f64, STATE>::zeros();
-        d.fixed_rows_mut::<6>(0).copy_from(&self.world_from_eye.local(&other.world_from_eye));
-        d.fixed_rows_mut::<3>(6).copy_from(&(other.velocity - self.velocity));
-        d.fixed_rows_mut::<3>(9).copy_from(&(other.bias.gyro - self.bias.gyro));
-        d.fixed_rows_mut::<3>(12).copy_from(&(other.bias.accel - self.bias.accel));
-        d
-    }
 }
 
 /// Readings from one key frame of the window to another.
@@ -118,8 +111,6 @@ pub struct VioWindow {
     pub observations: Vec<Observation>,
     /// Links; none where readings are missing.
     pub links: Vec<VioLink>,
-    /// What is left of key frames that are gone.
-    pub prior: Option<Prior>,
 }
 
 /// How to solve.
@@ -211,13 +202,6 @@ impl VioWindow {
         self.links.iter().map(|l| self.whitened(l).map_or(f64::INFINITY, |r| r.norm_squared())).collect()
     }
 
-    /// Removes a key frame and the points for which `gone` says so, and keeps what they say of the others as a prior at the
-    /// present states. All observations of those points go into it; other observations of the frame are forgotten.
-    /// Indices of frames and points close up. `None` when that is singular; the window is then as it was.
-    pub fn marginalise(&mut self, frame: usize, gone: impl Fn(usize) -> bool) -> Option<()> {
-        prior::marginalise(self, frame, gone)
-    }
-
     fn follow(&mut self) {
         for link in &mut self.links {
             link.sum.follow(&self.frames[link.from].bias);
@@ -230,7 +214,7 @@ impl VioWindow {
     }
 
     fn cost(&self, robust: bool) -> f64 {
-        let mut cost = self.prior.as_ref().map_or(0.0, |p| p.cost(&self.frames));
+        let mut cost = 0.0;
         for link in &self.links {
             cost += self.whitened(link).map_or(f64::INFINITY, |r| 0.5 * r.norm_squared());
         }

@@ -1,9 +1,12 @@
 //! The normal equations of a window, and a damped step of them.
 
-use super::{STATE, VioFrame, VioLink, VioWindow, bound};
+use super::{Hold, STATE, VioFrame, VioLink, VioWindow, bound};
 use cairn_geometry::{Mat3, Vec3};
 use cairn_solve::huber;
 use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
+
+/// Weight of a heading that stays.
+const HEADING: f64 = 1e12;
 
 /// The undamped equations at one state; the frames' Hessian is whole, both triangles.
 pub struct Normal {
@@ -36,10 +39,6 @@ impl Normal {
         }
         for link in &w.links {
             normal.link(w, link)?;
-        }
-        if let Some(prior) = &w.prior {
-            normal.cost += prior.cost(&w.frames);
-            prior.add_to(&w.frames, &mut normal.h, &mut normal.b);
         }
         Some(normal)
     }
@@ -150,7 +149,12 @@ impl Normal {
         }
         let inverse = reduced.eliminate(w, lambda, |_| true);
         for (k, frame) in w.frames.iter().enumerate() {
-            for i in k * STATE..k * STATE + frame.hold.unknowns() {
+            if frame.hold == Hold::Place {
+                let up = frame.world_from_eye.rotation.inverse() * (-w.gravity.vector().normalize());
+                let mut turns = reduced.h.fixed_view_mut::<3, 3>(k * STATE + 3, k * STATE + 3);
+                turns += up * up.transpose() * HEADING;
+            }
+            for i in frame.hold.unknowns().map(|i| k * STATE + i) {
                 reduced.h.row_mut(i).fill(0.0);
                 reduced.h.column_mut(i).fill(0.0);
                 reduced.h[(i, i)] = 1.0;

@@ -130,6 +130,14 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
                 line["parent"] = id(*parent).into();
                 lines.push(line);
             }
+            Change::Level(world, level_from_world) => {
+                moved.extend(mirror.key_frames().filter(|(_, k)| k.world == *world).map(|(k, _)| k));
+                let mut line = pose(&Se3::new(level_from_world.rotation, level_from_world.translation));
+                line["event"] = "level".into();
+                line["world"] = id(world.root()).into();
+                line["scale"] = level_from_world.scale.into();
+                lines.push(line);
+            }
             _ => {}
         }
     }

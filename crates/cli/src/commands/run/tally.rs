@@ -62,14 +62,14 @@ impl Tally {
             self.lost.push(Lost { t: done.stamp.seconds(), reason: cause.clone() });
         }
         self.last_state = match done.state {
-            State::Tracking => None,
+            State::Tracking | State::Coasting { .. } => None,
             State::Starting { have, need } => Some(format!("the start has {have} of {need} points")),
             State::Lost { inliers, need } => Some(format!("{inliers} matches agree, {need} are needed")),
         };
         if let (State::Lost { .. }, true, Some(reason)) = (done.state, self.tracking, &self.last_state) {
             self.lost.push(Lost { t: done.stamp.seconds(), reason: reason.clone() });
         }
-        self.tracking = done.state == State::Tracking;
+        self.tracking = matches!(done.state, State::Tracking | State::Coasting { .. });
     }
 
     /// A frame that the eye refused.

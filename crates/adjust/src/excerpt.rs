@@ -1,0 +1,94 @@
+//! A part of a map copied out for an adjustment: key frames that move, key frames that hold, and what they see.
+
+use crate::weight;
+use cairn_atlas::{Change, KeyFrameId, LandmarkId, Map};
+use cairn_geometry::{Se3, Vec3};
+use cairn_solve::{Observation, Pixel};
+use cairn_vision::Frame;
+use std::collections::BTreeMap;
+
+/// What is copied.
+#[derive(Clone, Debug)]
+pub(crate) struct Excerpt {
+    /// The version it was copied from.
+    pub base: u64,
+    /// Those that move, then those that hold.
+    pub key_frames: Vec<KeyFrameId>,
+    /// How many of them move.
+    pub moving: usize,
+    /// Their poses, `world_from_eye`.
+    pub poses: Vec<Se3>,
+    /// Landmarks that those that move show.
+    pub landmarks: Vec<LandmarkId>,
+    /// Their places.
+    pub points: Vec<Vec3>,
+    /// By landmark; slots of `key_frames` and `points`. Right x as it was measured.
+    pub observations: Vec<Observation>,
+}
+
+impl Excerpt {
+    /// The landmarks that `moving` show, and of other key frames the `anchors` that see most of them.
+    pub fn of(map: &Map, moving: &[KeyFrameId], anchors: usize) -> Self {
+        let shown = moving
+            .iter()
+            .filter_map(|id| map.key_frame(*id))
+            .flat_map(|k| k.landmarks.iter().flatten().copied());
+        let mut seen: Vec<LandmarkId> = shown.collect();
+        seen.sort_unstable();
+        seen.dedup();
+        let held = map.votes(&seen).into_iter().filter(|(id, _)| !moving.contains(id)).take(anchors);
+        let key_frames: Vec<KeyFrameId> = moving.iter().copied().chain(held.map(|(id, _)| id)).collect();
+        let slots: BTreeMap<KeyFrameId, u32> =
+            key_frames.iter().enumerate().map(|(slot, id)| (*id, slot as u32)).collect();
+        let mut points = Vec::with_capacity(seen.len());
+        let mut observations = Vec::new();
+        let mut landmarks = Vec::with_capacity(seen.len());
+        for l in seen.iter().filter_map(|id| map.landmark(*id)) {
+            let first = observations.len();
+            for o in &l.observations {
+                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), map.key_frame(o.key_frame)) else {
+                    continue;
+                };
+                observations.push(Observation {
+                    pose: *slot,
+                    point: points.len() as u32,
+                    pixel: raw_pixel(&k.frame, o.feature as usize),
+                    weight: weight(&k.frame, o.feature as usize, &map.octaves()),
+                });
+            }
+            // A single view without depth says nothing about a point.
+            let views = &observations[first..];
+            if views.len() < 2 && views.iter().all(|o| o.pixel[2].is_nan()) {
+                observations.truncate(first);
+                continue;
+            }
+            landmarks.push(l.id);
+            points.push(l.position);
+        }
+        let pose = |id: &KeyFrameId| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye);
+        let poses = key_frames.iter().map(pose).collect();
+        Self {
+            base: map.version(),
+            key_frames,
+            moving: moving.len(),
+            poses,
+            landmarks,
+            points,
+            observations,
+        }
+    }
+
+    /// The observations that were left out by a weight of zero, to be forgotten.
+    pub fn forgotten<'a>(&'a self, observations: &'a [Observation]) -> impl Iterator<Item = Change> + 'a {
+        observations
+            .iter()
+            .filter(|o| o.weight == 0.0)
+            .map(|o| Change::Forget(self.landmarks[o.point as usize], self.key_frames[o.pose as usize]))
+    }
+}
+
+/// A feature as it was measured.
+fn raw_pixel(frame: &Frame, feature: usize) -> Pixel {
+    let [u, v] = frame.px[feature];
+    [u as f64, v as f64, frame.right_x[feature] as f64]
+}

@@ -1,0 +1,164 @@
+//! A window of key frames that were seen and felt, adjusted together in a level world, and handed back as changes.
+
+use crate::excerpt::Excerpt;
+use crate::window::{Settled, WindowSetting};
+use crate::pinhole;
+use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, Map, WorldId};
+use cairn_geometry::Se3;
+use cairn_inertial::{Bias, Gravity, Hold, VioFrame, VioLink, VioSetting, VioWindow};
+use cairn_solve::{CHI2_2, CHI2_3};
+use cairn_vision::EyeModel;
+
+/// A copied window.
+#[derive(Clone, Debug)]
+pub struct InertialWindow {
+    excerpt: Excerpt,
+    window: VioWindow,
+}
+
+impl InertialWindow {
+    /// The window around a key frame: the last `chain` key frames up to it, one felt after the other, and those that share
+    /// most landmarks with it move; what came before the chain holds it, and other key frames hold the landmarks.
+    pub fn around(
+        map: &Map,
+        eye: &EyeModel,
+        imu_from_eye: &Se3,
+        centre: KeyFrameId,
+        chain: usize,
+        setting: &WindowSetting,
+    ) -> Option<Self> {
+        let mut moving = Vec::new();
+        let mut next = Some(centre);
+        while let Some(id) = next.filter(|_| moving.len() < chain) {
+            moving.push(id);
+            next = before(map.key_frame(id)?);
+        }
+        let shared = map.key_frame(centre)?.covisible.iter().map(|(id, _)| *id).filter(|id| Some(*id) != next);
+        for id in shared.take(setting.key_frames) {
+            if moving.len() < setting.key_frames && !moving.contains(&id) {
+                moving.push(id);
+            }
+        }
+        let world = map.key_frame(centre)?.world;
+        let mut excerpt = Excerpt::of(map, &moving, setting.anchors);
+        // The one that was left before the chain holds its velocity and biases, whether it sees the same or not.
+        if let Some(id) = next.filter(|id| !excerpt.key_frames.contains(id)) {
+            excerpt.poses.push(map.key_frame(id)?.world_from_eye);
+            excerpt.key_frames.push(id);
+        }
+        Some(Self::new(map, eye, imu_from_eye, excerpt, |slot, k| match k.motion {
+            _ if slot >= moving.len() => Hold::All,
+            _ if k.id == world.root() => Hold::Pose,
+            Some(_) => Hold::Free,
+            None => Hold::Motion,
+        }))
+    }
+
+    /// The window in which every key frame of a world moves; its root keeps its place and heading.
+    pub fn whole(map: &Map, eye: &EyeModel, imu_from_eye: &Se3, world: WorldId) -> Self {
+        let all: Vec<KeyFrameId> = map.key_frames_of(world).map(|k| k.id).collect();
+        let excerpt = Excerpt::of(map, &all, 0);
+        let felt = |k: &KeyFrame| {
+            let follows = |id: KeyFrameId| map.key_frames_of(world).any(|next| before(next) == Some(id));
+            k.motion.is_some() && (before(k).is_some() || follows(k.id))
+        };
+        Self::new(map, eye, imu_from_eye, excerpt, |_, k| match felt(k) {
+            true if k.id == world.root() => Hold::Place,
+            true => Hold::Free,
+            false if k.id == world.root() => Hold::All,
+            false => Hold::Motion,
+        })
+    }
+
+    fn new(
+        map: &Map,
+        eye: &EyeModel,
+        imu_from_eye: &Se3,
+        excerpt: Excerpt,
+        hold: impl Fn(usize, &KeyFrame) -> Hold,
+    ) -> Self {
+        let mut frames = Vec::with_capacity(excerpt.key_frames.len());
+        let mut links = Vec::new();
+        for (slot, id) in excerpt.key_frames.iter().enumerate() {
+            let Some(k) = map.key_frame(*id) else { continue };
+            let motion = k.motion.as_ref();
+            frames.push(VioFrame {
+                world_from_eye: k.world_from_eye,
+                velocity: motion.map_or_else(Default::default, |m| k.world_from_eye.rotation * m.velocity),
+                bias: motion.map_or(Bias::default(), |m| m.bias),
+                hold: hold(slot, k),
+            });
+            let felt = motion.and_then(|m| m.felt.as_ref());
+            let from = felt.and_then(|f| excerpt.key_frames.iter().position(|id| *id == f.since));
+            if let (Some(felt), Some(from)) = (felt, from) {
+                links.push(VioLink { from, to: slot, sum: (*felt.sum).clone() });
+            }
+        }
+        // Between two that hold nothing is to be found, and one whose motion holds is not to be pulled by it.
+        let open = |slot: usize| frames[slot].hold != Hold::Motion;
+        links.retain(|l| open(l.from) && open(l.to) && l.from.min(l.to) < excerpt.moving);
+        let mut observations = excerpt.observations.clone();
+        for o in &mut observations {
+            o.pixel[2] += map.right_offset();
+        }
+        let window = VioWindow {
+            camera: pinhole(eye),
+            imu_from_eye: *imu_from_eye,
+            gravity: Gravity::level(),
+            frames,
+            points: excerpt.points.clone(),
+            observations,
+            links,
+        };
+        Self { excerpt, window }
+    }
+
+    /// How many links it has.
+    pub fn links(&self) -> usize {
+        self.window.links.len()
+    }
+
+    /// Solves the window: robustly, then without the observations that do not fit. `stop` is asked before each step.
+    pub fn solve(mut self, setting: &WindowSetting, mut stop: impl FnMut() -> bool) -> Settled {
+        let window = &mut self.window;
+        let [before, after] = setting.iterations;
+        let solve = |iterations| VioSetting { iterations, robust: true, tolerance: setting.tolerance };
+        let mut report = window.solve(&solve(before), &mut stop);
+        let judge = |window: &mut VioWindow| {
+            for i in 0..window.observations.len() {
+                let o = window.observations[i];
+                let bound = if o.pixel[2].is_nan() { CHI2_2 } else { CHI2_3 };
+                if window.chi2(&o) > bound {
+                    window.observations[i].weight = 0.0;
+                }
+            }
+        };
+        if after > 0 && !stop() {
+            judge(window);
+            let first = report.cost_before;
+            report = window.solve(&solve(after), &mut stop);
+            report.cost_before = first;
+        }
+        judge(window);
+        let mut changes = Vec::new();
+        for (id, frame) in self.excerpt.key_frames.iter().zip(&window.frames).take(self.excerpt.moving) {
+            if matches!(frame.hold, Hold::Free | Hold::Place | Hold::Motion) {
+                changes.push(Change::MoveKeyFrame(*id, frame.world_from_eye));
+            }
+            if matches!(frame.hold, Hold::Free | Hold::Place | Hold::Pose) {
+                let velocity = frame.world_from_eye.rotation.inverse() * frame.velocity;
+                changes.push(Change::Motion(*id, velocity, frame.bias));
+            }
+        }
+        for (id, point) in self.excerpt.landmarks.iter().zip(&window.points) {
+            changes.push(Change::MoveLandmark(*id, *point));
+        }
+        changes.extend(self.excerpt.forgotten(&window.observations));
+        Settled { changes: ChangeSet { base: self.excerpt.base, changes }, report }
+    }
+}
+
+/// The key frame since which another was felt.
+fn before(k: &KeyFrame) -> Option<KeyFrameId> {
+    Some(k.motion.as_ref()?.felt.as_ref()?.since)
+}

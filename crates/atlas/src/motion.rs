@@ -1,0 +1,55 @@
+//! What an inertial sensor says of a key frame.
+
+use crate::KeyFrameId;
+use cairn_geometry::Vec3;
+use cairn_inertial::{Bias, Preintegrated};
+use cairn_sensor::ImuSample;
+use std::sync::Arc;
+
+/// Seconds that a link spans at most.
+const LONGEST_S: f64 = 5.0;
+
+/// How the sensor moved at a key frame, and what it felt on the way there.
+#[derive(Clone, Debug)]
+pub struct Motion {
+    /// Velocity of the sensor along the eye's axes, m/s: it turns with the key frame when that is moved. Zero until the
+    /// world is level.
+    pub velocity: Vec3,
+    /// The sensor's biases.
+    pub bias: Bias,
+    /// What was felt since an earlier key frame; none where readings are missing, or after the map was saved.
+    pub felt: Option<Felt>,
+}
+
+/// What comes with a frame that may become a key frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensed {
+    /// As in [`Motion`].
+    pub velocity: Vec3,
+    /// As in [`Motion`].
+    pub bias: Bias,
+    /// The readings since the frame that was offered before, both ends interpolated; empty where some are missing.
+    pub samples: Vec<ImuSample>,
+}
+
+/// Readings between two key frames.
+#[derive(Clone, Debug)]
+pub struct Felt {
+    /// The earlier key frame, of the same world.
+    pub since: KeyFrameId,
+    /// The sum of the readings, from its stamp to that of the later one.
+    pub sum: Arc<Preintegrated>,
+}
+
+impl Felt {
+    /// What was felt since the key frame at which `before` begins, when the one between goes; none over so long a time
+    /// that it would say nothing.
+    pub(crate) fn after(&self, before: &Felt) -> Option<Self> {
+        if before.sum.seconds() + self.sum.seconds() > LONGEST_S {
+            return None;
+        }
+        let mut sum = (*before.sum).clone();
+        sum.append(&self.sum);
+        Some(Self { since: before.since, sum: Arc::new(sum) })
+    }
+}

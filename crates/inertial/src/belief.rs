@@ -1,0 +1,248 @@
+//! What is believed of an eye that also feels, from one instant to the next: carried on by the readings, narrowed by what is
+//! seen.
+//!
+//! A Kalman filter over the error of a state (Solà, "Quaternion kinematics for the error-state Kalman filter", 2017, section
+//! 6), with the preintegrated sum as its process: the covariance goes through the Jacobians of the inertial residual. The
+//! step between two frames is thus the adjustment of both with the earlier one marginalised.
+
+use crate::{Bias, Gravity, NavState, Preintegrated};
+use cairn_geometry::{Manifold, Se3, Vec3};
+use nalgebra::{Cholesky, SMatrix, SVector};
+
+/// Unknowns: translation and rotation of the eye, velocity, gyro bias, accel bias.
+const N: usize = 15;
+
+/// A state of the eye and the sensor with its uncertainty.
+#[derive(Clone, Debug)]
+pub struct Belief {
+    /// Where the eye is, metres, in a world whose gravity is known.
+    pub world_from_eye: Se3,
+    /// The sensor's velocity in the world, m/s.
+    pub velocity: Vec3,
+    /// The sensor's biases.
+    pub bias: Bias,
+    /// Over (translation, rotation) of the eye along its own axes, velocity, gyro bias, accel bias.
+    pub covariance: SMatrix<f64, N, N>,
+}
+
+impl Belief {
+    /// A state with independent standard deviations: metres, radians, m/s, rad/s, m/s^2.
+    pub fn new(world_from_eye: Se3, velocity: Vec3, bias: Bias, sigmas: [f64; 5]) -> Self {
+        let covariance = SMatrix::from_diagonal(&SVector::from_fn(|i, _| sigmas[i / 3].powi(2)));
+        Self { world_from_eye, velocity, bias, covariance }
+    }
+
+    /// The sensor's state.
+    pub fn nav(&self, imu_from_eye: &Se3) -> NavState {
+        let world_from_imu = self.world_from_eye * imu_from_eye.inverse();
+        NavState { world_from_imu, velocity: self.velocity, bias: self.bias }
+    }
+
+    /// What is believed at the end of a sum that begins at this instant; `None` when it is empty.
+    pub fn after(&self, sum: &Preintegrated, gravity: &Gravity, imu_from_eye: &Se3) -> Option<Self> {
+        if sum.seconds() <= 0.0 {
+            return None;
+        }
+        let from = self.nav(imu_from_eye);
+        let to = sum.predict(&from, &gravity.vector());
+        let l = sum.linearise(&from, &to, gravity);
+        let adjoint = imu_from_eye.adjoint();
+        let of_eye = |by: &SMatrix<f64, N, N>| {
+            let mut out = *by;
+            let pose = by.fixed_view::<N, 6>(0, 0) * adjoint;
+            out.fixed_view_mut::<N, 6>(0, 0).copy_from(&pose);
+            out
+        };
+        // residual(from, to) is the noise: to first order, by_from d_from + by_to d_to = noise.
+        let (by_from, by_to) = (of_eye(&l.by_from), of_eye(&l.by_to));
+        let carried = sum.covariance() + by_from * self.covariance * by_from.transpose();
+        let back = by_to.try_inverse()?;
+        let covariance = symmetric(&(back * carried * back.transpose()));
+        let world_from_eye = to.world_from_imu * *imu_from_eye;
+        Some(Self { world_from_eye, velocity: to.velocity, bias: to.bias, covariance })
+    }
+
+    /// Information over the pose alone, all else marginalised.
+    pub fn pose_information(&self) -> Option<SMatrix<f64, 6, 6>> {
+        Some(Cholesky::new(self.pose_covariance())?.inverse())
+    }
+
+    /// What is believed once the pose, this belief in it included, is known with a covariance; all else follows it.
+    pub fn seen(&self, world_from_eye: &Se3, covariance: &SMatrix<f64, 6, 6>) -> Option<Self> {
+        let before = Cholesky::new(self.pose_covariance())?;
+        let all_by_pose = self.covariance.fixed_view::<N, 6>(0, 0).into_owned();
+        let gain = before.solve(&all_by_pose.transpose()).transpose();
+        let step = gain * self.world_from_eye.local(world_from_eye);
+        let narrowed = gain * (self.pose_covariance() - covariance) * gain.transpose();
+        let after = self.moved(&step);
+        Some(Self {
+            world_from_eye: *world_from_eye,
+            covariance: symmetric(&(self.covariance - narrowed)),
+            ..after
+        })
+    }
+
+    /// The map has moved: the eye stands here now, and goes on in its own direction.
+    pub fn carry_to(&mut self, world_from_eye: Se3) {
+        let turn = (world_from_eye.rotation * self.world_from_eye.rotation.inverse()).matrix();
+        self.velocity = turn * self.velocity;
+        let rows = turn * self.covariance.fixed_view::<3, N>(6, 0);
+        self.covariance.fixed_view_mut::<3, N>(6, 0).copy_from(&rows);
+        let columns = self.covariance.fixed_view::<N, 3>(0, 6) * turn.transpose();
+        self.covariance.fixed_view_mut::<N, 3>(0, 6).copy_from(&columns);
+        self.world_from_eye = world_from_eye;
+    }
+
+    /// What is believed once it is known that the eye stands still, with this standard deviation in m/s.
+    pub fn at_rest(&self, sigma: f64) -> Option<Self> {
+        let all_by_velocity = self.covariance.fixed_view::<N, 3>(0, 6).into_owned();
+        let mut own: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(6, 6).into();
+        for i in 0..3 {
+            own[(i, i)] += sigma * sigma;
+        }
+        let gain = Cholesky::new(own)?.solve(&all_by_velocity.transpose()).transpose();
+        let after = self.moved(&(gain * -self.velocity));
+        Some(Self { covariance: symmetric(&(self.covariance - gain * all_by_velocity.transpose())), ..after })
+    }
+
+    /// Standard deviation of the place in its least certain direction, metres.
+    pub fn place_sigma(&self) -> f64 {
+        let own: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(0, 0).into();
+        own.symmetric_eigenvalues().max().max(0.0).sqrt()
+    }
+
+    /// Standard deviation of the direction about its least certain axis, radians.
+    pub fn turn_sigma(&self) -> f64 {
+        let own: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(3, 3).into();
+        own.symmetric_eigenvalues().max().max(0.0).sqrt()
+    }
+
+    fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
+        self.covariance.fixed_view::<6, 6>(0, 0).into()
+    }
+
+    fn moved(&self, d: &SVector<f64, N>) -> Self {
+        let part = |i: usize| -> Vec3 { d.fixed_rows::<3>(i).into() };
+        let bias = Bias { gyro: self.bias.gyro + part(9), accel: self.bias.accel + part(12) };
+        Self {
+            world_from_eye: self.world_from_eye.retract(&d.fixed_rows::<6>(0).into()),
+            velocity: self.velocity + part(6),
+            bias,
+            covariance: self.covariance,
+        }
+    }
+}
+
+fn symmetric(m: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    let mut out = (m + m.transpose()) * 0.5;
+    for i in 0..N {
+        out[(i, i)] = out[(i, i)].max(1e-18);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::So3;
+    use cairn_sensor::{ImuNoise, ImuSample, Stamp};
+    use cairn_solve::ransac::Rng;
+
+    const NOISE: ImuNoise = ImuNoise { gyro: 2e-3, gyro_walk: 1e-4, accel: 2e-2, accel_walk: 1e-3 };
+    const SIGMAS: [f64; 5] = [0.01, 0.01, 0.05, 0.01, 0.05];
+
+    fn imu_from_eye() -> Se3 {
+        Se3::new(So3::exp(&Vec3::new(1.2, -1.2, 1.2)), Vec3::new(0.05, -0.02, 0.1))
+    }
+
+    /// Half a second of swinging motion, felt with noise at 200 Hz; the true state at its end.
+    fn felt(from: &NavState, rng: &mut Rng) -> (Preintegrated, NavState) {
+        let gravity = Gravity::level();
+        let (mut state, mut bias, mut samples) = (*from, from.bias, Vec::new());
+        let dt = 0.005_f64;
+        let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
+        let readings = |i: usize| {
+            let t = i as f64 * dt;
+            (Vec3::new((3.0 * t).sin(), 0.5, (2.0 * t).cos()), Vec3::new(t.cos(), 2.0 * (5.0 * t).sin(), 9.8))
+        };
+        for i in 0..=100 {
+            let (turn, force) = readings(i);
+            let stamp = Stamp::from_seconds(i as f64 * dt);
+            let gyro = turn + bias.gyro + draw(NOISE.gyro / dt.sqrt());
+            let accel = force + bias.accel + draw(NOISE.accel / dt.sqrt());
+            samples.push(ImuSample::new(stamp, gyro, accel));
+            bias.gyro += draw(NOISE.gyro_walk * dt.sqrt());
+            bias.accel += draw(NOISE.accel_walk * dt.sqrt());
+        }
+        let exact = (0..=100).map(|i| {
+            let (turn, force) = readings(i);
+            ImuSample::new(Stamp::from_seconds(i as f64 * dt), turn, force)
+        });
+        let truth = Preintegrated::of(NOISE, Bias::default(), exact.collect());
+        state.bias = Bias::default();
+        state = truth.predict(&state, &gravity.vector());
+        state.bias = bias;
+        (Preintegrated::of(NOISE, Bias::default(), samples), state)
+    }
+
+    /// Carried on, seen and stood still: the error is as large as the belief says of it, in the mean over 300 runs.
+    #[test]
+    fn errors_are_as_large_as_it_says() {
+        let mut rng = Rng::new(5);
+        let (gravity, arm) = (Gravity::level(), imu_from_eye());
+        let mut sums = [0.0; 2];
+        for _ in 0..300 {
+            let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
+            let believed = Belief::new(
+                Se3::new(So3::exp(&Vec3::new(0.3, 1.0, -0.4)), Vec3::new(1.0, 2.0, 0.5)),
+                Vec3::new(0.5, -0.3, 0.1),
+                Bias::default(),
+                SIGMAS,
+            );
+            let mut d = SVector::<f64, N>::zeros();
+            for (k, sigma) in SIGMAS.iter().enumerate() {
+                d.fixed_rows_mut::<3>(3 * k).copy_from(&draw(*sigma));
+            }
+            let (pose_noise, turn_noise) = (draw(0.005), draw(0.003));
+            let truth = believed.moved(&d);
+            let (sum, end) = felt(&truth.nav(&arm), &mut rng);
+            let carried = believed.after(&sum, &gravity, &arm).unwrap();
+            let true_eye = end.world_from_imu * arm;
+            let error = |b: &Belief| {
+                let mut e = SVector::<f64, N>::zeros();
+                e.fixed_rows_mut::<6>(0).copy_from(&b.world_from_eye.local(&true_eye));
+                e.fixed_rows_mut::<3>(6).copy_from(&(end.velocity - b.velocity));
+                e.fixed_rows_mut::<3>(9).copy_from(&(end.bias.gyro - b.bias.gyro));
+                e.fixed_rows_mut::<3>(12).copy_from(&(end.bias.accel - b.bias.accel));
+                e.dot(&Cholesky::new(b.covariance).unwrap().solve(&e))
+            };
+            sums[0] += error(&carried);
+            // A look: the pose measured with noise, combined with what was believed.
+            let mut noise = SVector::<f64, 6>::zeros();
+            noise.fixed_rows_mut::<3>(0).copy_from(&pose_noise);
+            noise.fixed_rows_mut::<3>(3).copy_from(&turn_noise);
+            let measured = true_eye.retract(&noise);
+            let own = SMatrix::<f64, 6, 6>::from_diagonal(&SVector::from_fn(|i, _| {
+                if i < 3 { 0.005_f64.powi(-2) } else { 0.003_f64.powi(-2) }
+            }));
+            let prior = carried.pose_information().unwrap();
+            let covariance = (own + prior).try_inverse().unwrap();
+            let pull = covariance * own * carried.world_from_eye.local(&measured);
+            let seen = carried.seen(&carried.world_from_eye.retract(&pull), &covariance).unwrap();
+            sums[1] += error(&seen);
+            assert!(seen.place_sigma() < carried.place_sigma());
+        }
+        for mean in sums.map(|s| s / 300.0) {
+            assert!((13.5..16.5).contains(&mean), "mean squared error over covariance: {sums:?}, 15 is right");
+        }
+    }
+
+    #[test]
+    fn standing_still_stops_it() {
+        let moving =
+            Belief::new(Se3::identity(), Vec3::new(0.2, 0.0, -0.1), Bias::default(), [0.1, 0.1, 0.3, 0.01, 0.1]);
+        let still = moving.at_rest(1e-3).unwrap();
+        assert!(still.velocity.norm() < 1e-5 && still.covariance[(6, 6)] < 1.1e-6);
+        assert_eq!(still.world_from_eye, moving.world_from_eye);
+    }
+}

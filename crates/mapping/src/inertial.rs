@@ -1,0 +1,216 @@
+//! What the inertial sensor adds to mapping: links between key frames, gravity and scale of a world once they are known,
+//! and windows in which what was felt counts too.
+//!
+//! A world is mapped by eye alone until gravity, scale and biases are found ([`cairn_inertial::initialise`], tried beside
+//! the map); it is then levelled, adjusted as a whole with its links, and again after 5 and 15 seconds. Nothing is thrown
+//! away meanwhile, and if they are never found, mapping by eye goes on.
+
+use crate::grow::median_depth;
+use cairn_adjust::{InertialWindow, Settled, WindowSetting};
+use cairn_atlas::{Atlas, Change, Felt, KeyFrame, KeyFrameId, Map, Motion, Sensed, WorldId};
+use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_inertial::{Attempt, InitialiseSetting, Preintegrated, Scale, Seen, SeenPose, initialise};
+use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
+use cairn_vision::EyeModel;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// How what is felt is used.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InertialSetting {
+    /// Whether the inertial sensor is used, where there is one.
+    pub enabled: bool,
+    /// What to multiply the sensor's white noise with: real sensors on real hands are worse than their data sheets.
+    pub noise_times: f64,
+    /// Key frames, one felt after the other, that a local adjustment moves.
+    pub chain: usize,
+    /// Key frames up to which a world is adjusted as a whole with its links.
+    pub whole_key_frames: usize,
+}
+
+impl Default for InertialSetting {
+    fn default() -> Self {
+        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 150 }
+    }
+}
+
+/// Standard deviation of a key frame's direction in a map that was adjusted, pixels; its place is as uncertain as this at
+/// the median depth.
+const SEEN_PIXELS: f64 = 0.5;
+/// Relative standard deviation of the scale of eyes with depth.
+const DEPTH_SCALE_SIGMA: f64 = 0.003;
+/// Key frames of the last so many seconds are tried.
+const TRIED_S: f64 = 20.0;
+/// Seconds after the first key frame felt at which a level world is adjusted as a whole again.
+const REFINED_S: [f64; 3] = [5.0, 10.0, 15.0];
+
+/// Mapping's share of the inertial sensor.
+#[derive(Debug)]
+pub(crate) struct Inertial {
+    noise: ImuNoise,
+    pub imu_from_eye: Se3,
+    pub setting: InertialSetting,
+    /// For each level world how often it was adjusted as a whole.
+    refined: BTreeMap<WorldId, usize>,
+}
+
+impl Inertial {
+    pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
+        let times = setting.noise_times;
+        let noise =
+            ImuNoise { gyro: sensor.noise.gyro * times, accel: sensor.noise.accel * times, ..sensor.noise };
+        Self { noise, imu_from_eye, setting, refined: BTreeMap::new() }
+    }
+
+    /// The motion of a new key frame, linked to the one before in its world where the readings begin there.
+    pub fn motion(&self, map: &Map, world: WorldId, sensed: &Sensed) -> Motion {
+        let begins = sensed.samples.first().map(|s| s.stamp);
+        let before = (0..map.next_key_frame_id().index())
+            .rev()
+            .filter_map(|i| map.key_frame(KeyFrameId::from_index(i)?))
+            .find(|k| k.world == world)
+            .filter(|k| Some(k.frame.stamp) == begins);
+        self.motion_since(before.map(|k| k.id), sensed)
+    }
+
+    /// The same, linked to a key frame that is known.
+    pub fn motion_since(&self, before: Option<KeyFrameId>, sensed: &Sensed) -> Motion {
+        let felt = before.filter(|_| sensed.samples.len() > 1).map(|since| Felt {
+            since,
+            sum: Arc::new(Preintegrated::of(self.noise, sensed.bias, sensed.samples.clone())),
+        });
+        Motion { velocity: sensed.velocity, bias: sensed.bias, felt }
+    }
+
+    /// The local window of a level world.
+    pub fn window(
+        &self,
+        map: &Map,
+        eye: &EyeModel,
+        centre: KeyFrameId,
+        setting: &WindowSetting,
+    ) -> Option<InertialWindow> {
+        let world = map.key_frame(centre)?.world;
+        if !map.is_level(world) {
+            return None;
+        }
+        let chain = self.setting.chain;
+        let window = InertialWindow::around(map, eye, &self.imu_from_eye, centre, chain, setting)?;
+        (window.links() > 0).then_some(window)
+    }
+
+    /// Adjusts a level world as a whole with its links; nothing where there are none or it is too large.
+    pub fn whole(
+        &self,
+        map: &Map,
+        eye: &EyeModel,
+        world: WorldId,
+        setting: &WindowSetting,
+        stop: impl FnMut() -> bool,
+    ) -> Option<Settled> {
+        let few = map.key_frames_of(world).count() <= self.setting.whole_key_frames;
+        if !few || !map.is_level(world) {
+            return None;
+        }
+        let window = InertialWindow::whole(map, eye, &self.imu_from_eye, world);
+        (window.links() > 0).then(|| window.solve(setting, stop))
+    }
+
+    /// Levels the world of a key frame when that can be done, or refines it when that is due; what was tried.
+    pub fn settle(
+        &mut self,
+        atlas: &mut Atlas,
+        eye: &EyeModel,
+        centre: KeyFrameId,
+        setting: &WindowSetting,
+    ) -> Option<Attempt> {
+        let map = atlas.latest().clone();
+        let world = map.key_frame(centre)?.world;
+        let chain = chain(&map, centre);
+        let (first, last) = (map.key_frame(*chain.first()?)?, map.key_frame(centre)?);
+        let seconds = last.frame.stamp - first.frame.stamp;
+        let mut tried = None;
+        if map.is_level(world) {
+            let times = self.refined.entry(world).or_insert(REFINED_S.len());
+            if REFINED_S.get(*times).is_none_or(|due| seconds < *due) {
+                return None;
+            }
+            *times += 1;
+        } else {
+            let attempt = self.attempt(&map, eye, &chain)?;
+            let found = attempt.accepted().cloned();
+            tried = Some(attempt);
+            let Some(found) = found else { return tried };
+            let about = map.world_from_eye(world.root())?.translation;
+            atlas.commit(self.level(&map, world, &chain, &found, eye.baseline_fx > 0.0, about));
+            self.refined.insert(world, REFINED_S.iter().filter(|due| seconds >= **due).count());
+        }
+        let setting = WindowSetting { iterations: [8, 6], tolerance: 1e-4, ..*setting };
+        if let Some(settled) = self.whole(atlas.latest(), eye, world, &setting, || false) {
+            atlas.commit(settled.changes.changes);
+        }
+        tried
+    }
+
+    fn attempt(&self, map: &Map, eye: &EyeModel, chain: &[KeyFrameId]) -> Option<Attempt> {
+        let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| map.key_frame(*id)).collect();
+        let last = frames.last()?.frame.stamp;
+        let frames: Vec<&KeyFrame> =
+            frames.into_iter().filter(|k| last - k.frame.stamp <= TRIED_S).collect();
+        let poses: Vec<SeenPose> = frames
+            .iter()
+            .map(|k| SeenPose { stamp: k.frame.stamp, world_from_eye: k.world_from_eye })
+            .collect();
+        let links: Option<Vec<Preintegrated>> =
+            frames.iter().skip(1).map(|k| Some((*k.motion.as_ref()?.felt.as_ref()?.sum).clone())).collect();
+        let rotation_sigma = SEEN_PIXELS / eye.fx;
+        let position_sigma = rotation_sigma * median_depth(map, frames.last()?)?;
+        let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
+        let scale = match eye.baseline_fx > 0.0 {
+            true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
+            false => Scale::Free,
+        };
+        // The library raises the noise itself, from the data sheet's on.
+        let setting = InitialiseSetting { noise_times: 1.0, ..InitialiseSetting::default() };
+        Some(initialise(&seen, &links?, &self.imu_from_eye, scale, &setting))
+    }
+
+    /// The changes that level a world about a place that stays.
+    fn level(
+        &self,
+        map: &Map,
+        world: WorldId,
+        chain: &[KeyFrameId],
+        found: &cairn_inertial::Initial,
+        metric: bool,
+        about: Vec3,
+    ) -> Vec<Change> {
+        let turn = found.metric_from_map();
+        let scale = if metric { 1.0 } else { turn.scale };
+        let shift = about - turn.rotation * about * scale;
+        let mut changes = vec![Change::Level(world, Sim3::new(turn.rotation, shift, scale))];
+        let last = chain.last().and_then(|id| map.key_frame(*id)).map(|k| k.frame.stamp);
+        let tried = |id: &&KeyFrameId| {
+            map.key_frame(**id).zip(last).is_some_and(|(k, last): (_, Stamp)| last - k.frame.stamp <= TRIED_S)
+        };
+        for (id, state) in chain.iter().filter(tried).zip(&found.states) {
+            let world_from_eye = state.world_from_imu * self.imu_from_eye;
+            let velocity = world_from_eye.rotation.inverse() * state.velocity;
+            changes.push(Change::Motion(*id, velocity, found.bias));
+        }
+        changes
+    }
+}
+
+/// Key frames one felt after the other up to one, oldest first.
+fn chain(map: &Map, last: KeyFrameId) -> Vec<KeyFrameId> {
+    let mut chain = vec![last];
+    let mut at = last;
+    while let Some(felt) = map.key_frame(at).and_then(|k| k.motion.as_ref()).and_then(|m| m.felt.as_ref()) {
+        at = felt.since;
+        chain.push(at);
+    }
+    chain.reverse();
+    chain
+}

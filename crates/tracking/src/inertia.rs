@@ -1,0 +1,205 @@
+//! Tracking's share of the inertial sensor: the readings of the last seconds, and what they say of the eye between frames.
+//!
+//! While the world is not level only the readings are kept, for mapping. In a level world there is a [`Belief`]: it begins
+//! at the newest key frame that mapping has adjusted with its links, is carried to each frame by what was felt, and
+//! narrowed by what is seen there.
+
+use crate::state::Placed;
+use cairn_atlas::{KeyFrame, Map, Sensed};
+use cairn_geometry::Se3;
+use cairn_inertial::{Belief, Bias, Gravity, ImuBuffer, Rest, RestSetting};
+use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
+use nalgebra::SMatrix;
+
+/// Holes of up to so many seconds are bridged.
+const HOLE_S: f64 = 0.1;
+/// Seconds of readings that are kept.
+const KEPT_S: f64 = 20.0;
+/// What a key frame's state is uncertain by after its adjustment: metres, radians, m/s, rad/s, m/s^2.
+const SETTLED: [f64; 5] = [0.003, 0.002, 0.02, 0.001, 0.03];
+/// The same where only the pose was seen.
+const SEEN: [f64; 5] = [0.005, 0.003, 1.0, 0.003, 0.05];
+/// A key frame tells the motion for so many seconds.
+const TOLD_S: f64 = 2.0;
+/// The eye stands still when it is believed to go at most as fast as this, m/s.
+const STILL_M_S: f64 = 0.15;
+
+/// What is believed of the last frame.
+#[derive(Debug)]
+struct Last {
+    stamp: Stamp,
+    belief: Belief,
+    placed: Placed,
+}
+
+/// Readings and belief.
+#[derive(Debug)]
+pub(crate) struct Inertia {
+    buffer: ImuBuffer,
+    noise: ImuNoise,
+    pub imu_from_eye: Se3,
+    last: Option<Last>,
+    /// The version of the map that the belief has heard of.
+    version: u64,
+    /// Since when readings go with the next offer.
+    offered: Option<Stamp>,
+    bias: Bias,
+}
+
+impl Inertia {
+    /// `imu_from_eye` in metres.
+    pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, noise_times: f64) -> Self {
+        let noise = ImuNoise {
+            gyro: sensor.noise.gyro * noise_times,
+            accel: sensor.noise.accel * noise_times,
+            ..sensor.noise
+        };
+        Self {
+            buffer: ImuBuffer::new(&ImuSensor { noise, ..*sensor }, HOLE_S),
+            noise: sensor.noise,
+            imu_from_eye,
+            last: None,
+            version: 0,
+            offered: None,
+            bias: Bias::default(),
+        }
+    }
+
+    /// Takes the readings of a packet.
+    pub fn take(&mut self, samples: &[ImuSample]) {
+        self.buffer.push(samples);
+        if let Some(last) = samples.last() {
+            self.buffer.forget_before(Stamp(last.stamp.0 - (KEPT_S * 1e9) as i64));
+        }
+    }
+
+    /// Takes up what has become of the map: the belief goes along with the key frame it hangs on, and where mapping has
+    /// adjusted a newer one, it begins there anew.
+    pub fn refresh(&mut self, map: &Map) {
+        if map.version() == self.version {
+            return;
+        }
+        self.version = map.version();
+        if let Some(last) = &mut self.last
+            && let Some(standing) = map.stand(last.placed.reference, &last.placed.reference_from_eye)
+        {
+            last.placed.world_from_eye = standing;
+            last.belief.carry_to(standing);
+        }
+        let newest = map.newest_key_frame().filter(|k| map.is_level(k.world));
+        let Some((k, motion)) = newest.and_then(|k| Some((k, k.motion.as_ref()?))) else { return };
+        self.bias = motion.bias;
+        let told = Belief::new(
+            k.world_from_eye,
+            k.world_from_eye.rotation * motion.velocity,
+            motion.bias,
+            SETTLED,
+        );
+        match &self.last {
+            Some(last) if last.stamp > k.frame.stamp => {
+                let here = map.key_frame(last.placed.reference).map(|r| r.world);
+                if last.stamp - k.frame.stamp > TOLD_S || here != Some(k.world) {
+                    return;
+                }
+                let Some(carried) = self.carried(&told, k.frame.stamp, last.stamp) else { return };
+                let seen = carried.seen(&last.placed.world_from_eye, &pose_covariance());
+                let (stamp, placed) = (last.stamp, last.placed);
+                self.last = seen.map(|belief| Last { stamp, belief, placed }).or(self.last.take());
+            }
+            Some(last) if last.stamp < k.frame.stamp => {}
+            _ => {
+                let placed = Placed::at(k.id, k.world_from_eye);
+                self.last = Some(Last { stamp: k.frame.stamp, belief: told, placed });
+            }
+        }
+    }
+
+    /// What is believed at an instant from the readings alone; `None` where the world is not level or readings are missing.
+    pub fn predict(&self, stamp: Stamp) -> Option<Belief> {
+        let last = self.last.as_ref()?;
+        let carried = self.carried(&last.belief, last.stamp, stamp)?;
+        let slow = carried.velocity.norm() < STILL_M_S;
+        if !slow || !self.rests(stamp, &carried.bias) {
+            return Some(carried);
+        }
+        carried.at_rest(0.005)
+    }
+
+    /// The frame was seen from here with this information over its pose; `predicted` is what was believed before.
+    pub fn seen(
+        &mut self,
+        map: &Map,
+        stamp: Stamp,
+        placed: &Placed,
+        predicted: Option<&Belief>,
+        information: &SMatrix<f64, 6, 6>,
+    ) {
+        let covariance = information.try_inverse();
+        let seen = predicted.zip(covariance).and_then(|(p, c)| p.seen(&placed.world_from_eye, &c));
+        let level = map.key_frame(placed.reference).is_some_and(|k| map.is_level(k.world));
+        let belief = match (seen, &self.last) {
+            (Some(seen), _) => seen,
+            // Seen again after a gap: how it moves is not known.
+            (None, Some(last)) => {
+                let turn = placed.world_from_eye.rotation * last.placed.world_from_eye.rotation.inverse();
+                Belief::new(placed.world_from_eye, turn * last.belief.velocity, self.bias, SEEN)
+            }
+            (None, None) => Belief::new(placed.world_from_eye, Default::default(), self.bias, SEEN),
+        };
+        self.last = level.then_some(Last { stamp, belief, placed: *placed });
+    }
+
+    /// The frame was not seen from anywhere: what was predicted stands.
+    pub fn coast(&mut self, stamp: Stamp, placed: &Placed, predicted: Belief) {
+        self.last = Some(Last { stamp, belief: predicted, placed: *placed });
+    }
+
+    /// What goes with an offered frame, and from it on with the next.
+    pub fn sense(&mut self, stamp: Stamp) -> Sensed {
+        let since = self.offered.replace(stamp);
+        self.sense_since(since, stamp)
+    }
+
+    /// The same for a frame at which another begins to be felt since `from`.
+    pub fn sense_since(&self, from: Option<Stamp>, stamp: Stamp) -> Sensed {
+        let samples = from.and_then(|from| self.buffer.between(from, stamp).ok()).unwrap_or_default();
+        let here = match &self.last {
+            Some(last) if last.stamp == stamp => Some(last.belief.clone()),
+            _ => self.predict(stamp),
+        };
+        let velocity = here
+            .as_ref()
+            .map_or_else(Default::default, |b| b.world_from_eye.rotation.inverse() * b.velocity);
+        Sensed { velocity, bias: here.map_or(self.bias, |b| b.bias), samples }
+    }
+
+    /// Seconds since a frame was last offered.
+    pub fn unoffered(&self, stamp: Stamp) -> Option<f64> {
+        self.offered.map(|since| stamp - since)
+    }
+
+    /// A world has begun with a key frame: readings go with offers from there on.
+    pub fn begun(&mut self, k: &KeyFrame) {
+        self.offered = Some(k.frame.stamp);
+        self.last = None;
+        self.version = 0;
+    }
+
+    fn carried(&self, from: &Belief, since: Stamp, to: Stamp) -> Option<Belief> {
+        let sum = self.buffer.preintegrate(from.bias, since, to).ok()?;
+        from.after(&sum, &Gravity::level(), &self.imu_from_eye)
+    }
+
+    fn rests(&self, stamp: Stamp, bias: &Bias) -> bool {
+        let setting = RestSetting::default();
+        let from = Stamp(stamp.0 - (1.1 * setting.seconds * 1e9) as i64);
+        let samples: Vec<ImuSample> =
+            self.buffer.samples().filter(|s| s.stamp >= from && s.stamp <= stamp).copied().collect();
+        Rest::of(&samples, &self.noise, Some(bias), &setting).is_still()
+    }
+}
+
+/// Of a pose that was seen.
+fn pose_covariance() -> SMatrix<f64, 6, 6> {
+    SMatrix::from_fn(|i, j| if i == j { SEEN[i / 3].powi(2) } else { 0.0 })
+}

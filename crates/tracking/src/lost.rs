@@ -1,0 +1,178 @@
+//! When too little is seen: the inertial sensor carries the pose for a while, a blank wall is passed by going on as
+//! before, and after that a new world begins where the eye was last known to be.
+
+use crate::state::{Adrift, Evidence, Offer, Placed, State, Tracked};
+use crate::tracker::{Last, Tracker, hung};
+use cairn_atlas::Map;
+use cairn_geometry::Se3;
+use cairn_inertial::Belief;
+use cairn_vision::Frame;
+use std::sync::Arc;
+
+/// How fast someone may move while nothing is seen: metres a second and radians a second.
+const UNSEEN_SPEED: f64 = 1.5;
+const UNSEEN_TURN: f64 = 1.5;
+/// Seconds of a blank view after which the motion before may place what is seen next.
+const BLANK_S: f64 = 1.0;
+/// Seconds between key frames while the inertial sensor carries the pose.
+const COAST_KEY_FRAME_S: f64 = 0.25;
+
+impl Tracker {
+    /// Whether the pose that is felt still is good enough to go by.
+    pub(crate) fn may_coast(&self, frame: &Frame, felt: &Belief) -> bool {
+        felt.world_from_eye.is_finite()
+            && felt.place_sigma() <= self.setting.coast_sigma
+            && self.recent(frame, self.setting.coast_s)
+    }
+
+    /// Too little was seen: the pose is what is felt while that is good enough, else tracking is lost.
+    pub(crate) fn miss(
+        &mut self,
+        frame: Arc<Frame>,
+        map: &Map,
+        inliers: usize,
+        felt: Option<Belief>,
+        idle: bool,
+    ) -> Tracked {
+        let good = felt.filter(|felt| self.may_coast(&frame, felt));
+        let Some((felt, placed)) = good.and_then(|felt| Some((felt.clone(), self.felt_place(map, &felt)?)))
+        else {
+            return self.lose(frame, inliers);
+        };
+        self.lost = false;
+        self.lost_frames += 1;
+        self.velocity = None;
+        let since_s = self.located.map_or(0.0, |t| frame.stamp - t);
+        let sigma = felt.place_sigma();
+        let mut due = false;
+        if let Some(inertia) = &mut self.inertia {
+            inertia.coast(frame.stamp, &placed, felt);
+            due = inertia.unoffered(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
+        }
+        let depth = self.eye.baseline_fx > 0.0;
+        let have = (0..frame.len()).filter(|i| !depth || frame.has_depth(*i)).count();
+        let offer = (due && idle && have >= (self.features / 12).max(40)).then(|| {
+            let landmarks = vec![None; frame.len()];
+            self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
+            self.since_key_frame = 0;
+            let sensed = self.inertia.as_mut().map(|i| i.sense(frame.stamp));
+            Offer::Next { frame: frame.clone(), landmarks, placed, sensed }
+        });
+        Tracked {
+            stamp: frame.stamp,
+            state: State::Coasting { since_s, sigma },
+            pose: Some(placed),
+            evidence: Evidence { features: frame.len(), inliers, ..Evidence::default() },
+            offer,
+            earlier: Vec::new(),
+            seen: Vec::new(),
+        }
+    }
+
+    fn felt_place(&self, map: &Map, felt: &Belief) -> Option<Placed> {
+        let (reference, _) = map.living(self.last.as_ref()?.placed.reference)?;
+        hung(map, reference, felt.world_from_eye)
+    }
+
+    /// An offer that begins a world, with what the inertial sensor says of it.
+    pub(crate) fn with_sense(&self, mut offer: Offer) -> Offer {
+        let Some(inertia) = &self.inertia else { return offer };
+        match &mut offer {
+            Offer::First { frame, sensed, .. } => *sensed = Some(inertia.sense_since(None, frame.stamp)),
+            Offer::Pair { first, second, sensed, .. } => {
+                *sensed = Some(inertia.sense_since(Some(first.stamp), second.stamp));
+            }
+            Offer::Next { .. } => {}
+        }
+        offer
+    }
+
+    /// A new world, when tracking has been lost for a while: nothing is thrown away, the former one stays and waits to
+    /// be recognised. It begins where the eye was last known to be, with an uncertainty that grows with the time since.
+    pub(crate) fn begin_anew(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
+        self.wait(&frame);
+        let since = self.located.max(self.begun)?;
+        if frame.stamp - since < self.setting.new_world_s {
+            return None;
+        }
+        let offer = self.starter.step(&self.eye, &frame, self.features).ok()?;
+        let mut offer = self.with_sense(offer);
+        if let Offer::First { frame: root, adrift, .. } | Offer::Pair { first: root, adrift, .. } = &mut offer {
+            *adrift = self.adrift(root, map);
+        }
+        Some(offer)
+    }
+
+    fn adrift(&self, frame: &Frame, map: &Map) -> Option<Adrift> {
+        let last = self.last.as_ref()?;
+        let felt = self.inertia.as_ref().and_then(|i| i.predict(frame.stamp));
+        if let Some(felt) = felt.filter(|f| f.world_from_eye.is_finite()) {
+            let placed = hung(map, map.living(last.placed.reference)?.0, felt.world_from_eye)?;
+            let (sigma, sigma_rad) = (felt.place_sigma(), felt.turn_sigma());
+            return Some(Adrift { placed, sigma, sigma_rad, pace: self.pace(), level: true });
+        }
+        let unseen_s = frame.stamp - last.frame.stamp;
+        // Where the view ran out of features the motion goes on for a while; a sudden loss says nothing of it.
+        let goes_on_s = if self.ran_out(last) { unseen_s.clamp(0.0, BLANK_S) } else { 0.0 };
+        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * goes_on_s)));
+        let believed = last.placed.world_from_eye * moved;
+        let placed = hung(map, map.living(last.placed.reference)?.0, believed)?;
+        // Without metric scale the pace so far tells how long a metre is.
+        let pace = self.pace();
+        let metre = if self.eye.baseline_fx > 0.0 { 1.0 } else { pace.unwrap_or(1.0) / UNSEEN_SPEED };
+        let (sigma, sigma_rad) = (UNSEEN_SPEED * unseen_s * metre, UNSEEN_TURN * unseen_s);
+        Some(Adrift { placed, sigma, sigma_rad, pace, level: false })
+    }
+
+    /// How fast the eye goes when it goes: the upper third of the last seconds, since turns and stops are slower.
+    fn pace(&self) -> Option<f64> {
+        let mut speeds: Vec<f64> = self.speeds.iter().copied().collect();
+        let third = 2 * speeds.len() / 3;
+        if speeds.len() < 10 {
+            return None;
+        }
+        Some(*speeds.select_nth_unstable_by(third, f64::total_cmp).1).filter(|pace| *pace > 0.0)
+    }
+
+    /// Past a blank wall: once there is something with depth to see again, it enters the map where the motion before
+    /// the gap leads. The frame itself counts as lost; the next ones are tracked from it. Only where the view had
+    /// run out of features: a sudden motion is no ground for going on as before.
+    pub(crate) fn bridge(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
+        let last = self.last.as_ref()?;
+        let blank = self.eye.baseline_fx > 0.0 && self.ran_out(last);
+        let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
+        if !blank || !self.recent(&frame, BLANK_S) || deep < (self.features / 12).max(40) {
+            return None;
+        }
+        let moved = Se3::exp(&(self.velocity? * (frame.stamp - last.frame.stamp)));
+        let world_from_eye = last.placed.world_from_eye * moved;
+        let (reference, _) = map.living(last.placed.reference)?;
+        let placed = hung(map, reference, world_from_eye)?;
+        let landmarks = vec![None; frame.len()];
+        self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
+        self.since_key_frame = 0;
+        let sensed = self.inertia.as_mut().map(|i| i.sense(frame.stamp));
+        Some(Offer::Next { frame, landmarks, placed, sensed })
+    }
+
+    /// Whether the last view had run out of features: a blank wall.
+    fn ran_out(&self, last: &Last) -> bool {
+        4 * last.frame.len() < self.features
+    }
+
+    pub(crate) fn lose(&mut self, frame: Arc<Frame>, inliers: usize) -> Tracked {
+        self.lost = true;
+        self.lost_frames += 1;
+        let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
+        let state = State::Lost { inliers, need: self.setting.min_inliers };
+        Tracked {
+            stamp: frame.stamp,
+            state,
+            pose: None,
+            evidence,
+            offer: None,
+            earlier: Vec::new(),
+            seen: Vec::new(),
+        }
+    }
+}
