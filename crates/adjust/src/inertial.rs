@@ -5,9 +5,19 @@ use crate::window::{Settled, WindowSetting};
 use crate::pinhole;
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, Map, WorldId};
 use cairn_geometry::Se3;
-use cairn_inertial::{Bias, Gravity, Hold, VioFrame, VioLink, VioSetting, VioWindow};
+use cairn_inertial::{Bias, Gravity, Hold, Preintegrated, VioFrame, VioLink, VioSetting, VioWindow};
+use cairn_sensor::ImuNoise;
 use cairn_solve::{CHI2_2, CHI2_3};
 use cairn_vision::EyeModel;
+
+/// The sensor that felt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feeling {
+    /// Where the eye sits on it, metres.
+    pub imu_from_eye: Se3,
+    /// Its noise as it is in this motion, often some times its data sheet's.
+    pub noise: ImuNoise,
+}
 
 /// A copied window.
 #[derive(Clone, Debug)]
@@ -22,7 +32,7 @@ impl InertialWindow {
     pub fn around(
         map: &Map,
         eye: &EyeModel,
-        imu_from_eye: &Se3,
+        felt: &Feeling,
         centre: KeyFrameId,
         chain: usize,
         setting: &WindowSetting,
@@ -46,7 +56,7 @@ impl InertialWindow {
             excerpt.poses.push(map.key_frame(id)?.world_from_eye);
             excerpt.key_frames.push(id);
         }
-        Some(Self::new(map, eye, imu_from_eye, excerpt, |slot, k| match k.motion {
+        Some(Self::new(map, eye, felt, excerpt, |slot, k| match k.motion {
             _ if slot >= moving.len() => Hold::All,
             _ if k.id == world.root() => Hold::Pose,
             Some(_) => Hold::Free,
@@ -55,14 +65,14 @@ impl InertialWindow {
     }
 
     /// The window in which every key frame of a world moves; its root keeps its place and heading.
-    pub fn whole(map: &Map, eye: &EyeModel, imu_from_eye: &Se3, world: WorldId) -> Self {
+    pub fn whole(map: &Map, eye: &EyeModel, felt: &Feeling, world: WorldId) -> Self {
         let all: Vec<KeyFrameId> = map.key_frames_of(world).map(|k| k.id).collect();
         let excerpt = Excerpt::of(map, &all, 0);
-        let felt = |k: &KeyFrame| {
+        let linked = |k: &KeyFrame| {
             let follows = |id: KeyFrameId| map.key_frames_of(world).any(|next| before(next) == Some(id));
             k.motion.is_some() && (before(k).is_some() || follows(k.id))
         };
-        Self::new(map, eye, imu_from_eye, excerpt, |_, k| match felt(k) {
+        Self::new(map, eye, felt, excerpt, |_, k| match linked(k) {
             true if k.id == world.root() => Hold::Place,
             true => Hold::Free,
             false if k.id == world.root() => Hold::All,
@@ -73,7 +83,7 @@ impl InertialWindow {
     fn new(
         map: &Map,
         eye: &EyeModel,
-        imu_from_eye: &Se3,
+        feeling: &Feeling,
         excerpt: Excerpt,
         hold: impl Fn(usize, &KeyFrame) -> Hold,
     ) -> Self {
@@ -91,7 +101,9 @@ impl InertialWindow {
             let felt = motion.and_then(|m| m.felt.as_ref());
             let from = felt.and_then(|f| excerpt.key_frames.iter().position(|id| *id == f.since));
             if let (Some(felt), Some(from)) = (felt, from) {
-                links.push(VioLink { from, to: slot, sum: (*felt.sum).clone() });
+                let bias = frames[slot].bias;
+                let sum = Preintegrated::of(feeling.noise, bias, felt.sum.samples().to_vec());
+                links.push(VioLink { from, to: slot, sum });
             }
         }
         // Between two that hold nothing is to be found, and one whose motion holds is not to be pulled by it.
@@ -103,7 +115,7 @@ impl InertialWindow {
         }
         let window = VioWindow {
             camera: pinhole(eye),
-            imu_from_eye: *imu_from_eye,
+            imu_from_eye: feeling.imu_from_eye,
             gravity: Gravity::level(),
             frames,
             points: excerpt.points.clone(),

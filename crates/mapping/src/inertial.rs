@@ -6,7 +6,7 @@
 //! away meanwhile, and if they are never found, mapping by eye goes on.
 
 use crate::grow::median_depth;
-use cairn_adjust::{InertialWindow, Settled, WindowSetting};
+use cairn_adjust::{Feeling, InertialWindow, Settled, WindowSetting};
 use cairn_atlas::{Atlas, Change, Felt, KeyFrame, KeyFrameId, Map, Motion, Sensed, WorldId};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::{Attempt, InitialiseSetting, Preintegrated, Scale, Seen, SeenPose, initialise};
@@ -21,7 +21,8 @@ use std::sync::Arc;
 pub struct InertialSetting {
     /// Whether the inertial sensor is used, where there is one.
     pub enabled: bool,
-    /// What to multiply the sensor's white noise with: real sensors on real hands are worse than their data sheets.
+    /// What to multiply the sensor's white noise with until more is known: real sensors on real hands are worse than their
+    /// data sheets.
     pub noise_times: f64,
     /// Key frames, one felt after the other, that a local adjustment moves.
     pub chain: usize,
@@ -48,8 +49,9 @@ const REFINED_S: [f64; 3] = [5.0, 10.0, 15.0];
 /// Mapping's share of the inertial sensor.
 #[derive(Debug)]
 pub(crate) struct Inertial {
-    noise: ImuNoise,
-    pub imu_from_eye: Se3,
+    /// As its data sheet has it.
+    sheet: ImuNoise,
+    feeling: Feeling,
     pub setting: InertialSetting,
     /// For each level world how often it was adjusted as a whole.
     refined: BTreeMap<WorldId, usize>,
@@ -57,10 +59,9 @@ pub(crate) struct Inertial {
 
 impl Inertial {
     pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
-        let times = setting.noise_times;
-        let noise =
-            ImuNoise { gyro: sensor.noise.gyro * times, accel: sensor.noise.accel * times, ..sensor.noise };
-        Self { noise, imu_from_eye, setting, refined: BTreeMap::new() }
+        let noise = times(&sensor.noise, [setting.noise_times; 2]);
+        let feeling = Feeling { imu_from_eye, noise };
+        Self { sheet: sensor.noise, feeling, setting, refined: BTreeMap::new() }
     }
 
     /// The motion of a new key frame, linked to the one before in its world where the readings begin there.
@@ -78,7 +79,7 @@ impl Inertial {
     pub fn motion_since(&self, before: Option<KeyFrameId>, sensed: &Sensed) -> Motion {
         let felt = before.filter(|_| sensed.samples.len() > 1).map(|since| Felt {
             since,
-            sum: Arc::new(Preintegrated::of(self.noise, sensed.bias, sensed.samples.clone())),
+            sum: Arc::new(Preintegrated::of(self.sheet, sensed.bias, sensed.samples.clone())),
         });
         Motion { velocity: sensed.velocity, bias: sensed.bias, felt }
     }
@@ -96,7 +97,7 @@ impl Inertial {
             return None;
         }
         let chain = self.setting.chain;
-        let window = InertialWindow::around(map, eye, &self.imu_from_eye, centre, chain, setting)?;
+        let window = InertialWindow::around(map, eye, &self.feeling, centre, chain, setting)?;
         (window.links() > 0).then_some(window)
     }
 
@@ -113,7 +114,7 @@ impl Inertial {
         if !few || !map.is_level(world) {
             return None;
         }
-        let window = InertialWindow::whole(map, eye, &self.imu_from_eye, world);
+        let window = InertialWindow::whole(map, eye, &self.feeling, world);
         (window.links() > 0).then(|| window.solve(setting, stop))
     }
 
@@ -142,6 +143,7 @@ impl Inertial {
             let found = attempt.accepted().cloned();
             tried = Some(attempt);
             let Some(found) = found else { return tried };
+            self.feeling.noise = times(&self.sheet, found.noise_times);
             let about = map.world_from_eye(world.root())?.translation;
             atlas.commit(self.level(&map, world, &chain, &found, eye.baseline_fx > 0.0, about));
             self.refined.insert(world, REFINED_S.iter().filter(|due| seconds >= **due).count());
@@ -173,7 +175,7 @@ impl Inertial {
         };
         // The library raises the noise itself, from the data sheet's on.
         let setting = InitialiseSetting { noise_times: 1.0, ..InitialiseSetting::default() };
-        Some(initialise(&seen, &links?, &self.imu_from_eye, scale, &setting))
+        Some(initialise(&seen, &links?, &self.feeling.imu_from_eye, scale, &setting))
     }
 
     /// The changes that level a world about a place that stays.
@@ -195,12 +197,17 @@ impl Inertial {
             map.key_frame(**id).zip(last).is_some_and(|(k, last): (_, Stamp)| last - k.frame.stamp <= TRIED_S)
         };
         for (id, state) in chain.iter().filter(tried).zip(&found.states) {
-            let world_from_eye = state.world_from_imu * self.imu_from_eye;
+            let world_from_eye = state.world_from_imu * self.feeling.imu_from_eye;
             let velocity = world_from_eye.rotation.inverse() * state.velocity;
             changes.push(Change::Motion(*id, velocity, found.bias));
         }
         changes
     }
+}
+
+/// Noise so many times as white, gyroscope and accelerometer, at least what it is.
+fn times(noise: &ImuNoise, [gyro, accel]: [f64; 2]) -> ImuNoise {
+    ImuNoise { gyro: noise.gyro * gyro.max(1.0), accel: noise.accel * accel.max(1.0), ..*noise }
 }
 
 /// Key frames one felt after the other up to one, oldest first.
