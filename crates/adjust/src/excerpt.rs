@@ -67,15 +67,7 @@ impl Excerpt {
         }
         let pose = |id: &KeyFrameId| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye);
         let poses = key_frames.iter().map(pose).collect();
-        Self {
-            base: map.version(),
-            key_frames,
-            moving: moving.len(),
-            poses,
-            landmarks,
-            points,
-            observations,
-        }
+        Self { base: map.version(), key_frames, moving: moving.len(), poses, landmarks, points, observations }
     }
 
     /// The observations that were left out by a weight of zero, to be forgotten.

@@ -1,8 +1,8 @@
 //! A window of key frames that were seen and felt, adjusted together in a level world, and handed back as changes.
 
 use crate::excerpt::Excerpt;
-use crate::window::{Settled, WindowSetting};
 use crate::pinhole;
+use crate::window::{Settled, WindowSetting};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, Map, WorldId};
 use cairn_geometry::Se3;
 use cairn_inertial::{Bias, Gravity, Hold, Preintegrated, VioFrame, VioLink, VioSetting, VioWindow};
@@ -43,7 +43,8 @@ impl InertialWindow {
             moving.push(id);
             next = before(map.key_frame(id)?);
         }
-        let shared = map.key_frame(centre)?.covisible.iter().map(|(id, _)| *id).filter(|id| Some(*id) != next);
+        let shared =
+            map.key_frame(centre)?.covisible.iter().map(|(id, _)| *id).filter(|id| Some(*id) != next);
         for id in shared.take(setting.key_frames) {
             if moving.len() < setting.key_frames && !moving.contains(&id) {
                 moving.push(id);

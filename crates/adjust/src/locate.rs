@@ -4,8 +4,8 @@ use crate::{pinhole, pixel, weight};
 use cairn_atlas::{LandmarkId, Map};
 use cairn_geometry::{Se3, Vec3};
 use cairn_solve::{PointMatch, PoseOnly, PoseOnlySetting, PosePrior, Report};
-use nalgebra::SMatrix;
 use cairn_vision::{EyeModel, Frame};
+use nalgebra::SMatrix;
 
 /// A pose with what speaks for it.
 #[derive(Clone, Debug)]

@@ -233,14 +233,21 @@ mod tests {
             assert!(seen.place_sigma() < carried.place_sigma());
         }
         for mean in sums.map(|s| s / 300.0) {
-            assert!((13.5..16.5).contains(&mean), "mean squared error over covariance: {sums:?}, 15 is right");
+            assert!(
+                (13.5..16.5).contains(&mean),
+                "mean squared error over covariance: {sums:?}, 15 is right"
+            );
         }
     }
 
     #[test]
     fn standing_still_stops_it() {
-        let moving =
-            Belief::new(Se3::identity(), Vec3::new(0.2, 0.0, -0.1), Bias::default(), [0.1, 0.1, 0.3, 0.01, 0.1]);
+        let moving = Belief::new(
+            Se3::identity(),
+            Vec3::new(0.2, 0.0, -0.1),
+            Bias::default(),
+            [0.1, 0.1, 0.3, 0.01, 0.1],
+        );
         let still = moving.at_rest(1e-3).unwrap();
         assert!(still.velocity.norm() < 1e-5 && still.covariance[(6, 6)] < 1.1e-6);
         assert_eq!(still.world_from_eye, moving.world_from_eye);

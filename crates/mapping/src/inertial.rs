@@ -158,8 +158,7 @@ impl Inertial {
     fn attempt(&self, map: &Map, eye: &EyeModel, chain: &[KeyFrameId]) -> Option<Attempt> {
         let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| map.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
-        let frames: Vec<&KeyFrame> =
-            frames.into_iter().filter(|k| last - k.frame.stamp <= TRIED_S).collect();
+        let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.frame.stamp <= TRIED_S).collect();
         let poses: Vec<SeenPose> = frames
             .iter()
             .map(|k| SeenPose { stamp: k.frame.stamp, world_from_eye: k.world_from_eye })

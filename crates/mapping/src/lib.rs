@@ -11,4 +11,4 @@ mod turning;
 
 pub use closing::{Accepted, Closed, Closer, CloserSetting, Joined, Refusal, Verdict};
 pub use inertial::InertialSetting;
-pub use mapper::{Begin, Mapped, Mapper, MapperSetting};
+pub use mapper::{Begin, Mapped, Mapper, MapperSetting, Offered};

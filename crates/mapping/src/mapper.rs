@@ -67,6 +67,21 @@ impl Default for Begin {
     }
 }
 
+/// A frame that shall become a key frame of a world that is there.
+#[derive(Clone, Copy, Debug)]
+pub struct Offered<'a> {
+    /// The frame.
+    pub frame: &'a Arc<Frame>,
+    /// The landmark that each feature shows.
+    pub landmarks: &'a [Option<LandmarkId>],
+    /// The key frame on which its place hangs.
+    pub reference: KeyFrameId,
+    /// Its place there.
+    pub reference_from_eye: Se3,
+    /// What the inertial sensor says of it.
+    pub sensed: Option<&'a Sensed>,
+}
+
 /// What mapping did with one offer.
 #[derive(Clone, Debug)]
 pub struct Mapped {
@@ -152,10 +167,12 @@ impl Mapper {
         let (none_a, none_b) = (vec![None; first.len()], vec![None; second.len()]);
         let felt = self.inertial.as_ref().zip(begin.sensed.as_ref());
         let motion = felt.map(|(_, sensed)| still_unfelt(sensed));
-        let entry_a = Entry { id: a, frame: first, world_from_eye: begin.world_from_eye, shown: &none_a, motion };
+        let entry_a =
+            Entry { id: a, frame: first, world_from_eye: begin.world_from_eye, shown: &none_a, motion };
         let world_from_second = begin.world_from_eye * scaled;
         let motion = felt.map(|(inertial, sensed)| inertial.motion_since(Some(a), sensed));
-        let entry_b = Entry { id: b, frame: second, world_from_eye: world_from_second, shown: &none_b, motion };
+        let entry_b =
+            Entry { id: b, frame: second, world_from_eye: world_from_second, shown: &none_b, motion };
         let mut changes = add_key_frame(&entry_a, None);
         changes.extend(begin.tie.map(|tie| Change::Tie(WorldId(a), tie)));
         changes.extend(add_key_frame(&entry_b, Some(a)));
@@ -178,13 +195,10 @@ impl Mapper {
     pub fn step(
         &mut self,
         atlas: &mut Atlas,
-        frame: &Arc<Frame>,
-        landmarks: &[Option<LandmarkId>],
-        reference: KeyFrameId,
-        reference_from_eye: Se3,
-        sensed: Option<&Sensed>,
+        offered: &Offered,
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
+        let Offered { frame, landmarks, reference, reference_from_eye, sensed } = *offered;
         let depth = self.eye.baseline_fx > 0.0;
         let map = atlas.latest().clone();
         let (parent, _) = map.living(reference)?;

@@ -239,8 +239,7 @@ mod tests {
             .map(|i| {
                 let a = i as f64;
                 let q = Vec3::new((a * 0.7).sin() * 2.0, (a * 1.3).cos() * 1.5, 4.0 + (a * 0.37).sin());
-                let pixel =
-                    [500.0 * q.x / q.z + 320.0, 500.0 * q.y / q.z + 240.0, f64::NAN];
+                let pixel = [500.0 * q.x / q.z + 320.0, 500.0 * q.y / q.z + 240.0, f64::NAN];
                 PointMatch { point: truth * q, pixel, weight: 1.0 }
             })
             .collect();

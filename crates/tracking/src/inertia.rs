@@ -89,12 +89,8 @@ impl Inertia {
         let newest = map.newest_key_frame().filter(|k| map.is_level(k.world));
         let Some((k, motion)) = newest.and_then(|k| Some((k, k.motion.as_ref()?))) else { return };
         self.bias = motion.bias;
-        let told = Belief::new(
-            k.world_from_eye,
-            k.world_from_eye.rotation * motion.velocity,
-            motion.bias,
-            SETTLED,
-        );
+        let told =
+            Belief::new(k.world_from_eye, k.world_from_eye.rotation * motion.velocity, motion.bias, SETTLED);
         match &self.last {
             Some(last) if last.stamp > k.frame.stamp => {
                 let here = map.key_frame(last.placed.reference).map(|r| r.world);
@@ -167,9 +163,8 @@ impl Inertia {
             Some(last) if last.stamp == stamp => Some(last.belief.clone()),
             _ => self.predict(stamp),
         };
-        let velocity = here
-            .as_ref()
-            .map_or_else(Default::default, |b| b.world_from_eye.rotation.inverse() * b.velocity);
+        let velocity =
+            here.as_ref().map_or_else(Default::default, |b| b.world_from_eye.rotation.inverse() * b.velocity);
         Sensed { velocity, bias: here.map_or(self.bias, |b| b.bias), samples }
     }
 

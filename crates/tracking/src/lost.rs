@@ -97,7 +97,8 @@ impl Tracker {
         }
         let offer = self.starter.step(&self.eye, &frame, self.features).ok()?;
         let mut offer = self.with_sense(offer);
-        if let Offer::First { frame: root, adrift, .. } | Offer::Pair { first: root, adrift, .. } = &mut offer {
+        if let Offer::First { frame: root, adrift, .. } | Offer::Pair { first: root, adrift, .. } = &mut offer
+        {
             *adrift = self.adrift(root, map);
         }
         Some(offer)

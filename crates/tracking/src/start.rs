@@ -53,7 +53,14 @@ impl Starter {
             return Err(waiting);
         }
         *self = Self { attempts: self.attempts, ..Self::default() };
-        Ok(Offer::Pair { first, second: frame.clone(), first_from_second, points, adrift: None, sensed: None })
+        Ok(Offer::Pair {
+            first,
+            second: frame.clone(),
+            first_from_second,
+            points,
+            adrift: None,
+            sensed: None,
+        })
     }
 
     /// Makes a frame the first of the pair, when it shows enough.

@@ -38,7 +38,14 @@ pub struct TrackerSetting {
 
 impl Default for TrackerSetting {
     fn default() -> Self {
-        Self { min_inliers: 25, local_key_frames: 40, min_key_frame_gap: 1, new_world_s: 0.5, coast_sigma: 0.5, coast_s: 5.0 }
+        Self {
+            min_inliers: 25,
+            local_key_frames: 40,
+            min_key_frame_gap: 1,
+            new_world_s: 0.5,
+            coast_sigma: 0.5,
+            coast_s: 5.0,
+        }
     }
 }
 
@@ -426,8 +433,7 @@ impl Tracker {
         if located.inliers * 3 < expected.len() {
             expected = self.local.search(map, &self.eye, &frame, &located.world_from_eye, 1.0, &mut matches);
             matched = matches.count();
-            located =
-                self.locate_from(map, &frame, &located.world_from_eye, prior.as_ref(), &mut matches);
+            located = self.locate_from(map, &frame, &located.world_from_eye, prior.as_ref(), &mut matches);
         }
         let need = match (&prior, self.since_recovery < 30) {
             // What is felt speaks for the pose too.
@@ -509,7 +515,6 @@ impl Tracker {
     pub(crate) fn recent(&self, frame: &Frame, seconds: f64) -> bool {
         self.located.is_none_or(|t| frame.stamp - t < seconds)
     }
-
 }
 
 /// A pose that hangs on a key frame.

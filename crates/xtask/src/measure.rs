@@ -74,7 +74,9 @@ impl FromStr for Sensor {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         let known = Self::ALL.into_iter().chain(Self::INERTIAL).find(|s| s.name() == text);
-        known.ok_or_else(|| format!("there is no sensor \"{text}\"; write mono, stereo, rgbd, or one of them with -imu"))
+        known.ok_or_else(|| {
+            format!("there is no sensor \"{text}\"; write mono, stereo, rgbd, or one of them with -imu")
+        })
     }
 }
 
@@ -174,7 +176,8 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
     let mode = setting.sensor.mode();
     let mut config = setting.config.clone();
     config.inertial.enabled = setting.sensor.is_inertial();
-    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    let mut engine =
+        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
     let (mut loops, mut merges, mut refused) = (0, 0, 0);
@@ -208,7 +211,10 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         if let Some(attempt) = out.attempt.filter(|_| setting.verbose) {
             let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
             let found = attempt.found.as_ref().map(|f| (f.scale, f.scale_sigma, f.bias, f.noise_times));
-            eprintln!("initialising: {} {found:?}", if gates.is_empty() { "done".into() } else { gates.join("; ") });
+            eprintln!(
+                "initialising: {} {found:?}",
+                if gates.is_empty() { "done".into() } else { gates.join("; ") }
+            );
         }
         for v in &out.verdicts {
             match v.result {

@@ -486,7 +486,7 @@ mod tests {
 
     /// A file with one part put in another's place, all checksums right.
     fn with_part(bytes: &[u8], name: &str, change: impl Fn(&mut Vec<u8>)) -> Vec<u8> {
-        let parts = Parts::open(bytes, 1).unwrap();
+        let parts = Parts::open(bytes, crate::store::VERSION).unwrap();
         let mut out = Cursor::new(Vec::new());
         let names = parts.names().map(String::from).collect();
         let mut writer = PartsWriter::begin(&mut out, 1, names).unwrap();
@@ -528,7 +528,7 @@ mod tests {
     fn counts_that_can_not_be_take_no_memory() {
         let bytes = small().write().unwrap();
         // The count of key frames, of landmarks, and of features of the first key frame, as large as can be.
-        let about = Parts::open(&bytes, 1).unwrap().get("about").unwrap().len();
+        let about = Parts::open(&bytes, crate::store::VERSION).unwrap().get("about").unwrap().len();
         for (part, at) in [("about", about - 16), ("about", about - 12), ("key frames", 12)] {
             let wrong = with_part(&bytes, part, |plain| plain[at..at + 4].fill(0xff));
             let told = MapFile::read(&wrong).unwrap_err().to_string();

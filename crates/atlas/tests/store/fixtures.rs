@@ -15,9 +15,10 @@ fn fixture(version: u32) -> PathBuf {
 fn writes_the_fixture() {
     let path = fixture(VERSION);
     assert!(!path.exists(), "{} is kept for good", path.display());
-    // The first small history that has all there is: several worlds, a tie, loops, removed key frames.
+    // The first small history that has all there is: several worlds, a tie, a level one, loops, removed key frames.
     let rich = |f: &MapFile| {
         f.map.worlds().any(|(_, tie)| tie.is_some())
+            && f.map.worlds().any(|(world, _)| f.map.is_level(world))
             && f.map.removed_key_frame_count() > 0
             && f.map.key_frames().any(|k| !k.links.is_empty())
     };
@@ -57,5 +58,19 @@ fn version_1_opens() {
     near(l.normal.z, -0.800_232_471_938_011_1);
     assert_eq!((l.observations.len(), l.descriptor[..4].to_vec()), (1, vec![239, 67, 214, 41]));
     assert_eq!(opened.attached["way/home"], b"{\"format\":1}\n".repeat(3));
+    assert_eq!(map.check(), Ok(()));
+}
+
+#[test]
+fn version_2_opens() {
+    let opened = MapFile::load(&fixture(2)).unwrap();
+    let map = &opened.map;
+    let counts = (map.key_frame_count(), map.removed_key_frame_count(), map.landmark_count());
+    let level: Vec<bool> = map.worlds().map(|(world, _)| map.is_level(world)).collect();
+    assert_eq!((counts, level), ((9, 1, 34), vec![true, false]));
+    let moving: Vec<_> = map.key_frames().filter_map(|k| k.motion.as_ref()).collect();
+    let last = moving.last().unwrap();
+    assert_eq!((moving.len(), last.velocity.y, last.felt.is_none()), (4, -0.548_204_421_997_070_3, true));
+    assert_eq!((last.bias.gyro.x, last.bias.accel.z), (0.007_293_796_539_306_641, 0.013_232_231_140_136_719));
     assert_eq!(map.check(), Ok(()));
 }

@@ -1,8 +1,9 @@
 //! Small maps with a history: key frames of several worlds, merges, loops, removals, fused landmarks.
 
 use cairn_atlas::store::{About, MapFile};
-use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Tie, WorldId};
+use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Motion, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
+use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::Vocabulary;
 use cairn_vision::{EyeModel, Frame, SensorMode};
@@ -84,7 +85,11 @@ fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
     let parent = parent.filter(|_| dice.roll(8) > 0);
     let frame = frame(dice, features);
     let bag = Vocabulary::embedded().bag(&frame.descriptors);
-    let born = KeyFrame::new(new, frame, dice.pose(), parent).with_bag(Arc::new(bag));
+    let mut born = KeyFrame::new(new, frame, dice.pose(), parent).with_bag(Arc::new(bag));
+    if dice.roll(2) == 0 {
+        let bias = Bias { gyro: 0.01 * dice.vector(), accel: 0.1 * dice.vector() };
+        born.motion = Some(Motion { velocity: dice.vector(), bias, felt: None });
+    }
     let mut changes = vec![Change::AddKeyFrame(Box::new(born)), Change::Calibrate(dice.real())];
     let next = map.next_landmark_id().index();
     for i in 0..features / 3 {
@@ -109,6 +114,10 @@ fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
         changes.push(Change::RemoveLandmark(l));
     }
     let worlds: Vec<WorldId> = map.worlds().map(|(id, _)| id).collect();
+    if dice.roll(4) == 0 {
+        let turn = Sim3::new(So3::exp(&dice.vector()), dice.vector(), 1.0 + 0.2 * dice.real());
+        changes.push(Change::Level(worlds[dice.roll(worlds.len())], turn));
+    }
     if let [into, .., from] = worlds[..] {
         let tie = Tie { to: a, to_from_root: dice.pose(), sigma: 0.5, sigma_rad: 0.125 };
         changes.push(Change::Tie(from, tie));
@@ -132,7 +141,7 @@ pub fn file(seed: u64, steps: usize, features: usize) -> MapFile {
 pub fn told(map: &Map) -> String {
     let key_frames: Vec<String> = map.key_frames().map(|k| format!("{k:?}")).collect();
     let landmarks: Vec<String> = map.landmarks().map(|l| format!("{l:?}")).collect();
-    let worlds: Vec<_> = map.worlds().collect();
+    let worlds: Vec<_> = map.worlds().map(|(id, tie)| (id, tie, map.is_level(id))).collect();
     let hung: Vec<_> = (0..map.next_key_frame_id().index())
         .map(|i| map.living(KeyFrameId::from_index(i).unwrap()))
         .collect();

@@ -9,9 +9,9 @@ pub use replay::{Replayed, Stopped};
 use crate::journal::{FrameRecord, Header, Journal, Record};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Sensed, Subscription, Tie};
 use cairn_inertial::Attempt;
-use cairn_mapping::{Begin, Closer, Mapper, Verdict};
+use cairn_mapping::{Begin, Closer, Mapper, Offered, Verdict};
 use cairn_sensor::Stamp;
-use cairn_tracking::{Adrift, Offer};
+use cairn_tracking::{Adrift, Offer, Placed};
 use inline::Inline;
 use replay::Replay;
 use std::io::Write;
@@ -194,14 +194,18 @@ fn take(
     stop: impl FnMut() -> bool,
 ) -> (Option<KeyFrameId>, Option<Attempt>) {
     let id = match offer {
-        Offer::First { frame, adrift, sensed } => Some(mapper.start(atlas, frame, &begin(adrift, sensed, true))),
+        Offer::First { frame, adrift, sensed } => {
+            Some(mapper.start(atlas, frame, &begin(adrift, sensed, true)))
+        }
         Offer::Pair { first, second, first_from_second, points, adrift, sensed } => {
             let begin = begin(adrift, sensed, false);
             mapper.start_pair(atlas, first, second, *first_from_second, points, &begin)
         }
         Offer::Next { frame, landmarks, placed, sensed } => {
-            let (reference, from_eye) = (placed.reference, placed.reference_from_eye);
-            let mapped = mapper.step(atlas, frame, landmarks, reference, from_eye, sensed.as_ref(), stop);
+            let Placed { reference, reference_from_eye, .. } = *placed;
+            let sensed = sensed.as_ref();
+            let offered = Offered { frame, landmarks, reference, reference_from_eye, sensed };
+            let mapped = mapper.step(atlas, &offered, stop);
             return mapped.map_or((None, None), |m| (Some(m.key_frame), m.attempt));
         }
     };

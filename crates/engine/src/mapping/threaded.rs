@@ -15,7 +15,7 @@ use std::time::Instant;
 /// What the mapping thread is sent.
 enum Message {
     Seen(Vec<(LandmarkId, bool)>),
-    Offer(Offer, SyncSender<Option<KeyFrameId>>),
+    Offer(Box<Offer>, SyncSender<Option<KeyFrameId>>),
     /// The closing job of this number has made changes on a map that may be older by now.
     Closed(u64, Arc<Map>, Closed),
     /// Someone wants to hear of every change.
@@ -106,7 +106,7 @@ impl Threaded {
         let starting = !matches!(offer, Offer::Next { .. });
         let (reply, answer) = sync_channel(1);
         self.waiting.fetch_add(1, Ordering::Relaxed);
-        self.to.as_ref()?.send(Message::Offer(offer, reply)).ok()?;
+        self.to.as_ref()?.send(Message::Offer(Box::new(offer), reply)).ok()?;
         if starting { answer.recv().ok().flatten() } else { None }
     }
 
