@@ -13,6 +13,7 @@ pub mod places;
 pub mod recordings;
 pub mod revisit;
 pub mod store;
+pub mod visual_inertial;
 pub mod walks;
 
 pub use measure::{Measured, Sensor, Setting, measure};

@@ -11,7 +11,8 @@ use xtask::recordings::{RECORDINGS, data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
 use xtask::{
-    Sensor, Setting, accuracy, graphs, halves, inertial, live, long, measure, places, revisit, store, walks,
+    Sensor, Setting, accuracy, graphs, halves, inertial, live, long, measure, places, revisit, store,
+    visual_inertial, walks,
 };
 
 /// Measures the whole engine.
@@ -194,6 +195,55 @@ enum Command {
         #[arg(long)]
         write: bool,
     },
+    /// The whole engine with an inertial sensor: EuRoC MH_01, rooms around real motions with their real readings, a turn
+    /// before plain walls, a minute of standing, costs.
+    VisualInertial {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Which trials, with commas.
+        #[arg(long, value_delimiter = ',', value_enum, default_value = "recorded,semi-real,turn,rest,cost")]
+        trials: Vec<visual_inertial::Trial>,
+        /// Only real motions whose name holds this.
+        #[arg(long)]
+        only: Option<String>,
+        /// Only conditions whose name holds this ("as recorded", "half the rate", "20 ms", "lost", "bias").
+        #[arg(long)]
+        condition: Option<String>,
+        /// Cameras, with commas; without it those of each trial.
+        #[arg(long, value_delimiter = ',')]
+        sensors: Vec<Sensor>,
+        /// Without the inertial sensor, for a comparison.
+        #[arg(long)]
+        without: bool,
+        /// Seconds of each real motion.
+        #[arg(long, default_value_t = 40.0)]
+        seconds: f64,
+        /// Whole real motions.
+        #[arg(long, conflicts_with = "seconds")]
+        long: bool,
+        /// Seeds of the turns.
+        #[arg(long, default_value_t = 20)]
+        seeds: u64,
+        /// Leave out the seeds before this one.
+        #[arg(long, default_value_t = 1)]
+        from: u64,
+        /// Runs of each for the cost.
+        #[arg(long, default_value_t = 3)]
+        times: usize,
+        /// Settings in TOML that differ from the defaults.
+        #[arg(long)]
+        config: Option<PathBuf>,
+        /// Tell of every frame on stderr.
+        #[arg(long, short)]
+        verbose: bool,
+        /// Write all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+        /// Write docs/visual-inertial.md.
+        #[arg(long)]
+        write: bool,
+    },
     /// A live stream: from the publisher over RTMP to the pose, and from the pose to words. Needs ffmpeg.
     Live {
         /// Minutes.
@@ -353,6 +403,43 @@ fn run(command: Command) -> Result<(), String> {
                 save(path.into(), &inertial::page(&figures))?;
             }
             json.map_or(Ok(()), |path| save(path, &text(&figures)?))
+        }
+        Command::VisualInertial {
+            data,
+            trials,
+            only,
+            condition,
+            sensors,
+            without,
+            seconds,
+            long,
+            seeds,
+            from,
+            times,
+            config,
+            verbose,
+            json,
+            write,
+        } => {
+            let chosen = visual_inertial::Chosen {
+                trials,
+                only,
+                condition,
+                sensors,
+                without,
+                seconds: (!long).then_some(seconds),
+                seeds: from..=from + seeds.saturating_sub(1),
+                times,
+                config: config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?,
+                verbose,
+            };
+            let measured = visual_inertial::run(&data.unwrap_or_else(data_folder), &chosen)?;
+            print!("{}", visual_inertial::tables(&measured));
+            if write {
+                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/visual-inertial.md");
+                save(path.into(), &visual_inertial::page(&measured))?;
+            }
+            json.map_or(Ok(()), |path| save(path, &text(&measured)?))
         }
         Command::One { source, data, sensor, frames, verbose, config } => {
             let config = match config {

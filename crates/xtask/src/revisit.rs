@@ -133,9 +133,10 @@ fn back_at(truth: &[(Stamp, Se3)], dark: [f64; 2]) -> Option<f64> {
 }
 
 /// A source whose lens is black for a while.
-struct Darkened {
-    inner: SimSource,
-    dark_s: Option<[f64; 2]>,
+pub(crate) struct Darkened {
+    pub(crate) inner: SimSource,
+    /// From when to when, seconds after the first frame.
+    pub(crate) dark_s: Option<[f64; 2]>,
 }
 
 impl Source for Darkened {

@@ -1,0 +1,282 @@
+//! One source through the engine, and what the trials ask of it: metres without help, worlds begun, time to the first metre.
+
+use super::connect;
+use crate::Sensor;
+use cairn_atlas::WorldId;
+use cairn_engine::{Config, Engine};
+use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
+use cairn_geometry::{Se3, Trajectory, Vec3};
+use cairn_sensor::{Source, Stamp};
+use serde::Serialize;
+use std::collections::BTreeSet;
+
+/// What is asked of a run.
+#[derive(Clone, Debug)]
+pub struct Asked {
+    /// Cameras.
+    pub sensor: Sensor,
+    /// Whether the inertial sensor is used.
+    pub inertial: bool,
+    /// Packets at most.
+    pub frames: usize,
+    /// True to tell of every frame on stderr.
+    pub verbose: bool,
+    /// Settings of the engine.
+    pub config: Config,
+}
+
+impl Asked {
+    /// A whole source.
+    pub fn new(sensor: Sensor, inertial: bool) -> Self {
+        Self { sensor, inertial, frames: usize::MAX, verbose: false, config: Config::default() }
+    }
+
+    /// `mono-imu`.
+    pub fn name(&self) -> String {
+        format!("{}{}", self.sensor.name(), if self.inertial { "-imu" } else { "" })
+    }
+}
+
+/// A run.
+pub struct Ran {
+    /// Every packet's stamp.
+    pub stamps: Vec<Stamp>,
+    /// True poses of what the poses below tell.
+    pub truth: Vec<(Stamp, Se3)>,
+    /// Poses as the map has them at the end.
+    pub poses: Vec<(Stamp, Se3)>,
+    /// As they were told at the time.
+    pub live: Vec<(Stamp, Se3)>,
+    /// When each world was begun: the first one is the start.
+    pub begun: Vec<Stamp>,
+    /// Worlds in which final poses stand.
+    pub pose_worlds: usize,
+    /// When the first pose was told in metres.
+    pub metric_at: Option<Stamp>,
+    /// Whether lengths were metres at the end.
+    pub metric: bool,
+    /// Features of each frame to its pose, milliseconds.
+    pub track_ms: Vec<f64>,
+    /// Decoded image to pose.
+    pub step_ms: Vec<f64>,
+    /// Time offset of the inertial sensor, as the engine found it.
+    pub offset_s: Option<f64>,
+}
+
+/// The figures of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct Figures {
+    /// What was run, for people.
+    pub name: String,
+    /// Sensors, with `-imu` where the inertial one was asked for.
+    pub sensors: String,
+    /// Packets.
+    pub frames: usize,
+    /// Length of the true way, metres.
+    pub path_m: f64,
+    /// RMSE after turning and moving, without scale; none where lengths are no metres.
+    pub ate_m: Option<f64>,
+    /// RMSE after a similarity.
+    pub ate_sim3_m: Option<f64>,
+    /// How far the scale of that similarity is from 1, percent; none where lengths are no metres.
+    pub scale_percent: Option<f64>,
+    /// Share of the packets that have a pose at the end.
+    pub coverage: f64,
+    /// Seconds from the first frame to the first pose in metres.
+    pub metric_s: Option<f64>,
+    /// Worlds begun after the first: what others call resets.
+    pub resets: usize,
+    /// Worlds in which the final poses stand.
+    pub worlds: usize,
+    /// Error of the time offset, ms; none where none was found.
+    pub offset_ms: Option<f64>,
+    /// Features to pose, milliseconds.
+    pub track_ms: Percentiles,
+    /// Decoded image to pose, milliseconds.
+    pub step_ms: Percentiles,
+}
+
+/// Runs a source.
+///
+/// # Errors
+/// When the source or the engine fails.
+pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
+    let rig = source.rig().clone();
+    let mut engine =
+        connect::engine(&rig, asked.sensor, asked.inertial, source.info().rate_hz, &asked.config)?;
+    let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut known, mut begun, mut metric_at) = (BTreeSet::<WorldId>::new(), Vec::new(), None);
+    while stamps.len() < asked.frames {
+        let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
+        let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        if let Some(cause) = out.died {
+            return Err(format!("frame {}: {cause}", stamps.len()));
+        }
+        if asked.verbose {
+            eprintln!(
+                "{:4} {:?} matched {} inliers {}",
+                stamps.len(),
+                out.state,
+                out.evidence.matched,
+                out.evidence.inliers
+            );
+        }
+        for (world, _) in engine.map().worlds() {
+            if known.insert(world) {
+                begun.push(packet.stamp);
+            }
+        }
+        if metric_at.is_none() && out.world_from_body.is_some() && engine.is_metric() {
+            metric_at = Some(packet.stamp);
+        }
+        stamps.push(packet.stamp);
+        track_ms.push(out.track_ms);
+        step_ms.push(out.see_ms + out.track_ms);
+    }
+    engine.finish();
+    engine.map().check()?;
+    let first = stamps.first().copied().unwrap_or_default();
+    let last = stamps.last().copied().unwrap_or_default();
+    let mut truth = engine.comparable(&source.info().truth);
+    truth.retain(|(t, _)| *t >= first && *t <= last);
+    Ok(Ran {
+        truth,
+        poses: engine.trajectory(),
+        live: engine.live_trajectory(),
+        begun,
+        pose_worlds: pose_worlds(&engine),
+        metric_at,
+        metric: engine.is_metric(),
+        track_ms,
+        step_ms,
+        offset_s: connect::offset_s(&engine),
+        stamps,
+    })
+}
+
+/// In how many worlds the poses of all frames stand.
+fn pose_worlds(engine: &Engine) -> usize {
+    let map = engine.map();
+    let placed = engine.log().frames().iter().filter_map(|f| f.placed);
+    let worlds: BTreeSet<WorldId> =
+        placed.filter_map(|p| Some(map.key_frame(map.living(p.reference)?.0)?.world)).collect();
+    worlds.len()
+}
+
+impl Ran {
+    /// The figures; `true_offset_s` is what the readings' stamps are off by.
+    ///
+    /// # Errors
+    /// When the truth's times do not rise.
+    pub fn figures(&self, name: &str, asked: &Asked, true_offset_s: f64) -> Result<Figures, String> {
+        let (first, last) = (self.stamps.first().copied(), self.stamps.last().copied());
+        let path: f64 = self.truth.windows(2).map(|w| (w[1].1.translation - w[0].1.translation).norm()).sum();
+        let rigid = ate(&self.truth, &self.poses, Align::Se3)?.filter(|_| self.metric);
+        let similar = ate(&self.truth, &self.poses, Align::Sim3)?;
+        let inside = |t: &Stamp| first.is_some_and(|f| *t >= f) && last.is_some_and(|l| *t <= l);
+        let tracked = self.poses.iter().filter(|(t, _)| inside(t)).count();
+        Ok(Figures {
+            name: name.into(),
+            sensors: asked.name(),
+            frames: self.stamps.len(),
+            path_m: path,
+            ate_m: rigid.map(|r| r.0),
+            ate_sim3_m: similar.map(|r| r.0),
+            scale_percent: similar.filter(|_| self.metric).map(|r| 100.0 * (r.1 - 1.0).abs()),
+            coverage: tracked as f64 / self.stamps.len().max(1) as f64,
+            metric_s: self.metric_at.zip(first).map(|(at, first)| at - first),
+            resets: self.begun.len().saturating_sub(1),
+            worlds: self.pose_worlds,
+            offset_ms: self.offset_s.map(|o| 1e3 * (o - true_offset_s).abs()),
+            track_ms: Percentiles::of(&self.track_ms).unwrap_or_default(),
+            step_ms: Percentiles::of(&self.step_ms).unwrap_or_default(),
+        })
+    }
+
+    /// Between two instants, at most, metres: how far the poses told at the time go from the first of them; how far the truth
+    /// does; and how far the one's going is from the other's, when all poses told are laid on the truth. None without a pose
+    /// there.
+    ///
+    /// # Errors
+    /// When the truth's times do not rise.
+    pub fn wanders(&self, from: Stamp, to: Stamp) -> Result<Option<[f64; 3]>, String> {
+        let farthest = |places: &[Vec3]| {
+            let first = *places.first()?;
+            Some(places.iter().map(|p| (p - first).norm()).fold(0.0, f64::max))
+        };
+        let inside = |list: &[(Stamp, Se3)]| -> Vec<(Stamp, Vec3)> {
+            list.iter().filter(|(t, _)| *t >= from && *t <= to).map(|(t, p)| (*t, p.translation)).collect()
+        };
+        let plain = |list: Vec<(Stamp, Vec3)>| list.into_iter().map(|p| p.1).collect::<Vec<_>>();
+        let align = if self.metric { Align::Se3 } else { Align::Sim3 };
+        let Some(found) = evaluated(&self.truth, &self.live, align)? else { return Ok(None) };
+        let truth = inside(&self.truth);
+        let off: Vec<Vec3> = inside(&self.live)
+            .iter()
+            .filter_map(|(t, p)| {
+                let near = truth.iter().min_by(|a, b| (a.0 - *t).abs().total_cmp(&(b.0 - *t).abs()))?;
+                Some(found.reference_from_estimate * *p - near.1)
+            })
+            .collect();
+        let all = [farthest(&plain(inside(&self.live))), farthest(&plain(truth)), farthest(&off)];
+        Ok(match all {
+            [Some(told), Some(truth), Some(off)] => Some([told, truth, off]),
+            _ => None,
+        })
+    }
+
+    /// Where the last pose told stands against the truth, metres, when the poses told up to an instant are laid on the truth
+    /// without scale (with, where lengths are no metres).
+    ///
+    /// # Errors
+    /// When the truth's times do not rise.
+    pub fn end_error(&self, laid_until: Stamp, poses: &[(Stamp, Se3)]) -> Result<Option<f64>, String> {
+        let begin: Vec<(Stamp, Se3)> = poses.iter().filter(|(t, _)| *t <= laid_until).copied().collect();
+        let align = if self.metric { Align::Se3 } else { Align::Sim3 };
+        let (Some((t, last)), Some(found)) = (poses.last(), evaluated(&self.truth, &begin, align)?) else {
+            return Ok(None);
+        };
+        let laid = found.reference_from_estimate * last.translation;
+        let truth = self.truth.iter().min_by(|a, b| (a.0 - *t).abs().total_cmp(&(b.0 - *t).abs()));
+        Ok(truth.map(|(_, p)| (laid - p.translation).norm()))
+    }
+}
+
+/// RMSE and scale after an alignment; none with too few poses.
+fn ate(truth: &[(Stamp, Se3)], poses: &[(Stamp, Se3)], align: Align) -> Result<Option<(f64, f64)>, String> {
+    Ok(evaluated(truth, poses, align)?.map(|e| (e.ate_m.rmse, e.scale)))
+}
+
+fn evaluated(
+    truth: &[(Stamp, Se3)],
+    poses: &[(Stamp, Se3)],
+    align: Align,
+) -> Result<Option<cairn_eval::Evaluation>, String> {
+    let trajectory = |poses: &[(Stamp, Se3)]| {
+        Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect()).map_err(|e| e.to_string())
+    };
+    let options = EvalOptions { align, ..EvalOptions::default() };
+    Ok(evaluate(&trajectory(truth)?, &trajectory(poses)?, &options).ok())
+}
+
+/// Head of [`row`]'s table.
+pub const HEAD: &str = "| what | sensors | ATE m, SE3 without scale (after Sim3) | scale error % | coverage | first metres s | resets | worlds | offset off ms | track p50 ms |\n|---|---|---|---|---|---|---|---|---|---|\n";
+
+/// One line of the table.
+pub fn row(f: &Figures) -> String {
+    let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    format!(
+        "| {} | {} | {} ({}) | {} | {:.3} | {} | {} | {} | {} | {:.1} |\n",
+        f.name,
+        f.sensors,
+        or(f.ate_m, 4),
+        or(f.ate_sim3_m, 4),
+        or(f.scale_percent, 2),
+        f.coverage,
+        or(f.metric_s, 2),
+        f.resets,
+        f.worlds,
+        or(f.offset_ms, 2),
+        f.track_ms.p50
+    )
+}

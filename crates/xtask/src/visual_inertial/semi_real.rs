@@ -1,0 +1,167 @@
+//! Rooms rendered around real motions, with the real readings of their inertial sensors, as they are and made worse.
+
+use super::ran::{Asked, Figures, run};
+use crate::Sensor;
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{ImuNoise, Source};
+use cairn_sim::{
+    Agreement, ImuSetting, ImuTroubles, Route, SimSensor, SimSetting, SimSource, World, WorldKind,
+};
+use serde::Serialize;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A recording, where its stretch begins (in motion), and its sensor.
+pub struct Motion {
+    /// Folder below `imu-truth`.
+    pub name: &'static str,
+    /// Seconds after its first true pose.
+    start_s: f64,
+    tumvi: bool,
+}
+
+/// All of them.
+pub const MOTIONS: [Motion; 5] = [
+    Motion { name: "MH_03_medium", start_s: 18.0, tumvi: false },
+    Motion { name: "V1_02_medium", start_s: 3.0, tumvi: false },
+    Motion { name: "V2_01_easy", start_s: 3.0, tumvi: false },
+    Motion { name: "tumvi_room1", start_s: 3.0, tumvi: true },
+    Motion { name: "tumvi_room3", start_s: 3.0, tumvi: true },
+];
+
+/// What is made worse.
+#[derive(Clone, Copy, Debug)]
+pub struct Condition {
+    /// Name of the row.
+    pub name: &'static str,
+    /// What goes wrong.
+    pub troubles: ImuTroubles,
+}
+
+/// All conditions.
+pub fn conditions() -> [Condition; 6] {
+    let plain = ImuTroubles::default();
+    [
+        Condition { name: "as recorded", troubles: plain },
+        Condition { name: "half the rate", troubles: ImuTroubles { mean_of: 2, ..plain } },
+        Condition { name: "+20 ms", troubles: ImuTroubles { offset_s: 0.02, ..plain } },
+        Condition { name: "-20 ms", troubles: ImuTroubles { offset_s: -0.02, ..plain } },
+        Condition { name: "1 % lost", troubles: ImuTroubles { lost: 0.01, ..plain } },
+        Condition { name: "bias steps", troubles: ImuTroubles { bias_steps_s: 10.0, ..plain } },
+    ]
+}
+
+/// How well poses and readings of a recording agree, as rendered.
+#[derive(Clone, Debug, Serialize)]
+pub struct Checked {
+    /// Recording.
+    pub name: String,
+    /// Milliseconds added to the poses' clock, degrees taken out of their axes.
+    pub clock_ms: f64,
+    /// Likewise.
+    pub axes_deg: f64,
+    /// Poses against the gyroscope over 50 ms, degrees: as measured, as rendered.
+    pub turn_deg: [f64; 2],
+    /// Against the accelerometer, m/s^2, likewise.
+    pub acceleration: [f64; 2],
+    /// How far smoothing moved poses, millimetres, and turned them, degrees: root mean square, most.
+    pub moved_mm: [f64; 2],
+    /// Likewise.
+    pub turned_deg: [f64; 2],
+    /// The longest hole in the poses, seconds.
+    pub hole_s: f64,
+}
+
+impl Checked {
+    fn of(name: &str, a: &Agreement) -> Self {
+        Self {
+            name: name.into(),
+            clock_ms: 1e3 * a.offset_s,
+            axes_deg: a.misaligned_rad.to_degrees(),
+            turn_deg: a.turn_rms.map(f64::to_degrees),
+            acceleration: a.acceleration_rms,
+            moved_mm: a.moved_m.map(|m| 1e3 * m),
+            turned_deg: a.turned_rad.map(f64::to_degrees),
+            hole_s: a.longest_hole_s,
+        }
+    }
+}
+
+/// The setting of a recording: its sensor's data sheet, a camera where its own sat, a room around it.
+pub fn setting(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64>) -> SimSetting {
+    let folder = data.join("imu-truth").join(motion.name);
+    let noise = match motion.tumvi {
+        true => ImuNoise { gyro: 1.6e-4, gyro_walk: 2.2e-5, accel: 2.8e-3, accel_walk: 8.6e-4 },
+        false => ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 },
+    };
+    SimSetting {
+        sensor: sim_sensor(sensor),
+        imu: Some(ImuSetting { rate_hz: 200.0, noise, noisy: true }),
+        readings: Some(folder.join("imu.csv")),
+        body_from_camera: body_from_camera(motion.tumvi),
+        baseline_m: 0.11,
+        route: Route::File(folder.join("gt_tum.txt")),
+        start_s: motion.start_s,
+        duration_s: seconds,
+        ..SimSetting::new(WorldKind::Arena, 1)
+    }
+}
+
+/// As `sim` names it.
+pub fn sim_sensor(sensor: Sensor) -> SimSensor {
+    match sensor {
+        Sensor::Mono => SimSensor::Mono,
+        Sensor::Stereo => SimSensor::Stereo,
+        Sensor::Rgbd => SimSensor::Rgbd,
+    }
+}
+
+/// Where the left cameras of the two data sets sit on the sensor, as their calibrations have it.
+fn body_from_camera(tumvi: bool) -> Se3 {
+    let (q, p) = match tumvi {
+        true => (
+            [-0.010_805_45, -0.694_580_22, 0.719_183_69, 0.014_651_63],
+            [0.045_365_84, -0.071_100_17, 0.044_668_06],
+        ),
+        false => {
+            ([-0.007_707_18, 0.010_499_32, 0.701_752_8, 0.712_301_5], [-0.021_640_1, -0.064_677, 0.009_810_7])
+        }
+    };
+    let turn = So3::from_xyzw(q[0], q[1], q[2], q[3]).unwrap_or(So3::identity());
+    Se3::new(turn, Vec3::new(p[0], p[1], p[2]))
+}
+
+/// Runs one recording under the conditions whose name holds a part; progress on stderr.
+///
+/// # Errors
+/// When a file is not what it should be, or a run fails.
+pub fn measure(
+    data: &Path,
+    motion: &Motion,
+    asked: &[Asked],
+    condition: Option<&str>,
+    seconds: Option<f64>,
+) -> Result<(Checked, Vec<Figures>), String> {
+    let mut world: Option<Arc<World>> = None;
+    let mut checked = None;
+    let mut rows = Vec::new();
+    for condition in conditions().iter().filter(|c| condition.is_none_or(|part| c.name.contains(part))) {
+        for asked in asked {
+            let mut setting = setting(data, motion, asked.sensor, seconds);
+            setting.troubles = condition.troubles;
+            let source = match &world {
+                Some(world) => SimSource::in_world(&setting, world.clone()),
+                None => SimSource::new(&setting),
+            };
+            let mut source = source.map_err(|e| e.to_string())?;
+            world.get_or_insert_with(|| source.world().clone());
+            checked = checked.or(source.agreement().map(|a| Checked::of(motion.name, a)));
+            let ran = run(&mut source as &mut dyn Source, asked)?;
+            let name = format!("{}, {}", motion.name, condition.name);
+            let figures = ran.figures(&name, asked, condition.troubles.offset_s)?;
+            eprint!("{}", super::ran::row(&figures));
+            rows.push(figures);
+        }
+    }
+    Ok((checked.ok_or("nothing was asked for")?, rows))
+}
