@@ -210,12 +210,9 @@ enum Command {
         /// Only conditions whose name holds this ("as recorded", "half the rate", "20 ms", "lost", "bias").
         #[arg(long)]
         condition: Option<String>,
-        /// Cameras, with commas; without it those of each trial.
+        /// Sensors, with commas; without it those of each trial. Without -imu the inertial sensor is left alone.
         #[arg(long, value_delimiter = ',')]
         sensors: Vec<Sensor>,
-        /// Without the inertial sensor, for a comparison.
-        #[arg(long)]
-        without: bool,
         /// Seconds of each real motion.
         #[arg(long, default_value_t = 40.0)]
         seconds: f64,
@@ -410,7 +407,6 @@ fn run(command: Command) -> Result<(), String> {
             only,
             condition,
             sensors,
-            without,
             seconds,
             long,
             seeds,
@@ -426,7 +422,6 @@ fn run(command: Command) -> Result<(), String> {
                 only,
                 condition,
                 sensors,
-                without,
                 seconds: (!long).then_some(seconds),
                 seeds: from..=from + seeds.saturating_sub(1),
                 times,

@@ -4,22 +4,14 @@ use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_sensor::Rig;
 
-/// What the engine could not do when this was written: the tables say so.
-pub const CAN_FEEL: bool = false;
-
-/// An engine in lockstep; it uses the rig's inertial sensor where that is asked for.
+/// An engine in lockstep; it uses the rig's inertial sensor where the sensors have one.
 ///
 /// # Errors
 /// When the rig does not serve the sensors.
-pub fn engine(
-    rig: &Rig,
-    sensor: Sensor,
-    inertial: bool,
-    rate_hz: f64,
-    config: &Config,
-) -> Result<Engine, String> {
-    let rig = Rig { imu: rig.imu.clone().filter(|_| inertial), ..rig.clone() };
-    Engine::new(&rig, sensor.mode(), rate_hz, Runner::Lockstep, config).map_err(|e| e.to_string())
+pub fn engine(rig: &Rig, sensor: Sensor, rate_hz: f64, config: &Config) -> Result<Engine, String> {
+    let mut config = config.clone();
+    config.inertial.enabled = sensor.is_inertial();
+    Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())
 }
 
 /// Seconds to add to an IMU stamp to get the image clock, as the engine has found it; none before that.

@@ -37,10 +37,8 @@ pub struct Chosen {
     pub only: Option<String>,
     /// Only conditions whose name holds this.
     pub condition: Option<String>,
-    /// Cameras; each trial has some of its own where none are named.
+    /// Sensors; each trial has some of its own where none are named.
     pub sensors: Vec<Sensor>,
-    /// Without the inertial sensor, for a comparison.
-    pub without: bool,
     /// Seconds of each semi-real motion; none: whole.
     pub seconds: Option<f64>,
     /// Seeds of the turns.
@@ -69,28 +67,22 @@ pub struct Measured {
 /// # Errors
 /// When a run fails.
 pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
-    if !connect::CAN_FEEL && !chosen.without {
-        eprintln!("the engine does not use its inertial sensor yet: these are figures without it");
-    }
     let asked = |usual: &[Sensor]| -> Vec<Asked> {
         let sensors = if chosen.sensors.is_empty() { usual } else { &chosen.sensors };
-        let of = |s: &Sensor| Asked {
-            config: chosen.config.clone(),
-            verbose: chosen.verbose,
-            ..Asked::new(*s, !chosen.without)
-        };
+        let of =
+            |s: &Sensor| Asked { config: chosen.config.clone(), verbose: chosen.verbose, ..Asked::new(*s) };
         sensors.iter().map(of).collect()
     };
     let mut out = Measured::default();
     for trial in &chosen.trials {
         match trial {
             Trial::Recorded => {
-                out.recorded = recorded::measure(data, &asked(&[Sensor::Mono, Sensor::Stereo]))?
+                out.recorded = recorded::measure(data, &asked(&[Sensor::MonoImu, Sensor::StereoImu]))?
             }
-            Trial::SemiReal => semi_real(data, chosen, &asked(&Sensor::ALL), &mut out)?,
+            Trial::SemiReal => semi_real(data, chosen, &asked(&Sensor::INERTIAL), &mut out)?,
             Trial::Turn => {
                 for seed in chosen.seeds.clone() {
-                    for asked in asked(&[Sensor::Mono]) {
+                    for asked in asked(&[Sensor::MonoImu]) {
                         let turn = walked::turn(seed, &asked)?;
                         eprint!("{}", row(&turn.figures));
                         out.turns.push(turn);
@@ -98,15 +90,15 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
                 }
             }
             Trial::Rest => {
-                for (asked, dark) in asked(&Sensor::ALL).iter().flat_map(|a| [(a, false), (a, true)]) {
+                for (asked, dark) in asked(&Sensor::INERTIAL).iter().flat_map(|a| [(a, false), (a, true)]) {
                     let rest = walked::rest(1, asked, dark)?;
                     eprint!("{}", row(&rest.figures));
                     out.rests.push(rest);
                 }
             }
             Trial::Cost => {
-                for asked in asked(&[Sensor::Mono, Sensor::Stereo]) {
-                    out.costs.extend(recorded::cost(data, asked.sensor, chosen.times)?);
+                for pair in [[Sensor::Mono, Sensor::MonoImu], [Sensor::Stereo, Sensor::StereoImu]] {
+                    out.costs.extend(recorded::cost(data, pair, chosen.times)?);
                 }
             }
         }
@@ -133,9 +125,6 @@ fn semi_real(data: &Path, chosen: &Chosen, asked: &[Asked], out: &mut Measured) 
 pub fn tables(m: &Measured) -> String {
     let mut t = String::new();
     let or = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.3}"));
-    if !connect::CAN_FEEL {
-        t += "**The engine does not use its inertial sensor yet: these are figures without it.**\n";
-    }
     // Writing to a string does not fail.
     if !m.recorded.is_empty() {
         let _ = write!(t, "\n## EuRoC MH_01\n\n{HEAD}");

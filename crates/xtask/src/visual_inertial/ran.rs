@@ -13,10 +13,8 @@ use std::collections::BTreeSet;
 /// What is asked of a run.
 #[derive(Clone, Debug)]
 pub struct Asked {
-    /// Cameras.
+    /// Sensors.
     pub sensor: Sensor,
-    /// Whether the inertial sensor is used.
-    pub inertial: bool,
     /// Packets at most.
     pub frames: usize,
     /// True to tell of every frame on stderr.
@@ -27,13 +25,8 @@ pub struct Asked {
 
 impl Asked {
     /// A whole source.
-    pub fn new(sensor: Sensor, inertial: bool) -> Self {
-        Self { sensor, inertial, frames: usize::MAX, verbose: false, config: Config::default() }
-    }
-
-    /// `mono-imu`.
-    pub fn name(&self) -> String {
-        format!("{}{}", self.sensor.name(), if self.inertial { "-imu" } else { "" })
+    pub fn new(sensor: Sensor) -> Self {
+        Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
     }
 }
 
@@ -45,7 +38,7 @@ pub struct Ran {
     pub truth: Vec<(Stamp, Se3)>,
     /// Poses as the map has them at the end.
     pub poses: Vec<(Stamp, Se3)>,
-    /// As they were told at the time.
+    /// As they were told at the time, from the first in metres on where there are metres.
     pub live: Vec<(Stamp, Se3)>,
     /// When each world was begun: the first one is the start.
     pub begun: Vec<Stamp>,
@@ -68,7 +61,7 @@ pub struct Ran {
 pub struct Figures {
     /// What was run, for people.
     pub name: String,
-    /// Sensors, with `-imu` where the inertial one was asked for.
+    /// Sensors.
     pub sensors: String,
     /// Packets.
     pub frames: usize,
@@ -102,8 +95,7 @@ pub struct Figures {
 /// When the source or the engine fails.
 pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
     let rig = source.rig().clone();
-    let mut engine =
-        connect::engine(&rig, asked.sensor, asked.inertial, source.info().rate_hz, &asked.config)?;
+    let mut engine = connect::engine(&rig, asked.sensor, source.info().rate_hz, &asked.config)?;
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
     let (mut known, mut begun, mut metric_at) = (BTreeSet::<WorldId>::new(), Vec::new(), None);
     while stamps.len() < asked.frames {
@@ -114,19 +106,25 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
         }
         if asked.verbose {
             eprintln!(
-                "{:4} {:?} matched {} inliers {}",
+                "{:4} {:?} matched {} inliers {}{}",
                 stamps.len(),
                 out.state,
                 out.evidence.matched,
-                out.evidence.inliers
+                out.evidence.inliers,
+                if out.metric { "" } else { " no metres" }
             );
+            if let Some(attempt) = &out.attempt {
+                let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
+                let found = attempt.found.as_ref().map(|f| (f.scale, f.scale_sigma, f.bias, f.noise_times));
+                eprintln!("initialising: {} {found:?}", gates.join("; "));
+            }
         }
         for (world, _) in engine.map().worlds() {
             if known.insert(world) {
                 begun.push(packet.stamp);
             }
         }
-        if metric_at.is_none() && out.world_from_body.is_some() && engine.is_metric() {
+        if metric_at.is_none() && out.metric {
             metric_at = Some(packet.stamp);
         }
         stamps.push(packet.stamp);
@@ -142,7 +140,7 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
     Ok(Ran {
         truth,
         poses: engine.trajectory(),
-        live: engine.live_trajectory(),
+        live: metres(engine.live_trajectory(), metric_at),
         begun,
         pose_worlds: pose_worlds(&engine),
         metric_at,
@@ -152,6 +150,11 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
         offset_s: connect::offset_s(&engine),
         stamps,
     })
+}
+
+fn metres(mut poses: Vec<(Stamp, Se3)>, metric_at: Option<Stamp>) -> Vec<(Stamp, Se3)> {
+    poses.retain(|(t, _)| metric_at.is_none_or(|at| *t >= at));
+    poses
 }
 
 /// In how many worlds the poses of all frames stand.
@@ -177,7 +180,7 @@ impl Ran {
         let tracked = self.poses.iter().filter(|(t, _)| inside(t)).count();
         Ok(Figures {
             name: name.into(),
-            sensors: asked.name(),
+            sensors: asked.sensor.name().into(),
             frames: self.stamps.len(),
             path_m: path,
             ate_m: rigid.map(|r| r.0),

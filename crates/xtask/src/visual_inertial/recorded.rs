@@ -2,6 +2,7 @@
 
 use super::ran::{Asked, Figures, run};
 use crate::Sensor;
+use cairn_engine::SensorMode;
 use cairn_eval::Percentiles;
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
@@ -48,25 +49,25 @@ pub fn measure(data: &Path, asked: &[Asked]) -> Result<Vec<Recorded>, String> {
         eprintln!("skipped: euroc-mh01 is not in {}", data.display());
         return Ok(Vec::new());
     }
-    asked.iter().filter(|a| a.sensor != Sensor::Rgbd).map(|a| once(data, a)).collect()
+    asked.iter().filter(|a| a.sensor.mode() != SensorMode::Rgbd).map(|a| once(data, a)).collect()
 }
 
 /// Runs with and without take turns, so that whatever else the machine does meets both.
 ///
 /// # Errors
 /// When a run fails.
-pub fn cost(data: &Path, sensor: Sensor, times: usize) -> Result<Option<Cost>, String> {
+pub fn cost(data: &Path, pair: [Sensor; 2], times: usize) -> Result<Option<Cost>, String> {
     if !data.join("euroc-mh01").exists() {
         return Ok(None);
     }
     let mut best = [[f64::INFINITY; 2]; 2];
     for _ in 0..times.max(1) {
-        for (which, inertial) in [false, true].into_iter().enumerate() {
-            let f = once(data, &Asked::new(sensor, inertial))?.figures;
+        for (which, sensor) in pair.into_iter().enumerate() {
+            let f = once(data, &Asked::new(sensor))?.figures;
             let p50 = |p: &Percentiles| p.p50;
             best[0][which] = best[0][which].min(p50(&f.step_ms));
             best[1][which] = best[1][which].min(p50(&f.track_ms));
         }
     }
-    Ok(Some(Cost { sensor: sensor.name().into(), step_ms: best[0], track_ms: best[1] }))
+    Ok(Some(Cost { sensor: pair[0].name().into(), step_ms: best[0], track_ms: best[1] }))
 }

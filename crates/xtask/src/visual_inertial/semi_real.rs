@@ -4,9 +4,7 @@ use super::ran::{Asked, Figures, run};
 use crate::Sensor;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{ImuNoise, Source};
-use cairn_sim::{
-    Agreement, ImuSetting, ImuTroubles, Route, SimSensor, SimSetting, SimSource, World, WorldKind,
-};
+use cairn_sim::{Agreement, ImuSetting, ImuTroubles, Route, SimSetting, SimSource, World, WorldKind};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -95,7 +93,7 @@ pub fn setting(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64
         false => ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 },
     };
     SimSetting {
-        sensor: sim_sensor(sensor),
+        sensor: sensor.simulated(),
         imu: Some(ImuSetting { rate_hz: 200.0, noise, noisy: true }),
         readings: Some(folder.join("imu.csv")),
         body_from_camera: body_from_camera(motion.tumvi),
@@ -104,15 +102,6 @@ pub fn setting(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64
         start_s: motion.start_s,
         duration_s: seconds,
         ..SimSetting::new(WorldKind::Arena, 1)
-    }
-}
-
-/// As `sim` names it.
-pub fn sim_sensor(sensor: Sensor) -> SimSensor {
-    match sensor {
-        Sensor::Mono => SimSensor::Mono,
-        Sensor::Stereo => SimSensor::Stereo,
-        Sensor::Rgbd => SimSensor::Rgbd,
     }
 }
 

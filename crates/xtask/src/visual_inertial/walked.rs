@@ -1,7 +1,6 @@
 //! Simulated walkers: a turn about before plain walls, and a minute of standing still, with eyes open and without.
 
 use super::ran::{Asked, Figures, run};
-use super::semi_real::sim_sensor;
 use crate::revisit::Darkened;
 use cairn_geometry::Vec2;
 use cairn_sensor::{Source, Stamp};
@@ -49,7 +48,7 @@ const REST_S: f64 = 60.0;
 pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
     let turn_s = 2.0 + 2.0 * (seed.saturating_sub(1) % TURNS) as f64 / (TURNS - 1) as f64;
     let mut setting = SimSetting::new(WorldKind::DeadEnd, seed);
-    setting.sensor = sim_sensor(asked.sensor);
+    setting.sensor = asked.sensor.simulated();
     setting.walker.turn_rate = PI / turn_s;
     setting.walker.speed = 1.0;
     let mut source = SimSource::new(&setting).map_err(|e| e.to_string())?;
@@ -75,7 +74,7 @@ pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
 /// When the run fails.
 pub fn rest(seed: u64, asked: &Asked, dark: bool) -> Result<Rest, String> {
     let mut setting = SimSetting::new(WorldKind::Hall, seed);
-    setting.sensor = sim_sensor(asked.sensor);
+    setting.sensor = asked.sensor.simulated();
     setting.walker.rest_s = REST_S + 1.0;
     setting.start_s = REST_S;
     let plain = SimSource::new(&setting).map_err(|e| e.to_string())?;
