@@ -111,17 +111,15 @@ pub fn ready_words(stretches: &[ReadyStretch], phrases: &PhraseSetting) -> Strin
     };
     let any = |which: Readiness| stretches.iter().any(|s| s.readiness == which);
     match (any(Readiness::Stop), any(Readiness::Reduced)) {
-        _ if stretches.is_empty() => "The way back is not known.".into(),
+        _ if stretches.is_empty() => "The way is not known.".into(),
         (false, false) => "The way is two-way ready.".into(),
         (false, true) => {
-            format!("The way back is reduced.{}", told(metres(Readiness::Reduced), "can be seen poorly"))
+            format!("The way is reduced.{}", told(metres(Readiness::Reduced), "can be seen poorly"))
         }
-        (true, _) => {
-            format!(
-                "The way back has stops.{}",
-                told(metres(Readiness::Stop), "can not be seen from this side")
-            )
-        }
+        (true, _) => format!(
+            "The way has stops.{} Guidance may stop there.",
+            told(metres(Readiness::Stop), "can not be seen from this side")
+        ),
     }
 }
 
@@ -171,16 +169,16 @@ mod tests {
         );
         assert!((s[0].to_m - 6.0).abs() < 0.15, "{s:?}");
         let words = ready_words(&s, &PhraseSetting::default());
-        assert_eq!(words, "The way back is reduced. 6 metres can be seen poorly.");
+        assert_eq!(words, "The way is reduced. 6 metres can be seen poorly.");
     }
 
     #[test]
     fn a_gap_is_a_stop_and_nothing_is_nothing() {
         let s = look(Facing::Back, Some(70));
         assert!(s.iter().any(|s| s.readiness == Readiness::Stop), "{s:?}");
-        assert!(ready_words(&s, &PhraseSetting::default()).starts_with("The way back has stops."));
+        assert!(ready_words(&s, &PhraseSetting::default()).starts_with("The way has stops."));
         let none = ready(&[], 1.0, &Ground::z_up(), Facing::Home, &ReadySetting::default(), |_| 0);
-        assert_eq!(ready_words(&none, &PhraseSetting::default()), "The way back is not known.");
+        assert_eq!(ready_words(&none, &PhraseSetting::default()), "The way is not known.");
     }
 
     #[test]

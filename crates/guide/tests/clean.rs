@@ -142,6 +142,68 @@ fn simplification_keeps_segments_long_where_it_may() {
     assert!(short * 10 <= all, "{short} of {all} segments are shorter than a metre");
 }
 
+/// A way in steps, x then y, with a detour on each leg along x, and the length of the way without them. The detours take
+/// `share` of the whole; they go to the side where nothing else is, so that none of them makes a short cut.
+fn with_detours() -> impl Strategy<Value = (Line, f64, f64)> {
+    let legs = proptest::collection::vec((6.0..9.0f64, 3.0..6.0f64, 0..4usize), 2..5);
+    (legs, 0.56..0.89f64, 0.0..0.12f64, 0.0..6.2f64, any::<u64>()).prop_map(
+        |(legs, share, sway, angle, seed)| {
+            let direct: f64 = legs.iter().map(|(x, y, _)| x + y).sum();
+            // Metres of each detour.
+            let each = direct * share / (1.0 - share) / legs.len() as f64;
+            let mut at = [0.0, 0.0];
+            let mut corners = vec![at];
+            for (x, y, kind) in legs {
+                let fork = [at[0] + 2.5, at[1]];
+                let mut visit = |dx: f64, dy: f64| corners.push([fork[0] + dx, fork[1] + dy]);
+                visit(0.0, 0.0);
+                match kind {
+                    // A loop, a spur, an oscillation, a hub with three spokes.
+                    0 => [(0.0, 1.5 - each / 2.0), (1.5, 1.5 - each / 2.0), (1.5, 0.0), (0.0, 0.0)]
+                        .iter()
+                        .for_each(|(dx, dy)| visit(*dx, *dy)),
+                    1 => [-each / 2.0, 0.0].iter().for_each(|dy| visit(0.0, *dy)),
+                    2 => {
+                        let rounds = (each / 4.0).ceil();
+                        let back = -each / (2.0 * rounds);
+                        (0..rounds as usize).for_each(|_| [back, 0.0].iter().for_each(|dx| visit(*dx, 0.0)));
+                    }
+                    _ => [-1.0, 0.0, 1.0].iter().for_each(|side| {
+                        let dx: f64 = side * (each / 12.0).min(1.2);
+                        visit(dx, -((each / 6.0).powi(2) - dx * dx).sqrt());
+                        visit(0.0, 0.0);
+                    }),
+                }
+                at = [at[0] + x, at[1]];
+                corners.push(at);
+                at = [at[0], at[1] + y];
+                corners.push(at);
+            }
+            let (s, c) = angle.sin_cos();
+            let turned: Vec<[f64; 3]> =
+                corners.iter().map(|[x, y]| [c * x - s * y, s * x + c * y, 0.0]).collect();
+            (walk(&turned, sway, seed), direct, share)
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+
+    #[test]
+    fn what_detours_add_goes_and_nothing_else((line, direct, share) in with_detours()) {
+        let way = cleaned(&line);
+        prop_assert!(!way.cuts.is_empty());
+        prop_assert!((way.after_m - direct).abs() <= 0.05 * direct + 0.5, "{} of {direct} m", way.after_m);
+        let shorter = 1.0 - way.after_m / way.before_m;
+        prop_assert!((0.55..=0.90).contains(&shorter) && (shorter - share).abs() < 0.04, "{shorter} of {share}");
+        prop_assert!(largest_distance(&way.points, &points(&line)) <= 0.30 + 0.01);
+        for cut in way.cuts {
+            prop_assert!(largest_distance(&[cut.from, cut.to], &points(&line)) <= 0.30 + 0.01);
+        }
+    }
+}
+
 /// Corners of a random walk that loves to come back: to spots where it was, along ways it came.
 fn wandering() -> impl Strategy<Value = Line> {
     (proptest::collection::vec((-8.0..8.0f64, -8.0..8.0f64, 0..4usize), 2..9), 0.0..0.15f64, any::<u64>())

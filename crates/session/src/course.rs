@@ -1,11 +1,14 @@
 //! A recorded way as a route in the map of now: it follows when the map moves.
 
+use crate::ready::readiness;
 use cairn_atlas::{KeyFrameId, Map};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_guide::{
-    Anchor, CleanSetting, CleanWay, Ground, PlacedPoint, Route, RouteError, RouteSetting, Travel, Way, clean,
+    Anchor, CleanSetting, CleanWay, Facing, Ground, PlacedPoint, ReadyStretch, Route, RouteError,
+    RouteSetting, Travel, Way, clean,
 };
 use cairn_sensor::Stamp;
+use cairn_vision::EyeModel;
 
 /// The route is made anew when a recorded point has moved by more than this, metres,
 const MOVED_M: f64 = 0.05;
@@ -13,7 +16,7 @@ const MOVED_M: f64 = 0.05;
 const LOOK_AT_MAP_S: f64 = 1.0;
 
 /// A way, cleaned and placed.
-pub(crate) struct Course {
+pub struct Course {
     /// The ground of the walk.
     pub ground: Ground,
     /// Metres per unit of the map; a guess from the pace where the map has no metres.
@@ -64,6 +67,17 @@ impl Course {
         self.route().ok()
     }
 
+    /// What the map knows of the views that the camera will have, stretch by stretch of the way as recorded.
+    pub fn readiness(&self, map: &Map, eye: &EyeModel, facing: Facing) -> Vec<ReadyStretch> {
+        // On the way out again the camera that looks ahead looks as it did, the others look the other way.
+        let facing = match (self.travel, facing) {
+            (Travel::Home, facing) => facing,
+            (Travel::Again, Facing::Home) => Facing::Back,
+            (Travel::Again, _) => Facing::Home,
+        };
+        readiness(map, eye, &self.placed, self.unit, &self.ground, facing)
+    }
+
     /// The corners of the cleaned way in the map's own units.
     pub fn corners(&self) -> impl Iterator<Item = Vec3> {
         self.cleaned.points.iter().map(|p| p / self.unit)
@@ -71,6 +85,6 @@ impl Course {
 }
 
 /// Where a key frame that a way hangs on stands in the map, with its unit of length.
-pub(crate) fn standing(map: &Map, anchor: Anchor) -> Option<Sim3> {
+pub fn standing(map: &Map, anchor: Anchor) -> Option<Sim3> {
     map.world_from_here(KeyFrameId::from_index(anchor.seq as usize)?)
 }

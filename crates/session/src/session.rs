@@ -15,7 +15,7 @@ use cairn_engine::{Engine, Output, State, record_input};
 use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
 use cairn_guide::{
     Announcer, AnnouncerSetting, Confidence, Cue, Facing, Guide, GuideInput, GuideSetting, GuideState,
-    PhraseSetting, Priority, RecordInput, Recorder, StopReason, Travel, Way, wrap,
+    PhraseSetting, Priority, RecordInput, Recorder, StopReason, Travel, Way, ready_words, wrap,
 };
 use cairn_sensor::{FramePacket, Stamp};
 use std::collections::VecDeque;
@@ -61,7 +61,7 @@ impl Default for SessionSetting {
 /// No picture for this long is told, seconds.
 const GONE_S: f64 = 1.0;
 /// The first words of guidance wait so long for others to end, seconds.
-const WAITS_FOR_WORDS_S: f64 = 6.0;
+const WAITS_FOR_WORDS_S: f64 = 12.0;
 
 /// A way that can be walked.
 struct Held {
@@ -234,18 +234,9 @@ impl Session {
             Command::Status => Ok(self.in_words()),
             Command::Quit => Ok("Good bye.".into()),
         };
-        let (text, quiet) = match &done {
-            // The guide's own first words are the answer.
-            Ok(text) => (
-                text.clone(),
-                matches!(command, Command::Guide { facing, .. } if *facing != Some(Facing::Backwards)),
-            ),
-            Err(text) => (text.clone(), false),
-        };
-        if !quiet {
-            self.say(&text, Priority::High);
-            self.speak(self.now);
-        }
+        let (Ok(text) | Err(text)) = &done;
+        self.say(text, Priority::High);
+        self.speak(self.now);
         done
     }
 
@@ -460,21 +451,15 @@ impl Session {
         let travel = if again { Travel::Again } else { Travel::Home };
         let course = Course::new(&self.engine.map(), &held.way, travel, self.now);
         let route = course.route().map_err(|e| format!("There is no guidance: {e}."))?;
-        let length = route.length();
         let setting = GuideSetting { facing, ..GuideSetting::default() };
         let guide =
             Guide::new(route, course.ground, setting).map_err(|e| format!("There is no guidance: {e}."))?;
+        // What the guide says first tells the length and how to go; before that, whether the map knows the way.
+        let ready = course.readiness(&self.engine.map(), self.engine.eye().model(), facing);
+        let words = ready_words(&ready, &self.setting.phrases);
         self.guiding = Some(Guiding { guide, course, facing, asked: self.now, begun: false });
         self.arrived = false;
-        let how = match facing {
-            Facing::Home => "Guiding",
-            Facing::Back => "Guiding, the camera looks back",
-            Facing::Backwards => "Backwards, on flat ground only",
-        };
-        Ok(match self.engine.is_metric() && facing != Facing::Backwards {
-            true => format!("{how}: {}.", self.setting.phrases.distance(length)),
-            false => format!("{how}."),
-        })
+        Ok(words)
     }
 
     /// A step of the guide, with the last pose there is.

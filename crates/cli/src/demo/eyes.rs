@@ -1,21 +1,24 @@
-//! The eyes of the demo: images rendered from where the walker truly is, and the engine that sees nothing else.
+//! The eyes of the demo: images rendered from where the walker truly is, and the session that sees nothing else.
 //!
-//! In: the camera's true pose, frame by frame. Out: what the engine says. The truth is kept aside for the figures.
+//! In: the camera's true pose, frame by frame, and commands. Out: what is said. The truth is kept aside for the figures.
 
 use crate::failure::Failure;
-use cairn_atlas::{KeyFrameId, Map};
-use cairn_engine::{Config, Engine, Output, Runner, SensorMode, record_input};
+use cairn_atlas::Map;
+use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::StageTimes;
-use cairn_geometry::{Se3, Sim3, Trajectory};
-use cairn_guide::{Anchor, RecordInput};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_guide::Durable;
 use cairn_sensor::Stamp;
+use cairn_session::{Command, Disk, Event, Medium, Said, Session, SessionSetting};
 use cairn_sim::{LiveRig, SimSensor, SimSetting};
+use std::io;
+use std::path::Path;
 use std::time::Instant;
 
-/// A rig, an engine, and what is measured on the way.
+/// A rig, a session, and what is measured on the way.
 pub struct Eyes {
     live: LiveRig,
-    engine: Engine,
+    session: Session,
     /// True poses of the camera, one for each frame.
     pub truth: Trajectory,
     /// Milliseconds of each frame: "render", "see", "track", "step" (image to pose), "map" (of each key frame).
@@ -30,7 +33,7 @@ pub struct Eyes {
 
 impl Eyes {
     /// Eyes in a world; the sensors of the setting are the sensors of the engine.
-    pub fn new(setting: &SimSetting) -> Result<Self, Failure> {
+    pub fn new(setting: &SimSetting, source: String) -> Result<Self, Failure> {
         let live = LiveRig::new(setting)?;
         let mode = match setting.sensor {
             SimSensor::Mono => SensorMode::Mono,
@@ -39,9 +42,10 @@ impl Eyes {
         };
         let engine = Engine::new(live.rig(), mode, setting.rate_hz, Runner::Lockstep, &Config::default())
             .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
+        let walk = SessionSetting { source, record_to: Some("way".into()), ..SessionSetting::default() };
         Ok(Self {
             live,
-            engine,
+            session: Session::new(engine, walk).on_disk(Box::new(Nowhere)),
             truth: Trajectory::new(),
             times: StageTimes::new(),
             step_ms: Vec::new(),
@@ -50,19 +54,37 @@ impl Eyes {
         })
     }
 
-    /// Looks once; gives the engine's pose as the recorder takes it.
-    pub fn see(&mut self, stamp: Stamp, world_from_camera: &Se3) -> Result<RecordInput, Failure> {
+    /// Looks once; gives the words that begin now, in order.
+    pub fn see(&mut self, stamp: Stamp, world_from_camera: &Se3) -> Result<Vec<Said>, Failure> {
         let begin = Instant::now();
         let packet = self.live.packet(stamp, world_from_camera)?;
         self.times.add("render", begin.elapsed());
-        let fail = |why: String| Failure::new("the demo", why, "report this with the command line");
-        self.truth.push(stamp.0, *world_from_camera).map_err(|e| fail(e.to_string()))?;
-        let output = self.engine.on_packet(&packet).map_err(|e| fail(e.to_string()))?;
+        self.truth.push(stamp.0, *world_from_camera).map_err(|e| bug(e.to_string()))?;
+        let output = self.session.on_packet(&packet).map_err(bug)?;
         if let Some(why) = &output.died {
-            return Err(fail(format!("mapping died: {why}")));
+            return Err(bug(format!("mapping died: {why}")));
         }
         self.note(&output);
-        Ok(record_input(&output))
+        Ok(self.said())
+    }
+
+    /// Asks for something; gives the words that begin now.
+    pub fn ask(&mut self, command: &Command) -> Result<Vec<Said>, Failure> {
+        self.session.command(command).map_err(bug)?;
+        Ok(self.said())
+    }
+
+    fn said(&mut self) -> Vec<Said> {
+        let words = |event| match event {
+            Event::Said(said) => Some(said),
+            Event::Sound(_) => None,
+        };
+        self.session.events().into_iter().filter_map(words).collect()
+    }
+
+    /// The walk.
+    pub fn session(&self) -> &Session {
+        &self.session
     }
 
     fn note(&mut self, output: &Output) {
@@ -91,21 +113,51 @@ impl Eyes {
 
     /// The map that the engine has made so far.
     pub fn map(&self) -> std::sync::Arc<Map> {
-        self.engine.map()
+        self.session.engine().map()
     }
 
     /// Poses of the camera for every tracked frame, as the map sees them now.
     pub fn estimate(&mut self) -> Result<Trajectory, Failure> {
-        for ms in self.engine.finish().map_ms {
+        for ms in self.session.engine_mut().finish().map_ms {
             self.times.add_ms("map", ms);
         }
-        let poses = self.engine.trajectory().into_iter().map(|(t, p)| (t.0, p)).collect();
+        let poses = self.session.engine().trajectory().into_iter().map(|(t, p)| (t.0, p)).collect();
         Trajectory::from_unsorted(poses)
             .map_err(|e| Failure::new("the demo", e.to_string(), "report this with the command line"))
     }
 }
 
-/// Where a key frame that a way hangs on stands in the map, with its unit of length.
-pub fn standing(map: &Map, anchor: Anchor) -> Option<Sim3> {
-    map.world_from_here(KeyFrameId::from_index(anchor.seq as usize)?)
+fn bug(why: String) -> Failure {
+    Failure::new("the demo", why, "report this with the command line")
+}
+
+/// The way is kept in memory; the report writes it when the demo is over.
+struct Nowhere;
+
+impl Disk for Nowhere {
+    fn create(&self, _: &Path) -> io::Result<Box<dyn Medium>> {
+        Ok(Box::new(Nowhere))
+    }
+}
+
+impl Medium for Nowhere {
+    fn cut(&mut self, _: u64) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl io::Write for Nowhere {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        Ok(data.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Durable for Nowhere {
+    fn make_durable(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }

@@ -104,7 +104,7 @@ pub struct Demo {
 pub fn once(setting: &Setting) -> Result<Demo, Failure> {
     let begin = Instant::now();
     let progress = Progress::new(Some(100));
-    let mut eyes = Eyes::new(&setting.sim)?;
+    let mut eyes = Eyes::new(&setting.sim, setting.source())?;
     let out = walk_out(&mut eyes, setting, &progress)?;
     let start = eyes.world().ways().first().and_then(|w| w.points.first()).copied().unwrap_or_default();
     let home = come_home(&mut eyes, &out, setting, &progress)?;
@@ -116,7 +116,7 @@ pub fn once(setting: &Setting) -> Result<Demo, Failure> {
     let world_from_map = evaluation.reference_from_estimate;
     let place = |p: &Vec3| world_from_map * *p;
     let map = eyes.map();
-    let recorded: Vec<Vec3> = (out.way.resolve(|a| super::eyes::standing(&map, a)).iter())
+    let recorded: Vec<Vec3> = (out.way.resolve(|a| cairn_session::standing(&map, a)).iter())
         .map(|p| p.frame_from_camera.translation)
         .collect();
     let last = home.path.last().copied().unwrap_or(out.stands.0);

@@ -1,12 +1,13 @@
-//! The way out: a walker goes along a way of the world, the engine looks, the recorder keeps the way.
+//! The way out: a walker goes along a way of the world, the session looks and keeps the way.
 
 use super::eyes::Eyes;
 use super::setting::Setting;
 use crate::failure::Failure;
 use crate::progress::Progress;
 use cairn_geometry::{Se3, Vec2};
-use cairn_guide::{Ground, Recorder, RecorderSetting, Way, WayHeader};
+use cairn_guide::{Ground, Way, WayHeader};
 use cairn_sensor::Stamp;
+use cairn_session::Command;
 
 /// What the way out left behind.
 pub struct WalkedOut {
@@ -42,23 +43,21 @@ pub fn walk_out(eyes: &mut Eyes, setting: &Setting, progress: &Progress) -> Resu
     let corners = corners(points, setting.metres);
     let motion = setting.sim.walker.motion(&corners);
     let frames = (motion.end() * setting.sim.rate_hz).ceil() as usize + 1;
-    let mut recorder =
-        Recorder::new(RecorderSetting::default(), true, &Ground::first_camera(), setting.source());
+    eyes.ask(&Command::Record)?;
     let mut stamp = Stamp::from_seconds(0.0);
     for k in 0..frames {
         let t = (k as f64 / setting.sim.rate_hz).min(motion.end() + 1.0);
         stamp = Stamp::from_seconds(t);
-        let seen = eyes.see(stamp, &motion.pose(t))?;
-        let told = recorder.observe(&seen);
-        told.map_err(|e| Failure::new("recording", e.to_string(), "make room on the disk"))?;
+        eyes.see(stamp, &motion.pose(t))?;
         progress.step((50.0 * t / motion.end()) as usize);
     }
-    let (mut way, _) = recorder.finish();
+    let nothing =
+        || Failure::new("the way out", "tracking never began, nothing was recorded", "try another --seed");
+    eyes.ask(&Command::Stop).map_err(|_| nothing())?;
+    let mut way = eyes.session().way().cloned().ok_or_else(nothing)?;
     // The map begins at the first camera and knows no gravity; the walk tells which way is up.
     let poses: Vec<Se3> = way.points.iter().map(|p| p.odom_from_camera).collect();
-    let ground = Ground::of_walk(&poses).ok_or_else(|| {
-        Failure::new("the way out", "tracking never began, nothing was recorded", "try another --seed")
-    })?;
+    let ground = Ground::of_walk(&poses).ok_or_else(nothing)?;
     way.header = WayHeader::new(true, &ground, setting.source());
     let heading = match corners.as_slice() {
         [.., a, b] => (b - a).y.atan2((b - a).x),
