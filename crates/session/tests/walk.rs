@@ -125,10 +125,15 @@ fn record_stop_guide_back_arrives_and_the_way_is_on_disk() {
     walk.see(&out()[5..]);
     let ended = walk.ask("stop").unwrap();
     assert!(ended.starts_with("Recording has ended, 1") && ended.ends_with("metres."), "{ended}");
-    walk.ask("guide back").unwrap();
+    // Before leaving: what the map knows of the views to come. Nobody looked the other way on the way out.
+    assert!(walk.ask("guide home").unwrap().starts_with("The way has stops."));
+    assert_eq!(walk.ask("guide backwards").unwrap(), "The way is two-way ready.");
+    let told = walk.now;
+    assert_eq!(walk.ask("guide back").unwrap(), "The way is two-way ready.");
     walk.see(out().iter().rev());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
     let transcript = walk.transcript();
+    assert!(walk.when("The way is two-way", told) < walk.when("The way is 1", told), "{transcript}");
     for words in ["Recording.", "The way is 1", "Turn ", "Stop. You have arrived"] {
         assert!(walk.when(words, 0.0).is_some(), "\"{words}\" was not said:\n{transcript}");
     }

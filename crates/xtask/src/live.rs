@@ -50,8 +50,10 @@ pub struct Live {
     pub speech_ms: Option<Percentiles>,
     /// Words said.
     pub said: usize,
-    /// Peak memory of this process, with the rendered walk in it.
-    pub peak_rss_mb: Option<f64>,
+    /// Peak memory of this process so far, minute by minute, with the rendered walk in it.
+    pub peak_rss_mb: Vec<Option<f64>>,
+    /// Key frames of the map, minute by minute.
+    pub key_frames: Vec<usize>,
 }
 
 /// Measures for some minutes.
@@ -102,7 +104,8 @@ pub fn run(minutes: f64) -> Result<Live, String> {
         words_ms: Percentiles::of(&stopwatch.words_ms),
         speech_ms: speech(),
         said: stopwatch.words_ms.len(),
-        peak_rss_mb: cairn_eval::process::peak_rss_mb(),
+        peak_rss_mb: stopwatch.peak_rss_mb,
+        key_frames: stopwatch.key_frames,
     })
 }
 
@@ -210,6 +213,8 @@ struct Stopwatch {
     pose_ms: Vec<Vec<f64>>,
     step_ms: Vec<f64>,
     words_ms: Vec<f64>,
+    peak_rss_mb: Vec<Option<f64>>,
+    key_frames: Vec<usize>,
     posed: Option<Instant>,
     /// The number of the picture that was seen last.
     number: usize,
@@ -227,6 +232,8 @@ impl Stopwatch {
             pose_ms: Vec::new(),
             step_ms: Vec::new(),
             words_ms: Vec::new(),
+            peak_rss_mb: Vec::new(),
+            key_frames: Vec::new(),
             posed: None,
             number: 0,
             first: None,
@@ -236,7 +243,7 @@ impl Stopwatch {
 }
 
 impl Face for Stopwatch {
-    fn saw(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+    fn saw(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
         let now = Instant::now();
         let began = *self.began.get_or_insert(now);
         let Ok(output) = output else { return };
@@ -248,7 +255,15 @@ impl Face for Stopwatch {
         self.number = number;
         self.first.get_or_insert(number);
         let minute = (began.elapsed().as_secs_f64() / 60.0) as usize;
-        self.pose_ms.resize_with(self.pose_ms.len().max(minute + 1), Vec::new);
+        if minute >= self.pose_ms.len() {
+            self.pose_ms.resize_with(minute + 1, Vec::new);
+            self.peak_rss_mb.resize(minute + 1, None);
+            self.key_frames.resize(minute + 1, 0);
+        }
+        if number.is_multiple_of(RATE_HZ as usize) {
+            self.peak_rss_mb[minute] = cairn_eval::process::peak_rss_mb();
+            self.key_frames[minute] = session.engine().map().key_frame_count();
+        }
         self.pose_ms[minute].push((now - handed).as_secs_f64() * 1e3);
     }
 
@@ -304,14 +319,19 @@ pub fn table(live: &Live) -> String {
         live.published, live.taken, live.dropped, live.reconnects
     );
     for (minute, ms) in live.pose_ms.iter().enumerate() {
-        let _ = writeln!(out, "minute {:>2}  publisher to pose: {}", minute + 1, line(ms));
+        let memory = live.peak_rss_mb.get(minute).copied().flatten();
+        let memory = memory.map_or_else(|| "unknown".into(), |mb| format!("{mb:.0} MB"));
+        let key_frames = live.key_frames.get(minute).copied().unwrap_or_default();
+        let _ = writeln!(
+            out,
+            "minute {:>2}  publisher to pose: {}; peak memory so far {memory}, {key_frames} key frames",
+            minute + 1,
+            line(ms)
+        );
     }
     let _ = writeln!(out, "step      {}", line(&live.step_ms));
     let _ = writeln!(out, "words     {} said; pose to text: {}", live.said, line(&live.words_ms));
     let _ = writeln!(out, "speech    a sentence by espeak-ng: {}", line(&live.speech_ms));
-    if let Some(mb) = live.peak_rss_mb {
-        let _ = writeln!(out, "memory    {mb:.0} MB at most, the rendered walk among it");
-    }
     out
 }
 

@@ -66,9 +66,9 @@ pub fn come_home(
     }
     let began = now;
     let planned = course(eyes, &out.way, now);
-    let route = planned.route().map_err(|e| {
-        Failure::new("the way home", e.to_string(), "walk farther: --metres 10 at the least")
-    })?;
+    let route = planned
+        .route()
+        .map_err(|e| Failure::new("the way home", e.to_string(), "walk farther: --metres 10 at the least"))?;
     let length_m = route.length();
     let mut home = CameHome {
         said: Vec::new(),
