@@ -158,9 +158,12 @@ async fn strangers_stay_out_one_controls_and_others_watch() {
         }
     }
     send(&mut walker, json!({ "command": "guide back" })).await;
+    // First whether the way is ready, then how long it is.
+    let ready = next(&mut walker, "did").await["text"].as_str().unwrap().to_owned();
+    assert!(ready.starts_with("The way "), "{ready}");
     let words = loop {
         let said = next(&mut walker, "said").await["text"].as_str().unwrap().to_owned();
-        if said.starts_with("The way is") {
+        if said.starts_with("The way is") && said != ready {
             break said;
         }
     };
