@@ -13,6 +13,8 @@ targets=("$@")
 [ "${#targets[@]}" -gt 0 ] || mapfile -t targets < <(cargo fuzz list)
 for target in "${targets[@]}"; do
     echo "== $target: $seconds s"
+    words=()
+    [ ! -f "fuzz/dictionaries/$target" ] || words=(-dict="fuzz/dictionaries/$target")
     cargo fuzz run --release "$target" -- -max_total_time="$seconds" -rss_limit_mb=1024 -malloc_limit_mb=512 -timeout=10 \
-        -print_final_stats=1
+        -print_final_stats=1 "${words[@]}"
 done

@@ -3,6 +3,9 @@
 use crate::{Distortion, RigError};
 use cairn_geometry::{Vec2, Vec3};
 
+/// Pixels of an image along a side, at most: tables are made in proportion to it.
+const LARGEST: usize = 16_384;
+
 /// A calibrated camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
@@ -55,6 +58,10 @@ impl Camera {
         }
         if self.width == 0 || self.height == 0 {
             return Err(RigError(format!("resolution {}x{}", self.width, self.height)));
+        }
+        if self.width.max(self.height) > LARGEST {
+            let why = format!("resolution {}x{}, at most {LARGEST} each way", self.width, self.height);
+            return Err(RigError(why));
         }
         if self.fx <= 0.0 || self.fy <= 0.0 {
             return Err(RigError(format!("focal lengths {} and {} must be positive", self.fx, self.fy)));

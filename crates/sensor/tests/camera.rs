@@ -214,6 +214,17 @@ fn numbers_that_are_no_lens_are_refused() {
     }
 }
 
+#[test]
+fn a_resolution_that_no_camera_has_is_refused() {
+    let told = |width, height| {
+        Camera::pinhole(width, height, 300.0, 300.0, 320.0, 240.0).validate().map_err(|e| e.to_string())
+    };
+    assert_eq!(told(16_384, 480), Ok(()));
+    assert!(told(16_385, 480).unwrap_err().contains("16385x480, at most 16384"));
+    assert!(told(640, usize::MAX).is_err());
+    assert!(told(0, 480).is_err());
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(4000) })]
 
