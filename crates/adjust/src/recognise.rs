@@ -8,9 +8,7 @@
 use crate::locate;
 use cairn_atlas::{KeyFrameId, LandmarkId, Map};
 use cairn_geometry::{Se3, Vec3};
-use cairn_vision::{
-    EyeModel, Frame, PnpSetting, Target, best_two_of, consistent_rotation, pnp_ransac, search,
-};
+use cairn_vision::{EyeModel, Frame, Look, PnpSetting, Target, match_looks, pnp_ransac, search};
 use std::collections::BTreeSet;
 use std::fmt;
 
@@ -180,28 +178,15 @@ fn landmarks_around(
 
 /// The landmark that each feature resembles, by appearance alone.
 fn alike(map: &Map, frame: &Frame, landmarks: &[LandmarkId]) -> Vec<Option<LandmarkId>> {
-    let mut owner: Vec<Option<(LandmarkId, u32, f32)>> = vec![None; frame.len()];
-    for l in landmarks.iter().filter_map(|id| map.landmark(*id)) {
-        let best = best_two_of(&l.descriptor, &frame.descriptors);
-        if best.distance > ALIKE || best.distance as f64 > RATIO * best.second as f64 {
-            continue;
-        }
-        // Orientation as the latest observer saw it.
-        let seen = l.observations.last().and_then(|o| Some((map.key_frame(o.key_frame)?, o.feature)));
-        let Some((observer, feature)) = seen else { continue };
-        let slot = &mut owner[best.index as usize];
-        if slot.is_none_or(|(_, distance, _)| best.distance < distance) {
-            let turn = observer.frame.angle[feature as usize] - frame.angle[best.index as usize];
-            *slot = Some((l.id, best.distance, turn));
-        }
-    }
-    let turned = owner.iter().enumerate().filter_map(|(i, o)| o.map(|(id, _, turn)| ((i, id), turn)));
+    // Orientation as the latest observer saw it.
+    let looks = landmarks.iter().filter_map(|id| map.landmark(*id)).filter_map(|l| {
+        let o = l.observations.last()?;
+        let angle = map.key_frame(o.key_frame)?.frame.angle[o.feature as usize];
+        Some(Look { item: l.id, descriptor: &l.descriptor, angle })
+    });
     let mut matches = vec![None; frame.len()];
-    let mut taken = BTreeSet::new();
-    for (feature, id) in consistent_rotation(turned.collect()) {
-        if taken.insert(id) {
-            matches[feature] = Some(id);
-        }
+    for (feature, id) in match_looks(looks, frame, ALIKE, RATIO) {
+        matches[feature] = Some(id);
     }
     matches
 }

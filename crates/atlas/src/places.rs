@@ -4,8 +4,8 @@
 //! of a key frame is [`Bag::similarity`] with the query, summed over the words in the same order, so that it is the same
 //! to the last bit.
 
-use crate::KeyFrameId;
 use crate::arena::Arena;
+use crate::{KeyFrameId, Map};
 use cairn_vision::bow::Bag;
 
 /// Key frames by the words that they show.
@@ -104,6 +104,41 @@ impl PlaceIndex {
             found.truncate(limit);
         }
         found.sort_unstable_by(better);
+        found
+    }
+}
+
+/// Key frames looked at for each place that is asked for: neighbours look alike, too.
+const POOL: usize = 8;
+
+impl Map {
+    /// The places of any world most like a bag, best first, with their similarity: one key frame of each group of
+    /// neighbours, `most` at most, none of the groups of those in `tried`, and only key frames that `accept` lets pass.
+    /// A group are the `neighbours` that share most landmarks with a key frame.
+    pub fn places_like(
+        &self,
+        bag: &Bag,
+        most: usize,
+        neighbours: usize,
+        tried: &[KeyFrameId],
+        accept: impl Fn(KeyFrameId) -> bool,
+    ) -> Vec<(KeyFrameId, f64)> {
+        let beside = |id: KeyFrameId, other: KeyFrameId| {
+            id == other
+                || self
+                    .key_frame(other)
+                    .is_some_and(|k| k.covisible.iter().take(neighbours).any(|(near, _)| *near == id))
+        };
+        let mut found: Vec<(KeyFrameId, f64)> = Vec::new();
+        for (id, alike) in self.places().query(bag, POOL * most.max(3), accept) {
+            if found.len() >= most {
+                break;
+            }
+            let others = tried.iter().copied().chain(found.iter().map(|(id, _)| *id));
+            if !others.into_iter().any(|other| beside(id, other)) {
+                found.push((id, alike));
+            }
+        }
         found
     }
 }

@@ -136,40 +136,13 @@ impl<M: Medium> Durable for PatientFile<M> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+#[path = "../tests/small/mod.rs"]
+mod small;
+
+#[cfg(test)]
+mod tests {
+    use super::small::Small;
     use super::*;
-
-    /// A disk with room for so many bytes.
-    #[derive(Clone, Default)]
-    pub(crate) struct Small(pub Arc<Mutex<(Vec<u8>, usize)>>);
-
-    impl Write for Small {
-        fn write(&mut self, data: &[u8]) -> io::Result<usize> {
-            let (kept, room) = &mut *self.0.lock().unwrap();
-            let n = data.len().min(*room - kept.len());
-            if n == 0 {
-                return Err(io::Error::new(io::ErrorKind::StorageFull, "no space left on device"));
-            }
-            kept.extend_from_slice(&data[..n]);
-            Ok(n)
-        }
-        fn flush(&mut self) -> io::Result<()> {
-            Ok(())
-        }
-    }
-
-    impl Durable for Small {
-        fn make_durable(&mut self) -> io::Result<()> {
-            Ok(())
-        }
-    }
-
-    impl Medium for Small {
-        fn cut(&mut self, length: u64) -> io::Result<()> {
-            self.0.lock().unwrap().0.truncate(length as usize);
-            Ok(())
-        }
-    }
 
     #[test]
     fn a_full_disk_holds_whole_lines_and_everything_once_there_is_room() {

@@ -2,15 +2,18 @@
 //! full, the engine's map moves. The walker comes back with the camera looking back, so that the pictures of the way out
 //! in reverse order are the pictures of the way home.
 
+mod small;
+
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_guide::{Durable, Way};
 use cairn_sensor::{Camera, FramePacket, Stamp};
 use cairn_session::{Command, Disk, Event, Medium, Session, SessionSetting};
 use cairn_sim::{LiveRig, SimSensor, SimSetting, Walker, WorldKind};
+use small::Small;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::OnceLock;
 
 const RATE_HZ: f64 = 10.0;
 
@@ -200,38 +203,6 @@ fn when_the_stream_ends_stop_is_said_and_guidance_resumes_when_it_is_back() {
     assert!(resumed - back < 2.0, "{}", walk.transcript());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
     assert_eq!(walk.session.way().unwrap().points.len(), recorded);
-}
-
-/// A disk whose room can change.
-#[derive(Clone, Default)]
-struct Small(Arc<Mutex<(Vec<u8>, usize)>>);
-
-impl io::Write for Small {
-    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
-        let (kept, room) = &mut *self.0.lock().unwrap();
-        let n = data.len().min(room.saturating_sub(kept.len()));
-        if n == 0 {
-            return Err(io::Error::new(io::ErrorKind::StorageFull, "no space left on device"));
-        }
-        kept.extend_from_slice(&data[..n]);
-        Ok(n)
-    }
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-impl Durable for Small {
-    fn make_durable(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-impl Medium for Small {
-    fn cut(&mut self, length: u64) -> io::Result<()> {
-        self.0.lock().unwrap().0.truncate(length as usize);
-        Ok(())
-    }
 }
 
 impl Disk for Small {

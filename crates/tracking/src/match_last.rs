@@ -122,7 +122,7 @@ pub(crate) fn match_last(
 }
 
 /// A landmark matched by several features keeps the first.
-pub(crate) fn one_feature_each(landmarks: &mut [Option<LandmarkId>]) {
+fn one_feature_each(landmarks: &mut [Option<LandmarkId>]) {
     let mut seen: Vec<LandmarkId> = landmarks.iter().flatten().copied().collect();
     seen.sort_unstable();
     if seen.windows(2).all(|w| w[0] != w[1]) {

@@ -1,39 +1,28 @@
 //! Finding the pose by appearance alone, when the motion model has failed or tracking is lost.
 
-use crate::match_last::{Matches, TIGHT, one_feature_each};
-use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, Map};
+use crate::match_last::{Matches, TIGHT};
+use cairn_atlas::{KeyFrame, KeyFrameId, Map};
 use cairn_geometry::Vec3;
 use cairn_vision::bow::Vocabulary;
-use cairn_vision::{Frame, best_two, consistent_rotation};
+use cairn_vision::{Frame, Look, match_looks};
 
 /// Key frames around the last place that are tried in turn.
 const NEAR: usize = 12;
 /// Places that look alike by their words that are tried in each frame.
 const ALIKE: usize = 3;
+/// Neighbours of a key frame that count as the same place.
+const GROUP: usize = 10;
 
 /// Matches every landmark that a key frame shows with the features of a frame, by descriptor alone.
 pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -> Matches {
-    let all: Vec<u32> = (0..frame.len() as u32).collect();
-    let mut owner: Vec<Option<(LandmarkId, u32, f32)>> = vec![None; frame.len()];
-    for (i, id) in key_frame.landmarks.iter().enumerate() {
-        let Some(id) = id else { continue };
-        let best = best_two(&key_frame.frame.descriptors[i], &frame.descriptors, &all);
-        if best.distance > TIGHT || best.distance as f64 > ratio * best.second as f64 {
-            continue;
-        }
-        let feature = best.index as usize;
-        let turn = key_frame.frame.angle[i] - frame.angle[feature];
-        if owner[feature].is_none_or(|(_, d, _)| best.distance < d) {
-            owner[feature] = Some((*id, best.distance, turn));
-        }
-    }
-    let turned =
-        owner.iter().enumerate().filter_map(|(feature, o)| o.map(|(id, _, turn)| ((feature, id), turn)));
+    let seen = &key_frame.frame;
+    let looks = key_frame.landmarks.iter().enumerate().filter_map(|(i, id)| {
+        Some(Look { item: (*id)?, descriptor: &seen.descriptors[i], angle: seen.angle[i] })
+    });
     let mut matches = Matches::none(frame);
-    for (feature, id) in consistent_rotation(turned.collect()) {
+    for (feature, id) in match_looks(looks, frame, TIGHT, ratio) {
         matches.landmarks[feature] = Some(id);
     }
-    one_feature_each(&mut matches.landmarks);
     matches
 }
 
@@ -48,15 +37,8 @@ pub(crate) fn candidates(map: &Map, frame: &Frame, last: Option<Vec3>, turn: usi
         found.extend(all.first().map(|(_, id)| *id));
         found.extend(all.get(1 + turn % NEAR).map(|(_, id)| *id));
     }
-    let most = found.len() + ALIKE;
     let bag = Vocabulary::embedded().bag(&frame.descriptors);
-    for (id, _) in map.places().query(&bag, 8 * ALIKE, |id| !found.contains(&id)) {
-        let beside = |other: &KeyFrameId| {
-            map.key_frame(*other).is_some_and(|k| k.covisible.iter().take(10).any(|(n, _)| *n == id))
-        };
-        if found.len() < most && !found.iter().any(beside) {
-            found.push(id);
-        }
-    }
+    let alike = map.places_like(&bag, ALIKE, GROUP, &found, |_| true);
+    found.extend(alike.into_iter().map(|(id, _)| id));
     found
 }

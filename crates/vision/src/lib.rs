@@ -2,6 +2,7 @@
 // `!(a > b)` is meant: it also refuses NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+mod alike;
 pub mod bow;
 mod depth;
 mod eye;
@@ -16,6 +17,7 @@ mod stereo;
 mod triangulate;
 mod two_view;
 
+pub use alike::{Look, match_looks};
 pub use depth::DepthSetting;
 pub use eye::{Eye, EyeSetting, SeeError, SensorMode};
 pub use frame::{Descriptor, EyeModel, Frame, Octaves};

@@ -158,10 +158,10 @@ pub(super) fn pose([i, j, k, w, x, y, z]: [f64; 7]) -> Option<Se3> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn about() -> About {
+    pub fn about() -> About {
         let eye = EyeModel {
             fx: 450.0,
             fy: 451.0,

@@ -443,6 +443,7 @@ fn derive(map: &Map, l: &mut Landmark, pick: u32) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::about::tests::about;
     use crate::store::container::PartsWriter;
     use crate::{Change, ChangeSet};
     use cairn_geometry::Se3;
@@ -450,16 +451,7 @@ mod tests {
 
     /// A map of one key frame of which some features show landmarks.
     fn small() -> MapFile {
-        let eye = EyeModel {
-            fx: 400.0,
-            fy: 400.0,
-            cx: 320.0,
-            cy: 240.0,
-            baseline_fx: 40.0,
-            bounds: [0.0, 0.0, 640.0, 480.0],
-            close_depth: 4.0,
-            body_from_eye: Se3::identity(),
-        };
+        let about = about();
         let mut frame = empty_frame(Stamp(7));
         for i in 0..40u8 {
             let px = [f32::from(i) * 16.0, f32::from(i) * 11.0];
@@ -471,7 +463,7 @@ mod tests {
             frame.depth.push(f32::NAN);
             frame.right_x.push(f32::NAN);
         }
-        frame.index(&eye);
+        frame.index(&about.eye);
         let bag = Arc::new(Vocabulary::embedded().bag(&frame.descriptors));
         let born = KeyFrame::new(KeyFrameId::FIRST, Arc::new(frame), Se3::identity(), None).with_bag(bag);
         let changes = vec![
@@ -480,7 +472,6 @@ mod tests {
             Change::Observe(LandmarkId::FIRST, KeyFrameId::FIRST, 5),
         ];
         let map = Map::new().apply(&ChangeSet { base: 0, changes }).0;
-        let about = About { program: "a test".into(), sensor: cairn_vision::SensorMode::Mono, eye };
         MapFile { map, about, attached: BTreeMap::new() }
     }
 

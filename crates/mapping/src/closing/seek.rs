@@ -25,16 +25,8 @@ pub(super) fn candidates(map: &Map, here: &KeyFrame, reach: f64, limit: usize) -
     let mut found: Vec<KeyFrameId> = near.into_iter().map(|(_, id)| id).take(limit.div_ceil(2)).collect();
     let neighbours = here.covisible.iter().take(5).filter_map(|(id, _)| map.key_frame(*id));
     let usual = neighbours.map(|k| k.bag.similarity(&here.bag)).fold(0.0, f64::max);
-    for (id, similarity) in map.places().query(&here.bag, 8 * limit, |id| !known.contains(&id)) {
-        if found.len() >= limit || similarity < ALIKE * usual {
-            break;
-        }
-        let beside = |other: &KeyFrameId| {
-            *other == id || map.key_frame(*other).is_some_and(|k| k.covisible.iter().any(|(n, _)| *n == id))
-        };
-        if !found.iter().any(beside) {
-            found.push(id);
-        }
-    }
+    let (left, all) = (limit.saturating_sub(found.len()), usize::MAX);
+    let alike = map.places_like(&here.bag, left, all, &found, |id| !known.contains(&id));
+    found.extend(alike.into_iter().filter(|(_, alike)| *alike >= ALIKE * usual).map(|(id, _)| id));
     found
 }

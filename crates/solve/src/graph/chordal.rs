@@ -102,6 +102,36 @@ struct Measured {
     weights: (f64, f64),
 }
 
+/// A system over the free vertices, ready to be solved: of each edge the weight of both ends, and the block in the row of
+/// its second vertex and the column of its first.
+fn system<const N: usize>(
+    edges: &[Measured],
+    free: usize,
+    slot: &[Option<usize>],
+    block: impl Fn(&Measured) -> (f64, SMatrix<f64, N, N>),
+) -> Result<Factor, NotPositive> {
+    let pairs = edges.iter().filter_map(|e| Some((slot[e.a]?, slot[e.b]?)));
+    let analysis = Arc::new(Analysis::new(free, N, pairs));
+    let mut diagonal = vec![SMatrix::<f64, N, N>::zeros(); free];
+    let mut off = vec![SMatrix::<f64, N, N>::zeros(); analysis.pairs().len()];
+    for e in edges {
+        let (weight, block) = block(e);
+        for (end, other, block) in [(e.b, e.a, block), (e.a, e.b, block.transpose())] {
+            let Some(s) = slot[end] else { continue };
+            diagonal[s] += SMatrix::from_diagonal_element(weight);
+            if let Some(pair) = slot[other].filter(|t| s > *t).and_then(|t| analysis.pair(s, t)) {
+                off[pair] += block;
+            }
+        }
+    }
+    let numbers = |blocks: &[SMatrix<f64, N, N>]| -> Vec<f64> {
+        blocks.iter().flat_map(|b| b.iter().copied()).collect()
+    };
+    let mut factor = Factor::new(analysis);
+    factor.factor(&numbers(&diagonal), &numbers(&off))?;
+    Ok(factor)
+}
+
 /// `min sum k |R_b - R_a R_ab|^2` over matrices: the three rows of all rotations have one system with blocks of three.
 fn rotations(
     poses: &mut [(Mat3, Vec3)],
@@ -109,36 +139,21 @@ fn rotations(
     free: &[usize],
     slot: &[Option<usize>],
 ) -> Result<(), NotPositive> {
-    let pairs = edges.iter().filter_map(|e| Some((slot[e.a]?, slot[e.b]?)));
-    let analysis = Arc::new(Analysis::new(free.len(), 3, pairs));
-    let mut diagonal = vec![Mat3::zeros(); free.len()];
-    let mut off = vec![Mat3::zeros(); analysis.pairs().len()];
+    // With rows as columns x = R^T: x_b - R_ab^T x_a.
+    let block = |e: &Measured| e.rotation.transpose() * -e.weights.1;
+    let factor = system(edges, free.len(), slot, |e| (e.weights.1, block(e)))?;
     // Column r of a right side belongs to row r of the rotations.
     let mut sides = vec![vec![Vec3::zeros(); free.len()]; 3];
     for e in edges {
-        let k = e.weights.1;
-        // With rows as columns x = R^T: x_b - R_ab^T x_a.
-        let m = e.rotation.transpose() * -k;
-        for (end, other, block) in [(e.b, e.a, m), (e.a, e.b, m.transpose())] {
-            let Some(s) = slot[end] else { continue };
-            diagonal[s] += Mat3::from_diagonal_element(k);
-            match slot[other] {
-                Some(t) if s > t => {
-                    if let Some(pair) = analysis.pair(s, t) {
-                        off[pair] += block;
-                    }
-                }
-                Some(_) => {}
-                None => {
-                    for (r, side) in sides.iter_mut().enumerate() {
-                        side[s] -= block * poses[other].0.row(r).transpose();
-                    }
+        let m = block(e);
+        for (end, other, m) in [(e.b, e.a, m), (e.a, e.b, m.transpose())] {
+            if let (Some(s), None) = (slot[end], slot[other]) {
+                for (r, side) in sides.iter_mut().enumerate() {
+                    side[s] -= m * poses[other].0.row(r).transpose();
                 }
             }
         }
     }
-    let mut factor = Factor::new(analysis);
-    factor.factor(&numbers(&diagonal), &numbers(&off))?;
     for (r, side) in sides.iter().enumerate() {
         let mut x: Vec<f64> = side.iter().flat_map(|v| [v.x, v.y, v.z]).collect();
         factor.solve(&mut x);
@@ -159,39 +174,24 @@ fn translations(
     free: &[usize],
     slot: &[Option<usize>],
 ) -> Result<(), NotPositive> {
-    let pairs = edges.iter().filter_map(|e| Some((slot[e.a]?, slot[e.b]?)));
-    let analysis = Arc::new(Analysis::new(free.len(), 1, pairs));
-    let mut diagonal = vec![0.0; free.len()];
-    let mut off = vec![0.0; analysis.pairs().len()];
+    let factor = system(edges, free.len(), slot, |e| {
+        let w = e.weights.0;
+        (w, SMatrix::<f64, 1, 1>::new(-w))
+    })?;
     let mut sides = vec![vec![0.0; free.len()]; 3];
     for e in edges {
-        let w = e.weights.0;
         let moved = poses[e.a].0 * e.translation;
-        for (end, other, way) in [(e.b, e.a, moved), (e.a, e.b, -moved)] {
+        for (end, other, mut known) in [(e.b, e.a, moved), (e.a, e.b, -moved)] {
             let Some(s) = slot[end] else { continue };
-            diagonal[s] += w;
-            let mut known = way;
-            match slot[other] {
-                Some(t) if s > t => {
-                    if let Some(pair) = analysis.pair(s, t) {
-                        off[pair] -= w;
-                    }
-                }
-                Some(_) => {}
-                None => known += poses[other].1,
+            if slot[other].is_none() {
+                known += poses[other].1;
             }
-            (0..3).for_each(|r| sides[r][s] += w * known[r]);
+            (0..3).for_each(|r| sides[r][s] += e.weights.0 * known[r]);
         }
     }
-    let mut factor = Factor::new(analysis);
-    factor.factor(&diagonal, &off)?;
     for (r, side) in sides.iter_mut().enumerate() {
         factor.solve(side);
         free.iter().zip(side.iter()).for_each(|(i, v)| poses[*i].1[r] = *v);
     }
     Ok(())
-}
-
-fn numbers(blocks: &[Mat3]) -> Vec<f64> {
-    blocks.iter().flat_map(|b| b.iter().copied()).collect()
 }

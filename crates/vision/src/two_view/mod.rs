@@ -179,15 +179,7 @@ pub fn two_view(
     }
     let focal = (eye.fx * eye.fy).sqrt();
     let sigma = setting.sigma_px / focal;
-    let unit = |p: [f32; 2]| eye.unproject(p, 1.0).xy();
-    let matches: Vec<Match> = first
-        .iter()
-        .zip(second)
-        .map(|(&a, &b)| {
-            let (a, b) = (unit(a), unit(b));
-            [a.x, a.y, b.x, b.y]
-        })
-        .collect();
+    let matches = on_unit_plane(eye, first, second);
     let best = search(&matches, sigma, setting, seed);
     rejected.homography_ratio = best.ratio();
     rejected.reason = TwoViewReason::TooFewInliers;
@@ -401,4 +393,14 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -
     };
     let count = points.iter().flatten().count();
     Candidate { motion, points, count, score: total, inliers, on_lines, parallax_deg }
+}
+
+/// Matches of pixels as matches on the plane one unit ahead.
+fn on_unit_plane(eye: &EyeModel, first: &[[f32; 2]], second: &[[f32; 2]]) -> Vec<Match> {
+    let unit = |p: [f32; 2]| eye.unproject(p, 1.0).xy();
+    let pair = |(&a, &b)| {
+        let (a, b) = (unit(a), unit(b));
+        [a.x, a.y, b.x, b.y]
+    };
+    first.iter().zip(second).map(pair).collect()
 }

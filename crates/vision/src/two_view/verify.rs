@@ -5,8 +5,8 @@
 //! fundamental matrix" (2004), equation 12, for one fixed bound instead of the best of all.
 
 use super::refine::refine;
-use super::score::{self, CHI2_1, Match};
-use super::{TwoViewSetting, essential_motions, search};
+use super::score::{self, CHI2_1};
+use super::{TwoViewSetting, essential_motions, on_unit_plane, search};
 use crate::EyeModel;
 use crate::triangulate::essential;
 use cairn_geometry::{Mat3, Vec3};
@@ -48,15 +48,7 @@ pub fn verify_two_views(
         return None;
     }
     let sigma = setting.sigma_px / (eye.fx * eye.fy).sqrt();
-    let unit = |p: [f32; 2]| eye.unproject(p, 1.0).xy();
-    let matches: Vec<Match> = first
-        .iter()
-        .zip(second)
-        .map(|(&a, &b)| {
-            let (a, b) = (unit(a), unit(b));
-            [a.x, a.y, b.x, b.y]
-        })
-        .collect();
+    let matches = on_unit_plane(eye, first, second);
     let best = search(&matches, sigma, setting, seed);
     let obey = |e: &Mat3| -> Vec<bool> {
         let bound = CHI2_1 * sigma * sigma;
