@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod background;
 mod config;
 mod digest;
 mod engine;
@@ -9,6 +10,7 @@ mod mapping;
 mod record;
 mod saved;
 
+pub use background::background;
 pub use cairn_mapping::{Accepted, Joined, Refusal, Verdict};
 pub use cairn_tracking::{Evidence, Placed, State};
 pub use cairn_vision::SensorMode;

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod accuracy;
+pub mod busy;
 pub mod graphs;
 pub mod halves;
 pub mod inertial;

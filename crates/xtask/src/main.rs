@@ -11,7 +11,7 @@ use xtask::recordings::{RECORDINGS, data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
 use xtask::{
-    Sensor, Setting, accuracy, graphs, halves, inertial, live, long, measure, places, revisit, store,
+    Sensor, Setting, accuracy, busy, graphs, halves, inertial, live, long, measure, places, revisit, store,
     visual_inertial, walks,
 };
 
@@ -137,6 +137,21 @@ enum Command {
         /// Minutes.
         #[arg(long, default_value_t = 10.0)]
         minutes: f64,
+    },
+    /// How much a tracking step is slowed by the adjustment of a whole world beside it: threaded, paired, at the camera's pace.
+    Busy {
+        /// Pairs of runs.
+        #[arg(long, default_value_t = 5)]
+        pairs: usize,
+        /// Frames of each run.
+        #[arg(long, default_value_t = 400)]
+        frames: usize,
+        /// Seed of the hall.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Sensor.
+        #[arg(long, default_value = "stereo")]
+        sensor: Sensor,
     },
     /// Saves and opens a large map: seconds, and bytes of each kind of part.
     Store {
@@ -376,6 +391,11 @@ fn run(command: Command) -> Result<(), String> {
             let measured = live::run(minutes)?;
             print!("{}", live::table(&measured));
             json.map_or(Ok(()), |path| save(path, &text(&measured)?))
+        }
+        Command::Busy { pairs, frames, seed, sensor } => {
+            let walk = Revisit { trial: Trial::Laps, world: WorldKind::Hall, sensor, seed };
+            print!("{}", busy::table(&busy::run(&walk, pairs, frames)?));
+            Ok(())
         }
         Command::Store { key_frames, features, times, folder, json } => {
             let folder = folder.unwrap_or_else(std::env::temp_dir);

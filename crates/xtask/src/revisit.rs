@@ -59,11 +59,11 @@ pub struct Revisited {
 }
 
 impl Revisit {
-    /// Walks it.
+    /// What is seen on it.
     ///
     /// # Errors
-    /// As [`measure()`].
-    pub fn run(&self, verbose: bool) -> Result<Revisited, String> {
+    /// When the world does not serve.
+    pub fn source(&self) -> Result<SimSource, String> {
         let text = |e: SourceError| e.to_string();
         let mut sim = SimSetting::new(self.world, self.seed);
         sim.rate_hz = RATE_HZ;
@@ -76,7 +76,15 @@ impl Revisit {
         if self.trial != Trial::Alike {
             sim.route = Route::Points(laps(&plain, self.world)?);
         }
-        let inner = SimSource::in_world(&sim, plain.world().clone()).map_err(text)?;
+        SimSource::in_world(&sim, plain.world().clone()).map_err(text)
+    }
+
+    /// Walks it.
+    ///
+    /// # Errors
+    /// As [`measure()`].
+    pub fn run(&self, verbose: bool) -> Result<Revisited, String> {
+        let inner = self.source()?;
         let dark_s = (self.trial == Trial::Dark).then(|| around_a_corner(&inner.info().truth)).flatten();
         let known_s = dark_s.and_then(|dark| back_at(&inner.info().truth, dark));
         let mut source = Darkened { inner, dark_s };

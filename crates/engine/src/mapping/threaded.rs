@@ -1,6 +1,7 @@
 //! Mapping and closing on threads of their own.
 
 use super::{Done, take, text_of};
+use crate::background;
 use crate::journal::{JobRecord, Record, Scribe};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Reader, Subscription, WorldId};
 use cairn_mapping::{Closed, Closer, Mapper};
@@ -251,6 +252,7 @@ type Closing = (Option<Sender<(u64, Job)>>, Option<JoinHandle<()>>);
 fn spawn_closing(mut closer: Closer, to: Sender<Message>, tell: Sender<Done>, scribe: Scribe) -> Closing {
     let (jobs, from) = channel::<(u64, Job)>();
     let work = move || {
+        background();
         while let Ok(mut job) = from.recv() {
             // The newest is the one that matters: places that were passed meanwhile are passed over.
             for newer in from.try_iter() {

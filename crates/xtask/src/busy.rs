@@ -1,0 +1,172 @@
+//! `busy`: what tracking feels of the adjustment of a whole world beside it.
+//!
+//! One walk of two laps, rendered beforehand. The map of all of it is made first. Then the threaded runner walks a part of it
+//! again in that map at the camera's pace, in pairs: while a thread adjusts the whole map again and again, as closing's
+//! does after a loop, or without.
+
+use crate::Sensor;
+use crate::revisit::Revisit;
+use cairn_atlas::store::MapFile;
+use cairn_engine::{Config, Engine, Runner, background};
+use cairn_eval::Percentiles;
+use cairn_mapping::Closer;
+use cairn_sensor::{FramePacket, Rig, Source};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// A pair of runs.
+#[derive(Clone, Debug)]
+pub struct Pair {
+    /// Seconds of each whole adjustment of the run with them.
+    pub adjusted_s: Vec<f64>,
+    /// Steps of the run with them, milliseconds.
+    pub with: Vec<f64>,
+    /// Steps of the run without.
+    pub without: Vec<f64>,
+}
+
+/// The pairs, and the map they were walked in.
+#[derive(Clone, Debug)]
+pub struct Busy {
+    /// Key frames of the map.
+    pub key_frames: usize,
+    /// Landmarks of it.
+    pub landmarks: usize,
+    /// The pairs.
+    pub pairs: Vec<Pair>,
+}
+
+/// Walks so many pairs of so many frames.
+///
+/// # Errors
+/// When the world does not serve, or a stage dies.
+pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> {
+    let mut source = walk.source()?;
+    let mut packets = Vec::new();
+    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+        packets.push(packet);
+    }
+    let (rate_hz, rig) = (source.info().rate_hz, source.rig());
+    let map = mapped(&packets, rig, walk.sensor, rate_hz)?;
+    let mut busy = Busy {
+        key_frames: map.map.key_frame_count(),
+        landmarks: map.map.landmark_count(),
+        pairs: Vec::new(),
+    };
+    eprintln!("{} frames, {} key frames, {} landmarks", packets.len(), busy.key_frames, busy.landmarks);
+    let part = &packets[..frames.min(packets.len())];
+    let once = |adjust: bool| walked(part, rig, walk.sensor, rate_hz, &map, adjust);
+    for i in 0..pairs {
+        // Which comes first takes turns, as the machine may change meanwhile.
+        let first = once(i % 2 == 0)?;
+        let second = once(i % 2 != 0)?;
+        let ((with, adjusted_s), (without, _)) = if i % 2 == 0 { (first, second) } else { (second, first) };
+        eprintln!("{}", line(&with, &without));
+        busy.pairs.push(Pair { adjusted_s, with, without });
+    }
+    Ok(busy)
+}
+
+/// The map of the whole walk.
+fn mapped(packets: &[FramePacket], rig: &Rig, sensor: Sensor, rate_hz: f64) -> Result<MapFile, String> {
+    let config = Config::default();
+    let mut engine =
+        Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    for packet in packets {
+        engine.on_packet(packet).map_err(|e| e.to_string())?;
+    }
+    engine.finish();
+    Ok(engine.to_save("xtask", BTreeMap::new()))
+}
+
+/// Steps in milliseconds of the frames that have a pose, and seconds of each whole adjustment beside them.
+fn walked(
+    packets: &[FramePacket],
+    rig: &Rig,
+    sensor: Sensor,
+    rate_hz: f64,
+    file: &MapFile,
+    adjust: bool,
+) -> Result<(Vec<f64>, Vec<f64>), String> {
+    let config = Config::default();
+    let opened = Engine::in_map(rig, sensor.mode(), rate_hz, Runner::Threaded, &config, file);
+    let (mut engine, _) = opened.map_err(|e| e.to_string())?;
+    let closer = Closer::new(*engine.eye().model(), config.closer, config.mapper.window);
+    let world = file.map.worlds().next().map(|(id, _)| id).ok_or("the map has no world")?;
+    let over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let beside = scope.spawn(|| {
+            background();
+            let mut took = Vec::new();
+            while adjust && !over.load(Ordering::Relaxed) {
+                let start = Instant::now();
+                let changes = closer.adjust_whole(&file.map, world, || over.load(Ordering::Relaxed));
+                took.extend((!changes.is_empty()).then(|| start.elapsed().as_secs_f64()));
+            }
+            took
+        });
+        let steps = paced(&mut engine, packets);
+        over.store(true, Ordering::Relaxed);
+        let took = beside.join().map_err(|_| "the adjustment died")?;
+        Ok((steps?, took))
+    })
+}
+
+fn paced(engine: &mut Engine, packets: &[FramePacket]) -> Result<Vec<f64>, String> {
+    let start = Instant::now();
+    let mut steps = Vec::with_capacity(packets.len());
+    for packet in packets {
+        let due = start + Duration::from_secs_f64((packet.stamp - packets[0].stamp).max(0.0));
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        let out = engine.on_packet(packet).map_err(|e| e.to_string())?;
+        if let Some(cause) = out.died {
+            return Err(cause);
+        }
+        steps.extend(out.placed.map(|_| out.see_ms + out.track_ms));
+    }
+    Ok(steps)
+}
+
+fn line(with: &[f64], without: &[f64]) -> String {
+    let (a, b) = (Percentiles::of(with).unwrap_or_default(), Percentiles::of(without).unwrap_or_default());
+    let three = |p: &Percentiles| format!("{:.1} / {:.1} / {:.1}", p.p50, p.p99, p.max);
+    format!("{} | {} | {} | {:.2} | {:.2}", with.len(), three(&a), three(&b), a.p50 / b.p50, a.p99 / b.p99)
+}
+
+/// The pairs as a table in Markdown, all together last.
+pub fn table(busy: &Busy) -> String {
+    let mut t = format!(
+        "{} key frames, {} landmarks\n\n| pair | whole adjustments, s each | frames | step ms with: p50 / p99 / max | without | p50 ratio | p99 ratio |\n|---|---|---|---|---|---|---|\n",
+        busy.key_frames, busy.landmarks
+    );
+    let mean = |s: &[f64]| s.iter().sum::<f64>() / s.len() as f64;
+    // Writing to a string does not fail.
+    for (i, p) in busy.pairs.iter().enumerate() {
+        let took = format!("{}, {:.1}", p.adjusted_s.len(), mean(&p.adjusted_s));
+        let _ = writeln!(t, "| {} | {took} | {} |", i + 1, line(&p.with, &p.without));
+    }
+    let all =
+        |of: &dyn Fn(&Pair) -> &Vec<f64>| -> Vec<f64> { busy.pairs.iter().flat_map(of).copied().collect() };
+    let took = all(&|p| &p.adjusted_s);
+    let (with, without) = (all(&|p| &p.with), all(&|p| &p.without));
+    let _ = writeln!(t, "| all | {}, {:.1} | {} |", took.len(), mean(&took), line(&with, &without));
+    t
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ratios_are_of_the_run_with_to_the_run_without() {
+        let pair = Pair { adjusted_s: vec![1.0, 2.0], with: vec![12.0; 100], without: vec![10.0; 100] };
+        let text = table(&Busy { key_frames: 3, landmarks: 4, pairs: vec![pair.clone(), pair] });
+        assert!(
+            text.contains("| 2 | 2, 1.5 | 100 | 12.0 / 12.0 / 12.0 | 10.0 / 10.0 / 10.0 | 1.20 | 1.20 |"),
+            "{text}"
+        );
+        assert!(text.contains("| all | 4, 1.5 | 200 |"), "{text}");
+    }
+}
