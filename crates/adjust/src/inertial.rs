@@ -5,10 +5,17 @@ use crate::pinhole;
 use crate::window::{Settled, WindowSetting};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, Map, WorldId};
 use cairn_geometry::Se3;
-use cairn_inertial::{Bias, Gravity, Hold, Preintegrated, VioFrame, VioLink, VioSetting, VioWindow};
+use cairn_inertial::{
+    Bias, BiasPrior, Gravity, Hold, Preintegrated, VioFrame, VioLink, VioSetting, VioWindow,
+};
 use cairn_sensor::ImuNoise;
 use cairn_solve::{CHI2_2, CHI2_3};
 use cairn_vision::EyeModel;
+
+/// Standard deviation of the biases before a window, as the windows before it have left them: rad/s, m/s^2.
+const BIAS_BEFORE: [f64; 2] = [0.002, 0.05];
+/// Of any sensor's biases around zero.
+const BIAS_AT_ALL: [f64; 2] = [0.1, 0.3];
 
 /// The sensor that felt.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +64,10 @@ impl InertialWindow {
             excerpt.poses.push(map.key_frame(id)?.world_from_eye);
             excerpt.key_frames.push(id);
         }
+        let begins = next;
         Some(Self::new(map, eye, felt, excerpt, |slot, k| match k.motion {
+            // What came before the chain holds its place and speed; its biases may turn out otherwise.
+            Some(_) if Some(k.id) == begins => Hold::Bias,
             _ if slot >= moving.len() => Hold::All,
             _ if k.id == world.root() => Hold::Pose,
             Some(_) => Hold::Free,
@@ -114,6 +124,13 @@ impl InertialWindow {
         for o in &mut observations {
             o.pixel[2] += map.right_offset();
         }
+        // Where links begin, biases are known so well.
+        let begins = |slot: usize| links.iter().all(|l| l.to != slot) && links.iter().any(|l| l.from == slot);
+        let known = |slot: usize| match frames[slot].hold {
+            Hold::Bias => BiasPrior { frame: slot, bias: frames[slot].bias, sigmas: BIAS_BEFORE },
+            _ => BiasPrior { frame: slot, bias: Bias::default(), sigmas: BIAS_AT_ALL },
+        };
+        let bias_priors = (0..frames.len()).filter(|slot| begins(*slot)).map(known).collect();
         let window = VioWindow {
             camera: pinhole(eye),
             imu_from_eye: feeling.imu_from_eye,
@@ -122,6 +139,7 @@ impl InertialWindow {
             points: excerpt.points.clone(),
             observations,
             links,
+            bias_priors,
         };
         Self { excerpt, window }
     }

@@ -22,4 +22,4 @@ pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestSetting};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};
-pub use window::{Hold, VioFrame, VioLink, VioSetting, VioWindow};
+pub use window::{BiasPrior, Hold, VioFrame, VioLink, VioSetting, VioWindow};

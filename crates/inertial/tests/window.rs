@@ -3,7 +3,9 @@
 mod common;
 
 use cairn_geometry::{Manifold, Se3, So3, Vec3};
-use cairn_inertial::{Bias, Gravity, Hold, ImuBuffer, NavState, VioFrame, VioLink, VioSetting, VioWindow};
+use cairn_inertial::{
+    Bias, BiasPrior, Gravity, Hold, ImuBuffer, NavState, VioFrame, VioLink, VioSetting, VioWindow,
+};
 use cairn_sensor::{ImuSensor, Stamp};
 use cairn_solve::{Observation, Pinhole, ransac::Rng};
 use common::{Motion, NOISE, noisy, samples, some_bias, vector};
@@ -59,6 +61,7 @@ fn window(n: usize, seed: u64) -> VioWindow {
         points,
         observations,
         links: (0..n - 1).map(link).collect(),
+        bias_priors: Vec::new(),
     }
 }
 
@@ -121,6 +124,22 @@ fn the_gradient_is_that_of_the_cost() {
             assert!((a.velocity - b.velocity).norm() < 1e-3, "{seed}");
         }
     }
+}
+
+/// What is known of a bias before holds it where the readings say nothing, and gives way where they do.
+#[test]
+fn a_known_bias_holds_as_far_as_it_is_known() {
+    let solved = |sigma: f64| {
+        let mut w = window(6, 3);
+        w.frames[0].hold = Hold::Bias;
+        let wrong = Bias { accel: some_bias().accel + Vec3::new(0.1, 0.0, 0.0), ..some_bias() };
+        w.frames.iter_mut().for_each(|f| f.bias = wrong);
+        w.bias_priors.push(BiasPrior { frame: 0, bias: wrong, sigmas: [sigma, sigma] });
+        w.solve(&thorough(), || false);
+        (w.frames[0].bias.accel - wrong.accel).norm()
+    };
+    let (held, free) = (solved(1e-5), solved(1.0));
+    assert!(held < 1e-3 && (free - 0.1).abs() < 0.04, "{held} {free}");
 }
 
 /// A first key frame that keeps its place and heading is set upright by gravity.

@@ -14,6 +14,11 @@ const TIGHT: u32 = 50;
 /// Cosine of the least angle between two rays that are triangulated (about 1.1 degrees).
 const LEAST_PARALLAX_COS: f64 = 0.9998;
 
+/// Key frames felt before that are looked at.
+const FELT_BEFORE: usize = 4;
+/// Metres between two views that are enough where nothing is known of their depth.
+const UNKNOWN_DEPTH_BASELINE_M: f64 = 0.05;
+
 /// New landmarks of `centre` with its best `neighbours`.
 pub(crate) fn grow(
     map: &Map,
@@ -26,11 +31,12 @@ pub(crate) fn grow(
     let Some(here) = map.key_frame(centre) else { return Vec::new() };
     let mut changes = Vec::new();
     let mut taken: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
-    for (nth, (id, _)) in here.covisible.iter().take(neighbours).enumerate() {
+    let shared = here.covisible.iter().map(|(id, _)| *id).take(neighbours);
+    for (nth, id) in shared.chain(felt_before(map, here)).enumerate() {
         if nth > 0 && stop() {
             break;
         }
-        let Some(there) = map.key_frame(*id) else { continue };
+        let Some(there) = map.key_frame(id) else { continue };
         if !wide_enough(map, eye, here, there) {
             continue;
         }
@@ -40,7 +46,7 @@ pub(crate) fn grow(
             taken[i] = true;
             changes.push(Change::AddLandmark(landmark, point));
             changes.push(Change::Observe(landmark, centre, i as u16));
-            changes.push(Change::Observe(landmark, *id, j as u16));
+            changes.push(Change::Observe(landmark, id, j as u16));
         }
     }
     changes
@@ -53,7 +59,20 @@ fn wide_enough(map: &Map, eye: &EyeModel, here: &KeyFrame, there: &KeyFrame) -> 
     if eye.baseline_fx > 0.0 {
         return baseline > eye.baseline_fx / eye.fx;
     }
-    median_depth(map, there).is_some_and(|depth| baseline > 0.01 * depth)
+    match median_depth(map, there) {
+        Some(depth) => baseline > 0.01 * depth,
+        None => map.is_level(there.world) && baseline > UNKNOWN_DEPTH_BASELINE_M,
+    }
+}
+
+/// Key frames since which another was felt, that share no landmark with it: where the inertial sensor has carried the eye
+/// past a view without any, the next points begin between them.
+fn felt_before(map: &Map, here: &KeyFrame) -> Vec<KeyFrameId> {
+    let before = |k: &KeyFrame| Some(k.motion.as_ref()?.felt.as_ref()?.since);
+    let chain = std::iter::successors(before(here), |id| map.key_frame(*id).and_then(before));
+    let level = map.is_level(here.world);
+    let alone = |id: &KeyFrameId| here.covisible.iter().all(|(shared, _)| shared != id);
+    chain.take(if level { FELT_BEFORE } else { 0 }).filter(alone).collect()
 }
 
 /// Median depth of what a key frame shows, in map units.

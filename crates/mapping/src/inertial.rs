@@ -2,7 +2,7 @@
 //! and windows in which what was felt counts too.
 //!
 //! A world is mapped by eye alone until gravity, scale and biases are found ([`cairn_inertial::initialise`], tried beside
-//! the map); it is then levelled, adjusted as a whole with its links, and again after 5 and 15 seconds. Nothing is thrown
+//! the map); it is then levelled, adjusted as a whole with its links, and again as it grows. Nothing is thrown
 //! away meanwhile, and if they are never found, mapping by eye goes on.
 
 use crate::grow::median_depth;
@@ -32,7 +32,7 @@ pub struct InertialSetting {
 
 impl Default for InertialSetting {
     fn default() -> Self {
-        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 150 }
+        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 500 }
     }
 }
 
@@ -44,7 +44,7 @@ const DEPTH_SCALE_SIGMA: f64 = 0.003;
 /// Key frames of the last so many seconds are tried.
 const TRIED_S: f64 = 20.0;
 /// Seconds after the first key frame felt at which a level world is adjusted as a whole again.
-const REFINED_S: [f64; 3] = [5.0, 10.0, 15.0];
+const REFINED_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
 
 /// Mapping's share of the inertial sensor.
 #[derive(Debug)]

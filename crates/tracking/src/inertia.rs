@@ -16,7 +16,9 @@ const HOLE_S: f64 = 0.1;
 /// Seconds of readings that are kept.
 const KEPT_S: f64 = 20.0;
 /// What a key frame's state is uncertain by after its adjustment: metres, radians, m/s, rad/s, m/s^2.
-const SETTLED: [f64; 5] = [0.003, 0.002, 0.02, 0.001, 0.03];
+const SETTLED: [f64; 5] = [0.003, 0.002, 0.02, 0.001, 0.05];
+/// Landmarks that a key frame shows at least where its adjustment has settled more than what was felt.
+const SETTLING: usize = 30;
 /// The same where only the pose was seen.
 const SEEN: [f64; 5] = [0.005, 0.003, 1.0, 0.003, 0.05];
 /// A key frame tells the motion for so many seconds.
@@ -87,6 +89,7 @@ impl Inertia {
             last.belief.carry_to(standing);
         }
         let newest = map.newest_key_frame().filter(|k| map.is_level(k.world));
+        let newest = newest.filter(|k| k.landmarks.iter().flatten().count() >= SETTLING);
         let Some((k, motion)) = newest.and_then(|k| Some((k, k.motion.as_ref()?))) else { return };
         self.bias = motion.bias;
         let told =

@@ -43,7 +43,7 @@ impl Default for TrackerSetting {
             local_key_frames: 40,
             min_key_frame_gap: 1,
             new_world_s: 0.5,
-            coast_sigma: 0.5,
+            coast_sigma: 1.0,
             coast_s: 5.0,
         }
     }

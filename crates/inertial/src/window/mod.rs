@@ -1,7 +1,7 @@
 //! Key frames that were seen and felt, adjusted together: reprojections and inertial links.
 //!
 //! Per key frame fifteen unknowns: the eye's pose (translation, rotation), velocity, gyro bias, accel bias. Points are
-//! eliminated first (Triggs et al. 2000, section 6), the rest is solved densely: windows are short. The world is in metres
+//! eliminated first (Triggs et al. 2000, section 6), the rest by a sparse factor. The world is in metres
 //! with gravity as given. The eye is what poses are of, as everywhere in the map; the sensor is one constant transform away,
 //! and its Jacobians go through that transform's adjoint.
 //!
@@ -11,9 +11,11 @@ mod normal;
 
 use crate::{Bias, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Se3, Vec3};
+use cairn_solve::sparse::Factor;
 use cairn_solve::{CHI2_2, CHI2_3, Observation, Pinhole, Report, Stop};
 use nalgebra::SVector;
-use normal::Normal;
+use normal::{Layout, Normal};
+use std::mem::replace;
 
 /// Unknowns of a key frame.
 pub const STATE: usize = 15;
@@ -27,6 +29,8 @@ pub enum Hold {
     Pose,
     /// Its place and heading; it may tilt.
     Place,
+    /// Its pose and velocity, not its biases.
+    Bias,
     /// Its velocity and biases: it has none that are known.
     Motion,
     /// All of it.
@@ -40,6 +44,7 @@ impl Hold {
             Self::Free => 0..0,
             Self::Pose => 0..6,
             Self::Place => 0..3,
+            Self::Bias => 0..9,
             Self::Motion => 6..STATE,
             Self::All => 0..STATE,
         }
@@ -94,6 +99,25 @@ pub struct VioLink {
     pub sum: Preintegrated,
 }
 
+/// What was known of a key frame's biases before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BiasPrior {
+    /// Index of the key frame.
+    pub frame: usize,
+    /// The biases.
+    pub bias: Bias,
+    /// Standard deviations of the gyroscope's and the accelerometer's, each axis: rad/s and m/s^2.
+    pub sigmas: [f64; 2],
+}
+
+impl BiasPrior {
+    /// The six whitened residuals and what whitens them.
+    fn residual(&self, of: &Bias) -> [(Vec3, f64); 2] {
+        let off = [of.gyro - self.bias.gyro, of.accel - self.bias.accel];
+        std::array::from_fn(|i| (off[i] / self.sigmas[i], 1.0 / self.sigmas[i]))
+    }
+}
+
 /// The problem and, after [`VioWindow::solve`], its solution.
 #[derive(Clone, Debug)]
 pub struct VioWindow {
@@ -111,6 +135,8 @@ pub struct VioWindow {
     pub observations: Vec<Observation>,
     /// Links; none where readings are missing.
     pub links: Vec<VioLink>,
+    /// What was known of biases before.
+    pub bias_priors: Vec<BiasPrior>,
 }
 
 /// How to solve.
@@ -139,7 +165,9 @@ impl VioWindow {
             return report;
         }
         self.follow();
-        let Some(mut normal) = Normal::of(self, setting.robust) else {
+        let layout = Layout::of(self);
+        let mut factor = Factor::new(layout.analysis().clone());
+        let Some(mut normal) = Normal::of(self, &layout, setting.robust) else {
             report.stop = Stop::NoDescent;
             return report;
         };
@@ -152,14 +180,18 @@ impl VioWindow {
                 break;
             }
             report.iterations += 1;
-            let next = normal.step(self, lambda).map(|(frames, points)| {
-                let moved = Self { frames, points, ..self.clone() };
-                (moved.cost(setting.robust), moved)
+            let lower = normal.step(self, &layout, &mut factor, lambda).and_then(|(frames, points)| {
+                let before = (replace(&mut self.frames, frames), replace(&mut self.points, points));
+                let cost = self.cost(setting.robust);
+                if cost < normal.cost {
+                    return Some(cost);
+                }
+                (self.frames, self.points) = before;
+                None
             });
-            match next {
-                Some((cost, moved)) if cost < normal.cost => {
+            match lower {
+                Some(cost) => {
                     let gain = (normal.cost - cost) / normal.cost;
-                    *self = moved;
                     self.follow();
                     (lambda, growth) = ((lambda / 5.0).max(1e-10), 2.0);
                     if gain < setting.tolerance {
@@ -167,12 +199,12 @@ impl VioWindow {
                         report.stop = Stop::Converged;
                         break;
                     }
-                    match Normal::of(self, setting.robust) {
+                    match Normal::of(self, &layout, setting.robust) {
                         Some(n) => normal = n,
                         None => break,
                     }
                 }
-                _ => {
+                None => {
                     lambda *= growth * 5.0;
                     growth *= 2.0;
                     if lambda > 1e6 {
@@ -217,6 +249,10 @@ impl VioWindow {
         let mut cost = 0.0;
         for link in &self.links {
             cost += self.whitened(link).map_or(f64::INFINITY, |r| 0.5 * r.norm_squared());
+        }
+        for prior in &self.bias_priors {
+            let parts = prior.residual(&self.frames[prior.frame].bias);
+            cost += parts.iter().map(|(r, _)| 0.5 * r.norm_squared()).sum::<f64>();
         }
         for o in self.observations.iter().filter(|o| o.weight > 0.0) {
             let chi2 = self.chi2(o);
