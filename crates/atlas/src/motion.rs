@@ -28,6 +28,8 @@ pub struct Sensed {
     pub velocity: Vec3,
     /// As in [`Motion`].
     pub bias: Bias,
+    /// Up along the eye's axes, as the force that was felt has it: off by as much as the eye was speeding up.
+    pub up: Option<Vec3>,
     /// The readings since the frame that was offered before, both ends interpolated; empty where some are missing.
     pub samples: Vec<ImuSample>,
 }

@@ -143,7 +143,8 @@ impl Inertial {
             let found = attempt.accepted().cloned();
             tried = Some(attempt);
             let Some(found) = found else { return tried };
-            self.feeling.noise = times(&self.sheet, found.noise_times);
+            let found_times = found.noise_times.map(|t| t.max(self.setting.noise_times));
+            self.feeling.noise = times(&self.sheet, found_times);
             let about = map.world_from_eye(world.root())?.translation;
             atlas.commit(self.level(&map, world, &chain, &found, eye.baseline_fx > 0.0, about));
             self.refined.insert(world, REFINED_S.iter().filter(|due| seconds >= **due).count());

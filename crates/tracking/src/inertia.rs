@@ -6,7 +6,7 @@
 
 use crate::state::Placed;
 use cairn_atlas::{KeyFrame, Map, Sensed};
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{Belief, Bias, Gravity, ImuBuffer, Rest, RestSetting};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use nalgebra::SMatrix;
@@ -23,6 +23,8 @@ const SETTLING: usize = 30;
 const SEEN: [f64; 5] = [0.005, 0.003, 1.0, 0.003, 0.05];
 /// A key frame tells the motion for so many seconds.
 const TOLD_S: f64 = 2.0;
+/// Seconds over which the mean force tells up.
+const FORCE_S: f64 = 0.5;
 /// The eye stands still when it is believed to go at most as fast as this, m/s.
 const STILL_M_S: f64 = 0.15;
 
@@ -168,7 +170,7 @@ impl Inertia {
         };
         let velocity =
             here.as_ref().map_or_else(Default::default, |b| b.world_from_eye.rotation.inverse() * b.velocity);
-        Sensed { velocity, bias: here.map_or(self.bias, |b| b.bias), samples }
+        Sensed { velocity, bias: here.map_or(self.bias, |b| b.bias), up: self.up(stamp), samples }
     }
 
     /// Seconds since a frame was last offered.
@@ -186,6 +188,13 @@ impl Inertia {
     fn carried(&self, from: &Belief, since: Stamp, to: Stamp) -> Option<Belief> {
         let sum = self.buffer.preintegrate(from.bias, since, to).ok()?;
         from.after(&sum, &Gravity::level(), &self.imu_from_eye)
+    }
+
+    /// Up along the eye's axes by the mean force of the last while.
+    fn up(&self, stamp: Stamp) -> Option<Vec3> {
+        let late = |s: &&ImuSample| (0.0..FORCE_S).contains(&(stamp - s.stamp));
+        let force = self.buffer.samples().filter(late).map(|s| s.accel).sum::<Vec3>();
+        Some(self.imu_from_eye.rotation.inverse() * force.try_normalize(1e-6)?)
     }
 
     fn rests(&self, stamp: Stamp, bias: &Bias) -> bool {

@@ -8,6 +8,7 @@ pub use replay::{Replayed, Stopped};
 
 use crate::journal::{FrameRecord, Header, Journal, Record};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Sensed, Subscription, Tie};
+use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::Attempt;
 use cairn_mapping::{Begin, Closer, Mapper, Offered, Verdict};
 use cairn_sensor::Stamp;
@@ -226,7 +227,20 @@ fn begin(adrift: &Option<Adrift>, sensed: &Option<Sensed>, metric: bool) -> Begi
         level: metric && a.level,
         ..Begin::default()
     });
-    Begin { sensed: sensed.clone(), ..begin }
+    // The first world begins nearly upright, where that is felt.
+    let up = sensed.as_ref().and_then(|s| s.up).filter(|_| adrift.is_none());
+    let world_from_eye = up.map_or(begin.world_from_eye, |up| Se3::new(upright(&up), Vec3::zeros()));
+    Begin { sensed: sensed.clone(), world_from_eye, ..begin }
+}
+
+/// The smallest turn that takes a direction to the z axis.
+fn upright(up: &Vec3) -> So3 {
+    let axis = up.cross(&Vec3::z());
+    match axis.try_normalize(1e-9) {
+        Some(axis) => So3::exp(&(axis * up.angle(&Vec3::z()))),
+        None if up.z < 0.0 => So3::exp(&(Vec3::x() * std::f64::consts::PI)),
+        None => So3::identity(),
+    }
 }
 
 fn text_of(cause: &Box<dyn std::any::Any + Send>) -> String {
