@@ -1,6 +1,6 @@
 //! The map that a run begins in and the one it leaves.
 
-use super::{Arguments, Sensor};
+use super::Arguments;
 use crate::commands::map::{WAY, failed, open};
 use crate::failure::Failure;
 use cairn_atlas::store::{MapFile, StoreError};
@@ -27,15 +27,6 @@ pub fn opened(a: &Arguments) -> Result<Option<MapFile>, Failure> {
         ));
     }
     Ok(Some(file))
-}
-
-/// The sensors that a map was made with.
-pub fn sensor(file: &MapFile) -> Sensor {
-    match file.about.sensor {
-        SensorMode::Mono => Sensor::Mono,
-        SensorMode::Stereo => Sensor::Stereo,
-        SensorMode::Rgbd => Sensor::Rgbd,
-    }
 }
 
 /// The engine, in the map that was opened if there is one.

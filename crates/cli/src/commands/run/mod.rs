@@ -144,6 +144,12 @@ pub enum Sensor {
     Stereo,
     /// The first camera and the depth sensor.
     Rgbd,
+    /// The first camera and the inertial sensor, which tells scale and gravity.
+    MonoImu,
+    /// The first two cameras and the inertial sensor.
+    StereoImu,
+    /// The first camera, the depth sensor and the inertial sensor.
+    RgbdImu,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -157,9 +163,26 @@ enum Whose {
 impl Sensor {
     pub fn mode(self) -> SensorMode {
         match self {
-            Self::Mono => SensorMode::Mono,
-            Self::Stereo => SensorMode::Stereo,
-            Self::Rgbd => SensorMode::Rgbd,
+            Self::Mono | Self::MonoImu => SensorMode::Mono,
+            Self::Stereo | Self::StereoImu => SensorMode::Stereo,
+            Self::Rgbd | Self::RgbdImu => SensorMode::Rgbd,
+        }
+    }
+
+    /// Whether the inertial sensor is used.
+    pub fn feels(self) -> bool {
+        matches!(self, Self::MonoImu | Self::StereoImu | Self::RgbdImu)
+    }
+
+    /// The eyes of a mode, with the inertial sensor or without.
+    pub fn with(mode: SensorMode, feels: bool) -> Self {
+        match (mode, feels) {
+            (SensorMode::Mono, false) => Self::Mono,
+            (SensorMode::Stereo, false) => Self::Stereo,
+            (SensorMode::Rgbd, false) => Self::Rgbd,
+            (SensorMode::Mono, true) => Self::MonoImu,
+            (SensorMode::Stereo, true) => Self::StereoImu,
+            (SensorMode::Rgbd, true) => Self::RgbdImu,
         }
     }
 
@@ -168,23 +191,27 @@ impl Sensor {
             Self::Mono => "mono",
             Self::Stereo => "stereo",
             Self::Rgbd => "rgbd",
+            Self::MonoImu => "mono-imu",
+            Self::StereoImu => "stereo-imu",
+            Self::RgbdImu => "rgbd-imu",
         }
     }
 
     /// All that a rig has.
     pub fn of(rig: &Rig) -> Self {
-        match (&rig.depth, rig.cameras.len()) {
-            (Some(_), _) => Self::Rgbd,
-            (None, 0 | 1) => Self::Mono,
-            (None, _) => Self::Stereo,
-        }
+        let mode = match (&rig.depth, rig.cameras.len()) {
+            (Some(_), _) => SensorMode::Rgbd,
+            (None, 0 | 1) => SensorMode::Mono,
+            (None, _) => SensorMode::Stereo,
+        };
+        Self::with(mode, rig.imu.is_some())
     }
 
     /// The rig without the cameras and the depth that are not asked for, so that they are not even read; `None`
     /// when nothing is left out.
     fn only(self, rig: &Rig) -> Option<Rig> {
-        let cameras = if self == Self::Stereo { 2 } else { 1 };
-        let depth = rig.depth.is_some() && self != Self::Rgbd;
+        let cameras = if self.mode() == SensorMode::Stereo { 2 } else { 1 };
+        let depth = rig.depth.is_some() && self.mode() != SensorMode::Rgbd;
         (rig.cameras.len() > cameras || depth).then(|| Rig {
             cameras: rig.cameras.iter().take(cameras).cloned().collect(),
             depth: rig.depth.clone().filter(|_| !depth),
@@ -215,6 +242,11 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
     let rig = source.rig().clone();
+    config.inertial.enabled = sensor.feels();
+    if sensor.feels() && rig.imu.is_none() {
+        let why = format!("--sensor {} asks for an inertial sensor, the rig has none", sensor.name());
+        return Err(Failure::new(&a.source, why, "give a rig with an IMU by --rig, or leave -imu out"));
+    }
     let runner = if a.realtime || live { Runner::Threaded } else { Runner::Lockstep };
     let rate_hz = source.info().rate_hz;
     let engine = map::engine(a, map_in.as_ref(), &rig, sensor.mode(), rate_hz, runner, &config)?;
@@ -270,7 +302,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let engine = session.engine();
     let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
-    report.accuracy = tally::accuracy(&truth, engine, sensor.mode());
+    report.accuracy = tally::accuracy(&truth, engine);
     write_reports(a, engine, &report, &tally)?;
     if report.tracked == 0 {
         let why = tally.last_state.clone().unwrap_or_else(|| "it gave no frame".into());
@@ -345,7 +377,8 @@ fn open_source(
         eprintln!("{waits}");
     }
     let source = open(&a.source, options(given))?;
-    let sensor = a.sensor.or(map.map(map::sensor)).unwrap_or_else(|| Sensor::of(source.rig()));
+    let of_map = |map: &MapFile| Sensor::with(map.about.sensor, source.rig().imu.is_some());
+    let sensor = a.sensor.or(map.map(of_map)).unwrap_or_else(|| Sensor::of(source.rig()));
     // A world renders what its own address says, and video has one camera.
     let fewer = sensor.only(source.rig()).filter(|_| !a.source.starts_with("sim:") && !is_live(&a.source));
     match fewer {

@@ -1,6 +1,6 @@
 //! Counts and times of a run, frame by frame, and what becomes of them: the report and its text.
 
-use cairn_engine::{Config, Engine, Finished, Joined, Output, SensorMode, State, Verdict};
+use cairn_engine::{Config, Engine, Finished, Joined, Output, State, Verdict};
 use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, Stamp};
@@ -133,12 +133,12 @@ fn as_printed(config: &Config) -> serde_json::Value {
     serde_json::from_str(&text).unwrap_or_default()
 }
 
-/// The comparison with the source's own truth, where it has one that can be compared: without scale by Sim3.
-pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine, mode: SensorMode) -> Option<Evaluation> {
+/// The comparison with the source's own truth, where it has one that can be compared: by Sim3 where lengths are no metres.
+pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<Evaluation> {
     let trajectory = |poses: &[(Stamp, Se3)]| {
         Trajectory::from_unsorted(poses.iter().map(|(t, pose)| (t.0, *pose)).collect()).ok()
     };
-    let align = if mode == SensorMode::Mono { Align::Sim3 } else { Align::Se3 };
+    let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
     let options = EvalOptions { align, ..EvalOptions::default() };
     let (reference, estimate) = (trajectory(&engine.comparable(truth))?, trajectory(&engine.trajectory())?);
     evaluate(&reference, &estimate, &options).ok()
