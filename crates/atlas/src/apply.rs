@@ -97,6 +97,12 @@ impl Map {
                 let motion = k.motion.as_mut()?;
                 (motion.velocity, motion.bias) = (*velocity, *bias);
             }
+            Change::Felt(id, felt) => {
+                let world = self.key_frame(felt.since).filter(|_| felt.since < *id)?.world;
+                let k = self.key_frames.get_mut(id.index()).filter(|k| k.world == world)?;
+                k.motion.as_mut()?.felt = Some(felt.clone());
+            }
+            Change::ImuOffset(seconds) => self.imu_offset = seconds.is_finite().then_some(*seconds)?,
             Change::Level(world, level_from_world) => {
                 if !self.worlds.contains_key(world) {
                     return None;

@@ -1,6 +1,6 @@
 //! Changes to a map, as data.
 
-use crate::{KeyFrame, KeyFrameId, LandmarkId, Tie, WorldId};
+use crate::{Felt, KeyFrame, KeyFrameId, LandmarkId, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Bias;
 
@@ -17,6 +17,10 @@ pub enum Change {
     Scale(KeyFrameId, f64),
     /// The sensor of a key frame that has a motion moves like this: velocity along the eye's axes in m/s, and biases.
     Motion(KeyFrameId, Vec3, Bias),
+    /// What was felt on the way to a key frame that has a motion is this.
+    Felt(KeyFrameId, Felt),
+    /// Seconds to be added to the stamps of the inertial sensor, beyond what its source adds, to get the images' clock.
+    ImuOffset(f64),
     /// Gravity and scale of a world are known, or known better: all that is in it moves by this, and from now on its
     /// lengths are metres and its z axis points up.
     Level(WorldId, Sim3),

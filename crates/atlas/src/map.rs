@@ -21,6 +21,7 @@ pub struct Map {
     pub(crate) levelled: Arc<BTreeMap<WorldId, u32>>,
     pub(crate) places: PlaceIndex,
     pub(crate) right_offset: f64,
+    pub(crate) imu_offset: f64,
     pub(crate) next_key_frame: usize,
     pub(crate) next_landmark: usize,
 }
@@ -49,6 +50,7 @@ impl Map {
             levelled: Arc::default(),
             places: PlaceIndex::default(),
             right_offset: 0.0,
+            imu_offset: 0.0,
             next_key_frame: 0,
             next_landmark: 0,
         }
@@ -68,6 +70,12 @@ impl Map {
     /// calibration's error that looks like disparity.
     pub fn right_offset(&self) -> f64 {
         self.right_offset
+    }
+
+    /// Seconds to be added to the stamps of the inertial sensor, beyond what its source adds, to get the images' clock:
+    /// `t_imu + offset = t_image`. Zero until it is found, and in a map that was opened.
+    pub fn imu_offset(&self) -> f64 {
+        self.imu_offset
     }
 
     /// The living key frames by the words that they show.

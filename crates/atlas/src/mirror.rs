@@ -98,6 +98,8 @@ impl Mirror {
                 | Change::Forget(..)
                 | Change::Fuse(..)
                 | Change::Motion(..)
+                | Change::Felt(..)
+                | Change::ImuOffset(_)
                 | Change::Calibrate(_)
                 | Change::RemoveLandmark(_)
                 | Change::Link(..) => {}

@@ -1,9 +1,9 @@
 //! What an inertial sensor says of a key frame.
 
 use crate::KeyFrameId;
-use cairn_geometry::Vec3;
+use cairn_geometry::{So3, Vec3};
 use cairn_inertial::{Bias, Preintegrated};
-use cairn_sensor::ImuSample;
+use cairn_sensor::{ImuSample, Stamp};
 use std::sync::Arc;
 
 /// Seconds that a link spans at most.
@@ -30,8 +30,13 @@ pub struct Sensed {
     pub bias: Bias,
     /// Up along the eye's axes, as the force that was felt has it: off by as much as the eye was speeding up.
     pub up: Option<Vec3>,
-    /// The readings since the frame that was offered before, both ends interpolated; empty where some are missing.
+    /// The readings since the frame that was offered before, both ends interpolated; empty where some are missing. In the
+    /// images' clock as far as the map knows it ([`crate::Map::imu_offset`]).
     pub samples: Vec<ImuSample>,
+    /// What was added to their stamps for that, seconds.
+    pub offset_s: f64,
+    /// Directions seen since that frame, `world_from_eye`.
+    pub turns: Vec<(Stamp, So3)>,
 }
 
 /// Readings between two key frames.

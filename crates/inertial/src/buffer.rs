@@ -28,13 +28,25 @@ pub struct ImuBuffer {
     period_s: f64,
     noise: ImuNoise,
     hole_s: f64,
+    hold_s: f64,
     samples: VecDeque<ImuSample>,
 }
 
 impl ImuBuffer {
     /// Of a sensor; holes of up to `hole_s` seconds are bridged by the line between their ends, with more noise.
     pub fn new(sensor: &ImuSensor, hole_s: f64) -> Self {
-        Self { period_s: 1.0 / sensor.rate_hz, noise: sensor.noise, hole_s, samples: VecDeque::new() }
+        let period_s = 1.0 / sensor.rate_hz;
+        Self { period_s, noise: sensor.noise, hole_s, hold_s: 1.5 * period_s, samples: VecDeque::new() }
+    }
+
+    /// The same, its last sample standing for so many seconds after it, with more noise.
+    pub fn holding(self, hold_s: f64) -> Self {
+        Self { hold_s: hold_s.max(1.5 * self.period_s), ..self }
+    }
+
+    /// Adds so many seconds to all stamps.
+    pub fn shift(&mut self, seconds: f64) {
+        self.samples.iter_mut().for_each(|s| s.stamp = s.stamp.plus_seconds(seconds));
     }
 
     /// Takes the samples of a packet. What was made up for the packet before gives way to what is real.
@@ -56,6 +68,11 @@ impl ImuBuffer {
         }
     }
 
+    /// The sensor's noise.
+    pub fn noise(&self) -> ImuNoise {
+        self.noise
+    }
+
     /// How many samples are held.
     pub fn len(&self) -> usize {
         self.samples.len()
@@ -71,7 +88,7 @@ impl ImuBuffer {
         self.samples.iter()
     }
 
-    /// Samples from one instant to another, both ends interpolated; the last is held for a period at most.
+    /// Samples from one instant to another, both ends interpolated; the last is held for a period and a half, or as [`ImuBuffer::holding`] says.
     ///
     /// # Errors
     /// When there are none for a part of that time.
@@ -85,7 +102,7 @@ impl ImuBuffer {
         if first.stamp > from {
             return Err(Missing::Before(first.stamp - from));
         }
-        if to - last.stamp > 1.5 * self.period_s {
+        if to - last.stamp > self.hold_s {
             return Err(Missing::After(to - last.stamp));
         }
         let begin = self.samples.partition_point(|s| s.stamp <= from);
@@ -94,6 +111,13 @@ impl ImuBuffer {
         out.push(self.at(from));
         out.extend(self.samples.range(begin..end.max(begin)).copied());
         out.push(self.at(to));
+        // What is held past the last is a guess, the worse the longer.
+        let held = (to - last.stamp) / self.period_s;
+        if held > 1.5
+            && let Some(s) = out.last_mut()
+        {
+            s.noise_scale = s.noise_scale.max(held);
+        }
         for i in begin.max(1)..=end.min(self.samples.len() - 1) {
             let (a, b) = (&self.samples[i - 1], &self.samples[i]);
             let periods = (b.stamp - a.stamp) / self.period_s;

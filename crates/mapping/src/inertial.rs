@@ -5,6 +5,7 @@
 //! the map); it is then levelled, adjusted as a whole with its links, and again as it grows. Nothing is thrown
 //! away meanwhile, and if they are never found, mapping by eye goes on.
 
+use crate::clocks::Clocks;
 use crate::grow::median_depth;
 use cairn_adjust::{Feeling, InertialWindow, Settled, WindowSetting};
 use cairn_atlas::{Atlas, Change, Felt, KeyFrame, KeyFrameId, Map, Motion, Sensed, WorldId};
@@ -53,6 +54,7 @@ pub(crate) struct Inertial {
     sheet: ImuNoise,
     feeling: Feeling,
     pub setting: InertialSetting,
+    clocks: Clocks,
     /// For each level world how often it was adjusted as a whole.
     refined: BTreeMap<WorldId, usize>,
 }
@@ -61,22 +63,30 @@ impl Inertial {
     pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
         let noise = times(&sensor.noise, [setting.noise_times; 2]);
         let feeling = Feeling { imu_from_eye, noise };
-        Self { sheet: sensor.noise, feeling, setting, refined: BTreeMap::new() }
+        let clocks = Clocks::new(sensor);
+        Self { sheet: sensor.noise, feeling, setting, clocks, refined: BTreeMap::new() }
     }
 
     /// The motion of a new key frame, linked to the one before in its world where the readings begin there.
-    pub fn motion(&self, map: &Map, world: WorldId, sensed: &Sensed) -> Motion {
+    pub fn motion(&mut self, map: &Map, world: WorldId, stamp: Stamp, sensed: &Sensed) -> Motion {
+        self.clocks.take(sensed);
         let begins = sensed.samples.first().map(|s| s.stamp);
         let before = (0..map.next_key_frame_id().index())
             .rev()
             .filter_map(|i| map.key_frame(KeyFrameId::from_index(i)?))
             .find(|k| k.world == world)
-            .filter(|k| Some(k.frame.stamp) == begins);
-        self.motion_since(before.map(|k| k.id), sensed)
+            .filter(|k| sensed.offset_s != map.imu_offset() || Some(k.frame.stamp) == begins);
+        // In the sensor's own clock: what was offered may have been cut for another offset.
+        let felt = before.and_then(|k| {
+            let sum = self.clocks.felt(sensed.bias, k.frame.stamp, stamp, map.imu_offset())?;
+            Some(Felt { since: k.id, sum: Arc::new(sum) })
+        });
+        Motion { velocity: sensed.velocity, bias: sensed.bias, felt }
     }
 
     /// The same, linked to a key frame that is known.
-    pub fn motion_since(&self, before: Option<KeyFrameId>, sensed: &Sensed) -> Motion {
+    pub fn motion_since(&mut self, before: Option<KeyFrameId>, sensed: &Sensed) -> Motion {
+        self.clocks.take(sensed);
         let felt = before.filter(|_| sensed.samples.len() > 1).map(|since| Felt {
             since,
             sum: Arc::new(Preintegrated::of(self.sheet, sensed.bias, sensed.samples.clone())),
@@ -126,6 +136,7 @@ impl Inertial {
         centre: KeyFrameId,
         setting: &WindowSetting,
     ) -> Option<Attempt> {
+        self.tell_time(atlas, centre);
         let map = atlas.latest().clone();
         let world = map.key_frame(centre)?.world;
         let chain = chain(&map, centre);
@@ -140,10 +151,11 @@ impl Inertial {
             *times += 1;
         } else {
             let attempt = self.attempt(&map, eye, &chain)?;
-            let found = attempt.accepted().cloned();
+            let found = attempt.accepted().filter(|_| self.clocks.settled()).cloned();
             tried = Some(attempt);
             let Some(found) = found else { return tried };
             let found_times = found.noise_times.map(|t| t.max(self.setting.noise_times));
+            self.clocks.turned();
             self.feeling.noise = times(&self.sheet, found_times);
             let about = map.world_from_eye(world.root())?.translation;
             atlas.commit(self.level(&map, world, &chain, &found, eye.baseline_fx > 0.0, about));
@@ -154,6 +166,22 @@ impl Inertial {
             atlas.commit(settled.changes.changes);
         }
         tried
+    }
+
+    /// Looks for the offset of the clocks, and cuts anew what was felt when it is found. Where the sensor is late, the last
+    /// readings up to a key frame come with the next one.
+    fn tell_time(&mut self, atlas: &mut Atlas, centre: KeyFrameId) {
+        let map = atlas.latest().clone();
+        let known = map.imu_offset();
+        let chain = chain(&map, centre);
+        if let Some(offset) = self.clocks.look(&self.feeling.imu_from_eye.rotation, known) {
+            let mut changes = vec![Change::ImuOffset(offset)];
+            changes.extend(self.clocks.cut(&map, &chain, offset));
+            atlas.commit(changes);
+        } else if known < 0.0 {
+            let late = &chain[chain.len().saturating_sub(3)..chain.len().saturating_sub(1).max(1)];
+            atlas.commit(self.clocks.cut(&map, late, known));
+        }
     }
 
     fn attempt(&self, map: &Map, eye: &EyeModel, chain: &[KeyFrameId]) -> Option<Attempt> {

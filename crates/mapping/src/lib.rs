@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod clocks;
 mod closing;
 mod cull;
 mod fuse;

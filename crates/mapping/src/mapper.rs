@@ -165,8 +165,8 @@ impl Mapper {
         let mut births = Births::after(&before);
         let scaled = Se3::new(first_from_second.rotation, first_from_second.translation * unit);
         let (none_a, none_b) = (vec![None; first.len()], vec![None; second.len()]);
-        let felt = self.inertial.as_ref().zip(begin.sensed.as_ref());
-        let motion = felt.map(|(_, sensed)| still_unfelt(sensed));
+        let felt = self.inertial.as_mut().zip(begin.sensed.as_ref());
+        let motion = felt.as_ref().map(|(_, sensed)| still_unfelt(sensed));
         let entry_a =
             Entry { id: a, frame: first, world_from_eye: begin.world_from_eye, shown: &none_a, motion };
         let world_from_second = begin.world_from_eye * scaled;
@@ -208,7 +208,8 @@ impl Mapper {
         let alive: Vec<Option<LandmarkId>> =
             landmarks.iter().map(|l| l.filter(|l| map.landmark(*l).is_some())).collect();
         let world = map.key_frame(parent)?.world;
-        let motion = self.inertial.as_ref().zip(sensed).map(|(i, sensed)| i.motion(&map, world, sensed));
+        let felt = self.inertial.as_mut().zip(sensed);
+        let motion = felt.map(|(i, sensed)| i.motion(&map, world, frame.stamp, sensed));
         let entry = Entry { id, frame, world_from_eye, shown: &alive, motion };
         let mut changes = add_key_frame(&entry, Some(parent));
         if depth {

@@ -6,13 +6,17 @@
 
 use crate::state::Placed;
 use cairn_atlas::{KeyFrame, Map, Sensed};
-use cairn_geometry::{Se3, Vec3};
+use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{Belief, Bias, Gravity, ImuBuffer, Rest, RestSetting};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use nalgebra::SMatrix;
 
 /// Holes of up to so many seconds are bridged.
 const HOLE_S: f64 = 0.1;
+/// The last reading stands for so many seconds where the sensor's clock is late.
+const HELD_S: f64 = 0.06;
+/// Directions kept between two offers.
+const TURNS: usize = 400;
 /// Seconds of readings that are kept.
 const KEPT_S: f64 = 20.0;
 /// What a key frame's state is uncertain by after its adjustment: metres, radians, m/s, rad/s, m/s^2.
@@ -48,6 +52,10 @@ pub(crate) struct Inertia {
     /// Since when readings go with the next offer.
     offered: Option<Stamp>,
     bias: Bias,
+    /// What was added to the stamps of the readings.
+    offset_s: f64,
+    /// Directions seen since the last offer.
+    turns: Vec<(Stamp, So3)>,
 }
 
 impl Inertia {
@@ -59,19 +67,33 @@ impl Inertia {
             ..sensor.noise
         };
         Self {
-            buffer: ImuBuffer::new(&ImuSensor { noise, ..*sensor }, HOLE_S),
+            buffer: ImuBuffer::new(&ImuSensor { noise, ..*sensor }, HOLE_S).holding(HELD_S),
             noise: sensor.noise,
             imu_from_eye,
             last: None,
             version: 0,
             offered: None,
             bias: Bias::default(),
+            offset_s: 0.0,
+            turns: Vec::new(),
         }
     }
 
     /// Takes the readings of a packet.
-    pub fn take(&mut self, samples: &[ImuSample]) {
-        self.buffer.push(samples);
+    pub fn take(&mut self, samples: &[ImuSample], map: &Map) {
+        let offset = map.imu_offset();
+        if offset != self.offset_s {
+            self.buffer.shift(offset - self.offset_s);
+            self.offset_s = offset;
+        }
+        if offset == 0.0 {
+            self.buffer.push(samples);
+        } else {
+            // What the source made up up to the image is of no use in another clock.
+            let real = samples.iter().filter(|s| !s.is_synthesised());
+            let shifted = real.map(|s| ImuSample { stamp: s.stamp.plus_seconds(offset), ..*s });
+            self.buffer.push(&shifted.collect::<Vec<_>>());
+        }
         if let Some(last) = samples.last() {
             self.buffer.forget_before(Stamp(last.stamp.0 - (KEPT_S * 1e9) as i64));
         }
@@ -137,6 +159,9 @@ impl Inertia {
     ) {
         let covariance = information.try_inverse();
         let seen = predicted.zip(covariance).and_then(|(p, c)| p.seen(&placed.world_from_eye, &c));
+        if self.turns.len() < TURNS {
+            self.turns.push((stamp, placed.world_from_eye.rotation));
+        }
         let level = map.key_frame(placed.reference).is_some_and(|k| map.is_level(k.world));
         let belief = match (seen, &self.last) {
             (Some(seen), _) => seen,
@@ -158,7 +183,8 @@ impl Inertia {
     /// What goes with an offered frame, and from it on with the next.
     pub fn sense(&mut self, stamp: Stamp) -> Sensed {
         let since = self.offered.replace(stamp);
-        self.sense_since(since, stamp)
+        let turns = std::mem::take(&mut self.turns);
+        Sensed { turns, ..self.sense_since(since, stamp) }
     }
 
     /// The same for a frame at which another begins to be felt since `from`.
@@ -170,7 +196,7 @@ impl Inertia {
         };
         let velocity =
             here.as_ref().map_or_else(Default::default, |b| b.world_from_eye.rotation.inverse() * b.velocity);
-        Sensed { velocity, bias: here.map_or(self.bias, |b| b.bias), up: self.up(stamp), samples }
+        Sensed { velocity, bias: here.map_or(self.bias, |b| b.bias), up: self.up(stamp), samples, offset_s: self.offset_s, turns: Vec::new() }
     }
 
     /// Seconds since a frame was last offered.

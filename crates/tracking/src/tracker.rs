@@ -159,7 +159,7 @@ impl Tracker {
     ) -> Tracked {
         self.begun.get_or_insert(frame.stamp);
         if let Some(inertia) = &mut self.inertia {
-            inertia.take(imu);
+            inertia.take(imu, map);
         }
         if map.key_frame_count() == 0 {
             return self.start(frame);

@@ -123,6 +123,8 @@ pub struct Measured {
     pub scale: f64,
     /// When the first pose with metres was told, seconds after the first frame.
     pub metric_s: Option<f64>,
+    /// What was found to be added to the stamps of the inertial sensor, milliseconds.
+    pub imu_offset_ms: f64,
     /// Length of the true way, metres.
     pub path_m: f64,
     /// Decoded image to pose, milliseconds.
@@ -260,6 +262,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         metric: engine.is_metric(),
         scale,
         metric_s,
+        imu_offset_ms: 1e3 * map.imu_offset(),
         path_m: path_between(&source.info().truth, &stamps),
         step_ms: Percentiles::of(&step_ms).unwrap_or_default(),
         track_ms: Percentiles::of(&track_ms).unwrap_or_default(),
