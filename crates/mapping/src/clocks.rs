@@ -14,7 +14,9 @@ const KEPT_S: f64 = 20.0;
 /// Seconds after which the offset is sought, and how often then; the last look is final.
 const LOOKS_S: [f64; 6] = [2.5, 3.5, 5.0, 7.0, 10.0, 15.0];
 /// Offsets smaller than this are none, seconds.
-const NONE_S: f64 = 0.0007;
+const NONE_S: f64 = 0.0005;
+/// A known offset is changed by this at least, seconds.
+const BETTER_S: f64 = 0.0003;
 /// Holes between readings that are bridged, seconds.
 const HOLE_S: f64 = 0.1;
 /// The last reading stands for so many seconds where the sensor's clock is late.
@@ -77,7 +79,8 @@ impl Clocks {
         let found = time_offset(&turns, &samples, imu_from_eye, &OffsetSetting::default()).ok()?;
         self.found = Some(found);
         let wanted = if found.offset_s.abs() < NONE_S.max(2.0 * found.sigma_s) { 0.0 } else { found.offset_s };
-        let news = (wanted - known_s).abs() > NONE_S.max(2.0 * found.sigma_s);
+        let least = if known_s == 0.0 { NONE_S } else { BETTER_S };
+        let news = (wanted - known_s).abs() > least.max(found.sigma_s);
         news.then_some(wanted)
     }
 

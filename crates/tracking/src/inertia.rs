@@ -15,6 +15,8 @@ use nalgebra::SMatrix;
 const HOLE_S: f64 = 0.1;
 /// The last reading stands for so many seconds where the sensor's clock is late.
 const HELD_S: f64 = 0.06;
+/// Seconds for which the clocks are looked at.
+const CLOCKS_S: f64 = 16.0;
 /// Directions kept between two offers.
 const TURNS: usize = 400;
 /// Seconds of readings that are kept.
@@ -54,6 +56,8 @@ pub(crate) struct Inertia {
     bias: Bias,
     /// What was added to the stamps of the readings.
     offset_s: f64,
+    /// When the first direction was seen.
+    begun: Option<Stamp>,
     /// Directions seen since the last offer.
     turns: Vec<(Stamp, So3)>,
 }
@@ -75,6 +79,7 @@ impl Inertia {
             offered: None,
             bias: Bias::default(),
             offset_s: 0.0,
+            begun: None,
             turns: Vec::new(),
         }
     }
@@ -159,9 +164,6 @@ impl Inertia {
     ) {
         let covariance = information.try_inverse();
         let seen = predicted.zip(covariance).and_then(|(p, c)| p.seen(&placed.world_from_eye, &c));
-        if self.turns.len() < TURNS {
-            self.turns.push((stamp, placed.world_from_eye.rotation));
-        }
         let level = map.key_frame(placed.reference).is_some_and(|k| map.is_level(k.world));
         let belief = match (seen, &self.last) {
             (Some(seen), _) => seen,
@@ -173,6 +175,16 @@ impl Inertia {
             (None, None) => Belief::new(placed.world_from_eye, Default::default(), self.bias, SEEN),
         };
         self.last = level.then_some(Last { stamp, belief, placed: *placed });
+    }
+
+    /// Whether directions that were seen by the eye alone are still wanted: until the clocks are known.
+    pub fn wants_turns(&mut self, stamp: Stamp) -> bool {
+        stamp - *self.begun.get_or_insert(stamp) < CLOCKS_S && self.turns.len() < TURNS
+    }
+
+    /// The eye alone saw that it looked this way.
+    pub fn turned(&mut self, stamp: Stamp, world_from_eye: So3) {
+        self.turns.push((stamp, world_from_eye));
     }
 
     /// The frame was not seen from anywhere: what was predicted stands.

@@ -448,6 +448,16 @@ impl Tracker {
         let Some(placed) = self.place(map, fallback, world_from_eye) else {
             return self.lose(frame, located.inliers);
         };
+        if self.inertia.as_mut().is_some_and(|i| i.wants_turns(frame.stamp)) {
+            // What was felt has its part in the pose; the clocks are compared with what was seen alone.
+            let alone = match prior {
+                Some(_) => self.locate(map, &frame, &world_from_eye, &mut matches.clone()).world_from_eye,
+                None => world_from_eye,
+            };
+            if let Some(inertia) = &mut self.inertia {
+                inertia.turned(frame.stamp, alone.rotation);
+            }
+        }
         if let Some(inertia) = &mut self.inertia {
             inertia.seen(map, frame.stamp, &placed, felt.as_ref(), &located.information);
         }
