@@ -105,11 +105,12 @@ impl Engine {
             mapper.window.right_offset_sigma = 0.0;
         }
         let closer = Closer::new(model, config.closer, mapper.window);
-        let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
+        let (mut tracker, mut mapper, mut closer) = (tracker, Mapper::new(model, mapper), closer);
         if let Some(imu) = rig.imu.as_ref().filter(|_| config.inertial.enabled) {
             let (imu_from_eye, felt) = (imu.body_from_imu.inverse() * model.body_from_eye, config.inertial);
             tracker = tracker.feeling(imu, imu_from_eye, felt.noise_times);
             mapper = mapper.feeling(imu, imu_from_eye, felt);
+            closer = closer.feeling(imu, imu_from_eye, felt);
         }
         let header = Header::of(mode, rate_hz, rig, config);
         let mapping = Mapping::new(runner, mapper, closer, map);

@@ -78,7 +78,8 @@ impl Clocks {
         let samples: Vec<ImuSample> = self.buffer.samples().copied().collect();
         let found = time_offset(&turns, &samples, imu_from_eye, &OffsetSetting::default()).ok()?;
         self.found = Some(found);
-        let wanted = if found.offset_s.abs() < NONE_S.max(2.0 * found.sigma_s) { 0.0 } else { found.offset_s };
+        let wanted =
+            if found.offset_s.abs() < NONE_S.max(2.0 * found.sigma_s) { 0.0 } else { found.offset_s };
         let least = if known_s == 0.0 { NONE_S } else { BETTER_S };
         let news = (wanted - known_s).abs() > least.max(found.sigma_s);
         news.then_some(wanted)

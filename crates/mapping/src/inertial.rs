@@ -234,7 +234,7 @@ impl Inertial {
 }
 
 /// Noise so many times as white, gyroscope and accelerometer, at least what it is.
-fn times(noise: &ImuNoise, [gyro, accel]: [f64; 2]) -> ImuNoise {
+pub(crate) fn times(noise: &ImuNoise, [gyro, accel]: [f64; 2]) -> ImuNoise {
     ImuNoise { gyro: noise.gyro * gyro.max(1.0), accel: noise.accel * accel.max(1.0), ..*noise }
 }
 

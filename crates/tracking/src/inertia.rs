@@ -208,7 +208,14 @@ impl Inertia {
         };
         let velocity =
             here.as_ref().map_or_else(Default::default, |b| b.world_from_eye.rotation.inverse() * b.velocity);
-        Sensed { velocity, bias: here.map_or(self.bias, |b| b.bias), up: self.up(stamp), samples, offset_s: self.offset_s, turns: Vec::new() }
+        Sensed {
+            velocity,
+            bias: here.map_or(self.bias, |b| b.bias),
+            up: self.up(stamp),
+            samples,
+            offset_s: self.offset_s,
+            turns: Vec::new(),
+        }
     }
 
     /// Seconds since a frame was last offered.

@@ -44,7 +44,7 @@ impl Default for TrackerSetting {
             min_key_frame_gap: 1,
             new_world_s: 0.5,
             coast_sigma: 1.0,
-            coast_s: 5.0,
+            coast_s: 6.0,
         }
     }
 }

@@ -67,7 +67,9 @@ impl Revisit {
         let text = |e: SourceError| e.to_string();
         let mut sim = SimSetting::new(self.world, self.seed);
         sim.rate_hz = RATE_HZ;
-        sim.imu = None;
+        if !self.sensor.is_inertial() {
+            sim.imu = None;
+        }
         sim.walker.speed = 1.1;
         sim.options.detail = 0.6;
         sim.options.look_alike = self.trial == Trial::Alike;

@@ -9,9 +9,13 @@ mod relax;
 mod seek;
 
 use crate::grow::median_depth;
-use cairn_adjust::{RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise};
+use crate::inertial::{InertialSetting, times};
+use cairn_adjust::{
+    Feeling, InertialWindow, RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise,
+};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map, WorldId};
-use cairn_geometry::{Se3, Sim3};
+use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
+use cairn_sensor::ImuSensor;
 use cairn_vision::EyeModel;
 use draft::Draft;
 use relax::relax;
@@ -20,6 +24,9 @@ use std::fmt;
 
 /// Scale that may have been lost between two visits of one world, and between two worlds, as a logarithm.
 const MOST_SCALE: [f64; 2] = [0.7, 2.5];
+
+/// How far two visits may differ on where down is, radians.
+const MOST_TILT_RAD: f64 = 0.09;
 
 /// How to close.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -57,6 +64,11 @@ pub enum Refusal {
         /// Spread of it: median absolute deviation of the logarithm.
         spread: f64,
     },
+    /// Both places know where down is, and do not agree on it.
+    Tilt {
+        /// By how much they differ, radians.
+        tilt_rad: f64,
+    },
     /// The map would have to be off by more than it can have drifted.
     Drift {
         /// By how much it would have to be off, units of the map.
@@ -74,6 +86,9 @@ impl fmt::Display for Refusal {
             Self::Unlike(why) => why.fmt(f),
             Self::Scale { points, median, spread } => {
                 write!(f, "{points} points give a scale of {median:.3} with a spread of {spread:.3}")
+            }
+            Self::Tilt { tilt_rad } => {
+                write!(f, "down would be off by {:.1} degrees", tilt_rad.to_degrees())
             }
             Self::Drift { off, plausible } => {
                 write!(f, "the map would be off by {off:.2}, {plausible:.2} is plausible")
@@ -136,6 +151,29 @@ pub struct Closed {
     pub joined: Option<KeyFrameId>,
 }
 
+/// What drifts, and so may be corrected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Freedom {
+    /// Place and heading: down and scale are known.
+    Level,
+    /// Place and direction.
+    Metric,
+    /// Place, direction and scale.
+    Similar,
+}
+
+/// Where a key frame stands, with the down that its own world knows.
+fn level(here: &KeyFrame, world_from_here: &Sim3) -> Result<Sim3, Refusal> {
+    let turn = world_from_here.rotation * here.world_from_eye.rotation.inverse();
+    let tilt_rad = (turn * Vec3::z()).angle(&Vec3::z());
+    if tilt_rad > MOST_TILT_RAD {
+        return Err(Refusal::Tilt { tilt_rad });
+    }
+    let heading = YawPose::split(&Se3::new(turn, Vec3::zeros())).0.rotation();
+    let rotation = heading * here.world_from_eye.rotation;
+    Ok(Sim3::new(rotation, world_from_here.translation, world_from_here.scale))
+}
+
 /// A place seen again that waits for a second opinion.
 #[derive(Clone, Copy, Debug)]
 struct Hypothesis {
@@ -151,13 +189,21 @@ pub struct Closer {
     eye: EyeModel,
     setting: CloserSetting,
     window: WindowSetting,
+    /// The inertial sensor, and the key frames up to which a world is adjusted as a whole with what was felt.
+    felt: Option<(Feeling, usize)>,
     pending: Option<Hypothesis>,
 }
 
 impl Closer {
     /// A closer for one eye; `window` is how mapping adjusts its windows.
     pub fn new(eye: EyeModel, setting: CloserSetting, window: WindowSetting) -> Self {
-        Self { eye, setting, window, pending: None }
+        Self { eye, setting, window, felt: None, pending: None }
+    }
+
+    /// The same with an inertial sensor; `imu_from_eye` in metres.
+    pub fn feeling(self, sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
+        let feeling = Feeling { imu_from_eye, noise: times(&sensor.noise, [setting.noise_times; 2]) };
+        Self { felt: Some((feeling, setting.whole_key_frames)), ..self }
     }
 
     /// Looks whether a key frame shows a place that was seen before, and joins what is the same.
@@ -192,7 +238,10 @@ impl Closer {
             recognise(map, &self.eye, &here.frame, old, &known, &setting, seed).map_err(Refusal::Unlike)?;
         let scale = self.scale(map, here, &place)?;
         let there = place.world_from_eye;
-        let world_from_here = Sim3::new(there.rotation, there.translation, scale);
+        let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
+        if self.freedom(map, here, old) == Freedom::Level {
+            world_from_here = level(here, &world_from_here)?;
+        }
         let shift = world_from_here * Sim3::from(here.world_from_eye).inverse();
         let plausible = self.plausible(map, here, old);
         let off = (there.translation - here.world_from_eye.translation).norm();
@@ -211,6 +260,16 @@ impl Closer {
         }
         self.pending = None;
         Ok((place, world_from_here))
+    }
+
+    /// What may be off between two visits.
+    fn freedom(&self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> Freedom {
+        let level = map.key_frame(old).is_some_and(|k| map.is_level(k.world) && map.is_level(here.world));
+        match (level, self.eye.baseline_fx > 0.0) {
+            (true, _) => Freedom::Level,
+            (false, true) => Freedom::Metric,
+            (false, false) => Freedom::Similar,
+        }
     }
 
     /// How near a key frame must be believed to be looked at for its place alone.
@@ -232,7 +291,7 @@ impl Closer {
         let mut logs: Vec<f64> = both.collect();
         let points = logs.len();
         let (median, spread) = median_and_spread(&mut logs);
-        let metric = self.eye.baseline_fx > 0.0;
+        let metric = self.freedom(map, here, place.old) != Freedom::Similar;
         let merging = map.key_frame(place.old).is_some_and(|k| k.world != here.world);
         let most = MOST_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };
@@ -240,8 +299,10 @@ impl Closer {
             // With depth, a view that shares no points yet still has its scale.
             return if metric { Ok(1.0) } else { Err(refusal) };
         }
+        // What the inertial sensor told of scale is good to some percent.
+        let most_metric = if self.eye.baseline_fx > 0.0 { 0.1 } else { 0.2 };
         match metric {
-            true if median.abs() < 0.1 => Ok(1.0),
+            true if median.abs() < most_metric => Ok(1.0),
             false if spread < 0.15 && median.abs() < most => Ok(median.exp()),
             _ => Err(refusal),
         }
@@ -257,7 +318,7 @@ impl Closer {
             .collect();
         let way: f64 = since.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum();
         let [with, without] = self.setting.drift;
-        match self.eye.baseline_fx > 0.0 {
+        match self.freedom(map, here, old) != Freedom::Similar {
             true => 0.5 + with * way,
             false => 0.3 * median_depth(map, here).unwrap_or(0.0) + without * way,
         }
@@ -308,9 +369,12 @@ impl Closer {
         let off_rad = shift.rotation.angle();
         let there = map.key_frame(place.old).map_or(here.world, |k| k.world);
         let joined = if there == here.world {
-            let metric = self.eye.baseline_fx > 0.0;
-            let metre = if metric { 1.0 } else { 0.25 * median_depth(map, here).unwrap_or(0.0) };
-            draft.push(relax(map, here, place.old, world_from_here, metre, metric));
+            let freedom = self.freedom(map, here, place.old);
+            let metre = match freedom {
+                Freedom::Similar => 0.25 * median_depth(map, here).unwrap_or(0.0),
+                _ => 1.0,
+            };
+            draft.push(relax(map, here, place.old, world_from_here, metre, freedom));
             draft.push(vec![Change::Link(here.id, place.old)]);
             Joined::Loop
         } else {
@@ -342,10 +406,16 @@ impl Closer {
         }
         let window = WindowSetting { iterations: [10, 10], ..self.window };
         let mut stopped = false;
-        let settled = Window::whole(map, &self.eye, world).solve(&window, || {
+        let asked = || {
             stopped |= stop();
             stopped
-        });
+        };
+        let felt = self.felt.filter(|(_, most)| count <= *most && map.is_level(world));
+        let felt = felt.map(|(feeling, _)| InertialWindow::whole(map, &self.eye, &feeling, world));
+        let settled = match felt.filter(|w| w.links() > 0) {
+            Some(felt) => felt.solve(&window, asked),
+            None => Window::whole(map, &self.eye, world).solve(&window, asked),
+        };
         if stopped { Vec::new() } else { settled.changes.changes }
     }
 }

@@ -2,8 +2,9 @@
 //! all that hangs together (the essential graph of Mur-Artal et al. 2015, section VII-D, with similarities after Strasdat,
 //! Montiel & Davison, "Scale drift-aware large scale monocular SLAM", RSS 2010).
 
+use super::Freedom;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
-use cairn_geometry::{LieGroup, Se3, Sim3};
+use cairn_geometry::{LieGroup, Se3, Sim3, So3, YawPose};
 use cairn_solve::Loss;
 use cairn_solve::graph::{GraphSetting, PoseGraph};
 use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
@@ -28,7 +29,7 @@ pub(super) fn relax(
     old: KeyFrameId,
     world_from_here: &Sim3,
     metre: f64,
-    metric: bool,
+    freedom: Freedom,
 ) -> Vec<Change> {
     let chain: Vec<&KeyFrame> = map.key_frames_of(here.world).collect();
     let slots: BTreeMap<KeyFrameId, usize> = chain.iter().enumerate().map(|(i, k)| (k.id, i)).collect();
@@ -53,19 +54,20 @@ pub(super) fn relax(
         return Vec::new();
     };
     ties.push(Tie { a, b, a_from_b: Sim3::from(poses[a]).inverse() * *world_from_here });
-    let relaxed: Vec<Sim3> = match metric {
-        true => solve::<Se3, 6>(&poses, &ties, metre, |s| Se3::new(s.rotation, s.translation))
+    let relaxed: Vec<Sim3> = match freedom {
+        Freedom::Level => upright(&poses, &ties, metre),
+        Freedom::Metric => solve::<Se3, 6>(&poses, &ties, metre, |s| Se3::new(s.rotation, s.translation))
             .into_iter()
             .map(Sim3::from)
             .collect(),
-        false => solve::<Sim3, 7>(&poses, &ties, metre, |s| *s),
+        Freedom::Similar => solve::<Sim3, 7>(&poses, &ties, metre, |s| *s),
     };
     let mut shifts: BTreeMap<KeyFrameId, Sim3> = BTreeMap::new();
     let mut changes = Vec::new();
     for ((k, before), after) in chain.iter().zip(&poses).zip(&relaxed) {
         shifts.insert(k.id, *after * Sim3::from(*before).inverse());
         changes.push(Change::MoveKeyFrame(k.id, Se3::new(after.rotation, after.translation)));
-        if !metric {
+        if freedom == Freedom::Similar {
             changes.push(Change::Scale(k.id, after.scale));
         }
     }
@@ -75,6 +77,22 @@ pub(super) fn relax(
         }
     }
     changes
+}
+
+/// Relaxes a chain of poses whose roll and pitch are known: four degrees of freedom each (Qin, Li, Shen, "VINS-Mono", TRO
+/// 2018, section VIII-C).
+fn upright(poses: &[Se3], ties: &[Tie], metre: f64) -> Vec<Sim3> {
+    let split: Vec<(YawPose, So3)> = poses.iter().map(YawPose::split).collect();
+    let levels: Vec<Se3> = split.iter().map(|(level, _)| level.tilted(&So3::identity())).collect();
+    let between = |t: &Tie| {
+        let a_from_b = Se3::new(t.a_from_b.rotation, t.a_from_b.translation);
+        let level = YawPose::between(&split[t.a].1, &a_from_b, &split[t.b].1);
+        Tie { a_from_b: level.tilted(&So3::identity()).into(), ..*t }
+    };
+    let ties: Vec<Tie> = ties.iter().map(between).collect();
+    let lift = |s: &Sim3| YawPose::split(&Se3::new(s.rotation, s.translation)).0;
+    let relaxed = solve::<YawPose, 4>(&levels, &ties, metre, lift);
+    relaxed.iter().zip(&split).map(|(level, (_, tilt))| level.tilted(tilt).into()).collect()
 }
 
 /// Relaxes a chain of poses, the first of which stays, under ties.
@@ -108,7 +126,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_geometry::{So3, Vec3};
+    use cairn_geometry::{So2, Vec3};
 
     /// A square walked with a small error in each step, told of where it ended.
     #[test]
@@ -138,6 +156,37 @@ mod tests {
         for relaxed in [rigid, similar] {
             assert_eq!(relaxed[0], truth[0]);
             assert!(error(&relaxed) < 0.3 * error(&drifted), "{} of {}", error(&relaxed), error(&drifted));
+        }
+    }
+
+    /// A square walked upright, with an eye that looks along the way and is tilted: only headings drift, and come back.
+    #[test]
+    fn what_knows_down_keeps_it() {
+        let tilt = So3::exp(&Vec3::new(-1.4, 0.1, 0.05));
+        let step = |error: f64| YawPose::new(So2::exp(0.157 + error), Vec3::new(0.5, 0.0, 0.001));
+        let walk = |error: f64| -> Vec<Se3> {
+            let mut level = vec![YawPose::identity()];
+            for i in 0..40 {
+                level.push(level[i] * step(error));
+            }
+            level.iter().map(|l| l.tilted(&tilt)).collect()
+        };
+        let (truth, drifted) = (walk(0.0), walk(0.002));
+        let mut ties: Vec<Tie> = (0..40)
+            .map(|a| Tie { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+            .collect();
+        // The loop is measured with an error of direction that gravity contradicts.
+        let off = Se3::new(So3::exp(&Vec3::new(0.02, 0.02, 0.0)), Vec3::zeros());
+        ties.push(Tie { a: 0, b: 40, a_from_b: (truth[0].inverse() * truth[40] * off).into() });
+        let relaxed = upright(&drifted, &ties, 1.0);
+        let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
+            (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0
+        };
+        let (before, after) = (error(&|i| drifted[i].translation), error(&|i| relaxed[i].translation));
+        assert!(after < 0.3 * before, "{after} of {before}");
+        let up = |r: &So3| r.inverse() * Vec3::z();
+        for (r, d) in relaxed.iter().zip(&drifted) {
+            assert!((up(&r.rotation) - up(&d.rotation)).norm() < 1e-9);
         }
     }
 
