@@ -2,9 +2,11 @@
 //!
 //! One walk of two laps, rendered beforehand. The map of all of it is made first. Then the threaded runner walks a part of it
 //! again in that map at the camera's pace, in pairs: while a thread adjusts the whole map again and again, as closing's
-//! does after a loop, or without.
+//! does after a loop, or without. Beside the step as a clock has it stands the time that the tracking thread itself was on
+//! the processor, which other programs on the machine lengthen less.
 
 use crate::Sensor;
+use crate::processor::on_processor_ms;
 use crate::revisit::Revisit;
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner, background};
@@ -21,10 +23,26 @@ use std::time::{Duration, Instant};
 pub struct Pair {
     /// Seconds of each whole adjustment of the run with them.
     pub adjusted_s: Vec<f64>,
-    /// Steps of the run with them, milliseconds.
-    pub with: Vec<f64>,
-    /// Steps of the run without.
-    pub without: Vec<f64>,
+    /// The run with them.
+    pub with: Steps,
+    /// The run without.
+    pub without: Steps,
+}
+
+/// Steps that found a pose, milliseconds each.
+#[derive(Clone, Debug, Default)]
+pub struct Steps {
+    /// From the image to the pose.
+    pub ms: Vec<f64>,
+    /// The tracking thread on the processor, where the system tells it.
+    pub processor_ms: Vec<f64>,
+}
+
+impl Steps {
+    fn extend(&mut self, other: &Self) {
+        self.ms.extend(&other.ms);
+        self.processor_ms.extend(&other.processor_ms);
+    }
 }
 
 /// The pairs, and the map they were walked in.
@@ -81,7 +99,7 @@ fn mapped(packets: &[FramePacket], rig: &Rig, sensor: Sensor, rate_hz: f64) -> R
     Ok(engine.to_save("xtask", BTreeMap::new()))
 }
 
-/// Steps in milliseconds of the frames that have a pose, and seconds of each whole adjustment beside them.
+/// The steps, and seconds of each whole adjustment beside them.
 fn walked(
     packets: &[FramePacket],
     rig: &Rig,
@@ -89,7 +107,7 @@ fn walked(
     rate_hz: f64,
     file: &MapFile,
     adjust: bool,
-) -> Result<(Vec<f64>, Vec<f64>), String> {
+) -> Result<(Steps, Vec<f64>), String> {
     let config = Config::default();
     let opened = Engine::in_map(rig, sensor.mode(), rate_hz, Runner::Threaded, &config, file);
     let (mut engine, _) = opened.map_err(|e| e.to_string())?;
@@ -114,43 +132,55 @@ fn walked(
     })
 }
 
-fn paced(engine: &mut Engine, packets: &[FramePacket]) -> Result<Vec<f64>, String> {
+fn paced(engine: &mut Engine, packets: &[FramePacket]) -> Result<Steps, String> {
     let start = Instant::now();
-    let mut steps = Vec::with_capacity(packets.len());
+    let mut steps = Steps::default();
     for packet in packets {
         let due = start + Duration::from_secs_f64((packet.stamp - packets[0].stamp).max(0.0));
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        let before = on_processor_ms();
         let out = engine.on_packet(packet).map_err(|e| e.to_string())?;
+        let after = on_processor_ms();
         if let Some(cause) = out.died {
             return Err(cause);
         }
-        steps.extend(out.placed.map(|_| out.see_ms + out.track_ms));
+        if out.placed.is_some() {
+            steps.ms.push(out.see_ms + out.track_ms);
+            steps.processor_ms.extend(before.zip(after).map(|(before, after)| after - before));
+        }
     }
     Ok(steps)
 }
 
-fn line(with: &[f64], without: &[f64]) -> String {
-    let (a, b) = (Percentiles::of(with).unwrap_or_default(), Percentiles::of(without).unwrap_or_default());
-    let three = |p: &Percentiles| format!("{:.1} / {:.1} / {:.1}", p.p50, p.p99, p.max);
-    format!("{} | {} | {} | {:.2} | {:.2}", with.len(), three(&a), three(&b), a.p50 / b.p50, a.p99 / b.p99)
+fn line(with: &Steps, without: &Steps) -> String {
+    let pair = |a: &[f64], b: &[f64]| {
+        let [a, b] = [a, b].map(|ms| Percentiles::of(ms).unwrap_or_default());
+        let three = |p: &Percentiles| format!("{:.1} / {:.1} / {:.1}", p.p50, p.p99, p.max);
+        format!("{} | {} | {:.2} | {:.2}", three(&a), three(&b), a.p50 / b.p50, a.p99 / b.p99)
+    };
+    format!(
+        "{} | {} | {}",
+        with.ms.len(),
+        pair(&with.ms, &without.ms),
+        pair(&with.processor_ms, &without.processor_ms)
+    )
 }
 
 /// The pairs as a table in Markdown, all together last.
 pub fn table(busy: &Busy) -> String {
-    let mut t = format!(
-        "{} key frames, {} landmarks\n\n| pair | whole adjustments, s each | frames | step ms with: p50 / p99 / max | without | p50 ratio | p99 ratio |\n|---|---|---|---|---|---|---|\n",
-        busy.key_frames, busy.landmarks
-    );
+    let mut t = format!("{} key frames, {} landmarks\n\n", busy.key_frames, busy.landmarks);
+    t += "| pair | whole adjustments, s each | frames | step ms with: p50 / p99 / max | without | ratio of p50 | of p99 | on the processor ms with | without | ratio of p50 | of p99 |\n";
+    t += "|---|---|---|---|---|---|---|---|---|---|---|\n";
     let mean = |s: &[f64]| s.iter().sum::<f64>() / s.len() as f64;
+    let (mut took, mut with, mut without) = (Vec::new(), Steps::default(), Steps::default());
     // Writing to a string does not fail.
     for (i, p) in busy.pairs.iter().enumerate() {
-        let took = format!("{}, {:.1}", p.adjusted_s.len(), mean(&p.adjusted_s));
-        let _ = writeln!(t, "| {} | {took} | {} |", i + 1, line(&p.with, &p.without));
+        let whole = format!("{}, {:.1}", p.adjusted_s.len(), mean(&p.adjusted_s));
+        let _ = writeln!(t, "| {} | {whole} | {} |", i + 1, line(&p.with, &p.without));
+        took.extend(&p.adjusted_s);
+        with.extend(&p.with);
+        without.extend(&p.without);
     }
-    let all =
-        |of: &dyn Fn(&Pair) -> &Vec<f64>| -> Vec<f64> { busy.pairs.iter().flat_map(of).copied().collect() };
-    let took = all(&|p| &p.adjusted_s);
-    let (with, without) = (all(&|p| &p.with), all(&|p| &p.without));
     let _ = writeln!(t, "| all | {}, {:.1} | {} |", took.len(), mean(&took), line(&with, &without));
     t
 }
@@ -161,12 +191,12 @@ mod tests {
 
     #[test]
     fn ratios_are_of_the_run_with_to_the_run_without() {
-        let pair = Pair { adjusted_s: vec![1.0, 2.0], with: vec![12.0; 100], without: vec![10.0; 100] };
+        let steps = |ms: f64| Steps { ms: vec![ms; 100], processor_ms: vec![ms / 2.0; 50] };
+        let pair = Pair { adjusted_s: vec![1.0, 2.0], with: steps(12.0), without: steps(10.0) };
         let text = table(&Busy { key_frames: 3, landmarks: 4, pairs: vec![pair.clone(), pair] });
-        assert!(
-            text.contains("| 2 | 2, 1.5 | 100 | 12.0 / 12.0 / 12.0 | 10.0 / 10.0 / 10.0 | 1.20 | 1.20 |"),
-            "{text}"
-        );
+        let wall = "12.0 / 12.0 / 12.0 | 10.0 / 10.0 / 10.0 | 1.20 | 1.20";
+        let own = "6.0 / 6.0 / 6.0 | 5.0 / 5.0 / 5.0 | 1.20 | 1.20";
+        assert!(text.contains(&format!("| 2 | 2, 1.5 | 100 | {wall} | {own} |")), "{text}");
         assert!(text.contains("| all | 4, 1.5 | 200 |"), "{text}");
     }
 }

@@ -3,6 +3,7 @@
 //! Known are the global optima of SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, "SE-Sync", 2019, table 1, to four
 //! digits); the digits beyond are certified by `tools/compare_graphs.py`.
 
+use crate::processor::on_processor_ms;
 use cairn_solve::Report;
 use cairn_solve::g2o::{Graph, read};
 use cairn_solve::graph::{GraphSetting, Method, Metric, PoseGraph, Rigid, odometry_start};
@@ -81,16 +82,18 @@ fn row<G: Rigid<D>, const D: usize>(known: Known, graph: &PoseGraph<G, D>, times
     odometry_start(&mut relaxed);
     let setting = GraphSetting { metric: Metric::Chordal, ..GraphSetting::default() };
     let reached = 2.0 * relaxed.solve(&setting, || false).cost_after;
+    // Not a number where the system does not say.
+    let processor = || on_processor_ms().unwrap_or(f64::NAN);
     let solved = [Method::GaussNewton, Method::LevenbergMarquardt].map(|method| {
         let setting = GraphSetting { method, ..GraphSetting::default() };
         let (mut wall_ms, mut cpu_ms, mut report) = (f64::INFINITY, 0.0, None);
         for _ in 0..times.max(1) {
             let mut graph = graph.clone();
-            let (wall, cpu) = (Instant::now(), cpu_ns());
+            let (wall, before) = (Instant::now(), processor());
             odometry_start(&mut graph);
             report = Some(graph.solve(&setting, || false));
             wall_ms = wall_ms.min(wall.elapsed().as_secs_f64() * 1e3);
-            cpu_ms += (cpu_ns() - cpu) * 1e-6 / times.max(1) as f64;
+            cpu_ms += (processor() - before) / times.max(1) as f64;
         }
         let empty = Report {
             iterations: 0,
@@ -109,12 +112,6 @@ impl Row {
     pub fn excess(&self) -> f64 {
         self.reached / self.known.optimum - 1.0
     }
-}
-
-/// Nanoseconds that this thread has run, not a number where the system does not say.
-fn cpu_ns() -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    text.split(' ').next().and_then(|t| t.parse().ok()).unwrap_or(f64::NAN)
 }
 
 /// The table in Markdown.

@@ -11,6 +11,7 @@ pub mod measure;
 pub mod memory;
 pub mod nextday;
 pub mod places;
+pub mod processor;
 pub mod recordings;
 pub mod revisit;
 pub mod store;
