@@ -47,6 +47,9 @@ const TRIED_S: f64 = 20.0;
 /// Seconds after the first key frame felt at which a level world is adjusted as a whole again.
 const REFINED_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
 
+/// Slower than this the eye stands still, m/s.
+const STANDS_M_S: f64 = 0.05;
+
 /// Mapping's share of the inertial sensor.
 #[derive(Debug)]
 pub(crate) struct Inertial {
@@ -145,7 +148,9 @@ impl Inertial {
         let mut tried = None;
         if map.is_level(world) {
             let times = self.refined.entry(world).or_insert(REFINED_S.len());
-            if REFINED_S.get(*times).is_none_or(|due| seconds < *due) {
+            // Who stands still learns nothing new, and shall not feel the map move.
+            let stands = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STANDS_M_S);
+            if stands || REFINED_S.get(*times).is_none_or(|due| seconds < *due) {
                 return None;
             }
             *times += 1;

@@ -20,6 +20,8 @@ pub(crate) struct Situation<'a> {
     pub since: usize,
     /// Seconds since then, where there is an inertial sensor.
     pub since_s: Option<f64>,
+    /// Whether the eye stands still, as it is felt.
+    pub stands: bool,
     /// Whether mapping would take it up at once.
     pub idle: bool,
 }
@@ -28,6 +30,8 @@ pub(crate) struct Situation<'a> {
 const TURNED: f64 = 0.2;
 /// Seconds between key frames with an inertial sensor, at most: before gravity and scale are known, and after.
 const LINK_S: [f64; 2] = [0.25, 0.5];
+/// The same while the eye stands still.
+const LINK_AT_REST_S: f64 = 4.0;
 
 /// True when the frame should become a key frame: the view has changed since the reference, or close points
 /// are running out (after Mur-Artal & Tardós 2017, section III-E).
@@ -68,7 +72,11 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     let overdue = s.since as f64 >= rate_hz;
     let weak = depth && ((s.inliers as f64) < 0.25 * settled as f64 || starving);
     // What is felt links key frames the better the nearer they are in time.
-    let link_s = if s.map.is_level(reference.world) { LINK_S[1] } else { LINK_S[0] };
+    let link_s = match (s.stands, s.map.is_level(reference.world)) {
+        (true, true) => LINK_AT_REST_S,
+        (_, true) => LINK_S[1],
+        (_, false) => LINK_S[0],
+    };
     if s.idle && s.since_s.is_some_and(|since| since >= link_s) {
         return true;
     }

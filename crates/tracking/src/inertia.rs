@@ -29,6 +29,8 @@ const SETTLING: usize = 30;
 const SEEN: [f64; 5] = [0.005, 0.003, 1.0, 0.003, 0.05];
 /// A key frame tells the motion for so many seconds.
 const TOLD_S: f64 = 2.0;
+/// Standard deviation of the velocity of what stands still, m/s.
+const REST_M_S: f64 = 0.003;
 /// Seconds over which the mean force tells up.
 const FORCE_S: f64 = 0.5;
 /// The eye stands still when it is believed to go at most as fast as this, m/s.
@@ -56,6 +58,8 @@ pub(crate) struct Inertia {
     bias: Bias,
     /// What was added to the stamps of the readings.
     offset_s: f64,
+    /// Seconds for which the pose was carried in motion since it was last seen.
+    carried_s: f64,
     /// When the first direction was seen.
     begun: Option<Stamp>,
     /// Directions seen since the last offer.
@@ -79,6 +83,7 @@ impl Inertia {
             offered: None,
             bias: Bias::default(),
             offset_s: 0.0,
+            carried_s: 0.0,
             begun: None,
             turns: Vec::new(),
         }
@@ -146,11 +151,20 @@ impl Inertia {
     pub fn predict(&self, stamp: Stamp) -> Option<Belief> {
         let last = self.last.as_ref()?;
         let carried = self.carried(&last.belief, last.stamp, stamp)?;
-        let slow = carried.velocity.norm() < STILL_M_S;
-        if !slow || !self.rests(stamp, &carried.bias) {
+        if !self.rests(stamp, &carried) {
             return Some(carried);
         }
-        carried.at_rest(0.005)
+        carried.at_rest(REST_M_S)
+    }
+
+    /// Seconds for which the pose was carried in motion since it was last seen.
+    pub fn carried_s(&self, stamp: Stamp) -> f64 {
+        self.carried_s + self.last.as_ref().map_or(0.0, |last| stamp - last.stamp)
+    }
+
+    /// Whether the eye stands still, as it is felt and believed.
+    pub fn stands(&self, stamp: Stamp) -> bool {
+        self.last.as_ref().is_some_and(|last| last.stamp == stamp && self.rests(stamp, &last.belief))
     }
 
     /// The frame was seen from here with this information over its pose; `predicted` is what was believed before.
@@ -174,6 +188,7 @@ impl Inertia {
             }
             (None, None) => Belief::new(placed.world_from_eye, Default::default(), self.bias, SEEN),
         };
+        self.carried_s = 0.0;
         self.last = level.then_some(Last { stamp, belief, placed: *placed });
     }
 
@@ -189,6 +204,9 @@ impl Inertia {
 
     /// The frame was not seen from anywhere: what was predicted stands.
     pub fn coast(&mut self, stamp: Stamp, placed: &Placed, predicted: Belief) {
+        let rests = self.rests(stamp, &predicted);
+        let since = self.last.as_ref().map_or(0.0, |last| stamp - last.stamp);
+        self.carried_s += if rests { 0.0 } else { since };
         self.last = Some(Last { stamp, belief: predicted, placed: *placed });
     }
 
@@ -242,12 +260,15 @@ impl Inertia {
         Some(self.imu_from_eye.rotation.inverse() * force.try_normalize(1e-6)?)
     }
 
-    fn rests(&self, stamp: Stamp, bias: &Bias) -> bool {
+    fn rests(&self, stamp: Stamp, believed: &Belief) -> bool {
+        if believed.velocity.norm() > STILL_M_S {
+            return false;
+        }
         let setting = RestSetting::default();
         let from = Stamp(stamp.0 - (1.1 * setting.seconds * 1e9) as i64);
         let samples: Vec<ImuSample> =
             self.buffer.samples().filter(|s| s.stamp >= from && s.stamp <= stamp).copied().collect();
-        Rest::of(&samples, &self.noise, Some(bias), &setting).is_still()
+        Rest::of(&samples, &self.noise, Some(&believed.bias), &setting).is_still()
     }
 }
 

@@ -22,7 +22,7 @@ impl Tracker {
     pub(crate) fn may_coast(&self, frame: &Frame, felt: &Belief) -> bool {
         felt.world_from_eye.is_finite()
             && felt.place_sigma() <= self.setting.coast_sigma
-            && self.recent(frame, self.setting.coast_s)
+            && self.inertia.as_ref().is_some_and(|i| i.carried_s(frame.stamp) <= self.setting.coast_s)
     }
 
     /// Too little was seen: the pose is what is felt while that is good enough, else tracking is lost.

@@ -488,6 +488,7 @@ impl Tracker {
             reference,
             turned_rad: placed.reference_from_eye.rotation.angle(),
             since: self.since_key_frame,
+            stands: self.inertia.as_ref().is_some_and(|i| i.stands(frame.stamp)),
             since_s: self.inertia.as_ref().and_then(|i| i.unoffered(frame.stamp)),
             idle,
         };
