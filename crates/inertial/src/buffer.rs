@@ -84,7 +84,7 @@ impl ImuBuffer {
     }
 
     /// The samples held, in time.
-    pub fn samples(&self) -> impl Iterator<Item = &ImuSample> {
+    pub fn samples(&self) -> impl DoubleEndedIterator<Item = &ImuSample> {
         self.samples.iter()
     }
 

@@ -31,6 +31,8 @@ const SEEN: [f64; 5] = [0.005, 0.003, 1.0, 0.003, 0.05];
 const TOLD_S: f64 = 2.0;
 /// Standard deviation of the velocity of what stands still, m/s.
 const REST_M_S: f64 = 0.003;
+/// A sensor that tells nothing for so long is not there, seconds.
+const SILENT_S: f64 = 1.0;
 /// Seconds over which the mean force tells up.
 const FORCE_S: f64 = 0.5;
 /// The eye stands still when it is believed to go at most as fast as this, m/s.
@@ -236,9 +238,10 @@ impl Inertia {
         }
     }
 
-    /// Seconds since a frame was last offered.
+    /// Seconds since a frame was last offered; `None` where nothing is felt.
     pub fn unoffered(&self, stamp: Stamp) -> Option<f64> {
-        self.offered.map(|since| stamp - since)
+        let fresh = self.buffer.samples().next_back().is_some_and(|s| stamp - s.stamp < SILENT_S);
+        self.offered.filter(|_| fresh).map(|since| stamp - since)
     }
 
     /// A world has begun with a key frame: readings go with offers from there on.

@@ -29,8 +29,8 @@ const HELLO_WITHIN: Duration = Duration::from_secs(5);
 /// The largest message of a page: a picture.
 const LARGEST: usize = 4 << 20;
 
-/// Opens a source that is not the page's camera.
-pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode), SourceError> + Send>;
+/// Opens a source that is not the page's camera; with its eyes, and whether its inertial sensor is used.
+pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, bool), SourceError> + Send>;
 
 /// What the walk sees with.
 pub enum Eyes {

@@ -34,12 +34,19 @@ pub(crate) fn walk(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceEr
 }
 
 fn walk_on(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceError> {
-    let (source, mode): (Box<dyn Source>, SensorMode) = match setting.eyes {
-        Eyes::Page { rig } => (Box::new(PhoneSource::open(&hub.port, rig.map(|r| *r))?), SensorMode::Mono),
+    let (source, mode, feels): (Box<dyn Source>, SensorMode, bool) = match setting.eyes {
+        Eyes::Page { rig } => {
+            let phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
+            // A phone that tells its motion tells how long a metre is.
+            let feels = phone.rig().imu.is_some();
+            (Box::new(phone), SensorMode::Mono, feels)
+        }
         Eyes::Source { open, .. } => open()?,
     };
     let name = source.info().name.clone();
-    let engine = Engine::new(source.rig(), mode, source.info().rate_hz, Runner::Threaded, &setting.config)
+    let mut config = setting.config;
+    config.inertial.enabled = feels;
+    let engine = Engine::new(source.rig(), mode, source.info().rate_hz, Runner::Threaded, &config)
         .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
     let mut session_setting = setting.session;
     session_setting.source.clone_from(&name);

@@ -35,7 +35,7 @@ fn walk() -> Eyes {
     let open = || {
         let setting = SimSetting::parse("sim:demo?sensor=rgbd&rate=10&resolution=320x240")?;
         let source: Box<dyn Source> = Box::new(Paced::new(Box::new(SimSource::new(&setting)?)));
-        Ok((source, SensorMode::Rgbd))
+        Ok((source, SensorMode::Rgbd, false))
     };
     Eyes::Source { name: "sim:demo".into(), open: Box::new(open) }
 }

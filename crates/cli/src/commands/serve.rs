@@ -101,10 +101,11 @@ fn eyes_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> Eyes {
     let address = name.clone();
     let open = move || {
         let source = open(&address, OpenOptions { rig, ..OpenOptions::default() })?;
-        let mode = sensor.unwrap_or_else(|| Sensor::of(source.rig())).mode();
+        let sensor = sensor.unwrap_or_else(|| Sensor::of(source.rig()));
+        let (mode, feels) = (sensor.mode(), sensor.feels());
         // What is live comes when it comes; a recording is played as a camera would give it.
         let source: Box<dyn Source> = if is_live(&address) { source } else { Box::new(Paced::new(source)) };
-        Ok((source, mode))
+        Ok((source, mode, feels))
     };
     Eyes::Source { name, open: Box::new(open) }
 }
