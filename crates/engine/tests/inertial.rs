@@ -1,0 +1,101 @@
+//! What the inertial sensor is good for, on exact worlds: metres for one eye, a way through the dark, standing still, and a clock
+//! that is off.
+
+use cairn_engine::{Config, Engine, Output, Runner, SensorMode, State};
+use cairn_eval::{Align, EvalOptions, evaluate};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_sensor::{FramePacket, GrayImage, Source, Stamp};
+use cairn_sim::SimSource;
+use std::sync::Arc;
+
+/// Walks through a world and hands on each packet as `change` leaves it; the outputs and the engine at the end.
+fn walk(
+    address: &str,
+    mode: SensorMode,
+    mut change: impl FnMut(f64, &mut FramePacket),
+) -> (Engine, Vec<Output>, Vec<(Stamp, Se3)>) {
+    let mut source = SimSource::open(address).unwrap();
+    let mut config = Config::default();
+    config.inertial.enabled = true;
+    let rate_hz = source.info().rate_hz;
+    let mut engine = Engine::new(source.rig(), mode, rate_hz, Runner::Lockstep, &config).unwrap();
+    let mut outputs: Vec<Output> = Vec::new();
+    while let Some(mut packet) = source.next_packet().unwrap() {
+        let since = outputs.first().map_or(0.0, |first| packet.stamp - first.stamp);
+        change(since, &mut packet);
+        outputs.push(engine.on_packet(&packet).unwrap());
+    }
+    engine.finish();
+    engine.map().check().unwrap();
+    let truth = source.info().truth.clone();
+    (engine, outputs, truth)
+}
+
+fn black(packet: &mut FramePacket) {
+    for image in &mut packet.images {
+        *image = Arc::new(GrayImage::new(image.width(), image.height()));
+    }
+}
+
+/// RMSE after SE3, and the scale that Sim3 would have found.
+fn compared(engine: &Engine, truth: &[(Stamp, Se3)]) -> (f64, f64) {
+    let trajectory = |poses: Vec<(Stamp, Se3)>| {
+        Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect()).unwrap()
+    };
+    let (truth, poses) = (trajectory(engine.comparable(truth)), trajectory(engine.trajectory()));
+    let of = |align| evaluate(&truth, &poses, &EvalOptions { align, ..EvalOptions::default() }).unwrap();
+    (of(Align::Se3).ate_m.rmse, of(Align::Sim3).scale)
+}
+
+const HALL: &str = "sim:hall?seed=4&resolution=400x300&focal=260&rate=15&detail=0.5&speed=1.1&duration=14";
+
+/// One eye knows metres after a few seconds, goes on through two dark ones, and nothing is begun anew.
+#[test]
+fn one_eye_gets_metres_and_goes_through_the_dark() {
+    let (engine, outputs, truth) = walk(&format!("{HALL}&sensor=mono-imu"), SensorMode::Mono, |t, packet| {
+        if (9.0..11.0).contains(&t) {
+            black(packet);
+        }
+    });
+    let metric = outputs.iter().find(|o| o.metric).expect("gravity and scale are found");
+    // A small image and a steady walk tell scale slowly; it is to be known before it gets dark.
+    assert!(metric.stamp - outputs[0].stamp < 9.0, "{} s", metric.stamp - outputs[0].stamp);
+    let coasting: Vec<&Output> =
+        outputs.iter().filter(|o| matches!(o.state, State::Coasting { .. })).collect();
+    assert!(coasting.len() >= 20 && coasting.iter().all(|o| o.placed.is_some()), "{}", coasting.len());
+    assert!(outputs.iter().all(|o| !matches!(o.state, State::Lost { .. })));
+    let map = engine.map();
+    assert_eq!(map.worlds().map(|(w, _)| map.is_level(w)).collect::<Vec<_>>(), [true]);
+    let (ate, scale) = compared(&engine, &truth);
+    assert!(ate < 0.1 && (scale - 1.0).abs() < 0.03, "ATE {ate} m, scale {scale}");
+}
+
+/// Two eyes: a clock that is 20 ms off is found to the millisecond, the world is upright, the same bits come out twice.
+#[test]
+fn a_clock_that_is_off_is_found() {
+    let run = || {
+        let address = format!("{HALL}&sensor=stereo-imu&imu_offset=20");
+        let (engine, _, truth) = walk(&address, SensorMode::Stereo, |_, _| {});
+        (1e3 * engine.map().imu_offset(), compared(&engine, &truth).0, engine)
+    };
+    let (offset_ms, ate, engine) = run();
+    assert!((offset_ms - 20.0).abs() < 1.0 && ate < 0.05, "{offset_ms} ms, ATE {ate} m");
+    // The walker carries the camera upright but for the gait and a pitch of 5 degrees.
+    let map = engine.map();
+    for k in map.key_frames() {
+        let down = k.world_from_eye.rotation * cairn_geometry::Vec3::y();
+        assert!((down.angle(&-cairn_geometry::Vec3::z())).to_degrees() < 9.0, "{down:?}");
+    }
+    assert_eq!(run().2.digest(), engine.digest());
+}
+
+/// Where the sensor is silent, mapping goes on by eye.
+#[test]
+fn a_silent_sensor_does_no_harm() {
+    let (engine, outputs, _) =
+        walk(&format!("{HALL}&sensor=mono-imu"), SensorMode::Mono, |_, packet| packet.imu.clear());
+    assert!(outputs.iter().all(|o| !o.metric) && !engine.is_metric());
+    let tracked = outputs.iter().filter(|o| o.placed.is_some()).count();
+    assert!(tracked * 10 > outputs.len() * 9, "{tracked} of {}", outputs.len());
+    assert_eq!(engine.map().worlds().count(), 1);
+}
