@@ -99,6 +99,8 @@ pub struct Guide {
 const STOPS_ALONE: u32 = 4;
 /// Seconds that the warning of a walk backwards takes.
 const WARNING_S: f64 = 8.0;
+/// From standing, a turn this near is the first thing to do, metres.
+const RIGHT_AHEAD_M: f64 = 1.0;
 /// How far he is asked to turn each time, radians.
 const LOOK_ROUND: f64 = 0.7;
 
@@ -296,7 +298,10 @@ impl Guide {
 
     /// The first words, and the first after a stop.
     fn begin(&mut self, now: &Now) -> CueKind {
-        self.next = self.route.maneuvers().partition_point(|m| m.end_m < now.at.along_m + 0.3);
+        // A turn right ahead is made at once, not first aimed at.
+        let along = now.at.along_m;
+        self.next =
+            self.route.maneuvers().partition_point(|m| m.end_m < along + 0.3 || m.at_m < along + RIGHT_AHEAD_M);
         let turn = now.stance.turn_to(self.aim(now));
         let first = if turn.abs().to_degrees() < self.setting.turn_tolerance_deg {
             self.set_out(now);

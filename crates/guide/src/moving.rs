@@ -18,6 +18,9 @@ const POINTS_OFF: f64 = 0.26;
 /// Seconds until the words that send the walker on are heard and followed.
 const HEARING: f64 = 4.0;
 
+/// A step must lead to the line by this share of its length; across the line it is less.
+const STEP_GAIN: f64 = 0.45;
+
 /// Farther off than this many times the limit single steps no longer help.
 const STEP_ASIDE_MOST: f64 = 2.5;
 
@@ -250,6 +253,10 @@ impl Guide {
         if !self.backwards() || !rested || off.abs() <= self.setting.backwards_off_m {
             return None;
         }
+        // Beyond a corner or the end the line is not beside the walker.
+        if off * now.stance.to_left(&now.at.foot) <= 0.0 || now.at.along_m > self.route.length() - 0.1 {
+            return None;
+        }
         // Coming back to the line already: the path's left is the walker's right when going backwards.
         let towards = cross(&direction(now.at.heading), &direction(now.stance.course)) * now.at.cross_m < 0.0;
         let across = now.stance.turn_to(now.at.heading).abs().to_degrees();
@@ -271,11 +278,20 @@ impl Guide {
         now.stance.to_left(&(now.stance.position + across))
     }
 
-    /// One step back towards the line; from farther off, or standing across it, a turn that leads back.
+    /// One step back towards the line; from farther off, or standing so that such a step hardly leads to it, a turn
+    /// that leads back.
     fn aside(&mut self, now: &Now) -> Option<CueKind> {
         let aim = now.stance.turn_to(self.aim(now));
-        let across = now.stance.turn_to(now.at.heading).abs().to_degrees();
-        if across > 35.0 || self.off_line(now).abs() > STEP_ASIDE_MOST * self.setting.backwards_off_m {
+        let off = self.off_line(now);
+        // Back and to a side is halfway between the two.
+        let step = direction(now.stance.heading + off.signum() * 0.75 * std::f64::consts::PI);
+        let across = (now.at.foot - now.stance.position).dot(&step);
+        let gain = cross(&direction(now.at.heading), &step).abs();
+        if across < 0.0
+            || gain < STEP_GAIN
+            || off.abs() > STEP_ASIDE_MOST * self.setting.backwards_off_m
+            || now.at.along_m > self.route.length() - 0.1
+        {
             self.direct(now);
             self.phase = Phase::Turning(Turning::new(now, false));
             return Some(CueKind::Rotate(aim));

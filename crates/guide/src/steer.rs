@@ -95,7 +95,7 @@ impl Guide {
             // The corridor is narrow and the pace slow: each error of aim counts.
             let warned = now.at.cross_m.abs() > s.warn_m && aim * now.at.cross_m < 0.0;
             let limit = if warned { 0.6 } else { 1.0 } * s.backwards_adjust_deg;
-            let near = course.rest_m < (3.0 * now.speed).max(1.2);
+            let near = course.rest_m < (3.0 * now.speed).max(1.6);
             return (aim_deg > limit && aim_deg <= s.wrong_way_deg && !near).then_some(aim);
         }
         // Far off course, or far off the way: the aim says where to.

@@ -463,6 +463,45 @@ fn backwards_has_legs_and_a_speed_limit() {
 }
 
 #[test]
+fn backwards_a_step_aside_leads_to_the_line_or_is_not_asked_for() {
+    let setting = GuideSetting { facing: Facing::Backwards, ..plain() };
+    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], setting);
+    // Facing west, going east, north of the line: it lies to the walker's own left.
+    hand.heading = std::f64::consts::PI;
+    hand.go(-3.0, -0.4);
+    hand.y = 0.7;
+    hand.go(-0.4, -0.4).stand(6.0);
+    let sides = |hand: &Hand| hand.words().into_iter().filter(|w| w.contains("Step back")).collect::<Vec<_>>();
+    assert_eq!(sides(&hand)[0], "Stop. Step back and to your left.");
+    // Standing across, a step to the left hardly leads there: a turn does.
+    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], setting);
+    hand.heading = std::f64::consts::PI;
+    hand.go(-3.0, -0.4);
+    hand.y = 0.7;
+    hand.heading = (180.0 + 28.0_f64).to_radians();
+    hand.go(-0.4, -0.4).stand(6.0);
+    assert!(sides(&hand).is_empty() && !hand.find("otate ").is_empty(), "{:?}", hand.words());
+    // Beyond the end the line is not beside him.
+    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], setting);
+    hand.heading = std::f64::consts::PI;
+    hand.go(-7.0, -0.4);
+    (hand.x, hand.y) = (9.6, 1.3);
+    hand.go(-0.2, -0.4).stand(9.0);
+    assert!(sides(&hand).is_empty(), "{:?}", hand.words());
+}
+
+#[test]
+fn a_turn_right_ahead_is_the_first_thing_after_a_stop() {
+    let mut hand = Hand::bent(plain());
+    hand.go(26.0, 1.0);
+    hand.confidence = Confidence::Lost;
+    hand.go(3.3, 1.0);
+    hand.confidence = Confidence::Good;
+    hand.stand(2.0);
+    assert!(hand.words().iter().any(|w| w == "Tracking is back. Turn left."), "{:?}", hand.words());
+}
+
+#[test]
 fn without_scale_no_distance_is_said() {
     let phrases = PhraseSetting { metric: false, ..PhraseSetting::default() };
     let mut hand = Hand::bent(plain());

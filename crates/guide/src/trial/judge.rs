@@ -124,6 +124,7 @@ pub(crate) struct Judge {
     dwell_s: f64,
     matcher: Matcher,
     at: Option<Match>,
+    place_m: Option<f64>,
     off_s: f64,
     off: bool,
     last_kind: Option<CueKind>,
@@ -141,6 +142,7 @@ impl Judge {
             dwell_s: s.off_dwell_s,
             matcher: Matcher::new(MatcherSetting::default()),
             at: None,
+            place_m: None,
             off_s: 0.0,
             off: false,
             last_kind: None,
@@ -158,9 +160,11 @@ impl Judge {
         Stance { position: Vec2::new(x, y), height: 1.3, heading, course }
     }
 
-    pub fn see(&mut self, walker: &Walker, cue: Option<&Cue>, now: Stamp) {
+    /// `place_m`: how far along the guide takes the walker to be.
+    pub fn see(&mut self, walker: &Walker, cue: Option<&Cue>, place_m: Option<f64>, now: Stamp) {
         let at = self.matcher.update(&self.route, &self.stance(walker).position, now);
         self.at = Some(at);
+        self.place_m = place_m;
         self.off_s = if at.cross_m.abs() > self.off_m { self.off_s + STEP_S } else { 0.0 };
         if self.off_s >= self.dwell_s && !self.off {
             self.off = true;
@@ -181,7 +185,13 @@ impl Judge {
     pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) {
         let stance = self.stance(walker);
         let along_m = self.at.map_or(0.0, |m| m.along_m);
-        let wrong_side = side_of(&said.text).is_some_and(|side| self.wrong(side, &stance, along_m));
+        // Where two legs lie within reach of each other, the words may be meant for either.
+        let there = self.place_m.filter(|m| {
+            (self.route.point_at(*m) - stance.position).norm() <= self.off_m && (*m - along_m).abs() > 1.0
+        });
+        let wrong_side = side_of(&said.text).is_some_and(|side| {
+            [Some(along_m), there].into_iter().flatten().all(|m| self.wrong(side, &stance, m))
+        });
         self.outcome.wrong_side += usize::from(wrong_side);
         if let Some(kind) = &self.last_kind {
             *self.outcome.kinds.entry(name(kind)).or_default() += 1;
@@ -280,7 +290,7 @@ mod tests {
             let walker = Walker::new(0, (8.5, 0.0, 0.0));
             let kind = CueKind::TurnNow { turn_rad: 1.5, stairs: None };
             let cue = Cue { stamp: Stamp(0), facing: Facing::Home, kind };
-            judge.see(&walker, Some(&cue), Stamp(0));
+            judge.see(&walker, Some(&cue), None, Stamp(0));
             let said = Utterance {
                 text: text.into(),
                 priority: Priority::High,
@@ -294,7 +304,7 @@ mod tests {
         let mut judge = Judge::new(route, &setting);
         let walker = Walker::new(0, (5.0, 2.0, 0.0));
         for k in 0..100 {
-            judge.see(&walker, None, Stamp::from_seconds(k as f64 * STEP_S));
+            judge.see(&walker, None, None, Stamp::from_seconds(k as f64 * STEP_S));
         }
         assert_eq!(judge.finish(&walker, true).off_path, 1);
     }

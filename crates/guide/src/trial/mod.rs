@@ -124,7 +124,7 @@ fn walk(way: &Way, cleaned: &CleanWay, setting: &TrialSetting) -> Outcome {
         if let Some(words) = cue.as_ref().and_then(|c| phrases.words(c).map(|w| (w, c.priority()))) {
             voice.push(words.0, words.1, now);
         }
-        judge.see(&walker, cue.as_ref(), now);
+        judge.see(&walker, cue.as_ref(), guide.place().map(|m| m.along_m), now);
         if let Some(said) = voice.poll(now) {
             walker.hear(&said.text, now);
             judge.hear(&said, &walker, now);
