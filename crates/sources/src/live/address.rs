@@ -20,6 +20,8 @@ pub(super) struct Address {
     pub live: bool,
     /// We wait for someone to send, as long as it takes.
     pub listens: bool,
+    /// The name that must be published, where we listen.
+    pub name: Option<String>,
 }
 
 impl Address {
@@ -31,10 +33,14 @@ impl Address {
             input: input.into(),
             live,
             listens,
+            name: None,
         };
         if let Some(rest) = text.strip_prefix("rtmp-listen://") {
             return Some(match listener(rest) {
-                Ok(()) => Ok(make(&["-listen", "1"], format!("rtmp://{rest}"), true, true)),
+                Ok(name) => Ok(Self {
+                    name: Some(name.to_owned()),
+                    ..make(&["-listen", "1"], format!("rtmp://{rest}"), true, true)
+                }),
                 Err(why) => Err(SourceError::new(text, why, "write rtmp-listen://HOST:PORT/NAME")),
             });
         }
@@ -61,15 +67,15 @@ impl Address {
     }
 }
 
-/// Checks `HOST:PORT/NAME`.
-fn listener(rest: &str) -> Result<(), String> {
+/// Checks `HOST:PORT/NAME`; gives the name.
+fn listener(rest: &str) -> Result<&str, String> {
     let (place, name) = rest.split_once('/').ok_or("has no name after the port")?;
     let (host, port) = place.rsplit_once(':').ok_or("has no port")?;
     if host.is_empty() || name.is_empty() {
         return Err("host or name is empty".into());
     }
     match port.parse::<u16>() {
-        Ok(p) if p > 0 => Ok(()),
+        Ok(p) if p > 0 => Ok(name),
         _ => Err(format!("\"{port}\" is no port")),
     }
 }
@@ -92,6 +98,7 @@ mod tests {
         let listen = of("rtmp-listen://0.0.0.0:1935/cairn");
         assert!(listen.live && listen.listens);
         assert_eq!(listen.input, "rtmp://0.0.0.0:1935/cairn");
+        assert_eq!(listen.name.as_deref(), Some("cairn"));
         assert!(of("rtmp://example.org/app/key").live && !of("rtmp://example.org/app/key").listens);
         assert_eq!(of("camera:2").input, "/dev/video2");
         assert!(of("rtsp://example.org/1").live);

@@ -20,11 +20,16 @@ const TIME_IS_LATE: Duration = Duration::from_millis(100);
 /// Lines of the child's complaints that are kept.
 const KEPT_LINES: usize = 8;
 
+/// What is said when someone published another name than ours.
+pub(super) const STRANGER: &str = "a sender with another name was refused";
+
 /// What to start.
 #[derive(Clone, Debug)]
 pub(super) struct Recipe {
     program: OsString,
     arguments: Vec<OsString>,
+    /// The name that senders must publish, where we listen.
+    name: Option<String>,
 }
 
 impl Recipe {
@@ -45,13 +50,19 @@ impl Recipe {
         arguments.extend(out.map(OsString::from));
         let form = ["-fps_mode", "passthrough", "-strict", "-1", "-f", "yuv4mpegpipe", "pipe:1"];
         arguments.extend(form.map(OsString::from));
-        Self { program: "ffmpeg".into(), arguments }
+        Self { program: "ffmpeg".into(), arguments, name: address.name.clone() }
     }
 
     /// Any program that speaks the same way: for tests.
     #[cfg(test)]
     pub fn shell(script: &str) -> Self {
-        Self { program: "sh".into(), arguments: vec!["-c".into(), script.into()] }
+        Self { program: "sh".into(), arguments: vec!["-c".into(), script.into()], name: None }
+    }
+
+    /// As one that listens for a name.
+    #[cfg(test)]
+    pub fn named(self, name: &str) -> Self {
+        Self { name: Some(name.into()), ..self }
     }
 }
 
@@ -102,13 +113,19 @@ impl Feed {
         let (tell, times) = channel();
         let complaints = Arc::new(Mutex::new(VecDeque::new()));
         let lines = complaints.clone();
+        *handle.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(child);
+        let (name, ends) = (recipe.name.clone(), handle.clone());
         std::thread::Builder::new()
             .name("cairn-video-log".into())
-            .spawn(move || listen(err, &tell, &lines))
+            .spawn(move || {
+                if listen(err, &tell, &lines, name.as_deref()) {
+                    ends.end();
+                }
+            })
             .map_err(|e| {
+                handle.end();
                 SourceError::new(program, format!("no thread for its log ({e})"), "close programs")
             })?;
-        *handle.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(child);
         Ok(Self {
             handle: handle.clone(),
             pictures: BufReader::with_capacity(1 << 16, out),
@@ -148,15 +165,28 @@ impl Feed {
     }
 }
 
-/// Reads the child's log: times of pictures, and the last complaints.
-fn listen(log: ChildStderr, tell: &Sender<f64>, complaints: &Mutex<VecDeque<String>>) {
+/// Reads the child's log: times of pictures, and the last complaints. True when it must end: who sends, sends another
+/// name than the one we listen for.
+fn listen(
+    log: ChildStderr,
+    tell: &Sender<f64>,
+    complaints: &Mutex<VecDeque<String>>,
+    name: Option<&str>,
+) -> bool {
+    let keep = |text: &str| {
+        let mut kept = complaints.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.push_back(text.to_owned());
+        while kept.len() > KEPT_LINES {
+            kept.pop_front();
+        }
+    };
     let mut log = BufReader::new(log);
     let mut line = Vec::new();
     loop {
         line.clear();
         match log.by_ref().take(1 << 16).read_until(b'\n', &mut line) {
             Ok(n) if n > 0 => {}
-            _ => return,
+            _ => return false,
         }
         let text = String::from_utf8_lossy(&line);
         let text = text.trim();
@@ -164,14 +194,23 @@ fn listen(log: ChildStderr, tell: &Sender<f64>, complaints: &Mutex<VecDeque<Stri
             if let Some(time) = parse_time(text) {
                 let _ = tell.send(time);
             }
+        } else if name.is_some_and(|name| is_stranger(text, name)) {
+            keep(STRANGER);
+            return true;
         } else if is_complaint(text) {
-            let mut kept = complaints.lock().unwrap_or_else(PoisonError::into_inner);
-            kept.push_back(text.to_owned());
-            while kept.len() > KEPT_LINES {
-                kept.pop_front();
-            }
+            keep(text);
         }
     }
+}
+
+/// ffmpeg's listener takes whoever comes and tells in its log that the name was another. Of `APP/KEY` both are compared;
+/// of `APP` alone it always misses the key.
+fn is_stranger(line: &str, name: &str) -> bool {
+    if line.contains("App field don't match up") {
+        return true;
+    }
+    let Some((_, told)) = line.split_once("Unexpected stream ") else { return false };
+    told.split_once(", expecting").is_some_and(|(sent, _)| !sent.is_empty() || name.contains('/'))
 }
 
 fn is_complaint(line: &str) -> bool {
@@ -236,7 +275,8 @@ mod tests {
 
     #[test]
     fn a_missing_program_says_what_to_install() {
-        let recipe = Recipe { program: "no-such-program-of-cairn".into(), arguments: Vec::new() };
+        let recipe =
+            Recipe { program: "no-such-program-of-cairn".into(), arguments: Vec::new(), name: None };
         let error = Feed::start(&recipe, &Handle::default()).err().unwrap().to_string();
         assert!(error.contains("is not installed") && error.contains("apt install ffmpeg"), "{error}");
     }
@@ -257,5 +297,20 @@ mod tests {
         assert_eq!(feed.picture(size).unwrap().1, Some(0.75));
         assert!(feed.picture(size).is_none());
         assert_eq!(feed.end(), "Connection refused");
+    }
+
+    #[test]
+    fn who_publishes_another_name_is_sent_away() {
+        // As ffmpeg 5.1 writes it, for APP, for APP/KEY, and for the right name without a key.
+        let app = "[rtmp @ 0x55a320b59180] App field don't match up: other <-> cairn";
+        let key = "[rtmp @ 0x555b334c4180] Unexpected stream wrong, expecting secret";
+        let none = "[rtmp @ 0x561e9ede1180] Unexpected stream , expecting cairn";
+        assert!(is_stranger(app, "cairn") && is_stranger(key, "live/secret") && is_stranger(none, "live/secret"));
+        assert!(!is_stranger(none, "cairn") && !is_stranger("Input #0, flv, from 'rtmp://h/cairn':", "cairn"));
+        let recipe = Recipe::shell(&format!("echo \"{app}\" >&2; exec sleep 20")).named("cairn");
+        let began = std::time::Instant::now();
+        let mut feed = Feed::start(&recipe, &Handle::default()).unwrap();
+        assert!(feed.head().is_none() && began.elapsed() < Duration::from_secs(10));
+        assert_eq!(feed.end(), STRANGER);
     }
 }

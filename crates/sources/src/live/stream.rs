@@ -4,7 +4,7 @@
 //! are the stream's own, laid onto this machine's clock where the connection begins.
 
 use super::address::Address;
-use super::child::{Feed, Handle, Recipe};
+use super::child::{Feed, Handle, Recipe, STRANGER};
 use super::rig_for;
 use super::slot::{Picture, Slot, State};
 use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
@@ -202,6 +202,8 @@ fn read(shown: &str, recipe: &Recipe, listens: bool, slot: &Slot, handle: &Handl
 fn ended(shown: &str, s: &mut State, listens: bool, given: usize, why: &str, gone: &mut bool) {
     let quick = s.started.is_some_and(|t| t.elapsed() < Duration::from_secs(2));
     if s.closing {
+    } else if why == STRANGER {
+        s.lines.push(format!("{STRANGER}; publish to the name of {shown}"));
     } else if s.known.is_none() && (!listens || quick) {
         let cure = match listens {
             true => "choose another port, or end the program that has it",
