@@ -1,21 +1,79 @@
 //! A certificate that the page's server signs itself: phones give camera and motion only to pages over HTTPS.
+//!
+//! It is kept with its key in one file of PEM text, readable by its owner alone, so that a phone is asked once. The first
+//! line tells what it stands for; where an address has come that it does not stand for, a new one takes its place.
 
 use rcgen::{CertificateParams, DistinguishedName, DnType, KeyPair, SanType};
+use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
+use std::io::Write;
 use std::net::IpAddr;
+use std::path::Path;
 
-/// A fresh key with its certificate.
+/// The name of the file.
+const FILE: &str = "page.pem";
+/// What the first line begins with.
+const STANDS_FOR: &str = "for ";
+/// So many addresses of earlier starts are still stood for.
+const EARLIER: usize = 12;
+
+/// A key with its certificate.
 pub struct Certificate {
     chain: Vec<CertificateDer<'static>>,
     key: PrivateKeyDer<'static>,
 }
 
 impl Certificate {
-    /// For these addresses and names, valid for a long time: it is made anew at every start.
+    /// The one that is kept in a folder, when it stands for all of these addresses and names; else a new one, which is
+    /// kept there. Also gives why it could not be kept, if so.
+    ///
+    /// # Errors
+    /// When the key or the certificate can not be made, in the words of the library.
+    pub fn kept(
+        folder: &Path,
+        addresses: &[IpAddr],
+        names: &[String],
+    ) -> Result<(Self, Option<String>), String> {
+        let path = folder.join(FILE);
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let listed = text.lines().next().and_then(|line| line.strip_prefix(STANDS_FOR)).unwrap_or_default();
+        let before: Vec<&str> = listed.split_whitespace().collect();
+        let stands_for = |name: &String| before.contains(&name.as_str());
+        if addresses.iter().map(IpAddr::to_string).all(|a| stands_for(&a))
+            && names.iter().all(stands_for)
+            && let Some(kept) = Self::read(&text)
+        {
+            return Ok((kept, None));
+        }
+        // A phone may come back to a network of before.
+        let earlier = before.iter().filter_map(|a| a.parse().ok()).filter(|a| !addresses.contains(a));
+        let all: Vec<IpAddr> = addresses.iter().copied().chain(earlier.take(EARLIER)).collect();
+        let (new, pem) = Self::made(&all, names)?;
+        let listed: Vec<String> = all.iter().map(IpAddr::to_string).chain(names.iter().cloned()).collect();
+        let text = format!("{STANDS_FOR}{}\n{pem}", listed.join(" "));
+        let written = std::fs::create_dir_all(folder).and_then(|()| write_private(&path, &text));
+        Ok((new, written.err().map(|e| format!("{}: {e}", path.display()))))
+    }
+
+    fn read(text: &str) -> Option<Self> {
+        let certificate = CertificateDer::from_pem_slice(text.as_bytes()).ok()?;
+        let key = PrivateKeyDer::from_pem_slice(text.as_bytes()).ok()?;
+        let whole = Self { chain: vec![certificate], key };
+        // A key that does not belong to the certificate is found here and not by the phone.
+        let copy = Self { chain: whole.chain.clone(), key: whole.key.clone_key() };
+        copy.into_server().is_ok().then_some(whole)
+    }
+
+    /// A fresh one for these addresses and names, valid for a long time.
     ///
     /// # Errors
     /// When the key or the certificate can not be made, in the words of the library.
     pub fn new(addresses: &[IpAddr], names: &[String]) -> Result<Self, String> {
+        Self::made(addresses, names).map(|(new, _)| new)
+    }
+
+    /// With its text.
+    fn made(addresses: &[IpAddr], names: &[String]) -> Result<(Self, String), String> {
         let text = |e: rcgen::Error| e.to_string();
         let mut params = CertificateParams::new(names.to_vec()).map_err(text)?;
         params.subject_alt_names.extend(addresses.iter().map(|a| SanType::IpAddress(*a)));
@@ -24,10 +82,12 @@ impl Certificate {
         params.distinguished_name = subject;
         let key = KeyPair::generate().map_err(text)?;
         let certificate = params.self_signed(&key).map_err(text)?;
-        Ok(Self {
+        let pem = certificate.pem() + &key.serialize_pem();
+        let new = Self {
             chain: vec![certificate.der().clone()],
             key: PrivateKeyDer::Pkcs8(PrivatePkcs8KeyDer::from(key.serialize_der())),
-        })
+        };
+        Ok((new, pem))
     }
 
     /// The certificate as it is sent, for clients that are told whom to trust.
@@ -46,5 +106,61 @@ impl Certificate {
             .map_err(|e| e.to_string())?;
         config.alpn_protocols = vec![b"http/1.1".to_vec()];
         Ok(config)
+    }
+}
+
+/// Writes a file whole or not at all, which nobody else may read.
+fn write_private(path: &Path, text: &str) -> std::io::Result<()> {
+    let part = path.with_extension(format!("part-{}", std::process::id()));
+    let mut options = std::fs::File::options();
+    options.write(true).create(true).truncate(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let written = options.open(&part).and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    });
+    written.and_then(|()| std::fs::rename(&part, path)).inspect_err(|_| {
+        let _ = std::fs::remove_file(&part);
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_kept_until_an_address_comes_that_it_does_not_stand_for() {
+        let folder = std::env::temp_dir().join(format!("cairn-certificate-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        let (home, hall): (IpAddr, IpAddr) = ([192, 168, 1, 7].into(), [10, 0, 0, 3].into());
+        let names = ["localhost".to_owned()];
+        let kept = |addresses: &[IpAddr]| Certificate::kept(&folder, addresses, &names).unwrap();
+        let (first, trouble) = kept(&[home]);
+        assert_eq!(trouble, None);
+        assert_eq!(kept(&[home]).0.der(), first.der());
+        let both = kept(&[hall]).0.der();
+        assert_ne!(both, first.der());
+        assert_eq!(kept(&[home]).0.der(), both, "back in the network of before");
+        #[cfg(unix)]
+        {
+            let mode = std::fs::metadata(folder.join(FILE)).unwrap();
+            assert_eq!(std::os::unix::fs::PermissionsExt::mode(&mode.permissions()) & 0o077, 0);
+        }
+        // What is damaged, or whose key is another's, is made anew.
+        let text = std::fs::read_to_string(folder.join(FILE)).unwrap();
+        std::fs::write(folder.join(FILE), &text[..text.len() / 2]).unwrap();
+        let third = kept(&[home]).0.der();
+        assert_ne!(third, both);
+        let own = std::fs::read_to_string(folder.join(FILE)).unwrap();
+        let (before, _) = own.split_once("-----BEGIN PRIVATE KEY").unwrap();
+        let (_, other) = text.split_once("-----BEGIN PRIVATE KEY").unwrap();
+        std::fs::write(folder.join(FILE), format!("{before}-----BEGIN PRIVATE KEY{other}")).unwrap();
+        assert_ne!(kept(&[home]).0.der(), third);
+        std::fs::remove_dir_all(&folder).unwrap();
+        // Where it can not be kept, there is one all the same, and why is told.
+        std::fs::write(&folder, "in the way").unwrap();
+        assert!(kept(&[home]).1.unwrap().contains("page.pem"));
+        std::fs::remove_file(&folder).unwrap();
     }
 }

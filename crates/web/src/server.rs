@@ -17,6 +17,7 @@ use cairn_sensor::{Rig, Source, SourceError};
 use cairn_session::{Command, SessionSetting};
 use rustls::pki_types::CertificateDer;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
@@ -54,6 +55,8 @@ pub struct ServeSetting {
     pub lan: bool,
     /// The port; 0 takes a free one.
     pub port: u16,
+    /// Where the certificate is kept, so that a phone is asked once whether to trust it; made anew at each start without.
+    pub keep: Option<PathBuf>,
     /// What the walk sees with.
     pub eyes: Eyes,
     /// The engine's.
@@ -83,6 +86,7 @@ pub struct Server {
     invitation: Invitation,
     address: SocketAddr,
     certificate: CertificateDer<'static>,
+    not_kept: Option<String>,
     hub: Arc<Hub>,
     stop: Option<oneshot::Sender<()>>,
     web: Option<JoinHandle<()>>,
@@ -90,7 +94,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Binds the port, makes a certificate and a token, and starts.
+    /// Binds the port, makes a token, makes or takes up a certificate, and starts.
     ///
     /// # Errors
     /// When the port is taken, or the machine gives no thread or random number.
@@ -105,7 +109,11 @@ impl Server {
         let lan = if setting.lan { lan_address() } else { None };
         let mut addresses: Vec<IpAddr> = lan.into_iter().collect();
         addresses.push(Ipv4Addr::LOCALHOST.into());
-        let certificate = Certificate::new(&addresses, &["localhost".to_owned()]).map_err(machine)?;
+        let names = ["localhost".to_owned()];
+        let (certificate, not_kept) = match &setting.keep {
+            Some(folder) => Certificate::kept(folder, &addresses, &names).map_err(machine)?,
+            None => (Certificate::new(&addresses, &names).map_err(machine)?, None),
+        };
         let der = certificate.der();
         let tls = certificate.into_server().map_err(machine)?;
         let token = new_token().map_err(machine)?;
@@ -147,6 +155,7 @@ impl Server {
             invitation,
             address,
             certificate: der,
+            not_kept,
             hub,
             stop: Some(stop),
             web: Some(web),
@@ -167,6 +176,11 @@ impl Server {
     /// The certificate, for clients that are told whom to trust.
     pub fn certificate(&self) -> &CertificateDer<'static> {
         &self.certificate
+    }
+
+    /// Why the certificate could not be kept, if it was to be.
+    pub fn not_kept(&self) -> Option<&str> {
+        self.not_kept.as_deref()
     }
 
     /// What gives commands from beside the pages: from the terminal.

@@ -57,7 +57,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         None => Eyes::Page { rig: rig.map(Box::new) },
         Some(source) => eyes_of(source, rig, a.sensor),
     };
-    let setting = ServeSetting { lan: a.lan, port: a.port, eyes, config, session };
+    let setting = ServeSetting { lan: a.lan, port: a.port, keep: data_folder(), eyes, config, session };
     let server = Server::start(setting).map_err(|e| {
         let cure = match &e {
             WebError::Port { .. } => "give another --port, or end the program that has it",
@@ -65,6 +65,9 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         };
         Failure::new("the page", e.to_string(), cure)
     })?;
+    if let Some(why) = server.not_kept() {
+        eprintln!("the certificate is not kept, the browser will ask again at the next start: {why}");
+    }
     let invitation = server.invitation();
     let shown = serde_json::json!({ "urls": invitation.urls, "token": invitation.token });
     output.result(&shown, |_| {
@@ -80,6 +83,18 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let mut terminal = Terminal::new(a.lines, true);
     terminal.forward(move |command| remote.command(command));
     Ok(server.wait()?)
+}
+
+/// Where this user's programs keep their data; `None` where the system names no such place.
+fn data_folder() -> Option<PathBuf> {
+    let named = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let base = match cfg!(windows) {
+        true => named("LOCALAPPDATA"),
+        // The XDG base directory specification, which has no use for a relative path.
+        false => (named("XDG_DATA_HOME").filter(|p| p.is_absolute()))
+            .or_else(|| named("HOME").map(|home| home.join(".local/share"))),
+    };
+    base.map(|base| base.join("cairn"))
 }
 
 /// A rig by name or file; a named one brings its number of features, unless the configuration has one.
