@@ -56,6 +56,8 @@ enum FacingArgument {
     Back,
     /// Walks backwards, the camera as on the way out.
     Backwards,
+    /// All three, with --seeds.
+    All,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -75,18 +77,28 @@ fn metres(text: &str) -> Result<f64, String> {
 
 /// Runs one demo or a table of them.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
-    let facing = match arguments.facing {
-        FacingArgument::Home => Facing::Home,
-        FacingArgument::Back => Facing::Back,
-        FacingArgument::Backwards => Facing::Backwards,
+    let facings: &[Facing] = match arguments.facing {
+        FacingArgument::Home => &[Facing::Home],
+        FacingArgument::Back => &[Facing::Back],
+        FacingArgument::Backwards => &[Facing::Backwards],
+        FacingArgument::All => &[Facing::Home, Facing::Back, Facing::Backwards],
     };
     let sensor = match arguments.sensor {
         SensorArgument::Stereo => SimSensor::Stereo,
         SensorArgument::Rgbd => SimSensor::Rgbd,
     };
-    let setting = |seed| Setting::new(seed, facing, sensor, arguments.metres);
-    match arguments.seeds {
-        Some(count) => seeds::run((0..count).map(|k| setting(arguments.seed.saturating_add(k))), output),
-        None => report::run(&setting(arguments.seed), &arguments.out, output),
+    let setting = |seed, facing| Setting::new(seed, facing, sensor, arguments.metres);
+    match (arguments.seeds, facings) {
+        (Some(count), _) => {
+            let seeds = (0..count).map(|k| arguments.seed.saturating_add(k));
+            let all = facings.iter().flat_map(|f| seeds.clone().map(move |seed| (seed, *f)));
+            seeds::run(all.map(|(seed, f)| setting(seed, f)), output)
+        }
+        (None, [facing]) => report::run(&setting(arguments.seed, *facing), &arguments.out, output),
+        (None, _) => Err(Failure::new(
+            "--facing all",
+            "is for many demos",
+            "add --seeds N, or choose one of home, back, backwards",
+        )),
     }
 }

@@ -57,34 +57,49 @@ pub fn run(settings: impl Iterator<Item = Setting>, output: &Output) -> Result<(
 
 fn text(tally: &Tally) -> String {
     let mut lines = vec![
-        "seed  arrived  error m  way m  home m  said  ATE m   coverage  ms p50   p99  wall s".to_owned(),
+        "seed  facing     arrived  error m  way m  home m  said  /100 m  ATE m   coverage  lost  ms p50   p99  wall s".to_owned(),
     ];
     for f in &tally.each {
         let (p50, p99) = f.ms.map_or((0.0, 0.0), |ms| (ms.p50, ms.p99));
         lines.push(format!(
-            "{:>4}  {:<7}  {:>7.2}  {:>5.1}  {:>6.1}  {:>4}  {:.4}  {:>8.4}  {:>6.1}  {:>4.1}  {:>6.1}",
+            "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>5.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
             f.seed,
+            f.facing,
             if f.arrived { "yes" } else { "no" },
             f.arrival_error_m,
             f.cleaned_m,
             f.walked_home_m,
             f.said.len(),
+            100.0 * f.said.len() as f64 / f.cleaned_m.max(1e-9),
             f.ate_m,
             f.coverage,
+            f.lost.len(),
             p50,
             p99,
             f.wall_s
         ));
     }
-    lines.push(format!(
-        "{} of {} arrived within 1 m; arrival error median {:.2}, max {:.2} m; ATE median {:.4}, max {:.4} m; at most {:.0} s each",
-        tally.arrived,
-        tally.runs,
-        tally.arrival_error_m.median,
-        tally.arrival_error_m.max,
-        tally.ate_m.median,
-        tally.ate_m.max,
-        tally.wall_s.max
-    ));
+    lines.push(line("all", &tally.each));
+    for facing in ["home", "back", "backwards"] {
+        let here: Vec<_> = tally.each.iter().filter(|f| f.facing == facing).cloned().collect();
+        if !here.is_empty() && here.len() < tally.runs {
+            lines.push(line(facing, &here));
+        }
+    }
     lines.join("\n")
+}
+
+fn line(name: &str, each: &[Figures]) -> String {
+    let error = Spread::of(each.iter().map(|f| f.arrival_error_m));
+    let ate = Spread::of(each.iter().map(|f| f.ate_m));
+    format!(
+        "{name}: {} of {} arrived within 1 m; arrival error median {:.2}, max {:.2} m; ATE median {:.4}, max {:.4} m; at most {:.0} s each",
+        each.iter().filter(|f| f.arrived).count(),
+        each.len(),
+        error.median,
+        error.max,
+        ate.median,
+        ate.max,
+        Spread::of(each.iter().map(|f| f.wall_s)).max
+    )
 }
