@@ -300,8 +300,10 @@ impl Guide {
     fn begin(&mut self, now: &Now) -> CueKind {
         // A turn right ahead is made at once, not first aimed at.
         let along = now.at.along_m;
-        self.next =
-            self.route.maneuvers().partition_point(|m| m.end_m < along + 0.3 || m.at_m < along + RIGHT_AHEAD_M);
+        self.next = self
+            .route
+            .maneuvers()
+            .partition_point(|m| m.end_m < along + 0.3 || m.at_m < along + RIGHT_AHEAD_M);
         let turn = now.stance.turn_to(self.aim(now));
         let first = if turn.abs().to_degrees() < self.setting.turn_tolerance_deg {
             self.set_out(now);

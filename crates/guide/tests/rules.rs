@@ -471,7 +471,8 @@ fn backwards_a_step_aside_leads_to_the_line_or_is_not_asked_for() {
     hand.go(-3.0, -0.4);
     hand.y = 0.7;
     hand.go(-0.4, -0.4).stand(6.0);
-    let sides = |hand: &Hand| hand.words().into_iter().filter(|w| w.contains("Step back")).collect::<Vec<_>>();
+    let sides =
+        |hand: &Hand| hand.words().into_iter().filter(|w| w.contains("Step back")).collect::<Vec<_>>();
     assert_eq!(sides(&hand)[0], "Stop. Step back and to your left.");
     // Standing across, a step to the left hardly leads there: a turn does.
     let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], setting);

@@ -112,8 +112,14 @@ fn the_page_records_and_comes_home_in_a_browser() {
     };
     let session = SessionSetting { folder: folder.join("ways"), ..SessionSetting::default() };
     let eyes = Eyes::Page { rig: Some(Box::new(Rig::mono(camera()))) };
-    let server =
-        Server::start(ServeSetting { lan: false, port: 0, keep: None, eyes, config: Config::default(), session });
+    let server = Server::start(ServeSetting {
+        lan: false,
+        port: 0,
+        keep: None,
+        eyes,
+        config: Config::default(),
+        session,
+    });
     let server = server.unwrap();
     let url = server.invitation().urls[0].clone();
 

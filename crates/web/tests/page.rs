@@ -27,7 +27,8 @@ fn folder(name: &str) -> PathBuf {
 
 fn server(name: &str, eyes: Eyes) -> Server {
     let session = SessionSetting { folder: folder(name), ..SessionSetting::default() };
-    Server::start(ServeSetting { lan: false, port: 0, keep: None, eyes, config: Config::default(), session }).unwrap()
+    Server::start(ServeSetting { lan: false, port: 0, keep: None, eyes, config: Config::default(), session })
+        .unwrap()
 }
 
 /// A walk through a world, played in real time.

@@ -275,8 +275,7 @@ mod tests {
 
     #[test]
     fn a_missing_program_says_what_to_install() {
-        let recipe =
-            Recipe { program: "no-such-program-of-cairn".into(), arguments: Vec::new(), name: None };
+        let recipe = Recipe { program: "no-such-program-of-cairn".into(), arguments: Vec::new(), name: None };
         let error = Feed::start(&recipe, &Handle::default()).err().unwrap().to_string();
         assert!(error.contains("is not installed") && error.contains("apt install ffmpeg"), "{error}");
     }
@@ -305,8 +304,12 @@ mod tests {
         let app = "[rtmp @ 0x55a320b59180] App field don't match up: other <-> cairn";
         let key = "[rtmp @ 0x555b334c4180] Unexpected stream wrong, expecting secret";
         let none = "[rtmp @ 0x561e9ede1180] Unexpected stream , expecting cairn";
-        assert!(is_stranger(app, "cairn") && is_stranger(key, "live/secret") && is_stranger(none, "live/secret"));
-        assert!(!is_stranger(none, "cairn") && !is_stranger("Input #0, flv, from 'rtmp://h/cairn':", "cairn"));
+        assert!(
+            is_stranger(app, "cairn") && is_stranger(key, "live/secret") && is_stranger(none, "live/secret")
+        );
+        assert!(
+            !is_stranger(none, "cairn") && !is_stranger("Input #0, flv, from 'rtmp://h/cairn':", "cairn")
+        );
         let recipe = Recipe::shell(&format!("echo \"{app}\" >&2; exec sleep 20")).named("cairn");
         let began = std::time::Instant::now();
         let mut feed = Feed::start(&recipe, &Handle::default()).unwrap();
