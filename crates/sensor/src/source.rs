@@ -33,6 +33,8 @@ pub struct SourceInfo {
     pub rate_hz: f64,
     /// True poses of the body in some world, by time, when the source has them.
     pub truth: Vec<(Stamp, Se3)>,
+    /// What of the rig was assumed, where it was not read from a calibration or given; for people, who must be told.
+    pub assumed: Option<String>,
 }
 
 /// A recording, a live stream or a simulated world.

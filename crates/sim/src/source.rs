@@ -76,7 +76,7 @@ impl SimSource {
                 (Stamp(epoch.0 + t), motion.pose(t as f64 * 1e-9))
             })
             .collect();
-        let info = SourceInfo { name, frames: Some(frames), rate_hz: setting.rate_hz, truth };
+        let info = SourceInfo { name, frames: Some(frames), rate_hz: setting.rate_hz, truth, assumed: None };
         let rig = setting.rig();
         let feel = rig.imu.as_ref().zip(setting.imu).map(|(sensor, imu)| {
             let readings = match readings {

@@ -116,7 +116,13 @@ mod tests {
 
     impl Fake {
         fn new(packets: usize, end: fn() -> Result<Option<FramePacket>, SourceError>) -> Self {
-            let info = SourceInfo { name: "fake".into(), frames: None, rate_hz: 1.0, truth: Vec::new() };
+            let info = SourceInfo {
+                name: "fake".into(),
+                frames: None,
+                rate_hz: 1.0,
+                truth: Vec::new(),
+                assumed: None,
+            };
             let rig = Rig::mono(Camera::pinhole(2, 2, 1.0, 1.0, 0.5, 0.5));
             Self { info, rig, skipped: vec!["at the start".into()], packets, end }
         }

@@ -68,6 +68,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         truth,
         no_depth: None,
         skipped,
+        assumed: None,
     })
 }
 

@@ -15,6 +15,7 @@ mod rig;
 mod seven_scenes;
 mod text;
 mod tum;
+mod watched;
 
 pub use decode::gray as read_gray;
 pub use imu::read_imu;
@@ -23,3 +24,4 @@ pub use open::{OpenOptions, open};
 pub use paced::Paced;
 pub use picked::Picked;
 pub use rig::{NAMED_RIGS, NamedRig, named_rig, read_rig, read_rig_for, write_rig};
+pub use watched::{ImuWatch, Watched, doubts_of};

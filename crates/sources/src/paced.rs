@@ -83,7 +83,13 @@ mod tests {
     struct Clockwork(SourceInfo, Rig, i64);
 
     fn clockwork() -> Paced {
-        let info = SourceInfo { name: "clockwork".into(), frames: Some(20), rate_hz: 100.0, truth: vec![] };
+        let info = SourceInfo {
+            name: "clockwork".into(),
+            frames: Some(20),
+            rate_hz: 100.0,
+            truth: vec![],
+            assumed: None,
+        };
         Paced::new(Box::new(Clockwork(info, Rig::mono(Camera::pinhole(8, 8, 8.0, 8.0, 4.0, 4.0)), 0)))
     }
 

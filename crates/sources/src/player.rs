@@ -35,7 +35,7 @@ impl Player {
     /// Checks the rig against the first image of each camera.
     pub fn new(recording: Recording) -> Result<Self, SourceError> {
         let rate_hz = recording.rate_hz();
-        let Recording { name, mut rig, instants, imu, truth, no_depth, skipped } = recording;
+        let Recording { name, mut rig, instants, imu, truth, no_depth, skipped, assumed } = recording;
         if let Err(e) = rig.validate() {
             return Err(SourceError::new(name, format!("its rig is wrong: {e}"), "correct the calibration"));
         }
@@ -47,7 +47,7 @@ impl Player {
         let wait_s = f64::INFINITY;
         let setting = MergeSetting { imu_period_s, imu_offset_s, wait_s, ..Default::default() };
         let mut player = Self {
-            info: SourceInfo { name, frames: Some(instants.len()), rate_hz, truth },
+            info: SourceInfo { name, frames: Some(instants.len()), rate_hz, truth, assumed },
             rig,
             instants: instants.into_iter(),
             imu,

@@ -32,6 +32,8 @@ pub struct Recording {
     pub no_depth: Option<u16>,
     /// What the index had to leave out.
     pub skipped: Vec<String>,
+    /// See [`cairn_sensor::SourceInfo::assumed`].
+    pub assumed: Option<String>,
 }
 
 impl Recording {

@@ -20,10 +20,15 @@ pub fn is(folder: &Path) -> bool {
 
 /// Indexes the folder.
 pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
+    let mut assumed = None;
     let mut rig = match (given, rig::file_in(folder)) {
         (Some(rig), _) => rig,
         (None, Some(path)) => rig::read_rig(path)?,
-        (None, None) => kinect(folder)?,
+        (None, None) => {
+            let (rig, from) = kinect(folder)?;
+            assumed = Some(format!("{from}, for colour as for depth, as the data set states it"));
+            rig
+        }
     };
     rig.cameras.truncate(1);
     rig.imu = None;
@@ -45,7 +50,16 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         instants.push(Instant { stamp, images: vec![image], depth: depth.is_file().then_some(depth) });
     }
     let name = format!("7-Scenes folder {}", folder.display());
-    Ok(Recording { name, rig, instants, imu: None, truth, no_depth: Some(NO_DEPTH), skipped: Vec::new() })
+    Ok(Recording {
+        name,
+        rig,
+        instants,
+        imu: None,
+        truth,
+        no_depth: Some(NO_DEPTH),
+        skipped: Vec::new(),
+        assumed,
+    })
 }
 
 /// Numbers and paths of the colour images.
@@ -70,12 +84,13 @@ fn pose(path: &Path) -> Option<Se3> {
 /// 50 frames, truth not used) finds a focal length of 526.4 px, 22 mm beside the depth camera. But the true poses were
 /// made by depth fusion with the stated 585 px, and against them the stated rig ends nearer (ATE 0.028 m; 0.051 m, the
 /// trajectory a tenth too long, with the measured one). Who wants the measured rig names it in a `rig.toml`.
-fn kinect(folder: &Path) -> Result<Rig, SourceError> {
+fn kinect(folder: &Path) -> Result<(Rig, String), SourceError> {
     let camera = depth_camera(&folder.join("camera-intrinsics.txt"))?;
+    let from = format!("the Kinect's focal length of {} px", camera.fx);
     let colour = RigCamera { name: "color".into(), camera, body_from_camera: Se3::identity() };
     let depth =
         DepthSensor { camera, body_from_depth: Se3::identity(), metres_per_unit: 0.001, registered: true };
-    Ok(Rig { cameras: vec![colour], depth: Some(depth), imu: None })
+    Ok((Rig { cameras: vec![colour], depth: Some(depth), imu: None }, from))
 }
 
 /// The depth camera: the 3x3 matrix in the folder, else the data set's stated 585 px around the middle.

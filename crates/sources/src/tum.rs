@@ -22,6 +22,7 @@ pub fn is(folder: &Path) -> bool {
 /// camera that its name tells (`freiburg1`, `2`, `3`), or else the ROS default.
 pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
     let mut name = format!("TUM RGB-D folder {}", folder.display());
+    let mut assumed = None;
     let mut rig = match (given, rig::file_in(folder)) {
         (Some(rig), _) => rig,
         (None, Some(path)) => {
@@ -33,6 +34,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         (None, None) => {
             let (camera, which) = published(folder);
             name += &format!(" ({which})");
+            assumed = Some(which.to_owned());
             rgbd(camera)
         }
     };
@@ -58,7 +60,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
         .collect();
     join_depth(&mut instants, depth, FARTHEST_NS);
-    Ok(Recording { name, rig, instants, imu: None, truth, no_depth: None, skipped })
+    Ok(Recording { name, rig, instants, imu: None, truth, no_depth: None, skipped, assumed })
 }
 
 fn rgbd(camera: Camera) -> Rig {

@@ -6,7 +6,7 @@ use crate::wire::{self, ToPage};
 use cairn_engine::{Engine, Output, Runner, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{Command, Event, Face, Script, Session, drive_live, feed};
-use cairn_sources::PhoneSource;
+use cairn_sources::{PhoneSource, Watched};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -39,7 +39,9 @@ fn walk_on(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceError> {
             let phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
             // A phone that tells its motion tells how long a metre is.
             let feels = phone.rig().imu.is_some();
-            (Box::new(phone), SensorMode::Mono, feels)
+            let told = hub.clone();
+            let watched = Watched::new(Box::new(phone), move |doubt| told.tell(&ToPage::Doubt(doubt)));
+            (Box::new(watched), SensorMode::Mono, feels)
         }
         Eyes::Source { open, .. } => open()?,
     };

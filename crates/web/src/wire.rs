@@ -49,6 +49,8 @@ pub(crate) enum ToPage<'a> {
     View(&'a View),
     /// A picture was refused, or the walk has ended.
     Trouble(&'a str),
+    /// Something about calibration or sensors that can hardly be right: to read, not to hear.
+    Doubt(&'a str),
 }
 
 impl ToPage<'_> {

@@ -5,6 +5,7 @@ use crate::output::Output;
 use cairn_geometry::Vec2;
 use cairn_inertial::Readings;
 use cairn_sensor::{Camera, Rig};
+use cairn_sources::ImuWatch;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -131,9 +132,6 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     output.result(&Report { readings, warnings, written: check.write.clone(), ..report(&rig) }, text)
 }
 
-/// Seconds from an image to its sample that are no sensor's period any more.
-const MOST_AFTER_S: f64 = 0.05;
-
 /// Looks at a recording with the rig: a wrong resolution is refused when it is opened.
 fn readings(
     source: &str,
@@ -144,41 +142,18 @@ fn readings(
     let given = if source.starts_with("sim:") { None } else { Some(rig.clone()) };
     let options = cairn_sources::OpenOptions { rig: given, ..Default::default() };
     let mut source = cairn_sources::open(source, options)?;
-    let (mut samples, mut images, mut without, mut after, mut first) =
-        (Vec::new(), 0usize, 0usize, 0.0, None);
+    let mut watch = ImuWatch::default();
     while let Some(packet) = source.next_packet()? {
-        if packet.stamp - *first.get_or_insert(packet.stamp) > seconds {
+        if watch.packet(&packet) > seconds {
             break;
         }
-        images += 1;
-        samples.extend(packet.imu.iter().filter(|s| !s.is_synthesised()).copied());
-        match samples.last() {
-            Some(last) if last.stamp >= packet.stamp => after += last.stamp - packet.stamp,
-            _ => without += 1,
-        }
     }
-    let mean_after = (images > without).then(|| after / (images - without) as f64);
     let sensor = source.rig().imu.as_ref().or(rig.imu.as_ref());
-    let found = sensor.map_or_else(Readings::default, |sensor| Readings::of(&samples, sensor));
-    if let Some(sensor) = sensor {
-        if samples.is_empty() {
-            warnings
-                .push("the rig has an IMU, but no sample lies near the images: is it the same clock?".into());
-        } else if 10 * without > images {
-            warnings.push(format!(
-                "{without} of {images} images have no IMU sample at or after them: the clocks are apart, or the IMU's file is short"
-            ));
-        }
-        if let Some(late) = mean_after.filter(|late| *late > MOST_AFTER_S) {
-            warnings.push(format!(
-                "the IMU sample next to an image lies {late:.3} s after it in the mean: the clocks are apart"
-            ));
-        }
-        warnings.extend(found.doubts(sensor).iter().map(|d| d.to_string()));
-    }
+    let found = sensor.map_or_else(Readings::default, |sensor| watch.readings(sensor));
+    warnings.extend(sensor.map_or_else(Vec::new, |sensor| watch.doubts(sensor)));
     Ok(ReadingsReport {
         seconds: found.seconds,
-        images,
+        images: watch.images(),
         samples: found.samples,
         rate_hz: found.rate_hz,
         missing_percent: found.missing_percent,
@@ -187,8 +162,8 @@ fn readings(
         rest_norm: found.rest_norm,
         median_norm: found.norm,
         fastest_rad_s: found.fastest,
-        sample_after_image_s: mean_after,
-        images_without: without,
+        sample_after_image_s: watch.mean_after_s(),
+        images_without: watch.without(),
     })
 }
 

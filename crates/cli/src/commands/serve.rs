@@ -8,7 +8,7 @@ use cairn_engine::Config;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::SessionSetting;
-use cairn_sources::{OpenOptions, Paced, is_live, named_rig, open, read_rig, waiting_for};
+use cairn_sources::{OpenOptions, Paced, Watched, is_live, named_rig, open, read_rig, waiting_for};
 use cairn_web::{Eyes, ServeSetting, Server, WebError};
 use std::path::{Path, PathBuf};
 
@@ -118,6 +118,7 @@ fn eyes_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> Eyes {
         let source = open(&address, OpenOptions { rig, ..OpenOptions::default() })?;
         let sensor = sensor.unwrap_or_else(|| Sensor::of(source.rig()));
         let (mode, feels) = (sensor.mode(), sensor.feels());
+        let source: Box<dyn Source> = Box::new(Watched::new(source, |doubt| eprintln!("warning: {doubt}")));
         // What is live comes when it comes; a recording is played as a camera would give it.
         let source: Box<dyn Source> = if is_live(&address) { source } else { Box::new(Paced::new(source)) };
         Ok((source, mode, feels))

@@ -35,9 +35,14 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
     let Some((size, rate_hz)) = feed.head() else {
         return Err(SourceError::new(&address.shown, feed.end(), "give a file with a picture track"));
     };
-    let rig = rig_for(&address.shown, size, options.rig.clone())?;
-    let info =
-        SourceInfo { name: format!("video {}", address.shown), frames: None, rate_hz, truth: Vec::new() };
+    let (rig, assumed) = rig_for(&address.shown, size, options.rig.clone())?;
+    let info = SourceInfo {
+        name: format!("video {}", address.shown),
+        frames: None,
+        rate_hz,
+        truth: Vec::new(),
+        assumed,
+    };
     let feed = Some(feed);
     let file = VideoFile { info, rig, handle, feed, size, given: 0, last: None, skipped: Vec::new() };
     Ok(Box::new(Ahead::start(file)?))

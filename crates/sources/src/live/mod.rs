@@ -45,14 +45,23 @@ fn open_video(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source
     Ok(Box::new(stream::Stream::open(address, options.rig.clone(), options.frames)?))
 }
 
-/// The rig for pictures of this size: the given one, which must fit, else a guess.
+/// The rig for pictures of this size: the given one, which must fit, else a guess, which is told in words.
 ///
 /// Without a calibration the focal length is taken as 0.7 of the longer side (a horizontal view of 71 degrees, as most
 /// phones film), and the middle of the picture as the principal point.
-fn rig_for(shown: &str, [width, height]: [usize; 2], given: Option<Rig>) -> Result<Rig, SourceError> {
-    let Some(rig) = given else { return Ok(Rig::mono(guessed(width, height))) };
+fn rig_for(
+    shown: &str,
+    [width, height]: [usize; 2],
+    given: Option<Rig>,
+) -> Result<(Rig, Option<String>), SourceError> {
+    let Some(rig) = given else {
+        let camera = guessed(width, height);
+        let assumed =
+            format!("a focal length of {:.0} px (0.7 of the longer side), no distortion", camera.fx);
+        return Ok((Rig::mono(camera), Some(assumed)));
+    };
     match rig.cameras.first() {
-        Some(c) if [c.camera.width, c.camera.height] == [width, height] => Ok(rig),
+        Some(c) if [c.camera.width, c.camera.height] == [width, height] => Ok((rig, None)),
         Some(c) => {
             let (w, h) = (c.camera.width, c.camera.height);
             let why = format!("gives pictures of {width}x{height}, the rig is for {w}x{h}");

@@ -7,14 +7,17 @@ use super::rig_for;
 use crate::decode::gray_jpeg;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{
-    FramePacket, ImuNoise, ImuSample, ImuSensor, Rig, Source, SourceError, SourceInfo, Stamp,
+    FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Merge, MergeSetting, Rig, Source, SourceError,
+    SourceInfo, Stamp, Stream,
 };
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// More waiting motion than this is forgotten: the page sends it, but no pictures.
 const MOST_MOTION: usize = 2000;
+/// A picture waits so long for motion at or after it: the page sends it in parcels of a few readings.
+const WAITS: Duration = Duration::from_millis(60);
 /// No phone's page sends larger pictures.
 const MOST_BYTES: usize = 8 << 20;
 
@@ -66,6 +69,20 @@ impl PhonePort {
         while s.motion.len() > MOST_MOTION {
             s.motion.pop_front();
         }
+        self.0.1.notify_all();
+    }
+
+    /// The motion that has come since it was asked for last; waits for it, but no longer than until an instant. Empty then, and
+    /// when no more will come.
+    fn motion_before(&self, until: Instant) -> VecDeque<Motion> {
+        let mut s = self.lock();
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            if !s.motion.is_empty() || s.closed || left.is_zero() {
+                return std::mem::take(&mut s.motion);
+            }
+            s = self.0.1.wait_timeout(s, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
     }
 
     /// No more will come: the source ends.
@@ -101,7 +118,7 @@ pub struct PhoneSource {
     rig: Rig,
     first: Option<(f64, Vec<u8>, Instant)>,
     last: Option<Stamp>,
-    last_imu: Option<Stamp>,
+    merge: Merge<Arc<GrayImage>, ()>,
     /// Nanoseconds to add to the page's time, so that stamps rise when the page begins anew.
     offset: i64,
     skipped: Vec<String>,
@@ -118,18 +135,25 @@ impl PhoneSource {
         let first = first.ok_or_else(|| SourceError::new(NAME, "was never opened", "open the page again"))?;
         let image = gray_jpeg(&first.1).map_err(|why| SourceError::new(NAME, why, "try another browser"))?;
         let given = rig.is_some();
-        let mut rig = rig_for(NAME, [image.width(), image.height()], rig)?;
+        let (mut rig, mut assumed) = rig_for(NAME, [image.width(), image.height()], rig)?;
         if !given && !port.lock().motion.is_empty() {
             rig.imu = Some(phone_imu());
+            assumed =
+                assumed.map(|camera| camera + "; a cheap inertial sensor of 60 Hz in the camera's axes");
         }
-        let info = SourceInfo { name: NAME.into(), frames: None, rate_hz: 20.0, truth: Vec::new() };
+        // What comes in has the page's clock already, so nothing is left to add.
+        let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
+        let imu_period_s = rig.imu.as_ref().map(|imu| 1.0 / imu.rate_hz);
+        let setting =
+            MergeSetting { imu_period_s, imu_offset_s, wait_s: WAITS.as_secs_f64(), ..Default::default() };
+        let info = SourceInfo { name: NAME.into(), frames: None, rate_hz: 20.0, truth: Vec::new(), assumed };
         Ok(Self {
             port: port.clone(),
             info,
             rig,
             first: Some(first),
             last: None,
-            last_imu: None,
+            merge: Merge::new(setting),
             offset: 0,
             skipped: Vec::new(),
         })
@@ -150,24 +174,39 @@ impl PhoneSource {
         stamp
     }
 
-    /// Samples up to the first one at or after the stamp, in increasing time.
-    fn motion_until(&mut self, stamp: Stamp) -> Vec<ImuSample> {
-        if self.rig.imu.is_none() {
-            return Vec::new();
+    /// The picture with the motion since the one before; waits for motion at or after it, for [`WAITS`] at most.
+    fn merged(&mut self, stamp: Stamp, image: GrayImage, decode_ms: impl Fn() -> f64) -> Option<FramePacket> {
+        if let Err(dropped) = self.merge.push_image(0, stamp, Arc::new(image)) {
+            self.refuse(format!("{dropped}, picture dropped"));
+            return None;
         }
-        let mut s = self.port.lock();
-        let mut out = Vec::new();
-        while let Some(m) = s.motion.pop_front() {
-            let at = Stamp(((m.ms * 1e6) as i64).saturating_add(self.offset));
-            if self.last_imu.is_none_or(|last| at > last) {
-                self.last_imu = Some(at);
-                out.push(ImuSample::new(at, m.gyro, m.accel));
-            }
-            if at >= stamp {
+        // The page's clock goes on while it sends no pictures: that is no jump.
+        self.merge.advance(stamp);
+        let until = Instant::now() + WAITS;
+        while self.merge.lacks() == Some(Stream::Imu) {
+            let motion = self.port.motion_before(until);
+            if motion.is_empty() {
+                self.merge.advance(stamp.plus_seconds(1.01 * WAITS.as_secs_f64()));
                 break;
             }
+            for m in motion {
+                let at = Stamp(((m.ms * 1e6) as i64).saturating_add(self.offset));
+                if let Err(dropped) = self.merge.push_imu(ImuSample::new(at, m.gyro, m.accel))
+                    && self.merge.counts().imu_dropped == 1
+                {
+                    self.skipped.push(format!("motion at {dropped}, dropped (told once)"));
+                }
+            }
         }
-        out
+        let merged = self.merge.pop()?;
+        let images = merged.images;
+        Some(FramePacket {
+            stamp: merged.stamp,
+            images,
+            depth: None,
+            imu: merged.imu,
+            decode_ms: decode_ms(),
+        })
     }
 
     fn refuse(&mut self, why: String) {
@@ -215,10 +254,9 @@ impl Source for PhoneSource {
                 }
             };
             let stamp = self.stamp(ms);
-            let imu = self.motion_until(stamp);
-            let decode_ms = came.elapsed().as_secs_f64() * 1e3;
-            let images = vec![Arc::new(image)];
-            return Ok(Some(FramePacket { stamp, images, depth: None, imu, decode_ms }));
+            if let Some(packet) = self.merged(stamp, image, || came.elapsed().as_secs_f64() * 1e3) {
+                return Ok(Some(packet));
+            }
         }
     }
 
@@ -273,6 +311,23 @@ mod tests {
         // The page begins anew with an earlier clock: stamps rise all the same.
         port.picture(5.0, jpeg(16));
         assert!(source.next_packet().unwrap().unwrap().stamp > second.stamp);
+        // A pause of the page is no jump; motion that comes a little later than its picture is waited for.
+        let last = 5.0 + 3000.0;
+        port.picture(last, jpeg(16));
+        let late = port.clone();
+        let sender = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(5));
+            late.motion((0..4).map(|k| sample(last - 20.0 + 10.0 * k as f64)));
+        });
+        let packet = source.next_packet().unwrap().unwrap();
+        sender.join().unwrap();
+        assert!(packet.imu.last().unwrap().stamp >= packet.stamp, "{packet:?}");
+        // Motion that never comes is made up for a period at most, and marked; without any the picture comes all the same.
+        port.picture(last + 15.0, jpeg(16));
+        let made_up = source.next_packet().unwrap().unwrap();
+        assert!(made_up.imu.last().unwrap().is_synthesised(), "{made_up:?}");
+        port.picture(last + 500.0, jpeg(16));
+        assert!(source.next_packet().unwrap().unwrap().imu.iter().all(|s| !s.is_synthesised()));
         port.close();
         assert!(source.next_packet().unwrap().is_none());
     }

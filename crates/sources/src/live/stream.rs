@@ -53,7 +53,13 @@ impl Stream {
     ) -> Result<Self, SourceError> {
         let (slot, handle) = (Arc::new(Slot::default()), Handle::default());
         let mut stream = Self {
-            info: SourceInfo { name: shown.to_owned(), frames, rate_hz: 30.0, truth: Vec::new() },
+            info: SourceInfo {
+                name: shown.to_owned(),
+                frames,
+                rate_hz: 30.0,
+                truth: Vec::new(),
+                assumed: None,
+            },
             rig: Rig { cameras: Vec::new(), depth: None, imu: None },
             slot: slot.clone(),
             handle: handle.clone(),
@@ -80,7 +86,7 @@ impl Stream {
         let late =
             || SourceError::new(shown, "gave no picture within 5 s", "check the address, and that it sends");
         let (size, rate_hz) = first.unwrap_or_else(|| Err(late()))?;
-        stream.rig = rig_for(shown, size, rig)?;
+        (stream.rig, stream.info.assumed) = rig_for(shown, size, rig)?;
         stream.info.rate_hz = rate_hz;
         Ok(stream)
     }

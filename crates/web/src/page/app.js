@@ -62,7 +62,7 @@ function want() {
 
 function take(message) {
   const [kind, value] = Object.entries(message)[0];
-  const known = { hello, control: (v) => control(v.id), said, sound, did, status, view: (v) => map.take(v), trouble };
+  const known = { hello, control: (v) => control(v.id), said, sound, did, status, view: (v) => map.take(v), trouble, doubt };
   known[kind]?.(value);
 }
 
@@ -117,6 +117,10 @@ function did({ ok, text }) {
 function trouble(text) {
   $('answer').textContent = text;
   senses.say({ text, priority: 1 });
+}
+
+function doubt(text) {
+  $('answer').textContent = `Warning: ${text}`;
 }
 
 function status(s) {

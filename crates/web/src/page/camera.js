@@ -4,8 +4,8 @@
 const LONGER = 640;
 const QUALITY = 0.8;
 const MOST_A_SECOND = 20;
-// Motion is sent in parcels, each of so many readings.
-const PARCEL = 6;
+// Motion is sent in parcels, each of so many readings: pictures wait for it, so they are small.
+const PARCEL = 2;
 
 export class Camera {
   constructor(video, { picture, motion, busy }) {

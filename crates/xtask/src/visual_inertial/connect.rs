@@ -14,7 +14,7 @@ pub fn engine(rig: &Rig, sensor: Sensor, rate_hz: f64, config: &Config) -> Resul
     Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())
 }
 
-/// Seconds to add to an IMU stamp to get the image clock, as the engine has found it; none before that.
-pub fn offset_s(_engine: &Engine) -> Option<f64> {
-    None
+/// Seconds to add to an IMU stamp to get the image clock, as the engine has found it; 0 where it has found none.
+pub fn offset_s(engine: &Engine, sensor: Sensor) -> Option<f64> {
+    sensor.is_inertial().then(|| engine.map().imu_offset())
 }

@@ -267,7 +267,8 @@ const INTRODUCTION: &str = "# Eyes with an inertial sensor
 ATE is the RMSE of the final trajectory after turning and moving it onto the truth, without scale; in brackets after a
 similarity, whose scale against 1 is the scale error. Where the engine has no metres at the end there is neither. *First
 metres*: from the first frame to the first pose told while lengths are metres. *Resets*: worlds begun after the first. *Worlds*:
-how many hold poses at the end. *Offset off*: the time offset that the engine found against the true one.
+how many hold poses at the end. *Offset off*: the time offset that the engine found (0 where it
+found none) against the true one.
 
 *Standing still* at the end of MH_01: the greatest distance of the poses told in the last 5 s from the first of them; the same
 of the truth, which moves a little; and of the one against the other, when all poses told are laid on the truth.

@@ -81,7 +81,7 @@ pub struct Figures {
     pub resets: usize,
     /// Worlds in which the final poses stand.
     pub worlds: usize,
-    /// Error of the time offset, ms; none where none was found.
+    /// Error of the time offset, ms; of none where the engine has found none; nothing without an inertial sensor.
     pub offset_ms: Option<f64>,
     /// Features to pose, milliseconds.
     pub track_ms: Percentiles,
@@ -147,7 +147,7 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
         metric: engine.is_metric(),
         track_ms,
         step_ms,
-        offset_s: connect::offset_s(&engine),
+        offset_s: connect::offset_s(&engine, asked.sensor),
         stamps,
     })
 }

@@ -20,7 +20,7 @@ use cairn_geometry::{Se3, Trajectory};
 use cairn_guide::{AnnouncerSetting, DirectionStyle, Facing, PhraseSetting, Unit};
 use cairn_sensor::{Rig, Source, Stamp};
 use cairn_session::{Command, Inbox, Script, Session, SessionSetting, drive_live, drive_lockstep, feed};
-use cairn_sources::{OpenOptions, Paced, Picked, is_live, open, waiting_for};
+use cairn_sources::{OpenOptions, Paced, Picked, Watched, is_live, open, waiting_for};
 use cairn_voice::SpeechSetting;
 use events::Events;
 use face::{RunFace, Say};
@@ -241,6 +241,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let replayed = journal::opened(a)?;
     let map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
+    let source: Box<dyn Source> = Box::new(Watched::new(source, |doubt| eprintln!("warning: {doubt}")));
     let rig = source.rig().clone();
     config.inertial.enabled = sensor.feels();
     if sensor.feels() && rig.imu.is_none() {

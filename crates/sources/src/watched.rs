@@ -1,0 +1,194 @@
+//! What is doubtful about a source, found while it is read: a calibration that was assumed, an inertial sensor that can hardly be
+//! right, clocks that are apart. Each is told once, in words with numbers.
+
+use cairn_inertial::Readings;
+use cairn_sensor::{FramePacket, ImuSample, ImuSensor, Rig, Source, SourceError, SourceInfo, Stamp};
+
+/// Seconds from an image to the sample after it that are no sensor's period any more.
+const MOST_AFTER_S: f64 = 0.05;
+/// Seconds of readings that are looked at at the start.
+const LOOKS_S: f64 = 10.0;
+
+/// Gathers what comes with images, to judge it.
+#[derive(Clone, Debug, Default)]
+pub struct ImuWatch {
+    first: Option<Stamp>,
+    samples: Vec<ImuSample>,
+    images: usize,
+    without: usize,
+    after_s: f64,
+}
+
+impl ImuWatch {
+    /// Takes a packet; tells how many seconds it lies after the first.
+    pub fn packet(&mut self, packet: &FramePacket) -> f64 {
+        self.images += 1;
+        self.samples.extend(packet.imu.iter().filter(|s| !s.is_synthesised()));
+        match self.samples.last() {
+            Some(last) if last.stamp >= packet.stamp => self.after_s += last.stamp - packet.stamp,
+            _ => self.without += 1,
+        }
+        packet.stamp - *self.first.get_or_insert(packet.stamp)
+    }
+
+    /// Images seen.
+    pub fn images(&self) -> usize {
+        self.images
+    }
+
+    /// Images without a real sample at or after them.
+    pub fn without(&self) -> usize {
+        self.without
+    }
+
+    /// Mean seconds from an image to the sample at or after it.
+    pub fn mean_after_s(&self) -> Option<f64> {
+        (self.images > self.without).then(|| self.after_s / (self.images - self.without) as f64)
+    }
+
+    /// The readings as a whole.
+    pub fn readings(&self, sensor: &ImuSensor) -> Readings {
+        Readings::of(&self.samples, sensor)
+    }
+
+    /// What is doubtful about them, one line each.
+    pub fn doubts(&self, sensor: &ImuSensor) -> Vec<String> {
+        let mut out = Vec::new();
+        let (without, images) = (self.without, self.images);
+        if images == 0 {
+            return out;
+        }
+        if self.samples.is_empty() {
+            out.push("the rig has an IMU, but no sample lies near the images: is it the same clock?".into());
+        } else if 10 * without > images {
+            out.push(format!(
+                "{without} of {images} images have no IMU sample at or after them: the clocks are apart, or the IMU's stream is \
+                 short or late"
+            ));
+        }
+        if let Some(late) = self.mean_after_s().filter(|late| *late > MOST_AFTER_S) {
+            out.push(format!(
+                "the IMU sample next to an image lies {late:.3} s after it in the mean: the clocks are apart"
+            ));
+        }
+        out.extend(self.readings(sensor).doubts(sensor).iter().map(ToString::to_string));
+        out
+    }
+}
+
+/// What can be said of a source before it is read: what of its rig was assumed, and what can hardly be.
+pub fn doubts_of(info: &SourceInfo, rig: &Rig) -> Vec<String> {
+    let assumed = info.assumed.iter().map(|what| {
+        format!("no calibration is given, so this is assumed: {what}; poses are as wrong as it is, give --rig FILE")
+    });
+    assumed.chain(rig.doubts()).collect()
+}
+
+/// A source that tells what is doubtful about it.
+pub struct Watched {
+    source: Box<dyn Source>,
+    watch: Option<ImuWatch>,
+    tell: Box<dyn FnMut(&str) + Send>,
+}
+
+impl Watched {
+    /// Tells what is known before it is read; what its inertial sensor does after ten seconds, or at its end.
+    pub fn new(source: Box<dyn Source>, mut tell: impl FnMut(&str) + Send + 'static) -> Self {
+        doubts_of(source.info(), source.rig()).iter().for_each(|doubt| tell(doubt));
+        let watch = source.rig().imu.is_some().then(ImuWatch::default);
+        Self { source, watch, tell: Box::new(tell) }
+    }
+
+    fn judge(&mut self) {
+        if let (Some(watch), Some(sensor)) = (self.watch.take(), &self.source.rig().imu) {
+            watch.doubts(sensor).iter().for_each(|doubt| (self.tell)(doubt));
+        }
+    }
+}
+
+impl Source for Watched {
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn rig(&self) -> &Rig {
+        self.source.rig()
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        let packet = self.source.next_packet()?;
+        let judged = match (&packet, &mut self.watch) {
+            (Some(packet), Some(watch)) => watch.packet(packet) >= LOOKS_S,
+            (None, _) => true,
+            (Some(_), None) => false,
+        };
+        if judged {
+            self.judge();
+        }
+        Ok(packet)
+    }
+
+    fn skipped(&self) -> &[String] {
+        self.source.skipped()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_sim::{SimSetting, SimSource};
+    use std::sync::{Arc, Mutex};
+
+    /// What is told of a walk of 12 s whose packets are changed.
+    fn told(
+        mut change: impl FnMut(&mut FramePacket) + Send + 'static,
+        rig: impl Fn(&mut Rig),
+    ) -> Vec<String> {
+        struct Changed<F>(SimSource, Rig, F);
+        impl<F: FnMut(&mut FramePacket) + Send> Source for Changed<F> {
+            fn info(&self) -> &SourceInfo {
+                self.0.info()
+            }
+            fn rig(&self) -> &Rig {
+                &self.1
+            }
+            fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+                let mut packet = self.0.next_packet()?;
+                packet.iter_mut().for_each(&mut self.2);
+                Ok(packet)
+            }
+            fn skipped(&self) -> &[String] {
+                &[]
+            }
+        }
+        let text = "sim:corridor?sensor=mono-imu&resolution=32x24&detail=0.05&start=14&duration=12&rate=5";
+        let source = SimSource::new(&SimSetting::parse(text).unwrap()).unwrap();
+        let mut changed_rig = source.rig().clone();
+        rig(&mut changed_rig);
+        let heard = Arc::new(Mutex::new(Vec::new()));
+        let ears = heard.clone();
+        let changed = Changed(source, changed_rig, move |p: &mut FramePacket| change(p));
+        let mut watched = Watched::new(Box::new(changed), move |d| ears.lock().unwrap().push(d.to_owned()));
+        while watched.next_packet().unwrap().is_some() {}
+        let heard = heard.lock().unwrap();
+        heard.clone()
+    }
+
+    #[test]
+    fn each_doubt_is_told_once_and_a_good_source_raises_none() {
+        assert_eq!(told(|_| {}, |_| {}), [""; 0]);
+        let degrees = told(|p| p.imu.iter_mut().for_each(|s| s.gyro *= 57.3), |_| {});
+        assert!(matches!(&degrees[..], [one] if one.contains("is it in degrees?")), "{degrees:?}");
+        let in_g = told(|p| p.imu.iter_mut().for_each(|s| s.accel /= 9.81), |_| {});
+        assert!(matches!(&in_g[..], [one] if one.contains("is it in g?")), "{in_g:?}");
+        let late = told(|p| p.imu.iter_mut().for_each(|s| s.stamp = s.stamp.plus_seconds(0.3)), |_| {});
+        assert!(matches!(&late[..], [one] if one.contains("the clocks are apart")), "{late:?}");
+        let none = told(|p| p.imu.clear(), |_| {});
+        assert!(matches!(&none[..], [one] if one.contains("same clock")), "{none:?}");
+        let slow = told(|_| {}, |rig| rig.imu.as_mut().unwrap().rate_hz = 50.0);
+        assert!(
+            matches!(&slow[..], [a, b] if a.contains("50 samples") && b.contains("rig says 50.0")),
+            "{slow:?}"
+        );
+    }
+}
