@@ -19,6 +19,11 @@ impl Progress {
         Self(bar)
     }
 
+    /// Never drawn; warnings are still told.
+    pub fn hidden() -> Self {
+        Self(ProgressBar::hidden())
+    }
+
     /// So many are done.
     pub fn step(&self, done: usize) {
         self.0.set_position(done as u64);

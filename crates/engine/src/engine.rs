@@ -5,7 +5,8 @@ use crate::digest::Digest;
 use crate::journal::{FrameRecord, Header, Journal};
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
-use cairn_atlas::{KeyFrameId, Map, Subscription};
+use crate::status::{Seen, Status, Watch};
+use cairn_atlas::{KeyFrameId, Map, Subscription, WorldId};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_inertial::Attempt;
 use cairn_mapping::{Closer, Mapper, Verdict};
@@ -27,6 +28,7 @@ pub struct Engine {
     /// All but the source and the map of what a journal belongs to.
     header: Header,
     log: Log,
+    watch: Watch,
     died: Option<String>,
 }
 
@@ -61,6 +63,8 @@ pub struct Output {
     pub verdicts: Vec<Verdict>,
     /// Why mapping died, once; tracking goes on with the map there is.
     pub died: Option<String>,
+    /// All of it for people.
+    pub status: Status,
 }
 
 /// What was done after the last packet.
@@ -99,6 +103,8 @@ impl Engine {
         config: &Config,
     ) -> Self {
         let model = *eye.model();
+        // Opened and checked before the first picture rather than at it.
+        cairn_vision::bow::Vocabulary::embedded();
         let tracker = Tracker::new(model, config.eye_for(rig).orb.features, rate_hz, config.tracker);
         let mut mapper = config.mapper;
         if mode != SensorMode::Stereo {
@@ -106,7 +112,9 @@ impl Engine {
         }
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper, mut closer) = (tracker, Mapper::new(model, mapper), closer);
-        if let Some(imu) = rig.imu.as_ref().filter(|_| config.inertial.enabled) {
+        let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
+        let watch = Watch::new(model.baseline_fx > 0.0, imu.map(|imu| 1.0 / imu.rate_hz), &map);
+        if let Some(imu) = imu {
             let (imu_from_eye, felt) = (imu.body_from_imu.inverse() * model.body_from_eye, config.inertial);
             tracker = tracker.feeling(imu, imu_from_eye, felt.noise_times);
             mapper = mapper.feeling(imu, imu_from_eye, felt);
@@ -114,13 +122,25 @@ impl Engine {
         }
         let header = Header::of(mode, rate_hz, rig, config);
         let mapping = Mapping::new(runner, mapper, closer, map);
-        Self { eye, tracker, mapping, mode, localize_only: false, header, log: Log::default(), died: None }
+        Self {
+            eye,
+            tracker,
+            mapping,
+            mode,
+            localize_only: false,
+            header,
+            log: Log::default(),
+            watch,
+            died: None,
+        }
     }
 
     /// Takes one packet: see, track, and hand over what mapping should have.
     pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, SeeError> {
         let start = Instant::now();
-        let frame = Arc::new(self.eye.see(packet)?);
+        let seen = self.eye.see(packet);
+        let frame = seen.inspect_err(|e| self.watch.refuse(packet.stamp, &packet.imu, e.to_string()))?;
+        let frame = Arc::new(frame);
         let see_ms = start.elapsed().as_secs_f64() * 1e3;
         let mut done = Done::default();
         let (map, idle) = self.mapping.look(packet.stamp, &mut done);
@@ -140,10 +160,25 @@ impl Engine {
         let digest = digest.value();
         self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, begun, digest });
         self.mapping.poll(&mut done);
-        let metric = tracked.pose.is_some_and(|p| self.is_metric_at(&self.map(), p.reference));
+        let map = self.map();
+        let metric = tracked.pose.is_some_and(|p| self.is_metric_at(&map, p.reference));
         self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose, metric });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
+        self.watch.see(&Seen {
+            stamp: tracked.stamp,
+            imu: &packet.imu,
+            state: tracked.state,
+            world: tracked.pose.and_then(|p| world_of(&map, p.reference)).map(|w| (w, map.is_level(w))),
+            metric,
+            begun: begun.is_some(),
+            beside: map.worlds().nth(1).is_some(),
+            points: tracked.evidence.inliers,
+            attempt: done.attempt.as_ref(),
+            verdicts: &done.verdicts,
+            died: self.died.as_deref(),
+            mapping: !self.localize_only,
+        });
         Ok(Output {
             stamp: tracked.stamp,
             frame,
@@ -159,6 +194,7 @@ impl Engine {
             close_ms: done.close_ms,
             verdicts: done.verdicts,
             died,
+            status: self.watch.status().clone(),
         })
     }
 
@@ -255,8 +291,7 @@ impl Engine {
     }
 
     fn is_metric_at(&self, map: &Map, reference: KeyFrameId) -> bool {
-        let world = || map.living(reference).and_then(|(id, _)| map.key_frame(id)).map(|k| k.world);
-        self.eye.model().baseline_fx > 0.0 || world().is_some_and(|w| map.is_level(w))
+        self.eye.model().baseline_fx > 0.0 || world_of(map, reference).is_some_and(|w| map.is_level(w))
     }
 
     /// True poses of the body as [`Engine::trajectory`] tells them: without metric scale, at the first camera's place.
@@ -273,6 +308,11 @@ impl Engine {
     /// The eye.
     pub fn eye(&self) -> &Eye {
         &self.eye
+    }
+
+    /// How it stands after the last packet, for people.
+    pub fn status(&self) -> &Status {
+        self.watch.status()
     }
 
     /// What became of every frame.
@@ -311,6 +351,11 @@ impl Engine {
         let place = |f: &Logged| Some((f.stamp, self.body(&f.placed?.world_from_eye, f.metric).se3));
         self.log.frames().iter().filter_map(place).collect()
     }
+}
+
+/// The world that a key frame is in, or what became of it.
+fn world_of(map: &Map, reference: KeyFrameId) -> Option<WorldId> {
+    map.living(reference).and_then(|(id, _)| map.key_frame(id)).map(|k| k.world)
 }
 
 /// The pose of an eye that stands where a key frame does.

@@ -9,8 +9,10 @@ mod log;
 mod mapping;
 mod record;
 mod saved;
+mod status;
 
 pub use background::background;
+pub use cairn_inertial::{Gate, GateKind};
 pub use cairn_mapping::{Accepted, Joined, Refusal, Verdict};
 pub use cairn_tracking::{Evidence, Placed, State};
 pub use cairn_vision::SensorMode;
@@ -21,3 +23,4 @@ pub use log::{Log, Logged};
 pub use mapping::{Replayed, Runner, Stopped};
 pub use record::record_input;
 pub use saved::OpenMapError;
+pub use status::{ImuStatus, Phase, Status, StatusEvent, Wait};

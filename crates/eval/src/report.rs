@@ -3,6 +3,7 @@
 use crate::error::FileError;
 use crate::evaluate::Evaluation;
 use crate::percentiles::{Percentiles, Stages};
+use crate::standing::Standing;
 use crate::write::write_whole;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -37,7 +38,7 @@ pub struct RunReport {
     pub skipped: usize,
     /// When tracking was lost.
     pub lost: Vec<Lost>,
-    /// How often the map was begun anew.
+    /// How often a world was begun beside those there were, since the place was not recognised. Nothing was thrown away.
     pub resets: usize,
     /// Maps at the end.
     pub maps: usize,
@@ -64,6 +65,9 @@ pub struct RunReport {
     pub wall_s: f64,
     /// Processor seconds of all threads; `None` where the system does not say.
     pub cpu_s: Option<f64>,
+    /// How it stood over its time: phases, and the inertial sensor.
+    #[serde(default)]
+    pub standing: Standing,
     /// The whole configuration.
     pub config: serde_json::Value,
     /// Seed of everything random.
@@ -112,6 +116,7 @@ mod tests {
         report.ms = Percentiles::of(&[1.0, 2.0]);
         report.stages.0.push(("see".into(), Percentiles { p50: 1.0, p95: 2.0, p99: 3.0, max: 4.0 }));
         report.lost.push(Lost { t: 1.5, reason: "9 inliers, 15 needed".into() });
+        report.standing.seconds.insert("TRACKING".into(), 2.5);
         report.config = serde_json::json!({"features": 1000});
         let json = report.to_json();
         let value: serde_json::Value = serde_json::from_str(&json).unwrap();
@@ -137,6 +142,7 @@ mod tests {
             "source",
             "sensor",
             "skipped",
+            "standing",
         ] {
             assert!(value.get(name).is_some(), "{name} is missing");
         }

@@ -11,7 +11,7 @@ use crate::disk::{Disk, OwnDisk};
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::recording::{Recording, latest, next_path, tracked};
 use crate::status::Status;
-use cairn_engine::{Engine, Output, State, record_input};
+use cairn_engine::{Engine, Output, record_input};
 use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
 use cairn_guide::{
     Announcer, AnnouncerSetting, Confidence, Cue, Facing, Guide, GuideInput, GuideSetting, GuideState,
@@ -113,7 +113,7 @@ impl Session {
         let mut setting = setting;
         setting.phrases.metric &= engine.is_metric();
         let voice = Announcer::new(setting.announcer);
-        let status = Status { state: "starting", metric: engine.is_metric(), ..Status::default() };
+        let status = Status { metric: engine.is_metric(), ..Status::default() };
         Self {
             engine,
             setting,
@@ -203,8 +203,6 @@ impl Session {
         let silent = self.frame.is_some_and(|t| self.now - t > GONE_S);
         if silent && !self.gone_told {
             self.gone_told = true;
-            self.status.state = "gone";
-            self.status.words = "No picture comes.".into();
             if self.guiding.is_none() {
                 self.say("No picture comes. Stand still.", Priority::High);
             }
@@ -348,19 +346,6 @@ impl Session {
         s.step_ms = output.see_ms + output.track_ms;
         let map = self.engine.map();
         (s.key_frames, s.landmarks) = (map.key_frame_count(), map.landmark_count());
-        (s.state, s.words) = match output.state {
-            State::Starting { have, need } => (
-                "starting",
-                format!("Looking for a start: {have} of {need} points. Move the camera sideways."),
-            ),
-            State::Tracking => ("tracking", "Tracking.".to_owned()),
-            State::Coasting { since_s, sigma } => {
-                ("coasting", format!("Going by the motion sensor for {since_s:.1} s, to {sigma:.2} m."))
-            }
-            State::Lost { inliers, need } => {
-                ("lost", format!("Tracking is lost: {inliers} of {need} matches."))
-            }
-        };
     }
 
     fn record(&mut self, seen: &RecordInput) {

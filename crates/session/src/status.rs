@@ -1,5 +1,6 @@
 //! How things stand, for screens: small numbers often, the map now and then.
 
+use cairn_engine::Phase;
 use serde::Serialize;
 
 /// How things stand.
@@ -7,10 +8,12 @@ use serde::Serialize;
 pub struct Status {
     /// Seconds since the first packet.
     pub t_s: f64,
-    /// "starting", "tracking", "lost", "gone" (no picture comes) or "dead".
-    pub state: &'static str,
+    /// What the engine is doing; WAIT_FRAMES also when no picture comes any more.
+    pub phase: Phase,
     /// The same in a sentence.
     pub words: String,
+    /// The same with all its numbers.
+    pub engine: cairn_engine::Status,
     /// Frames taken, and those with a pose.
     pub frames: usize,
     /// Frames that have a pose.

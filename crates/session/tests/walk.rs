@@ -4,7 +4,7 @@
 
 mod small;
 
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Phase, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_guide::{Durable, Way};
 use cairn_sensor::{Camera, FramePacket, Stamp};
@@ -182,10 +182,13 @@ fn when_the_stream_ends_stop_is_said_and_guidance_resumes_when_it_is_back() {
         "{}",
         walk.transcript()
     );
-    assert_eq!(walk.session.status().state, "gone");
+    let status = walk.session.status();
+    assert_eq!((status.phase, status.words.as_str()), (Phase::WaitFrames, "No picture comes."));
+    assert!(!status.engine.valid && walk.session.engine().status().valid);
     assert_eq!(walk.session.status().recording.unwrap().points, points);
     walk.see(&out()[59..]);
     assert!(walk.when("The picture is back.", gone).is_some(), "{}", walk.transcript());
+    assert_eq!(walk.session.status().phase, Phase::Tracking);
     walk.ask("stop").unwrap();
     let recorded = walk.session.way().unwrap().points.len();
     walk.ask("guide back").unwrap();

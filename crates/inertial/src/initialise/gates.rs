@@ -6,7 +6,8 @@ use cairn_geometry::{Se3, Vec3};
 use std::fmt;
 
 /// What is tested.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum GateKind {
     /// Key frames.
     KeyFrames,
@@ -69,7 +70,7 @@ impl GateKind {
 }
 
 /// A test with its number.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Gate {
     /// What is tested.
     pub kind: GateKind,

@@ -4,6 +4,7 @@ use super::Session;
 use crate::course::standing;
 use crate::recording::Recording;
 use crate::status::{GuidingStatus, RecordingStatus, Status, View, WayStatus};
+use cairn_engine::Phase;
 use cairn_geometry::Vec3;
 use cairn_guide::{Facing, GuideState};
 use std::path::PathBuf;
@@ -17,6 +18,8 @@ impl Session {
             name.map_or_else(|| "in memory".into(), |n| n.to_string_lossy().into_owned())
         };
         s.t_s = self.since_start(self.now);
+        s.engine = self.standing();
+        (s.phase, s.words) = (s.engine.phase, s.engine.words());
         s.recording = self.recording.as_ref().map(|r| RecordingStatus {
             points: r.way().points.len(),
             length: r.length(),
@@ -39,6 +42,22 @@ impl Session {
                 cross_m: place.map_or(0.0, |m| m.cross_m),
             }
         });
+        s
+    }
+
+    /// How the engine stands, with what only the session knows: that no picture comes, or that the engine is no more.
+    pub fn standing(&self) -> cairn_engine::Status {
+        let mut s = self.engine.status().clone();
+        s.t_s = self.since_start(self.now);
+        let beyond = match &self.dead {
+            Some(_) => Some(Phase::Error),
+            None => self.gone_told.then_some(Phase::WaitFrames),
+        };
+        if let Some(phase) = beyond {
+            (s.phase, s.valid, s.error) = (phase, false, self.dead.clone());
+            s.waits.clear();
+            s.events.clear();
+        }
         s
     }
 
@@ -67,7 +86,7 @@ impl Session {
                 .guiding
                 .as_ref()
                 .map_or_else(Vec::new, |g| g.course.corners().map(|p| single(&p)).collect()),
-            camera: self.camera().filter(|_| self.status.state == "tracking"),
+            camera: self.camera().filter(|_| self.standing().valid),
         }
     }
 

@@ -127,6 +127,11 @@ function status(s) {
   guiding = s.guiding !== null;
   told = false;
   set('s-tracking', `${s.words} ${s.tracked} of ${s.frames} frames; ${s.inliers} matches.`);
+  const { waits, imu, initialised } = s.engine;
+  set('s-phase', waits.length ? `${s.phase}, waits for ${waits.join(', ')}` : s.phase);
+  set('s-imu', imu
+    ? `${initialised ? '' : 'scale and gravity not known, '}${imu.batch} readings a picture, ${imu.synthesised} made up, ${imu.gaps} gaps`
+    : 'not used');
   set('s-recording', s.recording
     ? `${s.recording.points} points, ${s.recording.length.toFixed(1)} ${s.metric ? 'metres' : 'units'}, ${s.recording.file}`
       + (s.recording.trouble ? `; not on disk: ${s.recording.trouble}` : '')

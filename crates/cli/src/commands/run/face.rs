@@ -3,6 +3,7 @@
 use super::events::Events;
 use super::interrupt::Interrupt;
 use super::map::Saver;
+use super::status::StatusLines;
 use super::tally::Tally;
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -63,6 +64,7 @@ pub struct RunFace<'t, 'a> {
     /// Counts.
     pub tally: &'t mut Tally,
     progress: Progress,
+    status: Option<StatusLines>,
     voice: Box<dyn Voice>,
     terminal: Terminal,
     saver: Saver<'a>,
@@ -82,10 +84,22 @@ impl<'t, 'a> RunFace<'t, 'a> {
         terminal: Terminal,
         saver: Saver<'a>,
         events: &'t mut Option<Events>,
+        status: Option<StatusLines>,
     ) -> Self {
-        let (progress, interrupt) = (Progress::new(frames), Interrupt::listen());
-        let (interrupted, replay_stopped) = (false, false);
-        Self { tally, progress, voice, terminal, saver, events, interrupt, interrupted, replay_stopped }
+        // Lines and a bar would tear each other.
+        let progress = if status.is_some() { Progress::hidden() } else { Progress::new(frames) };
+        Self {
+            tally,
+            progress,
+            status,
+            voice,
+            terminal,
+            saver,
+            events,
+            interrupt: Interrupt::listen(),
+            interrupted: false,
+            replay_stopped: false,
+        }
     }
 
     /// Waits for the last words; what saves the map is left to be ended.
@@ -116,6 +130,11 @@ impl Face for RunFace<'_, '_> {
             }
             Err(why) => self.tally.unseen(packet, why),
         }
+        let standing = session.standing();
+        if let Some(lines) = &mut self.status {
+            lines.tell(&standing);
+        }
+        self.tally.stood.add(standing);
         self.replay_stopped = session.engine().replayed().is_some_and(|r| r.stopped.is_some());
         self.progress.step(self.tally.frames);
     }
@@ -128,6 +147,9 @@ impl Face for RunFace<'_, '_> {
 
     fn passed(&mut self, session: &Session) {
         self.voice.pass(session.elapsed_s());
+        if let Some(lines) = &mut self.status {
+            lines.tell(&session.standing());
+        }
         self.saver.now_and_then(session, |text| self.progress.warn(text));
     }
 

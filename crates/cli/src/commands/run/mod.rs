@@ -6,6 +6,7 @@ mod interrupt;
 mod journal;
 mod map;
 mod page;
+mod status;
 mod tally;
 mod way;
 
@@ -14,7 +15,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use crate::terminal::Terminal;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Journal, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Journal, Runner, SensorMode, Status};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_guide::{AnnouncerSetting, DirectionStyle, Facing, PhraseSetting, Unit};
@@ -24,6 +25,7 @@ use cairn_sources::{OpenOptions, Paced, Picked, Watched, is_live, open, waiting_
 use cairn_voice::SpeechSetting;
 use events::Events;
 use face::{RunFace, Say};
+use status::StatusLines;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -112,6 +114,11 @@ pub struct Arguments {
     /// Plays the source as a camera would; mapping has its own thread, frames that come too fast are dropped.
     #[arg(long)]
     realtime: bool,
+    /// Tells how it stands on stderr, a whole line when that changes and every second: the phase (LOADING_VOCAB,
+    /// WAIT_FRAMES, WAIT_IMU, WAIT_MOTION, INITIALIZING, TRACKING, COASTING, LOST, RESETTING, ERROR), pose, map, points,
+    /// inertial sensor, what is waited for. No bar is drawn then.
+    #[arg(long)]
+    status: bool,
     /// Writes what happens to the map, a line of JSON each: worlds, loops, merges, key frames that move or go, and what
     /// closing says of places.
     #[arg(long, value_name = "FILE")]
@@ -248,6 +255,10 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         let why = format!("--sensor {} asks for an inertial sensor, the rig has none", sensor.name());
         return Err(Failure::new(&a.source, why, "give a rig with an IMU by --rig, or leave -imu out"));
     }
+    let mut status = a.status.then(StatusLines::default);
+    if let Some(lines) = &mut status {
+        lines.tell(&Status::default());
+    }
     let runner = if a.realtime || live { Runner::Threaded } else { Runner::Lockstep };
     let rate_hz = source.info().rate_hz;
     let engine = map::engine(a, map_in.as_ref(), &rig, sensor.mode(), rate_hz, runner, &config)?;
@@ -255,13 +266,17 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut engine = journal::engine(a, engine, &source.info().name, replayed)?;
     let mut events = Events::begin(a.events.as_deref(), &mut engine)?;
     let mut session = Session::new(engine, session_setting(a, live));
+    if let Some(lines) = &mut status {
+        lines.tell(&session.standing());
+    }
     begin(&mut session, a, map_in.as_ref())?;
     let mut tally = Tally::new(began);
     let truth = source.info().truth.clone();
     let name = source.info().name.clone();
     let terminal = Terminal::new(a.lines, a.realtime || live);
     let saver = map::Saver::new(a, map_in);
-    let mut face = RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events);
+    let mut face =
+        RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status);
     let (driven, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())

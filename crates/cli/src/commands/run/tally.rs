@@ -1,5 +1,6 @@
 //! Counts and times of a run, frame by frame, and what becomes of them: the report and its text.
 
+use super::status::{self, Stood};
 use cairn_engine::{Config, Engine, Finished, Joined, Output, State, Verdict};
 use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
 use cairn_geometry::{Se3, Trajectory};
@@ -25,6 +26,8 @@ pub struct Tally {
     unseen: Vec<String>,
     loops: usize,
     merges: usize,
+    /// How it stood.
+    pub stood: Stood,
 }
 
 impl Tally {
@@ -43,6 +46,7 @@ impl Tally {
             unseen: Vec::new(),
             loops: 0,
             merges: 0,
+            stood: Stood::default(),
         }
     }
 
@@ -109,6 +113,8 @@ impl Tally {
             skipped: skipped.len() + self.unseen.len(),
             dropped: self.dropped,
             lost: self.lost.clone(),
+            resets: self.stood.resets,
+            standing: self.stood.standing(),
             maps: map.worlds().count(),
             loops: self.loops,
             merges: self.merges,
@@ -186,6 +192,7 @@ pub fn text(r: &RunReport, realtime: bool) -> String {
             e.ate_m.rmse, e.path_m, e.pairs, e.ate_m.max
         );
     }
+    text += &status::text(r);
     for lost in &r.lost {
         let _ = writeln!(text, "lost      at {:.3} s: {}", lost.t, lost.reason);
     }
