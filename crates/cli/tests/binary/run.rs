@@ -178,3 +178,56 @@ fn a_run_in_real_time_is_replayed_and_its_events_are_told() {
     assert_eq!(cairn(&["run", WORLD, "--journal", &journal]).status.code(), Some(2), "needs --realtime");
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+/// The lines of `--status`, without their prefix.
+fn standing(output: &std::process::Output) -> Vec<String> {
+    stderr(output).lines().filter_map(|l| l.strip_prefix("status: ")).map(str::to_owned).collect()
+}
+
+/// The phase of a line.
+fn phase(line: &str) -> &str {
+    line.split([' ', ';']).nth(2).unwrap()
+}
+
+#[test]
+fn status_tells_a_walk_without_an_inertial_sensor() {
+    let world = "sim:demo?sensor=stereo&resolution=320x240&duration=2.3&rate=10";
+    let output = cairn(&["run", world, "--status", "--json"]);
+    let lines = standing(&output);
+    let phases: Vec<&str> = lines.iter().map(|l| phase(l)).collect();
+    assert_eq!(phases, ["LOADING_VOCAB", "WAIT_FRAMES", "TRACKING", "TRACKING", "TRACKING"], "{lines:?}");
+    assert!(
+        lines[2].starts_with(
+            "0.000 s TRACKING; pose 1 valid; map 0 initialised; 0 points; event: world 0 begins"
+        )
+    );
+    assert!(lines[4].starts_with("2.000 s TRACKING; pose 21 valid; map 0 initialised; "), "{lines:?}");
+    assert!(lines.iter().all(|l| !l.contains("IMU") && !l.contains('\x1b')), "{lines:?}");
+    let report = json(&output);
+    let standing = &report["standing"];
+    assert!((standing["seconds"]["TRACKING"].as_f64().unwrap() - 2.3).abs() < 1e-6, "{standing}");
+    assert_eq!((&standing["first_metric_pose_s"], &standing["imu"]), (&0.0.into(), &().into()));
+    assert_eq!(report["resets"], 0);
+}
+
+#[test]
+fn status_tells_what_an_inertial_sensor_waits_for_and_when_it_knows() {
+    let world = "sim:demo?sensor=mono-imu&resolution=320x240&duration=8&rate=10";
+    let output = cairn(&["run", world, "--status", "--json"]);
+    let lines = standing(&output);
+    let first = |name: &str| lines.iter().position(|l| phase(l) == name);
+    let (motion, tracking) = (first("WAIT_MOTION"), first("TRACKING"));
+    assert!(motion.is_some() && first("INITIALIZING").is_some() && motion < tracking, "{lines:#?}");
+    assert!(lines.iter().any(|l| l.contains("waits for") && l.contains(": failed)")), "{lines:#?}");
+    assert!(lines.iter().any(|l| l.contains("event: world 0 is level")), "{lines:#?}");
+    assert!(lines[tracking.unwrap()].contains("map 0 initialised"), "{lines:#?}");
+    let report = json(&output);
+    let (standing, imu) = (&report["standing"], &report["standing"]["imu"]);
+    assert_eq!((&imu["initialised"], &imu["gaps"]), (&true.into(), &0.into()), "{imu}");
+    assert!(
+        imu["gates"].as_array().is_some_and(|g| g.len() > 5 && g.iter().all(|g| g["passed"] == true)),
+        "{imu}"
+    );
+    assert!(standing["first_metric_pose_s"].as_f64().is_some_and(|s| s > 0.5), "{standing}");
+    assert!(standing["seconds"]["TRACKING"].as_f64().is_some_and(|s| s > 0.5), "{standing}");
+}

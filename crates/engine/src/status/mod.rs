@@ -86,7 +86,7 @@ pub enum Wait {
         /// Needed.
         need: usize,
     },
-    /// The camera to move aside: so many matches agree between two views that are too much alike.
+    /// The camera to move aside: so many matches between two views do not tell the motion yet.
     Parallax {
         /// Matches.
         matches: usize,

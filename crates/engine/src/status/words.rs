@@ -14,7 +14,7 @@ impl fmt::Display for Wait {
         match self {
             Self::Points { have, need } => write!(f, "points to begin with, {have} of {need}"),
             Self::Parallax { matches } => {
-                write!(f, "the camera to move aside, {matches} matches without parallax")
+                write!(f, "the camera to move aside, {matches} matches tell no motion yet")
             }
             Self::Reading { silent_s: Some(s) } => write!(f, "an IMU reading, none for {s:.1} s"),
             Self::Reading { silent_s: None } => f.write_str("an IMU reading, none yet"),
