@@ -212,7 +212,7 @@ fn status_tells_a_walk_without_an_inertial_sensor() {
 
 #[test]
 fn status_tells_what_an_inertial_sensor_waits_for_and_when_it_knows() {
-    let world = "sim:demo?sensor=mono-imu&resolution=480x360&duration=9&rate=10";
+    let world = "sim:demo?sensor=mono-imu&resolution=480x360&duration=11&rate=10";
     let output = cairn(&["run", world, "--status", "--json"]);
     let lines = standing(&output);
     let first = |name: &str| lines.iter().position(|l| phase(l) == name);
