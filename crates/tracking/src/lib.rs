@@ -6,7 +6,6 @@ mod local_map;
 mod lost;
 mod match_last;
 mod recover;
-mod rivals;
 mod start;
 mod state;
 mod tracker;

@@ -33,5 +33,5 @@ pub use triangulate::{
 };
 pub use two_view::{
     TwoView, TwoViewModel, TwoViewReason, TwoViewRejected, TwoViewSetting, Verified, essential_motions,
-    five_point, four_point, homography_motions, two_view, two_view_motions, verify_two_views,
+    five_point, four_point, homography_motions, two_view, verify_two_views,
 };

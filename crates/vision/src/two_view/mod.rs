@@ -164,39 +164,6 @@ pub fn two_view(
     setting: &TwoViewSetting,
     seed: u64,
 ) -> Result<TwoView, TwoViewRejected> {
-    let (mut motions, judged) = rivals(eye, first, second, setting, seed)?;
-    match (motions.pop(), motions.is_empty()) {
-        (Some(only), true) => Ok(only),
-        _ => Err(TwoViewRejected { reason: TwoViewReason::Ambiguous, ..judged }),
-    }
-}
-
-/// The same, where several motions explain the matches about equally well all of them, best first: a plane seen twice may
-/// have moved in two ways, of which a third view leaves one (Longuet-Higgins, "The reconstruction of a plane surface from
-/// two perspective projections", 1986). Ambiguous only when one of them has too few points to be told by a third view.
-pub fn two_view_motions(
-    eye: &EyeModel,
-    first: &[[f32; 2]],
-    second: &[[f32; 2]],
-    setting: &TwoViewSetting,
-    seed: u64,
-) -> Result<Vec<TwoView>, TwoViewRejected> {
-    let (motions, judged) = rivals(eye, first, second, setting, seed)?;
-    if motions.iter().all(|m| m.point_count() >= setting.min_points) {
-        Ok(motions)
-    } else {
-        Err(TwoViewRejected { reason: TwoViewReason::Ambiguous, ..judged })
-    }
-}
-
-/// The best motion, which keeps all that is asked, and those that differ and score about as well; beside it the numbers.
-fn rivals(
-    eye: &EyeModel,
-    first: &[[f32; 2]],
-    second: &[[f32; 2]],
-    setting: &TwoViewSetting,
-    seed: u64,
-) -> Result<(Vec<TwoView>, TwoViewRejected), TwoViewRejected> {
     let n = first.len().min(second.len());
     let mut rejected = TwoViewRejected {
         reason: TwoViewReason::TooFewMatches,
@@ -214,20 +181,13 @@ fn rivals(
     let sigma = setting.sigma_px / focal;
     let matches = on_unit_plane(eye, first, second);
     let best = search(&matches, sigma, setting, seed);
-    let ratio = best.ratio();
-    rejected.homography_ratio = ratio;
+    rejected.homography_ratio = best.ratio();
     rejected.reason = TwoViewReason::TooFewInliers;
 
-    let mut candidates = best.candidates(&matches, sigma, setting).into_iter();
-    let Some(winner) = candidates.next() else { return Err(rejected) };
-    let mut kept = vec![winner];
-    for c in candidates {
-        if kept.iter().all(|k| differ(&c.motion, &k.motion)) {
-            kept.push(c);
-        }
-    }
-    let winner = &kept[0];
-    let other = kept.get(1).map_or(0.0, |c| c.score);
+    let mut candidates = best.candidates(&matches, sigma, setting);
+    let Some(winner) = take_best(&mut candidates) else { return Err(rejected) };
+    let other =
+        candidates.iter().filter(|c| differ(&c.motion, &winner.motion)).map(|c| c.score).fold(0.0, f64::max);
     rejected.inliers = winner.inliers;
     rejected.points = winner.count;
     rejected.other_share = other / winner.score.max(f64::MIN_POSITIVE);
@@ -242,23 +202,18 @@ fn rivals(
         || (winner.inliers as f64) < setting.min_front_share * winner.on_lines as f64
     {
         TwoViewReason::TooFewPoints
+    } else if rejected.other_share > setting.ambiguity {
+        TwoViewReason::Ambiguous
     } else {
-        let least = setting.ambiguity * winner.score;
-        let model =
-            if ratio > setting.homography_ratio { TwoViewModel::Homography } else { TwoViewModel::Essential };
-        let mut motions = Vec::with_capacity(kept.len());
-        for (k, c) in kept.into_iter().enumerate() {
-            if k == 0 || c.score > least {
-                motions.push(TwoView {
-                    second_from_first: c.motion,
-                    points: c.points,
-                    parallax_deg: c.parallax_deg,
-                    model,
-                    homography_ratio: ratio,
-                });
-            }
-        }
-        return Ok((motions, rejected));
+        let ratio = best.ratio();
+        let plane = ratio > setting.homography_ratio;
+        return Ok(TwoView {
+            second_from_first: winner.motion,
+            points: winner.points,
+            parallax_deg: winner.parallax_deg,
+            model: if plane { TwoViewModel::Homography } else { TwoViewModel::Essential },
+            homography_ratio: ratio,
+        });
     };
     Err(rejected)
 }
@@ -343,8 +298,7 @@ impl Best {
         at == 0
     }
 
-    /// The motions of all models, refined and judged, best first; those with far fewer inliers than the best are left out
-    /// early.
+    /// The motions of all models, refined and judged; those with far fewer inliers than the best are left out early.
     fn candidates(&self, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -> Vec<Candidate> {
         let stride = matches.len().div_ceil(FIRST_LOOK);
         let some: Vec<Match> = matches.iter().step_by(stride).copied().collect();
@@ -356,18 +310,25 @@ impl Best {
             .map(|motion| judge(motion, &some, 2.0 * sigma, setting))
             .collect();
         let most = judged.iter().map(|c| c.inliers).max().unwrap_or(0);
-        let mut refined: Vec<Candidate> = judged
+        judged
             .into_iter()
             .filter(|c| c.inliers * 2 >= most)
             .map(|c| {
                 let motion = refine::refine(&c.motion, matches, sigma);
                 judge(motion, matches, sigma, setting)
             })
-            .collect();
-        // Stable: of equals the first stays first.
-        refined.sort_by(|a, b| b.score.total_cmp(&a.score));
-        refined
+            .collect()
     }
+}
+
+fn take_best(candidates: &mut Vec<Candidate>) -> Option<Candidate> {
+    let mut best = 0;
+    for (k, c) in candidates.iter().enumerate() {
+        if c.score > candidates[best].score {
+            best = k;
+        }
+    }
+    (!candidates.is_empty()).then(|| candidates.swap_remove(best))
 }
 
 /// More than two degrees of rotation or ten of direction apart.
