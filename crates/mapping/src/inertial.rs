@@ -10,7 +10,9 @@ use crate::grow::median_depth;
 use cairn_adjust::{Feeling, InertialWindow, Settled, WindowSetting};
 use cairn_atlas::{Atlas, Change, Felt, KeyFrame, KeyFrameId, Map, Motion, Sensed, WorldId};
 use cairn_geometry::{Se3, Sim3, Vec3};
-use cairn_inertial::{Attempt, InitialiseSetting, Preintegrated, Scale, Seen, SeenPose, initialise};
+use cairn_inertial::{
+    Attempt, Gate, GateKind, InitialiseSetting, Preintegrated, Scale, Seen, SeenPose, initialise,
+};
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
 use cairn_vision::EyeModel;
 use std::collections::BTreeMap;
@@ -155,8 +157,10 @@ impl Inertial {
             }
             *times += 1;
         } else {
-            let attempt = self.attempt(&map, eye, &chain)?;
-            let found = attempt.accepted().filter(|_| self.clocks.settled()).cloned();
+            let mut attempt = self.attempt(&map, eye, &chain)?;
+            let compared = f64::from(u8::from(self.clocks.settled()));
+            attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
+            let found = attempt.accepted().cloned();
             tried = Some(attempt);
             let Some(found) = found else { return tried };
             let found_times = found.noise_times.map(|t| t.max(self.setting.noise_times));

@@ -137,9 +137,10 @@ fn record_stop_guide_back_arrives_and_the_way_is_on_disk() {
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
     let transcript = walk.transcript();
     assert!(walk.when("The way is two-way", told) < walk.when("The way is 1", told), "{transcript}");
-    for words in ["Recording.", "The way is 1", "Turn ", "Stop. You have arrived"] {
+    for words in ["Recording.", "The way is 1", "Stop. You have arrived"] {
         assert!(walk.when(words, 0.0).is_some(), "\"{words}\" was not said:\n{transcript}");
     }
+    assert!(walk.said.iter().any(|(_, words)| words.contains("Turn ")), "{transcript}");
     assert!(!transcript.contains("lost") && walk.sounds > 5, "{transcript}");
     let on_disk = Way::load(&folder_of("whole").join("way-0001.way")).unwrap();
     same(&on_disk, walk.session.way().unwrap());

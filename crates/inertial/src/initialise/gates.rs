@@ -15,6 +15,8 @@ pub enum GateKind {
     Seconds,
     /// Key frames in time without a sum of readings that spans just that time.
     Links,
+    /// 1 when the clocks of sensor and images have been compared. Whoever tries may ask for it.
+    Clocks,
     /// Root mean square of the acceleration around its mean, m/s^2.
     Excitation,
     /// Spread of the eye's places, in times the standard deviation of a place.
@@ -46,7 +48,15 @@ impl GateKind {
     }
 
     fn is_least(self) -> bool {
-        matches!(self, Self::KeyFrames | Self::Seconds | Self::Excitation | Self::Baseline | Self::Converged)
+        matches!(
+            self,
+            Self::KeyFrames
+                | Self::Seconds
+                | Self::Clocks
+                | Self::Excitation
+                | Self::Baseline
+                | Self::Converged
+        )
     }
 
     fn words(self) -> (&'static str, &'static str) {
@@ -54,6 +64,7 @@ impl GateKind {
             Self::KeyFrames => ("key frames", ""),
             Self::Seconds => ("time", " s"),
             Self::Links => ("key frames without readings", ""),
+            Self::Clocks => ("clocks compared", ""),
             Self::Excitation => ("excitation", " m/s^2"),
             Self::Baseline => ("baseline", " sigma"),
             Self::Converged => ("minimum found", ""),
@@ -83,7 +94,8 @@ pub struct Gate {
 }
 
 impl Gate {
-    fn new(kind: GateKind, value: f64, bound: f64) -> Self {
+    /// A number against its bound.
+    pub fn new(kind: GateKind, value: f64, bound: f64) -> Self {
         let passed = if kind.is_least() { value >= bound } else { value <= bound };
         Self { kind, value, bound, passed }
     }
