@@ -450,10 +450,7 @@ impl Tracker {
         };
         if self.inertia.as_mut().is_some_and(|i| i.wants_turns(frame.stamp)) {
             // What was felt has its part in the pose; the clocks are compared with what was seen alone.
-            let alone = match prior {
-                Some(_) => self.locate(map, &frame, &world_from_eye, &mut matches.clone()).world_from_eye,
-                None => world_from_eye,
-            };
+            let alone = prior.as_ref().and_then(|p| seen_alone(&located, p)).unwrap_or(world_from_eye);
             if let Some(inertia) = &mut self.inertia {
                 inertia.turned(frame.stamp, alone.rotation);
             }
@@ -526,6 +523,13 @@ impl Tracker {
     pub(crate) fn recent(&self, frame: &Frame, seconds: f64) -> bool {
         self.located.is_none_or(|t| frame.stamp - t < seconds)
     }
+}
+
+/// Where the eye would be without what was believed before: at the solution the pull of both is in balance.
+fn seen_alone(located: &Located, prior: &PosePrior) -> Option<Se3> {
+    let pull = prior.information * prior.world_from_eye.local(&located.world_from_eye);
+    let own = (located.information - prior.information).cholesky()?;
+    Some(located.world_from_eye.retract(&own.solve(&pull)))
 }
 
 /// A pose that hangs on a key frame.
