@@ -8,7 +8,7 @@ pub fn on_processor_ms() -> Option<f64> {
 
 fn parse(schedstat: &str) -> Option<f64> {
     let nanoseconds: f64 = schedstat.split(' ').next()?.parse().ok()?;
-    Some(nanoseconds * 1e-6)
+    Some(nanoseconds / 1e6)
 }
 
 #[cfg(test)]
