@@ -120,7 +120,8 @@ fn a_phone_that_publishes_is_heard_and_may_go_and_come_again() {
             publisher = Publisher::to(&url, "854x480");
         }
         let packet = source.next_packet().unwrap().unwrap();
-        if packet.stamp - last > 0.4 {
+        // A busy machine makes gaps of its own: the source says when it is back.
+        if source.skipped().iter().any(|told| told.contains("is back")) {
             break packet.stamp;
         }
         last = packet.stamp;
