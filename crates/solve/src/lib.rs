@@ -9,6 +9,7 @@
 pub mod bal;
 mod bundle;
 mod descent;
+mod disagree;
 pub mod g2o;
 pub mod graph;
 mod pose_only;
@@ -21,6 +22,7 @@ pub mod sparse;
 mod text;
 
 pub use bundle::{Bundle, BundleSetting, Observation};
+pub use disagree::disagreement;
 pub use pose_only::{PointMatch, PoseOnly, PoseOnlySetting, PosePrior};
 pub use report::{Report, Stop};
 pub use reprojection::{Linear, Pinhole, Pixel};

@@ -117,19 +117,25 @@ impl PoseOnly {
             }
             information = normal.h;
             report.cost_after = normal.cost;
-            let view = View::new(&pose);
-            report.inliers = 0;
-            for (m, ok) in matches.iter().zip(&mut inlier) {
-                *ok = camera
-                    .residual(&view.to_eye(&m.point), &m.pixel)
-                    .is_some_and(|r| chi2(&r, m.weight) <= bound(&m.pixel));
-                report.inliers += *ok as usize;
-            }
+            report.inliers = Self::judge(camera, &pose, matches, &mut inlier);
             if report.inliers < 4 && prior.is_none() {
                 break;
             }
         }
         Self { world_from_eye: pose, inlier, information, report }
+    }
+
+    /// Tells for each match whether its residual lies within the bound at a pose; returns for how many.
+    pub fn judge(camera: &Pinhole, pose: &Se3, matches: &[PointMatch], inlier: &mut [bool]) -> usize {
+        let view = View::new(pose);
+        let mut count = 0;
+        for (m, ok) in matches.iter().zip(inlier) {
+            *ok = camera
+                .residual(&view.to_eye(&m.point), &m.pixel)
+                .is_some_and(|r| chi2(&r, m.weight) <= bound(&m.pixel));
+            count += *ok as usize;
+        }
+        count
     }
 }
 
@@ -141,9 +147,9 @@ fn chi2(r: &[f64; 3], weight: f64) -> f64 {
     (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * weight
 }
 
-struct Normal {
-    h: SMatrix<f64, 6, 6>,
-    b: SVector<f64, 6>,
+pub(crate) struct Normal {
+    pub h: SMatrix<f64, 6, 6>,
+    pub b: SVector<f64, 6>,
     cost: f64,
 }
 
@@ -159,7 +165,7 @@ impl Normal {
     }
 }
 
-fn normal_equations(
+pub(crate) fn normal_equations(
     camera: &Pinhole,
     pose: &Se3,
     matches: &[PointMatch],

@@ -5,6 +5,7 @@ mod inertia;
 mod local_map;
 mod lost;
 mod match_last;
+mod proven;
 mod recover;
 mod start;
 mod state;

@@ -330,6 +330,7 @@ impl Tracker {
         matches: &mut Matches,
     ) -> Located {
         let located = locate(map, &self.eye, frame, guess, &matches.landmarks, &matches.extra, prior);
+        let located = self.led(map, frame, guess, prior, matches, located);
         matches.drop_outliers(&located.outliers);
         located
     }

@@ -1,8 +1,9 @@
 //! Short simulated walks hold their floors: tracked to the end, with little drift.
 
 use cairn_sim::WorldKind;
-use xtask::Sensor;
+use cairn_sources::{OpenOptions, open};
 use xtask::walks::{Walk, line, run};
+use xtask::{Sensor, Setting, measure};
 
 #[test]
 fn short_walks_are_tracked_to_the_end() {
@@ -17,5 +18,20 @@ fn short_walks_are_tracked_to_the_end() {
         assert_eq!(m.coverage(), 1.0, "{}: {}", walked.address, line(m));
         let drift = m.drift().expect("poses to align");
         assert!(drift < 0.01, "{}: {}", walked.address, line(m));
+    }
+}
+
+/// Someone walks close ahead, slower than the eye, and fills most of what is near between plain walls. What has stood
+/// still for a while leads: without that the pose goes along with him, by more than half a metre.
+#[test]
+fn the_pose_does_not_go_along_with_who_walks_ahead() {
+    for sensor in [Sensor::Stereo, Sensor::Rgbd] {
+        let walk =
+            Walk { poor: 0.35, passers: 1, blur_ms: 0.0, ..Walk::new(WorldKind::Corridor, sensor, 12) };
+        let address = format!("{}&start=18.5", walk.address(6.0));
+        let mut source = open(&address, OpenOptions::default()).expect("a simulated walk");
+        let m = measure(source.as_mut(), &Setting::new(sensor)).expect("the walk runs");
+        assert_eq!(m.coverage(), 1.0, "{address}: {}", line(&m));
+        assert!(m.ate_m.expect("poses to align") < 0.05, "{address}: {}", line(&m));
     }
 }
