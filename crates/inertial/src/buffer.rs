@@ -22,6 +22,11 @@ pub enum Missing {
     Hole(f64),
 }
 
+/// Holes of up to so many seconds are bridged in a stream.
+const STREAM_HOLE_S: f64 = 0.1;
+/// The last reading of a stream stands for so many seconds where the sensor's clock is late.
+const STREAM_HELD_S: f64 = 0.06;
+
 /// The samples of the last packets.
 #[derive(Clone, Debug)]
 pub struct ImuBuffer {
@@ -37,6 +42,11 @@ impl ImuBuffer {
     pub fn new(sensor: &ImuSensor, hole_s: f64) -> Self {
         let period_s = 1.0 / sensor.rate_hz;
         Self { period_s, noise: sensor.noise, hole_s, hold_s: 1.5 * period_s, samples: VecDeque::new() }
+    }
+
+    /// Of a sensor whose readings come beside images in a stream, and may come late.
+    pub fn in_stream(sensor: &ImuSensor) -> Self {
+        Self::new(sensor, STREAM_HOLE_S).holding(STREAM_HELD_S)
     }
 
     /// The same, its last sample standing for so many seconds after it, with more noise.
@@ -86,6 +96,13 @@ impl ImuBuffer {
     /// The samples held, in time.
     pub fn samples(&self) -> impl DoubleEndedIterator<Item = &ImuSample> {
         self.samples.iter()
+    }
+
+    /// The samples held of `from..=to`, as they came.
+    pub fn within(&self, from: Stamp, to: Stamp) -> impl DoubleEndedIterator<Item = &ImuSample> {
+        let begin = self.samples.partition_point(|s| s.stamp < from);
+        let end = self.samples.partition_point(|s| s.stamp <= to);
+        self.samples.range(begin..end.max(begin))
     }
 
     /// Samples from one instant to another, both ends interpolated; the last is held for a period and a half, or as [`ImuBuffer::holding`] says.

@@ -46,6 +46,9 @@ impl Default for OffsetSetting {
     }
 }
 
+/// So many times the median step between what is seen and what is felt is no noise.
+const JUMP: f64 = 4.0;
+
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeOffset {
@@ -246,10 +249,12 @@ fn refine(
     s: &OffsetSetting,
 ) -> Option<(SVector<f64, N>, SMatrix<f64, N, N>, f64)> {
     let mut rows: Vec<(SMatrix<f64, 3, N>, Vec3)> = Vec::with_capacity(poses.len());
+    let jumps = jumps(poses, gyro, state);
     let mut pieces = 0;
     let mut begin = 0;
     while begin < poses.len() {
-        let end = begin + poses[begin..].iter().take_while(|p| p.0 - poses[begin].0 < s.piece_s).count();
+        let goes_on = |k: &usize| poses[*k].0 - poses[begin].0 < s.piece_s && !jumps[*k];
+        let end = begin + 1 + (begin + 1..poses.len()).take_while(goes_on).count();
         if end - begin >= 4 {
             piece(&poses[begin..end], gyro, state, &mut rows);
             pieces += 1;
@@ -283,6 +288,19 @@ fn refine(
     }
     let covariance = Cholesky::new(hp)?.inverse();
     Some((-(covariance * bp), covariance, (sum / weights.max(1.0)).sqrt()))
+}
+
+/// Where what is seen turns against what is felt as it does nowhere else: the map itself has moved under the eye.
+fn jumps(poses: &[(Stamp, So3)], gyro: &Gyro, state: &State) -> Vec<bool> {
+    let eye_from_imu = state.rotation.inverse();
+    let apart = |(stamp, world_from_eye): &(Stamp, So3)| {
+        *world_from_eye * eye_from_imu * gyro.at(stamp.plus_seconds(-state.offset)).turned.inverse()
+    };
+    let steps: Vec<f64> = poses.windows(2).map(|w| (apart(&w[0]).inverse() * apart(&w[1])).angle()).collect();
+    let mut sorted = steps.clone();
+    sorted.sort_by(f64::total_cmp);
+    let bound = JUMP * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    std::iter::once(false).chain(steps.iter().map(|step| *step > bound)).collect()
 }
 
 /// The rows of a piece, its heading taken out by its mean.

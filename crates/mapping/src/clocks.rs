@@ -17,10 +17,8 @@ const LOOKS_S: [f64; 6] = [2.5, 3.5, 5.0, 7.0, 10.0, 15.0];
 const NONE_S: f64 = 0.0005;
 /// A known offset is changed by this at least, seconds.
 const BETTER_S: f64 = 0.0003;
-/// Holes between readings that are bridged, seconds.
-const HOLE_S: f64 = 0.1;
-/// The last reading stands for so many seconds where the sensor's clock is late.
-const HELD_S: f64 = 0.06;
+/// How well a rig's file knows the rotation between sensor and eye, radians: what is free there is taken from the offset.
+const MISALIGNED_RAD: f64 = 0.02;
 
 /// What was felt and seen of late, and what is known of the clocks.
 #[derive(Debug)]
@@ -36,7 +34,7 @@ pub(crate) struct Clocks {
 impl Clocks {
     pub fn new(sensor: &ImuSensor) -> Self {
         Self {
-            buffer: ImuBuffer::new(sensor, HOLE_S).holding(HELD_S),
+            buffer: ImuBuffer::in_stream(sensor),
             turns: VecDeque::new(),
             begun: None,
             looks: 0,
@@ -76,7 +74,8 @@ impl Clocks {
         self.looks += 1;
         let turns: Vec<(Stamp, So3)> = self.turns.iter().copied().collect();
         let samples: Vec<ImuSample> = self.buffer.samples().copied().collect();
-        let found = time_offset(&turns, &samples, imu_from_eye, &OffsetSetting::default()).ok()?;
+        let setting = OffsetSetting { rotation_sigma: MISALIGNED_RAD, ..OffsetSetting::default() };
+        let found = time_offset(&turns, &samples, imu_from_eye, &setting).ok()?;
         self.found = Some(found);
         let wanted =
             if found.offset_s.abs() < NONE_S.max(2.0 * found.sigma_s) { 0.0 } else { found.offset_s };

@@ -66,7 +66,7 @@ pub(crate) struct Inertial {
 
 impl Inertial {
     pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
-        let noise = times(&sensor.noise, [setting.noise_times; 2]);
+        let noise = sensor.noise.times([setting.noise_times; 2]);
         let feeling = Feeling { imu_from_eye, noise };
         let clocks = Clocks::new(sensor);
         Self { sheet: sensor.noise, feeling, setting, clocks, refined: BTreeMap::new() }
@@ -165,7 +165,7 @@ impl Inertial {
             let Some(found) = found else { return tried };
             let found_times = found.noise_times.map(|t| t.max(self.setting.noise_times));
             self.clocks.turned();
-            self.feeling.noise = times(&self.sheet, found_times);
+            self.feeling.noise = self.sheet.times(found_times);
             let about = map.world_from_eye(world.root())?.translation;
             atlas.commit(self.level(&map, world, &chain, &found, eye.baseline_fx > 0.0, about));
             self.refined.insert(world, REFINED_S.iter().filter(|due| seconds >= **due).count());
@@ -240,11 +240,6 @@ impl Inertial {
         }
         changes
     }
-}
-
-/// Noise so many times as white, gyroscope and accelerometer, at least what it is.
-pub(crate) fn times(noise: &ImuNoise, [gyro, accel]: [f64; 2]) -> ImuNoise {
-    ImuNoise { gyro: noise.gyro * gyro.max(1.0), accel: noise.accel * accel.max(1.0), ..*noise }
 }
 
 /// Key frames one felt after the other up to one, oldest first.

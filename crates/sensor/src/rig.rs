@@ -45,6 +45,13 @@ pub struct ImuNoise {
     pub accel_walk: f64,
 }
 
+impl ImuNoise {
+    /// The white noise of gyroscope and accelerometer so many times as great; the biases walk as before.
+    pub fn times(&self, [gyro, accel]: [f64; 2]) -> Self {
+        Self { gyro: self.gyro * gyro, accel: self.accel * accel, ..*self }
+    }
+}
+
 /// An inertial sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImuSensor {

@@ -11,10 +11,6 @@ use cairn_inertial::{Belief, Bias, Gravity, ImuBuffer, Rest, RestSetting};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use nalgebra::SMatrix;
 
-/// Holes of up to so many seconds are bridged.
-const HOLE_S: f64 = 0.1;
-/// The last reading stands for so many seconds where the sensor's clock is late.
-const HELD_S: f64 = 0.06;
 /// Seconds for which the clocks are looked at.
 const CLOCKS_S: f64 = 16.0;
 /// Directions kept between two offers.
@@ -71,13 +67,9 @@ pub(crate) struct Inertia {
 impl Inertia {
     /// `imu_from_eye` in metres.
     pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, noise_times: f64) -> Self {
-        let noise = ImuNoise {
-            gyro: sensor.noise.gyro * noise_times,
-            accel: sensor.noise.accel * noise_times,
-            ..sensor.noise
-        };
+        let noise = sensor.noise.times([noise_times; 2]);
         Self {
-            buffer: ImuBuffer::new(&ImuSensor { noise, ..*sensor }, HOLE_S).holding(HELD_S),
+            buffer: ImuBuffer::in_stream(&ImuSensor { noise, ..*sensor }),
             noise: sensor.noise,
             imu_from_eye,
             last: None,
@@ -258,8 +250,8 @@ impl Inertia {
 
     /// Up along the eye's axes by the mean force of the last while.
     fn up(&self, stamp: Stamp) -> Option<Vec3> {
-        let late = |s: &&ImuSample| (0.0..FORCE_S).contains(&(stamp - s.stamp));
-        let force = self.buffer.samples().filter(late).map(|s| s.accel).sum::<Vec3>();
+        let late = self.buffer.within(stamp.plus_seconds(-FORCE_S), stamp);
+        let force = late.map(|s| s.accel).sum::<Vec3>();
         Some(self.imu_from_eye.rotation.inverse() * force.try_normalize(1e-6)?)
     }
 
@@ -268,9 +260,8 @@ impl Inertia {
             return false;
         }
         let setting = RestSetting::default();
-        let from = Stamp(stamp.0 - (1.1 * setting.seconds * 1e9) as i64);
-        let samples: Vec<ImuSample> =
-            self.buffer.samples().filter(|s| s.stamp >= from && s.stamp <= stamp).copied().collect();
+        let from = stamp.plus_seconds(-1.1 * setting.seconds);
+        let samples: Vec<ImuSample> = self.buffer.within(from, stamp).copied().collect();
         Rest::of(&samples, &self.noise, Some(&believed.bias), &setting).is_still()
     }
 }

@@ -9,7 +9,7 @@ mod relax;
 mod seek;
 
 use crate::grow::median_depth;
-use crate::inertial::{InertialSetting, times};
+use crate::inertial::InertialSetting;
 use cairn_adjust::{
     Feeling, InertialWindow, RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise,
 };
@@ -202,7 +202,7 @@ impl Closer {
 
     /// The same with an inertial sensor; `imu_from_eye` in metres.
     pub fn feeling(self, sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
-        let feeling = Feeling { imu_from_eye, noise: times(&sensor.noise, [setting.noise_times; 2]) };
+        let feeling = Feeling { imu_from_eye, noise: sensor.noise.times([setting.noise_times; 2]) };
         Self { felt: Some((feeling, setting.whole_key_frames)), ..self }
     }
 

@@ -13,13 +13,15 @@ use cairn_sensor::{ImuSample, SourceError, Stamp};
 use nalgebra::{SMatrix, SVector};
 
 /// Standard deviation of the window for rotations, seconds.
-const TURN_WINDOW_S: f64 = 0.2;
+const TURN_WINDOW_S: f64 = 1.0;
 /// Of the window for places.
 const PLACE_WINDOW_S: f64 = 0.15;
 /// Poses are compared with the gyroscope over so long for clock and axes.
 const STEP_S: f64 = 0.2;
 /// How often poses that lie far from what was smoothed are weighed down.
 const ROBUST_ROUNDS: usize = 2;
+/// How often clock and axes are found again after smoothing.
+const CLOCK_ROUNDS: usize = 3;
 /// Over so long poses and readings are compared in the end: about from image to image.
 const COMPARE_S: f64 = 0.05;
 /// At most so much is believed of a clock that is off, seconds.
@@ -87,22 +89,24 @@ impl Recorded {
             times: poses.iter().map(|p| p.0 - first.stamp).collect(),
             poses: poses.iter().map(|p| p.1).collect(),
         };
-        let Some(clock) = Clock::find(&measured, &sums) else {
+        let Some(mut clock) = Clock::find(&measured, &sums) else {
             return fail("the readings turn otherwise than the poses");
         };
-        let measured = clock.correct(measured);
-        let sums = Sums::of_rotation(&times, readings, &clock.bias);
-        let span = [measured.times[0], measured.times[measured.times.len() - 1]];
-        let from = times.partition_point(|t| *t < span[0]);
-        let to = times.partition_point(|t| *t <= span[1]);
-        let rotations = smooth_rotations(&measured, &sums, from..to);
-        let places = smooth_places(&measured, &times[from..to], &readings[from..to], &rotations);
-        let smooth: Vec<(Stamp, Se3)> = (from..to)
-            .zip(rotations.iter().zip(&places))
-            .map(|(i, (r, p))| (readings[i].stamp, Se3::new(*r, *p)))
-            .collect();
-        let motion = Motion::through(&smooth)?;
-        let epoch = smooth[0].0;
+        let mut measured = clock.correct(measured);
+        let mut smooth = Smooth::of(&measured, &times, readings, &clock.bias);
+        // Against poses without noise the clock is found better.
+        for _ in 0..CLOCK_ROUNDS {
+            let poses = Measured { times: times[smooth.range.clone()].to_vec(), poses: smooth.poses.clone() };
+            let Some(left) = Clock::find(&poses, &sums) else { break };
+            measured = left.correct(measured);
+            clock = clock.then(&left);
+            smooth = Smooth::of(&measured, &times, readings, &clock.bias);
+        }
+        let (from, to) = (smooth.range.start, smooth.range.end);
+        let stamped: Vec<(Stamp, Se3)> =
+            readings[from..to].iter().map(|s| s.stamp).zip(smooth.poses.iter().copied()).collect();
+        let motion = Motion::through(&stamped)?;
+        let epoch = stamped[0].0;
         // Time 0 of the raw motion is its first pose, in the poses' clock.
         let raw_at = poses[0].0 - epoch;
         let agreement = agreement(
@@ -115,6 +119,24 @@ impl Recorded {
             &readings[from..to],
         );
         Ok(Self { motion, epoch, agreement })
+    }
+}
+
+/// Poses made smooth, at each reading of a range.
+struct Smooth {
+    range: std::ops::Range<usize>,
+    poses: Vec<Se3>,
+}
+
+impl Smooth {
+    fn of(m: &Measured, times: &[f64], readings: &[ImuSample], bias: &Vec3) -> Self {
+        let sums = Sums::of_rotation(times, readings, bias);
+        let from = times.partition_point(|t| *t < m.times[0]);
+        let to = times.partition_point(|t| *t <= m.times[m.times.len() - 1]);
+        let rotations = smooth_rotations(m, &sums, from..to);
+        let places = smooth_places(m, &times[from..to], &readings[from..to], &rotations);
+        let poses = rotations.iter().zip(&places).map(|(r, p)| Se3::new(*r, *p)).collect();
+        Self { range: from..to, poses }
     }
 }
 
@@ -211,6 +233,12 @@ impl Clock {
         };
         // Half a radian and a tenth of a second are no small corrections of a linear model any more.
         (found.offset_s.abs() < MOST_OFFSET_S && found.misaligned.norm() < 0.5).then_some(found)
+    }
+
+    /// What this one left, found after it, added.
+    fn then(&self, left: &Self) -> Self {
+        let misaligned = (So3::exp(&self.misaligned) * So3::exp(&left.misaligned)).log();
+        Self { offset_s: self.offset_s + left.offset_s, misaligned, bias: left.bias }
     }
 
     fn correct(&self, mut m: Measured) -> Measured {
