@@ -98,6 +98,11 @@ impl SimSource {
         self.agreement.as_ref()
     }
 
+    /// The stamp of time 0 of [`SimSource::motion`].
+    pub fn epoch(&self) -> Stamp {
+        self.epoch
+    }
+
     /// The motion of the body; its time 0 is the first frame.
     pub fn motion(&self) -> &Motion {
         &self.motion

@@ -228,12 +228,9 @@ enum Command {
         /// Sensors, with commas; without it those of each trial. Without -imu the inertial sensor is left alone.
         #[arg(long, value_delimiter = ',')]
         sensors: Vec<Sensor>,
-        /// Seconds of each real motion.
-        #[arg(long, default_value_t = 40.0)]
-        seconds: f64,
-        /// Whole real motions.
-        #[arg(long, conflicts_with = "seconds")]
-        long: bool,
+        /// So many seconds of each real motion; without it all of it with its readings as recorded, 20 s of it with worse ones.
+        #[arg(long)]
+        seconds: Option<f64>,
         /// Seeds of the turns.
         #[arg(long, default_value_t = 20)]
         seeds: u64,
@@ -428,7 +425,6 @@ fn run(command: Command) -> Result<(), String> {
             condition,
             sensors,
             seconds,
-            long,
             seeds,
             from,
             times,
@@ -442,7 +438,7 @@ fn run(command: Command) -> Result<(), String> {
                 only,
                 condition,
                 sensors,
-                seconds: (!long).then_some(seconds),
+                seconds,
                 seeds: from..=from + seeds.saturating_sub(1),
                 times,
                 config: config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?,

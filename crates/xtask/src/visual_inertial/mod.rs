@@ -39,7 +39,7 @@ pub struct Chosen {
     pub condition: Option<String>,
     /// Sensors; each trial has some of its own where none are named.
     pub sensors: Vec<Sensor>,
-    /// Seconds of each semi-real motion; none: whole.
+    /// Seconds of each semi-real motion; none: whole as recorded, less with worse readings.
     pub seconds: Option<f64>,
     /// Seeds of the turns.
     pub seeds: std::ops::RangeInclusive<u64>,
@@ -196,12 +196,12 @@ pub fn tables(m: &Measured) -> String {
 
 fn checks(list: &[semi_real::Checked]) -> String {
     let mut t = String::from(
-        "| motion | clock ms | axes deg | poses to gyro over 50 ms deg, measured / rendered | to accel m/s^2 | moved mm rms / most | turned deg rms / most | longest hole s |\n|---|---|---|---|---|---|---|---|\n",
+        "| motion | clock ms | axes deg | poses to gyro over 50 ms deg, measured / rendered | to accel m/s^2 | moved mm rms / most | turned deg rms / most | longest hole s | scale by exact poses off % |\n|---|---|---|---|---|---|---|---|---|\n",
     );
     for c in list {
         let _ = writeln!(
             t,
-            "| {} | {:.2} | {:.3} | {:.4} / {:.4} | {:.2} / {:.2} | {:.2} / {:.1} | {:.3} / {:.2} | {:.2} |",
+            "| {} | {:.2} | {:.3} | {:.4} / {:.4} | {:.2} / {:.2} | {:.2} / {:.1} | {:.3} / {:.2} | {:.2} | {:.2} +- {:.2} |",
             c.name,
             c.clock_ms,
             c.axes_deg,
@@ -213,7 +213,9 @@ fn checks(list: &[semi_real::Checked]) -> String {
             c.moved_mm[1],
             c.turned_deg[0],
             c.turned_deg[1],
-            c.hole_s
+            c.hole_s,
+            c.exact_scale[0],
+            c.exact_scale[1]
         );
     }
     t
@@ -276,8 +278,11 @@ of the truth, which moves a little; and of the one against the other, when all p
 *Rooms around real motions*: the true poses of five recordings are made smooth and laid into the clock and the axes of the
 readings taken on them (the first table: how far the poses turn otherwise than the gyroscope from image to image, before and
 after), a room is rendered around them as three kinds of cameras see it, and the real readings come with the images: as
-recorded; as means of pairs; stamped 20 ms early or late, which the rig does not say; with one in a hundred lost; with both
-biases jumping every 10 s by 3 mrad/s and 0.05 m/s^2 an axis.
+recorded, the whole motion; and 20 s of it as means of pairs; stamped 20 ms early or late, which the rig does not say; with one
+in a hundred lost; with both biases jumping every 10 s by 3 mrad/s and 0.05 m/s^2 an axis.
+
+What one eye can know of scale, the accelerometer bounds: *scale by exact poses* is how far the scale is off that the same readings
+give (`cairn_inertial::initialise`) when the true poses of the whole stretch stand in place of the eye's.
 
 *The turn*: a walker goes 20 m down a corridor, turns about on the spot within 2 to 4 s where walls and end are plain, and comes
 home facing home; simulated readings with the noise of an ADIS16448. The end is told when the way out is laid on the truth.
