@@ -1,11 +1,13 @@
 //! `cairn run`: SLAM on any source; trajectories, a recorded way, a report in JSON and as a page.
 
+mod arguments;
 mod events;
 mod face;
 mod interrupt;
 mod journal;
 mod map;
 mod page;
+mod sensor;
 mod status;
 mod tally;
 mod way;
@@ -14,218 +16,25 @@ use super::serve::rig_of;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::terminal::Terminal;
+pub use arguments::Arguments;
+use arguments::Whose;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Journal, Runner, SensorMode, Status};
+use cairn_engine::{Config, Engine, Journal, Runner, Status};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
-use cairn_guide::{AnnouncerSetting, DirectionStyle, Facing, PhraseSetting, Unit};
+use cairn_guide::{AnnouncerSetting, PhraseSetting};
 use cairn_sensor::{Rig, Source, Stamp};
 use cairn_session::{Command, Inbox, Script, Session, SessionSetting, drive_live, drive_lockstep, feed};
 use cairn_sources::{OpenOptions, Paced, Picked, Watched, is_live, open, waiting_for};
 use cairn_voice::SpeechSetting;
 use events::Events;
 use face::{RunFace, Say};
+pub use sensor::Sensor;
 use status::StatusLines;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use tally::Tally;
-
-/// SLAM on any source: poses, a map, a recorded way, a report.
-///
-/// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes), sim:WORLD, a video file, camera:N,
-/// rtsp://..., rtmp://... or rtmp-listen://HOST:PORT/NAME; its kind is found by looking. On a terminal, in real time,
-/// keys give commands: r record, s stop, l load, g guide home, b backwards, h halt, p repeat, i state, q quit.
-#[derive(clap::Args)]
-pub struct Arguments {
-    /// The recording, the simulated world or the video.
-    source: String,
-    /// Which sensors to use; without it, all that the source has.
-    #[arg(long, value_enum, value_name = "WHICH")]
-    sensor: Option<Sensor>,
-    /// A calibration in place of the source's own, or the name of a rig (phone-854x480).
-    #[arg(long, value_name = "FILE")]
-    rig: Option<PathBuf>,
-    /// Settings that differ from the default, see cairn config.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Writes every tracked frame, corrected at the end, in TUM form.
-    #[arg(long, value_name = "OUT.tum")]
-    trajectory: Option<PathBuf>,
-    /// Writes the poses as they were given at the time, in TUM form.
-    #[arg(long, value_name = "OUT.tum")]
-    live_trajectory: Option<PathBuf>,
-    /// Whose poses the trajectories hold.
-    #[arg(long, value_enum, default_value = "body", value_name = "WHOSE")]
-    frame: Whose,
-    /// Records the way that was gone; an existing file is refused, but with --map-in it is gone on with if it hangs on
-    /// that map.
-    #[arg(long, value_name = "WAY")]
-    record: Option<PathBuf>,
-    /// Guides along this way, from its start to its end, as soon as there is a pose.
-    #[arg(long, value_name = "WAY")]
-    guide: Option<PathBuf>,
-    /// Guides from the end of the way to its start.
-    #[arg(long, requires = "guide")]
-    back: bool,
-    /// How the walker stands to the camera under guidance.
-    #[arg(long, value_enum, default_value = "home")]
-    facing: FacingArgument,
-    /// How words are told: text, speech, wav:FILE or none; text where something can be said, else none.
-    #[arg(long, value_name = "HOW")]
-    say: Option<Say>,
-    /// Rate of speech, 0.1 to 2.
-    #[arg(long, default_value_t = 1.0, value_name = "R", value_parser = between(0.1, 2.0))]
-    rate: f64,
-    /// Loudness of speech and sounds, 0 to 1.
-    #[arg(long, default_value_t = 1.0, value_name = "V", value_parser = between(0.0, 1.0))]
-    volume: f64,
-    /// The unit of distances.
-    #[arg(long, value_enum, default_value = "metres")]
-    unit: UnitArgument,
-    /// How directions are told.
-    #[arg(long, value_enum, default_value = "words")]
-    directions: DirectionsArgument,
-    /// Gives commands at times and places, a line each: "at 5 record", "near X Y Z WITHIN stop", "tracked 100 record",
-    /// "arrived quit".
-    #[arg(long, value_name = "FILE")]
-    script: Option<PathBuf>,
-    /// Takes commands from standard input, a line each ("record", "stop", "guide home"), for screen readers.
-    #[arg(long)]
-    lines: bool,
-    /// Where ways are kept that are recorded on command.
-    #[arg(long, value_name = "DIR", default_value = "ways")]
-    ways: PathBuf,
-    /// Goes on in a saved map; tracking begins when a place is recognised.
-    #[arg(long, value_name = "FILE")]
-    map_in: Option<PathBuf>,
-    /// Saves the map, now and then and at the end, however the run ends, with the ways recorded in it.
-    #[arg(long, value_name = "FILE")]
-    map_out: Option<PathBuf>,
-    /// Seconds between saves of the map while the run goes on.
-    #[arg(long, default_value_t = 30.0, value_name = "S", requires = "map_out")]
-    map_every: f64,
-    /// Only finds where it is in the map that --map-in gives; the map is never changed.
-    #[arg(long, requires = "map_in", conflicts_with = "map_out")]
-    localize_only: bool,
-    /// One stage after the other, the same bits every time, whatever else the machine does (the default).
-    #[arg(long, conflicts_with = "realtime")]
-    lockstep: bool,
-    /// Plays the source as a camera would; mapping has its own thread, frames that come too fast are dropped.
-    #[arg(long)]
-    realtime: bool,
-    /// Tells how it stands on stderr, a whole line when that changes and every second: the phase (LOADING_VOCAB,
-    /// WAIT_FRAMES, WAIT_IMU, WAIT_MOTION, INITIALIZING, TRACKING, COASTING, LOST, RESETTING, ERROR), pose, map, points,
-    /// inertial sensor, what is waited for. No bar is drawn then.
-    #[arg(long)]
-    status: bool,
-    /// Writes what happens to the map, a line of JSON each: worlds, loops, merges, key frames that move or go, and what
-    /// closing says of places.
-    #[arg(long, value_name = "FILE")]
-    events: Option<PathBuf>,
-    /// Writes what is needed to have the poses of this run again, bit for bit.
-    #[arg(long, value_name = "FILE", requires = "realtime")]
-    journal: Option<PathBuf>,
-    /// Runs again as this journal tells, on one thread, and checks every pose against it.
-    #[arg(long, value_name = "FILE", conflicts_with = "realtime")]
-    replay: Option<PathBuf>,
-    /// Begins so many seconds after the first image.
-    #[arg(long, default_value_t = 0.0, value_name = "S")]
-    start: f64,
-    /// Takes at most so many frames.
-    #[arg(long, value_name = "N")]
-    frames: Option<usize>,
-    /// Writes the report as JSON.
-    #[arg(long, value_name = "OUT.json")]
-    report: Option<PathBuf>,
-    /// Writes the report as one HTML file with its figures.
-    #[arg(long, value_name = "OUT.html")]
-    report_html: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Sensor {
-    /// The first camera; the scale stays unknown.
-    Mono,
-    /// The first two cameras.
-    Stereo,
-    /// The first camera and the depth sensor.
-    Rgbd,
-    /// The first camera and the inertial sensor, which tells scale and gravity.
-    MonoImu,
-    /// The first two cameras and the inertial sensor.
-    StereoImu,
-    /// The first camera, the depth sensor and the inertial sensor.
-    RgbdImu,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Whose {
-    /// The rig's body (EuRoC: the IMU).
-    Body,
-    /// The first camera.
-    Cam0,
-}
-
-impl Sensor {
-    pub fn mode(self) -> SensorMode {
-        match self {
-            Self::Mono | Self::MonoImu => SensorMode::Mono,
-            Self::Stereo | Self::StereoImu => SensorMode::Stereo,
-            Self::Rgbd | Self::RgbdImu => SensorMode::Rgbd,
-        }
-    }
-
-    /// Whether the inertial sensor is used.
-    pub fn feels(self) -> bool {
-        matches!(self, Self::MonoImu | Self::StereoImu | Self::RgbdImu)
-    }
-
-    /// The eyes of a mode, with the inertial sensor or without.
-    pub fn with(mode: SensorMode, feels: bool) -> Self {
-        match (mode, feels) {
-            (SensorMode::Mono, false) => Self::Mono,
-            (SensorMode::Stereo, false) => Self::Stereo,
-            (SensorMode::Rgbd, false) => Self::Rgbd,
-            (SensorMode::Mono, true) => Self::MonoImu,
-            (SensorMode::Stereo, true) => Self::StereoImu,
-            (SensorMode::Rgbd, true) => Self::RgbdImu,
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Mono => "mono",
-            Self::Stereo => "stereo",
-            Self::Rgbd => "rgbd",
-            Self::MonoImu => "mono-imu",
-            Self::StereoImu => "stereo-imu",
-            Self::RgbdImu => "rgbd-imu",
-        }
-    }
-
-    /// All that a rig has.
-    pub fn of(rig: &Rig) -> Self {
-        let mode = match (&rig.depth, rig.cameras.len()) {
-            (Some(_), _) => SensorMode::Rgbd,
-            (None, 0 | 1) => SensorMode::Mono,
-            (None, _) => SensorMode::Stereo,
-        };
-        Self::with(mode, rig.imu.is_some())
-    }
-
-    /// The rig without the cameras and the depth that are not asked for, so that they are not even read; `None`
-    /// when nothing is left out.
-    fn only(self, rig: &Rig) -> Option<Rig> {
-        let cameras = if self.mode() == SensorMode::Stereo { 2 } else { 1 };
-        let depth = rig.depth.is_some() && self.mode() != SensorMode::Rgbd;
-        (rig.cameras.len() > cameras || depth).then(|| Rig {
-            cameras: rig.cameras.iter().take(cameras).cloned().collect(),
-            depth: rig.depth.clone().filter(|_| !depth),
-            imu: rig.imu.clone(),
-        })
-    }
-}
 
 /// Runs the engine over the source, then writes what was asked for. `began` is when the process started.
 pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
@@ -450,78 +259,6 @@ fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
         };
         Failure::new(way.display().to_string(), e.to_string(), hint)
     })
-}
-
-/// A number within bounds.
-fn between(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    move |text| match text.parse::<f64>() {
-        Ok(v) if (low..=high).contains(&v) => Ok(v),
-        _ => Err(format!("must be a number from {low} to {high}")),
-    }
-}
-
-/// The unit of distances.
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum UnitArgument {
-    /// Metres.
-    Metres,
-    /// Feet.
-    Feet,
-    /// Steps of 65 cm.
-    Steps,
-}
-
-impl UnitArgument {
-    fn unit(self) -> Unit {
-        match self {
-            Self::Metres => Unit::Metres,
-            Self::Feet => Unit::Feet,
-            Self::Steps => Unit::Steps(0.65),
-        }
-    }
-}
-
-/// How directions are told.
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum DirectionsArgument {
-    /// "Turn left."
-    Words,
-    /// "Turn to 9 o'clock."
-    Clock,
-    /// "Turn left 90 degrees."
-    Degrees,
-}
-
-impl DirectionsArgument {
-    fn style(self) -> DirectionStyle {
-        match self {
-            Self::Words => DirectionStyle::Words,
-            Self::Clock => DirectionStyle::Clock,
-            Self::Degrees => DirectionStyle::Degrees,
-        }
-    }
-}
-
-/// How the walker stands to the camera.
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum FacingArgument {
-    /// Walks where the camera looks.
-    Home,
-    /// Walks forwards while the camera looks back.
-    Back,
-    /// Walks backwards, the camera as on the way out.
-    Backwards,
-}
-
-impl FacingArgument {
-    /// As the guide takes it.
-    pub fn facing(self) -> Facing {
-        match self {
-            Self::Home => Facing::Home,
-            Self::Back => Facing::Back,
-            Self::Backwards => Facing::Backwards,
-        }
-    }
 }
 
 fn warn_of_skipped(skipped: &[String]) {
