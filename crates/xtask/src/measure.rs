@@ -223,9 +223,14 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
                 Ok(a) => {
                     loops += usize::from(a.joined == Joined::Loop);
                     merges += usize::from(a.joined != Joined::Loop);
-                    let off = misplaced(&engine, &source.info().truth, v.key_frame, v.candidate);
+                    let truth = &source.info().truth;
+                    let metres = match engine.is_metric() {
+                        true => 1.0,
+                        false => ate(&engine.comparable(truth), &engine.trajectory(), Align::Sim3)?.1,
+                    };
+                    let off = misplaced(&engine, truth, metres, v.key_frame, v.candidate);
                     joined_s.push(packet.stamp - *stamps.first().unwrap_or(&packet.stamp));
-                    false_joins.extend(off.filter(|off| *off > 0.5 && setting.sensor != Sensor::Mono));
+                    false_joins.extend(off.filter(|off| *off > 0.5));
                 }
                 Err(_) => refused += 1,
             }
@@ -296,8 +301,15 @@ fn step_off(
     step().unwrap_or(f64::NAN)
 }
 
-/// By how many metres the place of one key frame in the eye frame of another differs from the truth.
-fn misplaced(engine: &Engine, truth: &[(Stamp, Se3)], a: KeyFrameId, b: KeyFrameId) -> Option<f64> {
+/// By how many metres the place of one key frame in the eye frame of another differs from the truth; `metres` in a unit of the
+/// map.
+fn misplaced(
+    engine: &Engine,
+    truth: &[(Stamp, Se3)],
+    metres: f64,
+    a: KeyFrameId,
+    b: KeyFrameId,
+) -> Option<f64> {
     let map = engine.map();
     let (a, b) = (map.key_frame(a)?, map.key_frame(b)?);
     let body_from_eye = engine.eye().model().body_from_eye;
@@ -307,7 +319,7 @@ fn misplaced(engine: &Engine, truth: &[(Stamp, Se3)], a: KeyFrameId, b: KeyFrame
     };
     let true_a_from_b = truly(a.frame.stamp)?.inverse() * truly(b.frame.stamp)?;
     let a_from_b = a.world_from_eye.inverse() * b.world_from_eye;
-    Some((true_a_from_b.translation - a_from_b.translation).norm())
+    Some((true_a_from_b.translation - a_from_b.translation * metres).norm())
 }
 
 /// RMSE and scale; nothing when there are too few poses for an alignment.
