@@ -11,6 +11,8 @@ use crate::turning::Turning;
 const LAST_M: f64 = 2.5;
 /// A course that is off by more than this has missed the end, radians.
 const MISSED: f64 = 0.8;
+/// Who missed the end so often stands there when it is within reach, whichever way he faces.
+const MISSED_MOST: u32 = 2;
 /// Seconds in which nobody can have followed "stop" and a turn.
 const HEARD: f64 = 3.0;
 
@@ -35,11 +37,15 @@ impl Guide {
         let spread = now.speed * self.setting.arrival_spread_s;
         let most = (self.setting.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
         let soon = ahead > -0.5 * depth && ahead <= early && miss <= most;
-        if level && (standing_there || soon || beside) {
-            self.phase = Phase::Done;
-            return Some(CueKind::Arrived);
-        }
-        None
+        // Who missed it time and again does not get nearer: the end as the map has it may lie in a wall.
+        let reach = (to_end - will_stand).norm() <= self.setting.arrival_reach_m;
+        let tried = self.memory.ends_missed >= MISSED_MOST && reach;
+        (level && (standing_there || soon || beside || tried)).then(|| self.arrived())
+    }
+
+    fn arrived(&mut self) -> CueKind {
+        self.phase = Phase::Done;
+        CueKind::Arrived
     }
 
     /// The end is near and the walker fast: a slow walker stands where told, a fast one a metre later.
@@ -72,9 +78,18 @@ impl Guide {
         let turn = now.stance.turn_to(crate::ground::heading_of(&to_end));
         let missed = turn.abs() > MISSED;
         if !missed || since(self.memory.directed, now.stamp) < HEARD {
-            return if missed { None } else { self.stopped(now, aim).or_else(|| self.tick(now, aim)) };
+            if missed {
+                return None;
+            }
+            let held_up = self.stopped(now, aim);
+            // Told to go on, with the end before him, and standing: something is there.
+            if held_up.is_some() && to_end.norm() <= self.setting.arrival_box_m[0] {
+                return Some(self.arrived());
+            }
+            return held_up.or_else(|| self.tick(now, aim));
         }
         self.direct(now);
+        self.memory.ends_missed += 1;
         self.phase = Phase::Turning(Turning::new(now, false));
         Some(CueKind::EndMissed { distance_m: to_end.norm(), turn_rad: turn })
     }

@@ -133,6 +133,10 @@ pub(crate) struct Memory {
     pub wrong_m: f64,
     pub wrong_said: Option<Stamp>,
     pub stopped_said: Option<(Stamp, u32)>,
+    /// Metres along where the walker stands still beside the way, and how often he was told to go on there.
+    pub held: Option<(f64, u32)>,
+    /// How often the end was missed.
+    pub ends_missed: u32,
     pub ticked: Option<Stamp>,
     pub leg_start_m: f64,
     pub fast_since: Option<Stamp>,
@@ -349,6 +353,9 @@ impl Guide {
 
     /// The heading towards the point the walker should aim at: some way ahead, not past the next turn.
     pub(crate) fn aim(&self, now: &Now) -> f64 {
+        if self.held_beside(now) {
+            return heading_of(&(now.at.foot - now.stance.position));
+        }
         let s = &self.setting;
         let reach = s.look_ahead_m.max(s.look_ahead_s * now.speed).max(2.0 * now.at.cross_m.abs());
         let target = (now.at.along_m + reach).min(self.next_at_m());

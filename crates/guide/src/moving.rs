@@ -18,6 +18,11 @@ const POINTS_OFF: f64 = 0.26;
 /// Seconds until the words that send the walker on are heard and followed.
 const HEARING: f64 = 4.0;
 
+/// Who is held up nearer to the way than this is on it, metres.
+const HELD_BESIDE_M: f64 = 0.5;
+/// Who came so far along the way is not held up any more, metres.
+const LED_ON_M: f64 = 1.5;
+
 /// A step must lead to the line by this share of its length; across the line it is less.
 const STEP_GAIN: f64 = 0.45;
 
@@ -64,6 +69,16 @@ impl Guide {
         } else if now.speed > STANDING {
             self.memory.off_since.get_or_insert(now.stamp);
         }
+        let beside = now.at.cross_m.abs() > HELD_BESIDE_M;
+        let led_on = |along_m: f64| (now.at.along_m - along_m).abs() > LED_ON_M;
+        self.memory.held = self.memory.held.filter(|(along_m, _)| beside && !led_on(*along_m));
+    }
+
+    /// True when the walker is held up beside the way and is best led straight back to it: what is in his way lies
+    /// between him and the point ahead. By turns with the point ahead, as long as neither leads on.
+    pub(crate) fn held_beside(&self, now: &Now) -> bool {
+        let beside = now.at.cross_m.abs() > HELD_BESIDE_M && !self.backwards();
+        beside && self.memory.held.is_some_and(|(_, told)| told % 4 >= 2)
     }
 
     pub(crate) fn direct(&mut self, now: &Now) {
@@ -198,6 +213,9 @@ impl Guide {
             _ => return None,
         };
         self.memory.stopped_said = Some((now.stamp, times));
+        let (along_m, told) = self.memory.held.unwrap_or((now.at.along_m, 0));
+        self.memory.held = Some((along_m, told + 1));
+        let aim = now.stance.turn_to(self.aim(now));
         if aim.abs() > POINTS_OFF && !self.backwards() {
             self.turn_on_spot(now);
             return Some(CueKind::Rotate(aim));

@@ -250,6 +250,30 @@ fn who_passes_the_end_is_stopped_and_turned_to_it() {
     }
 }
 
+#[test]
+fn who_is_held_up_before_the_end_has_arrived() {
+    let mut hand = Hand::new(&[[0., 0., 0.], [10., 0., 0.]], stern());
+    hand.go(9.1, 0.4).stand(12.0);
+    let arrived = |hand: &Hand| hand.count(|k| *k == CueKind::Arrived);
+    assert_eq!(arrived(&hand), 1, "0.9 m before the end: {:#?}", hand.heard());
+    let mut hand = Hand::new(&[[0., 0., 0.], [10., 0., 0.]], stern());
+    hand.go(8.6, 0.4).stand(30.0);
+    assert_eq!(arrived(&hand), 0, "1.4 m before the end: {:#?}", hand.heard());
+}
+
+#[test]
+fn who_misses_the_end_time_and_again_has_arrived_within_reach() {
+    let mut hand = Hand::new(&[[0., 0., 0.], [10., 0., 0.]], stern());
+    hand.go(8.4, 1.0);
+    // To and fro before something that stands 0.85 m before it.
+    for _ in 0..4 {
+        hand.go(0.75, 0.4).turn(180.0, 60.0).go(0.75, 0.4).turn(180.0, 60.0);
+    }
+    let missed = hand.find("the end is");
+    assert!(missed.len() <= 2, "{:#?}", hand.heard());
+    assert_eq!(hand.count(|k| *k == CueKind::Arrived), 1, "{:#?}", hand.heard());
+}
+
 /// A guide that gives no small corrections, to see the rule behind them.
 fn stern() -> GuideSetting {
     GuideSetting { adjust_dwell_s: 1e9, progress_m: None, ..plain() }
@@ -323,6 +347,24 @@ fn standing_is_reassured_once_and_once_more() {
     assert_eq!(told.len(), 2, "{:#?}", hand.heard());
     assert!((told[1].0 - told[0].0 - 15.0).abs() < 0.2);
     assert!((told[0].0 - 9.0).abs() < 1.0, "{}", told[0].0);
+}
+
+#[test]
+fn who_is_held_up_beside_the_path_is_led_straight_back() {
+    let mut hand = Hand::bent(stern());
+    hand.go(5.0, 1.0);
+    // 2.2 m to the left and pointing at the way ahead: a corner between the two.
+    (hand.y, hand.heading) = (2.2, -0.46);
+    hand.stand(60.0);
+    let turns: Vec<f64> = hand
+        .cues
+        .iter()
+        .filter_map(|(_, _, c)| match c.kind {
+            CueKind::Rotate(turn) => Some((hand.heading + turn).to_degrees()),
+            _ => None,
+        })
+        .collect();
+    assert!(turns.iter().any(|led| (led + 90.0).abs() < 5.0), "{turns:?} {:#?}", hand.heard());
 }
 
 #[test]

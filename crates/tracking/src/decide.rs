@@ -28,6 +28,11 @@ pub(crate) struct Situation<'a> {
 
 /// A key frame is due when the view has turned by this share of the field of view.
 const TURNED: f64 = 0.2;
+/// A key frame is due when less than this share of the features is known: before a wall the last key frames' few common
+/// points let the next one turn about them.
+const KNOWN_SHARE: f64 = 0.45;
+/// Seconds since the last key frame before which that is no reason.
+const KNOWN_AFTER_S: f64 = 0.5;
 /// Seconds between key frames with an inertial sensor, at most: before gravity and scale are known, and after.
 const LINK_S: [f64; 2] = [0.25, 0.5];
 /// The same while the eye stands still.
@@ -60,6 +65,10 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     }
     let [new_close, known_close] = close;
     let starving = depth && known_close < 100 && new_close > 70;
+    let unknown = depth
+        && new_close > 70
+        && (s.inliers as f64) < KNOWN_SHARE * s.frame.len() as f64
+        && s.since as f64 >= KNOWN_AFTER_S * rate_hz;
     let ratio = match (depth, others) {
         (_, 0) => 0.4,
         (true, _) => 0.75,
@@ -68,7 +77,7 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     // A view that turns leaves what ties it to the reference at the edge of the image, where few points judge much.
     let field_rad = 2.0 * (0.5 * (s.eye.bounds[2] - s.eye.bounds[0]) / s.eye.fx).atan();
     let turned = depth && s.turned_rad > TURNED * field_rad;
-    let changed = (s.inliers as f64) < ratio * settled as f64 || starving || turned;
+    let changed = (s.inliers as f64) < ratio * settled as f64 || starving || turned || unknown;
     let overdue = s.since as f64 >= rate_hz;
     let weak = depth && ((s.inliers as f64) < 0.25 * settled as f64 || starving);
     // What is felt links key frames the better the nearer they are in time.

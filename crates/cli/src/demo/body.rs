@@ -15,8 +15,20 @@ const BODY_M: f64 = 0.25;
 const CANE_M: f64 = 0.7;
 /// How far to a side a walker goes around something before he gives up, metres.
 const ASIDE_M: f64 = 1.0;
+/// From this change of heading on a course is another one, degrees.
+const ANOTHER_COURSE_DEG: f64 = 10.0;
 /// Directions that are tried when the straight one is blocked, degrees to either side.
 const AROUND_DEG: [f64; 6] = [15.0, 35.0, 55.0, 75.0, 90.0, 100.0];
+
+/// Feeling one's way along something.
+struct Feeling {
+    /// The heading that is blocked, radians: another course is felt out anew.
+    heading: f64,
+    /// Plus one for left.
+    side: f64,
+    /// Metres gone aside.
+    gone_m: f64,
+}
 
 /// A body in a world.
 pub struct Body {
@@ -27,8 +39,7 @@ pub struct Body {
     /// Steps in which something was in the way.
     pub held_up: usize,
     stride: Stride,
-    /// The side that is being felt along (plus one for left), and metres gone along it.
-    side: Option<(f64, f64)>,
+    feeling: Option<Feeling>,
 }
 
 impl Body {
@@ -39,7 +50,7 @@ impl Body {
             mount: 0.0,
             held_up: 0,
             stride: Stride::new(setting.sim.walker.clone()),
-            side: None,
+            feeling: None,
         }
     }
 
@@ -52,7 +63,9 @@ impl Body {
             let free = self.free(world, from, step);
             let to = if free { from + step } else { self.around(world, from, step) };
             self.held_up += usize::from(!free);
-            self.side = self.side.filter(|_| !free);
+            if free {
+                self.feeling = None;
+            }
             self.walker.held_at(to.x, to.y);
         }
         self.camera(dt)
@@ -74,14 +87,18 @@ impl Body {
             let to = from + turned(90.0 * side).normalize() * 2.0 * BODY_M;
             world.clearance(to.x, to.y)
         };
-        let (side, gone) =
-            *self.side.get_or_insert_with(|| (if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 }, 0.0));
+        let heading = self.walker.pose().2;
+        let anew = Feeling { heading, side: if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 }, gone_m: 0.0 };
+        let same = |f: &Feeling| (heading - f.heading).cos() > ANOTHER_COURSE_DEG.to_radians().cos();
+        let feeling = self.feeling.take().filter(same).unwrap_or(anew);
         // Sliding along a wall leads on; only what leads aside is counted.
-        let limit = if gone < ASIDE_M { f64::INFINITY } else { 60.0 };
-        let mut tries = AROUND_DEG.iter().filter(|deg| **deg < limit).map(|deg| (*deg, turned(deg * side)));
+        let limit = if feeling.gone_m < ASIDE_M { f64::INFINITY } else { 60.0 };
+        let mut tries =
+            AROUND_DEG.iter().filter(|deg| **deg < limit).map(|deg| (*deg, turned(deg * feeling.side)));
         let found = tries.find(|(_, s)| self.free(world, from, *s));
         let (deg, aside) = found.unwrap_or((0.0, Vec2::zeros()));
-        self.side = Some((side, gone + if deg < 60.0 { 0.0 } else { aside.norm() }));
+        let gone_m = feeling.gone_m + if deg < 60.0 { 0.0 } else { aside.norm() };
+        self.feeling = Some(Feeling { gone_m, ..feeling });
         from + aside
     }
 

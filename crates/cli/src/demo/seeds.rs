@@ -33,11 +33,14 @@ impl Spread {
     }
 }
 
-/// Runs all; fails when one did not arrive.
+/// Runs all, tells each as it ends; fails when one did not arrive.
 pub fn run(settings: impl Iterator<Item = Setting>, output: &Output) -> Result<(), Failure> {
     let mut each = Vec::new();
+    output.text(HEAD)?;
     for setting in settings {
-        each.push(once(&setting)?.figures);
+        let figures = once(&setting)?.figures;
+        output.text(&row(&figures))?;
+        each.push(figures);
     }
     let tally = Tally {
         runs: each.len(),
@@ -48,37 +51,39 @@ pub fn run(settings: impl Iterator<Item = Setting>, output: &Output) -> Result<(
         each,
     };
     if tally.arrived == tally.runs {
-        return output.result(&tally, text);
+        return output.result(&tally, summary);
     }
-    output.text(&text(&tally))?;
+    output.text(&summary(&tally))?;
     let why = format!("{} of {} walkers came home", tally.arrived, tally.runs);
     Err(Failure::new("the demo", why, "run cairn demo --seed N for one that did not, and see its report"))
 }
 
-fn text(tally: &Tally) -> String {
-    let mut lines = vec![
-        "seed  facing     arrived  error m  way m  home m  said  /100 m  ATE m   coverage  lost  ms p50   p99  wall s".to_owned(),
-    ];
-    for f in &tally.each {
-        let (p50, p99) = f.ms.map_or((0.0, 0.0), |ms| (ms.p50, ms.p99));
-        lines.push(format!(
-            "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>5.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
-            f.seed,
-            f.facing,
-            if f.arrived { "yes" } else { "no" },
-            f.arrival_error_m,
-            f.cleaned_m,
-            f.walked_home_m,
-            f.said.len(),
-            100.0 * f.said.len() as f64 / f.cleaned_m.max(1e-9),
-            f.ate_m,
-            f.coverage,
-            f.lost.len(),
-            p50,
-            p99,
-            f.wall_s
-        ));
-    }
+const HEAD: &str = "seed  facing     arrived  error m  way m  home m  said  /100 m  ATE m   coverage  lost  ms p50   p99  wall s";
+
+fn row(f: &Figures) -> String {
+    let (p50, p99) = f.ms.map_or((0.0, 0.0), |ms| (ms.p50, ms.p99));
+    format!(
+        "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>5.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
+        f.seed,
+        f.facing,
+        if f.arrived { "yes" } else { "no" },
+        f.arrival_error_m,
+        f.cleaned_m,
+        f.walked_home_m,
+        f.said.len(),
+        100.0 * f.said.len() as f64 / f.cleaned_m.max(1e-9),
+        f.ate_m,
+        f.coverage,
+        f.lost.len(),
+        p50,
+        p99,
+        f.wall_s
+    )
+}
+
+/// The last lines: all, and each way back by itself.
+fn summary(tally: &Tally) -> String {
+    let mut lines = Vec::new();
     lines.push(line("all", &tally.each));
     for facing in ["home", "back", "backwards"] {
         let here: Vec<_> = tally.each.iter().filter(|f| f.facing == facing).cloned().collect();
