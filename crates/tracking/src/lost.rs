@@ -3,15 +3,18 @@
 
 use crate::state::{Adrift, Evidence, Offer, Placed, State, Tracked};
 use crate::tracker::{Last, Tracker, hung};
-use cairn_atlas::Map;
+use cairn_atlas::{KeyFrameId, Map};
 use cairn_geometry::Se3;
 use cairn_inertial::Belief;
+use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::sync::Arc;
 
 /// How fast someone may move while nothing is seen: metres a second and radians a second.
 const UNSEEN_SPEED: f64 = 1.5;
 const UNSEEN_TURN: f64 = 1.5;
+/// How far apart two sights of one place may stand in a world that has drifted, metres.
+const DRIFTED: f64 = 2.0;
 /// Seconds of a blank view after which the motion before may place what is seen next.
 const BLANK_S: f64 = 1.0;
 /// Seconds between key frames while the inertial sensor carries the pose.
@@ -118,11 +121,25 @@ impl Tracker {
         let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * goes_on_s)));
         let believed = last.placed.world_from_eye * moved;
         let placed = hung(map, map.living(last.placed.reference)?.0, believed)?;
-        // Without metric scale the pace so far tells how long a metre is.
-        let pace = self.pace();
-        let metre = if self.eye.baseline_fx > 0.0 { 1.0 } else { pace.unwrap_or(1.0) / UNSEEN_SPEED };
-        let (sigma, sigma_rad) = (UNSEEN_SPEED * unseen_s * metre, UNSEEN_TURN * unseen_s);
-        Some(Adrift { placed, sigma, sigma_rad, pace, level: false })
+        let (sigma, sigma_rad) = (UNSEEN_SPEED * unseen_s * self.metre(), UNSEEN_TURN * unseen_s);
+        Some(Adrift { placed, sigma, sigma_rad, pace: self.pace(), level: false })
+    }
+
+    /// About a metre in the map's unit: without metric scale the pace so far tells how long it is.
+    fn metre(&self) -> f64 {
+        if self.eye.baseline_fx > 0.0 { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
+    }
+
+    /// Whether the eye can have come to a place in the world of a key frame since it last knew where it was: rooms that look
+    /// alike are told apart by that. Into another world, or a map that was loaded, appearance alone has to lead.
+    pub(crate) fn reaches(&self, map: &Map, key_frame: KeyFrameId, place: &Se3, stamp: Stamp) -> bool {
+        let Some(last) = &self.last else { return true };
+        let world = |id| map.living(id).and_then(|(id, _)| Some(map.key_frame(id)?.world));
+        if world(key_frame) != world(last.placed.reference) {
+            return true;
+        }
+        let gone = (place.translation - last.placed.world_from_eye.translation).norm();
+        gone <= self.metre() * (2.0 * UNSEEN_SPEED * (stamp - last.frame.stamp) + DRIFTED)
     }
 
     /// How fast the eye goes when it goes: the upper third of the last seconds, since turns and stops are slower.

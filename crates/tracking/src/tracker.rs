@@ -394,6 +394,7 @@ impl Tracker {
         let mut best = 0;
         for id in candidates(map, frame, last, self.lost_frames) {
             match recognise(map, &self.eye, frame, id, &BTreeSet::new(), &setting, frame.stamp.0 as u64) {
+                Ok(place) if !self.reaches(map, id, &place.world_from_eye, frame.stamp) => {}
                 Ok(place) => {
                     let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };
                     return Ok((place.world_from_eye, matches));

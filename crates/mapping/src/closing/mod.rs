@@ -3,6 +3,7 @@
 //! In: a snapshot of the map and a key frame in it. Out: changes made on that snapshot, and a verdict on each candidate
 //! with its numbers. Nothing is forced: what fails a check is refused and told.
 
+mod adrift;
 mod correct;
 mod draft;
 mod relax;
@@ -10,6 +11,7 @@ mod seek;
 
 use crate::grow::median_depth;
 use crate::inertial::InertialSetting;
+use adrift::adrift;
 use cairn_adjust::{
     Feeling, InertialWindow, RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise,
 };
@@ -247,7 +249,7 @@ impl Closer {
         let off = (there.translation - here.world_from_eye.translation).norm();
         let there = map.key_frame(old).map_or(here.world, |k| k.world);
         let same_world = there == here.world;
-        let plausible = if same_world { plausible } else { plausible + self.adrift(map, here.world, there) };
+        let plausible = if same_world { plausible } else { plausible + adrift(map, here, there, scale) };
         if off > plausible {
             return Err(Refusal::Drift { off, plausible });
         }
@@ -321,19 +323,6 @@ impl Closer {
         match self.freedom(map, here, old) != Freedom::Similar {
             true => 0.5 + with * way,
             false => 0.3 * median_depth(map, here).unwrap_or(0.0) + without * way,
-        }
-    }
-
-    /// How far two worlds may be off each other beside what they have drifted: three standard deviations of what ties the
-    /// younger to the elder, and anything where nothing does.
-    fn adrift(&self, map: &Map, a: WorldId, b: WorldId) -> f64 {
-        let (younger, elder) = (a.max(b), a.min(b));
-        let tie = map.worlds().find(|(id, _)| *id == younger).and_then(|(_, tie)| tie);
-        let to = tie.and_then(|t| map.living(t.to)).and_then(|(id, _)| map.key_frame(id)).map(|k| k.world);
-        match tie {
-            // Without metric scale the tie's own unit is a guess.
-            Some(tie) if to == Some(elder) && self.eye.baseline_fx > 0.0 => 3.0 * tie.sigma,
-            _ => f64::INFINITY,
         }
     }
 
