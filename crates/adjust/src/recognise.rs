@@ -243,7 +243,7 @@ fn project(
         let level = octaves.predict(l.max_distance, distance);
         let target = Target {
             pixel: [u as f32, v as f32],
-            right_x: if eye.baseline_fx > 0.0 { right as f32 } else { f32::NAN },
+            right_x: if eye.has_depth() { right as f32 } else { f32::NAN },
             radius: (radius * octaves.scale(level)) as f32,
             octaves: [level.saturating_sub(1), level],
             descriptor: &l.descriptor,

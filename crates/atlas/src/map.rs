@@ -3,7 +3,7 @@
 use crate::arena::Arena;
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, PlaceIndex, Tie, WorldId};
 use cairn_geometry::{Se3, Sim3};
-use cairn_vision::Octaves;
+use cairn_vision::{EyeModel, Octaves};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -111,6 +111,12 @@ impl Map {
     /// True when lengths in a world are metres and its z axis points up, as an inertial sensor has found.
     pub fn is_level(&self, world: WorldId) -> bool {
         self.levelled.contains_key(&world)
+    }
+
+    /// Whether lengths in the whole map are metres: the eye has depth, or the inertial sensor has told in each world.
+    pub fn is_metric(&self, eye: &EyeModel) -> bool {
+        let mut worlds = self.worlds().map(|(w, _)| self.is_level(w)).peekable();
+        eye.has_depth() || worlds.peek().is_some() && worlds.all(|level| level)
     }
 
     /// The key frames of one world in order of birth.

@@ -113,7 +113,7 @@ impl Engine {
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper, mut closer) = (tracker, Mapper::new(model, mapper), closer);
         let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
-        let watch = Watch::new(model.baseline_fx > 0.0, imu.map(|imu| 1.0 / imu.rate_hz), &map);
+        let watch = Watch::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &map);
         if let Some(imu) = imu {
             let (imu_from_eye, felt) = (imu.body_from_imu.inverse() * model.body_from_eye, config.inertial);
             tracker = tracker.feeling(imu, imu_from_eye, felt.noise_times);
@@ -147,6 +147,8 @@ impl Engine {
         let version = map.version();
         let seen = Instant::now();
         let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &map, idle, !self.localize_only);
+        // In the map by which it was tracked: mapping may level and scale it before this frame is told.
+        let metric = tracked.pose.is_some_and(|p| self.is_metric_at(&map, p.reference));
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
         let mut digest = Digest::default();
@@ -161,7 +163,6 @@ impl Engine {
         self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, begun, digest });
         self.mapping.poll(&mut done);
         let map = self.map();
-        let metric = tracked.pose.is_some_and(|p| self.is_metric_at(&map, p.reference));
         self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose, metric });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
@@ -273,25 +274,18 @@ impl Engine {
         digest.value()
     }
 
-    /// The body's pose. A map without metric scale does not know how far the body is from the eye: there the body is
-    /// told where the first camera is, in the body's own orientation.
+    /// The body's pose.
     fn body(&self, world_from_eye: &Se3, metric: bool) -> Pose<World, Body> {
-        let mut eye_from_body = self.eye.model().body_from_eye.inverse();
-        if !metric {
-            eye_from_body.translation = Vec3::zeros();
-        }
-        Pose::new(*world_from_eye * eye_from_body)
+        Pose::new(self.eye.model().world_from_body(world_from_eye, metric))
     }
 
     /// Whether lengths in the whole map are metres: the eyes have depth, or the inertial sensor has told.
     pub fn is_metric(&self) -> bool {
-        let map = self.map();
-        let level = map.worlds().next().is_some() && map.worlds().all(|(w, _)| map.is_level(w));
-        self.eye.model().baseline_fx > 0.0 || level
+        self.map().is_metric(self.eye.model())
     }
 
     fn is_metric_at(&self, map: &Map, reference: KeyFrameId) -> bool {
-        self.eye.model().baseline_fx > 0.0 || world_of(map, reference).is_some_and(|w| map.is_level(w))
+        self.eye.model().has_depth() || world_of(map, reference).is_some_and(|w| map.is_level(w))
     }
 
     /// True poses of the body as [`Engine::trajectory`] tells them: without metric scale, at the first camera's place.

@@ -3,7 +3,7 @@
 use crate::ground::Ground;
 use crate::store::WayWriter;
 use crate::way::{Anchor, Confidence, Stretch, Way, WayHeader, WayPoint};
-use cairn_geometry::{Camera, Odom, Pose, Se3};
+use cairn_geometry::{Camera, Odom, Pose, Se3, Sim3};
 use cairn_sensor::Stamp;
 use std::io;
 
@@ -113,6 +113,15 @@ impl Recorder {
     /// How many inputs were refused: time not going forward, or numbers that are not finite.
     pub fn refused(&self) -> usize {
         self.refused
+    }
+
+    /// From now on lengths in the map are metres: its scale was found while the way was recorded. `carried` brings the
+    /// poses recorded so far into the frame and unit of those to come. An error tells that the disk failed.
+    pub fn found_scale(&mut self, carried: Sim3) -> io::Result<()> {
+        let header = WayHeader { metric: true, carried: Some(carried), ..self.way.header.clone() };
+        self.way.go_on_as(header.clone());
+        self.last_good = self.last_good.map(|(t, pose)| (t, carried.transform_pose(&pose)));
+        self.writer.as_mut().map_or(Ok(()), |w| w.go_on_as(&header))
     }
 
     /// Ends the recording: everything on disk, and the way.
@@ -277,6 +286,37 @@ mod tests {
         r.observe(&input(101.0, 10.0, 0.0, Confidence::Good)).unwrap();
         let stretches: Vec<Stretch> = r.way().points[9..].iter().map(|p| p.stretch).collect();
         assert_eq!(stretches, [Stretch::Tracked, Stretch::Gap, Stretch::Tracked]);
+    }
+
+    #[test]
+    fn scale_found_on_the_way_carries_what_was_recorded_in_memory_and_on_disk() {
+        let path = std::env::temp_dir().join(format!("cairn-way-scale-{}.way", std::process::id()));
+        let _ = std::fs::remove_file(&path);
+        let header = WayHeader::new(false, &Ground::first_camera(), "test");
+        let mut r = Recorder::new(RecorderSetting::default(), false, &Ground::first_camera(), "test")
+            .with_writer(WayWriter::create(&path, &header).unwrap());
+        (0..10).for_each(|k| drop(r.observe(&input(k as f64, k as f64, 0.0, Confidence::Good))));
+        // A unit is 2.5 m long, and the map was turned about.
+        let turn = So3::exp(&Vec3::new(0.0, 0.0, 1.0));
+        let carried = Sim3::new(turn, Vec3::new(3.0, 0.0, -1.0), 2.5);
+        r.found_scale(carried).unwrap();
+        let next = input(10.0, 10.0, 0.0, Confidence::Good);
+        let pose = carried.transform_pose(&next.odom_from_camera.se3);
+        r.observe(&RecordInput { odom_from_camera: Pose::new(pose), ..next }).unwrap();
+        let (way, synced) = r.finish();
+        synced.unwrap();
+        let at = |i: usize| way.points[i].odom_from_camera.translation;
+        (0..10).for_each(|i| assert!(((at(i + 1) - at(i)).norm() - 2.5).abs() < 1e-9, "step {i}"));
+        assert!(way.header.metric);
+        let read = Way::load(&path).unwrap();
+        assert!(read.header.metric && read.points.len() == way.points.len());
+        for (a, b) in read.points.iter().zip(&way.points) {
+            let apart = a.odom_from_camera.inverse() * b.odom_from_camera;
+            assert!(apart.translation.norm() < 1e-9 && apart.rotation.angle() < 1e-9);
+        }
+        let (resumed, _) = WayWriter::resume(&path).unwrap();
+        assert_eq!(resumed, read);
+        std::fs::remove_file(path).unwrap();
     }
 
     #[test]

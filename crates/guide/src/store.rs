@@ -89,6 +89,12 @@ impl WayWriter {
         write_line(&mut *self.out, point)
     }
 
+    /// Appends a header that replaces the one before, and makes it last.
+    pub fn go_on_as(&mut self, header: &WayHeader) -> io::Result<()> {
+        write_line(&mut *self.out, header)?;
+        self.out.make_durable()
+    }
+
     /// Makes all appended points last.
     pub fn make_durable(&mut self) -> io::Result<()> {
         self.out.make_durable()
@@ -146,7 +152,7 @@ impl Way {
         Ok(bytes)
     }
 
-    /// Reads a way: header, then points.
+    /// Reads a way: header, then points; between them headers that replace the one before.
     pub fn read(mut input: impl BufRead) -> Result<Self, WayError> {
         let mut line = Vec::new();
         let mut number = 0;
@@ -169,7 +175,13 @@ impl Way {
             match parse_point(&line, &way) {
                 Ok(point) => way.points.push(point),
                 Err(_) if !whole => way.torn = true,
-                Err(why) => return Err(WayError::Line { line: number, why }),
+                Err(why) => match serde_json::from_slice::<WayHeader>(&line) {
+                    Ok(header) => {
+                        check_header(&header)?;
+                        way.go_on_as(header);
+                    }
+                    Err(_) => return Err(WayError::Line { line: number, why }),
+                },
             }
         }
         Ok(way)

@@ -61,7 +61,8 @@ pub struct WayPoint {
     pub quality: f32,
 }
 
-/// What holds for the whole way; the first line of its file.
+/// The first line of a file holds this for the whole way; a later line of the same form replaces what the lines before it
+/// told, as when the scale is found while the way is recorded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WayHeader {
     /// Always [`WayHeader::FORMAT`].
@@ -74,6 +75,10 @@ pub struct WayHeader {
     pub up: [f64; 3],
     /// What it was recorded from, for people.
     pub source: String,
+    /// Carries the recorded poses before this line into the frame and the unit of those after it:
+    /// `[x, y, z, qx, qy, qz, qw, scale]`. Only in a later line.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "eight")]
+    pub carried: Option<Sim3>,
 }
 
 impl WayHeader {
@@ -86,7 +91,8 @@ impl WayHeader {
     pub fn new(metric: bool, ground: &Ground, source: impl Into<String>) -> Self {
         let up = ground.up();
         let format = Self::FORMAT.to_owned();
-        Self { format, version: Self::VERSION, metric, up: [up.x, up.y, up.z], source: source.into() }
+        let source = source.into();
+        Self { format, version: Self::VERSION, metric, up: [up.x, up.y, up.z], source, carried: None }
     }
 
     /// The ground plane of the poses; z up when the header's direction is none.
@@ -123,6 +129,15 @@ impl Way {
     /// A way without points.
     pub fn new(header: WayHeader) -> Self {
         Self { header, points: Vec::new(), torn: false }
+    }
+
+    /// Takes a later header: the poses recorded so far are carried into its frame and unit.
+    pub fn go_on_as(&mut self, mut header: WayHeader) {
+        if let Some(carried) = header.carried.take() {
+            let poses = self.points.iter_mut().map(|p| &mut p.odom_from_camera);
+            poses.for_each(|pose| *pose = carried.transform_pose(pose));
+        }
+        self.header = header;
     }
 
     /// Hangs points whose key frame is not known on the key frame of the nearest point before that has a known one (for
@@ -208,6 +223,33 @@ mod stamp_ns {
 
     pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<Stamp, D::Error> {
         i64::deserialize(d).map(Stamp)
+    }
+}
+
+/// A similarity as `[x, y, z, qx, qy, qz, qw, scale]`.
+mod eight {
+    use super::{Sim3, So3, Vec3};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer>(t: &Option<Sim3>, s: S) -> Result<S::Ok, S::Error> {
+        let numbers = t.map(|t| {
+            let (p, q) = (t.translation, t.rotation.quaternion());
+            [p.x, p.y, p.z, q.i, q.j, q.k, q.w, t.scale]
+        });
+        numbers.serialize(s)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Sim3>, D::Error> {
+        let Some([x, y, z, qx, qy, qz, qw, scale]) = <Option<[f64; 8]>>::deserialize(d)? else {
+            return Ok(None);
+        };
+        let rotation =
+            So3::from_xyzw(qx, qy, qz, qw).ok_or_else(|| D::Error::custom("a rotation of norm 0"))?;
+        let carried = Sim3::new(rotation, Vec3::new(x, y, z), scale);
+        match carried.is_finite() && scale > 0.0 {
+            true => Ok(Some(carried)),
+            false => Err(D::Error::custom("not a similarity")),
+        }
     }
 }
 

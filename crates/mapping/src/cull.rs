@@ -93,7 +93,7 @@ fn redundancy(map: &Map, eye: &EyeModel, k: &KeyFrame) -> f64 {
     let (mut all, mut spare) = (0usize, 0usize);
     for (i, id) in k.landmarks.iter().enumerate() {
         let Some(l) = id.and_then(|id| map.landmark(id)) else { continue };
-        if eye.baseline_fx > 0.0 && !(k.frame.has_depth(i) && (k.frame.depth[i] as f64) < eye.close_depth) {
+        if eye.has_depth() && !(k.frame.has_depth(i) && (k.frame.depth[i] as f64) < eye.close_depth) {
             continue;
         }
         all += 1;

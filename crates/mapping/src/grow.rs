@@ -56,7 +56,7 @@ pub(crate) fn grow(
 /// the scene's depth.
 fn wide_enough(map: &Map, eye: &EyeModel, here: &KeyFrame, there: &KeyFrame) -> bool {
     let baseline = (here.world_from_eye.translation - there.world_from_eye.translation).norm();
-    if eye.baseline_fx > 0.0 {
+    if eye.has_depth() {
         return baseline > eye.baseline_fx / eye.fx;
     }
     match median_depth(map, there) {

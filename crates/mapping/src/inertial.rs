@@ -167,7 +167,7 @@ impl Inertial {
             self.clocks.turned();
             self.feeling.noise = self.sheet.times(found_times);
             let about = map.world_from_eye(world.root())?.translation;
-            atlas.commit(self.level(&map, world, &chain, &found, eye.baseline_fx > 0.0, about));
+            atlas.commit(self.level(&map, world, &chain, &found, eye.has_depth(), about));
             self.refined.insert(world, REFINED_S.iter().filter(|due| seconds >= **due).count());
         }
         let setting = WindowSetting { iterations: [8, 6], tolerance: 1e-4, ..*setting };
@@ -206,7 +206,7 @@ impl Inertial {
         let rotation_sigma = SEEN_PIXELS / eye.fx;
         let position_sigma = rotation_sigma * median_depth(map, frames.last()?)?;
         let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
-        let scale = match eye.baseline_fx > 0.0 {
+        let scale = match eye.has_depth() {
             true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
             false => Scale::Free,
         };

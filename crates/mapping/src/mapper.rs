@@ -199,7 +199,7 @@ impl Mapper {
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
         let Offered { frame, landmarks, reference, reference_from_eye, sensed } = *offered;
-        let depth = self.eye.baseline_fx > 0.0;
+        let depth = self.eye.has_depth();
         let map = atlas.latest().clone();
         let (parent, _) = map.living(reference)?;
         let world_from_eye = map.stand(reference, &reference_from_eye)?;

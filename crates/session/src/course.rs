@@ -25,7 +25,8 @@ pub struct Course {
     pub cleaned: CleanWay,
     travel: Travel,
     placed: Vec<PlacedPoint>,
-    looked: Stamp,
+    /// When the map was looked at last; at once where it is not known.
+    looked: Option<Stamp>,
     version: u64,
 }
 
@@ -37,7 +38,7 @@ impl Course {
         let ground = Ground::of_walk(&poses).unwrap_or_else(|| way.header.ground());
         let unit = way.metres_per_unit();
         let cleaned = clean(&placed, unit, &ground, &CleanSetting::default());
-        Self { ground, unit, cleaned, travel, placed, looked: now, version: map.version() }
+        Self { ground, unit, cleaned, travel, placed, looked: Some(now), version: map.version() }
     }
 
     /// The route, in metres.
@@ -45,12 +46,17 @@ impl Course {
         Route::from_way(&self.cleaned, self.travel, &self.ground, &RouteSetting::default())
     }
 
+    /// The scale of the map was found: the route is due at once.
+    pub fn found_scale(&mut self) {
+        self.looked = None;
+    }
+
     /// The route once more, when the map has moved under it.
     pub fn moved(&mut self, map: &Map, way: &Way, now: Stamp) -> Option<Route> {
-        if now - self.looked < LOOK_AT_MAP_S {
+        if self.looked.is_some_and(|looked| now - looked < LOOK_AT_MAP_S) {
             return None;
         }
-        self.looked = now;
+        self.looked = Some(now);
         if map.version() == self.version {
             return None;
         }
@@ -59,9 +65,11 @@ impl Course {
         let moved = (self.placed.iter().zip(&placed))
             .map(|(a, b)| (a.frame_from_camera.translation - b.frame_from_camera.translation).norm())
             .fold(0.0, f64::max);
-        if moved * self.unit <= MOVED_M {
+        let unit = way.metres_per_unit();
+        if moved * unit <= MOVED_M && unit == self.unit {
             return None;
         }
+        self.unit = unit;
         self.cleaned = clean(&placed, self.unit, &self.ground, &CleanSetting::default());
         self.placed = placed;
         self.route().ok()

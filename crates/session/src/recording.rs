@@ -1,6 +1,9 @@
 //! A recording under way: the recorder, its patient file, and what the walker is told about it.
 
+use crate::course::standing;
 use crate::disk::{Disk, PatientFile, Trouble};
+use cairn_atlas::Map;
+use cairn_geometry::{Sim3, Vec3};
 use cairn_guide::{
     Confidence, Ground, RecordInput, Recorder, RecorderEvent, RecorderSetting, Stretch, Way, WayHeader,
     WayWriter,
@@ -17,7 +20,7 @@ pub(crate) struct Recording {
     /// The file; `None` where none could be made.
     pub path: Option<PathBuf>,
     length: f64,
-    last: Option<(Stamp, cairn_geometry::Vec3)>,
+    last: Option<(Stamp, Vec3)>,
     gaps: usize,
 }
 
@@ -89,6 +92,28 @@ impl Recording {
             }
             RecorderEvent::Resumed { .. } => "Tracking is back.",
         })
+    }
+
+    /// The map has found its scale: lengths are metres from now on, what was walked before too.
+    pub fn found_scale(&mut self, map: &Map) {
+        let placed = self.way().resolve(|a| standing(map, a));
+        let length = |poses: &mut dyn Iterator<Item = Vec3>| {
+            let at: Vec<Vec3> = poses.collect();
+            at.windows(2).map(|w| (w[1] - w[0]).norm()).sum::<f64>()
+        };
+        let now = length(&mut placed.iter().map(|p| p.frame_from_camera.translation));
+        let before = length(&mut self.way().points.iter().map(|p| p.odom_from_camera.translation));
+        let last = placed.last().zip(self.way().points.last());
+        let carried = last.map_or(Sim3::identity(), |(to, from)| {
+            let scale = if now > 0.0 && before > 0.0 { now / before } else { 1.0 };
+            let (to, from) = (to.frame_from_camera, from.odom_from_camera);
+            let rotation = to.rotation * from.rotation.inverse();
+            Sim3::new(rotation, to.translation - rotation * from.translation * scale, scale)
+        });
+        // The file is patient: it keeps what it could not write.
+        let _ = self.recorder.found_scale(carried);
+        self.length = now;
+        self.last = placed.last().map(|p| (p.stamp, p.frame_from_camera.translation));
     }
 
     /// What is recorded so far.

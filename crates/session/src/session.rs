@@ -110,8 +110,6 @@ pub struct Session {
 impl Session {
     /// A session over an engine that has seen nothing yet (or has loaded its map).
     pub fn new(engine: Engine, setting: SessionSetting) -> Self {
-        let mut setting = setting;
-        setting.phrases.metric &= engine.is_metric();
         let voice = Announcer::new(setting.announcer);
         let status = Status { metric: engine.is_metric(), ..Status::default() };
         Self {
@@ -191,6 +189,10 @@ impl Session {
             self.pose = Some((seen.stamp, seen.odom_from_camera.se3));
         }
         self.note(&output);
+        if output.placed.is_some() {
+            // The pose of the frame with which scale is found is still in the unit before.
+            self.measure(output.metric && self.engine.is_metric());
+        }
         self.record(&seen);
         self.guide(packet.stamp);
         self.speak(packet.stamp);
@@ -307,6 +309,28 @@ impl Session {
         whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
     }
 
+    /// Lengths in the map are metres now, or are not: what is recorded and walked by goes along.
+    fn measure(&mut self, metric: bool) {
+        self.status.metric = metric;
+        if !metric {
+            return;
+        }
+        if let Some(recording) = self.recording.as_mut().filter(|r| !r.way().header.metric) {
+            recording.found_scale(&self.engine.map());
+            self.say("Distances are known now.", Priority::Normal);
+        }
+        if let Some(held) = self.way.as_mut().filter(|w| w.here && !w.way.header.metric) {
+            held.way.header.metric = true;
+            self.guiding.iter_mut().for_each(|g| g.course.found_scale());
+        }
+    }
+
+    /// How things are said: with distances where there are any.
+    fn phrases(&self) -> PhraseSetting {
+        let phrases = self.setting.phrases;
+        PhraseSetting { metric: phrases.metric && self.status.metric, ..phrases }
+    }
+
     fn keep(&mut self, path: &Option<PathBuf>, way: &Way) {
         if !way.points.is_empty() {
             self.recorded.push((path.clone(), way.clone()));
@@ -403,7 +427,7 @@ impl Session {
             format!("Recording has ended, but the file is not whole: {e}. The way is kept in memory.")
         })?;
         Ok(match self.engine.is_metric() {
-            true => format!("Recording has ended, {}.", self.setting.phrases.distance(length)),
+            true => format!("Recording has ended, {}.", self.phrases().distance(length)),
             false => "Recording has ended.".into(),
         })
     }
@@ -429,6 +453,7 @@ impl Session {
         if self.recording.is_some() {
             self.end_recording()?;
         }
+        self.measure(self.status.metric);
         let held = self.way.as_ref().ok_or("There is no way to guide along: record or load one first.")?;
         if !held.here {
             return Err("That way belongs to a map that is not loaded.".into());
@@ -441,7 +466,7 @@ impl Session {
             Guide::new(route, course.ground, setting).map_err(|e| format!("There is no guidance: {e}."))?;
         // What the guide says first tells the length and how to go; before that, whether the map knows the way.
         let ready = course.readiness(&self.engine.map(), self.engine.eye().model(), facing);
-        let words = ready_words(&ready, &self.setting.phrases);
+        let words = ready_words(&ready, &self.phrases());
         self.guiding = Some(Guiding { guide, course, facing, asked: self.now, begun: false });
         self.arrived = false;
         Ok(words)
@@ -488,7 +513,7 @@ impl Session {
             let bearing_rad = turn.unwrap_or(ahead_rad);
             self.events.push_back(Event::Sound(Sound { t_s: self.since_start(now), earcon, bearing_rad }));
         }
-        if let Some(words) = self.setting.phrases.words(cue) {
+        if let Some(words) = self.phrases().words(cue) {
             self.voice.push(words.clone(), cue.priority(), now);
             self.pushed = Some((words, turn));
         }

@@ -44,7 +44,7 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     if s.since < min_gap {
         return false;
     }
-    let depth = s.eye.baseline_fx > 0.0;
+    let depth = s.eye.has_depth();
     let Some(reference) = s.map.key_frame(s.reference) else { return true };
     // A world that has just begun: how many others share the view.
     let others = reference.covisible.len();

@@ -52,7 +52,7 @@ impl Tracker {
             inertia.coast(frame.stamp, &placed, felt);
             due = inertia.unoffered(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
         }
-        let depth = self.eye.baseline_fx > 0.0;
+        let depth = self.eye.has_depth();
         let have = (0..frame.len()).filter(|i| !depth || frame.has_depth(*i)).count();
         let offer = (due && idle && have >= (self.features / 12).max(40)).then(|| {
             let landmarks = vec![None; frame.len()];
@@ -127,7 +127,7 @@ impl Tracker {
 
     /// About a metre in the map's unit: without metric scale the pace so far tells how long it is.
     fn metre(&self) -> f64 {
-        if self.eye.baseline_fx > 0.0 { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
+        if self.eye.has_depth() { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
     }
 
     /// Whether the eye can have come to a place in the world of a key frame since it last knew where it was: rooms that look
@@ -157,7 +157,7 @@ impl Tracker {
     /// run out of features: a sudden motion is no ground for going on as before.
     pub(crate) fn bridge(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
         let last = self.last.as_ref()?;
-        let blank = self.eye.baseline_fx > 0.0 && self.ran_out(last);
+        let blank = self.eye.has_depth() && self.ran_out(last);
         let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
         if !blank || !self.recent(&frame, BLANK_S) || deep < (self.features / 12).max(40) {
             return None;

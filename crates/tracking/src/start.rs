@@ -20,7 +20,7 @@ pub(crate) struct Starter {
 impl Starter {
     /// Looks at a frame: an offer when a map can begin, else what is missing. `features` is the eye's budget.
     pub fn step(&mut self, eye: &EyeModel, frame: &Arc<Frame>, features: usize) -> Result<Offer, State> {
-        if eye.baseline_fx > 0.0 {
+        if eye.has_depth() {
             // Relative to the budget, so that rooms with few features start too.
             let need = (features / 12).max(40);
             let have = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();

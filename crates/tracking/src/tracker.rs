@@ -347,7 +347,7 @@ impl Tracker {
     /// Matches with the frame before around a guess, and farther out where the guess was poor.
     fn match_from(&self, last: &Last, guess: &Se3, frame: &Frame, map: &Map) -> Option<(Se3, Matches)> {
         let mut guess = *guess;
-        let radius = if self.eye.baseline_fx > 0.0 { 7.0 } else { 15.0 };
+        let radius = if self.eye.has_depth() { 7.0 } else { 15.0 };
         let known = last.landmarks.iter().flatten().count();
         let before = Before {
             frame: &last.frame,
@@ -517,7 +517,7 @@ impl Tracker {
 
     /// Matches that must agree in a frame: of a blank wall's few features a good share will do, where each has depth.
     pub(crate) fn need(&self, frame: &Frame) -> usize {
-        let least = if self.eye.baseline_fx > 0.0 { 10 } else { 15 };
+        let least = if self.eye.has_depth() { 10 } else { 15 };
         self.setting.min_inliers.min((frame.len() / 4).max(least))
     }
 

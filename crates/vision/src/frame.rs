@@ -33,6 +33,21 @@ pub struct EyeModel {
 }
 
 impl EyeModel {
+    /// Whether the eye itself measures depth: with it lengths are metres from the first frame on.
+    pub fn has_depth(&self) -> bool {
+        self.baseline_fx > 0.0
+    }
+
+    /// Where the body is when the eye is here. A map without metric scale does not know how far the two are apart: there
+    /// the body is told where the eye is, in the body's own orientation.
+    pub fn world_from_body(&self, world_from_eye: &Se3, metric: bool) -> Se3 {
+        let mut eye_from_body = self.body_from_eye.inverse();
+        if !metric {
+            eye_from_body.translation = Vec3::zeros();
+        }
+        *world_from_eye * eye_from_body
+    }
+
     /// Rectified pixel of a point in the eye frame, with the right image's x; `None` behind the eye.
     pub fn project(&self, p: &Vec3) -> Option<[f64; 3]> {
         if p.z <= 1e-6 {

@@ -72,21 +72,6 @@ impl About {
         Ok(notes)
     }
 
-    /// Whether lengths in the map are metres.
-    pub fn is_metric(&self) -> bool {
-        self.eye.baseline_fx > 0.0
-    }
-
-    /// Where the body is when the eye is here. Without metric scale the body is told where the camera is, in the body's
-    /// own orientation.
-    pub fn world_from_body(&self, world_from_eye: &Se3) -> Se3 {
-        let mut eye_from_body = self.eye.body_from_eye.inverse();
-        if !self.is_metric() {
-            eye_from_body.translation = Vec3::zeros();
-        }
-        *world_from_eye * eye_from_body
-    }
-
     /// How far apart the two cameras see one ray, pixels, at worst over the corners and the middle of the view.
     fn pixels_apart(&self, other: &EyeModel) -> f64 {
         let e = &self.eye;

@@ -267,7 +267,7 @@ impl Closer {
     /// What may be off between two visits.
     fn freedom(&self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> Freedom {
         let level = map.key_frame(old).is_some_and(|k| map.is_level(k.world) && map.is_level(here.world));
-        match (level, self.eye.baseline_fx > 0.0) {
+        match (level, self.eye.has_depth()) {
             (true, _) => Freedom::Level,
             (false, true) => Freedom::Metric,
             (false, false) => Freedom::Similar,
@@ -276,7 +276,7 @@ impl Closer {
 
     /// How near a key frame must be believed to be looked at for its place alone.
     fn reach(&self, map: &Map, here: &KeyFrame) -> f64 {
-        match self.eye.baseline_fx > 0.0 {
+        match self.eye.has_depth() {
             true => self.eye.close_depth / 3.0,
             false => median_depth(map, here).unwrap_or(0.0),
         }
@@ -302,7 +302,7 @@ impl Closer {
             return if metric { Ok(1.0) } else { Err(refusal) };
         }
         // What the inertial sensor told of scale is good to some percent.
-        let most_metric = if self.eye.baseline_fx > 0.0 { 0.1 } else { 0.2 };
+        let most_metric = if self.eye.has_depth() { 0.1 } else { 0.2 };
         match metric {
             true if median.abs() < most_metric => Ok(1.0),
             false if spread < 0.15 && median.abs() < most => Ok(median.exp()),

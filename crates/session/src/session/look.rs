@@ -103,13 +103,13 @@ impl Session {
         let mut words = s.words.clone();
         if let Some(r) = &s.recording {
             match s.metric {
-                true => words += &format!(" Recording, {}.", self.setting.phrases.distance(r.length)),
+                true => words += &format!(" Recording, {}.", self.phrases().distance(r.length)),
                 false => words += " Recording.",
             }
         }
         if let Some(g) = &s.guiding {
             words += &match s.metric {
-                true => format!(" Guiding, {} to go.", self.setting.phrases.distance(g.length_m - g.along_m)),
+                true => format!(" Guiding, {} to go.", self.phrases().distance(g.length_m - g.along_m)),
                 false => format!(" Guiding, {:.0} percent done.", 100.0 * g.along_m / g.length_m.max(1e-9)),
             };
         }

@@ -108,7 +108,7 @@ fn info(path: &Path) -> Result<Info, Failure> {
         format: table.version,
         program: file.about.program.clone(),
         sensor: sensor_name(file.about.sensor),
-        metric: file.about.is_metric(),
+        metric: map.is_metric(eye),
         camera: Camera {
             focal_px: [eye.fx, eye.fy],
             centre_px: [eye.cx, eye.cy],
@@ -179,9 +179,10 @@ fn text(i: &Info) -> String {
     let _ = writeln!(text, "file      {}, {:.3} MB", i.file.display(), i.bytes as f64 / 1e6);
     let _ = writeln!(text, "written   by {}, format {}", i.program, i.format);
     let [fx, fy] = i.camera.focal_px;
-    let baseline = match i.metric {
-        true => format!(", baseline {:.4} m, right x {:+.3} px", i.camera.baseline_m, i.right_offset_px),
-        false => ", without metric scale".to_owned(),
+    let baseline = match (i.camera.baseline_m > 0.0, i.metric) {
+        (true, _) => format!(", baseline {:.4} m, right x {:+.3} px", i.camera.baseline_m, i.right_offset_px),
+        (false, true) => ", metric by its inertial sensor".to_owned(),
+        (false, false) => ", without metric scale".to_owned(),
     };
     let _ = writeln!(text, "made with {}, focal length {fx:.2} {fy:.2} px{baseline}", i.sensor);
     let _ = writeln!(

@@ -1,0 +1,70 @@
+//! One eye and an inertial sensor: the way is begun before the scale is known, and is a way in metres at its end.
+
+use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_guide::{Facing, Way};
+use cairn_sensor::Source;
+use cairn_session::{Command, Event, Session, SessionSetting};
+use cairn_sim::SimSource;
+
+const HALL: &str =
+    "sim:hall?seed=4&sensor=mono-imu&resolution=400x300&focal=260&rate=15&detail=0.5&speed=1.1&duration=14";
+
+#[test]
+fn a_way_begun_without_scale_ends_in_metres() {
+    let mut source = SimSource::open(HALL).unwrap();
+    let mut config = Config::default();
+    config.inertial.enabled = true;
+    let rate_hz = source.info().rate_hz;
+    let engine = Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
+    let folder = std::env::temp_dir().join(format!("cairn-session-scale-{}", std::process::id()));
+    let setting = SessionSetting { folder: folder.clone(), ..SessionSetting::default() };
+    let mut session = Session::new(engine, setting);
+    let mut said = Vec::new();
+    let mut hear = |session: &mut Session| {
+        said.extend(session.events().into_iter().filter_map(|event| match event {
+            Event::Said(said) => Some(said.text),
+            _ => None,
+        }))
+    };
+
+    // Recording from the first pose on, when nothing is known of the scale.
+    let mut known = Vec::new();
+    while let Some(packet) = source.next_packet().unwrap() {
+        session.on_packet(&packet).unwrap();
+        if session.tracked() == 1 && !session.is_recording() {
+            let words = session.command(&Command::Record).unwrap();
+            assert!(words.contains("no distances"), "{words}");
+        }
+        known.push(session.status().metric);
+        hear(&mut session);
+    }
+    let found = known.iter().position(|metric| *metric).expect("scale is found");
+    assert!(found > 15 && known[found..].iter().all(|metric| *metric), "from frame {found} on");
+
+    // From the first recorded point on: what was walked before the scale was found counts in metres too.
+    let length = session.status().recording.unwrap().length;
+    session.command(&Command::Stop).unwrap();
+    let way = session.way().unwrap();
+    let [first, last] = [way.points[0].stamp, way.points[way.points.len() - 1].stamp];
+    let truth: Vec<_> = source.info().truth.iter().filter(|(t, _)| (first..=last).contains(t)).collect();
+    let walked: f64 =
+        truth.windows(15).step_by(14).map(|w| (w[14].1.translation - w[0].1.translation).norm()).sum();
+    assert!((length / walked - 1.0).abs() < 0.15, "{length} m recorded, {walked} m walked");
+
+    // The file says so too, and guidance tells distances.
+    let file = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
+    let kept = Way::load(&file).unwrap();
+    assert!(kept.header.metric && kept.points.len() == way.points.len());
+    session.command(&Command::Guide { facing: Some(Facing::Home), again: false }).unwrap();
+    let guiding = session.status().guiding.unwrap();
+    assert!((guiding.length_m / walked - 1.0).abs() < 0.15, "{} m of {walked} m", guiding.length_m);
+    hear(&mut session);
+    for _ in 0..40 {
+        let now = session.now().plus_seconds(0.25);
+        session.tick(now);
+        hear(&mut session);
+    }
+    assert!(said.iter().any(|words| words.contains("Distances are known now.")), "{said:?}");
+    assert!(said.iter().any(|words| words.contains("metres")), "{said:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
