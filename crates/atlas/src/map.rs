@@ -115,8 +115,13 @@ impl Map {
 
     /// Whether lengths in the whole map are metres: the eye has depth, or the inertial sensor has told in each world.
     pub fn is_metric(&self, eye: &EyeModel) -> bool {
+        eye.has_depth() || self.is_level_throughout()
+    }
+
+    /// True when there are worlds, and the z axis of each points up.
+    pub fn is_level_throughout(&self) -> bool {
         let mut worlds = self.worlds().map(|(w, _)| self.is_level(w)).peekable();
-        eye.has_depth() || worlds.peek().is_some() && worlds.all(|level| level)
+        worlds.peek().is_some() && worlds.all(|level| level)
     }
 
     /// The key frames of one world in order of birth.

@@ -116,9 +116,11 @@ impl Recorder {
     }
 
     /// From now on lengths in the map are metres: its scale was found while the way was recorded. `carried` brings the
-    /// poses recorded so far into the frame and unit of those to come. An error tells that the disk failed.
-    pub fn found_scale(&mut self, carried: Sim3) -> io::Result<()> {
-        let header = WayHeader { metric: true, carried: Some(carried), ..self.way.header.clone() };
+    /// poses recorded so far into the frame and unit of those to come, whose ground is given. An error tells that the
+    /// disk failed.
+    pub fn found_scale(&mut self, carried: Sim3, ground: &Ground) -> io::Result<()> {
+        let header = WayHeader::new(true, ground, self.way.header.source.clone());
+        let header = WayHeader { carried: Some(carried), ..header };
         self.way.go_on_as(header.clone());
         self.last_good = self.last_good.map(|(t, pose)| (t, carried.transform_pose(&pose)));
         self.writer.as_mut().map_or(Ok(()), |w| w.go_on_as(&header))
@@ -299,7 +301,7 @@ mod tests {
         // A unit is 2.5 m long, and the map was turned about.
         let turn = So3::exp(&Vec3::new(0.0, 0.0, 1.0));
         let carried = Sim3::new(turn, Vec3::new(3.0, 0.0, -1.0), 2.5);
-        r.found_scale(carried).unwrap();
+        r.found_scale(carried, &Ground::z_up()).unwrap();
         let next = input(10.0, 10.0, 0.0, Confidence::Good);
         let pose = carried.transform_pose(&next.odom_from_camera.se3);
         r.observe(&RecordInput { odom_from_camera: Pose::new(pose), ..next }).unwrap();
@@ -307,7 +309,7 @@ mod tests {
         synced.unwrap();
         let at = |i: usize| way.points[i].odom_from_camera.translation;
         (0..10).for_each(|i| assert!(((at(i + 1) - at(i)).norm() - 2.5).abs() < 1e-9, "step {i}"));
-        assert!(way.header.metric);
+        assert!(way.header.metric && way.header.up == [0.0, 0.0, 1.0]);
         let read = Way::load(&path).unwrap();
         assert!(read.header.metric && read.points.len() == way.points.len());
         for (a, b) in read.points.iter().zip(&way.points) {

@@ -35,7 +35,10 @@ impl Course {
     pub fn new(map: &Map, way: &Way, travel: Travel, now: Stamp) -> Self {
         let placed = way.resolve(|a| standing(map, a));
         let poses: Vec<Se3> = placed.iter().map(|p| p.frame_from_camera).collect();
-        let ground = Ground::of_walk(&poses).unwrap_or_else(|| way.header.ground());
+        let ground = match map.is_level_throughout() {
+            true => Ground::z_up(),
+            false => Ground::of_walk(&poses).unwrap_or_else(|| way.header.ground()),
+        };
         let unit = way.metres_per_unit();
         let cleaned = clean(&placed, unit, &ground, &CleanSetting::default());
         Self { ground, unit, cleaned, travel, placed, looked: Some(now), version: map.version() }

@@ -26,8 +26,14 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// Begins; when the file can not be made, the recording goes on in memory and the reason is given.
-    pub fn begin(disk: &dyn Disk, path: &Path, metric: bool, source: &str) -> (Self, Option<String>) {
-        let ground = Ground::first_camera();
+    pub fn begin(
+        disk: &dyn Disk,
+        path: &Path,
+        map: &Map,
+        metric: bool,
+        source: &str,
+    ) -> (Self, Option<String>) {
+        let ground = ground_of(map);
         let header = WayHeader::new(metric, &ground, source);
         let recorder = Recorder::new(RecorderSetting::default(), metric, &ground, source);
         let opened = disk.create(path).and_then(|file| {
@@ -111,7 +117,7 @@ impl Recording {
             Sim3::new(rotation, to.translation - rotation * from.translation * scale, scale)
         });
         // The file is patient: it keeps what it could not write.
-        let _ = self.recorder.found_scale(carried);
+        let _ = self.recorder.found_scale(carried, &ground_of(map));
         self.length = now;
         self.last = placed.last().map(|p| (p.stamp, p.frame_from_camera.translation));
     }
@@ -152,6 +158,11 @@ impl Recording {
         };
         (way, self.path, whole)
     }
+}
+
+/// Which way is up in the poses to come: what the map knows, else as the first camera stands.
+fn ground_of(map: &Map) -> Ground {
+    if map.is_level_throughout() { Ground::z_up() } else { Ground::first_camera() }
 }
 
 /// Whether a frame counts as tracked.

@@ -404,8 +404,9 @@ impl Session {
             let _ = std::fs::create_dir_all(&self.setting.folder);
         }
         let path = named.unwrap_or_else(|| next_path(&self.setting.folder));
-        let metric = self.engine.is_metric();
-        let (recording, trouble) = Recording::begin(&*self.disk, &path, metric, &self.setting.source);
+        let metric = self.status.metric;
+        let (recording, trouble) =
+            Recording::begin(&*self.disk, &path, &self.engine.map(), metric, &self.setting.source);
         self.recording = Some(recording);
         Ok(match (trouble, metric) {
             (Some(why), _) => format!("Recording in memory only: {}: {why}.", path.display()),
