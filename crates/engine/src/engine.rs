@@ -148,7 +148,7 @@ impl Engine {
         let seen = Instant::now();
         let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &map, idle, !self.localize_only);
         // In the map by which it was tracked: mapping may level and scale it before this frame is told.
-        let metric = tracked.pose.is_some_and(|p| self.is_metric_at(&map, p.reference));
+        let level = tracked.pose.and_then(|p| world_of(&map, p.reference)).is_some_and(|w| map.is_level(w));
         drop(map);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
         let mut digest = Digest::default();
@@ -163,6 +163,7 @@ impl Engine {
         self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, begun, digest });
         self.mapping.poll(&mut done);
         let map = self.map();
+        let metric = tracked.pose.is_some() && (level || self.eye.model().has_depth());
         self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose, metric });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
