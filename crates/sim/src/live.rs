@@ -5,17 +5,58 @@ use crate::render::Renderer;
 use crate::setting::{SimSensor, SimSetting};
 use crate::world::{Figure, Passer, World};
 use cairn_geometry::{Manifold, Se3};
-use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, SourceError, Stamp};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigCamera, SourceError, Stamp};
 use std::sync::Arc;
 use std::time::Instant;
+
+/// One camera: what draws and what makes an image of light.
+struct Lens {
+    renderer: Renderer,
+    sensor: Sensor,
+    body_from_camera: Se3,
+}
+
+/// What all cameras of a rig see in one frame.
+struct Scene<'a> {
+    pose_at: &'a (dyn Fn(f64) -> Se3 + Sync),
+    /// Seconds from the stamp at which sub-frames are drawn.
+    times: Vec<f64>,
+    /// People at those times.
+    figures: Vec<Vec<Figure>>,
+    gain: f64,
+    size: (usize, usize),
+}
+
+impl Lens {
+    /// The image, and the depth where it is wanted.
+    fn see(&mut self, scene: &Scene, with_depth: bool) -> (GrayImage, Option<DepthImage>) {
+        let (width, height) = scene.size;
+        let mut depth = None;
+        self.sensor.begin(width * height);
+        for (i, (dt, people)) in scene.times.iter().zip(&scene.figures).enumerate() {
+            let pose = (scene.pose_at)(*dt) * self.body_from_camera;
+            self.sensor.add(self.renderer.draw(&pose, people));
+            if with_depth && i == scene.times.len() / 2 {
+                let mut d = DepthImage::new(width, height);
+                self.renderer.depth(&mut d);
+                depth = Some(d);
+            }
+        }
+        let mut image = GrayImage::new(width, height);
+        self.sensor.develop(scene.times.len(), scene.gain, &mut image);
+        if let Some(d) = &mut depth {
+            self.sensor.depth(d);
+        }
+        (image, depth)
+    }
+}
 
 /// The rig of a setting, moved by hand. It has no IMU: readings need a motion known ahead.
 pub struct LiveRig {
     setting: SimSetting,
     rig: Rig,
     world: Arc<World>,
-    renderer: Renderer,
-    sensors: Vec<Sensor>,
+    lenses: Vec<Lens>,
     passers: Vec<Passer>,
     last: Option<(Stamp, Se3)>,
 }
@@ -37,15 +78,17 @@ impl LiveRig {
     /// When the setting can not be simulated.
     pub fn in_world(setting: &SimSetting, world: Arc<World>) -> Result<Self, SourceError> {
         setting.check()?;
-        let renderer = Renderer::new(&world, setting.camera).map_err(|e| {
-            SourceError::new(format!("sim:{}", setting.world), e.to_string(), "correct the camera")
-        })?;
         let rig = Rig { imu: None, ..setting.rig() };
-        let sensors = (0..rig.cameras.len())
-            .map(|i| Sensor::new(&setting.camera, setting.effects, setting.seed, i as u64))
-            .collect();
+        let lens = |(i, camera): (usize, &RigCamera)| {
+            let renderer = Renderer::new(&world, setting.camera).map_err(|e| {
+                SourceError::new(format!("sim:{}", setting.world), e.to_string(), "correct the camera")
+            })?;
+            let sensor = Sensor::new(&setting.camera, setting.effects, setting.seed, i as u64);
+            Ok(Lens { renderer, sensor, body_from_camera: camera.body_from_camera })
+        };
+        let lenses = rig.cameras.iter().enumerate().map(lens).collect::<Result<_, SourceError>>()?;
         let passers = passers(&world, setting.passers_by, setting.seed);
-        Ok(Self { setting: setting.clone(), rig, world, renderer, sensors, passers, last: None })
+        Ok(Self { setting: setting.clone(), rig, world, lenses, passers, last: None })
     }
 
     /// The rig, without IMU.
@@ -87,43 +130,44 @@ impl LiveRig {
         Ok(self.packet_along(stamp, &|dt| pose.retract(&(twist * dt))))
     }
 
-    /// The packet seen along a motion given around the stamp: `pose_at(seconds from the stamp)`.
-    pub(crate) fn packet_along(&mut self, stamp: Stamp, pose_at: &dyn Fn(f64) -> Se3) -> FramePacket {
+    /// The packet seen along a motion given around the stamp: `pose_at(seconds from the stamp)`. Each camera draws on a core
+    /// of its own where there is one.
+    pub(crate) fn packet_along(
+        &mut self,
+        stamp: Stamp,
+        pose_at: &(dyn Fn(f64) -> Se3 + Sync),
+    ) -> FramePacket {
         let begin = Instant::now();
-        let (width, height) = (self.setting.camera.width, self.setting.camera.height);
         let times = self.sub_frames(pose_at);
-        let gain = self.sensors.first_mut().map_or(1.0, |s| s.gain(stamp.seconds()));
-        let figures: Vec<Vec<Figure>> = times
-            .iter()
-            .map(|dt| self.passers.iter().map(|p| p.figure(stamp.seconds() + dt)).collect())
-            .collect();
-        let mut images = Vec::with_capacity(self.sensors.len());
-        let mut depth = None;
-        for (k, sensor) in self.sensors.iter_mut().enumerate() {
-            let body_from_camera = self.rig.cameras[k].body_from_camera;
-            sensor.begin(width * height);
-            for (i, (dt, people)) in times.iter().zip(&figures).enumerate() {
-                let pose = pose_at(*dt) * body_from_camera;
-                sensor.add(self.renderer.draw(&pose, people));
-                if k == 0 && i == times.len() / 2 && self.setting.sensor == SimSensor::Rgbd {
-                    let mut d = DepthImage::new(width, height);
-                    self.renderer.depth(&mut d);
-                    depth = Some(d);
+        let gain = self.lenses.first_mut().map_or(1.0, |lens| lens.sensor.gain(stamp.seconds()));
+        let people = |dt: &f64| self.passers.iter().map(|p| p.figure(stamp.seconds() + dt)).collect();
+        let figures = times.iter().map(people).collect();
+        let size = (self.setting.camera.width, self.setting.camera.height);
+        let scene = Scene { pose_at, times, figures, gain, size };
+        let with_depth = self.setting.sensor == SimSensor::Rgbd;
+        let (mut images, mut depth) = (Vec::with_capacity(self.lenses.len()), None);
+        if let Some((first, others)) = self.lenses.split_first_mut() {
+            let scene = &scene;
+            std::thread::scope(|scope| {
+                let others: Vec<_> =
+                    others.iter_mut().map(|lens| scope.spawn(move || lens.see(scene, false).0)).collect();
+                let (image, d) = first.see(scene, with_depth);
+                images.push(Arc::new(image));
+                depth = d;
+                for other in others {
+                    match other.join() {
+                        Ok(image) => images.push(Arc::new(image)),
+                        Err(panic) => std::panic::resume_unwind(panic),
+                    }
                 }
-            }
-            let mut image = GrayImage::new(width, height);
-            sensor.develop(times.len(), gain, &mut image);
-            images.push(Arc::new(image));
-        }
-        if let (Some(d), Some(sensor)) = (&mut depth, self.sensors.first_mut()) {
-            sensor.depth(d);
+            });
         }
         let decode_ms = begin.elapsed().as_secs_f64() * 1e3;
         FramePacket { stamp, images, depth: depth.map(Arc::new), imu: Vec::new(), decode_ms }
     }
 
     /// Times from the stamp at which sub-frames are drawn: an odd number, about one for each 1.5 pixels of motion.
-    fn sub_frames(&self, pose_at: &dyn Fn(f64) -> Se3) -> Vec<f64> {
+    fn sub_frames(&self, pose_at: &(dyn Fn(f64) -> Se3 + Sync)) -> Vec<f64> {
         let blur = self.setting.effects.blur_s;
         if blur <= 0.0 {
             return vec![0.0];
