@@ -185,7 +185,8 @@ impl InertialWindow {
             changes.push(Change::MoveLandmark(*id, *point));
         }
         changes.extend(self.excerpt.forgotten(&window.observations));
-        Settled { changes: ChangeSet { base: self.excerpt.base, changes }, report }
+        let changes = ChangeSet { base: self.excerpt.base, changes };
+        Settled { changes, report, right_offset_information: 0.0 }
     }
 }
 

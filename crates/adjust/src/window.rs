@@ -18,7 +18,8 @@ pub struct WindowSetting {
     pub iterations: [usize; 2],
     /// Stop when a step lowers the cost by less than this part.
     pub tolerance: f64,
-    /// Standard deviation in pixels of a disparity error of the stereo calibration, which windows find; 0: none.
+    /// Standard deviation in pixels of a disparity error of the stereo calibration, which windows find, around what the map
+    /// has found; 0: that stays.
     pub right_offset_sigma: f64,
 }
 
@@ -42,6 +43,8 @@ pub struct Settled {
     pub changes: ChangeSet,
     /// Of the last solve.
     pub report: Report,
+    /// Information of the disparity error that was found, 1/px^2; 0 where it was not looked for.
+    pub right_offset_information: f64,
 }
 
 impl Window {
@@ -84,7 +87,9 @@ impl Window {
             points: excerpt.points.clone(),
             observations: excerpt.observations.clone(),
             right_offset: map.right_offset(),
+            right_offset_before: map.right_offset(),
             right_offset_sigma: 0.0,
+            right_offset_information: 0.0,
         };
         Self { excerpt, bundle }
     }
@@ -124,6 +129,10 @@ impl Window {
             changes.push(Change::Calibrate(bundle.right_offset));
         }
         changes.extend(self.excerpt.forgotten(&bundle.observations));
-        Settled { changes: ChangeSet { base: self.excerpt.base, changes }, report }
+        Settled {
+            changes: ChangeSet { base: self.excerpt.base, changes },
+            report,
+            right_offset_information: bundle.right_offset_information,
+        }
     }
 }

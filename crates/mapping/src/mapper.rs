@@ -95,6 +95,11 @@ pub struct Mapped {
     pub attempt: Option<Attempt>,
 }
 
+/// Share of what a window says of the disparity error that no window before has said: a key frame is in about sixteen.
+const OFFSET_SHARE: f64 = 1.0 / 16.0;
+/// Standard deviation below which the error is not held to be known, pixels: rigs bend as they get warm.
+const OFFSET_SIGMA: f64 = 0.01;
+
 /// The mapping stage.
 #[derive(Debug)]
 pub struct Mapper {
@@ -102,12 +107,19 @@ pub struct Mapper {
     setting: MapperSetting,
     nursery: Nursery,
     inertial: Option<Inertial>,
+    /// What is known of the disparity error of the stereo calibration, 1/px^2: windows share what they see, so that
+    /// each adds only its part.
+    offset_information: f64,
 }
 
 impl Mapper {
     /// A mapper for one eye.
     pub fn new(eye: EyeModel, setting: MapperSetting) -> Self {
-        Self { eye, setting, nursery: Nursery::default(), inertial: None }
+        let offset_information = match setting.window.right_offset_sigma {
+            sigma if sigma > 0.0 => sigma.powi(-2),
+            _ => 0.0,
+        };
+        Self { eye, setting, nursery: Nursery::default(), inertial: None, offset_information }
     }
 
     /// The same with an inertial sensor; `imu_from_eye` in metres.
@@ -239,13 +251,20 @@ impl Mapper {
             self.fuse(atlas, id);
         }
         if !stop() && atlas.latest().key_frame_count() > 2 {
-            let (map, setting) = (atlas.latest(), &self.setting.window);
+            let mut window = self.setting.window;
+            if self.offset_information > 0.0 {
+                window.right_offset_sigma = self.offset_information.powf(-0.5);
+            }
+            let (map, setting) = (atlas.latest(), &window);
             let felt = self.inertial.as_ref().and_then(|i| i.window(map, &self.eye, id, setting));
             let settled = match felt {
                 Some(window) => window.solve(setting, &mut stop),
                 None => Window::around(map, &self.eye, id, setting)?.solve(setting, &mut stop),
             };
             adjustment = Some(settled.report);
+            let more = settled.right_offset_information - self.offset_information;
+            let sum = self.offset_information + OFFSET_SHARE * more.max(0.0);
+            self.offset_information = sum.min(OFFSET_SIGMA.powi(-2).max(self.offset_information));
             atlas.commit(settled.changes.changes);
             let gone = redundant(atlas.latest(), &self.eye, id, self.setting.redundant_share);
             atlas.commit(gone.into_iter().collect());

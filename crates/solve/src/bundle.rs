@@ -41,8 +41,13 @@ pub struct Bundle {
     pub observations: Vec<Observation>,
     /// What is added to every measured right x, pixels: the error of the stereo calibration that looks like disparity.
     pub right_offset: f64,
-    /// Standard deviation of that offset around zero, pixels, when it is to be found; 0 keeps it as it is.
+    /// What is known of that offset beforehand, pixels,
+    pub right_offset_before: f64,
+    /// and its standard deviation, when it is to be found; 0 keeps it as it is.
     pub right_offset_sigma: f64,
+    /// What is known of the offset, prior and observations together, where [`Bundle::solve`] began (and with its
+    /// first damping, a hundred-thousandth of the diagonal): 1/px^2.
+    pub right_offset_information: f64,
 }
 
 /// How to solve.
@@ -110,6 +115,10 @@ impl Bundle {
             }
             report.iterations += 1;
             let step = schur.step(&linear.normal, linear.border.as_ref(), lambda, FLOOR);
+            if let (1, Some(step)) = (report.iterations, &step) {
+                // Later steps may be damped much more, which looks like information.
+                self.right_offset_information = step.border_information;
+            }
             let accepted = step.and_then(|step| {
                 let offset = self.right_offset + step.border;
                 let (poses, points) = self.moved(&slot, &step);
@@ -173,7 +182,7 @@ impl Bundle {
 
     fn cost(&self, poses: &[Se3], points: &[Vec3], offset: f64, robust: bool) -> f64 {
         let views: Vec<View> = poses.iter().map(View::new).collect();
-        let mut cost = 0.5 * self.offset_information() * offset * offset;
+        let mut cost = 0.5 * self.offset_information() * (offset - self.right_offset_before).powi(2);
         for o in self.observations.iter().filter(|o| o.weight > 0.0) {
             let q = views[o.pose as usize].to_eye(&points[o.point as usize]);
             let Some(r) = self.camera.residual(&q, &shifted(&o.pixel, offset)) else { return f64::INFINITY };
@@ -189,11 +198,11 @@ impl Bundle {
         let (offset, information) = (self.right_offset, self.offset_information());
         let mut border = self.finds_offset().then(|| Border {
             hessian: information,
-            gradient: information * offset,
+            gradient: information * (offset - self.right_offset_before),
             cameras: vec![SVector::zeros(); free],
             points: vec![Vec3::zeros(); self.points.len()],
         });
-        normal.cost = 0.5 * information * offset * offset;
+        normal.cost = 0.5 * information * (offset - self.right_offset_before).powi(2);
         for (o, coupling) in self.observations.iter_mut().zip(&mut normal.couplings) {
             if o.weight <= 0.0 {
                 continue;
@@ -265,7 +274,9 @@ mod tests {
             points: vec![],
             observations: vec![],
             right_offset: 0.0,
+            right_offset_before: 0.0,
             right_offset_sigma: 0.0,
+            right_offset_information: 0.0,
         };
         let truth: Vec<Se3> = (0..6)
             .map(|i| {
@@ -305,6 +316,31 @@ mod tests {
         for (found, truth) in bundle.poses.iter().zip(&truth) {
             assert!(found.local(truth).norm() < 1e-5);
         }
+    }
+
+    #[test]
+    fn what_is_known_of_the_disparity_counts_and_its_information_is_the_curvature() {
+        let setting = BundleSetting { iterations: 60, robust: false, tolerance: 1e-15 };
+        let off = |before: f64, sigma: f64| {
+            let (mut bundle, truth) = disturbed();
+            bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
+            // Two eyes that stand a known way apart tell scale, against which damping is little.
+            (bundle.poses[5], bundle.fixed[5]) = (truth[5], true);
+            (bundle.right_offset, bundle.right_offset_before) = (before, before);
+            bundle.right_offset_sigma = sigma;
+            bundle.solve(&setting, || false);
+            let cost = bundle.solve(&BundleSetting { iterations: 1, ..setting }, || false).cost_after;
+            (bundle.right_offset, bundle.right_offset_information, cost)
+        };
+        let (held, ..) = off(0.1, 1e-6);
+        assert!((held - 0.1).abs() < 1e-3, "{held}");
+        let (found, information, least) = off(0.1, 1e3);
+        assert!((found - 0.3).abs() < 1e-3, "{found}");
+        // Held off the best by d, all else free, it costs half the information times d squared.
+        let d = 0.01;
+        let (_, _, cost) = off(found + d, 0.0);
+        let curvature = (cost - least) / (0.5 * d * d);
+        assert!((information / curvature - 1.0).abs() < 0.05, "{information} against {curvature}");
     }
 
     #[test]

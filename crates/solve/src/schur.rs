@@ -42,6 +42,8 @@ pub struct Step<const P: usize> {
     pub points: Vec<Vec3>,
     /// Of the border; zero without one.
     pub border: f64,
+    /// What is known of the border once all else is free: the inverse of its variance.
+    pub border_information: f64,
     pub promise: f64,
 }
 
@@ -160,9 +162,9 @@ impl<const P: usize> Schur<P> {
         let (diagonal, off) = (numbers(&self.diagonal), numbers(&self.off));
         self.factor.factor(&diagonal, &off).ok()?;
         self.solve(&mut cameras);
-        let along = match border {
+        let (along, border_information) = match border {
             Some(border) => self.along(normal, border, &inverses, lambda, &mut cameras)?,
-            None => 0.0,
+            None => (0.0, 0.0),
         };
         let mut points: Vec<Vec3> = Vec::with_capacity(inverses.len());
         for (point, inverse) in inverses.iter().enumerate() {
@@ -180,7 +182,7 @@ impl<const P: usize> Schur<P> {
         let promise = promise(normal, &damping, &cameras, &points);
         let promise =
             promise + border.map_or(0.0, |b| 0.5 * along * (lambda * b.hessian * along - b.gradient));
-        promise.is_finite().then_some(Step { cameras, points, border: along, promise })
+        promise.is_finite().then_some(Step { cameras, points, border: along, border_information, promise })
     }
 
     /// Solves the reduced system that was factored last.
@@ -190,7 +192,7 @@ impl<const P: usize> Schur<P> {
         cameras.iter_mut().zip(x.chunks_exact(P)).for_each(|(v, x)| v.copy_from_slice(x));
     }
 
-    /// The step of the border, and what it changes in that of the cameras, which holds the step without it: block
+    /// The step of the border with its information, and what it changes in that of the cameras, which holds the step without it: block
     /// elimination of the last row of the reduced system.
     fn along(
         &self,
@@ -199,7 +201,7 @@ impl<const P: usize> Schur<P> {
         inverses: &[Mat3],
         lambda: f64,
         cameras: &mut [SVector<f64, P>],
-    ) -> Option<f64> {
+    ) -> Option<(f64, f64)> {
         let mut own = border.hessian * (1.0 + lambda);
         let mut right = -border.gradient;
         let mut ties = border.cameras.clone();
@@ -224,7 +226,7 @@ impl<const P: usize> Schur<P> {
             return None;
         }
         cameras.iter_mut().zip(&per_unit).for_each(|(c, p)| *c -= p * along);
-        Some(along)
+        Some((along, own))
     }
 
     /// Takes the points out of the cameras' system; gives the inverses of their blocks.

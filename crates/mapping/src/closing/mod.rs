@@ -372,7 +372,8 @@ impl Closer {
             Joined::Merge { from, into }
         };
         correct::fuse(&mut draft, &self.eye, here.id, place);
-        let weld = WindowSetting { key_frames: 2 * self.window.key_frames, ..self.window };
+        let weld =
+            WindowSetting { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
         if let Some(window) = Window::around(draft.map(), &self.eye, here.id, &weld) {
             draft.push(window.solve(&weld, || false).changes.changes);
         }
