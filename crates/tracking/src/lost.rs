@@ -10,7 +10,7 @@ use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::sync::Arc;
 
-/// How fast someone may move while nothing is seen: metres a second and radians a second.
+/// How fast someone on foot may move while nothing is seen: metres a second and radians a second.
 const UNSEEN_SPEED: f64 = 1.5;
 const UNSEEN_TURN: f64 = 1.5;
 /// How far apart two sights of one place may stand in a world that has drifted, metres.
@@ -121,13 +121,19 @@ impl Tracker {
         let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * goes_on_s)));
         let believed = last.placed.world_from_eye * moved;
         let placed = hung(map, map.living(last.placed.reference)?.0, believed)?;
-        let (sigma, sigma_rad) = (UNSEEN_SPEED * unseen_s * self.metre(), UNSEEN_TURN * unseen_s);
+        let (sigma, sigma_rad) = (self.fastest() * unseen_s, UNSEEN_TURN * unseen_s);
         Some(Adrift { placed, sigma, sigma_rad, pace: self.pace(), level: false })
     }
 
     /// About a metre in the map's unit: without metric scale the pace so far tells how long it is.
     fn metre(&self) -> f64 {
         if self.eye.has_depth() { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
+    }
+
+    /// How fast the eye may move while nothing is seen, in the map's unit a second: as someone on foot, or as before if that
+    /// was faster.
+    fn fastest(&self) -> f64 {
+        (UNSEEN_SPEED * self.metre()).max(self.pace().unwrap_or(0.0))
     }
 
     /// Whether the eye can have come to a place in the world of a key frame since it last knew where it was: rooms that look
@@ -139,7 +145,7 @@ impl Tracker {
             return true;
         }
         let gone = (place.translation - last.placed.world_from_eye.translation).norm();
-        gone <= self.metre() * (2.0 * UNSEEN_SPEED * (stamp - last.frame.stamp) + DRIFTED)
+        gone <= 2.0 * self.fastest() * (stamp - last.frame.stamp) + DRIFTED * self.metre()
     }
 
     /// How fast the eye goes when it goes: the upper third of the last seconds, since turns and stops are slower.
