@@ -21,7 +21,7 @@ use super::about::{About, numbers};
 use super::container::PartsWriter;
 use super::wire::Encoder;
 use super::{ATTACHED, MapFile, StoreError};
-use crate::{KeyFrame, Map, Motion};
+use crate::{KeyFrame, KeyFrameId, LandmarkId, Map, Motion};
 use cairn_vision::bow::Vocabulary;
 use std::io::{Seek, Write};
 
@@ -30,23 +30,28 @@ pub(super) const CHUNK: usize = 64;
 /// No observation has the landmark's descriptor.
 pub(super) const NO_PICK: u32 = u32::MAX;
 
-/// Rows of living key frames and landmarks by index of birth.
+/// Rows of living key frames and landmarks. Ids are looked up among the living: a table by index of birth would grow with all
+/// that ever lived.
 struct Rows {
-    key_frames: Vec<u32>,
-    landmarks: Vec<u32>,
+    key_frames: Vec<KeyFrameId>,
+    landmarks: Vec<LandmarkId>,
 }
 
 impl Rows {
     fn new(map: &Map) -> Self {
-        let mut rows =
-            Self { key_frames: vec![0; map.next_key_frame], landmarks: vec![0; map.next_landmark] };
-        for (row, k) in map.key_frames().enumerate() {
-            rows.key_frames[k.id.index()] = row as u32;
-        }
-        for (row, l) in map.landmarks().enumerate() {
-            rows.landmarks[l.id.index()] = row as u32;
-        }
-        rows
+        // Both come in the order of birth.
+        let key_frames = map.key_frames().map(|k| k.id).collect();
+        Self { key_frames, landmarks: map.landmarks().map(|l| l.id).collect() }
+    }
+
+    /// Zero for what is gone.
+    fn key_frame(&self, id: KeyFrameId) -> u32 {
+        self.key_frames.binary_search(&id).map_or(0, |row| row as u32)
+    }
+
+    /// Zero for what is gone.
+    fn landmark(&self, id: LandmarkId) -> u32 {
+        self.landmarks.binary_search(&id).map_or(0, |row| row as u32)
     }
 }
 
@@ -98,7 +103,7 @@ fn about(about: &About, map: &Map) -> Vec<u8> {
 fn worlds(map: &Map, rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
     for (world, tie) in map.worlds() {
-        e.u32(rows.key_frames[world.root().index()]);
+        e.u32(rows.key_frame(world.root()));
         e.u8(u8::from(tie.is_some()));
         if let Some(tie) = tie {
             e.u32(tie.to.raw());
@@ -115,8 +120,8 @@ fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
         e.column_u32(&key_frames.iter().map(|k| value(k)).collect::<Vec<_>>());
     };
     column(&|k| k.id.raw());
-    column(&|k| k.parent.map_or(0, |p| rows.key_frames[p.index()] + 1));
-    column(&|k| rows.key_frames[k.world.root().index()]);
+    column(&|k| k.parent.map_or(0, |p| rows.key_frame(p) + 1));
+    column(&|k| rows.key_frame(k.world.root()));
     column(&|k| k.frame.len() as u32);
     column(&|k| k.links.len() as u32);
     column(&|k| k.covisible.len() as u32);
@@ -126,9 +131,9 @@ fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     }
     e.column_f64(&key_frames.iter().map(|k| k.unit).collect::<Vec<_>>());
     let links = key_frames.iter().flat_map(|k| &k.links);
-    e.column_u32(&links.map(|id| rows.key_frames[id.index()]).collect::<Vec<_>>());
+    e.column_u32(&links.map(|id| rows.key_frame(*id)).collect::<Vec<_>>());
     let covisible = || key_frames.iter().flat_map(|k| &k.covisible);
-    e.column_u32(&covisible().map(|(id, _)| rows.key_frames[id.index()]).collect::<Vec<_>>());
+    e.column_u32(&covisible().map(|(id, _)| rows.key_frame(*id)).collect::<Vec<_>>());
     e.column_u32(&covisible().map(|(_, count)| *count).collect::<Vec<_>>());
     e.0
 }
@@ -138,12 +143,12 @@ fn motion(map: &Map, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
     e.u32(map.levelled.len() as u32);
     for (world, times) in map.levelled.iter() {
-        e.u32(rows.key_frames[world.root().index()]);
+        e.u32(rows.key_frame(world.root()));
         e.u32(*times);
     }
     let moving = || key_frames.iter().filter_map(|k| Some((k.id, k.motion.as_ref()?)));
     e.u32(moving().count() as u32);
-    e.column_u32(&moving().map(|(id, _)| rows.key_frames[id.index()]).collect::<Vec<_>>());
+    e.column_u32(&moving().map(|(id, _)| rows.key_frame(id)).collect::<Vec<_>>());
     for i in 0..9 {
         e.column_f64(&moving().map(|(_, m)| motion_numbers(m)[i]).collect::<Vec<_>>());
     }
@@ -236,7 +241,7 @@ fn features(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     floats(&mut e, &|f, c| c.extend(&f.right_x));
     floats(&mut e, &|f, c| c.extend(&f.depth));
     let slots = key_frames.iter().flat_map(|k| &k.landmarks);
-    e.column_u32(&slots.map(|l| l.map_or(0, |id| rows.landmarks[id.index()] + 1)).collect::<Vec<_>>());
+    e.column_u32(&slots.map(|l| l.map_or(0, |id| rows.landmark(id) + 1)).collect::<Vec<_>>());
     frames().for_each(|f| e.0.extend(&f.octave));
     frames().for_each(|f| f.descriptors.iter().for_each(|d| e.0.extend(d)));
     e.0
