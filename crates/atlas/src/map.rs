@@ -113,6 +113,11 @@ impl Map {
         self.levelled.contains_key(&world)
     }
 
+    /// Whether lengths in one world are metres.
+    pub fn is_metric_in(&self, world: WorldId, eye: &EyeModel) -> bool {
+        eye.has_depth() || self.is_level(world)
+    }
+
     /// Whether lengths in the whole map are metres: the eye has depth, or the inertial sensor has told in each world.
     pub fn is_metric(&self, eye: &EyeModel) -> bool {
         eye.has_depth() || self.is_level_throughout()

@@ -192,8 +192,8 @@ impl<const P: usize> Schur<P> {
         cameras.iter_mut().zip(x.chunks_exact(P)).for_each(|(v, x)| v.copy_from_slice(x));
     }
 
-    /// The step of the border with its information, and what it changes in that of the cameras, which holds the step without it: block
-    /// elimination of the last row of the reduced system.
+    /// The step of the border with its information, and what it changes in that of the cameras, which holds the step
+    /// without it: block elimination of the last row of the reduced system.
     fn along(
         &self,
         normal: &Normal<P>,

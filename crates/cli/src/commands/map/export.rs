@@ -144,7 +144,7 @@ fn write_ways(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
 /// The key frames in the order of time; of two of one time, as several sessions may have, the elder.
 fn trajectory(file: &MapFile, world: WorldId) -> Trajectory {
     let eye = &file.about.eye;
-    let metric = eye.has_depth() || file.map.is_level(world);
+    let metric = file.map.is_metric_in(world, eye);
     let poses = file.map.key_frames_of(world);
     let mut poses: Vec<_> =
         poses.map(|k| (k.frame.stamp.0, eye.world_from_body(&k.world_from_eye, metric))).collect();
