@@ -89,10 +89,10 @@ enum Command {
         /// laps, laps-open, dark, alike; with commas.
         #[arg(long, value_delimiter = ',', value_enum)]
         trials: Vec<Trial>,
-        /// Seeds from 1.
+        /// How many seeds.
         #[arg(long, default_value_t = 20)]
         seeds: u64,
-        /// Leave out the seeds before this one.
+        /// The first of them.
         #[arg(long, default_value_t = 1)]
         from: u64,
         /// Worlds, with commas; corridor, hall and street take turns else.
@@ -104,6 +104,9 @@ enum Command {
         /// Tell of every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
+        /// Settings in TOML that differ from the defaults.
+        #[arg(long)]
+        config: Option<PathBuf>,
     },
     /// The first half of each recording is mapped and saved, the second half found in it.
     Halves {
@@ -338,7 +341,8 @@ fn run(command: Command) -> Result<(), String> {
             }
             Ok(())
         }
-        Command::Revisit { trials, seeds, from, worlds, sensors, verbose } => {
+        Command::Revisit { trials, seeds, from, worlds, sensors, verbose, config } => {
+            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
             let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
             let turns = [WorldKind::Corridor, WorldKind::Hall, WorldKind::Street];
             for seed in from..from + seeds {
@@ -350,7 +354,7 @@ fn run(command: Command) -> Result<(), String> {
                     };
                     for sensor in &sensors {
                         let walk = Revisit { trial: *trial, world, sensor: *sensor, seed };
-                        println!("{}", revisit::line(&walk.run(verbose)?));
+                        println!("{}", revisit::line(&walk.run(&config, verbose)?));
                     }
                 }
             }

@@ -85,13 +85,13 @@ impl Revisit {
     ///
     /// # Errors
     /// As [`measure()`].
-    pub fn run(&self, verbose: bool) -> Result<Revisited, String> {
+    pub fn run(&self, config: &Config, verbose: bool) -> Result<Revisited, String> {
         let inner = self.source()?;
         let dark_s = (self.trial == Trial::Dark).then(|| around_a_corner(&inner.info().truth)).flatten();
         let known_s = dark_s.and_then(|dark| back_at(&inner.info().truth, dark));
         let mut source = Darkened { inner, dark_s };
-        let mut config = Config::default();
-        config.closer.enabled = self.trial != Trial::LapsOpen;
+        let mut config = config.clone();
+        config.closer.enabled &= self.trial != Trial::LapsOpen;
         let measured = measure(&mut source, &Setting { verbose, config, ..Setting::new(self.sensor) })?;
         let (trial, world, seed) = (self.trial, self.world.to_string(), self.seed);
         Ok(Revisited { trial, world, seed, dark_s, known_s, measured })
