@@ -219,7 +219,7 @@ impl Eye {
                 self.left.run(&packet.images[0], map);
                 self.left.keep_seen();
                 if let Some(depth) = &packet.depth {
-                    add_depth(&mut frame, depth, &self.left, lookup, &self.model);
+                    add_depth(&mut frame, depth, &self.left, lookup, &self.model, &self.octaves);
                 }
             }
             Kind::Stereo(pair) => {
@@ -291,10 +291,18 @@ fn alone(rig: &Rig) -> Result<(EyeModel, Rectifier), RigError> {
     Ok((model, map))
 }
 
-fn add_depth(frame: &mut Frame, image: &DepthImage, look: &Look, lookup: &DepthLookup, model: &EyeModel) {
-    for (&raw, &px) in look.features.raw.iter().zip(&look.px) {
+fn add_depth(
+    frame: &mut Frame,
+    image: &DepthImage,
+    look: &Look,
+    lookup: &DepthLookup,
+    model: &EyeModel,
+    octaves: &Octaves,
+) {
+    for (i, (&raw, &px)) in look.features.raw.iter().zip(&look.px).enumerate() {
         let ray: Vec3 = model.unproject(px, 1.0);
-        let depth = lookup.find(image, raw, &ray).unwrap_or(f32::NAN);
+        let scale = octaves.scale(look.features.octave[i]);
+        let depth = lookup.find(image, raw, &ray, scale).unwrap_or(f32::NAN);
         frame.depth.push(depth);
         frame.right_x.push(px[0] - (model.baseline_fx / depth as f64) as f32);
     }
