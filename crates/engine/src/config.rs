@@ -70,10 +70,15 @@ impl Config {
 
     /// Reads TOML; unknown names and numbers that can not be are errors.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
-        let config: Self = toml::from_str(text).map_err(|e| {
+        let mut config: Self = toml::from_str(text).map_err(|e| {
             let line = e.span().map(|s| 1 + text[..s.start.min(text.len())].matches('\n').count());
             ConfigError { line, why: e.message().to_owned() }
         })?;
+        // Where a part of the eye's settings is named, the rest of them are the eye's own defaults, and those know no rig.
+        let features = |table: &toml::Table| table.get("eye")?.get("orb")?.get("features").cloned();
+        if toml::from_str(text).ok().as_ref().and_then(features).is_none() {
+            config.eye.orb.features = Self::default().eye.orb.features;
+        }
         config.check()?;
         Ok(config)
     }
@@ -189,6 +194,19 @@ mod tests {
         assert_eq!(config.eye.orb.features, 700);
         assert_eq!(config.eye.orb.levels, Config::default().eye.orb.levels);
         assert_eq!(config.tracker, Config::default().tracker);
+    }
+
+    #[test]
+    fn an_entry_with_its_default_changes_nothing() {
+        let mut part = String::new();
+        for line in Config::default_toml().lines().filter(|l| !l.starts_with('#') && !l.is_empty()) {
+            if line.starts_with('[') {
+                part = line.to_owned();
+            } else {
+                let alone = Config::from_toml(&format!("{part}\n{line}\n")).unwrap();
+                assert_eq!(alone, Config::default(), "{part} {line}");
+            }
+        }
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! The reprojection residual of an ideal pinhole, with or without a right image, and its Jacobians.
 //!
-//! With `q = world_from_eye^-1 * p`, the prediction is `u = fx q.x / q.z + cx`, `v = fy q.y / q.z + cy`,
-//! `u_right = u - baseline_fx / q.z`. Perturbing the pose on the right by `(t, w)` moves `q` by
+//! With `q = world_from_eye^-1 * p`, the prediction is `u = fx q.x / q.z + cx`, `v = fy q.y / q.z + cy`, and minus the disparity,
+//! `u_right - u = -baseline_fx / q.z`. The disparity and not `u_right`, because a right image is aligned to what the left one shows
+//! (and depth is read where the left one shows it): where a corner is off its place, its partner is off as much, and the two are
+//! no two looks at the place. Perturbing the pose on the right by `(t, w)` moves `q` by
 //! `-t + q x w`; perturbing the point by `d` moves it by `R^T d`.
 
 use cairn_geometry::{Mat3, Se3, Vec3};
@@ -27,7 +29,7 @@ pub type Pixel = [f64; 3];
 /// A residual with its Jacobians; the third row is zero for a monocular pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linear {
-    /// Measured minus predicted: x, y, and x in the right image, pixels.
+    /// Measured minus predicted: x, y, and x in the right image less x, pixels.
     pub residual: [f64; 3],
     /// By the pose: translation, then rotation.
     pub by_pose: [[f64; 6]; 3],
@@ -71,7 +73,7 @@ impl Pinhole {
         }
         let inv = 1.0 / q.z;
         let u = self.fx * q.x * inv + self.cx;
-        let right = if pixel[2].is_nan() { 0.0 } else { pixel[2] - (u - self.baseline_fx * inv) };
+        let right = if pixel[2].is_nan() { 0.0 } else { pixel[2] - pixel[0] + self.baseline_fx * inv };
         Some([pixel[0] - u, pixel[1] - (self.fy * q.y * inv + self.cy), right])
     }
 
@@ -85,8 +87,7 @@ impl Pinhole {
         // Residual = measured - predicted, so each row is minus the derivative of the prediction by q.
         let row_u = [-self.fx * inv, 0.0, self.fx * q.x * inv2];
         let row_v = [0.0, -self.fy * inv, self.fy * q.y * inv2];
-        let row_r =
-            if pixel[2].is_nan() { [0.0; 3] } else { [row_u[0], 0.0, row_u[2] - self.baseline_fx * inv2] };
+        let row_r = if pixel[2].is_nan() { [0.0; 3] } else { [0.0, 0.0, -self.baseline_fx * inv2] };
         let mut by_pose = [[0.0; 6]; 3];
         let mut by_point = [[0.0; 3]; 3];
         let r = &rows(&view.eye_from_world);

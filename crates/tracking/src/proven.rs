@@ -141,7 +141,7 @@ mod tests {
         (0..POINTS).map(point).collect()
     }
 
-    /// A frame from the origin whose feature `i` shows point `i`, with errors of a third of a pixel.
+    /// A frame from the origin whose feature `i` shows point `i`, with errors of a third of a pixel in place and in disparity.
     fn frame(seconds: f64, points: &[Vec3]) -> Frame {
         let mut frame = Frame::default();
         frame.stamp = Stamp::from_seconds(seconds);
@@ -154,7 +154,7 @@ mod tests {
             frame.octave.push(0);
             frame.angle.push(0.0);
             frame.descriptors.push([0; 32]);
-            frame.right_x.push((right + off(4.7)) as f32);
+            frame.right_x.push((right + off(7.1) + off(4.7)) as f32);
             frame.depth.push(p.z as f32);
         }
         frame.index(&eye());

@@ -38,7 +38,7 @@ pub struct StereoSetting {
     pub row_tolerance: f64,
     /// Nearest depth sought, in baselines.
     pub min_depth_baselines: f64,
-    /// Disparity in pixels below which a point counts as infinitely far and gets no depth.
+    /// Disparity in pixels below which a point counts as infinitely far and gets no depth, only a right x.
     pub min_disparity: f64,
     /// Depth up to which a point is "close", in baselines.
     pub close_baselines: f64,
@@ -165,7 +165,8 @@ impl StereoMatcher {
         &self.right
     }
 
-    /// Writes the rectified right x and the depth of each left feature, NaN where there is none.
+    /// Writes the rectified right x and the depth of each left feature, NaN where there is none; what is nearly infinitely
+    /// far has the first alone.
     pub(crate) fn run(&mut self, left: Side, right: Side, right_x: &mut Vec<f32>, depth: &mut Vec<f32>) {
         right_x.clear();
         right_x.resize(left.px.len(), f32::NAN);
@@ -189,8 +190,7 @@ impl StereoMatcher {
         let gate = self.gate(&found);
         for f in found.iter().filter(|f| f.correlation >= gate) {
             let i = f.left as usize;
-            right_x[i] = left.px[i][0] - f.disparity;
-            depth[i] = (self.baseline_fx / f.disparity as f64) as f32;
+            (right_x[i], depth[i]) = self.measured(left.px[i][0], f.disparity as f64);
         }
         self.found = found;
         if self.setting.borrow_correlation <= 1.0 {
@@ -199,13 +199,21 @@ impl StereoMatcher {
         }
     }
 
+    /// The right x and the depth of a match. Of what is too far for a depth the right x stays: who kept only disparities that
+    /// noise made large enough would see the far world too near.
+    fn measured(&self, left_x: f32, disparity: f64) -> (f32, f32) {
+        let depth =
+            if disparity < self.setting.min_disparity { f64::NAN } else { self.baseline_fx / disparity };
+        (left_x - disparity as f32, depth as f32)
+    }
+
     /// Second pass: features without a match of their own try the disparities of matched features near them.
     fn borrow(&mut self, left: &Side, right: &Side, gate: f32, right_x: &mut [f32], depth: &mut [f32]) {
         let mut lenders = std::mem::take(&mut self.lenders);
         lenders.fill(left.px, &self.found, depth);
         for i in 0..left.px.len() {
             // Those that the first pass matched; what this pass adds is not lent.
-            if depth[i] > 0.0 {
+            if right_x[i].is_finite() {
                 continue;
             }
             let Some(template) = self.template(left, i) else { continue };
@@ -213,8 +221,7 @@ impl StereoMatcher {
             for disparity in lenders.near(left.px[i], scale) {
                 let aligned = self.align(left, i, &template, right, disparity as f64);
                 if let Some(a) = aligned.filter(|a| a.correlation >= gate) {
-                    right_x[i] = left.px[i][0] - a.disparity as f32;
-                    depth[i] = (self.baseline_fx / a.disparity) as f32;
+                    (right_x[i], depth[i]) = self.measured(left.px[i][0], a.disparity);
                     break;
                 }
             }
@@ -333,7 +340,9 @@ impl StereoMatcher {
             return None;
         }
         let disparity = start + shift * scale;
-        if disparity < self.setting.min_disparity || disparity > self.max_disparity() {
+        // Noise takes what is infinitely far below zero.
+        let least = -3.0 * f64::from(self.setting.max_sigma) * scale;
+        if disparity < least || disparity > self.max_disparity() {
             return None;
         }
         // What the left patch does not explain of the right one.

@@ -2,11 +2,11 @@
 
 mod common;
 
-use cairn_geometry::{Se3, Vec2};
+use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, GrayImage, Rig, Stamp};
 use cairn_vision::{Eye, EyeSetting, Frame, OrbSetting, SensorMode};
 use common::recordings::{euroc_rig, folder, jpeg, kitti_rig, listing};
-use common::scene::{Exposure, Scene, lens_pair, pinhole_pair};
+use common::scene::{Exposure, Rectangle, Scene, lens_pair, pinhole_pair};
 use std::sync::Arc;
 
 fn packet(images: Vec<Arc<GrayImage>>) -> FramePacket {
@@ -95,6 +95,40 @@ fn disparity_against_truth() {
             assert!(rms < 0.15 && s.quantile(0.5) < 0.06 && bias.abs() < 0.02);
         }
     }
+}
+
+#[test]
+fn what_is_far_keeps_its_right_x_and_is_not_seen_too_near() {
+    let rig = pinhole_pair();
+    let (left, right) = (&rig.cameras[0], &rig.cameras[1]);
+    let world_from_right = left.body_from_camera.inverse() * right.body_from_camera;
+    // A wall whose disparity is 0.14 pixels: noise takes many below zero, and some above what counts as a depth.
+    let wall = |z: f64| {
+        let edges = [Vec3::new(2.0 * z, 0.0, 0.0), Vec3::new(0.0, 1.4 * z, 0.0)];
+        Scene(vec![Rectangle::new(Vec3::new(-z, -0.7 * z, z), edges, 5, 0.04 * z)])
+    };
+    let scene = wall(400.0);
+    let look = |seed| Exposure { gain: 1.0, offset: 0.0, noise: 4.0, seed };
+    let l = scene.render(&left.camera, &Se3::identity(), &look(1));
+    let r = scene.render(&right.camera, &world_from_right, &look(2));
+    let mut eye = Eye::new(&rig, SensorMode::Stereo, setting(1200)).unwrap();
+    let frame = eye.see(&packet(vec![Arc::new(l), Arc::new(r)])).unwrap();
+    let seen: Vec<usize> = (0..frame.len()).filter(|i| frame.right_x[*i].is_finite()).collect();
+    let truth = eye.model().baseline_fx / 400.0;
+    let disparity = |i: usize| (frame.px[i][0] - frame.right_x[i]) as f64;
+    let mean = seen.iter().map(|i| disparity(*i)).sum::<f64>() / seen.len() as f64;
+    let deep: Vec<f64> = seen.iter().filter(|i| frame.has_depth(**i)).map(|i| disparity(*i)).collect();
+    let below = seen.iter().filter(|i| disparity(**i) < 0.0).count();
+    println!(
+        "{} of {} matched, {below} below zero, {} with depth; disparity {mean:.3} of {truth:.3}, of those with depth {:.3}",
+        seen.len(),
+        frame.len(),
+        deep.len(),
+        deep.iter().sum::<f64>() / deep.len() as f64
+    );
+    assert!(seen.len() * 2 > frame.len() && below > 20);
+    assert!((mean - truth).abs() < 0.03, "{mean} of {truth}");
+    assert!(deep.iter().all(|d| *d >= 0.3) && deep.len() * 3 < seen.len());
 }
 
 /// Shares and rows of a recording's pairs: `(features, matched, close matched, ms of the fastest tenth)`.
