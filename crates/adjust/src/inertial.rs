@@ -186,7 +186,13 @@ impl InertialWindow {
         }
         changes.extend(self.excerpt.forgotten(&window.observations));
         let changes = ChangeSet { base: self.excerpt.base, changes };
-        Settled { changes, report, right_offset_information: 0.0 }
+        Settled {
+            changes,
+            report,
+            residual_variance: 1.0,
+            right_offset_pull: 0.0,
+            right_offset_information: 0.0,
+        }
     }
 }
 

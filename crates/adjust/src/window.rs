@@ -18,8 +18,8 @@ pub struct WindowSetting {
     pub iterations: [usize; 2],
     /// Stop when a step lowers the cost by less than this part.
     pub tolerance: f64,
-    /// Standard deviation in pixels of a disparity error of the stereo calibration, which windows find, around what the map
-    /// has found; 0: that stays.
+    /// Standard deviation in pixels of a disparity error of the stereo calibration, which windows look for, around what the map
+    /// has found; 0: that stays. As long as the map has found none, windows tell where it would move, and leave it.
     pub right_offset_sigma: f64,
 }
 
@@ -43,6 +43,10 @@ pub struct Settled {
     pub changes: ChangeSet,
     /// Of the last solve.
     pub report: Report,
+    /// Variance of the residuals, in units of what their weights say.
+    pub residual_variance: f64,
+    /// Where it was held, how far the disparity error would have moved, pixels.
+    pub right_offset_pull: f64,
     /// Information of the disparity error that was found, 1/px^2; 0 where it was not looked for.
     pub right_offset_information: f64,
 }
@@ -89,6 +93,9 @@ impl Window {
             right_offset: map.right_offset(),
             right_offset_before: map.right_offset(),
             right_offset_sigma: 0.0,
+            // A calibration that nothing has refuted.
+            right_offset_held: map.right_offset() == 0.0,
+            right_offset_pull: 0.0,
             right_offset_information: 0.0,
         };
         Self { excerpt, bundle }
@@ -125,13 +132,15 @@ impl Window {
         for (id, point) in self.excerpt.landmarks.iter().zip(&bundle.points) {
             changes.push(Change::MoveLandmark(*id, *point));
         }
-        if bundle.right_offset_sigma > 0.0 {
+        if bundle.right_offset_sigma > 0.0 && !bundle.right_offset_held {
             changes.push(Change::Calibrate(bundle.right_offset));
         }
         changes.extend(self.excerpt.forgotten(&bundle.observations));
         Settled {
             changes: ChangeSet { base: self.excerpt.base, changes },
             report,
+            residual_variance: bundle.residual_variance(report.cost_after),
+            right_offset_pull: if bundle.right_offset_held { bundle.right_offset_pull } else { 0.0 },
             right_offset_information: bundle.right_offset_information,
         }
     }

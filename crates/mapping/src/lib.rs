@@ -3,6 +3,7 @@
 mod clocks;
 mod closing;
 mod cull;
+mod disparity;
 mod fuse;
 mod grow;
 mod inertial;

@@ -1,6 +1,7 @@
 //! The mapping stage: one key frame in, the map grown, fused, adjusted and culled.
 
 use crate::cull::{Nursery, redundant};
+use crate::disparity::DisparityError;
 use crate::fuse::{around, fuse_into};
 use crate::grow::grow;
 use crate::inertial::{Inertial, InertialSetting};
@@ -95,11 +96,6 @@ pub struct Mapped {
     pub attempt: Option<Attempt>,
 }
 
-/// Share of what a window says of the disparity error that no window before has said: a key frame is in about sixteen.
-const OFFSET_SHARE: f64 = 1.0 / 16.0;
-/// Standard deviation below which the error is not held to be known, pixels: rigs bend as they get warm.
-const OFFSET_SIGMA: f64 = 0.01;
-
 /// The mapping stage.
 #[derive(Debug)]
 pub struct Mapper {
@@ -107,19 +103,15 @@ pub struct Mapper {
     setting: MapperSetting,
     nursery: Nursery,
     inertial: Option<Inertial>,
-    /// What is known of the disparity error of the stereo calibration, 1/px^2: windows share what they see, so that
-    /// each adds only its part.
-    offset_information: f64,
+    /// Of a stereo rig, where it is looked for.
+    disparity: Option<DisparityError>,
 }
 
 impl Mapper {
     /// A mapper for one eye.
     pub fn new(eye: EyeModel, setting: MapperSetting) -> Self {
-        let offset_information = match setting.window.right_offset_sigma {
-            sigma if sigma > 0.0 => sigma.powi(-2),
-            _ => 0.0,
-        };
-        Self { eye, setting, nursery: Nursery::default(), inertial: None, offset_information }
+        let disparity = DisparityError::within(setting.window.right_offset_sigma);
+        Self { eye, setting, nursery: Nursery::default(), inertial: None, disparity }
     }
 
     /// The same with an inertial sensor; `imu_from_eye` in metres.
@@ -252,20 +244,23 @@ impl Mapper {
         }
         if !stop() && atlas.latest().key_frame_count() > 2 {
             let mut window = self.setting.window;
-            if self.offset_information > 0.0 {
-                window.right_offset_sigma = self.offset_information.powf(-0.5);
+            let found = atlas.latest().right_offset();
+            if let Some(error) = &self.disparity {
+                window.right_offset_sigma = error.sigma(found == 0.0);
             }
             let (map, setting) = (atlas.latest(), &window);
             let felt = self.inertial.as_ref().and_then(|i| i.window(map, &self.eye, id, setting));
             let settled = match felt {
                 Some(window) => window.solve(setting, &mut stop),
-                None => Window::around(map, &self.eye, id, setting)?.solve(setting, &mut stop),
+                None => {
+                    let window = Window::around(map, &self.eye, id, setting)?;
+                    window.solve(setting, &mut stop)
+                }
             };
             adjustment = Some(settled.report);
-            let more = settled.right_offset_information - self.offset_information;
-            let sum = self.offset_information + OFFSET_SHARE * more.max(0.0);
-            self.offset_information = sum.min(OFFSET_SIGMA.powi(-2).max(self.offset_information));
+            let calibrated = self.disparity.as_mut().and_then(|error| error.hear(found, &settled));
             atlas.commit(settled.changes.changes);
+            atlas.commit(calibrated.into_iter().collect());
             let gone = redundant(atlas.latest(), &self.eye, id, self.setting.redundant_share);
             atlas.commit(gone.into_iter().collect());
         }

@@ -45,6 +45,10 @@ pub struct Bundle {
     pub right_offset_before: f64,
     /// and its standard deviation, when it is to be found; 0 keeps it as it is.
     pub right_offset_sigma: f64,
+    /// True to ask only where the offset would move: it stays as it is, and so does what it would move.
+    pub right_offset_held: bool,
+    /// How far the offset would move, or moved, in the first step of [`Bundle::solve`], pixels.
+    pub right_offset_pull: f64,
     /// What is known of the offset, prior and observations together, where [`Bundle::solve`] began (and with its
     /// first damping, a hundred-thousandth of the diagonal): 1/px^2.
     pub right_offset_information: f64,
@@ -84,6 +88,15 @@ impl Bundle {
         }
     }
 
+    /// Variance of the residuals at a cost, in units of what the weights say; 1 where the unknowns could take up all of them.
+    pub fn residual_variance(&self, cost: f64) -> f64 {
+        let used = self.observations.iter().filter(|o| o.weight > 0.0);
+        let rows: usize = used.map(|o| if o.pixel[2].is_nan() { 2 } else { 3 }).sum();
+        let unknowns = 6 * self.fixed.iter().filter(|fixed| !**fixed).count() + 3 * self.points.len();
+        let variance = 2.0 * cost / (rows as f64 - unknowns as f64);
+        if rows > unknowns && variance > 0.0 { variance } else { 1.0 }
+    }
+
     /// The 95 % bound of an observation's chi-square.
     pub fn bound(o: &Observation) -> f64 {
         if o.pixel[2].is_nan() { CHI2_2 } else { CHI2_3 }
@@ -118,6 +131,7 @@ impl Bundle {
             if let (1, Some(step)) = (report.iterations, &step) {
                 // Later steps may be damped much more, which looks like information.
                 self.right_offset_information = step.border_information;
+                self.right_offset_pull = step.border_pull;
             }
             let accepted = step.and_then(|step| {
                 let offset = self.right_offset + step.border;
@@ -201,6 +215,7 @@ impl Bundle {
             gradient: information * (offset - self.right_offset_before),
             cameras: vec![SVector::zeros(); free],
             points: vec![Vec3::zeros(); self.points.len()],
+            held: self.right_offset_held,
         });
         normal.cost = 0.5 * information * (offset - self.right_offset_before).powi(2);
         for (o, coupling) in self.observations.iter_mut().zip(&mut normal.couplings) {
@@ -276,6 +291,8 @@ mod tests {
             right_offset: 0.0,
             right_offset_before: 0.0,
             right_offset_sigma: 0.0,
+            right_offset_held: false,
+            right_offset_pull: 0.0,
             right_offset_information: 0.0,
         };
         let truth: Vec<Se3> = (0..6)
@@ -355,6 +372,27 @@ mod tests {
         let report = bundle.solve(&setting, || false);
         assert!((bundle.right_offset - 0.3).abs() < 1e-3, "{} {report:?}", bundle.right_offset);
         assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-3));
+    }
+
+    #[test]
+    fn a_disparity_that_is_held_is_asked_about_and_moves_nothing() {
+        let setting = BundleSetting { iterations: 40, robust: false, tolerance: 1e-14 };
+        let with = |sigma: f64, held: bool| {
+            let (mut bundle, truth) = disturbed();
+            bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
+            (bundle.poses[5], bundle.fixed[5]) = (truth[5], true);
+            (bundle.right_offset_sigma, bundle.right_offset_held) = (sigma, held);
+            bundle.solve(&setting, || false);
+            // Once more from where it is solved: there the linear model tells what is asked.
+            bundle.solve(&setting, || false);
+            bundle
+        };
+        let (without, held, free) = (with(0.0, false), with(1e3, true), with(1e3, false));
+        assert_eq!(held.right_offset, 0.0);
+        assert!(held.poses.iter().zip(&without.poses).all(|(a, b)| a.local(b).norm() < 1e-9));
+        assert!((held.right_offset_pull - 0.3).abs() < 0.01, "{}", held.right_offset_pull);
+        assert!((held.right_offset_information / free.right_offset_information - 1.0).abs() < 0.1);
+        assert!(free.right_offset_pull.abs() < 1e-4, "{}", free.right_offset_pull);
     }
 
     #[test]

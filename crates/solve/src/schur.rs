@@ -40,8 +40,10 @@ pub struct Normal<const P: usize> {
 pub struct Step<const P: usize> {
     pub cameras: Vec<SVector<f64, P>>,
     pub points: Vec<Vec3>,
-    /// Of the border; zero without one.
+    /// Of the border; zero without one and where it is held.
     pub border: f64,
+    /// How far the border would move if it were not held.
+    pub border_pull: f64,
     /// What is known of the border once all else is free: the inverse of its variance.
     pub border_information: f64,
     pub promise: f64,
@@ -56,6 +58,8 @@ pub struct Border<const P: usize> {
     pub cameras: Vec<SVector<f64, P>>,
     /// With each point.
     pub points: Vec<Vec3>,
+    /// True to tell only how far it would move; it and all else take the step without it.
+    pub held: bool,
 }
 
 /// Most free cameras for which a table of pairs is kept.
@@ -162,10 +166,12 @@ impl<const P: usize> Schur<P> {
         let (diagonal, off) = (numbers(&self.diagonal), numbers(&self.off));
         self.factor.factor(&diagonal, &off).ok()?;
         self.solve(&mut cameras);
-        let (along, border_information) = match border {
+        let (border_pull, border_information) = match border {
             Some(border) => self.along(normal, border, &inverses, lambda, &mut cameras)?,
             None => (0.0, 0.0),
         };
+        let border = border.filter(|border| !border.held);
+        let along = border.map_or(0.0, |_| border_pull);
         let mut points: Vec<Vec3> = Vec::with_capacity(inverses.len());
         for (point, inverse) in inverses.iter().enumerate() {
             let mut rest = -normal.point_gradients[point];
@@ -182,7 +188,14 @@ impl<const P: usize> Schur<P> {
         let promise = promise(normal, &damping, &cameras, &points);
         let promise =
             promise + border.map_or(0.0, |b| 0.5 * along * (lambda * b.hessian * along - b.gradient));
-        promise.is_finite().then_some(Step { cameras, points, border: along, border_information, promise })
+        promise.is_finite().then_some(Step {
+            cameras,
+            points,
+            border: along,
+            border_pull,
+            border_information,
+            promise,
+        })
     }
 
     /// Solves the reduced system that was factored last.
@@ -192,8 +205,8 @@ impl<const P: usize> Schur<P> {
         cameras.iter_mut().zip(x.chunks_exact(P)).for_each(|(v, x)| v.copy_from_slice(x));
     }
 
-    /// The step of the border with its information, and what it changes in that of the cameras, which holds the step
-    /// without it: block elimination of the last row of the reduced system.
+    /// The step of the border with its information, and, where it is not held, what it changes in that of the cameras, which holds
+    /// the step without it: block elimination of the last row of the reduced system.
     fn along(
         &self,
         normal: &Normal<P>,
@@ -225,7 +238,9 @@ impl<const P: usize> Schur<P> {
         if !(own > 0.0 && along.is_finite()) {
             return None;
         }
-        cameras.iter_mut().zip(&per_unit).for_each(|(c, p)| *c -= p * along);
+        if !border.held {
+            cameras.iter_mut().zip(&per_unit).for_each(|(c, p)| *c -= p * along);
+        }
         Some((along, own))
     }
 

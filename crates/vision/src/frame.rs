@@ -111,9 +111,9 @@ pub struct Frame {
     pub angle: Vec<f32>,
     /// Descriptors.
     pub descriptors: Vec<Descriptor>,
-    /// Rectified x in the right image (virtual for RGB-D); NaN where there is no depth.
+    /// Rectified x in the right image (virtual for RGB-D); NaN where there is none.
     pub right_x: Vec<f32>,
-    /// Depth along the eye's z axis in metres; NaN where there is none.
+    /// Depth along the eye's z axis in metres; NaN where there is none, or (stereo) it is too far to tell.
     pub depth: Vec<f32>,
     grid: Grid,
 }
