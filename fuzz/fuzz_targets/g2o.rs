@@ -2,7 +2,7 @@
 #![no_main]
 
 use cairn_solve::g2o::{Graph, read, write};
-use cairn_solve::graph::{GraphSetting, Rigid, chordal_start, odometry_start};
+use cairn_solve::graph::{GraphConfig, Rigid, chordal_start, odometry_start};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -16,7 +16,7 @@ fuzz_target!(|bytes: &[u8]| {
 });
 
 fn solve<G: Rigid<D>, const D: usize>(mut graph: cairn_solve::graph::PoseGraph<G, D>) {
-    let setting = GraphSetting { iterations: 3, ..GraphSetting::default() };
+    let setting = GraphConfig { iterations: 3, ..GraphConfig::default() };
     graph.solve(&setting, || false);
     odometry_start(&mut graph);
     if chordal_start(&mut graph).is_ok() {

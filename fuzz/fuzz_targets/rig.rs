@@ -8,7 +8,7 @@
 use cairn_geometry::{Vec2, Vec3};
 use cairn_sensor::Rig;
 use cairn_sources::{read_rig_for, write_rig};
-use cairn_vision::{Eye, EyeSetting, SensorMode};
+use cairn_vision::{FrontEnd, FrontEndConfig, SensorMode};
 use libfuzzer_sys::fuzz_target;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -66,7 +66,7 @@ fn check(rig: &Rig) {
     // The tables of a large image take more time than they are worth here.
     if rig.cameras.iter().all(|c| c.camera.width * c.camera.height <= 1 << 15) {
         for mode in [SensorMode::Mono, SensorMode::Stereo, SensorMode::Rgbd] {
-            let _ = Eye::new(rig, mode, EyeSetting::default());
+            let _ = FrontEnd::new(rig, mode, FrontEndConfig::default());
         }
     }
     let path = FOLDER.join("written.toml");

@@ -1,24 +1,24 @@
 //! From the eye's data to the solver's.
 
-use cairn_atlas::Map;
+use cairn_atlas::Snapshot;
 use cairn_solve::{Pinhole, Pixel};
-use cairn_vision::{EyeModel, Frame, Octaves};
+use cairn_vision::{Frame, Octaves, RectifiedCamera};
 
 /// The solver's camera of an eye.
-pub fn pinhole(eye: &EyeModel) -> Pinhole {
-    Pinhole { fx: eye.fx, fy: eye.fy, cx: eye.cx, cy: eye.cy, baseline_fx: eye.baseline_fx }
+pub fn pinhole(camera: &RectifiedCamera) -> Pinhole {
+    Pinhole { fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy, baseline_fx: camera.baseline_fx }
 }
 
 /// The solver's pixel of a feature, its right x as the map has calibrated it.
-pub fn pixel(map: &Map, frame: &Frame, feature: usize) -> Pixel {
+pub fn pixel(snapshot: &Snapshot, frame: &Frame, feature: usize) -> Pixel {
     let [u, v] = frame.px[feature];
-    [u as f64, v as f64, frame.right_x[feature] as f64 + map.right_offset()]
+    [u as f64, v as f64, frame.right_x[feature] as f64 + snapshot.right_offset()]
 }
 
 /// Depth of a feature in metres, as the map has calibrated it; NaN where there is none or it is beyond all measure.
-pub fn depth(map: &Map, eye: &EyeModel, frame: &Frame, feature: usize) -> f64 {
-    let disparity = eye.baseline_fx / frame.depth[feature] as f64 - map.right_offset();
-    if disparity > 0.0 { eye.baseline_fx / disparity } else { f64::NAN }
+pub fn depth(snapshot: &Snapshot, camera: &RectifiedCamera, frame: &Frame, feature: usize) -> f64 {
+    let disparity = camera.baseline_fx / frame.depth[feature] as f64 - snapshot.right_offset();
+    if disparity > 0.0 { camera.baseline_fx / disparity } else { f64::NAN }
 }
 
 /// Inverse variance of a feature: one pixel at its own level.

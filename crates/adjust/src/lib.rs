@@ -1,14 +1,14 @@
 #![doc = include_str!("../README.md")]
 
 mod camera;
-mod excerpt;
 mod inertial;
 mod locate;
 mod recognise;
+mod subproblem;
 mod window;
 
 pub use camera::{depth, pinhole, pixel, weight};
-pub use inertial::{Feeling, InertialWindow};
+pub use inertial::{ImuModel, InertialWindow};
 pub use locate::{Located, locate};
-pub use recognise::{RecogniseSetting, Recognised, Unlike, recognise};
-pub use window::{Settled, Window, WindowSetting};
+pub use recognise::{MatchFailure, RecogniseConfig, Recognised, recognise};
+pub use window::{Window, WindowConfig, WindowResult};

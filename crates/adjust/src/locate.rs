@@ -1,17 +1,17 @@
 //! Where a frame was taken, from the landmarks its features show.
 
 use crate::{pinhole, pixel, weight};
-use cairn_atlas::{LandmarkId, Map};
+use cairn_atlas::{LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_solve::{PointMatch, PoseOnly, PoseOnlySetting, PosePrior, Report};
-use cairn_vision::{EyeModel, Frame};
+use cairn_solve::{PointMatch, PoseOnly, PoseOnlyConfig, PosePrior, Report};
+use cairn_vision::{Frame, RectifiedCamera};
 use nalgebra::SMatrix;
 
 /// A pose with what speaks for it.
 #[derive(Clone, Debug)]
 pub struct Located {
     /// Where the eye is.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
     /// Features whose match does not fit.
     pub outliers: Vec<usize>,
     /// Matches that fit.
@@ -25,25 +25,33 @@ pub struct Located {
 /// Solves for the pose of a frame; `matches` holds a landmark per feature, `extra` further features with a
 /// point that is not in the map, `prior` what is believed of the pose without them.
 pub fn locate(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     frame: &Frame,
     guess: &Se3,
     matches: &[Option<LandmarkId>],
     extra: &[(usize, Vec3)],
     prior: Option<&PosePrior>,
 ) -> Located {
-    let known = matches.iter().enumerate().filter_map(|(i, id)| Some((i, map.landmark((*id)?)?.position)));
+    let known =
+        matches.iter().enumerate().filter_map(|(i, id)| Some((i, snapshot.landmark((*id)?)?.position)));
     let (features, points): (Vec<usize>, Vec<PointMatch>) = known
         .chain(extra.iter().copied())
         .map(|(i, point)| {
-            (i, PointMatch { point, pixel: pixel(map, frame, i), weight: weight(frame, i, &map.octaves()) })
+            (
+                i,
+                PointMatch {
+                    point,
+                    pixel: pixel(snapshot, frame, i),
+                    weight: weight(frame, i, &snapshot.octaves()),
+                },
+            )
         })
         .unzip();
-    let found = PoseOnly::solve(&pinhole(eye), guess, &points, prior, &PoseOnlySetting::default());
+    let found = PoseOnly::solve(&pinhole(camera), guess, &points, prior, &PoseOnlyConfig::default());
     let outliers = features.iter().zip(&found.inlier).filter(|(_, ok)| !**ok).map(|(i, _)| *i).collect();
     Located {
-        world_from_eye: found.world_from_eye,
+        world_from_camera: found.world_from_camera,
         outliers,
         inliers: found.report.inliers,
         information: found.information,

@@ -6,9 +6,11 @@
 //! pose-only adjustment; the same landmarks and their neighbours' projected and sought; adjustment again.
 
 use crate::locate;
-use cairn_atlas::{KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_vision::{EyeModel, Frame, Look, PnpSetting, Target, match_looks, pnp_ransac, search};
+use cairn_vision::{
+    DescriptorQuery, Frame, PnpConfig, RectifiedCamera, Target, match_descriptors, pnp_ransac, search,
+};
 use std::collections::BTreeSet;
 use std::fmt;
 
@@ -24,7 +26,7 @@ const PROJECTED: usize = 12;
 
 /// What it takes to be believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RecogniseSetting {
+pub struct RecogniseConfig {
     /// Matches by appearance that must agree on a pose before more are sought.
     pub seed: usize,
     /// Matches that must agree in the end.
@@ -43,7 +45,7 @@ pub struct Recognised {
     /// The earlier key frame.
     pub old: KeyFrameId,
     /// Where the eye stands in the world of `old`.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
     /// For each feature the landmark it shows, outliers left out.
     pub landmarks: Vec<Option<LandmarkId>>,
     /// How many of them.
@@ -54,7 +56,7 @@ pub struct Recognised {
 
 /// Why a place was not recognised.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Unlike {
+pub enum MatchFailure {
     /// Too few features look alike.
     Alike {
         /// Matches by appearance.
@@ -89,7 +91,7 @@ pub enum Unlike {
     },
 }
 
-impl Unlike {
+impl MatchFailure {
     /// How many matches agreed.
     pub fn agreed(&self) -> usize {
         match self {
@@ -99,7 +101,7 @@ impl Unlike {
     }
 }
 
-impl fmt::Display for Unlike {
+impl fmt::Display for MatchFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Alike { have, need } => write!(f, "{have} features look alike, {need} needed"),
@@ -112,62 +114,62 @@ impl fmt::Display for Unlike {
     }
 }
 
-impl std::error::Error for Unlike {}
+impl std::error::Error for MatchFailure {}
 
 /// Looks whether a frame shows what is around the key frame `old`. Landmarks that `known` names are left out. The same
 /// `seed` gives the same answer.
 pub fn recognise(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     frame: &Frame,
     old: KeyFrameId,
     known: &BTreeSet<LandmarkId>,
-    setting: &RecogniseSetting,
+    config: &RecogniseConfig,
     seed: u64,
-) -> Result<Recognised, Unlike> {
-    let near = landmarks_around(map, old, COMPARED, known);
-    let mut landmarks = alike(map, frame, &near);
+) -> Result<Recognised, MatchFailure> {
+    let near = landmarks_around(snapshot, old, COMPARED, known);
+    let mut landmarks = matching(snapshot, frame, &near);
     let have = landmarks.iter().flatten().count();
-    if have < setting.seed {
-        return Err(Unlike::Alike { have, need: setting.seed });
+    if have < config.seed {
+        return Err(MatchFailure::Alike { have, need: config.seed });
     }
-    let posed = |have| Unlike::Posed { have, need: setting.seed };
-    let guess = pose_from_points(map, eye, frame, &landmarks, setting.seed, seed).map_err(posed)?;
-    let first = locate(map, eye, frame, &guess, &landmarks, &[], None);
-    if first.inliers < setting.seed {
+    let posed = |have| MatchFailure::Posed { have, need: config.seed };
+    let guess = pose_from_points(snapshot, camera, frame, &landmarks, config.seed, seed).map_err(posed)?;
+    let first = locate(snapshot, camera, frame, &guess, &landmarks, &[], None);
+    if first.inliers < config.seed {
         return Err(posed(first.inliers));
     }
-    let mut pose = first.world_from_eye;
+    let mut pose = first.world_from_camera;
     first.outliers.iter().for_each(|i| landmarks[*i] = None);
-    let wide = landmarks_around(map, old, PROJECTED, known);
+    let wide = landmarks_around(snapshot, old, PROJECTED, known);
     let (mut of, mut inliers, mut expected) = (0, 0, 0);
     for radius in [8.0, 4.0] {
-        expected = project(map, eye, frame, &wide, &pose, radius, &mut landmarks);
+        expected = project(snapshot, camera, frame, &wide, &pose, radius, &mut landmarks);
         of = landmarks.iter().flatten().count();
-        let found = locate(map, eye, frame, &pose, &landmarks, &[], None);
+        let found = locate(snapshot, camera, frame, &pose, &landmarks, &[], None);
         found.outliers.iter().for_each(|i| landmarks[*i] = None);
-        (pose, inliers) = (found.world_from_eye, found.inliers);
+        (pose, inliers) = (found.world_from_camera, found.inliers);
     }
-    if inliers < setting.need || (inliers as f64) < setting.share * of as f64 {
-        let need = setting.need.max((setting.share * of as f64).ceil() as usize);
-        return Err(Unlike::Agree { have: inliers, of, need });
+    if inliers < config.need || (inliers as f64) < config.share * of as f64 {
+        let need = config.need.max((config.share * of as f64).ceil() as usize);
+        return Err(MatchFailure::Agree { have: inliers, of, need });
     }
     let need = (IN_VIEW * expected as f64).ceil() as usize;
     if inliers < need {
-        return Err(Unlike::Missing { have: inliers, expected, need });
+        return Err(MatchFailure::Missing { have: inliers, expected, need });
     }
-    Ok(Recognised { old, world_from_eye: pose, landmarks, inliers, expected })
+    Ok(Recognised { old, world_from_camera: pose, landmarks, inliers, expected })
 }
 
 /// Landmarks that a key frame and its best neighbours show.
 fn landmarks_around(
-    map: &Map,
+    snapshot: &Snapshot,
     centre: KeyFrameId,
     neighbours: usize,
     known: &BTreeSet<LandmarkId>,
 ) -> Vec<LandmarkId> {
-    let Some(k) = map.key_frame(centre) else { return Vec::new() };
-    let near = k.covisible.iter().take(neighbours).filter_map(|(id, _)| map.key_frame(*id));
+    let Some(k) = snapshot.key_frame(centre) else { return Vec::new() };
+    let near = k.covisible.iter().take(neighbours).filter_map(|(id, _)| snapshot.key_frame(*id));
     let mut all: Vec<LandmarkId> =
         std::iter::once(k).chain(near).flat_map(|k| k.landmarks.iter().flatten().copied()).collect();
     all.sort_unstable();
@@ -177,15 +179,15 @@ fn landmarks_around(
 }
 
 /// The landmark that each feature resembles, by appearance alone.
-fn alike(map: &Map, frame: &Frame, landmarks: &[LandmarkId]) -> Vec<Option<LandmarkId>> {
+fn matching(snapshot: &Snapshot, frame: &Frame, landmarks: &[LandmarkId]) -> Vec<Option<LandmarkId>> {
     // Orientation as the latest observer saw it.
-    let looks = landmarks.iter().filter_map(|id| map.landmark(*id)).filter_map(|l| {
+    let looks = landmarks.iter().filter_map(|id| snapshot.landmark(*id)).filter_map(|l| {
         let o = l.observations.last()?;
-        let angle = map.key_frame(o.key_frame)?.frame.angle[o.feature as usize];
-        Some(Look { item: l.id, descriptor: &l.descriptor, angle })
+        let angle = snapshot.key_frame(o.key_frame)?.frame.angle[o.feature as usize];
+        Some(DescriptorQuery { item: l.id, descriptor: &l.descriptor, angle })
     });
     let mut matches = vec![None; frame.len()];
-    for (feature, id) in match_looks(looks, frame, ALIKE, RATIO) {
+    for (feature, id) in match_descriptors(looks, frame, ALIKE, RATIO) {
         matches[feature] = Some(id);
     }
     matches
@@ -193,47 +195,47 @@ fn alike(map: &Map, frame: &Frame, landmarks: &[LandmarkId]) -> Vec<Option<Landm
 
 /// The pose that most matches agree on, else how many agreed.
 fn pose_from_points(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     frame: &Frame,
     matches: &[Option<LandmarkId>],
     need: usize,
     seed: u64,
 ) -> Result<Se3, usize> {
     let pairs = matches.iter().enumerate().filter_map(|(i, id)| {
-        let landmark = map.landmark((*id)?)?;
-        Some((landmark.position, eye.unproject(frame.px[i], 1.0).normalize()))
+        let landmark = snapshot.landmark((*id)?)?;
+        Some((landmark.position, camera.unproject(frame.px[i], 1.0).normalize()))
     });
     let (points, bearings): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
-    let setting =
-        PnpSetting { threshold_rad: 2.45 * 2.0 / eye.fx, min_inliers: need, ..PnpSetting::default() };
-    match pnp_ransac(&points, &bearings, &setting, seed) {
-        Ok(found) => Ok(found.eye_from_world.inverse()),
+    let config =
+        PnpConfig { threshold_rad: 2.45 * 2.0 / camera.fx, min_inliers: need, ..PnpConfig::default() };
+    match pnp_ransac(&points, &bearings, &config, seed) {
+        Ok(found) => Ok(found.camera_from_world.inverse()),
         Err(rejected) => Err(rejected.inliers),
     }
 }
 
 /// Adds the landmarks that are found where the pose expects them; returns how many it expects in view.
 fn project(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     frame: &Frame,
     landmarks: &[LandmarkId],
-    world_from_eye: &Se3,
+    world_from_camera: &Se3,
     radius: f64,
     matches: &mut [Option<LandmarkId>],
 ) -> usize {
     let mut expected = 0;
     let mut taken: BTreeSet<LandmarkId> = matches.iter().flatten().copied().collect();
-    let (octaves, eye_from_world) = (map.octaves(), world_from_eye.inverse());
-    for l in landmarks.iter().filter_map(|id| map.landmark(*id)) {
-        let q = eye_from_world * l.position;
-        let Some([u, v, right]) = eye.project(&q) else { continue };
+    let (octaves, camera_from_world) = (snapshot.octaves(), world_from_camera.inverse());
+    for l in landmarks.iter().filter_map(|id| snapshot.landmark(*id)) {
+        let q = camera_from_world * l.position;
+        let Some([u, v, right]) = camera.project(&q) else { continue };
         let distance = q.norm();
-        if !eye.contains(u, v) || distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
+        if !camera.contains(u, v) || distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
             continue;
         }
-        if (l.position - world_from_eye.translation).dot(&l.normal) < 0.5 * distance {
+        if (l.position - world_from_camera.translation).dot(&l.normal) < 0.5 * distance {
             continue;
         }
         expected += 1;
@@ -243,7 +245,7 @@ fn project(
         let level = octaves.predict(l.max_distance, distance);
         let target = Target {
             pixel: [u as f32, v as f32],
-            right_x: if eye.has_depth() { right as f32 } else { f32::NAN },
+            right_x: if camera.has_depth() { right as f32 } else { f32::NAN },
             radius: (radius * octaves.scale(level)) as f32,
             octaves: [level.saturating_sub(1), level],
             descriptor: &l.descriptor,

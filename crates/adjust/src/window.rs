@@ -1,15 +1,15 @@
 //! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes.
 
-use crate::excerpt::Excerpt;
 use crate::pinhole;
-use cairn_atlas::{Change, ChangeSet, KeyFrameId, Map, WorldId};
-use cairn_solve::{Bundle, BundleSetting, Report};
-use cairn_vision::EyeModel;
+use crate::subproblem::Subproblem;
+use cairn_atlas::{Change, ChangeSet, KeyFrameId, MapId, Snapshot};
+use cairn_solve::{Bundle, BundleConfig, Report};
+use cairn_vision::RectifiedCamera;
 
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct WindowSetting {
+pub struct WindowConfig {
     /// Key frames that move, at most.
     pub key_frames: usize,
     /// Key frames that stay but are seen from, at most.
@@ -23,7 +23,7 @@ pub struct WindowSetting {
     pub right_offset_sigma: f64,
 }
 
-impl Default for WindowSetting {
+impl Default for WindowConfig {
     fn default() -> Self {
         Self { key_frames: 16, anchors: 24, iterations: [5, 6], tolerance: 1e-4, right_offset_sigma: 0.2 }
     }
@@ -32,13 +32,13 @@ impl Default for WindowSetting {
 /// A copied window.
 #[derive(Clone, Debug)]
 pub struct Window {
-    excerpt: Excerpt,
+    subproblem: Subproblem,
     bundle: Bundle,
 }
 
 /// A window after its solve.
 #[derive(Clone, Debug)]
-pub struct Settled {
+pub struct WindowResult {
     /// What to commit: moved key frames and landmarks, observations that do not fit forgotten.
     pub changes: ChangeSet,
     /// Of the last solve.
@@ -54,29 +54,35 @@ pub struct Settled {
 impl Window {
     /// The window around a key frame: it and the key frames that share most landmarks with it move, and so do
     /// all landmarks they show; other key frames that see those landmarks hold them in place.
-    pub fn around(map: &Map, eye: &EyeModel, centre: KeyFrameId, setting: &WindowSetting) -> Option<Self> {
+    pub fn around(
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        centre: KeyFrameId,
+        config: &WindowConfig,
+    ) -> Option<Self> {
         let mut moving = vec![centre];
         moving.extend(
-            map.key_frame(centre)?
+            snapshot
+                .key_frame(centre)?
                 .covisible
                 .iter()
                 .map(|(id, _)| *id)
-                .take(setting.key_frames.saturating_sub(1)),
+                .take(config.key_frames.saturating_sub(1)),
         );
-        Some(Self::of(map, eye, &moving, setting.anchors))
+        Some(Self::of(snapshot, camera, &moving, config.anchors))
     }
 
     /// The window in which every key frame of a world moves but its root.
-    pub fn whole(map: &Map, eye: &EyeModel, world: WorldId) -> Self {
-        let all: Vec<KeyFrameId> = map.key_frames_of(world).map(|k| k.id).collect();
-        Self::of(map, eye, &all, 0)
+    pub fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, map: MapId) -> Self {
+        let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
+        Self::of(snapshot, camera, &all, 0)
     }
 
-    fn of(map: &Map, eye: &EyeModel, moving: &[KeyFrameId], anchors: usize) -> Self {
-        let excerpt = Excerpt::of(map, moving, anchors);
+    fn of(snapshot: &Snapshot, camera: &RectifiedCamera, moving: &[KeyFrameId], anchors: usize) -> Self {
+        let subproblem = Subproblem::of(snapshot, moving, anchors);
         // The root never moves: it is where the world is.
-        let root = moving.first().and_then(|id| map.key_frame(*id)).map(|k| k.world.root());
-        let key_frames = &excerpt.key_frames;
+        let root = moving.first().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map.root());
+        let key_frames = &subproblem.key_frames;
         let mut fixed: Vec<bool> =
             (0..key_frames.len()).map(|i| i >= moving.len() || Some(key_frames[i]) == root).collect();
         if !fixed.contains(&true)
@@ -85,28 +91,28 @@ impl Window {
             fixed[oldest] = true;
         }
         let bundle = Bundle {
-            camera: pinhole(eye),
-            poses: excerpt.poses.clone(),
+            camera: pinhole(camera),
+            poses: subproblem.poses.clone(),
             fixed,
-            points: excerpt.points.clone(),
-            observations: excerpt.observations.clone(),
-            right_offset: map.right_offset(),
-            right_offset_before: map.right_offset(),
+            points: subproblem.points.clone(),
+            observations: subproblem.observations.clone(),
+            right_offset: snapshot.right_offset(),
+            right_offset_before: snapshot.right_offset(),
             right_offset_sigma: 0.0,
             // A calibration that nothing has refuted.
-            right_offset_held: map.right_offset() == 0.0,
+            right_offset_held: snapshot.right_offset() == 0.0,
             right_offset_pull: 0.0,
             right_offset_information: 0.0,
         };
-        Self { excerpt, bundle }
+        Self { subproblem, bundle }
     }
 
     /// Solves the window: robustly, then without the observations that do not fit. `stop` is asked before each step.
-    pub fn solve(mut self, setting: &WindowSetting, mut stop: impl FnMut() -> bool) -> Settled {
+    pub fn solve(mut self, config: &WindowConfig, mut stop: impl FnMut() -> bool) -> WindowResult {
         let bundle = &mut self.bundle;
-        bundle.right_offset_sigma = setting.right_offset_sigma;
-        let [before, after] = setting.iterations;
-        let solve = |iterations| BundleSetting { iterations, robust: true, tolerance: setting.tolerance };
+        bundle.right_offset_sigma = config.right_offset_sigma;
+        let [before, after] = config.iterations;
+        let solve = |iterations| BundleConfig { iterations, robust: true, tolerance: config.tolerance };
         let mut report = bundle.solve(&solve(before), &mut stop);
         let judge = |bundle: &mut Bundle| {
             for i in 0..bundle.observations.len() {
@@ -124,20 +130,20 @@ impl Window {
         }
         judge(bundle);
         let mut changes = Vec::new();
-        for ((id, pose), fixed) in self.excerpt.key_frames.iter().zip(&bundle.poses).zip(&bundle.fixed) {
+        for ((id, pose), fixed) in self.subproblem.key_frames.iter().zip(&bundle.poses).zip(&bundle.fixed) {
             if !fixed {
                 changes.push(Change::MoveKeyFrame(*id, *pose));
             }
         }
-        for (id, point) in self.excerpt.landmarks.iter().zip(&bundle.points) {
+        for (id, point) in self.subproblem.landmarks.iter().zip(&bundle.points) {
             changes.push(Change::MoveLandmark(*id, *point));
         }
         if bundle.right_offset_sigma > 0.0 && !bundle.right_offset_held {
             changes.push(Change::Calibrate(bundle.right_offset));
         }
-        changes.extend(self.excerpt.forgotten(&bundle.observations));
-        Settled {
-            changes: ChangeSet { base: self.excerpt.base, changes },
+        changes.extend(self.subproblem.forgotten(&bundle.observations));
+        WindowResult {
+            changes: ChangeSet { base: self.subproblem.base, changes },
             report,
             residual_variance: bundle.residual_variance(report.cost_after),
             right_offset_pull: if bundle.right_offset_held { bundle.right_offset_pull } else { 0.0 },

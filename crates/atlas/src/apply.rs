@@ -1,7 +1,8 @@
 //! From one version of a map to the next: a change set is applied and what is derived is brought up to date.
 
 use crate::{
-    Applied, Change, ChangeSet, KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Motion, Observation, WorldId,
+    Applied, Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId,
+    Observation, Snapshot,
 };
 use cairn_geometry::{Sim3, Vec3};
 use cairn_vision::Descriptor;
@@ -26,21 +27,25 @@ struct Dirty {
     parted: BTreeSet<(KeyFrameId, KeyFrameId)>,
 }
 
-impl Map {
+impl Snapshot {
     /// The next version. Changes that name something gone are dropped and counted, never a panic; landmarks
     /// that nobody sees any more are removed.
-    pub fn apply(&self, set: &ChangeSet) -> (Map, Applied) {
+    pub fn apply(&self, set: &ChangeSet) -> (Snapshot, Applied) {
         self.apply_noting(&set.changes, |_| ())
     }
 
     /// The same; `note` is told the place of each change that was dropped.
-    pub(crate) fn apply_noting(&self, changes: &[Change], mut note: impl FnMut(usize)) -> (Map, Applied) {
-        let mut map = self.clone();
-        map.version += 1;
+    pub(crate) fn apply_noting(
+        &self,
+        changes: &[Change],
+        mut note: impl FnMut(usize),
+    ) -> (Snapshot, Applied) {
+        let mut snapshot = self.clone();
+        snapshot.version += 1;
         let mut dirty = Dirty::default();
         let mut applied = Applied::default();
         for (nth, change) in changes.iter().enumerate() {
-            match map.apply_one(change, &mut dirty) {
+            match snapshot.apply_one(change, &mut dirty) {
                 Some(()) => applied.done += 1,
                 None => {
                     applied.dropped += 1;
@@ -48,27 +53,27 @@ impl Map {
                 }
             }
         }
-        map.settle(dirty);
-        (map, applied)
+        snapshot.settle(dirty);
+        (snapshot, applied)
     }
 
     fn apply_one(&mut self, change: &Change, dirty: &mut Dirty) -> Option<()> {
         match change {
             Change::AddKeyFrame(k) => {
                 let fresh = k.id.index() >= self.next_key_frame;
-                let world = match k.parent {
-                    Some(p) => self.key_frame(p)?.world,
-                    None => WorldId(k.id),
+                let map = match k.parent {
+                    Some(p) => self.key_frame(p)?.map,
+                    None => MapId(k.id),
                 };
-                if !fresh || !k.world_from_eye.is_finite() || !positive(k.unit) {
+                if !fresh || !k.world_from_camera.is_finite() || !positive(k.unit) {
                     return None;
                 }
                 if k.parent.is_none() {
-                    Arc::make_mut(&mut self.worlds).insert(world, None);
+                    Arc::make_mut(&mut self.maps).insert(map, None);
                 }
                 self.next_key_frame = k.id.index() + 1;
                 let mut key_frame = (**k).clone();
-                key_frame.world = world;
+                key_frame.map = map;
                 key_frame.landmarks = vec![None; key_frame.frame.len()];
                 key_frame.links.clear();
                 self.places.insert(k.id, &k.bag);
@@ -84,31 +89,31 @@ impl Map {
             }
             Change::MoveKeyFrame(id, pose) => {
                 let k = pose.is_finite().then(|| self.key_frames.get_mut(id.index()))??;
-                k.world_from_eye = *pose;
+                k.world_from_camera = *pose;
                 dirty.moved.extend(k.landmarks.iter().flatten());
             }
             Change::Scale(id, factor) => {
                 let k = positive(*factor).then(|| self.key_frames.get_mut(id.index()))??;
                 k.unit = Some(k.unit * factor).filter(|unit| positive(*unit))?;
             }
-            Change::Motion(id, velocity, bias) => {
+            Change::InertialState(id, velocity, bias) => {
                 let sound = [velocity, &bias.gyro, &bias.accel].into_iter().all(finite);
                 let k = sound.then(|| self.key_frames.get_mut(id.index()))??;
                 let motion = k.motion.as_mut()?;
                 (motion.velocity, motion.bias) = (*velocity, *bias);
             }
-            Change::Felt(id, felt) => {
-                let world = self.key_frame(felt.since).filter(|_| felt.since < *id)?.world;
-                let k = self.key_frames.get_mut(id.index()).filter(|k| k.world == world)?;
-                k.motion.as_mut()?.felt = Some(felt.clone());
+            Change::ImuFactor(id, imu_factor) => {
+                let map = self.key_frame(imu_factor.since).filter(|_| imu_factor.since < *id)?.map;
+                let k = self.key_frames.get_mut(id.index()).filter(|k| k.map == map)?;
+                k.motion.as_mut()?.imu_factor = Some(imu_factor.clone());
             }
             Change::ImuOffset(seconds) => self.imu_offset = seconds.is_finite().then_some(*seconds)?,
-            Change::Level(world, level_from_world) => {
-                if !self.worlds.contains_key(world) {
+            Change::AlignGravity(map, level_from_world) => {
+                if !self.maps.contains_key(map) {
                     return None;
                 }
-                self.carry(*world, *world, level_from_world, dirty)?;
-                *Arc::make_mut(&mut self.levelled).entry(*world).or_insert(0) += 1;
+                self.carry(*map, *map, level_from_world, dirty)?;
+                *Arc::make_mut(&mut self.gravity_alignments).entry(*map).or_insert(0) += 1;
             }
             Change::MoveLandmark(id, position) => {
                 let l = finite(position).then(|| self.landmarks.get_mut(id.index()))??;
@@ -120,14 +125,14 @@ impl Map {
             Change::Calibrate(offset) => self.right_offset = offset.is_finite().then_some(*offset)?,
             Change::Fuse(from, into) => self.fuse(*from, *into, dirty)?,
             Change::Link(a, b) => self.link(*a, *b)?,
-            Change::Tie(world, tie) => {
-                let former = self.living(tie.to).and_then(|(id, _)| self.key_frame(id))?.world;
+            Change::MapPrior(map, tie) => {
+                let former = self.surviving_ancestor(tie.to).and_then(|(id, _)| self.key_frame(id))?.map;
                 let sound =
                     tie.to_from_root.is_finite() && tie.sigma.is_finite() && tie.sigma_rad.is_finite();
-                if former == *world || !sound {
+                if former == *map || !sound {
                     return None;
                 }
-                *Arc::make_mut(&mut self.worlds).get_mut(world)? = Some(*tie);
+                *Arc::make_mut(&mut self.maps).get_mut(map)? = Some(*tie);
             }
             Change::Merge { from, into, into_from, parent } => {
                 self.merge(*from, *into, into_from, *parent, dirty)?
@@ -147,7 +152,7 @@ impl Map {
     ) -> Option<()> {
         let seen_from = self.landmark(id)?.observations.first().map(|o| o.key_frame);
         if let Some(seen_from) = seen_from
-            && self.key_frame(seen_from)?.world != self.key_frame(key_frame)?.world
+            && self.key_frame(seen_from)?.map != self.key_frame(key_frame)?.map
         {
             return None;
         }
@@ -190,10 +195,10 @@ impl Map {
         if from == into {
             return None;
         }
-        let world = |map: &Self, id| map.landmark(id)?.observations.first().map(|o| o.key_frame);
-        let worlds = [from, into].map(|id| world(self, id).and_then(|k| self.key_frame(k)).map(|k| k.world));
+        let map = |snapshot: &Self, id| snapshot.landmark(id)?.observations.first().map(|o| o.key_frame);
+        let maps = [from, into].map(|id| map(self, id).and_then(|k| self.key_frame(k)).map(|k| k.map));
         self.landmark(into)?;
-        if let [Some(a), Some(b)] = worlds
+        if let [Some(a), Some(b)] = maps
             && a != b
         {
             return None;
@@ -238,7 +243,7 @@ impl Map {
     }
 
     fn link(&mut self, a: KeyFrameId, b: KeyFrameId) -> Option<()> {
-        if a == b || self.key_frame(a)?.world != self.key_frame(b)?.world {
+        if a == b || self.key_frame(a)?.map != self.key_frame(b)?.map {
             return None;
         }
         for (at, with) in [(a, b), (b, a)] {
@@ -252,28 +257,28 @@ impl Map {
 
     fn merge(
         &mut self,
-        from: WorldId,
-        into: WorldId,
+        from: MapId,
+        into: MapId,
         into_from: &Sim3,
         parent: KeyFrameId,
         dirty: &mut Dirty,
     ) -> Option<()> {
-        let known = self.worlds.contains_key(&from) && self.worlds.contains_key(&into);
+        let known = self.maps.contains_key(&from) && self.maps.contains_key(&into);
         if !known || from <= into || parent >= from.root() {
             return None;
         }
-        if self.key_frame(parent)?.world != into {
+        if self.key_frame(parent)?.map != into {
             return None;
         }
         self.carry(from, into, into_from, dirty)?;
         self.key_frames.get_mut(from.root().index())?.parent = Some(parent);
-        Arc::make_mut(&mut self.worlds).remove(&from);
-        Arc::make_mut(&mut self.levelled).remove(&from);
+        Arc::make_mut(&mut self.maps).remove(&from);
+        Arc::make_mut(&mut self.gravity_alignments).remove(&from);
         Some(())
     }
 
     /// Moves all that is in a world; nothing when a unit would be none.
-    fn carry(&mut self, from: WorldId, into: WorldId, into_from: &Sim3, dirty: &mut Dirty) -> Option<()> {
+    fn carry(&mut self, from: MapId, into: MapId, into_from: &Sim3, dirty: &mut Dirty) -> Option<()> {
         if !into_from.is_finite() {
             return None;
         }
@@ -284,8 +289,8 @@ impl Map {
         let mut landmarks: BTreeSet<LandmarkId> = BTreeSet::new();
         for id in moving {
             let k = self.key_frames.get_mut(id.index())?;
-            k.world = into;
-            k.world_from_eye = into_from.transform_pose(&k.world_from_eye);
+            k.map = into;
+            k.world_from_camera = into_from.transform_pose(&k.world_from_camera);
             k.unit *= into_from.scale;
             landmarks.extend(k.landmarks.iter().flatten());
         }
@@ -298,12 +303,16 @@ impl Map {
     }
 
     /// What was felt since a removed key frame goes over to the one before it.
-    fn part_motion(&mut self, gone: KeyFrameId, motion: Option<Motion>) {
-        let since = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.felt.as_ref()).map(|f| f.since);
+    fn part_motion(&mut self, gone: KeyFrameId, motion: Option<InertialState>) {
+        let since = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.imu_factor.as_ref()).map(|f| f.since);
         let Some(next) = self.key_frames().find(|k| since(k) == Some(gone)).map(|k| k.id) else { return };
         if let Some(after) = self.key_frames.get_mut(next.index()).and_then(|k| k.motion.as_mut()) {
-            let before = motion.and_then(|m| m.felt);
-            after.felt = after.felt.take().zip(before).and_then(|(felt, before)| felt.after(&before));
+            let before = motion.and_then(|m| m.imu_factor);
+            after.imu_factor = after
+                .imu_factor
+                .take()
+                .zip(before)
+                .and_then(|(imu_factor, before)| imu_factor.after(&before));
         }
     }
 
@@ -419,13 +428,13 @@ impl Map {
     pub(crate) fn visibility(&self, l: &Landmark) -> Option<(Vec3, f64, f64)> {
         let mut normal = Vec3::zeros();
         for o in &l.observations {
-            let from = self.key_frame(o.key_frame)?.world_from_eye.translation;
+            let from = self.key_frame(o.key_frame)?.world_from_camera.translation;
             normal += (l.position - from).try_normalize(1e-12).unwrap_or_else(Vec3::zeros);
         }
         // The first observer sets the range: the level it was found at tells its size.
         let first = l.observations.first()?;
         let k = self.key_frame(first.key_frame)?;
-        let range = (l.position - k.world_from_eye.translation).norm();
+        let range = (l.position - k.world_from_camera.translation).norm();
         let max = range * self.octaves.scale(k.frame.octave[first.feature as usize]);
         let min = max / self.octaves.scale((self.octaves.levels - 1) as u8);
         Some((normal.try_normalize(1e-12).unwrap_or_else(Vec3::zeros), min, max))

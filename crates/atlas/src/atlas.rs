@@ -2,7 +2,7 @@
 
 use crate::rebase::rebase;
 use crate::stream::Subscribers;
-use crate::{Applied, Change, Map, Subscription};
+use crate::{Applied, Change, Snapshot, Subscription};
 use arc_swap::ArcSwap;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,28 +10,28 @@ use std::sync::Arc;
 /// The one who may write: holds the latest map and publishes each version.
 #[derive(Debug)]
 pub struct Atlas {
-    latest: Arc<Map>,
-    published: Arc<ArcSwap<Map>>,
+    latest: Arc<Snapshot>,
+    published: Arc<ArcSwap<Snapshot>>,
     subscribers: Subscribers,
     /// Every version since it was last asked, where someone wants them all.
-    kept: Option<Vec<Arc<Map>>>,
+    kept: Option<Vec<Arc<Snapshot>>>,
 }
 
 /// Reads the latest map without a lock.
 #[derive(Clone, Debug)]
-pub struct Reader(Arc<ArcSwap<Map>>);
+pub struct Reader(Arc<ArcSwap<Snapshot>>);
 
 impl Reader {
     /// The latest map; it stays as it is for as long as it is held.
-    pub fn latest(&self) -> Arc<Map> {
+    pub fn latest(&self) -> Arc<Snapshot> {
         self.0.load_full()
     }
 }
 
 impl Atlas {
     /// An atlas with one map.
-    pub fn new(map: Map) -> Self {
-        let latest = Arc::new(map);
+    pub fn new(snapshot: Snapshot) -> Self {
+        let latest = Arc::new(snapshot);
         let published = Arc::new(ArcSwap::new(latest.clone()));
         Self { latest, published, subscribers: Subscribers::default(), kept: None }
     }
@@ -53,12 +53,12 @@ impl Atlas {
     }
 
     /// The versions kept since this was last asked, in order; nothing where none are kept.
-    pub fn kept(&mut self) -> Vec<Arc<Map>> {
+    pub fn kept(&mut self) -> Vec<Arc<Snapshot>> {
         self.kept.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// The latest map.
-    pub fn latest(&self) -> &Arc<Map> {
+    pub fn latest(&self) -> &Arc<Snapshot> {
         &self.latest
     }
 
@@ -85,13 +85,15 @@ impl Atlas {
 
     /// Applies changes that were made on an older version: what has moved or been born since goes along. Where a world has
     /// been levelled since, all of them are dropped: they speak of places in a frame that is no more.
-    pub fn commit_since(&mut self, base: &Map, changes: Vec<Change>) -> Applied {
+    pub fn commit_since(&mut self, base: &Snapshot, changes: Vec<Change>) -> Applied {
         if base.version() == self.latest.version() {
             return self.commit(changes);
         }
-        let frames = |map: &Map| map.worlds().map(|(w, _)| (w, map.levelled.get(&w).copied())).collect();
+        let frames = |snapshot: &Snapshot| {
+            snapshot.maps().map(|(w, _)| (w, snapshot.gravity_alignments.get(&w).copied())).collect()
+        };
         let (before, now): (BTreeMap<_, _>, BTreeMap<_, _>) = (frames(base), frames(&self.latest));
-        if before.iter().any(|(world, times)| now.get(world).is_some_and(|t| t != times)) {
+        if before.iter().any(|(map, times)| now.get(map).is_some_and(|t| t != times)) {
             return Applied { done: 0, dropped: changes.len() };
         }
         let rebased = rebase(base, changes, &self.latest);

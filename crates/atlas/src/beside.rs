@@ -1,6 +1,6 @@
 //! Two maps in one: the worlds of the second stand beside those of the first until a place is recognised.
 
-use crate::{KeyFrameId, LandmarkId, Map, Observation, Tie, WorldId};
+use crate::{KeyFrameId, LandmarkId, MapId, MapPrior, Observation, Snapshot};
 use std::sync::Arc;
 
 /// How ids of a map were shifted to stand beside those of another.
@@ -23,36 +23,36 @@ impl Shift {
         LandmarkId::from_index(id.index() + self.landmarks)
     }
 
-    fn world(&self, id: WorldId) -> Option<WorldId> {
-        self.key_frame(id.root()).map(WorldId)
+    fn map(&self, id: MapId) -> Option<MapId> {
+        self.key_frame(id.root()).map(MapId)
     }
 }
 
-impl Map {
+impl Snapshot {
     /// This map with all worlds of another beside its own, unaligned: what the other holds keeps its order and gets
     /// ids behind those of this map. The disparity offset stays that of this map. An error in words when the key frames
     /// have different octaves or there are not enough ids.
-    pub fn beside(&self, other: &Map) -> Result<(Map, Shift), String> {
+    pub fn beside(&self, other: &Snapshot) -> Result<(Snapshot, Shift), String> {
         if self.octaves != other.octaves {
             return Err(format!("one map has {:?}, the other {:?}", self.octaves, other.octaves));
         }
         let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark };
-        let map = self.joined(other, &shift).ok_or("there are not enough ids for both maps")?;
-        Ok((map, shift))
+        let snapshot = self.joined(other, &shift).ok_or("there are not enough ids for both maps")?;
+        Ok((snapshot, shift))
     }
 
-    fn joined(&self, other: &Map, shift: &Shift) -> Option<Map> {
-        let mut map = self.clone();
-        map.version = self.version.max(other.version) + 1;
-        map.next_key_frame = shift.key_frames + other.next_key_frame;
-        map.next_landmark = shift.landmarks + other.next_landmark;
+    fn joined(&self, other: &Snapshot, shift: &Shift) -> Option<Snapshot> {
+        let mut snapshot = self.clone();
+        snapshot.version = self.version.max(other.version) + 1;
+        snapshot.next_key_frame = shift.key_frames + other.next_key_frame;
+        snapshot.next_landmark = shift.landmarks + other.next_landmark;
         // The ids that the next ones will have must be ids too.
-        KeyFrameId::from_index(map.next_key_frame)?;
-        LandmarkId::from_index(map.next_landmark)?;
+        KeyFrameId::from_index(snapshot.next_key_frame)?;
+        LandmarkId::from_index(snapshot.next_landmark)?;
         for k in other.key_frames() {
             let mut k = k.clone();
             k.id = shift.key_frame(k.id)?;
-            k.world = shift.world(k.world)?;
+            k.map = shift.map(k.map)?;
             k.parent = match k.parent {
                 Some(parent) => Some(shift.key_frame(parent)?),
                 None => None,
@@ -60,8 +60,8 @@ impl Map {
             for id in &mut k.links {
                 *id = shift.key_frame(*id)?;
             }
-            if let Some(felt) = k.motion.as_mut().and_then(|m| m.felt.as_mut()) {
-                felt.since = shift.key_frame(felt.since)?;
+            if let Some(imu_factor) = k.motion.as_mut().and_then(|m| m.imu_factor.as_mut()) {
+                imu_factor.since = shift.key_frame(imu_factor.since)?;
             }
             for (id, _) in &mut k.covisible {
                 *id = shift.key_frame(*id)?;
@@ -69,8 +69,8 @@ impl Map {
             for id in k.landmarks.iter_mut().flatten() {
                 *id = shift.landmark(*id)?;
             }
-            map.places.insert(k.id, &k.bag);
-            map.key_frames.insert(k.id.index(), k);
+            snapshot.places.insert(k.id, &k.bag);
+            snapshot.key_frames.insert(k.id.index(), k);
         }
         for l in other.landmarks() {
             let mut l = l.clone();
@@ -78,23 +78,23 @@ impl Map {
             for Observation { key_frame, .. } in &mut l.observations {
                 *key_frame = shift.key_frame(*key_frame)?;
             }
-            map.landmarks.insert(l.id.index(), l);
+            snapshot.landmarks.insert(l.id.index(), l);
         }
         for (index, (parent, parent_from_it)) in other.gone.iter() {
-            map.gone.insert(index + shift.key_frames, (shift.key_frame(*parent)?, *parent_from_it));
+            snapshot.gone.insert(index + shift.key_frames, (shift.key_frame(*parent)?, *parent_from_it));
         }
-        let worlds = Arc::make_mut(&mut map.worlds);
-        for (world, tie) in other.worlds() {
+        let maps = Arc::make_mut(&mut snapshot.maps);
+        for (map, tie) in other.maps() {
             let tie = match tie {
-                Some(tie) => Some(Tie { to: shift.key_frame(tie.to)?, ..*tie }),
+                Some(tie) => Some(MapPrior { to: shift.key_frame(tie.to)?, ..*tie }),
                 None => None,
             };
-            worlds.insert(shift.world(world)?, tie);
+            maps.insert(shift.map(map)?, tie);
         }
-        let levelled = Arc::make_mut(&mut map.levelled);
-        for (world, times) in other.levelled.iter() {
-            levelled.insert(shift.world(*world)?, *times);
+        let gravity_alignments = Arc::make_mut(&mut snapshot.gravity_alignments);
+        for (map, times) in other.gravity_alignments.iter() {
+            gravity_alignments.insert(shift.map(*map)?, *times);
         }
-        Some(map)
+        Some(snapshot)
     }
 }

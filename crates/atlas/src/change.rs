@@ -1,6 +1,6 @@
 //! Changes to a map, as data.
 
-use crate::{Felt, KeyFrame, KeyFrameId, LandmarkId, Tie, WorldId};
+use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Bias;
 
@@ -11,19 +11,19 @@ pub enum Change {
     AddKeyFrame(Box<KeyFrame>),
     /// A new landmark at a place in the world; its observations follow.
     AddLandmark(LandmarkId, Vec3),
-    /// A key frame is somewhere else: `world_from_eye`.
+    /// A key frame is somewhere else: `world_from_camera`.
     MoveKeyFrame(KeyFrameId, Se3),
     /// Lengths around a key frame, in its own world, are this many times what they were.
     Scale(KeyFrameId, f64),
     /// The sensor of a key frame that has a motion moves like this: velocity along the eye's axes in m/s, and biases.
-    Motion(KeyFrameId, Vec3, Bias),
+    InertialState(KeyFrameId, Vec3, Bias),
     /// What was felt on the way to a key frame that has a motion is this.
-    Felt(KeyFrameId, Felt),
+    ImuFactor(KeyFrameId, ImuFactor),
     /// Seconds to be added to the stamps of the inertial sensor, beyond what its source adds, to get the images' clock.
     ImuOffset(f64),
     /// Gravity and scale of a world are known, or known better: all that is in it moves by this, and from now on its
     /// lengths are metres and its z axis points up.
-    Level(WorldId, Sim3),
+    AlignGravity(MapId, Sim3),
     /// A landmark is somewhere else.
     MoveLandmark(LandmarkId, Vec3),
     /// A feature of a key frame shows a landmark (and nothing else).
@@ -39,14 +39,14 @@ pub enum Change {
     /// A loop was closed between two key frames.
     Link(KeyFrameId, KeyFrameId),
     /// How a world hangs on a former one until they are merged.
-    Tie(WorldId, Tie),
+    MapPrior(MapId, MapPrior),
     /// A younger world is part of an older one from now on: all that is in it moves by `into_from`, and its root hangs
     /// on `parent`, which is older than it.
     Merge {
         /// The younger world; its name goes.
-        from: WorldId,
+        from: MapId,
         /// The older world.
-        into: WorldId,
+        into: MapId,
         /// From the younger world's frame to the older one's.
         into_from: Sim3,
         /// Key frame of the older world, born before the younger one's root.

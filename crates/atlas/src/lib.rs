@@ -1,6 +1,6 @@
 #![doc = include_str!("../README.md")]
 //!
-//! A [`Map`] is a value: cloning it is cheap, and whoever holds one is never disturbed. The only way to
+//! A [`Snapshot`] is a value: cloning it is cheap, and whoever holds one is never disturbed. The only way to
 //! change a map is to apply a [`ChangeSet`].
 
 mod apply;
@@ -9,26 +9,26 @@ mod atlas;
 mod beside;
 mod change;
 mod ids;
+mod inertial;
 mod key_frame;
 mod landmark;
 mod map;
 mod mirror;
-mod motion;
 mod places;
 mod rebase;
+mod snapshot;
 pub mod store;
 mod stream;
-mod world;
 
 pub use atlas::{Atlas, Reader};
 pub use beside::Shift;
 pub use change::{Applied, Change, ChangeSet};
 pub use ids::{KeyFrameId, LandmarkId};
+pub use inertial::{ImuFactor, ImuSegment, InertialState};
 pub use key_frame::KeyFrame;
 pub use landmark::{Landmark, Observation};
-pub use map::Map;
+pub use map::{MapId, MapPrior};
 pub use mirror::{Mirror, Mirrored};
-pub use motion::{Felt, Motion, Sensed};
 pub use places::PlaceIndex;
+pub use snapshot::Snapshot;
 pub use stream::{Published, Removed, Subscription};
-pub use world::{Tie, WorldId};

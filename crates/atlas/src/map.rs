@@ -1,280 +1,32 @@
-//! The map: key frames and landmarks of all that was ever seen, in one world or several.
+//! Worlds: pieces of the map that have a frame of their own.
+//!
+//! When tracking is lost and the place is not recognised, mapping begins anew in another world of the same map. When a
+//! place is recognised later, the worlds are merged. Nothing is shown or observed from one world to another.
 
-use crate::arena::Arena;
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, PlaceIndex, Tie, WorldId};
-use cairn_geometry::{Se3, Sim3};
-use cairn_vision::{EyeModel, Octaves};
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use crate::KeyFrameId;
+use cairn_geometry::Se3;
 
-/// A version of the map. Cloning is cheap; see [`Map::apply`] for the next version.
-#[derive(Clone, Debug)]
-pub struct Map {
-    pub(crate) version: u64,
-    pub(crate) octaves: Octaves,
-    pub(crate) key_frames: Arena<KeyFrame>,
-    pub(crate) landmarks: Arena<Landmark>,
-    /// For each removed key frame, the one it hangs on and where it stood there.
-    pub(crate) gone: Arena<(KeyFrameId, Sim3)>,
-    pub(crate) worlds: Arc<BTreeMap<WorldId, Option<Tie>>>,
-    /// How often each world was levelled; those that are not there never were.
-    pub(crate) levelled: Arc<BTreeMap<WorldId, u32>>,
-    pub(crate) places: PlaceIndex,
-    pub(crate) right_offset: f64,
-    pub(crate) imu_offset: f64,
-    pub(crate) next_key_frame: usize,
-    pub(crate) next_landmark: usize,
-}
+/// A world, named after its eldest key frame, its root.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MapId(pub KeyFrameId);
 
-impl Default for Map {
-    fn default() -> Self {
-        Self::new()
+impl MapId {
+    /// The eldest key frame: it is where the world is, it never moves by adjustment and is never culled.
+    pub fn root(self) -> KeyFrameId {
+        self.0
     }
 }
 
-impl Map {
-    /// An empty map for the usual eight octaves of 1.2.
-    pub fn new() -> Self {
-        Self::with_octaves(Octaves { levels: 8, factor: 1.2 })
-    }
-
-    /// An empty map whose key frames have these octaves.
-    pub fn with_octaves(octaves: Octaves) -> Self {
-        Self {
-            version: 0,
-            octaves,
-            key_frames: Arena::default(),
-            landmarks: Arena::default(),
-            gone: Arena::default(),
-            worlds: Arc::default(),
-            levelled: Arc::default(),
-            places: PlaceIndex::default(),
-            right_offset: 0.0,
-            imu_offset: 0.0,
-            next_key_frame: 0,
-            next_landmark: 0,
-        }
-    }
-
-    /// Which version this is, counted from 0.
-    pub fn version(&self) -> u64 {
-        self.version
-    }
-
-    /// The scale pyramid of all key frames.
-    pub fn octaves(&self) -> Octaves {
-        self.octaves
-    }
-
-    /// What is to be added to every measured right x, pixels, as the map has found it: the part of a stereo
-    /// calibration's error that looks like disparity.
-    pub fn right_offset(&self) -> f64 {
-        self.right_offset
-    }
-
-    /// Seconds to be added to the stamps of the inertial sensor, beyond what its source adds, to get the images' clock:
-    /// `t_imu + offset = t_image`. Zero until it is found, and in a map that was opened.
-    pub fn imu_offset(&self) -> f64 {
-        self.imu_offset
-    }
-
-    /// The living key frames by the words that they show.
-    pub fn places(&self) -> &PlaceIndex {
-        &self.places
-    }
-
-    /// A key frame, if it is alive.
-    pub fn key_frame(&self, id: KeyFrameId) -> Option<&KeyFrame> {
-        self.key_frames.get(id.index())
-    }
-
-    /// A landmark, if it is alive.
-    pub fn landmark(&self, id: LandmarkId) -> Option<&Landmark> {
-        self.landmarks.get(id.index())
-    }
-
-    /// All key frames in order of birth.
-    pub fn key_frames(&self) -> impl Iterator<Item = &KeyFrame> {
-        self.key_frames.iter().map(|(_, k)| k)
-    }
-
-    /// All landmarks in order of birth.
-    pub fn landmarks(&self) -> impl Iterator<Item = &Landmark> {
-        self.landmarks.iter().map(|(_, l)| l)
-    }
-
-    /// The worlds, eldest first, each with how it hangs on a former one.
-    pub fn worlds(&self) -> impl Iterator<Item = (WorldId, Option<&Tie>)> {
-        self.worlds.iter().map(|(id, tie)| (*id, tie.as_ref()))
-    }
-
-    /// True when lengths in a world are metres and its z axis points up, as an inertial sensor has found.
-    pub fn is_level(&self, world: WorldId) -> bool {
-        self.levelled.contains_key(&world)
-    }
-
-    /// Whether lengths in one world are metres.
-    pub fn is_metric_in(&self, world: WorldId, eye: &EyeModel) -> bool {
-        eye.has_depth() || self.is_level(world)
-    }
-
-    /// Whether lengths in the whole map are metres: the eye has depth, or the inertial sensor has told in each world.
-    pub fn is_metric(&self, eye: &EyeModel) -> bool {
-        eye.has_depth() || self.is_level_throughout()
-    }
-
-    /// True when there are worlds, and the z axis of each points up.
-    pub fn is_level_throughout(&self) -> bool {
-        let mut worlds = self.worlds().map(|(w, _)| self.is_level(w)).peekable();
-        worlds.peek().is_some() && worlds.all(|level| level)
-    }
-
-    /// The key frames of one world in order of birth.
-    pub fn key_frames_of(&self, world: WorldId) -> impl Iterator<Item = &KeyFrame> {
-        self.key_frames().filter(move |k| k.world == world)
-    }
-
-    /// The youngest living key frame.
-    pub fn newest_key_frame(&self) -> Option<&KeyFrame> {
-        (0..self.next_key_frame).rev().find_map(|i| self.key_frames.get(i))
-    }
-
-    /// How many key frames are alive.
-    pub fn key_frame_count(&self) -> usize {
-        self.key_frames.len()
-    }
-
-    /// How many key frames were removed; what hung on them hangs on others.
-    pub fn removed_key_frame_count(&self) -> usize {
-        self.gone.len()
-    }
-
-    /// How many landmarks are alive.
-    pub fn landmark_count(&self) -> usize {
-        self.landmarks.len()
-    }
-
-    /// The id that the next new key frame shall have.
-    pub fn next_key_frame_id(&self) -> KeyFrameId {
-        KeyFrameId::from_index(self.next_key_frame).expect("fewer than four billion key frames")
-    }
-
-    /// The id that the next new landmark shall have; further new ones count on from it.
-    pub fn next_landmark_id(&self) -> LandmarkId {
-        LandmarkId::from_index(self.next_landmark).expect("fewer than four billion landmarks")
-    }
-
-    /// Where the eye of a key frame stands and the unit of what hangs on it, also for one that was removed: it stands
-    /// where its parent puts it.
-    pub fn world_from_here(&self, id: KeyFrameId) -> Option<Sim3> {
-        let (living, living_from_id) = self.living(id)?;
-        Some(self.key_frame(living)?.world_from_here() * living_from_id)
-    }
-
-    /// The pose alone of [`Map::world_from_here`].
-    pub fn world_from_eye(&self, id: KeyFrameId) -> Option<Se3> {
-        self.world_from_here(id).map(|here| Se3::new(here.rotation, here.translation))
-    }
-
-    /// The living key frame that what hangs on `id` hangs on now, with `living_from_id`.
-    pub fn living(&self, id: KeyFrameId) -> Option<(KeyFrameId, Sim3)> {
-        let mut at = id;
-        let mut relative = Sim3::identity();
-        while self.key_frame(at).is_none() {
-            let (parent, parent_from_it) = self.gone.get(at.index())?;
-            relative = *parent_from_it * relative;
-            at = *parent;
-        }
-        Some((at, relative))
-    }
-
-    /// Where something stands that hangs on a key frame with `eye_from_it`.
-    pub fn stand(&self, id: KeyFrameId, eye_from_it: &Se3) -> Option<Se3> {
-        Some(self.world_from_here(id)?.transform_pose(eye_from_it))
-    }
-
-    /// How something hangs on a key frame that stands at `world_from_it` in its world: the `eye_from_it` that follows
-    /// the map from now on.
-    pub fn hang(&self, id: KeyFrameId, world_from_it: &Se3) -> Option<Se3> {
-        Some(self.world_from_here(id)?.inverse().transform_pose(world_from_it))
-    }
-
-    /// Key frames that see any of these landmarks, with how many of them each sees, most first.
-    pub fn votes<'a>(&self, landmarks: impl IntoIterator<Item = &'a LandmarkId>) -> Vec<(KeyFrameId, u32)> {
-        let mut seen: Vec<KeyFrameId> = Vec::new();
-        for landmark in landmarks.into_iter().filter_map(|id| self.landmark(*id)) {
-            seen.extend(landmark.observations.iter().map(|o| o.key_frame));
-        }
-        seen.sort_unstable();
-        let mut votes: Vec<(KeyFrameId, u32)> =
-            seen.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect();
-        votes.sort_by_key(|(id, n)| (std::cmp::Reverse(*n), *id));
-        votes
-    }
-
-    /// Checks what must always hold; the first breach in words. For tests and `map check`.
-    pub fn check(&self) -> Result<(), String> {
-        for k in self.key_frames() {
-            if k.landmarks.len() != k.frame.len() {
-                return Err(format!(
-                    "{:?} has {} landmark slots for {} features",
-                    k.id,
-                    k.landmarks.len(),
-                    k.frame.len()
-                ));
-            }
-            for (i, id) in k.landmarks.iter().enumerate() {
-                let Some(id) = id else { continue };
-                let Some(l) = self.landmark(*id) else {
-                    return Err(format!("{:?} shows {id:?}, which is gone", k.id));
-                };
-                if l.feature_in(k.id) != Some(i as u16) {
-                    return Err(format!(
-                        "{:?} shows {id:?} in feature {i}, the landmark does not know",
-                        k.id
-                    ));
-                }
-            }
-            match k.parent {
-                Some(p) if p >= k.id => return Err(format!("{:?} has the younger parent {p:?}", k.id)),
-                Some(p) if self.key_frame(p).is_none_or(|p| p.world != k.world) => {
-                    return Err(format!("{:?} has the parent {p:?}, which is not in its world", k.id));
-                }
-                None if k.world.root() != k.id || !self.worlds.contains_key(&k.world) => {
-                    return Err(format!("{:?} is the root of no world", k.id));
-                }
-                _ => {}
-            }
-            if !(k.unit.is_finite() && k.unit > 0.0) {
-                return Err(format!("{:?} has the unit {}", k.id, k.unit));
-            }
-            if let Some(other) = k.links.iter().find(|other| {
-                self.key_frame(**other).is_none_or(|o| o.world != k.world || !o.links.contains(&k.id))
-            }) {
-                return Err(format!("{:?} has a loop with {other:?}, which does not know", k.id));
-            }
-        }
-        for world in self.worlds.keys() {
-            if self.key_frame(world.root()).is_none_or(|k| k.parent.is_some()) {
-                return Err(format!("{world:?} has no root"));
-            }
-        }
-        for l in self.landmarks() {
-            if l.observations.is_empty() {
-                return Err(format!("{:?} is seen by nobody", l.id));
-            }
-            let world = |o: &crate::Observation| self.key_frame(o.key_frame).map(|k| k.world);
-            if l.observations.iter().any(|o| world(o) != world(&l.observations[0])) {
-                return Err(format!("{:?} is seen from two worlds", l.id));
-            }
-            for o in &l.observations {
-                let shown =
-                    self.key_frame(o.key_frame).and_then(|k| k.landmarks.get(o.feature as usize).copied());
-                if shown != Some(Some(l.id)) {
-                    return Err(format!("{:?} is observed in {o:?}, the key frame does not know", l.id));
-                }
-            }
-        }
-        Ok(())
-    }
+/// How a world hangs on a former one as long as the place where they meet is not known: the last pose that was known
+/// there, carried on to the root of the new world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapPrior {
+    /// Key frame of the former world.
+    pub to: KeyFrameId,
+    /// Where the root was believed to stand in the eye frame of `to`, in the units of `to` (see [`crate::KeyFrame::unit`]).
+    pub to_from_root: Se3,
+    /// Standard deviation of that place, in the former world's unit of length.
+    pub sigma: f64,
+    /// Standard deviation of that direction, radians.
+    pub sigma_rad: f64,
 }

@@ -1,6 +1,6 @@
 //! A map's key frames without the map: kept up to date by the stream of changes alone.
 
-use crate::{Change, KeyFrameId, Map, Published, Tie, WorldId};
+use crate::{Change, KeyFrameId, MapId, MapPrior, Published, Snapshot};
 use cairn_geometry::{Se3, Sim3};
 use std::collections::BTreeMap;
 
@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mirrored {
     /// The world it stands in.
-    pub world: WorldId,
+    pub map: MapId,
     /// Where the eye was.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
     /// World units for one unit of what hangs on it.
     pub unit: f64,
 }
@@ -18,7 +18,7 @@ pub struct Mirrored {
 impl Mirrored {
     /// The pose with the unit.
     pub fn world_from_here(&self) -> Sim3 {
-        Sim3::new(self.world_from_eye.rotation, self.world_from_eye.translation, self.unit)
+        Sim3::new(self.world_from_camera.rotation, self.world_from_camera.translation, self.unit)
     }
 }
 
@@ -28,19 +28,22 @@ pub struct Mirror {
     version: u64,
     key_frames: BTreeMap<KeyFrameId, Mirrored>,
     gone: BTreeMap<KeyFrameId, (KeyFrameId, Sim3)>,
-    worlds: BTreeMap<WorldId, Option<Tie>>,
+    maps: BTreeMap<MapId, Option<MapPrior>>,
 }
 
 impl Mirror {
     /// A mirror of one version of a map.
-    pub fn of(map: &Map) -> Self {
-        let mirrored =
-            |k: &crate::KeyFrame| Mirrored { world: k.world, world_from_eye: k.world_from_eye, unit: k.unit };
+    pub fn of(snapshot: &Snapshot) -> Self {
+        let mirrored = |k: &crate::KeyFrame| Mirrored {
+            map: k.map,
+            world_from_camera: k.world_from_camera,
+            unit: k.unit,
+        };
         Self {
-            version: map.version,
-            key_frames: map.key_frames().map(|k| (k.id, mirrored(k))).collect(),
-            gone: map.gone.iter().filter_map(|(i, g)| Some((KeyFrameId::from_index(i)?, *g))).collect(),
-            worlds: map.worlds.as_ref().clone(),
+            version: snapshot.version,
+            key_frames: snapshot.key_frames().map(|k| (k.id, mirrored(k))).collect(),
+            gone: snapshot.gone.iter().filter_map(|(i, g)| Some((KeyFrameId::from_index(i)?, *g))).collect(),
+            maps: snapshot.maps.as_ref().clone(),
         }
     }
 
@@ -51,17 +54,17 @@ impl Mirror {
         for change in &published.changes {
             match change {
                 Change::AddKeyFrame(k) => {
-                    let hung = k.parent.and_then(|p| self.key_frames.get(&p)).map(|p| p.world);
-                    let world = hung.unwrap_or(WorldId(k.id));
+                    let hung = k.parent.and_then(|p| self.key_frames.get(&p)).map(|p| p.map);
+                    let map = hung.unwrap_or(MapId(k.id));
                     if k.parent.is_none() {
-                        self.worlds.insert(world, None);
+                        self.maps.insert(map, None);
                     }
-                    let mirrored = Mirrored { world, world_from_eye: k.world_from_eye, unit: k.unit };
+                    let mirrored = Mirrored { map, world_from_camera: k.world_from_camera, unit: k.unit };
                     self.key_frames.insert(k.id, mirrored);
                 }
                 Change::MoveKeyFrame(id, pose) => {
                     if let Some(k) = self.key_frames.get_mut(id) {
-                        k.world_from_eye = *pose;
+                        k.world_from_camera = *pose;
                     }
                 }
                 Change::Scale(id, factor) => {
@@ -69,20 +72,20 @@ impl Mirror {
                         k.unit *= factor;
                     }
                 }
-                Change::Tie(world, tie) => {
-                    self.worlds.insert(*world, Some(*tie));
+                Change::MapPrior(map, tie) => {
+                    self.maps.insert(*map, Some(*tie));
                 }
                 Change::Merge { from, into, into_from, .. } => {
-                    for k in self.key_frames.values_mut().filter(|k| k.world == *from) {
-                        k.world = *into;
-                        k.world_from_eye = into_from.transform_pose(&k.world_from_eye);
+                    for k in self.key_frames.values_mut().filter(|k| k.map == *from) {
+                        k.map = *into;
+                        k.world_from_camera = into_from.transform_pose(&k.world_from_camera);
                         k.unit *= into_from.scale;
                     }
-                    self.worlds.remove(from);
+                    self.maps.remove(from);
                 }
-                Change::Level(world, level_from_world) => {
-                    for k in self.key_frames.values_mut().filter(|k| k.world == *world) {
-                        k.world_from_eye = level_from_world.transform_pose(&k.world_from_eye);
+                Change::AlignGravity(map, level_from_world) => {
+                    for k in self.key_frames.values_mut().filter(|k| k.map == *map) {
+                        k.world_from_camera = level_from_world.transform_pose(&k.world_from_camera);
                         k.unit *= level_from_world.scale;
                     }
                 }
@@ -97,8 +100,8 @@ impl Mirror {
                 | Change::Observe(..)
                 | Change::Forget(..)
                 | Change::Fuse(..)
-                | Change::Motion(..)
-                | Change::Felt(..)
+                | Change::InertialState(..)
+                | Change::ImuFactor(..)
                 | Change::ImuOffset(_)
                 | Change::Calibrate(_)
                 | Change::RemoveLandmark(_)
@@ -123,11 +126,11 @@ impl Mirror {
     }
 
     /// The worlds, eldest first, each with how it hangs on a former one.
-    pub fn worlds(&self) -> impl Iterator<Item = (WorldId, Option<&Tie>)> {
-        self.worlds.iter().map(|(id, tie)| (*id, tie.as_ref()))
+    pub fn maps(&self) -> impl Iterator<Item = (MapId, Option<&MapPrior>)> {
+        self.maps.iter().map(|(id, tie)| (*id, tie.as_ref()))
     }
 
-    /// As [`Map::world_from_here`].
+    /// As [`Snapshot::world_from_here`].
     pub fn world_from_here(&self, id: KeyFrameId) -> Option<Sim3> {
         let mut at = id;
         let mut relative = Sim3::identity();
@@ -142,8 +145,8 @@ impl Mirror {
         }
     }
 
-    /// As [`Map::stand`].
-    pub fn stand(&self, id: KeyFrameId, eye_from_it: &Se3) -> Option<Se3> {
-        Some(self.world_from_here(id)?.transform_pose(eye_from_it))
+    /// As [`Snapshot::resolve`].
+    pub fn resolve(&self, id: KeyFrameId, camera_from_it: &Se3) -> Option<Se3> {
+        Some(self.world_from_here(id)?.transform_pose(camera_from_it))
     }
 }

@@ -5,7 +5,7 @@
 //! to the last bit.
 
 use crate::arena::Arena;
-use crate::{KeyFrameId, Map};
+use crate::{KeyFrameId, Snapshot};
 use cairn_vision::bow::Bag;
 
 /// Key frames by the words that they show.
@@ -111,7 +111,7 @@ impl PlaceIndex {
 /// Key frames looked at for each place that is asked for: neighbours look alike, too.
 const POOL: usize = 8;
 
-impl Map {
+impl Snapshot {
     /// The places of any world most like a bag, best first, with their similarity: one key frame of each group of
     /// neighbours, `most` at most, none of the groups of those in `tried`, and only key frames that `accept` lets pass.
     /// A group are the `neighbours` that share most landmarks with a key frame.

@@ -4,12 +4,12 @@
 //! join or remove is kept as it is. What they move has moved by some similarity since the older version: whatever has
 //! been moved or born meanwhile goes along with the key frame it hangs on.
 
-use crate::{Change, ChangeSet, KeyFrame, KeyFrameId, Map};
+use crate::{Change, ChangeSet, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Sim3};
 use std::collections::BTreeMap;
 
 /// The changes as they have to be made on `latest` when they were made on `base`.
-pub(crate) fn rebase(base: &Map, changes: Vec<Change>, latest: &Map) -> Vec<Change> {
+pub(crate) fn rebase(base: &Snapshot, changes: Vec<Change>, latest: &Snapshot) -> Vec<Change> {
     let set = ChangeSet { base: base.version, changes };
     let after = base.apply(&set).0;
     let shifts = shifts(base, &after);
@@ -22,10 +22,10 @@ pub(crate) fn rebase(base: &Map, changes: Vec<Change>, latest: &Map) -> Vec<Chan
         let wanted = shift * k.world_from_here();
         let pose = match (base.key_frame(k.id), after.key_frame(k.id)) {
             // Untouched meanwhile: exactly where the changes put it.
-            (Some(b), Some(a)) if same_place(b, k) => a.world_from_eye,
+            (Some(b), Some(a)) if same_place(b, k) => a.world_from_camera,
             _ => Se3::new(wanted.rotation, wanted.translation),
         };
-        if now.world_from_eye != pose {
+        if now.world_from_camera != pose {
             rebased.push(Change::MoveKeyFrame(k.id, pose));
         }
         if (wanted.scale / now.unit - 1.0).abs() > 1e-12 {
@@ -54,11 +54,11 @@ fn moves(change: &Change) -> bool {
 }
 
 fn same_place(a: &KeyFrame, b: &KeyFrame) -> bool {
-    a.world_from_eye == b.world_from_eye && a.unit == b.unit
+    a.world_from_camera == b.world_from_camera && a.unit == b.unit
 }
 
 /// By what each key frame of the older version has moved; `None` for one that has not.
-fn shifts(base: &Map, after: &Map) -> BTreeMap<KeyFrameId, Option<Sim3>> {
+fn shifts(base: &Snapshot, after: &Snapshot) -> BTreeMap<KeyFrameId, Option<Sim3>> {
     let moved = |k: &KeyFrame| {
         let there = after.world_from_here(k.id)?;
         (there != k.world_from_here()).then(|| there * k.world_from_here().inverse())
@@ -67,7 +67,7 @@ fn shifts(base: &Map, after: &Map) -> BTreeMap<KeyFrameId, Option<Sim3>> {
 }
 
 /// The shift of a key frame, or of the one it hangs on that the older version knew.
-fn shift_of(shifts: &BTreeMap<KeyFrameId, Option<Sim3>>, latest: &Map, id: KeyFrameId) -> Option<Sim3> {
+fn shift_of(shifts: &BTreeMap<KeyFrameId, Option<Sim3>>, latest: &Snapshot, id: KeyFrameId) -> Option<Sim3> {
     let mut at = id;
     loop {
         if let Some(shift) = shifts.get(&at) {

@@ -1,6 +1,6 @@
 //! The stream of changes: what every commit did, told in order to all who listen.
 
-use crate::{Change, KeyFrameId, Map};
+use crate::{Change, KeyFrameId, Snapshot};
 use cairn_geometry::Sim3;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -32,7 +32,7 @@ pub struct Removed {
 #[derive(Debug)]
 pub struct Subscription {
     /// The map as it was when the stream began.
-    pub start: Arc<Map>,
+    pub start: Arc<Snapshot>,
     /// Every commit since, in order.
     pub changes: Receiver<Arc<Published>>,
 }
@@ -42,7 +42,7 @@ pub struct Subscription {
 pub(crate) struct Subscribers(Vec<Sender<Arc<Published>>>);
 
 impl Subscribers {
-    pub fn subscribe(&mut self, start: Arc<Map>) -> Subscription {
+    pub fn subscribe(&mut self, start: Arc<Snapshot>) -> Subscription {
         let (to, changes) = channel();
         self.0.push(to);
         Subscription { start, changes }
@@ -53,7 +53,7 @@ impl Subscribers {
     }
 
     /// Tells all; who is gone is forgotten. `next` is the map that the changes made.
-    pub fn publish(&mut self, changes: Vec<Change>, next: &Map) {
+    pub fn publish(&mut self, changes: Vec<Change>, next: &Snapshot) {
         let gone = |id: KeyFrameId| {
             let (parent, parent_from_it) = *next.gone.get(id.index())?;
             Some(Removed { key_frame: id, parent, parent_from_it })

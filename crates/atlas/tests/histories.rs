@@ -1,7 +1,9 @@
 //! Any history of change sets, sensible or not, keeps the rules of the map, leaves older versions as they were, and
 //! keeps the place of key frames that are gone.
 
-use cairn_atlas::{Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Mirror, Tie, WorldId};
+use cairn_atlas::{
+    Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Mirror, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_vision::Frame;
 use proptest::prelude::*;
@@ -71,26 +73,26 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (k.clone(), k.clone()).prop_map(|(a, b)| Step::Plain(Change::Link(key_frame_id(a), key_frame_id(b)))),
         1 => (k.clone(), prop_oneof![Just(0.0), Just(f64::NAN), 0.2..4.0])
             .prop_map(|(k, factor)| Step::Plain(Change::Scale(key_frame_id(k), factor))),
-        1 => (k.clone(), k.clone(), any::<i8>(), any::<i8>()).prop_map(|(world, to, a, b)| {
-            let tie = Tie { to: key_frame_id(to), to_from_root: pose(a, b), sigma: 1.0, sigma_rad: 0.1 };
-            Step::Plain(Change::Tie(WorldId(key_frame_id(world)), tie))
+        1 => (k.clone(), k.clone(), any::<i8>(), any::<i8>()).prop_map(|(map, to, a, b)| {
+            let tie = MapPrior { to: key_frame_id(to), to_from_root: pose(a, b), sigma: 1.0, sigma_rad: 0.1 };
+            Step::Plain(Change::MapPrior(MapId(key_frame_id(map)), tie))
         }),
         3 => (k.clone(), k.clone(), k.clone(), any::<i8>(), any::<i8>(), prop_oneof![1 => Just(-1.0), 5 => 0.3..3.0]).prop_map(
             |(from, into, parent, a, b, scale)| {
                 let at = pose(a, b);
                 Step::Plain(Change::Merge {
-                    from: WorldId(key_frame_id(from)),
-                    into: WorldId(key_frame_id(into)),
+                    from: MapId(key_frame_id(from)),
+                    into: MapId(key_frame_id(into)),
                     into_from: Sim3::new(at.rotation, at.translation, scale),
                     parent: key_frame_id(parent),
                 })
             }
         ),
         1 => (k.clone(), any::<i8>(), any::<i8>(), prop_oneof![1 => Just(f64::NAN), 5 => 0.3..3.0]).prop_map(
-            |(world, a, b, scale)| {
+            |(map, a, b, scale)| {
                 let at = pose(a, b);
                 let by = Sim3::new(at.rotation, at.translation, scale);
-                Step::Plain(Change::Level(WorldId(key_frame_id(world)), by))
+                Step::Plain(Change::AlignGravity(MapId(key_frame_id(map)), by))
             }
         ),
         2 => (k, any::<i8>(), any::<i8>(), poor.clone()).prop_map(|(k, a, b, poor)| {
@@ -108,8 +110,9 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 /// The changes of one set, with the ids that the map and the set so far ask for.
-fn changes(map: &Map, steps: &[Step]) -> Vec<Change> {
-    let (mut next_k, mut next_l) = (map.next_key_frame_id().index(), map.next_landmark_id().index());
+fn changes(snapshot: &Snapshot, steps: &[Step]) -> Vec<Change> {
+    let (mut next_k, mut next_l) =
+        (snapshot.next_key_frame_id().index(), snapshot.next_landmark_id().index());
     let mut bear = |step: &Step| match step {
         Step::BearKeyFrame(id, parent, a, b) => {
             let index = id.map_or(next_k, usize::from);
@@ -130,17 +133,17 @@ fn changes(map: &Map, steps: &[Step]) -> Vec<Change> {
 }
 
 /// All of a map that can be seen, in words.
-fn told(map: &Map) -> String {
-    let key_frames: Vec<String> = map
+fn told(snapshot: &Snapshot) -> String {
+    let key_frames: Vec<String> = snapshot
         .key_frames()
         .map(|k| {
-            let (hangs, shows) = ((k.world, k.parent, &k.links), (&k.landmarks, &k.covisible));
-            format!("{:?} {:?} {:?} {hangs:?} {shows:?}", k.id, k.world_from_eye, k.unit)
+            let (hangs, shows) = ((k.map, k.parent, &k.links), (&k.landmarks, &k.covisible));
+            format!("{:?} {:?} {:?} {hangs:?} {shows:?}", k.id, k.world_from_camera, k.unit)
         })
         .collect();
-    let landmarks: Vec<String> = map.landmarks().map(|l| format!("{l:?}")).collect();
-    let worlds: Vec<_> = map.worlds().collect();
-    format!("{} {key_frames:?} {landmarks:?} {worlds:?}", map.version())
+    let landmarks: Vec<String> = snapshot.landmarks().map(|l| format!("{l:?}")).collect();
+    let maps: Vec<_> = snapshot.maps().collect();
+    format!("{} {key_frames:?} {landmarks:?} {maps:?}", snapshot.version())
 }
 
 fn near(a: &Se3, b: &Se3) -> bool {
@@ -155,18 +158,18 @@ fn history() -> impl Strategy<Value = Vec<Vec<Step>>> {
 proptest! {
     #[test]
     fn any_history_keeps_the_rules_and_the_past(history in history()) {
-        let mut map = Map::new();
-        let mut past: Vec<(Map, String)> = Vec::new();
+        let mut snapshot = Snapshot::new();
+        let mut past: Vec<(Snapshot, String)> = Vec::new();
         for steps in &history {
-            past.push((map.clone(), told(&map)));
-            let set = ChangeSet { base: map.version(), changes: changes(&map, steps) };
-            let (next, applied) = map.apply(&set);
+            past.push((snapshot.clone(), told(&snapshot)));
+            let set = ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) };
+            let (next, applied) = snapshot.apply(&set);
             prop_assert_eq!(applied.done + applied.dropped, set.changes.len());
-            prop_assert_eq!(next.version(), map.version() + 1);
+            prop_assert_eq!(next.version(), snapshot.version() + 1);
             prop_assert_eq!(next.check(), Ok(()));
-            map = next;
-            prop_assert!(map.key_frames().all(|k| k.world_from_eye.is_finite()));
-            prop_assert!(map.landmarks().all(|l| l.position.iter().chain(&l.normal).all(|v| v.is_finite())));
+            snapshot = next;
+            prop_assert!(snapshot.key_frames().all(|k| k.world_from_camera.is_finite()));
+            prop_assert!(snapshot.landmarks().all(|l| l.position.iter().chain(&l.normal).all(|v| v.is_finite())));
         }
         for (version, words) in &past {
             prop_assert_eq!(&told(version), words, "a version that was held has changed");
@@ -175,11 +178,11 @@ proptest! {
 
     #[test]
     fn covisibility_is_what_the_landmarks_say(history in history()) {
-        let mut map = Map::new();
+        let mut snapshot = Snapshot::new();
         for steps in &history {
-            map = map.apply(&ChangeSet { base: map.version(), changes: changes(&map, steps) }).0;
-            for k in map.key_frames() {
-                let mut votes = map.votes(k.landmarks.iter().flatten());
+            snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) }).0;
+            for k in snapshot.key_frames() {
+                let mut votes = snapshot.votes(k.landmarks.iter().flatten());
                 votes.retain(|(id, _)| *id != k.id);
                 prop_assert_eq!(&k.covisible, &votes, "{:?}", k.id);
             }
@@ -188,61 +191,61 @@ proptest! {
 
     #[test]
     fn what_hangs_on_a_key_frame_is_where_the_key_frame_puts_it(history in history()) {
-        let mut map = Map::new();
+        let mut snapshot = Snapshot::new();
         // What hangs: on whom, and how. Nothing tells it of a merge, a loop or a removal.
         let mut hung: Vec<(KeyFrameId, Se3)> = Vec::new();
         for steps in &history {
-            let before: Vec<Option<Se3>> = hung.iter().map(|(k, t)| map.stand(*k, t)).collect();
-            let set = ChangeSet { base: map.version(), changes: changes(&map, steps) };
-            let next = map.apply(&set).0;
+            let before: Vec<Option<Se3>> = hung.iter().map(|(k, t)| snapshot.resolve(*k, t)).collect();
+            let set = ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) };
+            let next = snapshot.apply(&set).0;
             for ((k, t), stood) in hung.iter().zip(&before) {
-                let stands = next.stand(*k, t);
+                let stands = next.resolve(*k, t);
                 prop_assert!(stands.is_some(), "lost with {:?}", k);
                 // A similarity keeps angles and the ratios of lengths: what hangs keeps its place in the unit of
                 // the one it hangs on.
-                let (here, living) = (next.world_from_here(*k).unwrap(), next.living(*k).unwrap().0);
-                let expected = next.key_frame(living).unwrap().world_from_here() * next.living(*k).unwrap().1;
+                let (here, surviving_ancestor) = (next.world_from_here(*k).unwrap(), next.surviving_ancestor(*k).unwrap().0);
+                let expected = next.key_frame(surviving_ancestor).unwrap().world_from_here() * next.surviving_ancestor(*k).unwrap().1;
                 prop_assert!(near(&here.transform_pose(t), &expected.transform_pose(t)));
-                let unmoved = map.world_from_here(*k).is_some_and(|was| was == here);
+                let unmoved = snapshot.world_from_here(*k).is_some_and(|was| was == here);
                 prop_assert!(!unmoved || near(&stands.unwrap(), &stood.unwrap()));
             }
-            map = next;
-            for k in map.key_frames().map(|k| k.id).collect::<Vec<_>>() {
+            snapshot = next;
+            for k in snapshot.key_frames().map(|k| k.id).collect::<Vec<_>>() {
                 let at = pose(k.index() as i8, 7);
-                let eye_from_it = map.hang(k, &at).unwrap();
-                prop_assert!(near(&map.stand(k, &eye_from_it).unwrap(), &at), "does not stand where it was hung");
-                hung.push((k, eye_from_it));
+                let camera_from_it = snapshot.anchor(k, &at).unwrap();
+                prop_assert!(near(&snapshot.resolve(k, &camera_from_it).unwrap(), &at), "does not stand where it was hung");
+                hung.push((k, camera_from_it));
             }
         }
     }
 
     #[test]
     fn a_merge_moves_a_world_as_one_piece(history in history(), a in any::<i8>(), b in any::<i8>(), scale in 0.3..3.0f64) {
-        let mut map = Map::new();
+        let mut snapshot = Snapshot::new();
         for steps in &history {
-            map = map.apply(&ChangeSet { base: map.version(), changes: changes(&map, steps) }).0;
+            snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) }).0;
         }
-        let worlds: Vec<WorldId> = map.worlds().map(|(id, _)| id).collect();
-        let [into, .., from] = worlds[..] else { return Ok(()) };
+        let maps: Vec<MapId> = snapshot.maps().map(|(id, _)| id).collect();
+        let [into, .., from] = maps[..] else { return Ok(()) };
         let at = pose(a, b);
         let into_from = Sim3::new(at.rotation, at.translation, scale);
         let merge = Change::Merge { from, into, into_from, parent: into.root() };
-        let (next, applied) = map.apply(&ChangeSet { base: map.version(), changes: vec![merge] });
+        let (next, applied) = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: vec![merge] });
         prop_assert_eq!(applied.done, 1);
         prop_assert_eq!(next.check(), Ok(()));
-        prop_assert_eq!(next.worlds().count(), worlds.len() - 1);
-        for k in map.key_frames() {
+        prop_assert_eq!(next.maps().count(), maps.len() - 1);
+        for k in snapshot.key_frames() {
             let moved = next.key_frame(k.id).unwrap();
-            if k.world == from {
-                prop_assert_eq!(moved.world, into);
-                prop_assert!(near(&moved.world_from_eye, &into_from.transform_pose(&k.world_from_eye)));
+            if k.map == from {
+                prop_assert_eq!(moved.map, into);
+                prop_assert!(near(&moved.world_from_camera, &into_from.transform_pose(&k.world_from_camera)));
                 for l in k.landmarks.iter().flatten() {
-                    let expected = into_from * map.landmark(*l).unwrap().position;
+                    let expected = into_from * snapshot.landmark(*l).unwrap().position;
                     let off = (next.landmark(*l).unwrap().position - expected).norm();
                     prop_assert!(off < 1e-9 * (1.0 + expected.norm()));
                 }
             } else {
-                prop_assert_eq!(moved.world_from_eye, k.world_from_eye);
+                prop_assert_eq!(moved.world_from_camera, k.world_from_camera);
             }
         }
     }
@@ -254,19 +257,19 @@ proptest! {
         late in prop::collection::vec(step(), 1..20),
         (a, b) in (any::<i8>(), any::<i8>()),
     ) {
-        let mut base = Map::new();
+        let mut base = Snapshot::new();
         for steps in &history {
             base = base.apply(&ChangeSet { base: base.version(), changes: changes(&base, steps) }).0;
         }
         // Nothing is born late: ids may be taken meanwhile.
         // Nor is anything levelled late: who writes the map does that at once.
         let born = |c: &Change| {
-            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::Level(..))
+            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..))
         };
         let mut late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !born(c)).collect();
         // All is moved, as by a loop: each key frame in its own way.
         let moved = base.key_frames().map(|k| {
-            Change::MoveKeyFrame(k.id, k.world_from_eye * pose(a, b.wrapping_add(k.id.index() as i8)))
+            Change::MoveKeyFrame(k.id, k.world_from_camera * pose(a, b.wrapping_add(k.id.index() as i8)))
         });
         late.extend(moved);
         let meant = base.apply(&ChangeSet { base: base.version(), changes: late.clone() }).0;
@@ -281,7 +284,7 @@ proptest! {
         now.push(Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame(9), pose(b, a), parent))));
         atlas.commit(now);
         let before = atlas.latest().clone();
-        let levels = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::Level(..))));
+        let levels = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::AlignGravity(..))));
         atlas.commit_since(&base, late);
         let after = atlas.latest().clone();
         prop_assert_eq!(after.check(), Ok(()));
@@ -293,16 +296,16 @@ proptest! {
             let stood = before.key_frame(k.id).unwrap();
             match (base.key_frame(k.id), meant.key_frame(k.id)) {
                 // Untouched meanwhile: exactly where the late changes put it, in the world they left it in.
-                (Some(was), Some(wanted)) if was.world_from_eye == stood.world_from_eye && was.unit == stood.unit => {
-                    let same_worlds = was.world == stood.world && k.world == wanted.world;
-                    prop_assert!(!same_worlds || near(&k.world_from_eye, &wanted.world_from_eye), "{:?}", k.id);
+                (Some(was), Some(wanted)) if was.world_from_camera == stood.world_from_camera && was.unit == stood.unit => {
+                    let same_maps = was.map == stood.map && k.map == wanted.map;
+                    prop_assert!(!same_maps || near(&k.world_from_camera, &wanted.world_from_camera), "{:?}", k.id);
                 }
                 // Born meanwhile: it stands to its parent as it did.
                 (None, _) => {
                     let Some(parent) = stood.parent.filter(|p| k.parent == Some(*p)) else { continue };
                     let (Some(p), Some(q)) = (before.key_frame(parent), after.key_frame(parent)) else { continue };
-                    let was = p.world_from_here().inverse().transform_pose(&stood.world_from_eye);
-                    let is = q.world_from_here().inverse().transform_pose(&k.world_from_eye);
+                    let was = p.world_from_here().inverse().transform_pose(&stood.world_from_camera);
+                    let is = q.world_from_here().inverse().transform_pose(&k.world_from_camera);
                     prop_assert!(near(&was, &is), "{:?} has left its parent", k.id);
                 }
                 _ => {}
@@ -317,7 +320,7 @@ proptest! {
         late in prop::collection::vec(step(), 0..20),
         joins_after in 0..14usize,
     ) {
-        let mut atlas = Atlas::new(Map::new());
+        let mut atlas = Atlas::new(Snapshot::new());
         let from_the_start = atlas.subscribe();
         let gone_soon = atlas.subscribe();
         let mut joined = None;
@@ -329,28 +332,28 @@ proptest! {
             }
             let set = changes(atlas.latest(), steps);
             atlas.commit(set);
-            let map = atlas.latest();
-            hung.extend(map.key_frames().map(|k| (k.id, pose(k.id.index() as i8, nth as i8))));
+            let snapshot = atlas.latest();
+            hung.extend(snapshot.key_frames().map(|k| (k.id, pose(k.id.index() as i8, nth as i8))));
         }
         drop(gone_soon);
         // Then what was made on an older version and is rebased.
         let base = atlas.latest().clone();
         let born = |c: &Change| {
-            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::Level(..))
+            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..))
         };
         let now = changes(&base, &meanwhile);
         atlas.commit(now);
         atlas.commit_since(&base, changes(&base, &late).into_iter().filter(|c| !born(c)).collect());
-        let map = atlas.latest().clone();
+        let snapshot = atlas.latest().clone();
         for subscription in [Some(from_the_start), joined].into_iter().flatten() {
             let mut mirror = Mirror::of(&subscription.start);
             for published in subscription.changes.try_iter() {
                 prop_assert_eq!(published.version, mirror.version() + 1, "out of order");
                 mirror.take(&published);
             }
-            prop_assert_eq!(&mirror, &Mirror::of(&map));
-            for (k, eye_from_it) in &hung {
-                let (there, here) = (mirror.stand(*k, eye_from_it), map.stand(*k, eye_from_it));
+            prop_assert_eq!(&mirror, &Mirror::of(&snapshot));
+            for (k, camera_from_it) in &hung {
+                let (there, here) = (mirror.resolve(*k, camera_from_it), snapshot.resolve(*k, camera_from_it));
                 prop_assert!(there.is_some() && there == here, "{:?} stands elsewhere", k);
             }
         }
@@ -358,26 +361,26 @@ proptest! {
 
     #[test]
     fn who_is_gone_follows_the_parent(history in history()) {
-        let mut map = Map::new();
+        let mut snapshot = Snapshot::new();
         // Key frames that are gone, with the one they hung on and where they stood there.
         let mut gone: Vec<(KeyFrameId, KeyFrameId, Se3)> = Vec::new();
         for change in history.iter().flatten() {
-            let set = ChangeSet { base: map.version(), changes: changes(&map, std::slice::from_ref(change)) };
-            let (next, applied) = map.apply(&set);
+            let set = ChangeSet { base: snapshot.version(), changes: changes(&snapshot, std::slice::from_ref(change)) };
+            let (next, applied) = snapshot.apply(&set);
             if let (Change::RemoveKeyFrame(id), 1) = (&set.changes[0], applied.done) {
-                let before = map.key_frame(*id).unwrap();
+                let before = snapshot.key_frame(*id).unwrap();
                 let parent = before.parent.unwrap();
-                let parent_from_it = map.hang(parent, &before.world_from_eye).unwrap();
-                prop_assert!(near(&next.world_from_eye(*id).unwrap(), &before.world_from_eye), "it jumped");
+                let parent_from_it = snapshot.anchor(parent, &before.world_from_camera).unwrap();
+                prop_assert!(near(&next.world_from_camera(*id).unwrap(), &before.world_from_camera), "it jumped");
                 gone.push((*id, parent, parent_from_it));
             }
-            map = next;
+            snapshot = next;
             for (id, parent, parent_from_it) in &gone {
-                prop_assert!(map.key_frame(*id).is_none(), "it came back");
-                let expected = map.stand(*parent, parent_from_it).unwrap();
-                prop_assert!(near(&map.world_from_eye(*id).unwrap(), &expected));
-                let (living, living_from_it) = map.living(*id).unwrap();
-                let standing = (map.key_frame(living).unwrap().world_from_here() * living_from_it).transform_pose(&Se3::identity());
+                prop_assert!(snapshot.key_frame(*id).is_none(), "it came back");
+                let expected = snapshot.resolve(*parent, parent_from_it).unwrap();
+                prop_assert!(near(&snapshot.world_from_camera(*id).unwrap(), &expected));
+                let (surviving_ancestor, living_from_it) = snapshot.surviving_ancestor(*id).unwrap();
+                let standing = (snapshot.key_frame(surviving_ancestor).unwrap().world_from_here() * living_from_it).transform_pose(&Se3::identity());
                 prop_assert!(near(&standing, &expected));
             }
         }
@@ -387,15 +390,15 @@ proptest! {
 #[test]
 fn a_full_list_of_neighbours_is_exact_when_the_best_goes() {
     // Fifty key frames share a landmark each with the first, in pairs of which one shares two: more than are kept.
-    let mut map = Map::new();
+    let mut snapshot = Snapshot::new();
     let first = key_frame_id(0);
-    let commit = |map: &mut Map, changes: Vec<Change>| {
-        let (next, applied) = map.apply(&ChangeSet { base: map.version(), changes });
+    let commit = |snapshot: &mut Snapshot, changes: Vec<Change>| {
+        let (next, applied) = snapshot.apply(&ChangeSet { base: snapshot.version(), changes });
         assert_eq!(applied.dropped, 0);
-        *map = next;
+        *snapshot = next;
     };
     commit(
-        &mut map,
+        &mut snapshot,
         vec![
             Change::AddKeyFrame(Box::new(KeyFrame::new(first, frame(0), Se3::identity(), None))),
             Change::AddLandmark(landmark_id(0), point(0, 0)),
@@ -411,14 +414,14 @@ fn a_full_list_of_neighbours_is_exact_when_the_best_goes() {
         if i % 2 == 0 {
             changes.push(Change::Observe(landmark_id(1), id, 1));
         }
-        commit(&mut map, changes);
+        commit(&mut snapshot, changes);
     }
     commit(
-        &mut map,
+        &mut snapshot,
         vec![Change::RemoveKeyFrame(key_frame_id(2)), Change::Forget(landmark_id(1), key_frame_id(4))],
     );
-    let mut votes = map.votes(map.key_frame(first).unwrap().landmarks.iter().flatten());
+    let mut votes = snapshot.votes(snapshot.key_frame(first).unwrap().landmarks.iter().flatten());
     votes.retain(|(id, _)| *id != first);
     votes.truncate(40);
-    assert_eq!(map.key_frame(first).unwrap().covisible, votes);
+    assert_eq!(snapshot.key_frame(first).unwrap().covisible, votes);
 }

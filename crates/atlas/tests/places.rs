@@ -1,6 +1,6 @@
 //! The index of places: what it answers is what a comparison with every key frame says, in every version.
 
-use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, Map, PlaceIndex};
+use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, PlaceIndex, Snapshot};
 use cairn_geometry::Se3;
 use cairn_vision::Frame;
 use cairn_vision::bow::{Bag, WordId};
@@ -63,20 +63,20 @@ proptest! {
         steps in prop::collection::vec((prop::option::of(0usize..20), bag()), 1..30),
         query in bag(),
     ) {
-        let mut map = Map::new();
+        let mut snapshot = Snapshot::new();
         for (remove, bag) in steps {
             let change = match remove {
                 Some(i) => Change::RemoveKeyFrame(id(i)),
                 None => {
-                    let next = map.next_key_frame_id();
-                    let parent = map.newest_key_frame().map(|k| k.id);
+                    let next = snapshot.next_key_frame_id();
+                    let parent = snapshot.newest_key_frame().map(|k| k.id);
                     let k = KeyFrame::new(next, Arc::new(Frame::default()), Se3::identity(), parent);
                     Change::AddKeyFrame(Box::new(k.with_bag(Arc::new(bag))))
                 }
             };
-            map = map.apply(&ChangeSet { base: map.version(), changes: vec![change] }).0;
-            let all = map.key_frames().map(|k| (k.id, (*k.bag).clone())).collect();
-            prop_assert_eq!(map.places().query(&query, 100, |k| k.index() % 5 != 3), compared(&all, &query, 100));
+            snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: vec![change] }).0;
+            let all = snapshot.key_frames().map(|k| (k.id, (*k.bag).clone())).collect();
+            prop_assert_eq!(snapshot.places().query(&query, 100, |k| k.index() % 5 != 3), compared(&all, &query, 100));
         }
     }
 }

@@ -34,7 +34,8 @@ enum Command {
     Eval(commands::eval::Arguments),
     Sim(commands::sim::Arguments),
     Map(commands::map::Arguments),
-    Way(commands::way::Arguments),
+    #[command(alias = "way")]
+    Route(commands::route::Arguments),
     Solve(commands::solve::Arguments),
     Rig(commands::rig::Arguments),
     Vocab(commands::vocab::Arguments),
@@ -61,7 +62,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
         Command::Sim(arguments) => commands::sim::run(&arguments, output),
         Command::Map(arguments) => commands::map::run(&arguments, output),
-        Command::Way(arguments) => commands::way::run(&arguments, output),
+        Command::Route(arguments) => commands::route::run(&arguments, output),
         Command::Vocab(arguments) => commands::vocab::run(&arguments, output),
         Command::Solve(arguments) => commands::solve::run(&arguments, output),
         Command::Rig(arguments) => commands::rig::run(&arguments, output),

@@ -1,9 +1,9 @@
 //! Everything that can be set, with defaults that need no tuning; read from TOML, printed with comments.
 
-use cairn_mapping::{CloserSetting, InertialSetting, MapperSetting};
+use cairn_mapping::{CloserConfig, InertialConfig, MapperConfig};
 use cairn_sensor::Rig;
-use cairn_tracking::TrackerSetting;
-use cairn_vision::EyeSetting;
+use cairn_tracking::TrackerConfig;
+use cairn_vision::FrontEndConfig;
 use serde::{Deserialize, Serialize};
 
 /// The settings of every stage. What a TOML file does not name keeps its default.
@@ -11,28 +11,28 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
     /// Features, stereo, depth.
-    pub eye: EyeSetting,
+    pub front_end: FrontEndConfig,
     /// Tracking.
-    pub tracker: TrackerSetting,
+    pub tracker: TrackerConfig,
     /// Mapping.
-    pub mapper: MapperSetting,
+    pub mapper: MapperConfig,
     /// Closing.
-    pub closer: CloserSetting,
+    pub closer: CloserConfig,
     /// The inertial sensor, where there is one.
-    pub inertial: InertialSetting,
+    pub inertial: InertialConfig,
 }
 
 impl Default for Config {
     /// The eye's features follow from the image's size.
     fn default() -> Self {
-        let mut eye = EyeSetting::default();
-        eye.orb.features = 0;
+        let mut front_end = FrontEndConfig::default();
+        front_end.orb.features = 0;
         Self {
-            eye,
-            tracker: TrackerSetting::default(),
-            mapper: MapperSetting::default(),
-            closer: CloserSetting::default(),
-            inertial: InertialSetting::default(),
+            front_end,
+            tracker: TrackerConfig::default(),
+            mapper: MapperConfig::default(),
+            closer: CloserConfig::default(),
+            inertial: InertialConfig::default(),
         }
     }
 }
@@ -55,12 +55,13 @@ const DEFAULT_TOML: &str = include_str!("default.toml");
 
 impl Config {
     /// The eye's settings for a rig: features that are not given follow from the size of the first camera's image.
-    pub(crate) fn eye_for(&self, rig: &Rig) -> EyeSetting {
-        let mut eye = self.eye;
-        if let (0, Some(first)) = (eye.orb.features, rig.cameras.first()) {
-            eye.orb.features = (first.camera.width * first.camera.height / PIXELS_A_FEATURE).clamp(500, 2000);
+    pub(crate) fn front_end_for(&self, rig: &Rig) -> FrontEndConfig {
+        let mut front_end = self.front_end;
+        if let (0, Some(first)) = (front_end.orb.features, rig.cameras.first()) {
+            front_end.orb.features =
+                (first.camera.width * first.camera.height / PIXELS_A_FEATURE).clamp(500, 2000);
         }
-        eye
+        front_end
     }
 
     /// The whole default configuration as TOML, with a comment at each entry.
@@ -75,9 +76,9 @@ impl Config {
             ConfigError { line, why: e.message().to_owned() }
         })?;
         // Where a part of the eye's settings is named, the rest of them are the eye's own defaults, and those know no rig.
-        let features = |table: &toml::Table| table.get("eye")?.get("orb")?.get("features").cloned();
+        let features = |table: &toml::Table| table.get("front_end")?.get("orb")?.get("features").cloned();
         if toml::from_str(text).ok().as_ref().and_then(features).is_none() {
-            config.eye.orb.features = Self::default().eye.orb.features;
+            config.front_end.orb.features = Self::default().front_end.orb.features;
         }
         config.check()?;
         Ok(config)
@@ -85,35 +86,35 @@ impl Config {
 
     /// Refuses numbers outside the range in which they make sense, naming entry and range.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let (orb, stereo, depth) = (&self.eye.orb, &self.eye.stereo, &self.eye.depth);
+        let (orb, stereo, depth) = (&self.front_end.orb, &self.front_end.stereo, &self.front_end.depth);
         let (tracker, mapper, closer) = (&self.tracker, &self.mapper, &self.closer);
         let inertial = &self.inertial;
         let ranges = [
             // Frames count their features in 16 bits; a quarter of that leaves room for every caller.
-            ("eye.orb.features", orb.features as f64, 0.0, 16_000.0),
-            ("eye.orb.levels", orb.levels as f64, 1.0, 16.0),
-            ("eye.orb.factor", orb.factor, 1.05, 1.6),
-            ("eye.orb.fast_high", f64::from(orb.fast_high), 1.0, 255.0),
-            ("eye.orb.fast_low", f64::from(orb.fast_low), 1.0, f64::from(orb.fast_high)),
-            ("eye.stereo.max_hamming", f64::from(stereo.max_hamming), 0.0, 256.0),
-            ("eye.stereo.row_tolerance", stereo.row_tolerance, 0.5, 100.0),
+            ("front_end.orb.features", orb.features as f64, 0.0, 16_000.0),
+            ("front_end.orb.levels", orb.levels as f64, 1.0, 16.0),
+            ("front_end.orb.factor", orb.factor, 1.05, 1.6),
+            ("front_end.orb.fast_high", f64::from(orb.fast_high), 1.0, 255.0),
+            ("front_end.orb.fast_low", f64::from(orb.fast_low), 1.0, f64::from(orb.fast_high)),
+            ("front_end.stereo.max_hamming", f64::from(stereo.max_hamming), 0.0, 256.0),
+            ("front_end.stereo.row_tolerance", stereo.row_tolerance, 0.5, 100.0),
             ("mapper.window.right_offset_sigma", mapper.window.right_offset_sigma, 0.0, 5.0),
-            ("eye.stereo.min_depth_baselines", stereo.min_depth_baselines, 0.1, 100.0),
-            ("eye.stereo.min_disparity", stereo.min_disparity, 0.0, 100.0),
-            ("eye.stereo.close_baselines", stereo.close_baselines, 1.0, 1e4),
-            ("eye.stereo.max_shift", stereo.max_shift, 0.1, 20.0),
-            ("eye.stereo.min_correlation", f64::from(stereo.min_correlation), -1.0, 1.0),
-            ("eye.stereo.max_over_median", f64::from(stereo.max_over_median), 1.0, 1e4),
-            ("eye.stereo.max_sigma", f64::from(stereo.max_sigma), 1e-3, 100.0),
-            ("eye.stereo.borrow_correlation", f64::from(stereo.borrow_correlation), -1.0, 2.0),
-            ("eye.depth.virtual_baseline", depth.virtual_baseline, 1e-3, 10.0),
-            ("eye.depth.close_depth", depth.close_depth, 0.1, 1e3),
-            ("eye.depth.max_depth", depth.max_depth, 0.1, 1e3),
-            ("eye.depth.edge_spread", f64::from(depth.edge_spread), 0.0, 10.0),
+            ("front_end.stereo.min_depth_baselines", stereo.min_depth_baselines, 0.1, 100.0),
+            ("front_end.stereo.min_disparity", stereo.min_disparity, 0.0, 100.0),
+            ("front_end.stereo.close_baselines", stereo.close_baselines, 1.0, 1e4),
+            ("front_end.stereo.max_shift", stereo.max_shift, 0.1, 20.0),
+            ("front_end.stereo.min_correlation", f64::from(stereo.min_correlation), -1.0, 1.0),
+            ("front_end.stereo.max_over_median", f64::from(stereo.max_over_median), 1.0, 1e4),
+            ("front_end.stereo.max_sigma", f64::from(stereo.max_sigma), 1e-3, 100.0),
+            ("front_end.stereo.borrow_correlation", f64::from(stereo.borrow_correlation), -1.0, 2.0),
+            ("front_end.depth.virtual_baseline", depth.virtual_baseline, 1e-3, 10.0),
+            ("front_end.depth.close_depth", depth.close_depth, 0.1, 1e3),
+            ("front_end.depth.max_depth", depth.max_depth, 0.1, 1e3),
+            ("front_end.depth.edge_spread", f64::from(depth.edge_spread), 0.0, 10.0),
             ("tracker.min_inliers", tracker.min_inliers as f64, 6.0, 1e4),
             ("tracker.local_key_frames", tracker.local_key_frames as f64, 1.0, 1e4),
             ("tracker.min_key_frame_gap", tracker.min_key_frame_gap as f64, 0.0, 1e4),
-            ("tracker.new_world_s", tracker.new_world_s, 0.0, 1e4),
+            ("tracker.new_map_s", tracker.new_map_s, 0.0, 1e4),
             ("tracker.coast_sigma", tracker.coast_sigma, 0.0, 100.0),
             ("tracker.coast_s", tracker.coast_s, 0.0, 15.0),
             ("inertial.noise_times", inertial.noise_times, 0.1, 1e3),
@@ -122,7 +123,7 @@ impl Config {
             ("mapper.grow_neighbours", mapper.grow_neighbours as f64, 1.0, 1e3),
             ("mapper.fuse_neighbours", mapper.fuse_neighbours as f64, 0.0, 1e3),
             ("mapper.redundant_share", mapper.redundant_share, 0.1, 1.0),
-            ("mapper.settle_key_frames", mapper.settle_key_frames as f64, 0.0, 1000.0),
+            ("mapper.final_adjustment_key_frames", mapper.final_adjustment_key_frames as f64, 0.0, 1000.0),
             ("mapper.depth_points", mapper.depth_points as f64, 0.0, 1e5),
             ("mapper.window.key_frames", mapper.window.key_frames as f64, 2.0, 1e3),
             ("mapper.window.anchors", mapper.window.anchors as f64, 1.0, 1e4),
@@ -190,9 +191,9 @@ mod tests {
 
     #[test]
     fn a_part_is_enough_and_the_rest_keeps_its_default() {
-        let config = Config::from_toml("[eye.orb]\nfeatures = 700\n").unwrap();
-        assert_eq!(config.eye.orb.features, 700);
-        assert_eq!(config.eye.orb.levels, Config::default().eye.orb.levels);
+        let config = Config::from_toml("[front_end.orb]\nfeatures = 700\n").unwrap();
+        assert_eq!(config.front_end.orb.features, 700);
+        assert_eq!(config.front_end.orb.levels, Config::default().front_end.orb.levels);
         assert_eq!(config.tracker, Config::default().tracker);
     }
 
@@ -212,10 +213,10 @@ mod tests {
     #[test]
     fn what_is_no_configuration_is_told() {
         let error = |text: &str| Config::from_toml(text).unwrap_err();
-        assert_eq!(error("[eye.orb]\nfeatures = \"many\"\n").line, Some(2));
-        assert!(error("[eye]\nfeetures = 3\n").why.contains("feetures"));
-        assert!(error("[eye.orb]\nfeatures = 70000\n").why.contains("eye.orb.features is 70000"));
-        assert!(error("[eye.orb]\nfactor = nan\n").why.contains("eye.orb.factor is NaN"));
+        assert_eq!(error("[front_end.orb]\nfeatures = \"many\"\n").line, Some(2));
+        assert!(error("[front_end]\nfeetures = 3\n").why.contains("feetures"));
+        assert!(error("[front_end.orb]\nfeatures = 70000\n").why.contains("front_end.orb.features is 70000"));
+        assert!(error("[front_end.orb]\nfactor = nan\n").why.contains("front_end.orb.factor is NaN"));
         assert!(error("[mapper.window]\niterations = [0, 5]\n").why.contains("iterations[0]"));
         assert!(error("[tracker]\nrate_hz = 5.0\n").why.contains("rate_hz"), "the source tells the rate");
     }

@@ -1,8 +1,8 @@
 //! Digests: sixty-four bits that differ when any bit of what they were taken over differs (FNV-1a; no cryptography).
 
-use cairn_atlas::{KeyFrameId, Map};
+use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_tracking::{Placed, State};
+use cairn_tracking::{AnchoredPose, State};
 
 /// A digest that grows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,12 +42,12 @@ impl Digest {
         self.vec(&pose.translation);
     }
 
-    pub fn placed(&mut self, placed: Option<&Placed>) {
-        self.u64(u64::from(placed.is_some()));
-        if let Some(p) = placed {
+    pub fn anchored(&mut self, anchored: Option<&AnchoredPose>) {
+        self.u64(u64::from(anchored.is_some()));
+        if let Some(p) = anchored {
             self.id(p.reference);
-            self.pose(&p.reference_from_eye);
-            self.pose(&p.world_from_eye);
+            self.pose(&p.reference_from_camera);
+            self.pose(&p.world_from_camera);
         }
     }
 
@@ -66,22 +66,22 @@ impl Digest {
     }
 
     /// Every key frame and landmark: where it is, what it hangs on and what it shows.
-    pub fn map(&mut self, map: &Map) {
-        self.u64(map.version());
-        self.f64(map.right_offset());
-        for k in map.key_frames() {
+    pub fn snapshot(&mut self, snapshot: &Snapshot) {
+        self.u64(snapshot.version());
+        self.f64(snapshot.right_offset());
+        for k in snapshot.key_frames() {
             self.id(k.id);
-            self.id(k.world.root());
+            self.id(k.map.root());
             k.parent.iter().chain(&k.links).for_each(|id| self.id(*id));
-            self.pose(&k.world_from_eye);
+            self.pose(&k.world_from_camera);
             self.f64(k.unit);
             if let Some(m) = &k.motion {
                 [m.velocity, m.bias.gyro, m.bias.accel].iter().for_each(|v| self.vec(v));
-                self.u64(m.felt.as_ref().map_or(0, |f| 1 + f.since.index() as u64));
+                self.u64(m.imu_factor.as_ref().map_or(0, |f| 1 + f.since.index() as u64));
             }
             k.landmarks.iter().for_each(|l| self.u64(l.map_or(0, |l| 1 + l.index() as u64)));
         }
-        for l in map.landmarks() {
+        for l in snapshot.landmarks() {
             self.u64(l.id.index() as u64);
             self.vec(&l.position);
         }

@@ -6,20 +6,20 @@ use crate::journal::{FrameRecord, Header, Journal};
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
 use crate::status::{Seen, Status, Watch};
-use cairn_atlas::{KeyFrameId, Map, Subscription, WorldId};
+use cairn_atlas::{KeyFrameId, MapId, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_inertial::Attempt;
 use cairn_mapping::{Closer, Mapper, Verdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
-use cairn_tracking::{Evidence, Offer, Placed, State, Tracked, Tracker};
-use cairn_vision::{Eye, Frame, SeeError, SensorMode};
+use cairn_tracking::{AnchoredPose, Evidence, KeyFrameRequest, State, Tracked, Tracker};
+use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
 use std::io::Write;
 use std::sync::Arc;
 use std::time::Instant;
 
 /// The engine: packets in, poses and a map out.
 pub struct Engine {
-    eye: Eye,
+    front_end: FrontEnd,
     tracker: Tracker,
     mapping: Mapping,
     pub(crate) mode: SensorMode,
@@ -44,7 +44,7 @@ pub struct Output {
     /// Where the body is, when that is known.
     pub world_from_body: Option<Pose<World, Body>>,
     /// The same, hanging on a key frame (of the eye, not of the body).
-    pub placed: Option<Placed>,
+    pub anchored: Option<AnchoredPose>,
     /// Whether lengths are metres where it is: always with depth, else once the inertial sensor has told.
     pub metric: bool,
     /// How gravity, scale and biases were sought last, where they were.
@@ -52,7 +52,7 @@ pub struct Output {
     /// What speaks for the pose.
     pub evidence: Evidence,
     /// Milliseconds from the decoded image to features.
-    pub see_ms: f64,
+    pub extract_ms: f64,
     /// Milliseconds from features to the pose.
     pub track_ms: f64,
     /// Milliseconds of each key frame that mapping finished meanwhile.
@@ -87,25 +87,25 @@ impl Engine {
         runner: Runner,
         config: &Config,
     ) -> Result<Self, RigError> {
-        let eye = Eye::new(rig, mode, config.eye_for(rig))?;
-        let map = Map::with_octaves(eye.octaves());
-        Ok(Self::around(eye, map, rig, mode, rate_hz, runner, config))
+        let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
+        let snapshot = Snapshot::with_octaves(front_end.octaves());
+        Ok(Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config))
     }
 
     /// The stages around an eye and a map.
     pub(crate) fn around(
-        eye: Eye,
-        map: Map,
+        front_end: FrontEnd,
+        snapshot: Snapshot,
         rig: &Rig,
         mode: SensorMode,
         rate_hz: f64,
         runner: Runner,
         config: &Config,
     ) -> Self {
-        let model = *eye.model();
+        let model = *front_end.model();
         // Opened and checked before the first picture rather than at it.
         cairn_vision::bow::Vocabulary::embedded();
-        let tracker = Tracker::new(model, config.eye_for(rig).orb.features, rate_hz, config.tracker);
+        let tracker = Tracker::new(model, config.front_end_for(rig).orb.features, rate_hz, config.tracker);
         let mut mapper = config.mapper;
         if mode != SensorMode::Stereo {
             mapper.window.right_offset_sigma = 0.0;
@@ -113,17 +113,18 @@ impl Engine {
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper, mut closer) = (tracker, Mapper::new(model, mapper), closer);
         let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
-        let watch = Watch::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &map);
+        let watch = Watch::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &snapshot);
         if let Some(imu) = imu {
-            let (imu_from_eye, felt) = (imu.body_from_imu.inverse() * model.body_from_eye, config.inertial);
-            tracker = tracker.feeling(imu, imu_from_eye, felt.noise_times);
-            mapper = mapper.feeling(imu, imu_from_eye, felt);
-            closer = closer.feeling(imu, imu_from_eye, felt);
+            let (imu_from_camera, inertial) =
+                (imu.body_from_imu.inverse() * model.body_from_camera, config.inertial);
+            tracker = tracker.with_imu(imu, imu_from_camera, inertial.noise_times);
+            mapper = mapper.with_imu(imu, imu_from_camera, inertial);
+            closer = closer.with_imu(imu, imu_from_camera, inertial);
         }
         let header = Header::of(mode, rate_hz, rig, config);
-        let mapping = Mapping::new(runner, mapper, closer, map);
+        let mapping = Mapping::new(runner, mapper, closer, snapshot);
         Self {
-            eye,
+            front_end,
             tracker,
             mapping,
             mode,
@@ -136,45 +137,51 @@ impl Engine {
     }
 
     /// Takes one packet: see, track, and hand over what mapping should have.
-    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, SeeError> {
+    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, FrontEndError> {
         let start = Instant::now();
-        let seen = self.eye.see(packet);
+        let seen = self.front_end.see(packet);
         let frame = seen.inspect_err(|e| self.watch.refuse(packet.stamp, &packet.imu, e.to_string()))?;
         let frame = Arc::new(frame);
-        let see_ms = start.elapsed().as_secs_f64() * 1e3;
+        let extract_ms = start.elapsed().as_secs_f64() * 1e3;
         let mut done = Done::default();
-        let (map, idle) = self.mapping.look(packet.stamp, &mut done);
-        let version = map.version();
+        let (snapshot, idle) = self.mapping.look(packet.stamp, &mut done);
+        let version = snapshot.version();
         let seen = Instant::now();
-        let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &map, idle, !self.localize_only);
+        let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &snapshot, idle, !self.localize_only);
         // In the map by which it was tracked: mapping may level and scale it before this frame is told.
-        let level = tracked.pose.and_then(|p| world_of(&map, p.reference)).is_some_and(|w| map.is_level(w));
-        drop(map);
+        let level = tracked
+            .pose
+            .and_then(|p| map_of(&snapshot, p.reference))
+            .is_some_and(|w| snapshot.is_gravity_aligned(w));
+        drop(snapshot);
         let track_ms = seen.elapsed().as_secs_f64() * 1e3;
         let mut digest = Digest::default();
-        for (stamp, placed) in tracked.earlier.drain(..) {
-            digest.placed(Some(&placed));
-            self.log.amend(stamp, placed);
+        for (stamp, anchored) in tracked.earlier.drain(..) {
+            digest.anchored(Some(&anchored));
+            self.log.amend(stamp, anchored);
         }
-        let begun = self.hand_over(&mut tracked, &mut done);
+        let map_created = self.submit(&mut tracked, &mut done);
         digest.state(tracked.state);
-        digest.placed(tracked.pose.as_ref());
+        digest.anchored(tracked.pose.as_ref());
         let digest = digest.value();
-        self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, begun, digest });
+        self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, map_created, digest });
         self.mapping.poll(&mut done);
-        let map = self.map();
-        let metric = tracked.pose.is_some() && (level || self.eye.model().has_depth());
-        self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, placed: tracked.pose, metric });
+        let snapshot = self.snapshot();
+        let metric = tracked.pose.is_some() && (level || self.front_end.model().has_depth());
+        self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, anchored: tracked.pose, metric });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
         self.watch.see(&Seen {
             stamp: tracked.stamp,
             imu: &packet.imu,
             state: tracked.state,
-            world: tracked.pose.and_then(|p| world_of(&map, p.reference)).map(|w| (w, map.is_level(w))),
+            map: tracked
+                .pose
+                .and_then(|p| map_of(&snapshot, p.reference))
+                .map(|w| (w, snapshot.is_gravity_aligned(w))),
             metric,
-            begun: begun.is_some(),
-            beside: map.worlds().nth(1).is_some(),
+            map_created: map_created.is_some(),
+            beside: snapshot.maps().nth(1).is_some(),
             points: tracked.evidence.inliers,
             attempt: done.attempt.as_ref(),
             verdicts: &done.verdicts,
@@ -185,12 +192,12 @@ impl Engine {
             stamp: tracked.stamp,
             frame,
             state: tracked.state,
-            world_from_body: tracked.pose.map(|p| self.body(&p.world_from_eye, metric)),
+            world_from_body: tracked.pose.map(|p| self.body(&p.world_from_camera, metric)),
             metric,
             attempt: done.attempt,
-            placed: tracked.pose,
+            anchored: tracked.pose,
             evidence: tracked.evidence,
-            see_ms,
+            extract_ms,
             track_ms,
             map_ms: done.ms,
             close_ms: done.close_ms,
@@ -202,29 +209,29 @@ impl Engine {
 
     /// Gives mapping what tracking saw and offers; a start gives the frame its pose. Tells in which version of the map
     /// that was.
-    fn hand_over(&mut self, tracked: &mut Tracked, done: &mut Done) -> Option<u64> {
+    fn submit(&mut self, tracked: &mut Tracked, done: &mut Done) -> Option<u64> {
         if self.localize_only {
             return None;
         }
         if !tracked.seen.is_empty() {
             self.mapping.note(std::mem::take(&mut tracked.seen));
         }
-        let offer = tracked.offer.take()?;
-        let earlier = match &offer {
-            Offer::Pair { first, .. } => Some(first.clone()),
+        let request = tracked.request.take()?;
+        let earlier = match &request {
+            KeyFrameRequest::Pair { first, .. } => Some(first.clone()),
             _ => None,
         };
-        let starting = !matches!(offer, Offer::Next { .. });
-        let id = self.mapping.offer(offer, done).filter(|_| starting)?;
-        let map = self.mapping.after_start(done);
-        self.tracker.begun(&map, id);
-        tracked.pose = standing_at(&map, id);
+        let starting = !matches!(request, KeyFrameRequest::Next { .. });
+        let id = self.mapping.submit(request, done).filter(|_| starting)?;
+        let snapshot = self.mapping.after_start(done);
+        self.tracker.map_created(&snapshot, id);
+        tracked.pose = standing_at(&snapshot, id);
         tracked.state = State::Tracking;
-        let root = map.key_frame(id).and_then(|k| standing_at(&map, k.world.root()));
-        if let (Some(first), Some(placed)) = (earlier, root) {
-            self.log.amend(first.stamp, placed);
+        let root = snapshot.key_frame(id).and_then(|k| standing_at(&snapshot, k.map.root()));
+        if let (Some(first), Some(anchored)) = (earlier, root) {
+            self.log.amend(first.stamp, anchored);
         }
-        Some(map.version())
+        Some(snapshot.version())
     }
 
     /// The stream of changes to the map from now on, every commit in order; `None` when mapping has died. Where mapping
@@ -266,43 +273,48 @@ impl Engine {
     /// A digest of the map and of every frame's pose, as given and as the map sees it now: equal when all bits are.
     pub fn digest(&self) -> u64 {
         let mut digest = Digest::default();
-        digest.map(&self.map());
+        digest.snapshot(&self.snapshot());
         for frame in self.log.frames() {
             digest.state(frame.state);
-            digest.placed(frame.placed.as_ref());
+            digest.anchored(frame.anchored.as_ref());
         }
         self.trajectory().iter().for_each(|(_, pose)| digest.pose(pose));
         digest.value()
     }
 
     /// The body's pose.
-    fn body(&self, world_from_eye: &Se3, metric: bool) -> Pose<World, Body> {
-        Pose::new(self.eye.model().world_from_body(world_from_eye, metric))
+    fn body(&self, world_from_camera: &Se3, metric: bool) -> Pose<World, Body> {
+        Pose::new(self.front_end.model().world_from_body(world_from_camera, metric))
     }
 
     /// Whether lengths in the whole map are metres: the eyes have depth, or the inertial sensor has told.
     pub fn is_metric(&self) -> bool {
-        self.map().is_metric(self.eye.model())
+        self.snapshot().is_metric(self.front_end.model())
     }
 
-    fn is_metric_at(&self, map: &Map, reference: KeyFrameId) -> bool {
-        self.eye.model().has_depth() || world_of(map, reference).is_some_and(|w| map.is_level(w))
+    fn is_metric_at(&self, snapshot: &Snapshot, reference: KeyFrameId) -> bool {
+        self.front_end.model().has_depth()
+            || map_of(snapshot, reference).is_some_and(|w| snapshot.is_gravity_aligned(w))
     }
 
     /// True poses of the body as [`Engine::trajectory`] tells them: without metric scale, at the first camera's place.
     pub fn comparable(&self, truth: &[(Stamp, Se3)]) -> Vec<(Stamp, Se3)> {
-        let arm = if self.is_metric() { Vec3::zeros() } else { self.eye.model().body_from_eye.translation };
+        let arm = if self.is_metric() {
+            Vec3::zeros()
+        } else {
+            self.front_end.model().body_from_camera.translation
+        };
         truth.iter().map(|(t, body)| (*t, Se3::new(body.rotation, *body * arm))).collect()
     }
 
     /// The latest map.
-    pub fn map(&self) -> Arc<Map> {
+    pub fn snapshot(&self) -> Arc<Snapshot> {
         self.mapping.latest()
     }
 
     /// The eye.
-    pub fn eye(&self) -> &Eye {
-        &self.eye
+    pub fn front_end(&self) -> &FrontEnd {
+        &self.front_end
     }
 
     /// How it stands after the last packet, for people.
@@ -322,38 +334,38 @@ impl Engine {
         if !self.localize_only {
             self.mapping.finish(&mut done);
         }
-        let map = self.mapping.latest();
+        let snapshot = self.mapping.latest();
         let mut digest = Digest::default();
-        digest.map(&map);
-        self.mapping.tell_end(map.version(), digest.value());
+        digest.snapshot(&snapshot);
+        self.mapping.tell_end(snapshot.version(), digest.value());
         self.died = self.died.take().or(done.died);
         Finished { map_ms: done.ms, close_ms: done.close_ms, verdicts: done.verdicts }
     }
 
     /// Where the body was in every tracked frame, as the map sees it now.
     pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
-        let map = self.mapping.latest();
+        let snapshot = self.mapping.latest();
         let place = |f: &Logged| {
-            let p = f.placed?;
-            let pose = map.stand(p.reference, &p.reference_from_eye)?;
-            Some((f.stamp, self.body(&pose, self.is_metric_at(&map, p.reference)).se3))
+            let p = f.anchored?;
+            let pose = snapshot.resolve(p.reference, &p.reference_from_camera)?;
+            Some((f.stamp, self.body(&pose, self.is_metric_at(&snapshot, p.reference)).se3))
         };
         self.log.frames().iter().filter_map(place).collect()
     }
 
     /// Where the body was as it was told at the time.
     pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
-        let place = |f: &Logged| Some((f.stamp, self.body(&f.placed?.world_from_eye, f.metric).se3));
+        let place = |f: &Logged| Some((f.stamp, self.body(&f.anchored?.world_from_camera, f.metric).se3));
         self.log.frames().iter().filter_map(place).collect()
     }
 }
 
 /// The world that a key frame is in, or what became of it.
-fn world_of(map: &Map, reference: KeyFrameId) -> Option<WorldId> {
-    map.living(reference).and_then(|(id, _)| map.key_frame(id)).map(|k| k.world)
+fn map_of(snapshot: &Snapshot, reference: KeyFrameId) -> Option<MapId> {
+    snapshot.surviving_ancestor(reference).and_then(|(id, _)| snapshot.key_frame(id)).map(|k| k.map)
 }
 
 /// The pose of an eye that stands where a key frame does.
-fn standing_at(map: &Map, id: KeyFrameId) -> Option<Placed> {
-    Some(Placed::at(id, map.world_from_eye(id)?))
+fn standing_at(snapshot: &Snapshot, id: KeyFrameId) -> Option<AnchoredPose> {
+    Some(AnchoredPose::at(id, snapshot.world_from_camera(id)?))
 }

@@ -1,7 +1,7 @@
 //! What became of every frame, kept so that the whole trajectory follows the map.
 
 use cairn_sensor::Stamp;
-use cairn_tracking::{Placed, State};
+use cairn_tracking::{AnchoredPose, State};
 
 /// One frame.
 #[derive(Clone, Copy, Debug)]
@@ -11,7 +11,7 @@ pub struct Logged {
     /// Where tracking stood.
     pub state: State,
     /// The pose as it was given then.
-    pub placed: Option<Placed>,
+    pub anchored: Option<AnchoredPose>,
     /// Whether lengths there were metres then.
     pub metric: bool,
 }
@@ -28,9 +28,9 @@ impl Log {
     }
 
     /// Gives an earlier frame a pose that was found later (the first of a pair).
-    pub(crate) fn amend(&mut self, stamp: Stamp, placed: Placed) {
+    pub(crate) fn amend(&mut self, stamp: Stamp, anchored: AnchoredPose) {
         if let Some(frame) = self.frames.iter_mut().rev().find(|f| f.stamp == stamp) {
-            frame.placed = Some(placed);
+            frame.anchored = Some(anchored);
             frame.state = State::Tracking;
         }
     }
@@ -42,6 +42,6 @@ impl Log {
 
     /// Frames that have a pose.
     pub fn tracked(&self) -> usize {
-        self.frames.iter().filter(|f| f.placed.is_some()).count()
+        self.frames.iter().filter(|f| f.anchored.is_some()).count()
     }
 }

@@ -17,13 +17,13 @@ pub fn record_input(output: &Output) -> RecordInput {
         confidence: Confidence::Lost,
         quality: 0.0,
     };
-    let Some(placed) = output.placed else { return lost };
+    let Some(anchored) = output.anchored else { return lost };
     let evidence = &output.evidence;
     RecordInput {
-        odom_from_camera: Pose::new(placed.world_from_eye),
+        odom_from_camera: Pose::new(anchored.world_from_camera),
         // Indices fit in 32 bits; there is one robot so far.
-        anchor: Anchor { robot: 0, seq: placed.reference.index() as u32 },
-        anchor_from_camera: placed.reference_from_eye,
+        anchor: Anchor { robot: 0, seq: anchored.reference.index() as u32 },
+        anchor_from_camera: anchored.reference_from_camera,
         confidence: match output.state {
             State::Coasting { .. } => Confidence::Low,
             _ => Confidence::Good,

@@ -3,7 +3,7 @@
 use crate::{Config, Engine, Runner, SensorMode};
 use cairn_atlas::store::{About, MapFile};
 use cairn_sensor::{Rig, RigError};
-use cairn_vision::Eye;
+use cairn_vision::FrontEnd;
 use std::collections::BTreeMap;
 
 /// Why an engine can not go on in a saved map.
@@ -28,12 +28,12 @@ impl Engine {
         config: &Config,
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
-        let eye = Eye::new(rig, mode, config.eye_for(rig))?;
+        let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
         let notes = file
             .about
-            .fits(file.map.octaves(), mode, eye.model(), eye.octaves())
+            .fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())
             .map_err(OpenMapError::Camera)?;
-        Ok((Self::around(eye, file.map.clone(), rig, mode, rate_hz, runner, config), notes))
+        Ok((Self::around(front_end, file.snapshot.clone(), rig, mode, rate_hz, runner, config), notes))
     }
 
     /// The same engine that only finds where it is: the map stays as it is, no world is begun.
@@ -44,7 +44,8 @@ impl Engine {
 
     /// The latest map with what it was made with, to be saved; `program` names who saves it, `attached` hangs on it.
     pub fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
-        let about = About { program: program.to_owned(), sensor: self.mode, eye: *self.eye().model() };
-        MapFile { map: (*self.map()).clone(), about, attached }
+        let about =
+            About { program: program.to_owned(), sensor: self.mode, camera: *self.front_end().model() };
+        MapFile { snapshot: (*self.snapshot()).clone(), about, attached }
     }
 }

@@ -26,7 +26,7 @@ fn walk(
         outputs.push(engine.on_packet(&packet).unwrap());
     }
     engine.finish();
-    engine.map().check().unwrap();
+    engine.snapshot().check().unwrap();
     let truth = source.info().truth.clone();
     (engine, outputs, truth)
 }
@@ -62,10 +62,10 @@ fn one_eye_gets_metres_and_goes_through_the_dark() {
     assert!(metric.stamp - outputs[0].stamp < 9.0, "{} s", metric.stamp - outputs[0].stamp);
     let coasting: Vec<&Output> =
         outputs.iter().filter(|o| matches!(o.state, State::Coasting { .. })).collect();
-    assert!(coasting.len() >= 20 && coasting.iter().all(|o| o.placed.is_some()), "{}", coasting.len());
+    assert!(coasting.len() >= 20 && coasting.iter().all(|o| o.anchored.is_some()), "{}", coasting.len());
     assert!(outputs.iter().all(|o| !matches!(o.state, State::Lost { .. })));
-    let map = engine.map();
-    assert_eq!(map.worlds().map(|(w, _)| map.is_level(w)).collect::<Vec<_>>(), [true]);
+    let snapshot = engine.snapshot();
+    assert_eq!(snapshot.maps().map(|(w, _)| snapshot.is_gravity_aligned(w)).collect::<Vec<_>>(), [true]);
     let (ate, scale) = compared(&engine, &truth);
     assert!(ate < 0.1 && (scale - 1.0).abs() < 0.03, "ATE {ate} m, scale {scale}");
 }
@@ -76,14 +76,14 @@ fn a_clock_that_is_off_is_found() {
     let run = || {
         let address = format!("{HALL}&sensor=stereo-imu&imu_offset=20");
         let (engine, _, truth) = walk(&address, SensorMode::Stereo, |_, _| {});
-        (1e3 * engine.map().imu_offset(), compared(&engine, &truth).0, engine)
+        (1e3 * engine.snapshot().imu_offset(), compared(&engine, &truth).0, engine)
     };
     let (offset_ms, ate, engine) = run();
     assert!((offset_ms - 20.0).abs() < 1.0 && ate < 0.05, "{offset_ms} ms, ATE {ate} m");
     // The walker carries the camera upright but for the gait and a pitch of 5 degrees.
-    let map = engine.map();
-    for k in map.key_frames() {
-        let down = k.world_from_eye.rotation * cairn_geometry::Vec3::y();
+    let snapshot = engine.snapshot();
+    for k in snapshot.key_frames() {
+        let down = k.world_from_camera.rotation * cairn_geometry::Vec3::y();
         assert!((down.angle(&-cairn_geometry::Vec3::z())).to_degrees() < 9.0, "{down:?}");
     }
     assert_eq!(run().2.digest(), engine.digest());
@@ -95,7 +95,7 @@ fn a_silent_sensor_does_no_harm() {
     let (engine, outputs, _) =
         walk(&format!("{HALL}&sensor=mono-imu"), SensorMode::Mono, |_, packet| packet.imu.clear());
     assert!(outputs.iter().all(|o| !o.metric) && !engine.is_metric());
-    let tracked = outputs.iter().filter(|o| o.placed.is_some()).count();
+    let tracked = outputs.iter().filter(|o| o.anchored.is_some()).count();
     assert!(tracked * 10 > outputs.len() * 9, "{tracked} of {}", outputs.len());
-    assert_eq!(engine.map().worlds().count(), 1);
+    assert_eq!(engine.snapshot().maps().count(), 1);
 }

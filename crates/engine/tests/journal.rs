@@ -5,29 +5,29 @@ use cairn_atlas::{Mirror, Subscription};
 use cairn_engine::{Config, Engine, Journal, Runner, SensorMode, Stopped};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, FramePacket, GrayImage, Stamp};
-use cairn_sim::{LiveRig, SimSensor, SimSetting, Walker, WorldKind};
+use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
 use std::io::Write;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 const RATE_HZ: f64 = 10.0;
 
-fn setting(sensor: SimSensor) -> SimSetting {
-    SimSetting {
+fn sim_config(sensor: SimSensor) -> SimConfig {
+    SimConfig {
         sensor,
         imu: None,
         camera: Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5),
         rate_hz: RATE_HZ,
         body_from_camera: Se3::identity(),
         walker: Walker { turn_rate: 0.8, ..Walker::default() },
-        ..SimSetting::new(WorldKind::Demo, 3)
+        ..SimConfig::new(WorldKind::Demo, 3)
     }
 }
 
 fn pictures(sensor: SimSensor, seconds: f64) -> Vec<FramePacket> {
-    let setting = setting(sensor);
-    let mut rig = LiveRig::new(&setting).unwrap();
-    let motion = setting.walker.motion(&rig.world().ways()[0].points.clone());
+    let config = sim_config(sensor);
+    let mut rig = LiveRig::new(&config).unwrap();
+    let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
     let frames = (motion.end().min(seconds) * RATE_HZ) as usize;
     let stamp = |k: usize| Stamp::from_seconds(k as f64 / RATE_HZ);
     (0..frames).map(|k| rig.packet(stamp(k), &motion.pose(stamp(k).seconds())).unwrap()).collect()
@@ -56,7 +56,7 @@ fn engine(sensor: SimSensor, runner: Runner, config: &Config) -> Engine {
         SimSensor::Stereo => SensorMode::Stereo,
         _ => SensorMode::Rgbd,
     };
-    Engine::new(&setting(sensor).rig(), mode, RATE_HZ, runner, config).unwrap()
+    Engine::new(&sim_config(sensor).rig(), mode, RATE_HZ, runner, config).unwrap()
 }
 
 /// Bytes that outlast the engine that writes them.
@@ -131,7 +131,7 @@ fn a_threaded_run_is_replayed_bit_for_bit() {
             count(" offer "),
             count(" job "),
             count(" closed "),
-            lived.map().worlds().count()
+            lived.snapshot().maps().count()
         );
         committed += count(" closed ");
     }
@@ -173,11 +173,11 @@ fn lockstep_is_the_same_with_one_and_two_threads_of_the_eye_twice_each() {
     let seen = pictures(SimSensor::Stereo, 3.5);
     let run = |two_threads| {
         let mut config = Config::default();
-        config.eye.two_threads = two_threads;
+        config.front_end.two_threads = two_threads;
         let mut engine = engine(SimSensor::Stereo, Runner::Lockstep, &config);
         seen.iter().for_each(|packet| drop(engine.on_packet(packet).unwrap()));
         engine.finish();
-        let (tracked, key_frames) = (engine.log().tracked(), engine.map().key_frame_count());
+        let (tracked, key_frames) = (engine.log().tracked(), engine.snapshot().key_frame_count());
         assert!(tracked > 25 && key_frames > 1, "{tracked} frames tracked, {key_frames} key frames");
         engine.digest()
     };
@@ -201,7 +201,7 @@ fn a_listener_knows_the_map_in_lockstep_and_with_threads() {
         for subscription in [first, later.unwrap()] {
             let mut mirror = Mirror::of(&subscription.start);
             subscription.changes.try_iter().for_each(|published| mirror.take(&published));
-            assert_eq!(mirror, Mirror::of(&engine.map()), "{runner:?}");
+            assert_eq!(mirror, Mirror::of(&engine.snapshot()), "{runner:?}");
         }
     }
 }

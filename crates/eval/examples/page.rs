@@ -1,8 +1,8 @@
 //! Writes a page with every element, to look at: `page OUT.html [REFERENCE ESTIMATE]`.
 
 use cairn_eval::{
-    EvalOptions, Event, Marker, Page, Percentiles, Plan, Said, Tone, Way, error_over_time, evaluate_files,
-    load_trajectory, times_histogram, times_over_frames, trajectory_view, write_whole,
+    EvalOptions, Event, Marker, Page, Percentiles, Plan, PlanLine, Said, Tone, error_over_time,
+    evaluate_files, load_trajectory, times_histogram, times_over_frames, trajectory_view, write_whole,
 };
 use cairn_geometry::Vec2;
 use std::error::Error;
@@ -64,20 +64,20 @@ fn walk(page: &mut Page) {
         description: "A walk of 37 metres with three turns around a block, and the way back along it.".into(),
         axes: ("x".into(), "y".into()),
         walls,
-        ways: vec![
-            Way {
+        lines: vec![
+            PlanLine {
                 label: "way out, recorded".into(),
                 points,
                 tone: Tone::First,
                 arrows: true,
-                ..Way::default()
+                ..PlanLine::default()
             },
-            Way {
+            PlanLine {
                 label: "way home, walked".into(),
                 points: home,
                 tone: Tone::Second,
                 dashed: true,
-                ..Way::default()
+                ..PlanLine::default()
             },
         ],
         markers: vec![
@@ -87,7 +87,7 @@ fn walk(page: &mut Page) {
         events,
     };
     page.facts(&[
-        ("Way", "37.0 m"),
+        ("PlanLine", "37.0 m"),
         ("Arrival error", "0.21 m"),
         ("ATE", "0.014 m"),
         ("Coverage", "1.00"),
@@ -132,5 +132,5 @@ fn timings(page: &mut Page) {
             &[row("step", 1.0), row("see", 0.4), row("track", 0.35)],
         );
     }
-    page.folded("Configuration", "[eye]\nfeatures = 1000\nlevels = 8\n");
+    page.folded("Configuration", "[front_end]\nfeatures = 1000\nlevels = 8\n");
 }

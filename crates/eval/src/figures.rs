@@ -3,7 +3,7 @@
 use crate::chart::{Labels, Mark, Series, histogram, line_chart};
 use crate::evaluate::Evaluation;
 use crate::percentiles::Percentiles;
-use crate::plan::{Marker, Plan, Way};
+use crate::plan::{Marker, Plan, PlanLine};
 use crate::svg::{Figure, Tone};
 use cairn_geometry::{Vec2, Vec3};
 
@@ -47,13 +47,19 @@ pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
     };
     let truth = with_holes(|e| e.reference);
     let start = truth.first().copied();
-    let ways = vec![
-        Way { label: "truth".into(), points: truth, tone: Tone::Truth, broad: true, ..Way::default() },
-        Way {
+    let lines = vec![
+        PlanLine {
+            label: "truth".into(),
+            points: truth,
+            tone: Tone::Truth,
+            broad: true,
+            ..PlanLine::default()
+        },
+        PlanLine {
             label: "estimate, aligned".into(),
             points: with_holes(|e| e.estimate),
             tone: Tone::First,
-            ..Way::default()
+            ..PlanLine::default()
         },
     ];
     let plan = Plan {
@@ -63,7 +69,7 @@ pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
             evaluation.path_m, evaluation.pairs, evaluation.ate_m.rmse
         ),
         axes: (name(i), name(j)),
-        ways,
+        lines,
         markers: start
             .map(|at| Marker { label: "start".into(), at, tone: Tone::Third })
             .into_iter()

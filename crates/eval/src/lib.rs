@@ -14,8 +14,8 @@ pub mod process;
 mod read;
 mod relative;
 mod report;
-mod standing;
 mod statistics;
+mod status_summary;
 mod svg;
 mod write;
 
@@ -29,11 +29,11 @@ pub use figures::{error_over_time, times_histogram, times_over_frames, trajector
 pub use html::{Page, Said};
 pub use load::load_trajectory;
 pub use percentiles::{Percentiles, StageTimes, Stages};
-pub use plan::{Event, Marker, Plan, Way};
+pub use plan::{Event, Marker, Plan, PlanLine};
 pub use read::{Format, KITTI_STEP_NS, TrajectoryFile, parse_trajectory};
 pub use relative::Delta;
 pub use report::{Lost, RunReport};
-pub use standing::{GateStanding, ImuStanding, Standing};
 pub use statistics::Statistics;
+pub use status_summary::{GateStanding, ImuStanding, StatusSummary};
 pub use svg::{Figure, Tone};
 pub use write::{seconds_text, to_euroc, to_kitti, to_tum, write_bytes_whole, write_whole};

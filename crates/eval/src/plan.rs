@@ -1,4 +1,4 @@
-//! Plans seen from above: walls, ways, markers and numbered events, with equal axes and a scale bar.
+//! Plans seen from above: walls, lines, markers and numbered events, with equal axes and a scale bar.
 
 use crate::chart::round_step;
 use crate::svg::{Anchor, Canvas, Figure, Tone, text_width};
@@ -9,7 +9,7 @@ const MARGIN: f64 = 36.0;
 
 /// A line that was walked, estimated or planned.
 #[derive(Clone, Debug, Default)]
-pub struct Way {
+pub struct PlanLine {
     /// Name in the legend.
     pub label: String,
     /// Points in metres; one that is not finite breaks the line.
@@ -60,7 +60,7 @@ pub struct Plan {
     /// Small dots, such as landmarks; drawn on a grid of two pixels, each once.
     pub dots: Vec<Vec2>,
     /// Lines, drawn in this order.
-    pub ways: Vec<Way>,
+    pub lines: Vec<PlanLine>,
     /// Named places.
     pub markers: Vec<Marker>,
     /// Numbered events.
@@ -71,7 +71,7 @@ impl Plan {
     /// Draws it.
     pub fn figure(&self) -> Figure {
         let entries: Vec<(&str, Tone, bool)> = self
-            .ways
+            .lines
             .iter()
             .map(|w| (w.label.as_str(), w.tone, w.dashed))
             .filter(|e| !e.0.is_empty())
@@ -92,8 +92,8 @@ impl Plan {
         for [a, b] in self.walls.iter().filter(|w| is_finite(&w[0]) && is_finite(&w[1])) {
             canvas.line(view.pixel(a), view.pixel(b), Tone::Muted, 3.0);
         }
-        for way in &self.ways {
-            draw_way(&mut canvas, &view, way);
+        for way in &self.lines {
+            draw_route(&mut canvas, &view, way);
         }
         self.draw_markers(&mut canvas, &view);
         self.draw_events(&mut canvas, &view);
@@ -102,9 +102,9 @@ impl Plan {
     }
 
     fn all_points(&self) -> impl Iterator<Item = &Vec2> {
-        let ways = self.ways.iter().flat_map(|w| &w.points);
+        let lines = self.lines.iter().flat_map(|w| &w.points);
         let places = self.markers.iter().map(|m| &m.at).chain(self.events.iter().map(|e| &e.at));
-        self.walls.iter().flatten().chain(ways).chain(places).filter(|p| is_finite(p))
+        self.walls.iter().flatten().chain(lines).chain(places).filter(|p| is_finite(p))
     }
 
     fn draw_markers(&self, canvas: &mut Canvas, view: &View) {
@@ -217,7 +217,7 @@ impl View {
     }
 }
 
-fn draw_way(canvas: &mut Canvas, view: &View, way: &Way) {
+fn draw_route(canvas: &mut Canvas, view: &View, way: &PlanLine) {
     for run in way.points.split(|p| !is_finite(p)) {
         let mut pixels: Vec<(f64, f64)> = Vec::new();
         for (i, p) in run.iter().map(|p| view.pixel(p)).enumerate() {
@@ -292,8 +292,9 @@ mod tests {
 
     #[test]
     fn nothing_and_nan_are_drawn_without_harm() {
-        let broken = Way { points: vec![Vec2::new(f64::NAN, 0.0), Vec2::zeros()], ..Way::default() };
-        let plan = Plan { ways: vec![broken], ..Plan::default() };
+        let broken =
+            PlanLine { points: vec![Vec2::new(f64::NAN, 0.0), Vec2::zeros()], ..PlanLine::default() };
+        let plan = Plan { lines: vec![broken], ..Plan::default() };
         assert!(!plan.figure().standalone().contains("NaN"));
         assert!(Plan::default().figure().standalone().contains("</svg>"));
     }

@@ -3,7 +3,7 @@
 use crate::error::FileError;
 use crate::evaluate::Evaluation;
 use crate::percentiles::{Percentiles, Stages};
-use crate::standing::Standing;
+use crate::status_summary::StatusSummary;
 use crate::write::write_whole;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -67,7 +67,7 @@ pub struct RunReport {
     pub cpu_s: Option<f64>,
     /// How it stood over its time: phases, and the inertial sensor.
     #[serde(default)]
-    pub standing: Standing,
+    pub standing: StatusSummary,
     /// The whole configuration.
     pub config: serde_json::Value,
     /// Seed of everything random.

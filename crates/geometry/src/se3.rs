@@ -130,14 +130,14 @@ impl LieGroup<6> for Se3 {
     fn coordinates(&self) -> Vector6<f64> {
         let (w, t) = (self.rotation.log(), &self.translation);
         let wt = w.cross(t);
-        let v = t - wt * 0.5 + w.cross(&wt) * bend(w.norm_squared()).0;
+        let v = t - wt * 0.5 + w.cross(&wt) * distort(w.norm_squared()).0;
         Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
     }
     /// The inverse of the right Jacobian. The part that couples translation and rotation comes from differentiating
     /// `inverse(left_jacobian(w)) * t` by `w`.
     fn coordinates_jacobian(&self) -> Matrix6<f64> {
         let (w, t) = (self.rotation.log(), &self.translation);
-        let (c, slope) = bend(w.norm_squared());
+        let (c, slope) = distort(w.norm_squared());
         let h = hat(&w);
         let turn = Mat3::identity() + h * 0.5 + h * h * c;
         let by_w = hat(t) * 0.5
@@ -158,7 +158,7 @@ impl LieGroup<6> for Se3 {
 }
 
 /// `c` in `inverse(left_jacobian(w)) = I - hat(w) / 2 + c hat(w)^2`, and `dc / d(angle) / angle`, of the squared angle.
-pub(crate) fn bend(angle2: f64) -> (f64, f64) {
+pub(crate) fn distort(angle2: f64) -> (f64, f64) {
     if angle2 < 1e-4 {
         // Error below 1e-17 for both.
         let c = 1.0 / 12.0 + angle2 * (1.0 / 720.0 + angle2 * (1.0 / 30240.0 + angle2 / 1209600.0));

@@ -5,7 +5,7 @@
 //! counts from 0); `--docs` also writes the table into FOLDER/guide.md, between its marks, and the worst three
 //! transcripts beside it.
 
-use cairn_guide::trial::{Noise, Outcome, Tally, TrialSetting, random_way, run};
+use cairn_guide::trial::{Noise, Outcome, Tally, TrialConfig, random_route, run};
 use cairn_guide::{Facing, Travel};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -22,8 +22,8 @@ fn trial(seed: u64, row: usize) -> Outcome {
     let noise = if row.is_multiple_of(2) { Noise::None } else { Noise::Usual };
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
-    let line = random_way(seed, crossing);
-    run(&line, &TrialSetting { facing, travel, noise, corridor_m, cut_detours: !crossing, seed })
+    let line = random_route(seed, crossing);
+    run(&line, &TrialConfig { facing, travel, noise, corridor_m, cut_detours: !crossing, seed })
 }
 
 fn name(row: usize) -> String {
@@ -53,7 +53,7 @@ fn main() {
         print!("{}", trial(seed, (row as usize).min(2 * ROWS.len() - 1)).transcript());
         return;
     }
-    let ways = number("--ways", 1).unwrap_or(200);
+    let routes = number("--ways", 1).unwrap_or(200);
     let mut table = String::from(
         "| way | arrived within 1 m | error p50 / p95 / max | off the path per 50 m | wrong side | utterances per 100 m | of them corrections |\n\
          |---|---|---|---|---|---|---|\n",
@@ -62,7 +62,7 @@ fn main() {
     let mut worst: Vec<(f64, u64, usize)> = Vec::new();
     for row in 0..2 * ROWS.len() {
         let mut tally = Tally::default();
-        for seed in 0..ways {
+        for seed in 0..routes {
             let o = trial(seed, row);
             tally.add(&o);
             worst.push((badness(&o), seed, row));

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 /// How the queue behaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AnnouncerSetting {
+pub struct AnnouncerConfig {
     /// Rate of speech, 0.1 to 2; 1 is three words a second.
     pub rate: f64,
     /// Loudness, 0 to 1; for the sink.
@@ -20,7 +20,7 @@ pub struct AnnouncerSetting {
     pub same_s: f64,
 }
 
-impl Default for AnnouncerSetting {
+impl Default for AnnouncerConfig {
     fn default() -> Self {
         Self { rate: 1.0, volume: 1.0, stale_s: 2.0, same_s: 4.0 }
     }
@@ -44,7 +44,7 @@ pub struct Utterance {
 /// The queue.
 #[derive(Clone, Debug)]
 pub struct Announcer {
-    setting: AnnouncerSetting,
+    config: AnnouncerConfig,
     speaking: Option<(Priority, Stamp)>,
     waiting: Option<(String, Priority, Stamp)>,
     last: Option<(String, Stamp)>,
@@ -61,24 +61,24 @@ pub fn speaking_time(text: &str, rate: f64) -> f64 {
 
 impl Announcer {
     /// An empty queue; rate and volume are brought into their ranges.
-    pub fn new(setting: AnnouncerSetting) -> Self {
-        let setting = AnnouncerSetting {
-            rate: setting.rate.clamp(0.1, 2.0),
-            volume: setting.volume.clamp(0.0, 1.0),
-            ..setting
+    pub fn new(config: AnnouncerConfig) -> Self {
+        let config = AnnouncerConfig {
+            rate: config.rate.clamp(0.1, 2.0),
+            volume: config.volume.clamp(0.0, 1.0),
+            ..config
         };
-        Self { setting, speaking: None, waiting: None, last: None, dropped: 0, history: VecDeque::new() }
+        Self { config, speaking: None, waiting: None, last: None, dropped: 0, history: VecDeque::new() }
     }
 
     /// Rate, volume and the rest.
-    pub fn setting(&self) -> &AnnouncerSetting {
-        &self.setting
+    pub fn config(&self) -> &AnnouncerConfig {
+        &self.config
     }
 
     /// Takes words. They are dropped when they were just said, or when something more urgent waits.
     pub fn push(&mut self, text: impl Into<String>, priority: Priority, now: Stamp) {
         let text = text.into();
-        let said = self.last.as_ref().is_some_and(|(t, at)| *t == text && now - *at < self.setting.same_s);
+        let said = self.last.as_ref().is_some_and(|(t, at)| *t == text && now - *at < self.config.same_s);
         let more_urgent =
             self.waiting.as_ref().is_some_and(|(_, p, at)| *p < priority && !self.stale(*p, *at, now));
         if (said && priority != Priority::Urgent) || more_urgent {
@@ -113,7 +113,7 @@ impl Announcer {
             other => other.is_some(),
         };
         let (text, priority, _) = self.waiting.take()?;
-        let duration_s = speaking_time(&text, self.setting.rate);
+        let duration_s = speaking_time(&text, self.config.rate);
         self.speaking = Some((priority, now.plus_seconds(duration_s)));
         self.last = Some((text.clone(), now));
         let utterance = Utterance { text, priority, stamp: now, duration_s, interrupts };
@@ -140,7 +140,7 @@ impl Announcer {
     }
 
     fn stale(&self, priority: Priority, since: Stamp, now: Stamp) -> bool {
-        priority >= Priority::Normal && now - since > self.setting.stale_s
+        priority >= Priority::Normal && now - since > self.config.stale_s
     }
 }
 
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn urgent_and_high_interrupt_normal_and_low_wait() {
-        let mut a = Announcer::new(AnnouncerSetting::default());
+        let mut a = Announcer::new(AnnouncerConfig::default());
         a.push("Continue 12 metres, then turn left.", Priority::Normal, at(0.0));
         assert!(said(&mut a, 0.0).is_some());
         a.push("Ten metres more.", Priority::Low, at(0.5));
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn one_waits_at_most_and_stale_words_are_dropped() {
-        let mut a = Announcer::new(AnnouncerSetting::default());
+        let mut a = Announcer::new(AnnouncerConfig::default());
         a.push("one two three four five six seven eight nine", Priority::Normal, at(0.0));
         assert!(said(&mut a, 0.0).is_some());
         a.push("second", Priority::Normal, at(0.1));
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn the_same_is_not_said_twice_running_but_urgent_is_and_repeat_is() {
-        let mut a = Announcer::new(AnnouncerSetting::default());
+        let mut a = Announcer::new(AnnouncerConfig::default());
         a.push("Bear left.", Priority::High, at(0.0));
         assert!(said(&mut a, 0.0).is_some());
         a.push("Bear left.", Priority::High, at(2.0));
@@ -207,8 +207,8 @@ mod tests {
 
     #[test]
     fn rates_out_of_range_are_brought_in() {
-        let a = Announcer::new(AnnouncerSetting { rate: 9.0, volume: -1.0, ..Default::default() });
-        assert_eq!((a.setting().rate, a.setting().volume), (2.0, 0.0));
+        let a = Announcer::new(AnnouncerConfig { rate: 9.0, volume: -1.0, ..Default::default() });
+        assert_eq!((a.config().rate, a.config().volume), (2.0, 0.0));
         assert!(speaking_time("one two three", 2.0) < speaking_time("one two three", 1.0));
     }
 }

@@ -7,15 +7,15 @@
 //! Douglas-Peucker (1973), with one more condition: a chord must itself lie on walked ground.
 
 use crate::ground::Ground;
+use crate::route::{PlacedPoint, Stretch};
 use crate::tracks::{Tracks, to_segment};
-use crate::way::{PlacedPoint, Stretch};
 use cairn_geometry::Vec3;
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
 /// What counts as the same ground, and how much may be simplified. Metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CleanSetting {
+pub struct CleanConfig {
     /// Remove detours at all; off for a way that is to be walked as it was.
     pub cut_detours: bool,
     /// Both ends of a cut lie within this of each other.
@@ -30,7 +30,7 @@ pub struct CleanSetting {
     pub min_segment_m: f64,
 }
 
-impl Default for CleanSetting {
+impl Default for CleanConfig {
     fn default() -> Self {
         Self {
             cut_detours: true,
@@ -64,7 +64,7 @@ struct Node {
 
 /// A way ready for guidance.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CleanWay {
+pub struct CleanedRoute {
     /// The corners, from the start of the recording to its end, in metres.
     pub points: Vec<Vec3>,
     /// Whether the stretch before each corner is a gap in the recording.
@@ -77,17 +77,17 @@ pub struct CleanWay {
     pub cuts: Vec<Cut>,
 }
 
-/// Cleans a placed way; lengths are multiplied by `metres_per_unit` (see [`crate::Way::metres_per_unit`]).
+/// Cleans a placed way; lengths are multiplied by `metres_per_unit` (see [`crate::ManeuverPlan::metres_per_unit`]).
 pub fn clean(
     points: &[PlacedPoint],
     metres_per_unit: f64,
     ground: &Ground,
-    setting: &CleanSetting,
-) -> CleanWay {
+    config: &CleanConfig,
+) -> CleanedRoute {
     let line: Vec<(Vec3, bool)> = (points.iter())
         .map(|p| (p.frame_from_camera.translation * metres_per_unit, p.stretch == Stretch::Gap))
         .collect();
-    clean_line(&line, &line, ground, setting)
+    clean_line(&line, &line, ground, config)
 }
 
 /// Cleans `line` given the `record` of where the walker really went: pairs of a point in metres and
@@ -96,26 +96,26 @@ pub fn clean_line(
     line: &[(Vec3, bool)],
     record: &[(Vec3, bool)],
     ground: &Ground,
-    setting: &CleanSetting,
-) -> CleanWay {
+    config: &CleanConfig,
+) -> CleanedRoute {
     let before_m = length(record.iter().map(|p| p.0));
     let walked = record.windows(2).filter(|w| !w[1].1).map(|w| (w[0].0, w[1].0));
-    let tracks = Tracks::new(walked, setting.walked_m.max(setting.tolerance_m));
+    let tracks = Tracks::new(walked, config.walked_m.max(config.tolerance_m));
     let mut nodes = without_doubles(line);
     let mut cuts = Vec::new();
     // Simplifying can bring two stretches within reach of each other, so both are done until nothing changes.
     for _ in 0..12 {
         let was = nodes.clone();
-        if setting.cut_detours {
-            nodes = cut(&nodes, &tracks, ground, setting, &mut cuts);
+        if config.cut_detours {
+            nodes = cut(&nodes, &tracks, ground, config, &mut cuts);
         }
-        nodes = simplify(&nodes, &tracks, setting);
-        nodes = merge_short(nodes, &tracks, setting);
+        nodes = simplify(&nodes, &tracks, config);
+        nodes = merge_short(nodes, &tracks, config);
         if nodes == was {
             break;
         }
     }
-    CleanWay {
+    CleanedRoute {
         after_m: length(nodes.iter().map(|n| n.p)),
         points: nodes.iter().map(|n| n.p).collect(),
         gap_before: nodes.iter().map(|n| n.gap).collect(),
@@ -124,7 +124,7 @@ pub fn clean_line(
     }
 }
 
-impl CleanWay {
+impl CleanedRoute {
     /// The largest distance from the cleaned to the recorded way in metres, looked at each 5 cm.
     pub fn largest_distance_to(&self, record: &[PlacedPoint], metres_per_unit: f64) -> f64 {
         let record: Vec<Vec3> =
@@ -202,8 +202,8 @@ fn sample(nodes: &[Node]) -> Samples {
 }
 
 /// Pairs of samples between which the ground was walked though the way went round, each from both ends.
-fn joints(s: &Samples, tracks: &Tracks, ground: &Ground, setting: &CleanSetting) -> Vec<Vec<usize>> {
-    let reach = setting.corridor_m.min(2.0 * setting.walked_m);
+fn joints(s: &Samples, tracks: &Tracks, ground: &Ground, config: &CleanConfig) -> Vec<Vec<usize>> {
+    let reach = config.corridor_m.min(2.0 * config.walked_m);
     let key = |p: &Vec3| {
         let k = |v: f64| (v / reach).floor() as i64;
         (k(p.x), k(p.y), k(p.z))
@@ -215,9 +215,9 @@ fn joints(s: &Samples, tracks: &Tracks, ground: &Ground, setting: &CleanSetting)
         for (dx, dy, dz) in (0..27).map(|n| (n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1)) {
             for &i in cells.get(&(x + dx, y + dy, z + dz)).into_iter().flatten() {
                 let d = (s.p[i] - p).norm();
-                let level = (ground.height(&s.p[i]) - ground.height(p)).abs() <= setting.walked_m;
-                let saves = s.along[j] - s.along[i] - d > setting.saving_m;
-                if d <= reach && level && saves && tracks.covers(&s.p[i], p, setting.walked_m) {
+                let level = (ground.height(&s.p[i]) - ground.height(p)).abs() <= config.walked_m;
+                let saves = s.along[j] - s.along[i] - d > config.saving_m;
+                if d <= reach && level && saves && tracks.covers(&s.p[i], p, config.walked_m) {
                     out[i].push(j);
                     out[j].push(i);
                 }
@@ -248,7 +248,7 @@ impl Ord for Open {
 }
 
 /// The shortest path from the first to the last sample; a joint costs its length and the least saving.
-fn shortest(s: &Samples, joints: &[Vec<usize>], setting: &CleanSetting) -> Vec<usize> {
+fn shortest(s: &Samples, joints: &[Vec<usize>], config: &CleanConfig) -> Vec<usize> {
     let n = s.p.len();
     let mut cost = vec![f64::INFINITY; n];
     let mut from = vec![usize::MAX; n];
@@ -263,7 +263,7 @@ fn shortest(s: &Samples, joints: &[Vec<usize>], setting: &CleanSetting) -> Vec<u
         }
         let along = [i.checked_sub(1), Some(i + 1)].into_iter().flatten().filter(|&j| j < n);
         let steps = along.map(|j| (j, (s.along[j] - s.along[i]).abs()));
-        let jumps = joints[i].iter().map(|&j| (j, (s.p[j] - s.p[i]).norm() + setting.saving_m));
+        let jumps = joints[i].iter().map(|&j| (j, (s.p[j] - s.p[i]).norm() + config.saving_m));
         for (j, w) in steps.chain(jumps) {
             if c + w < cost[j] {
                 cost[j] = c + w;
@@ -287,18 +287,18 @@ fn cut(
     nodes: &[Node],
     tracks: &Tracks,
     ground: &Ground,
-    setting: &CleanSetting,
+    config: &CleanConfig,
     cuts: &mut Vec<Cut>,
 ) -> Vec<Node> {
     if nodes.len() < 3 {
         return nodes.to_vec();
     }
     let s = sample(nodes);
-    let joints = joints(&s, tracks, ground, setting);
+    let joints = joints(&s, tracks, ground, config);
     if joints.iter().all(Vec::is_empty) {
         return nodes.to_vec();
     }
-    let path = shortest(&s, &joints, setting);
+    let path = shortest(&s, &joints, config);
     let mut found = false;
     let mut out = vec![Node { p: s.p[0], gap: false }];
     for (k, w) in path.windows(2).enumerate() {
@@ -318,7 +318,7 @@ fn cut(
     if found { out } else { nodes.to_vec() }
 }
 
-fn simplify(nodes: &[Node], tracks: &Tracks, setting: &CleanSetting) -> Vec<Node> {
+fn simplify(nodes: &[Node], tracks: &Tracks, config: &CleanConfig) -> Vec<Node> {
     let mut keep = vec![false; nodes.len()];
     let mut stack = Vec::new();
     if let Some(last) = nodes.len().checked_sub(1) {
@@ -338,8 +338,8 @@ fn simplify(nodes: &[Node], tracks: &Tracks, setting: &CleanSetting) -> Vec<Node
             }
         }
         let gap = nodes[a + 1..=b].iter().any(|n| n.gap);
-        let straight = far <= setting.tolerance_m && !gap;
-        if !(straight && tracks.covers(&nodes[a].p, &nodes[b].p, setting.tolerance_m)) {
+        let straight = far <= config.tolerance_m && !gap;
+        if !(straight && tracks.covers(&nodes[a].p, &nodes[b].p, config.tolerance_m)) {
             keep[split] = true;
             stack.push((a, split));
             stack.push((split, b));
@@ -349,11 +349,11 @@ fn simplify(nodes: &[Node], tracks: &Tracks, setting: &CleanSetting) -> Vec<Node
 }
 
 /// Merges the ends of short segments, where all that is changed stays on walked ground.
-fn merge_short(mut nodes: Vec<Node>, tracks: &Tracks, setting: &CleanSetting) -> Vec<Node> {
+fn merge_short(mut nodes: Vec<Node>, tracks: &Tracks, config: &CleanConfig) -> Vec<Node> {
     let mut k = 0;
     while k + 1 < nodes.len() {
-        let short = (nodes[k + 1].p - nodes[k].p).norm() < setting.min_segment_m;
-        match short.then(|| merged(&nodes, k, tracks, setting)).flatten() {
+        let short = (nodes[k + 1].p - nodes[k].p).norm() < config.min_segment_m;
+        match short.then(|| merged(&nodes, k, tracks, config)).flatten() {
             Some(better) => {
                 nodes = better;
                 k = k.saturating_sub(2);
@@ -366,7 +366,7 @@ fn merge_short(mut nodes: Vec<Node>, tracks: &Tracks, setting: &CleanSetting) ->
 
 /// The line with the short segment after node `k` gone: without its first end, without its second, or
 /// with both at their middle.
-fn merged(nodes: &[Node], k: usize, tracks: &Tracks, setting: &CleanSetting) -> Option<Vec<Node>> {
+fn merged(nodes: &[Node], k: usize, tracks: &Tracks, config: &CleanConfig) -> Option<Vec<Node>> {
     let last = nodes.len() - 1;
     if nodes[k + 1].gap {
         return None;
@@ -374,7 +374,7 @@ fn merged(nodes: &[Node], k: usize, tracks: &Tracks, setting: &CleanSetting) -> 
     let on_ground = |a: usize, via: Option<Vec3>, b: usize| {
         let stops: Vec<Vec3> = [Some(nodes[a].p), via, Some(nodes[b].p)].into_iter().flatten().collect();
         !nodes[a + 1..=b].iter().any(|n| n.gap)
-            && stops.windows(2).all(|w| tracks.covers(&w[0], &w[1], setting.tolerance_m))
+            && stops.windows(2).all(|w| tracks.covers(&w[0], &w[1], config.tolerance_m))
     };
     let without = |drop: usize| -> Vec<Node> {
         nodes.iter().enumerate().filter(|(i, _)| *i != drop).map(|(_, n)| *n).collect()

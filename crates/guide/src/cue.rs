@@ -1,7 +1,7 @@
 //! What the guide has to say, before it becomes words.
 
 use crate::facing::Facing;
-use crate::route::Stairs;
+use crate::maneuvers::Stairs;
 use cairn_sensor::Stamp;
 
 /// How urgent something is; lower comes first.

@@ -19,26 +19,26 @@ const HEARD: f64 = 3.0;
 impl Guide {
     /// The walker will stand at the end of the way if told now.
     pub(crate) fn arrival(&mut self, now: &Now) -> Option<CueKind> {
-        let end = self.route.end();
-        let to_end = end - now.stance.position;
-        if self.next < self.route.maneuvers().len() || self.route.length() - now.at.along_m > 4.0 {
+        let end = self.plan.end();
+        let to_end = end - now.heading_kind.position;
+        if self.next < self.plan.maneuvers().len() || self.plan.length() - now.at.along_m > 4.0 {
             return None;
         }
-        let [width, depth, height] = self.setting.arrival_box_m;
-        let level = (now.stance.height - self.route.height_at(self.route.length())).abs() <= height;
-        let course = direction(now.stance.course);
+        let [width, depth, height] = self.config.arrival_box_m;
+        let level = (now.heading_kind.height - self.plan.height_at(self.plan.length())).abs() <= height;
+        let course = direction(now.heading_kind.course);
         let (ahead, miss) = (to_end.dot(&course), cross(&course, &to_end).abs());
         let standing_there = to_end.norm() <= 0.5 * width.min(depth);
         // Beside or past the end and within reach of it: sending the walker round for less than a metre helps nobody.
-        let will_stand = course * (now.speed * self.setting.arrival_lead_s);
+        let will_stand = course * (now.speed * self.config.arrival_lead_s);
         let beside =
-            (to_end - will_stand).norm() <= self.setting.arrival_reach_m && ahead < 0.5 * to_end.norm();
-        let early = (now.speed * self.setting.arrival_lead_s).max(0.5 * depth);
-        let spread = now.speed * self.setting.arrival_spread_s;
-        let most = (self.setting.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
+            (to_end - will_stand).norm() <= self.config.arrival_reach_m && ahead < 0.5 * to_end.norm();
+        let early = (now.speed * self.config.arrival_lead_s).max(0.5 * depth);
+        let spread = now.speed * self.config.arrival_spread_s;
+        let most = (self.config.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
         let soon = ahead > -0.5 * depth && ahead <= early && miss <= most;
         // Who missed it time and again does not get nearer: the end as the map has it may lie in a wall.
-        let reach = (to_end - will_stand).norm() <= self.setting.arrival_reach_m;
+        let reach = (to_end - will_stand).norm() <= self.config.arrival_reach_m;
         let tried = self.memory.ends_missed >= MISSED_MOST && reach;
         (level && (standing_there || soon || beside || tried)).then(|| self.arrived())
     }
@@ -50,8 +50,8 @@ impl Guide {
 
     /// The end is near and the walker fast: a slow walker stands where told, a fast one a metre later.
     pub(crate) fn near_end(&mut self, now: &Now) -> Option<CueKind> {
-        let left = self.route.length() - now.at.along_m;
-        let s = &self.setting;
+        let left = self.plan.length() - now.at.along_m;
+        let s = &self.config;
         let wanted =
             self.coming().is_none() && !self.memory.end_told && now.speed > s.end_speed && left < s.end_m;
         if !wanted || left < 0.5 * s.end_m {
@@ -64,8 +64,8 @@ impl Guide {
 
     /// True when nothing but the end lies ahead and it is near.
     pub(crate) fn at_end(&self, now: &Now) -> bool {
-        let near = (self.route.end() - now.stance.position).norm() < LAST_M;
-        let left = self.route.length() - now.at.along_m;
+        let near = (self.plan.end() - now.heading_kind.position).norm() < LAST_M;
+        let left = self.plan.length() - now.at.along_m;
         self.coming().is_none() && left < LAST_M && (near || left < 0.3) && !self.backwards()
     }
 
@@ -74,8 +74,8 @@ impl Guide {
         if let Some(arrived) = self.arrival(now) {
             return Some(arrived);
         }
-        let to_end = self.route.end() - now.stance.position;
-        let turn = now.stance.turn_to(crate::ground::heading_of(&to_end));
+        let to_end = self.plan.end() - now.heading_kind.position;
+        let turn = now.heading_kind.turn_to(crate::ground::heading_of(&to_end));
         let missed = turn.abs() > MISSED;
         if !missed || since(self.memory.directed, now.stamp) < HEARD {
             if missed {
@@ -83,7 +83,7 @@ impl Guide {
             }
             let held_up = self.stopped(now, aim);
             // Told to go on, with the end before him, and standing: something is there.
-            if held_up.is_some() && to_end.norm() <= self.setting.arrival_box_m[0] {
+            if held_up.is_some() && to_end.norm() <= self.config.arrival_box_m[0] {
                 return Some(self.arrived());
             }
             return held_up.or_else(|| self.tick(now, aim));

@@ -19,7 +19,7 @@ pub enum Facing {
 
 /// The walker seen from above.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stance {
+pub struct Heading {
     /// Where, in metres on the ground plane.
     pub position: Vec2,
     /// Height of the camera in metres.
@@ -32,7 +32,7 @@ pub struct Stance {
 
 impl Facing {
     /// The walker's stance from the pose of the camera; `None` when the pose has no heading or is not finite.
-    pub fn stance(self, ground: &Ground, odom_from_camera: &Pose<Odom, Camera>) -> Option<Stance> {
+    pub fn heading_kind(self, ground: &Ground, odom_from_camera: &Pose<Odom, Camera>) -> Option<Heading> {
         let pose = &odom_from_camera.se3;
         if !pose.is_finite() {
             return None;
@@ -44,11 +44,11 @@ impl Facing {
             Facing::Backwards => (camera, wrap(camera + PI)),
         };
         let (position, height) = (ground.plane(&pose.translation), ground.height(&pose.translation));
-        Some(Stance { position, height, heading, course })
+        Some(Heading { position, height, heading, course })
     }
 }
 
-impl Stance {
+impl Heading {
     /// How far a point lies to the walker's own left, in metres (negative: right), whichever way the walker goes.
     pub fn to_left(&self, point: &Vec2) -> f64 {
         let left = direction(self.heading + 0.5 * PI);

@@ -4,15 +4,15 @@
 //! there is none. Out: at most one cue a step. It knows no clock but the stamps, and no map: when the map
 //! moves, the caller places the way anew and hands over the corrected route.
 
+use crate::config::GuideConfig;
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
-use crate::facing::{Facing, Stance};
+use crate::facing::{Facing, Heading};
 use crate::ground::{Ground, heading_of};
+use crate::maneuvers::{Maneuver, ManeuverPlan};
 use crate::matcher::{Match, Matcher};
 use crate::motion::Motion;
-use crate::route::{Maneuver, Route};
-use crate::setting::GuideSetting;
+use crate::route::Confidence;
 use crate::turning::Turning;
-use crate::way::Confidence;
 use cairn_geometry::{Camera, Odom, Pose};
 use cairn_sensor::Stamp;
 
@@ -73,7 +73,7 @@ pub(crate) enum Phase {
 /// What one step knows.
 pub(crate) struct Now {
     pub stamp: Stamp,
-    pub stance: Stance,
+    pub heading_kind: Heading,
     pub at: Match,
     pub speed: f64,
 }
@@ -81,9 +81,9 @@ pub(crate) struct Now {
 /// Guides one walker along one route.
 #[derive(Clone, Debug)]
 pub struct Guide {
-    pub(crate) setting: GuideSetting,
+    pub(crate) config: GuideConfig,
     ground: Ground,
-    pub(crate) route: Route,
+    pub(crate) plan: ManeuverPlan,
     pub(crate) matcher: Matcher,
     pub(crate) motion: Motion,
     pub(crate) phase: Phase,
@@ -147,15 +147,15 @@ pub(crate) struct Memory {
 
 impl Guide {
     /// A guide for a route in the smooth frame whose ground is `ground`.
-    pub fn new(route: Route, ground: Ground, setting: GuideSetting) -> Result<Self, GuideError> {
-        if setting.facing == Facing::Backwards && route.has_stairs() {
+    pub fn new(plan: ManeuverPlan, ground: Ground, config: GuideConfig) -> Result<Self, GuideError> {
+        if config.facing == Facing::Backwards && plan.has_stairs() {
             return Err(GuideError::BackwardsOnStairs);
         }
         Ok(Self {
-            matcher: Matcher::new(setting.matcher),
-            setting,
+            matcher: Matcher::new(config.matcher),
+            config,
             ground,
-            route,
+            plan,
             motion: Motion::default(),
             phase: Phase::Begin,
             halted: None,
@@ -180,8 +180,8 @@ impl Guide {
     }
 
     /// The route being walked.
-    pub fn route(&self) -> &Route {
-        &self.route
+    pub fn plan(&self) -> &ManeuverPlan {
+        &self.plan
     }
 
     /// Where on the route the walker was at the last good pose.
@@ -190,15 +190,15 @@ impl Guide {
     }
 
     /// Replaces the route by a corrected one after the map moved: the walker stays where he was along it.
-    pub fn correct_route(&mut self, route: Route) {
-        let left = self.route.length() - self.matcher.along_m();
-        let along = (route.length() - left).clamp(0.0, route.length());
-        let done = self.route.maneuvers().len() - self.next;
-        self.route = route;
+    pub fn correct_route(&mut self, plan: ManeuverPlan) {
+        let left = self.plan.length() - self.matcher.along_m();
+        let along = (plan.length() - left).clamp(0.0, plan.length());
+        let done = self.plan.maneuvers().len() - self.next;
+        self.plan = plan;
         self.matcher.place(along);
         // The same maneuvers are done when there are as many; else those that lie behind are.
-        let behind = self.route.maneuvers().partition_point(|m| m.at_m < along + 0.3);
-        self.next = match self.route.maneuvers().len().checked_sub(done) {
+        let behind = self.plan.maneuvers().partition_point(|m| m.at_m < along + 0.3);
+        self.next = match self.plan.maneuvers().len().checked_sub(done) {
             Some(k) if k.abs_diff(behind) <= 1 => k,
             _ => behind,
         };
@@ -211,22 +211,22 @@ impl Guide {
             return None;
         }
         let kind = self.decide(input)?;
-        Some(Cue { stamp: input.now, facing: self.setting.facing, kind })
+        Some(Cue { stamp: input.now, facing: self.config.facing, kind })
     }
 
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
-        let stance = self.setting.facing.stance(&self.ground, &input.odom_from_camera);
-        let (Some(stance), None) = (stance, self.danger(input)) else {
+        let heading_kind = self.config.facing.heading_kind(&self.ground, &input.odom_from_camera);
+        let (Some(heading_kind), None) = (heading_kind, self.danger(input)) else {
             return self.halt(self.danger(input).unwrap_or(StopReason::TrackingLost), input.now);
         };
         if !self.confident_again(input.now) {
             return None;
         }
-        self.motion.push(input.pose_stamp, &stance);
-        let at = self.matcher.update(&self.route, &stance.position, input.now);
+        self.motion.push(input.pose_stamp, &heading_kind);
+        let at = self.matcher.update(&self.plan, &heading_kind.position, input.now);
         self.last_match = Some(at);
         let speed = input.speed.filter(|v| v.is_finite()).unwrap_or_else(|| self.motion.speed());
-        let now = Now { stamp: input.now, stance, at, speed };
+        let now = Now { stamp: input.now, heading_kind, at, speed };
         if let Some(kind) = self.weak(input) {
             return Some(kind);
         }
@@ -245,7 +245,7 @@ impl Guide {
             input.hazard
         } else if input.confidence == Confidence::Lost {
             Some(StopReason::TrackingLost)
-        } else if input.now - input.pose_stamp > self.setting.stale_s {
+        } else if input.now - input.pose_stamp > self.config.stale_s {
             Some(StopReason::PoseStale)
         } else {
             None
@@ -260,7 +260,7 @@ impl Guide {
         }
         let before = self.halted.filter(|h| h.reason == reason).map(|h| (h.said, h.times));
         let (said, times) = match before {
-            Some((said, times)) if now - said < self.setting.stop_again_s => (said, times),
+            Some((said, times)) if now - said < self.config.stop_again_s => (said, times),
             Some((_, times)) => (now, times + 1),
             None => (now, 1),
         };
@@ -279,7 +279,7 @@ impl Guide {
     fn confident_again(&mut self, now: Stamp) -> bool {
         let Some(halt) = &mut self.halted else { return true };
         let since = *halt.good_since.get_or_insert(now);
-        if now - since < self.setting.resume_s {
+        if now - since < self.config.resume_s {
             return false;
         }
         self.halted = None;
@@ -295,7 +295,7 @@ impl Guide {
             return None;
         }
         let since = *self.memory.weak_since.get_or_insert(input.now);
-        let due = self.started && !self.memory.weak_said && input.now - since >= self.setting.weak_s;
+        let due = self.started && !self.memory.weak_said && input.now - since >= self.config.weak_s;
         self.memory.weak_said |= due;
         due.then_some(CueKind::Weak)
     }
@@ -305,11 +305,11 @@ impl Guide {
         // A turn right ahead is made at once, not first aimed at.
         let along = now.at.along_m;
         self.next = self
-            .route
+            .plan
             .maneuvers()
             .partition_point(|m| m.end_m < along + 0.3 || m.at_m < along + RIGHT_AHEAD_M);
-        let turn = now.stance.turn_to(self.aim(now));
-        let first = if turn.abs().to_degrees() < self.setting.turn_tolerance_deg {
+        let turn = now.heading_kind.turn_to(self.aim(now));
+        let first = if turn.abs().to_degrees() < self.config.turn_tolerance_deg {
             self.set_out(now);
             First::Go(self.ahead(now))
         } else {
@@ -322,7 +322,7 @@ impl Guide {
             self.memory.set_out = Some(now.stamp.plus_seconds(WARNING_S));
         }
         match std::mem::replace(&mut self.started, true) {
-            false => CueKind::Start { total_m: self.route.length(), first },
+            false => CueKind::Start { total_m: self.plan.length(), first },
             true => CueKind::Resume(first),
         }
     }
@@ -343,23 +343,23 @@ impl Guide {
 
     /// The maneuver to come, if any.
     pub(crate) fn coming(&self) -> Option<&Maneuver> {
-        self.route.maneuvers().get(self.next)
+        self.plan.maneuvers().get(self.next)
     }
 
     /// Metres along the route of the next thing to do: a maneuver or the end.
     pub(crate) fn next_at_m(&self) -> f64 {
-        self.coming().map_or(self.route.length(), |m| m.at_m)
+        self.coming().map_or(self.plan.length(), |m| m.at_m)
     }
 
     /// The heading towards the point the walker should aim at: some way ahead, not past the next turn.
     pub(crate) fn aim(&self, now: &Now) -> f64 {
         if self.held_beside(now) {
-            return heading_of(&(now.at.foot - now.stance.position));
+            return heading_of(&(now.at.foot - now.heading_kind.position));
         }
-        let s = &self.setting;
+        let s = &self.config;
         let reach = s.look_ahead_m.max(s.look_ahead_s * now.speed).max(2.0 * now.at.cross_m.abs());
         let target = (now.at.along_m + reach).min(self.next_at_m());
-        let to = self.route.point_at(target) - now.stance.position;
+        let to = self.plan.point_at(target) - now.heading_kind.position;
         // A point at the walker's feet is no aim: there the heading of the way counts, unless the walker
         // stands well beside it.
         let least = match self.coming() {
@@ -372,9 +372,9 @@ impl Guide {
 
     /// What comes next from here.
     pub(crate) fn ahead(&self, now: &Now) -> Ahead {
-        let maneuvers = self.route.maneuvers();
+        let maneuvers = self.plan.maneuvers();
         let Some(m) = maneuvers.get(self.next) else {
-            let distance_m = (self.route.length() - now.at.along_m).max(0.0);
+            let distance_m = (self.plan.length() - now.at.along_m).max(0.0);
             return Ahead { distance_m, next: Next::End, then: None };
         };
         let then = maneuvers.get(self.next + 1).filter(|n| n.joined);

@@ -1,15 +1,15 @@
 //! What is in a way: numbers for people and for reports, and lines to draw.
 
-use crate::clean::{CleanSetting, CleanWay, clean, length};
-use crate::route::{Route, RouteSetting, Travel};
-use crate::way::Anchor;
-use crate::way::{Stretch, Way};
+use crate::clean::{CleanConfig, CleanedRoute, clean, length};
+use crate::maneuvers::{ManeuverPlan, ManeuverPlanConfig, Travel};
+use crate::route::Anchor;
+use crate::route::{Route, Stretch};
 use cairn_geometry::{Sim3, Vec2};
 use serde::Serialize;
 
 /// A way in numbers. Lengths in metres (in units of a metre guessed from the pace where `metric` is false).
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct WayInfo {
+pub struct RouteInfo {
     /// What it was recorded from.
     pub source: String,
     /// Whether lengths are true metres.
@@ -40,7 +40,7 @@ pub struct WayInfo {
 
 /// A way's lines on the ground plane, in metres.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct WayDrawing {
+pub struct RouteDrawing {
     /// As recorded, from start to end.
     pub recorded: Vec<[f64; 2]>,
     /// Corners of the cleaned way.
@@ -51,29 +51,30 @@ pub struct WayDrawing {
 
 /// Cleans a way where its key frames are now and counts what is in it.
 pub fn survey(
-    way: &Way,
+    route: &Route,
     frame_from_anchor: impl Fn(Anchor) -> Option<Sim3>,
-    setting: &CleanSetting,
-) -> (WayInfo, CleanWay, WayDrawing) {
-    let (ground, unit) = (way.header.ground(), way.metres_per_unit());
-    let placed = way.resolve(frame_from_anchor);
-    let cleaned = clean(&placed, unit, &ground, setting);
+    config: &CleanConfig,
+) -> (RouteInfo, CleanedRoute, RouteDrawing) {
+    let (ground, unit) = (route.header.ground(), route.metres_per_unit());
+    let placed = route.resolve(frame_from_anchor);
+    let cleaned = clean(&placed, unit, &ground, config);
     let of = |stretch: Stretch| {
         let steps = placed.windows(2).filter(|w| w[1].stretch == stretch);
         let metres =
             steps.map(|w| (w[1].frame_from_camera.translation - w[0].frame_from_camera.translation).norm());
         metres.sum::<f64>() * unit
     };
-    let route = Route::from_way(&cleaned, Travel::Again, &ground, &RouteSetting::default()).ok();
-    let maneuvers = route.as_ref().map_or(&[][..], |r| r.maneuvers());
-    let duration_s = match (way.points.first(), way.points.last()) {
+    let plan =
+        ManeuverPlan::from_route(&cleaned, Travel::Again, &ground, &ManeuverPlanConfig::default()).ok();
+    let maneuvers = plan.as_ref().map_or(&[][..], |r| r.maneuvers());
+    let duration_s = match (route.points.first(), route.points.last()) {
         (Some(a), Some(b)) => b.stamp - a.stamp,
         _ => 0.0,
     };
-    let info = WayInfo {
-        source: way.header.source.clone(),
-        metric: way.header.metric,
-        points: way.points.len(),
+    let info = RouteInfo {
+        source: route.header.source.clone(),
+        metric: route.header.metric,
+        points: route.points.len(),
         duration_s,
         length_m: length(placed.iter().map(|p| p.frame_from_camera.translation * unit)),
         bridged_m: of(Stretch::Bridged),
@@ -83,13 +84,13 @@ pub fn survey(
         turns: maneuvers.iter().filter(|m| m.turn_rad != 0.0).count(),
         stairs: maneuvers.iter().filter(|m| m.stairs.is_some()).count(),
         largest_distance_m: if placed.len() < 2 { 0.0 } else { cleaned.largest_distance_to(&placed, unit) },
-        torn: way.torn,
+        torn: route.torn,
     };
     let flat = |p: &cairn_geometry::Vec3| -> [f64; 2] {
         let q: Vec2 = ground.plane(p);
         [q.x, q.y]
     };
-    let drawing = WayDrawing {
+    let drawing = RouteDrawing {
         recorded: placed.iter().map(|p| flat(&(p.frame_from_camera.translation * unit))).collect(),
         cleaned: cleaned.points.iter().map(flat).collect(),
         cuts: cleaned.cuts.iter().map(|c| flat(&c.from)).collect(),

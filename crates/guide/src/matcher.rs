@@ -4,13 +4,13 @@
 //! has been far from that stretch for a while, the whole route is searched, nearer stretches preferred.
 
 use crate::ground::cross;
-use crate::route::Route;
+use crate::maneuvers::ManeuverPlan;
 use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
 
 /// How far the search reaches.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MatcherSetting {
+pub struct MatcherConfig {
     /// Metres searched behind the last match.
     pub behind_m: f64,
     /// Metres searched ahead of it.
@@ -23,7 +23,7 @@ pub struct MatcherSetting {
     pub lost_s: f64,
 }
 
-impl Default for MatcherSetting {
+impl Default for MatcherConfig {
     fn default() -> Self {
         Self { behind_m: 4.0, ahead_m: 4.0, along_weight: 0.1, lost_m: 6.0, lost_s: 5.0 }
     }
@@ -45,7 +45,7 @@ pub struct Match {
 /// Follows one walker along one route.
 #[derive(Clone, Debug)]
 pub struct Matcher {
-    setting: MatcherSetting,
+    config: MatcherConfig,
     along_m: f64,
     /// The walker has been led past this point and is not matched before it.
     passed_m: f64,
@@ -54,8 +54,8 @@ pub struct Matcher {
 
 impl Matcher {
     /// Starts at the beginning of the route.
-    pub fn new(setting: MatcherSetting) -> Self {
-        Self { setting, along_m: 0.0, passed_m: 0.0, far_since: None }
+    pub fn new(config: MatcherConfig) -> Self {
+        Self { config, along_m: 0.0, passed_m: 0.0, far_since: None }
     }
 
     /// Says where the walker is; used when the route was replaced by a corrected one.
@@ -77,16 +77,16 @@ impl Matcher {
     }
 
     /// The match for a position on the ground plane.
-    pub fn update(&mut self, route: &Route, position: &Vec2, now: Stamp) -> Match {
-        let from = (self.along_m - self.setting.behind_m).max(self.passed_m);
-        let to = self.along_m.max(self.passed_m) + self.setting.ahead_m;
-        let mut found = self.nearest(route, position, from, to);
-        let far = (found.foot - position).norm() > self.setting.lost_m;
+    pub fn update(&mut self, plan: &ManeuverPlan, position: &Vec2, now: Stamp) -> Match {
+        let from = (self.along_m - self.config.behind_m).max(self.passed_m);
+        let to = self.along_m.max(self.passed_m) + self.config.ahead_m;
+        let mut found = self.nearest(plan, position, from, to);
+        let far = (found.foot - position).norm() > self.config.lost_m;
         match (far, self.far_since) {
             (false, _) => self.far_since = None,
             (true, None) => self.far_since = Some(now),
-            (true, Some(since)) if now - since >= self.setting.lost_s => {
-                found = self.nearest(route, position, f64::NEG_INFINITY, f64::INFINITY);
+            (true, Some(since)) if now - since >= self.config.lost_s => {
+                found = self.nearest(plan, position, f64::NEG_INFINITY, f64::INFINITY);
                 self.far_since = None;
                 self.passed_m = 0.0;
             }
@@ -96,8 +96,8 @@ impl Matcher {
         found
     }
 
-    fn nearest(&self, route: &Route, p: &Vec2, from: f64, to: f64) -> Match {
-        let (points, along) = (route.points(), route.along());
+    fn nearest(&self, plan: &ManeuverPlan, p: &Vec2, from: f64, to: f64) -> Match {
+        let (points, along) = (plan.points(), plan.along());
         let mut best: Option<(f64, Match)> = None;
         for k in 0..points.len() - 1 {
             if along[k + 1] <= from || along[k] > to {
@@ -109,7 +109,7 @@ impl Matcher {
             let t = ((p - points[k]).dot(&d) / d.norm_squared()).clamp(low, high);
             let foot = points[k] + d * t;
             let along_m = along[k] + span * t;
-            let cost = (p - foot).norm() + self.setting.along_weight * (along_m - self.along_m).abs();
+            let cost = (p - foot).norm() + self.config.along_weight * (along_m - self.along_m).abs();
             if best.as_ref().is_none_or(|(c, _)| cost < *c) {
                 let cross_m = cross(&(d / d.norm()), &(p - foot));
                 // At a corner the foot is the corner itself: the whole distance counts, with the side of the segment.
@@ -121,9 +121,9 @@ impl Matcher {
         // The window always holds the segment of the last match; a route has at least one segment.
         best.map_or_else(
             || {
-                let foot = route.point_at(self.along_m);
+                let foot = plan.point_at(self.along_m);
                 let cross_m = (p - foot).norm();
-                Match { along_m: self.along_m, cross_m, foot, heading: route.heading_at(self.along_m) }
+                Match { along_m: self.along_m, cross_m, foot, heading: plan.heading_at(self.along_m) }
             },
             |(_, m)| m,
         )
@@ -133,19 +133,19 @@ impl Matcher {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Ground, RouteSetting};
+    use crate::{Ground, ManeuverPlanConfig};
     use cairn_geometry::Vec3;
 
-    fn route(line: &[[f64; 2]]) -> Route {
+    fn plan(line: &[[f64; 2]]) -> ManeuverPlan {
         let line: Vec<Vec3> = line.iter().map(|p| Vec3::new(p[0], p[1], 0.0)).collect();
-        Route::new(&line, &Ground::z_up(), &RouteSetting::default()).unwrap()
+        ManeuverPlan::new(&line, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap()
     }
 
     #[test]
     fn a_crossing_does_not_make_it_jump() {
         // A figure that crosses itself at (10, 0), 10 m and 50 m along.
-        let r = route(&[[0., 0.], [20., 0.], [20., 10.], [10., 10.], [10., -10.]]);
-        let mut matcher = Matcher::new(MatcherSetting::default());
+        let r = plan(&[[0., 0.], [20., 0.], [20., 10.], [10., 10.], [10., -10.]]);
+        let mut matcher = Matcher::new(MatcherConfig::default());
         let mut t = 0;
         for truth in (0..=600).map(|k| k as f64 * 0.1).filter(|a| *a <= r.length()) {
             t += 100_000_000;
@@ -159,8 +159,8 @@ mod tests {
 
     #[test]
     fn cross_track_is_signed_and_the_whole_route_is_searched_when_lost() {
-        let r = route(&[[0., 0.], [50., 0.], [50., 30.]]);
-        let mut matcher = Matcher::new(MatcherSetting::default());
+        let r = plan(&[[0., 0.], [50., 0.], [50., 30.]]);
+        let mut matcher = Matcher::new(MatcherConfig::default());
         assert_eq!(matcher.update(&r, &Vec2::new(2.0, 1.0), Stamp(0)).cross_m, 1.0);
         assert_eq!(matcher.update(&r, &Vec2::new(3.0, -1.0), Stamp(0)).cross_m, -1.0);
         let far = Vec2::new(50.5, 20.0);

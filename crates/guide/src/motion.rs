@@ -1,6 +1,6 @@
 //! How the walker moves, from the last few seconds of poses: speed, turn rate, standing.
 
-use crate::facing::Stance;
+use crate::facing::Heading;
 use crate::ground::wrap;
 use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
@@ -22,11 +22,11 @@ impl Motion {
     }
 
     /// Takes a stance; one that is not newer than the last is ignored.
-    pub fn push(&mut self, stamp: Stamp, stance: &Stance) {
+    pub fn push(&mut self, stamp: Stamp, heading_kind: &Heading) {
         if self.past.back().is_some_and(|(t, ..)| *t >= stamp) {
             return;
         }
-        self.past.push_back((stamp, stance.position, stance.heading));
+        self.past.push_back((stamp, heading_kind.position, heading_kind.heading));
         while self.past.front().is_some_and(|(t, ..)| stamp - *t > KEPT) {
             self.past.pop_front();
         }

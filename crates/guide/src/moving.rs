@@ -35,12 +35,12 @@ pub(crate) fn since(last: Option<Stamp>, now: Stamp) -> f64 {
 
 impl Guide {
     pub(crate) fn backwards(&self) -> bool {
-        self.setting.facing == Facing::Backwards
+        self.config.facing == Facing::Backwards
     }
 
     pub(crate) fn moving(&mut self, now: &Now) -> Option<CueKind> {
         self.note(now);
-        let aim = now.stance.turn_to(self.aim(now));
+        let aim = now.heading_kind.turn_to(self.aim(now));
         if self.at_end(now) {
             return self.ending(now, aim);
         }
@@ -61,9 +61,9 @@ impl Guide {
 
     /// Keeps count of going the wrong way and of being off the path.
     fn note(&mut self, now: &Now) {
-        let wrong = now.stance.turn_to(now.at.heading).abs().to_degrees() > self.setting.wrong_way_deg;
+        let wrong = now.heading_kind.turn_to(now.at.heading).abs().to_degrees() > self.config.wrong_way_deg;
         self.memory.wrong_m = if wrong { self.memory.wrong_m + self.motion.last_step() } else { 0.0 };
-        let limit = self.setting.off_m - if self.memory.off { self.setting.off_hysteresis_m } else { 0.0 };
+        let limit = self.config.off_m - if self.memory.off { self.config.off_hysteresis_m } else { 0.0 };
         if now.at.cross_m.abs() <= limit {
             self.memory.off_since = None;
         } else if now.speed > STANDING {
@@ -94,8 +94,8 @@ impl Guide {
     /// "Turn now" at the coming maneuver, or just its waypoint when the walker already goes the right way.
     pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
         let m = *self.coming()?;
-        let before = self.next.checked_sub(1).map_or(0.0, |k| self.route.maneuvers()[k].end_m);
-        let s = &self.setting;
+        let before = self.next.checked_sub(1).map_or(0.0, |k| self.plan.maneuvers()[k].end_m);
+        let s = &self.config;
         let most = (s.turn_now_share * (m.at_m - before)).max(s.turn_now_min_m);
         // Backwards the first word is "stop", and it is followed at once.
         let early = if self.backwards() {
@@ -114,7 +114,7 @@ impl Guide {
         }
         self.memory.leg_start_m = now.at.along_m;
         self.memory.told_at_m = now.at.along_m;
-        let turn = now.stance.turn_to(m.exit_heading);
+        let turn = now.heading_kind.turn_to(m.exit_heading);
         if m.turn_rad != 0.0 && turn.abs().to_degrees() >= 20.0 {
             self.turn_on_spot(now);
             return Some(CueKind::TurnNow { turn_rad: turn, stairs: m.stairs });
@@ -130,9 +130,9 @@ impl Guide {
         if self.memory.approached == Some(self.next) {
             return None;
         }
-        let before = self.next.checked_sub(1).map_or(0.0, |k| self.route.maneuvers()[k].end_m);
+        let before = self.next.checked_sub(1).map_or(0.0, |k| self.plan.maneuvers()[k].end_m);
         let segment = m.at_m - before;
-        let s = &self.setting;
+        let s = &self.config;
         let faster = s.approach_per_speed * (now.speed - 1.0).max(0.0);
         let far = if m.stairs.is_some() { s.approach_stairs_m } else { s.approach_m } + faster;
         let wanted = segment >= s.approach_segment_m || m.stairs.is_some();
@@ -145,8 +145,8 @@ impl Guide {
     }
 
     fn wrong_way(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let again = since(self.memory.wrong_said, now.stamp) >= self.setting.wrong_way_again_s;
-        if self.memory.wrong_m <= self.setting.wrong_way_m || !again {
+        let again = since(self.memory.wrong_said, now.stamp) >= self.config.wrong_way_again_s;
+        if self.memory.wrong_m <= self.config.wrong_way_m || !again {
             return None;
         }
         self.memory.wrong_m = 0.0;
@@ -160,7 +160,7 @@ impl Guide {
             let was = std::mem::replace(&mut self.memory.off, false);
             return was.then_some(CueKind::BackOnPath);
         };
-        if now.stamp - off_since < self.setting.off_dwell_s || now.speed <= STANDING {
+        if now.stamp - off_since < self.config.off_dwell_s || now.speed <= STANDING {
             return None;
         }
         // A turn right ahead sets the walker anew.
@@ -169,65 +169,65 @@ impl Guide {
         }
         // Who was told a moment ago, or comes back already, needs no more words.
         let off_deg = aim.abs().to_degrees();
-        let returns = now.stance.turn_to(now.at.heading) * now.at.cross_m > 0.0;
-        let told = since(self.memory.directed, now.stamp) < self.setting.adjust_again_s;
-        if told || returns && off_deg < self.setting.adjust_deg {
+        let returns = now.heading_kind.turn_to(now.at.heading) * now.at.cross_m > 0.0;
+        let told = since(self.memory.directed, now.stamp) < self.config.adjust_again_s;
+        if told || returns && off_deg < self.config.adjust_deg {
             return None;
         }
         let first = self.next == 0;
-        let pause = if first { self.setting.off_again_first_s } else { self.setting.off_again_s };
+        let pause = if first { self.config.off_again_first_s } else { self.config.off_again_s };
         if self.memory.off && since(self.memory.off_said, now.stamp) < pause {
             return None;
         }
         self.memory.off = true;
         self.memory.off_said = Some(now.stamp);
-        let to_path = now.at.foot - now.stance.position;
-        let bearing = now.stance.turn_to(heading_of(&to_path));
-        let turn = if off_deg > self.setting.adjust_turn_deg {
+        let to_path = now.at.foot - now.heading_kind.position;
+        let bearing = now.heading_kind.turn_to(heading_of(&to_path));
+        let turn = if off_deg > self.config.adjust_turn_deg {
             self.turn_on_spot(now);
             aim
         } else {
             self.direct(now);
-            if off_deg > 0.6 * self.setting.adjust_deg { aim } else { 0.0 }
+            if off_deg > 0.6 * self.config.adjust_deg { aim } else { 0.0 }
         };
         Some(CueKind::OffPath {
             distance_m: to_path.norm(),
             bearing_rad: bearing,
             turn_rad: turn,
-            on_spot: off_deg > self.setting.adjust_turn_deg,
+            on_spot: off_deg > self.config.adjust_turn_deg,
         })
     }
 
     pub(crate) fn stopped(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        if !self.motion.stood(self.setting.stopped_s, self.setting.stopped_m) {
+        if !self.motion.stood(self.config.stopped_s, self.config.stopped_m) {
             if now.speed > 0.2 {
                 self.memory.stopped_said = None;
             }
             return None;
         }
         let times = match self.memory.stopped_said {
-            None if since(self.memory.set_out, now.stamp) >= self.setting.stopped_s + HEARING => 1,
-            Some((at, 1)) if now.stamp - at >= self.setting.stopped_again_s => 2,
+            None if since(self.memory.set_out, now.stamp) >= self.config.stopped_s + HEARING => 1,
+            Some((at, 1)) if now.stamp - at >= self.config.stopped_again_s => 2,
             // Who is held up by something he points at needs another direction, as long as he stands.
-            Some((at, n)) if now.stamp - at >= self.setting.stopped_again_s && aim.abs() > POINTS_OFF => n,
+            Some((at, n)) if now.stamp - at >= self.config.stopped_again_s && aim.abs() > POINTS_OFF => n,
             _ => return None,
         };
         self.memory.stopped_said = Some((now.stamp, times));
         let (along_m, told) = self.memory.held.unwrap_or((now.at.along_m, 0));
         self.memory.held = Some((along_m, told + 1));
-        let aim = now.stance.turn_to(self.aim(now));
+        let aim = now.heading_kind.turn_to(self.aim(now));
         if aim.abs() > POINTS_OFF && !self.backwards() {
             self.turn_on_spot(now);
             return Some(CueKind::Rotate(aim));
         }
-        let on_path = now.at.cross_m.abs() <= self.setting.off_m;
+        let on_path = now.at.cross_m.abs() <= self.config.off_m;
         Some(CueKind::Stopped { ahead: self.ahead(now), on_path })
     }
 
     fn progress(&mut self, now: &Now) -> Option<CueKind> {
-        let step = self.setting.progress_m?;
+        let step = self.config.progress_m?;
         // Not when the approach of a turn, or the end, will tell the distance anyway.
-        let soon = if self.coming().is_some() { self.setting.approach_m + 3.0 } else { 3.0 };
+        let soon = if self.coming().is_some() { self.config.approach_m + 3.0 } else { 3.0 };
         if now.at.along_m - self.memory.told_at_m < step || self.next_at_m() - now.at.along_m < soon {
             return None;
         }
@@ -236,8 +236,8 @@ impl Guide {
     }
 
     pub(crate) fn tick(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let on = aim.abs().to_degrees() <= self.setting.cone_deg && now.speed > STANDING && !self.memory.off;
-        if !on || since(self.memory.ticked, now.stamp) < self.setting.tick_s {
+        let on = aim.abs().to_degrees() <= self.config.cone_deg && now.speed > STANDING && !self.memory.off;
+        if !on || since(self.memory.ticked, now.stamp) < self.config.tick_s {
             return None;
         }
         self.memory.ticked = Some(now.stamp);
@@ -249,7 +249,7 @@ impl Guide {
     fn check_behind(&mut self, now: &Now) -> Option<CueKind> {
         let walked = now.at.along_m - self.memory.leg_start_m;
         let rest = self.next_at_m() - self.memory.leg_start_m;
-        if !self.backwards() || walked < self.setting.leg_m || rest <= self.setting.leg_most_m {
+        if !self.backwards() || walked < self.config.leg_m || rest <= self.config.leg_most_m {
             return None;
         }
         self.direct(now);
@@ -258,7 +258,7 @@ impl Guide {
     }
 
     pub(crate) fn checking(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
-        if now.stamp - since < self.setting.check_s || !self.motion.stood(1.0, 0.15) {
+        if now.stamp - since < self.config.check_s || !self.motion.stood(1.0, 0.15) {
             return None;
         }
         self.turn_now(now).or_else(|| self.go_or_rotate(now))
@@ -268,21 +268,22 @@ impl Guide {
         // After a turn the first step is off by the overshoot; the line is judged once the walker goes along it.
         let rested = since(self.memory.directed, now.stamp) >= 2.0;
         let off = self.off_line(now);
-        if !self.backwards() || !rested || off.abs() <= self.setting.backwards_off_m {
+        if !self.backwards() || !rested || off.abs() <= self.config.backwards_off_m {
             return None;
         }
         // Beyond a corner or the end the line is not beside the walker.
-        if off * now.stance.to_left(&now.at.foot) <= 0.0 || now.at.along_m > self.route.length() - 0.1 {
+        if off * now.heading_kind.to_left(&now.at.foot) <= 0.0 || now.at.along_m > self.plan.length() - 0.1 {
             return None;
         }
         // Coming back to the line already: the path's left is the walker's right when going backwards.
-        let towards = cross(&direction(now.at.heading), &direction(now.stance.course)) * now.at.cross_m < 0.0;
-        let across = now.stance.turn_to(now.at.heading).abs().to_degrees();
-        if towards && across > self.setting.backwards_adjust_deg && across < 80.0 {
+        let towards =
+            cross(&direction(now.at.heading), &direction(now.heading_kind.course)) * now.at.cross_m < 0.0;
+        let across = now.heading_kind.turn_to(now.at.heading).abs().to_degrees();
+        if towards && across > self.config.backwards_adjust_deg && across < 80.0 {
             return None;
         }
-        let aimed = now.stance.turn_to(self.aim(now)).abs().to_degrees() < self.setting.adjust_deg;
-        if aimed && off.abs() > STEP_ASIDE_MOST * self.setting.backwards_off_m {
+        let aimed = now.heading_kind.turn_to(self.aim(now)).abs().to_degrees() < self.config.adjust_deg;
+        if aimed && off.abs() > STEP_ASIDE_MOST * self.config.backwards_off_m {
             return None;
         }
         self.aside(now)
@@ -292,23 +293,23 @@ impl Guide {
     /// stands beyond a corner is not off the line of it.
     fn off_line(&self, now: &Now) -> f64 {
         let left = direction(now.at.heading + std::f64::consts::FRAC_PI_2);
-        let across = left * (now.at.foot - now.stance.position).dot(&left);
-        now.stance.to_left(&(now.stance.position + across))
+        let across = left * (now.at.foot - now.heading_kind.position).dot(&left);
+        now.heading_kind.to_left(&(now.heading_kind.position + across))
     }
 
     /// One step back towards the line; from farther off, or standing so that such a step hardly leads to it, a turn
     /// that leads back.
     fn aside(&mut self, now: &Now) -> Option<CueKind> {
-        let aim = now.stance.turn_to(self.aim(now));
+        let aim = now.heading_kind.turn_to(self.aim(now));
         let off = self.off_line(now);
         // Back and to a side is halfway between the two.
-        let step = direction(now.stance.heading + off.signum() * 0.75 * std::f64::consts::PI);
-        let across = (now.at.foot - now.stance.position).dot(&step);
+        let step = direction(now.heading_kind.heading + off.signum() * 0.75 * std::f64::consts::PI);
+        let across = (now.at.foot - now.heading_kind.position).dot(&step);
         let gain = cross(&direction(now.at.heading), &step).abs();
         if across < 0.0
             || gain < STEP_GAIN
-            || off.abs() > STEP_ASIDE_MOST * self.setting.backwards_off_m
-            || now.at.along_m > self.route.length() - 0.1
+            || off.abs() > STEP_ASIDE_MOST * self.config.backwards_off_m
+            || now.at.along_m > self.plan.length() - 0.1
         {
             self.direct(now);
             self.phase = Phase::Turning(Turning::new(now, false));
@@ -329,7 +330,7 @@ impl Guide {
         if let Some(kind) = self.turn_now(now) {
             return Some(kind);
         }
-        if self.off_line(now).abs() > 0.6 * self.setting.backwards_off_m {
+        if self.off_line(now).abs() > 0.6 * self.config.backwards_off_m {
             return self.aside(now);
         }
         self.go_or_rotate(now)
@@ -337,8 +338,8 @@ impl Guide {
 
     /// From standing: on, or first turn.
     fn go_or_rotate(&mut self, now: &Now) -> Option<CueKind> {
-        let aim = wrap(now.stance.turn_to(self.aim(now)));
-        if aim.abs().to_degrees() > self.setting.turn_tolerance_deg {
+        let aim = wrap(now.heading_kind.turn_to(self.aim(now)));
+        if aim.abs().to_degrees() > self.config.turn_tolerance_deg {
             self.direct(now);
             self.phase = Phase::Turning(Turning::new(now, false));
             return Some(CueKind::Rotate(aim));
@@ -348,7 +349,7 @@ impl Guide {
     }
 
     fn slow_down(&mut self, now: &Now) -> Option<CueKind> {
-        if !self.backwards() || now.speed <= 1.1 * self.setting.backwards_speed {
+        if !self.backwards() || now.speed <= 1.1 * self.config.backwards_speed {
             self.memory.fast_since = None;
             return None;
         }

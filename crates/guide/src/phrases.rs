@@ -5,7 +5,7 @@
 
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
 use crate::facing::Facing;
-use crate::route::Stairs;
+use crate::maneuvers::Stairs;
 
 /// How distances are told.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,7 @@ pub enum DirectionStyle {
 
 /// How things are said.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PhraseSetting {
+pub struct PhraseConfig {
     /// The unit of distances.
     pub unit: Unit,
     /// The form of directions.
@@ -40,7 +40,7 @@ pub struct PhraseSetting {
     pub metric: bool,
 }
 
-impl Default for PhraseSetting {
+impl Default for PhraseConfig {
     fn default() -> Self {
         Self { unit: Unit::Metres, directions: DirectionStyle::Words, metric: true }
     }
@@ -99,7 +99,7 @@ impl Direction {
     }
 }
 
-impl PhraseSetting {
+impl PhraseConfig {
     /// The words of a cue; `None` for cues that are sounds only.
     pub fn words(&self, cue: &Cue) -> Option<String> {
         let back = cue.facing == Facing::Backwards;
@@ -342,8 +342,8 @@ mod tests {
     use super::*;
     use cairn_sensor::Stamp;
 
-    fn words(setting: &PhraseSetting, kind: CueKind) -> String {
-        setting.words(&Cue { stamp: Stamp(0), facing: Facing::Home, kind }).unwrap()
+    fn words(config: &PhraseConfig, kind: CueKind) -> String {
+        config.words(&Cue { stamp: Stamp(0), facing: Facing::Home, kind }).unwrap()
     }
 
     #[test]
@@ -362,7 +362,7 @@ mod tests {
 
     #[test]
     fn distances_are_rounded_and_told_in_the_unit() {
-        let metres = PhraseSetting::default();
+        let metres = PhraseConfig::default();
         for (m, text) in [
             (0.2, "1 metre"),
             (1.4, "1 metre"),
@@ -375,9 +375,9 @@ mod tests {
         ] {
             assert_eq!(metres.distance(m), text);
         }
-        assert_eq!(PhraseSetting { unit: Unit::Feet, ..metres }.distance(1.0), "3 feet");
-        assert_eq!(PhraseSetting { unit: Unit::Steps(0.7), ..metres }.distance(7.0), "10 steps");
-        assert_eq!(PhraseSetting { unit: Unit::Steps(0.0), ..metres }.distance(1.0), "10 steps");
+        assert_eq!(PhraseConfig { unit: Unit::Feet, ..metres }.distance(1.0), "3 feet");
+        assert_eq!(PhraseConfig { unit: Unit::Steps(0.7), ..metres }.distance(7.0), "10 steps");
+        assert_eq!(PhraseConfig { unit: Unit::Steps(0.0), ..metres }.distance(1.0), "10 steps");
     }
 
     #[test]
@@ -388,10 +388,10 @@ mod tests {
             assert_eq!(clock((deg as f64).to_radians()), text);
         }
         let turn = CueKind::TurnNow { turn_rad: 1.6, stairs: None };
-        let styled = |directions| PhraseSetting { directions, ..PhraseSetting::default() };
+        let styled = |directions| PhraseConfig { directions, ..PhraseConfig::default() };
         assert_eq!(words(&styled(DirectionStyle::Clock), turn), "Turn to 9 o'clock now.");
         assert_eq!(words(&styled(DirectionStyle::Degrees), turn), "Turn left 90 degrees now.");
-        assert_eq!(words(&PhraseSetting::default(), turn), "Turn left now.");
+        assert_eq!(words(&PhraseConfig::default(), turn), "Turn left now.");
     }
 
     #[test]
@@ -399,7 +399,7 @@ mod tests {
         let then = Some((2.6, Next::Turn { turn_rad: -1.5, stairs: Some(Stairs::Up) }));
         let ahead = Ahead { distance_m: 6.1, next: Next::Turn { turn_rad: 0.7, stairs: None }, then };
         assert_eq!(
-            words(&PhraseSetting::default(), CueKind::Approach(ahead)),
+            words(&PhraseConfig::default(), CueKind::Approach(ahead)),
             "In 6 metres, turn slightly left, then in 3 metres turn right and go upstairs."
         );
     }

@@ -5,8 +5,8 @@
 
 use crate::facing::Facing;
 use crate::ground::Ground;
-use crate::phrases::PhraseSetting;
-use crate::way::{PlacedPoint, Stretch};
+use crate::phrases::PhraseConfig;
+use crate::route::{PlacedPoint, Stretch};
 use cairn_geometry::{Se3, So3};
 
 /// How far a stretch can be relied on.
@@ -22,7 +22,7 @@ pub enum Readiness {
 
 /// What counts as ready.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReadySetting {
+pub struct ReadyConfig {
     /// Landmarks in view from which on a pose can be found at all.
     pub least: usize,
     /// Landmarks in view from which on it can be relied on.
@@ -31,7 +31,7 @@ pub struct ReadySetting {
     pub stretch_m: f64,
 }
 
-impl Default for ReadySetting {
+impl Default for ReadyConfig {
     fn default() -> Self {
         Self { least: 30, enough: 80, stretch_m: 2.0 }
     }
@@ -69,7 +69,7 @@ pub fn ready(
     metres_per_unit: f64,
     ground: &Ground,
     facing: Facing,
-    setting: &ReadySetting,
+    config: &ReadyConfig,
     seen: impl Fn(&Se3) -> usize,
 ) -> Vec<ReadyStretch> {
     let mut out: Vec<ReadyStretch> = Vec::new();
@@ -81,13 +81,13 @@ pub fn ready(
         let before = at_m;
         at_m += step * metres_per_unit;
         let gap = p.stretch == Stretch::Gap;
-        if at_m - asked_m < setting.stretch_m && !gap && k + 1 < points.len() {
+        if at_m - asked_m < config.stretch_m && !gap && k + 1 < points.len() {
             continue;
         }
         let count = if gap { 0 } else { seen(&pose_back(&p.frame_from_camera, ground, facing)) };
         let readiness = match count {
-            n if n >= setting.enough => Readiness::TwoWay,
-            n if n >= setting.least => Readiness::Reduced,
+            n if n >= config.enough => Readiness::TwoWay,
+            n if n >= config.least => Readiness::Reduced,
             _ => Readiness::Stop,
         };
         let from_m = if asked_m.is_finite() { asked_m.min(before) } else { 0.0 };
@@ -101,7 +101,7 @@ pub fn ready(
 }
 
 /// What is said of it before leaving: "two-way ready", or how much is not, in metres of the whole.
-pub fn ready_words(stretches: &[ReadyStretch], phrases: &PhraseSetting) -> String {
+pub fn ready_words(stretches: &[ReadyStretch], phrases: &PhraseConfig) -> String {
     let metres = |which: Readiness| {
         stretches.iter().filter(|s| s.readiness == which).map(|s| s.to_m - s.from_m).sum::<f64>()
     };
@@ -147,7 +147,7 @@ mod tests {
             let forward = (pose.rotation * cairn_geometry::Vec3::z()).x > 0.0;
             if forward || pose.translation.x > 6.05 { 100 } else { 40 }
         };
-        ready(&walk(gap_at), 1.0, &ground, facing, &ReadySetting::default(), seen)
+        ready(&walk(gap_at), 1.0, &ground, facing, &ReadyConfig::default(), seen)
     }
 
     #[test]
@@ -156,7 +156,7 @@ mod tests {
             let s = look(facing, None);
             assert_eq!((s.len(), s[0].readiness), (1, Readiness::TwoWay));
             assert!((s[0].to_m - 10.0).abs() < 1e-9);
-            assert_eq!(ready_words(&s, &PhraseSetting::default()), "The way is two-way ready.");
+            assert_eq!(ready_words(&s, &PhraseConfig::default()), "The way is two-way ready.");
         }
     }
 
@@ -168,7 +168,7 @@ mod tests {
             [Readiness::Reduced, Readiness::TwoWay]
         );
         assert!((s[0].to_m - 6.0).abs() < 0.15, "{s:?}");
-        let words = ready_words(&s, &PhraseSetting::default());
+        let words = ready_words(&s, &PhraseConfig::default());
         assert_eq!(words, "The way is reduced. 6 metres can be seen poorly.");
     }
 
@@ -176,9 +176,9 @@ mod tests {
     fn a_gap_is_a_stop_and_nothing_is_nothing() {
         let s = look(Facing::Back, Some(70));
         assert!(s.iter().any(|s| s.readiness == Readiness::Stop), "{s:?}");
-        assert!(ready_words(&s, &PhraseSetting::default()).starts_with("The way has stops."));
-        let none = ready(&[], 1.0, &Ground::z_up(), Facing::Home, &ReadySetting::default(), |_| 0);
-        assert_eq!(ready_words(&none, &PhraseSetting::default()), "The way is not known.");
+        assert!(ready_words(&s, &PhraseConfig::default()).starts_with("The way has stops."));
+        let none = ready(&[], 1.0, &Ground::z_up(), Facing::Home, &ReadyConfig::default(), |_| 0);
+        assert_eq!(ready_words(&none, &PhraseConfig::default()), "The way is not known.");
     }
 
     #[test]

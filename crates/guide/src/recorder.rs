@@ -1,15 +1,15 @@
 //! Records the way: a point each 5 cm or 5 degrees while there is a pose, losses marked, on disk at once.
 
 use crate::ground::Ground;
-use crate::store::WayWriter;
-use crate::way::{Anchor, Confidence, Stretch, Way, WayHeader, WayPoint};
+use crate::route::{Anchor, Confidence, Route, RouteHeader, RoutePoint, Stretch};
+use crate::store::RouteWriter;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Sim3};
 use cairn_sensor::Stamp;
 use std::io;
 
 /// When to take a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RecorderSetting {
+pub struct RecorderConfig {
     /// Metres between points.
     pub step_m: f64,
     /// Degrees between points.
@@ -18,7 +18,7 @@ pub struct RecorderSetting {
     pub sync_s: f64,
 }
 
-impl Default for RecorderSetting {
+impl Default for RecorderConfig {
     fn default() -> Self {
         Self { step_m: 0.05, step_deg: 5.0, sync_s: 1.0 }
     }
@@ -59,9 +59,9 @@ pub enum RecorderEvent {
 
 /// The recorder.
 pub struct Recorder {
-    setting: RecorderSetting,
-    way: Way,
-    writer: Option<WayWriter>,
+    config: RecorderConfig,
+    route: Route,
+    writer: Option<RouteWriter>,
     last_sync: Option<Stamp>,
     confidence: Confidence,
     last_good: Option<(Stamp, Se3)>,
@@ -71,10 +71,10 @@ pub struct Recorder {
 
 impl Recorder {
     /// Records into memory; `metric` tells whether lengths are metres.
-    pub fn new(setting: RecorderSetting, metric: bool, ground: &Ground, source: impl Into<String>) -> Self {
+    pub fn new(config: RecorderConfig, metric: bool, ground: &Ground, source: impl Into<String>) -> Self {
         Self {
-            setting,
-            way: Way::new(WayHeader::new(metric, ground, source)),
+            config,
+            route: Route::new(RouteHeader::new(metric, ground, source)),
             writer: None,
             last_sync: None,
             confidence: Confidence::Good,
@@ -84,13 +84,13 @@ impl Recorder {
         }
     }
 
-    /// Goes on with what was recorded before, behind a gap: see [`WayWriter::resume`].
-    pub fn resume(setting: RecorderSetting, way: Way) -> Self {
-        let last = way.points.last().map(|p| (p.stamp, p.odom_from_camera));
+    /// Goes on with what was recorded before, behind a gap: see [`RouteWriter::resume`].
+    pub fn resume(config: RecorderConfig, route: Route) -> Self {
+        let last = route.points.last().map(|p| (p.stamp, p.odom_from_camera));
         Self {
-            setting,
+            config,
             gap: last.is_some(),
-            way,
+            route,
             writer: None,
             last_sync: None,
             confidence: Confidence::Lost,
@@ -100,14 +100,14 @@ impl Recorder {
     }
 
     /// Records to disk as well: every point from now on is appended.
-    pub fn with_writer(mut self, writer: WayWriter) -> Self {
+    pub fn with_writer(mut self, writer: RouteWriter) -> Self {
         self.writer = Some(writer);
         self
     }
 
     /// What is recorded so far.
-    pub fn way(&self) -> &Way {
-        &self.way
+    pub fn route(&self) -> &Route {
+        &self.route
     }
 
     /// How many inputs were refused: time not going forward, or numbers that are not finite.
@@ -119,22 +119,22 @@ impl Recorder {
     /// poses recorded so far into the frame and unit of those to come, whose ground is given. An error tells that the
     /// disk failed.
     pub fn found_scale(&mut self, carried: Sim3, ground: &Ground) -> io::Result<()> {
-        let header = WayHeader::new(true, ground, self.way.header.source.clone());
-        let header = WayHeader { carried: Some(carried), ..header };
-        self.way.go_on_as(header.clone());
+        let header = RouteHeader::new(true, ground, self.route.header.source.clone());
+        let header = RouteHeader { carried: Some(carried), ..header };
+        self.route.go_on_as(header.clone());
         self.last_good = self.last_good.map(|(t, pose)| (t, carried.transform_pose(&pose)));
         self.writer.as_mut().map_or(Ok(()), |w| w.go_on_as(&header))
     }
 
     /// Ends the recording: everything on disk, and the way.
-    pub fn finish(mut self) -> (Way, io::Result<()>) {
-        let synced = self.writer.as_mut().map_or(Ok(()), WayWriter::make_durable);
-        (self.way, synced)
+    pub fn finish(mut self) -> (Route, io::Result<()>) {
+        let synced = self.writer.as_mut().map_or(Ok(()), RouteWriter::make_durable);
+        (self.route, synced)
     }
 
     /// Offers a pose. An error tells that the disk failed; the point is still kept in memory.
     pub fn observe(&mut self, input: &RecordInput) -> io::Result<Option<RecorderEvent>> {
-        let late = self.way.points.last().is_some_and(|p| p.stamp >= input.stamp);
+        let late = self.route.points.last().is_some_and(|p| p.stamp >= input.stamp);
         let finite = input.odom_from_camera.se3.is_finite() && input.anchor_from_camera.is_finite();
         if input.confidence != Confidence::Lost && (late || !finite) {
             self.refused += 1;
@@ -142,7 +142,7 @@ impl Recorder {
         }
         let event = self.change(input);
         if input.confidence == Confidence::Lost {
-            self.gap = !self.way.points.is_empty();
+            self.gap = !self.route.points.is_empty();
         } else {
             if input.confidence == Confidence::Good {
                 self.last_good = Some((input.stamp, input.odom_from_camera.se3));
@@ -171,11 +171,11 @@ impl Recorder {
     }
 
     fn wanted(&self, input: &RecordInput) -> bool {
-        let Some(last) = self.way.points.last() else { return input.confidence == Confidence::Good };
+        let Some(last) = self.route.points.last() else { return input.confidence == Confidence::Good };
         let moved = last.odom_from_camera.inverse() * input.odom_from_camera.se3;
         self.gap
-            || moved.translation.norm() >= self.setting.step_m
-            || moved.rotation.angle().to_degrees() >= self.setting.step_deg
+            || moved.translation.norm() >= self.config.step_m
+            || moved.rotation.angle().to_degrees() >= self.config.step_deg
     }
 
     fn add(&mut self, input: &RecordInput) -> io::Result<()> {
@@ -184,7 +184,7 @@ impl Recorder {
             (false, Confidence::Good) => Stretch::Tracked,
             (false, _) => Stretch::Bridged,
         };
-        let point = WayPoint {
+        let point = RoutePoint {
             stamp: input.stamp,
             anchor: input.anchor,
             anchor_from_camera: input.anchor_from_camera,
@@ -192,12 +192,12 @@ impl Recorder {
             stretch,
             quality: input.quality,
         };
-        self.way.points.push(point);
+        self.route.points.push(point);
         self.writer.as_mut().map_or(Ok(()), |w| w.append(&point))
     }
 
     fn sync(&mut self, now: Stamp) -> io::Result<()> {
-        let due = self.last_sync.is_none_or(|t| now - t >= self.setting.sync_s);
+        let due = self.last_sync.is_none_or(|t| now - t >= self.config.sync_s);
         match &mut self.writer {
             Some(writer) if due => {
                 self.last_sync = Some(now);
@@ -227,7 +227,7 @@ mod tests {
     }
 
     fn recorder() -> Recorder {
-        Recorder::new(RecorderSetting::default(), true, &Ground::z_up(), "test")
+        Recorder::new(RecorderConfig::default(), true, &Ground::z_up(), "test")
     }
 
     #[test]
@@ -236,12 +236,12 @@ mod tests {
         for k in 0..=100 {
             r.observe(&input(k as f64 * 0.1, k as f64 * 0.0101, 0.0, Confidence::Good)).unwrap();
         }
-        assert_eq!(r.way().points.len(), 1 + 100 / 5);
+        assert_eq!(r.route().points.len(), 1 + 100 / 5);
         for k in 1..=30 {
             let yaw = (k as f64 * 1.01).to_radians();
             r.observe(&input(20.0 + k as f64 * 0.1, 1.01, yaw, Confidence::Good)).unwrap();
         }
-        assert_eq!(r.way().points.len(), 21 + 30 / 5);
+        assert_eq!(r.route().points.len(), 21 + 30 / 5);
     }
 
     #[test]
@@ -267,7 +267,7 @@ mod tests {
         assert_eq!(events[2], RecorderEvent::Lost);
         let RecorderEvent::Resumed { seconds, metres } = events[3] else { panic!("{events:?}") };
         assert!((seconds - 1.1).abs() < 1e-6 && (metres - 1.05).abs() < 1e-6, "{seconds} {metres}");
-        let stretches: Vec<Stretch> = r.way().points.iter().map(|p| p.stretch).collect();
+        let stretches: Vec<Stretch> = r.route().points.iter().map(|p| p.stretch).collect();
         assert_eq!(stretches.iter().filter(|s| **s == Stretch::Gap).count(), 1);
         assert!(stretches.iter().filter(|s| **s == Stretch::Bridged).count() >= 5);
     }
@@ -276,8 +276,8 @@ mod tests {
     fn what_was_recorded_before_is_gone_on_with_behind_a_gap() {
         let mut r = recorder();
         (0..10).for_each(|k| drop(r.observe(&input(k as f64, k as f64, 0.0, Confidence::Good))));
-        let (way, _) = r.finish();
-        let mut r = Recorder::resume(RecorderSetting::default(), way);
+        let (route, _) = r.finish();
+        let mut r = Recorder::resume(RecorderConfig::default(), route);
         assert_eq!(
             r.observe(&input(3.0, 3.0, 0.0, Confidence::Good)).unwrap(),
             None,
@@ -286,7 +286,7 @@ mod tests {
         let event = r.observe(&input(100.0, 9.5, 0.0, Confidence::Good)).unwrap();
         assert_eq!(event, Some(RecorderEvent::Resumed { seconds: 91.0, metres: 0.5 }));
         r.observe(&input(101.0, 10.0, 0.0, Confidence::Good)).unwrap();
-        let stretches: Vec<Stretch> = r.way().points[9..].iter().map(|p| p.stretch).collect();
+        let stretches: Vec<Stretch> = r.route().points[9..].iter().map(|p| p.stretch).collect();
         assert_eq!(stretches, [Stretch::Tracked, Stretch::Gap, Stretch::Tracked]);
     }
 
@@ -294,9 +294,9 @@ mod tests {
     fn scale_found_on_the_way_carries_what_was_recorded_in_memory_and_on_disk() {
         let path = std::env::temp_dir().join(format!("cairn-way-scale-{}.way", std::process::id()));
         let _ = std::fs::remove_file(&path);
-        let header = WayHeader::new(false, &Ground::first_camera(), "test");
-        let mut r = Recorder::new(RecorderSetting::default(), false, &Ground::first_camera(), "test")
-            .with_writer(WayWriter::create(&path, &header).unwrap());
+        let header = RouteHeader::new(false, &Ground::first_camera(), "test");
+        let mut r = Recorder::new(RecorderConfig::default(), false, &Ground::first_camera(), "test")
+            .with_writer(RouteWriter::create(&path, &header).unwrap());
         (0..10).for_each(|k| drop(r.observe(&input(k as f64, k as f64, 0.0, Confidence::Good))));
         // A unit is 2.5 m long, and the map was turned about.
         let turn = So3::exp(&Vec3::new(0.0, 0.0, 1.0));
@@ -305,18 +305,18 @@ mod tests {
         let next = input(10.0, 10.0, 0.0, Confidence::Good);
         let pose = carried.transform_pose(&next.odom_from_camera.se3);
         r.observe(&RecordInput { odom_from_camera: Pose::new(pose), ..next }).unwrap();
-        let (way, synced) = r.finish();
+        let (route, synced) = r.finish();
         synced.unwrap();
-        let at = |i: usize| way.points[i].odom_from_camera.translation;
+        let at = |i: usize| route.points[i].odom_from_camera.translation;
         (0..10).for_each(|i| assert!(((at(i + 1) - at(i)).norm() - 2.5).abs() < 1e-9, "step {i}"));
-        assert!(way.header.metric && way.header.up == [0.0, 0.0, 1.0]);
-        let read = Way::load(&path).unwrap();
-        assert!(read.header.metric && read.points.len() == way.points.len());
-        for (a, b) in read.points.iter().zip(&way.points) {
+        assert!(route.header.metric && route.header.up == [0.0, 0.0, 1.0]);
+        let read = Route::load(&path).unwrap();
+        assert!(read.header.metric && read.points.len() == route.points.len());
+        for (a, b) in read.points.iter().zip(&route.points) {
             let apart = a.odom_from_camera.inverse() * b.odom_from_camera;
             assert!(apart.translation.norm() < 1e-9 && apart.rotation.angle() < 1e-9);
         }
-        let (resumed, _) = WayWriter::resume(&path).unwrap();
+        let (resumed, _) = RouteWriter::resume(&path).unwrap();
         assert_eq!(resumed, read);
         std::fs::remove_file(path).unwrap();
     }
@@ -327,7 +327,7 @@ mod tests {
         r.observe(&input(1.0, 0.0, 0.0, Confidence::Good)).unwrap();
         r.observe(&input(0.5, 1.0, 0.0, Confidence::Good)).unwrap();
         r.observe(&input(2.0, f64::NAN, 0.0, Confidence::Good)).unwrap();
-        assert_eq!((r.way().points.len(), r.refused()), (1, 2));
+        assert_eq!((r.route().points.len(), r.refused()), (1, 2));
     }
 
     #[derive(Clone, Default)]
@@ -354,20 +354,20 @@ mod tests {
     #[test]
     fn a_crash_loses_at_most_a_second() {
         let disk = Shared::default();
-        let header = WayHeader::new(true, &Ground::z_up(), "test");
-        let mut r = recorder().with_writer(WayWriter::new(Box::new(disk.clone()), &header).unwrap());
+        let header = RouteHeader::new(true, &Ground::z_up(), "test");
+        let mut r = recorder().with_writer(RouteWriter::new(Box::new(disk.clone()), &header).unwrap());
         for k in 0..200 {
             let t = k as f64 * 0.05;
             r.observe(&input(t, t, 0.0, Confidence::Good)).unwrap();
             // What has reached the disk for sure, read as after a crash at this moment.
             let inner = disk.0.lock().unwrap();
-            let way = Way::read(&inner.0[..inner.1]).unwrap();
-            let kept = way.points.last().map_or(0.0, |p| p.stamp.seconds());
+            let route = Route::read(&inner.0[..inner.1]).unwrap();
+            let kept = route.points.last().map_or(0.0, |p| p.stamp.seconds());
             assert!(t - kept <= 1.06, "at {t} s only {kept} s were safe");
         }
-        let (way, synced) = r.finish();
+        let (route, synced) = r.finish();
         synced.unwrap();
         let inner = disk.0.lock().unwrap();
-        assert_eq!(Way::read(&inner.0[..inner.1]).unwrap().points.len(), way.points.len());
+        assert_eq!(Route::read(&inner.0[..inner.1]).unwrap().points.len(), route.points.len());
     }
 }

@@ -62,7 +62,7 @@ impl Guide {
             self.memory.aim_off_since = None;
             return None;
         };
-        let s = &self.setting;
+        let s = &self.config;
         let off_since = *self.memory.aim_off_since.get_or_insert(now.stamp);
         let rested = since(self.memory.directed, now.stamp) >= s.adjust_again_s;
         if now.stamp - off_since < s.adjust_dwell_s || !rested || self.motion.turn_rate().abs() > 0.3 {
@@ -78,11 +78,11 @@ impl Guide {
 
     /// The turn that is wanted now, if any.
     fn wanted(&self, now: &Now, aim: f64) -> Option<f64> {
-        let s = &self.setting;
+        let s = &self.config;
         let last = self.coming().is_none();
         let course = Course {
             cross_m: now.at.cross_m,
-            off_rad: -now.stance.turn_to(now.at.heading),
+            off_rad: -now.heading_kind.turn_to(now.at.heading),
             rest_m: (self.next_at_m() - now.at.along_m).max(0.0),
         };
         let off_deg = course.off_rad.abs().to_degrees();

@@ -41,7 +41,7 @@ impl Turning {
 impl Guide {
     pub(crate) fn turning(&mut self, mut turning: Turning, now: &Now) -> Option<CueKind> {
         let rate = self.motion.turn_rate();
-        let left = now.stance.turn_to(self.aim(now));
+        let left = now.heading_kind.turn_to(self.aim(now));
         // A small correction may still be under way while the words are heard: that is not this turn.
         turning.began |= now.stamp - turning.said > HEARD && rate.abs() > 2.0 * STILL;
         if turning.began && !turning.stop_said && self.overtakes(left, rate) {
@@ -70,7 +70,7 @@ impl Guide {
     fn overtakes(&self, left: f64, rate: f64) -> bool {
         // Above a right angle the sign of what is left says nothing yet: a turn around passes 180 degrees.
         let near = left.abs().to_degrees() < 100.0;
-        near && rate * left > 0.0 && (rate * self.setting.turn_lead_s).abs() >= left.abs()
+        near && rate * left > 0.0 && (rate * self.config.turn_lead_s).abs() >= left.abs()
             || near && rate * left < 0.0 && left.abs().to_degrees() < 60.0 && rate.abs() > 2.0 * STILL
     }
 
@@ -78,7 +78,7 @@ impl Guide {
     fn turned(&mut self, turning: &Turning, left: f64, now: &Now) -> Option<CueKind> {
         let off = left.abs().to_degrees();
         let small: f64 = if turning.stop_said || turning.moving { 60.0 } else { 45.0 };
-        if off > small.max(self.setting.turn_tolerance_deg) {
+        if off > small.max(self.config.turn_tolerance_deg) {
             // Already where the next turn begins: that turn is the one to make.
             if let Some(turn @ CueKind::TurnNow { .. }) = self.turn_now(now) {
                 return Some(turn);
@@ -91,10 +91,10 @@ impl Guide {
         if let Some(arrived) = self.arrival(now) {
             return Some(arrived);
         }
-        let check = self.setting.facing == Facing::Backwards;
+        let check = self.config.facing == Facing::Backwards;
         self.set_out(now);
         // What is left of the error shows at once.
-        let rest = self.setting.adjust_again_s - self.setting.adjust_after_turn_s;
+        let rest = self.config.adjust_again_s - self.config.adjust_after_turn_s;
         self.memory.directed = Some(now.stamp.plus_seconds(-rest));
         (!turning.stop_said).then(|| CueKind::Go { ahead: self.ahead(now), check })
     }

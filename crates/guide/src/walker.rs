@@ -265,9 +265,9 @@ impl Walker {
 
     fn go(&mut self, dt: f64) {
         let most = self.turn_rate * dt;
-        let bend = self.bearing.clamp(-most, most);
-        self.bearing -= bend;
-        self.heading += bend;
+        let distort = self.bearing.clamp(-most, most);
+        self.bearing -= distort;
+        self.heading += distort;
         match self.doing {
             Doing::Standing => {}
             Doing::Going(sign) => {

@@ -1,8 +1,8 @@
 //! Cleaning: detours go, unwalked ground is never crossed, what is left lies where somebody walked.
 
 use cairn_geometry::Vec3;
-use cairn_guide::trial::{Noise, random_way, walk_out};
-use cairn_guide::{CleanSetting, CleanWay, Ground, Random, clean, clean_line, largest_distance, length};
+use cairn_guide::trial::{Noise, random_route, walk_out};
+use cairn_guide::{CleanConfig, CleanedRoute, Ground, Random, clean, clean_line, largest_distance, length};
 use proptest::prelude::*;
 
 type Line = Vec<(Vec3, bool)>;
@@ -30,13 +30,13 @@ fn points(line: &Line) -> Vec<Vec3> {
     line.iter().map(|p| p.0).collect()
 }
 
-fn cleaned(line: &Line) -> CleanWay {
-    clean_line(line, line, &Ground::z_up(), &CleanSetting::default())
+fn cleaned(line: &Line) -> CleanedRoute {
+    clean_line(line, line, &Ground::z_up(), &CleanConfig::default())
 }
 
-fn again(way: &CleanWay, record: &Line) -> CleanWay {
-    let line: Line = way.points.iter().copied().zip(way.gap_before.iter().copied()).collect();
-    clean_line(&line, record, &Ground::z_up(), &CleanSetting::default())
+fn again(route: &CleanedRoute, record: &Line) -> CleanedRoute {
+    let line: Line = route.points.iter().copied().zip(route.gap_before.iter().copied()).collect();
+    clean_line(&line, record, &Ground::z_up(), &CleanConfig::default())
 }
 
 #[test]
@@ -72,13 +72,13 @@ fn a_loop_a_spur_an_oscillation_and_a_hub_are_removed() {
     for (name, corners, expected) in cases {
         for sway in [0.0, 0.12] {
             let line = walk(corners, sway, 3);
-            let way = cleaned(&line);
+            let route = cleaned(&line);
             assert!(
-                (way.after_m - expected).abs() < 0.05 * expected,
+                (route.after_m - expected).abs() < 0.05 * expected,
                 "{name}: {} m, expected {expected}",
-                way.after_m
+                route.after_m
             );
-            assert!(!way.cuts.is_empty() && way.before_m > way.after_m + 1.0);
+            assert!(!route.cuts.is_empty() && route.before_m > route.after_m + 1.0);
         }
     }
 }
@@ -87,9 +87,9 @@ fn a_loop_a_spur_an_oscillation_and_a_hub_are_removed() {
 fn near_but_unwalked_ground_is_not_crossed() {
     // Round a wall: the two sides are 0.9 m apart, inside the corridor's metre, but nobody went through.
     let line = walk(&[[0., 0., 0.], [12., 0., 0.], [12., 0.9, 0.], [0., 0.9, 0.]], 0.0, 1);
-    let way = cleaned(&line);
-    assert!(way.cuts.is_empty(), "{:?}", way.cuts);
-    assert!((way.after_m - way.before_m).abs() < 0.5);
+    let route = cleaned(&line);
+    assert!(route.cuts.is_empty(), "{:?}", route.cuts);
+    assert!((route.after_m - route.before_m).abs() < 0.5);
     // The same with a third pass through the middle is walked ground.
     let through = walk(&[[0., 0., 0.], [12., 0., 0.], [12., 0.9, 0.], [6., 0.9, 0.], [6., -3., 0.]], 0.0, 1);
     assert!((cleaned(&through).after_m - 9.0).abs() < 0.5);
@@ -100,9 +100,9 @@ fn floors_above_each_other_are_not_joined() {
     // Up a flight of stairs and over the place where the walk began.
     let line =
         walk(&[[0., 0., 0.], [8., 0., 0.], [8., 4., 3.], [0., 4., 3.], [0., 0., 3.], [6., 0., 3.]], 0.0, 1);
-    let way = cleaned(&line);
-    assert!(way.cuts.is_empty());
-    assert!(way.after_m > 0.95 * way.before_m);
+    let route = cleaned(&line);
+    assert!(route.cuts.is_empty());
+    assert!(route.after_m > 0.95 * route.before_m);
 }
 
 #[test]
@@ -111,10 +111,10 @@ fn gaps_stay_gaps() {
     let mut rest = walk(&[[9., 0., 0.], [9., 6., 0.], [7., 6., 0.], [7., -4., 0.]], 0.0, 1);
     rest[0].1 = true;
     line.extend(rest);
-    let way = cleaned(&line);
+    let route = cleaned(&line);
     // The last leg crosses the gap at (7, 0): nobody is known to have walked there, so no joint.
-    assert!(way.cuts.is_empty(), "{:?}", way.cuts);
-    assert_eq!(way.gap_before.iter().filter(|g| **g).count(), 1);
+    assert!(route.cuts.is_empty(), "{:?}", route.cuts);
+    assert_eq!(route.gap_before.iter().filter(|g| **g).count(), 1);
 }
 
 #[test]
@@ -132,9 +132,9 @@ fn simplification_keeps_segments_long_where_it_may() {
     let mut short = 0;
     let mut all = 0;
     for seed in 0..20 {
-        let way = walk_out(&random_way(seed, false), Noise::Usual, seed);
-        let placed = way.as_recorded();
-        let cleaned = clean(&placed, 1.0, &Ground::z_up(), &CleanSetting::default());
+        let route = walk_out(&random_route(seed, false), Noise::Usual, seed);
+        let placed = route.as_recorded();
+        let cleaned = clean(&placed, 1.0, &Ground::z_up(), &CleanConfig::default());
         all += cleaned.points.len() - 1;
         short += cleaned.points.windows(2).filter(|w| (w[1] - w[0]).norm() < 1.0).count();
         assert!(cleaned.largest_distance_to(&placed, 1.0) <= 0.31);
@@ -192,13 +192,13 @@ proptest! {
 
     #[test]
     fn what_detours_add_goes_and_nothing_else((line, direct, share) in with_detours()) {
-        let way = cleaned(&line);
-        prop_assert!(!way.cuts.is_empty());
-        prop_assert!((way.after_m - direct).abs() <= 0.05 * direct + 0.5, "{} of {direct} m", way.after_m);
-        let shorter = 1.0 - way.after_m / way.before_m;
+        let route = cleaned(&line);
+        prop_assert!(!route.cuts.is_empty());
+        prop_assert!((route.after_m - direct).abs() <= 0.05 * direct + 0.5, "{} of {direct} m", route.after_m);
+        let shorter = 1.0 - route.after_m / route.before_m;
         prop_assert!((0.55..=0.90).contains(&shorter) && (shorter - share).abs() < 0.04, "{shorter} of {share}");
-        prop_assert!(largest_distance(&way.points, &points(&line)) <= 0.30 + 0.01);
-        for cut in way.cuts {
+        prop_assert!(largest_distance(&route.points, &points(&line)) <= 0.30 + 0.01);
+        for cut in route.cuts {
             prop_assert!(largest_distance(&[cut.from, cut.to], &points(&line)) <= 0.30 + 0.01);
         }
     }
@@ -230,19 +230,19 @@ proptest! {
 
     #[test]
     fn never_farther_than_the_tolerance_from_where_the_walker_went(line in wandering()) {
-        let way = cleaned(&line);
+        let route = cleaned(&line);
         // Half of one 5 cm sampling step is allowed for, in the cleaning's own check and in this one.
-        prop_assert!(largest_distance(&way.points, &points(&line)) <= 0.30 + 0.01);
+        prop_assert!(largest_distance(&route.points, &points(&line)) <= 0.30 + 0.01);
     }
 
     #[test]
     fn keeps_its_ends_and_never_grows(line in wandering()) {
-        let way = cleaned(&line);
-        prop_assert_eq!(way.points[0], line[0].0);
-        prop_assert_eq!(way.points[way.points.len() - 1], line[line.len() - 1].0);
-        prop_assert!(way.after_m <= length(points(&line).into_iter()) + 1e-9);
-        let kept: f64 = way.cuts.iter().map(|c| c.saved_m).sum();
-        prop_assert!(way.cuts.is_empty() || kept >= 1.0);
+        let route = cleaned(&line);
+        prop_assert_eq!(route.points[0], line[0].0);
+        prop_assert_eq!(route.points[route.points.len() - 1], line[line.len() - 1].0);
+        prop_assert!(route.after_m <= length(points(&line).into_iter()) + 1e-9);
+        let kept: f64 = route.cuts.iter().map(|c| c.saved_m).sum();
+        prop_assert!(route.cuts.is_empty() || kept >= 1.0);
     }
 
     #[test]
@@ -270,8 +270,8 @@ proptest! {
             0.0,
             1,
         );
-        let way = cleaned(&looped);
-        prop_assert!(way.after_m < 14.5, "{} m", way.after_m);
+        let route = cleaned(&looped);
+        prop_assert!(route.after_m < 14.5, "{} m", route.after_m);
         prop_assert!(cleaned(&plain).cuts.is_empty());
     }
 }

@@ -5,8 +5,8 @@
 
 use cairn_geometry::{Mat3, Pose, Se3, So3, Vec3};
 use cairn_guide::{
-    Confidence, CueKind, Facing, First, Ground, Guide, GuideInput, GuideSetting, PhraseSetting, Route,
-    RouteSetting,
+    Confidence, CueKind, Facing, First, Ground, Guide, GuideConfig, GuideInput, ManeuverPlan,
+    ManeuverPlanConfig, PhraseConfig,
 };
 use cairn_sensor::Stamp;
 
@@ -24,8 +24,8 @@ fn pose(at: [f64; 3], right: [f64; 3], forward: [f64; 3]) -> Se3 {
 
 fn guide(corners: &[[f64; 3]], facing: Facing) -> Guide {
     let line: Vec<Vec3> = corners.iter().map(|c| Vec3::from(*c)).collect();
-    let route = Route::new(&line, &Ground::z_up(), &RouteSetting::default()).unwrap();
-    Guide::new(route, Ground::z_up(), GuideSetting { facing, ..GuideSetting::default() }).unwrap()
+    let plan = ManeuverPlan::new(&line, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
+    Guide::new(plan, Ground::z_up(), GuideConfig { facing, ..GuideConfig::default() }).unwrap()
 }
 
 fn input(t: f64, pose: Se3) -> GuideInput {
@@ -42,7 +42,7 @@ fn input(t: f64, pose: Se3) -> GuideInput {
 
 fn first_words(guide: &mut Guide, pose: Se3) -> (CueKind, String) {
     let cue = guide.step(&input(0.0, pose)).unwrap();
-    (cue.kind, PhraseSetting::default().words(&cue).unwrap())
+    (cue.kind, PhraseConfig::default().words(&cue).unwrap())
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn backwards_rotation_and_translation_are_told_apart() {
             // On the line for 3 s, then beside it, still going north and facing south.
             let at = [if t < 3.0 { 0.0 } else { x }, 0.3 * t, 1.0];
             let cue = guide.step(&input(t, pose(at, WEST, SOUTH)));
-            words.extend(cue.and_then(|c| PhraseSetting::default().words(&c)));
+            words.extend(cue.and_then(|c| PhraseConfig::default().words(&c)));
         }
         assert_eq!(words[1], format!("Stop. Step back and to your {side}."), "{words:?}");
     }
@@ -114,7 +114,7 @@ fn backwards_rotation_and_translation_are_told_apart() {
             let off = if t < 1.0 { 0.0 } else { sign * 0.3_f64 };
             let (forward, right) = ([off.sin(), -off.cos(), 0.0], [-off.cos(), -off.sin(), 0.0]);
             let cue = guide.step(&input(t, pose([0.0, 0.4 * t, 1.0], right, forward)));
-            words.extend(cue.and_then(|c| PhraseSetting::default().words(&c)));
+            words.extend(cue.and_then(|c| PhraseConfig::default().words(&c)));
         }
         assert_eq!(words[1], format!("Rotate {side} a little."), "{words:?}");
     }
@@ -124,9 +124,9 @@ fn backwards_rotation_and_translation_are_told_apart() {
 fn backwards_is_refused_where_there_are_stairs() {
     let line: Vec<Vec3> =
         [[0., 0., 0.], [5., 0., 0.], [9., 0., 2.5]].iter().map(|c| Vec3::from(*c)).collect();
-    let route = Route::new(&line, &Ground::z_up(), &RouteSetting::default()).unwrap();
-    let setting = GuideSetting { facing: Facing::Backwards, ..GuideSetting::default() };
-    let error = Guide::new(route, Ground::z_up(), setting).unwrap_err();
+    let plan = ManeuverPlan::new(&line, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
+    let config = GuideConfig { facing: Facing::Backwards, ..GuideConfig::default() };
+    let error = Guide::new(plan, Ground::z_up(), config).unwrap_err();
     assert!(error.to_string().contains("stairs"));
 }
 

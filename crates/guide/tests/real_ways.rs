@@ -1,7 +1,7 @@
 //! Cleaning of real walks recorded by phone (ARKit poses at 2 Hz, y up, 4x4 column-major).
 
 use cairn_geometry::Vec3;
-use cairn_guide::{CleanSetting, Ground, clean_line, largest_distance};
+use cairn_guide::{CleanConfig, Ground, clean_line, largest_distance};
 use std::path::PathBuf;
 
 fn folder() -> PathBuf {
@@ -37,22 +37,22 @@ fn real_walks_are_cleaned_on_walked_ground() {
         let record = load(&file);
         let points: Vec<Vec3> = record.iter().map(|p| p.0).collect();
         for cut_detours in [true, false] {
-            let setting = CleanSetting { cut_detours, ..CleanSetting::default() };
-            let way = clean_line(&record, &record, &ground, &setting);
-            let far = largest_distance(&way.points, &points);
+            let config = CleanConfig { cut_detours, ..CleanConfig::default() };
+            let route = clean_line(&record, &record, &ground, &config);
+            let far = largest_distance(&route.points, &points);
             println!(
                 "{}: {:.1} m -> {:.1} m ({} cuts allowed: {cut_detours}), {} points -> {}, at most {far:.3} m off",
                 file.file_name().unwrap().display(),
-                way.before_m,
-                way.after_m,
-                way.cuts.len(),
+                route.before_m,
+                route.after_m,
+                route.cuts.len(),
                 record.len(),
-                way.points.len(),
+                route.points.len(),
             );
             assert!(far <= 0.31, "{far} m from the recorded way");
-            assert!(way.after_m <= way.before_m);
-            assert_eq!(way.points[way.points.len() - 1], points[points.len() - 1]);
-            for cut in &way.cuts {
+            assert!(route.after_m <= route.before_m);
+            assert_eq!(route.points[route.points.len() - 1], points[points.len() - 1]);
+            for cut in &route.cuts {
                 assert!(largest_distance(&[cut.from, cut.to], &points) <= 0.31);
             }
         }

@@ -23,12 +23,12 @@ struct Hand {
 }
 
 impl Hand {
-    fn new(corners: &[[f64; 3]], setting: GuideSetting) -> Self {
+    fn new(corners: &[[f64; 3]], config: GuideConfig) -> Self {
         let line: Vec<Vec3> = corners.iter().map(|c| Vec3::from(*c)).collect();
-        let route = Route::new(&line, &Ground::z_up(), &RouteSetting::default()).unwrap();
+        let plan = ManeuverPlan::new(&line, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
         let [x, y, z] = corners[0];
         Self {
-            guide: Guide::new(route, Ground::z_up(), setting).unwrap(),
+            guide: Guide::new(plan, Ground::z_up(), config).unwrap(),
             t: 0.0,
             x,
             y,
@@ -43,8 +43,8 @@ impl Hand {
     }
 
     /// On the way of the tests: 30 m east, then 20 m north.
-    fn bent(setting: GuideSetting) -> Self {
-        Self::new(&[[0., 0., 0.], [30., 0., 0.], [30., 20., 0.]], setting)
+    fn bent(config: GuideConfig) -> Self {
+        Self::new(&[[0., 0., 0.], [30., 0., 0.], [30., 20., 0.]], config)
     }
 
     fn tick(&mut self) {
@@ -69,7 +69,7 @@ impl Hand {
         }
     }
 
-    fn stand(&mut self, seconds: f64) -> &mut Self {
+    fn resolve(&mut self, seconds: f64) -> &mut Self {
         for _ in 0..(seconds / STEP).round() as usize {
             self.tick();
         }
@@ -95,7 +95,7 @@ impl Hand {
 
     /// Where (time, x) and what, without ticks.
     fn heard(&self) -> Vec<(f64, f64, String)> {
-        let phrases = PhraseSetting::default();
+        let phrases = PhraseConfig::default();
         self.cues.iter().filter_map(|(t, x, c)| phrases.words(c).map(|w| (*t, *x, w))).collect()
     }
 
@@ -112,14 +112,14 @@ impl Hand {
     }
 }
 
-fn plain() -> GuideSetting {
-    GuideSetting::default()
+fn plain() -> GuideConfig {
+    GuideConfig::default()
 }
 
 #[test]
 fn a_straight_start_a_turn_and_the_end() {
     let mut hand = Hand::bent(plain());
-    hand.go(29.9, 1.0).stand(0.4).turn(90.0, 40.0).go(22.0, 1.0);
+    hand.go(29.9, 1.0).resolve(0.4).turn(90.0, 40.0).go(22.0, 1.0);
     let words = hand.words();
     assert_eq!(words[0], "The way is 50 metres. Continue 30 metres, then turn left.");
     let expected = [
@@ -161,11 +161,11 @@ fn turn_now_comes_at_two_metres_times_speed_within_its_limits() {
 fn stop_turning_comes_early_by_rate_and_reaction() {
     for rate in [20.0, 40.0] {
         let mut hand = Hand::bent(plain());
-        hand.go(29.9, 1.0).stand(1.2).turn(90.0, rate).stand(2.0);
+        hand.go(29.9, 1.0).resolve(1.2).turn(90.0, rate).resolve(2.0);
         let turned = hand.cues.iter().position(|c| matches!(c.2.kind, CueKind::StopTurning(_))).unwrap();
         let (t, ..) = hand.cues[turned];
-        let begun = hand.t - 2.0 - 90.0 / rate;
-        let left = 90.0 - (t - begun) * rate;
+        let map_created = hand.t - 2.0 - 90.0 / rate;
+        let left = 90.0 - (t - map_created) * rate;
         // 1.1 s of listening and reacting.
         assert!(
             (left - 1.1 * rate).abs() < 0.3 * rate,
@@ -177,7 +177,7 @@ fn stop_turning_comes_early_by_rate_and_reaction() {
 #[test]
 fn a_turn_that_nobody_follows_is_told_again() {
     let mut hand = Hand::bent(plain());
-    hand.go(29.5, 1.0).stand(8.0);
+    hand.go(29.5, 1.0).resolve(8.0);
     assert_eq!(hand.find("Turn left").len(), 2, "{:#?}", hand.heard());
 }
 
@@ -188,7 +188,7 @@ fn progress_each_ten_metres_and_not_when_turned_off() {
     hand.go(40.5, 0.7);
     let at: Vec<f64> = hand.find("more").iter().map(|f| f.1.round()).collect();
     assert_eq!(at, [10.0, 20.0, 30.0, 40.0]);
-    let mut hand = Hand::new(&straight, GuideSetting { progress_m: None, ..plain() });
+    let mut hand = Hand::new(&straight, GuideConfig { progress_m: None, ..plain() });
     hand.go(40.0, 0.7);
     assert!(hand.find("more").is_empty());
 }
@@ -253,11 +253,11 @@ fn who_passes_the_end_is_stopped_and_turned_to_it() {
 #[test]
 fn who_is_held_up_before_the_end_has_arrived() {
     let mut hand = Hand::new(&[[0., 0., 0.], [10., 0., 0.]], stern());
-    hand.go(9.1, 0.4).stand(12.0);
+    hand.go(9.1, 0.4).resolve(12.0);
     let arrived = |hand: &Hand| hand.count(|k| *k == CueKind::Arrived);
     assert_eq!(arrived(&hand), 1, "0.9 m before the end: {:#?}", hand.heard());
     let mut hand = Hand::new(&[[0., 0., 0.], [10., 0., 0.]], stern());
-    hand.go(8.6, 0.4).stand(30.0);
+    hand.go(8.6, 0.4).resolve(30.0);
     assert_eq!(arrived(&hand), 0, "1.4 m before the end: {:#?}", hand.heard());
 }
 
@@ -275,8 +275,8 @@ fn who_misses_the_end_time_and_again_has_arrived_within_reach() {
 }
 
 /// A guide that gives no small corrections, to see the rule behind them.
-fn stern() -> GuideSetting {
-    GuideSetting { adjust_dwell_s: 1e9, progress_m: None, ..plain() }
+fn stern() -> GuideConfig {
+    GuideConfig { adjust_dwell_s: 1e9, progress_m: None, ..plain() }
 }
 
 #[test]
@@ -342,7 +342,7 @@ fn wrong_way_after_two_metres() {
 #[test]
 fn standing_is_reassured_once_and_once_more() {
     let mut hand = Hand::bent(plain());
-    hand.go(3.0, 1.0).stand(60.0);
+    hand.go(3.0, 1.0).resolve(60.0);
     let told = hand.find("You are on the path. Continue 25 metres, then turn left.");
     assert_eq!(told.len(), 2, "{:#?}", hand.heard());
     assert!((told[1].0 - told[0].0 - 15.0).abs() < 0.2);
@@ -355,7 +355,7 @@ fn who_is_held_up_beside_the_path_is_led_straight_back() {
     hand.go(5.0, 1.0);
     // 2.2 m to the left and pointing at the way ahead: a corner between the two.
     (hand.y, hand.heading) = (2.2, -0.46);
-    hand.stand(60.0);
+    hand.resolve(60.0);
     let turns: Vec<f64> = hand
         .cues
         .iter()
@@ -375,7 +375,7 @@ fn stairs_are_announced_three_metres_ahead() {
     assert!((20.0 - near[0].1 - 3.0).abs() < 0.2, "{:#?}", hand.heard());
     assert_eq!(hand.find("Stairs now, go upstairs.").len(), 1);
     let turn = Hand::new(&[[0., 0., 0.], [20., 0., 0.], [20., 4., -2.5], [20., 9., -2.5]], plain());
-    let next = turn.guide.route().maneuvers()[0];
+    let next = turn.guide.plan().maneuvers()[0];
     assert_eq!((next.stairs, next.turn_rad > 1.5), (Some(Stairs::Down), true));
     let mut turn = turn;
     turn.go(19.0, 0.8);
@@ -392,13 +392,13 @@ fn lost_tracking_stops_at_once_and_repeats_with_the_reason() {
     hand.go(5.0, 1.0);
     hand.confidence = Confidence::Lost;
     let lost_at = hand.t;
-    hand.stand(10.0);
+    hand.resolve(10.0);
     let stops = hand.find("Stop. Tracking is lost.");
     assert!(stops[0].0 - lost_at < 0.11);
     assert_eq!(stops.len(), 4, "each 3 s: {stops:?}");
     assert_eq!(hand.cues.last().unwrap().2.priority(), Priority::Urgent);
     hand.confidence = Confidence::Good;
-    hand.stand(2.0);
+    hand.resolve(2.0);
     assert_eq!(hand.words().last().unwrap(), "Tracking is back. Continue 25 metres, then turn left.");
 }
 
@@ -407,7 +407,7 @@ fn who_stays_lost_is_asked_to_look_round() {
     let mut hand = Hand::bent(plain());
     hand.go(5.0, 1.0);
     hand.confidence = Confidence::Lost;
-    hand.stand(40.0);
+    hand.resolve(40.0);
     let look = hand.find("Tracking is lost. Turn slightly left.");
     assert_eq!(look.len(), 5, "each 6 s after four stops: {:?}", hand.heard());
     assert_eq!(hand.find("Stop. Tracking is lost.").len(), 4);
@@ -431,9 +431,9 @@ fn hazards_of_others_stop_and_a_new_reason_is_told_at_once() {
     let mut hand = Hand::bent(plain());
     hand.go(2.0, 1.0);
     hand.hazard = Some(StopReason::Obstacle);
-    hand.stand(1.0);
+    hand.resolve(1.0);
     hand.hazard = Some(StopReason::UnknownGround);
-    hand.stand(1.0);
+    hand.resolve(1.0);
     assert_eq!(
         &hand.words()[1..],
         ["Stop. Something is in the way.", "Stop. The ground ahead is not known."]
@@ -446,9 +446,9 @@ fn flickering_confidence_does_not_send_anyone_on() {
     hand.go(2.0, 1.0);
     for _ in 0..20 {
         hand.confidence = Confidence::Lost;
-        hand.stand(0.3);
+        hand.resolve(0.3);
         hand.confidence = Confidence::Good;
-        hand.stand(0.3);
+        hand.resolve(0.3);
     }
     assert!(hand.find("Tracking is back").is_empty());
 }
@@ -458,7 +458,7 @@ fn numbers_that_are_not_finite_stop() {
     let mut hand = Hand::bent(plain());
     hand.go(2.0, 1.0);
     hand.x = f64::NAN;
-    hand.stand(1.0);
+    hand.resolve(1.0);
     assert_eq!(hand.words().last().unwrap(), "Stop. Tracking is lost.");
 }
 
@@ -481,7 +481,8 @@ fn a_corrected_route_keeps_the_walker_where_he_is_on_it() {
     let moved: Vec<Vec3> =
         [[0.5, -1.0, 0.], [29.5, 0.3, 0.], [29.2, 20.3, 0.]].iter().map(|p| Vec3::from(*p)).collect();
     let before = hand.words().len();
-    hand.guide.correct_route(Route::new(&moved, &Ground::z_up(), &RouteSetting::default()).unwrap());
+    hand.guide
+        .correct_route(ManeuverPlan::new(&moved, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap());
     hand.go(3.0, 1.0);
     let after = &hand.words()[before..];
     assert!(!after.iter().any(|w| w.contains("Turn left")), "the turn was told again: {after:?}");
@@ -490,11 +491,11 @@ fn a_corrected_route_keeps_the_walker_where_he_is_on_it() {
 
 #[test]
 fn backwards_has_legs_and_a_speed_limit() {
-    let setting = GuideSetting { facing: Facing::Backwards, ..plain() };
-    let mut hand = Hand::new(&[[0., 0., 0.], [40., 0., 0.]], setting);
+    let config = GuideConfig { facing: Facing::Backwards, ..plain() };
+    let mut hand = Hand::new(&[[0., 0., 0.], [40., 0., 0.]], config);
     // Facing west, going east.
     hand.heading = std::f64::consts::PI;
-    hand.go(-13.0, -0.4).stand(4.0);
+    hand.go(-13.0, -0.4).resolve(4.0);
     hand.go(-5.0, -0.8);
     let words = hand.words();
     assert!(words[0].contains("Caution, you will move backwards"), "{words:?}");
@@ -506,30 +507,30 @@ fn backwards_has_legs_and_a_speed_limit() {
 
 #[test]
 fn backwards_a_step_aside_leads_to_the_line_or_is_not_asked_for() {
-    let setting = GuideSetting { facing: Facing::Backwards, ..plain() };
-    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], setting);
+    let config = GuideConfig { facing: Facing::Backwards, ..plain() };
+    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], config);
     // Facing west, going east, north of the line: it lies to the walker's own left.
     hand.heading = std::f64::consts::PI;
     hand.go(-3.0, -0.4);
     hand.y = 0.7;
-    hand.go(-0.4, -0.4).stand(6.0);
+    hand.go(-0.4, -0.4).resolve(6.0);
     let sides =
         |hand: &Hand| hand.words().into_iter().filter(|w| w.contains("Step back")).collect::<Vec<_>>();
     assert_eq!(sides(&hand)[0], "Stop. Step back and to your left.");
     // Standing across, a step to the left hardly leads there: a turn does.
-    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], setting);
+    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], config);
     hand.heading = std::f64::consts::PI;
     hand.go(-3.0, -0.4);
     hand.y = 0.7;
     hand.heading = (180.0 + 28.0_f64).to_radians();
-    hand.go(-0.4, -0.4).stand(6.0);
+    hand.go(-0.4, -0.4).resolve(6.0);
     assert!(sides(&hand).is_empty() && !hand.find("otate ").is_empty(), "{:?}", hand.words());
     // Beyond the end the line is not beside him.
-    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], setting);
+    let mut hand = Hand::new(&[[0., 0., 0.], [9., 0., 0.]], config);
     hand.heading = std::f64::consts::PI;
     hand.go(-7.0, -0.4);
     (hand.x, hand.y) = (9.6, 1.3);
-    hand.go(-0.2, -0.4).stand(9.0);
+    hand.go(-0.2, -0.4).resolve(9.0);
     assert!(sides(&hand).is_empty(), "{:?}", hand.words());
 }
 
@@ -540,18 +541,18 @@ fn a_turn_right_ahead_is_the_first_thing_after_a_stop() {
     hand.confidence = Confidence::Lost;
     hand.go(3.3, 1.0);
     hand.confidence = Confidence::Good;
-    hand.stand(2.0);
+    hand.resolve(2.0);
     assert!(hand.words().iter().any(|w| w == "Tracking is back. Turn left."), "{:?}", hand.words());
 }
 
 #[test]
 fn without_scale_no_distance_is_said() {
-    let phrases = PhraseSetting { metric: false, ..PhraseSetting::default() };
+    let phrases = PhraseConfig { metric: false, ..PhraseConfig::default() };
     let mut hand = Hand::bent(plain());
-    hand.go(29.0, 1.0).stand(1.0).turn(90.0, 40.0).go(8.0, 1.0);
+    hand.go(29.0, 1.0).resolve(1.0).turn(90.0, 40.0).go(8.0, 1.0);
     hand.y += 2.0;
     hand.confidence = Confidence::Lost;
-    hand.stand(1.0);
+    hand.resolve(1.0);
     for (_, _, cue) in &hand.cues {
         if let Some(words) = phrases.words(cue) {
             assert!(!words.chars().any(|c| c.is_ascii_digit()), "{words}");

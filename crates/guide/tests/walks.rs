@@ -1,7 +1,7 @@
 //! A small version of the example `walks`, with floors, and transcripts that people can read.
 //! `CAIRN_UPDATE=1 cargo test -p cairn-guide --test walks` writes the transcripts anew.
 
-use cairn_guide::trial::{Noise, Outcome, Tally, TrialSetting, random_way, run};
+use cairn_guide::trial::{Noise, Outcome, Tally, TrialConfig, random_route, run};
 use cairn_guide::{Facing, Travel};
 use std::path::PathBuf;
 
@@ -9,8 +9,8 @@ fn trial(seed: u64, facing: Facing, noise: Noise) -> Outcome {
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     run(
-        &random_way(seed, crossing),
-        &TrialSetting { facing, travel: Travel::Home, noise, corridor_m, cut_detours: !crossing, seed },
+        &random_route(seed, crossing),
+        &TrialConfig { facing, travel: Travel::Home, noise, corridor_m, cut_detours: !crossing, seed },
     )
 }
 

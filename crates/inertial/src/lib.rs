@@ -1,9 +1,9 @@
 #![doc = include_str!("../README.md")]
 
-mod belief;
 mod buffer;
 mod factor;
 mod initialise;
+mod nav_estimate;
 mod offset;
 mod preintegrated;
 mod readings;
@@ -11,15 +11,13 @@ mod rest;
 mod state;
 mod window;
 
-pub use belief::Belief;
 pub use buffer::{ImuBuffer, Missing};
 pub use factor::InertialResidual;
-pub use initialise::{
-    Attempt, Gate, GateKind, Initial, InitialiseSetting, Scale, Seen, SeenPose, initialise,
-};
-pub use offset::{OffsetSetting, OffsetUnknown, TimeOffset, time_offset};
+pub use initialise::{Attempt, Gate, GateKind, Initial, InitialiseConfig, Scale, Seen, SeenPose, initialise};
+pub use nav_estimate::NavEstimate;
+pub use offset::{OffsetConfig, OffsetUnknown, TimeOffset, time_offset};
 pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
-pub use rest::{Moves, Rest, RestSetting};
+pub use rest::{Moves, Rest, RestConfig};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};
-pub use window::{BiasPrior, Hold, VioFrame, VioLink, VioSetting, VioWindow};
+pub use window::{BiasPrior, FixedMask, VioConfig, VioFrame, VioLink, VioWindow};

@@ -15,7 +15,7 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 /// How far is looked, and what is needed.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct OffsetSetting {
+pub struct OffsetConfig {
     /// Largest offset looked for on either side, seconds.
     pub most_s: f64,
     /// Step of the grid, seconds.
@@ -32,7 +32,7 @@ pub struct OffsetSetting {
     pub most_sigma_s: f64,
 }
 
-impl Default for OffsetSetting {
+impl Default for OffsetConfig {
     fn default() -> Self {
         Self {
             most_s: 0.1,
@@ -59,7 +59,7 @@ pub struct TimeOffset {
     /// The gyroscope's bias, rad/s.
     pub gyro_bias: Vec3,
     /// The rotation from the eye's axes to the sensor's.
-    pub imu_from_eye: So3,
+    pub imu_from_camera: So3,
     /// The angle between that and the given one, rad.
     pub misaligned: f64,
     /// The standard deviation of that rotation about its least certain axis, rad.
@@ -100,50 +100,51 @@ pub enum OffsetUnknown {
 /// Unknowns: offset, bias (3), rotation (3).
 const N: usize = 7;
 
-/// Finds the offset from poses at the rate of the images (`world_from_eye`, in time) and the readings around them.
+/// Finds the offset from poses at the rate of the images (`world_from_camera`, in time) and the readings around them.
 ///
 /// # Errors
 /// When the poses are too few or turn too little to tell.
 pub fn time_offset(
     poses: &[(Stamp, So3)],
     samples: &[ImuSample],
-    imu_from_eye: &So3,
-    setting: &OffsetSetting,
+    imu_from_camera: &So3,
+    config: &OffsetConfig,
 ) -> Result<TimeOffset, OffsetUnknown> {
-    let margin = setting.most_s + 0.02;
+    let margin = config.most_s + 0.02;
     let within = |t: &Stamp| match (samples.first(), samples.last()) {
         (Some(a), Some(b)) => *t - a.stamp > margin && b.stamp - *t > margin,
         _ => false,
     };
     let poses: Vec<(Stamp, So3)> = poses.iter().filter(|(t, _)| within(t)).copied().collect();
-    if poses.len() < setting.least_poses.max(3) {
-        return Err(OffsetUnknown::TooFew { found: poses.len(), need: setting.least_poses.max(3) });
+    if poses.len() < config.least_poses.max(3) {
+        return Err(OffsetUnknown::TooFew { found: poses.len(), need: config.least_poses.max(3) });
     }
-    let (offset, rotation) = coarse(&poses, samples, imu_from_eye, setting);
+    let (offset, rotation) = coarse(&poses, samples, imu_from_camera, config);
     let mut state = State { offset, bias: Vec3::zeros(), rotation };
     let mut last = None;
     for _ in 0..8 {
         let gyro = Gyro::integrate(samples, &state.bias);
-        let Some((step, covariance, residual)) = refine(&poses, &gyro, &state, imu_from_eye, setting) else {
+        let Some((step, covariance, residual)) = refine(&poses, &gyro, &state, imu_from_camera, config)
+        else {
             break;
         };
         state.offset += step[0].clamp(-0.01, 0.01);
         state.bias += Vec3::from(step.fixed_rows::<3>(1));
         state.rotation = So3::exp(&step.fixed_rows::<3>(4).into()) * state.rotation;
-        state.offset = state.offset.clamp(-setting.most_s, setting.most_s);
+        state.offset = state.offset.clamp(-config.most_s, config.most_s);
         last = Some((covariance, residual));
         if step[0].abs() < 1e-6 {
             break;
         }
     }
     let Some((covariance, residual)) = last else {
-        return Err(OffsetUnknown::TooLittleTurn { sigma_s: f64::INFINITY, most_s: setting.most_sigma_s });
+        return Err(OffsetUnknown::TooLittleTurn { sigma_s: f64::INFINITY, most_s: config.most_sigma_s });
     };
     let sigma_s = covariance[(0, 0)].sqrt();
-    if sigma_s.is_nan() || sigma_s > setting.most_sigma_s {
-        return Err(OffsetUnknown::TooLittleTurn { sigma_s, most_s: setting.most_sigma_s });
+    if sigma_s.is_nan() || sigma_s > config.most_sigma_s {
+        return Err(OffsetUnknown::TooLittleTurn { sigma_s, most_s: config.most_sigma_s });
     }
-    if state.offset.abs() >= setting.most_s {
+    if state.offset.abs() >= config.most_s {
         return Err(OffsetUnknown::AtTheEnd { offset_s: state.offset });
     }
     let turns: Mat3 = covariance.fixed_view::<3, 3>(4, 4).into();
@@ -151,8 +152,8 @@ pub fn time_offset(
         offset_s: state.offset,
         sigma_s,
         gyro_bias: state.bias,
-        imu_from_eye: state.rotation,
-        misaligned: (imu_from_eye.inverse() * state.rotation).angle(),
+        imu_from_camera: state.rotation,
+        misaligned: (imu_from_camera.inverse() * state.rotation).angle(),
         rotation_sigma: turns.symmetric_eigenvalues().max().max(0.0).sqrt(),
         residual,
         poses: poses.len(),
@@ -212,7 +213,7 @@ impl<'a> Gyro<'a> {
 }
 
 /// The best offset of a grid, and the rotation there: the given one, unless the turns clearly say another.
-fn coarse(poses: &[(Stamp, So3)], samples: &[ImuSample], given: &So3, s: &OffsetSetting) -> (f64, So3) {
+fn coarse(poses: &[(Stamp, So3)], samples: &[ImuSample], given: &So3, s: &OffsetConfig) -> (f64, So3) {
     let gyro = Gyro::integrate(samples, &Vec3::zeros());
     let seen: Vec<Vec3> = poses.windows(2).map(|w| (w[0].1.inverse() * w[1].1).log()).collect();
     let steps = (s.most_s / s.grid_s).floor() as i64;
@@ -220,11 +221,11 @@ fn coarse(poses: &[(Stamp, So3)], samples: &[ImuSample], given: &So3, s: &Offset
     for step in -steps..=steps {
         let offset = step as f64 * s.grid_s;
         let at: Vec<So3> = poses.iter().map(|(t, _)| gyro.at(t.plus_seconds(-offset)).turned).collect();
-        let felt: Vec<Vec3> = at.windows(2).map(|w| (w[0].inverse() * w[1]).log()).collect();
+        let integrated: Vec<Vec3> = at.windows(2).map(|w| (w[0].inverse() * w[1]).log()).collect();
         let n = seen.len() as f64;
-        let (seen_mean, felt_mean) = (seen.iter().sum::<Vec3>() / n, felt.iter().sum::<Vec3>() / n);
+        let (seen_mean, felt_mean) = (seen.iter().sum::<Vec3>() / n, integrated.iter().sum::<Vec3>() / n);
         let mut h = Mat3::zeros();
-        for (e, i) in seen.iter().zip(&felt) {
+        for (e, i) in seen.iter().zip(&integrated) {
             h += (i - felt_mean) * (e - seen_mean).transpose();
         }
         let singular = h.singular_values();
@@ -232,7 +233,7 @@ fn coarse(poses: &[(Stamp, So3)], samples: &[ImuSample], given: &So3, s: &Offset
         let own = if singular[1] > 0.02 * singular[0] { So3::from_matrix(&h) } else { *given };
         let rotation = if (given.inverse() * own).angle() < 3.0 * s.rotation_sigma { *given } else { own };
         let left = |e: &Vec3, i: &Vec3| ((i - felt_mean) - rotation * (e - seen_mean)).norm_squared();
-        let cost = seen.iter().zip(&felt).map(|(e, i)| left(e, i)).sum::<f64>();
+        let cost = seen.iter().zip(&integrated).map(|(e, i)| left(e, i)).sum::<f64>();
         if cost < best.0 {
             best = (cost, offset, rotation);
         }
@@ -246,7 +247,7 @@ fn refine(
     gyro: &Gyro,
     state: &State,
     given: &So3,
-    s: &OffsetSetting,
+    s: &OffsetConfig,
 ) -> Option<(SVector<f64, N>, SMatrix<f64, N, N>, f64)> {
     let mut rows: Vec<(SMatrix<f64, 3, N>, Vec3)> = Vec::with_capacity(poses.len());
     let jumps = jumps(poses, gyro, state);
@@ -292,9 +293,9 @@ fn refine(
 
 /// Where what is seen turns against what is felt as it does nowhere else: the map itself has moved under the eye.
 fn jumps(poses: &[(Stamp, So3)], gyro: &Gyro, state: &State) -> Vec<bool> {
-    let eye_from_imu = state.rotation.inverse();
-    let apart = |(stamp, world_from_eye): &(Stamp, So3)| {
-        *world_from_eye * eye_from_imu * gyro.at(stamp.plus_seconds(-state.offset)).turned.inverse()
+    let camera_from_imu = state.rotation.inverse();
+    let apart = |(stamp, world_from_camera): &(Stamp, So3)| {
+        *world_from_camera * camera_from_imu * gyro.at(stamp.plus_seconds(-state.offset)).turned.inverse()
     };
     let steps: Vec<f64> = poses.windows(2).map(|w| (apart(&w[0]).inverse() * apart(&w[1])).angle()).collect();
     let mut sorted = steps.clone();
@@ -305,12 +306,12 @@ fn jumps(poses: &[(Stamp, So3)], gyro: &Gyro, state: &State) -> Vec<bool> {
 
 /// The rows of a piece, its heading taken out by its mean.
 fn piece(poses: &[(Stamp, So3)], gyro: &Gyro, state: &State, rows: &mut Vec<(SMatrix<f64, 3, N>, Vec3)>) {
-    let eye_from_imu = state.rotation.inverse();
+    let camera_from_imu = state.rotation.inverse();
     let first = rows.len();
     let mut start: Option<So3> = None;
-    for (stamp, world_from_eye) in poses {
+    for (stamp, world_from_camera) in poses {
         let i = gyro.at(stamp.plus_seconds(-state.offset));
-        let apart = *world_from_eye * eye_from_imu * i.turned.inverse();
+        let apart = *world_from_camera * camera_from_imu * i.turned.inverse();
         let start = *start.get_or_insert(apart);
         let turned = i.turned.matrix();
         let mut row = SMatrix::<f64, 3, N>::zeros();

@@ -1,6 +1,6 @@
 //! What a stretch of readings looks like as a whole: rate, holes, norms, units. For calibration checks and at start-up.
 
-use crate::{GRAVITY_M_S2, Moves, Rest, RestSetting};
+use crate::{GRAVITY_M_S2, Moves, Rest, RestConfig};
 use cairn_geometry::Vec3;
 use cairn_sensor::{ImuSample, ImuSensor};
 
@@ -184,12 +184,12 @@ fn pieces(samples: &[ImuSample]) -> impl Iterator<Item = &[ImuSample]> {
 
 /// Seconds at rest and the mean norm there. Units may be wrong: only the trembling is asked, in parts of the norm.
 fn at_rest(samples: &[ImuSample], sensor: &ImuSensor) -> (f64, Option<f64>) {
-    let setting = RestSetting { seconds: 0.8 * PIECE_S, ..Default::default() };
+    let config = RestConfig { seconds: 0.8 * PIECE_S, ..Default::default() };
     let (mut seconds, mut sum) = (0.0, 0.0);
     for piece in pieces(samples) {
-        let rest = Rest::of(piece, &sensor.noise, None, &setting);
+        let rest = Rest::of(piece, &sensor.noise, None, &config);
         let still = matches!(rest.moves, None | Some(Moves::Accelerates { .. } | Moves::Turns { .. }));
-        if still && rest.gyro_mean.norm() < 10.0 * setting.unknown_bias {
+        if still && rest.gyro_mean.norm() < 10.0 * config.unknown_bias {
             seconds += rest.seconds;
             sum += rest.seconds * rest.accel_mean.norm();
         }
@@ -201,7 +201,7 @@ fn at_rest(samples: &[ImuSample], sensor: &ImuSensor) -> (f64, Option<f64>) {
 fn turn_ratio(samples: &[ImuSample]) -> Option<f64> {
     let n = samples.len().max(1) as f64;
     let mean = samples.iter().map(|s| s.gyro).sum::<Vec3>() / n;
-    let (mut felt, mut seen) = (0.0, 0.0);
+    let (mut integrated, mut seen) = (0.0, 0.0);
     let force = |half: &[ImuSample]| half.iter().map(|s| s.accel).sum::<Vec3>().try_normalize(1e-6);
     for piece in pieces(samples).filter(|p| p.len() >= 8) {
         let (a, b) = piece.split_at(piece.len() / 2);
@@ -213,11 +213,11 @@ fn turn_ratio(samples: &[ImuSample]) -> Option<f64> {
         let across = rate - before * rate.dot(&before);
         let turned = across.norm() * seconds;
         if turned > 0.1 {
-            felt += turned;
+            integrated += turned;
             seen += before.angle(&after);
         }
     }
-    (felt > 0.0).then(|| felt / seen.max(1e-3))
+    (integrated > 0.0).then(|| integrated / seen.max(1e-3))
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use nalgebra::SMatrix;
 /// What counts as still.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct RestSetting {
+pub struct RestConfig {
     /// Seconds that must be looked at.
     pub seconds: f64,
     /// Most tremble of one axis, in times the white noise at the sensor's rate.
@@ -31,7 +31,7 @@ pub struct RestSetting {
     pub force: f64,
 }
 
-impl Default for RestSetting {
+impl Default for RestConfig {
     fn default() -> Self {
         Self {
             seconds: 0.5,
@@ -109,7 +109,7 @@ pub struct Rest {
 
 impl Rest {
     /// Looks at readings in time order; `bias` where it is known.
-    pub fn of(samples: &[ImuSample], noise: &ImuNoise, bias: Option<&Bias>, setting: &RestSetting) -> Self {
+    pub fn of(samples: &[ImuSample], noise: &ImuNoise, bias: Option<&Bias>, config: &RestConfig) -> Self {
         let real = || samples.iter().filter(|s| !s.is_synthesised());
         let n = real().count().max(1) as f64;
         let gyro_mean = real().map(|s| s.gyro).sum::<Vec3>() / n;
@@ -124,7 +124,7 @@ impl Rest {
             _ => 0.0,
         };
         let rest = Self { seconds, gyro_mean, accel_mean, gyro_deviation, accel_deviation, moves: None };
-        Self { moves: rest.judge(n, noise, bias, setting), ..rest }
+        Self { moves: rest.judge(n, noise, bias, config), ..rest }
     }
 
     /// True when nothing speaks against it.
@@ -144,7 +144,7 @@ impl Rest {
         SMatrix::identity() * (self.accel_deviation * 0.01).max(1e-3).powi(2)
     }
 
-    fn judge(&self, n: f64, noise: &ImuNoise, bias: Option<&Bias>, s: &RestSetting) -> Option<Moves> {
+    fn judge(&self, n: f64, noise: &ImuNoise, bias: Option<&Bias>, s: &RestConfig) -> Option<Moves> {
         if self.seconds < s.seconds || n < 10.0 {
             return Some(Moves::TooShort { found: self.seconds, need: s.seconds });
         }
@@ -200,7 +200,7 @@ mod tests {
     }
 
     fn moves(n: usize, bias: Option<Bias>, change: impl FnMut(f64, &mut ImuSample)) -> Option<Moves> {
-        Rest::of(&samples(n, change), &NOISE, bias.as_ref(), &RestSetting::default()).moves
+        Rest::of(&samples(n, change), &NOISE, bias.as_ref(), &RestConfig::default()).moves
     }
 
     #[test]
@@ -225,10 +225,10 @@ mod tests {
 
     #[test]
     fn at_rest_the_means_are_gravity_and_the_bias() {
-        let rest = Rest::of(&samples(400, |_, _| {}), &NOISE, None, &RestSetting::default());
+        let rest = Rest::of(&samples(400, |_, _| {}), &NOISE, None, &RestConfig::default());
         let (down, sigma) = rest.down(0.1).unwrap();
         assert!((rest.gyro_mean - Vec3::new(0.0, 0.02, 0.08)).norm() < 1e-3);
         assert!(down.angle(&-Vec3::new(9.2, 0.1, -3.0)) < 1e-3 && (sigma - 0.0102).abs() < 1e-4);
-        assert!(Rest::of(&[], &NOISE, None, &RestSetting::default()).down(0.1).is_none());
+        assert!(Rest::of(&[], &NOISE, None, &RestConfig::default()).down(0.1).is_none());
     }
 }

@@ -4,7 +4,7 @@ mod common;
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{
-    Attempt, Bias, GateKind, Gravity, ImuBuffer, InitialiseSetting, Preintegrated, Scale, Seen, SeenPose,
+    Attempt, Bias, GateKind, Gravity, ImuBuffer, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose,
     initialise,
 };
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
@@ -15,7 +15,7 @@ const MAP_UNIT_M: f64 = 2.7;
 const ROTATION_SIGMA: f64 = 0.002;
 const POSITION_SIGMA_M: f64 = 0.002;
 
-fn imu_from_eye() -> Se3 {
+fn imu_from_camera() -> Se3 {
     Se3::new(So3::exp(&Vec3::new(1.2, -1.1, 1.3)), Vec3::new(0.07, -0.02, 0.05))
 }
 
@@ -46,12 +46,12 @@ fn case(
     let poses: Vec<SeenPose> = (0..key_frames)
         .map(|k| {
             let t = from + 0.25 * k as f64;
-            let eye = pose(t) * imu_from_eye();
-            let place = eye.translation + vector(rng, POSITION_SIGMA_M);
-            let rotation = turn * eye.rotation * So3::exp(&vector(rng, ROTATION_SIGMA));
+            let camera = pose(t) * imu_from_camera();
+            let place = camera.translation + vector(rng, POSITION_SIGMA_M);
+            let rotation = turn * camera.rotation * So3::exp(&vector(rng, ROTATION_SIGMA));
             SeenPose {
                 stamp: Stamp::from_seconds(t),
-                world_from_eye: Se3::new(rotation, (turn * place + shift) / unit),
+                world_from_camera: Se3::new(rotation, (turn * place + shift) / unit),
             }
         })
         .collect();
@@ -62,8 +62,8 @@ fn case(
 fn attempt(case: &Case, scale: Scale) -> Attempt {
     let seen =
         Seen { poses: &case.poses, rotation_sigma: ROTATION_SIGMA, position_sigma: case.position_sigma };
-    let setting = InitialiseSetting { noise_times: 1.0, ..Default::default() };
-    initialise(&seen, &case.links, &imu_from_eye(), scale, &setting)
+    let config = InitialiseConfig { noise_times: 1.0, ..Default::default() };
+    initialise(&seen, &case.links, &imu_from_camera(), scale, &config)
 }
 
 fn in_motion(seed: u64, key_frames: usize, unit: f64) -> Case {

@@ -3,12 +3,12 @@
 mod common;
 
 use cairn_geometry::{So3, Vec3};
-use cairn_inertial::{OffsetSetting, OffsetUnknown, TimeOffset, time_offset};
+use cairn_inertial::{OffsetConfig, OffsetUnknown, TimeOffset, time_offset};
 use cairn_sensor::{ImuSample, Stamp};
 use cairn_solve::ransac::Rng;
 use common::{Motion, noisy, samples, some_bias, vector};
 
-fn imu_from_eye() -> So3 {
+fn imu_from_camera() -> So3 {
     So3::exp(&Vec3::new(1.2, -1.1, 1.3))
 }
 
@@ -39,10 +39,10 @@ fn adjusted(
         .map(|k| {
             let t = 0.05 * k as f64;
             let noise = So3::exp(&vector(&mut rng, 0.002));
-            (Stamp::from_seconds(t + offset), world * map(t) * motion(t) * extra * imu_from_eye() * noise)
+            (Stamp::from_seconds(t + offset), world * map(t) * motion(t) * extra * imu_from_camera() * noise)
         })
         .collect();
-    time_offset(&poses, &readings, &imu_from_eye(), &OffsetSetting::default())
+    time_offset(&poses, &readings, &imu_from_camera(), &OffsetConfig::default())
 }
 
 #[test]
@@ -63,9 +63,9 @@ fn offsets_are_recovered_to_a_millisecond_and_as_well_as_told() {
 #[test]
 fn a_map_that_is_adjusted_does_not_shift_the_offset() {
     let map = |t: f64| {
-        let levelled = if t > 2.7 { Vec3::new(0.025, -0.01, 0.0) } else { Vec3::zeros() };
+        let gravity_alignments = if t > 2.7 { Vec3::new(0.025, -0.01, 0.0) } else { Vec3::zeros() };
         let closed = if t > 6.4 { Vec3::new(0.0, 0.01, -0.02) } else { Vec3::zeros() };
-        So3::exp(&(levelled + closed + Vec3::new(0.0, 0.0, 4e-4 * t)))
+        So3::exp(&(gravity_alignments + closed + Vec3::new(0.0, 0.0, 4e-4 * t)))
     };
     for (seed, offset) in [-0.02, 0.0, 0.02].into_iter().enumerate() {
         let found = adjusted(seed as u64, offset, So3::identity(), Motion::rotation, map).unwrap();
@@ -91,7 +91,7 @@ fn what_can_not_be_told_is_not() {
     // A steady turn looks the same at any time.
     let steady = run(1, 0.01, So3::identity(), |t| So3::exp(&Vec3::new(0.0, 0.0, 0.5 * t)));
     assert!(matches!(steady, Err(OffsetUnknown::TooLittleTurn { .. })), "{steady:?}");
-    let few = time_offset(&[], &[], &imu_from_eye(), &OffsetSetting::default());
+    let few = time_offset(&[], &[], &imu_from_camera(), &OffsetConfig::default());
     assert!(matches!(few, Err(OffsetUnknown::TooFew { found: 0, .. })));
     let far = run(1, 0.3, So3::identity(), Motion::rotation);
     assert!(far.is_err(), "{far:?}");

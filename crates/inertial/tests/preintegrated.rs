@@ -103,14 +103,14 @@ fn every_jacobian_matches_differences() {
     }
     // Scale: both positions, less a lever arm, are multiplied.
     let arm = Vec3::new(0.1, -0.05, 0.02);
-    let eye = |s: &NavState| s.world_from_imu * -arm;
+    let camera = |s: &NavState| s.world_from_imu * -arm;
     let scaled = |state: &NavState, log: f64| {
         let mut out = *state;
-        out.world_from_imu.translation = eye(state) * log.exp() + out.world_from_imu.rotation * arm;
+        out.world_from_imu.translation = camera(state) * log.exp() + out.world_from_imu.rotation * arm;
         out
     };
     let at = |log: f64| sum.residual(&scaled(&from, log), &scaled(&to, log), &gravity);
-    check((at(h) - at(-h)) / (2.0 * h), linear.by_log_scale(&(eye(&to) - eye(&from))), "scale");
+    check((at(h) - at(-h)) / (2.0 * h), linear.by_log_scale(&(camera(&to) - camera(&from))), "scale");
 }
 
 /// A run of noisy readings with wandering biases: the squared error of the propagated state, whitened by its covariance.

@@ -4,7 +4,7 @@ mod common;
 
 use cairn_geometry::{Manifold, Se3, So3, Vec3};
 use cairn_inertial::{
-    Bias, BiasPrior, Gravity, Hold, ImuBuffer, NavState, VioFrame, VioLink, VioSetting, VioWindow,
+    Bias, BiasPrior, FixedMask, Gravity, ImuBuffer, NavState, VioConfig, VioFrame, VioLink, VioWindow,
 };
 use cairn_sensor::{ImuSensor, Stamp};
 use cairn_solve::{Observation, Pinhole, ransac::Rng};
@@ -13,7 +13,7 @@ use common::{Motion, NOISE, noisy, samples, some_bias, vector};
 const CAMERA: Pinhole = Pinhole { fx: 400.0, fy: 400.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
 const FROM: f64 = 0.4;
 
-fn imu_from_eye() -> Se3 {
+fn imu_from_camera() -> Se3 {
     Se3::new(So3::exp(&Vec3::new(1.2, -1.1, 1.3)), Vec3::new(0.07, -0.02, 0.05))
 }
 
@@ -25,13 +25,13 @@ fn truth(k: usize) -> NavState {
 fn window(n: usize, seed: u64) -> VioWindow {
     let mut rng = Rng::new(seed);
     let frames: Vec<VioFrame> =
-        (0..n).map(|k| VioFrame::of(&truth(k), &imu_from_eye(), Hold::Free)).collect();
+        (0..n).map(|k| VioFrame::of(&truth(k), &imu_from_camera(), FixedMask::Free)).collect();
     let (mut points, mut observations) = (Vec::new(), Vec::new());
     while points.len() < 250 {
         let p = vector(&mut rng, 1.0).normalize() * rng.range(3.0, 7.0);
         let mut seen = Vec::new();
         for (k, f) in frames.iter().enumerate() {
-            let q = f.world_from_eye.inverse() * p;
+            let q = f.world_from_camera.inverse() * p;
             let (u, v) = (CAMERA.fx * q.x / q.z + CAMERA.cx, CAMERA.fy * q.y / q.z + CAMERA.cy);
             if q.z > 0.5 && (0.0..640.0).contains(&u) && (0.0..480.0).contains(&v) {
                 let pixel = [u + 0.5 * rng.normal(), v + 0.5 * rng.normal(), f64::NAN];
@@ -55,7 +55,7 @@ fn window(n: usize, seed: u64) -> VioWindow {
     };
     VioWindow {
         camera: CAMERA,
-        imu_from_eye: imu_from_eye(),
+        imu_from_camera: imu_from_camera(),
         gravity: Gravity::level(),
         frames,
         points,
@@ -67,10 +67,10 @@ fn window(n: usize, seed: u64) -> VioWindow {
 
 /// Away from the truth: everything a tenth too large about the first eye, no bias, velocities off.
 fn disturb(w: &mut VioWindow, rng: &mut Rng) {
-    let centre = w.frames[0].world_from_eye.translation;
+    let centre = w.frames[0].world_from_camera.translation;
     for f in w.frames.iter_mut().skip(1) {
-        f.world_from_eye.translation = centre + (f.world_from_eye.translation - centre) * 1.1;
-        f.world_from_eye.rotation = f.world_from_eye.rotation * So3::exp(&vector(rng, 0.01));
+        f.world_from_camera.translation = centre + (f.world_from_camera.translation - centre) * 1.1;
+        f.world_from_camera.rotation = f.world_from_camera.rotation * So3::exp(&vector(rng, 0.01));
     }
     for f in &mut w.frames {
         f.velocity = f.velocity * 1.1 + vector(rng, 0.05);
@@ -81,20 +81,20 @@ fn disturb(w: &mut VioWindow, rng: &mut Rng) {
     }
 }
 
-fn thorough() -> VioSetting {
-    VioSetting { iterations: 60, robust: true, tolerance: 1e-12 }
+fn thorough() -> VioConfig {
+    VioConfig { iterations: 60, robust: true, tolerance: 1e-12 }
 }
 
 #[test]
 fn scale_velocity_and_biases_come_from_the_readings() {
     let mut w = window(12, 1);
-    w.frames[0].hold = Hold::Pose;
+    w.frames[0].hold = FixedMask::Pose;
     disturb(&mut w, &mut Rng::new(2));
     let report = w.solve(&thorough(), || false);
     assert!(report.cost_after < 0.05 * report.cost_before, "{report:?}");
     let length = |of: &dyn Fn(usize) -> Vec3| (0..11).map(|k| (of(k + 1) - of(k)).norm()).sum::<f64>();
-    let found = length(&|k| w.frames[k].world_from_eye.translation);
-    let scale = found / length(&|k| (truth(k).world_from_imu * imu_from_eye()).translation);
+    let found = length(&|k| w.frames[k].world_from_camera.translation);
+    let scale = found / length(&|k| (truth(k).world_from_imu * imu_from_camera()).translation);
     assert!((scale - 1.0).abs() < 0.01, "scale {scale}");
     for (k, f) in w.frames.iter().enumerate() {
         assert!((f.velocity - truth(k).velocity).norm() < 0.03, "{k}: {:?}", f.velocity);
@@ -113,14 +113,14 @@ fn scale_velocity_and_biases_come_from_the_readings() {
 fn the_gradient_is_that_of_the_cost() {
     // A solved window does not move when it is solved again, and does from anywhere near.
     let mut w = window(6, 3);
-    w.frames[0].hold = Hold::Pose;
+    w.frames[0].hold = FixedMask::Pose;
     w.solve(&thorough(), || false);
     let settled = w.clone();
     for seed in 0..3 {
         disturb(&mut w, &mut Rng::new(seed));
         w.solve(&thorough(), || false);
         for (a, b) in w.frames.iter().zip(&settled.frames) {
-            assert!(a.world_from_eye.local(&b.world_from_eye).norm() < 1e-4, "{seed}");
+            assert!(a.world_from_camera.local(&b.world_from_camera).norm() < 1e-4, "{seed}");
             assert!((a.velocity - b.velocity).norm() < 1e-3, "{seed}");
         }
     }
@@ -131,7 +131,7 @@ fn the_gradient_is_that_of_the_cost() {
 fn a_known_bias_holds_as_far_as_it_is_known() {
     let solved = |sigma: f64| {
         let mut w = window(6, 3);
-        w.frames[0].hold = Hold::Bias;
+        w.frames[0].hold = FixedMask::Bias;
         let wrong = Bias { accel: some_bias().accel + Vec3::new(0.1, 0.0, 0.0), ..some_bias() };
         w.frames.iter_mut().for_each(|f| f.bias = wrong);
         w.bias_priors.push(BiasPrior { frame: 0, bias: wrong, sigmas: [sigma, sigma] });
@@ -146,22 +146,22 @@ fn a_known_bias_holds_as_far_as_it_is_known() {
 #[test]
 fn a_place_that_holds_may_still_tilt() {
     let mut w = window(12, 4);
-    w.frames[0].hold = Hold::Place;
+    w.frames[0].hold = FixedMask::Place;
     // All of it is tilted by a degree, the sensor's biases are not known.
     let tilt = Se3::new(So3::exp(&Vec3::new(0.012, -0.012, 0.0)), Vec3::zeros());
     for f in &mut w.frames {
-        f.world_from_eye = tilt * f.world_from_eye;
+        f.world_from_camera = tilt * f.world_from_camera;
         f.bias = Bias::default();
     }
     w.points.iter_mut().for_each(|p| *p = tilt * *p);
-    let (place, before) = (w.frames[0].world_from_eye.translation, w.frames[0].world_from_eye.rotation);
+    let (place, before) = (w.frames[0].world_from_camera.translation, w.frames[0].world_from_camera.rotation);
     w.solve(&thorough(), || false);
-    assert!((w.frames[0].world_from_eye.translation - place).norm() < 1e-9);
+    assert!((w.frames[0].world_from_camera.translation - place).norm() < 1e-9);
     let up = |of: &So3| of.inverse() * Vec3::z();
-    let right = (truth(0).world_from_imu * imu_from_eye()).rotation;
-    let off = up(&w.frames[0].world_from_eye.rotation).angle(&up(&right));
+    let right = (truth(0).world_from_imu * imu_from_camera()).rotation;
+    let off = up(&w.frames[0].world_from_camera.rotation).angle(&up(&right));
     assert!(off < 2e-3 && up(&before).angle(&up(&right)) > 0.015, "{off} rad off the vertical");
-    let turned = before.inverse() * w.frames[0].world_from_eye.rotation;
+    let turned = before.inverse() * w.frames[0].world_from_camera.rotation;
     assert!(turned.log().dot(&up(&right)).abs() < 1e-3, "the heading stays");
 }
 
@@ -170,8 +170,8 @@ fn nothing_breaks_on_empty_or_broken_windows() {
     let mut w = window(4, 6);
     w.points[0] = Vec3::new(0.0, 0.0, -1e6);
     w.observations.truncate(40);
-    w.solve(&VioSetting::default(), || false);
-    assert!(w.frames.iter().all(|f| f.world_from_eye.is_finite()));
+    w.solve(&VioConfig::default(), || false);
+    assert!(w.frames.iter().all(|f| f.world_from_camera.is_finite()));
     let mut empty = VioWindow { frames: vec![], points: vec![], observations: vec![], links: vec![], ..w };
-    assert_eq!(empty.solve(&VioSetting::default(), || false).iterations, 0);
+    assert_eq!(empty.solve(&VioConfig::default(), || false).iterations, 0);
 }

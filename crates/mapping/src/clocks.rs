@@ -3,9 +3,9 @@
 //! What the key frames bring is kept for some seconds in the sensor's own clock. The offset is sought as it comes in, and
 //! once it is known what was felt between key frames is cut anew.
 
-use cairn_atlas::{Change, Felt, KeyFrameId, Map, Sensed};
+use cairn_atlas::{Change, ImuFactor, ImuSegment, KeyFrameId, Snapshot};
 use cairn_geometry::So3;
-use cairn_inertial::{Bias, ImuBuffer, OffsetSetting, Preintegrated, TimeOffset, time_offset};
+use cairn_inertial::{Bias, ImuBuffer, OffsetConfig, Preintegrated, TimeOffset, time_offset};
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use std::collections::VecDeque;
 
@@ -26,7 +26,7 @@ pub(crate) struct Clocks {
     /// In the sensor's own clock, as the source gives it.
     buffer: ImuBuffer,
     turns: VecDeque<(Stamp, So3)>,
-    begun: Option<Stamp>,
+    map_created: Option<Stamp>,
     looks: usize,
     found: Option<TimeOffset>,
 }
@@ -36,24 +36,24 @@ impl Clocks {
         Self {
             buffer: ImuBuffer::in_stream(sensor),
             turns: VecDeque::new(),
-            begun: None,
+            map_created: None,
             looks: 0,
             found: None,
         }
     }
 
     /// Whether the offset is known, or was sought for so long that there is none to be seen.
-    pub fn settled(&self) -> bool {
+    pub fn final_result(&self) -> bool {
         self.found.is_some() || self.looks > 2
     }
 
     /// Takes what a key frame brings.
-    pub fn take(&mut self, sensed: &Sensed) {
-        let own = |s: &ImuSample| ImuSample { stamp: s.stamp.plus_seconds(-sensed.offset_s), ..*s };
-        self.buffer.push(&sensed.samples.iter().map(own).collect::<Vec<_>>());
-        self.turns.extend(sensed.turns.iter().copied());
+    pub fn take(&mut self, imu: &ImuSegment) {
+        let own = |s: &ImuSample| ImuSample { stamp: s.stamp.plus_seconds(-imu.offset_s), ..*s };
+        self.buffer.push(&imu.samples.iter().map(own).collect::<Vec<_>>());
+        self.turns.extend(imu.turns.iter().copied());
         let Some(last) = self.turns.back().map(|t| t.0) else { return };
-        self.begun.get_or_insert(last);
+        self.map_created.get_or_insert(last);
         self.buffer.forget_before(last.plus_seconds(-KEPT_S));
         while self.turns.front().is_some_and(|t| last - t.0 > KEPT_S) {
             self.turns.pop_front();
@@ -66,16 +66,16 @@ impl Clocks {
     }
 
     /// Looks for the offset when that is due; a new one, to be added to the sensor's stamps.
-    pub fn look(&mut self, imu_from_eye: &So3, known_s: f64) -> Option<f64> {
-        let (begun, last) = (self.begun?, self.turns.back()?.0);
-        if LOOKS_S.get(self.looks).is_none_or(|due| last - begun < *due) {
+    pub fn look(&mut self, imu_from_camera: &So3, known_s: f64) -> Option<f64> {
+        let (map_created, last) = (self.map_created?, self.turns.back()?.0);
+        if LOOKS_S.get(self.looks).is_none_or(|due| last - map_created < *due) {
             return None;
         }
         self.looks += 1;
         let turns: Vec<(Stamp, So3)> = self.turns.iter().copied().collect();
         let samples: Vec<ImuSample> = self.buffer.samples().copied().collect();
-        let setting = OffsetSetting { rotation_sigma: MISALIGNED_RAD, ..OffsetSetting::default() };
-        let found = time_offset(&turns, &samples, imu_from_eye, &setting).ok()?;
+        let config = OffsetConfig { rotation_sigma: MISALIGNED_RAD, ..OffsetConfig::default() };
+        let found = time_offset(&turns, &samples, imu_from_camera, &config).ok()?;
         self.found = Some(found);
         let wanted =
             if found.offset_s.abs() < NONE_S.max(2.0 * found.sigma_s) { 0.0 } else { found.offset_s };
@@ -85,7 +85,7 @@ impl Clocks {
     }
 
     /// What was felt between two stamps of the images' clock; `None` where readings are missing.
-    pub fn felt(&self, bias: Bias, from: Stamp, to: Stamp, offset_s: f64) -> Option<Preintegrated> {
+    pub fn preintegrated(&self, bias: Bias, from: Stamp, to: Stamp, offset_s: f64) -> Option<Preintegrated> {
         let own = |t: Stamp| t.plus_seconds(-offset_s);
         let cut = self.buffer.between(own(from), own(to)).ok()?;
         // Both ends are the images' stamps, whatever becomes of a nanosecond on the way.
@@ -100,13 +100,14 @@ impl Clocks {
     }
 
     /// What was felt between the key frames of a chain, cut anew for an offset; nothing for those that came too long ago.
-    pub fn cut(&self, map: &Map, chain: &[KeyFrameId], offset_s: f64) -> Vec<Change> {
-        let pairs = chain.windows(2).filter_map(|w| Some((map.key_frame(w[0])?, map.key_frame(w[1])?)));
+    pub fn cut(&self, snapshot: &Snapshot, chain: &[KeyFrameId], offset_s: f64) -> Vec<Change> {
+        let pairs =
+            chain.windows(2).filter_map(|w| Some((snapshot.key_frame(w[0])?, snapshot.key_frame(w[1])?)));
         pairs
             .filter_map(|(before, k)| {
                 let bias = k.motion.as_ref()?.bias;
-                let sum = self.felt(bias, before.frame.stamp, k.frame.stamp, offset_s)?;
-                Some(Change::Felt(k.id, Felt { since: before.id, sum: sum.into() }))
+                let sum = self.preintegrated(bias, before.frame.stamp, k.frame.stamp, offset_s)?;
+                Some(Change::ImuFactor(k.id, ImuFactor { since: before.id, sum: sum.into() }))
             })
             .collect()
     }

@@ -6,7 +6,7 @@
 //! is only asked where it would move, and what they say is summed. Afterwards the error is one unknown more of each window, until it
 //! is found to be next to nothing after all.
 
-use cairn_adjust::Settled;
+use cairn_adjust::WindowResult;
 use cairn_atlas::Change;
 
 /// Share of what a window says of the error that no window before has said: a key frame is in about sixteen.
@@ -47,7 +47,7 @@ impl DisparityError {
 
     /// Takes up what a window said of the error, which the map has at `found`; the change that calibrates the rig, when it refutes
     /// what was believed, or finds it true after all.
-    pub(crate) fn hear(&mut self, found: f64, said: &Settled) -> Option<Change> {
+    pub(crate) fn hear(&mut self, found: f64, said: &WindowResult) -> Option<Change> {
         let held = found == 0.0;
         let prior = self.sigma(held).powi(-2);
         let more = SHARE * (said.right_offset_information - prior).max(0.0);
@@ -77,9 +77,9 @@ mod tests {
     use cairn_solve::{Report, Stop};
 
     /// What a window says whose observations alone would have the error at `at`, known to `sigma`.
-    fn said(error: &DisparityError, held: bool, at: f64, sigma: f64) -> Settled {
+    fn said(error: &DisparityError, held: bool, at: f64, sigma: f64) -> WindowResult {
         let (own, prior) = (sigma.powi(-2), error.sigma(held).powi(-2));
-        Settled {
+        WindowResult {
             changes: ChangeSet { base: 0, changes: Vec::new() },
             report: Report {
                 iterations: 1,
@@ -124,7 +124,7 @@ mod tests {
         assert!(DisparityError::within(0.0).is_none());
         // A window that was interrupted before its first step says nothing.
         let mut error = DisparityError::within(0.2).unwrap();
-        let nothing = Settled { right_offset_information: 0.0, ..said(&error, true, 9.0, 1.0) };
+        let nothing = WindowResult { right_offset_information: 0.0, ..said(&error, true, 9.0, 1.0) };
         assert!(error.hear(0.0, &nothing).is_none() && error.information == error.before);
     }
 }

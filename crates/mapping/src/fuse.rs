@@ -1,9 +1,9 @@
 //! Landmarks that are the same point become one: those of a key frame are projected into its neighbours, and back.
 
 use cairn_adjust::{pixel, weight};
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_solve::{CHI2_2, CHI2_3};
-use cairn_vision::{EyeModel, Target, search};
+use cairn_vision::{RectifiedCamera, Target, search};
 use std::collections::BTreeSet;
 
 /// Bits that may differ.
@@ -12,12 +12,13 @@ const TIGHT: u32 = 50;
 const RADIUS: f64 = 3.0;
 
 /// Key frames around `centre`: its best neighbours and the best of theirs.
-pub(crate) fn around(map: &Map, centre: KeyFrameId, neighbours: usize) -> Vec<KeyFrameId> {
-    let Some(k) = map.key_frame(centre) else { return Vec::new() };
+pub(crate) fn around(snapshot: &Snapshot, centre: KeyFrameId, neighbours: usize) -> Vec<KeyFrameId> {
+    let Some(k) = snapshot.key_frame(centre) else { return Vec::new() };
     let mut near: Vec<KeyFrameId> = k.covisible.iter().map(|(id, _)| *id).take(neighbours).collect();
     for i in 0..near.len() {
-        let second =
-            map.key_frame(near[i]).map(|k| k.covisible.iter().take(3).map(|(id, _)| *id).collect::<Vec<_>>());
+        let second = snapshot
+            .key_frame(near[i])
+            .map(|k| k.covisible.iter().take(3).map(|(id, _)| *id).collect::<Vec<_>>());
         for id in second.unwrap_or_default() {
             if id != centre && !near.contains(&id) {
                 near.push(id);
@@ -29,28 +30,28 @@ pub(crate) fn around(map: &Map, centre: KeyFrameId, neighbours: usize) -> Vec<Ke
 
 /// What to fuse and what to observe when `landmarks` are looked for in a key frame.
 pub(crate) fn fuse_into(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     landmarks: &[LandmarkId],
     target: &KeyFrame,
 ) -> Vec<Change> {
-    let octaves = map.octaves();
-    let eye_from_world = target.world_from_eye.inverse();
-    let rotation = eye_from_world.rotation.matrix();
+    let octaves = snapshot.octaves();
+    let camera_from_world = target.world_from_camera.inverse();
+    let rotation = camera_from_world.rotation.matrix();
     let mut changes = Vec::new();
     let mut touched: BTreeSet<usize> = BTreeSet::new();
     for id in landmarks {
-        let Some(l) = map.landmark(*id) else { continue };
+        let Some(l) = snapshot.landmark(*id) else { continue };
         if l.feature_in(target.id).is_some() {
             continue;
         }
-        let q = rotation * l.position + eye_from_world.translation;
-        let Some([u, v, right]) = eye.project(&q) else { continue };
+        let q = rotation * l.position + camera_from_world.translation;
+        let Some([u, v, right]) = camera.project(&q) else { continue };
         let distance = q.norm();
-        if !eye.contains(u, v) || distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
+        if !camera.contains(u, v) || distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
             continue;
         }
-        if (l.position - target.world_from_eye.translation).dot(&l.normal) < 0.5 * distance {
+        if (l.position - target.world_from_camera.translation).dot(&l.normal) < 0.5 * distance {
             continue;
         }
         let level = octaves.predict(l.max_distance, distance);
@@ -62,7 +63,7 @@ pub(crate) fn fuse_into(
             descriptor: &l.descriptor,
         };
         let agrees = |i: usize| {
-            let [mu, mv, mr] = pixel(map, &target.frame, i);
+            let [mu, mv, mr] = pixel(snapshot, &target.frame, i);
             let dr = if mr.is_nan() { 0.0 } else { mr - right };
             let chi2 = ((mu - u).powi(2) + (mv - v).powi(2) + dr * dr) * weight(&target.frame, i, &octaves);
             chi2 < if mr.is_nan() { CHI2_2 } else { CHI2_3 }
@@ -71,7 +72,7 @@ pub(crate) fn fuse_into(
         if found.distance > TIGHT || !touched.insert(found.feature) {
             continue;
         }
-        match target.landmarks[found.feature].and_then(|other| map.landmark(other)) {
+        match target.landmarks[found.feature].and_then(|other| snapshot.landmark(other)) {
             Some(other) if other.observations.len() > l.observations.len() => {
                 changes.push(Change::Fuse(*id, other.id))
             }

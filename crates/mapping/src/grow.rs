@@ -2,12 +2,12 @@
 //!
 //! Source: Mur-Artal, Montiel, Tardós, "ORB-SLAM" (2015), section VI-C; epipolar geometry after Hartley & Zisserman.
 
-use crate::insert::Births;
+use crate::insert::NewLandmarks;
 use cairn_adjust::{depth, pixel};
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::{Mat3, Se3, Vec3, hat};
 use cairn_solve::{CHI2_2, CHI2_3};
-use cairn_vision::{EyeModel, Frame, Octaves, hamming};
+use cairn_vision::{Frame, Octaves, RectifiedCamera, hamming};
 
 /// Bits that may differ between two views of a point.
 const TIGHT: u32 = 50;
@@ -21,28 +21,28 @@ const UNKNOWN_DEPTH_BASELINE_M: f64 = 0.05;
 
 /// New landmarks of `centre` with its best `neighbours`.
 pub(crate) fn grow(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     centre: KeyFrameId,
     neighbours: usize,
-    births: &mut Births,
+    new_landmarks: &mut NewLandmarks,
     mut stop: impl FnMut() -> bool,
 ) -> Vec<Change> {
-    let Some(here) = map.key_frame(centre) else { return Vec::new() };
+    let Some(here) = snapshot.key_frame(centre) else { return Vec::new() };
     let mut changes = Vec::new();
     let mut taken: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
     let shared = here.covisible.iter().map(|(id, _)| *id).take(neighbours);
-    for (nth, id) in shared.chain(felt_before(map, here)).enumerate() {
+    for (nth, id) in shared.chain(before_in_chain(snapshot, here)).enumerate() {
         if nth > 0 && stop() {
             break;
         }
-        let Some(there) = map.key_frame(id) else { continue };
-        if !wide_enough(map, eye, here, there) {
+        let Some(there) = snapshot.key_frame(id) else { continue };
+        if !wide_enough(snapshot, camera, here, there) {
             continue;
         }
-        for (i, j) in match_along_lines(eye, map.octaves(), here, there, &taken) {
-            let Some(point) = triangulate(map, eye, here, i, there, j) else { continue };
-            let Some(landmark) = births.id() else { return changes };
+        for (i, j) in match_along_lines(camera, snapshot.octaves(), here, there, &taken) {
+            let Some(point) = triangulate(snapshot, camera, here, i, there, j) else { continue };
+            let Some(landmark) = new_landmarks.id() else { return changes };
             taken[i] = true;
             changes.push(Change::AddLandmark(landmark, point));
             changes.push(Change::Observe(landmark, centre, i as u16));
@@ -54,36 +54,36 @@ pub(crate) fn grow(
 
 /// Whether two views stand far enough apart: more than the eye's own baseline, or, without one, a hundredth of
 /// the scene's depth.
-fn wide_enough(map: &Map, eye: &EyeModel, here: &KeyFrame, there: &KeyFrame) -> bool {
-    let baseline = (here.world_from_eye.translation - there.world_from_eye.translation).norm();
-    if eye.has_depth() {
-        return baseline > eye.baseline_fx / eye.fx;
+fn wide_enough(snapshot: &Snapshot, camera: &RectifiedCamera, here: &KeyFrame, there: &KeyFrame) -> bool {
+    let baseline = (here.world_from_camera.translation - there.world_from_camera.translation).norm();
+    if camera.has_depth() {
+        return baseline > camera.baseline_fx / camera.fx;
     }
-    match median_depth(map, there) {
+    match median_depth(snapshot, there) {
         Some(depth) => baseline > 0.01 * depth,
-        None => map.is_level(there.world) && baseline > UNKNOWN_DEPTH_BASELINE_M,
+        None => snapshot.is_gravity_aligned(there.map) && baseline > UNKNOWN_DEPTH_BASELINE_M,
     }
 }
 
 /// Key frames since which another was felt, that share no landmark with it: where the inertial sensor has carried the eye
 /// past a view without any, the next points begin between them.
-fn felt_before(map: &Map, here: &KeyFrame) -> Vec<KeyFrameId> {
-    let before = |k: &KeyFrame| Some(k.motion.as_ref()?.felt.as_ref()?.since);
-    let chain = std::iter::successors(before(here), |id| map.key_frame(*id).and_then(before));
-    let level = map.is_level(here.world);
+fn before_in_chain(snapshot: &Snapshot, here: &KeyFrame) -> Vec<KeyFrameId> {
+    let before = |k: &KeyFrame| Some(k.motion.as_ref()?.imu_factor.as_ref()?.since);
+    let chain = std::iter::successors(before(here), |id| snapshot.key_frame(*id).and_then(before));
+    let level = snapshot.is_gravity_aligned(here.map);
     let alone = |id: &KeyFrameId| here.covisible.iter().all(|(shared, _)| shared != id);
     chain.take(if level { FELT_BEFORE } else { 0 }).filter(alone).collect()
 }
 
 /// Median depth of what a key frame shows, in map units.
-pub(crate) fn median_depth(map: &Map, k: &KeyFrame) -> Option<f64> {
-    let eye_from_world = k.world_from_eye.inverse();
+pub(crate) fn median_depth(snapshot: &Snapshot, k: &KeyFrame) -> Option<f64> {
+    let camera_from_world = k.world_from_camera.inverse();
     let mut depths: Vec<f64> = k
         .landmarks
         .iter()
         .flatten()
-        .filter_map(|id| map.landmark(*id))
-        .map(|l| (eye_from_world * l.position).z)
+        .filter_map(|id| snapshot.landmark(*id))
+        .map(|l| (camera_from_world * l.position).z)
         .filter(|z| *z > 0.0)
         .collect();
     if depths.is_empty() {
@@ -95,19 +95,28 @@ pub(crate) fn median_depth(map: &Map, k: &KeyFrame) -> Option<f64> {
 
 /// Pairs of free features, one of each key frame, that lie on each other's epipolar line and look alike.
 fn match_along_lines(
-    eye: &EyeModel,
+    camera: &RectifiedCamera,
     octaves: Octaves,
     here: &KeyFrame,
     there: &KeyFrame,
     taken: &[bool],
 ) -> Vec<(usize, usize)> {
-    let there_from_here = there.world_from_eye.inverse() * here.world_from_eye;
-    let k_inv =
-        Mat3::new(1.0 / eye.fx, 0.0, -eye.cx / eye.fx, 0.0, 1.0 / eye.fy, -eye.cy / eye.fy, 0.0, 0.0, 1.0);
+    let there_from_here = there.world_from_camera.inverse() * here.world_from_camera;
+    let k_inv = Mat3::new(
+        1.0 / camera.fx,
+        0.0,
+        -camera.cx / camera.fx,
+        0.0,
+        1.0 / camera.fy,
+        -camera.cy / camera.fy,
+        0.0,
+        0.0,
+        1.0,
+    );
     // Line in `there` of a pixel x in `here`: K^-T [t]x R K^-1 x.
     let fundamental =
         k_inv.transpose() * hat(&there_from_here.translation) * there_from_here.rotation.matrix() * k_inv;
-    let epipole = eye.project(&there_from_here.translation);
+    let epipole = camera.project(&there_from_here.translation);
     let free: Vec<usize> = (0..there.frame.len()).filter(|j| there.landmarks[*j].is_none()).collect();
     let px: Vec<[f32; 2]> = free.iter().map(|j| there.frame.px[*j]).collect();
     let variance: Vec<f32> =
@@ -158,21 +167,22 @@ fn match_along_lines(
 
 /// The point that two features show, where it is well placed and agrees with both views.
 fn triangulate(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     here: &KeyFrame,
     i: usize,
     there: &KeyFrame,
     j: usize,
 ) -> Option<Vec3> {
-    let octaves = map.octaves();
-    let ray =
-        |k: &KeyFrame, f: usize| k.world_from_eye.rotation * eye.unproject(k.frame.px[f], 1.0).normalize();
+    let octaves = snapshot.octaves();
+    let ray = |k: &KeyFrame, f: usize| {
+        k.world_from_camera.rotation * camera.unproject(k.frame.px[f], 1.0).normalize()
+    };
     let (ra, rb) = (ray(here, i), ray(there, j));
     let cosine = ra.dot(&rb);
     let stereo_cosine = |frame: &Frame, f: usize| {
         if frame.has_depth(f) {
-            let half = 0.5 * eye.baseline_fx / eye.fx / frame.depth[f] as f64;
+            let half = 0.5 * camera.baseline_fx / camera.fx / frame.depth[f] as f64;
             (2.0 * half.atan()).cos()
         } else {
             2.0
@@ -181,22 +191,23 @@ fn triangulate(
     let (ca, cb) = (stereo_cosine(&here.frame, i), stereo_cosine(&there.frame, j));
     let point = if cosine > 0.0 && cosine < LEAST_PARALLAX_COS && cosine < ca.min(cb) {
         intersect(
-            &here.world_from_eye,
-            &eye.unproject(here.frame.px[i], 1.0),
-            &there.world_from_eye,
-            &eye.unproject(there.frame.px[j], 1.0),
+            &here.world_from_camera,
+            &camera.unproject(here.frame.px[i], 1.0),
+            &there.world_from_camera,
+            &camera.unproject(there.frame.px[j], 1.0),
         )?
     } else if ca <= cb && ca < 2.0 {
-        here.world_from_eye * eye.unproject(here.frame.px[i], depth(map, eye, &here.frame, i))
+        here.world_from_camera * camera.unproject(here.frame.px[i], depth(snapshot, camera, &here.frame, i))
     } else if cb < ca {
-        there.world_from_eye * eye.unproject(there.frame.px[j], depth(map, eye, &there.frame, j))
+        there.world_from_camera
+            * camera.unproject(there.frame.px[j], depth(snapshot, camera, &there.frame, j))
     } else {
         return None;
     };
     let distance = |k: &KeyFrame, f: usize| {
-        let q = k.world_from_eye.inverse() * point;
-        let [u, v, right] = eye.project(&q)?;
-        let [mu, mv, mr] = pixel(map, &k.frame, f);
+        let q = k.world_from_camera.inverse() * point;
+        let [u, v, right] = camera.project(&q)?;
+        let [mu, mv, mr] = pixel(snapshot, &k.frame, f);
         let dr = if mr.is_nan() { 0.0 } else { mr - right };
         let chi2 = ((mu - u).powi(2) + (mv - v).powi(2) + dr * dr) / octaves.scale(k.frame.octave[f]).powi(2);
         (chi2 < if mr.is_nan() { CHI2_2 } else { CHI2_3 }).then(|| q.norm())

@@ -7,21 +7,23 @@
 
 use crate::clocks::Clocks;
 use crate::grow::median_depth;
-use cairn_adjust::{Feeling, InertialWindow, Settled, WindowSetting};
-use cairn_atlas::{Atlas, Change, Felt, KeyFrame, KeyFrameId, Map, Motion, Sensed, WorldId};
+use cairn_adjust::{ImuModel, InertialWindow, WindowConfig, WindowResult};
+use cairn_atlas::{
+    Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::{
-    Attempt, Gate, GateKind, InitialiseSetting, Preintegrated, Scale, Seen, SeenPose, initialise,
+    Attempt, Gate, GateKind, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose, initialise,
 };
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
-use cairn_vision::EyeModel;
+use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// How what is felt is used.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct InertialSetting {
+pub struct InertialConfig {
     /// Whether the inertial sensor is used, where there is one.
     pub enabled: bool,
     /// What to multiply the sensor's white noise with until more is known: real sensors on real hands are worse than their
@@ -33,7 +35,7 @@ pub struct InertialSetting {
     pub whole_key_frames: usize,
 }
 
-impl Default for InertialSetting {
+impl Default for InertialConfig {
     fn default() -> Self {
         Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 500 }
     }
@@ -57,99 +59,105 @@ const STANDS_M_S: f64 = 0.05;
 pub(crate) struct Inertial {
     /// As its data sheet has it.
     sheet: ImuNoise,
-    feeling: Feeling,
-    pub setting: InertialSetting,
+    imu: ImuModel,
+    pub config: InertialConfig,
     clocks: Clocks,
     /// For each level world how often it was adjusted as a whole.
-    refined: BTreeMap<WorldId, usize>,
+    refined: BTreeMap<MapId, usize>,
 }
 
 impl Inertial {
-    pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
-        let noise = sensor.noise.times([setting.noise_times; 2]);
-        let feeling = Feeling { imu_from_eye, noise };
+    pub fn new(sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
+        let noise = sensor.noise.times([config.noise_times; 2]);
+        let imu = ImuModel { imu_from_camera, noise };
         let clocks = Clocks::new(sensor);
-        Self { sheet: sensor.noise, feeling, setting, clocks, refined: BTreeMap::new() }
+        Self { sheet: sensor.noise, imu, config, clocks, refined: BTreeMap::new() }
     }
 
     /// The motion of a new key frame, linked to the one before in its world where the readings begin there.
-    pub fn motion(&mut self, map: &Map, world: WorldId, stamp: Stamp, sensed: &Sensed) -> Motion {
-        self.clocks.take(sensed);
-        let begins = sensed.samples.first().map(|s| s.stamp);
-        let before = (0..map.next_key_frame_id().index())
+    pub fn motion(
+        &mut self,
+        snapshot: &Snapshot,
+        map: MapId,
+        stamp: Stamp,
+        imu: &ImuSegment,
+    ) -> InertialState {
+        self.clocks.take(imu);
+        let begins = imu.samples.first().map(|s| s.stamp);
+        let before = (0..snapshot.next_key_frame_id().index())
             .rev()
-            .filter_map(|i| map.key_frame(KeyFrameId::from_index(i)?))
-            .find(|k| k.world == world)
-            .filter(|k| sensed.offset_s != map.imu_offset() || Some(k.frame.stamp) == begins);
+            .filter_map(|i| snapshot.key_frame(KeyFrameId::from_index(i)?))
+            .find(|k| k.map == map)
+            .filter(|k| imu.offset_s != snapshot.imu_offset() || Some(k.frame.stamp) == begins);
         // In the sensor's own clock: what was offered may have been cut for another offset.
-        let felt = before.and_then(|k| {
-            let sum = self.clocks.felt(sensed.bias, k.frame.stamp, stamp, map.imu_offset())?;
-            Some(Felt { since: k.id, sum: Arc::new(sum) })
+        let imu_factor = before.and_then(|k| {
+            let sum = self.clocks.preintegrated(imu.bias, k.frame.stamp, stamp, snapshot.imu_offset())?;
+            Some(ImuFactor { since: k.id, sum: Arc::new(sum) })
         });
-        Motion { velocity: sensed.velocity, bias: sensed.bias, felt }
+        InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor }
     }
 
     /// The same, linked to a key frame that is known.
-    pub fn motion_since(&mut self, before: Option<KeyFrameId>, sensed: &Sensed) -> Motion {
-        self.clocks.take(sensed);
-        let felt = before.filter(|_| sensed.samples.len() > 1).map(|since| Felt {
+    pub fn motion_since(&mut self, before: Option<KeyFrameId>, imu: &ImuSegment) -> InertialState {
+        self.clocks.take(imu);
+        let imu_factor = before.filter(|_| imu.samples.len() > 1).map(|since| ImuFactor {
             since,
-            sum: Arc::new(Preintegrated::of(self.sheet, sensed.bias, sensed.samples.clone())),
+            sum: Arc::new(Preintegrated::of(self.sheet, imu.bias, imu.samples.clone())),
         });
-        Motion { velocity: sensed.velocity, bias: sensed.bias, felt }
+        InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor }
     }
 
     /// The local window of a level world.
     pub fn window(
         &self,
-        map: &Map,
-        eye: &EyeModel,
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
         centre: KeyFrameId,
-        setting: &WindowSetting,
+        config: &WindowConfig,
     ) -> Option<InertialWindow> {
-        let world = map.key_frame(centre)?.world;
-        if !map.is_level(world) {
+        let map = snapshot.key_frame(centre)?.map;
+        if !snapshot.is_gravity_aligned(map) {
             return None;
         }
-        let chain = self.setting.chain;
-        let window = InertialWindow::around(map, eye, &self.feeling, centre, chain, setting)?;
+        let chain = self.config.chain;
+        let window = InertialWindow::around(snapshot, camera, &self.imu, centre, chain, config)?;
         (window.links() > 0).then_some(window)
     }
 
     /// Adjusts a level world as a whole with its links; nothing where there are none or it is too large.
     pub fn whole(
         &self,
-        map: &Map,
-        eye: &EyeModel,
-        world: WorldId,
-        setting: &WindowSetting,
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        map: MapId,
+        config: &WindowConfig,
         stop: impl FnMut() -> bool,
-    ) -> Option<Settled> {
-        let few = map.key_frames_of(world).count() <= self.setting.whole_key_frames;
-        if !few || !map.is_level(world) {
+    ) -> Option<WindowResult> {
+        let few = snapshot.key_frames_of(map).count() <= self.config.whole_key_frames;
+        if !few || !snapshot.is_gravity_aligned(map) {
             return None;
         }
-        let window = InertialWindow::whole(map, eye, &self.feeling, world);
-        (window.links() > 0).then(|| window.solve(setting, stop))
+        let window = InertialWindow::whole(snapshot, camera, &self.imu, map);
+        (window.links() > 0).then(|| window.solve(config, stop))
     }
 
     /// Levels the world of a key frame when that can be done, or refines it when that is due; what was tried.
-    pub fn settle(
+    pub fn final_adjustment(
         &mut self,
         atlas: &mut Atlas,
-        eye: &EyeModel,
+        camera: &RectifiedCamera,
         centre: KeyFrameId,
-        setting: &WindowSetting,
+        config: &WindowConfig,
     ) -> Option<Attempt> {
         self.tell_time(atlas, centre);
-        let map = atlas.latest().clone();
-        let world = map.key_frame(centre)?.world;
-        let chain = chain(&map, centre);
-        let (first, last) = (map.key_frame(*chain.first()?)?, map.key_frame(centre)?);
+        let snapshot = atlas.latest().clone();
+        let map = snapshot.key_frame(centre)?.map;
+        let chain = chain(&snapshot, centre);
+        let (first, last) = (snapshot.key_frame(*chain.first()?)?, snapshot.key_frame(centre)?);
         let seconds = last.frame.stamp - first.frame.stamp;
         let mut tried = None;
-        if map.is_level(world) {
-            let times = self.refined.entry(world).or_insert(REFINED_S.len());
+        if snapshot.is_gravity_aligned(map) {
+            let times = self.refined.entry(map).or_insert(REFINED_S.len());
             // Who stands still learns nothing new, and shall not feel the map move.
             let stands = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STANDS_M_S);
             if stands || REFINED_S.get(*times).is_none_or(|due| seconds < *due) {
@@ -157,22 +165,22 @@ impl Inertial {
             }
             *times += 1;
         } else {
-            let mut attempt = self.attempt(&map, eye, &chain)?;
-            let compared = f64::from(u8::from(self.clocks.settled()));
+            let mut attempt = self.attempt(&snapshot, camera, &chain)?;
+            let compared = f64::from(u8::from(self.clocks.final_result()));
             attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
             let found = attempt.accepted().cloned();
             tried = Some(attempt);
             let Some(found) = found else { return tried };
-            let found_times = found.noise_times.map(|t| t.max(self.setting.noise_times));
+            let found_times = found.noise_times.map(|t| t.max(self.config.noise_times));
             self.clocks.turned();
-            self.feeling.noise = self.sheet.times(found_times);
-            let about = map.world_from_eye(world.root())?.translation;
-            atlas.commit(self.level(&map, world, &chain, &found, eye.has_depth(), about));
-            self.refined.insert(world, REFINED_S.iter().filter(|due| seconds >= **due).count());
+            self.imu.noise = self.sheet.times(found_times);
+            let about = snapshot.world_from_camera(map.root())?.translation;
+            atlas.commit(self.level(&snapshot, map, &chain, &found, camera.has_depth(), about));
+            self.refined.insert(map, REFINED_S.iter().filter(|due| seconds >= **due).count());
         }
-        let setting = WindowSetting { iterations: [8, 6], tolerance: 1e-4, ..*setting };
-        if let Some(settled) = self.whole(atlas.latest(), eye, world, &setting, || false) {
-            atlas.commit(settled.changes.changes);
+        let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
+        if let Some(final_result) = self.whole(atlas.latest(), camera, map, &config, || false) {
+            atlas.commit(final_result.changes.changes);
         }
         tried
     }
@@ -180,46 +188,54 @@ impl Inertial {
     /// Looks for the offset of the clocks, and cuts anew what was felt when it is found. Where the sensor is late, the last
     /// readings up to a key frame come with the next one.
     fn tell_time(&mut self, atlas: &mut Atlas, centre: KeyFrameId) {
-        let map = atlas.latest().clone();
-        let known = map.imu_offset();
-        let chain = chain(&map, centre);
-        if let Some(offset) = self.clocks.look(&self.feeling.imu_from_eye.rotation, known) {
+        let snapshot = atlas.latest().clone();
+        let known = snapshot.imu_offset();
+        let chain = chain(&snapshot, centre);
+        if let Some(offset) = self.clocks.look(&self.imu.imu_from_camera.rotation, known) {
             let mut changes = vec![Change::ImuOffset(offset)];
-            changes.extend(self.clocks.cut(&map, &chain, offset));
+            changes.extend(self.clocks.cut(&snapshot, &chain, offset));
             atlas.commit(changes);
         } else if known < 0.0 {
             let late = &chain[chain.len().saturating_sub(3)..chain.len().saturating_sub(1).max(1)];
-            atlas.commit(self.clocks.cut(&map, late, known));
+            atlas.commit(self.clocks.cut(&snapshot, late, known));
         }
     }
 
-    fn attempt(&self, map: &Map, eye: &EyeModel, chain: &[KeyFrameId]) -> Option<Attempt> {
-        let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| map.key_frame(*id)).collect();
+    fn attempt(
+        &self,
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        chain: &[KeyFrameId],
+    ) -> Option<Attempt> {
+        let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
         let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.frame.stamp <= TRIED_S).collect();
         let poses: Vec<SeenPose> = frames
             .iter()
-            .map(|k| SeenPose { stamp: k.frame.stamp, world_from_eye: k.world_from_eye })
+            .map(|k| SeenPose { stamp: k.frame.stamp, world_from_camera: k.world_from_camera })
             .collect();
-        let links: Option<Vec<Preintegrated>> =
-            frames.iter().skip(1).map(|k| Some((*k.motion.as_ref()?.felt.as_ref()?.sum).clone())).collect();
-        let rotation_sigma = SEEN_PIXELS / eye.fx;
-        let position_sigma = rotation_sigma * median_depth(map, frames.last()?)?;
+        let links: Option<Vec<Preintegrated>> = frames
+            .iter()
+            .skip(1)
+            .map(|k| Some((*k.motion.as_ref()?.imu_factor.as_ref()?.sum).clone()))
+            .collect();
+        let rotation_sigma = SEEN_PIXELS / camera.fx;
+        let position_sigma = rotation_sigma * median_depth(snapshot, frames.last()?)?;
         let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
-        let scale = match eye.has_depth() {
+        let scale = match camera.has_depth() {
             true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
             false => Scale::Free,
         };
         // The library raises the noise itself, from the data sheet's on.
-        let setting = InitialiseSetting { noise_times: 1.0, ..InitialiseSetting::default() };
-        Some(initialise(&seen, &links?, &self.feeling.imu_from_eye, scale, &setting))
+        let config = InitialiseConfig { noise_times: 1.0, ..InitialiseConfig::default() };
+        Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
     }
 
     /// The changes that level a world about a place that stays.
     fn level(
         &self,
-        map: &Map,
-        world: WorldId,
+        snapshot: &Snapshot,
+        map: MapId,
         chain: &[KeyFrameId],
         found: &cairn_inertial::Initial,
         metric: bool,
@@ -228,26 +244,31 @@ impl Inertial {
         let turn = found.metric_from_map();
         let scale = if metric { 1.0 } else { turn.scale };
         let shift = about - turn.rotation * about * scale;
-        let mut changes = vec![Change::Level(world, Sim3::new(turn.rotation, shift, scale))];
-        let last = chain.last().and_then(|id| map.key_frame(*id)).map(|k| k.frame.stamp);
+        let mut changes = vec![Change::AlignGravity(map, Sim3::new(turn.rotation, shift, scale))];
+        let last = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.frame.stamp);
         let tried = |id: &&KeyFrameId| {
-            map.key_frame(**id).zip(last).is_some_and(|(k, last): (_, Stamp)| last - k.frame.stamp <= TRIED_S)
+            snapshot
+                .key_frame(**id)
+                .zip(last)
+                .is_some_and(|(k, last): (_, Stamp)| last - k.frame.stamp <= TRIED_S)
         };
         for (id, state) in chain.iter().filter(tried).zip(&found.states) {
-            let world_from_eye = state.world_from_imu * self.feeling.imu_from_eye;
-            let velocity = world_from_eye.rotation.inverse() * state.velocity;
-            changes.push(Change::Motion(*id, velocity, found.bias));
+            let world_from_camera = state.world_from_imu * self.imu.imu_from_camera;
+            let velocity = world_from_camera.rotation.inverse() * state.velocity;
+            changes.push(Change::InertialState(*id, velocity, found.bias));
         }
         changes
     }
 }
 
 /// Key frames one felt after the other up to one, oldest first.
-fn chain(map: &Map, last: KeyFrameId) -> Vec<KeyFrameId> {
+fn chain(snapshot: &Snapshot, last: KeyFrameId) -> Vec<KeyFrameId> {
     let mut chain = vec![last];
     let mut at = last;
-    while let Some(felt) = map.key_frame(at).and_then(|k| k.motion.as_ref()).and_then(|m| m.felt.as_ref()) {
-        at = felt.since;
+    while let Some(imu) =
+        snapshot.key_frame(at).and_then(|k| k.motion.as_ref()).and_then(|m| m.imu_factor.as_ref())
+    {
+        at = imu.since;
         chain.push(at);
     }
     chain.reverse();

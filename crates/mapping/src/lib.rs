@@ -11,6 +11,6 @@ mod insert;
 mod mapper;
 mod turning;
 
-pub use closing::{Accepted, Closed, Closer, CloserSetting, Joined, Refusal, Verdict};
-pub use inertial::InertialSetting;
-pub use mapper::{Begin, Mapped, Mapper, MapperSetting, Offered};
+pub use closing::{Accepted, Closed, Closer, CloserConfig, Joined, Refusal, Verdict};
+pub use inertial::InertialConfig;
+pub use mapper::{Begin, Mapped, Mapper, MapperConfig, Submitted};

@@ -3,10 +3,10 @@
 //! them. They hold the orientation at once; their depth is found by adjustment when there is parallax.
 
 use crate::grow::median_depth;
-use crate::insert::Births;
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
+use crate::insert::NewLandmarks;
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::Vec3;
-use cairn_vision::{EyeModel, Target, consistent_rotation, search};
+use cairn_vision::{RectifiedCamera, Target, consistent_rotation, search};
 
 /// A key frame without depth that shows fewer landmarks than this share of its features is running out of them.
 const FEW: f64 = 0.2;
@@ -23,37 +23,37 @@ const ON_THE_SPOT: f64 = 0.02;
 
 /// New landmarks of a key frame that is running out of them while the eye turns.
 pub(crate) fn hold_orientation(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     centre: KeyFrameId,
-    births: &mut Births,
+    new_landmarks: &mut NewLandmarks,
 ) -> Vec<Change> {
-    let Some(here) = map.key_frame(centre) else { return Vec::new() };
+    let Some(here) = snapshot.key_frame(centre) else { return Vec::new() };
     let mut shown: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
     let few = (FEW * here.frame.len() as f64) as usize;
-    let depths = known_depths(map, here);
+    let depths = known_depths(snapshot, here);
     let mut changes = Vec::new();
     if depths.len() < 5 {
         return changes;
     }
-    let Some(median) = median_depth(map, here) else { return changes };
+    let Some(median) = median_depth(snapshot, here) else { return changes };
     let before = here.covisible.iter().map(|(id, _)| *id).take(NEIGHBOURS);
     for id in before {
         if shown.iter().filter(|s| **s).count() >= few {
             break;
         }
-        let Some(there) = map.key_frame(id) else { continue };
-        let there_from_here = there.world_from_eye.inverse() * here.world_from_eye;
+        let Some(there) = snapshot.key_frame(id) else { continue };
+        let there_from_here = there.world_from_camera.inverse() * here.world_from_camera;
         if there_from_here.translation.norm() > ON_THE_SPOT * median {
             continue;
         }
-        for (i, j) in match_by_rotation(map, eye, here, there, &shown) {
+        for (i, j) in match_by_rotation(snapshot, camera, here, there, &shown) {
             let z = depth_beside(&depths, here.frame.px[i]).unwrap_or(median);
-            let Some(landmark) = births.id() else { return changes };
+            let Some(landmark) = new_landmarks.id() else { return changes };
             shown[i] = true;
             changes.push(Change::AddLandmark(
                 landmark,
-                here.world_from_eye * eye.unproject(here.frame.px[i], z),
+                here.world_from_camera * camera.unproject(here.frame.px[i], z),
             ));
             changes.push(Change::Observe(landmark, centre, i as u16));
             changes.push(Change::Observe(landmark, id, j as u16));
@@ -63,10 +63,10 @@ pub(crate) fn hold_orientation(
 }
 
 /// Pixel and depth of each landmark that a key frame shows.
-fn known_depths(map: &Map, k: &KeyFrame) -> Vec<([f32; 2], f64)> {
-    let eye_from_world = k.world_from_eye.inverse();
+fn known_depths(snapshot: &Snapshot, k: &KeyFrame) -> Vec<([f32; 2], f64)> {
+    let camera_from_world = k.world_from_camera.inverse();
     let shown = k.landmarks.iter().zip(&k.frame.px).filter_map(|(id, px)| {
-        let z = (eye_from_world * map.landmark((*id)?)?.position).z;
+        let z = (camera_from_world * snapshot.landmark((*id)?)?.position).z;
         (z > 0.0).then_some((*px, z))
     });
     shown.collect()
@@ -86,18 +86,20 @@ fn depth_beside(depths: &[([f32; 2], f64)], px: [f32; 2]) -> Option<f64> {
 
 /// Pairs of free features that lie where rotation alone takes them and look alike.
 fn match_by_rotation(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     here: &KeyFrame,
     there: &KeyFrame,
     shown: &[bool],
 ) -> Vec<(usize, usize)> {
-    let octaves = map.octaves();
-    let turn = there.world_from_eye.rotation.inverse() * here.world_from_eye.rotation;
+    let octaves = snapshot.octaves();
+    let turn = there.world_from_camera.rotation.inverse() * here.world_from_camera.rotation;
     let mut owner: Vec<Option<(usize, u32)>> = vec![None; there.frame.len()];
     for i in (0..here.frame.len()).filter(|i| !shown[*i]) {
-        let ray: Vec3 = turn * eye.unproject(here.frame.px[i], 1.0);
-        let Some([u, v, _]) = eye.project(&ray).filter(|[u, v, _]| eye.contains(*u, *v)) else { continue };
+        let ray: Vec3 = turn * camera.unproject(here.frame.px[i], 1.0);
+        let Some([u, v, _]) = camera.project(&ray).filter(|[u, v, _]| camera.contains(*u, *v)) else {
+            continue;
+        };
         let level = here.frame.octave[i];
         let target = Target {
             pixel: [u as f32, v as f32],

@@ -34,14 +34,14 @@ impl Camera {
     /// The pixel of a point in the camera frame; `None` where the model has no image of it (behind, at the
     /// centre, or past the angle where the model folds back). The pixel may lie outside the image.
     pub fn project(&self, p: &Vec3) -> Option<Vec2> {
-        let [x, y] = self.distortion.bend(p)?;
+        let [x, y] = self.distortion.distort(p)?;
         let px = Vec2::new(self.fx * x + self.cx, self.fy * y + self.cy);
         (px.x.is_finite() && px.y.is_finite()).then_some(px)
     }
 
     /// The unit bearing of a pixel in the camera frame; `None` where no ray reaches that pixel.
     pub fn unproject(&self, px: &Vec2) -> Option<Vec3> {
-        let ray = self.distortion.unbend([(px.x - self.cx) / self.fx, (px.y - self.cy) / self.fy])?;
+        let ray = self.distortion.undistort([(px.x - self.cx) / self.fx, (px.y - self.cy) / self.fy])?;
         ray.iter().all(|v| v.is_finite()).then(|| ray.normalize())
     }
 

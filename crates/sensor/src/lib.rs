@@ -12,7 +12,7 @@ mod stamp;
 pub use camera::Camera;
 pub use image::{DepthImage, GrayImage, Image};
 pub use lens::Distortion;
-pub use merge::{Dropped, ImuGap, Merge, MergeCounts, MergeSetting, Merged, Stream, Why};
+pub use merge::{Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream, Why};
 pub use packet::{FramePacket, ImuSample};
 pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
 pub use source::{Source, SourceError, SourceInfo};

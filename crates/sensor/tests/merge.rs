@@ -1,7 +1,7 @@
 //! The merge of streams: order, what is waited for and how long, what is dropped, what is made up.
 
 use cairn_geometry::Vec3;
-use cairn_sensor::{Dropped, ImuSample, Merge, MergeSetting, Merged, Stamp, Stream, Why};
+use cairn_sensor::{Dropped, ImuSample, Merge, MergeConfig, Merged, Stamp, Stream, Why};
 
 const MS: i64 = 1_000_000;
 
@@ -13,12 +13,12 @@ fn sample(t: f64) -> ImuSample {
     ImuSample::new(ms(t), Vec3::new(t, 0.0, 0.0), Vec3::z() * 9.8)
 }
 
-fn merge(setting: MergeSetting) -> Merge<u32, u32> {
-    Merge::new(setting)
+fn merge(config: MergeConfig) -> Merge<u32, u32> {
+    Merge::new(config)
 }
 
-fn with_imu() -> MergeSetting {
-    MergeSetting { imu_period_s: Some(0.005), ..Default::default() }
+fn with_imu() -> MergeConfig {
+    MergeConfig { imu_period_s: Some(0.005), ..Default::default() }
 }
 
 fn times(m: &Merged<u32, u32>) -> Vec<f64> {
@@ -113,7 +113,7 @@ fn a_real_hole_of_seconds_is_believed_when_the_stream_goes_on_and_noted() {
 
 #[test]
 fn the_offset_moves_the_imu_into_the_clock_of_the_images() {
-    let mut m = merge(MergeSetting { imu_offset_s: 0.0015, ..with_imu() });
+    let mut m = merge(MergeConfig { imu_offset_s: 0.0015, ..with_imu() });
     m.push_image(0, ms(10.0), 1).unwrap();
     m.push_imu(sample(8.4)).unwrap();
     assert_eq!(m.lacks(), Some(Stream::Imu));
@@ -134,7 +134,7 @@ fn the_first_image_has_a_second_of_samples_before_it() {
 
 #[test]
 fn two_cameras_make_one_instant_and_the_unpaired_go() {
-    let mut m = merge(MergeSetting { cameras: 2, same_instant_s: 0.001, ..Default::default() });
+    let mut m = merge(MergeConfig { cameras: 2, same_instant_s: 0.001, ..Default::default() });
     m.push_image(0, ms(0.0), 10).unwrap();
     assert_eq!(m.lacks(), Some(Stream::Camera(1)));
     m.push_image(1, ms(0.4), 20).unwrap();
@@ -157,7 +157,7 @@ fn two_cameras_make_one_instant_and_the_unpaired_go() {
 
 #[test]
 fn depth_joins_its_image_and_is_not_waited_for_long() {
-    let mut m = merge(MergeSetting { depth: true, same_instant_s: 0.010, ..Default::default() });
+    let mut m = merge(MergeConfig { depth: true, same_instant_s: 0.010, ..Default::default() });
     m.push_image(0, ms(0.0), 1).unwrap();
     assert_eq!(m.lacks(), Some(Stream::Depth));
     m.push_depth(ms(6.0), 100).unwrap();
@@ -219,8 +219,8 @@ fn order_of_arrival_does_not_matter() {
         };
         let mut order = items.clone();
         order.sort_by(|a, b| (time(a) + delay(a)).total_cmp(&(time(b) + delay(b))));
-        let setting = MergeSetting { cameras: 2, depth: true, same_instant_s: 0.001, ..with_imu() };
-        let (mut m, mut out) = (merge(setting), Vec::new());
+        let config = MergeConfig { cameras: 2, depth: true, same_instant_s: 0.001, ..with_imu() };
+        let (mut m, mut out) = (merge(config), Vec::new());
         for item in order {
             match item {
                 Item::Image(c, t) => m.push_image(c, ms(t), (t * 10.0) as u32).unwrap(),

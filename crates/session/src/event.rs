@@ -57,8 +57,8 @@ pub fn rank(priority: Priority) -> u8 {
 /// The name of a sound, for pages and files.
 pub fn earcon_name(earcon: Earcon) -> &'static str {
     match earcon {
-        Earcon::OnCourse => "on-course",
-        Earcon::OffCourse => "off-course",
+        Earcon::OnCourse => "on-reference_path",
+        Earcon::OffCourse => "off-reference_path",
         Earcon::Turn => "turn",
         Earcon::Waypoint => "waypoint",
         Earcon::Arrival => "arrival",

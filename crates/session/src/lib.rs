@@ -1,24 +1,24 @@
 #![doc = include_str!("../README.md")]
 
 mod command;
-mod course;
 mod disk;
 mod drive;
 mod event;
 mod inbox;
 mod ready;
 mod recording;
+mod reference_path;
 mod script;
 mod session;
 mod status;
 
 pub use command::{Command, HELP};
-pub use course::{Course, standing};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Face, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use inbox::{Inbox, Item, feed};
 pub use ready::{landmarks_in_view, readiness};
+pub use reference_path::{ReferencePath, standing};
 pub use script::{Script, ScriptError, When};
-pub use session::{Session, SessionSetting};
-pub use status::{GuidingStatus, RecordingStatus, Status, View, WayStatus};
+pub use session::{Session, SessionConfig};
+pub use status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};

@@ -1,12 +1,12 @@
 //! A recording under way: the recorder, its patient file, and what the walker is told about it.
 
-use crate::course::standing;
 use crate::disk::{Disk, PatientFile, Trouble};
-use cairn_atlas::Map;
+use crate::reference_path::standing;
+use cairn_atlas::Snapshot;
 use cairn_geometry::{Sim3, Vec3};
 use cairn_guide::{
-    Confidence, Ground, RecordInput, Recorder, RecorderEvent, RecorderSetting, Stretch, Way, WayHeader,
-    WayWriter,
+    Confidence, Ground, RecordInput, Recorder, RecorderConfig, RecorderEvent, Route, RouteHeader,
+    RouteWriter, Stretch,
 };
 use cairn_sensor::Stamp;
 use std::io;
@@ -29,17 +29,17 @@ impl Recording {
     pub fn begin(
         disk: &dyn Disk,
         path: &Path,
-        map: &Map,
+        map: &Snapshot,
         metric: bool,
         source: &str,
     ) -> (Self, Option<String>) {
         let ground = ground_of(map);
-        let header = WayHeader::new(metric, &ground, source);
-        let recorder = Recorder::new(RecorderSetting::default(), metric, &ground, source);
+        let header = RouteHeader::new(metric, &ground, source);
+        let recorder = Recorder::new(RecorderConfig::default(), metric, &ground, source);
         let opened = disk.create(path).and_then(|file| {
             let file = PatientFile::new(file);
             let trouble = file.trouble();
-            WayWriter::new(Box::new(file), &header).map(|w| (w, trouble))
+            RouteWriter::new(Box::new(file), &header).map(|w| (w, trouble))
         });
         let plain = |recorder, trouble, path| Self {
             recorder,
@@ -60,8 +60,8 @@ impl Recording {
 
     /// Goes on with a record that has a file already; what can not be written is kept in memory only.
     pub fn resume(recorder: Recorder, path: &Path) -> Self {
-        let points = &recorder.way().points;
-        let at = |p: &cairn_guide::WayPoint| p.odom_from_camera.translation;
+        let points = &recorder.route().points;
+        let at = |p: &cairn_guide::RoutePoint| p.odom_from_camera.translation;
         let length = points.windows(2).map(|w| (at(&w[1]) - at(&w[0])).norm()).sum();
         let last = points.last().map(|p| (p.stamp, at(p)));
         let gaps = points.iter().filter(|p| p.stretch == Stretch::Gap).count();
@@ -71,10 +71,10 @@ impl Recording {
 
     /// Takes a frame's pose; gives words for the walker, if any are due.
     pub fn observe(&mut self, input: &RecordInput) -> Option<&'static str> {
-        let before = self.recorder.way().points.len();
+        let before = self.recorder.route().points.len();
         // The file is patient: it keeps what it could not write, so there is no error here to lose a point by.
         let event = self.recorder.observe(input).ok().flatten();
-        if let Some(point) = self.recorder.way().points.get(before) {
+        if let Some(point) = self.recorder.route().points.get(before) {
             let at = point.odom_from_camera.translation;
             self.length += self.last.map_or(0.0, |(_, p)| (at - p).norm());
             self.last = Some((point.stamp, at));
@@ -101,15 +101,15 @@ impl Recording {
     }
 
     /// The map has found its scale: lengths are metres from now on, what was walked before too.
-    pub fn found_scale(&mut self, map: &Map) {
-        let placed = self.way().resolve(|a| standing(map, a));
+    pub fn found_scale(&mut self, map: &Snapshot) {
+        let anchored = self.route().resolve(|a| standing(map, a));
         let length = |poses: &mut dyn Iterator<Item = Vec3>| {
             let at: Vec<Vec3> = poses.collect();
             at.windows(2).map(|w| (w[1] - w[0]).norm()).sum::<f64>()
         };
-        let now = length(&mut placed.iter().map(|p| p.frame_from_camera.translation));
-        let before = length(&mut self.way().points.iter().map(|p| p.odom_from_camera.translation));
-        let last = placed.last().zip(self.way().points.last());
+        let now = length(&mut anchored.iter().map(|p| p.frame_from_camera.translation));
+        let before = length(&mut self.route().points.iter().map(|p| p.odom_from_camera.translation));
+        let last = anchored.last().zip(self.route().points.last());
         let carried = last.map_or(Sim3::identity(), |(to, from)| {
             let scale = if now > 0.0 && before > 0.0 { now / before } else { 1.0 };
             let (to, from) = (to.frame_from_camera, from.odom_from_camera);
@@ -119,12 +119,12 @@ impl Recording {
         // The file is patient: it keeps what it could not write.
         let _ = self.recorder.found_scale(carried, &ground_of(map));
         self.length = now;
-        self.last = placed.last().map(|p| (p.stamp, p.frame_from_camera.translation));
+        self.last = anchored.last().map(|p| (p.stamp, p.frame_from_camera.translation));
     }
 
     /// What is recorded so far.
-    pub fn way(&self) -> &Way {
-        self.recorder.way()
+    pub fn route(&self) -> &Route {
+        self.recorder.route()
     }
 
     /// Length as recorded, in units of the map.
@@ -143,10 +143,10 @@ impl Recording {
     }
 
     /// Ends: the way, its file, and an error when the file does not hold all of it.
-    pub fn finish(self) -> (Way, Option<PathBuf>, io::Result<()>) {
+    pub fn finish(self) -> (Route, Option<PathBuf>, io::Result<()>) {
         let trouble = self.trouble.clone();
-        let (way, synced) = self.recorder.finish();
-        if way.points.is_empty()
+        let (route, synced) = self.recorder.finish();
+        if route.points.is_empty()
             && let Some(path) = &self.path
         {
             let _ = std::fs::remove_file(path);
@@ -156,13 +156,13 @@ impl Recording {
             (Ok(()), Some(why)) => Err(io::Error::other(why)),
             (Ok(()), None) => Ok(()),
         };
-        (way, self.path, whole)
+        (route, self.path, whole)
     }
 }
 
 /// Which way is up in the poses to come: what the map knows, else as the first camera stands.
-fn ground_of(map: &Map) -> Ground {
-    if map.is_level_throughout() { Ground::z_up() } else { Ground::first_camera() }
+fn ground_of(map: &Snapshot) -> Ground {
+    if map.is_gravity_aligned_throughout() { Ground::z_up() } else { Ground::first_camera() }
 }
 
 /// Whether a frame counts as tracked.
@@ -170,25 +170,28 @@ pub(crate) fn tracked(input: &RecordInput) -> bool {
     input.confidence != Confidence::Lost
 }
 
-/// `way-0007.way`: one more than the highest number there is.
+/// `route-0007.route`: one more than the highest number there is.
 pub(crate) fn next_path(folder: &Path) -> PathBuf {
-    let highest = ways_in(folder).into_iter().filter_map(|(n, _)| n).max().unwrap_or(0);
-    folder.join(format!("way-{:04}.way", highest + 1))
+    let highest = routes_in(folder).into_iter().filter_map(|(n, _)| n).max().unwrap_or(0);
+    folder.join(format!("route-{:04}.route", highest + 1))
 }
 
 /// The way that was written last: by its number, else by its time.
 pub(crate) fn latest(folder: &Path) -> Option<PathBuf> {
     let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
-    let mut ways = ways_in(folder);
-    ways.sort_by(|(a, p), (b, q)| written(p).cmp(&written(q)).then(a.cmp(b)).then(p.cmp(q)));
-    ways.pop().map(|(_, path)| path)
+    let mut routes = routes_in(folder);
+    routes.sort_by(|(a, p), (b, q)| written(p).cmp(&written(q)).then(a.cmp(b)).then(p.cmp(q)));
+    routes.pop().map(|(_, path)| path)
 }
 
-fn ways_in(folder: &Path) -> Vec<(Option<u32>, PathBuf)> {
+fn routes_in(folder: &Path) -> Vec<(Option<u32>, PathBuf)> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
-    let number = |path: &Path| path.file_stem()?.to_str()?.strip_prefix("way-")?.parse::<u32>().ok();
+    let number = |path: &Path| {
+        let stem = path.file_stem()?.to_str()?;
+        stem.strip_prefix("route-").or_else(|| stem.strip_prefix("way-"))?.parse::<u32>().ok()
+    };
     (entries.flatten().map(|e| e.path()))
-        .filter(|p| p.extension().is_some_and(|e| e == "way") && p.is_file())
+        .filter(|p| p.extension().is_some_and(|e| e == "route" || e == "way") && p.is_file())
         .map(|p| (number(&p), p))
         .collect()
 }

@@ -6,16 +6,16 @@
 mod look;
 
 use crate::command::Command;
-use crate::course::Course;
 use crate::disk::{Disk, OwnDisk};
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::recording::{Recording, latest, next_path, tracked};
+use crate::reference_path::ReferencePath;
 use crate::status::Status;
 use cairn_engine::{Engine, Output, record_input};
 use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
 use cairn_guide::{
-    Announcer, AnnouncerSetting, Confidence, Cue, Facing, Guide, GuideInput, GuideSetting, GuideState,
-    PhraseSetting, Priority, RecordInput, Recorder, StopReason, Travel, Way, ready_words, wrap,
+    Announcer, AnnouncerConfig, Confidence, Cue, Facing, Guide, GuideConfig, GuideInput, GuideState,
+    PhraseConfig, Priority, RecordInput, Recorder, Route, StopReason, Travel, ready_words, wrap,
 };
 use cairn_sensor::{FramePacket, Stamp};
 use std::collections::VecDeque;
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 
 /// What a session goes by.
 #[derive(Clone, Debug)]
-pub struct SessionSetting {
+pub struct SessionConfig {
     /// Where ways are kept.
     pub folder: PathBuf,
     /// The file of the first recording; a free name in the folder without it.
@@ -38,22 +38,22 @@ pub struct SessionSetting {
     /// The map was loaded: ways from files lie on it.
     pub map_is_loaded: bool,
     /// How things are said.
-    pub phrases: PhraseSetting,
+    pub phrases: PhraseConfig,
     /// Rate, volume and patience of the voice.
-    pub announcer: AnnouncerSetting,
+    pub announcer: AnnouncerConfig,
 }
 
-impl Default for SessionSetting {
+impl Default for SessionConfig {
     fn default() -> Self {
         Self {
-            folder: PathBuf::from("ways"),
+            folder: PathBuf::from("routes"),
             record_to: None,
             source: String::new(),
             auto_record: None,
             facing: Facing::Home,
             map_is_loaded: false,
-            phrases: PhraseSetting::default(),
-            announcer: AnnouncerSetting::default(),
+            phrases: PhraseConfig::default(),
+            announcer: AnnouncerConfig::default(),
         }
     }
 }
@@ -65,7 +65,7 @@ const WAITS_FOR_WORDS_S: f64 = 12.0;
 
 /// A way that can be walked.
 struct Held {
-    way: Way,
+    route: Route,
     path: Option<PathBuf>,
     /// It hangs on the map of this session.
     here: bool,
@@ -74,16 +74,16 @@ struct Held {
 /// Guidance under way.
 struct Guiding {
     guide: Guide,
-    course: Course,
+    reference_path: ReferencePath,
     facing: Facing,
     asked: Stamp,
-    begun: bool,
+    map_created: bool,
 }
 
 /// One walk.
 pub struct Session {
     engine: Engine,
-    setting: SessionSetting,
+    config: SessionConfig,
     disk: Box<dyn Disk>,
     began: Option<Stamp>,
     now: Stamp,
@@ -94,8 +94,8 @@ pub struct Session {
     recording: Option<Recording>,
     auto_recorded: bool,
     /// Ways recorded in this session and ended, with their files.
-    recorded: Vec<(Option<PathBuf>, Way)>,
-    way: Option<Held>,
+    recorded: Vec<(Option<PathBuf>, Route)>,
+    route: Option<Held>,
     guiding: Option<Guiding>,
     voice: Announcer,
     /// Words pushed last, and the turn they ask for.
@@ -109,12 +109,12 @@ pub struct Session {
 
 impl Session {
     /// A session over an engine that has seen nothing yet (or has loaded its map).
-    pub fn new(engine: Engine, setting: SessionSetting) -> Self {
-        let voice = Announcer::new(setting.announcer);
+    pub fn new(engine: Engine, config: SessionConfig) -> Self {
+        let voice = Announcer::new(config.announcer);
         let status = Status { metric: engine.is_metric(), ..Status::default() };
         Self {
             engine,
-            setting,
+            config,
             disk: Box::new(OwnDisk),
             began: None,
             now: Stamp::default(),
@@ -124,7 +124,7 @@ impl Session {
             recording: None,
             auto_recorded: false,
             recorded: Vec::new(),
-            way: None,
+            route: None,
             guiding: None,
             voice,
             pushed: None,
@@ -189,7 +189,7 @@ impl Session {
             self.pose = Some((seen.stamp, seen.odom_from_camera.se3));
         }
         self.note(&output);
-        if output.placed.is_some() {
+        if output.anchored.is_some() {
             // The pose of the frame with which scale is found is still in the unit before.
             self.measure(output.metric && self.engine.is_metric());
         }
@@ -220,7 +220,7 @@ impl Session {
             Command::Stop => self.end_recording(),
             Command::Load(path) => self.load(path.as_deref()),
             Command::Guide { facing, again } => {
-                self.begin_guiding(facing.unwrap_or(self.setting.facing), *again)
+                self.begin_guiding(facing.unwrap_or(self.config.facing), *again)
             }
             Command::Halt => match self.guiding.take() {
                 Some(_) => Ok("Guidance has ended.".into()),
@@ -246,14 +246,14 @@ impl Session {
     }
 
     /// The way at hand, if there is one.
-    pub fn way(&self) -> Option<&Way> {
-        self.way.as_ref().map(|w| &w.way)
+    pub fn route(&self) -> Option<&Route> {
+        self.route.as_ref().map(|w| &w.route)
     }
 
     /// Every way recorded in this session, the one under way too, with its file.
-    pub fn recorded(&self) -> impl Iterator<Item = (Option<&Path>, &Way)> {
-        let ended = self.recorded.iter().map(|(path, way)| (path.as_deref(), way));
-        ended.chain(self.recording.iter().map(|r| (r.path.as_deref(), r.way())))
+    pub fn recorded(&self) -> impl Iterator<Item = (Option<&Path>, &Route)> {
+        let ended = self.recorded.iter().map(|(path, route)| (path.as_deref(), route));
+        ended.chain(self.recording.iter().map(|r| (r.path.as_deref(), r.route())))
     }
 
     /// Goes on with a record that has a file already, in the map it was recorded in.
@@ -301,11 +301,11 @@ impl Session {
     pub fn close(&mut self) -> Result<(), String> {
         self.guiding = None;
         let Some(recording) = self.recording.take() else { return Ok(()) };
-        let (way, path, whole) = recording.finish();
+        let (route, path, whole) = recording.finish();
         let name = path.as_ref().map_or_else(|| "the way".to_owned(), |p| p.display().to_string());
-        let points = way.points.len();
-        self.keep(&path, &way);
-        self.way = Some(Held { way, path, here: true });
+        let points = route.points.len();
+        self.keep(&path, &route);
+        self.route = Some(Held { route, path, here: true });
         whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
     }
 
@@ -315,25 +315,25 @@ impl Session {
         if !metric {
             return;
         }
-        if let Some(recording) = self.recording.as_mut().filter(|r| !r.way().header.metric) {
-            recording.found_scale(&self.engine.map());
+        if let Some(recording) = self.recording.as_mut().filter(|r| !r.route().header.metric) {
+            recording.found_scale(&self.engine.snapshot());
             self.say("Distances are known now.", Priority::Normal);
         }
-        if let Some(held) = self.way.as_mut().filter(|w| w.here && !w.way.header.metric) {
-            held.way.header.metric = true;
-            self.guiding.iter_mut().for_each(|g| g.course.found_scale());
+        if let Some(held) = self.route.as_mut().filter(|w| w.here && !w.route.header.metric) {
+            held.route.header.metric = true;
+            self.guiding.iter_mut().for_each(|g| g.reference_path.found_scale());
         }
     }
 
     /// How things are said: with distances where there are any.
-    fn phrases(&self) -> PhraseSetting {
-        let phrases = self.setting.phrases;
-        PhraseSetting { metric: phrases.metric && self.status.metric, ..phrases }
+    fn phrases(&self) -> PhraseConfig {
+        let phrases = self.config.phrases;
+        PhraseConfig { metric: phrases.metric && self.status.metric, ..phrases }
     }
 
-    fn keep(&mut self, path: &Option<PathBuf>, way: &Way) {
-        if !way.points.is_empty() {
-            self.recorded.push((path.clone(), way.clone()));
+    fn keep(&mut self, path: &Option<PathBuf>, route: &Route) {
+        if !route.points.is_empty() {
+            self.recorded.push((path.clone(), route.clone()));
         }
     }
 
@@ -365,20 +365,20 @@ impl Session {
     fn note(&mut self, output: &Output) {
         let s = &mut self.status;
         s.frames += 1;
-        s.tracked += usize::from(output.placed.is_some());
+        s.tracked += usize::from(output.anchored.is_some());
         (s.features, s.inliers) = (output.evidence.features, output.evidence.inliers);
-        s.step_ms = output.see_ms + output.track_ms;
-        let map = self.engine.map();
+        s.step_ms = output.extract_ms + output.track_ms;
+        let map = self.engine.snapshot();
         (s.key_frames, s.landmarks) = (map.key_frame_count(), map.landmark_count());
     }
 
     fn record(&mut self, seen: &RecordInput) {
-        let due = self.setting.auto_record.is_some_and(|n| self.status.tracked >= n);
+        let due = self.config.auto_record.is_some_and(|n| self.status.tracked >= n);
         if due
             && !self.auto_recorded
             && self.recording.is_none()
             && self.guiding.is_none()
-            && self.way.is_none()
+            && self.route.is_none()
         {
             self.auto_recorded = true;
             match self.begin_recording(None) {
@@ -398,15 +398,15 @@ impl Session {
             return Err("The way is being recorded already.".into());
         }
         self.auto_recorded = true;
-        let named = path.or_else(|| self.setting.record_to.take());
+        let named = path.or_else(|| self.config.record_to.take());
         if named.is_none() {
             // Where it can not be made, the recording says so.
-            let _ = std::fs::create_dir_all(&self.setting.folder);
+            let _ = std::fs::create_dir_all(&self.config.folder);
         }
-        let path = named.unwrap_or_else(|| next_path(&self.setting.folder));
+        let path = named.unwrap_or_else(|| next_path(&self.config.folder));
         let metric = self.status.metric;
         let (recording, trouble) =
-            Recording::begin(&*self.disk, &path, &self.engine.map(), metric, &self.setting.source);
+            Recording::begin(&*self.disk, &path, &self.engine.snapshot(), metric, &self.config.source);
         self.recording = Some(recording);
         Ok(match (trouble, metric) {
             (Some(why), _) => format!("Recording in memory only: {}: {why}.", path.display()),
@@ -418,12 +418,12 @@ impl Session {
     fn end_recording(&mut self) -> Result<String, String> {
         let recording = self.recording.take().ok_or("Nothing is being recorded.")?;
         let length = recording.length();
-        let (way, path, whole) = recording.finish();
-        if way.points.len() < 2 {
+        let (route, path, whole) = recording.finish();
+        if route.points.len() < 2 {
             return Err("Recording has ended. Nothing was recorded.".into());
         }
-        self.keep(&path, &way);
-        self.way = Some(Held { way, path, here: true });
+        self.keep(&path, &route);
+        self.route = Some(Held { route, path, here: true });
         whole.map_err(|e| {
             format!("Recording has ended, but the file is not whole: {e}. The way is kept in memory.")
         })?;
@@ -436,17 +436,17 @@ impl Session {
     fn load(&mut self, path: Option<&Path>) -> Result<String, String> {
         let path = match path {
             Some(path) => path.to_owned(),
-            None => latest(&self.setting.folder).ok_or("There is no recorded way to load.")?,
+            None => latest(&self.config.folder).ok_or("There is no recorded way to load.")?,
         };
-        if let Some(held) = self.way.as_ref().filter(|w| w.path.as_deref() == Some(&path)) {
-            return Ok(format!("The way is loaded, {} points.", held.way.points.len()));
+        if let Some(held) = self.route.as_ref().filter(|w| w.path.as_deref() == Some(&path)) {
+            return Ok(format!("The way is loaded, {} points.", held.route.points.len()));
         }
-        let way = Way::load(&path).map_err(|e| format!("The way can not be read: {e}."))?;
-        if way.points.len() < 2 {
+        let route = Route::load(&path).map_err(|e| format!("The way can not be read: {e}."))?;
+        if route.points.len() < 2 {
             return Err("That way has no points.".into());
         }
-        let words = format!("The way is loaded, {} points.", way.points.len());
-        self.way = Some(Held { way, path: Some(path), here: self.setting.map_is_loaded });
+        let words = format!("The way is loaded, {} points.", route.points.len());
+        self.route = Some(Held { route, path: Some(path), here: self.config.map_is_loaded });
         Ok(words)
     }
 
@@ -455,20 +455,21 @@ impl Session {
             self.end_recording()?;
         }
         self.measure(self.status.metric);
-        let held = self.way.as_ref().ok_or("There is no way to guide along: record or load one first.")?;
+        let held = self.route.as_ref().ok_or("There is no way to guide along: record or load one first.")?;
         if !held.here {
             return Err("That way belongs to a map that is not loaded.".into());
         }
         let travel = if again { Travel::Again } else { Travel::Home };
-        let course = Course::new(&self.engine.map(), &held.way, travel, self.now);
-        let route = course.route().map_err(|e| format!("There is no guidance: {e}."))?;
-        let setting = GuideSetting { facing, ..GuideSetting::default() };
-        let guide =
-            Guide::new(route, course.ground, setting).map_err(|e| format!("There is no guidance: {e}."))?;
+        let reference_path = ReferencePath::new(&self.engine.snapshot(), &held.route, travel, self.now);
+        let plan = reference_path.plan().map_err(|e| format!("There is no guidance: {e}."))?;
+        let config = GuideConfig { facing, ..GuideConfig::default() };
+        let guide = Guide::new(plan, reference_path.ground, config)
+            .map_err(|e| format!("There is no guidance: {e}."))?;
         // What the guide says first tells the length and how to go; before that, whether the map knows the way.
-        let ready = course.readiness(&self.engine.map(), self.engine.eye().model(), facing);
+        let ready =
+            reference_path.readiness(&self.engine.snapshot(), self.engine.front_end().model(), facing);
         let words = ready_words(&ready, &self.phrases());
-        self.guiding = Some(Guiding { guide, course, facing, asked: self.now, begun: false });
+        self.guiding = Some(Guiding { guide, reference_path, facing, asked: self.now, map_created: false });
         self.arrived = false;
         Ok(words)
     }
@@ -478,16 +479,16 @@ impl Session {
         let speaking = self.voice.is_speaking(now);
         let (Some(guiding), Some((pose_stamp, pose))) = (&mut self.guiding, self.pose) else { return };
         // What was just answered is not cut off by, and does not cost, the first words of guidance.
-        if !guiding.begun && speaking && now - guiding.asked < WAITS_FOR_WORDS_S {
+        if !guiding.map_created && speaking && now - guiding.asked < WAITS_FOR_WORDS_S {
             return;
         }
-        guiding.begun = true;
-        if let Some(held) = &self.way
-            && let Some(route) = guiding.course.moved(&self.engine.map(), &held.way, now)
+        guiding.map_created = true;
+        if let Some(held) = &self.route
+            && let Some(plan) = guiding.reference_path.moved(&self.engine.snapshot(), &held.route, now)
         {
-            guiding.guide.correct_route(route);
+            guiding.guide.correct_route(plan);
         }
-        let in_metres = Se3::new(pose.rotation, pose.translation * guiding.course.unit);
+        let in_metres = Se3::new(pose.rotation, pose.translation * guiding.reference_path.unit);
         let input = GuideInput {
             now,
             pose_stamp,
@@ -497,7 +498,7 @@ impl Session {
             hazard: self.dead.as_ref().map(|_| StopReason::StageDied),
         };
         let cue = guiding.guide.step(&input);
-        let ahead = bearing_of_way(guiding, &in_metres);
+        let ahead = bearing_of_route(guiding, &in_metres);
         let arrived = guiding.guide.state() == GuideState::Arrived;
         if let Some(cue) = cue {
             self.cue(&cue, ahead, now);
@@ -521,11 +522,11 @@ impl Session {
     }
 }
 
-/// Where the way goes on, seen from the walker's course: radians, positive left.
-fn bearing_of_way(guiding: &Guiding, pose: &Se3) -> f64 {
-    let stance = guiding.facing.stance(&guiding.course.ground, &Pose::new(*pose));
-    match (stance, guiding.guide.place()) {
-        (Some(stance), Some(place)) => wrap(stance.turn_to(place.heading)),
+/// Where the way goes on, seen from the walker's reference_path: radians, positive left.
+fn bearing_of_route(guiding: &Guiding, pose: &Se3) -> f64 {
+    let heading_kind = guiding.facing.heading_kind(&guiding.reference_path.ground, &Pose::new(*pose));
+    match (heading_kind, guiding.guide.place()) {
+        (Some(heading_kind), Some(place)) => wrap(heading_kind.turn_to(place.heading)),
         _ => 0.0,
     }
 }

@@ -33,7 +33,7 @@ pub struct Status {
     /// The recording, while there is one.
     pub recording: Option<RecordingStatus>,
     /// The way that can be walked, when there is one.
-    pub way: Option<WayStatus>,
+    pub route: Option<RouteStatus>,
     /// Guidance, while there is some.
     pub guiding: Option<GuidingStatus>,
     /// The last words.
@@ -57,7 +57,7 @@ pub struct RecordingStatus {
 
 /// A way at hand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct WayStatus {
+pub struct RouteStatus {
     /// The file's name.
     pub file: String,
     /// Points.
@@ -93,7 +93,7 @@ pub struct View {
     /// The way as recorded.
     pub recorded: Vec<[f32; 3]>,
     /// The cleaned way under guidance.
-    pub route: Vec<[f32; 3]>,
+    pub plan: Vec<[f32; 3]>,
     /// The camera: place, then the axes right, down and forward; none before the first pose.
     pub camera: Option<[[f32; 3]; 4]>,
 }

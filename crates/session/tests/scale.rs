@@ -1,9 +1,9 @@
 //! One eye and an inertial sensor: the way is begun before the scale is known, and is a way in metres at its end.
 
 use cairn_engine::{Config, Engine, Runner, SensorMode};
-use cairn_guide::{Facing, Way};
+use cairn_guide::{Facing, Route};
 use cairn_sensor::Source;
-use cairn_session::{Command, Event, Session, SessionSetting};
+use cairn_session::{Command, Event, Session, SessionConfig};
 use cairn_sim::SimSource;
 
 const HALL: &str =
@@ -17,8 +17,8 @@ fn a_way_begun_without_scale_ends_in_metres() {
     let rate_hz = source.info().rate_hz;
     let engine = Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
     let folder = std::env::temp_dir().join(format!("cairn-session-scale-{}", std::process::id()));
-    let setting = SessionSetting { folder: folder.clone(), ..SessionSetting::default() };
-    let mut session = Session::new(engine, setting);
+    let config = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
+    let mut session = Session::new(engine, config);
     let mut said = Vec::new();
     let mut hear = |session: &mut Session| {
         said.extend(session.events().into_iter().filter_map(|event| match event {
@@ -44,8 +44,8 @@ fn a_way_begun_without_scale_ends_in_metres() {
     // From the first recorded point on: what was walked before the scale was found counts in metres too.
     let length = session.status().recording.unwrap().length;
     session.command(&Command::Stop).unwrap();
-    let way = session.way().unwrap();
-    let [first, last] = [way.points[0].stamp, way.points[way.points.len() - 1].stamp];
+    let route = session.route().unwrap();
+    let [first, last] = [route.points[0].stamp, route.points[route.points.len() - 1].stamp];
     let truth: Vec<_> = source.info().truth.iter().filter(|(t, _)| (first..=last).contains(t)).collect();
     let walked: f64 =
         truth.windows(15).step_by(14).map(|w| (w[14].1.translation - w[0].1.translation).norm()).sum();
@@ -53,8 +53,8 @@ fn a_way_begun_without_scale_ends_in_metres() {
 
     // The file says so too, and guidance tells distances.
     let file = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
-    let kept = Way::load(&file).unwrap();
-    assert!(kept.header.metric && kept.points.len() == way.points.len());
+    let kept = Route::load(&file).unwrap();
+    assert!(kept.header.metric && kept.points.len() == route.points.len());
     session.command(&Command::Guide { facing: Some(Facing::Home), again: false }).unwrap();
     let guiding = session.status().guiding.unwrap();
     assert!((guiding.length_m / walked - 1.0).abs() < 0.15, "{} m of {walked} m", guiding.length_m);

@@ -6,10 +6,10 @@ mod small;
 
 use cairn_engine::{Config, Engine, Phase, Runner, SensorMode};
 use cairn_geometry::Se3;
-use cairn_guide::{Durable, Way};
+use cairn_guide::{Durable, Route};
 use cairn_sensor::{Camera, FramePacket, Stamp};
-use cairn_session::{Command, Disk, Event, Medium, Session, SessionSetting};
-use cairn_sim::{LiveRig, SimSensor, SimSetting, Walker, WorldKind};
+use cairn_session::{Command, Disk, Event, Medium, Session, SessionConfig};
+use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
 use small::Small;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,18 +21,18 @@ const RATE_HZ: f64 = 10.0;
 fn out() -> &'static [FramePacket] {
     static OUT: OnceLock<Vec<FramePacket>> = OnceLock::new();
     OUT.get_or_init(|| {
-        let setting = SimSetting {
+        let config = SimConfig {
             sensor: SimSensor::Rgbd,
             imu: None,
             camera: Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5),
             rate_hz: RATE_HZ,
             body_from_camera: Se3::identity(),
             walker: Walker { turn_rate: 0.8, ..Walker::default() },
-            ..SimSetting::new(WorldKind::Demo, 3)
+            ..SimConfig::new(WorldKind::Demo, 3)
         };
-        let mut rig = LiveRig::new(&setting).unwrap();
-        let way = rig.world().ways()[0].points.clone();
-        let motion = setting.walker.motion(&way);
+        let mut rig = LiveRig::new(&config).unwrap();
+        let route = rig.world().routes()[0].points.clone();
+        let motion = config.walker.motion(&route);
         let frames = (motion.end().min(16.0) * RATE_HZ) as usize;
         (0..frames)
             .map(|k| {
@@ -45,9 +45,9 @@ fn out() -> &'static [FramePacket] {
 
 fn engine() -> Engine {
     let camera = Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5);
-    let setting =
-        SimSetting { sensor: SimSensor::Rgbd, imu: None, camera, ..SimSetting::new(WorldKind::Demo, 3) };
-    Engine::new(&setting.rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap()
+    let config =
+        SimConfig { sensor: SimSensor::Rgbd, imu: None, camera, ..SimConfig::new(WorldKind::Demo, 3) };
+    Engine::new(&config.rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap()
 }
 
 fn folder(name: &str) -> PathBuf {
@@ -70,8 +70,8 @@ impl Walk {
     }
 
     fn named(name: &str) -> Self {
-        let setting = SessionSetting { folder: folder(name), ..SessionSetting::default() };
-        Self::new(Session::new(engine(), setting))
+        let config = SessionConfig { folder: folder(name), ..SessionConfig::default() };
+        Self::new(Session::new(engine(), config))
     }
 
     fn hear(&mut self) {
@@ -142,21 +142,19 @@ fn record_stop_guide_back_arrives_and_the_way_is_on_disk() {
     }
     assert!(walk.said.iter().any(|(_, words)| words.contains("Turn ")), "{transcript}");
     assert!(!transcript.contains("lost") && walk.sounds > 5, "{transcript}");
-    let on_disk = Way::load(&folder_of("whole").join("way-0001.way")).unwrap();
-    same(&on_disk, walk.session.way().unwrap());
+    let on_disk = Route::load(&folder_of("whole").join("route-0001.route")).unwrap();
+    same(&on_disk, walk.session.route().unwrap());
     // The latest way can be loaded; one of another day belongs to another map.
     assert!(walk.ask("load").unwrap().contains(&on_disk.points.len().to_string()));
     assert!(walk.ask("guide again").is_ok());
-    let mut other = Walk::new(Session::new(
-        engine(),
-        SessionSetting { folder: folder_of("whole"), ..Default::default() },
-    ));
+    let mut other =
+        Walk::new(Session::new(engine(), SessionConfig { folder: folder_of("whole"), ..Default::default() }));
     other.ask("load").unwrap();
     assert!(other.ask("guide home").unwrap_err().contains("map that is not loaded"));
 }
 
 /// The same points; reading makes rotations of norm one again, which may move their last digit.
-fn same(a: &Way, b: &Way) {
+fn same(a: &Route, b: &Route) {
     assert_eq!(a.points.len(), b.points.len());
     for (p, q) in a.points.iter().zip(&b.points) {
         let apart = p.odom_from_camera.inverse() * q.odom_from_camera;
@@ -191,7 +189,7 @@ fn when_the_stream_ends_stop_is_said_and_guidance_resumes_when_it_is_back() {
     assert!(walk.when("The picture is back.", gone).is_some(), "{}", walk.transcript());
     assert_eq!(walk.session.status().phase, Phase::Tracking);
     walk.ask("stop").unwrap();
-    let recorded = walk.session.way().unwrap().points.len();
+    let recorded = walk.session.route().unwrap().points.len();
     walk.ask("guide back").unwrap();
     let half = out().len() / 2;
     walk.see(out()[half..].iter().rev());
@@ -206,7 +204,7 @@ fn when_the_stream_ends_stop_is_said_and_guidance_resumes_when_it_is_back() {
     let resumed = walk.when("Tracking is back.", back).unwrap_or(f64::INFINITY);
     assert!(resumed - back < 2.0, "{}", walk.transcript());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
-    assert_eq!(walk.session.way().unwrap().points.len(), recorded);
+    assert_eq!(walk.session.route().unwrap().points.len(), recorded);
 }
 
 impl Disk for Small {
@@ -219,8 +217,8 @@ impl Disk for Small {
 fn a_full_disk_is_told_and_costs_no_point() {
     let disk = Small::default();
     disk.0.lock().unwrap().1 = 6000;
-    let setting = SessionSetting { folder: folder("disk"), ..SessionSetting::default() };
-    let mut walk = Walk::new(Session::new(engine(), setting).on_disk(Box::new(disk.clone())));
+    let config = SessionConfig { folder: folder("disk"), ..SessionConfig::default() };
+    let mut walk = Walk::new(Session::new(engine(), config).on_disk(Box::new(disk.clone())));
     walk.see(&out()[..1]);
     walk.ask("record").unwrap();
     walk.see(&out()[1..80]);
@@ -231,20 +229,20 @@ fn a_full_disk_is_told_and_costs_no_point() {
     );
     assert!(walk.session.status().recording.unwrap().trouble.is_some());
     // What is on the disk is whole lines.
-    let kept = Way::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
+    let kept = Route::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
     assert!(!kept.torn && kept.points.len() > 5);
     // Someone makes room.
     disk.0.lock().unwrap().1 = 10_000_000;
     walk.see(&out()[80..]);
     assert!(walk.when("The way is on disk again.", 0.0).is_some(), "{}", walk.transcript());
     walk.ask("stop").unwrap();
-    let whole = Way::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
-    same(&whole, walk.session.way().unwrap());
+    let whole = Route::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
+    same(&whole, walk.session.route().unwrap());
     // Full to the end: it is said, and the way home works all the same.
     let disk = Small::default();
     disk.0.lock().unwrap().1 = 3000;
-    let setting = SessionSetting { folder: folder("disk"), ..SessionSetting::default() };
-    let mut walk = Walk::new(Session::new(engine(), setting).on_disk(Box::new(disk)));
+    let config = SessionConfig { folder: folder("disk"), ..SessionConfig::default() };
+    let mut walk = Walk::new(Session::new(engine(), config).on_disk(Box::new(disk)));
     walk.see(&out()[..1]);
     walk.ask("record").unwrap();
     walk.see(&out()[1..]);
@@ -256,9 +254,8 @@ fn a_full_disk_is_told_and_costs_no_point() {
 
 #[test]
 fn a_live_walk_records_by_itself_after_a_hundred_tracked_frames() {
-    let setting =
-        SessionSetting { folder: folder("auto"), auto_record: Some(100), ..SessionSetting::default() };
-    let mut walk = Walk::new(Session::new(engine(), setting));
+    let config = SessionConfig { folder: folder("auto"), auto_record: Some(100), ..SessionConfig::default() };
+    let mut walk = Walk::new(Session::new(engine(), config));
     walk.see(&out()[..99]);
     assert!(!walk.session.is_recording());
     walk.see(&out()[99..120]);

@@ -5,7 +5,7 @@
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, DepthImage, GrayImage, Source};
-use cairn_sim::{Renderer, SimSensor, SimSetting, SimSource, World, WorldKind, WorldOptions};
+use cairn_sim::{Renderer, SimConfig, SimSensor, SimSource, World, WorldKind, WorldOptions};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -30,9 +30,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let build_ms = clock.ms() - begin;
         let mut renderer = Renderer::new(&world, camera)?;
         let (mut image, mut depth) = (GrayImage::new(640, 480), DepthImage::new(640, 480));
-        let way = &world.ways()[0];
+        let route = &world.routes()[0];
         let mut ms = Vec::new();
-        for s in way.points.windows(2) {
+        for s in route.points.windows(2) {
             let d = s[1] - s[0];
             let heading = d.y.atan2(d.x);
             for k in 0..40 {
@@ -50,11 +50,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 }
             }
         }
-        let mut setting = SimSetting::new(kind, 1);
-        setting.start_s = 3.0;
-        setting.duration_s = Some(2.0);
-        setting.sensor = SimSensor::Rgbd;
-        let mut source = SimSource::in_world(&setting, Arc::clone(&world))?;
+        let mut config = SimConfig::new(kind, 1);
+        config.start_s = 3.0;
+        config.duration_s = Some(2.0);
+        config.sensor = SimSensor::Rgbd;
+        let mut source = SimSource::in_map(&config, Arc::clone(&world))?;
         let begin = clock.ms();
         let mut packets = 0;
         while source.next_packet()?.is_some() {

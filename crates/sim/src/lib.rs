@@ -1,25 +1,25 @@
 #![doc = include_str!("../README.md")]
 
+mod config;
 mod effects;
-mod feel;
+mod imu_feed;
 mod live;
 mod random;
 mod render;
-mod setting;
 mod source;
 mod texture;
 mod walk;
 mod world;
 mod write;
 
+pub use config::{CameraPath, SimConfig, SimSensor};
 pub use effects::Effects;
 pub use live::LiveRig;
 pub use render::Renderer;
-pub use setting::{Route, SimSensor, SimSetting};
 pub use source::SimSource;
 pub use walk::{
-    Agreement, BodyState, GRAVITY_M_S2, ImuSetting, ImuTroubles, Motion, Stride, Walker, read_readings,
+    Agreement, BodyState, GRAVITY_M_S2, ImuConfig, ImuTroubles, Motion, Stride, Walker, read_readings,
     read_tum,
 };
-pub use world::{Figure, Passer, Way, World, WorldKind, WorldOptions};
+pub use world::{Figure, NamedRoute, Passer, World, WorldKind, WorldOptions};
 pub use write::{write_euroc, write_tum};

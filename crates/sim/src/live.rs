@@ -1,8 +1,8 @@
 //! A rig in a world that goes where it is told, frame by frame: for closed loops, and as the eye of [`crate::SimSource`].
 
+use crate::config::{SimConfig, SimSensor};
 use crate::effects::Sensor;
 use crate::render::Renderer;
-use crate::setting::{SimSensor, SimSetting};
 use crate::world::{Figure, Passer, World};
 use cairn_geometry::{Manifold, Se3};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigCamera, SourceError, Stamp};
@@ -53,7 +53,7 @@ impl Lens {
 
 /// The rig of a setting, moved by hand. It has no IMU: readings need a motion known ahead.
 pub struct LiveRig {
-    setting: SimSetting,
+    config: SimConfig,
     rig: Rig,
     world: Arc<World>,
     lenses: Vec<Lens>,
@@ -66,29 +66,29 @@ impl LiveRig {
     ///
     /// # Errors
     /// When the setting can not be simulated.
-    pub fn new(setting: &SimSetting) -> Result<Self, SourceError> {
-        setting.check()?;
-        let world = Arc::new(World::build(setting.world, setting.seed, &setting.options));
-        Self::in_world(setting, world)
+    pub fn new(config: &SimConfig) -> Result<Self, SourceError> {
+        config.check()?;
+        let world = Arc::new(World::build(config.world, config.seed, &config.options));
+        Self::in_map(config, world)
     }
 
     /// In a world that stands already (the setting's own world, seed and options are not looked at).
     ///
     /// # Errors
     /// When the setting can not be simulated.
-    pub fn in_world(setting: &SimSetting, world: Arc<World>) -> Result<Self, SourceError> {
-        setting.check()?;
-        let rig = Rig { imu: None, ..setting.rig() };
+    pub fn in_map(config: &SimConfig, world: Arc<World>) -> Result<Self, SourceError> {
+        config.check()?;
+        let rig = Rig { imu: None, ..config.rig() };
         let lens = |(i, camera): (usize, &RigCamera)| {
-            let renderer = Renderer::new(&world, setting.camera).map_err(|e| {
-                SourceError::new(format!("sim:{}", setting.world), e.to_string(), "correct the camera")
+            let renderer = Renderer::new(&world, config.camera).map_err(|e| {
+                SourceError::new(format!("sim:{}", config.world), e.to_string(), "correct the camera")
             })?;
-            let sensor = Sensor::new(&setting.camera, setting.effects, setting.seed, i as u64);
+            let sensor = Sensor::new(&config.camera, config.effects, config.seed, i as u64);
             Ok(Lens { renderer, sensor, body_from_camera: camera.body_from_camera })
         };
         let lenses = rig.cameras.iter().enumerate().map(lens).collect::<Result<_, SourceError>>()?;
-        let passers = passers(&world, setting.passers_by, setting.seed);
-        Ok(Self { setting: setting.clone(), rig, world, lenses, passers, last: None })
+        let passers = passers(&world, config.passers_by, config.seed);
+        Ok(Self { config: config.clone(), rig, world, lenses, passers, last: None })
     }
 
     /// The rig, without IMU.
@@ -108,7 +108,7 @@ impl LiveRig {
     pub fn packet(&mut self, stamp: Stamp, world_from_body: &Se3) -> Result<FramePacket, SourceError> {
         let fail = |why: String| {
             SourceError::new(
-                format!("sim:{}", self.setting.world),
+                format!("sim:{}", self.config.world),
                 why,
                 "give finite poses in increasing time",
             )
@@ -142,9 +142,9 @@ impl LiveRig {
         let gain = self.lenses.first_mut().map_or(1.0, |lens| lens.sensor.gain(stamp.seconds()));
         let people = |dt: &f64| self.passers.iter().map(|p| p.figure(stamp.seconds() + dt)).collect();
         let figures = times.iter().map(people).collect();
-        let size = (self.setting.camera.width, self.setting.camera.height);
+        let size = (self.config.camera.width, self.config.camera.height);
         let scene = Scene { pose_at, times, figures, gain, size };
-        let with_depth = self.setting.sensor == SimSensor::Rgbd;
+        let with_depth = self.config.sensor == SimSensor::Rgbd;
         let (mut images, mut depth) = (Vec::with_capacity(self.lenses.len()), None);
         if let Some((first, others)) = self.lenses.split_first_mut() {
             let scene = &scene;
@@ -168,14 +168,14 @@ impl LiveRig {
 
     /// Times from the stamp at which sub-frames are drawn: an odd number, about one for each 1.5 pixels of motion.
     fn sub_frames(&self, pose_at: &(dyn Fn(f64) -> Se3 + Sync)) -> Vec<f64> {
-        let blur = self.setting.effects.blur_s;
+        let blur = self.config.effects.blur_s;
         if blur <= 0.0 {
             return vec![0.0];
         }
         let moved = pose_at(-blur / 2.0).local(&pose_at(blur / 2.0));
-        let pixels = self.setting.camera.fx
-            * (moved.fixed_rows::<3>(3).norm() + moved.fixed_rows::<3>(0).norm() / 1.5);
-        let most = self.setting.effects.blur_frames.clamp(1, 64);
+        let pixels =
+            self.config.camera.fx * (moved.fixed_rows::<3>(3).norm() + moved.fixed_rows::<3>(0).norm() / 1.5);
+        let most = self.config.effects.blur_frames.clamp(1, 64);
         let n = ((pixels / 1.5).ceil() as usize).clamp(1, most) | 1;
         (0..n).map(|i| blur * ((i as f64 + 0.5) / n as f64 - 0.5)).collect()
     }
@@ -184,8 +184,8 @@ impl LiveRig {
 /// People who walk to and fro beside the straight legs of the world's first way.
 fn passers(world: &World, count: usize, seed: u64) -> Vec<Passer> {
     let mut random = crate::random::Random::new(seed, 0x9A55);
-    let Some(way) = world.ways().first() else { return Vec::new() };
-    let legs: Vec<_> = way.points.windows(2).filter(|w| (w[1] - w[0]).norm() > 2.0).collect();
+    let Some(route) = world.routes().first() else { return Vec::new() };
+    let legs: Vec<_> = route.points.windows(2).filter(|w| (w[1] - w[0]).norm() > 2.0).collect();
     if legs.is_empty() {
         return Vec::new();
     }

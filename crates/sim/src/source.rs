@@ -1,10 +1,10 @@
 //! A simulated recording as a [`Source`]: a rig carried along a motion, with exact truth.
 
-use crate::feel::{Feel, Readings};
+use crate::config::{CameraPath, SimConfig};
+use crate::imu_feed::{ImuFeed, Readings};
 use crate::live::LiveRig;
-use crate::setting::{Route, SimSetting};
 use crate::walk::{Agreement, ImuSim, Motion, Recorded, Troubled, read_readings, read_tum};
-use crate::world::{Way, World, WorldKind};
+use crate::world::{NamedRoute, World, WorldKind};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ pub struct SimSource {
     rig: Rig,
     info: SourceInfo,
     motion: Motion,
-    feel: Option<Feel>,
+    feel: Option<ImuFeed>,
     agreement: Option<Agreement>,
     epoch: Stamp,
     next: usize,
@@ -32,58 +32,58 @@ impl SimSource {
     ///
     /// # Errors
     /// When the setting can not be simulated, the way is not known, or the trajectory can not be read.
-    pub fn new(setting: &SimSetting) -> Result<Self, SourceError> {
-        let setting = fitted(setting)?;
-        Self::on(&setting, LiveRig::new(&setting)?)
+    pub fn new(config: &SimConfig) -> Result<Self, SourceError> {
+        let config = fitted(config)?;
+        Self::on(&config, LiveRig::new(&config)?)
     }
 
     /// In a world that stands already (worlds take long to build).
     ///
     /// # Errors
     /// As [`SimSource::new`].
-    pub fn in_world(setting: &SimSetting, world: Arc<World>) -> Result<Self, SourceError> {
-        Self::on(setting, LiveRig::in_world(setting, world)?)
+    pub fn in_map(config: &SimConfig, world: Arc<World>) -> Result<Self, SourceError> {
+        Self::on(config, LiveRig::in_map(config, world)?)
     }
 
-    /// From `sim:WORLD?key=value`; see [`SimSetting::parse`].
+    /// From `sim:WORLD?key=value`; see [`SimConfig::parse`].
     ///
     /// # Errors
-    /// As [`SimSource::new`] and [`SimSetting::parse`].
+    /// As [`SimSource::new`] and [`SimConfig::parse`].
     pub fn open(text: &str) -> Result<Self, SourceError> {
-        Self::new(&SimSetting::parse(text)?)
+        Self::new(&SimConfig::parse(text)?)
     }
 
-    fn on(setting: &SimSetting, live: LiveRig) -> Result<Self, SourceError> {
-        let name = format!("sim:{} seed {}", setting.world, setting.seed);
-        let Path { motion, epoch, readings, agreement } = path(setting, live.world())?;
-        let start = setting.start_s;
-        let length = (motion.end() - start).min(setting.duration_s.unwrap_or(f64::MAX));
+    fn on(config: &SimConfig, live: LiveRig) -> Result<Self, SourceError> {
+        let name = format!("sim:{} seed {}", config.world, config.seed);
+        let Path { motion, epoch, readings, agreement } = path(config, live.world())?;
+        let start = config.start_s;
+        let length = (motion.end() - start).min(config.duration_s.unwrap_or(f64::MAX));
         if length < 0.0 {
             let why = format!("start {start} s is past the end of the motion at {:.1} s", motion.end());
             return Err(SourceError::new(name, why, "choose an earlier start"));
         }
-        if length * setting.rate_hz > MOST_FRAMES {
-            let why = format!("{length:.0} s at {} Hz are more than {MOST_FRAMES} frames", setting.rate_hz);
+        if length * config.rate_hz > MOST_FRAMES {
+            let why = format!("{length:.0} s at {} Hz are more than {MOST_FRAMES} frames", config.rate_hz);
             return Err(SourceError::new(name, why, "give a duration"));
         }
-        let frames = (length * setting.rate_hz + 1e-6).floor() as usize + 1;
+        let frames = (length * config.rate_hz + 1e-6).floor() as usize + 1;
         // Shifted so that the first frame is the motion's time `start`.
         let epoch = Stamp(epoch.0 + (start * 1e9).round() as i64);
         let motion = motion.shifted(-start);
         let truth = (0..frames)
             .map(|i| {
-                let t = time(i, setting.rate_hz);
+                let t = time(i, config.rate_hz);
                 (Stamp(epoch.0 + t), motion.pose(t as f64 * 1e-9))
             })
             .collect();
-        let info = SourceInfo { name, frames: Some(frames), rate_hz: setting.rate_hz, truth, assumed: None };
-        let rig = setting.rig();
-        let feel = rig.imu.as_ref().zip(setting.imu).map(|(sensor, imu)| {
+        let info = SourceInfo { name, frames: Some(frames), rate_hz: config.rate_hz, truth, assumed: None };
+        let rig = config.rig();
+        let feel = rig.imu.as_ref().zip(config.imu).map(|(sensor, imu)| {
             let readings = match readings {
                 Some(list) => Readings::Recorded(list.into_iter()),
-                None => Readings::Simulated(Box::new(ImuSim::new(imu, setting.seed))),
+                None => Readings::Simulated(Box::new(ImuSim::new(imu, config.seed))),
             };
-            Feel::new(readings, Troubled::new(setting.troubles, setting.seed), sensor.rate_hz)
+            ImuFeed::new(readings, Troubled::new(config.troubles, config.seed), sensor.rate_hz)
         });
         Ok(Self { live, rig, info, motion, feel, agreement, epoch, next: 0 })
     }
@@ -136,10 +136,10 @@ impl Path {
 }
 
 /// An arena without a size gets that of the motion.
-fn fitted(setting: &SimSetting) -> Result<SimSetting, SourceError> {
-    let mut setting = setting.clone();
-    if let (WorldKind::Arena, None, Route::File(path)) =
-        (setting.world, setting.options.size_m, &setting.route)
+fn fitted(config: &SimConfig) -> Result<SimConfig, SourceError> {
+    let mut config = config.clone();
+    if let (WorldKind::Arena, None, CameraPath::File(path)) =
+        (config.world, config.options.size_m, &config.route)
     {
         let [low, high] = extent(&read_tum(path)?);
         let size = high - low;
@@ -152,9 +152,9 @@ fn fitted(setting: &SimSetting) -> Result<SimSetting, SourceError> {
                 "cut out what fits a room of 100 m",
             ));
         }
-        setting.options.size_m = Some([size[0], size[1], size[2].max(2.6)]);
+        config.options.size_m = Some([size[0], size[1], size[2].max(2.6)]);
     }
-    Ok(setting)
+    Ok(config)
 }
 
 /// The corners of the box around poses.
@@ -167,22 +167,22 @@ fn extent(poses: &[(Stamp, Se3)]) -> [Vec3; 2] {
 }
 
 /// The path that a setting asks for.
-fn path(setting: &SimSetting, world: &World) -> Result<Path, SourceError> {
-    let what = format!("sim:{}", setting.world);
-    match &setting.route {
-        Route::Way(name) => {
-            let way = match name {
-                Some(n) => world.way(n),
-                None => world.ways().first(),
+fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
+    let what = format!("sim:{}", config.world);
+    match &config.route {
+        CameraPath::Route(name) => {
+            let route = match name {
+                Some(n) => world.route(n),
+                None => world.routes().first(),
             };
-            let way = way.ok_or_else(|| {
-                let known: Vec<&str> = world.ways().iter().map(|w| w.name.as_str()).collect();
+            let route = route.ok_or_else(|| {
+                let known: Vec<&str> = world.routes().iter().map(|w| w.name.as_str()).collect();
                 let why = format!("there is no way \"{}\"", name.as_deref().unwrap_or(""));
                 SourceError::new(&what, why, format!("choose one of {}", known.join(", ")))
             })?;
-            Ok(Path::plain(setting.walker.motion(&way.points), EPOCH))
+            Ok(Path::plain(config.walker.motion(&route.points), EPOCH))
         }
-        Route::Points(points) => {
+        CameraPath::Points(points) => {
             if points.is_empty() || !points.iter().all(|p| p.x.abs() < 1e5 && p.y.abs() < 1e5) {
                 return Err(SourceError::new(
                     what,
@@ -190,13 +190,15 @@ fn path(setting: &SimSetting, world: &World) -> Result<Path, SourceError> {
                     "give corners in metres",
                 ));
             }
-            Ok(Path::plain(setting.walker.motion(points), EPOCH))
+            Ok(Path::plain(config.walker.motion(points), EPOCH))
         }
-        Route::Poses(poses) => Ok(Path::plain(Motion::through(poses)?, poses.first().map_or(EPOCH, |p| p.0))),
-        Route::File(file) => {
+        CameraPath::Poses(poses) => {
+            Ok(Path::plain(Motion::through(poses)?, poses.first().map_or(EPOCH, |p| p.0)))
+        }
+        CameraPath::File(file) => {
             let mut poses = read_tum(file)?;
-            let place = middle_of(world.ways().first());
-            let to = match setting.world {
+            let place = middle_of(world.routes().first());
+            let to = match config.world {
                 WorldKind::Arena => {
                     let [low, high] = extent(&poses);
                     Vec3::new(place.x, place.y, BELOW_M)
@@ -205,7 +207,7 @@ fn path(setting: &SimSetting, world: &World) -> Result<Path, SourceError> {
                 _ => place - poses.iter().map(|p| p.1.translation).sum::<Vec3>() / poses.len() as f64,
             };
             poses.iter_mut().for_each(|(_, pose)| *pose = Se3::new(pose.rotation, pose.translation + to));
-            let Some(readings) = setting.readings.as_ref().filter(|_| setting.imu.is_some()) else {
+            let Some(readings) = config.readings.as_ref().filter(|_| config.imu.is_some()) else {
                 return Ok(Path::plain(Motion::through(&poses)?, poses[0].0));
             };
             let readings = read_readings(readings)?;
@@ -216,11 +218,11 @@ fn path(setting: &SimSetting, world: &World) -> Result<Path, SourceError> {
 }
 
 /// The middle of a way's extent, at 1.4 m.
-fn middle_of(way: Option<&Way>) -> Vec3 {
-    let Some(way) = way else { return Vec3::new(0.0, 0.0, 1.4) };
+fn middle_of(route: Option<&NamedRoute>) -> Vec3 {
+    let Some(route) = route else { return Vec3::new(0.0, 0.0, 1.4) };
     let fold = |f: &dyn Fn(&cairn_geometry::Vec2) -> f64| {
-        let low = way.points.iter().map(f).fold(f64::MAX, f64::min);
-        let high = way.points.iter().map(f).fold(f64::MIN, f64::max);
+        let low = route.points.iter().map(f).fold(f64::MAX, f64::min);
+        let high = route.points.iter().map(f).fold(f64::MIN, f64::max);
         0.5 * (low + high)
     };
     Vec3::new(fold(&|p| p.x), fold(&|p| p.y), 1.4)

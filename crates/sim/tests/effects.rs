@@ -2,11 +2,11 @@
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{GrayImage, Stamp};
-use cairn_sim::{Effects, LiveRig, SimSensor, SimSetting, WorldKind, WorldOptions};
+use cairn_sim::{Effects, LiveRig, SimConfig, SimSensor, WorldKind, WorldOptions};
 
 /// The rig in the demo's first corridor with given effects.
 fn rig(effects: Effects) -> LiveRig {
-    let mut s = SimSetting::new(WorldKind::Demo, 2);
+    let mut s = SimConfig::new(WorldKind::Demo, 2);
     s.options = WorldOptions { detail: 0.4, ..Default::default() };
     s.sensor = SimSensor::Rgbd;
     s.effects = effects;

@@ -2,7 +2,7 @@
 
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage, GrayImage, Source};
-use cairn_sim::{Effects, Renderer, SimSetting, SimSource, Walker, World, WorldKind, WorldOptions};
+use cairn_sim::{Effects, Renderer, SimConfig, SimSource, Walker, World, WorldKind, WorldOptions};
 use std::sync::Arc;
 
 fn camera() -> Camera {
@@ -45,11 +45,11 @@ fn floor_and_wall_have_their_depth() {
 
 #[test]
 fn disparity_agrees_with_depth() {
-    let mut setting = SimSetting::new(WorldKind::Hall, 2);
-    setting.effects = Effects::none();
-    setting.duration_s = Some(0.0);
-    setting.start_s = 5.0;
-    let mut source = SimSource::new(&setting).unwrap();
+    let mut config = SimConfig::new(WorldKind::Hall, 2);
+    config.effects = Effects::none();
+    config.duration_s = Some(0.0);
+    config.start_s = 5.0;
+    let mut source = SimSource::new(&config).unwrap();
     let packet = source.next_packet().unwrap().unwrap();
     let mut r = Renderer::new(source.world(), camera()).unwrap();
     let (mut image, mut depth) = (GrayImage::new(1, 1), DepthImage::new(1, 1));
@@ -106,8 +106,8 @@ fn ways_keep_clear_of_walls_and_things() {
             let options = WorldOptions { look_alike: seed == 2, detail: 0.1, ..Default::default() };
             let world = World::build(kind, seed, &options);
             // "long" goes the first way's legs again and again.
-            for way in world.ways().iter().filter(|w| w.name != "long") {
-                let motion = Walker::default().motion(&way.points);
+            for route in world.routes().iter().filter(|w| w.name != "long") {
+                let motion = Walker::default().motion(&route.points);
                 let n = (motion.end() * 5.0) as usize;
                 for i in 0..n {
                     let p = motion.pose(i as f64 / 5.0).translation;
@@ -115,7 +115,7 @@ fn ways_keep_clear_of_walls_and_things() {
                     assert!(
                         clear > 0.35,
                         "{kind} seed {seed} way {}: {clear:.2} m at {:.2} {:.2}",
-                        way.name,
+                        route.name,
                         p.x,
                         p.y
                     );
@@ -129,8 +129,8 @@ fn ways_keep_clear_of_walls_and_things() {
 fn the_demo_is_about_forty_metres_with_three_turns() {
     for seed in 0..20 {
         let world = World::build(WorldKind::Demo, seed, &WorldOptions { detail: 0.05, ..Default::default() });
-        let way = world.way("out").unwrap();
-        assert_eq!(way.points.len(), 5);
-        assert!((35.0..46.0).contains(&way.length()), "{}", way.length());
+        let route = world.route("out").unwrap();
+        assert_eq!(route.points.len(), 5);
+        assert!((35.0..46.0).contains(&route.length()), "{}", route.length());
     }
 }

@@ -2,14 +2,14 @@
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{FramePacket, ImuSample, Source, Stamp};
-use cairn_sim::{Effects, GRAVITY_M_S2, LiveRig, Route, SimSetting, SimSource, WorldKind};
+use cairn_sim::{CameraPath, Effects, GRAVITY_M_S2, LiveRig, SimConfig, SimSource, WorldKind};
 
-fn small(text: &str) -> SimSetting {
-    SimSetting::parse(&format!("{text}&resolution=160x120&detail=0.2")).unwrap()
+fn small(text: &str) -> SimConfig {
+    SimConfig::parse(&format!("{text}&resolution=160x120&detail=0.2")).unwrap()
 }
 
-fn all(setting: &SimSetting) -> Vec<FramePacket> {
-    let mut source = SimSource::new(setting).unwrap();
+fn all(config: &SimConfig) -> Vec<FramePacket> {
+    let mut source = SimSource::new(config).unwrap();
     std::iter::from_fn(|| source.next_packet().unwrap()).collect()
 }
 
@@ -116,7 +116,7 @@ fn what_is_not_understood_is_said() {
 
 #[test]
 fn settings_that_can_not_be_are_refused() {
-    let spoil: [fn(&mut SimSetting); 9] = [
+    let spoil: [fn(&mut SimConfig); 9] = [
         |s| s.start_s = -1e300,
         |s| s.rate_hz = f64::NAN,
         |s| s.rate_hz = 1e9,
@@ -125,7 +125,7 @@ fn settings_that_can_not_be_are_refused() {
         |s| s.effects.noise = -1.0,
         |s| s.camera.fx = 0.0,
         |s| s.baseline_m = 0.0,
-        |s| s.route = Route::Points(vec![cairn_geometry::Vec2::new(f64::NAN, 0.0)]),
+        |s| s.route = CameraPath::Points(vec![cairn_geometry::Vec2::new(f64::NAN, 0.0)]),
     ];
     for (i, spoil) in spoil.iter().enumerate() {
         let mut s = small("sim:hall?rate=20");
@@ -135,7 +135,7 @@ fn settings_that_can_not_be_are_refused() {
     // Two poses a century apart: too many frames, told at once.
     let far = |t: i64| (Stamp(t * 1_000_000_000), Se3::identity());
     let mut s = small("sim:hall?rate=20");
-    s.route = Route::Poses(vec![far(0), far(1), far(3_000_000_000)]);
+    s.route = CameraPath::Poses(vec![far(0), far(1), far(3_000_000_000)]);
     assert!(SimSource::new(&s).is_err());
 }
 
@@ -150,7 +150,7 @@ fn follows_given_poses() {
     let poses: Vec<(Stamp, Se3)> =
         (0..10).map(|i| (Stamp(5_000_000_000 + 100_000_000 * i), pose(i))).collect();
     let mut s = small("sim:hall?effects=none&rate=10");
-    s.route = Route::Poses(poses.clone());
+    s.route = CameraPath::Poses(poses.clone());
     let source = SimSource::new(&s).unwrap();
     assert_eq!(source.info().truth.len(), 10);
     for ((a, p), (b, q)) in poses.iter().zip(&source.info().truth) {

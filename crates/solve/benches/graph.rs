@@ -6,7 +6,7 @@
 use cairn_geometry::{LieGroup, Se3, So3, Vec3};
 use cairn_solve::Loss;
 use cairn_solve::g2o::{Graph, read};
-use cairn_solve::graph::{GraphSetting, Method, PoseGraph, odometry_start};
+use cairn_solve::graph::{GraphConfig, Method, PoseGraph, odometry_start};
 use cairn_solve::sparse::{Analysis, Factor};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -63,11 +63,11 @@ fn time<G: LieGroup<D>, const D: usize>(name: &str, graph: &PoseGraph<G, D>) {
     odometry_start(&mut start);
     println!("{name}: {} vertices, {} edges", graph.values().len(), graph.edges().len());
     for method in [Method::GaussNewton, Method::LevenbergMarquardt] {
-        let setting = GraphSetting { method, ..GraphSetting::default() };
+        let config = GraphConfig { method, ..GraphConfig::default() };
         let mut told = String::new();
         repeat(&format!("{method:?}"), || {
             let mut graph = start.clone();
-            let report = graph.solve(&setting, || false);
+            let report = graph.solve(&config, || false);
             told = format!("{} iterations, cost {:.9}", report.iterations, report.cost_after);
         });
         println!("    {told}");
@@ -87,7 +87,7 @@ fn time<G: LieGroup<D>, const D: usize>(name: &str, graph: &PoseGraph<G, D>) {
     repeat("factor", || factor.factor(&diagonal, &off).expect("dominant"));
     let mut x = vec![1.0; rows * D];
     repeat("solve", || factor.solve(&mut x));
-    repeat("gradient and Hessian", || drop(graph.gradient(GraphSetting::default().metric)));
+    repeat("gradient and Hessian", || drop(graph.gradient(GraphConfig::default().metric)));
 }
 
 fn repeat(name: &str, mut run: impl FnMut()) {

@@ -31,7 +31,7 @@ const FLOOR: f64 = 1e-8;
 pub struct Bundle {
     /// The camera of all poses.
     pub camera: Pinhole,
-    /// `world_from_eye` of each pose.
+    /// `world_from_camera` of each pose.
     pub poses: Vec<Se3>,
     /// Poses that stay.
     pub fixed: Vec<bool>,
@@ -56,7 +56,7 @@ pub struct Bundle {
 
 /// How to solve.
 #[derive(Clone, Copy, Debug)]
-pub struct BundleSetting {
+pub struct BundleConfig {
     /// Steps at most, rejected ones too.
     pub iterations: usize,
     /// Whether Huber's loss is used.
@@ -65,7 +65,7 @@ pub struct BundleSetting {
     pub tolerance: f64,
 }
 
-impl Default for BundleSetting {
+impl Default for BundleConfig {
     fn default() -> Self {
         Self { iterations: 10, robust: true, tolerance: 1e-4 }
     }
@@ -81,7 +81,7 @@ struct Linear {
 impl Bundle {
     /// Squared whitened residual of an observation; infinite behind the eye.
     pub fn chi2(&self, o: &Observation) -> f64 {
-        let q = View::new(&self.poses[o.pose as usize]).to_eye(&self.points[o.point as usize]);
+        let q = View::new(&self.poses[o.pose as usize]).to_camera(&self.points[o.point as usize]);
         match self.camera.residual(&q, &shifted(&o.pixel, self.right_offset)) {
             Some(r) => (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight,
             None => f64::INFINITY,
@@ -103,7 +103,7 @@ impl Bundle {
     }
 
     /// Lowers the cost; asks `stop` before each step.
-    pub fn solve(&mut self, setting: &BundleSetting, mut stop: impl FnMut() -> bool) -> Report {
+    pub fn solve(&mut self, config: &BundleConfig, mut stop: impl FnMut() -> bool) -> Report {
         let slot = self.slots();
         let free = slot.iter().flatten().count();
         let mut report =
@@ -116,12 +116,12 @@ impl Bundle {
             self.points.len(),
             self.observations.iter().map(|o| (o.point as usize, slot[o.pose as usize])),
         );
-        let mut linear = self.linearise(&slot, free, setting.robust);
+        let mut linear = self.linearise(&slot, free, config.robust);
         let mut cost_now = linear.normal.cost;
         report.cost_before = cost_now;
         report.stop = Stop::Iterations;
         let (mut lambda, mut growth) = (1e-5, 2.0);
-        while report.iterations < setting.iterations {
+        while report.iterations < config.iterations {
             if stop() {
                 report.stop = Stop::Interrupted;
                 break;
@@ -136,7 +136,7 @@ impl Bundle {
             let accepted = step.and_then(|step| {
                 let offset = self.right_offset + step.border;
                 let (poses, points) = self.moved(&slot, &step);
-                let cost = self.cost(&poses, &points, offset, setting.robust);
+                let cost = self.cost(&poses, &points, offset, config.robust);
                 (cost < cost_now && cost.is_finite()).then_some((poses, points, offset, cost))
             });
             match accepted {
@@ -147,12 +147,12 @@ impl Bundle {
                     self.poses = poses;
                     self.points = points;
                     (lambda, growth) = ((lambda / 5.0).max(1e-9), 2.0);
-                    if gain < setting.tolerance {
+                    if gain < config.tolerance {
                         report.stop = Stop::Converged;
                         break;
                     }
-                    if report.iterations < setting.iterations {
-                        linear = self.linearise(&slot, free, setting.robust);
+                    if report.iterations < config.iterations {
+                        linear = self.linearise(&slot, free, config.robust);
                     }
                 }
                 None => {
@@ -198,7 +198,7 @@ impl Bundle {
         let views: Vec<View> = poses.iter().map(View::new).collect();
         let mut cost = 0.5 * self.offset_information() * (offset - self.right_offset_before).powi(2);
         for o in self.observations.iter().filter(|o| o.weight > 0.0) {
-            let q = views[o.pose as usize].to_eye(&points[o.point as usize]);
+            let q = views[o.pose as usize].to_camera(&points[o.point as usize]);
             let Some(r) = self.camera.residual(&q, &shifted(&o.pixel, offset)) else { return f64::INFINITY };
             let chi2 = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight;
             cost += 0.5 * if robust { huber(chi2, Self::bound(o)).0 } else { chi2 };
@@ -327,8 +327,8 @@ mod tests {
     #[test]
     fn returns_to_the_truth() {
         let (mut bundle, truth) = disturbed();
-        let setting = BundleSetting { iterations: 20, robust: true, tolerance: 1e-12 };
-        let report = bundle.solve(&setting, || false);
+        let config = BundleConfig { iterations: 20, robust: true, tolerance: 1e-12 };
+        let report = bundle.solve(&config, || false);
         assert!(report.cost_after < 1e-8 * report.cost_before, "{report:?}");
         for (found, truth) in bundle.poses.iter().zip(&truth) {
             assert!(found.local(truth).norm() < 1e-5);
@@ -337,7 +337,7 @@ mod tests {
 
     #[test]
     fn what_is_known_of_the_disparity_counts_and_its_information_is_the_curvature() {
-        let setting = BundleSetting { iterations: 60, robust: false, tolerance: 1e-15 };
+        let config = BundleConfig { iterations: 60, robust: false, tolerance: 1e-15 };
         let off = |before: f64, sigma: f64| {
             let (mut bundle, truth) = disturbed();
             bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
@@ -345,8 +345,8 @@ mod tests {
             (bundle.poses[5], bundle.fixed[5]) = (truth[5], true);
             (bundle.right_offset, bundle.right_offset_before) = (before, before);
             bundle.right_offset_sigma = sigma;
-            bundle.solve(&setting, || false);
-            let cost = bundle.solve(&BundleSetting { iterations: 1, ..setting }, || false).cost_after;
+            bundle.solve(&config, || false);
+            let cost = bundle.solve(&BundleConfig { iterations: 1, ..config }, || false).cost_after;
             (bundle.right_offset, bundle.right_offset_information, cost)
         };
         let (held, ..) = off(0.1, 1e-6);
@@ -368,23 +368,23 @@ mod tests {
         }
         // Hardly a prior: the data alone shall tell.
         bundle.right_offset_sigma = 1000.0;
-        let setting = BundleSetting { iterations: 40, robust: true, tolerance: 1e-14 };
-        let report = bundle.solve(&setting, || false);
+        let config = BundleConfig { iterations: 40, robust: true, tolerance: 1e-14 };
+        let report = bundle.solve(&config, || false);
         assert!((bundle.right_offset - 0.3).abs() < 1e-3, "{} {report:?}", bundle.right_offset);
         assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-3));
     }
 
     #[test]
     fn a_disparity_that_is_held_is_asked_about_and_moves_nothing() {
-        let setting = BundleSetting { iterations: 40, robust: false, tolerance: 1e-14 };
+        let config = BundleConfig { iterations: 40, robust: false, tolerance: 1e-14 };
         let with = |sigma: f64, held: bool| {
             let (mut bundle, truth) = disturbed();
             bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
             (bundle.poses[5], bundle.fixed[5]) = (truth[5], true);
             (bundle.right_offset_sigma, bundle.right_offset_held) = (sigma, held);
-            bundle.solve(&setting, || false);
+            bundle.solve(&config, || false);
             // Once more from where it is solved: there the linear model tells what is asked.
-            bundle.solve(&setting, || false);
+            bundle.solve(&config, || false);
             bundle
         };
         let (without, held, free) = (with(0.0, false), with(1e3, true), with(1e3, false));
@@ -399,7 +399,7 @@ mod tests {
     fn an_interrupt_keeps_the_state_usable() {
         let (mut bundle, _) = disturbed();
         let mut calls = 0;
-        let report = bundle.solve(&BundleSetting::default(), || {
+        let report = bundle.solve(&BundleConfig::default(), || {
             calls += 1;
             calls > 2
         });
@@ -411,7 +411,7 @@ mod tests {
     fn a_point_behind_an_eye_is_left_out() {
         let (mut bundle, _) = disturbed();
         bundle.points[3] = Vec3::new(0.0, 0.0, -5.0);
-        let report = bundle.solve(&BundleSetting::default(), || false);
+        let report = bundle.solve(&BundleConfig::default(), || false);
         assert!(report.cost_after.is_finite() && report.cost_after < report.cost_before);
     }
 }

@@ -8,8 +8,8 @@
 
 pub mod bal;
 mod bundle;
+mod chow_test;
 mod descent;
-mod disagree;
 pub mod g2o;
 pub mod graph;
 mod pose_only;
@@ -21,9 +21,9 @@ mod schur;
 pub mod sparse;
 mod text;
 
-pub use bundle::{Bundle, BundleSetting, Observation};
-pub use disagree::disagreement;
-pub use pose_only::{PointMatch, PoseOnly, PoseOnlySetting, PosePrior};
+pub use bundle::{Bundle, BundleConfig, Observation};
+pub use chow_test::chow_test;
+pub use pose_only::{PointMatch, PoseOnly, PoseOnlyConfig, PosePrior};
 pub use report::{Report, Stop};
 pub use reprojection::{Linear, Pinhole, Pixel};
 pub use robust::{CHI2_2, CHI2_3, CHI2_95, Loss, huber};

@@ -23,21 +23,21 @@ pub struct PointMatch {
 #[derive(Clone, Copy, Debug)]
 pub struct PosePrior {
     /// The pose.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
     /// Information over (translation, rotation) of the eye.
     pub information: SMatrix<f64, 6, 6>,
 }
 
 /// How to solve.
 #[derive(Clone, Copy, Debug)]
-pub struct PoseOnlySetting {
+pub struct PoseOnlyConfig {
     /// Rounds of solving and judging; the loss is robust in all but the last two.
     pub rounds: usize,
     /// Steps a round at most.
     pub iterations: usize,
 }
 
-impl Default for PoseOnlySetting {
+impl Default for PoseOnlyConfig {
     fn default() -> Self {
         Self { rounds: 4, iterations: 6 }
     }
@@ -47,7 +47,7 @@ impl Default for PoseOnlySetting {
 #[derive(Clone, Debug)]
 pub struct PoseOnly {
     /// Where the eye is.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
     /// For each match, whether its residual lies within the bound.
     pub inlier: Vec<bool>,
     /// The information matrix at the solution over (translation, rotation) of the eye, that of the prior included.
@@ -63,7 +63,7 @@ impl PoseOnly {
         guess: &Se3,
         matches: &[PointMatch],
         prior: Option<&PosePrior>,
-        setting: &PoseOnlySetting,
+        config: &PoseOnlyConfig,
     ) -> Self {
         let normal_equations = |pose: &Se3, inlier: &[bool], robust: bool| {
             let seen = normal_equations(camera, pose, matches, inlier, robust);
@@ -77,15 +77,15 @@ impl PoseOnly {
         let mut information = SMatrix::zeros();
         let mut report =
             Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
-        for round in 0..setting.rounds {
-            let robust = round + 2 < setting.rounds;
+        for round in 0..config.rounds {
+            let robust = round + 2 < config.rounds;
             let mut normal = normal_equations(&pose, &inlier, robust);
             if round == 0 {
                 report.cost_before = normal.cost;
             }
             let mut lambda = 1e-6;
             report.stop = Stop::Iterations;
-            for _ in 0..setting.iterations {
+            for _ in 0..config.iterations {
                 report.iterations += 1;
                 let mut h = normal.h;
                 for k in 0..6 {
@@ -122,7 +122,7 @@ impl PoseOnly {
                 break;
             }
         }
-        Self { world_from_eye: pose, inlier, information, report }
+        Self { world_from_camera: pose, inlier, information, report }
     }
 
     /// Tells for each match whether its residual lies within the bound at a pose; returns for how many.
@@ -131,7 +131,7 @@ impl PoseOnly {
         let mut count = 0;
         for (m, ok) in matches.iter().zip(inlier) {
             *ok = camera
-                .residual(&view.to_eye(&m.point), &m.pixel)
+                .residual(&view.to_camera(&m.point), &m.pixel)
                 .is_some_and(|r| chi2(&r, m.weight) <= bound(&m.pixel));
             count += *ok as usize;
         }
@@ -156,7 +156,7 @@ pub(crate) struct Normal {
 impl Normal {
     /// The same with what was believed before; its Jacobian is taken as the identity, near enough to it.
     fn with(mut self, prior: &PosePrior, pose: &Se3) -> Self {
-        let off = prior.world_from_eye.local(pose);
+        let off = prior.world_from_camera.local(pose);
         let pull = prior.information * off;
         self.h += prior.information;
         self.b += pull;
@@ -221,8 +221,8 @@ mod tests {
             matches.push(PointMatch { point: truth * q, pixel, weight: 1.0 });
         }
         let guess = truth * Se3::new(So3::exp(&Vec3::new(0.03, -0.02, 0.04)), Vec3::new(0.1, 0.05, -0.1));
-        let found = PoseOnly::solve(&camera, &guess, &matches, None, &PoseOnlySetting::default());
-        assert!(truth.local(&found.world_from_eye).norm() < 1e-6, "{:?}", found.report);
+        let found = PoseOnly::solve(&camera, &guess, &matches, None, &PoseOnlyConfig::default());
+        assert!(truth.local(&found.world_from_camera).norm() < 1e-6, "{:?}", found.report);
         for (i, ok) in found.inlier.iter().enumerate() {
             assert_eq!(*ok, i % 5 != 0, "match {i}");
         }
@@ -231,9 +231,9 @@ mod tests {
     #[test]
     fn nothing_to_solve_is_told() {
         let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
-        let found = PoseOnly::solve(&camera, &Se3::identity(), &[], None, &PoseOnlySetting::default());
+        let found = PoseOnly::solve(&camera, &Se3::identity(), &[], None, &PoseOnlyConfig::default());
         assert_eq!(found.report.inliers, 0);
-        assert!(found.world_from_eye.is_finite());
+        assert!(found.world_from_camera.is_finite());
     }
 
     /// Two points leave most of a pose open; what was believed before fills it in, and counts for little where much is seen.
@@ -250,11 +250,11 @@ mod tests {
             })
             .collect();
         let believed = truth * Se3::new(So3::exp(&Vec3::new(0.01, 0.0, 0.0)), Vec3::new(0.0, 0.02, 0.0));
-        let prior = PosePrior { world_from_eye: believed, information: SMatrix::identity() * 1e3 };
+        let prior = PosePrior { world_from_camera: believed, information: SMatrix::identity() * 1e3 };
         let solve = |matches: &[PointMatch]| {
             let found =
-                PoseOnly::solve(&camera, &believed, matches, Some(&prior), &PoseOnlySetting::default());
-            (truth.local(&found.world_from_eye).norm(), found.report.inliers)
+                PoseOnly::solve(&camera, &believed, matches, Some(&prior), &PoseOnlyConfig::default());
+            (truth.local(&found.world_from_camera).norm(), found.report.inliers)
         };
         let (few, many) = (solve(&matches[..2]), solve(&matches));
         assert!(few.0 < 0.025 && few.1 == 2, "{few:?}");

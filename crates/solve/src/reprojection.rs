@@ -1,6 +1,6 @@
 //! The reprojection residual of an ideal pinhole, with or without a right image, and its Jacobians.
 //!
-//! With `q = world_from_eye^-1 * p`, the prediction is `u = fx q.x / q.z + cx`, `v = fy q.y / q.z + cy`, and minus the disparity,
+//! With `q = world_from_camera^-1 * p`, the prediction is `u = fx q.x / q.z + cx`, `v = fy q.y / q.z + cy`, and minus the disparity,
 //! `u_right - u = -baseline_fx / q.z`. The disparity and not `u_right`, because a right image is aligned to what the left one shows
 //! (and depth is read where the left one shows it): where a corner is off its place, its partner is off as much, and the two are
 //! no two looks at the place. Perturbing the pose on the right by `(t, w)` moves `q` by
@@ -40,29 +40,29 @@ pub struct Linear {
 /// World-to-eye rotation and the eye's place, ready to project many points.
 #[derive(Clone, Copy)]
 pub(crate) struct View {
-    eye_from_world: Mat3,
+    camera_from_world: Mat3,
     centre: Vec3,
 }
 
 impl View {
-    pub fn new(world_from_eye: &Se3) -> Self {
+    pub fn new(world_from_camera: &Se3) -> Self {
         Self {
-            eye_from_world: world_from_eye.rotation.matrix().transpose(),
-            centre: world_from_eye.translation,
+            camera_from_world: world_from_camera.rotation.matrix().transpose(),
+            centre: world_from_camera.translation,
         }
     }
 
     #[inline(always)]
-    pub fn to_eye(self, p: &Vec3) -> Vec3 {
-        self.eye_from_world * (p - self.centre)
+    pub fn to_camera(self, p: &Vec3) -> Vec3 {
+        self.camera_from_world * (p - self.centre)
     }
 }
 
 impl Pinhole {
     /// Residual and Jacobians of a point seen from a pose, for solvers with more unknowns than poses and points; `None` behind
     /// the eye.
-    pub fn reproject(&self, world_from_eye: &Se3, point: &Vec3, pixel: &Pixel) -> Option<Linear> {
-        self.linearise(&View::new(world_from_eye), point, pixel)
+    pub fn reproject(&self, world_from_camera: &Se3, point: &Vec3, pixel: &Pixel) -> Option<Linear> {
+        self.linearise(&View::new(world_from_camera), point, pixel)
     }
 
     /// Measured minus predicted; `None` behind or at the eye.
@@ -80,7 +80,7 @@ impl Pinhole {
     /// Residual and Jacobians at a view and a point; `None` behind the eye.
     #[inline(always)]
     pub(crate) fn linearise(&self, view: &View, point: &Vec3, pixel: &Pixel) -> Option<Linear> {
-        let q = view.to_eye(point);
+        let q = view.to_camera(point);
         let residual = self.residual(&q, pixel)?;
         let inv = 1.0 / q.z;
         let inv2 = inv * inv;
@@ -90,7 +90,7 @@ impl Pinhole {
         let row_r = if pixel[2].is_nan() { [0.0; 3] } else { [0.0, 0.0, -self.baseline_fx * inv2] };
         let mut by_pose = [[0.0; 6]; 3];
         let mut by_point = [[0.0; 3]; 3];
-        let r = &rows(&view.eye_from_world);
+        let r = &rows(&view.camera_from_world);
         for (k, row) in [row_u, row_v, row_r].iter().enumerate() {
             let [a, b, c] = *row;
             by_pose[k] = [-a, -b, -c, b * q.z - c * q.y, c * q.x - a * q.z, a * q.y - b * q.x];

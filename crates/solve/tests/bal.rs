@@ -1,7 +1,7 @@
 //! BAL problems: a made one of some size returns to its truth; text is read, written, and refused with its line.
 
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
-use cairn_solve::bal::{Bal, BalCamera, BalObservation, BalSetting, read, write};
+use cairn_solve::bal::{Bal, BalCamera, BalConfig, BalObservation, read, write};
 use cairn_solve::{Loss, Stop};
 use proptest::prelude::*;
 
@@ -50,7 +50,7 @@ fn shaken(mut bal: Bal) -> Bal {
 #[test]
 fn fifty_cameras_and_five_thousand_points_return() {
     let mut bal = shaken(ring(50, 5000));
-    let report = bal.solve(&BalSetting::default(), || false);
+    let report = bal.solve(&BalConfig::default(), || false);
     // What is left is far below a thousandth of a pixel.
     assert!(report.cost_after < 1e-6 * bal.observations.len() as f64, "{report:?}");
     assert!(report.cost_before > 1e5, "{report:?}");
@@ -65,9 +65,9 @@ fn huber_lets_false_observations_go() {
         o.pixel += Vec2::new(80.0, -60.0);
     }
     let mut plain = bal.clone();
-    let setting = BalSetting { loss: Loss::Huber(1.0), ..BalSetting::default() };
-    bal.solve(&setting, || false);
-    plain.solve(&BalSetting::default(), || false);
+    let config = BalConfig { loss: Loss::Huber(1.0), ..BalConfig::default() };
+    bal.solve(&config, || false);
+    plain.solve(&BalConfig::default(), || false);
     // Medians of the errors at the true pixels.
     let median = |bal: &Bal| {
         let error = |o: &BalObservation| {
@@ -128,7 +128,7 @@ proptest! {
             text.splice(at..end, put.bytes());
         }
         if let Ok(mut bal) = read(&String::from_utf8_lossy(&text)) {
-            bal.solve(&BalSetting { iterations: 3, ..BalSetting::default() }, || false);
+            bal.solve(&BalConfig { iterations: 3, ..BalConfig::default() }, || false);
             prop_assert!(read(&write(&bal)).is_ok());
         }
     }
@@ -138,7 +138,7 @@ proptest! {
         let mut bal = shaken(ring(6, 40));
         let before = bal.cost(Loss::Squared);
         let mut asked = 0;
-        let report = bal.solve(&BalSetting::default(), || {
+        let report = bal.solve(&BalConfig::default(), || {
             asked += 1;
             asked > after
         });

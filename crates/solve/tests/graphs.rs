@@ -1,7 +1,7 @@
 //! Random graphs of every group: truth is recovered, gradients are those of the cost, cancelling leaves a valid state.
 
 use cairn_geometry::{LieGroup, Manifold, Se2, Se3, Sim3, So2, So3, Vec3, YawPose};
-use cairn_solve::graph::{GraphSetting, Method, Metric, PoseGraph, Rigid, chordal_start, odometry_start};
+use cairn_solve::graph::{GraphConfig, Method, Metric, PoseGraph, Rigid, chordal_start, odometry_start};
 use cairn_solve::{Loss, Stop};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
@@ -94,8 +94,8 @@ fn recovers<G: Drawn<D>, const D: usize>(seed: u64, n: usize) -> Result<(), Test
     for method in [Method::GaussNewton, Method::LevenbergMarquardt] {
         for metric in [Metric::Geodesic, Metric::Chordal] {
             let (mut graph, truth) = walk::<G, D>(seed, n, 0.1);
-            let setting = GraphSetting { method, metric, ..GraphSetting::default() };
-            let report = graph.solve(&setting, || false);
+            let config = GraphConfig { method, metric, ..GraphConfig::default() };
+            let report = graph.solve(&config, || false);
             prop_assert_eq!(report.stop, Stop::Converged, "{:?} {:?}: {:?}", method, metric, report);
             prop_assert!(largest_error(graph.values(), &truth) < 1e-6, "{method:?} {metric:?}: {report:?}");
             prop_assert_eq!(report.inliers, graph.edges().len());
@@ -182,7 +182,7 @@ proptest! {
         let method = if newton { Method::GaussNewton } else { Method::LevenbergMarquardt };
         let before = graph.cost(Metric::Geodesic);
         let mut asked = 0;
-        let report = graph.solve(&GraphSetting { method, ..GraphSetting::default() }, || {
+        let report = graph.solve(&GraphConfig { method, ..GraphConfig::default() }, || {
             asked += 1;
             asked > after
         });
@@ -197,7 +197,7 @@ proptest! {
     fn the_same_bits_every_time(seed: u64) {
         let run = || {
             let (mut graph, _) = walk::<Se3, 6>(seed, 50, 0.3);
-            graph.solve(&GraphSetting::default(), || false);
+            graph.solve(&GraphConfig::default(), || false);
             graph.values().to_vec()
         };
         prop_assert_eq!(run(), run());
@@ -213,7 +213,7 @@ fn fixed_vertices_stay_and_components_have_an_anchor_each() {
     let off = Se3::new(So3::exp(&Vec3::new(0.0, 0.1, 0.0)), Vec3::new(1.0, 2.0, 3.0));
     graph.add_edge(second, first, off, &SMatrix::identity(), Loss::Squared).expect("a proper edge");
     let before = graph.values().to_vec();
-    let report = graph.solve(&GraphSetting::default(), || false);
+    let report = graph.solve(&GraphConfig::default(), || false);
     assert_eq!(report.stop, Stop::Converged);
     for still in [0, first, alone] {
         assert_eq!(graph.values()[still], before[still]);
@@ -228,9 +228,9 @@ fn a_robust_loss_lets_a_false_loop_go() {
     let lie = Se3::new(So3::identity(), Vec3::new(5.0, 5.0, 0.0));
     graph.add_edge(3, 50, lie, &(SMatrix::identity() * 100.0), Loss::Squared).expect("a proper edge");
     let mut plain = graph.clone();
-    plain.solve(&GraphSetting::default(), || false);
+    plain.solve(&GraphConfig::default(), || false);
     graph.edges_mut().iter_mut().for_each(|e| e.loss = Loss::Cauchy(1.0));
-    let report = graph.solve(&GraphSetting::default(), || false);
+    let report = graph.solve(&GraphConfig::default(), || false);
     let (robust, plain) = (largest_error(graph.values(), &truth), largest_error(plain.values(), &truth));
     assert!(robust < 0.02 && plain > 5.0 * robust, "{robust} {plain} {report:?}");
     assert_eq!(report.inliers, graph.edges().len() - 1);
@@ -240,7 +240,7 @@ fn a_robust_loss_lets_a_false_loop_go() {
 fn what_makes_no_sense_is_refused() {
     use cairn_solve::graph::EdgeError;
     let mut graph = PoseGraph::<Se3, 6>::new();
-    assert_eq!(graph.solve(&GraphSetting::default(), || false).stop, Stop::Empty);
+    assert_eq!(graph.solve(&GraphConfig::default(), || false).stop, Stop::Empty);
     let a = graph.add_vertex(Se3::identity(), false);
     let b = graph.add_vertex(Se3::identity(), false);
     let one = SMatrix::<f64, 6, 6>::identity();
@@ -254,7 +254,7 @@ fn what_makes_no_sense_is_refused() {
     assert_eq!(add(b, at(0.0), one, Loss::Huber(0.0)), Err(EdgeError::Width));
     // No information at all: the system is singular, which is told.
     assert!(add(b, at(1.0), one * 0.0, Loss::Squared).is_ok());
-    let setting = GraphSetting { method: Method::GaussNewton, ..GraphSetting::default() };
-    assert_eq!(graph.solve(&setting, || false).stop, Stop::NoDescent);
+    let config = GraphConfig { method: Method::GaussNewton, ..GraphConfig::default() };
+    assert_eq!(graph.solve(&config, || false).stop, Stop::NoDescent);
     assert!(chordal_start(&mut graph).is_err());
 }

@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod ahead;
 mod decode;
 mod euroc;
 mod imu;
@@ -10,12 +9,13 @@ mod open;
 mod paced;
 mod picked;
 mod player;
+mod prefetch;
 mod recording;
 mod rig;
 mod seven_scenes;
 mod text;
 mod tum;
-mod watched;
+mod validator;
 
 pub use decode::gray as read_gray;
 pub use imu::read_imu;
@@ -24,4 +24,4 @@ pub use open::{OpenOptions, open};
 pub use paced::Paced;
 pub use picked::Picked;
 pub use rig::{NAMED_RIGS, NamedRig, named_rig, read_rig, read_rig_for, write_rig};
-pub use watched::{ImuWatch, Watched, doubts_of};
+pub use validator::{ImuWatch, Validator, doubts_of};

@@ -1,11 +1,11 @@
 //! Opening a source by its name: what kind it is, is found by looking.
 
-use crate::ahead::Ahead;
 use crate::player::Player;
+use crate::prefetch::Prefetch;
 use crate::recording::Recording;
 use crate::{euroc, kitti, live, seven_scenes, tum};
 use cairn_sensor::{Rig, Source, SourceError};
-use cairn_sim::{SimSetting, SimSource};
+use cairn_sim::{SimConfig, SimSource};
 use std::path::Path;
 
 /// How a source is to be read.
@@ -34,7 +34,7 @@ const KINDS: [Kind; 4] = [
 
 const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*)";
 
-/// Opens a recording, a simulated world (`sim:WORLD?key=value`, see [`SimSetting::KEYS`]) or video: a file, a camera
+/// Opens a recording, a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a camera
 /// (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits until someone sends. Packets are
 /// read on a thread, which ends when the source is dropped; what is live gives the newest picture.
 pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, SourceError> {
@@ -46,7 +46,7 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
         return Err(SourceError::new(source, "0 frames are asked for", "ask for at least one"));
     }
     if source.starts_with("sim:") {
-        return Ok(Box::new(Ahead::start(simulated(source, options)?)?));
+        return Ok(Box::new(Prefetch::start(simulated(source, options)?)?));
     }
     if let Some(video) = live::open(source, &options) {
         return video;
@@ -63,7 +63,7 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     let path = Path::new(source);
     let mut recording = (kind_of(path)?.index)(path, options.rig)?;
     recording.settle(options.start_s, options.frames)?;
-    Ok(Box::new(Ahead::start(Player::new(recording)?)?))
+    Ok(Box::new(Prefetch::start(Player::new(recording)?)?))
 }
 
 fn simulated(source: &str, options: OpenOptions) -> Result<SimSource, SourceError> {
@@ -71,13 +71,13 @@ fn simulated(source: &str, options: OpenOptions) -> Result<SimSource, SourceErro
         let cure = "leave the rig out, and choose the camera with sim:WORLD?key=value";
         return Err(SourceError::new(source, "a simulated world has a rig of its own", cure));
     }
-    let mut setting = SimSetting::parse(source)?;
-    setting.start_s += options.start_s;
+    let mut config = SimConfig::parse(source)?;
+    config.start_s += options.start_s;
     if let Some(frames) = options.frames {
-        let seconds = (frames - 1) as f64 / setting.rate_hz;
-        setting.duration_s = Some(setting.duration_s.map_or(seconds, |d| d.min(seconds)));
+        let seconds = (frames - 1) as f64 / config.rate_hz;
+        config.duration_s = Some(config.duration_s.map_or(seconds, |d| d.min(seconds)));
     }
-    SimSource::new(&setting)
+    SimSource::new(&config)
 }
 
 /// `rtsp` of `rtsp://...`; a drive letter is none.

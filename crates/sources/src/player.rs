@@ -4,7 +4,7 @@ use crate::decode;
 use crate::imu::ImuStream;
 use crate::recording::{Instant, Recording};
 use cairn_sensor::{
-    Camera, DepthImage, FramePacket, GrayImage, Merge, MergeSetting, Rig, Source, SourceError, SourceInfo,
+    Camera, DepthImage, FramePacket, GrayImage, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo,
     Stream,
 };
 use std::sync::Arc;
@@ -45,13 +45,13 @@ impl Player {
         let imu = imu.map(|path| ImuStream::open(&path)).transpose()?;
         let imu_period_s = rig.imu.as_ref().filter(|_| imu.is_some()).map(|sensor| 1.0 / sensor.rate_hz);
         let wait_s = f64::INFINITY;
-        let setting = MergeSetting { imu_period_s, imu_offset_s, wait_s, ..Default::default() };
+        let config = MergeConfig { imu_period_s, imu_offset_s, wait_s, ..Default::default() };
         let mut player = Self {
             info: SourceInfo { name, frames: Some(instants.len()), rate_hz, truth, assumed },
             rig,
             instants: instants.into_iter(),
             imu,
-            merge: Merge::new(setting),
+            merge: Merge::new(config),
             no_depth,
             ended: false,
             skipped: Vec::new(),

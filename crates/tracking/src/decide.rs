@@ -1,13 +1,13 @@
 //! Which frames become key frames.
 
 use crate::match_last::Matches;
-use cairn_atlas::{KeyFrameId, Map};
-use cairn_vision::{EyeModel, Frame};
+use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_vision::{Frame, RectifiedCamera};
 
 /// What the decision is made from.
 pub(crate) struct Situation<'a> {
-    pub map: &'a Map,
-    pub eye: &'a EyeModel,
+    pub snapshot: &'a Snapshot,
+    pub camera: &'a RectifiedCamera,
     pub frame: &'a Frame,
     pub matches: &'a Matches,
     pub inliers: usize,
@@ -44,8 +44,8 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     if s.since < min_gap {
         return false;
     }
-    let depth = s.eye.has_depth();
-    let Some(reference) = s.map.key_frame(s.reference) else { return true };
+    let depth = s.camera.has_depth();
+    let Some(reference) = s.snapshot.key_frame(s.reference) else { return true };
     // A world that has just begun: how many others share the view.
     let others = reference.covisible.len();
     let least = if others <= 1 { 1 } else { 2 };
@@ -53,12 +53,12 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         .landmarks
         .iter()
         .flatten()
-        .filter(|id| s.map.landmark(**id).is_some_and(|l| l.observations.len() >= least))
+        .filter(|id| s.snapshot.landmark(**id).is_some_and(|l| l.observations.len() >= least))
         .count();
     let mut close = [0usize; 2];
     if depth {
         for i in 0..s.frame.len() {
-            if s.frame.has_depth(i) && (s.frame.depth[i] as f64) < s.eye.close_depth {
+            if s.frame.has_depth(i) && (s.frame.depth[i] as f64) < s.camera.close_depth {
                 close[s.matches.landmarks[i].is_some() as usize] += 1;
             }
         }
@@ -75,13 +75,13 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         (false, _) => 0.9,
     };
     // A view that turns leaves what ties it to the reference at the edge of the image, where few points judge much.
-    let field_rad = 2.0 * (0.5 * (s.eye.bounds[2] - s.eye.bounds[0]) / s.eye.fx).atan();
+    let field_rad = 2.0 * (0.5 * (s.camera.bounds[2] - s.camera.bounds[0]) / s.camera.fx).atan();
     let turned = depth && s.turned_rad > TURNED * field_rad;
     let changed = (s.inliers as f64) < ratio * settled as f64 || starving || turned || unknown;
     let overdue = s.since as f64 >= rate_hz;
     let weak = depth && ((s.inliers as f64) < 0.25 * settled as f64 || starving);
     // What is felt links key frames the better the nearer they are in time.
-    let link_s = match (s.stands, s.map.is_level(reference.world)) {
+    let link_s = match (s.stands, s.snapshot.is_gravity_aligned(reference.map)) {
         (true, true) => LINK_AT_REST_S,
         (_, true) => LINK_S[1],
         (_, false) => LINK_S[0],

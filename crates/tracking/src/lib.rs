@@ -1,15 +1,15 @@
 #![doc = include_str!("../README.md")]
 
 mod decide;
-mod inertia;
+mod imu;
 mod local_map;
 mod lost;
 mod match_last;
-mod proven;
 mod recover;
 mod start;
 mod state;
+mod static_landmarks;
 mod tracker;
 
-pub use state::{Adrift, Evidence, Offer, Placed, State, Tracked};
-pub use tracker::{Tracker, TrackerSetting};
+pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
+pub use tracker::{Tracker, TrackerConfig};

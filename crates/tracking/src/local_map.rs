@@ -1,9 +1,9 @@
 //! Matching a frame with the part of the map around it.
 
 use crate::match_last::{LOOSE, Matches};
-use cairn_atlas::{KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_vision::{EyeModel, Frame, Target, search};
+use cairn_vision::{Frame, RectifiedCamera, Target, search};
 
 /// The part of the map a frame is matched with.
 #[derive(Debug, Default)]
@@ -20,8 +20,14 @@ pub(crate) struct LocalMap {
 
 impl LocalMap {
     /// Gathers the key frames that see the frame's landmarks, their neighbours, and all they see.
-    pub fn gather(&mut self, map: &Map, matches: &Matches, fallback: KeyFrameId, key_frames: usize) {
-        let votes = map.votes(matches.landmarks.iter().flatten());
+    pub fn gather(
+        &mut self,
+        snapshot: &Snapshot,
+        matches: &Matches,
+        fallback: KeyFrameId,
+        key_frames: usize,
+    ) {
+        let votes = snapshot.votes(matches.landmarks.iter().flatten());
         self.reference = votes.first().map(|(id, _)| *id).or(Some(fallback));
         let most = votes.first().map_or(0, |(_, n)| *n);
         self.close.clear();
@@ -31,7 +37,7 @@ impl LocalMap {
             chosen.push(fallback);
         }
         for i in 0..chosen.len() {
-            let Some(k) = map.key_frame(chosen[i]) else { continue };
+            let Some(k) = snapshot.key_frame(chosen[i]) else { continue };
             let neighbours = k.covisible.iter().map(|(id, _)| *id).take(5).chain(k.parent);
             for id in neighbours {
                 if chosen.len() < key_frames && !chosen.contains(&id) {
@@ -42,7 +48,7 @@ impl LocalMap {
         }
         self.round += 1;
         self.landmarks.clear();
-        for k in chosen.iter().filter_map(|id| map.key_frame(*id)) {
+        for k in chosen.iter().filter_map(|id| snapshot.key_frame(*id)) {
             for id in k.landmarks.iter().flatten() {
                 let i = id.index();
                 if self.rounds.len() <= i {
@@ -58,10 +64,11 @@ impl LocalMap {
 
     /// Of the key frames that share much with the frame, the one nearest to a place. What hangs on a near key frame
     /// changes least when the map is adjusted.
-    pub fn nearest(&self, map: &Map, place: &Vec3) -> Option<KeyFrameId> {
+    pub fn nearest(&self, snapshot: &Snapshot, place: &Vec3) -> Option<KeyFrameId> {
         let distance = |id: &KeyFrameId| {
-            map.key_frame(*id)
-                .map_or(f64::INFINITY, |k| (k.world_from_eye.translation - place).norm_squared())
+            snapshot
+                .key_frame(*id)
+                .map_or(f64::INFINITY, |k| (k.world_from_camera.translation - place).norm_squared())
         };
         self.close.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
@@ -70,16 +77,16 @@ impl LocalMap {
     /// in view (those matched before too).
     pub fn search(
         &self,
-        map: &Map,
-        eye: &EyeModel,
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
         frame: &Frame,
         pose: &Se3,
         factor: f64,
         matches: &mut Matches,
     ) -> Vec<LandmarkId> {
-        let octaves = map.octaves();
-        let eye_from_world = pose.inverse();
-        let rotation = eye_from_world.rotation.matrix();
+        let octaves = snapshot.octaves();
+        let camera_from_world = pose.inverse();
+        let rotation = camera_from_world.rotation.matrix();
         let before: std::collections::BTreeSet<LandmarkId> =
             matches.landmarks.iter().flatten().copied().collect();
         let mut expected: Vec<LandmarkId> = before.iter().copied().collect();
@@ -88,10 +95,10 @@ impl LocalMap {
             if before.contains(id) {
                 continue;
             }
-            let Some(l) = map.landmark(*id) else { continue };
-            let q = rotation * l.position + eye_from_world.translation;
-            let Some([u, v, right]) = eye.project(&q) else { continue };
-            if !eye.contains(u, v) {
+            let Some(l) = snapshot.landmark(*id) else { continue };
+            let q = rotation * l.position + camera_from_world.translation;
+            let Some([u, v, right]) = camera.project(&q) else { continue };
+            if !camera.contains(u, v) {
                 continue;
             }
             let distance = q.norm();
@@ -108,7 +115,7 @@ impl LocalMap {
             let radius = factor * if cosine > 0.998 { 2.5 } else { 4.0 };
             let target = Target {
                 pixel: [u as f32, v as f32],
-                right_x: if eye.has_depth() { right as f32 } else { f32::NAN },
+                right_x: if camera.has_depth() { right as f32 } else { f32::NAN },
                 radius: (radius * octaves.scale(level)) as f32,
                 octaves: [level.saturating_sub(1), level],
                 descriptor: &l.descriptor,

@@ -1,11 +1,11 @@
 //! When too little is seen: the inertial sensor carries the pose for a while, a blank wall is passed by going on as
 //! before, and after that a new world begins where the eye was last known to be.
 
-use crate::state::{Adrift, Evidence, Offer, Placed, State, Tracked};
-use crate::tracker::{Last, Tracker, hung};
-use cairn_atlas::{KeyFrameId, Map};
+use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
+use crate::tracker::{Last, Tracker, anchored_at};
+use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_geometry::Se3;
-use cairn_inertial::Belief;
+use cairn_inertial::NavEstimate;
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::sync::Arc;
@@ -22,23 +22,24 @@ const COAST_KEY_FRAME_S: f64 = 0.25;
 
 impl Tracker {
     /// Whether the pose that is felt still is good enough to go by.
-    pub(crate) fn may_coast(&self, frame: &Frame, felt: &Belief) -> bool {
-        felt.world_from_eye.is_finite()
-            && felt.place_sigma() <= self.setting.coast_sigma
-            && self.inertia.as_ref().is_some_and(|i| i.carried_s(frame.stamp) <= self.setting.coast_s)
+    pub(crate) fn may_coast(&self, frame: &Frame, predicted: &NavEstimate) -> bool {
+        predicted.world_from_camera.is_finite()
+            && predicted.place_sigma() <= self.config.coast_sigma
+            && self.inertial.as_ref().is_some_and(|i| i.carried_s(frame.stamp) <= self.config.coast_s)
     }
 
     /// Too little was seen: the pose is what is felt while that is good enough, else tracking is lost.
     pub(crate) fn miss(
         &mut self,
         frame: Arc<Frame>,
-        map: &Map,
+        snapshot: &Snapshot,
         inliers: usize,
-        felt: Option<Belief>,
+        predicted: Option<NavEstimate>,
         idle: bool,
     ) -> Tracked {
-        let good = felt.filter(|felt| self.may_coast(&frame, felt));
-        let Some((felt, placed)) = good.and_then(|felt| Some((felt.clone(), self.felt_place(map, &felt)?)))
+        let good = predicted.filter(|predicted| self.may_coast(&frame, predicted));
+        let Some((predicted, anchored)) =
+            good.and_then(|predicted| Some((predicted.clone(), self.predicted_pose(snapshot, &predicted)?)))
         else {
             return self.lose(frame, inliers);
         };
@@ -46,88 +47,96 @@ impl Tracker {
         self.lost_frames += 1;
         self.velocity = None;
         let since_s = self.located.map_or(0.0, |t| frame.stamp - t);
-        let sigma = felt.place_sigma();
+        let sigma = predicted.place_sigma();
         let mut due = false;
-        if let Some(inertia) = &mut self.inertia {
-            inertia.coast(frame.stamp, &placed, felt);
-            due = inertia.unoffered(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
+        if let Some(inertial) = &mut self.inertial {
+            inertial.coast(frame.stamp, &anchored, predicted);
+            due = inertial.unoffered(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
         }
-        let depth = self.eye.has_depth();
+        let depth = self.camera.has_depth();
         let have = (0..frame.len()).filter(|i| !depth || frame.has_depth(*i)).count();
-        let offer = (due && idle && have >= (self.features / 12).max(40)).then(|| {
+        let request = (due && idle && have >= (self.features / 12).max(40)).then(|| {
             let landmarks = vec![None; frame.len()];
-            self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
+            self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
             self.since_key_frame = 0;
-            let sensed = self.inertia.as_mut().map(|i| i.sense(frame.stamp));
-            Offer::Next { frame: frame.clone(), landmarks, placed, sensed }
+            let imu = self.inertial.as_mut().map(|i| i.sense(frame.stamp));
+            KeyFrameRequest::Next { frame: frame.clone(), landmarks, anchored, imu }
         });
         Tracked {
             stamp: frame.stamp,
             state: State::Coasting { since_s, sigma },
-            pose: Some(placed),
+            pose: Some(anchored),
             evidence: Evidence { features: frame.len(), inliers, ..Evidence::default() },
-            offer,
+            request,
             earlier: Vec::new(),
             seen: Vec::new(),
         }
     }
 
-    fn felt_place(&self, map: &Map, felt: &Belief) -> Option<Placed> {
-        let (reference, _) = map.living(self.last.as_ref()?.placed.reference)?;
-        hung(map, reference, felt.world_from_eye)
+    fn predicted_pose(&self, snapshot: &Snapshot, predicted: &NavEstimate) -> Option<AnchoredPose> {
+        let (reference, _) = snapshot.surviving_ancestor(self.last.as_ref()?.anchored.reference)?;
+        anchored_at(snapshot, reference, predicted.world_from_camera)
     }
 
     /// An offer that begins a world, with what the inertial sensor says of it.
-    pub(crate) fn with_sense(&self, mut offer: Offer) -> Offer {
-        let Some(inertia) = &self.inertia else { return offer };
-        match &mut offer {
-            Offer::First { frame, sensed, .. } => *sensed = Some(inertia.sense_since(None, frame.stamp)),
-            Offer::Pair { first, second, sensed, .. } => {
-                *sensed = Some(inertia.sense_since(Some(first.stamp), second.stamp));
+    pub(crate) fn with_imu_segment(&self, mut request: KeyFrameRequest) -> KeyFrameRequest {
+        let Some(inertial) = &self.inertial else { return request };
+        match &mut request {
+            KeyFrameRequest::First { frame, imu, .. } => {
+                *imu = Some(inertial.segment_since(None, frame.stamp))
             }
-            Offer::Next { .. } => {}
+            KeyFrameRequest::Pair { first, second, imu, .. } => {
+                *imu = Some(inertial.segment_since(Some(first.stamp), second.stamp));
+            }
+            KeyFrameRequest::Next { .. } => {}
         }
-        offer
+        request
     }
 
     /// A new world, when tracking has been lost for a while: nothing is thrown away, the former one stays and waits to
     /// be recognised. It begins where the eye was last known to be, with an uncertainty that grows with the time since.
-    pub(crate) fn begin_anew(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
+    pub(crate) fn begin_anew(&mut self, frame: Arc<Frame>, snapshot: &Snapshot) -> Option<KeyFrameRequest> {
         self.wait(&frame);
-        let since = self.located.max(self.begun)?;
-        if frame.stamp - since < self.setting.new_world_s {
+        let since = self.located.max(self.map_created)?;
+        if frame.stamp - since < self.config.new_map_s {
             return None;
         }
-        let offer = self.starter.step(&self.eye, &frame, self.features).ok()?;
-        let mut offer = self.with_sense(offer);
-        if let Offer::First { frame: root, adrift, .. } | Offer::Pair { first: root, adrift, .. } = &mut offer
+        let request = self.starter.step(&self.camera, &frame, self.features).ok()?;
+        let mut request = self.with_imu_segment(request);
+        if let KeyFrameRequest::First { frame: root, relocation_prior, .. }
+        | KeyFrameRequest::Pair { first: root, relocation_prior, .. } = &mut request
         {
-            *adrift = self.adrift(root, map);
+            *relocation_prior = self.relocation_prior(root, snapshot);
         }
-        Some(offer)
+        Some(request)
     }
 
-    fn adrift(&self, frame: &Frame, map: &Map) -> Option<Adrift> {
+    fn relocation_prior(&self, frame: &Frame, snapshot: &Snapshot) -> Option<RelocationPrior> {
         let last = self.last.as_ref()?;
-        let felt = self.inertia.as_ref().and_then(|i| i.predict(frame.stamp));
-        if let Some(felt) = felt.filter(|f| f.world_from_eye.is_finite()) {
-            let placed = hung(map, map.living(last.placed.reference)?.0, felt.world_from_eye)?;
-            let (sigma, sigma_rad) = (felt.place_sigma(), felt.turn_sigma());
-            return Some(Adrift { placed, sigma, sigma_rad, pace: self.pace(), level: true });
+        let predicted = self.inertial.as_ref().and_then(|i| i.predict(frame.stamp));
+        if let Some(predicted) = predicted.filter(|f| f.world_from_camera.is_finite()) {
+            let anchored = anchored_at(
+                snapshot,
+                snapshot.surviving_ancestor(last.anchored.reference)?.0,
+                predicted.world_from_camera,
+            )?;
+            let (sigma, sigma_rad) = (predicted.place_sigma(), predicted.turn_sigma());
+            return Some(RelocationPrior { anchored, sigma, sigma_rad, pace: self.pace(), level: true });
         }
         let unseen_s = frame.stamp - last.frame.stamp;
         // Where the view ran out of features the motion goes on for a while; a sudden loss says nothing of it.
         let goes_on_s = if self.ran_out(last) { unseen_s.clamp(0.0, BLANK_S) } else { 0.0 };
         let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * goes_on_s)));
-        let believed = last.placed.world_from_eye * moved;
-        let placed = hung(map, map.living(last.placed.reference)?.0, believed)?;
+        let believed = last.anchored.world_from_camera * moved;
+        let anchored =
+            anchored_at(snapshot, snapshot.surviving_ancestor(last.anchored.reference)?.0, believed)?;
         let (sigma, sigma_rad) = (self.fastest() * unseen_s, UNSEEN_TURN * unseen_s);
-        Some(Adrift { placed, sigma, sigma_rad, pace: self.pace(), level: false })
+        Some(RelocationPrior { anchored, sigma, sigma_rad, pace: self.pace(), level: false })
     }
 
     /// About a metre in the map's unit: without metric scale the pace so far tells how long it is.
     fn metre(&self) -> f64 {
-        if self.eye.has_depth() { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
+        if self.camera.has_depth() { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
     }
 
     /// How fast the eye may move while nothing is seen, in the map's unit a second: as someone on foot, or as before if that
@@ -138,13 +147,19 @@ impl Tracker {
 
     /// Whether the eye can have come to a place in the world of a key frame since it last knew where it was: rooms that look
     /// alike are told apart by that. Into another world, or a map that was loaded, appearance alone has to lead.
-    pub(crate) fn reaches(&self, map: &Map, key_frame: KeyFrameId, place: &Se3, stamp: Stamp) -> bool {
+    pub(crate) fn reaches(
+        &self,
+        snapshot: &Snapshot,
+        key_frame: KeyFrameId,
+        place: &Se3,
+        stamp: Stamp,
+    ) -> bool {
         let Some(last) = &self.last else { return true };
-        let world = |id| map.living(id).and_then(|(id, _)| Some(map.key_frame(id)?.world));
-        if world(key_frame) != world(last.placed.reference) {
+        let map = |id| snapshot.surviving_ancestor(id).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map));
+        if map(key_frame) != map(last.anchored.reference) {
             return true;
         }
-        let gone = (place.translation - last.placed.world_from_eye.translation).norm();
+        let gone = (place.translation - last.anchored.world_from_camera.translation).norm();
         gone <= 2.0 * self.fastest() * (stamp - last.frame.stamp) + DRIFTED * self.metre()
     }
 
@@ -161,22 +176,22 @@ impl Tracker {
     /// Past a blank wall: once there is something with depth to see again, it enters the map where the motion before
     /// the gap leads. The frame itself counts as lost; the next ones are tracked from it. Only where the view had
     /// run out of features: a sudden motion is no ground for going on as before.
-    pub(crate) fn bridge(&mut self, frame: Arc<Frame>, map: &Map) -> Option<Offer> {
+    pub(crate) fn bridge(&mut self, frame: Arc<Frame>, snapshot: &Snapshot) -> Option<KeyFrameRequest> {
         let last = self.last.as_ref()?;
-        let blank = self.eye.has_depth() && self.ran_out(last);
+        let blank = self.camera.has_depth() && self.ran_out(last);
         let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
         if !blank || !self.recent(&frame, BLANK_S) || deep < (self.features / 12).max(40) {
             return None;
         }
         let moved = Se3::exp(&(self.velocity? * (frame.stamp - last.frame.stamp)));
-        let world_from_eye = last.placed.world_from_eye * moved;
-        let (reference, _) = map.living(last.placed.reference)?;
-        let placed = hung(map, reference, world_from_eye)?;
+        let world_from_camera = last.anchored.world_from_camera * moved;
+        let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
+        let anchored = anchored_at(snapshot, reference, world_from_camera)?;
         let landmarks = vec![None; frame.len()];
-        self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), placed });
+        self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
         self.since_key_frame = 0;
-        let sensed = self.inertia.as_mut().map(|i| i.sense(frame.stamp));
-        Some(Offer::Next { frame, landmarks, placed, sensed })
+        let imu = self.inertial.as_mut().map(|i| i.sense(frame.stamp));
+        Some(KeyFrameRequest::Next { frame, landmarks, anchored, imu })
     }
 
     /// Whether the last view had run out of features: a blank wall.
@@ -188,13 +203,13 @@ impl Tracker {
         self.lost = true;
         self.lost_frames += 1;
         let evidence = Evidence { features: frame.len(), inliers, ..Evidence::default() };
-        let state = State::Lost { inliers, need: self.setting.min_inliers };
+        let state = State::Lost { inliers, need: self.config.min_inliers };
         Tracked {
             stamp: frame.stamp,
             state,
             pose: None,
             evidence,
-            offer: None,
+            request: None,
             earlier: Vec::new(),
             seen: Vec::new(),
         }

@@ -1,9 +1,9 @@
 //! Matching a frame with the one before it, around where the motion model expects each point.
 
 use cairn_adjust::depth;
-use cairn_atlas::{LandmarkId, Map};
+use cairn_atlas::{LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_vision::{EyeModel, Frame, Target, consistent_rotation, search};
+use cairn_vision::{Frame, RectifiedCamera, Target, consistent_rotation, search};
 
 /// Bits that may differ between two looks at one point.
 pub(crate) const LOOSE: u32 = 100;
@@ -40,37 +40,38 @@ impl Matches {
 pub(crate) struct Before<'a> {
     pub frame: &'a Frame,
     pub landmarks: &'a [Option<LandmarkId>],
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
 }
 
 /// Projects what the frame before saw with `guess` and looks within `radius` pixels (times the level's scale). Its
 /// close features without a landmark take part as plain points.
 pub(crate) fn match_last(
-    map: &Map,
-    eye: &EyeModel,
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
     before: &Before,
     frame: &Frame,
     guess: &Se3,
     radius: f64,
 ) -> Matches {
-    let octaves = map.octaves();
-    let Before { frame: last, landmarks: last_landmarks, world_from_eye: world_from_last } = before;
-    let eye_from_world = guess.inverse();
+    let octaves = snapshot.octaves();
+    let Before { frame: last, landmarks: last_landmarks, world_from_camera: world_from_last } = before;
+    let camera_from_world = guess.inverse();
     let forward = (world_from_last.inverse() * guess.translation).z;
-    let baseline = eye.baseline_fx / eye.fx;
+    let baseline = camera.baseline_fx / camera.fx;
     let top = (octaves.levels - 1) as u8;
     // Owner of each feature: item index and distance; the nearer look wins.
     let mut owner: Vec<Option<(u32, u32)>> = vec![None; frame.len()];
     let mut places: Vec<(usize, Option<LandmarkId>, Vec3)> = Vec::new();
     for i in 0..last.len() {
-        let known = last_landmarks[i].and_then(|id| map.landmark(id)).map(|l| (Some(l.id), l.position));
+        let known = last_landmarks[i].and_then(|id| snapshot.landmark(id)).map(|l| (Some(l.id), l.position));
         let close = || {
-            (last.has_depth(i) && (last.depth[i] as f64) < eye.close_depth)
-                .then(|| (None, *world_from_last * eye.unproject(last.px[i], depth(map, eye, last, i))))
+            (last.has_depth(i) && (last.depth[i] as f64) < camera.close_depth).then(|| {
+                (None, *world_from_last * camera.unproject(last.px[i], depth(snapshot, camera, last, i)))
+            })
         };
         let Some((id, point)) = known.or_else(close) else { continue };
-        let Some([u, v, right]) = eye.project(&(eye_from_world * point)) else { continue };
-        if !eye.contains(u, v) {
+        let Some([u, v, right]) = camera.project(&(camera_from_world * point)) else { continue };
+        if !camera.contains(u, v) {
             continue;
         }
         let level = last.octave[i];

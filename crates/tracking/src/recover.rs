@@ -1,10 +1,10 @@
 //! Finding the pose by appearance alone, when the motion model has failed or tracking is lost.
 
 use crate::match_last::{Matches, TIGHT};
-use cairn_atlas::{KeyFrame, KeyFrameId, Map};
+use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::Vec3;
 use cairn_vision::bow::Vocabulary;
-use cairn_vision::{Frame, Look, match_looks};
+use cairn_vision::{DescriptorQuery, Frame, match_descriptors};
 
 /// Key frames around the last place that are tried in turn.
 const NEAR: usize = 12;
@@ -17,10 +17,10 @@ const GROUP: usize = 10;
 pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -> Matches {
     let seen = &key_frame.frame;
     let looks = key_frame.landmarks.iter().enumerate().filter_map(|(i, id)| {
-        Some(Look { item: (*id)?, descriptor: &seen.descriptors[i], angle: seen.angle[i] })
+        Some(DescriptorQuery { item: (*id)?, descriptor: &seen.descriptors[i], angle: seen.angle[i] })
     });
     let mut matches = Matches::none(frame);
-    for (feature, id) in match_looks(looks, frame, TIGHT, ratio) {
+    for (feature, id) in match_descriptors(looks, frame, TIGHT, ratio) {
         matches.landmarks[feature] = Some(id);
     }
     matches
@@ -28,17 +28,22 @@ pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -
 
 /// Key frames to try when lost: the one nearest to where the eye was last, one of the others near there in turn, and those
 /// of any world that look most alike by their words, one of each group of neighbours.
-pub(crate) fn candidates(map: &Map, frame: &Frame, last: Option<Vec3>, turn: usize) -> Vec<KeyFrameId> {
+pub(crate) fn candidates(
+    snapshot: &Snapshot,
+    frame: &Frame,
+    last: Option<Vec3>,
+    turn: usize,
+) -> Vec<KeyFrameId> {
     let mut found = Vec::new();
     if let Some(last) = last {
         let mut all: Vec<(f64, KeyFrameId)> =
-            map.key_frames().map(|k| ((k.world_from_eye.translation - last).norm(), k.id)).collect();
+            snapshot.key_frames().map(|k| ((k.world_from_camera.translation - last).norm(), k.id)).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
         found.extend(all.first().map(|(_, id)| *id));
         found.extend(all.get(1 + turn % NEAR).map(|(_, id)| *id));
     }
     let bag = Vocabulary::embedded().bag(&frame.descriptors);
-    let alike = map.places_like(&bag, ALIKE, GROUP, &found, |_| true);
+    let alike = snapshot.places_like(&bag, ALIKE, GROUP, &found, |_| true);
     found.extend(alike.into_iter().map(|(id, _)| id));
     found
 }

@@ -1,8 +1,8 @@
 //! The start of a map: from one frame with depth, or from two views.
 
-use crate::state::{Offer, State};
+use crate::state::{KeyFrameRequest, State};
 use cairn_geometry::Vec3;
-use cairn_vision::{EyeModel, Frame, Target, TwoViewSetting, consistent_rotation, search, two_view};
+use cairn_vision::{Frame, RectifiedCamera, Target, TwoViewConfig, consistent_rotation, search, two_view};
 use std::sync::Arc;
 
 /// Levels up to this one are fine enough to start from.
@@ -19,21 +19,31 @@ pub(crate) struct Starter {
 
 impl Starter {
     /// Looks at a frame: an offer when a map can begin, else what is missing. `features` is the eye's budget.
-    pub fn step(&mut self, eye: &EyeModel, frame: &Arc<Frame>, features: usize) -> Result<Offer, State> {
-        if eye.has_depth() {
+    pub fn step(
+        &mut self,
+        camera: &RectifiedCamera,
+        frame: &Arc<Frame>,
+        features: usize,
+    ) -> Result<KeyFrameRequest, State> {
+        if camera.has_depth() {
             // Relative to the budget, so that rooms with few features start too.
             let need = (features / 12).max(40);
             let have = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
             return if have >= need {
-                Ok(Offer::First { frame: frame.clone(), adrift: None, sensed: None })
+                Ok(KeyFrameRequest::First { frame: frame.clone(), relocation_prior: None, imu: None })
             } else {
                 Err(State::Starting { have, need })
             };
         }
-        self.pair(eye, frame, (features / 12).max(50))
+        self.pair(camera, frame, (features / 12).max(50))
     }
 
-    fn pair(&mut self, eye: &EyeModel, frame: &Arc<Frame>, need: usize) -> Result<Offer, State> {
+    fn pair(
+        &mut self,
+        camera: &RectifiedCamera,
+        frame: &Arc<Frame>,
+        need: usize,
+    ) -> Result<KeyFrameRequest, State> {
         let Some(first) = self.first.clone() else {
             self.begin(frame, need);
             return Err(State::Starting { have: 0, need });
@@ -46,20 +56,21 @@ impl Starter {
         }
         self.attempts += 1;
         let waiting = State::Starting { have: matches.len(), need };
-        let Some((first_from_second, points)) = two_views(eye, &first, frame, &matches, self.attempts) else {
+        let Some((first_from_second, points)) = two_views(camera, &first, frame, &matches, self.attempts)
+        else {
             return Err(waiting);
         };
         if points.len() < need / 2 {
             return Err(waiting);
         }
         *self = Self { attempts: self.attempts, ..Self::default() };
-        Ok(Offer::Pair {
+        Ok(KeyFrameRequest::Pair {
             first,
             second: frame.clone(),
             first_from_second,
             points,
-            adrift: None,
-            sensed: None,
+            relocation_prior: None,
+            imu: None,
         })
     }
 
@@ -104,7 +115,7 @@ impl Starter {
 type Pair = (cairn_geometry::Se3, Vec<(u16, u16, Vec3)>);
 
 fn two_views(
-    eye: &EyeModel,
+    camera: &RectifiedCamera,
     first: &Frame,
     second: &Frame,
     matches: &[(usize, usize)],
@@ -113,8 +124,8 @@ fn two_views(
     let (a, b): (Vec<[f32; 2]>, Vec<[f32; 2]>) =
         matches.iter().map(|(i, j)| (first.px[*i], second.px[*j])).unzip();
     // Sub-pixel corners of the finest levels: half a pixel covers them.
-    let setting = TwoViewSetting { sigma_px: 0.5, ..TwoViewSetting::default() };
-    let found = two_view(eye, &a, &b, &setting, seed).ok()?;
+    let config = TwoViewConfig { sigma_px: 0.5, ..TwoViewConfig::default() };
+    let found = two_view(camera, &a, &b, &config, seed).ok()?;
     let points =
         matches.iter().zip(&found.points).filter_map(|((i, j), p)| Some((*i as u16, *j as u16, (*p)?)));
     Some((found.second_from_first.inverse(), points.collect()))

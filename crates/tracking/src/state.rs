@@ -1,6 +1,6 @@
 //! What tracking tells of a frame.
 
-use cairn_atlas::{KeyFrameId, LandmarkId, Sensed};
+use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
@@ -36,19 +36,19 @@ pub enum State {
 
 /// A pose that follows the map: it hangs on a key frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placed {
+pub struct AnchoredPose {
     /// The key frame it hangs on.
     pub reference: KeyFrameId,
     /// Where the eye stands in the key frame's eye frame.
-    pub reference_from_eye: Se3,
+    pub reference_from_camera: Se3,
     /// Where the eye stands in the world of the map version at hand.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
 }
 
-impl Placed {
+impl AnchoredPose {
     /// The pose of an eye that stands where a key frame does.
-    pub fn at(reference: KeyFrameId, world_from_eye: Se3) -> Self {
-        Self { reference, reference_from_eye: Se3::identity(), world_from_eye }
+    pub fn at(reference: KeyFrameId, world_from_camera: Se3) -> Self {
+        Self { reference, reference_from_camera: Se3::identity(), world_from_camera }
     }
 }
 
@@ -67,9 +67,9 @@ pub struct Evidence {
 
 /// Where a new world is believed to begin in a former one, when tracking was lost there and goes on elsewhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Adrift {
+pub struct RelocationPrior {
     /// The place believed, hanging on a key frame of the former world.
-    pub placed: Placed,
+    pub anchored: AnchoredPose,
     /// Standard deviation of the place, in the former world's unit of length.
     pub sigma: f64,
     /// Standard deviation of the direction, radians.
@@ -82,15 +82,15 @@ pub struct Adrift {
 
 /// What mapping is offered.
 #[derive(Clone, Debug)]
-pub enum Offer {
+pub enum KeyFrameRequest {
     /// The first key frame of a world: its features have depth.
     First {
         /// The frame.
         frame: Arc<Frame>,
         /// Where that is believed to be, when there is a former world.
-        adrift: Option<Adrift>,
+        relocation_prior: Option<RelocationPrior>,
         /// What the inertial sensor says of it.
-        sensed: Option<Sensed>,
+        imu: Option<ImuSegment>,
     },
     /// The first two key frames of a world without depth, with the points that both see.
     Pair {
@@ -103,9 +103,9 @@ pub enum Offer {
         /// Feature in the first, feature in the second, point in the first eye's frame.
         points: Vec<(u16, u16, Vec3)>,
         /// Where the first is believed to be, when there is a former world.
-        adrift: Option<Adrift>,
+        relocation_prior: Option<RelocationPrior>,
         /// What the inertial sensor says of the second, felt since the first.
-        sensed: Option<Sensed>,
+        imu: Option<ImuSegment>,
     },
     /// A further key frame.
     Next {
@@ -114,9 +114,9 @@ pub enum Offer {
         /// The landmark each feature shows.
         landmarks: Vec<Option<LandmarkId>>,
         /// Where it stands.
-        placed: Placed,
+        anchored: AnchoredPose,
         /// What the inertial sensor says of it.
-        sensed: Option<Sensed>,
+        imu: Option<ImuSegment>,
     },
 }
 
@@ -128,13 +128,13 @@ pub struct Tracked {
     /// Where tracking stands.
     pub state: State,
     /// The pose, when it is known.
-    pub pose: Option<Placed>,
+    pub pose: Option<AnchoredPose>,
     /// What speaks for it.
     pub evidence: Evidence,
     /// Something for mapping, when this frame is worth it.
-    pub offer: Option<Offer>,
+    pub request: Option<KeyFrameRequest>,
     /// Poses of frames before the start, found once there was a map: time and pose.
-    pub earlier: Vec<(Stamp, Placed)>,
+    pub earlier: Vec<(Stamp, AnchoredPose)>,
     /// Landmarks that should have been in view, each with whether it was matched and agreed.
     pub seen: Vec<(LandmarkId, bool)>,
 }

@@ -5,7 +5,7 @@
 
 use cairn_sensor::GrayImage;
 use cairn_vision::orb::{Backend, Stage};
-use cairn_vision::{Features, OrbExtractor, OrbSetting, best_two, best_two_of, hamming};
+use cairn_vision::{Features, OrbConfig, OrbExtractor, best_two, best_two_of, hamming};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -40,7 +40,7 @@ fn images(name: &str, images: &[GrayImage]) {
             println!("skipped: {backend:?} is not available");
             continue;
         }
-        let mut extractor = OrbExtractor::with_backend(OrbSetting::default(), backend);
+        let mut extractor = OrbExtractor::with_backend(OrbConfig::default(), backend);
         let mut features = Features::default();
         let mut stages = [const { Vec::new() }; 5];
         let mut whole = Vec::new();
@@ -70,7 +70,7 @@ fn report(name: &str, mut times: Vec<f64>, unit: &str) {
 
 fn distances() {
     let mut features = Features::default();
-    OrbExtractor::new(OrbSetting { features: 2000, ..OrbSetting::default() })
+    OrbExtractor::new(OrbConfig { features: 2000, ..OrbConfig::default() })
         .extract(&boxes(1280, 960), &mut features);
     let all = &features.descriptors;
     // Sixty candidates each, far from each other in memory, as a search window gives.

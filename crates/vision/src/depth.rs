@@ -14,7 +14,7 @@ const REACH: f64 = 2.0;
 /// What is asked of the depth lookup.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct DepthSetting {
+pub struct DepthConfig {
     /// Baseline in metres of the virtual projector: one pixel of error in `right_x` stands for a depth error of
     /// `depth^2 / (baseline * fx)`. 0.075 m (the distance between a Kinect's projector and camera) and fx = 535 give
     /// depth^2 / 40 m. That is well above the sensor's random noise (depth^2 / 700 m, Khoshelham and Elberink 2012),
@@ -29,7 +29,7 @@ pub struct DepthSetting {
     pub edge_spread: f32,
 }
 
-impl Default for DepthSetting {
+impl Default for DepthConfig {
     fn default() -> Self {
         Self { virtual_baseline: 0.075, close_depth: 3.6, max_depth: 20.0, edge_spread: 0.05 }
     }
@@ -38,7 +38,7 @@ impl Default for DepthSetting {
 /// Finds depth in the images of one sensor.
 #[derive(Clone, Debug)]
 pub(crate) struct DepthLookup {
-    setting: DepthSetting,
+    config: DepthConfig,
     metres_per_unit: f64,
     /// Depth pixels per pixel of the camera, for registered images of another size.
     ratio: Option<[f64; 2]>,
@@ -52,7 +52,7 @@ pub(crate) struct DepthLookup {
 impl DepthLookup {
     /// For a sensor and the camera whose features want depth.
     pub(crate) fn new(
-        setting: DepthSetting,
+        config: DepthConfig,
         sensor: &DepthSensor,
         camera: &Camera,
         body_from_camera: &Se3,
@@ -63,7 +63,7 @@ impl DepthLookup {
             sensor.camera.height as f64 / camera.height as f64,
         ];
         Self {
-            setting,
+            config,
             metres_per_unit: sensor.metres_per_unit,
             ratio: sensor.registered.then_some(ratio),
             finer: if sensor.registered { ratio[0] } else { sensor.camera.fx / camera.fx },
@@ -157,12 +157,12 @@ impl DepthLookup {
             let off = v - mean - slope_x * dx - slope_y * dy;
             (low, high) = (low.min(off), high.max(off));
         }
-        if high - low > f64::from(self.setting.edge_spread) * mean {
+        if high - low > f64::from(self.config.edge_spread) * mean {
             return None;
         }
         let inverse = mean + (slope_x * (at.x - cx) + slope_y * (at.y - cy)) / step;
         let depth = self.metres_per_unit / inverse;
-        (depth > 0.0 && depth < self.setting.max_depth).then_some(depth)
+        (depth > 0.0 && depth < self.config.max_depth).then_some(depth)
     }
 }
 
@@ -197,7 +197,7 @@ mod tests {
         let camera = Camera::pinhole(160, 120, 100.0, 100.0, 79.5, 59.5);
         let sensor =
             DepthSensor { camera, body_from_depth: Se3::identity(), metres_per_unit: 1e-3, registered: true };
-        let lookup = DepthLookup::new(DepthSetting::default(), &sensor, &camera, &Se3::identity());
+        let lookup = DepthLookup::new(DepthConfig::default(), &sensor, &camera, &Se3::identity());
         let mut image = DepthImage::new(160, 120);
         for y in 0..120 {
             for x in 0..160 {

@@ -1,7 +1,7 @@
 //! What the eye makes of one packet: features with depth, in one ideal camera.
 //!
 //! Whatever the lens and however the stereo pair is mounted, everything behind the eye works in the
-//! pixels of one [`EyeModel`]: an ideal pinhole (for stereo, the rectified left camera), whose right
+//! pixels of one [`RectifiedCamera`]: an ideal pinhole (for stereo, the rectified left camera), whose right
 //! partner stands `baseline` metres along +x. Raw pixels are kept for drawing only.
 
 use cairn_geometry::{Se3, Vec3};
@@ -12,7 +12,7 @@ pub type Descriptor = [u8; 32];
 
 /// The ideal pinhole camera that frames are expressed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EyeModel {
+pub struct RectifiedCamera {
     /// Focal length in pixels along x.
     pub fx: f64,
     /// Focal length in pixels along y.
@@ -29,10 +29,10 @@ pub struct EyeModel {
     /// Depth in metres up to which one view places a point well ("close" points).
     pub close_depth: f64,
     /// Where the eye sits in the rig's body frame.
-    pub body_from_eye: Se3,
+    pub body_from_camera: Se3,
 }
 
-impl EyeModel {
+impl RectifiedCamera {
     /// Whether the eye itself measures depth: with it lengths are metres from the first frame on.
     pub fn has_depth(&self) -> bool {
         self.baseline_fx > 0.0
@@ -40,12 +40,12 @@ impl EyeModel {
 
     /// Where the body is when the eye is here. A map without metric scale does not know how far the two are apart: there
     /// the body is told where the eye is, in the body's own orientation.
-    pub fn world_from_body(&self, world_from_eye: &Se3, metric: bool) -> Se3 {
-        let mut eye_from_body = self.body_from_eye.inverse();
+    pub fn world_from_body(&self, world_from_camera: &Se3, metric: bool) -> Se3 {
+        let mut camera_from_body = self.body_from_camera.inverse();
         if !metric {
-            eye_from_body.translation = Vec3::zeros();
+            camera_from_body.translation = Vec3::zeros();
         }
-        *world_from_eye * eye_from_body
+        *world_from_camera * camera_from_body
     }
 
     /// Rectified pixel of a point in the eye frame, with the right image's x; `None` behind the eye.
@@ -103,7 +103,7 @@ pub struct Frame {
     pub stamp: Stamp,
     /// Pixels in the camera's own (distorted) image.
     pub raw: Vec<[f32; 2]>,
-    /// Rectified pixels of the [`EyeModel`].
+    /// Rectified pixels of the [`RectifiedCamera`].
     pub px: Vec<[f32; 2]>,
     /// Pyramid level.
     pub octave: Vec<u8>,
@@ -146,8 +146,8 @@ impl Frame {
     }
 
     /// Builds the lookup grid; call once, after all features are in place (at most 65,535 of them).
-    pub fn index(&mut self, eye: &EyeModel) {
-        let bounds = eye.bounds.map(|b| b as f32);
+    pub fn index(&mut self, camera: &RectifiedCamera) {
+        let bounds = camera.bounds.map(|b| b as f32);
         let cells = GRID[0] * GRID[1];
         let mut starts = vec![0u16; cells + 1];
         let cell_of: Vec<usize> = self.px.iter().map(|p| cell(&bounds, p[0], p[1])).collect();

@@ -7,7 +7,7 @@
 use crate::roots::real_roots;
 use cairn_geometry::{Mat3, Se3, So3, Vec3};
 
-/// At most four poses `eye_from_world` that put three world points on three unit bearings in front of the eye; calls
+/// At most four poses `camera_from_world` that put three world points on three unit bearings in front of the eye; calls
 /// `visit` with each. None for points in line.
 pub fn p3p(points: &[Vec3; 3], bearings: &[Vec3; 3], mut visit: impl FnMut(Se3)) {
     let [p1, p2, p3] = points;
@@ -18,8 +18,8 @@ pub fn p3p(points: &[Vec3; 3], bearings: &[Vec3; 3], mut visit: impl FnMut(Se3))
     for &v in real_roots(&quartic(a2, b2, c2, cosines)).as_slice() {
         let Some(distances) = distances(v, a2, b2, c2, cosines) else { continue };
         let seen: [Vec3; 3] = std::array::from_fn(|k| bearings[k] * distances[k]);
-        let Some(eye) = triad(&seen) else { continue };
-        let rotation = So3::from_matrix(&(eye * world.transpose()));
+        let Some(camera) = triad(&seen) else { continue };
+        let rotation = So3::from_matrix(&(camera * world.transpose()));
         // Centroids agree.
         let centre = (p1 + p2 + p3) / 3.0;
         let pose = Se3::new(rotation, (seen[0] + seen[1] + seen[2]) / 3.0 - rotation * centre);

@@ -9,7 +9,7 @@ use std::fmt;
 
 /// What is asked of the pose search.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PnpSetting {
+pub struct PnpConfig {
     /// Samples drawn, at most.
     pub iterations: usize,
     /// Probability with which a sample without outliers shall be drawn.
@@ -21,7 +21,7 @@ pub struct PnpSetting {
     pub min_inliers: usize,
 }
 
-impl Default for PnpSetting {
+impl Default for PnpConfig {
     /// For a keypoint noise of 1.5 px at a focal length of 460 px.
     fn default() -> Self {
         Self { iterations: 300, confidence: 0.999, threshold_rad: 0.008, min_inliers: 12 }
@@ -32,7 +32,7 @@ impl Default for PnpSetting {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PnpResult {
     /// Maps world points into the eye's frame.
-    pub eye_from_world: Se3,
+    pub camera_from_world: Se3,
     /// Indices of the matches that agree, rising.
     pub inliers: Vec<usize>,
     /// Samples drawn.
@@ -63,20 +63,20 @@ impl std::error::Error for PnpRejected {}
 pub fn pnp_ransac(
     points: &[Vec3],
     bearings: &[Vec3],
-    setting: &PnpSetting,
+    config: &PnpConfig,
     seed: u64,
 ) -> Result<PnpResult, PnpRejected> {
     let n = points.len().min(bearings.len());
     let (points, bearings) = (&points[..n], &bearings[..n]);
-    let need = setting.min_inliers.max(4);
+    let need = config.min_inliers.max(4);
     let mut rejected = PnpRejected { matches: n, inliers: 0, need };
     if n < need {
         return Err(rejected);
     }
-    let bound = (2.0 * (0.5 * setting.threshold_rad).sin()).powi(2);
+    let bound = (2.0 * (0.5 * config.threshold_rad).sin()).powi(2);
     let mut rng = Rng::with_stream(seed, 3);
     let mut best: Option<(f64, Se3)> = None;
-    let (mut done, mut limit) = (0, setting.iterations.max(1));
+    let (mut done, mut limit) = (0, config.iterations.max(1));
     while done < limit {
         done += 1;
         let Some(sample) = rng.sample::<3>(n) else { break };
@@ -96,7 +96,7 @@ pub fn pnp_ransac(
         }
         best = Some((cost_here, pose));
         let share = inliers(&pose, points, bearings, bound).len() as f64 / n as f64;
-        limit = iterations(share, 3, setting.confidence, setting.iterations);
+        limit = iterations(share, 3, config.confidence, config.iterations);
     }
     let Some((_, mut pose)) = best else { return Err(rejected) };
     let mut agreeing = inliers(&pose, points, bearings, bound);
@@ -116,7 +116,7 @@ pub fn pnp_ransac(
     if agreeing.len() < need {
         return Err(rejected);
     }
-    Ok(PnpResult { eye_from_world: pose, inliers: agreeing, iterations: done })
+    Ok(PnpResult { camera_from_world: pose, inliers: agreeing, iterations: done })
 }
 
 /// Truncated sum of squared chord lengths between directions and bearings (MSAC, Torr and Zisserman 2000).
@@ -209,10 +209,10 @@ mod tests {
                     let mut rng = Rng::with_stream(seed, 9);
                     let (truth, points, bearings, good) = world(&mut rng, n, outliers, flat);
                     let start = std::time::Instant::now();
-                    let result = pnp_ransac(&points, &bearings, &PnpSetting::default(), seed);
+                    let result = pnp_ransac(&points, &bearings, &PnpConfig::default(), seed);
                     ms = ms.min(start.elapsed().as_secs_f64() * 1e3);
                     let Ok(result) = result else { continue };
-                    let off = result.eye_from_world.inverse() * truth;
+                    let off = result.camera_from_world.inverse() * truth;
                     let wrong = result.inliers.iter().filter(|&&i| !good[i]).count();
                     if off.rotation.angle() < 0.02 && off.translation.norm() < 0.15 && wrong <= 3 {
                         found += 1;
@@ -239,22 +239,22 @@ mod tests {
 
     #[test]
     fn what_has_no_pose_is_refused_with_numbers() {
-        let setting = PnpSetting::default();
+        let config = PnpConfig::default();
         let mut rng = Rng::new(10);
         let mut v = || Vec3::new(rng.normal(), rng.normal(), rng.normal());
         let points: Vec<Vec3> = (0..60).map(|_| v()).collect();
         let bearings: Vec<Vec3> = (0..60).map(|_| v().normalize()).collect();
-        let e = pnp_ransac(&points, &bearings, &setting, 1).unwrap_err();
+        let e = pnp_ransac(&points, &bearings, &config, 1).unwrap_err();
         assert!(e.inliers < e.need && e.matches == 60, "{e}");
-        assert_eq!(pnp_ransac(&points[..5], &bearings, &setting, 1).unwrap_err().matches, 5);
-        assert!(pnp_ransac(&[Vec3::repeat(f64::NAN); 20], &bearings[..20], &setting, 1).is_err());
-        assert!(pnp_ransac(&[Vec3::x(); 20], &[Vec3::x(); 20], &setting, 1).is_err());
+        assert_eq!(pnp_ransac(&points[..5], &bearings, &config, 1).unwrap_err().matches, 5);
+        assert!(pnp_ransac(&[Vec3::repeat(f64::NAN); 20], &bearings[..20], &config, 1).is_err());
+        assert!(pnp_ransac(&[Vec3::x(); 20], &[Vec3::x(); 20], &config, 1).is_err());
     }
 
     #[test]
     fn the_same_seed_gives_the_same_pose() {
         let (_, points, bearings, _) = world(&mut Rng::new(12), 60, 0.4, false);
-        let run = || pnp_ransac(&points, &bearings, &PnpSetting::default(), 5).unwrap();
+        let run = || pnp_ransac(&points, &bearings, &PnpConfig::default(), 5).unwrap();
         assert_eq!(run(), run());
     }
 }

@@ -4,7 +4,7 @@
 //! parallel (Fusiello, Trucco, Verri, "A compact algorithm for rectification of stereo pairs", 2000), so that
 //! corresponding points lie on one row whatever the lenses and however the cameras are mounted.
 
-use crate::EyeModel;
+use crate::RectifiedCamera;
 use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, RigCamera, RigError};
 
@@ -20,8 +20,8 @@ const STEP: f64 = 8.0;
 #[derive(Clone, Debug)]
 pub struct Rectifier {
     camera: Camera,
-    eye_from_camera: Mat3,
-    camera_from_eye: Mat3,
+    rectified_from_camera: Mat3,
+    camera_from_rectified: Mat3,
     focal: Vec2,
     centre: Vec2,
     /// True when raw and rectified pixels are the same.
@@ -33,14 +33,14 @@ pub struct Rectifier {
 
 impl Rectifier {
     /// For a camera, the rotation from its frame to the eye's, and the eye's focal lengths and principal point.
-    pub fn new(camera: &Camera, eye_from_camera: &So3, focal: Vec2, centre: Vec2) -> Self {
-        let rotation = eye_from_camera.matrix();
+    pub fn new(camera: &Camera, rectified_from_camera: &So3, focal: Vec2, centre: Vec2) -> Self {
+        let rotation = rectified_from_camera.matrix();
         let columns = (camera.width as f64 / STEP).ceil() as usize + 4;
         let rows = (camera.height as f64 / STEP).ceil() as usize + 4;
         let mut this = Self {
             camera: *camera,
-            eye_from_camera: rotation,
-            camera_from_eye: rotation.transpose(),
+            rectified_from_camera: rotation,
+            camera_from_rectified: rotation.transpose(),
             focal,
             centre,
             identity: false,
@@ -90,7 +90,7 @@ impl Rectifier {
     /// The same by inverting the camera model, without the table.
     pub fn rectify_exactly(&self, raw: [f32; 2]) -> Option<[f32; 2]> {
         let bearing = self.camera.unproject(&Vec2::new(raw[0] as f64, raw[1] as f64))?;
-        let pixel = self.pixel(&(self.eye_from_camera * bearing))?;
+        let pixel = self.pixel(&(self.rectified_from_camera * bearing))?;
         Some([pixel.x as f32, pixel.y as f32])
     }
 
@@ -102,7 +102,7 @@ impl Rectifier {
         }
         let ray =
             Vec3::new((px[0] - self.centre.x) / self.focal.x, (px[1] - self.centre.y) / self.focal.y, 1.0);
-        self.camera.project(&(self.camera_from_eye * ray))
+        self.camera.project(&(self.camera_from_rectified * ray))
     }
 
     /// True when raw and rectified pixels are the same, so that images are rectified already.
@@ -171,7 +171,7 @@ fn cubic(t: f32) -> [f32; 4] {
 #[derive(Clone, Debug)]
 pub struct RectifiedPair {
     /// The virtual left camera; `close_depth` is left at zero for the caller to choose.
-    pub eye: EyeModel,
+    pub camera: RectifiedCamera,
     /// Metres between the two centres.
     pub baseline: f64,
     /// Raw left pixels to the eye's.
@@ -209,17 +209,17 @@ pub fn rectify_pair(left: &RigCamera, right: &RigCamera) -> Result<RectifiedPair
     }
     let y = y.normalize();
     let z = x.cross(&y);
-    let left_from_eye = So3::from_matrix(&Mat3::from_columns(&[x, y, z]));
-    let eye_from_left = left_from_eye.inverse();
+    let left_from_rectified = So3::from_matrix(&Mat3::from_columns(&[x, y, z]));
+    let rectified_from_left = left_from_rectified.inverse();
     let focal = 0.5 * (left.camera.fx + left.camera.fy);
     let (focal, centre) = (Vec2::new(focal, focal), Vec2::new(left.camera.cx, left.camera.cy));
-    let left_map = Rectifier::new(&left.camera, &eye_from_left, focal, centre);
-    let eye_from_right = eye_from_left * left_from_right.rotation;
-    let right_map = Rectifier::new(&right.camera, &eye_from_right, focal, centre);
+    let left_map = Rectifier::new(&left.camera, &rectified_from_left, focal, centre);
+    let rectified_from_right = rectified_from_left * left_from_right.rotation;
+    let right_map = Rectifier::new(&right.camera, &rectified_from_right, focal, centre);
     let (Some(bounds), Some(_)) = (left_map.bounds(), right_map.bounds()) else {
         return Err(RigError(format!("{} and {} see nothing in common", left.name, right.name)));
     };
-    let eye = EyeModel {
+    let camera = RectifiedCamera {
         fx: focal.x,
         fy: focal.y,
         cx: centre.x,
@@ -227,9 +227,9 @@ pub fn rectify_pair(left: &RigCamera, right: &RigCamera) -> Result<RectifiedPair
         baseline_fx: baseline * focal.x,
         bounds,
         close_depth: 0.0,
-        body_from_eye: left.body_from_camera * Se3::new(left_from_eye, Vec3::zeros()),
+        body_from_camera: left.body_from_camera * Se3::new(left_from_rectified, Vec3::zeros()),
     };
-    Ok(RectifiedPair { eye, baseline, left: left_map, right: right_map })
+    Ok(RectifiedPair { camera, baseline, left: left_map, right: right_map })
 }
 
 #[cfg(test)]
@@ -313,7 +313,8 @@ mod tests {
                 seen += 1;
                 let l = pair.left.rectify([raw.x as f32, raw.y as f32]).unwrap();
                 let r = pair.right.rectify([raw_right.x as f32, raw_right.y as f32]).unwrap();
-                let [u, v, ur] = pair.eye.project(&(pair.eye.body_from_eye.inverse() * body)).unwrap();
+                let [u, v, ur] =
+                    pair.camera.project(&(pair.camera.body_from_camera.inverse() * body)).unwrap();
                 assert!((l[0] as f64 - u).abs() < 2e-3 && (l[1] as f64 - v).abs() < 2e-3);
                 assert!((r[1] - l[1]).abs() < 3e-3, "{l:?} {r:?}");
                 assert!((r[0] as f64 - ur).abs() < 3e-3, "{r:?} {ur}");
@@ -333,8 +334,8 @@ mod tests {
         let pair = rectify_pair(&at(0.0), &at(0.537)).unwrap();
         assert!(pair.left.is_identity() && pair.right.is_identity());
         assert_eq!(pair.left.rectify([3.25, 7.5]), Some([3.25, 7.5]));
-        assert!((pair.eye.baseline_fx - 379.7).abs() < 0.1);
-        assert!(pair.eye.body_from_eye.rotation.angle() < 1e-9);
+        assert!((pair.camera.baseline_fx - 379.7).abs() < 0.1);
+        assert!(pair.camera.body_from_camera.rotation.angle() < 1e-9);
     }
 
     #[test]

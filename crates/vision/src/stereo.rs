@@ -5,20 +5,20 @@
 //! 1981, one unknown), the right patch being warped by the local affine map between the two images, and gain and
 //! offset of the exposure being free. No image is ever rectified.
 
-mod lenders;
 mod patch;
 mod sample;
 #[cfg(target_arch = "x86_64")]
 mod sample_avx2;
+mod seeds;
 mod warp;
 
 use crate::orb::{Backend, hamming};
 use crate::rectify::Rectifier;
 use crate::{Descriptor, Octaves};
 use cairn_sensor::GrayImage;
-use lenders::Lenders;
 use patch::{AREA, Fit, PADDED, Patch, Template, dot, energy};
 use sample::sample;
+use seeds::DisparitySeeds;
 use warp::Warp;
 
 /// Steps of the alignment, at most.
@@ -31,7 +31,7 @@ const HOPELESS: f32 = 0.5;
 /// What is asked of the stereo matcher.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct StereoSetting {
+pub struct StereoConfig {
     /// Bits in which descriptors of one point may differ.
     pub max_hamming: u32,
     /// Half the band of rows searched, in pixels of the feature's level.
@@ -56,7 +56,7 @@ pub struct StereoSetting {
     pub borrow_correlation: f32,
 }
 
-impl Default for StereoSetting {
+impl Default for StereoConfig {
     fn default() -> Self {
         Self {
             max_hamming: 75,
@@ -91,7 +91,7 @@ pub(crate) struct Side<'a> {
 /// Matches stereo features; reuse it from frame to frame, for its buffers.
 #[derive(Clone, Debug)]
 pub(crate) struct StereoMatcher {
-    setting: StereoSetting,
+    config: StereoConfig,
     left: Rectifier,
     right: Rectifier,
     octaves: Octaves,
@@ -101,7 +101,7 @@ pub(crate) struct StereoMatcher {
     starts: Vec<u32>,
     order: Vec<InRow>,
     found: Vec<Found>,
-    lenders: Lenders,
+    seeds: DisparitySeeds,
     backend: Backend,
 }
 
@@ -134,7 +134,7 @@ struct Aligned {
 
 impl StereoMatcher {
     pub(crate) fn new(
-        setting: StereoSetting,
+        config: StereoConfig,
         left: Rectifier,
         right: Rectifier,
         octaves: Octaves,
@@ -142,7 +142,7 @@ impl StereoMatcher {
     ) -> Self {
         let (starts, order, found) = (Vec::new(), Vec::new(), Vec::new());
         Self {
-            setting,
+            config,
             left,
             right,
             octaves,
@@ -150,7 +150,7 @@ impl StereoMatcher {
             starts,
             order,
             found,
-            lenders: Lenders::default(),
+            seeds: DisparitySeeds::default(),
             backend: Backend::detect(),
         }
     }
@@ -193,8 +193,8 @@ impl StereoMatcher {
             (right_x[i], depth[i]) = self.measured(left.px[i][0], f.disparity as f64);
         }
         self.found = found;
-        if self.setting.borrow_correlation <= 1.0 {
-            let gate = gate.max(self.setting.borrow_correlation);
+        if self.config.borrow_correlation <= 1.0 {
+            let gate = gate.max(self.config.borrow_correlation);
             self.borrow(&left, &right, gate, right_x, depth);
         }
     }
@@ -203,14 +203,14 @@ impl StereoMatcher {
     /// noise made large enough would see the far world too near.
     fn measured(&self, left_x: f32, disparity: f64) -> (f32, f32) {
         let depth =
-            if disparity < self.setting.min_disparity { f64::NAN } else { self.baseline_fx / disparity };
+            if disparity < self.config.min_disparity { f64::NAN } else { self.baseline_fx / disparity };
         (left_x - disparity as f32, depth as f32)
     }
 
     /// Second pass: features without a match of their own try the disparities of matched features near them.
     fn borrow(&mut self, left: &Side, right: &Side, gate: f32, right_x: &mut [f32], depth: &mut [f32]) {
-        let mut lenders = std::mem::take(&mut self.lenders);
-        lenders.fill(left.px, &self.found, depth);
+        let mut seeds = std::mem::take(&mut self.seeds);
+        seeds.fill(left.px, &self.found, depth);
         for i in 0..left.px.len() {
             // Those that the first pass matched; what this pass adds is not lent.
             if right_x[i].is_finite() {
@@ -218,7 +218,7 @@ impl StereoMatcher {
             }
             let Some(template) = self.template(left, i) else { continue };
             let scale = self.octaves.scale(left.octave[i]) as f32;
-            for disparity in lenders.near(left.px[i], scale) {
+            for disparity in seeds.near(left.px[i], scale) {
                 let aligned = self.align(left, i, &template, right, disparity as f64);
                 if let Some(a) = aligned.filter(|a| a.correlation >= gate) {
                     (right_x[i], depth[i]) = self.measured(left.px[i][0], a.disparity);
@@ -226,7 +226,7 @@ impl StereoMatcher {
                 }
             }
         }
-        self.lenders = lenders;
+        self.seeds = seeds;
     }
 
     /// Buckets right features by row; gives the row of the first bucket, `None` without features.
@@ -261,7 +261,7 @@ impl StereoMatcher {
 
     /// The right feature nearest in descriptor among those in the band of rows, of neighbouring levels, at a possible disparity.
     fn best_candidate(&self, left: &Side, i: usize, right: &Side, first_row: i32) -> Option<usize> {
-        let s = &self.setting;
+        let s = &self.config;
         let [u, v] = left.px[i];
         let octave = left.octave[i];
         let tolerance = (s.row_tolerance * self.octaves.scale(octave)) as f32;
@@ -293,7 +293,7 @@ impl StereoMatcher {
 
     fn max_disparity(&self) -> f64 {
         // disparity = baseline * fx / (baselines * baseline)
-        self.left.focal_x() / self.setting.min_depth_baselines
+        self.left.focal_x() / self.config.min_depth_baselines
     }
 
     /// The whole pixel of its level nearest to a left feature: patches sit there, so that they need not be interpolated.
@@ -328,7 +328,7 @@ impl StereoMatcher {
             }
             let step = (-dot(&fit.slope, &patch) / (gain * fit.slope_energy)).clamp(-1.5, 1.5);
             shift += step as f64;
-            if shift.abs() > self.setting.max_shift {
+            if shift.abs() > self.config.max_shift {
                 return None;
             }
             if step.abs() < SETTLED {
@@ -341,7 +341,7 @@ impl StereoMatcher {
         }
         let disparity = start + shift * scale;
         // Noise takes what is infinitely far below zero.
-        let least = -3.0 * f64::from(self.setting.max_sigma) * scale;
+        let least = -3.0 * f64::from(self.config.max_sigma) * scale;
         if disparity < least || disparity > self.max_disparity() {
             return None;
         }
@@ -351,7 +351,7 @@ impl StereoMatcher {
         let correlation = (explained / energy.max(1e-6)).sqrt();
         let residual = (energy - explained).max(0.0) / (AREA - 3) as f32;
         let sigma = (residual / fit.slope_energy).sqrt() / gain;
-        let s = &self.setting;
+        let s = &self.config;
         (correlation >= s.min_correlation && sigma <= s.max_sigma)
             .then_some(Aligned { disparity, correlation })
     }
@@ -364,6 +364,6 @@ impl StereoMatcher {
         let mut rest: Vec<f32> = found.iter().map(|f| 1.0 - f.correlation).collect();
         let middle = rest.len() / 2;
         let (_, median, _) = rest.select_nth_unstable_by(middle, f32::total_cmp);
-        1.0 - *median * self.setting.max_over_median
+        1.0 - *median * self.config.max_over_median
     }
 }

@@ -1,6 +1,6 @@
 //! Where rays meet: closed-form triangulation from two views and from many, with the gates that make a point believed.
 
-use crate::EyeModel;
+use crate::RectifiedCamera;
 use cairn_geometry::{Mat3, Se3, Vec2, Vec3, hat};
 
 /// The essential matrix of a motion: `second_ray' * E * first_ray = 0` (Longuet-Higgins 1981), `E = [t]x R`.
@@ -95,14 +95,14 @@ pub enum NotTriangulated {
 /// Triangulates one match of rectified pixels with the least reprojection error, and checks it; `sigma` is the standard
 /// deviation of the two pixels (the scale of their levels).
 pub fn triangulate_checked(
-    eye: &EyeModel,
+    camera: &RectifiedCamera,
     second_from_first: &Se3,
     first: [f32; 2],
     second: [f32; 2],
     sigma: [f64; 2],
     gate: &TriangulateGate,
 ) -> Result<Triangulated, NotTriangulated> {
-    let (mut a, mut b) = (eye.unproject(first, 1.0), eye.unproject(second, 1.0));
+    let (mut a, mut b) = (camera.unproject(first, 1.0), camera.unproject(second, 1.0));
     let turned = second_from_first.rotation.inverse() * b;
     let parallax_deg = a.cross(&turned).norm().atan2(a.dot(&turned)).to_degrees();
     if !(parallax_deg >= gate.min_parallax_deg) {
@@ -117,7 +117,7 @@ pub fn triangulate_checked(
         return Err(NotTriangulated::Behind(depth));
     }
     let chi2 = [(point, first, sigma[0]), (there, second, sigma[1])].map(|(p, px, sigma)| {
-        let [u, v, _] = eye.project(&p).unwrap_or([f64::INFINITY; 3]);
+        let [u, v, _] = camera.project(&p).unwrap_or([f64::INFINITY; 3]);
         ((u - px[0] as f64).powi(2) + (v - px[1] as f64).powi(2)) / (sigma * sigma)
     });
     let worst = chi2[0].max(chi2[1]);
@@ -127,12 +127,12 @@ pub fn triangulate_checked(
     Ok(Triangulated { point, parallax_deg, chi2 })
 }
 
-/// The point nearest to many rays, in least squares of the distances: `views` are poses `eye_from_world` and unit rays in
+/// The point nearest to many rays, in least squares of the distances: `views` are poses `camera_from_world` and unit rays in
 /// the eye. `None` for fewer than two views or when all rays are parallel.
 pub fn triangulate_views(views: &[(Se3, Vec3)]) -> Option<Vec3> {
     let (mut a, mut b) = (Mat3::zeros(), Vec3::zeros());
-    for (eye_from_world, ray) in views {
-        let inverse = eye_from_world.inverse();
+    for (camera_from_world, ray) in views {
+        let inverse = camera_from_world.inverse();
         let ray = inverse.rotation * ray.normalize();
         let across = Mat3::identity() - ray * ray.transpose();
         a += across;
@@ -153,8 +153,8 @@ mod tests {
     use cairn_geometry::So3;
     use cairn_solve::ransac::Rng;
 
-    fn eye() -> EyeModel {
-        EyeModel {
+    fn camera() -> RectifiedCamera {
+        RectifiedCamera {
             fx: 450.0,
             fy: 450.0,
             cx: 320.0,
@@ -162,7 +162,7 @@ mod tests {
             baseline_fx: 0.0,
             bounds: [0.0, 0.0, 640.0, 480.0],
             close_depth: 0.0,
-            body_from_eye: Se3::identity(),
+            body_from_camera: Se3::identity(),
         }
     }
 
@@ -224,8 +224,8 @@ mod tests {
     fn gates_say_why() {
         let gate = TriangulateGate::default();
         let t = Se3::new(So3::identity(), Vec3::new(-0.3, 0.0, 0.0));
-        let px = |p: Vec3| eye().project(&p).map(|[u, v, _]| [u as f32, v as f32]).unwrap();
-        let check = |a, b| triangulate_checked(&eye(), &t, a, b, [1.0; 2], &gate);
+        let px = |p: Vec3| camera().project(&p).map(|[u, v, _]| [u as f32, v as f32]).unwrap();
+        let check = |a, b| triangulate_checked(&camera(), &t, a, b, [1.0; 2], &gate);
         let p = Vec3::new(0.2, 0.1, 3.0);
         let good = check(px(p), px(t * p)).unwrap();
         assert!((good.point - p).norm() < 1e-4 && good.chi2[0] < 1e-4);

@@ -1,7 +1,7 @@
 //! Vocabularies: training, files that are broken, words, bags, matching through nodes, and the import of text.
 
 use cairn_vision::bow::{
-    Bag, Dbow2Error, NodeMatchSetting, TrainError, TrainSetting, Vocabulary, VocabularyError, WordId,
+    Bag, Dbow2Error, NodeMatchConfig, TrainConfig, TrainError, Vocabulary, VocabularyError, WordId,
     import_dbow2, match_through_nodes, train,
 };
 use cairn_vision::{Descriptor, hamming};
@@ -32,9 +32,8 @@ fn small() -> (Vocabulary, Vec<Vec<Descriptor>>) {
     static TRAINED: OnceLock<(Vocabulary, Vec<Vec<Descriptor>>)> = OnceLock::new();
     let trained = TRAINED.get_or_init(|| {
         let images = images(40, 60);
-        let setting =
-            TrainSetting { branching: 6, depth: 3, index_level: Some(1), ..TrainSetting::default() };
-        (train(&images, &setting).unwrap().vocabulary, images)
+        let config = TrainConfig { branching: 6, depth: 3, index_level: Some(1), ..TrainConfig::default() };
+        (train(&images, &config).unwrap().vocabulary, images)
     });
     trained.clone()
 }
@@ -77,8 +76,8 @@ fn a_word_is_the_end_of_the_greedy_way_down() {
 #[test]
 fn training_gathers_what_belongs_together() {
     let images = images(40, 60);
-    let setting = TrainSetting { branching: 8, depth: 3, ..TrainSetting::default() };
-    let trained = train(&images, &setting).unwrap();
+    let config = TrainConfig { branching: 8, depth: 3, ..TrainConfig::default() };
+    let trained = train(&images, &config).unwrap();
     // Members of a centre differ from it in 12 bits, from each other in 24, from the rest in about 128.
     assert!(trained.mean_distance < 30.0, "{}", trained.mean_distance);
     let v = &trained.vocabulary;
@@ -98,22 +97,22 @@ fn training_gathers_what_belongs_together() {
 #[test]
 fn the_same_images_and_seed_give_the_same_file() {
     let images = images(20, 50);
-    let setting = TrainSetting { branching: 5, depth: 3, ..TrainSetting::default() };
-    let bytes = |s: &TrainSetting| train(&images, s).unwrap().vocabulary.bytes().to_vec();
-    assert_eq!(bytes(&setting), bytes(&setting));
-    assert_ne!(bytes(&setting), bytes(&TrainSetting { seed: 2, ..setting }));
+    let config = TrainConfig { branching: 5, depth: 3, ..TrainConfig::default() };
+    let bytes = |s: &TrainConfig| train(&images, s).unwrap().vocabulary.bytes().to_vec();
+    assert_eq!(bytes(&config), bytes(&config));
+    assert_ne!(bytes(&config), bytes(&TrainConfig { seed: 2, ..config }));
 }
 
 #[test]
 fn too_little_to_learn_from_is_told() {
-    let setting = TrainSetting::default();
-    assert_eq!(train(&[], &setting).unwrap_err(), TrainError::TooLittle);
-    assert_eq!(train(&[vec![[7; 32]; 50]], &setting).unwrap_err(), TrainError::TooLittle);
+    let config = TrainConfig::default();
+    assert_eq!(train(&[], &config).unwrap_err(), TrainError::TooLittle);
+    assert_eq!(train(&[vec![[7; 32]; 50]], &config).unwrap_err(), TrainError::TooLittle);
     for (branching, depth) in [(1, 3), (5000, 3), (10, 0), (10, 17)] {
-        let wrong = TrainSetting { branching, depth, ..setting };
+        let wrong = TrainConfig { branching, depth, ..config };
         assert!(matches!(train(&images(2, 9), &wrong), Err(TrainError::Setting(_))));
     }
-    let two = train(&[vec![[0; 32], [255; 32]], vec![[0; 32]]], &setting).unwrap().vocabulary;
+    let two = train(&[vec![[0; 32], [255; 32]], vec![[0; 32]]], &config).unwrap().vocabulary;
     assert_eq!(two.facts().words, 2);
 }
 
@@ -155,8 +154,8 @@ fn features_that_pass_the_same_node_are_matched() {
     second.iter_mut().for_each(|d| d[3] ^= 0b1001_0000);
     second.extend(&images[1]);
     let (a, b) = (v.bag(first), v.bag(&second));
-    let setting = NodeMatchSetting::default();
-    let pairs = match_through_nodes((&a, first), (&b, &second), &setting, |_| true, |_| true);
+    let config = NodeMatchConfig::default();
+    let pairs = match_through_nodes((&a, first), (&b, &second), &config, |_| true, |_| true);
     let right = pairs.iter().filter(|[i, j]| *j == first.len() - 1 - i).count();
     assert!(right * 10 >= first.len() * 8, "{right} of {}", first.len());
     assert!(pairs.windows(2).all(|p| p[0][0] < p[1][0]));
@@ -164,10 +163,10 @@ fn features_that_pass_the_same_node_are_matched() {
     js.sort();
     js.dedup();
     assert_eq!(js.len(), pairs.len(), "a feature was matched twice");
-    let some = match_through_nodes((&a, first), (&b, &second), &setting, |i| i % 2 == 0, |j| j % 3 == 0);
+    let some = match_through_nodes((&a, first), (&b, &second), &config, |i| i % 2 == 0, |j| j % 3 == 0);
     assert!(!some.is_empty() && some.iter().all(|[i, j]| i % 2 == 0 && j % 3 == 0));
     // Descriptors that do not belong to the bag: no panic.
-    match_through_nodes((&a, &first[..3]), (&b, &second[..2]), &setting, |_| true, |_| true);
+    match_through_nodes((&a, &first[..3]), (&b, &second[..2]), &config, |_| true, |_| true);
 }
 
 /// A vocabulary in DBoW2's text form, its nodes numbered as a walk into the depth meets them.

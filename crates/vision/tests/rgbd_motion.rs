@@ -4,13 +4,13 @@ mod common;
 
 use cairn_geometry::Se3;
 use cairn_sensor::{FramePacket, Rig, Stamp};
-use cairn_vision::{Eye, EyeSetting, Frame, PnpSetting, SensorMode, best_two_of, pnp_ransac};
+use cairn_vision::{Frame, FrontEnd, FrontEndConfig, PnpConfig, SensorMode, best_two_of, pnp_ransac};
 use common::recordings::{depth_png, folder, jpeg, kitchen_rig, listing, numbers};
 use std::path::Path;
 
 /// Median errors of the pose between frames: centimetres and degrees, and points with depth a frame.
-fn errors(rig: &Rig, path: &Path, setting: EyeSetting, apart: usize) -> [f64; 3] {
-    let mut eye = Eye::new(rig, SensorMode::Rgbd, setting).unwrap();
+fn errors(rig: &Rig, path: &Path, config: FrontEndConfig, apart: usize) -> [f64; 3] {
+    let mut camera = FrontEnd::new(rig, SensorMode::Rgbd, config).unwrap();
     let (colours, depths) = (listing(path, ".color.jpg"), listing(path, ".depth.png"));
     let poses = listing(path, ".pose.txt");
     let mut see = |k: usize| -> (Frame, Se3) {
@@ -22,15 +22,15 @@ fn errors(rig: &Rig, path: &Path, setting: EyeSetting, apart: usize) -> [f64; 3]
             decode_ms: 0.0,
         };
         let truth = Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&numbers(&poses[k])));
-        (eye.see(&packet).unwrap(), truth)
+        (camera.see(&packet).unwrap(), truth)
     };
     let (mut shifts, mut turns, mut points_seen) = (vec![], vec![], 0);
     let starts = (0..colours.len() - apart).step_by(12);
     let count = starts.len();
-    let model = *Eye::new(rig, SensorMode::Rgbd, setting).unwrap().model();
+    let model = *FrontEnd::new(rig, SensorMode::Rgbd, config).unwrap().model();
     for k in starts {
         let ((a, world_from_a), (b, world_from_b)) = (see(k), see(k + apart));
-        let t = model.body_from_eye;
+        let t = model.body_from_camera;
         let truth = t.inverse() * world_from_b.inverse() * world_from_a * t;
         let (mut points, mut bearings) = (vec![], vec![]);
         for i in (0..a.len()).filter(|&i| a.has_depth(i)) {
@@ -41,9 +41,9 @@ fn errors(rig: &Rig, path: &Path, setting: EyeSetting, apart: usize) -> [f64; 3]
             }
         }
         points_seen += a.depth.iter().filter(|d| **d > 0.0).count();
-        let setting = PnpSetting { threshold_rad: 0.006, ..PnpSetting::default() };
-        let Ok(found) = pnp_ransac(&points, &bearings, &setting, k as u64) else { continue };
-        let off = found.eye_from_world.inverse() * truth;
+        let config = PnpConfig { threshold_rad: 0.006, ..PnpConfig::default() };
+        let Ok(found) = pnp_ransac(&points, &bearings, &config, k as u64) else { continue };
+        let off = found.camera_from_world.inverse() * truth;
         shifts.push(off.translation.norm() * 100.0);
         turns.push(off.rotation.angle().to_degrees());
     }
@@ -62,7 +62,7 @@ fn kitchen() {
         [("one camera, as published", true), ("two cameras, depth found along rays", false)]
     {
         for (apart, worst) in [(5, [1.2, 0.5]), (15, [3.0, 1.3])] {
-            let [cm, deg, n] = errors(&kitchen_rig(registered), &path, EyeSetting::default(), apart);
+            let [cm, deg, n] = errors(&kitchen_rig(registered), &path, FrontEndConfig::default(), apart);
             println!(
                 "{name}, {apart} frames apart: {cm:.2} cm, {deg:.2} deg (medians), {n:.0} points with depth"
             );

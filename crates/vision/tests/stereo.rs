@@ -4,7 +4,7 @@ mod common;
 
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, GrayImage, Rig, Stamp};
-use cairn_vision::{Eye, EyeSetting, Frame, OrbSetting, SensorMode};
+use cairn_vision::{Frame, FrontEnd, FrontEndConfig, OrbConfig, SensorMode};
 use common::recordings::{euroc_rig, folder, jpeg, kitti_rig, listing};
 use common::scene::{Exposure, Rectangle, Scene, lens_pair, pinhole_pair};
 use std::sync::Arc;
@@ -13,8 +13,8 @@ fn packet(images: Vec<Arc<GrayImage>>) -> FramePacket {
     FramePacket { stamp: Stamp(0), images, depth: None, imu: Vec::new(), decode_ms: 0.0 }
 }
 
-fn setting(features: usize) -> EyeSetting {
-    EyeSetting { orb: OrbSetting { features, ..OrbSetting::default() }, ..EyeSetting::default() }
+fn config(features: usize) -> FrontEndConfig {
+    FrontEndConfig { orb: OrbConfig { features, ..OrbConfig::default() }, ..FrontEndConfig::default() }
 }
 
 /// What the disparities of some frames are worth.
@@ -37,21 +37,21 @@ impl Score {
 
     /// Adds the frame of a pair whose left camera stands at the world's origin.
     fn add(&mut self, rig: &Rig, scene: &Scene, images: [Arc<GrayImage>; 2]) {
-        let mut eye = Eye::new(rig, SensorMode::Stereo, setting(1200)).unwrap();
+        let mut camera = FrontEnd::new(rig, SensorMode::Stereo, config(1200)).unwrap();
         let left = &rig.cameras[0];
-        let frame: Frame = eye.see(&packet(images.to_vec())).unwrap();
-        let eye_from_left = eye.model().body_from_eye.inverse() * left.body_from_camera;
+        let frame: Frame = camera.see(&packet(images.to_vec())).unwrap();
+        let rectified_from_left = camera.model().body_from_camera.inverse() * left.body_from_camera;
         self.features += frame.len();
         for i in (0..frame.len()).filter(|&i| frame.has_depth(i)) {
             let raw = frame.raw[i];
             let Some(z) = scene.depth(&left.camera, &Se3::identity(), raw) else { continue };
             let b = left.camera.unproject(&Vec2::new(raw[0] as f64, raw[1] as f64)).unwrap();
-            let [u, v, right_x] = eye.model().project(&(eye_from_left * (b / b.z * z))).unwrap();
+            let [u, v, right_x] = camera.model().project(&(rectified_from_left * (b / b.z * z))).unwrap();
             assert!((u - frame.px[i][0] as f64).abs() < 0.01 && (v - frame.px[i][1] as f64).abs() < 0.01);
             let product = frame.depth[i] as f64 * (frame.px[i][0] - frame.right_x[i]) as f64;
-            assert!((product / eye.model().baseline_fx - 1.0).abs() < 1e-3);
+            assert!((product / camera.model().baseline_fx - 1.0).abs() < 1e-3);
             self.matched += 1;
-            let error = (frame.right_x[i] as f64 - right_x) / eye.octaves().scale(frame.octave[i]);
+            let error = (frame.right_x[i] as f64 - right_x) / camera.octaves().scale(frame.octave[i]);
             if error.abs() > 1.0 { self.wrong += 1 } else { self.errors.push(error) }
         }
     }
@@ -111,10 +111,10 @@ fn what_is_far_keeps_its_right_x_and_is_not_seen_too_near() {
     let look = |seed| Exposure { gain: 1.0, offset: 0.0, noise: 4.0, seed };
     let l = scene.render(&left.camera, &Se3::identity(), &look(1));
     let r = scene.render(&right.camera, &world_from_right, &look(2));
-    let mut eye = Eye::new(&rig, SensorMode::Stereo, setting(1200)).unwrap();
-    let frame = eye.see(&packet(vec![Arc::new(l), Arc::new(r)])).unwrap();
+    let mut camera = FrontEnd::new(&rig, SensorMode::Stereo, config(1200)).unwrap();
+    let frame = camera.see(&packet(vec![Arc::new(l), Arc::new(r)])).unwrap();
     let seen: Vec<usize> = (0..frame.len()).filter(|i| frame.right_x[*i].is_finite()).collect();
-    let truth = eye.model().baseline_fx / 400.0;
+    let truth = camera.model().baseline_fx / 400.0;
     let disparity = |i: usize| (frame.px[i][0] - frame.right_x[i]) as f64;
     let mean = seen.iter().map(|i| disparity(*i)).sum::<f64>() / seen.len() as f64;
     let deep: Vec<f64> = seen.iter().filter(|i| frame.has_depth(**i)).map(|i| disparity(*i)).collect();
@@ -133,20 +133,20 @@ fn what_is_far_keeps_its_right_x_and_is_not_seen_too_near() {
 
 /// Shares and rows of a recording's pairs: `(features, matched, close matched, ms of the fastest tenth)`.
 fn recording(rig: &Rig, pairs: &[(std::path::PathBuf, std::path::PathBuf)], features: usize) -> [f64; 3] {
-    let mut eye = Eye::new(rig, SensorMode::Stereo, setting(features)).unwrap();
+    let mut camera = FrontEnd::new(rig, SensorMode::Stereo, config(features)).unwrap();
     let (mut n, mut matched, mut close) = (0.0, 0.0, 0.0);
     let mut times = Vec::new();
     for (l, r) in pairs {
         let packet = packet(vec![jpeg(l), jpeg(r)]);
         for _ in 0..5 {
             let start = std::time::Instant::now();
-            eye.see(&packet).unwrap();
+            camera.see(&packet).unwrap();
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
-        let frame = eye.see(&packet).unwrap();
+        let frame = camera.see(&packet).unwrap();
         n += frame.len() as f64;
         matched += frame.depth.iter().filter(|d| **d > 0.0).count() as f64;
-        close += frame.depth.iter().filter(|d| (**d as f64) < eye.model().close_depth).count() as f64;
+        close += frame.depth.iter().filter(|d| (**d as f64) < camera.model().close_depth).count() as f64;
     }
     times.sort_by(f64::total_cmp);
     let frames = pairs.len() as f64;

@@ -4,17 +4,23 @@ mod common;
 
 use cairn_geometry::Se3;
 use cairn_sensor::{FramePacket, Rig, Stamp};
-use cairn_vision::{Eye, EyeSetting, Frame, OrbSetting, SensorMode, hamming};
+use cairn_vision::{Frame, FrontEnd, FrontEndConfig, OrbConfig, SensorMode, hamming};
 use common::recordings::{Shot, euroc_rig, euroc_shots, jpeg, kitti_rig, kitti_shots};
 
 /// Of points that are found again by descriptor on the epipolar line of the true motion: how many are there where their
 /// depth says, within three pixels of their level. Points whose place tells nothing of their depth are left out.
-fn seen_again(eye: &Eye, a: &Frame, b: &Frame, b_from_a: &Se3, which: impl Fn(usize) -> bool) -> [usize; 2] {
+fn seen_again(
+    camera: &FrontEnd,
+    a: &Frame,
+    b: &Frame,
+    b_from_a: &Se3,
+    which: impl Fn(usize) -> bool,
+) -> [usize; 2] {
     let (mut found, mut right) = (0, 0);
     for i in (0..a.len()).filter(|&i| a.has_depth(i) && which(i)) {
-        let ray = eye.model().unproject(a.px[i], 1.0);
-        let here = eye.model().project(&(*b_from_a * (ray * a.depth[i] as f64)));
-        let (Some([u, v, _]), Some([fu, fv, _])) = (here, eye.model().project(&(b_from_a.rotation * ray)))
+        let ray = camera.model().unproject(a.px[i], 1.0);
+        let here = camera.model().project(&(*b_from_a * (ray * a.depth[i] as f64)));
+        let (Some([u, v, _]), Some([fu, fv, _])) = (here, camera.model().project(&(b_from_a.rotation * ray)))
         else {
             continue;
         };
@@ -28,7 +34,7 @@ fn seen_again(eye: &Eye, a: &Frame, b: &Frame, b_from_a: &Se3, which: impl Fn(us
             }
         });
         let length = (u - fu).hypot(v - fv);
-        let scale = eye.octaves().scale(a.octave[i].max(b.octave.get(at).copied().unwrap_or(0)));
+        let scale = camera.octaves().scale(a.octave[i].max(b.octave.get(at).copied().unwrap_or(0)));
         if best > 50 || best * 10 > second * 8 || length < 6.0 * scale {
             continue;
         }
@@ -46,11 +52,11 @@ fn seen_again(eye: &Eye, a: &Frame, b: &Frame, b_from_a: &Se3, which: impl Fn(us
 }
 
 fn check(name: &str, rig: &Rig, shots: &[Shot], features: usize, step: usize) {
-    let orb = OrbSetting { features, ..OrbSetting::default() };
-    let on = EyeSetting { orb, ..EyeSetting::default() };
+    let orb = OrbConfig { features, ..OrbConfig::default() };
+    let on = FrontEndConfig { orb, ..FrontEndConfig::default() };
     let mut off = on;
     off.stereo.borrow_correlation = 2.0;
-    let mut eyes = [off, on].map(|s| Eye::new(rig, SensorMode::Stereo, s).unwrap());
+    let mut eyes = [off, on].map(|s| FrontEnd::new(rig, SensorMode::Stereo, s).unwrap());
     let (mut own, mut borrowed) = ([0; 2], [0; 2]);
     let mut depths = [0; 2];
     for k in (0..shots.len() - step).step_by((shots.len() / 20).max(1)) {
@@ -60,12 +66,12 @@ fn check(name: &str, rig: &Rig, shots: &[Shot], features: usize, step: usize) {
             eyes[e].see(&packet).unwrap()
         };
         let (a, a_all, b) = (see(0, &shots[k]), see(1, &shots[k]), see(0, &shots[k + step]));
-        let eye = &eyes[1];
-        let t = eye.model().body_from_eye;
+        let camera = &eyes[1];
+        let t = camera.model().body_from_camera;
         let b_from_a = t.inverse() * shots[k + step].2.inverse() * shots[k].2 * t;
         let add = |sum: &mut [usize; 2], n: [usize; 2]| (sum[0], sum[1]) = (sum[0] + n[0], sum[1] + n[1]);
-        add(&mut own, seen_again(eye, &a_all, &b, &b_from_a, |i| a.has_depth(i)));
-        add(&mut borrowed, seen_again(eye, &a_all, &b, &b_from_a, |i| !a.has_depth(i)));
+        add(&mut own, seen_again(camera, &a_all, &b, &b_from_a, |i| a.has_depth(i)));
+        add(&mut borrowed, seen_again(camera, &a_all, &b, &b_from_a, |i| !a.has_depth(i)));
         add(&mut depths, [&a, &a_all].map(|f| f.depth.iter().filter(|d| **d > 0.0).count()));
     }
     let share = |n: [usize; 2]| n[1] as f64 / n[0].max(1) as f64;

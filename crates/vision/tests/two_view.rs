@@ -2,10 +2,10 @@
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_solve::ransac::Rng;
-use cairn_vision::{EyeModel, TwoViewReason, TwoViewSetting, two_view};
+use cairn_vision::{RectifiedCamera, TwoViewConfig, TwoViewReason, two_view};
 
-fn eye() -> EyeModel {
-    EyeModel {
+fn camera() -> RectifiedCamera {
+    RectifiedCamera {
         fx: 458.0,
         fy: 457.0,
         cx: 367.0,
@@ -13,7 +13,7 @@ fn eye() -> EyeModel {
         baseline_fx: 0.0,
         bounds: [0.0, 0.0, 752.0, 480.0],
         close_depth: 0.0,
-        body_from_eye: Se3::identity(),
+        body_from_camera: Se3::identity(),
     }
 }
 
@@ -38,7 +38,7 @@ fn direction(rng: &mut Rng) -> Vec3 {
 
 /// `n` matches in images of 752 x 480 with `noise` pixels of deviation; `outliers` of them are drawn anywhere.
 fn views(rng: &mut Rng, world: World, truth: Se3, n: usize, noise: f64, outliers: f64) -> Views {
-    let eye = eye();
+    let camera = camera();
     let mut v = Views { truth, first: vec![], second: vec![], points: vec![] };
     let tilt = [rng.range(-0.5, 0.5), rng.range(-0.5, 0.5)];
     let mut tries = 0;
@@ -48,9 +48,9 @@ fn views(rng: &mut Rng, world: World, truth: Se3, n: usize, noise: f64, outliers
         let flat = world == World::Plane || world == World::Mostly && rng.unit() < 0.7;
         let z = if flat { 5.0 / (1.0 + tilt[0] * x + tilt[1] * y) } else { rng.range(2.5, 9.0) };
         let p = Vec3::new(x, y, 1.0) * z;
-        let Some(mut b) = eye.project(&(truth * p)) else { continue };
-        let Some(a) = eye.project(&p) else { continue };
-        if !eye.contains(a[0], a[1]) || !eye.contains(b[0], b[1]) {
+        let Some(mut b) = camera.project(&(truth * p)) else { continue };
+        let Some(a) = camera.project(&p) else { continue };
+        if !camera.contains(a[0], a[1]) || !camera.contains(b[0], b[1]) {
             continue;
         }
         let outlier = rng.unit() < outliers;
@@ -86,7 +86,7 @@ fn trial(
         let truth = Se3::new(So3::exp(&turn), t.normalize() * baseline);
         let v = views(&mut rng, world, truth, 400, 1.0, outliers);
         let start = std::time::Instant::now();
-        let result = two_view(&eye(), &v.first, &v.second, &TwoViewSetting::default(), seed);
+        let result = two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), seed);
         time = time.min(start.elapsed().as_secs_f64() * 1e3);
         match result {
             Ok(r) => {
@@ -164,7 +164,8 @@ fn rotation_alone_is_refused() {
                 let mut rng = Rng::with_stream(seed, 6);
                 let truth = Se3::new(So3::exp(&(direction(&mut rng) * 0.15)), Vec3::zeros());
                 let v = views(&mut rng, World::General, truth, 400, noise, outliers);
-                let e = two_view(&eye(), &v.first, &v.second, &TwoViewSetting::default(), seed).unwrap_err();
+                let e =
+                    two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), seed).unwrap_err();
                 worst = worst.max(e.parallax_deg);
             }
             println!(
@@ -180,7 +181,7 @@ fn little_parallax_is_refused() {
         let mut rng = Rng::with_stream(seed, 7);
         let truth = Se3::new(So3::exp(&(direction(&mut rng) * 0.05)), Vec3::new(0.03, 0.01, 0.0));
         let v = views(&mut rng, World::General, truth, 400, 0.5, 0.2);
-        let e = two_view(&eye(), &v.first, &v.second, &TwoViewSetting::default(), seed).unwrap_err();
+        let e = two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), seed).unwrap_err();
         assert!(
             matches!(e.reason, TwoViewReason::LowParallax | TwoViewReason::TooFewPoints),
             "{e} {:?}",
@@ -194,7 +195,7 @@ fn the_same_seed_gives_the_same_start() {
     let mut rng = Rng::new(8);
     let truth = Se3::new(So3::exp(&Vec3::new(0.02, 0.05, -0.03)), Vec3::new(0.5, 0.1, 0.1));
     let v = views(&mut rng, World::General, truth, 300, 1.0, 0.3);
-    let run = || two_view(&eye(), &v.first, &v.second, &TwoViewSetting::default(), 9).unwrap();
+    let run = || two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), 9).unwrap();
     let (a, b) = (run(), run());
     assert_eq!(a.second_from_first, b.second_from_first);
     assert_eq!(a.points, b.points);
@@ -202,18 +203,18 @@ fn the_same_seed_gives_the_same_start() {
 
 #[test]
 fn nonsense_is_refused() {
-    let setting = TwoViewSetting::default();
+    let config = TwoViewConfig::default();
     let few = [[1.0f32, 2.0]; 7];
-    assert_eq!(two_view(&eye(), &few, &few, &setting, 0).unwrap_err().reason, TwoViewReason::TooFewMatches);
+    assert_eq!(two_view(&camera(), &few, &few, &config, 0).unwrap_err().reason, TwoViewReason::TooFewMatches);
     let same = vec![[100.0f32, 100.0]; 200];
-    assert!(two_view(&eye(), &same, &same, &setting, 0).is_err());
+    assert!(two_view(&camera(), &same, &same, &config, 0).is_err());
     let nan = vec![[f32::NAN; 2]; 200];
-    assert!(two_view(&eye(), &nan, &nan, &setting, 0).is_err());
+    assert!(two_view(&camera(), &nan, &nan, &config, 0).is_err());
     let mut rng = Rng::new(1);
     let any = |rng: &mut Rng| -> Vec<[f32; 2]> {
         (0..300).map(|_| [rng.range(0.0, 752.0) as f32, rng.range(0.0, 480.0) as f32]).collect()
     };
     let (a, b) = (any(&mut rng), any(&mut rng));
-    let e = two_view(&eye(), &a, &b, &setting, 0).unwrap_err();
+    let e = two_view(&camera(), &a, &b, &config, 0).unwrap_err();
     println!("random matches: {e}");
 }

@@ -3,17 +3,22 @@
 mod common;
 
 use cairn_sensor::{FramePacket, Rig, Stamp};
-use cairn_vision::{Eye, EyeSetting, Frame, OrbSetting, SensorMode, TwoViewSetting, best_two_of, two_view};
+use cairn_vision::{
+    Frame, FrontEnd, FrontEndConfig, OrbConfig, SensorMode, TwoViewConfig, best_two_of, two_view,
+};
 use common::recordings::{Shot, euroc_rig, euroc_shots, jpeg, kitti_rig, kitti_shots};
 
 /// Tries pairs that many frames apart; prints how many start and how far off they are; gives (tried, started, wrong).
 fn starts(name: &str, rig: &Rig, shots: &[Shot], apart: usize, every: usize) -> [usize; 3] {
-    let orb = OrbSetting { features: 2000, ..OrbSetting::default() };
-    let mut eye = Eye::new(rig, SensorMode::Mono, EyeSetting { orb, ..EyeSetting::default() }).unwrap();
-    let model = *eye.model();
+    let orb = OrbConfig { features: 2000, ..OrbConfig::default() };
+    let mut camera =
+        FrontEnd::new(rig, SensorMode::Mono, FrontEndConfig { orb, ..FrontEndConfig::default() }).unwrap();
+    let model = *camera.model();
     let mut see = |s: &Shot| -> Frame {
         let images = vec![jpeg(&s.0)];
-        eye.see(&FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 }).unwrap()
+        camera
+            .see(&FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 })
+            .unwrap()
     };
     let (mut tried, mut wrong) = (0, 0);
     let (mut turns, mut directions, mut points, mut refused) = (vec![], vec![], 0, vec![]);
@@ -28,11 +33,11 @@ fn starts(name: &str, rig: &Rig, shots: &[Shot], apart: usize, every: usize) -> 
                 second.push(b.px[m.index as usize]);
             }
         }
-        let t = model.body_from_eye;
+        let t = model.body_from_camera;
         let truth = t.inverse() * shots[k + apart].2.inverse() * shots[k].2 * t;
         tried += 1;
         let start = std::time::Instant::now();
-        let result = two_view(&model, &first, &second, &TwoViewSetting::default(), k as u64);
+        let result = two_view(&model, &first, &second, &TwoViewConfig::default(), k as u64);
         fastest = fastest.min(start.elapsed().as_secs_f64() * 1e3);
         match result {
             Ok(r) => {

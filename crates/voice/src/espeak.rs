@@ -10,14 +10,14 @@ use std::process::{Child, Command, Stdio};
 
 /// Rate and loudness of speech.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpeechSetting {
+pub struct SpeechConfig {
     /// 0.1 to 2; 1 is 175 words a minute.
     pub rate: f64,
     /// 0 to 1.
     pub volume: f64,
 }
 
-impl Default for SpeechSetting {
+impl Default for SpeechConfig {
     fn default() -> Self {
         Self { rate: 1.0, volume: 1.0 }
     }
@@ -27,7 +27,7 @@ impl Default for SpeechSetting {
 #[derive(Clone, Debug)]
 pub struct Espeak {
     program: OsString,
-    setting: SpeechSetting,
+    config: SpeechConfig,
 }
 
 /// So often the same words are begun again when their child dies.
@@ -40,15 +40,15 @@ impl Espeak {
     ///
     /// # Errors
     /// When it is not, with what to install.
-    pub fn find(setting: SpeechSetting) -> Result<Self, VoiceError> {
-        Self::named("espeak-ng", setting)
+    pub fn find(config: SpeechConfig) -> Result<Self, VoiceError> {
+        Self::named("espeak-ng", config)
     }
 
     /// With another program that takes the same arguments: for tests.
     ///
     /// # Errors
     /// As [`Espeak::find`].
-    pub fn named(program: impl Into<OsString>, setting: SpeechSetting) -> Result<Self, VoiceError> {
+    pub fn named(program: impl Into<OsString>, config: SpeechConfig) -> Result<Self, VoiceError> {
         let program = program.into();
         let tried = Command::new(&program)
             .arg("--version")
@@ -57,7 +57,7 @@ impl Espeak {
             .stderr(Stdio::null())
             .status();
         match tried {
-            Ok(_) => Ok(Self { program, setting }),
+            Ok(_) => Ok(Self { program, config }),
             Err(e) if e.kind() == ErrorKind::NotFound => Err(VoiceError {
                 why: format!("{} is not installed, and speaks for Cairn", program.to_string_lossy()),
                 cure: "install it (Debian, Ubuntu: apt install espeak-ng), or choose --say text".into(),
@@ -70,8 +70,8 @@ impl Espeak {
 
     /// Starts it with words on its standard input; `extra` comes before.
     fn start(&self, text: &str, extra: &[&str], out: Stdio) -> std::io::Result<Child> {
-        let speed = (175.0 * self.setting.rate.clamp(0.1, 2.0)).round().max(80.0);
-        let loud = (100.0 * self.setting.volume.clamp(0.0, 1.0)).round();
+        let speed = (175.0 * self.config.rate.clamp(0.1, 2.0)).round().max(80.0);
+        let loud = (100.0 * self.config.volume.clamp(0.0, 1.0)).round();
         let mut child = Command::new(&self.program)
             .args(["-v", "en", "-s", &format!("{speed}"), "-a", &format!("{loud}"), "--stdin"])
             .args(extra)
@@ -206,7 +206,7 @@ impl Voice for EspeakVoice {
         if !self.can_play || self.sounds.len() > 3 {
             return;
         }
-        let volume = self.espeak.setting.volume.clamp(0.0, 1.0) as f32;
+        let volume = self.espeak.config.volume.clamp(0.0, 1.0) as f32;
         let pcm: Vec<u8> = (earcon(sound, bearing_rad, RATE).iter().flatten())
             .flat_map(|v| ((v * volume * 32767.0) as i16).to_le_bytes())
             .collect();
@@ -265,7 +265,7 @@ mod tests {
         let script = format!("#!/bin/sh\n[ \"$1\" = --version ] && exit 0\nLOG={}\n{body}\n", log.display());
         std::fs::write(&program, script).unwrap();
         assert!(Command::new("chmod").arg("+x").arg(&program).status().unwrap().success());
-        (Espeak::named(&program, SpeechSetting::default()).unwrap(), log)
+        (Espeak::named(&program, SpeechConfig::default()).unwrap(), log)
     }
 
     fn until(mut done: impl FnMut() -> bool) {
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn a_missing_program_says_what_to_install() {
-        let error = Espeak::named("no-such-voice-of-cairn", SpeechSetting::default()).unwrap_err();
+        let error = Espeak::named("no-such-voice-of-cairn", SpeechConfig::default()).unwrap_err();
         assert!(error.to_string().contains("apt install espeak-ng"), "{error}");
     }
 

@@ -6,7 +6,7 @@ mod text;
 mod wav;
 
 pub use earcon::{Channel, earcon};
-pub use espeak::{Espeak, EspeakVoice, SpeechSetting};
+pub use espeak::{Espeak, EspeakVoice, SpeechConfig};
 pub use text::{NoVoice, TextVoice};
 pub use wav::WavVoice;
 

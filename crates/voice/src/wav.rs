@@ -167,7 +167,7 @@ impl Voice for WavVoice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::espeak::SpeechSetting;
+    use crate::espeak::SpeechConfig;
 
     fn samples(path: &Path) -> Vec<[i16; 2]> {
         let bytes = std::fs::read(path).unwrap();
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn words_and_sounds_stand_at_their_times_and_urgent_words_cut_off_others() {
-        let Ok(espeak) = Espeak::find(SpeechSetting::default()) else {
+        let Ok(espeak) = Espeak::find(SpeechConfig::default()) else {
             println!("skipped: espeak-ng is not installed");
             return;
         };

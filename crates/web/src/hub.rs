@@ -18,7 +18,7 @@ pub(crate) struct Hub {
     /// Who may in.
     pub token: String,
     /// What the walk sees with, for people; empty while the page's camera does.
-    pub eyes: String,
+    pub camera: String,
     /// Pictures of the page's camera go here.
     pub port: PhonePort,
     /// Commands go here.
@@ -42,11 +42,11 @@ pub(crate) struct Hub {
 }
 
 impl Hub {
-    pub fn new(token: String, eyes: String) -> Self {
+    pub fn new(token: String, camera: String) -> Self {
         let empty: Arc<str> = "".into();
         Self {
             token,
-            eyes,
+            camera,
             port: PhonePort::default(),
             inbox: Inbox::new(),
             walking: AtomicBool::new(false),

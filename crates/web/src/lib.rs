@@ -10,4 +10,4 @@ mod wire;
 
 pub use certificate::Certificate;
 pub use invitation::{Invitation, lan_address};
-pub use server::{Eyes, OpenSource, Remote, ServeSetting, Server, WebError};
+pub use server::{CameraSource, OpenSource, Remote, ServeConfig, Server, WebError};

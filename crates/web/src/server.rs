@@ -14,7 +14,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use cairn_engine::{Config, SensorMode};
 use cairn_sensor::{Rig, Source, SourceError};
-use cairn_session::{Command, SessionSetting};
+use cairn_session::{Command, SessionConfig};
 use rustls::pki_types::CertificateDer;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -30,11 +30,11 @@ const HELLO_WITHIN: Duration = Duration::from_secs(5);
 /// The largest message of a page: a picture.
 const LARGEST: usize = 4 << 20;
 
-/// Opens a source that is not the page's camera; with its eyes, and whether its inertial sensor is used.
+/// Opens a source that is not the page's camera; with its camera, and whether its inertial sensor is used.
 pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, bool), SourceError> + Send>;
 
 /// What the walk sees with.
-pub enum Eyes {
+pub enum CameraSource {
     /// The camera of the page that controls; its rig, where one is known.
     Page {
         /// The calibration; a guess without it.
@@ -50,7 +50,7 @@ pub enum Eyes {
 }
 
 /// What a server goes by.
-pub struct ServeSetting {
+pub struct ServeConfig {
     /// Open to the local network, not to this machine alone.
     pub lan: bool,
     /// The port; 0 takes a free one.
@@ -58,11 +58,11 @@ pub struct ServeSetting {
     /// Where the certificate is kept, so that a phone is asked once whether to trust it; made anew at each start without.
     pub keep: Option<PathBuf>,
     /// What the walk sees with.
-    pub eyes: Eyes,
+    pub camera: CameraSource,
     /// The engine's.
     pub config: Config,
     /// The session's.
-    pub session: SessionSetting,
+    pub session: SessionConfig,
 }
 
 /// Why the page can not be given.
@@ -98,19 +98,18 @@ impl Server {
     ///
     /// # Errors
     /// When the port is taken, or the machine gives no thread or random number.
-    pub fn start(setting: ServeSetting) -> Result<Self, WebError> {
+    pub fn start(config: ServeConfig) -> Result<Self, WebError> {
         let machine = |why: String| WebError::Machine(why);
-        let host: IpAddr =
-            if setting.lan { Ipv4Addr::UNSPECIFIED.into() } else { Ipv4Addr::LOCALHOST.into() };
-        let listener = std::net::TcpListener::bind((host, setting.port))
+        let host: IpAddr = if config.lan { Ipv4Addr::UNSPECIFIED.into() } else { Ipv4Addr::LOCALHOST.into() };
+        let listener = std::net::TcpListener::bind((host, config.port))
             .and_then(|l| l.set_nonblocking(true).map(|()| l))
-            .map_err(|source| WebError::Port { port: setting.port, source })?;
+            .map_err(|source| WebError::Port { port: config.port, source })?;
         let address = listener.local_addr().map_err(|e| machine(e.to_string()))?;
-        let lan = if setting.lan { lan_address() } else { None };
+        let lan = if config.lan { lan_address() } else { None };
         let mut addresses: Vec<IpAddr> = lan.into_iter().collect();
         addresses.push(Ipv4Addr::LOCALHOST.into());
         let names = ["localhost".to_owned()];
-        let (certificate, not_kept) = match &setting.keep {
+        let (certificate, not_kept) = match &config.keep {
             Some(folder) => Certificate::kept(folder, &addresses, &names).map_err(machine)?,
             None => (Certificate::new(&addresses, &names).map_err(machine)?, None),
         };
@@ -118,11 +117,11 @@ impl Server {
         let tls = certificate.into_server().map_err(machine)?;
         let token = new_token().map_err(machine)?;
         let invitation = Invitation::new(address, lan, &token);
-        let eyes = match &setting.eyes {
-            Eyes::Page { .. } => String::new(),
-            Eyes::Source { name, .. } => name.clone(),
+        let camera = match &config.camera {
+            CameraSource::Page { .. } => String::new(),
+            CameraSource::Source { name, .. } => name.clone(),
         };
-        let hub = Arc::new(Hub::new(token, eyes));
+        let hub = Arc::new(Hub::new(token, camera));
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .thread_name("cairn-page")
@@ -148,7 +147,7 @@ impl Server {
         });
         let web = web.map_err(|e| machine(e.to_string()))?;
         let shared = hub.clone();
-        let work = move || walk(&shared, setting);
+        let work = move || walk(&shared, config);
         let walk = std::thread::Builder::new().name("cairn-walk".into()).spawn(work);
         let walk = walk.map_err(|e| machine(e.to_string()))?;
         Ok(Self {
@@ -288,7 +287,7 @@ async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
         wants: Wants { hub: hub.clone(), picture: false, map: false },
         hub: hub.clone(),
     };
-    let hello = ToPage::Hello { id, version: env!("CARGO_PKG_VERSION"), eyes: &hub.eyes }.text();
+    let hello = ToPage::Hello { id, version: env!("CARGO_PKG_VERSION"), camera: &hub.camera }.text();
     if socket.send(Message::Text(hello.into())).await.is_err() {
         return;
     }

@@ -1,12 +1,12 @@
 //! The thread that walks: opens the source, drives the session, and tells the hub.
 
 use crate::hub::Hub;
-use crate::server::{Eyes, ServeSetting};
+use crate::server::{CameraSource, ServeConfig};
 use crate::wire::{self, ToPage};
 use cairn_engine::{Engine, Output, Runner, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{Command, Event, Face, Script, Session, drive_live, feed};
-use cairn_sources::{PhoneSource, Watched};
+use cairn_sources::{PhoneSource, Validator};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -21,10 +21,10 @@ const VIEW_EVERY: Duration = Duration::from_millis(1000);
 const MOST_POINTS: usize = 4000;
 
 /// Walks until the source ends; what goes wrong is told to the pages and given back.
-pub(crate) fn walk(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceError> {
+pub(crate) fn walk(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
     // A walk that was asked to end before its first picture has not failed.
     let result =
-        walk_on(hub, setting).or_else(|e| if hub.leaving.load(Ordering::Relaxed) { Ok(()) } else { Err(e) });
+        walk_on(hub, serve).or_else(|e| if hub.leaving.load(Ordering::Relaxed) { Ok(()) } else { Err(e) });
     hub.walking.store(false, Ordering::Relaxed);
     match &result {
         Err(e) => hub.tell(&ToPage::Trouble(&e.to_string())),
@@ -33,26 +33,26 @@ pub(crate) fn walk(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceEr
     result
 }
 
-fn walk_on(hub: &Arc<Hub>, setting: ServeSetting) -> Result<(), SourceError> {
-    let (source, mode, feels): (Box<dyn Source>, SensorMode, bool) = match setting.eyes {
-        Eyes::Page { rig } => {
+fn walk_on(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
+    let (source, mode, feels): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
+        CameraSource::Page { rig } => {
             let phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
             // A phone that tells its motion tells how long a metre is.
             let feels = phone.rig().imu.is_some();
             let told = hub.clone();
-            let watched = Watched::new(Box::new(phone), move |doubt| told.tell(&ToPage::Doubt(doubt)));
+            let watched = Validator::new(Box::new(phone), move |doubt| told.tell(&ToPage::Doubt(doubt)));
             (Box::new(watched), SensorMode::Mono, feels)
         }
-        Eyes::Source { open, .. } => open()?,
+        CameraSource::Source { open, .. } => open()?,
     };
     let name = source.info().name.clone();
-    let mut config = setting.config;
+    let mut config = serve.config;
     config.inertial.enabled = feels;
     let engine = Engine::new(source.rig(), mode, source.info().rate_hz, Runner::Threaded, &config)
         .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
-    let mut session_setting = setting.session;
-    session_setting.source.clone_from(&name);
-    let mut session = Session::new(engine, session_setting);
+    let mut session_config = serve.session;
+    session_config.source.clone_from(&name);
+    let mut session = Session::new(engine, session_config);
     feed(source, hub.inbox.clone()).map_err(|e| {
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;

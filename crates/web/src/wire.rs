@@ -26,7 +26,7 @@ pub(crate) enum FromPage {
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ToPage<'a> {
     /// The answer to a hello.
-    Hello { id: u64, version: &'static str, eyes: &'a str },
+    Hello { id: u64, version: &'static str, camera: &'a str },
     /// Who controls.
     Control { id: Option<u64> },
     /// Words that begin now.

@@ -10,9 +10,9 @@ mod cdp;
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
-use cairn_session::{Command, Event, Session, SessionSetting};
-use cairn_sim::{LiveRig, SimSensor, SimSetting, Walker, WorldKind};
-use cairn_web::{Eyes, ServeSetting, Server};
+use cairn_session::{Command, Event, Session, SessionConfig};
+use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
+use cairn_web::{CameraSource, ServeConfig, Server};
 use cdp::{Browser, Tab};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -29,18 +29,18 @@ fn camera() -> Camera {
 }
 
 /// The pictures of the way out.
-fn way_out() -> Vec<FramePacket> {
-    let setting = SimSetting {
+fn route_out() -> Vec<FramePacket> {
+    let config = SimConfig {
         sensor: SimSensor::Mono,
         imu: None,
         camera: camera(),
         rate_hz: RATE_HZ,
         body_from_camera: Se3::identity(),
         walker: Walker { speed: 0.7, turn_rate: 0.5, ..Walker::default() },
-        ..SimSetting::new(WorldKind::Demo, 3)
+        ..SimConfig::new(WorldKind::Demo, 3)
     };
-    let mut rig = LiveRig::new(&setting).unwrap();
-    let motion = setting.walker.motion(&rig.world().ways()[0].points.clone());
+    let mut rig = LiveRig::new(&config).unwrap();
+    let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
     let packet = |k: usize| {
         let t = START_S + k as f64 / RATE_HZ;
         rig.packet(Stamp::from_seconds(t), &motion.pose(t)).unwrap()
@@ -73,11 +73,11 @@ fn folder() -> PathBuf {
 /// The same walk without a browser: what the browser's test needs of the engine holds by itself.
 #[test]
 fn a_single_camera_comes_home_along_its_own_pictures() {
-    let out = way_out();
+    let out = route_out();
     let rig = Rig::mono(camera());
     let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
-    let setting = SessionSetting { folder: folder().join("plain"), ..SessionSetting::default() };
-    let mut session = Session::new(engine, setting);
+    let config = SessionConfig { folder: folder().join("plain"), ..SessionConfig::default() };
+    let mut session = Session::new(engine, config);
     let mut said = Vec::new();
     for (k, picture) in out.iter().chain(out.iter().rev()).enumerate() {
         let stamp = Stamp::from_seconds(k as f64 / RATE_HZ);
@@ -105,18 +105,18 @@ fn a_single_camera_comes_home_along_its_own_pictures() {
 fn the_page_records_and_comes_home_in_a_browser() {
     let folder = folder();
     let video = folder.join("walk.y4m");
-    write_video(&video, &way_out());
+    write_video(&video, &route_out());
     let Some(mut browser) = Browser::start(&folder, &video) else {
         println!("skipped: Chromium is not installed (Debian: apt install chromium)");
         return;
     };
-    let session = SessionSetting { folder: folder.join("ways"), ..SessionSetting::default() };
-    let eyes = Eyes::Page { rig: Some(Box::new(Rig::mono(camera()))) };
-    let server = Server::start(ServeSetting {
+    let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
+    let camera = CameraSource::Page { rig: Some(Box::new(Rig::mono(camera()))) };
+    let server = Server::start(ServeConfig {
         lan: false,
         port: 0,
         keep: None,
-        eyes,
+        camera,
         config: Config::default(),
         session,
     });
@@ -167,8 +167,8 @@ fn the_page_records_and_comes_home_in_a_browser() {
     browser.close(&phone);
     wait(&mut browser, &desk, "No picture comes. Stand still.", "#log", 5.0);
     wait(&mut browser, &desk, "Nobody controls", "#control", 5.0);
-    let way = cairn_guide::Way::load(&folder.join("ways/way-0002.way")).unwrap();
-    assert!(way.points.len() > 3, "{} points", way.points.len());
+    let route = cairn_guide::Route::load(&folder.join("routes/route-0002.route")).unwrap();
+    assert!(route.points.len() > 3, "{} points", route.points.len());
     // It comes back, takes control, and the recording goes on.
     let phone = browser.open(&url, [412, 915]);
     wait(&mut browser, &phone, "You control this walk", "#control", 10.0);

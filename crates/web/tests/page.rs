@@ -2,10 +2,10 @@
 
 use cairn_engine::{Config, SensorMode};
 use cairn_sensor::Source;
-use cairn_session::SessionSetting;
-use cairn_sim::{SimSetting, SimSource};
+use cairn_session::SessionConfig;
+use cairn_sim::{SimConfig, SimSource};
 use cairn_sources::Paced;
-use cairn_web::{Eyes, ServeSetting, Server};
+use cairn_web::{CameraSource, ServeConfig, Server};
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
 use std::io::{Read, Write};
@@ -25,20 +25,20 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-fn server(name: &str, eyes: Eyes) -> Server {
-    let session = SessionSetting { folder: folder(name), ..SessionSetting::default() };
-    Server::start(ServeSetting { lan: false, port: 0, keep: None, eyes, config: Config::default(), session })
+fn server(name: &str, camera: CameraSource) -> Server {
+    let session = SessionConfig { folder: folder(name), ..SessionConfig::default() };
+    Server::start(ServeConfig { lan: false, port: 0, keep: None, camera, config: Config::default(), session })
         .unwrap()
 }
 
 /// A walk through a world, played in real time.
-fn walk() -> Eyes {
+fn walk() -> CameraSource {
     let open = || {
-        let setting = SimSetting::parse("sim:demo?sensor=rgbd&rate=10&resolution=320x240")?;
-        let source: Box<dyn Source> = Box::new(Paced::new(Box::new(SimSource::new(&setting)?)));
+        let config = SimConfig::parse("sim:demo?sensor=rgbd&rate=10&resolution=320x240")?;
+        let source: Box<dyn Source> = Box::new(Paced::new(Box::new(SimSource::new(&config)?)));
         Ok((source, SensorMode::Rgbd, false))
     };
-    Eyes::Source { name: "sim:demo".into(), open: Box::new(open) }
+    CameraSource::Source { name: "sim:demo".into(), open: Box::new(open) }
 }
 
 /// A TLS client that trusts this server alone.
@@ -86,7 +86,7 @@ async fn enter(server: &Server, walk: bool) -> Socket {
 
 #[tokio::test]
 async fn the_page_comes_over_tls_with_its_policy_and_nothing_from_elsewhere() {
-    let server = server("files", Eyes::Page { rig: None });
+    let server = server("files", CameraSource::Page { rig: None });
     let get = |path: &str| {
         let mut connection =
             rustls::ClientConnection::new(tls(&server), "localhost".try_into().unwrap()).unwrap();
@@ -176,8 +176,8 @@ async fn strangers_stay_out_one_controls_and_others_watch() {
     while next(&mut watcher, "control").await["id"].is_null() {}
     send(&mut watcher, json!({ "command": "halt" })).await;
     assert_eq!(next(&mut watcher, "did").await["ok"], true);
-    let way = cairn_guide::Way::load(&folder_of("control").join("way-0001.way")).unwrap();
-    assert!(way.points.len() >= 20 && !way.torn);
+    let route = cairn_guide::Route::load(&folder_of("control").join("route-0001.route")).unwrap();
+    assert!(route.points.len() >= 20 && !route.torn);
 }
 
 fn folder_of(name: &str) -> PathBuf {

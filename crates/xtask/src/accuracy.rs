@@ -2,7 +2,7 @@
 //! what should be the same bits is known to be.
 
 use crate::recordings::{RECORDINGS, Recording};
-use crate::{Measured, Setting, measure};
+use crate::{MeasureOptions, Measured, measure};
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
 use std::fmt::Write;
@@ -24,10 +24,10 @@ pub struct Row {
 ///
 /// # Errors
 /// As [`measure()`], and when the recording can not be opened.
-pub fn run_here(data: &Path, recording: &Recording, setting: &Setting) -> Result<Measured, String> {
+pub fn run_here(data: &Path, recording: &Recording, config: &MeasureOptions) -> Result<Measured, String> {
     let folder = data.join(recording.folder);
     let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
-    measure(source.as_mut(), setting)
+    measure(source.as_mut(), config)
 }
 
 /// Runs the recordings that `only` names (all when it is none) that are there, each `times` times.

@@ -69,8 +69,8 @@ pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> 
     let (rate_hz, rig) = (source.info().rate_hz, source.rig());
     let map = mapped(&packets, rig, walk.sensor, rate_hz)?;
     let mut busy = Busy {
-        key_frames: map.map.key_frame_count(),
-        landmarks: map.map.landmark_count(),
+        key_frames: map.snapshot.key_frame_count(),
+        landmarks: map.snapshot.landmark_count(),
         pairs: Vec::new(),
     };
     eprintln!("{} frames, {} key frames, {} landmarks", packets.len(), busy.key_frames, busy.landmarks);
@@ -111,8 +111,8 @@ fn walked(
     let config = Config::default();
     let opened = Engine::in_map(rig, sensor.mode(), rate_hz, Runner::Threaded, &config, file);
     let (mut engine, _) = opened.map_err(|e| e.to_string())?;
-    let closer = Closer::new(*engine.eye().model(), config.closer, config.mapper.window);
-    let world = file.map.worlds().next().map(|(id, _)| id).ok_or("the map has no world")?;
+    let closer = Closer::new(*engine.front_end().model(), config.closer, config.mapper.window);
+    let world = file.snapshot.maps().next().map(|(id, _)| id).ok_or("the map has no world")?;
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
         let beside = scope.spawn(|| {
@@ -120,7 +120,7 @@ fn walked(
             let mut took = Vec::new();
             while adjust && !over.load(Ordering::Relaxed) {
                 let start = Instant::now();
-                let changes = closer.adjust_whole(&file.map, world, || over.load(Ordering::Relaxed));
+                let changes = closer.adjust_whole(&file.snapshot, world, || over.load(Ordering::Relaxed));
                 took.extend((!changes.is_empty()).then(|| start.elapsed().as_secs_f64()));
             }
             took
@@ -144,8 +144,8 @@ fn paced(engine: &mut Engine, packets: &[FramePacket]) -> Result<Steps, String> 
         if let Some(cause) = out.died {
             return Err(cause);
         }
-        if out.placed.is_some() {
-            steps.ms.push(out.see_ms + out.track_ms);
+        if out.anchored.is_some() {
+            steps.ms.push(out.extract_ms + out.track_ms);
             steps.processor_ms.extend(before.zip(after).map(|(before, after)| after - before));
         }
     }

@@ -6,7 +6,7 @@
 use crate::processor::on_processor_ms;
 use cairn_solve::Report;
 use cairn_solve::g2o::{Graph, read};
-use cairn_solve::graph::{GraphSetting, Method, Metric, PoseGraph, Rigid, odometry_start};
+use cairn_solve::graph::{GraphConfig, Method, Metric, PoseGraph, Rigid, odometry_start};
 use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
@@ -80,18 +80,18 @@ fn row<G: Rigid<D>, const D: usize>(known: Known, graph: &PoseGraph<G, D>, times
     let mut relaxed = graph.clone();
     relaxed.edges_mut().iter_mut().for_each(|e| e.information = G::isotropic(&e.information));
     odometry_start(&mut relaxed);
-    let setting = GraphSetting { metric: Metric::Chordal, ..GraphSetting::default() };
-    let reached = 2.0 * relaxed.solve(&setting, || false).cost_after;
+    let config = GraphConfig { metric: Metric::Chordal, ..GraphConfig::default() };
+    let reached = 2.0 * relaxed.solve(&config, || false).cost_after;
     // Not a number where the system does not say.
     let processor = || on_processor_ms().unwrap_or(f64::NAN);
     let solved = [Method::GaussNewton, Method::LevenbergMarquardt].map(|method| {
-        let setting = GraphSetting { method, ..GraphSetting::default() };
+        let config = GraphConfig { method, ..GraphConfig::default() };
         let (mut wall_ms, mut cpu_ms, mut report) = (f64::INFINITY, 0.0, None);
         for _ in 0..times.max(1) {
             let mut graph = graph.clone();
             let (wall, before) = (Instant::now(), processor());
             odometry_start(&mut graph);
-            report = Some(graph.solve(&setting, || false));
+            report = Some(graph.solve(&config, || false));
             wall_ms = wall_ms.min(wall.elapsed().as_secs_f64() * 1e3);
             cpu_ms += (processor() - before) / times.max(1) as f64;
         }

@@ -18,4 +18,4 @@ pub mod store;
 pub mod visual_inertial;
 pub mod walks;
 
-pub use measure::{Measured, Sensor, Setting, measure};
+pub use measure::{MeasureOptions, Measured, Sensor, measure};

@@ -7,10 +7,10 @@
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::Percentiles;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig, Stamp};
-use cairn_session::{Command as Ask, Event, Face, Inbox, Script, Session, SessionSetting, drive_live, feed};
-use cairn_sim::{LiveRig, SimSensor, SimSetting, WorldKind};
+use cairn_session::{Command as Ask, Event, Face, Inbox, Script, Session, SessionConfig, drive_live, feed};
+use cairn_sim::{LiveRig, SimConfig, SimSensor, WorldKind};
 use cairn_sources::{OpenOptions, open};
-use cairn_voice::{Espeak, SpeechSetting};
+use cairn_voice::{Espeak, SpeechConfig};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::Write;
@@ -81,7 +81,7 @@ pub fn run(minutes: f64) -> Result<Live, String> {
         .map_err(|e| e.to_string())?;
     let folder = std::env::temp_dir().join(format!("cairn-live-{}", std::process::id()));
     let mut session =
-        Session::new(engine, SessionSetting { folder: folder.clone(), ..SessionSetting::default() });
+        Session::new(engine, SessionConfig { folder: folder.clone(), ..SessionConfig::default() });
     let inbox = Inbox::new();
     feed(source, inbox.clone()).map_err(|e| e.to_string())?;
     let mut stopwatch = Stopwatch::new(handed.clone(), minutes);
@@ -115,16 +115,16 @@ fn camera() -> Camera {
 
 /// Out, and the same backwards.
 fn render() -> Result<Vec<GrayImage>, String> {
-    let setting = SimSetting {
+    let config = SimConfig {
         sensor: SimSensor::Mono,
         imu: None,
         camera: camera(),
         rate_hz: RATE_HZ,
-        ..SimSetting::new(WorldKind::Demo, 3)
+        ..SimConfig::new(WorldKind::Demo, 3)
     };
-    let mut rig = LiveRig::new(&setting).map_err(|e| e.to_string())?;
-    let way = rig.world().ways().first().map(|w| w.points.clone()).unwrap_or_default();
-    let motion = setting.walker.motion(&way);
+    let mut rig = LiveRig::new(&config).map_err(|e| e.to_string())?;
+    let route = rig.world().routes().first().map(|w| w.points.clone()).unwrap_or_default();
+    let motion = config.walker.motion(&route);
     let mut pictures = Vec::new();
     for k in 0..(OUT_S * RATE_HZ) as usize {
         let t = k as f64 / RATE_HZ;
@@ -247,7 +247,7 @@ impl Face for Stopwatch {
         let now = Instant::now();
         let began = *self.began.get_or_insert(now);
         let Ok(output) = output else { return };
-        self.step_ms.push(output.see_ms + output.track_ms);
+        self.step_ms.push(output.extract_ms + output.track_ms);
         self.posed = Some(now);
         let Some(number) = packet.images.first().and_then(|i| number_of(i)) else { return };
         let handed = self.handed.lock().unwrap_or_else(PoisonError::into_inner).get(number).copied();
@@ -262,7 +262,7 @@ impl Face for Stopwatch {
         }
         if number.is_multiple_of(RATE_HZ as usize) {
             self.peak_rss_mb[minute] = cairn_eval::process::peak_rss_mb();
-            self.key_frames[minute] = session.engine().map().key_frame_count();
+            self.key_frames[minute] = session.engine().snapshot().key_frame_count();
         }
         self.pose_ms[minute].push((now - handed).as_secs_f64() * 1e3);
     }
@@ -296,7 +296,7 @@ impl Face for Stopwatch {
 
 /// How long espeak-ng takes for a sentence.
 fn speech() -> Option<Percentiles> {
-    let espeak = Espeak::find(SpeechSetting::default()).ok()?;
+    let espeak = Espeak::find(SpeechConfig::default()).ok()?;
     let mut ms = Vec::new();
     for _ in 0..20 {
         let begin = Instant::now();

@@ -54,12 +54,12 @@ pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, Strin
         if let Some(cause) = out.died {
             return Err(cause);
         }
-        current.step_ms.push(out.see_ms + out.track_ms);
+        current.step_ms.push(out.extract_ms + out.track_ms);
         current.track_ms.push(out.track_ms);
         current.map_ms.extend(out.map_ms);
-        current.tracked += out.placed.is_some() as usize;
+        current.tracked += out.anchored.is_some() as usize;
     }
-    engine.map().check()?;
+    engine.snapshot().check()?;
     // What is left of a minute counts when it is a good part of one.
     if current.step_ms.len() as f64 > 30.0 * source.info().rate_hz {
         minutes.push(current.close(&engine));
@@ -77,7 +77,7 @@ struct Costs {
 
 impl Costs {
     fn close(self, engine: &Engine) -> Minute {
-        let map = engine.map();
+        let map = engine.snapshot();
         Minute {
             frames: self.step_ms.len(),
             tracked: self.tracked,

@@ -11,8 +11,8 @@ use xtask::recordings::{RECORDINGS, data_folder, recording};
 use xtask::revisit::{Revisit, Trial};
 use xtask::walks::{WORLDS, Walk};
 use xtask::{
-    Sensor, Setting, accuracy, busy, graphs, halves, inertial, live, long, measure, places, revisit, store,
-    visual_inertial, walks,
+    MeasureOptions, Sensor, accuracy, busy, graphs, halves, inertial, live, long, measure, places, revisit,
+    store, visual_inertial, walks,
 };
 
 /// Measures the whole engine.
@@ -463,12 +463,15 @@ fn run(command: Command) -> Result<(), String> {
             };
             let measured = match recording(&source) {
                 Some(r) => {
-                    let setting = Setting { frames, verbose, config, ..Setting::new(r.sensor) };
-                    accuracy::run_here(&data.unwrap_or_else(data_folder), &r, &setting)?
+                    let config = MeasureOptions { frames, verbose, config, ..MeasureOptions::new(r.sensor) };
+                    accuracy::run_here(&data.unwrap_or_else(data_folder), &r, &config)?
                 }
                 None => {
                     let mut source = open(&source, OpenOptions::default()).map_err(|e| e.to_string())?;
-                    measure(source.as_mut(), &Setting { frames, verbose, config, ..Setting::new(sensor) })?
+                    measure(
+                        source.as_mut(),
+                        &MeasureOptions { frames, verbose, config, ..MeasureOptions::new(sensor) },
+                    )?
                 }
             };
             println!("{}", text(&measured)?);

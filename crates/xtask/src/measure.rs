@@ -82,7 +82,7 @@ impl FromStr for Sensor {
 
 /// What is asked of a run.
 #[derive(Clone, Debug)]
-pub struct Setting {
+pub struct MeasureOptions {
     /// Sensors to use.
     pub sensor: Sensor,
     /// Packets at most.
@@ -93,7 +93,7 @@ pub struct Setting {
     pub config: Config,
 }
 
-impl Setting {
+impl MeasureOptions {
     /// A whole source with these sensors.
     pub fn new(sensor: Sensor) -> Self {
         Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
@@ -172,12 +172,12 @@ impl Measured {
 /// # Errors
 /// When the source fails, the rig does not serve the sensors, a packet does not fit the rig, or the final map breaks
 /// one of its own rules.
-pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, String> {
+pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Measured, String> {
     let rate_hz = source.info().rate_hz;
     let rig = source.rig().clone();
-    let mode = setting.sensor.mode();
-    let mut config = setting.config.clone();
-    config.inertial.enabled = setting.sensor.is_inertial();
+    let mode = options.sensor.mode();
+    let mut config = options.config.clone();
+    config.inertial.enabled = options.sensor.is_inertial();
     let mut engine =
         Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
@@ -187,13 +187,13 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
     let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
     let mut before: Option<(Stamp, Se3)> = None;
     let mut metric_s = None;
-    while stamps.len() < setting.frames {
+    while stamps.len() < options.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
         if let Some(cause) = out.died {
             return Err(format!("frame {}: {cause}", stamps.len()));
         }
-        if setting.verbose {
+        if options.verbose {
             eprintln!(
                 "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{} step off {:.3} m",
                 stamps.len(),
@@ -202,7 +202,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
                 out.evidence.expected,
                 out.evidence.matched,
                 out.evidence.inliers,
-                engine.map().key_frame_count(),
+                engine.snapshot().key_frame_count(),
                 if out.map_ms.is_empty() { "" } else { " +" },
                 step_off(&truth, &mut before, packet.stamp, out.world_from_body.map(|p| p.se3)),
             );
@@ -210,7 +210,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         if out.metric && metric_s.is_none() {
             metric_s = Some(packet.stamp - *stamps.first().unwrap_or(&packet.stamp));
         }
-        if let Some(attempt) = out.attempt.filter(|_| setting.verbose) {
+        if let Some(attempt) = out.attempt.filter(|_| options.verbose) {
             let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
             let found = attempt.found.as_ref().map(|f| (f.scale, f.scale_sigma, f.bias, f.noise_times));
             eprintln!(
@@ -234,7 +234,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
                 }
                 Err(_) => refused += 1,
             }
-            if setting.verbose {
+            if options.verbose {
                 match v.result {
                     Ok(a) => eprintln!("closed {:?} with {:?}: {a:?}", v.key_frame, v.candidate),
                     Err(why) => eprintln!("refused {:?} with {:?}: {why}", v.key_frame, v.candidate),
@@ -242,12 +242,12 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
             }
         }
         stamps.push(packet.stamp);
-        step_ms.push(out.see_ms + out.track_ms);
+        step_ms.push(out.extract_ms + out.track_ms);
         track_ms.push(out.track_ms);
         map_ms.extend(out.map_ms);
     }
     map_ms.extend(engine.finish().map_ms);
-    let map = engine.map();
+    let map = engine.snapshot();
     map.check()?;
     let poses = engine.trajectory();
     let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
@@ -257,7 +257,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
     let (live_ate_m, _) = ate(&truth, &engine.live_trajectory(), align)?;
     let (started, lost) = gaps(&stamps, &poses);
     Ok(Measured {
-        sensor: setting.sensor,
+        sensor: options.sensor,
         frames: stamps.len(),
         tracked: poses.len(),
         lost,
@@ -272,7 +272,7 @@ pub fn measure(source: &mut dyn Source, setting: &Setting) -> Result<Measured, S
         step_ms: Percentiles::of(&step_ms).unwrap_or_default(),
         track_ms: Percentiles::of(&track_ms).unwrap_or_default(),
         map_ms: Percentiles::of(&map_ms).unwrap_or_default(),
-        worlds: map.worlds().count(),
+        worlds: map.maps().count(),
         loops,
         merges,
         joined_s,
@@ -310,15 +310,15 @@ fn misplaced(
     a: KeyFrameId,
     b: KeyFrameId,
 ) -> Option<f64> {
-    let map = engine.map();
+    let map = engine.snapshot();
     let (a, b) = (map.key_frame(a)?, map.key_frame(b)?);
-    let body_from_eye = engine.eye().model().body_from_eye;
+    let body_from_camera = engine.front_end().model().body_from_camera;
     let truly = |t: Stamp| {
         let i = truth.binary_search_by_key(&t, |p| p.0).ok()?;
-        Some(truth[i].1 * body_from_eye)
+        Some(truth[i].1 * body_from_camera)
     };
     let true_a_from_b = truly(a.frame.stamp)?.inverse() * truly(b.frame.stamp)?;
-    let a_from_b = a.world_from_eye.inverse() * b.world_from_eye;
+    let a_from_b = a.world_from_camera.inverse() * b.world_from_camera;
     Some((true_a_from_b.translation - a_from_b.translation * metres).norm())
 }
 

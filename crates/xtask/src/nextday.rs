@@ -5,7 +5,7 @@ use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
 use cairn_sensor::{Source, SourceError, Stamp};
-use cairn_sim::{Route, SimSetting, SimSource, WorldKind};
+use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
 use cairn_solve::ransac::Rng;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -39,7 +39,7 @@ pub struct Start {
 
 /// A map made on one day.
 pub struct Day {
-    setting: SimSetting,
+    config: SimConfig,
     source: SimSource,
     engine: Engine,
     sensor: Sensor,
@@ -54,14 +54,14 @@ impl Day {
     /// When the world can not be walked or nothing was mapped.
     pub fn walk(world: WorldKind, sensor: Sensor, seed: u64) -> Result<Self, String> {
         let text = |e: SourceError| e.to_string();
-        let mut setting = SimSetting::new(world, seed);
-        setting.rate_hz = RATE_HZ;
-        setting.imu = None;
-        setting.duration_s = Some(WALK_S);
-        setting.walker.speed = 1.1;
-        setting.options.detail = 0.6;
-        setting.sensor = sensor.simulated();
-        let mut source = SimSource::new(&setting).map_err(text)?;
+        let mut config = SimConfig::new(world, seed);
+        config.rate_hz = RATE_HZ;
+        config.imu = None;
+        config.duration_s = Some(WALK_S);
+        config.walker.speed = 1.1;
+        config.options.detail = 0.6;
+        config.sensor = sensor.simulated();
+        let mut source = SimSource::new(&config).map_err(text)?;
         let rig = source.rig().clone();
         let mut engine = Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default())
             .map_err(|e| e.to_string())?;
@@ -77,7 +77,7 @@ impl Day {
         let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
         let true_from_map = umeyama(&target, &from, sensor == Sensor::Mono)
             .map_err(|e| format!("nothing was mapped: {e}"))?;
-        Ok(Self { setting, source, engine, sensor, true_from_map })
+        Ok(Self { config, source, engine, sensor, true_from_map })
     }
 
     /// Starts on another day at `share` of the way, beside it and looking aside, in light `gamma`.
@@ -108,10 +108,10 @@ impl Day {
         {
             return Ok(None);
         }
-        let mut setting = self.setting.clone();
-        setting.route = Route::Poses(poses);
-        setting.duration_s = None;
-        let mut source = SimSource::in_world(&setting, self.source.world().clone()).map_err(text)?;
+        let mut config = self.config.clone();
+        config.route = CameraPath::Poses(poses);
+        config.duration_s = None;
+        let mut source = SimSource::in_map(&config, self.source.world().clone()).map_err(text)?;
         let file = self.engine.to_save("xtask", BTreeMap::new());
         let rig = source.rig().clone();
         let (engine, _) =

@@ -1,11 +1,11 @@
 //! `revisit`: walks that come back to where they were. Laps with closing and without; a lens that goes black around a
 //! corner; rooms that look alike.
 
-use crate::{Measured, Sensor, Setting, measure};
+use crate::{MeasureOptions, Measured, Sensor, measure};
 use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
-use cairn_sim::{Route, SimSetting, SimSource, WorldKind};
+use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
 use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -65,7 +65,7 @@ impl Revisit {
     /// When the world does not serve.
     pub fn source(&self) -> Result<SimSource, String> {
         let text = |e: SourceError| e.to_string();
-        let mut sim = SimSetting::new(self.world, self.seed);
+        let mut sim = SimConfig::new(self.world, self.seed);
         sim.rate_hz = RATE_HZ;
         if !self.sensor.is_inertial() {
             sim.imu = None;
@@ -76,9 +76,9 @@ impl Revisit {
         sim.sensor = self.sensor.simulated();
         let plain = SimSource::new(&sim).map_err(text)?;
         if self.trial != Trial::Alike {
-            sim.route = Route::Points(laps(&plain, self.world)?);
+            sim.route = CameraPath::Points(laps(&plain, self.world)?);
         }
-        SimSource::in_world(&sim, plain.world().clone()).map_err(text)
+        SimSource::in_map(&sim, plain.world().clone()).map_err(text)
     }
 
     /// Walks it.
@@ -92,7 +92,8 @@ impl Revisit {
         let mut source = Darkened { inner, dark_s };
         let mut config = config.clone();
         config.closer.enabled &= self.trial != Trial::LapsOpen;
-        let measured = measure(&mut source, &Setting { verbose, config, ..Setting::new(self.sensor) })?;
+        let measured =
+            measure(&mut source, &MeasureOptions { verbose, config, ..MeasureOptions::new(self.sensor) })?;
         let (trial, world, seed) = (self.trial, self.world.to_string(), self.seed);
         Ok(Revisited { trial, world, seed, dark_s, known_s, measured })
     }
@@ -104,8 +105,8 @@ fn laps(source: &SimSource, world: WorldKind) -> Result<Vec<Vec2>, String> {
         WorldKind::Street => "block",
         _ => "loop",
     };
-    let way = source.world().way(name).ok_or(format!("sim:{world} has no way {name}"))?;
-    Ok(way.points.iter().chain(&way.points[1..]).copied().collect())
+    let route = source.world().route(name).ok_or(format!("sim:{world} has no way {name}"))?;
+    Ok(route.points.iter().chain(&route.points[1..]).copied().collect())
 }
 
 fn yaw(pose: &Se3) -> f64 {

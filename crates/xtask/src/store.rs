@@ -1,12 +1,12 @@
 //! Saving and opening a large map: a corridor walked along, made up with plausible features, written and read back.
 
 use cairn_atlas::store::{About, MapFile, Table};
-use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Map};
+use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Snapshot};
 use cairn_eval::process::cpu_s;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::Stamp;
 use cairn_vision::bow::Vocabulary;
-use cairn_vision::{Descriptor, EyeModel, Frame, SensorMode};
+use cairn_vision::{Descriptor, Frame, RectifiedCamera, SensorMode};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -35,8 +35,8 @@ pub struct Stored {
 }
 
 /// The camera: 752 x 480, a baseline of 0.11 m.
-fn eye() -> EyeModel {
-    EyeModel {
+fn camera() -> RectifiedCamera {
+    RectifiedCamera {
         fx: 435.0,
         fy: 435.0,
         cx: 367.0,
@@ -44,7 +44,7 @@ fn eye() -> EyeModel {
         baseline_fx: 47.9,
         bounds: [0.0, 0.0, 752.0, 480.0],
         close_depth: 4.4,
-        body_from_eye: Se3::identity(),
+        body_from_camera: Se3::identity(),
     }
 }
 
@@ -81,29 +81,31 @@ struct InView {
 /// A map of so many key frames with so many features each, walked along a bending corridor: landmarks between 1 and
 /// 15 m ahead, seen with half a pixel of noise and some altered bits of the descriptor until they leave the view or are
 /// overlooked, five times on average; nine of ten features show a landmark.
-pub fn corridor(key_frames: usize, features: usize) -> Map {
-    let (eye, mut dice) = (eye(), Dice(1));
-    let mut map = Map::new();
+pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
+    let (camera, mut dice) = (camera(), Dice(1));
+    let mut map = Snapshot::new();
     let mut in_view: Vec<InView> = Vec::new();
-    let mut world_from_eye = Se3::identity();
+    let mut world_from_camera = Se3::identity();
     for i in 0..key_frames {
-        let bend = So3::exp(&Vec3::new(0.0, 0.05 * (i as f64 * 0.05).sin(), 0.0));
-        world_from_eye = world_from_eye * Se3::new(bend, Vec3::new(0.0, 0.0, 0.25));
+        let distort = So3::exp(&Vec3::new(0.0, 0.05 * (i as f64 * 0.05).sin(), 0.0));
+        world_from_camera = world_from_camera * Se3::new(distort, Vec3::new(0.0, 0.0, 0.25));
         let (mut frame, mut changes) = (Frame::default(), Vec::new());
         frame.stamp = Stamp(i as i64 * 250_000_000);
         let id = map.next_key_frame_id();
         in_view.retain(|l| {
-            let Some([u, v, _]) = eye.project(&(world_from_eye.inverse() * l.position)) else { return false };
-            let seen = eye.contains(u, v) && dice.share() > 0.12 && frame.len() * 10 < features * 9;
+            let Some([u, v, _]) = camera.project(&(world_from_camera.inverse() * l.position)) else {
+                return false;
+            };
+            let seen = camera.contains(u, v) && dice.share() > 0.12 && frame.len() * 10 < features * 9;
             if seen {
                 let mut descriptor = l.descriptor;
                 (0..8).for_each(|_| {
                     let bit = dice.next() as usize % 256;
                     descriptor[bit / 8] ^= 1 << (bit % 8);
                 });
-                let depth = (world_from_eye.inverse() * l.position).z;
+                let depth = (world_from_camera.inverse() * l.position).z;
                 changes.push(Change::Observe(l.id, id, frame.len() as u16));
-                add(&mut frame, &mut dice, &eye, [u, v], depth, l.octave, descriptor);
+                add(&mut frame, &mut dice, &camera, [u, v], depth, l.octave, descriptor);
             }
             seen
         });
@@ -117,17 +119,17 @@ pub fn corridor(key_frames: usize, features: usize) -> Map {
             {
                 next += 1;
                 let px = [pixel[0] as f32, pixel[1] as f32];
-                let position = world_from_eye * eye.unproject(px, depth);
+                let position = world_from_camera * camera.unproject(px, depth);
                 changes.push(Change::AddLandmark(landmark, position));
                 changes.push(Change::Observe(landmark, id, frame.len() as u16));
                 in_view.push(InView { id: landmark, position, descriptor, octave });
             }
-            add(&mut frame, &mut dice, &eye, pixel, depth, octave, descriptor);
+            add(&mut frame, &mut dice, &camera, pixel, depth, octave, descriptor);
         }
-        frame.index(&eye);
+        frame.index(&camera);
         let parent = map.newest_key_frame().map(|k| k.id);
         let bag = Vocabulary::embedded().bag(&frame.descriptors);
-        let born = KeyFrame::new(id, Arc::new(frame), world_from_eye, parent).with_bag(Arc::new(bag));
+        let born = KeyFrame::new(id, Arc::new(frame), world_from_camera, parent).with_bag(Arc::new(bag));
         changes.insert(0, Change::AddKeyFrame(Box::new(born)));
         map = map.apply(&ChangeSet { base: map.version(), changes }).0;
     }
@@ -138,7 +140,7 @@ pub fn corridor(key_frames: usize, features: usize) -> Map {
 fn add(
     frame: &mut Frame,
     dice: &mut Dice,
-    eye: &EyeModel,
+    camera: &RectifiedCamera,
     at: [f64; 2],
     depth: f64,
     octave: u8,
@@ -146,8 +148,8 @@ fn add(
 ) {
     let px = at.map(|v| (v + dice.share() - 0.5) as f32);
     // The lens moves what is far from the middle.
-    let off = [px[0] - eye.cx as f32, px[1] - eye.cy as f32];
-    let r2 = (off[0] * off[0] + off[1] * off[1]) / (eye.fx * eye.fx) as f32;
+    let off = [px[0] - camera.cx as f32, px[1] - camera.cy as f32];
+    let r2 = (off[0] * off[0] + off[1] * off[1]) / (camera.fx * camera.fx) as f32;
     frame.raw.push([px[0] - 0.28 * r2 * off[0], px[1] - 0.28 * r2 * off[1]]);
     frame.px.push(px);
     frame.octave.push(octave);
@@ -155,14 +157,14 @@ fn add(
     frame.descriptors.push(descriptor);
     let measured = dice.share() < 0.6;
     frame.depth.push(if measured { depth as f32 } else { f32::NAN });
-    frame.right_x.push(if measured { px[0] - (eye.baseline_fx / depth) as f32 } else { f32::NAN });
+    frame.right_x.push(if measured { px[0] - (camera.baseline_fx / depth) as f32 } else { f32::NAN });
 }
 
 /// Saves and opens such a map so many times in a folder, and checks that it comes back.
 pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> Result<Stored, String> {
     let map = corridor(key_frames, features);
-    let about = About { program: "cairn xtask".into(), sensor: SensorMode::Stereo, eye: eye() };
-    let file = MapFile { map, about, attached: BTreeMap::new() };
+    let about = About { program: "cairn xtask".into(), sensor: SensorMode::Stereo, camera: camera() };
+    let file = MapFile { snapshot: map, about, attached: BTreeMap::new() };
     std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let path = folder.join(format!("cairn-xtask-store-{}.map", std::process::id()));
     let measured = measure(&file, &path, times);
@@ -171,7 +173,7 @@ pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> R
 }
 
 fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> {
-    let map = &file.map;
+    let map = &file.snapshot;
     let mut stored = Stored {
         key_frames: map.key_frame_count(),
         landmarks: map.landmark_count(),
@@ -197,7 +199,8 @@ fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> 
         stored.load_s.push(start.elapsed().as_secs_f64());
         let opened = since(before);
         processor = processor.and_then(|[a, b]| Some([a + saved?, b + opened?]));
-        if again.map.key_frame_count() != stored.key_frames || again.map.landmark_count() != stored.landmarks
+        if again.snapshot.key_frame_count() != stored.key_frames
+            || again.snapshot.landmark_count() != stored.landmarks
         {
             return Err("another map came back".into());
         }

@@ -1,7 +1,7 @@
 //! `walks`: walkers in simulated worlds, seen by the engine through rendered images. Some walls are poor, some walks are
 //! blurred, in some a passer-by crosses the view; which, follows from the seed.
 
-use crate::{Measured, Sensor, Setting, measure};
+use crate::{MeasureOptions, Measured, Sensor, measure};
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
@@ -61,7 +61,7 @@ impl Walk {
     pub fn run(&self, seconds: f64) -> Result<Measured, String> {
         let address = self.address(seconds);
         let mut source = open(&address, OpenOptions::default()).map_err(|e| format!("{address}: {e}"))?;
-        measure(source.as_mut(), &Setting::new(self.sensor)).map_err(|e| format!("{address}: {e}"))
+        measure(source.as_mut(), &MeasureOptions::new(self.sensor)).map_err(|e| format!("{address}: {e}"))
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 use xtask::recordings::{RECORDINGS, data_folder, recording};
-use xtask::{Measured, Setting, accuracy::run_here, halves};
+use xtask::{MeasureOptions, Measured, accuracy::run_here, halves};
 
 /// The recording when it is there; says aloud when it is not.
 fn run(name: &str, frames: usize) -> Option<Measured> {
@@ -13,8 +13,8 @@ fn run(name: &str, frames: usize) -> Option<Measured> {
         println!("skipped: {} is not in {}", recording.folder, data.display());
         return None;
     }
-    let setting = Setting { frames, ..Setting::new(recording.sensor) };
-    Some(run_here(&data, &recording, &setting).expect("the engine runs"))
+    let config = MeasureOptions { frames, ..MeasureOptions::new(recording.sensor) };
+    Some(run_here(&data, &recording, &config).expect("the engine runs"))
 }
 
 fn holds(name: &str, ate_at_most_m: f64, coverage_at_least: f64) {

@@ -3,14 +3,14 @@
 use cairn_geometry::Vec3;
 use cairn_inertial::{Bias, Gravity, ImuBuffer, NavState};
 use cairn_sensor::{Source, Stamp};
-use cairn_sim::{GRAVITY_M_S2, SimSetting, SimSource};
+use cairn_sim::{GRAVITY_M_S2, SimConfig, SimSource};
 use std::f64::consts::PI;
 
 /// Errors after a second from every half second on: place in metres and turn in radians, root mean square and most.
-fn errors(text: &str, change: impl Fn(&mut SimSetting)) -> [[f64; 2]; 2] {
-    let mut setting = SimSetting::parse(&format!("{text}&resolution=32x24&detail=0.05&rate=2")).unwrap();
-    change(&mut setting);
-    let mut source = SimSource::new(&setting).unwrap();
+fn errors(text: &str, change: impl Fn(&mut SimConfig)) -> [[f64; 2]; 2] {
+    let mut config = SimConfig::parse(&format!("{text}&resolution=32x24&detail=0.05&rate=2")).unwrap();
+    change(&mut config);
+    let mut source = SimSource::new(&config).unwrap();
     let (sensor, motion) = (source.rig().imu.clone().unwrap(), source.motion().clone());
     let stamps: Vec<Stamp> = source.info().truth.iter().map(|p| p.0).collect();
     let mut buffer = ImuBuffer::new(&sensor, 0.1);
@@ -44,7 +44,7 @@ fn errors(text: &str, change: impl Fn(&mut SimSetting)) -> [[f64; 2]; 2] {
 
 #[test]
 fn a_second_of_exact_readings_leads_to_the_next_state() {
-    let turning = |s: &mut SimSetting| s.walker.turn_rate = PI / 2.0;
+    let turning = |s: &mut SimConfig| s.walker.turn_rate = PI / 2.0;
     for (text, rate) in [
         ("sim:demo?sensor=mono-imu&imu_noise=0&duration=20", 200.0),
         ("sim:office?sensor=mono-imu&imu_noise=0&duration=20&imu_rate=400", 400.0),

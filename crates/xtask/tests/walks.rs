@@ -3,7 +3,7 @@
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 use xtask::walks::{Walk, line, run};
-use xtask::{Sensor, Setting, measure};
+use xtask::{MeasureOptions, Sensor, measure};
 
 #[test]
 fn short_walks_are_tracked_to_the_end() {
@@ -30,7 +30,7 @@ fn the_pose_does_not_go_along_with_who_walks_ahead() {
             Walk { poor: 0.35, passers: 1, blur_ms: 0.0, ..Walk::new(WorldKind::Corridor, sensor, 12) };
         let address = format!("{}&start=18.5", walk.address(6.0));
         let mut source = open(&address, OpenOptions::default()).expect("a simulated walk");
-        let m = measure(source.as_mut(), &Setting::new(sensor)).expect("the walk runs");
+        let m = measure(source.as_mut(), &MeasureOptions::new(sensor)).expect("the walk runs");
         assert_eq!(m.coverage(), 1.0, "{address}: {}", line(&m));
         assert!(m.ate_m.expect("poses to align") < 0.05, "{address}: {}", line(&m));
     }

@@ -3,7 +3,7 @@
 use super::StoreError;
 use super::wire::{Decoder, Encoder};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_vision::{EyeModel, Octaves, SensorMode};
+use cairn_vision::{Octaves, RectifiedCamera, SensorMode};
 use nalgebra::{Quaternion, UnitQuaternion};
 
 /// Pixels that the images of one ray may lie apart under two cameras that count as the same.
@@ -19,7 +19,7 @@ pub struct About {
     /// Sensors.
     pub sensor: SensorMode,
     /// The ideal camera that all key frames are seen with.
-    pub eye: EyeModel,
+    pub camera: RectifiedCamera,
 }
 
 impl About {
@@ -29,7 +29,7 @@ impl About {
         &self,
         octaves: Octaves,
         sensor: SensorMode,
-        eye: &EyeModel,
+        camera: &RectifiedCamera,
         now: Octaves,
     ) -> Result<Vec<String>, String> {
         if self.sensor != sensor {
@@ -42,16 +42,23 @@ impl About {
                 octaves.levels, octaves.factor, now.levels, now.factor
             ));
         }
-        let apart = self.pixels_apart(eye);
+        let apart = self.pixels_apart(camera);
         if apart > SAME_PX {
             return Err(format!(
                 "the map was made with another camera: fx {:.2} fy {:.2} cx {:.2} cy {:.2} where this run has {:.2} \
                  {:.2} {:.2} {:.2}, up to {apart:.1} px apart",
-                self.eye.fx, self.eye.fy, self.eye.cx, self.eye.cy, eye.fx, eye.fy, eye.cx, eye.cy
+                self.camera.fx,
+                self.camera.fy,
+                self.camera.cx,
+                self.camera.cy,
+                camera.fx,
+                camera.fy,
+                camera.cx,
+                camera.cy
             ));
         }
-        let baseline = |eye: &EyeModel| eye.baseline_fx / eye.fx;
-        let (a, b) = (baseline(&self.eye), baseline(eye));
+        let baseline = |camera: &RectifiedCamera| camera.baseline_fx / camera.fx;
+        let (a, b) = (baseline(&self.camera), baseline(camera));
         if (a - b).abs() > SAME_BASELINE * a.max(b) {
             return Err(format!("the map was made with a baseline of {a:.4} m, this run has {b:.4} m"));
         }
@@ -62,7 +69,7 @@ impl About {
                 (a - b).abs()
             ));
         }
-        let arm = self.eye.body_from_eye.inverse() * eye.body_from_eye;
+        let arm = self.camera.body_from_camera.inverse() * camera.body_from_camera;
         let (metres, degrees) = (arm.translation.norm(), arm.rotation.angle().to_degrees());
         if metres > 1e-6 || degrees > 1e-4 {
             notes.push(format!(
@@ -73,8 +80,8 @@ impl About {
     }
 
     /// How far apart the two cameras see one ray, pixels, at worst over the corners and the middle of the view.
-    fn pixels_apart(&self, other: &EyeModel) -> f64 {
-        let e = &self.eye;
+    fn pixels_apart(&self, other: &RectifiedCamera) -> f64 {
+        let e = &self.camera;
         let [x0, y0, x1, y1] = e.bounds;
         let at = [(x0, y0), (x1, y0), (x0, y1), (x1, y1), (e.cx, e.cy)];
         let apart = |(u, v): (f64, f64)| {
@@ -91,10 +98,10 @@ impl About {
             SensorMode::Stereo => 1,
             SensorMode::Rgbd => 2,
         });
-        let m = &self.eye;
+        let m = &self.camera;
         e.f64s(&[m.fx, m.fy, m.cx, m.cy, m.baseline_fx, m.close_depth]);
         e.f64s(&m.bounds);
-        e.f64s(&numbers(&m.body_from_eye));
+        e.f64s(&numbers(&m.body_from_camera));
     }
 
     pub(super) fn decode(d: &mut Decoder) -> Result<Self, StoreError> {
@@ -107,15 +114,15 @@ impl About {
         };
         let [fx, fy, cx, cy, baseline_fx, close_depth] = d.f64s()?;
         let bounds: [f64; 4] = d.f64s()?;
-        let body_from_eye = pose(d.f64s()?).ok_or_else(|| d.wrong("the camera's place is no pose"))?;
-        let eye = EyeModel { fx, fy, cx, cy, baseline_fx, bounds, close_depth, body_from_eye };
+        let body_from_camera = pose(d.f64s()?).ok_or_else(|| d.wrong("the camera's place is no pose"))?;
+        let camera = RectifiedCamera { fx, fy, cx, cy, baseline_fx, bounds, close_depth, body_from_camera };
         let finite = [fx, fy, cx, cy, baseline_fx, close_depth].iter().chain(&bounds).all(|v| v.is_finite());
         let sound =
             fx > 0.0 && fy > 0.0 && baseline_fx >= 0.0 && bounds[0] < bounds[2] && bounds[1] < bounds[3];
         if !(finite && sound) {
-            return Err(d.wrong(format!("no camera is like this: {eye:?}")));
+            return Err(d.wrong(format!("no camera is like this: {camera:?}")));
         }
-        Ok(Self { program, sensor, eye })
+        Ok(Self { program, sensor, camera })
     }
 }
 
@@ -147,7 +154,7 @@ pub(super) mod tests {
     use super::*;
 
     pub fn about() -> About {
-        let eye = EyeModel {
+        let camera = RectifiedCamera {
             fx: 450.0,
             fy: 451.0,
             cx: 320.0,
@@ -155,9 +162,9 @@ pub(super) mod tests {
             baseline_fx: 45.0,
             bounds: [0.0, 0.0, 640.0, 480.0],
             close_depth: 4.0,
-            body_from_eye: Se3::new(So3::exp(&Vec3::new(0.1, 0.2, 0.3)), Vec3::new(0.4, 0.5, 0.6)),
+            body_from_camera: Se3::new(So3::exp(&Vec3::new(0.1, 0.2, 0.3)), Vec3::new(0.4, 0.5, 0.6)),
         };
-        About { program: "a test".into(), sensor: SensorMode::Stereo, eye }
+        About { program: "a test".into(), sensor: SensorMode::Stereo, camera }
     }
 
     #[test]
@@ -176,19 +183,19 @@ pub(super) mod tests {
     #[test]
     fn another_camera_is_refused_and_a_like_one_noted_with_numbers() {
         let octaves = Octaves { levels: 8, factor: 1.2 };
-        let (a, mut eye) = (about(), about().eye);
-        let fits = |eye: &EyeModel| a.fits(octaves, SensorMode::Stereo, eye, octaves);
-        assert_eq!(fits(&eye), Ok(vec![]));
-        eye.fx += 0.1;
-        assert!(fits(&eye).unwrap()[0].contains("0.071 px"), "{:?}", fits(&eye));
-        eye.fx += 10.0;
-        let told = fits(&eye).unwrap_err();
+        let (a, mut camera) = (about(), about().camera);
+        let fits = |camera: &RectifiedCamera| a.fits(octaves, SensorMode::Stereo, camera, octaves);
+        assert_eq!(fits(&camera), Ok(vec![]));
+        camera.fx += 0.1;
+        assert!(fits(&camera).unwrap()[0].contains("0.071 px"), "{:?}", fits(&camera));
+        camera.fx += 10.0;
+        let told = fits(&camera).unwrap_err();
         assert!(told.contains("fx 450.00") && told.contains("460.10") && told.contains("7.2 px"), "{told}");
-        eye = about().eye;
-        eye.baseline_fx = 54.0;
-        assert!(fits(&eye).unwrap_err().contains("0.1000 m, this run has 0.1200 m"));
-        assert!(a.fits(octaves, SensorMode::Mono, &a.eye, octaves).unwrap_err().contains("stereo"));
+        camera = about().camera;
+        camera.baseline_fx = 54.0;
+        assert!(fits(&camera).unwrap_err().contains("0.1000 m, this run has 0.1200 m"));
+        assert!(a.fits(octaves, SensorMode::Mono, &a.camera, octaves).unwrap_err().contains("stereo"));
         let fewer = Octaves { levels: 4, factor: 1.2 };
-        assert!(a.fits(octaves, SensorMode::Stereo, &a.eye, fewer).unwrap_err().contains("octaves"));
+        assert!(a.fits(octaves, SensorMode::Stereo, &a.camera, fewer).unwrap_err().contains("octaves"));
     }
 }

@@ -8,12 +8,15 @@ use super::container::Parts;
 use super::encode::{CHUNK, NO_PICK};
 use super::wire::Decoder;
 use super::{ATTACHED, MapFile, StoreError};
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, Map, Motion, Observation, PlaceIndex, Tie, WorldId};
+use crate::{
+    InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, PlaceIndex,
+    Snapshot,
+};
 use cairn_geometry::{Sim3, Vec3};
 use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::{Bag, Vocabulary, WordId};
-use cairn_vision::{Descriptor, EyeModel, Frame, Octaves};
+use cairn_vision::{Descriptor, Frame, Octaves, RectifiedCamera};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -29,53 +32,53 @@ struct Counts {
     key_frames: usize,
     landmarks: usize,
     gone: usize,
-    worlds: usize,
+    maps: usize,
 }
 
 pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
-    let (about, mut map, counts) = read_about(parts)?;
+    let (about, mut snapshot, counts) = read_about(parts)?;
     // Each has features, and features hardly shrink: fewer bytes than this are no map, but take much memory.
     if counts.key_frames as u64 > 1000 + parts.bytes / 64 {
         let why = format!("{} key frames can not be in {} bytes", counts.key_frames, parts.bytes);
         return Err(StoreError::part("about", why));
     }
-    let (mut key_frames, features) = read_key_frames(parts, &map, &counts)?;
-    read_worlds(parts, &mut map, &counts, &key_frames)?;
+    let (mut key_frames, features) = read_key_frames(parts, &snapshot, &counts)?;
+    read_maps(parts, &mut snapshot, &counts, &key_frames)?;
     if parts.version >= 2 {
-        read_motion(parts, &mut map, &mut key_frames)?;
+        read_motion(parts, &mut snapshot, &mut key_frames)?;
     }
-    let (mut landmarks, picks) = read_landmarks(parts, &map, &counts)?;
-    let shown = read_features(parts, &about.eye, map.octaves, &mut key_frames, &features)?;
+    let (mut landmarks, picks) = read_landmarks(parts, &snapshot, &counts)?;
+    let shown = read_features(parts, &about.camera, snapshot.octaves, &mut key_frames, &features)?;
     observe(&shown, &mut key_frames, &mut landmarks)?;
     read_words(parts, &mut key_frames)?;
-    map.places = PlaceIndex::of(key_frames.iter().map(|k| (k.id, &*k.bag)));
+    snapshot.places = PlaceIndex::of(key_frames.iter().map(|k| (k.id, &*k.bag)));
     for k in key_frames {
-        map.key_frames.insert(k.id.index(), k);
+        snapshot.key_frames.insert(k.id.index(), k);
     }
-    read_gone(parts, &mut map, &counts)?;
+    read_gone(parts, &mut snapshot, &counts)?;
     for (l, pick) in landmarks.iter_mut().zip(picks) {
-        derive(&map, l, pick)
+        derive(&snapshot, l, pick)
             .ok_or_else(|| StoreError::part("landmarks", format!("{:?} can not be derived", l.id)))?;
     }
     for l in landmarks {
-        map.landmarks.insert(l.id.index(), l);
+        snapshot.landmarks.insert(l.id.index(), l);
     }
-    for (world, tie) in map.worlds() {
-        if tie.is_some_and(|tie| map.living(tie.to).is_none()) {
-            return Err(StoreError::part("worlds", format!("{world:?} is tied to nobody")));
+    for (map, tie) in snapshot.maps() {
+        if tie.is_some_and(|tie| snapshot.surviving_ancestor(tie.to).is_none()) {
+            return Err(StoreError::part("worlds", format!("{map:?} is tied to nobody")));
         }
     }
-    map.check().map_err(|breach| StoreError::part("map", breach))?;
+    snapshot.check().map_err(|breach| StoreError::part("map", breach))?;
     let mut attached = BTreeMap::new();
     for name in parts.names() {
         if let Some(short) = name.strip_prefix(ATTACHED) {
             attached.insert(short.to_owned(), parts.get(name)?);
         }
     }
-    Ok(MapFile { map, about, attached })
+    Ok(MapFile { snapshot, about, attached })
 }
 
-fn read_about(parts: &Parts) -> Result<(About, Map, Counts), StoreError> {
+fn read_about(parts: &Parts) -> Result<(About, Snapshot, Counts), StoreError> {
     let bytes = parts.get("about")?;
     let mut d = Decoder::new("about", &bytes);
     let about = About::decode(&mut d)?;
@@ -84,10 +87,10 @@ fn read_about(parts: &Parts) -> Result<(About, Map, Counts), StoreError> {
     if !sound {
         return Err(d.wrong(format!("no pyramid is like this: {octaves:?}")));
     }
-    let mut map = Map::with_octaves(octaves);
-    map.right_offset = d.f64()?;
-    map.version = d.u64()?;
-    if !map.right_offset.is_finite() {
+    let mut snapshot = Snapshot::with_octaves(octaves);
+    snapshot.right_offset = d.f64()?;
+    snapshot.version = d.u64()?;
+    if !snapshot.right_offset.is_finite() {
         return Err(d.wrong("the disparity offset is not finite"));
     }
     let (next_key_frame, next_landmark) = (d.u32()?, d.u32()?);
@@ -96,23 +99,23 @@ fn read_about(parts: &Parts) -> Result<(About, Map, Counts), StoreError> {
             d.wrong(format!("{next_key_frame} key frames and {next_landmark} landmarks are too many"))
         );
     }
-    (map.next_key_frame, map.next_landmark) = (next_key_frame as usize, next_landmark as usize);
+    (snapshot.next_key_frame, snapshot.next_landmark) = (next_key_frame as usize, next_landmark as usize);
     let mut count = || d.u32().map(|n| n as usize);
-    let counts = Counts { key_frames: count()?, landmarks: count()?, gone: count()?, worlds: count()? };
+    let counts = Counts { key_frames: count()?, landmarks: count()?, gone: count()?, maps: count()? };
     d.end()?;
-    Ok((about, map, counts))
+    Ok((about, snapshot, counts))
 }
 
 /// Key frames without features, and how many features each has.
 fn read_key_frames(
     parts: &Parts,
-    map: &Map,
+    snapshot: &Snapshot,
     counts: &Counts,
 ) -> Result<(Vec<KeyFrame>, Vec<u32>), StoreError> {
     let bytes = parts.get("key frames")?;
     let mut d = Decoder::new("key frames", &bytes);
     let n = counts.key_frames;
-    let (ids, parents, worlds) = (d.column_u32(n)?, d.column_u32(n)?, d.column_u32(n)?);
+    let (ids, parents, maps) = (d.column_u32(n)?, d.column_u32(n)?, d.column_u32(n)?);
     let (features, links, covisible) = (d.column_u32(n)?, d.column_u32(n)?, d.column_u32(n)?);
     let stamps = d.column_i64(n)?;
     let mut poses: [Vec<f64>; 7] = Default::default();
@@ -128,7 +131,7 @@ fn read_key_frames(
     let (mut link_at, mut neighbour_at) = (0, 0);
     let mut key_frames: Vec<KeyFrame> = Vec::with_capacity(n);
     for i in 0..n {
-        let own = KeyFrameId::from_raw(ids[i]).filter(|own| own.index() < map.next_key_frame);
+        let own = KeyFrameId::from_raw(ids[i]).filter(|own| own.index() < snapshot.next_key_frame);
         let rises = key_frames.last().is_none_or(|before| own > Some(before.id));
         let own = own.filter(|_| rises).ok_or_else(|| wrong(i, "has no sound id"))?;
         if features[i] > MOST_FEATURES {
@@ -141,7 +144,7 @@ fn read_key_frames(
         };
         let frame = empty_frame(Stamp(stamps[i]));
         let mut k = KeyFrame::new(own, Arc::new(frame), at, parent);
-        k.world = WorldId(id(worlds[i]).ok_or_else(|| wrong(i, "is in an unknown world"))?);
+        k.map = MapId(id(maps[i]).ok_or_else(|| wrong(i, "is in an unknown world"))?);
         k.unit = units[i];
         let its = &all_links[link_at..link_at + links[i] as usize];
         k.links = its
@@ -171,16 +174,16 @@ fn read_key_frames(
     Ok((key_frames, features))
 }
 
-fn read_worlds(
+fn read_maps(
     parts: &Parts,
-    map: &mut Map,
+    snapshot: &mut Snapshot,
     counts: &Counts,
     key_frames: &[KeyFrame],
 ) -> Result<(), StoreError> {
     let bytes = parts.get("worlds")?;
     let mut d = Decoder::new("worlds", &bytes);
-    let mut worlds = BTreeMap::new();
-    for _ in 0..counts.worlds {
+    let mut maps = BTreeMap::new();
+    for _ in 0..counts.maps {
         let root = d.u32()?;
         let root =
             key_frames.get(root as usize).ok_or_else(|| d.wrong(format!("there is no root {root}")))?.id;
@@ -193,28 +196,32 @@ fn read_worlds(
                 if !(sigma.is_finite() && sigma_rad.is_finite()) {
                     return Err(d.wrong("a tie is not finite"));
                 }
-                Some(Tie { to, to_from_root, sigma, sigma_rad })
+                Some(MapPrior { to, to_from_root, sigma, sigma_rad })
             }
         };
-        if worlds.insert(WorldId(root), tie).is_some() {
+        if maps.insert(MapId(root), tie).is_some() {
             return Err(d.wrong("a world is there twice"));
         }
     }
     d.end()?;
-    map.worlds = Arc::new(worlds);
+    snapshot.maps = Arc::new(maps);
     Ok(())
 }
 
-fn read_motion(parts: &Parts, map: &mut Map, key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {
+fn read_motion(
+    parts: &Parts,
+    snapshot: &mut Snapshot,
+    key_frames: &mut [KeyFrame],
+) -> Result<(), StoreError> {
     let bytes = parts.get("motion")?;
     let mut d = Decoder::new("motion", &bytes);
-    let mut levelled = BTreeMap::new();
+    let mut gravity_alignments = BTreeMap::new();
     for _ in 0..d.u32()? {
         let (root, times) = (d.u32()?, d.u32()?);
-        let world = key_frames.get(root as usize).map(|k| WorldId(k.id));
-        let world = world.filter(|w| times > 0 && map.worlds.contains_key(w));
-        let world = world.ok_or_else(|| d.wrong(format!("row {root} is no world that was levelled")))?;
-        levelled.insert(world, times);
+        let map = key_frames.get(root as usize).map(|k| MapId(k.id));
+        let map = map.filter(|w| times > 0 && snapshot.maps.contains_key(w));
+        let map = map.ok_or_else(|| d.wrong(format!("row {root} is no world that was levelled")))?;
+        gravity_alignments.insert(map, times);
     }
     let n = d.u32()? as usize;
     if n > key_frames.len() {
@@ -229,17 +236,17 @@ fn read_motion(parts: &Parts, map: &mut Map, key_frames: &mut [KeyFrame]) -> Res
     for (i, row) in rows.iter().enumerate() {
         let vector = |at: usize| Vec3::new(numbers[at][i], numbers[at + 1][i], numbers[at + 2][i]);
         let bias = Bias { gyro: vector(3), accel: vector(6) };
-        let motion = Motion { velocity: vector(0), bias, felt: None };
+        let motion = InertialState { velocity: vector(0), bias, imu_factor: None };
         let sound = (0..9).all(|at| numbers[at][i].is_finite());
         let k = key_frames.get_mut(*row as usize).filter(|_| sound);
         let wrong = || StoreError::part("motion", format!("the motion of row {row} can not be"));
         k.ok_or_else(wrong)?.motion = Some(motion);
     }
-    map.levelled = Arc::new(levelled);
+    snapshot.gravity_alignments = Arc::new(gravity_alignments);
     Ok(())
 }
 
-fn read_gone(parts: &Parts, map: &mut Map, counts: &Counts) -> Result<(), StoreError> {
+fn read_gone(parts: &Parts, snapshot: &mut Snapshot, counts: &Counts) -> Result<(), StoreError> {
     let bytes = parts.get("gone")?;
     let mut d = Decoder::new("gone", &bytes);
     let mut before = 0;
@@ -247,18 +254,18 @@ fn read_gone(parts: &Parts, map: &mut Map, counts: &Counts) -> Result<(), StoreE
         let (raw, parent) = (d.u32()?, d.u32()?);
         let rigid = pose(d.f64s()?);
         let scale = d.f64()?;
-        let sound = raw > before && (raw as usize) <= map.next_key_frame && parent < raw;
+        let sound = raw > before && (raw as usize) <= snapshot.next_key_frame && parent < raw;
         let (Some(id), Some(parent), Some(rigid), true) =
             (KeyFrameId::from_raw(raw), KeyFrameId::from_raw(parent), rigid, sound)
         else {
             return Err(d.wrong(format!("number {raw} can not be a removed key frame")));
         };
         let here = Sim3::new(rigid.rotation, rigid.translation, scale);
-        let known = map.key_frame(parent).is_some() || map.gone.get(parent.index()).is_some();
-        if !here.is_finite() || !known || map.key_frame(id).is_some() {
+        let known = snapshot.key_frame(parent).is_some() || snapshot.gone.get(parent.index()).is_some();
+        if !here.is_finite() || !known || snapshot.key_frame(id).is_some() {
             return Err(d.wrong(format!("{id:?} hangs on nobody")));
         }
-        map.gone.insert(id.index(), (parent, here));
+        snapshot.gone.insert(id.index(), (parent, here));
         before = raw;
     }
     d.end()
@@ -267,7 +274,7 @@ fn read_gone(parts: &Parts, map: &mut Map, counts: &Counts) -> Result<(), StoreE
 /// Landmarks without observations, and which observation gives each its descriptor.
 fn read_landmarks(
     parts: &Parts,
-    map: &Map,
+    snapshot: &Snapshot,
     counts: &Counts,
 ) -> Result<(Vec<Landmark>, Vec<u32>), StoreError> {
     let bytes = parts.get("landmarks")?;
@@ -280,7 +287,7 @@ fn read_landmarks(
     let mut raw = 0u32;
     for i in 0..n {
         let next =
-            raw.checked_add(steps[i]).filter(|next| *next > raw && *next as usize <= map.next_landmark);
+            raw.checked_add(steps[i]).filter(|next| *next > raw && *next as usize <= snapshot.next_landmark);
         raw = next.ok_or_else(|| d.wrong(format!("row {i} has no sound id")))?;
         let position = Vec3::new(x[i], y[i], z[i]);
         let id = LandmarkId::from_raw(raw).filter(|_| position.iter().all(|v| v.is_finite()));
@@ -294,7 +301,7 @@ fn read_landmarks(
 /// Gives the key frames their features; returns the landmark row (from 1) that each feature of all of them shows.
 fn read_features(
     parts: &Parts,
-    eye: &EyeModel,
+    camera: &RectifiedCamera,
     octaves: Octaves,
     key_frames: &mut [KeyFrame],
     features: &[u32],
@@ -334,7 +341,7 @@ fn read_features(
             frame.descriptors = descriptors[span.clone()].to_vec();
             frame.right_x = right_x[span.clone()].to_vec();
             frame.depth = depth[span.clone()].to_vec();
-            frame.index(eye);
+            frame.index(camera);
             k.landmarks = vec![None; frame.len()];
             k.frame = Arc::new(frame);
             start = span.end;
@@ -427,16 +434,16 @@ fn observe(shown: &[u32], key_frames: &mut [KeyFrame], landmarks: &mut [Landmark
 }
 
 /// What follows from the observations of a landmark.
-fn derive(map: &Map, l: &mut Landmark, pick: u32) -> Option<()> {
+fn derive(snapshot: &Snapshot, l: &mut Landmark, pick: u32) -> Option<()> {
     l.descriptor = match pick {
-        NO_PICK => map.typical_descriptor(l)?,
+        NO_PICK => snapshot.typical_descriptor(l)?,
         pick => {
             let o = l.observations.get(pick as usize)?;
-            let descriptors: &[Descriptor] = &map.key_frame(o.key_frame)?.frame.descriptors;
+            let descriptors: &[Descriptor] = &snapshot.key_frame(o.key_frame)?.frame.descriptors;
             *descriptors.get(usize::from(o.feature))?
         }
     };
-    (l.normal, l.min_distance, l.max_distance) = map.visibility(l)?;
+    (l.normal, l.min_distance, l.max_distance) = snapshot.visibility(l)?;
     Some(())
 }
 
@@ -463,7 +470,7 @@ mod tests {
             frame.depth.push(f32::NAN);
             frame.right_x.push(f32::NAN);
         }
-        frame.index(&about.eye);
+        frame.index(&about.camera);
         let bag = Arc::new(Vocabulary::embedded().bag(&frame.descriptors));
         let born = KeyFrame::new(KeyFrameId::FIRST, Arc::new(frame), Se3::identity(), None).with_bag(bag);
         let changes = vec![
@@ -471,8 +478,8 @@ mod tests {
             Change::AddLandmark(LandmarkId::FIRST, Vec3::new(0.0, 0.0, 3.0)),
             Change::Observe(LandmarkId::FIRST, KeyFrameId::FIRST, 5),
         ];
-        let map = Map::new().apply(&ChangeSet { base: 0, changes }).0;
-        MapFile { map, about, attached: BTreeMap::new() }
+        let snapshot = Snapshot::new().apply(&ChangeSet { base: 0, changes }).0;
+        MapFile { snapshot, about, attached: BTreeMap::new() }
     }
 
     /// A file with one part put in another's place, all checksums right.
@@ -503,9 +510,10 @@ mod tests {
             plain[end - 30..].fill(0);
         });
         let again = MapFile::read(&other).unwrap();
-        let (a, b) = (again.map.key_frames().next().unwrap(), saved.map.key_frames().next().unwrap());
+        let (a, b) =
+            (again.snapshot.key_frames().next().unwrap(), saved.snapshot.key_frames().next().unwrap());
         assert!(!b.bag.is_empty() && a.bag == b.bag);
-        let found = again.map.places().query(&b.bag, 1, |_| true);
+        let found = again.snapshot.places().query(&b.bag, 1, |_| true);
         assert!(found.len() == 1 && found[0].1 > 0.999, "{found:?}");
         // The same damage to words of this vocabulary is told.
         let wrong = with_part(&bytes, "words", |plain| {

@@ -21,7 +21,7 @@ use super::about::{About, numbers};
 use super::container::PartsWriter;
 use super::wire::Encoder;
 use super::{ATTACHED, MapFile, StoreError};
-use crate::{KeyFrame, KeyFrameId, LandmarkId, Map, Motion};
+use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::bow::Vocabulary;
 use std::io::{Seek, Write};
 
@@ -38,10 +38,10 @@ struct Rows {
 }
 
 impl Rows {
-    fn new(map: &Map) -> Self {
+    fn new(snapshot: &Snapshot) -> Self {
         // Both come in the order of birth.
-        let key_frames = map.key_frames().map(|k| k.id).collect();
-        Self { key_frames, landmarks: map.landmarks().map(|l| l.id).collect() }
+        let key_frames = snapshot.key_frames().map(|k| k.id).collect();
+        Self { key_frames, landmarks: snapshot.landmarks().map(|l| l.id).collect() }
     }
 
     /// Zero for what is gone.
@@ -56,20 +56,20 @@ impl Rows {
 }
 
 pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(), StoreError> {
-    let map = &file.map;
-    let rows = Rows::new(map);
-    let key_frames: Vec<&KeyFrame> = map.key_frames().collect();
+    let snapshot = &file.snapshot;
+    let rows = Rows::new(snapshot);
+    let key_frames: Vec<&KeyFrame> = snapshot.key_frames().collect();
     let mut names: Vec<String> =
         ["about", "worlds", "key frames", "motion", "gone", "landmarks", "words"].map(String::from).into();
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
     let mut parts = PartsWriter::begin(out, super::VERSION, names)?;
-    parts.put(&about(&file.about, map))?;
-    parts.put(&worlds(map, &rows))?;
+    parts.put(&about(&file.about, snapshot))?;
+    parts.put(&maps(snapshot, &rows))?;
     parts.put(&hung(&key_frames, &rows))?;
-    parts.put(&motion(map, &key_frames, &rows))?;
-    parts.put(&gone(map))?;
-    parts.put(&landmarks(map))?;
+    parts.put(&motion(snapshot, &key_frames, &rows))?;
+    parts.put(&gone(snapshot))?;
+    parts.put(&landmarks(snapshot))?;
     parts.put(&words(&key_frames))?;
     for chunk in key_frames.chunks(CHUNK) {
         parts.put(&features(chunk, &rows))?;
@@ -80,30 +80,30 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.finish()
 }
 
-fn about(about: &About, map: &Map) -> Vec<u8> {
+fn about(about: &About, snapshot: &Snapshot) -> Vec<u8> {
     let mut e = Encoder::default();
     about.encode(&mut e);
-    e.u32(map.octaves.levels as u32);
-    e.f64(map.octaves.factor);
-    e.f64(map.right_offset);
-    e.u64(map.version);
+    e.u32(snapshot.octaves.levels as u32);
+    e.f64(snapshot.octaves.factor);
+    e.f64(snapshot.right_offset);
+    e.u64(snapshot.version);
     for n in [
-        map.next_key_frame,
-        map.next_landmark,
-        map.key_frames.len(),
-        map.landmarks.len(),
-        map.gone.len(),
-        map.worlds.len(),
+        snapshot.next_key_frame,
+        snapshot.next_landmark,
+        snapshot.key_frames.len(),
+        snapshot.landmarks.len(),
+        snapshot.gone.len(),
+        snapshot.maps.len(),
     ] {
         e.u32(n as u32);
     }
     e.0
 }
 
-fn worlds(map: &Map, rows: &Rows) -> Vec<u8> {
+fn maps(snapshot: &Snapshot, rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
-    for (world, tie) in map.worlds() {
-        e.u32(rows.key_frame(world.root()));
+    for (map, tie) in snapshot.maps() {
+        e.u32(rows.key_frame(map.root()));
         e.u8(u8::from(tie.is_some()));
         if let Some(tie) = tie {
             e.u32(tie.to.raw());
@@ -121,13 +121,13 @@ fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     };
     column(&|k| k.id.raw());
     column(&|k| k.parent.map_or(0, |p| rows.key_frame(p) + 1));
-    column(&|k| rows.key_frame(k.world.root()));
+    column(&|k| rows.key_frame(k.map.root()));
     column(&|k| k.frame.len() as u32);
     column(&|k| k.links.len() as u32);
     column(&|k| k.covisible.len() as u32);
     e.column(key_frames.iter().map(|k| k.frame.stamp.0.to_le_bytes()));
     for i in 0..7 {
-        e.column_f64(&key_frames.iter().map(|k| numbers(&k.world_from_eye)[i]).collect::<Vec<_>>());
+        e.column_f64(&key_frames.iter().map(|k| numbers(&k.world_from_camera)[i]).collect::<Vec<_>>());
     }
     e.column_f64(&key_frames.iter().map(|k| k.unit).collect::<Vec<_>>());
     let links = key_frames.iter().flat_map(|k| &k.links);
@@ -139,11 +139,11 @@ fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
 }
 
 /// What was felt between key frames is not kept: the next session has readings of its own.
-fn motion(map: &Map, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
+fn motion(snapshot: &Snapshot, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
-    e.u32(map.levelled.len() as u32);
-    for (world, times) in map.levelled.iter() {
-        e.u32(rows.key_frame(world.root()));
+    e.u32(snapshot.gravity_alignments.len() as u32);
+    for (map, times) in snapshot.gravity_alignments.iter() {
+        e.u32(rows.key_frame(map.root()));
         e.u32(*times);
     }
     let moving = || key_frames.iter().filter_map(|k| Some((k.id, k.motion.as_ref()?)));
@@ -155,14 +155,14 @@ fn motion(map: &Map, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     e.0
 }
 
-fn motion_numbers(m: &Motion) -> [f64; 9] {
+fn motion_numbers(m: &InertialState) -> [f64; 9] {
     let parts = [m.velocity, m.bias.gyro, m.bias.accel];
     std::array::from_fn(|i| parts[i / 3][i % 3])
 }
 
-fn gone(map: &Map) -> Vec<u8> {
+fn gone(snapshot: &Snapshot) -> Vec<u8> {
     let mut e = Encoder::default();
-    for (index, (parent, parent_from_it)) in map.gone.iter() {
+    for (index, (parent, parent_from_it)) in snapshot.gone.iter() {
         e.u32(index as u32 + 1);
         e.u32(parent.raw());
         let rigid = cairn_geometry::Se3::new(parent_from_it.rotation, parent_from_it.translation);
@@ -172,22 +172,22 @@ fn gone(map: &Map) -> Vec<u8> {
     e.0
 }
 
-fn landmarks(map: &Map) -> Vec<u8> {
+fn landmarks(snapshot: &Snapshot) -> Vec<u8> {
     let mut e = Encoder::default();
     // Ids rise: their differences are small.
     let mut id_steps = Vec::new();
-    steps(map.landmarks().map(|l| l.id.raw()), &mut id_steps);
+    steps(snapshot.landmarks().map(|l| l.id.raw()), &mut id_steps);
     e.column_u32(&id_steps);
     for i in 0..3 {
-        e.column_f64(&map.landmarks().map(|l| l.position[i]).collect::<Vec<_>>());
+        e.column_f64(&snapshot.landmarks().map(|l| l.position[i]).collect::<Vec<_>>());
     }
     let pick = |l: &crate::Landmark| {
         let its = |o: &crate::Observation| {
-            map.key_frame(o.key_frame).and_then(|k| k.frame.descriptors.get(usize::from(o.feature)))
+            snapshot.key_frame(o.key_frame).and_then(|k| k.frame.descriptors.get(usize::from(o.feature)))
         };
         l.observations.iter().position(|o| its(o) == Some(&l.descriptor)).map_or(NO_PICK, |i| i as u32)
     };
-    e.column_u32(&map.landmarks().map(pick).collect::<Vec<_>>());
+    e.column_u32(&snapshot.landmarks().map(pick).collect::<Vec<_>>());
     e.0
 }
 

@@ -17,7 +17,7 @@ pub use about::{About, sensor_name};
 pub use container::PartInfo;
 pub use error::StoreError;
 
-use crate::Map;
+use crate::Snapshot;
 use container::Parts;
 use std::collections::BTreeMap;
 use std::io::{BufWriter, Cursor, Seek, SeekFrom};
@@ -32,7 +32,7 @@ const ATTACHED: &str = "attached/";
 #[derive(Clone, Debug)]
 pub struct MapFile {
     /// The map with all its worlds.
-    pub map: Map,
+    pub snapshot: Snapshot,
     /// What it was made with.
     pub about: About,
     /// Bytes of others by name, recorded ways for one; kept as they are.
@@ -65,7 +65,7 @@ impl Table {
 }
 
 impl MapFile {
-    /// Reads a map from the bytes of a file. What comes back obeys all rules of a map ([`Map::check`]).
+    /// Reads a map from the bytes of a file. What comes back obeys all rules of a map ([`Snapshot::check`]).
     pub fn read(bytes: &[u8]) -> Result<Self, StoreError> {
         decode::read(&Parts::open(bytes, VERSION)?)
     }

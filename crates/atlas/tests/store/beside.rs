@@ -1,19 +1,19 @@
 //! Two maps in one file: each is what it was, under other ids.
 
-use crate::history::{map, same};
+use crate::history::{same, snapshot};
 use cairn_atlas::store::MapFile;
-use cairn_atlas::{KeyFrameId, Map};
+use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_vision::Octaves;
 
 #[test]
 fn each_map_is_what_it_was_and_both_are_one() {
     for seed in 0..20 {
-        let (a, b) = (map(seed, 12, 12), map(seed + 100, 9, 12));
+        let (a, b) = (snapshot(seed, 12, 12), snapshot(seed + 100, 9, 12));
         let (both, shift) = a.beside(&b).unwrap();
         assert_eq!(both.check(), Ok(()));
         assert_eq!(both.key_frame_count(), a.key_frame_count() + b.key_frame_count());
         assert_eq!(both.landmark_count(), a.landmark_count() + b.landmark_count());
-        assert_eq!(both.worlds().count(), a.worlds().count() + b.worlds().count());
+        assert_eq!(both.maps().count(), a.maps().count() + b.maps().count());
         for k in a.key_frames() {
             assert_eq!(format!("{k:?}"), format!("{:?}", both.key_frame(k.id).unwrap()));
             let alike = both.places().query(&k.bag, 1, |_| true);
@@ -32,13 +32,13 @@ fn each_map_is_what_it_was_and_both_are_one() {
             );
         }
         let mut file = crate::history::file(seed, 1, 3);
-        file.map = both.clone();
-        same(&MapFile::read(&file.write().unwrap()).unwrap().map, &both, "both");
+        file.snapshot = both.clone();
+        same(&MapFile::read(&file.write().unwrap()).unwrap().snapshot, &both, "both");
     }
 }
 
 #[test]
 fn maps_of_other_octaves_do_not_stand_beside_each_other() {
-    let other = Map::with_octaves(Octaves { levels: 4, factor: 1.5 });
-    assert!(Map::new().beside(&other).unwrap_err().contains("levels: 4"));
+    let other = Snapshot::with_octaves(Octaves { levels: 4, factor: 1.5 });
+    assert!(Snapshot::new().beside(&other).unwrap_err().contains("levels: 4"));
 }

@@ -17,14 +17,14 @@ fn writes_the_fixture() {
     assert!(!path.exists(), "{} is kept for good", path.display());
     // The first small history that has all there is: several worlds, a tie, a level one, loops, removed key frames.
     let rich = |f: &MapFile| {
-        f.map.worlds().any(|(_, tie)| tie.is_some())
-            && f.map.worlds().any(|(world, _)| f.map.is_level(world))
-            && f.map.removed_key_frame_count() > 0
-            && f.map.key_frames().any(|k| !k.links.is_empty())
+        f.snapshot.maps().any(|(_, tie)| tie.is_some())
+            && f.snapshot.maps().any(|(map, _)| f.snapshot.is_gravity_aligned(map))
+            && f.snapshot.removed_key_frame_count() > 0
+            && f.snapshot.key_frames().any(|k| !k.links.is_empty())
     };
     let saved = (0..1000).map(|seed| file(seed, 10, 12)).find(rich).unwrap();
     saved.save(&path).unwrap();
-    same(&MapFile::load(&path).unwrap().map, &saved.map, "the fixture");
+    same(&MapFile::load(&path).unwrap().snapshot, &saved.snapshot, "the fixture");
 }
 
 #[test]
@@ -38,39 +38,42 @@ fn every_version_has_its_fixture() {
 #[test]
 fn version_1_opens() {
     let opened = MapFile::load(&fixture(1)).unwrap();
-    let map = &opened.map;
+    let snapshot = &opened.snapshot;
     assert_eq!((opened.about.program.as_str(), opened.about.sensor), ("cairn test", SensorMode::Stereo));
-    assert_eq!((opened.about.eye.fx, opened.about.eye.baseline_fx), (450.0, 45.0));
-    let counts = (map.key_frame_count(), map.removed_key_frame_count(), map.landmark_count());
+    assert_eq!((opened.about.camera.fx, opened.about.camera.baseline_fx), (450.0, 45.0));
+    let counts = (snapshot.key_frame_count(), snapshot.removed_key_frame_count(), snapshot.landmark_count());
     assert_eq!(counts, (7, 3, 29));
-    let observations: usize = map.landmarks().map(|l| l.observations.len()).sum();
-    assert_eq!((observations, map.worlds().count()), (38, 3));
-    assert_eq!(map.worlds().filter(|(_, tie)| tie.is_some()).count(), 2);
-    assert!(map.key_frames().any(|k| !k.links.is_empty()));
+    let observations: usize = snapshot.landmarks().map(|l| l.observations.len()).sum();
+    assert_eq!((observations, snapshot.maps().count()), (38, 3));
+    assert_eq!(snapshot.maps().filter(|(_, tie)| tie.is_some()).count(), 2);
+    assert!(snapshot.key_frames().any(|k| !k.links.is_empty()));
     let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
-    near(map.right_offset(), 0.510_328_292_846_679_7);
-    let last = map.key_frames().last().unwrap();
-    near(last.world_from_eye.translation.x, -0.504_512_786_865_234_4);
+    near(snapshot.right_offset(), 0.510_328_292_846_679_7);
+    let last = snapshot.key_frames().last().unwrap();
+    near(last.world_from_camera.translation.x, -0.504_512_786_865_234_4);
     assert_eq!((last.id.index(), last.frame.len(), last.frame.px[3]), (9, 12, [101.00415, 127.11834]));
     assert!(!last.bag.is_empty());
-    let l = map.landmarks().last().unwrap();
+    let l = snapshot.landmarks().last().unwrap();
     near(l.position.z, -2.616_806_030_273_437_5);
     near(l.normal.z, -0.800_232_471_938_011_1);
     assert_eq!((l.observations.len(), l.descriptor[..4].to_vec()), (1, vec![239, 67, 214, 41]));
     assert_eq!(opened.attached["way/home"], b"{\"format\":1}\n".repeat(3));
-    assert_eq!(map.check(), Ok(()));
+    assert_eq!(snapshot.check(), Ok(()));
 }
 
 #[test]
 fn version_2_opens() {
     let opened = MapFile::load(&fixture(2)).unwrap();
-    let map = &opened.map;
-    let counts = (map.key_frame_count(), map.removed_key_frame_count(), map.landmark_count());
-    let level: Vec<bool> = map.worlds().map(|(world, _)| map.is_level(world)).collect();
+    let snapshot = &opened.snapshot;
+    let counts = (snapshot.key_frame_count(), snapshot.removed_key_frame_count(), snapshot.landmark_count());
+    let level: Vec<bool> = snapshot.maps().map(|(map, _)| snapshot.is_gravity_aligned(map)).collect();
     assert_eq!((counts, level), ((9, 1, 34), vec![true, false]));
-    let moving: Vec<_> = map.key_frames().filter_map(|k| k.motion.as_ref()).collect();
+    let moving: Vec<_> = snapshot.key_frames().filter_map(|k| k.motion.as_ref()).collect();
     let last = moving.last().unwrap();
-    assert_eq!((moving.len(), last.velocity.y, last.felt.is_none()), (4, -0.548_204_421_997_070_3, true));
+    assert_eq!(
+        (moving.len(), last.velocity.y, last.imu_factor.is_none()),
+        (4, -0.548_204_421_997_070_3, true)
+    );
     assert_eq!((last.bias.gyro.x, last.bias.accel.z), (0.007_293_796_539_306_641, 0.013_232_231_140_136_719));
-    assert_eq!(map.check(), Ok(()));
+    assert_eq!(snapshot.check(), Ok(()));
 }

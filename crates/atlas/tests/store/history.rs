@@ -1,18 +1,20 @@
 //! Small maps with a history: key frames of several worlds, merges, loops, removals, fused landmarks.
 
 use cairn_atlas::store::{About, MapFile};
-use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, Map, Motion, Tie, WorldId};
+use cairn_atlas::{
+    Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::Vocabulary;
-use cairn_vision::{EyeModel, Frame, SensorMode};
+use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A camera of 640 x 480.
-pub fn eye() -> EyeModel {
-    EyeModel {
+pub fn camera() -> RectifiedCamera {
+    RectifiedCamera {
         fx: 450.0,
         fy: 451.0,
         cx: 320.5,
@@ -20,7 +22,7 @@ pub fn eye() -> EyeModel {
         baseline_fx: 45.0,
         bounds: [-3.5, 0.0, 640.0, 481.5],
         close_depth: 4.0,
-        body_from_eye: Se3::new(So3::exp(&Vec3::new(0.1, 0.2, 0.3)), Vec3::new(0.4, 0.5, 0.6)),
+        body_from_camera: Se3::new(So3::exp(&Vec3::new(0.1, 0.2, 0.3)), Vec3::new(0.4, 0.5, 0.6)),
     }
 }
 
@@ -62,25 +64,25 @@ fn frame(dice: &mut Dice, features: usize) -> Arc<Frame> {
         frame.depth.push(depth);
         frame.right_x.push(px[0] - 45.0 / depth);
     }
-    frame.index(&eye());
+    frame.index(&camera());
     Arc::new(frame)
 }
 
 /// A map after `steps` steps of a history.
-pub fn map(seed: u64, steps: usize, features: usize) -> Map {
-    let (mut dice, mut map) = (Dice(seed), Map::new());
+pub fn snapshot(seed: u64, steps: usize, features: usize) -> Snapshot {
+    let (mut dice, mut snapshot) = (Dice(seed), Snapshot::new());
     for _ in 0..steps {
-        let changes = step(&mut dice, &map, features);
-        map = map.apply(&ChangeSet { base: map.version(), changes }).0;
+        let changes = step(&mut dice, &snapshot, features);
+        snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes }).0;
     }
-    assert_eq!(map.check(), Ok(()));
-    map
+    assert_eq!(snapshot.check(), Ok(()));
+    snapshot
 }
 
-fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
-    let key_frames: Vec<KeyFrameId> = map.key_frames().map(|k| k.id).collect();
-    let landmarks: Vec<LandmarkId> = map.landmarks().map(|l| l.id).collect();
-    let new = map.next_key_frame_id();
+fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change> {
+    let key_frames: Vec<KeyFrameId> = snapshot.key_frames().map(|k| k.id).collect();
+    let landmarks: Vec<LandmarkId> = snapshot.landmarks().map(|l| l.id).collect();
+    let new = snapshot.next_key_frame_id();
     let parent = key_frames.len().checked_sub(1 + dice.roll(3)).map(|i| key_frames[i]);
     let parent = parent.filter(|_| dice.roll(8) > 0);
     let frame = frame(dice, features);
@@ -88,10 +90,10 @@ fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
     let mut born = KeyFrame::new(new, frame, dice.pose(), parent).with_bag(Arc::new(bag));
     if dice.roll(2) == 0 {
         let bias = Bias { gyro: 0.01 * dice.vector(), accel: 0.1 * dice.vector() };
-        born.motion = Some(Motion { velocity: dice.vector(), bias, felt: None });
+        born.motion = Some(InertialState { velocity: dice.vector(), bias, imu_factor: None });
     }
     let mut changes = vec![Change::AddKeyFrame(Box::new(born)), Change::Calibrate(dice.real())];
-    let next = map.next_landmark_id().index();
+    let next = snapshot.next_landmark_id().index();
     for i in 0..features / 3 {
         let id = LandmarkId::from_index(next + i).unwrap();
         changes.push(Change::AddLandmark(id, 4.0 * dice.vector()));
@@ -113,14 +115,14 @@ fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
         changes.push(Change::RemoveKeyFrame(b));
         changes.push(Change::RemoveLandmark(l));
     }
-    let worlds: Vec<WorldId> = map.worlds().map(|(id, _)| id).collect();
+    let maps: Vec<MapId> = snapshot.maps().map(|(id, _)| id).collect();
     if dice.roll(4) == 0 {
         let turn = Sim3::new(So3::exp(&dice.vector()), dice.vector(), 1.0 + 0.2 * dice.real());
-        changes.push(Change::Level(worlds[dice.roll(worlds.len())], turn));
+        changes.push(Change::AlignGravity(maps[dice.roll(maps.len())], turn));
     }
-    if let [into, .., from] = worlds[..] {
-        let tie = Tie { to: a, to_from_root: dice.pose(), sigma: 0.5, sigma_rad: 0.125 };
-        changes.push(Change::Tie(from, tie));
+    if let [into, .., from] = maps[..] {
+        let tie = MapPrior { to: a, to_from_root: dice.pose(), sigma: 0.5, sigma_rad: 0.125 };
+        changes.push(Change::MapPrior(from, tie));
         if dice.roll(4) == 0 {
             let at = dice.pose();
             let into_from = Sim3::new(at.rotation, at.translation, 1.0 + 0.2 * dice.real());
@@ -132,28 +134,29 @@ fn step(dice: &mut Dice, map: &Map, features: usize) -> Vec<Change> {
 
 /// The same with what belongs to a file.
 pub fn file(seed: u64, steps: usize, features: usize) -> MapFile {
-    let about = About { program: "cairn test".into(), sensor: SensorMode::Stereo, eye: eye() };
+    let about = About { program: "cairn test".into(), sensor: SensorMode::Stereo, camera: camera() };
     let attached = BTreeMap::from([("way/home".to_owned(), b"{\"format\":1}\n".repeat(3))]);
-    MapFile { map: map(seed, steps, features), about, attached }
+    MapFile { snapshot: snapshot(seed, steps, features), about, attached }
 }
 
 /// All of a map that can be seen, in words, the features with their lookup grid among them.
-pub fn told(map: &Map) -> String {
-    let key_frames: Vec<String> = map.key_frames().map(|k| format!("{k:?}")).collect();
-    let landmarks: Vec<String> = map.landmarks().map(|l| format!("{l:?}")).collect();
-    let worlds: Vec<_> = map.worlds().map(|(id, tie)| (id, tie, map.is_level(id))).collect();
-    let hung: Vec<_> = (0..map.next_key_frame_id().index())
-        .map(|i| map.living(KeyFrameId::from_index(i).unwrap()))
+pub fn told(snapshot: &Snapshot) -> String {
+    let key_frames: Vec<String> = snapshot.key_frames().map(|k| format!("{k:?}")).collect();
+    let landmarks: Vec<String> = snapshot.landmarks().map(|l| format!("{l:?}")).collect();
+    let maps: Vec<_> = snapshot.maps().map(|(id, tie)| (id, tie, snapshot.is_gravity_aligned(id))).collect();
+    let hung: Vec<_> = (0..snapshot.next_key_frame_id().index())
+        .map(|i| snapshot.surviving_ancestor(KeyFrameId::from_index(i).unwrap()))
         .collect();
-    let next = (map.next_key_frame_id(), map.next_landmark_id());
-    let places: Vec<_> = map.key_frames().map(|k| map.places().query(&k.bag, 9, |_| true)).collect();
-    let all = (places, map.version(), map.octaves(), map.right_offset(), next, worlds, hung);
+    let next = (snapshot.next_key_frame_id(), snapshot.next_landmark_id());
+    let places: Vec<_> =
+        snapshot.key_frames().map(|k| snapshot.places().query(&k.bag, 9, |_| true)).collect();
+    let all = (places, snapshot.version(), snapshot.octaves(), snapshot.right_offset(), next, maps, hung);
     format!("{all:?}\n{}\n{}", key_frames.join("\n"), landmarks.join("\n"))
 }
 
 /// Two maps are the same in all that can be seen; tells no more than the first difference.
 #[track_caller]
-pub fn same(a: &Map, b: &Map, what: &str) {
+pub fn same(a: &Snapshot, b: &Snapshot, what: &str) {
     let (a, b) = (told(a), told(b));
     if let Some((x, y)) = a.lines().zip(b.lines()).find(|(x, y)| x != y) {
         let at = x.bytes().zip(y.bytes()).take_while(|(x, y)| x == y).count().saturating_sub(60);

@@ -53,7 +53,7 @@ fn a_process_killed_at_any_moment_of_saving_leaves_a_file_that_opens() {
     let folder = folder("kill");
     let path = folder.join("a.map");
     let ready = path.with_extension("ready");
-    let expected: Vec<String> = (0..3).map(|n| told(&numbered(n).map)).collect();
+    let expected: Vec<String> = (0..3).map(|n| told(&numbered(n).snapshot)).collect();
     let mut dice = Dice(11);
     let (mut left, mut saves) = (0, 0);
     for round in 0..50 {
@@ -74,7 +74,7 @@ fn a_process_killed_at_any_moment_of_saving_leaves_a_file_that_opens() {
         child.wait().unwrap();
         std::fs::remove_file(&ready).unwrap();
         let opened = MapFile::load(&path).unwrap_or_else(|e| panic!("killed in round {round}: {e}"));
-        assert!(told(&opened.map) == expected[number(&opened) as usize % 3], "another map was opened");
+        assert!(told(&opened.snapshot) == expected[number(&opened) as usize % 3], "another map was opened");
         saves += number(&opened);
         left += beside(&folder);
     }

@@ -7,9 +7,9 @@ use crate::terminal::Terminal;
 use cairn_engine::Config;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
-use cairn_session::SessionSetting;
-use cairn_sources::{OpenOptions, Paced, Watched, is_live, named_rig, open, read_rig, waiting_for};
-use cairn_web::{Eyes, ServeSetting, Server, WebError};
+use cairn_session::SessionConfig;
+use cairn_sources::{OpenOptions, Paced, Validator, is_live, named_rig, open, read_rig, waiting_for};
+use cairn_web::{CameraSource, ServeConfig, Server, WebError};
 use std::path::{Path, PathBuf};
 
 /// One accessible page over HTTPS: a phone's browser walks with it, a screen elsewhere watches.
@@ -39,26 +39,26 @@ pub struct Arguments {
     #[arg(long)]
     lines: bool,
     /// Where recorded ways are kept.
-    #[arg(long, value_name = "DIR", default_value = "ways")]
-    ways: PathBuf,
+    #[arg(long, alias = "ways", value_name = "DIR", default_value = "routes")]
+    routes: PathBuf,
 }
 
 /// Serves until the source ends or the program is ended.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
     let rig = a.rig.as_deref().map(|path| rig_of(path, &mut config)).transpose()?;
-    let session = SessionSetting {
-        folder: a.ways.clone(),
+    let session = SessionConfig {
+        folder: a.routes.clone(),
         auto_record: Some(100),
         facing: Facing::Home,
-        ..SessionSetting::default()
+        ..SessionConfig::default()
     };
-    let eyes = match &a.source {
-        None => Eyes::Page { rig: rig.map(Box::new) },
+    let camera = match &a.source {
+        None => CameraSource::Page { rig: rig.map(Box::new) },
         Some(source) => eyes_of(source, rig, a.sensor),
     };
-    let setting = ServeSetting { lan: a.lan, port: a.port, keep: data_folder(), eyes, config, session };
-    let server = Server::start(setting).map_err(|e| {
+    let config = ServeConfig { lan: a.lan, port: a.port, keep: data_folder(), camera, config, session };
+    let server = Server::start(config).map_err(|e| {
         let cure = match &e {
             WebError::Port { .. } => "give another --port, or end the program that has it",
             WebError::Machine(_) => "try again",
@@ -100,15 +100,15 @@ fn data_folder() -> Option<PathBuf> {
 /// A rig by name or file; a named one brings its number of features, unless the configuration has one.
 pub fn rig_of(path: &Path, config: &mut Config) -> Result<Rig, Failure> {
     if let Some(named) = path.to_str().and_then(named_rig).filter(|_| !path.exists()) {
-        if config.eye.orb.features == 0 {
-            config.eye.orb.features = named.features;
+        if config.front_end.orb.features == 0 {
+            config.front_end.orb.features = named.features;
         }
         return Ok(named.rig);
     }
     Ok(read_rig(path)?)
 }
 
-fn eyes_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> Eyes {
+fn eyes_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> CameraSource {
     let name = source.to_owned();
     if let Some(waits) = waiting_for(source) {
         eprintln!("{waits}");
@@ -117,11 +117,11 @@ fn eyes_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> Eyes {
     let open = move || {
         let source = open(&address, OpenOptions { rig, ..OpenOptions::default() })?;
         let sensor = sensor.unwrap_or_else(|| Sensor::of(source.rig()));
-        let (mode, feels) = (sensor.mode(), sensor.feels());
-        let source: Box<dyn Source> = Box::new(Watched::new(source, |doubt| eprintln!("warning: {doubt}")));
+        let (mode, has_imu) = (sensor.mode(), sensor.has_imu());
+        let source: Box<dyn Source> = Box::new(Validator::new(source, |doubt| eprintln!("warning: {doubt}")));
         // What is live comes when it comes; a recording is played as a camera would give it.
         let source: Box<dyn Source> = if is_live(&address) { source } else { Box::new(Paced::new(source)) };
-        Ok((source, mode, feels))
+        Ok((source, mode, has_imu))
     };
-    Eyes::Source { name, open: Box::new(open) }
+    CameraSource::Source { name, open: Box::new(open) }
 }

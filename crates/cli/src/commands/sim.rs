@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use crate::progress::Progress;
 use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo};
-use cairn_sim::{SimSetting, WorldKind, write_euroc, write_tum};
+use cairn_sim::{SimConfig, WorldKind, write_euroc, write_tum};
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -46,7 +46,7 @@ struct Written {
 /// The worlds and their keys, for `--help`.
 fn keys() -> String {
     let worlds: Vec<&str> = WorldKind::ALL.iter().map(|k| k.name()).collect();
-    let keys: Vec<String> = SimSetting::KEYS.iter().map(|(k, what)| format!("  {k:<12}{what}")).collect();
+    let keys: Vec<String> = SimConfig::KEYS.iter().map(|(k, what)| format!("  {k:<12}{what}")).collect();
     format!("Worlds: {}\nKeys (WORLD?key=value&key=value):\n{}", worlds.join(", "), keys.join("\n"))
 }
 
@@ -57,7 +57,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let layout = a.layout.unwrap_or(if source.rig().depth.is_some() { Layout::Tum } else { Layout::Euroc });
     let info = source.info().clone();
     let progress = Progress::new(info.frames);
-    let mut source = Watched { source, progress, given: 0 };
+    let mut source = Validator { source, progress, given: 0 };
     let frames = match layout {
         Layout::Euroc => write_euroc(&a.out, &mut source)?,
         Layout::Tum => write_tum(&a.out, &mut source)?,
@@ -85,13 +85,13 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
 }
 
 /// A source whose packets move the progress bar.
-struct Watched {
+struct Validator {
     source: Box<dyn Source>,
     progress: Progress,
     given: usize,
 }
 
-impl Source for Watched {
+impl Source for Validator {
     fn info(&self) -> &SourceInfo {
         self.source.info()
     }

@@ -5,8 +5,8 @@ use crate::output::Output;
 use crate::progress::Progress;
 use cairn_eval::write_bytes_whole;
 use cairn_sources::read_gray;
-use cairn_vision::bow::{Dbow2Error, TrainSetting, Vocabulary, VocabularyFacts, import_dbow2, train};
-use cairn_vision::{Descriptor, Features, OrbExtractor, OrbSetting};
+use cairn_vision::bow::{Dbow2Error, TrainConfig, Vocabulary, VocabularyFacts, import_dbow2, train};
+use cairn_vision::{Descriptor, Features, OrbConfig, OrbExtractor};
 use serde::Serialize;
 use std::fs::File;
 use std::io::BufReader;
@@ -49,22 +49,22 @@ struct Train {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Children of a node.
-    #[arg(long, default_value_t = TrainSetting::default().branching)]
+    #[arg(long, default_value_t = TrainConfig::default().branching)]
     branching: u32,
     /// Levels below the root.
-    #[arg(long, default_value_t = TrainSetting::default().depth)]
+    #[arg(long, default_value_t = TrainConfig::default().depth)]
     depth: u32,
     /// Seed.
-    #[arg(long, default_value_t = TrainSetting::default().seed)]
+    #[arg(long, default_value_t = TrainConfig::default().seed)]
     seed: u64,
     /// Rounds of each clustering, at most.
-    #[arg(long, default_value_t = TrainSetting::default().rounds)]
+    #[arg(long, default_value_t = TrainConfig::default().rounds)]
     rounds: u32,
     /// The level whose nodes are kept for matching; without it the first that has at least 64.
     #[arg(long)]
     index_level: Option<u32>,
     /// Features of an image, at most.
-    #[arg(long, default_value_t = OrbSetting::default().features)]
+    #[arg(long, default_value_t = OrbConfig::default().features)]
     features: usize,
 }
 
@@ -113,7 +113,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
 fn train_images(a: &Train, output: &Output) -> Result<(), Failure> {
     let files = image_files(&a.images)?;
     let progress = Progress::new(Some(files.len()));
-    let mut extractor = OrbExtractor::new(OrbSetting { features: a.features, ..OrbSetting::default() });
+    let mut extractor = OrbExtractor::new(OrbConfig { features: a.features, ..OrbConfig::default() });
     let mut features = Features::default();
     let mut images: Vec<Vec<Descriptor>> = Vec::with_capacity(files.len());
     for (i, file) in files.iter().enumerate() {
@@ -127,14 +127,14 @@ fn train_images(a: &Train, output: &Output) -> Result<(), Failure> {
         progress.step(i + 1);
     }
     drop(progress);
-    let setting = TrainSetting {
+    let config = TrainConfig {
         branching: a.branching,
         depth: a.depth,
         seed: a.seed,
         rounds: a.rounds,
         index_level: a.index_level,
     };
-    let trained = train(&images, &setting).map_err(|e| {
+    let trained = train(&images, &config).map_err(|e| {
         let what = format!("{} images", images.len());
         Failure::new(what, e.to_string(), "give more or other images, or other numbers")
     })?;

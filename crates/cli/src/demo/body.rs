@@ -1,9 +1,9 @@
 //! The walker's true body: it goes where the words send it, walls and things are in its way, and it carries the camera.
 //!
 //! A walker feels what is ahead with the cane and goes along it, on the side where there is more room, without turning:
-//! the course that was told stays the course. Where that leads nowhere he stands and waits for words.
+//! the reference_path that was told stays the reference_path. Where that leads nowhere he stands and waits for words.
 
-use super::setting::Setting;
+use super::config::DemoConfig;
 use cairn_geometry::{Se3, Vec2};
 use cairn_guide::Walker;
 use cairn_sensor::Stamp;
@@ -15,14 +15,14 @@ const BODY_M: f64 = 0.25;
 const CANE_M: f64 = 0.7;
 /// How far to a side a walker goes around something before he gives up, metres.
 const ASIDE_M: f64 = 1.0;
-/// From this change of heading on a course is another one, degrees.
+/// From this change of heading on a reference_path is another one, degrees.
 const ANOTHER_COURSE_DEG: f64 = 10.0;
 /// Directions that are tried when the straight one is blocked, degrees to either side.
 const AROUND_DEG: [f64; 6] = [15.0, 35.0, 55.0, 75.0, 90.0, 100.0];
 
 /// Feeling one's way along something.
-struct Feeling {
-    /// The heading that is blocked, radians: another course is felt out anew.
+struct ImuModel {
+    /// The heading that is blocked, radians: another reference_path is felt out anew.
     heading: f64,
     /// Plus one for left.
     side: f64,
@@ -39,18 +39,18 @@ pub struct Body {
     /// Steps in which something was in the way.
     pub held_up: usize,
     stride: Stride,
-    feeling: Option<Feeling>,
+    with_imu: Option<ImuModel>,
 }
 
 impl Body {
     /// A body that stands at a place (metres) and faces along a heading (radians).
-    pub fn new(setting: &Setting, place: Vec2, heading: f64) -> Self {
+    pub fn new(config: &DemoConfig, place: Vec2, heading: f64) -> Self {
         Self {
-            walker: Walker::new(setting.seed, (place.x, place.y, heading)),
+            walker: Walker::new(config.seed, (place.x, place.y, heading)),
             mount: 0.0,
             held_up: 0,
-            stride: Stride::new(setting.sim.walker.clone()),
-            feeling: None,
+            stride: Stride::new(config.sim.walker.clone()),
+            with_imu: None,
         }
     }
 
@@ -64,7 +64,7 @@ impl Body {
             let to = if free { from + step } else { self.around(world, from, step) };
             self.held_up += usize::from(!free);
             if free {
-                self.feeling = None;
+                self.with_imu = None;
             }
             self.walker.held_at(to.x, to.y);
         }
@@ -88,17 +88,17 @@ impl Body {
             world.clearance(to.x, to.y)
         };
         let heading = self.walker.pose().2;
-        let anew = Feeling { heading, side: if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 }, gone_m: 0.0 };
-        let same = |f: &Feeling| (heading - f.heading).cos() > ANOTHER_COURSE_DEG.to_radians().cos();
-        let feeling = self.feeling.take().filter(same).unwrap_or(anew);
+        let anew = ImuModel { heading, side: if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 }, gone_m: 0.0 };
+        let same = |f: &ImuModel| (heading - f.heading).cos() > ANOTHER_COURSE_DEG.to_radians().cos();
+        let with_imu = self.with_imu.take().filter(same).unwrap_or(anew);
         // Sliding along a wall leads on; only what leads aside is counted.
-        let limit = if feeling.gone_m < ASIDE_M { f64::INFINITY } else { 60.0 };
+        let limit = if with_imu.gone_m < ASIDE_M { f64::INFINITY } else { 60.0 };
         let mut tries =
-            AROUND_DEG.iter().filter(|deg| **deg < limit).map(|deg| (*deg, turned(deg * feeling.side)));
+            AROUND_DEG.iter().filter(|deg| **deg < limit).map(|deg| (*deg, turned(deg * with_imu.side)));
         let found = tries.find(|(_, s)| self.free(world, from, *s));
         let (deg, aside) = found.unwrap_or((0.0, Vec2::zeros()));
-        let gone_m = feeling.gone_m + if deg < 60.0 { 0.0 } else { aside.norm() };
-        self.feeling = Some(Feeling { gone_m, ..feeling });
+        let gone_m = with_imu.gone_m + if deg < 60.0 { 0.0 } else { aside.norm() };
+        self.with_imu = Some(ImuModel { gone_m, ..with_imu });
         from + aside
     }
 

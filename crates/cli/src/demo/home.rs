@@ -3,15 +3,15 @@
 //! Each frame: an image from where the walker truly is, a step of the session, words, a step of the walker. Walls hold the walker up, as they do.
 
 use super::body::Body;
-use super::eyes::Eyes;
+use super::camera::DemoCamera;
+use super::config::DemoConfig;
 use super::out::WalkedOut;
-use super::setting::Setting;
 use crate::failure::Failure;
 use crate::progress::Progress;
 use cairn_geometry::{Vec2, Vec3};
-use cairn_guide::{CleanWay, Facing, Travel, Way};
+use cairn_guide::{CleanedRoute, Facing, Route, Travel};
 use cairn_sensor::Stamp;
-use cairn_session::{Command, Course, Said};
+use cairn_session::{Command, ReferencePath, Said};
 use std::f64::consts::PI;
 
 /// Seconds that it takes to turn the camera round on the chest.
@@ -41,7 +41,7 @@ pub struct CameHome {
     /// The guide said that the end is reached.
     pub arrived: bool,
     /// The way after cleaning, as the map had it at the end.
-    pub cleaned: CleanWay,
+    pub cleaned: CleanedRoute,
     /// Turns on the route home.
     pub turns: usize,
     /// Seconds from the beginning of guidance to its end.
@@ -52,58 +52,58 @@ pub struct CameHome {
 
 /// Brings the walker home.
 pub fn come_home(
-    eyes: &mut Eyes,
+    camera: &mut DemoCamera,
     out: &WalkedOut,
-    setting: &Setting,
+    config: &DemoConfig,
     progress: &Progress,
 ) -> Result<CameHome, Failure> {
-    let dt = setting.step_s();
+    let dt = config.step_s();
     let (stands, heading) = out.stands;
-    let mut body = Body::new(setting, stands, heading);
+    let mut body = Body::new(config, stands, heading);
     let mut now = out.end;
-    if setting.facing == Facing::Back {
-        now = turn_camera(eyes, &mut body, now, dt)?;
+    if config.facing == Facing::Back {
+        now = turn_camera(camera, &mut body, now, dt)?;
     }
     let began = now;
-    let planned = course(eyes, &out.way, now);
-    let route = planned
-        .route()
+    let planned = reference_path(camera, &out.route, now);
+    let plan = planned
+        .plan()
         .map_err(|e| Failure::new("the way home", e.to_string(), "walk farther: --metres 10 at the least"))?;
-    let length_m = route.length();
+    let length_m = plan.length();
     let mut home = CameHome {
         said: Vec::new(),
         path: vec![body.place()],
         arrived: false,
         cleaned: planned.cleaned,
-        turns: route.maneuvers().len(),
+        turns: plan.maneuvers().len(),
         took_s: 0.0,
         held_up: 0,
     };
-    let mut said = eyes.ask(&Command::Guide { facing: Some(setting.facing), again: false })?;
+    let mut said = camera.ask(&Command::Guide { facing: Some(config.facing), again: false })?;
     home.hear(&mut body, &said);
-    let slowest = if setting.facing == Facing::Backwards { 0.08 } else { 0.2 };
+    let slowest = if config.facing == Facing::Backwards { 0.08 } else { 0.2 };
     let limit_s = 90.0 + length_m / slowest;
     let mut stood_s = 0.0;
     while now - began < limit_s && stood_s < STANDS_S {
         now = now.plus_seconds(dt);
-        let pose = body.step(eyes.world(), dt, now);
-        said = eyes.see(now, &pose)?;
+        let pose = body.step(camera.world(), dt, now);
+        said = camera.see(now, &pose)?;
         home.hear(&mut body, &said);
         home.path.push(body.place());
-        home.arrived = eyes.session().has_arrived();
+        home.arrived = camera.session().has_arrived();
         stood_s = if home.arrived && body.walker.is_standing() { stood_s + dt } else { 0.0 };
-        let along_m = eyes.session().status().guiding.map_or(length_m, |g| g.along_m);
+        let along_m = camera.session().status().guiding.map_or(length_m, |g| g.along_m);
         progress.step(50 + (50.0 * along_m / length_m) as usize);
     }
     home.took_s = now - began;
     home.held_up = body.held_up;
-    home.cleaned = course(eyes, &out.way, now).cleaned;
+    home.cleaned = reference_path(camera, &out.route, now).cleaned;
     Ok(home)
 }
 
 /// The way as the map has it now, as the session goes by it.
-fn course(eyes: &Eyes, way: &Way, now: Stamp) -> Course {
-    Course::new(&eyes.map(), way, Travel::Home, now)
+fn reference_path(camera: &DemoCamera, route: &Route, now: Stamp) -> ReferencePath {
+    ReferencePath::new(&camera.snapshot(), route, Travel::Home, now)
 }
 
 impl CameHome {
@@ -122,14 +122,14 @@ impl CameHome {
 }
 
 /// The walker stands and turns the camera round on his chest, at an even rate with a soft start and end.
-fn turn_camera(eyes: &mut Eyes, body: &mut Body, from: Stamp, dt: f64) -> Result<Stamp, Failure> {
+fn turn_camera(camera: &mut DemoCamera, body: &mut Body, from: Stamp, dt: f64) -> Result<Stamp, Failure> {
     let mut now = from;
     while now - from < TURN_CAMERA_S {
         now = now.plus_seconds(dt);
         let share = ((now - from) / TURN_CAMERA_S).clamp(0.0, 1.0);
         body.mount = PI * 0.5 * (1.0 - (PI * share).cos());
         let pose = body.camera(dt);
-        eyes.see(now, &pose)?;
+        camera.see(now, &pose)?;
     }
     body.mount = PI;
     Ok(now)

@@ -5,20 +5,20 @@
 //! map begins at the first camera and knows no gravity. The truth of the simulation is used for the figures alone.
 
 mod body;
-mod eyes;
+mod camera;
+mod config;
 mod home;
 mod once;
 mod out;
 mod report;
 mod seeds;
-mod setting;
 
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_guide::Facing;
 use cairn_sim::SimSensor;
 use clap::ValueEnum;
-use setting::Setting;
+use config::DemoConfig;
 use std::path::PathBuf;
 
 /// A walker goes out through an embedded world and is guided home by words.
@@ -87,14 +87,14 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         SensorArgument::Stereo => SimSensor::Stereo,
         SensorArgument::Rgbd => SimSensor::Rgbd,
     };
-    let setting = |seed, facing| Setting::new(seed, facing, sensor, arguments.metres);
+    let config = |seed, facing| DemoConfig::new(seed, facing, sensor, arguments.metres);
     match (arguments.seeds, facings) {
         (Some(count), _) => {
             let seeds = (0..count).map(|k| arguments.seed.saturating_add(k));
             let all = facings.iter().flat_map(|f| seeds.clone().map(move |seed| (seed, *f)));
-            seeds::run(all.map(|(seed, f)| setting(seed, f)), output)
+            seeds::run(all.map(|(seed, f)| config(seed, f)), output)
         }
-        (None, [facing]) => report::run(&setting(arguments.seed, *facing), &arguments.out, output),
+        (None, [facing]) => report::run(&config(arguments.seed, *facing), &arguments.out, output),
         (None, _) => Err(Failure::new(
             "--facing all",
             "is for many demos",

@@ -1,14 +1,14 @@
 //! One demo from the first frame to the figures.
 
-use super::eyes::Eyes;
+use super::camera::DemoCamera;
+use super::config::{DemoConfig, facing_name, sensor_name};
 use super::home::{CameHome, Spoken, come_home, on_floor};
 use super::out::walk_out;
-use super::setting::{Setting, facing_name, sensor_name};
 use crate::failure::Failure;
 use crate::progress::Progress;
 use cairn_eval::{Align, EvalOptions, Evaluation, Percentiles, Stages, evaluate, process};
 use cairn_geometry::{Trajectory, Vec2, Vec3};
-use cairn_guide::Way;
+use cairn_guide::Route;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -82,7 +82,7 @@ pub struct Demo {
     pub evaluation: Evaluation,
     pub estimate: Trajectory,
     pub truth: Trajectory,
-    pub way: Way,
+    pub route: Route,
     pub step_ms: Vec<f64>,
     /// Walls of the world, metres.
     pub walls: Vec<[Vec2; 2]>,
@@ -101,30 +101,30 @@ pub struct Demo {
 }
 
 /// Walks out and home.
-pub fn once(setting: &Setting) -> Result<Demo, Failure> {
+pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
     let begin = Instant::now();
     let progress = Progress::new(Some(100));
-    let mut eyes = Eyes::new(&setting.sim, setting.source())?;
-    let out = walk_out(&mut eyes, setting, &progress)?;
-    let start = eyes.world().ways().first().and_then(|w| w.points.first()).copied().unwrap_or_default();
-    let home = come_home(&mut eyes, &out, setting, &progress)?;
+    let mut camera = DemoCamera::new(&config.sim, config.source())?;
+    let out = walk_out(&mut camera, config, &progress)?;
+    let start = camera.world().routes().first().and_then(|w| w.points.first()).copied().unwrap_or_default();
+    let home = come_home(&mut camera, &out, config, &progress)?;
     drop(progress);
-    let estimate = eyes.estimate()?;
+    let estimate = camera.estimate()?;
     let options = EvalOptions { align: Align::Se3, max_difference_s: 1e-6, ..EvalOptions::default() };
-    let evaluation = evaluate(&eyes.truth, &estimate, &options)
+    let evaluation = evaluate(&camera.truth, &estimate, &options)
         .map_err(|e| Failure::new("the demo", e.to_string(), "try another --seed"))?;
     let world_from_map = evaluation.reference_from_estimate;
     let place = |p: &Vec3| world_from_map * *p;
-    let map = eyes.map();
-    let recorded: Vec<Vec3> = (out.way.resolve(|a| cairn_session::standing(&map, a)).iter())
+    let map = camera.snapshot();
+    let recorded: Vec<Vec3> = (out.route.resolve(|a| cairn_session::standing(&map, a)).iter())
         .map(|p| p.frame_from_camera.translation)
         .collect();
     let last = home.path.last().copied().unwrap_or(out.stands.0);
     let arrival_error_m = (last - start).norm();
     let figures = Figures {
-        seed: setting.seed,
-        facing: facing_name(setting.facing),
-        sensor: sensor_name(setting.sim.sensor),
+        seed: config.seed,
+        facing: facing_name(config.facing),
+        sensor: sensor_name(config.sim.sensor),
         arrived: home.arrived && arrival_error_m <= ARRIVAL_M,
         arrival_error_m,
         told_arrival: home.arrived,
@@ -137,14 +137,14 @@ pub fn once(setting: &Setting) -> Result<Demo, Failure> {
         held_up: home.held_up,
         ate_m: evaluation.ate_m.rmse,
         coverage: evaluation.coverage,
-        frames: eyes.truth.len(),
-        lost: eyes.lost.clone(),
+        frames: camera.truth.len(),
+        lost: camera.lost.clone(),
         keyframes: map.key_frame_count(),
         landmarks: map.landmark_count(),
-        ms: Percentiles::of(&eyes.step_ms),
-        stages: eyes.times.summary(),
+        ms: Percentiles::of(&camera.step_ms),
+        stages: camera.times.summary(),
         peak_rss_mb: process::peak_rss_mb(),
-        walk_s: eyes.truth.duration_s(),
+        walk_s: camera.truth.duration_s(),
         wall_s: begin.elapsed().as_secs_f64(),
         said: home.said.iter().map(line).collect(),
     };
@@ -152,8 +152,8 @@ pub fn once(setting: &Setting) -> Result<Demo, Failure> {
     Ok(Demo {
         figures,
         estimate,
-        step_ms: std::mem::take(&mut eyes.step_ms),
-        walls: eyes.world().plan().iter().map(|(a, b)| [*a, *b]).collect(),
+        step_ms: std::mem::take(&mut camera.step_ms),
+        walls: camera.world().plan().iter().map(|(a, b)| [*a, *b]).collect(),
         landmarks: (map.landmarks().filter(|l| l.observations.len() >= SHOWN_BY))
             .map(|l| place(&l.position).xy())
             .collect(),
@@ -162,8 +162,8 @@ pub fn once(setting: &Setting) -> Result<Demo, Failure> {
         path_home: path,
         start,
         far_end: out.stands.0,
-        way: out.way,
-        truth: std::mem::take(&mut eyes.truth),
+        route: out.route,
+        truth: std::mem::take(&mut camera.truth),
         evaluation,
     })
 }

@@ -1,18 +1,18 @@
 //! The way out: a walker goes along a way of the world, the session looks and keeps the way.
 
-use super::eyes::Eyes;
-use super::setting::Setting;
+use super::camera::DemoCamera;
+use super::config::DemoConfig;
 use crate::failure::Failure;
 use crate::progress::Progress;
 use cairn_geometry::{Se3, Vec2};
-use cairn_guide::{Ground, Way, WayHeader};
+use cairn_guide::{Ground, Route, RouteHeader};
 use cairn_sensor::Stamp;
 use cairn_session::Command;
 
 /// What the way out left behind.
 pub struct WalkedOut {
     /// The way as it was recorded; its header holds the direction up that the walk itself told.
-    pub way: Way,
+    pub route: Route,
     /// Time of the last frame.
     pub end: Stamp,
     /// Where the walker truly stands now, metres, and where he faces, radians.
@@ -38,32 +38,36 @@ pub fn corners(points: &[Vec2], metres: Option<f64>) -> Vec<Vec2> {
 }
 
 /// Walks out and records.
-pub fn walk_out(eyes: &mut Eyes, setting: &Setting, progress: &Progress) -> Result<WalkedOut, Failure> {
-    let points = eyes.world().ways().first().map_or(&[][..], |w| &w.points);
-    let corners = corners(points, setting.metres);
-    let motion = setting.sim.walker.motion(&corners);
-    let frames = (motion.end() * setting.sim.rate_hz).ceil() as usize + 1;
-    eyes.ask(&Command::Record)?;
+pub fn walk_out(
+    camera: &mut DemoCamera,
+    config: &DemoConfig,
+    progress: &Progress,
+) -> Result<WalkedOut, Failure> {
+    let points = camera.world().routes().first().map_or(&[][..], |w| &w.points);
+    let corners = corners(points, config.metres);
+    let motion = config.sim.walker.motion(&corners);
+    let frames = (motion.end() * config.sim.rate_hz).ceil() as usize + 1;
+    camera.ask(&Command::Record)?;
     let mut stamp = Stamp::from_seconds(0.0);
     for k in 0..frames {
-        let t = (k as f64 / setting.sim.rate_hz).min(motion.end() + 1.0);
+        let t = (k as f64 / config.sim.rate_hz).min(motion.end() + 1.0);
         stamp = Stamp::from_seconds(t);
-        eyes.see(stamp, &motion.pose(t))?;
+        camera.see(stamp, &motion.pose(t))?;
         progress.step((50.0 * t / motion.end()) as usize);
     }
     let nothing =
         || Failure::new("the way out", "tracking never began, nothing was recorded", "try another --seed");
-    eyes.ask(&Command::Stop).map_err(|_| nothing())?;
-    let mut way = eyes.session().way().cloned().ok_or_else(nothing)?;
+    camera.ask(&Command::Stop).map_err(|_| nothing())?;
+    let mut route = camera.session().route().cloned().ok_or_else(nothing)?;
     // The map begins at the first camera and knows no gravity; the walk tells which way is up.
-    let poses: Vec<Se3> = way.points.iter().map(|p| p.odom_from_camera).collect();
+    let poses: Vec<Se3> = route.points.iter().map(|p| p.odom_from_camera).collect();
     let ground = Ground::of_walk(&poses).ok_or_else(nothing)?;
-    way.header = WayHeader::new(true, &ground, setting.source());
+    route.header = RouteHeader::new(true, &ground, config.source());
     let heading = match corners.as_slice() {
         [.., a, b] => (b - a).y.atan2((b - a).x),
         _ => 0.0,
     };
     let stands = (corners.last().copied().unwrap_or_default(), heading);
     let walked_m = corners.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
-    Ok(WalkedOut { way, end: stamp, stands, walked_m })
+    Ok(WalkedOut { route, end: stamp, stands, walked_m })
 }

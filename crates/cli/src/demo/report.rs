@@ -1,11 +1,11 @@
 //! What a demo leaves: text on the terminal, files in its folder, and a page that opens in any browser.
 
+use super::config::DemoConfig;
 use super::once::{Demo, Figures, once};
-use super::setting::Setting;
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_eval::{
-    Event, Figure, Marker, Page, Plan, Said, Tone, Way, error_over_time, times_over_frames, to_tum,
+    Event, Figure, Marker, Page, Plan, PlanLine, Said, Tone, error_over_time, times_over_frames, to_tum,
     write_whole,
 };
 use cairn_geometry::Vec2;
@@ -13,11 +13,11 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// Runs one demo, prints it and writes its files.
-pub fn run(setting: &Setting, folder: &Path, output: &Output) -> Result<(), Failure> {
+pub fn run(config: &DemoConfig, folder: &Path, output: &Output) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|e| {
         Failure::new(folder.display().to_string(), e.to_string(), "choose another folder with --out")
     })?;
-    let demo = once(setting)?;
+    let demo = once(config)?;
     let plan = plan(&demo);
     write_files(&demo, &plan, folder)?;
     let report = folder.join("report.html");
@@ -40,15 +40,15 @@ fn write_files(demo: &Demo, plan: &Figure, folder: &Path) -> Result<(), Failure>
     write_whole(&folder.join("transcript.txt"), &transcript(&demo.figures))?;
     write_whole(&folder.join("truth.tum"), &to_tum(&demo.truth))?;
     write_whole(&folder.join("estimate.tum"), &to_tum(&demo.estimate))?;
-    let way = folder.join("way.jsonl");
+    let route = folder.join("way.jsonl");
     // A way on disk is never written over; the one of an earlier demo in this folder makes room.
     let fail = |e: std::io::Error| {
-        Failure::new(way.display().to_string(), e.to_string(), "choose another folder with --out")
+        Failure::new(route.display().to_string(), e.to_string(), "choose another folder with --out")
     };
-    if way.exists() {
-        std::fs::remove_file(&way).map_err(fail)?;
+    if route.exists() {
+        std::fs::remove_file(&route).map_err(fail)?;
     }
-    demo.way.save(&way).map_err(fail)
+    demo.route.save(&route).map_err(fail)
 }
 
 /// What was said, a line each with its time.
@@ -118,24 +118,29 @@ fn summary(f: &Figures) -> String {
 
 fn plan(demo: &Demo) -> Figure {
     let f = &demo.figures;
-    let mut ways = vec![
-        Way {
+    let mut lines = vec![
+        PlanLine {
             label: "way as recorded".into(),
             points: demo.recorded.clone(),
             tone: Tone::Truth,
             broad: true,
-            ..Way::default()
+            ..PlanLine::default()
         },
-        Way { label: "cleaned".into(), points: demo.cleaned.clone(), tone: Tone::First, ..Way::default() },
-        Way {
+        PlanLine {
+            label: "cleaned".into(),
+            points: demo.cleaned.clone(),
+            tone: Tone::First,
+            ..PlanLine::default()
+        },
+        PlanLine {
             label: "way home, as walked".into(),
             points: demo.path_home.clone(),
             tone: Tone::Second,
             arrows: true,
-            ..Way::default()
+            ..PlanLine::default()
         },
     ];
-    ways.retain(|w| w.points.len() > 1);
+    lines.retain(|w| w.points.len() > 1);
     let events = f.said.iter().enumerate();
     let events = events.map(|(k, line)| Event { number: k + 1, at: Vec2::from(line.at), tone: Tone::Second });
     let marker = |label: &str, at| Marker { label: label.into(), at, tone: Tone::Third };
@@ -149,7 +154,7 @@ fn plan(demo: &Demo) -> Figure {
         ),
         walls: demo.walls.clone(),
         dots: demo.landmarks.clone(),
-        ways,
+        lines,
         markers: vec![marker("start", demo.start), marker("far end", demo.far_end)],
         events: events.collect(),
         ..Plan::default()
@@ -165,7 +170,7 @@ fn page(demo: &Demo, plan: &Figure) -> String {
         f.walked_out_m, f.arrival_error_m
     );
     let mut page =
-        Page::new(&format!("Out and home: {}, {} eyes, seed {}", f.facing, f.sensor, f.seed), &lead);
+        Page::new(&format!("Out and home: {}, {} camera, seed {}", f.facing, f.sensor, f.seed), &lead);
     page.heading("In short");
     let number = |v: Option<f64>, digits: usize, unit: &str| {
         v.map_or("unknown".to_owned(), |v| format!("{v:.digits$} {unit}"))

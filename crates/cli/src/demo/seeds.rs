@@ -1,7 +1,7 @@
 //! Many seeds, one after the other: a table of how each came home.
 
+use super::config::DemoConfig;
 use super::once::{Figures, once};
-use super::setting::Setting;
 use crate::failure::Failure;
 use crate::output::Output;
 use serde::Serialize;
@@ -34,11 +34,11 @@ impl Spread {
 }
 
 /// Runs all, tells each as it ends; fails when one did not arrive.
-pub fn run(settings: impl Iterator<Item = Setting>, output: &Output) -> Result<(), Failure> {
+pub fn run(settings: impl Iterator<Item = DemoConfig>, output: &Output) -> Result<(), Failure> {
     let mut each = Vec::new();
     output.text(HEAD)?;
-    for setting in settings {
-        let figures = once(&setting)?.figures;
+    for config in settings {
+        let figures = once(&config)?.figures;
         output.text(&row(&figures))?;
         each.push(figures);
     }

@@ -6,7 +6,7 @@ use crate::{cairn, json, stdout};
 fn config_prints_every_entry_with_a_comment_and_the_same_as_json() {
     let text = stdout(&cairn(&["config"]));
     let value = json(&cairn(&["config", "--json"]));
-    let levels = &value["eye"]["orb"]["levels"];
+    let levels = &value["front_end"]["orb"]["levels"];
     assert!(
         text.contains(&format!("# Levels of the image pyramid (1 to 16).\nlevels = {levels}\n")),
         "{text}"

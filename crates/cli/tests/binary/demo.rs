@@ -45,8 +45,8 @@ fn a_walker_comes_home_by_words_and_the_report_shows_it() {
     let judged = json(&cairn(&["eval", &path("truth.tum"), &path("estimate.tum"), "--json"]));
     let ate_m = judged["ate_m"]["rmse"].as_f64().unwrap();
     assert!((ate_m - number("ate_m")).abs() < 1e-6, "{ate_m}");
-    let way = stdout(&cairn(&["way", "info", &path("way.jsonl")]));
-    assert!(way.contains("1 turns"), "{way}");
+    let route = stdout(&cairn(&["way", "info", &path("way.jsonl")]));
+    assert!(route.contains("1 turns"), "{route}");
     std::fs::remove_dir_all(out).unwrap();
 }
 

@@ -6,12 +6,12 @@ mod doctor;
 mod eval;
 mod map;
 mod rig;
+mod route;
 mod run;
 mod sim;
 mod solve;
 mod vocab;
 mod walk;
-mod way;
 
 use serde_json::Value;
 use std::path::PathBuf;

@@ -21,17 +21,17 @@ fn mapped(folder: &Path, name: &str, more: &[&str]) -> String {
 fn a_saved_map_is_told_checked_exported_and_walked_in_again() {
     let folder = folder("map");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
-    let way = path("home.way");
-    let map = mapped(&folder, "a.map", &["--record", &way]);
+    let route = path("home.route");
+    let map = mapped(&folder, "a.map", &["--record", &route]);
     assert_eq!(stdout(&cairn(&["map", "check", &map])).lines().count(), 1);
 
     let info = json(&cairn(&["map", "info", &map, "--json"]))["maps"][0].clone();
     assert_eq!((&info["sensor"], &info["metric"]), (&"rgbd".into(), &true.into()), "{info}");
     let (key_frames, landmarks) = (info["key_frames"].as_u64().unwrap(), info["landmarks"].as_u64().unwrap());
-    assert!(key_frames >= 2 && landmarks > 100 && info["worlds"].as_array().unwrap().len() == 1, "{info}");
-    assert_eq!(info["ways"][0]["name"], "home", "{info}");
-    let recorded = json(&cairn(&["way", "info", &way, "--json"]));
-    assert_eq!(info["ways"][0]["points"], recorded["points"], "the way is in the map");
+    assert!(key_frames >= 2 && landmarks > 100 && info["maps"].as_array().unwrap().len() == 1, "{info}");
+    assert_eq!(info["routes"][0]["name"], "home", "{info}");
+    let recorded = json(&cairn(&["route", "info", &route, "--json"]));
+    assert_eq!(info["routes"][0]["points"], recorded["points"], "the way is in the map");
     let text = stdout(&cairn(&["map", "info", &map]));
     assert!(text.contains("made with rgbd") && text.contains("way       home"), "{text}");
 
@@ -44,11 +44,11 @@ fn a_saved_map_is_told_checked_exported_and_walked_in_again() {
     let tum = std::fs::read_to_string(&trajectory).unwrap();
     assert_eq!(tum.lines().filter(|l| !l.starts_with('#')).count() as u64, key_frames);
 
-    let ways = path("ways");
-    std::fs::create_dir(&ways).unwrap();
-    assert_eq!(cairn(&["map", "export", &map, "--ways", &ways]).status.code(), Some(0));
-    assert_eq!(std::fs::read(path("ways/home.way")).unwrap(), std::fs::read(&way).unwrap());
-    fails(&["map", "export", &map, "--ways", &ways], &["home.way", "exists"]);
+    let routes = path("routes");
+    std::fs::create_dir(&routes).unwrap();
+    assert_eq!(cairn(&["map", "export", &map, "--routes", &routes]).status.code(), Some(0));
+    assert_eq!(std::fs::read(path("routes/home.route")).unwrap(), std::fs::read(&route).unwrap());
+    fails(&["map", "export", &map, "--routes", &routes], &["home.route", "exists"]);
 
     let before = std::fs::read(&map).unwrap();
     let again = json(&cairn(&["run", WORLD, "--map-in", &map, "--localize-only", "--json"]));
@@ -103,15 +103,15 @@ fn what_does_not_fit_a_map_is_told() {
 #[test]
 fn two_sessions_stand_in_one_file_each_with_its_way() {
     let folder = folder("map-merge");
-    let way = |n: &str| folder.join(n).join("home.way").to_str().unwrap().to_owned();
+    let route = |n: &str| folder.join(n).join("home.route").to_str().unwrap().to_owned();
     for n in ["one", "two"] {
         std::fs::create_dir(folder.join(n)).unwrap();
     }
-    let a = mapped(&folder, "a.map", &["--record", &way("one")]);
-    let b = mapped(&folder, "b.map", &["--record", &way("two"), "--frames", "25"]);
+    let a = mapped(&folder, "a.map", &["--record", &route("one")]);
+    let b = mapped(&folder, "b.map", &["--record", &route("two"), "--frames", "25"]);
     let both = folder.join("both.map").to_str().unwrap().to_owned();
     let merged = json(&cairn(&["map", "merge", &a, &b, "--out", &both, "--json"]));
-    assert_eq!((&merged["worlds"], &merged["ways"]), (&2.into(), &2.into()), "{merged}");
+    assert_eq!((&merged["maps"], &merged["routes"]), (&2.into(), &2.into()), "{merged}");
     let infos = json(&cairn(&["map", "info", &a, &b, &both, "--json"]));
     let of = |i: usize, what: &str| infos["maps"][i][what].clone();
     let count = |i: usize, what: &str| of(i, what).as_u64().unwrap();
@@ -119,11 +119,11 @@ fn two_sessions_stand_in_one_file_each_with_its_way() {
         assert_eq!(count(0, what) + count(1, what), count(2, what), "{what}");
     }
     // The second way hangs on the key frames of the second map: it is as long as it was.
-    let length = |i: usize, way: usize| of(i, "ways")[way]["length_m"].as_f64().unwrap();
-    assert_eq!(of(2, "ways")[1]["name"], "home-2");
+    let length = |i: usize, route: usize| of(i, "routes")[route]["length_m"].as_f64().unwrap();
+    assert_eq!(of(2, "routes")[1]["name"], "home-2");
     assert!((length(2, 1) - length(1, 0)).abs() < 1e-6 && length(1, 0) > 0.3, "{infos}");
     assert_eq!(
-        of(2, "worlds")[1]["root"],
+        of(2, "maps")[1]["root"],
         of(0, "key_frames").as_u64().unwrap() + of(0, "removed_key_frames").as_u64().unwrap()
     );
     assert_eq!(cairn(&["map", "check", &a, &b, &both]).status.code(), Some(0));
@@ -138,22 +138,25 @@ fn hung_elsewhere(text: &str) -> String {
 #[test]
 fn a_record_goes_on_in_the_map_it_hangs_on() {
     let folder = folder("map-record");
-    let way = folder.join("walk.way").to_str().unwrap().to_owned();
-    let map = mapped(&folder, "a.map", &["--record", &way, "--frames", "15"]);
-    let points = |way: &str| json(&cairn(&["way", "info", way, "--json"]))["points"].as_u64().unwrap();
-    let before = points(&way);
-    let on = mapped(&folder, "b.map", &["--map-in", &map, "--record", &way, "--start", "0.8"]);
-    assert!(points(&way) > before, "nothing was added to {before} points");
-    assert_eq!(json(&cairn(&["map", "info", &on, "--json"]))["maps"][0]["ways"][0]["points"], points(&way));
-    // A record of elsewhere is not touched.
-    let text = std::fs::read_to_string(&way).unwrap();
-    let far = hung_elsewhere(&text);
-    std::fs::write(&way, &far).unwrap();
-    fails(
-        &["run", WORLD, "--map-in", &map, "--record", &way],
-        &["walk.way", "none of the key frames", "--map-in"],
+    let route = folder.join("walk.route").to_str().unwrap().to_owned();
+    let map = mapped(&folder, "a.map", &["--record", &route, "--frames", "15"]);
+    let points = |route: &str| json(&cairn(&["route", "info", route, "--json"]))["points"].as_u64().unwrap();
+    let before = points(&route);
+    let on = mapped(&folder, "b.map", &["--map-in", &map, "--record", &route, "--start", "0.8"]);
+    assert!(points(&route) > before, "nothing was added to {before} points");
+    assert_eq!(
+        json(&cairn(&["map", "info", &on, "--json"]))["maps"][0]["routes"][0]["points"],
+        points(&route)
     );
-    assert_eq!(std::fs::read_to_string(&way).unwrap(), far);
+    // A record of elsewhere is not touched.
+    let text = std::fs::read_to_string(&route).unwrap();
+    let far = hung_elsewhere(&text);
+    std::fs::write(&route, &far).unwrap();
+    fails(
+        &["run", WORLD, "--map-in", &map, "--record", &route],
+        &["walk.route", "none of the key frames", "--map-in"],
+    );
+    assert_eq!(std::fs::read_to_string(&route).unwrap(), far);
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -181,9 +184,9 @@ fn running(more: &[&str], came: impl Fn() -> bool) -> std::process::Child {
 fn an_interrupted_run_saves_its_map_and_way() {
     let folder = folder("map-interrupt");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
-    let (map, way) = (path("a.map"), path("walk.way"));
-    let child = running(&["--map-out", &map, "--record", &way], || {
-        std::fs::read_to_string(&way).is_ok_and(|text| text.lines().count() > 3)
+    let (map, route) = (path("a.map"), path("walk.route"));
+    let child = running(&["--map-out", &map, "--record", &route], || {
+        std::fs::read_to_string(&route).is_ok_and(|text| text.lines().count() > 3)
     });
     let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(killed.success());
@@ -191,7 +194,7 @@ fn an_interrupted_run_saves_its_map_and_way() {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert!(stderr(&output).contains("interrupted"), "{}", stderr(&output));
     let info = json(&cairn(&["map", "info", &map, "--json"]));
-    assert!(info["maps"][0]["ways"][0]["points"].as_u64().unwrap() >= 3, "{info}");
+    assert!(info["maps"][0]["routes"][0]["points"].as_u64().unwrap() >= 3, "{info}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -200,26 +203,29 @@ fn an_interrupted_run_saves_its_map_and_way() {
 fn a_killed_run_leaves_the_map_of_a_moment_before() {
     let folder = folder("map-kill");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
-    let (map, way) = (path("a.map"), path("walk.way"));
-    let more = ["--map-out", &map, "--record", &way, "--map-every", "0.5"];
+    let (map, route) = (path("a.map"), path("walk.route"));
+    let more = ["--map-out", &map, "--record", &route, "--map-every", "0.5"];
     let mut child = running(&more, || Path::new(&map).exists());
     child.kill().unwrap();
     child.wait().unwrap();
     let info = json(&cairn(&["map", "info", &map, "--json"]));
     assert!(info["maps"][0]["key_frames"].as_u64().unwrap() >= 1, "{info}");
     // The record goes on in that map, although its last points hang on key frames that were not saved.
-    let points = || json(&cairn(&["way", "info", &way, "--json"]))["points"].as_u64().unwrap();
+    let points = || json(&cairn(&["route", "info", &route, "--json"]))["points"].as_u64().unwrap();
     let before = points();
-    let stamps = || std::fs::read_to_string(&way).unwrap().lines().filter(|l| l.contains("\"t\":")).count();
+    let stamps = || std::fs::read_to_string(&route).unwrap().lines().filter(|l| l.contains("\"t\":")).count();
     assert!(stamps() as u64 - before <= 1, "at most the last line was torn");
-    let stray =
-        std::fs::read_to_string(&way).unwrap().lines().last().unwrap().replacen("\"seq\":", "\"seq\":90", 1);
+    let stray = std::fs::read_to_string(&route).unwrap().lines().last().unwrap().replacen(
+        "\"seq\":",
+        "\"seq\":90",
+        1,
+    );
     let stray = stray.replacen("\"t\":", "\"t\":9", 1);
-    std::fs::write(&way, std::fs::read_to_string(&way).unwrap() + &stray + "\n").unwrap();
+    std::fs::write(&route, std::fs::read_to_string(&route).unwrap() + &stray + "\n").unwrap();
     assert_eq!(points(), before + 1);
-    let output = cairn(&["run", WORLD, "--map-in", &map, "--record", &way]);
+    let output = cairn(&["run", WORLD, "--map-in", &map, "--record", &route]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    let text = std::fs::read_to_string(&way).unwrap();
+    let text = std::fs::read_to_string(&route).unwrap();
     assert!(!text.contains("\"seq\":90") && points() == before + 1, "{text}");
     std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -11,7 +11,7 @@ fn run_writes_all_that_was_asked_for_and_twice_the_same() {
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let run = |n: &str| {
         let (a, b, c) =
-            (path(&format!("{n}.tum")), path(&format!("{n}-live.tum")), path(&format!("{n}.way")));
+            (path(&format!("{n}.tum")), path(&format!("{n}-live.tum")), path(&format!("{n}.route")));
         let output = cairn(&["run", WORLD, "--trajectory", &a, "--live-trajectory", &b, "--record", &c]);
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         assert!(output.stderr.is_empty(), "no bar where there is no terminal: {}", stderr(&output));
@@ -25,10 +25,10 @@ fn run_writes_all_that_was_asked_for_and_twice_the_same() {
     let first = run("first");
     assert_eq!(first, run("second"), "lockstep gives the same bits");
     assert_eq!(first[0].lines().filter(|l| !l.starts_with('#')).count(), 31);
-    let info = json(&cairn(&["way", "info", &path("first.way"), "--json"]));
+    let info = json(&cairn(&["route", "info", &path("first.route"), "--json"]));
     assert!(info["points"].as_u64().unwrap() >= 5 && info["metric"] == true, "{info}");
-    fails(&["run", WORLD, "--record", &path("first.way")], &["first.way", "never overwritten"]);
-    assert_eq!(std::fs::read_to_string(path("first.way")).unwrap(), first[2], "the record is still whole");
+    fails(&["run", WORLD, "--record", &path("first.route")], &["first.route", "never overwritten"]);
+    assert_eq!(std::fs::read_to_string(path("first.route")).unwrap(), first[2], "the record is still whole");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -76,11 +76,11 @@ fn run_takes_settings_and_refuses_wrong_ones() {
         std::fs::write(&path, text).unwrap();
         path.to_str().unwrap().to_owned()
     };
-    let fewer = write("fewer.toml", "[eye.orb]\nfeatures = 400\n");
+    let fewer = write("fewer.toml", "[front_end.orb]\nfeatures = 400\n");
     let report = json(&cairn(&["run", WORLD, "--config", &fewer, "--json", "--frames", "5"]));
-    assert_eq!(report["config"]["eye"]["orb"]["features"], 400);
+    assert_eq!(report["config"]["front_end"]["orb"]["features"], 400);
     fails(
-        &["run", WORLD, "--config", &write("word.toml", "[eye.orb]\nfeatures = \"all\"\n")],
+        &["run", WORLD, "--config", &write("word.toml", "[front_end.orb]\nfeatures = \"all\"\n")],
         &["word.toml, line 2"],
     );
     fails(&["run", WORLD, "--config", &write("name.toml", "[eyes]\n")], &["name.toml", "eyes"]);
@@ -94,7 +94,9 @@ fn run_tells_what_is_wrong_with_a_source_before_it_works() {
     let empty = folder.to_str().unwrap();
     fails(&["run", "/no/recording"], &["/no/recording", "does not exist"]);
     fails(&["run", empty], &["no recording of a kind that is known"]);
-    fails(&["run", "rtsp://camera"], &["rtsp:"]);
+    // Without the program, what is missing is named rather than the address.
+    let ffmpeg = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
+    fails(&["run", "rtsp://camera"], &[if ffmpeg { "rtsp:" } else { "apt install ffmpeg" }]);
     fails(&["run", "sim:moon"], &["no world \"moon\""]);
     fails(&["run", "sim:demo?sensor=mono", "--sensor", "stereo"], &["sim:demo", "--sensor"]);
     fails(&["run", WORLD, "--rig", "/no/rig.toml"], &["/no/rig.toml"]);
@@ -115,8 +117,8 @@ fn run_without_any_pose_is_a_failure_with_its_reason() {
     // A mono start needs motion: two frames have next to none.
     let folder = folder("run-none");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
-    let (tum, way, report) = (path("a.tum"), path("a.way"), path("a.json"));
-    let files = ["--trajectory", &tum, "--record", &way, "--report", &report];
+    let (tum, route, report) = (path("a.tum"), path("a.route"), path("a.json"));
+    let files = ["--trajectory", &tum, "--record", &route, "--report", &report];
     let run = ["run", WORLD, "--sensor", "mono", "--frames", "2"];
     fails(&[&run[..], &files[..]].concat(), &["no frame got a pose", "the start has"]);
     let left: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();

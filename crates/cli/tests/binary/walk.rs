@@ -13,7 +13,7 @@ fn a_script_records_and_guides_and_the_words_are_lines() {
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let script = "tracked 5 record\nat 5.5 stop\nat 5.5 guide back # and off we go\nat 6.8 halt\n";
     std::fs::write(path("walk.script"), script).unwrap();
-    let run = || cairn(&["run", WORLD, "--script", &path("walk.script"), "--ways", &path("ways")]);
+    let run = || cairn(&["run", WORLD, "--script", &path("walk.script"), "--ways", &path("routes")]);
     let (first, second) = (stdout(&run()), stdout(&run()));
     assert!(first.contains("0:00.4  Recording."), "{first}");
     assert!(first.contains("0:05.5  Recording has ended, 4 metres."), "{first}");
@@ -23,17 +23,17 @@ fn a_script_records_and_guides_and_the_words_are_lines() {
     assert_eq!(said(&first), said(&second), "lockstep says the same");
     // The second walk did not write over the first.
     for n in 1..=2 {
-        let info = json(&cairn(&["way", "info", &path(&format!("ways/way-000{n}.way")), "--json"]));
+        let info = json(&cairn(&["way", "info", &path(&format!("routes/route-000{n}.route")), "--json"]));
         assert!(info["points"].as_u64().unwrap() > 30, "{info}");
     }
     std::fs::write(path("wrong.script"), "at 5 record\nat noon stop\n").unwrap();
     fails(&["run", WORLD, "--script", &path("wrong.script")], &["wrong.script, line 2", "no number"]);
     // A way of another day lies on another map.
     fails(
-        &["run", WORLD, "--guide", &path("ways/way-0001.way")],
-        &["way-0001.way", "map that is not loaded"],
+        &["run", WORLD, "--guide", &path("routes/route-0001.route")],
+        &["route-0001.route", "map that is not loaded"],
     );
-    fails(&["run", WORLD, "--guide", &path("none.way")], &["none.way", "can not be read"]);
+    fails(&["run", WORLD, "--guide", &path("none.route")], &["none.route", "can not be read"]);
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -59,7 +59,7 @@ fn lines_from_standard_input_give_commands() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0));
     assert!(json(&output)["frames"].as_u64().unwrap() < 69, "it did not end when asked to");
-    let info = json(&cairn(&["way", "info", folder.join("way-0001.way").to_str().unwrap(), "--json"]));
+    let info = json(&cairn(&["way", "info", folder.join("route-0001.route").to_str().unwrap(), "--json"]));
     assert!(info["points"].as_u64().unwrap() > 5, "{info}");
     std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -12,7 +12,7 @@ pub(crate) use write::Scribe;
 
 use crate::Config;
 use crate::digest::Digest;
-use cairn_atlas::Map;
+use cairn_atlas::Snapshot;
 use cairn_sensor::{Rig, Stamp};
 use cairn_vision::SensorMode;
 
@@ -33,7 +33,7 @@ pub struct Header {
     /// The settings as JSON.
     pub config: String,
     /// Version and digest of the map that the run began in.
-    pub map: [u64; 2],
+    pub snapshot: [u64; 2],
 }
 
 impl Header {
@@ -49,12 +49,12 @@ impl Header {
     }
 
     /// The whole.
-    pub(crate) fn with(&self, source: &str, localize_only: bool, map: &Map) -> Self {
+    pub(crate) fn with(&self, source: &str, localize_only: bool, snapshot: &Snapshot) -> Self {
         let mut digest = Digest::default();
-        digest.map(map);
+        digest.snapshot(snapshot);
         let sensor = format!("{}{}", self.sensor, if localize_only { ", localizes only" } else { "" });
-        let map = [map.version(), digest.value()];
-        Self { source: source.to_owned(), sensor, map, ..self.clone() }
+        let snapshot = [snapshot.version(), digest.value()];
+        Self { source: source.to_owned(), sensor, snapshot, ..self.clone() }
     }
 
     /// The first thing in which another run differs, in words.
@@ -80,7 +80,7 @@ impl Header {
                 return Some(format!("other {what}"));
             }
         }
-        (self.map != run.map).then(|| "the run began in another map (--map-in)".into())
+        (self.snapshot != run.snapshot).then(|| "the run began in another map (--map-in)".into())
     }
 }
 
@@ -91,7 +91,7 @@ pub enum Record {
     Frame(FrameRecord),
     /// Mapping worked off the next offer of tracking; it asked so many times whether to stop before it was told yes,
     /// or was never told (`None`).
-    Offer {
+    KeyFrameRequest {
         /// Answers that said no before the one that said yes.
         stop_after: Option<u64>,
     },
@@ -121,7 +121,7 @@ pub struct FrameRecord {
     /// Whether mapping was idle.
     pub idle: bool,
     /// Version of the map in which tracking stood after a start, where this frame was one.
-    pub begun: Option<u64>,
+    pub map_created: Option<u64>,
     /// Digest of state and pose.
     pub digest: u64,
 }

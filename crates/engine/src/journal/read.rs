@@ -65,12 +65,12 @@ impl Journal {
                 words.split(' ').map(|w| u64::from_str_radix(w, 16).ok()).collect();
             numbers.ok_or_else(|| bad(at, "it is no number"))
         };
-        let (rate, map) = (numbers("rate")?, numbers("map")?);
-        let ([rate_hz], [map_version, map_digest]) = (rate.as_slice(), map.as_slice()) else {
+        let (rate, snapshot) = (numbers("rate")?, numbers("map")?);
+        let ([rate_hz], [map_version, map_digest]) = (rate.as_slice(), snapshot.as_slice()) else {
             return Err(bad(7, "it has too many or too few numbers"));
         };
         let header =
-            Header { source, sensor, rig, config, rate_hz: *rate_hz, map: [*map_version, *map_digest] };
+            Header { source, sensor, rig, config, rate_hz: *rate_hz, snapshot: [*map_version, *map_digest] };
         let (mut records, mut cut) = (Vec::new(), None);
         for (at, line) in lines {
             let record = payload(line).and_then(|text| record(text).ok_or("it tells nothing known"));
@@ -120,14 +120,14 @@ fn record(text: &str) -> Option<Record> {
     };
     let perhaps = |w: &str| if w == "-" { Some(None) } else { number(w).map(Some) };
     Some(match (name, words.as_slice()) {
-        ("frame", [stamp, version, idle, begun, digest]) => Record::Frame(FrameRecord {
+        ("frame", [stamp, version, idle, map_created, digest]) => Record::Frame(FrameRecord {
             stamp: Stamp(stamp.parse().ok()?),
             version: number(version)?,
             idle: flag(idle)?,
-            begun: perhaps(begun)?,
+            map_created: perhaps(map_created)?,
             digest: hex(digest)?,
         }),
-        ("offer", [stop_after]) => Record::Offer { stop_after: perhaps(stop_after)? },
+        ("offer", [stop_after]) => Record::KeyFrameRequest { stop_after: perhaps(stop_after)? },
         ("job", [number_, version, whole, key_frame]) => Record::Job(JobRecord {
             number: number(number_)?,
             version: number(version)?,

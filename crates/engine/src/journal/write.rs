@@ -72,7 +72,7 @@ impl Header {
             text.push_str(&line(&format!("{name} {json}")));
         }
         text.push_str(&line(&format!("rate {:x}", self.rate_hz)));
-        text.push_str(&line(&format!("map {:x} {:x}", self.map[0], self.map[1])));
+        text.push_str(&line(&format!("map {:x} {:x}", self.snapshot[0], self.snapshot[1])));
         text
     }
 }
@@ -90,10 +90,10 @@ impl Record {
                 f.stamp.0,
                 f.version,
                 u8::from(f.idle),
-                perhaps(&f.begun),
+                perhaps(&f.map_created),
                 f.digest
             ),
-            Self::Offer { stop_after } => write!(text, "offer {}", perhaps(stop_after)),
+            Self::KeyFrameRequest { stop_after } => write!(text, "offer {}", perhaps(stop_after)),
             Self::Job(j) => {
                 write!(text, "job {} {} {} {}", j.number, j.version, u8::from(j.whole), j.key_frame)
             }
@@ -117,16 +117,17 @@ mod tests {
             rate_hz: 20.0f64.to_bits(),
             rig: "two".into(),
             config: "{}".into(),
-            map: [3, u64::MAX],
+            snapshot: [3, u64::MAX],
         };
-        let frame = FrameRecord { stamp: Stamp(-5), version: 2, idle: true, begun: Some(4), digest: 0xfeed };
+        let frame =
+            FrameRecord { stamp: Stamp(-5), version: 2, idle: true, map_created: Some(4), digest: 0xfeed };
         let records = vec![
             Record::Frame(frame),
-            Record::Offer { stop_after: None },
+            Record::KeyFrameRequest { stop_after: None },
             Record::Job(JobRecord { number: 0, version: 9, whole: true, key_frame: 7 }),
-            Record::Offer { stop_after: Some(3) },
+            Record::KeyFrameRequest { stop_after: Some(3) },
             Record::Closed { job: 0 },
-            Record::Frame(FrameRecord { begun: None, idle: false, ..frame }),
+            Record::Frame(FrameRecord { map_created: None, idle: false, ..frame }),
             Record::End { version: 11, digest: 1 },
         ];
         let text = records.iter().fold(header.to_text(), |text, r| text + &r.to_line());

@@ -3,7 +3,7 @@
 use super::{Done, take, text_of};
 use cairn_atlas::{Atlas, KeyFrameId};
 use cairn_mapping::{Closer, Mapper};
-use cairn_tracking::Offer;
+use cairn_tracking::KeyFrameRequest;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
@@ -16,10 +16,10 @@ pub(crate) struct Inline {
 
 impl Inline {
     /// Maps an offer and closes after it.
-    pub fn offer(&mut self, offer: &Offer, done: &mut Done) -> Option<KeyFrameId> {
+    pub fn submit(&mut self, request: &KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
         let Self { mapper, closer, atlas } = self;
         let start = Instant::now();
-        let result = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, offer, || false)));
+        let result = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, request, || false)));
         done.ms.push(start.elapsed().as_secs_f64() * 1e3);
         let closed = result.and_then(|(id, attempt)| {
             done.attempt = attempt.or(done.attempt.take());
@@ -32,8 +32,8 @@ impl Inline {
     }
 
     /// Settles the whole map.
-    pub fn settle(&mut self, done: &mut Done) {
-        if let Err(cause) = catch_unwind(AssertUnwindSafe(|| self.mapper.settle(&mut self.atlas))) {
+    pub fn final_adjustment(&mut self, done: &mut Done) {
+        if let Err(cause) = catch_unwind(AssertUnwindSafe(|| self.mapper.final_adjustment(&mut self.atlas))) {
             done.died = Some(text_of(&cause));
         }
     }
@@ -47,9 +47,9 @@ fn close_inline(closer: &mut Closer, atlas: &mut Atlas, id: Option<KeyFrameId>, 
     done.verdicts.extend(closed.verdicts);
     atlas.commit(closed.changes);
     done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
-    if let Some(world) = closed.joined.and_then(|id| atlas.latest().key_frame(id)).map(|k| k.world) {
+    if let Some(map) = closed.joined.and_then(|id| atlas.latest().key_frame(id)).map(|k| k.map) {
         let start = Instant::now();
-        let changes = closer.adjust_whole(atlas.latest(), world, || false);
+        let changes = closer.adjust_whole(atlas.latest(), map, || false);
         atlas.commit(changes);
         done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
     }

@@ -7,12 +7,12 @@ mod threaded;
 pub use replay::{Replayed, Stopped};
 
 use crate::journal::{FrameRecord, Header, Journal, Record};
-use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Sensed, Subscription, Tie};
+use cairn_atlas::{Atlas, ImuSegment, KeyFrameId, LandmarkId, MapPrior, Snapshot, Subscription};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::Attempt;
-use cairn_mapping::{Begin, Closer, Mapper, Offered, Verdict};
+use cairn_mapping::{Begin, Closer, Mapper, Submitted, Verdict};
 use cairn_sensor::Stamp;
-use cairn_tracking::{Adrift, Offer, Placed};
+use cairn_tracking::{AnchoredPose, KeyFrameRequest, RelocationPrior};
 use inline::Inline;
 use replay::Replay;
 use std::io::Write;
@@ -62,8 +62,8 @@ pub(crate) enum Mapping {
 }
 
 impl Mapping {
-    pub fn new(runner: Runner, mapper: Mapper, closer: Closer, map: Map) -> Self {
-        let atlas = Atlas::new(map);
+    pub fn new(runner: Runner, mapper: Mapper, closer: Closer, snapshot: Snapshot) -> Self {
+        let atlas = Atlas::new(snapshot);
         match runner {
             Runner::Lockstep => Self::Inline(Box::new(Inline { mapper, closer, atlas })),
             Runner::Threaded => Self::Thread(Threaded::spawn(mapper, closer, atlas)),
@@ -102,7 +102,7 @@ impl Mapping {
     }
 
     /// The map for a frame, and whether a key frame offered now would be taken up at once.
-    pub fn look(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Map>, bool) {
+    pub fn look(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
         match self {
             Self::Inline(inline) => (inline.atlas.latest().clone(), true),
             Self::Thread(thread) => (thread.reader.latest(), thread.idle()),
@@ -110,7 +110,7 @@ impl Mapping {
         }
     }
 
-    pub fn latest(&self) -> Arc<Map> {
+    pub fn latest(&self) -> Arc<Snapshot> {
         match self {
             Self::Inline(inline) => inline.atlas.latest().clone(),
             Self::Thread(thread) => thread.reader.latest(),
@@ -137,16 +137,16 @@ impl Mapping {
 
     /// Hands over an offer. A start is waited for and answered with the key frame the eye stands at; later key
     /// frames are answered when mapping runs inline.
-    pub fn offer(&mut self, offer: Offer, done: &mut Done) -> Option<KeyFrameId> {
+    pub fn submit(&mut self, request: KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
         match self {
-            Self::Inline(inline) => inline.offer(&offer, done),
-            Self::Thread(thread) => thread.offer(offer),
-            Self::Replay(replay) => replay.offer(offer, done),
+            Self::Inline(inline) => inline.submit(&request, done),
+            Self::Thread(thread) => thread.submit(request),
+            Self::Replay(replay) => replay.submit(request, done),
         }
     }
 
     /// The map after a start was answered.
-    pub fn after_start(&mut self, done: &mut Done) -> Arc<Map> {
+    pub fn after_start(&mut self, done: &mut Done) -> Arc<Snapshot> {
         match self {
             Self::Replay(replay) => replay.after_start(done),
             _ => self.latest(),
@@ -181,7 +181,7 @@ impl Mapping {
     /// Lets mapping end what it was given and settle the whole map, and waits for it.
     pub fn finish(&mut self, into: &mut Done) {
         match self {
-            Self::Inline(inline) => inline.settle(into),
+            Self::Inline(inline) => inline.final_adjustment(into),
             Self::Thread(thread) => thread.finish(into),
             Self::Replay(replay) => replay.finish(into),
         }
@@ -191,22 +191,22 @@ impl Mapping {
 fn take(
     mapper: &mut Mapper,
     atlas: &mut Atlas,
-    offer: &Offer,
+    request: &KeyFrameRequest,
     stop: impl FnMut() -> bool,
 ) -> (Option<KeyFrameId>, Option<Attempt>) {
-    let id = match offer {
-        Offer::First { frame, adrift, sensed } => {
-            Some(mapper.start(atlas, frame, &begin(adrift, sensed, true)))
+    let id = match request {
+        KeyFrameRequest::First { frame, relocation_prior, imu } => {
+            Some(mapper.start(atlas, frame, &begin(relocation_prior, imu, true)))
         }
-        Offer::Pair { first, second, first_from_second, points, adrift, sensed } => {
-            let begin = begin(adrift, sensed, false);
+        KeyFrameRequest::Pair { first, second, first_from_second, points, relocation_prior, imu } => {
+            let begin = begin(relocation_prior, imu, false);
             mapper.start_pair(atlas, first, second, *first_from_second, points, &begin)
         }
-        Offer::Next { frame, landmarks, placed, sensed } => {
-            let Placed { reference, reference_from_eye, .. } = *placed;
-            let sensed = sensed.as_ref();
-            let offered = Offered { frame, landmarks, reference, reference_from_eye, sensed };
-            let mapped = mapper.step(atlas, &offered, stop);
+        KeyFrameRequest::Next { frame, landmarks, anchored, imu } => {
+            let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
+            let imu = imu.as_ref();
+            let submitted = Submitted { frame, landmarks, reference, reference_from_camera, imu };
+            let mapped = mapper.step(atlas, &submitted, stop);
             return mapped.map_or((None, None), |m| (Some(m.key_frame), m.attempt));
         }
     };
@@ -214,12 +214,12 @@ fn take(
 }
 
 /// Where a world begins: at a place believed in a former world, or as the first.
-fn begin(adrift: &Option<Adrift>, sensed: &Option<Sensed>, metric: bool) -> Begin {
-    let begin = adrift.map_or(Begin::default(), |a| Begin {
-        world_from_eye: a.placed.world_from_eye,
-        tie: Some(Tie {
-            to: a.placed.reference,
-            to_from_root: a.placed.reference_from_eye,
+fn begin(relocation_prior: &Option<RelocationPrior>, imu: &Option<ImuSegment>, metric: bool) -> Begin {
+    let begin = relocation_prior.map_or(Begin::default(), |a| Begin {
+        world_from_camera: a.anchored.world_from_camera,
+        tie: Some(MapPrior {
+            to: a.anchored.reference,
+            to_from_root: a.anchored.reference_from_camera,
             sigma: a.sigma,
             sigma_rad: a.sigma_rad,
         }),
@@ -228,9 +228,9 @@ fn begin(adrift: &Option<Adrift>, sensed: &Option<Sensed>, metric: bool) -> Begi
         ..Begin::default()
     });
     // The first world begins nearly upright, where that is felt.
-    let up = sensed.as_ref().and_then(|s| s.up).filter(|_| adrift.is_none());
-    let world_from_eye = up.map_or(begin.world_from_eye, |up| Se3::new(upright(&up), Vec3::zeros()));
-    Begin { sensed: sensed.clone(), world_from_eye, ..begin }
+    let up = imu.as_ref().and_then(|s| s.up).filter(|_| relocation_prior.is_none());
+    let world_from_camera = up.map_or(begin.world_from_camera, |up| Se3::new(upright(&up), Vec3::zeros()));
+    Begin { imu: imu.clone(), world_from_camera, ..begin }
 }
 
 /// The smallest turn that takes a direction to the z axis.

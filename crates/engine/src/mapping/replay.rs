@@ -9,10 +9,10 @@ use super::inline::Inline;
 use super::threaded::{Job, commit};
 use super::{Done, take, text_of};
 use crate::journal::{FrameRecord, JobRecord, Journal, Record};
-use cairn_atlas::{KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_mapping::Closed;
 use cairn_sensor::Stamp;
-use cairn_tracking::Offer;
+use cairn_tracking::KeyFrameRequest;
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -48,21 +48,21 @@ pub enum Stopped {
 /// What the keeper of the map did.
 #[derive(Clone, Copy)]
 enum Kept {
-    Offer(Option<u64>),
+    KeyFrameRequest(Option<u64>),
     Closed(u64),
 }
 
 /// What tracking has given mapping that is not worked off yet.
 enum Given {
     Seen(Vec<(LandmarkId, bool)>),
-    Offer(Box<Offer>),
+    KeyFrameRequest(Box<KeyFrameRequest>),
 }
 
 /// The stages with the journal that drives them.
 pub(crate) struct Replay {
     pub stages: Inline,
     /// The map that was handed out last.
-    pub current: Arc<Map>,
+    pub current: Arc<Snapshot>,
     pub told: Replayed,
     frames: VecDeque<FrameRecord>,
     kept: VecDeque<Kept>,
@@ -72,9 +72,9 @@ pub(crate) struct Replay {
     /// What came last of an offer that was worked off.
     answer: Option<KeyFrameId>,
     given: VecDeque<Given>,
-    closed: VecDeque<(u64, Arc<Map>, Closed)>,
+    closed: VecDeque<(u64, Arc<Snapshot>, Closed)>,
     /// Every version that a frame may still ask for.
-    versions: VecDeque<Arc<Map>>,
+    versions: VecDeque<Arc<Snapshot>>,
     asked: u64,
 }
 
@@ -86,7 +86,7 @@ impl Replay {
         for record in journal.records {
             match record {
                 Record::Frame(frame) => frames.push_back(frame),
-                Record::Offer { stop_after } => kept.push_back(Kept::Offer(stop_after)),
+                Record::KeyFrameRequest { stop_after } => kept.push_back(Kept::KeyFrameRequest(stop_after)),
                 Record::Closed { job } => kept.push_back(Kept::Closed(job)),
                 Record::Job(job) => {
                     jobs.insert(job.number, job);
@@ -111,7 +111,7 @@ impl Replay {
         }
     }
 
-    pub fn look(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Map>, bool) {
+    pub fn look(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
         let idle = match self.frames.front().copied() {
             Some(frame) if frame.stamp == stamp => {
                 self.reach(frame.version, done);
@@ -133,18 +133,18 @@ impl Replay {
         self.given.push_back(Given::Seen(seen));
     }
 
-    pub fn offer(&mut self, offer: Offer, done: &mut Done) -> Option<KeyFrameId> {
-        let starting = !matches!(offer, Offer::Next { .. });
-        self.given.push_back(Given::Offer(Box::new(offer)));
+    pub fn submit(&mut self, request: KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
+        let starting = !matches!(request, KeyFrameRequest::Next { .. });
+        self.given.push_back(Given::KeyFrameRequest(Box::new(request)));
         self.answer = None;
         // A start was waited for. Where nothing more was kept, mapping had died and nobody answered.
-        let open = |given: &VecDeque<Given>| given.iter().any(|g| matches!(g, Given::Offer(_)));
+        let open = |given: &VecDeque<Given>| given.iter().any(|g| matches!(g, Given::KeyFrameRequest(_)));
         while starting && open(&self.given) && self.go_on(done) {}
         self.answer.filter(|_| starting && !open(&self.given))
     }
 
-    pub fn after_start(&mut self, done: &mut Done) -> Arc<Map> {
-        match self.frames.front().and_then(|frame| frame.begun) {
+    pub fn after_start(&mut self, done: &mut Done) -> Arc<Snapshot> {
+        match self.frames.front().and_then(|frame| frame.map_created) {
             Some(version) => self.reach(version, done),
             None => self.stop("the journal knows of no start here"),
         }
@@ -166,7 +166,7 @@ impl Replay {
     pub fn finish(&mut self, done: &mut Done) {
         while self.told.stopped.is_none() && self.go_on(done) {}
         if self.told.stopped.is_none() && self.end.is_some() && self.frames.is_empty() {
-            self.stages.settle(done);
+            self.stages.final_adjustment(done);
             self.current = self.stages.atlas.latest().clone();
         }
     }
@@ -209,11 +209,11 @@ impl Replay {
             }
         }
         self.keep();
-        while self.versions.front().is_some_and(|map| map.version() < version) {
+        while self.versions.front().is_some_and(|snapshot| snapshot.version() < version) {
             self.versions.pop_front();
         }
         match self.versions.front() {
-            Some(map) if map.version() == version => self.current = map.clone(),
+            Some(snapshot) if snapshot.version() == version => self.current = snapshot.clone(),
             _ => self.stop("the map does not have the version that is in the journal"),
         }
     }
@@ -226,7 +226,7 @@ impl Replay {
     fn go_on(&mut self, done: &mut Done) -> bool {
         let Some(kept) = self.kept.pop_front().filter(|_| self.told.stopped.is_none()) else { return false };
         match kept {
-            Kept::Offer(stop_after) => self.map(stop_after, done),
+            Kept::KeyFrameRequest(stop_after) => self.take_request(stop_after, done),
             Kept::Closed(number) => match self.closed.pop_front().filter(|(n, ..)| *n == number) {
                 Some((_, base, closed)) => {
                     if let Some(whole) = commit(&mut self.stages.atlas, &base, closed) {
@@ -241,11 +241,11 @@ impl Replay {
     }
 
     /// Maps the next offer; mapping is told to stop when it was told then.
-    fn map(&mut self, stop_after: Option<u64>, done: &mut Done) {
-        let offer = loop {
+    fn take_request(&mut self, stop_after: Option<u64>, done: &mut Done) {
+        let request = loop {
             match self.given.pop_front() {
                 Some(Given::Seen(seen)) => self.stages.mapper.note(&seen),
-                Some(Given::Offer(offer)) => break offer,
+                Some(Given::KeyFrameRequest(request)) => break request,
                 None => return self.stop("mapping took a key frame that tracking has not offered"),
             }
         };
@@ -256,7 +256,7 @@ impl Replay {
             stop_after.is_some_and(|n| asked > n)
         };
         let Inline { mapper, atlas, .. } = &mut self.stages;
-        let taken = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &offer, stop)));
+        let taken = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &request, stop)));
         let id = taken.map(|(id, attempt)| {
             done.attempt = attempt.or(done.attempt.take());
             id
@@ -283,10 +283,10 @@ impl Replay {
         let worked = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.stages.closer)));
         done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
         match worked {
-            Ok((map, mut closed)) => {
+            Ok((snapshot, mut closed)) => {
                 done.verdicts.append(&mut closed.verdicts);
                 if !closed.changes.is_empty() {
-                    self.closed.push_back((number, map, closed));
+                    self.closed.push_back((number, snapshot, closed));
                 }
             }
             Err(cause) => done.died = Some(text_of(&cause).replace("mapping", "closing")),

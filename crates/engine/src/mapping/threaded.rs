@@ -3,9 +3,9 @@
 use super::{Done, take, text_of};
 use crate::background;
 use crate::journal::{JobRecord, Record, Scribe};
-use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Map, Reader, Subscription, WorldId};
+use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, MapId, Reader, Snapshot, Subscription};
 use cairn_mapping::{Closed, Closer, Mapper};
-use cairn_tracking::Offer;
+use cairn_tracking::KeyFrameRequest;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,56 +16,59 @@ use std::time::Instant;
 /// What the mapping thread is sent.
 enum Message {
     Seen(Vec<(LandmarkId, bool)>),
-    Offer(Box<Offer>, SyncSender<Option<KeyFrameId>>),
+    KeyFrameRequest(Box<KeyFrameRequest>, SyncSender<Option<KeyFrameId>>),
     /// The closing job of this number has made changes on a map that may be older by now.
-    Closed(u64, Arc<Map>, Closed),
+    Closed(u64, Arc<Snapshot>, Closed),
     /// Someone wants to hear of every change.
     Subscribe(SyncSender<Subscription>),
     /// Nothing more will come: end closing, and settle the map if asked to.
     End {
-        settle: bool,
+        final_adjustment: bool,
     },
 }
 
 /// What closing is given to do.
 pub(super) enum Job {
     /// Look for the place of a key frame.
-    Place(Arc<Map>, KeyFrameId),
+    Place(Arc<Snapshot>, KeyFrameId),
     /// Adjust a world as a whole.
-    Whole(Arc<Map>, WorldId),
+    Whole(Arc<Snapshot>, MapId),
 }
 
 impl Job {
     /// The job with its number as a journal tells it.
     pub fn record(&self, number: u64) -> JobRecord {
-        let (map, whole, id) = match self {
-            Self::Place(map, id) => (map, false, *id),
-            Self::Whole(map, world) => (map, true, world.root()),
+        let (snapshot, whole, id) = match self {
+            Self::Place(snapshot, id) => (snapshot, false, *id),
+            Self::Whole(snapshot, map) => (snapshot, true, map.root()),
         };
-        JobRecord { number, version: map.version(), whole, key_frame: id.index() as u64 }
+        JobRecord { number, version: snapshot.version(), whole, key_frame: id.index() as u64 }
     }
 
     /// Does it; the map that it was done on goes with the changes.
-    pub fn work(self, closer: &mut Closer) -> (Arc<Map>, Closed) {
+    pub fn work(self, closer: &mut Closer) -> (Arc<Snapshot>, Closed) {
         match self {
-            Self::Place(map, id) => {
-                let closed = closer.step(&map, id);
-                (map, closed)
+            Self::Place(snapshot, id) => {
+                let closed = closer.step(&snapshot, id);
+                (snapshot, closed)
             }
-            Self::Whole(map, world) => {
-                let changes = closer.adjust_whole(&map, world, || false);
-                (map, Closed { changes, ..Closed::default() })
+            Self::Whole(snapshot, map) => {
+                let changes = closer.adjust_whole(&snapshot, map, || false);
+                (snapshot, Closed { changes, ..Closed::default() })
             }
         }
     }
 }
 
 /// Commits what closing made on an older map; the world to be adjusted as a whole after it, if there is one.
-pub(super) fn commit(atlas: &mut Atlas, base: &Map, closed: Closed) -> Option<Job> {
+pub(super) fn commit(atlas: &mut Atlas, base: &Snapshot, closed: Closed) -> Option<Job> {
     atlas.commit_since(base, closed.changes);
-    let map = atlas.latest();
-    let joined = closed.joined.and_then(|id| map.living(id)).and_then(|(id, _)| map.key_frame(id))?;
-    Some(Job::Whole(map.clone(), joined.world))
+    let snapshot = atlas.latest();
+    let joined = closed
+        .joined
+        .and_then(|id| snapshot.surviving_ancestor(id))
+        .and_then(|(id, _)| snapshot.key_frame(id))?;
+    Some(Job::Whole(snapshot.clone(), joined.map))
 }
 
 /// Tracking's end of the threads.
@@ -103,11 +106,11 @@ impl Threaded {
         }
     }
 
-    pub fn offer(&self, offer: Offer) -> Option<KeyFrameId> {
-        let starting = !matches!(offer, Offer::Next { .. });
+    pub fn submit(&self, request: KeyFrameRequest) -> Option<KeyFrameId> {
+        let starting = !matches!(request, KeyFrameRequest::Next { .. });
         let (reply, answer) = sync_channel(1);
         self.waiting.fetch_add(1, Ordering::Relaxed);
-        self.to.as_ref()?.send(Message::Offer(Box::new(offer), reply)).ok()?;
+        self.to.as_ref()?.send(Message::KeyFrameRequest(Box::new(request), reply)).ok()?;
         if starting { answer.recv().ok().flatten() } else { None }
     }
 
@@ -127,9 +130,9 @@ impl Threaded {
         self.poll(into);
     }
 
-    fn end(&mut self, settle: bool) {
+    fn end(&mut self, final_adjustment: bool) {
         if let Some(to) = self.to.take() {
-            let _ = to.send(Message::End { settle });
+            let _ = to.send(Message::End { final_adjustment });
         }
         if let Some(handle) = self.handle.take() {
             let _ = handle.join();
@@ -159,7 +162,7 @@ impl Keeper {
     fn work(mut self, from: Receiver<Message>) {
         while let Ok(message) = from.recv() {
             let end = match message {
-                Message::End { settle } => Some(settle),
+                Message::End { final_adjustment } => Some(final_adjustment),
                 _ => None,
             };
             if end.is_some() {
@@ -168,9 +171,9 @@ impl Keeper {
             }
             let handled = catch_unwind(AssertUnwindSafe(|| {
                 self.handle(message);
-                if let Some(settle) = end {
+                if let Some(final_adjustment) = end {
                     from.try_iter().for_each(|message| self.handle(message));
-                    settle.then(|| self.mapper.settle(&mut self.atlas));
+                    final_adjustment.then(|| self.mapper.final_adjustment(&mut self.atlas));
                 }
             }));
             if let Err(cause) = &handled {
@@ -185,7 +188,7 @@ impl Keeper {
     fn handle(&mut self, message: Message) {
         match message {
             Message::Seen(seen) => self.mapper.note(&seen),
-            Message::Offer(offer, reply) => {
+            Message::KeyFrameRequest(request, reply) => {
                 let start = Instant::now();
                 // The one in hand counts as waiting: more than one means that another has come. Once it is to stop
                 // it stays so.
@@ -197,9 +200,10 @@ impl Keeper {
                     asked += 1;
                     stop_after.is_some()
                 };
-                let mut id =
-                    catch_unwind(AssertUnwindSafe(|| take(&mut self.mapper, &mut self.atlas, &offer, stop)));
-                self.scribe.write(&Record::Offer { stop_after });
+                let mut id = catch_unwind(AssertUnwindSafe(|| {
+                    take(&mut self.mapper, &mut self.atlas, &request, stop)
+                }));
+                self.scribe.write(&Record::KeyFrameRequest { stop_after });
                 self.waiting.fetch_sub(1, Ordering::Relaxed);
                 let ms = vec![start.elapsed().as_secs_f64() * 1e3];
                 let attempt = id.as_mut().ok().and_then(|(_, attempt)| attempt.take());
@@ -266,10 +270,12 @@ fn spawn_closing(mut closer: Closer, to: Sender<Message>, tell: Sender<Done>, sc
             let result = catch_unwind(AssertUnwindSafe(|| job.work(&mut closer)));
             let close_ms = vec![start.elapsed().as_secs_f64() * 1e3];
             match result {
-                Ok((map, mut closed)) => {
+                Ok((snapshot, mut closed)) => {
                     let verdicts = std::mem::take(&mut closed.verdicts);
                     let _ = tell.send(Done { close_ms, verdicts, ..Done::default() });
-                    if !closed.changes.is_empty() && to.send(Message::Closed(number, map, closed)).is_err() {
+                    if !closed.changes.is_empty()
+                        && to.send(Message::Closed(number, snapshot, closed)).is_err()
+                    {
                         return;
                     }
                 }

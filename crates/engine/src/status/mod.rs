@@ -129,7 +129,7 @@ pub enum StatusEvent {
     /// A world begins.
     World {
         /// Its name.
-        world: usize,
+        map: usize,
         /// Whether there are others beside it.
         beside: bool,
     },
@@ -148,9 +148,9 @@ pub enum StatusEvent {
         again: usize,
     },
     /// Scale and gravity of a world are known.
-    Level {
+    AlignGravity {
         /// The world.
-        world: usize,
+        map: usize,
         /// Metres in a unit of length before.
         scale: f64,
         /// Relative standard deviation of the scale.
@@ -193,7 +193,7 @@ pub struct Status {
     /// Whether the last packet has a pose.
     pub valid: bool,
     /// The world of the last pose (its map), named after its eldest key frame by its place in the order of birth.
-    pub world: Option<usize>,
+    pub map: Option<usize>,
     /// Whether there is a world, and its scale and gravity are known where the inertial sensor is to find them.
     pub initialised: bool,
     /// Whether lengths there are metres.

@@ -1,7 +1,7 @@
 //! Each phase on packets made by hand.
 
 use super::*;
-use cairn_atlas::{KeyFrameId, Map, WorldId};
+use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_geometry::Vec3;
 use cairn_inertial::{Attempt, GateKind};
 use cairn_mapping::{Accepted, Joined, Verdict};
@@ -10,8 +10,8 @@ use cairn_tracking::State;
 
 const PERIOD_S: f64 = 0.005;
 
-fn world(n: usize) -> WorldId {
-    WorldId(KeyFrameId::from_index(n).unwrap())
+fn map(n: usize) -> MapId {
+    MapId(KeyFrameId::from_index(n).unwrap())
 }
 
 fn reading(t: f64) -> ImuSample {
@@ -30,9 +30,9 @@ fn tracked(t: f64, imu: &[ImuSample]) -> Seen<'_> {
         stamp: Stamp::from_seconds(t),
         imu,
         state: State::Tracking,
-        world: Some((world(0), false)),
+        map: Some((map(0), false)),
         metric: false,
-        begun: false,
+        map_created: false,
         beside: false,
         points: 120,
         attempt: None,
@@ -43,11 +43,11 @@ fn tracked(t: f64, imu: &[ImuSample]) -> Seen<'_> {
 }
 
 fn without_pose(t: f64, imu: &[ImuSample], state: State) -> Seen<'_> {
-    Seen { state, world: None, points: 0, ..tracked(t, imu) }
+    Seen { state, map: None, points: 0, ..tracked(t, imu) }
 }
 
 fn mono(period_s: Option<f64>) -> Watch {
-    Watch::new(false, period_s, &Map::new())
+    Watch::new(false, period_s, &Snapshot::new())
 }
 
 fn after(watch: &mut Watch, seen: &Seen) -> Phase {
@@ -88,7 +88,7 @@ fn a_start_lacks_points_then_parallax() {
     assert_eq!(watch.status().waits, [Wait::Parallax { matches: 90 }]);
     assert!(!watch.status().valid && !watch.status().initialised && watch.status().imu.is_none());
     // With depth one picture is enough: only points can lack.
-    let mut watch = Watch::new(true, None, &Map::new());
+    let mut watch = Watch::new(true, None, &Snapshot::new());
     assert_eq!(after(&mut watch, &without_pose(0.0, &[], few)), Phase::Initializing);
     assert!(watch.status().metric);
 }
@@ -96,13 +96,13 @@ fn a_start_lacks_points_then_parallax() {
 #[test]
 fn eyes_alone_track_from_the_first_world_on() {
     let mut watch = mono(None);
-    let begin = Seen { begun: true, points: 0, ..tracked(3.0, &[]) };
+    let begin = Seen { map_created: true, points: 0, ..tracked(3.0, &[]) };
     assert_eq!(after(&mut watch, &begin), Phase::Tracking);
-    assert_eq!(watch.status().events, [StatusEvent::World { world: 0, beside: false }]);
+    assert_eq!(watch.status().events, [StatusEvent::World { map: 0, beside: false }]);
     assert_eq!(after(&mut watch, &tracked(3.5, &[])), Phase::Tracking);
     let s = watch.status();
     assert_eq!((s.t_s, s.frames, s.sequence, s.valid), (0.5, 2, 2, true));
-    assert_eq!((s.world, s.initialised, s.points, s.events.len()), (Some(0), true, 120, 0));
+    assert_eq!((s.map, s.initialised, s.points, s.events.len()), (Some(0), true, 120, 0));
     assert_eq!(s.to_string(), "0.500 s TRACKING; pose 2 valid; map 0 initialised; 120 points");
 }
 
@@ -116,7 +116,7 @@ fn readings_that_do_not_come_are_waited_for_until_scale_is_known() {
     assert_eq!(after(&mut watch, &tracked(0.6, &[])), Phase::Initializing, "half a second may pass");
     assert_eq!(after(&mut watch, &tracked(0.7, &[])), Phase::WaitImu);
     assert!(watch.status().valid, "by eye it goes on");
-    let level = Seen { world: Some((world(0), true)), metric: true, ..tracked(0.8, &[]) };
+    let level = Seen { map: Some((map(0), true)), metric: true, ..tracked(0.8, &[]) };
     assert_eq!(after(&mut watch, &level), Phase::Tracking);
     assert!(watch.status().initialised && watch.status().metric);
 }
@@ -147,7 +147,7 @@ fn what_the_last_try_lacked_is_waited_for() {
     }
     assert!(watch.status().to_string().contains("waits for scale's sigma 0.5000"), "{}", watch.status());
     // In another world everything is to be found anew, and a map that may not change is only tracked in.
-    let other = Seen { world: Some((world(9), false)), ..tracked(0.3, &imu) };
+    let other = Seen { map: Some((map(9), false)), ..tracked(0.3, &imu) };
     assert_eq!(after(&mut watch, &other), Phase::Initializing);
     assert_eq!(watch.status().waits, [Wait::FirstTry]);
     assert_eq!(after(&mut watch, &Seen { mapping: false, ..other }), Phase::Tracking);
@@ -157,7 +157,7 @@ fn what_the_last_try_lacked_is_waited_for() {
 fn coasting_lost_and_found() {
     let mut watch = mono(Some(PERIOD_S));
     let imu = [reading(0.0)];
-    let level = |t| Seen { world: Some((world(0), true)), metric: true, ..tracked(t, &imu) };
+    let level = |t| Seen { map: Some((map(0), true)), metric: true, ..tracked(t, &imu) };
     after(&mut watch, &level(0.0));
     let state = State::Coasting { since_s: 0.1, sigma: 0.02 };
     assert_eq!(after(&mut watch, &Seen { state, ..level(0.1) }), Phase::Coasting);
@@ -167,7 +167,7 @@ fn coasting_lost_and_found() {
     assert_eq!(after(&mut watch, &without_pose(0.2, &imu, lost)), Phase::Lost);
     assert_eq!(after(&mut watch, &without_pose(0.3, &imu, lost)), Phase::Lost);
     let s = watch.status();
-    assert_eq!((s.valid, s.sequence, s.world), (false, 2, Some(0)), "the last pose is named still");
+    assert_eq!((s.valid, s.sequence, s.map), (false, 2, Some(0)), "the last pose is named still");
     assert_eq!(s.waits, [Wait::Place { have: 7, need: 15 }]);
     assert_eq!(after(&mut watch, &level(0.7)), Phase::Tracking);
     let [StatusEvent::Found { after_s }] = watch.status().events[..] else { panic!("{:?}", watch.status()) };
@@ -176,17 +176,17 @@ fn coasting_lost_and_found() {
 
 #[test]
 fn a_world_beside_others_is_told_once_and_is_no_finding() {
-    let mut watch = Watch::new(true, None, &Map::new());
+    let mut watch = Watch::new(true, None, &Snapshot::new());
     let metric = |t| Seen { metric: true, ..tracked(t, &[]) };
-    after(&mut watch, &Seen { begun: true, ..metric(0.0) });
+    after(&mut watch, &Seen { map_created: true, ..metric(0.0) });
     after(&mut watch, &without_pose(0.1, &[], State::Lost { inliers: 0, need: 25 }));
-    let anew = Seen { world: Some((world(4), false)), begun: true, beside: true, ..metric(0.7) };
+    let anew = Seen { map: Some((map(4), false)), map_created: true, beside: true, ..metric(0.7) };
     assert_eq!(after(&mut watch, &anew), Phase::Resetting);
-    assert_eq!(watch.status().events, [StatusEvent::World { world: 4, beside: true }]);
-    let merge = Accepted { joined: Joined::Merge { from: world(4), into: world(0) }, ..accepted() };
+    assert_eq!(watch.status().events, [StatusEvent::World { map: 4, beside: true }]);
+    let merge = Accepted { joined: Joined::Merge { from: map(4), into: map(0) }, ..accepted() };
     let verdicts = [verdict(Ok(merge)), verdict(Ok(accepted()))];
     let next =
-        Seen { begun: false, beside: false, verdicts: &verdicts, world: Some((world(0), false)), ..anew };
+        Seen { map_created: false, beside: false, verdicts: &verdicts, map: Some((map(0), false)), ..anew };
     assert_eq!(after(&mut watch, &next), Phase::Tracking);
     let told = [StatusEvent::Merge { from: 4, into: 0 }, StatusEvent::Loop { key_frame: 6, again: 2 }];
     assert_eq!(watch.status().events, told);

@@ -1,7 +1,7 @@
 //! From what became of each packet to the status after it.
 
 use super::{ImuStatus, Phase, Status, StatusEvent, Wait};
-use cairn_atlas::{Map, WorldId};
+use cairn_atlas::{MapId, Snapshot};
 use cairn_inertial::{Attempt, GateKind};
 use cairn_mapping::{Joined, Verdict};
 use cairn_sensor::{ImuSample, Stamp};
@@ -18,10 +18,10 @@ pub(crate) struct Seen<'a> {
     pub imu: &'a [ImuSample],
     pub state: State,
     /// The world of the pose, where there is one, and whether its scale and gravity are known.
-    pub world: Option<(WorldId, bool)>,
+    pub map: Option<(MapId, bool)>,
     pub metric: bool,
     /// Whether a world begins here, and whether there are others.
-    pub begun: bool,
+    pub map_created: bool,
     pub beside: bool,
     pub points: usize,
     pub attempt: Option<&'a Attempt>,
@@ -48,9 +48,11 @@ pub(crate) struct Watch {
 
 impl Watch {
     /// Before the first packet. `depth`: one picture is enough to begin with.
-    pub fn new(depth: bool, period_s: Option<f64>, map: &Map) -> Self {
+    pub fn new(depth: bool, period_s: Option<f64>, snapshot: &Snapshot) -> Self {
         let imu = period_s.map(|_| ImuStatus::default());
-        let metric = depth || map.worlds().next().is_some() && map.worlds().all(|(w, _)| map.is_level(w));
+        let metric = depth
+            || snapshot.maps().next().is_some()
+                && snapshot.maps().all(|(w, _)| snapshot.is_gravity_aligned(w));
         let status = Status { phase: Phase::WaitFrames, imu, metric, ..Status::default() };
         Self { status, depth, period_s, first: None, reading: None, lost: None }
     }
@@ -103,15 +105,15 @@ impl Watch {
     /// The pose and its world.
     fn place(&mut self, seen: &Seen) {
         let s = &mut self.status;
-        s.valid = seen.world.is_some();
+        s.valid = seen.map.is_some();
         s.sequence += u64::from(s.valid);
         s.points = seen.points;
-        let Some((world, level)) = seen.world else { return };
-        let world = name(world);
-        if s.world != Some(world) && !level {
+        let Some((map, level)) = seen.map else { return };
+        let map = name(map);
+        if s.map != Some(map) && !level {
             s.gates.clear();
         }
-        s.world = Some(world);
+        s.map = Some(map);
         s.metric = seen.metric;
         s.initialised = level || self.period_s.is_none();
     }
@@ -124,8 +126,8 @@ impl Watch {
             State::Lost { .. } => lost_since.or(Some(seen.stamp)),
             _ => None,
         };
-        match (seen.begun, s.world, lost_since) {
-            (true, Some(world), _) => s.events.push(StatusEvent::World { world, beside: seen.beside }),
+        match (seen.map_created, s.map, lost_since) {
+            (true, Some(map), _) => s.events.push(StatusEvent::World { map, beside: seen.beside }),
             (false, _, Some(since)) if s.valid => {
                 s.events.push(StatusEvent::Found { after_s: seen.stamp - since });
             }
@@ -133,9 +135,9 @@ impl Watch {
         }
         if let Some(attempt) = seen.attempt {
             s.gates.clone_from(&attempt.gates);
-            if let (Some(found), Some(world)) = (attempt.accepted(), s.world) {
+            if let (Some(found), Some(map)) = (attempt.accepted(), s.map) {
                 let (scale, sigma) = (if self.depth { 1.0 } else { found.scale }, found.scale_sigma);
-                s.events.push(StatusEvent::Level { world, scale, sigma });
+                s.events.push(StatusEvent::AlignGravity { map, scale, sigma });
             }
         }
         let joined = seen.verdicts.iter().filter_map(|v| Some((v.result.ok()?.joined, v)));
@@ -153,7 +155,7 @@ impl Watch {
         let (phase, waits) = match seen.state {
             State::Lost { inliers, need } => (Phase::Lost, vec![Wait::Place { have: inliers, need }]),
             State::Coasting { since_s, sigma } => (Phase::Coasting, vec![Wait::Sight { since_s, sigma }]),
-            State::Tracking if seen.begun && seen.beside => (Phase::Resetting, Vec::new()),
+            State::Tracking if seen.map_created && seen.beside => (Phase::Resetting, Vec::new()),
             State::Starting { .. } if silent => silence(),
             State::Starting { have, need } if !self.depth && have > 0 && have >= need => {
                 (Phase::WaitMotion, vec![Wait::Parallax { matches: have }])
@@ -180,6 +182,6 @@ impl Watch {
     }
 }
 
-fn name(world: WorldId) -> usize {
-    world.root().index()
+fn name(map: MapId) -> usize {
+    map.root().index()
 }

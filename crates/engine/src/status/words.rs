@@ -31,14 +31,14 @@ impl fmt::Display for Wait {
 impl fmt::Display for StatusEvent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::World { world, beside: false } => write!(f, "world {world} begins"),
-            Self::World { world, beside: true } => write!(f, "world {world} begins beside the others"),
+            Self::World { map, beside: false } => write!(f, "world {map} begins"),
+            Self::World { map, beside: true } => write!(f, "world {map} begins beside the others"),
             Self::Merge { from, into } => write!(f, "world {from} is merged into {into}"),
             Self::Loop { key_frame, again } => {
                 write!(f, "a loop is closed between key frames {again} and {key_frame}")
             }
-            Self::Level { world, scale, sigma } => {
-                write!(f, "world {world} is level, {scale:.4} m in a unit to {:.1} percent", 100.0 * sigma)
+            Self::AlignGravity { map, scale, sigma } => {
+                write!(f, "world {map} is level, {scale:.4} m in a unit to {:.1} percent", 100.0 * sigma)
             }
             Self::Found { after_s } => write!(f, "found again after {after_s:.2} s"),
         }
@@ -67,8 +67,8 @@ impl fmt::Display for Status {
         if self.frames > 0 {
             let validity = if self.valid { "valid" } else { "not valid" };
             write!(f, "; pose {} {validity}", self.sequence)?;
-            match self.world {
-                Some(world) => write!(f, "; map {world}")?,
+            match self.map {
+                Some(map) => write!(f, "; map {map}")?,
                 None => f.write_str("; no map")?,
             }
             f.write_str(if self.initialised { " initialised" } else { " not initialised" })?;

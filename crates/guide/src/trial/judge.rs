@@ -1,13 +1,13 @@
 //! Judges a trial by the truth: where the walker really was and which way the words sent him.
 
-use super::{STEP_S, TrialSetting, guide_setting};
+use super::{STEP_S, TrialConfig, guide_config};
 use crate::announcer::Utterance;
 use crate::cue::{Cue, CueKind};
-use crate::facing::{Facing, Stance};
+use crate::facing::{Facing, Heading};
 use crate::ground::{heading_of, wrap};
-use crate::matcher::{Match, Matcher, MatcherSetting};
+use crate::maneuvers::ManeuverPlan;
+use crate::matcher::{Match, Matcher, MatcherConfig};
 use crate::phrases::Side;
-use crate::route::Route;
 use crate::walker::{Walker, side_of};
 use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
@@ -118,7 +118,7 @@ impl Tally {
 }
 
 pub(crate) struct Judge {
-    route: Route,
+    plan: ManeuverPlan,
     facing: Facing,
     off_m: f64,
     dwell_s: f64,
@@ -132,15 +132,15 @@ pub(crate) struct Judge {
 }
 
 impl Judge {
-    pub fn new(route: Route, setting: &TrialSetting) -> Self {
-        let s = guide_setting(setting.facing, setting.corridor_m);
-        let outcome = Outcome { length_m: route.length(), ..Outcome::default() };
+    pub fn new(plan: ManeuverPlan, config: &TrialConfig) -> Self {
+        let s = guide_config(config.facing, config.corridor_m);
+        let outcome = Outcome { length_m: plan.length(), ..Outcome::default() };
         Self {
-            route,
-            facing: setting.facing,
+            plan,
+            facing: config.facing,
             off_m: s.off_m,
             dwell_s: s.off_dwell_s,
-            matcher: Matcher::new(MatcherSetting::default()),
+            matcher: Matcher::new(MatcherConfig::default()),
             at: None,
             place_m: None,
             off_s: 0.0,
@@ -151,18 +151,18 @@ impl Judge {
     }
 
     pub fn length(&self) -> f64 {
-        self.route.length()
+        self.plan.length()
     }
 
-    fn stance(&self, walker: &Walker) -> Stance {
+    fn heading_kind(&self, walker: &Walker) -> Heading {
         let (x, y, heading) = walker.pose();
         let course = if self.facing == Facing::Backwards { wrap(heading + PI) } else { heading };
-        Stance { position: Vec2::new(x, y), height: 1.3, heading, course }
+        Heading { position: Vec2::new(x, y), height: 1.3, heading, course }
     }
 
     /// `place_m`: how far along the guide takes the walker to be.
     pub fn see(&mut self, walker: &Walker, cue: Option<&Cue>, place_m: Option<f64>, now: Stamp) {
-        let at = self.matcher.update(&self.route, &self.stance(walker).position, now);
+        let at = self.matcher.update(&self.plan, &self.heading_kind(walker).position, now);
         self.at = Some(at);
         self.place_m = place_m;
         self.off_s = if at.cross_m.abs() > self.off_m { self.off_s + STEP_S } else { 0.0 };
@@ -183,25 +183,26 @@ impl Judge {
     }
 
     pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) {
-        let stance = self.stance(walker);
+        let heading_kind = self.heading_kind(walker);
         let along_m = self.at.map_or(0.0, |m| m.along_m);
         // Where two legs lie within reach of each other, the words may be meant for either.
         let there = self.place_m.filter(|m| {
-            (self.route.point_at(*m) - stance.position).norm() <= self.off_m && (*m - along_m).abs() > 1.0
+            (self.plan.point_at(*m) - heading_kind.position).norm() <= self.off_m
+                && (*m - along_m).abs() > 1.0
         });
         let wrong_side = side_of(&said.text).is_some_and(|side| {
-            [Some(along_m), there].into_iter().flatten().all(|m| self.wrong(side, &stance, m))
+            [Some(along_m), there].into_iter().flatten().all(|m| self.wrong(side, &heading_kind, m))
         });
         self.outcome.wrong_side += usize::from(wrong_side);
         if let Some(kind) = &self.last_kind {
             *self.outcome.kinds.entry(name(kind)).or_default() += 1;
         }
-        let (x, y) = (stance.position.x, stance.position.y);
+        let (x, y) = (heading_kind.position.x, heading_kind.position.y);
         self.outcome.said.push(Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side });
     }
 
     /// Whether the words send the walker away from the way, by the truth.
-    fn wrong(&self, side: Side, stance: &Stance, along_m: f64) -> bool {
+    fn wrong(&self, side: Side, heading_kind: &Heading, along_m: f64) -> bool {
         let limit = 20.0_f64.to_radians();
         let against = |needed: f64, limit: f64| match side {
             Side::Left => needed < -limit,
@@ -209,24 +210,24 @@ impl Judge {
         };
         match self.last_kind {
             Some(CueKind::StepAside(_)) => {
-                let foot = self.route.point_at(along_m);
-                against(stance.to_left(&foot), 0.1)
+                let foot = self.plan.point_at(along_m);
+                against(heading_kind.to_left(&foot), 0.1)
             }
             Some(CueKind::TurnNow { .. }) => {
                 // One of the corners here must turn that way, seen from how the walker stands.
                 let here = |m: &&crate::Maneuver| {
                     m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0
                 };
-                !self.route.maneuvers().iter().filter(here).any(|m| {
-                    let needed = stance.turn_to(m.exit_heading);
+                !self.plan.maneuvers().iter().filter(here).any(|m| {
+                    let needed = heading_kind.turn_to(m.exit_heading);
                     // From 150 degrees on both sides lead there.
                     !against(needed, limit) || needed.abs() >= 150.0_f64.to_radians()
                 })
             }
             // Away from the way, whether one looks one metre ahead along it or three.
             _ => [1.0, 3.0].iter().all(|ahead| {
-                let target = self.route.point_at((along_m + ahead).min(self.route.length()));
-                let needed = stance.turn_to(heading_of(&(target - stance.position)));
+                let target = self.plan.point_at((along_m + ahead).min(self.plan.length()));
+                let needed = heading_kind.turn_to(heading_of(&(target - heading_kind.position)));
                 against(needed, limit) && needed.abs() < 150.0_f64.to_radians()
             }),
         }
@@ -234,7 +235,7 @@ impl Judge {
 
     pub fn finish(mut self, walker: &Walker, arrived: bool) -> Outcome {
         self.outcome.arrived = arrived;
-        self.outcome.error_m = (self.stance(walker).position - self.route.end()).norm();
+        self.outcome.error_m = (self.heading_kind(walker).position - self.plan.end()).norm();
         self.outcome
     }
 }
@@ -269,14 +270,14 @@ mod tests {
     use super::*;
     use crate::cue::Priority;
     use crate::trial::Noise;
-    use crate::{Ground, RouteSetting};
+    use crate::{Ground, ManeuverPlanConfig};
     use cairn_geometry::Vec3;
 
     #[test]
     fn directions_to_the_wrong_side_and_time_off_the_path_are_seen() {
         let corners = [Vec3::zeros(), Vec3::new(10.0, 0.0, 0.0), Vec3::new(10.0, 10.0, 0.0)];
-        let route = Route::new(&corners, &Ground::z_up(), &RouteSetting::default()).unwrap();
-        let setting = TrialSetting {
+        let plan = ManeuverPlan::new(&corners, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
+        let config = TrialConfig {
             facing: Facing::Home,
             travel: crate::Travel::Home,
             noise: Noise::None,
@@ -285,7 +286,7 @@ mod tests {
             seed: 0,
         };
         for (text, wrong) in [("Turn left now.", 0), ("Turn right now.", 1), ("Turn around.", 0)] {
-            let mut judge = Judge::new(route.clone(), &setting);
+            let mut judge = Judge::new(plan.clone(), &config);
             judge.matcher.place(8.5);
             let walker = Walker::new(0, (8.5, 0.0, 0.0));
             let kind = CueKind::TurnNow { turn_rad: 1.5, stairs: None };
@@ -301,7 +302,7 @@ mod tests {
             judge.hear(&said, &walker, Stamp(0));
             assert_eq!(judge.outcome.wrong_side, wrong, "{text}");
         }
-        let mut judge = Judge::new(route, &setting);
+        let mut judge = Judge::new(plan, &config);
         let walker = Walker::new(0, (5.0, 2.0, 0.0));
         for k in 0..100 {
             judge.see(&walker, None, None, Stamp::from_seconds(k as f64 * STEP_S));

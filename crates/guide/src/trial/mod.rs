@@ -3,22 +3,22 @@
 
 mod judge;
 mod noise;
-mod ways;
+mod routes;
 
 pub use judge::{Outcome, Said, Tally};
 pub use noise::{Noise, PoseNoise};
-pub use ways::{crosses_itself, random_way, walk_out};
+pub use routes::{crosses_itself, random_route, walk_out};
 
-use crate::announcer::{Announcer, AnnouncerSetting};
-use crate::clean::{CleanSetting, CleanWay, clean};
+use crate::announcer::{Announcer, AnnouncerConfig};
+use crate::clean::{CleanConfig, CleanedRoute, clean};
+use crate::config::GuideConfig;
 use crate::facing::Facing;
 use crate::ground::Ground;
 use crate::guide::{Guide, GuideInput};
-use crate::phrases::PhraseSetting;
-use crate::route::{Route, RouteSetting, Travel};
-use crate::setting::GuideSetting;
+use crate::maneuvers::{ManeuverPlan, ManeuverPlanConfig, Travel};
+use crate::phrases::PhraseConfig;
+use crate::route::{Confidence, Route};
 use crate::walker::Walker;
-use crate::way::{Confidence, Way};
 use cairn_geometry::{Mat3, Pose, Se3, So3, Vec2, Vec3};
 use cairn_sensor::Stamp;
 use judge::Judge;
@@ -28,7 +28,7 @@ pub const STEP_S: f64 = 0.05;
 
 /// How a trial is done.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrialSetting {
+pub struct TrialConfig {
     /// How the walker goes.
     pub facing: Facing,
     /// Home right after the way out, or the same way again another day.
@@ -52,66 +52,66 @@ pub fn camera_pose(x: f64, y: f64, heading: f64, tilt_down: f64) -> Se3 {
 }
 
 /// The settings of the guide for a corridor of this width.
-pub fn guide_setting(facing: Facing, corridor_m: f64) -> GuideSetting {
+pub fn guide_config(facing: Facing, corridor_m: f64) -> GuideConfig {
     let off_m = 0.5 * corridor_m;
-    GuideSetting {
+    GuideConfig {
         facing,
         off_m,
         warn_m: off_m * 2.0 / 3.0,
         off_hysteresis_m: 0.2 * off_m,
-        ..GuideSetting::default()
+        ..GuideConfig::default()
     }
 }
 
 /// Walks `line` out, records and cleans it, and brings a walker along it. Metres on the ground plane.
-pub fn run(line: &[Vec2], setting: &TrialSetting) -> Outcome {
-    let way = walk_out(line, setting.noise, setting.seed);
-    let placed = way.resolve(|_| None);
-    let clean_setting = CleanSetting { cut_detours: setting.cut_detours, ..CleanSetting::default() };
-    let cleaned = clean(&placed, way.metres_per_unit(), &way.header.ground(), &clean_setting);
-    walk(&way, &cleaned, setting)
+pub fn run(line: &[Vec2], config: &TrialConfig) -> Outcome {
+    let route = walk_out(line, config.noise, config.seed);
+    let placed = route.resolve(|_| None);
+    let clean_config = CleanConfig { cut_detours: config.cut_detours, ..CleanConfig::default() };
+    let cleaned = clean(&placed, route.metres_per_unit(), &route.header.ground(), &clean_config);
+    walk(&route, &cleaned, config)
 }
 
-fn walk(way: &Way, cleaned: &CleanWay, setting: &TrialSetting) -> Outcome {
+fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome {
     let ground = Ground::z_up();
     let route_in = |odom_from_world: &Se3| {
-        let moved = CleanWay {
+        let moved = CleanedRoute {
             points: cleaned.points.iter().map(|p| *odom_from_world * *p).collect(),
             ..cleaned.clone()
         };
-        Route::from_way(&moved, setting.travel, &ground, &RouteSetting::default())
+        ManeuverPlan::from_route(&moved, config.travel, &ground, &ManeuverPlanConfig::default())
     };
-    let Ok(route) = route_in(&Se3::identity()) else { return Outcome::default() };
-    let stands = match setting.travel {
-        Travel::Home => way.points.last(),
-        Travel::Again => way.points.first(),
+    let Ok(plan) = route_in(&Se3::identity()) else { return Outcome::default() };
+    let stands = match config.travel {
+        Travel::Home => route.points.last(),
+        Travel::Again => route.points.first(),
     };
     let Some(stands) = stands else { return Outcome::default() };
-    let mut judge = Judge::new(route.clone(), setting);
-    let guide_setting = guide_setting(setting.facing, setting.corridor_m);
-    let Ok(mut guide) = Guide::new(route, ground, guide_setting) else { return Outcome::default() };
-    let mut voice = Announcer::new(AnnouncerSetting::default());
-    let phrases = PhraseSetting::default();
-    let mut noise = PoseNoise::new(setting.noise, setting.seed);
+    let mut judge = Judge::new(plan.clone(), config);
+    let guide_config = guide_config(config.facing, config.corridor_m);
+    let Ok(mut guide) = Guide::new(plan, ground, guide_config) else { return Outcome::default() };
+    let mut voice = Announcer::new(AnnouncerConfig::default());
+    let phrases = PhraseConfig::default();
+    let mut noise = PoseNoise::new(config.noise, config.seed);
     let at = stands.odom_from_camera.translation;
     // Facing as on the way out. Another day the walker is set down at the start as somebody put him there.
     let facing = ground.heading(&stands.odom_from_camera).unwrap_or(0.0)
-        + if setting.travel == Travel::Again { 2.4 * ((setting.seed % 7) as f64 / 3.0 - 1.0) } else { 0.0 };
-    let mut walker = Walker::new(setting.seed, (at.x, at.y, facing));
+        + if config.travel == Travel::Again { 2.4 * ((config.seed % 7) as f64 / 3.0 - 1.0) } else { 0.0 };
+    let mut walker = Walker::new(config.seed, (at.x, at.y, facing));
 
-    let limit_s = 90.0 + judge.length() / if setting.facing == Facing::Backwards { 0.08 } else { 0.2 };
+    let limit_s = 90.0 + judge.length() / if config.facing == Facing::Backwards { 0.08 } else { 0.2 };
     let mut stood_s = 0.0;
     for tick in 0..(limit_s / STEP_S) as i64 {
         let now = Stamp::from_seconds(tick as f64 * STEP_S);
         let (x, y, heading) = walker.step(STEP_S, now);
-        let looks = heading + if setting.facing == Facing::Back { std::f64::consts::PI } else { 0.0 };
+        let looks = heading + if config.facing == Facing::Back { std::f64::consts::PI } else { 0.0 };
         // The chest sways and the camera is tilted down; neither may leak into the directions.
         let tilt = 0.25 + 0.05 * (now.seconds() * 6.0).sin();
         let reading = noise.read(&camera_pose(x, y, looks, tilt), now);
         if let Some(odom_from_world) = reading.corrected
-            && let Ok(route) = route_in(&odom_from_world)
+            && let Ok(plan) = route_in(&odom_from_world)
         {
-            guide.correct_route(route);
+            guide.correct_route(plan);
         }
         let cue = guide.step(&GuideInput {
             now,

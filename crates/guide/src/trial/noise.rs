@@ -2,7 +2,7 @@
 
 use super::Reading;
 use crate::random::Random;
-use crate::way::Confidence;
+use crate::route::Confidence;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::Stamp;
 

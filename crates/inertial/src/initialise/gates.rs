@@ -1,6 +1,6 @@
 //! The tests an initialisation is put to, each a value with its number.
 
-use super::{Initial, InitialiseSetting, Scale, Seen};
+use super::{Initial, InitialiseConfig, Scale, Seen};
 use crate::{GRAVITY_M_S2, Preintegrated};
 use cairn_geometry::{Se3, Vec3};
 use std::fmt;
@@ -114,9 +114,9 @@ impl fmt::Display for Gate {
 pub fn before(
     seen: &Seen,
     links: &[Preintegrated],
-    imu_from_eye: &Se3,
+    imu_from_camera: &Se3,
     scale: Scale,
-    s: &InitialiseSetting,
+    s: &InitialiseConfig,
 ) -> Vec<Gate> {
     let poses = seen.poses;
     let seconds = match (poses.first(), poses.last()) {
@@ -128,7 +128,7 @@ pub fn before(
         let fits = |(from, to)| from == pair[0].stamp && to == pair[1].stamp && from < to;
         unlinked += !link.span().is_some_and(fits) as usize;
     }
-    unlinked += poses.iter().filter(|p| !p.world_from_eye.is_finite()).count();
+    unlinked += poses.iter().filter(|p| !p.world_from_camera.is_finite()).count();
     // Three are the least that any equation has more rows than unknowns for.
     let mut gates = vec![
         Gate::new(GateKind::KeyFrames, poses.len() as f64, s.least_key_frames.max(3) as f64),
@@ -138,7 +138,7 @@ pub fn before(
     if scale == Scale::Free && gates.iter().all(|g| g.passed || !g.kind.is_structural()) {
         gates.push(Gate::new(
             GateKind::Excitation,
-            excitation(seen, links, imu_from_eye),
+            excitation(seen, links, imu_from_camera),
             s.least_excitation,
         ));
         gates.push(Gate::new(GateKind::Baseline, baseline(seen), s.least_baseline));
@@ -151,7 +151,7 @@ pub fn converged(found: bool) -> Gate {
 }
 
 /// What can be told of a solution.
-pub fn after(found: &Initial, scale: Scale, s: &InitialiseSetting) -> Vec<Gate> {
+pub fn after(found: &Initial, scale: Scale, s: &InitialiseConfig) -> Vec<Gate> {
     let [norm, sigma] = found.gravity_norm;
     let off = ((norm - GRAVITY_M_S2).abs() - 2.0 * sigma).max(0.0);
     let mut gates = vec![
@@ -170,17 +170,17 @@ pub fn after(found: &Initial, scale: Scale, s: &InitialiseSetting) -> Vec<Gate> 
 }
 
 /// Root mean square of the mean acceleration of each link around the mean of all, in the map's world.
-fn excitation(seen: &Seen, links: &[Preintegrated], imu_from_eye: &Se3) -> f64 {
-    let eye_from_imu = imu_from_eye.rotation.inverse();
+fn excitation(seen: &Seen, links: &[Preintegrated], imu_from_camera: &Se3) -> f64 {
+    let camera_from_imu = imu_from_camera.rotation.inverse();
     spread(seen.poses.iter().zip(links).map(|(pose, link)| {
         let (_, velocity, _) = link.gained(link.bias());
-        pose.world_from_eye.rotation * (eye_from_imu * velocity) / link.seconds()
+        pose.world_from_camera.rotation * (camera_from_imu * velocity) / link.seconds()
     }))
 }
 
 /// Spread of the eye's places over the deviation of one.
 fn baseline(seen: &Seen) -> f64 {
-    let spread = spread(seen.poses.iter().map(|p| p.world_from_eye.translation));
+    let spread = spread(seen.poses.iter().map(|p| p.world_from_camera.translation));
     if seen.position_sigma > 0.0 { spread / seen.position_sigma } else { f64::INFINITY }
 }
 

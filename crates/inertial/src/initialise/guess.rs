@@ -48,8 +48,8 @@ pub fn gyro_bias(rotations: &[So3], links: &mut [Preintegrated], iterations: usi
     bias.gyro
 }
 
-/// A path felt without knowing anything: `place(k) = first + velocity t + gravity t^2 / 2 + felt(k) + by_bias(k) bias`.
-struct Felt {
+/// A path felt without knowing anything: `place(k) = first + velocity t + gravity t^2 / 2 + integrated(k) + by_bias(k) bias`.
+struct Integrated {
     seconds: f64,
     velocity: Vec3,
     place: Vec3,
@@ -57,8 +57,8 @@ struct Felt {
     place_by_bias: Mat3,
 }
 
-fn felt(rotations: &[So3], links: &[Preintegrated]) -> Vec<Felt> {
-    let mut out = vec![Felt {
+fn integrated(rotations: &[So3], links: &[Preintegrated]) -> Vec<Integrated> {
+    let mut out = vec![Integrated {
         seconds: 0.0,
         velocity: Vec3::zeros(),
         place: Vec3::zeros(),
@@ -68,7 +68,7 @@ fn felt(rotations: &[So3], links: &[Preintegrated]) -> Vec<Felt> {
     for (rotation, link) in rotations.iter().zip(links) {
         let last = &out[out.len() - 1];
         let (r, t, sums) = (rotation.matrix(), link.seconds(), link.sums());
-        out.push(Felt {
+        out.push(Integrated {
             seconds: last.seconds + t,
             velocity: last.velocity + r * sums.velocity,
             place: last.place + last.velocity * t + r * sums.position,
@@ -82,7 +82,7 @@ fn felt(rotations: &[So3], links: &[Preintegrated]) -> Vec<Felt> {
 /// Guesses from the linear equations, gravity free and then of its known norm, and one with gravity against the mean force.
 /// The gyroscope's bias must be in the links already.
 pub fn guesses(problem: &Problem, gyro: Vec3) -> Vec<Guess> {
-    let path = felt(&problem.rotations, &problem.links);
+    let path = integrated(&problem.rotations, &problem.links);
     let total = &path[path.len() - 1];
     let mut out = Vec::new();
     let mut directions = Vec::new();
@@ -119,10 +119,10 @@ fn tilted(gravity: &Gravity, x: f64, y: f64) -> Gravity {
 }
 
 /// First place (3), first velocity (3), gravity (3; with `around` its tilt (2) and nothing), scale, accel bias (3).
-fn linear(problem: &Problem, path: &[Felt], around: Option<&Gravity>) -> Option<SVector<f64, 13>> {
+fn linear(problem: &Problem, path: &[Integrated], around: Option<&Gravity>) -> Option<SVector<f64, 13>> {
     let mut h = SMatrix::<f64, 13, 13>::zeros();
     let mut b = SVector::<f64, 13>::zeros();
-    let arm = problem.imu_from_eye.translation;
+    let arm = problem.imu_from_camera.translation;
     let known = !problem.scale_is_free();
     for ((f, pose), rotation) in path.iter().zip(problem.places.iter()).zip(&problem.rotations) {
         if f.seconds > GUESS_S {
@@ -158,7 +158,7 @@ fn linear(problem: &Problem, path: &[Felt], around: Option<&Gravity>) -> Option<
         h[(9, 9)] += 1.0;
     }
     // A place is good to a centimetre or so in metres; the bias has its prior.
-    let prior = (0.01 / problem.setting.accel_bias_sigma).powi(2);
+    let prior = (0.01 / problem.config.accel_bias_sigma).powi(2);
     for k in 10..13 {
         h[(k, k)] += prior;
     }

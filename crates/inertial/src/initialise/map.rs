@@ -6,7 +6,7 @@
 
 use super::chain::{Block, Chain, SHARED, STATE, Step};
 use super::guess::{self, Guess};
-use super::{Initial, InitialiseSetting, Scale, Seen};
+use super::{Initial, InitialiseConfig, Scale, Seen};
 use crate::{Bias, GRAVITY_M_S2, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3, hat};
 use cairn_sensor::ImuNoise;
@@ -24,9 +24,9 @@ pub struct Problem {
     /// Of the eye, in the map's units.
     pub places: Vec<Vec3>,
     pub links: Vec<Preintegrated>,
-    pub imu_from_eye: Se3,
+    pub imu_from_camera: Se3,
     pub scale: Scale,
-    pub setting: InitialiseSetting,
+    pub config: InitialiseConfig,
     rotation_sigma: f64,
     position_sigma: f64,
     /// Of the gyroscope and the accelerometer.
@@ -55,19 +55,19 @@ impl Problem {
     pub fn new(
         seen: &Seen,
         links: &[Preintegrated],
-        imu_from_eye: &Se3,
+        imu_from_camera: &Se3,
         scale: Scale,
-        setting: &InitialiseSetting,
+        config: &InitialiseConfig,
     ) -> Self {
-        let eye_from_imu = imu_from_eye.rotation.inverse();
+        let camera_from_imu = imu_from_camera.rotation.inverse();
         Self {
-            rotations: seen.poses.iter().map(|p| p.world_from_eye.rotation * eye_from_imu).collect(),
-            places: seen.poses.iter().map(|p| p.world_from_eye.translation).collect(),
-            links: links.iter().map(|link| worse(link, [setting.noise_times; 2])).collect(),
-            noise_times: [setting.noise_times; 2],
-            imu_from_eye: *imu_from_eye,
+            rotations: seen.poses.iter().map(|p| p.world_from_camera.rotation * camera_from_imu).collect(),
+            places: seen.poses.iter().map(|p| p.world_from_camera.translation).collect(),
+            links: links.iter().map(|link| worse(link, [config.noise_times; 2])).collect(),
+            noise_times: [config.noise_times; 2],
+            imu_from_camera: *imu_from_camera,
             scale,
-            setting: *setting,
+            config: *config,
             rotation_sigma: seen.rotation_sigma.max(1e-6),
             position_sigma: seen.position_sigma.max(1e-9),
         }
@@ -151,7 +151,7 @@ impl Problem {
         self.follow(&state);
         let (mut cost, mut chain) = self.linearise(&state, NORM_SIGMA)?;
         let mut lambda = 1e-4;
-        for _ in 0..self.setting.iterations {
+        for _ in 0..self.config.iterations {
             let next = chain.solve(lambda).map(|step| self.moved(&state, &step));
             let next = next.and_then(|next| Some((self.cost(&next)?, next)));
             match next {
@@ -199,14 +199,14 @@ impl Problem {
     /// The sensor's state at a key frame, in metres.
     fn nav(&self, s: &State, k: usize) -> NavState {
         let rotation = self.rotations[k] * So3::exp(&s.turns[k]);
-        let eye = (self.places[k] + s.errors[k]) * s.log_scale.exp();
-        let place = eye - rotation * self.imu_from_eye.translation;
+        let camera = (self.places[k] + s.errors[k]) * s.log_scale.exp();
+        let place = camera - rotation * self.imu_from_camera.translation;
         NavState { world_from_imu: Se3::new(rotation, place), velocity: s.velocities[k], bias: s.bias }
     }
 
     /// Standard deviations of the shared unknowns' priors, and how far they are from their means.
     fn priors(&self, s: &State, norm_sigma: f64) -> [(f64, f64); SHARED] {
-        let (gyro, accel) = (self.setting.gyro_bias_sigma, self.setting.accel_bias_sigma);
+        let (gyro, accel) = (self.config.gyro_bias_sigma, self.config.accel_bias_sigma);
         let scale = match self.scale {
             Scale::Free => 20.0,
             Scale::Known { sigma } => sigma.max(1e-6),
@@ -291,7 +291,7 @@ impl Problem {
         let mut out = Block::zeros();
         out.fixed_view_mut::<9, 3>(0, 0).copy_from(&(by_place * to_imu * scale));
         // place = eye - R exp(turn) arm: turning moves the sensor about the eye.
-        let turn = by_turn + by_place * hat(&self.imu_from_eye.translation);
+        let turn = by_turn + by_place * hat(&self.imu_from_camera.translation);
         out.fixed_view_mut::<9, 3>(0, 3).copy_from(&turn);
         out.fixed_view_mut::<9, 3>(0, 6).copy_from(&by.fixed_view::<9, 3>(0, 6));
         out

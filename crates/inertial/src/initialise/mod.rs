@@ -2,7 +2,7 @@
 //! hypothesis that is tried beside the map and changes nothing until it is believed.
 //!
 //! Source: Campos, Montiel, Tardós, "Inertial-only optimization for visual-inertial initialization" (ICRA 2020): the
-//! maximum a posteriori over (scale, gravity's direction, biases, velocities) of eq. 3-7 with the updates of eq. 8-12. Unlike
+//! maximum a posteriori over (scale, gravity's direction, biases, velocities) of eq. 3-7 with the updates of eq. 8-12. MatchFailure
 //! there the seen poses are not taken as exact: each has an error of its own with the prior that its maker states, which
 //! is solved for too. First guesses after Mur-Artal & Tardós, "Visual-inertial monocular SLAM with map reuse" (RA-L 2017),
 //! section IV.
@@ -26,7 +26,7 @@ pub struct SeenPose {
     /// When.
     pub stamp: Stamp,
     /// Where the eye was.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
 }
 
 /// The key frames of a map, and how good their poses are.
@@ -56,7 +56,7 @@ pub enum Scale {
 /// How it is solved, and what is asked of it.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct InitialiseSetting {
+pub struct InitialiseConfig {
     /// Prior of the gyroscope's bias around zero, rad/s.
     pub gyro_bias_sigma: f64,
     /// Prior of the accelerometer's bias around zero, m/s^2.
@@ -90,7 +90,7 @@ pub struct InitialiseSetting {
     pub most_accel_bias: f64,
 }
 
-impl Default for InitialiseSetting {
+impl Default for InitialiseConfig {
     fn default() -> Self {
         Self {
             gyro_bias_sigma: 0.1,
@@ -180,22 +180,22 @@ impl Attempt {
 }
 
 /// Tries to find scale, gravity and biases. `links[k]` sums the readings from key frame `k` to `k + 1`;
-/// `imu_from_eye` is in metres.
+/// `imu_from_camera` is in metres.
 pub fn initialise(
     seen: &Seen,
     links: &[Preintegrated],
-    imu_from_eye: &Se3,
+    imu_from_camera: &Se3,
     scale: Scale,
-    setting: &InitialiseSetting,
+    config: &InitialiseConfig,
 ) -> Attempt {
-    let mut gates = gates::before(seen, links, imu_from_eye, scale, setting);
+    let mut gates = gates::before(seen, links, imu_from_camera, scale, config);
     if gates.iter().any(|g| !g.passed && g.kind.is_structural()) {
         return Attempt { gates, found: None };
     }
-    let found = map::Problem::new(seen, links, imu_from_eye, scale, setting).solve();
+    let found = map::Problem::new(seen, links, imu_from_camera, scale, config).solve();
     gates.push(gates::converged(found.is_some()));
     if let Some(found) = &found {
-        gates.extend(gates::after(found, scale, setting));
+        gates.extend(gates::after(found, scale, config));
     }
     Attempt { gates, found }
 }

@@ -22,7 +22,7 @@ pub const STATE: usize = 15;
 
 /// What of a key frame stays as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hold {
+pub enum FixedMask {
     /// Nothing.
     Free,
     /// Its pose.
@@ -37,7 +37,7 @@ pub enum Hold {
     All,
 }
 
-impl Hold {
+impl FixedMask {
     /// Which unknowns stay.
     fn unknowns(self) -> std::ops::Range<usize> {
         match self {
@@ -55,32 +55,32 @@ impl Hold {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VioFrame {
     /// The eye's pose, metres.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
     /// The sensor's velocity in the world, m/s.
     pub velocity: Vec3,
     /// The sensor's biases.
     pub bias: Bias,
     /// What stays.
-    pub hold: Hold,
+    pub hold: FixedMask,
 }
 
 impl VioFrame {
     /// The sensor's state.
-    pub fn nav(&self, imu_from_eye: &Se3) -> NavState {
-        let world_from_imu = self.world_from_eye * imu_from_eye.inverse();
+    pub fn nav(&self, imu_from_camera: &Se3) -> NavState {
+        let world_from_imu = self.world_from_camera * imu_from_camera.inverse();
         NavState { world_from_imu, velocity: self.velocity, bias: self.bias }
     }
 
     /// Of a sensor's state.
-    pub fn of(state: &NavState, imu_from_eye: &Se3, hold: Hold) -> Self {
-        let world_from_eye = state.world_from_imu * *imu_from_eye;
-        Self { world_from_eye, velocity: state.velocity, bias: state.bias, hold }
+    pub fn of(state: &NavState, imu_from_camera: &Se3, hold: FixedMask) -> Self {
+        let world_from_camera = state.world_from_imu * *imu_from_camera;
+        Self { world_from_camera, velocity: state.velocity, bias: state.bias, hold }
     }
 
     fn moved(&self, d: &SVector<f64, STATE>) -> Self {
         let part = |i: usize| -> Vec3 { d.fixed_rows::<3>(i).into() };
         Self {
-            world_from_eye: self.world_from_eye.retract(&d.fixed_rows::<6>(0).into()),
+            world_from_camera: self.world_from_camera.retract(&d.fixed_rows::<6>(0).into()),
             velocity: self.velocity + part(6),
             bias: Bias { gyro: self.bias.gyro + part(9), accel: self.bias.accel + part(12) },
             hold: self.hold,
@@ -124,7 +124,7 @@ pub struct VioWindow {
     /// The camera of all key frames.
     pub camera: Pinhole,
     /// Where the eye sits on the sensor.
-    pub imu_from_eye: Se3,
+    pub imu_from_camera: Se3,
     /// Gravity in the world.
     pub gravity: Gravity,
     /// Key frames.
@@ -141,7 +141,7 @@ pub struct VioWindow {
 
 /// How to solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VioSetting {
+pub struct VioConfig {
     /// Steps at most, rejected ones too.
     pub iterations: usize,
     /// Whether Huber's loss is used for observations.
@@ -150,7 +150,7 @@ pub struct VioSetting {
     pub tolerance: f64,
 }
 
-impl Default for VioSetting {
+impl Default for VioConfig {
     fn default() -> Self {
         Self { iterations: 10, robust: true, tolerance: 1e-5 }
     }
@@ -158,23 +158,23 @@ impl Default for VioSetting {
 
 impl VioWindow {
     /// Lowers the cost; asks `stop` before each step. Links whose bias has moved far are summed anew.
-    pub fn solve(&mut self, setting: &VioSetting, mut stop: impl FnMut() -> bool) -> Report {
+    pub fn solve(&mut self, config: &VioConfig, mut stop: impl FnMut() -> bool) -> Report {
         let mut report =
             Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
-        if self.frames.iter().all(|f| f.hold == Hold::All) && self.points.is_empty() {
+        if self.frames.iter().all(|f| f.hold == FixedMask::All) && self.points.is_empty() {
             return report;
         }
         self.follow();
         let layout = Layout::of(self);
         let mut factor = Factor::new(layout.analysis().clone());
-        let Some(mut normal) = Normal::of(self, &layout, setting.robust) else {
+        let Some(mut normal) = Normal::of(self, &layout, config.robust) else {
             report.stop = Stop::NoDescent;
             return report;
         };
         report.cost_before = normal.cost;
         report.stop = Stop::Iterations;
         let (mut lambda, mut growth) = (1e-6, 2.0);
-        while report.iterations < setting.iterations {
+        while report.iterations < config.iterations {
             if stop() {
                 report.stop = Stop::Interrupted;
                 break;
@@ -182,7 +182,7 @@ impl VioWindow {
             report.iterations += 1;
             let lower = normal.step(self, &layout, &mut factor, lambda).and_then(|(frames, points)| {
                 let before = (replace(&mut self.frames, frames), replace(&mut self.points, points));
-                let cost = self.cost(setting.robust);
+                let cost = self.cost(config.robust);
                 if cost < normal.cost {
                     return Some(cost);
                 }
@@ -194,12 +194,12 @@ impl VioWindow {
                     let gain = (normal.cost - cost) / normal.cost;
                     self.follow();
                     (lambda, growth) = ((lambda / 5.0).max(1e-10), 2.0);
-                    if gain < setting.tolerance {
+                    if gain < config.tolerance {
                         normal.cost = cost;
                         report.stop = Stop::Converged;
                         break;
                     }
-                    match Normal::of(self, &layout, setting.robust) {
+                    match Normal::of(self, &layout, config.robust) {
                         Some(n) => normal = n,
                         None => break,
                     }
@@ -223,7 +223,7 @@ impl VioWindow {
     /// Squared whitened residual of an observation; infinite behind the eye.
     pub fn chi2(&self, o: &Observation) -> f64 {
         let (frame, point) = (&self.frames[o.pose as usize], &self.points[o.point as usize]);
-        match self.camera.reproject(&frame.world_from_eye, point, &o.pixel) {
+        match self.camera.reproject(&frame.world_from_camera, point, &o.pixel) {
             Some(l) => l.residual.iter().map(|r| r * r).sum::<f64>() * o.weight,
             None => f64::INFINITY,
         }
@@ -241,7 +241,7 @@ impl VioWindow {
     }
 
     fn whitened(&self, link: &VioLink) -> Option<SVector<f64, STATE>> {
-        let nav = |i: usize| self.frames[i].nav(&self.imu_from_eye);
+        let nav = |i: usize| self.frames[i].nav(&self.imu_from_camera);
         Some(link.sum.whitening()? * link.sum.residual(&nav(link.from), &nav(link.to), &self.gravity))
     }
 

@@ -3,7 +3,7 @@
 //! Points are eliminated first (Triggs et al. 2000, section 6); what is left has a block for each key frame that moves and
 //! for each two that see the same or follow each other, and is factored with an order that keeps it sparse.
 
-use super::{Hold, STATE, VioFrame, VioLink, VioWindow, bound};
+use super::{FixedMask, STATE, VioFrame, VioLink, VioWindow, bound};
 use cairn_geometry::{Mat3, Vec3};
 use cairn_solve::huber;
 use cairn_solve::sparse::{Analysis, Factor};
@@ -30,7 +30,7 @@ impl Layout {
     pub fn of(w: &VioWindow) -> Self {
         let mut rows = 0;
         let mut number = |f: &VioFrame| {
-            (f.hold != Hold::All).then(|| {
+            (f.hold != FixedMask::All).then(|| {
                 rows += 1;
                 rows - 1
             })
@@ -124,7 +124,8 @@ impl Normal {
         if o.weight <= 0.0 {
             return;
         }
-        let Some(l) = w.camera.reproject(&w.frames[pose].world_from_eye, &w.points[point], &o.pixel) else {
+        let Some(l) = w.camera.reproject(&w.frames[pose].world_from_camera, &w.points[point], &o.pixel)
+        else {
             return;
         };
         let r = Vec3::from(l.residual);
@@ -146,11 +147,11 @@ impl Normal {
     }
 
     fn link(&mut self, w: &VioWindow, layout: &Layout, link: &VioLink) -> Option<()> {
-        let nav = |i: usize| w.frames[i].nav(&w.imu_from_eye);
+        let nav = |i: usize| w.frames[i].nav(&w.imu_from_camera);
         let l = link.sum.linearise(&nav(link.from), &nav(link.to), &w.gravity);
         let white = link.sum.whitening()?;
-        let adjoint = w.imu_from_eye.adjoint();
-        let to_eye = |by: &Block| {
+        let adjoint = w.imu_from_camera.adjoint();
+        let to_camera = |by: &Block| {
             let mut out = *by;
             let pose: SMatrix<f64, STATE, 6> = by.fixed_view::<STATE, 6>(0, 0).into();
             out.fixed_view_mut::<STATE, 6>(0, 0).copy_from(&(pose * adjoint));
@@ -158,7 +159,8 @@ impl Normal {
         };
         let r = white * l.residual;
         self.cost += 0.5 * r.norm_squared();
-        let parts = [(layout.row[link.from], to_eye(&l.by_from)), (layout.row[link.to], to_eye(&l.by_to))];
+        let parts =
+            [(layout.row[link.from], to_camera(&l.by_from)), (layout.row[link.to], to_camera(&l.by_to))];
         for (row, by) in parts.iter().filter_map(|(row, by)| Some(((*row)?, by))) {
             self.frames.b[row] += by.transpose() * r;
             self.frames.diagonal[row] += by.transpose() * by;
@@ -250,8 +252,8 @@ fn hold(w: &VioWindow, layout: &Layout, left: &mut Frames) {
     let moving = || w.frames.iter().zip(&layout.row).filter_map(|(f, row)| Some((f, (*row)?)));
     let mut held: Vec<std::ops::Range<usize>> = vec![0..0; layout.rows()];
     for (frame, row) in moving() {
-        if frame.hold == Hold::Place {
-            let up = frame.world_from_eye.rotation.inverse() * (-w.gravity.vector().normalize());
+        if frame.hold == FixedMask::Place {
+            let up = frame.world_from_camera.rotation.inverse() * (-w.gravity.vector().normalize());
             let mut turns = left.diagonal[row].fixed_view_mut::<3, 3>(3, 3);
             turns += up * up.transpose() * HEADING;
         }

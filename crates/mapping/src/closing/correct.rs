@@ -3,26 +3,26 @@
 use super::draft::Draft;
 use crate::fuse::{around, fuse_into};
 use cairn_adjust::Recognised;
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::Sim3;
-use cairn_vision::EyeModel;
+use cairn_vision::RectifiedCamera;
 
 /// Neighbours of a key frame in which the landmarks of the earlier visit are sought.
 const FUSED: usize = 12;
 
 /// Moves a younger world into an older one; `there_from_here` leads from the key frame's world to the earlier one's.
 pub(super) fn merge(draft: &mut Draft, here: &KeyFrame, old: KeyFrameId, there_from_here: &Sim3) {
-    let map = draft.map();
-    let Some(there) = map.key_frame(old).map(|k| k.world) else { return };
-    let (from, into, into_from, meeting) = if here.world > there {
-        (here.world, there, *there_from_here, old)
+    let snapshot = draft.snapshot();
+    let Some(there) = snapshot.key_frame(old).map(|k| k.map) else { return };
+    let (from, into, into_from, meeting) = if here.map > there {
+        (here.map, there, *there_from_here, old)
     } else {
-        (there, here.world, there_from_here.inverse(), here.id)
+        (there, here.map, there_from_here.inverse(), here.id)
     };
     // Parents are older than their children: up the tree from where the worlds meet, until that is so.
     let mut parent = meeting;
     while parent >= from.root() {
-        match map.key_frame(parent).and_then(|k| k.parent) {
+        match snapshot.key_frame(parent).and_then(|k| k.parent) {
             Some(older) => parent = older,
             None => break,
         }
@@ -32,27 +32,31 @@ pub(super) fn merge(draft: &mut Draft, here: &KeyFrame, old: KeyFrameId, there_f
 
 /// Joins the landmarks seen again: those of the key frame become the earlier ones, and around it the earlier ones are
 /// sought where they must be.
-pub(super) fn fuse(draft: &mut Draft, eye: &EyeModel, here: KeyFrameId, place: &Recognised) {
+pub(super) fn fuse(draft: &mut Draft, camera: &RectifiedCamera, here: KeyFrameId, place: &Recognised) {
     let same = place.landmarks.iter().enumerate().filter_map(|(i, l)| Some((i, (*l)?)));
-    let joined = join(draft.map(), here, same);
+    let joined = join(draft.snapshot(), here, same);
     draft.push(joined);
     let mut theirs: Vec<LandmarkId> = std::iter::once(place.old)
-        .chain(around(draft.map(), place.old, FUSED / 2))
-        .filter_map(|id| draft.map().key_frame(id))
+        .chain(around(draft.snapshot(), place.old, FUSED / 2))
+        .filter_map(|id| draft.snapshot().key_frame(id))
         .flat_map(|k| k.landmarks.iter().flatten().copied())
         .collect();
     theirs.sort_unstable();
     theirs.dedup();
     let near: Vec<KeyFrameId> =
-        std::iter::once(here).chain(around(draft.map(), here, FUSED / 2)).take(FUSED + 1).collect();
+        std::iter::once(here).chain(around(draft.snapshot(), here, FUSED / 2)).take(FUSED + 1).collect();
     for id in near {
-        let found = draft.map().key_frame(id).map(|k| fuse_into(draft.map(), eye, &theirs, k));
+        let found = draft.snapshot().key_frame(id).map(|k| fuse_into(draft.snapshot(), camera, &theirs, k));
         draft.push(found.unwrap_or_default());
     }
 }
 
-fn join(map: &Map, here: KeyFrameId, same: impl Iterator<Item = (usize, LandmarkId)>) -> Vec<Change> {
-    let Some(k) = map.key_frame(here) else { return Vec::new() };
+fn join(
+    snapshot: &Snapshot,
+    here: KeyFrameId,
+    same: impl Iterator<Item = (usize, LandmarkId)>,
+) -> Vec<Change> {
+    let Some(k) = snapshot.key_frame(here) else { return Vec::new() };
     same.map(|(feature, old)| match k.landmarks[feature] {
         Some(new) => Change::Fuse(new, old),
         None => Change::Observe(old, here, feature as u16),

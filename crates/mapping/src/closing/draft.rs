@@ -1,28 +1,28 @@
 //! A map on which changes are tried one after the other, so that later ones build on earlier ones; all are handed back
 //! as one list.
 
-use cairn_atlas::{Change, ChangeSet, Map};
+use cairn_atlas::{Change, ChangeSet, Snapshot};
 
 /// The map so far and what was done to it.
 pub(super) struct Draft {
-    map: Map,
+    snapshot: Snapshot,
     changes: Vec<Change>,
 }
 
 impl Draft {
-    pub fn new(map: &Map) -> Self {
-        Self { map: map.clone(), changes: Vec::new() }
+    pub fn new(snapshot: &Snapshot) -> Self {
+        Self { snapshot: snapshot.clone(), changes: Vec::new() }
     }
 
     /// The map with all changes so far.
-    pub fn map(&self) -> &Map {
-        &self.map
+    pub fn snapshot(&self) -> &Snapshot {
+        &self.snapshot
     }
 
     pub fn push(&mut self, changes: Vec<Change>) {
         if !changes.is_empty() {
-            let set = ChangeSet { base: self.map.version(), changes };
-            self.map = self.map.apply(&set).0;
+            let set = ChangeSet { base: self.snapshot.version(), changes };
+            self.snapshot = self.snapshot.apply(&set).0;
             self.changes.extend(set.changes);
         }
     }

@@ -3,24 +3,24 @@
 //! In: a snapshot of the map and a key frame in it. Out: changes made on that snapshot, and a verdict on each candidate
 //! with its numbers. Nothing is forced: what fails a check is refused and told.
 
-mod adrift;
 mod correct;
 mod draft;
 mod relax;
+mod relocation_prior;
 mod seek;
 
 use crate::grow::median_depth;
-use crate::inertial::InertialSetting;
-use adrift::adrift;
+use crate::inertial::InertialConfig;
 use cairn_adjust::{
-    Feeling, InertialWindow, RecogniseSetting, Recognised, Unlike, Window, WindowSetting, recognise,
+    ImuModel, InertialWindow, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, recognise,
 };
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map, WorldId};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
 use cairn_sensor::ImuSensor;
-use cairn_vision::EyeModel;
+use cairn_vision::RectifiedCamera;
 use draft::Draft;
 use relax::relax;
+use relocation_prior::relocation_prior;
 use std::collections::BTreeSet;
 use std::fmt;
 
@@ -33,7 +33,7 @@ const MOST_TILT_RAD: f64 = 0.09;
 /// How to close.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct CloserSetting {
+pub struct CloserConfig {
     /// Whether loops are closed and worlds merged at all.
     pub enabled: bool,
     /// Places compared for each key frame, at most.
@@ -46,7 +46,7 @@ pub struct CloserSetting {
     pub whole_key_frames: usize,
 }
 
-impl Default for CloserSetting {
+impl Default for CloserConfig {
     fn default() -> Self {
         Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 500 }
     }
@@ -56,7 +56,7 @@ impl Default for CloserSetting {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Refusal {
     /// It does not look like the place, or its geometry does not fit.
-    Unlike(Unlike),
+    MatchFailure(MatchFailure),
     /// Too few points have a depth on both sides, or those depths do not agree on one scale.
     Scale {
         /// Points with both depths.
@@ -85,7 +85,7 @@ pub enum Refusal {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unlike(why) => why.fmt(f),
+            Self::MatchFailure(why) => why.fmt(f),
             Self::Scale { points, median, spread } => {
                 write!(f, "{points} points give a scale of {median:.3} with a spread of {spread:.3}")
             }
@@ -108,9 +108,9 @@ pub enum Joined {
     /// Two worlds became one.
     Merge {
         /// The younger, whose name goes.
-        from: WorldId,
+        from: MapId,
         /// The older.
-        into: WorldId,
+        into: MapId,
     },
 }
 
@@ -157,7 +157,7 @@ pub struct Closed {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freedom {
     /// Place and heading: down and scale are known.
-    Level,
+    AlignGravity,
     /// Place and direction.
     Metric,
     /// Place, direction and scale.
@@ -166,13 +166,13 @@ enum Freedom {
 
 /// Where a key frame stands, with the down that its own world knows.
 fn level(here: &KeyFrame, world_from_here: &Sim3) -> Result<Sim3, Refusal> {
-    let turn = world_from_here.rotation * here.world_from_eye.rotation.inverse();
+    let turn = world_from_here.rotation * here.world_from_camera.rotation.inverse();
     let tilt_rad = (turn * Vec3::z()).angle(&Vec3::z());
     if tilt_rad > MOST_TILT_RAD {
         return Err(Refusal::Tilt { tilt_rad });
     }
     let heading = YawPose::split(&Se3::new(turn, Vec3::zeros())).0.rotation();
-    let rotation = heading * here.world_from_eye.rotation;
+    let rotation = heading * here.world_from_camera.rotation;
     Ok(Sim3::new(rotation, world_from_here.translation, world_from_here.scale))
 }
 
@@ -188,35 +188,35 @@ struct Hypothesis {
 /// The closing stage.
 #[derive(Debug)]
 pub struct Closer {
-    eye: EyeModel,
-    setting: CloserSetting,
-    window: WindowSetting,
+    camera: RectifiedCamera,
+    config: CloserConfig,
+    window: WindowConfig,
     /// The inertial sensor, and the key frames up to which a world is adjusted as a whole with what was felt.
-    felt: Option<(Feeling, usize)>,
+    imu: Option<(ImuModel, usize)>,
     pending: Option<Hypothesis>,
 }
 
 impl Closer {
     /// A closer for one eye; `window` is how mapping adjusts its windows.
-    pub fn new(eye: EyeModel, setting: CloserSetting, window: WindowSetting) -> Self {
-        Self { eye, setting, window, felt: None, pending: None }
+    pub fn new(camera: RectifiedCamera, config: CloserConfig, window: WindowConfig) -> Self {
+        Self { camera, config, window, imu: None, pending: None }
     }
 
-    /// The same with an inertial sensor; `imu_from_eye` in metres.
-    pub fn feeling(self, sensor: &ImuSensor, imu_from_eye: Se3, setting: InertialSetting) -> Self {
-        let feeling = Feeling { imu_from_eye, noise: sensor.noise.times([setting.noise_times; 2]) };
-        Self { felt: Some((feeling, setting.whole_key_frames)), ..self }
+    /// The same with an inertial sensor; `imu_from_camera` in metres.
+    pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
+        let imu = ImuModel { imu_from_camera, noise: sensor.noise.times([config.noise_times; 2]) };
+        Self { imu: Some((imu, config.whole_key_frames)), ..self }
     }
 
     /// Looks whether a key frame shows a place that was seen before, and joins what is the same.
-    pub fn step(&mut self, map: &Map, id: KeyFrameId) -> Closed {
+    pub fn step(&mut self, snapshot: &Snapshot, id: KeyFrameId) -> Closed {
         let mut closed = Closed::default();
-        let Some(here) = map.key_frame(id).filter(|_| self.setting.enabled) else { return closed };
-        for old in seek::candidates(map, here, self.reach(map, here), self.setting.candidates) {
-            let judged = self.judge(map, here, old);
+        let Some(here) = snapshot.key_frame(id).filter(|_| self.config.enabled) else { return closed };
+        for old in seek::candidates(snapshot, here, self.reach(snapshot, here), self.config.candidates) {
+            let judged = self.judge(snapshot, here, old);
             let result = match judged {
                 Ok((place, world_from_here)) => {
-                    let (changes, accepted) = self.join(map, here, &place, &world_from_here);
+                    let (changes, accepted) = self.join(snapshot, here, &place, &world_from_here);
                     closed.changes = changes;
                     closed.joined = Some(id);
                     Ok(accepted)
@@ -232,30 +232,36 @@ impl Closer {
     }
 
     /// All checks of one candidate; the place and where the key frame stands there.
-    fn judge(&mut self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> Result<(Recognised, Sim3), Refusal> {
+    fn judge(
+        &mut self,
+        snapshot: &Snapshot,
+        here: &KeyFrame,
+        old: KeyFrameId,
+    ) -> Result<(Recognised, Sim3), Refusal> {
         let known: BTreeSet<_> = here.landmarks.iter().flatten().copied().collect();
-        let setting = RecogniseSetting { seed: self.setting.need / 2, need: self.setting.need, share: 0.5 };
+        let config = RecogniseConfig { seed: self.config.need / 2, need: self.config.need, share: 0.5 };
         let seed = here.id.index() as u64;
-        let place =
-            recognise(map, &self.eye, &here.frame, old, &known, &setting, seed).map_err(Refusal::Unlike)?;
-        let scale = self.scale(map, here, &place)?;
-        let there = place.world_from_eye;
+        let place = recognise(snapshot, &self.camera, &here.frame, old, &known, &config, seed)
+            .map_err(Refusal::MatchFailure)?;
+        let scale = self.scale(snapshot, here, &place)?;
+        let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
-        if self.freedom(map, here, old) == Freedom::Level {
+        if self.freedom(snapshot, here, old) == Freedom::AlignGravity {
             world_from_here = level(here, &world_from_here)?;
         }
-        let shift = world_from_here * Sim3::from(here.world_from_eye).inverse();
-        let plausible = self.plausible(map, here, old);
-        let off = (there.translation - here.world_from_eye.translation).norm();
-        let there = map.key_frame(old).map_or(here.world, |k| k.world);
-        let same_world = there == here.world;
-        let plausible = if same_world { plausible } else { plausible + adrift(map, here, there, scale) };
+        let shift = world_from_here * Sim3::from(here.world_from_camera).inverse();
+        let plausible = self.plausible(snapshot, here, old);
+        let off = (there.translation - here.world_from_camera.translation).norm();
+        let there = snapshot.key_frame(old).map_or(here.map, |k| k.map);
+        let same_map = there == here.map;
+        let plausible =
+            if same_map { plausible } else { plausible + relocation_prior(snapshot, here, there, scale) };
         if off > plausible {
             return Err(Refusal::Drift { off, plausible });
         }
         // A small correction, well within the drift, is no news; a large one, or a merge, is asked twice.
-        let small = same_world && off < 0.2 * plausible;
-        let seconded = self.pending.is_some_and(|p| self.agrees(map, &p, here, old, &shift));
+        let small = same_map && off < 0.2 * plausible;
+        let seconded = self.pending.is_some_and(|p| self.agrees(snapshot, &p, here, old, &shift));
         if !small && !seconded {
             self.pending = Some(Hypothesis { key_frame: here.id, old, shift });
             return Err(Refusal::Alone);
@@ -265,44 +271,47 @@ impl Closer {
     }
 
     /// What may be off between two visits.
-    fn freedom(&self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> Freedom {
-        let level = map.key_frame(old).is_some_and(|k| map.is_level(k.world) && map.is_level(here.world));
-        match (level, self.eye.has_depth()) {
-            (true, _) => Freedom::Level,
+    fn freedom(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> Freedom {
+        let level = snapshot
+            .key_frame(old)
+            .is_some_and(|k| snapshot.is_gravity_aligned(k.map) && snapshot.is_gravity_aligned(here.map));
+        match (level, self.camera.has_depth()) {
+            (true, _) => Freedom::AlignGravity,
             (false, true) => Freedom::Metric,
             (false, false) => Freedom::Similar,
         }
     }
 
     /// How near a key frame must be believed to be looked at for its place alone.
-    fn reach(&self, map: &Map, here: &KeyFrame) -> f64 {
-        match self.eye.has_depth() {
-            true => self.eye.close_depth / 3.0,
-            false => median_depth(map, here).unwrap_or(0.0),
+    fn reach(&self, snapshot: &Snapshot, here: &KeyFrame) -> f64 {
+        match self.camera.has_depth() {
+            true => self.camera.close_depth / 3.0,
+            false => median_depth(snapshot, here).unwrap_or(0.0),
         }
     }
 
     /// Length in the earlier world for each length here, by the depths of the points that both know.
-    fn scale(&self, map: &Map, here: &KeyFrame, place: &Recognised) -> Result<f64, Refusal> {
-        let (eye_from_here, eye_from_there) = (here.world_from_eye.inverse(), place.world_from_eye.inverse());
+    fn scale(&self, snapshot: &Snapshot, here: &KeyFrame, place: &Recognised) -> Result<f64, Refusal> {
+        let (camera_from_here, camera_from_there) =
+            (here.world_from_camera.inverse(), place.world_from_camera.inverse());
         let both = here.landmarks.iter().zip(&place.landmarks).filter_map(|(mine, theirs)| {
-            let mine = eye_from_here * map.landmark((*mine)?)?.position;
-            let theirs = eye_from_there * map.landmark((*theirs)?)?.position;
+            let mine = camera_from_here * snapshot.landmark((*mine)?)?.position;
+            let theirs = camera_from_there * snapshot.landmark((*theirs)?)?.position;
             (mine.z > 0.0 && theirs.z > 0.0).then(|| (theirs.z / mine.z).ln())
         });
         let mut logs: Vec<f64> = both.collect();
         let points = logs.len();
         let (median, spread) = median_and_spread(&mut logs);
-        let metric = self.freedom(map, here, place.old) != Freedom::Similar;
-        let merging = map.key_frame(place.old).is_some_and(|k| k.world != here.world);
+        let metric = self.freedom(snapshot, here, place.old) != Freedom::Similar;
+        let merging = snapshot.key_frame(place.old).is_some_and(|k| k.map != here.map);
         let most = MOST_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };
-        if points < self.setting.need / 4 {
+        if points < self.config.need / 4 {
             // With depth, a view that shares no points yet still has its scale.
             return if metric { Ok(1.0) } else { Err(refusal) };
         }
         // What the inertial sensor told of scale is good to some percent.
-        let most_metric = if self.eye.has_depth() { 0.1 } else { 0.2 };
+        let most_metric = if self.camera.has_depth() { 0.1 } else { 0.2 };
         match metric {
             true if median.abs() < most_metric => Ok(1.0),
             false if spread < 0.15 && median.abs() < most => Ok(median.exp()),
@@ -311,33 +320,41 @@ impl Closer {
     }
 
     /// How far a key frame may be off after the way since an earlier one.
-    fn plausible(&self, map: &Map, here: &KeyFrame, old: KeyFrameId) -> f64 {
+    fn plausible(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> f64 {
         // In order of birth: from one world to the next the tie leads on.
-        let since: Vec<Se3> = map
+        let since: Vec<Se3> = snapshot
             .key_frames()
             .filter(|k| k.id >= old.min(here.id) && k.id <= here.id.max(old))
-            .map(|k| k.world_from_eye)
+            .map(|k| k.world_from_camera)
             .collect();
         let way: f64 = since.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum();
-        let [with, without] = self.setting.drift;
-        match self.freedom(map, here, old) != Freedom::Similar {
+        let [with, without] = self.config.drift;
+        match self.freedom(snapshot, here, old) != Freedom::Similar {
             true => 0.5 + with * way,
-            false => 0.3 * median_depth(map, here).unwrap_or(0.0) + without * way,
+            false => 0.3 * median_depth(snapshot, here).unwrap_or(0.0) + without * way,
         }
     }
 
     /// Whether an earlier hypothesis said the same: another key frame, near this one in time, was to be moved alike.
-    fn agrees(&self, map: &Map, p: &Hypothesis, here: &KeyFrame, old: KeyFrameId, shift: &Sim3) -> bool {
-        let world = |id| map.key_frame(id).map(|k| k.world);
-        if p.key_frame == here.id || world(p.old) != world(old) || world(p.key_frame) != Some(here.world) {
+    fn agrees(
+        &self,
+        snapshot: &Snapshot,
+        p: &Hypothesis,
+        here: &KeyFrame,
+        old: KeyFrameId,
+        shift: &Sim3,
+    ) -> bool {
+        let map = |id| snapshot.key_frame(id).map(|k| k.map);
+        if p.key_frame == here.id || map(p.old) != map(old) || map(p.key_frame) != Some(here.map) {
             return false;
         }
         if here.id.index().abs_diff(p.key_frame.index()) > 8 {
             return false;
         }
-        let (a, b) = (*shift * here.world_from_eye.translation, p.shift * here.world_from_eye.translation);
+        let (a, b) =
+            (*shift * here.world_from_camera.translation, p.shift * here.world_from_camera.translation);
         let turned = (shift.rotation.inverse() * p.shift.rotation).angle();
-        let depth = median_depth(map, here).unwrap_or(0.0);
+        let depth = median_depth(snapshot, here).unwrap_or(0.0);
         (a - b).norm() < 0.1 * depth * shift.scale
             && turned < 0.1
             && (shift.scale / p.shift.scale).ln().abs() < 0.15
@@ -346,35 +363,35 @@ impl Closer {
     /// Joins what is the same: the worlds or the two ends of the loop, then the landmarks, then adjusts around.
     fn join(
         &self,
-        map: &Map,
+        snapshot: &Snapshot,
         here: &KeyFrame,
         place: &Recognised,
         world_from_here: &Sim3,
     ) -> (Vec<Change>, Accepted) {
-        let mut draft = Draft::new(map);
-        let before = Sim3::from(here.world_from_eye);
+        let mut draft = Draft::new(snapshot);
+        let before = Sim3::from(here.world_from_camera);
         let shift = *world_from_here * before.inverse();
-        let off = (world_from_here.translation - here.world_from_eye.translation).norm();
+        let off = (world_from_here.translation - here.world_from_camera.translation).norm();
         let off_rad = shift.rotation.angle();
-        let there = map.key_frame(place.old).map_or(here.world, |k| k.world);
-        let joined = if there == here.world {
-            let freedom = self.freedom(map, here, place.old);
+        let there = snapshot.key_frame(place.old).map_or(here.map, |k| k.map);
+        let joined = if there == here.map {
+            let freedom = self.freedom(snapshot, here, place.old);
             let metre = match freedom {
-                Freedom::Similar => 0.25 * median_depth(map, here).unwrap_or(0.0),
+                Freedom::Similar => 0.25 * median_depth(snapshot, here).unwrap_or(0.0),
                 _ => 1.0,
             };
-            draft.push(relax(map, here, place.old, world_from_here, metre, freedom));
+            draft.push(relax(snapshot, here, place.old, world_from_here, metre, freedom));
             draft.push(vec![Change::Link(here.id, place.old)]);
             Joined::Loop
         } else {
-            let (from, into) = (here.world.max(there), here.world.min(there));
+            let (from, into) = (here.map.max(there), here.map.min(there));
             correct::merge(&mut draft, here, place.old, &shift);
             Joined::Merge { from, into }
         };
-        correct::fuse(&mut draft, &self.eye, here.id, place);
+        correct::fuse(&mut draft, &self.camera, here.id, place);
         let weld =
-            WindowSetting { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
-        if let Some(window) = Window::around(draft.map(), &self.eye, here.id, &weld) {
+            WindowConfig { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
+        if let Some(window) = Window::around(draft.snapshot(), &self.camera, here.id, &weld) {
             draft.push(window.solve(&weld, || false).changes.changes);
         }
         let accepted = Accepted {
@@ -389,24 +406,29 @@ impl Closer {
     }
 
     /// Adjusts a world as a whole. `stop` is asked before each step; nothing is handed back when it said true.
-    pub fn adjust_whole(&self, map: &Map, world: WorldId, mut stop: impl FnMut() -> bool) -> Vec<Change> {
-        let count = map.key_frames_of(world).count();
-        if !(3..=self.setting.whole_key_frames).contains(&count) {
+    pub fn adjust_whole(
+        &self,
+        snapshot: &Snapshot,
+        map: MapId,
+        mut stop: impl FnMut() -> bool,
+    ) -> Vec<Change> {
+        let count = snapshot.key_frames_of(map).count();
+        if !(3..=self.config.whole_key_frames).contains(&count) {
             return Vec::new();
         }
-        let window = WindowSetting { iterations: [10, 10], ..self.window };
+        let window = WindowConfig { iterations: [10, 10], ..self.window };
         let mut stopped = false;
         let asked = || {
             stopped |= stop();
             stopped
         };
-        let felt = self.felt.filter(|(_, most)| count <= *most && map.is_level(world));
-        let felt = felt.map(|(feeling, _)| InertialWindow::whole(map, &self.eye, &feeling, world));
-        let settled = match felt.filter(|w| w.links() > 0) {
-            Some(felt) => felt.solve(&window, asked),
-            None => Window::whole(map, &self.eye, world).solve(&window, asked),
+        let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
+        let imu = imu.map(|(imu, _)| InertialWindow::whole(snapshot, &self.camera, &imu, map));
+        let final_result = match imu.filter(|w| w.links() > 0) {
+            Some(imu) => imu.solve(&window, asked),
+            None => Window::whole(snapshot, &self.camera, map).solve(&window, asked),
         };
-        if stopped { Vec::new() } else { settled.changes.changes }
+        if stopped { Vec::new() } else { final_result.changes.changes }
     }
 }
 

@@ -3,10 +3,10 @@
 //! Montiel & Davison, "Scale drift-aware large scale monocular SLAM", RSS 2010).
 
 use super::Freedom;
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, Map};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::{LieGroup, Se3, Sim3, So3, YawPose};
 use cairn_solve::Loss;
-use cairn_solve::graph::{GraphSetting, PoseGraph};
+use cairn_solve::graph::{GraphConfig, PoseGraph};
 use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ const STRONG: u32 = 80;
 const RADIANS_PER_METRE: f64 = 0.25;
 
 /// A tie between two key frames: by index, with what the map says of it or a loop corrects it to.
-pub(super) struct Tie {
+pub(super) struct MapPrior {
     pub a: usize,
     pub b: usize,
     pub a_from_b: Sim3,
@@ -24,16 +24,16 @@ pub(super) struct Tie {
 
 /// What moves when key frame `here` belongs at `world_from_here` in sight of `old`.
 pub(super) fn relax(
-    map: &Map,
+    snapshot: &Snapshot,
     here: &KeyFrame,
     old: KeyFrameId,
     world_from_here: &Sim3,
     metre: f64,
     freedom: Freedom,
 ) -> Vec<Change> {
-    let chain: Vec<&KeyFrame> = map.key_frames_of(here.world).collect();
+    let chain: Vec<&KeyFrame> = snapshot.key_frames_of(here.map).collect();
     let slots: BTreeMap<KeyFrameId, usize> = chain.iter().enumerate().map(|(i, k)| (k.id, i)).collect();
-    let poses: Vec<Se3> = chain.iter().map(|k| k.world_from_eye).collect();
+    let poses: Vec<Se3> = chain.iter().map(|k| k.world_from_camera).collect();
     let mut ties = Vec::new();
     for (b, k) in chain.iter().enumerate() {
         let strong = k.covisible.iter().take_while(|(_, n)| *n >= STRONG).map(|(id, _)| *id);
@@ -47,15 +47,15 @@ pub(super) fn relax(
         to.sort_unstable();
         to.dedup();
         for a in to.iter().filter_map(|id| slots.get(id).copied()) {
-            ties.push(Tie { a, b, a_from_b: (poses[a].inverse() * poses[b]).into() });
+            ties.push(MapPrior { a, b, a_from_b: (poses[a].inverse() * poses[b]).into() });
         }
     }
     let (Some(a), Some(b)) = (slots.get(&old).copied(), slots.get(&here.id).copied()) else {
         return Vec::new();
     };
-    ties.push(Tie { a, b, a_from_b: Sim3::from(poses[a]).inverse() * *world_from_here });
+    ties.push(MapPrior { a, b, a_from_b: Sim3::from(poses[a]).inverse() * *world_from_here });
     let relaxed: Vec<Sim3> = match freedom {
-        Freedom::Level => upright(&poses, &ties, metre),
+        Freedom::AlignGravity => upright(&poses, &ties, metre),
         Freedom::Metric => solve::<Se3, 6>(&poses, &ties, metre, |s| Se3::new(s.rotation, s.translation))
             .into_iter()
             .map(Sim3::from)
@@ -71,7 +71,7 @@ pub(super) fn relax(
             changes.push(Change::Scale(k.id, after.scale));
         }
     }
-    for l in map.landmarks() {
+    for l in snapshot.landmarks() {
         if let Some(shift) = l.observations.first().and_then(|o| shifts.get(&o.key_frame)) {
             changes.push(Change::MoveLandmark(l.id, *shift * l.position));
         }
@@ -81,15 +81,15 @@ pub(super) fn relax(
 
 /// Relaxes a chain of poses whose roll and pitch are known: four degrees of freedom each (Qin, Li, Shen, "VINS-Mono", TRO
 /// 2018, section VIII-C).
-fn upright(poses: &[Se3], ties: &[Tie], metre: f64) -> Vec<Sim3> {
+fn upright(poses: &[Se3], ties: &[MapPrior], metre: f64) -> Vec<Sim3> {
     let split: Vec<(YawPose, So3)> = poses.iter().map(YawPose::split).collect();
     let levels: Vec<Se3> = split.iter().map(|(level, _)| level.tilted(&So3::identity())).collect();
-    let between = |t: &Tie| {
+    let between = |t: &MapPrior| {
         let a_from_b = Se3::new(t.a_from_b.rotation, t.a_from_b.translation);
         let level = YawPose::between(&split[t.a].1, &a_from_b, &split[t.b].1);
-        Tie { a_from_b: level.tilted(&So3::identity()).into(), ..*t }
+        MapPrior { a_from_b: level.tilted(&So3::identity()).into(), ..*t }
     };
-    let ties: Vec<Tie> = ties.iter().map(between).collect();
+    let ties: Vec<MapPrior> = ties.iter().map(between).collect();
     let lift = |s: &Sim3| YawPose::split(&Se3::new(s.rotation, s.translation)).0;
     let relaxed = solve::<YawPose, 4>(&levels, &ties, metre, lift);
     relaxed.iter().zip(&split).map(|(level, (_, tilt))| level.tilted(tilt).into()).collect()
@@ -98,7 +98,7 @@ fn upright(poses: &[Se3], ties: &[Tie], metre: f64) -> Vec<Sim3> {
 /// Relaxes a chain of poses, the first of which stays, under ties.
 pub(super) fn solve<G: LieGroup<D> + Copy, const D: usize>(
     poses: &[Se3],
-    ties: &[Tie],
+    ties: &[MapPrior],
     metre: f64,
     lift: impl Fn(&Sim3) -> G,
 ) -> Vec<G>
@@ -118,8 +118,8 @@ where
         // What makes no sense as an edge is left out: the rest still holds together.
         let _ = graph.add_edge(tie.a, tie.b, lift(&tie.a_from_b), &information, Loss::Squared);
     }
-    let setting = GraphSetting { iterations: 20, tolerance: 1e-6, ..GraphSetting::default() };
-    graph.solve(&setting, || false);
+    let config = GraphConfig { iterations: 20, tolerance: 1e-6, ..GraphConfig::default() };
+    graph.solve(&config, || false);
     graph.values().to_vec()
 }
 
@@ -141,10 +141,10 @@ mod tests {
             poses
         };
         let (truth, drifted) = (walk(0.0), walk(0.002));
-        let mut ties: Vec<Tie> = (0..40)
-            .map(|a| Tie { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+        let mut ties: Vec<MapPrior> = (0..40)
+            .map(|a| MapPrior { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
             .collect();
-        ties.push(Tie { a: 0, b: 40, a_from_b: truth[40].into() });
+        ties.push(MapPrior { a: 0, b: 40, a_from_b: truth[40].into() });
         let error = |poses: &[Se3]| -> f64 {
             poses.iter().zip(&truth).map(|(a, b)| (a.translation - b.translation).norm()).sum::<f64>() / 41.0
         };
@@ -172,12 +172,12 @@ mod tests {
             level.iter().map(|l| l.tilted(&tilt)).collect()
         };
         let (truth, drifted) = (walk(0.0), walk(0.002));
-        let mut ties: Vec<Tie> = (0..40)
-            .map(|a| Tie { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+        let mut ties: Vec<MapPrior> = (0..40)
+            .map(|a| MapPrior { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
             .collect();
         // The loop is measured with an error of direction that gravity contradicts.
         let off = Se3::new(So3::exp(&Vec3::new(0.02, 0.02, 0.0)), Vec3::zeros());
-        ties.push(Tie { a: 0, b: 40, a_from_b: (truth[0].inverse() * truth[40] * off).into() });
+        ties.push(MapPrior { a: 0, b: 40, a_from_b: (truth[0].inverse() * truth[40] * off).into() });
         let relaxed = upright(&drifted, &ties, 1.0);
         let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
             (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0
@@ -201,11 +201,11 @@ mod tests {
             drifted.push(drifted[i as usize] * smaller);
             truth.push(truth[i as usize] * step);
         }
-        let mut ties: Vec<Tie> = (0..40)
-            .map(|a| Tie { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+        let mut ties: Vec<MapPrior> = (0..40)
+            .map(|a| MapPrior { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
             .collect();
         let end = Sim3::new(truth[40].rotation, truth[40].translation, 1.0 / 0.99_f64.powi(40));
-        ties.push(Tie { a: 0, b: 40, a_from_b: end });
+        ties.push(MapPrior { a: 0, b: 40, a_from_b: end });
         let relaxed = solve::<Sim3, 7>(&drifted, &ties, 1.0, |s| *s);
         let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
             (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0

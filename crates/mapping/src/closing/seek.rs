@@ -1,7 +1,7 @@
 //! Which earlier key frames may show the place that a key frame shows.
 
 use crate::fuse::around;
-use cairn_atlas::{KeyFrame, KeyFrameId, Map};
+use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::Vec3;
 use std::collections::BTreeSet;
 
@@ -10,23 +10,23 @@ const ALIKE: f64 = 0.3;
 
 /// Key frames that are no neighbours and may show the same place: first those that stand near and look the same way,
 /// then those of any world that look most alike by their words, one of each group of neighbours.
-pub(super) fn candidates(map: &Map, here: &KeyFrame, reach: f64, limit: usize) -> Vec<KeyFrameId> {
-    let mut known: BTreeSet<KeyFrameId> = around(map, here.id, 20).into_iter().collect();
+pub(super) fn candidates(snapshot: &Snapshot, here: &KeyFrame, reach: f64, limit: usize) -> Vec<KeyFrameId> {
+    let mut known: BTreeSet<KeyFrameId> = around(snapshot, here.id, 20).into_iter().collect();
     known.extend(here.covisible.iter().map(|(id, _)| *id));
     known.insert(here.id);
-    let axis = |k: &KeyFrame| k.world_from_eye.rotation * Vec3::z();
-    let mut near: Vec<(f64, KeyFrameId)> = map
-        .key_frames_of(here.world)
+    let axis = |k: &KeyFrame| k.world_from_camera.rotation * Vec3::z();
+    let mut near: Vec<(f64, KeyFrameId)> = snapshot
+        .key_frames_of(here.map)
         .filter(|k| !known.contains(&k.id) && axis(k).dot(&axis(here)) > 0.8)
-        .map(|k| ((k.world_from_eye.translation - here.world_from_eye.translation).norm(), k.id))
+        .map(|k| ((k.world_from_camera.translation - here.world_from_camera.translation).norm(), k.id))
         .filter(|(distance, _)| *distance < reach)
         .collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut found: Vec<KeyFrameId> = near.into_iter().map(|(_, id)| id).take(limit.div_ceil(2)).collect();
-    let neighbours = here.covisible.iter().take(5).filter_map(|(id, _)| map.key_frame(*id));
+    let neighbours = here.covisible.iter().take(5).filter_map(|(id, _)| snapshot.key_frame(*id));
     let usual = neighbours.map(|k| k.bag.similarity(&here.bag)).fold(0.0, f64::max);
     let (left, all) = (limit.saturating_sub(found.len()), usize::MAX);
-    let alike = map.places_like(&here.bag, left, all, &found, |id| !known.contains(&id));
+    let alike = snapshot.places_like(&here.bag, left, all, &found, |id| !known.contains(&id));
     found.extend(alike.into_iter().filter(|(_, alike)| *alike >= ALIKE * usual).map(|(id, _)| id));
     found
 }

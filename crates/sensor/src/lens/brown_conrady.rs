@@ -13,13 +13,13 @@ pub fn extended(c: &[f64; 5]) -> [f64; 8] {
 
 /// The bent point; `None` past the fold.
 pub fn apply(c: &[f64; 8], m: [f64; 2]) -> Option<[f64; 2]> {
-    let at = bend(c, m);
+    let at = distort(c, m);
     (at.determinant() > 0.0 && before_fold(c, m)).then_some(at.value)
 }
 
 /// The point that bends to `target`, on the sheet that holds the centre; `None` where there is none.
 pub fn invert(c: &[f64; 8], target: [f64; 2]) -> Option<[f64; 2]> {
-    let accept = |m: &[f64; 2]| bend(c, *m).determinant() > 0.0 && before_fold(c, *m);
+    let accept = |m: &[f64; 2]| distort(c, *m).determinant() > 0.0 && before_fold(c, *m);
     if let Some(m) = newton(c, target, target).filter(accept) {
         return Some(m);
     }
@@ -33,27 +33,27 @@ pub fn invert(c: &[f64; 8], target: [f64; 2]) -> Option<[f64; 2]> {
 }
 
 /// Value and Jacobian (rows `[a, b]`, `[b, d]`: it is symmetric) of the model at one point.
-struct Bent {
+struct Distorted {
     value: [f64; 2],
     a: f64,
     b: f64,
     d: f64,
 }
 
-impl Bent {
+impl Distorted {
     fn determinant(&self) -> f64 {
         self.a * self.d - self.b * self.b
     }
 }
 
-fn bend(c: &[f64; 8], [x, y]: [f64; 2]) -> Bent {
+fn distort(c: &[f64; 8], [x, y]: [f64; 2]) -> Distorted {
     let [k1, k2, p1, p2, k3, k4, k5, k6] = *c;
     let s = x * x + y * y;
     let over = 1.0 + s * (k1 + s * (k2 + s * k3));
     let under = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)));
     let radial = over * under;
     let slope = (k1 + s * (2.0 * k2 + s * 3.0 * k3) - radial * (k4 + s * (2.0 * k5 + s * 3.0 * k6))) * under;
-    Bent {
+    Distorted {
         value: [
             x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x),
             y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -66,10 +66,10 @@ fn bend(c: &[f64; 8], [x, y]: [f64; 2]) -> Bent {
 
 /// Newton's method with halved steps while the error grows; `None` when it does not reach 1e-10 of the target.
 fn newton(c: &[f64; 8], target: [f64; 2], start: [f64; 2]) -> Option<[f64; 2]> {
-    let error = |at: &Bent| [target[0] - at.value[0], target[1] - at.value[1]];
+    let error = |at: &Distorted| [target[0] - at.value[0], target[1] - at.value[1]];
     let unit = 1.0 + target[0] * target[0] + target[1] * target[1];
     let mut m = start;
-    let mut at = bend(c, m);
+    let mut at = distort(c, m);
     let mut e = error(&at);
     let mut cost = e[0] * e[0] + e[1] * e[1];
     for _ in 0..60 {
@@ -81,7 +81,7 @@ fn newton(c: &[f64; 8], target: [f64; 2], start: [f64; 2]) -> Option<[f64; 2]> {
         let mut better = false;
         for _ in 0..8 {
             let next = [m[0] + step[0], m[1] + step[1]];
-            let next_at = bend(c, next);
+            let next_at = distort(c, next);
             let next_e = error(&next_at);
             let next_cost = next_e[0] * next_e[0] + next_e[1] * next_e[1];
             if next_cost < cost {

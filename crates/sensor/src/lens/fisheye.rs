@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Kannala and Brandt, "A generic camera model and calibration method" (2006), eq. 6 with the first term 1:
 /// `d(t) = t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9` for the angle `t` off the axis. Sees behind itself.
-pub fn equidistant_bend(k: &[f64; 4], p: &Vec3) -> Option<[f64; 2]> {
+pub fn equidistant_distort(k: &[f64; 4], p: &Vec3) -> Option<[f64; 2]> {
     let r = p.x.hypot(p.y);
     if r < 1e-12 {
         return (p.z > 0.0).then_some([0.0, 0.0]);
@@ -19,8 +19,8 @@ pub fn equidistant_bend(k: &[f64; 4], p: &Vec3) -> Option<[f64; 2]> {
     Some([p.x * scale, p.y * scale])
 }
 
-/// Inverse of [`equidistant_bend`]; `None` past the fold or past half a turn.
-pub fn equidistant_unbend(k: &[f64; 4], m: [f64; 2]) -> Option<Vec3> {
+/// Inverse of [`equidistant_distort`]; `None` past the fold or past half a turn.
+pub fn equidistant_undistort(k: &[f64; 4], m: [f64; 2]) -> Option<Vec3> {
     let target = m[0].hypot(m[1]);
     if target < 1e-12 {
         return Some(Vec3::new(m[0], m[1], 1.0));
@@ -73,7 +73,7 @@ fn equidistant_angle(k: &[f64; 4], target: f64) -> Option<f64> {
 
 /// Devernay and Faugeras, "Straight lines have to be straight" (2001), eq. 13:
 /// `r' = atan(2 r tan(w / 2)) / w`.
-pub fn fov_bend(w: f64, m: [f64; 2]) -> [f64; 2] {
+pub fn fov_distort(w: f64, m: [f64; 2]) -> [f64; 2] {
     let r = m[0].hypot(m[1]);
     if w < 1e-6 || r < 1e-12 {
         return m; // the limit of either, to 1e-12
@@ -82,8 +82,8 @@ pub fn fov_bend(w: f64, m: [f64; 2]) -> [f64; 2] {
     [m[0] * scale, m[1] * scale]
 }
 
-/// Inverse of [`fov_bend`] (eq. 14); `None` from a right angle on.
-pub fn fov_unbend(w: f64, m: [f64; 2]) -> Option<[f64; 2]> {
+/// Inverse of [`fov_distort`] (eq. 14); `None` from a right angle on.
+pub fn fov_undistort(w: f64, m: [f64; 2]) -> Option<[f64; 2]> {
     let r = m[0].hypot(m[1]);
     if w < 1e-6 {
         return Some(m);
@@ -100,7 +100,7 @@ pub fn fov_unbend(w: f64, m: [f64; 2]) -> Option<[f64; 2]> {
 }
 
 /// Usenko, Demmel and Cremers, "The double sphere camera model" (2018), eq. 40-45.
-pub fn double_sphere_bend(xi: f64, alpha: f64, p: &Vec3) -> Option<[f64; 2]> {
+pub fn double_sphere_distort(xi: f64, alpha: f64, p: &Vec3) -> Option<[f64; 2]> {
     let d1 = p.norm();
     let w1 = if alpha <= 0.5 { alpha / (1.0 - alpha) } else { (1.0 - alpha) / alpha };
     let w2 = (w1 + xi) / (2.0 * w1 * xi + xi * xi + 1.0).sqrt();
@@ -113,8 +113,8 @@ pub fn double_sphere_bend(xi: f64, alpha: f64, p: &Vec3) -> Option<[f64; 2]> {
     (below > 1e-12).then(|| [p.x / below, p.y / below])
 }
 
-/// Inverse of [`double_sphere_bend`] (eq. 46-51), in closed form.
-pub fn double_sphere_unbend(xi: f64, alpha: f64, m: [f64; 2]) -> Option<Vec3> {
+/// Inverse of [`double_sphere_distort`] (eq. 46-51), in closed form.
+pub fn double_sphere_undistort(xi: f64, alpha: f64, m: [f64; 2]) -> Option<Vec3> {
     let s = m[0] * m[0] + m[1] * m[1];
     let under_root = 1.0 - (2.0 * alpha - 1.0) * s;
     if under_root < 0.0 {
@@ -128,5 +128,5 @@ pub fn double_sphere_unbend(xi: f64, alpha: f64, m: [f64; 2]) -> Option<Vec3> {
     let scale = (mz * xi + under_root.sqrt()) / (mz * mz + s);
     let ray = Vec3::new(scale * m[0], scale * m[1], scale * mz - xi);
     // The last of the sphere maps onto itself: only what projects is a ray of this camera.
-    (ray.norm_squared() > 1e-12 && double_sphere_bend(xi, alpha, &ray).is_some()).then_some(ray)
+    (ray.norm_squared() > 1e-12 && double_sphere_distort(xi, alpha, &ray).is_some()).then_some(ray)
 }

@@ -64,10 +64,10 @@ impl Distortion {
     }
 
     /// Normalised sensor coordinates of a point in the camera frame; `None` where the lens has no image of it.
-    pub(crate) fn bend(&self, p: &Vec3) -> Option<[f64; 2]> {
+    pub(crate) fn distort(&self, p: &Vec3) -> Option<[f64; 2]> {
         match self {
-            Self::Equidistant(k) => return fisheye::equidistant_bend(k, p),
-            Self::DoubleSphere { xi, alpha } => return fisheye::double_sphere_bend(*xi, *alpha, p),
+            Self::Equidistant(k) => return fisheye::equidistant_distort(k, p),
+            Self::DoubleSphere { xi, alpha } => return fisheye::double_sphere_distort(*xi, *alpha, p),
             _ => {}
         }
         // The other models start from the image plane, which only points in front have a place on.
@@ -79,13 +79,13 @@ impl Distortion {
             Self::RadialTangential(c) => brown_conrady::apply(&brown_conrady::extended(c), m),
             Self::Rational(c) => brown_conrady::apply(c, m),
             Self::InverseRadialTangential(c) => brown_conrady::invert(&brown_conrady::extended(c), m),
-            Self::Fov(w) => Some(fisheye::fov_bend(*w, m)),
+            Self::Fov(w) => Some(fisheye::fov_distort(*w, m)),
             _ => Some(m),
         }
     }
 
     /// The direction (of any length) that normalised sensor coordinates look along; `None` where there is none.
-    pub(crate) fn unbend(&self, m: [f64; 2]) -> Option<Vec3> {
+    pub(crate) fn undistort(&self, m: [f64; 2]) -> Option<Vec3> {
         let plane = |m: [f64; 2]| Vec3::new(m[0], m[1], 1.0);
         match self {
             Self::None => Some(plane(m)),
@@ -94,9 +94,9 @@ impl Distortion {
             Self::InverseRadialTangential(c) => {
                 brown_conrady::apply(&brown_conrady::extended(c), m).map(plane)
             }
-            Self::Equidistant(k) => fisheye::equidistant_unbend(k, m),
-            Self::Fov(w) => fisheye::fov_unbend(*w, m).map(plane),
-            Self::DoubleSphere { xi, alpha } => fisheye::double_sphere_unbend(*xi, *alpha, m),
+            Self::Equidistant(k) => fisheye::equidistant_undistort(k, m),
+            Self::Fov(w) => fisheye::fov_undistort(*w, m).map(plane),
+            Self::DoubleSphere { xi, alpha } => fisheye::double_sphere_undistort(*xi, *alpha, m),
         }
     }
 

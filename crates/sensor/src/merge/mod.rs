@@ -3,7 +3,7 @@
 //! In go single images, depth images and IMU samples as they arrive; out come [`Merged`] instants whose stamps rise
 //! strictly. An instant is complete when every camera has its image, the depth image is there or can not come any
 //! more, and an IMU sample at or after it has come. What is missing is waited for no longer than
-//! [`MergeSetting::wait_s`]: then a camera's instant is dropped, depth is left out, and the IMU sample is made up by
+//! [`MergeConfig::wait_s`]: then a camera's instant is dropped, depth is left out, and the IMU sample is made up by
 //! holding the last one, at most one period long and marked by its [`ImuSample::noise_scale`].
 //!
 //! Nothing here knows a thread or a clock: time is the newest stamp that any stream has shown, or what the caller
@@ -24,7 +24,7 @@ const MOST_PENDING_S: f64 = 60.0;
 
 /// Which streams there are and how long they may let each other wait.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MergeSetting {
+pub struct MergeConfig {
     /// Cameras whose images make up an instant; at least one.
     pub cameras: usize,
     /// Whether depth images come.
@@ -42,7 +42,7 @@ pub struct MergeSetting {
     pub lead_s: f64,
 }
 
-impl Default for MergeSetting {
+impl Default for MergeConfig {
     fn default() -> Self {
         Self {
             cameras: 1,
@@ -114,7 +114,7 @@ pub struct MergeCounts {
 
 /// The merge; see the head of this module.
 pub struct Merge<I, D> {
-    setting: MergeSetting,
+    config: MergeConfig,
     cameras: Vec<Lane<I>>,
     depth: Lane<D>,
     imu: Lane<ImuSample>,
@@ -127,12 +127,12 @@ pub struct Merge<I, D> {
 
 impl<I, D> Merge<I, D> {
     /// An empty merge.
-    pub fn new(setting: MergeSetting) -> Self {
+    pub fn new(config: MergeConfig) -> Self {
         Self {
-            setting,
-            cameras: (0..setting.cameras.max(1)).map(|_| Lane::new(false)).collect(),
-            depth: Lane::new(!setting.depth),
-            imu: Lane::new(setting.imu_period_s.is_none()),
+            config,
+            cameras: (0..config.cameras.max(1)).map(|_| Lane::new(false)).collect(),
+            depth: Lane::new(!config.depth),
+            imu: Lane::new(config.imu_period_s.is_none()),
             last_imu: None,
             now: None,
             any_given: false,
@@ -175,7 +175,7 @@ impl<I, D> Merge<I, D> {
     /// # Errors
     /// As [`Merge::push_image`].
     pub fn push_imu(&mut self, sample: ImuSample) -> Result<Option<ImuGap>, Dropped> {
-        let offset_ns = (self.setting.imu_offset_s * 1e9).round() as i64;
+        let offset_ns = (self.config.imu_offset_s * 1e9).round() as i64;
         let stamp = Stamp(sample.stamp.0.saturating_add(offset_ns));
         let finite = sample.gyro.iter().chain(sample.accel.iter()).all(|v| v.is_finite());
         let result = match finite {
@@ -185,7 +185,7 @@ impl<I, D> Merge<I, D> {
         self.counts.imu_dropped += result.is_err() as usize;
         self.see(self.imu.last());
         self.forget_old();
-        let most = 2.5 * self.setting.imu_period_s.unwrap_or(f64::INFINITY);
+        let most = 2.5 * self.config.imu_period_s.unwrap_or(f64::INFINITY);
         let gap = result?.map(|(from, to)| ImuGap { from, to }).filter(|g| g.to - g.from > most);
         if let Some(g) = gap {
             self.counts.imu_gaps += 1;
@@ -224,7 +224,7 @@ impl<I, D> Merge<I, D> {
         };
         let late = self.is_late(stamp);
         let depth_passed =
-            self.depth.last().is_some_and(|depth| depth - stamp >= -self.setting.same_instant_s);
+            self.depth.last().is_some_and(|depth| depth - stamp >= -self.config.same_instant_s);
         if !late && !self.depth.ended && !depth_passed {
             return Some(Stream::Depth);
         }
@@ -241,7 +241,7 @@ impl<I, D> Merge<I, D> {
         let taken = self.cameras.iter_mut().filter_map(|lane| lane.queue.pop_front());
         let images = taken.map(|(_, image)| image).collect();
         let depth = self.depth_at(stamp);
-        let imu = if self.setting.imu_period_s.is_some() { self.imu_until(stamp) } else { Vec::new() };
+        let imu = if self.config.imu_period_s.is_some() { self.imu_until(stamp) } else { Vec::new() };
         self.any_given = true;
         Some(Merged { stamp, images, depth, imu })
     }
@@ -251,7 +251,7 @@ impl<I, D> Merge<I, D> {
     }
 
     fn is_late(&self, stamp: Stamp) -> bool {
-        self.now.is_some_and(|now| now - stamp > self.setting.wait_s)
+        self.now.is_some_and(|now| now - stamp > self.config.wait_s)
     }
 
     /// The stamp of the next instant, when every camera has an image for it.
@@ -272,7 +272,7 @@ impl<I, D> Merge<I, D> {
             };
             let hopeless =
                 self.cameras.iter().any(|lane| lane.queue.is_empty() && (lane.ended || self.is_late(newest)));
-            if !hopeless && newest - oldest <= self.setting.same_instant_s {
+            if !hopeless && newest - oldest <= self.config.same_instant_s {
                 return;
             }
             self.cameras[camera].queue.pop_front();
@@ -282,7 +282,7 @@ impl<I, D> Merge<I, D> {
 
     /// The nearest depth image within the tolerance; those before it are dropped.
     fn depth_at(&mut self, stamp: Stamp) -> Option<D> {
-        let tolerance = self.setting.same_instant_s;
+        let tolerance = self.config.same_instant_s;
         while let Some((at, _)) = self.depth.queue.front() {
             let off = *at - stamp;
             if off > tolerance {
@@ -302,7 +302,7 @@ impl<I, D> Merge<I, D> {
     fn imu_until(&mut self, stamp: Stamp) -> Vec<ImuSample> {
         let mut out = Vec::new();
         if !self.any_given {
-            let lead_s = self.setting.lead_s;
+            let lead_s = self.config.lead_s;
             while self.imu.queue.front().is_some_and(|(s, _)| stamp - *s > lead_s) {
                 self.imu.queue.pop_front();
             }
@@ -314,7 +314,7 @@ impl<I, D> Merge<I, D> {
         }
         match self.last_imu {
             Some(last) if last.stamp >= stamp => {}
-            Some(last) if stamp - last.stamp <= self.setting.imu_period_s.unwrap_or(0.0) => {
+            Some(last) if stamp - last.stamp <= self.config.imu_period_s.unwrap_or(0.0) => {
                 out.push(ImuSample { stamp, noise_scale: HELD_NOISE, ..last });
                 self.counts.synthesised += 1;
             }

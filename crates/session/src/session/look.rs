@@ -1,9 +1,9 @@
 //! A session looked at: how things stand, in numbers, in words, and as lines to draw.
 
 use super::Session;
-use crate::course::standing;
 use crate::recording::Recording;
-use crate::status::{GuidingStatus, RecordingStatus, Status, View, WayStatus};
+use crate::reference_path::standing;
+use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 use cairn_engine::Phase;
 use cairn_geometry::Vec3;
 use cairn_guide::{Facing, GuideState};
@@ -21,15 +21,15 @@ impl Session {
         s.engine = self.standing();
         (s.phase, s.words) = (s.engine.phase, s.engine.words());
         s.recording = self.recording.as_ref().map(|r| RecordingStatus {
-            points: r.way().points.len(),
+            points: r.route().points.len(),
             length: r.length(),
             gaps: r.gaps(),
             file: name(&r.path),
             trouble: r.trouble(),
         });
-        s.way = self.way.as_ref().map(|w| WayStatus {
+        s.route = self.route.as_ref().map(|w| RouteStatus {
             file: name(&w.path),
-            points: w.way.points.len(),
+            points: w.route.points.len(),
             here: w.here,
         });
         s.guiding = self.guiding.as_ref().map(|g| {
@@ -38,7 +38,7 @@ impl Session {
                 facing: facing_name(g.facing),
                 state: state_name(g.guide.state()),
                 along_m: place.map_or(0.0, |m| m.along_m),
-                length_m: g.guide.route().length(),
+                length_m: g.guide.plan().length(),
                 cross_m: place.map_or(0.0, |m| m.cross_m),
             }
         });
@@ -63,29 +63,29 @@ impl Session {
 
     /// Lines and points to draw; at most `most` landmarks.
     pub fn view(&self, most: usize) -> View {
-        let map = self.engine.map();
+        let map = self.engine.snapshot();
         let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
         let each = map.landmark_count().div_ceil(most.max(1)).max(1);
-        let way = self.recording.as_ref().map(Recording::way).or(self
-            .way
+        let route = self.recording.as_ref().map(Recording::route).or(self
+            .route
             .as_ref()
             .filter(|w| w.here)
-            .map(|w| &w.way));
-        let recorded = way.map_or_else(Vec::new, |way| {
-            let placed = way.resolve(|a| standing(&map, a));
-            let each = placed.len().div_ceil(600).max(1);
-            placed.iter().step_by(each).map(|p| single(&p.frame_from_camera.translation)).collect()
+            .map(|w| &w.route));
+        let recorded = route.map_or_else(Vec::new, |route| {
+            let anchored = route.resolve(|a| standing(&map, a));
+            let each = anchored.len().div_ceil(600).max(1);
+            anchored.iter().step_by(each).map(|p| single(&p.frame_from_camera.translation)).collect()
         });
-        let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.course.ground.up());
+        let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.reference_path.ground.up());
         View {
             up: single(&up),
             points: map.landmarks().step_by(each).map(|l| single(&l.position)).collect(),
-            key_frames: map.key_frames().map(|k| single(&k.world_from_eye.translation)).collect(),
+            key_frames: map.key_frames().map(|k| single(&k.world_from_camera.translation)).collect(),
             recorded,
-            route: self
+            plan: self
                 .guiding
                 .as_ref()
-                .map_or_else(Vec::new, |g| g.course.corners().map(|p| single(&p)).collect()),
+                .map_or_else(Vec::new, |g| g.reference_path.corners().map(|p| single(&p)).collect()),
             camera: self.camera().filter(|_| self.standing().valid),
         }
     }

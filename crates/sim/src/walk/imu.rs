@@ -13,7 +13,7 @@ pub const GRAVITY_M_S2: f64 = 9.81;
 
 /// The simulated inertial sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ImuSetting {
+pub struct ImuConfig {
     /// Samples a second.
     pub rate_hz: f64,
     /// Noise densities (default: ADIS16448 as in EuRoC).
@@ -22,14 +22,14 @@ pub struct ImuSetting {
     pub noisy: bool,
 }
 
-impl Default for ImuSetting {
+impl Default for ImuConfig {
     fn default() -> Self {
         let noise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
         Self { rate_hz: 200.0, noise, noisy: true }
     }
 }
 
-impl ImuSetting {
+impl ImuConfig {
     /// As the rig tells it; the sensor sits at the body's origin.
     pub(crate) fn sensor(&self) -> ImuSensor {
         ImuSensor { body_from_imu: Se3::identity(), rate_hz: self.rate_hz, noise: self.noise, offset_s: 0.0 }
@@ -38,7 +38,7 @@ impl ImuSetting {
 
 /// Gives samples one after the other.
 pub(crate) struct ImuSim {
-    setting: ImuSetting,
+    config: ImuConfig,
     random: Random,
     gyro_bias: Vec3,
     accel_bias: Vec3,
@@ -47,17 +47,17 @@ pub(crate) struct ImuSim {
 
 impl ImuSim {
     /// From the first sample at time 0.
-    pub fn new(setting: ImuSetting, seed: u64) -> Self {
+    pub fn new(config: ImuConfig, seed: u64) -> Self {
         let mut random = Random::new(seed, 0x1A1);
         let mut vector = |s: f64| Vec3::new(random.normal() * s, random.normal() * s, random.normal() * s);
         let (gyro_bias, accel_bias) =
-            if setting.noisy { (vector(2e-3), vector(2e-2)) } else { Default::default() };
-        Self { setting, random, gyro_bias, accel_bias, next: 0 }
+            if config.noisy { (vector(2e-3), vector(2e-2)) } else { Default::default() };
+        Self { config, random, gyro_bias, accel_bias, next: 0 }
     }
 
     /// The next sample; its time is nanoseconds after `epoch`.
     pub fn next(&mut self, motion: &Motion, epoch: Stamp) -> ImuSample {
-        let t = (self.next as f64 * 1e9 / self.setting.rate_hz).round() as i64;
+        let t = (self.next as f64 * 1e9 / self.config.rate_hz).round() as i64;
         self.next += 1;
         self.sample(motion, epoch, t)
     }
@@ -67,8 +67,8 @@ impl ImuSim {
         let force = state.acceleration + Vec3::z() * GRAVITY_M_S2;
         let mut gyro = state.rate;
         let mut accel = state.world_from_body.rotation.inverse() * force;
-        if self.setting.noisy {
-            let (n, root) = (self.setting.noise, self.setting.rate_hz.sqrt());
+        if self.config.noisy {
+            let (n, root) = (self.config.noise, self.config.rate_hz.sqrt());
             let r = &mut self.random;
             let mut vector = |s: f64| Vec3::new(r.normal() * s, r.normal() * s, r.normal() * s);
             gyro += self.gyro_bias + vector(n.gyro * root);

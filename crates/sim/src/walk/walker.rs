@@ -227,8 +227,8 @@ mod tests {
 
     #[test]
     fn turns_about_on_the_spot_and_bobs() {
-        let way = [Vec2::new(0.0, 0.0), Vec2::new(6.0, 0.0), Vec2::new(0.0, 0.0)];
-        let motion = Walker::default().motion(&way);
+        let route = [Vec2::new(0.0, 0.0), Vec2::new(6.0, 0.0), Vec2::new(0.0, 0.0)];
+        let motion = Walker::default().motion(&route);
         let (mut turned, mut low, mut high, mut fastest) = (0.0, 9.0f64, 0.0f64, 0.0f64);
         let n = (motion.end() * 100.0) as usize;
         for i in 0..n {
@@ -248,13 +248,13 @@ mod tests {
         assert!((0.02..0.03).contains(&(high - low)), "bobs by {}", high - low);
         assert!((0.85..1.0).contains(&fastest), "at most {fastest} m/s");
         let end = motion.pose(motion.end());
-        assert!((end.translation.xy() - way[2]).norm() < 0.03);
+        assert!((end.translation.xy() - route[2]).norm() < 0.03);
     }
 
     #[test]
     fn looks_back_when_told() {
-        let way = [Vec2::new(0.0, 0.0), Vec2::new(3.0, 4.0)];
-        let back = Walker { look: PI, ..Walker::default() }.motion(&way);
+        let route = [Vec2::new(0.0, 0.0), Vec2::new(3.0, 4.0)];
+        let back = Walker { look: PI, ..Walker::default() }.motion(&route);
         let s = back.state(3.0);
         let forward = s.world_from_body.rotation * Vec3::z();
         assert!(forward.dot(&s.velocity.normalize()) < -0.95);

@@ -1,6 +1,6 @@
 //! One room with nothing in its middle: walls hung up to the ceiling, a floor with much to see, furniture along the walls.
 
-use super::Way;
+use super::NamedRoute;
 use super::build::Builder;
 use super::corridor::line_walls;
 use super::furniture::Piece;
@@ -21,7 +21,8 @@ pub(super) fn build(b: &mut Builder) {
         stream: 5 | 1 << 40,
     };
     let (mx, my) = (1.8f64.min(0.3 * w), 1.8f64.min(0.3 * d));
-    b.ways.push(Way::new("loop", &[(mx, my), (w - mx, my), (w - mx, d - my), (mx, d - my), (mx, my)]));
+    b.routes
+        .push(NamedRoute::new("loop", &[(mx, my), (w - mx, my), (w - mx, d - my), (mx, d - my), (mx, my)]));
     plan::build(b, &[room]);
     b.stream(0xA2E4A);
     let pieces = [Piece::Shelf, Piece::Cabinet, Piece::Plant, Piece::Bench, Piece::Cartons];

@@ -1,7 +1,7 @@
 //! The builder that worlds are made with: painted quads and boxes, lights, obstacles, ways.
 
 use super::plan::{Footprint, distance_to_segment};
-use super::{Face, Way, WorldOptions};
+use super::{Face, NamedRoute, WorldOptions};
 use crate::random::Random;
 use crate::texture::{Canvas, Noise, Texture};
 use cairn_geometry::{Vec2, Vec3};
@@ -78,7 +78,7 @@ pub(crate) struct Builder {
     /// Lines to draw.
     pub plan: Vec<(Vec2, Vec2)>,
     /// Ways.
-    pub ways: Vec<Way>,
+    pub routes: Vec<NamedRoute>,
     /// Lamps.
     pub lights: Vec<Lamp>,
     /// Light from everywhere.
@@ -125,7 +125,7 @@ impl Builder {
             areas: Vec::new(),
             footprints: Vec::new(),
             plan: Vec::new(),
-            ways: Vec::new(),
+            routes: Vec::new(),
             lights: Vec::new(),
             ambient: 0.5,
             sun: None,
@@ -245,7 +245,7 @@ impl Builder {
         if !corners.iter().all(inside) {
             return false;
         }
-        let ways_clear = self.ways.iter().all(|w| {
+        let ways_clear = self.routes.iter().all(|w| {
             w.points.windows(2).all(|s| {
                 let n = ((s[1] - s[0]).norm() / 0.1).ceil().max(1.0);
                 (0..=n as usize).all(|i| f.distance(&(s[0] + (s[1] - s[0]) * (i as f64 / n))) > margin)

@@ -1,6 +1,6 @@
 //! Corridors: a ring with a branch, and the demo's way with three turns.
 
-use super::Way;
+use super::NamedRoute;
 use super::build::Builder;
 use super::furniture::Piece;
 use super::plan::{self, Dress, Room};
@@ -83,14 +83,15 @@ pub(super) fn ring(b: &mut Builder) {
     let (l, h, t) = (k / 2.0, w - k / 2.0, d - k / 2.0);
     let mid = bx + l;
     let ring = [(l, l), (h, l), (h, t), (l, t), (l, l)];
-    b.ways.push(Way::new("loop", &ring));
-    b.ways.push(Way::new("twice", &[&ring[..], &ring[1..]].concat()));
-    b.ways.push(Way::new("half", &ring[..3]));
+    b.routes.push(NamedRoute::new("loop", &ring));
+    b.routes.push(NamedRoute::new("twice", &[&ring[..], &ring[1..]].concat()));
+    b.routes.push(NamedRoute::new("half", &ring[..3]));
     let end = -branch + 1.3;
-    b.ways.push(Way::new("branch", &[(l, t), (l, l), (mid, l), (mid, end), (mid, l), (h, l), (h, t)]));
+    b.routes
+        .push(NamedRoute::new("branch", &[(l, t), (l, l), (mid, l), (mid, end), (mid, l), (h, l), (h, t)]));
     let ten: Vec<(f64, f64)> =
         std::iter::once(ring[0]).chain((0..11).flat_map(|_| ring[1..].to_vec())).collect();
-    b.ways.push(Way::new("long", &ten));
+    b.routes.push(NamedRoute::new("long", &ten));
     plan::build(b, &rooms);
     furnish(b, &rooms, 0.5);
 }
@@ -111,13 +112,15 @@ pub(super) fn demo(b: &mut Builder) {
     ];
     let rooms: Vec<Room> = areas.iter().enumerate().map(|(i, a)| hallway(r, *a, i as u64)).collect();
     let m = k / 2.0;
-    let out =
-        Way::new("out", &[(1.3, m), (x1 + m, m), (x1 + m, y1 + m), (x2 + m, y1 + m), (x2 + m, y1 - e + 1.3)]);
-    b.ways.push(out.clone());
-    b.ways.push(out.reversed("home"));
+    let out = NamedRoute::new(
+        "out",
+        &[(1.3, m), (x1 + m, m), (x1 + m, y1 + m), (x2 + m, y1 + m), (x2 + m, y1 - e + 1.3)],
+    );
+    b.routes.push(out.clone());
+    b.routes.push(out.reversed("home"));
     let mut both = out.points.clone();
     both.extend(out.points.iter().rev().skip(1));
-    b.ways.push(Way { name: "out-and-home".into(), points: both });
+    b.routes.push(NamedRoute { name: "out-and-home".into(), points: both });
     plan::build(b, &rooms);
     // Whoever walks by ear strays: three quarters of a metre stay free on each side.
     furnish(b, &rooms, 0.72);

@@ -1,6 +1,6 @@
 //! A straight corridor that ends in plain walls: who turns about there sees nothing on the way round.
 
-use super::Way;
+use super::NamedRoute;
 use super::build::Builder;
 use super::corridor::{hallway, line_walls};
 use super::furniture::Piece;
@@ -28,8 +28,8 @@ pub(super) fn build(b: &mut Builder) {
         ..dressed
     };
     let ends = [(START_M, k / 2.0), (turn, k / 2.0)];
-    b.ways.push(Way::new("out-and-home", &[ends[0], ends[1], ends[0]]));
-    b.ways.push(Way::new("out", &ends));
+    b.routes.push(NamedRoute::new("out-and-home", &[ends[0], ends[1], ends[0]]));
+    b.routes.push(NamedRoute::new("out", &ends));
     plan::build(b, &[dressed, plain]);
     b.stream(0xF00D);
     let pieces = [Piece::Plant, Piece::Bench, Piece::Shelf, Piece::Cartons, Piece::Cabinet];

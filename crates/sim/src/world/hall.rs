@@ -1,6 +1,6 @@
 //! One big room: columns, groups of tables, sofas, shelves along the walls.
 
-use super::Way;
+use super::NamedRoute;
 use super::build::Builder;
 use super::corridor::line_walls;
 use super::furniture::Piece;
@@ -24,12 +24,12 @@ pub(super) fn build(b: &mut Builder) {
     let (l, h, t) = (2.2, w - 2.2, d - 2.2);
     let (mx, my) = (w / 2.0, d / 2.0);
     let around = [(l, l), (h, l), (h, t), (l, t), (l, l)];
-    b.ways.push(Way::new("loop", &around));
-    b.ways.push(Way::new("eight", &[(l, l), (mx, my), (h, t), (h, l), (mx, my), (l, t), (l, l)]));
-    b.ways.push(Way::new("across", &[(l, l), (mx, my), (h, t)]));
+    b.routes.push(NamedRoute::new("loop", &around));
+    b.routes.push(NamedRoute::new("eight", &[(l, l), (mx, my), (h, t), (h, l), (mx, my), (l, t), (l, l)]));
+    b.routes.push(NamedRoute::new("across", &[(l, l), (mx, my), (h, t)]));
     let long: Vec<(f64, f64)> =
         std::iter::once(around[0]).chain((0..10).flat_map(|_| around[1..].to_vec())).collect();
-    b.ways.push(Way::new("long", &long));
+    b.routes.push(NamedRoute::new("long", &long));
     plan::build(b, &[room]);
     b.stream(0xBA11);
     for (fx, fy) in [(0.25, 0.5), (0.75, 0.5), (0.5, 0.25), (0.5, 0.75)] {

@@ -11,12 +11,12 @@ mod hall;
 mod house;
 mod office;
 mod plan;
+mod route;
 mod street;
-mod way;
 
 pub(crate) use face::Face;
 pub use figure::{Figure, Passer};
-pub use way::Way;
+pub use route::NamedRoute;
 
 use crate::texture::Texture;
 use build::Builder;
@@ -114,7 +114,7 @@ pub struct World {
     areas: Vec<[f64; 4]>,
     footprints: Vec<Footprint>,
     plan: Vec<(Vec2, Vec2)>,
-    ways: Vec<Way>,
+    routes: Vec<NamedRoute>,
     pub(crate) wardrobe: Vec<figure::Wardrobe>,
 }
 
@@ -140,7 +140,7 @@ impl World {
             areas: b.areas,
             footprints: b.footprints,
             plan: b.plan,
-            ways: b.ways,
+            routes: b.routes,
             wardrobe,
         }
     }
@@ -156,13 +156,13 @@ impl World {
     }
 
     /// Named ways that can be walked; the first is the usual one.
-    pub fn ways(&self) -> &[Way] {
-        &self.ways
+    pub fn routes(&self) -> &[NamedRoute] {
+        &self.routes
     }
 
     /// A way by name.
-    pub fn way(&self, name: &str) -> Option<&Way> {
-        self.ways.iter().find(|w| w.name == name)
+    pub fn route(&self, name: &str) -> Option<&NamedRoute> {
+        self.routes.iter().find(|w| w.name == name)
     }
 
     /// Walls and outlines of furniture seen from above, as segments in metres, to draw.

@@ -1,6 +1,6 @@
 //! An office: a corridor with furnished rooms on both sides, each behind an open door.
 
-use super::Way;
+use super::NamedRoute;
 use super::build::Builder;
 use super::corridor::{hallway, line_walls};
 use super::furniture::Piece;
@@ -71,18 +71,18 @@ pub(super) fn build(b: &mut Builder) {
             // Rooms that look alike keep the same places free whether they are visited or not.
             let keep = if b.options.look_alike { &inside[..] } else { &[(door_x, near)] };
             let keep = [&[out], keep].concat();
-            places.push((rooms.len() - 2, Way::new("kept free", &keep)));
+            places.push((rooms.len() - 2, NamedRoute::new("kept free", &keep)));
         }
     }
     tour.push((length - 1.2, k / 2.0));
-    b.ways.push(Way::new("tour", &tour));
-    b.ways.push(Way::new("there-and-back", &[&tour[..], &[(1.2, k / 2.0)]].concat()));
-    b.ways.push(Way::new("straight", &[(1.2, k / 2.0), (length - 1.2, k / 2.0)]));
+    b.routes.push(NamedRoute::new("tour", &tour));
+    b.routes.push(NamedRoute::new("there-and-back", &[&tour[..], &[(1.2, k / 2.0)]].concat()));
+    b.routes.push(NamedRoute::new("straight", &[(1.2, k / 2.0), (length - 1.2, k / 2.0)]));
     let round: Vec<(f64, f64)> =
         (0..4).flat_map(|_| tour.clone().into_iter().chain([(1.2, k / 2.0)])).collect();
     let mut long = round;
     long.dedup();
-    b.ways.push(Way::new("long", &long));
+    b.routes.push(NamedRoute::new("long", &long));
     plan::build(b, &rooms);
     for (index, keep) in places {
         furnish(b, &rooms[index], keep);
@@ -92,8 +92,8 @@ pub(super) fn build(b: &mut Builder) {
 }
 
 /// Furniture along the walls and in the middle, clear of the ways and of what is to be kept free.
-fn furnish(b: &mut Builder, room: &Room, keep: Way) {
-    b.ways.push(keep);
+fn furnish(b: &mut Builder, room: &Room, keep: NamedRoute) {
+    b.routes.push(keep);
     b.stream(room.stream ^ 0xF00D);
     let [x0, y0, x1, y1] = room.area;
     let middle = Vec2::new(0.5 * (x0 + x1), 0.5 * (y0 + y1));
@@ -108,7 +108,7 @@ fn furnish(b: &mut Builder, room: &Room, keep: Way) {
     let pieces =
         [Piece::Shelf, Piece::Cabinet, Piece::Plant, Piece::Sofa, Piece::Chair, Piece::Cartons, Piece::Shelf];
     line_walls(b, room.area, &pieces, 26, 0.5, room.height);
-    b.ways.pop();
+    b.routes.pop();
 }
 
 #[cfg(test)]

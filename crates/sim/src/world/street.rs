@@ -1,6 +1,6 @@
 //! A street: a road with pavements, houses behind hedges, trees, poles, parked cars, hills and a sky.
 
-use super::Way;
+use super::NamedRoute;
 use super::build::Builder;
 use super::house;
 use crate::texture::{Decor, Material};
@@ -18,11 +18,11 @@ pub(super) fn build(b: &mut Builder) {
     let y = 0.5 * (ROAD + PAVED);
     let end = length - 3.0;
     let block = [(3.0, -y), (end, -y), (end, y), (3.0, y), (3.0, -y)];
-    b.ways.push(Way::new("block", &block));
-    b.ways.push(Way::new("along", &[(3.0, -y), (end, -y)]));
+    b.routes.push(NamedRoute::new("block", &block));
+    b.routes.push(NamedRoute::new("along", &[(3.0, -y), (end, -y)]));
     let long: Vec<(f64, f64)> =
         std::iter::once(block[0]).chain((0..6).flat_map(|_| block[1..].to_vec())).collect();
-    b.ways.push(Way::new("long", &long));
+    b.routes.push(NamedRoute::new("long", &long));
     b.areas.push([-2.0, -PAVED - 8.0, length + 2.0, PAVED + 8.0]);
     ground(b, length);
     horizon(b, length);

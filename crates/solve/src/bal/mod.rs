@@ -9,7 +9,7 @@ mod solve;
 mod text;
 
 pub use camera::BalCamera;
-pub use solve::BalSetting;
+pub use solve::BalConfig;
 pub use text::{read, write};
 
 use cairn_geometry::{Vec2, Vec3};

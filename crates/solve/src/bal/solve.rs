@@ -8,7 +8,7 @@ use cairn_geometry::{Manifold, Vec3};
 
 /// How to solve.
 #[derive(Clone, Copy, Debug)]
-pub struct BalSetting {
+pub struct BalConfig {
     /// What a squared reprojection error in pixels costs.
     pub loss: Loss,
     /// Steps at most, rejected ones too.
@@ -17,7 +17,7 @@ pub struct BalSetting {
     pub tolerance: f64,
 }
 
-impl Default for BalSetting {
+impl Default for BalConfig {
     fn default() -> Self {
         Self { loss: Loss::Squared, iterations: 100, tolerance: 1e-8 }
     }
@@ -31,8 +31,8 @@ impl Bal {
 
     /// Lowers the cost by Levenberg-Marquardt; asks `stop` before each step. Nothing is held: where the whole stands, how it
     /// is turned and its scale stay about as they were because steps are damped.
-    pub fn solve(&mut self, setting: &BalSetting, mut stop: impl FnMut() -> bool) -> Report {
-        let before = self.cost(setting.loss);
+    pub fn solve(&mut self, config: &BalConfig, mut stop: impl FnMut() -> bool) -> Report {
+        let before = self.cost(config.loss);
         let mut report = Report {
             iterations: 0,
             cost_before: before,
@@ -43,11 +43,11 @@ impl Bal {
         if !self.observations.is_empty() && before.is_finite() {
             let rule = Rule {
                 gauss_newton: false,
-                iterations: setting.iterations,
-                tolerance: setting.tolerance,
+                iterations: config.iterations,
+                tolerance: config.tolerance,
                 noise: 1e-16 * self.observations.len() as f64,
             };
-            let mut adjustment = Adjustment::new(self, setting.loss);
+            let mut adjustment = Adjustment::new(self, config.loss);
             (report.iterations, report.stop) = descend(&mut adjustment, &rule, &mut stop);
             report.cost_after = adjustment.normal.cost;
             (self.cameras, self.points) = (adjustment.cameras, adjustment.points);

@@ -38,7 +38,7 @@ pub enum Metric {
 
 /// How to solve.
 #[derive(Clone, Copy, Debug)]
-pub struct GraphSetting {
+pub struct GraphConfig {
     /// How steps are found.
     pub method: Method,
     /// What the residual of an edge is.
@@ -49,7 +49,7 @@ pub struct GraphSetting {
     pub tolerance: f64,
 }
 
-impl Default for GraphSetting {
+impl Default for GraphConfig {
     fn default() -> Self {
         Self {
             method: Method::LevenbergMarquardt,

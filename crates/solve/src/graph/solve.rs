@@ -1,7 +1,7 @@
 //! Solving a graph.
 
 use super::normal::{Layout, Normal};
-use super::{GraphSetting, Method, Metric, PoseGraph};
+use super::{GraphConfig, Method, Metric, PoseGraph};
 use crate::descent::{Attempt, Descend, Rule, descend};
 use crate::sparse::Factor;
 use crate::{CHI2_95, Report, Stop};
@@ -21,9 +21,9 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
     }
 
     /// Lowers the cost; asks `stop` before each step. Whatever ends it, the vertices are left in the best state found.
-    pub fn solve(&mut self, setting: &GraphSetting, mut stop: impl FnMut() -> bool) -> Report {
+    pub fn solve(&mut self, config: &GraphConfig, mut stop: impl FnMut() -> bool) -> Report {
         let layout = Layout::new(&self.held(), &self.edges);
-        let cost = self.cost(setting.metric);
+        let cost = self.cost(config.metric);
         let mut report = Report {
             iterations: 0,
             cost_before: cost,
@@ -38,11 +38,11 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
             },
         };
         if report.stop == Stop::Iterations {
-            let mut descent = Descent::new(self, layout, setting);
+            let mut descent = Descent::new(self, layout, config);
             let rule = Rule {
-                gauss_newton: setting.method == Method::GaussNewton,
-                iterations: setting.iterations,
-                tolerance: setting.tolerance,
+                gauss_newton: config.method == Method::GaussNewton,
+                iterations: config.iterations,
+                tolerance: config.tolerance,
                 noise: 1e-16 * self.edges.len() as f64,
             };
             (report.iterations, report.stop) = descend(&mut descent, &rule, &mut stop);
@@ -50,7 +50,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
             self.values = descent.best;
         }
         let bound = D.checked_sub(1).and_then(|k| CHI2_95.get(k)).copied().unwrap_or(f64::INFINITY);
-        report.inliers = self.edges.iter().filter(|e| self.chi2(e, setting.metric) <= bound).count();
+        report.inliers = self.edges.iter().filter(|e| self.chi2(e, config.metric) <= bound).count();
         report
     }
 }
@@ -58,7 +58,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
 /// A solve under way.
 struct Descent<'a, G, const D: usize> {
     graph: &'a PoseGraph<G, D>,
-    setting: &'a GraphSetting,
+    config: &'a GraphConfig,
     layout: Layout,
     factor: Factor,
     /// The system at `now`.
@@ -72,9 +72,9 @@ struct Descent<'a, G, const D: usize> {
 }
 
 impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
-    fn new(graph: &'a PoseGraph<G, D>, mut layout: Layout, setting: &'a GraphSetting) -> Self {
+    fn new(graph: &'a PoseGraph<G, D>, mut layout: Layout, config: &'a GraphConfig) -> Self {
         let mut normal = Normal::new(&layout);
-        normal.fill(&layout, &graph.values, &graph.edges, setting.metric);
+        normal.fill(&layout, &graph.values, &graph.edges, config.metric);
         let empty = crate::sparse::Analysis::new(0, D, std::iter::empty());
         let analysis = Arc::new(std::mem::replace(&mut layout.analysis, empty));
         Self {
@@ -85,7 +85,7 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
             next: graph.values.clone(),
             best: graph.values.clone(),
             graph,
-            setting,
+            config,
             layout,
             normal,
         }
@@ -120,7 +120,7 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
                 *next = now.retract(&SVector::from(step[*k as usize]));
             }
         }
-        self.tried.fill(&self.layout, &self.next, &self.graph.edges, self.setting.metric);
+        self.tried.fill(&self.layout, &self.next, &self.graph.edges, self.config.metric);
         if !self.next.iter().all(|v| v.is_finite()) {
             self.tried.cost = f64::INFINITY;
         }

@@ -3,8 +3,8 @@
 use super::address::Address;
 use super::child::{Feed, Handle, Recipe};
 use super::rig_for;
-use crate::ahead::Ahead;
 use crate::open::OpenOptions;
+use crate::prefetch::Prefetch;
 use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::ffi::OsString;
 use std::sync::Arc;
@@ -45,7 +45,7 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
     };
     let feed = Some(feed);
     let file = VideoFile { info, rig, handle, feed, size, given: 0, last: None, skipped: Vec::new() };
-    Ok(Box::new(Ahead::start(file)?))
+    Ok(Box::new(Prefetch::start(file)?))
 }
 
 impl Source for VideoFile {

@@ -7,7 +7,7 @@ use super::rig_for;
 use crate::decode::gray_jpeg;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{
-    FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Merge, MergeSetting, Rig, Source, SourceError,
+    FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Merge, MergeConfig, Rig, Source, SourceError,
     SourceInfo, Stamp, Stream,
 };
 use std::collections::VecDeque;
@@ -144,8 +144,8 @@ impl PhoneSource {
         // What comes in has the page's clock already, so nothing is left to add.
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
         let imu_period_s = rig.imu.as_ref().map(|imu| 1.0 / imu.rate_hz);
-        let setting =
-            MergeSetting { imu_period_s, imu_offset_s, wait_s: WAITS.as_secs_f64(), ..Default::default() };
+        let config =
+            MergeConfig { imu_period_s, imu_offset_s, wait_s: WAITS.as_secs_f64(), ..Default::default() };
         let info = SourceInfo { name: NAME.into(), frames: None, rate_hz: 20.0, truth: Vec::new(), assumed };
         Ok(Self {
             port: port.clone(),
@@ -153,7 +153,7 @@ impl PhoneSource {
             rig,
             first: Some(first),
             last: None,
-            merge: Merge::new(setting),
+            merge: Merge::new(config),
             offset: 0,
             skipped: Vec::new(),
         })

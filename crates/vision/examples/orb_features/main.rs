@@ -3,7 +3,7 @@
 //! `orb_features FEATURES OUT IN.pgm...`: for each image a little-endian u32 count, then for each feature
 //! x, y, angle, response (f32), level (u32) and 32 bytes of descriptor.
 
-use cairn_vision::{Features, OrbExtractor, OrbSetting};
+use cairn_vision::{Features, OrbConfig, OrbExtractor};
 use std::error::Error;
 
 mod pgm;
@@ -13,7 +13,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [count, out, images @ ..] = arguments.as_slice() else {
         return Err("usage: orb_features FEATURES OUT IN.pgm...".into());
     };
-    let mut extractor = OrbExtractor::new(OrbSetting { features: count.parse()?, ..OrbSetting::default() });
+    let mut extractor = OrbExtractor::new(OrbConfig { features: count.parse()?, ..OrbConfig::default() });
     let mut features = Features::default();
     let mut bytes = Vec::new();
     for path in images {

@@ -6,14 +6,14 @@ use crate::{Descriptor, best_two};
 
 /// When two features are taken for one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NodeMatchSetting {
+pub struct NodeMatchConfig {
     /// Bits that may differ.
     pub max_distance: u32,
     /// The nearest must differ in less than this share of the bits of the second nearest.
     pub ratio: f64,
 }
 
-impl Default for NodeMatchSetting {
+impl Default for NodeMatchConfig {
     fn default() -> Self {
         Self { max_distance: 60, ratio: 0.8 }
     }
@@ -27,7 +27,7 @@ pub type Seen<'a> = (&'a Bag, &'a [Descriptor]);
 pub fn match_through_nodes(
     first: Seen,
     second: Seen,
-    setting: &NodeMatchSetting,
+    config: &NodeMatchConfig,
     allow_first: impl Fn(usize) -> bool,
     allow_second: impl Fn(usize) -> bool,
 ) -> Vec<[usize; 2]> {
@@ -47,9 +47,9 @@ pub fn match_through_nodes(
         for i in group.iter().map(|(_, i)| usize::from(*i)).filter(|i| allow_first(*i)) {
             let Some(descriptor) = first.1.get(i) else { continue };
             let best = best_two(descriptor, second.1, &candidates);
-            let alone = f64::from(best.distance) < setting.ratio * f64::from(best.second);
+            let alone = f64::from(best.distance) < config.ratio * f64::from(best.second);
             let Some(slot) = taken.get_mut(best.index as usize) else { continue };
-            if best.distance <= setting.max_distance && alone && slot.is_none_or(|s| (best.distance, i) < s) {
+            if best.distance <= config.max_distance && alone && slot.is_none_or(|s| (best.distance, i) < s) {
                 *slot = Some((best.distance, i));
             }
         }

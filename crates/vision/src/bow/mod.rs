@@ -20,6 +20,6 @@ mod vocabulary;
 pub use bag::{Bag, WordId};
 pub use dbow2::{Dbow2Error, import_dbow2};
 pub use format::VocabularyError;
-pub use matching::{NodeMatchSetting, match_through_nodes};
-pub use train::{TrainError, TrainSetting, Trained, train};
+pub use matching::{NodeMatchConfig, match_through_nodes};
+pub use train::{TrainConfig, TrainError, Trained, train};
 pub use vocabulary::{Vocabulary, VocabularyFacts};

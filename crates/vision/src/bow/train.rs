@@ -13,7 +13,7 @@ use std::fmt;
 
 /// What is asked of the training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TrainSetting {
+pub struct TrainConfig {
     /// Children of a node (2 to 4096).
     pub branching: u32,
     /// Levels below the root (1 to 16).
@@ -26,7 +26,7 @@ pub struct TrainSetting {
     pub index_level: Option<u32>,
 }
 
-impl Default for TrainSetting {
+impl Default for TrainConfig {
     fn default() -> Self {
         Self { branching: 16, depth: 4, seed: 1, rounds: 12, index_level: None }
     }
@@ -71,27 +71,27 @@ pub struct Trained {
 ///
 /// # Errors
 /// When the setting is out of range or there is too little to learn from.
-pub fn train(images: &[Vec<Descriptor>], setting: &TrainSetting) -> Result<Trained, TrainError> {
-    if !(2..=MOST_BRANCHING).contains(&setting.branching) {
+pub fn train(images: &[Vec<Descriptor>], config: &TrainConfig) -> Result<Trained, TrainError> {
+    if !(2..=MOST_BRANCHING).contains(&config.branching) {
         return Err(TrainError::Setting("branching must be 2 to 4096"));
     }
-    if !(1..=MOST_DEPTH).contains(&setting.depth) {
+    if !(1..=MOST_DEPTH).contains(&config.depth) {
         return Err(TrainError::Setting("depth must be 1 to 16"));
     }
     let all: Vec<Descriptor> = images.iter().flatten().copied().collect();
     if u32::try_from(all.len()).is_err() || u32::try_from(images.len()).is_err() {
         return Err(TrainError::TooMuch);
     }
-    let mut tree = grow(all, setting);
+    let mut tree = grow(all, config);
     if tree.centres.len() < 2 {
         return Err(TrainError::TooLittle);
     }
     let head = Head {
-        branching: setting.branching,
-        index_level: setting.index_level,
+        branching: config.branching,
+        index_level: config.index_level,
         images: images.len() as u32,
         descriptors: images.iter().map(|i| i.len() as u64).sum(),
-        seed: setting.seed,
+        seed: config.seed,
     };
     let open = |tree: &Tree| {
         let bytes = tree.to_bytes(&head).ok_or(TrainError::TooMuch)?;
@@ -103,20 +103,20 @@ pub fn train(images: &[Vec<Descriptor>], setting: &TrainSetting) -> Result<Train
 }
 
 /// Splits level by level; `all` is reordered so that the members of a node lie side by side.
-fn grow(mut all: Vec<Descriptor>, setting: &TrainSetting) -> Tree {
+fn grow(mut all: Vec<Descriptor>, config: &TrainConfig) -> Tree {
     let mut tree = Tree { centres: vec![[0; 32]], first: Vec::new(), weights: Vec::new() };
     let everything = 0..all.len();
     let mut members = vec![everything];
     let mut level = 0..1;
-    for depth in 0..=setting.depth {
+    for depth in 0..=config.depth {
         for node in level.clone() {
             tree.first.push(tree.centres.len() as u32);
-            if depth == setting.depth {
+            if depth == config.depth {
                 continue;
             }
             let range = members[node].clone();
-            let mut rng = Rng::with_stream(setting.seed, node as u64);
-            let (centres, sizes) = split(&mut all[range.clone()], setting, &mut rng);
+            let mut rng = Rng::with_stream(config.seed, node as u64);
+            let (centres, sizes) = split(&mut all[range.clone()], config, &mut rng);
             let mut from = range.start;
             for (centre, size) in centres.into_iter().zip(sizes) {
                 tree.centres.push(centre);
@@ -132,13 +132,13 @@ fn grow(mut all: Vec<Descriptor>, setting: &TrainSetting) -> Tree {
 }
 
 /// Clusters of some descriptors, which are reordered cluster by cluster: centres and sizes. None, when all are one.
-fn split(some: &mut [Descriptor], setting: &TrainSetting, rng: &mut Rng) -> (Vec<Descriptor>, Vec<usize>) {
-    let mut centres = seeds(some, setting.branching as usize, rng);
+fn split(some: &mut [Descriptor], config: &TrainConfig, rng: &mut Rng) -> (Vec<Descriptor>, Vec<usize>) {
+    let mut centres = seeds(some, config.branching as usize, rng);
     if centres.len() < 2 {
         return (Vec::new(), Vec::new());
     }
     let mut owner: Vec<u32> = vec![u32::MAX; some.len()];
-    for _ in 0..setting.rounds.max(1) {
+    for _ in 0..config.rounds.max(1) {
         let mut changed = false;
         for (o, d) in owner.iter_mut().zip(some.iter()) {
             let nearest = best_two_of(d, &centres).index;

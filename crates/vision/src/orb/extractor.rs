@@ -11,7 +11,7 @@ use cairn_sensor::GrayImage;
 /// What is asked of the extractor.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct OrbSetting {
+pub struct OrbConfig {
     /// Features per image, at most.
     pub features: usize,
     /// Pyramid levels (1 to 16).
@@ -24,7 +24,7 @@ pub struct OrbSetting {
     pub fast_low: u8,
 }
 
-impl Default for OrbSetting {
+impl Default for OrbConfig {
     fn default() -> Self {
         Self { features: 1000, levels: 8, factor: 1.2, fast_high: 20, fast_low: 7 }
     }
@@ -69,7 +69,7 @@ impl Features {
 /// Finds ORB features; reuse it from image to image, for its buffers.
 #[derive(Clone, Debug)]
 pub struct OrbExtractor {
-    setting: OrbSetting,
+    config: OrbConfig,
     backend: Backend,
     pyramid: Pyramid,
     /// Per level.
@@ -86,22 +86,22 @@ const MOST_LEVELS: usize = 16;
 
 impl OrbExtractor {
     /// An extractor with the fastest loops of this machine. Values outside their range are moved to its nearest end.
-    pub fn new(setting: OrbSetting) -> Self {
-        Self::with_backend(setting, Backend::detect())
+    pub fn new(config: OrbConfig) -> Self {
+        Self::with_backend(config, Backend::detect())
     }
 
     /// An extractor with chosen loops, for tests and benches; falls back to what this machine has.
-    pub fn with_backend(setting: OrbSetting, backend: Backend) -> Self {
-        let levels = setting.levels.clamp(1, MOST_LEVELS);
-        let pyramid = Pyramid::new(levels, setting.factor);
-        let setting = OrbSetting {
+    pub fn with_backend(config: OrbConfig, backend: Backend) -> Self {
+        let levels = config.levels.clamp(1, MOST_LEVELS);
+        let pyramid = Pyramid::new(levels, config.factor);
+        let config = OrbConfig {
             levels,
             factor: pyramid.factor(),
-            fast_low: setting.fast_low.min(setting.fast_high),
-            ..setting
+            fast_low: config.fast_low.min(config.fast_high),
+            ..config
         };
         Self {
-            setting,
+            config,
             backend: if backend.available() { backend } else { Backend::Scalar },
             pyramid,
             corners: vec![Vec::new(); levels],
@@ -113,8 +113,8 @@ impl OrbExtractor {
     }
 
     /// The setting in use.
-    pub fn setting(&self) -> &OrbSetting {
-        &self.setting
+    pub fn config(&self) -> &OrbConfig {
+        &self.config
     }
 
     /// The levels of the last image.
@@ -145,7 +145,7 @@ impl OrbExtractor {
 
     /// Corners of all levels.
     fn detect(&mut self) {
-        let thresholds = [self.setting.fast_low, self.setting.fast_high];
+        let thresholds = [self.config.fast_low, self.config.fast_high];
         for (level, found) in self.pyramid.levels().iter().zip(&mut self.corners) {
             corners(level, thresholds, &mut self.fast, found, self.backend);
         }
@@ -160,7 +160,7 @@ impl OrbExtractor {
         }
         let mut given = [0usize; MOST_LEVELS];
         let n = levels.len();
-        shares(&available[..n], self.setting.features, self.setting.factor, &mut given[..n]);
+        shares(&available[..n], self.config.features, self.config.factor, &mut given[..n]);
         for ((level, found), wanted) in levels.iter().zip(&mut self.corners).zip(given) {
             distribute(found, level.width(), level.height(), wanted, &mut self.spread);
         }

@@ -40,7 +40,7 @@ mod tests;
 pub use backend::Backend;
 #[doc(hidden)]
 pub use extractor::Stage;
-pub use extractor::{Features, OrbExtractor, OrbSetting};
+pub use extractor::{Features, OrbConfig, OrbExtractor};
 pub use hamming::{BestTwo, best_two, best_two_of, hamming};
 pub use pyramid::Pyramid;
 

@@ -74,14 +74,14 @@ fn cell(c: f64) -> usize {
     (((c + 256.0) / CELL).max(0.0) as usize).min(CELLS - 1)
 }
 
-fn extract(image: &GrayImage, setting: OrbSetting, backend: Backend) -> Features {
+fn extract(image: &GrayImage, config: OrbConfig, backend: Backend) -> Features {
     let mut out = Features::default();
-    OrbExtractor::with_backend(setting, backend).extract(image, &mut out);
+    OrbExtractor::with_backend(config, backend).extract(image, &mut out);
     out
 }
 
 fn default(image: &GrayImage) -> Features {
-    extract(image, OrbSetting::default(), Backend::detect())
+    extract(image, OrbConfig::default(), Backend::detect())
 }
 
 #[test]
@@ -103,9 +103,9 @@ fn vector_and_scalar_loops_give_the_same_bits() {
     images.push(GrayImage::from_vec(100, 80, vec![255; 8000]).unwrap());
     for image in &images {
         for (factor, fast_low) in [(1.2, 7), (1.2, 0), (1.05, 7), (1.6, 7), (1.41, 254)] {
-            let setting = OrbSetting { factor, fast_low, features: 700, ..OrbSetting::default() };
-            let mut scalar = OrbExtractor::with_backend(setting, Backend::Scalar);
-            let mut vector = OrbExtractor::with_backend(setting, Backend::Avx2);
+            let config = OrbConfig { factor, fast_low, features: 700, ..OrbConfig::default() };
+            let mut scalar = OrbExtractor::with_backend(config, Backend::Scalar);
+            let mut vector = OrbExtractor::with_backend(config, Backend::Avx2);
             let (mut a, mut b) = (Features::default(), Features::default());
             scalar.extract(image, &mut a);
             vector.extract(image, &mut b);
@@ -123,9 +123,9 @@ fn images_without_room_or_texture_give_nothing_and_no_panic() {
     for value in [0, 255] {
         assert!(default(&GrayImage::from_vec(640, 480, vec![value; 640 * 480]).unwrap()).is_empty());
     }
-    let wild = OrbSetting { features: 0, levels: 0, factor: f64::NAN, fast_high: 0, fast_low: 255 };
+    let wild = OrbConfig { features: 0, levels: 0, factor: f64::NAN, fast_high: 0, fast_low: 255 };
     assert!(extract(&noise(100, 100, 1), wild, Backend::detect()).is_empty());
-    let wild = OrbSetting { levels: 999, factor: 1e9, ..OrbSetting::default() };
+    let wild = OrbConfig { levels: 999, factor: 1e9, ..OrbConfig::default() };
     assert!(!extract(&noise(100, 100, 1), wild, Backend::detect()).is_empty());
 }
 
@@ -133,7 +133,7 @@ fn images_without_room_or_texture_give_nothing_and_no_panic() {
 fn the_count_is_what_was_asked_and_never_more() {
     let image = Scene::new(1).image(640, 480, |x, y| [x, y]);
     for features in [1, 7, 100, 333, 1000] {
-        let n = extract(&image, OrbSetting { features, ..OrbSetting::default() }, Backend::detect()).len();
+        let n = extract(&image, OrbConfig { features, ..OrbConfig::default() }, Backend::detect()).len();
         assert!(n <= features && n * 100 >= features * 99, "{n} of {features}");
     }
 }
@@ -141,7 +141,7 @@ fn the_count_is_what_was_asked_and_never_more() {
 #[test]
 fn an_extractor_used_before_gives_the_same_as_a_new_one() {
     let (a, b) = (Scene::new(1).image(320, 240, |x, y| [x, y]), noise(200, 300, 9));
-    let mut used = OrbExtractor::new(OrbSetting::default());
+    let mut used = OrbExtractor::new(OrbConfig::default());
     let mut out = Features::default();
     for image in [&a, &b, &a, &noise(20, 20, 1), &b] {
         used.extract(image, &mut out);
@@ -176,7 +176,7 @@ fn features_spread_over_the_image() {
     };
     let spread = default(&image).raw;
     // The same budget for the strongest corners of all, wherever they are.
-    let all = extract(&image, OrbSetting { features: 100_000, ..OrbSetting::default() }, Backend::detect());
+    let all = extract(&image, OrbConfig { features: 100_000, ..OrbConfig::default() }, Backend::detect());
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| all.response[b].total_cmp(&all.response[a]));
     let strongest: Vec<_> = order.iter().take(spread.len()).map(|&i| all.raw[i]).collect();
@@ -252,7 +252,7 @@ fn features_are_found_again_after_turning_and_scaling() {
 fn angles_turn_with_the_image() {
     let scene = Scene::new(4);
     // A quarter turn keeps the pixel grid of level 0; that of other levels begins at the left and at the top.
-    let one = OrbSetting { levels: 1, ..OrbSetting::default() };
+    let one = OrbConfig { levels: 1, ..OrbConfig::default() };
     let a = extract(&scene.image(320, 320, |x, y| [x, y]), one, Backend::detect());
     let b = extract(&scene.image(320, 320, |x, y| [319.0 - y, x]), one, Backend::detect());
     let mut checked = 0;

@@ -15,7 +15,7 @@ pub use five_point::five_point;
 pub use homography::{four_point, motions as homography_motions};
 pub use verify::{Verified, verify_two_views};
 
-use crate::EyeModel;
+use crate::RectifiedCamera;
 use crate::triangulate::{correct, essential, midpoint};
 use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
 use cairn_solve::ransac::{Rng, iterations};
@@ -24,7 +24,7 @@ use std::fmt;
 
 /// What is asked of the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TwoViewSetting {
+pub struct TwoViewConfig {
     /// Samples drawn, at most.
     pub iterations: usize,
     /// Standard deviation of a keypoint in pixels.
@@ -43,7 +43,7 @@ pub struct TwoViewSetting {
     pub homography_ratio: f64,
 }
 
-impl Default for TwoViewSetting {
+impl Default for TwoViewConfig {
     fn default() -> Self {
         Self {
             iterations: 200,
@@ -158,10 +158,10 @@ struct Candidate {
 /// Finds the motion between two views from matched rectified pixels (`first[i]` and `second[i]` are one point), or says
 /// why there is none to be had. The same seed gives the same answer.
 pub fn two_view(
-    eye: &EyeModel,
+    camera: &RectifiedCamera,
     first: &[[f32; 2]],
     second: &[[f32; 2]],
-    setting: &TwoViewSetting,
+    config: &TwoViewConfig,
     seed: u64,
 ) -> Result<TwoView, TwoViewRejected> {
     let n = first.len().min(second.len());
@@ -174,17 +174,17 @@ pub fn two_view(
         parallax_deg: 0.0,
         homography_ratio: 0.0,
     };
-    if n < setting.min_points.max(8) {
+    if n < config.min_points.max(8) {
         return Err(rejected);
     }
-    let focal = (eye.fx * eye.fy).sqrt();
-    let sigma = setting.sigma_px / focal;
-    let matches = on_unit_plane(eye, first, second);
-    let best = search(&matches, sigma, setting, seed);
+    let focal = (camera.fx * camera.fy).sqrt();
+    let sigma = config.sigma_px / focal;
+    let matches = on_unit_plane(camera, first, second);
+    let best = search(&matches, sigma, config, seed);
     rejected.homography_ratio = best.ratio();
     rejected.reason = TwoViewReason::TooFewInliers;
 
-    let mut candidates = best.candidates(&matches, sigma, setting);
+    let mut candidates = best.candidates(&matches, sigma, config);
     let Some(winner) = take_best(&mut candidates) else { return Err(rejected) };
     let other =
         candidates.iter().filter(|c| differ(&c.motion, &winner.motion)).map(|c| c.score).fold(0.0, f64::max);
@@ -194,19 +194,19 @@ pub fn two_view(
     rejected.parallax_deg = winner.parallax_deg;
     // Noise alone looks like this much parallax.
     let noise_deg = (3.0 * std::f64::consts::SQRT_2 * sigma).to_degrees();
-    rejected.reason = if winner.inliers < setting.min_points {
+    rejected.reason = if winner.inliers < config.min_points {
         TwoViewReason::TooFewInliers
-    } else if winner.parallax_deg < setting.min_parallax_deg.max(noise_deg) {
+    } else if winner.parallax_deg < config.min_parallax_deg.max(noise_deg) {
         TwoViewReason::LowParallax
-    } else if winner.count < setting.min_points
-        || (winner.inliers as f64) < setting.min_front_share * winner.on_lines as f64
+    } else if winner.count < config.min_points
+        || (winner.inliers as f64) < config.min_front_share * winner.on_lines as f64
     {
         TwoViewReason::TooFewPoints
-    } else if rejected.other_share > setting.ambiguity {
+    } else if rejected.other_share > config.ambiguity {
         TwoViewReason::Ambiguous
     } else {
         let ratio = best.ratio();
-        let plane = ratio > setting.homography_ratio;
+        let plane = ratio > config.homography_ratio;
         return Ok(TwoView {
             second_from_first: winner.motion,
             points: winner.points,
@@ -234,7 +234,7 @@ struct Best {
 }
 
 /// Draws samples of five; the first four of each make a homography.
-fn search(matches: &[Match], sigma: f64, setting: &TwoViewSetting, seed: u64) -> Best {
+fn search(matches: &[Match], sigma: f64, config: &TwoViewConfig, seed: u64) -> Best {
     // Scores want points whose standard deviation is one.
     let scaled: Vec<Match> = matches.iter().map(|m| m.map(|c| c / sigma)).collect();
     let to_unit = Mat3::from_diagonal(&Vec3::new(sigma, sigma, 1.0));
@@ -242,7 +242,7 @@ fn search(matches: &[Match], sigma: f64, setting: &TwoViewSetting, seed: u64) ->
     let mut best =
         Best { homography: None, homography_score: 0.0, essentials: Vec::with_capacity(FOLLOWED + 1) };
     let mut rng = Rng::with_stream(seed, 2);
-    let mut limit = setting.iterations;
+    let mut limit = config.iterations;
     let mut done = 0;
     while done < limit {
         done += 1;
@@ -269,7 +269,7 @@ fn search(matches: &[Match], sigma: f64, setting: &TwoViewSetting, seed: u64) ->
             let s = score::fundamental(&f, &scaled);
             if best.offer(s, e) {
                 let share = score::fundamental_inliers(&f, &scaled) as f64 / scaled.len() as f64;
-                limit = iterations(share, 5, 0.9999, setting.iterations).max(setting.iterations.min(30));
+                limit = iterations(share, 5, 0.9999, config.iterations).max(config.iterations.min(30));
             }
         });
     }
@@ -299,7 +299,7 @@ impl Best {
     }
 
     /// The motions of all models, refined and judged; those with far fewer inliers than the best are left out early.
-    fn candidates(&self, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -> Vec<Candidate> {
+    fn candidates(&self, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> Vec<Candidate> {
         let stride = matches.len().div_ceil(FIRST_LOOK);
         let some: Vec<Match> = matches.iter().step_by(stride).copied().collect();
         let from_homography = self.homography.as_ref().and_then(homography_motions).into_iter().flatten();
@@ -307,7 +307,7 @@ impl Best {
         // Looser at first: a model of five noisy points is not exact.
         let judged: Vec<Candidate> = from_homography
             .chain(from_essential)
-            .map(|motion| judge(motion, &some, 2.0 * sigma, setting))
+            .map(|motion| judge(motion, &some, 2.0 * sigma, config))
             .collect();
         let most = judged.iter().map(|c| c.inliers).max().unwrap_or(0);
         judged
@@ -315,7 +315,7 @@ impl Best {
             .filter(|c| c.inliers * 2 >= most)
             .map(|c| {
                 let motion = refine::refine(&c.motion, matches, sigma);
-                judge(motion, matches, sigma, setting)
+                judge(motion, matches, sigma, config)
             })
             .collect()
     }
@@ -354,7 +354,7 @@ pub fn essential_motions(e: &Mat3) -> Option<[Se3; 4]> {
 
 /// Triangulates all matches under a motion: inliers obey it (near both lines, and either in front of both eyes or too far
 /// to tell), points have parallax besides.
-fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -> Candidate {
+fn judge(motion: Se3, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> Candidate {
     let e = essential(&motion);
     let inverse = motion.rotation.inverse();
     let (line, pixel) = (CHI2_1 * sigma * sigma, CHI2_2 * sigma * sigma);
@@ -374,14 +374,14 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -
         let moved = (ca - a).norm_squared().max((cb - b).norm_squared());
         let met = midpoint(&motion, &ca.push(1.0), &cb.push(1.0));
         let in_front = met.is_some_and(|p| p.z > 0.0 && (motion * p).z > 0.0);
-        if moved > pixel || !in_front && parallax > setting.point_parallax_deg {
+        if moved > pixel || !in_front && parallax > config.point_parallax_deg {
             continue;
         }
         inliers += 1;
         total += distances.iter().map(|d| CHI2_2 - d / (sigma * sigma)).sum::<f64>();
         if in_front {
             parallaxes.push(parallax);
-            if parallax > setting.point_parallax_deg {
+            if parallax > config.point_parallax_deg {
                 *point = met;
             }
         }
@@ -396,8 +396,8 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, setting: &TwoViewSetting) -
 }
 
 /// Matches of pixels as matches on the plane one unit ahead.
-fn on_unit_plane(eye: &EyeModel, first: &[[f32; 2]], second: &[[f32; 2]]) -> Vec<Match> {
-    let unit = |p: [f32; 2]| eye.unproject(p, 1.0).xy();
+fn on_unit_plane(camera: &RectifiedCamera, first: &[[f32; 2]], second: &[[f32; 2]]) -> Vec<Match> {
+    let unit = |p: [f32; 2]| camera.unproject(p, 1.0).xy();
     let pair = |(&a, &b)| {
         let (a, b) = (unit(a), unit(b));
         [a.x, a.y, b.x, b.y]

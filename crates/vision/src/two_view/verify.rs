@@ -6,8 +6,8 @@
 
 use super::refine::refine;
 use super::score::{self, CHI2_1};
-use super::{TwoViewSetting, essential_motions, on_unit_plane, search};
-use crate::EyeModel;
+use super::{TwoViewConfig, essential_motions, on_unit_plane, search};
+use crate::RectifiedCamera;
 use crate::triangulate::essential;
 use cairn_geometry::{Mat3, Vec3};
 
@@ -33,23 +33,23 @@ const SAMPLE: usize = 5;
 /// Essential matrices that a sample gives, at most.
 const MODELS: f64 = 10.0;
 
-/// Seeks the motion that most matches obey (`first[i]` and `second[i]` are one point, rectified pixels). Unlike
+/// Seeks the motion that most matches obey (`first[i]` and `second[i]` are one point, rectified pixels). MatchFailure
 /// [`super::two_view`] it needs no parallax: a camera that only turned, or stands where it stood before, passes. `None` for
 /// fewer than eight matches. The same seed gives the same answer.
 pub fn verify_two_views(
-    eye: &EyeModel,
+    camera: &RectifiedCamera,
     first: &[[f32; 2]],
     second: &[[f32; 2]],
-    setting: &TwoViewSetting,
+    config: &TwoViewConfig,
     seed: u64,
 ) -> Option<Verified> {
     let n = first.len().min(second.len());
     if n < 8 {
         return None;
     }
-    let sigma = setting.sigma_px / (eye.fx * eye.fy).sqrt();
-    let matches = on_unit_plane(eye, first, second);
-    let best = search(&matches, sigma, setting, seed);
+    let sigma = config.sigma_px / (camera.fx * camera.fy).sqrt();
+    let matches = on_unit_plane(camera, first, second);
+    let best = search(&matches, sigma, config, seed);
     let obey = |e: &Mat3| -> Vec<bool> {
         let bound = CHI2_1 * sigma * sigma;
         matches.iter().map(|m| score::line_distances(e, m).iter().all(|&d| d < bound)).collect()
@@ -66,10 +66,10 @@ pub fn verify_two_views(
             inliers = found;
         }
     }
-    let [x0, y0, x1, y1] = eye.bounds;
+    let [x0, y0, x1, y1] = camera.bounds;
     let (width, height) = (x1 - x0, y1 - y0);
     // A random point lies near a line with the chance of the strip along the diagonal.
-    let strip = 2.0 * CHI2_1.sqrt() * setting.sigma_px * Vec3::new(width, height, 0.0).norm();
+    let strip = 2.0 * CHI2_1.sqrt() * config.sigma_px * Vec3::new(width, height, 0.0).norm();
     let chance = (strip / (width * height)).clamp(1e-9, 1.0);
     Some(Verified { log10_false_alarms: log10_false_alarms(n, count(&inliers), chance), inliers })
 }
@@ -95,8 +95,8 @@ mod tests {
     use cairn_geometry::{Se3, So3};
     use cairn_solve::ransac::Rng;
 
-    fn eye() -> EyeModel {
-        EyeModel {
+    fn camera() -> RectifiedCamera {
+        RectifiedCamera {
             fx: 400.0,
             fy: 400.0,
             cx: 320.0,
@@ -104,18 +104,20 @@ mod tests {
             baseline_fx: 0.0,
             bounds: [0.0, 0.0, 640.0, 480.0],
             close_depth: 0.0,
-            body_from_eye: Se3::identity(),
+            body_from_camera: Se3::identity(),
         }
     }
 
     /// Matches of a scene seen from two places, some of them wrong.
     fn matches(motion: &Se3, right: usize, wrong: usize, seed: u64) -> [Vec<[f32; 2]>; 2] {
-        let (eye, mut rng) = (eye(), Rng::new(seed));
+        let (camera, mut rng) = (camera(), Rng::new(seed));
         let (mut a, mut b) = (Vec::new(), Vec::new());
         while a.len() < right {
             let p = [rng.range(0.0, 640.0) as f32, rng.range(0.0, 480.0) as f32];
-            let q = *motion * eye.unproject(p, rng.range(2.0, 12.0));
-            let Some([u, v, _]) = eye.project(&q).filter(|q| eye.contains(q[0], q[1])) else { continue };
+            let q = *motion * camera.unproject(p, rng.range(2.0, 12.0));
+            let Some([u, v, _]) = camera.project(&q).filter(|q| camera.contains(q[0], q[1])) else {
+                continue;
+            };
             a.push(p);
             b.push([(u + 0.5 * rng.normal()) as f32, (v + 0.5 * rng.normal()) as f32]);
         }
@@ -129,7 +131,7 @@ mod tests {
 
     #[test]
     fn one_scene_is_believed_with_any_motion_and_random_matches_never() {
-        let setting = TwoViewSetting::default();
+        let config = TwoViewConfig::default();
         let motions = [
             Se3::new(So3::exp(&Vec3::new(0.02, 0.1, -0.03)), Vec3::new(0.5, 0.1, 0.3)),
             Se3::new(So3::exp(&Vec3::new(0.0, 0.15, 0.05)), Vec3::zeros()),
@@ -138,17 +140,17 @@ mod tests {
         for seed in 0..8 {
             for motion in &motions {
                 let [a, b] = matches(motion, 40, 40, seed);
-                let v = verify_two_views(&eye(), &a, &b, &setting, seed).unwrap();
+                let v = verify_two_views(&camera(), &a, &b, &config, seed).unwrap();
                 let right = v.inliers[..40].iter().filter(|i| **i).count();
                 assert!(right >= 34, "seed {seed}: {right}");
                 assert!(v.log10_false_alarms < -10.0, "seed {seed}: {}", v.log10_false_alarms);
             }
             for n in [8, 20, 80, 300] {
                 let [a, b] = matches(&motions[0], 0, n, seed);
-                let v = verify_two_views(&eye(), &a, &b, &setting, seed).unwrap();
+                let v = verify_two_views(&camera(), &a, &b, &config, seed).unwrap();
                 assert!(v.log10_false_alarms > -2.0, "seed {seed}, {n}: {}", v.log10_false_alarms);
             }
         }
-        assert!(verify_two_views(&eye(), &[[0.0; 2]; 7], &[[0.0; 2]; 7], &setting, 0).is_none());
+        assert!(verify_two_views(&camera(), &[[0.0; 2]; 7], &[[0.0; 2]; 7], &config, 0).is_none());
     }
 }

@@ -66,11 +66,11 @@ function take(message) {
   known[kind]?.(value);
 }
 
-function hello({ id, eyes }) {
+function hello({ id, camera }) {
   me = id;
   rest = 300;
-  ownCamera = eyes === '';
-  $('link').textContent = ownCamera ? 'Connected.' : `Connected; the walk sees with ${eyes}.`;
+  ownCamera = camera === '';
+  $('link').textContent = ownCamera ? 'Connected.' : `Connected; the walk sees with ${camera}.`;
   if (told) senses.say({ text: 'Connected again.', priority: 2 });
   told = false;
 }
@@ -136,7 +136,7 @@ function status(s) {
     ? `${s.recording.points} points, ${s.recording.length.toFixed(1)} ${s.metric ? 'metres' : 'units'}, ${s.recording.file}`
       + (s.recording.trouble ? `; not on disk: ${s.recording.trouble}` : '')
     : 'no');
-  set('s-way', s.way ? `${s.way.file}, ${s.way.points} points${s.way.here ? '' : ', of another map'}` : 'none');
+  set('s-route', s.route ? `${s.route.file}, ${s.route.points} points${s.route.here ? '' : ', of another map'}` : 'none');
   set('s-guiding', s.guiding
     ? `${s.guiding.facing}, ${s.guiding.state}, ${s.guiding.along_m.toFixed(1)} of ${s.guiding.length_m.toFixed(1)}${s.metric ? ' metres' : ''}`
     : 'none');

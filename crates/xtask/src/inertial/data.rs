@@ -14,7 +14,7 @@ const EUROC: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-
 const TUMVI: ImuNoise = ImuNoise { gyro: 1.6e-4, gyro_walk: 2.2e-5, accel: 2.8e-3, accel_walk: 8.6e-4 };
 
 /// Where EuRoC's left camera sits, which stands for the eye of all.
-pub fn imu_from_eye() -> Se3 {
+pub fn imu_from_camera() -> Se3 {
     let q = So3::from_xyzw(-0.007_707_18, 0.010_499_32, 0.701_752_8, 0.712_301_5).unwrap_or(So3::identity());
     Se3::new(q, Vec3::new(-0.021_640_1, -0.064_677, 0.009_810_7))
 }

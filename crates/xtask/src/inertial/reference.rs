@@ -4,7 +4,7 @@
 use super::data::{Motion, links};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{
-    Bias, InitialiseSetting, NavState, OffsetSetting, Scale, Seen, SeenPose, TimeOffset, initialise,
+    Bias, InitialiseConfig, NavState, OffsetConfig, Scale, Seen, SeenPose, TimeOffset, initialise,
     time_offset,
 };
 use cairn_sensor::Stamp;
@@ -38,13 +38,13 @@ impl Reference {
                 (0..=(WINDOW_S / STEP_S) as usize).map(|k| from.plus_seconds(STEP_S * k as f64)).collect();
             let poses: Option<Vec<SeenPose>> = stamps
                 .iter()
-                .map(|t| Some(SeenPose { stamp: *t, world_from_eye: motion.pose(*t)? }))
+                .map(|t| Some(SeenPose { stamp: *t, world_from_camera: motion.pose(*t)? }))
                 .collect();
             if let (Some(poses), Some(links)) = (poses, links(&buffer, Bias::default(), &stamps)) {
                 let seen = Seen { poses: &poses, rotation_sigma: 1e-3, position_sigma: 1e-3 };
-                let setting = InitialiseSetting { accel_bias_sigma: 1.0, ..Default::default() };
+                let config = InitialiseConfig { accel_bias_sigma: 1.0, ..Default::default() };
                 let scale = Scale::Known { sigma: 1e-6 };
-                if let Some(found) = initialise(&seen, &links, &Se3::identity(), scale, &setting).found {
+                if let Some(found) = initialise(&seen, &links, &Se3::identity(), scale, &config).found {
                     gravities.push(found.gravity.vector());
                     windows.push((from, found.bias, found.residual));
                     states.extend(stamps.iter().copied().zip(found.states));
@@ -58,7 +58,7 @@ impl Reference {
             .filter_map(|t| Some((t, motion.pose(t)?.rotation)))
             .collect();
         let given = cairn_geometry::So3::identity();
-        let clock = time_offset(&poses, &motion.samples, &given, &OffsetSetting::default()).ok();
+        let clock = time_offset(&poses, &motion.samples, &given, &OffsetConfig::default()).ok();
         Self { gravity, windows, states, clock }
     }
 

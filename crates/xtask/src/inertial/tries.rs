@@ -1,12 +1,12 @@
 //! Initialisation tried at many times of a recording: true poses at the rate of key frames with noise, in a world that
 //! stands askew and has a unit of its own, as a map of one camera has.
 
-use super::data::{Motion, imu_from_eye, links};
+use super::data::{Motion, imu_from_camera, links};
 use super::drift::middle_and_most;
 use super::reference::Reference;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{
-    Bias, GateKind, ImuBuffer, Initial, InitialiseSetting, OffsetSetting, Scale, Seen, SeenPose, initialise,
+    Bias, GateKind, ImuBuffer, Initial, InitialiseConfig, OffsetConfig, Scale, Seen, SeenPose, initialise,
     time_offset,
 };
 use cairn_sensor::{ImuSample, Stamp};
@@ -236,20 +236,21 @@ impl Case<'_> {
         let mut rng = Rng::with_stream(3, stream);
         let c = self.condition;
         let mut out = Start::default();
-        let eye = imu_from_eye();
+        let camera = imu_from_camera();
         let sigma = c.rotation_deg.to_radians();
         let mut corrected = 0.0;
         if c.corrects {
             let mut seen = |sigma: f64| -> Vec<(Stamp, So3)> {
                 let times = (0..(OFFSET_S / IMAGE_S) as usize).map(|k| from.plus_seconds(IMAGE_S * k as f64));
                 let mut pose = |t: Stamp| {
-                    let turned = self.motion.pose(t)?.rotation * eye.rotation;
+                    let turned = self.motion.pose(t)?.rotation * camera.rotation;
                     Some((t.plus_seconds(c.offset_s), turned * So3::exp(&vector(&mut rng, sigma))))
                 };
                 times.filter_map(&mut pose).collect()
             };
             let near = self.near(from, from.plus_seconds(OFFSET_S));
-            let find = |poses: &[_]| time_offset(poses, near, &eye.rotation, &OffsetSetting::default()).ok();
+            let find =
+                |poses: &[_]| time_offset(poses, near, &camera.rotation, &OffsetConfig::default()).ok();
             // The recording's own clocks drift by milliseconds: what the exact poses of these seconds give is right.
             let exact = find(&seen(0.0));
             if let (Some(found), Some(exact)) = (find(&seen(sigma)), exact) {
@@ -272,8 +273,8 @@ impl Case<'_> {
                 rotation_sigma: sigma.max(1e-3),
                 position_sigma: place_sigma / unit,
             };
-            let setting = InitialiseSetting::default();
-            let attempt = initialise(&seen, &links[..n - 1], &eye, Scale::Free, &setting);
+            let config = InitialiseConfig::default();
+            let attempt = initialise(&seen, &links[..n - 1], &camera, Scale::Free, &config);
             let good = attempt.accepted().is_some();
             let stopped: Vec<GateKind> = attempt.failed().map(|g| g.kind).collect();
             let errors = attempt.found.map(|f| self.errors(&f, unit, &turn, stamps[0], stamps[n - 1]));
@@ -315,15 +316,15 @@ impl Case<'_> {
             .map(|k| from.plus_seconds(KEY_FRAME_S * k as f64))
             .collect();
         let truth: Option<Vec<Se3>> =
-            times.iter().map(|t| Some(self.motion.pose(*t)? * imu_from_eye())).collect();
+            times.iter().map(|t| Some(self.motion.pose(*t)? * imu_from_camera())).collect();
         let truth = truth?;
         let mut steps: Vec<f64> =
             truth.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).collect();
         let sigma = c.place_part * middle_and_most(&mut steps)[0] + 0.001;
-        let poses = times.iter().zip(&truth).map(|(t, eye)| {
-            let rotation = *turn * eye.rotation * So3::exp(&vector(rng, c.rotation_deg.to_radians()));
-            let place = *turn * (eye.translation + vector(rng, sigma)) / unit;
-            SeenPose { stamp: t.plus_seconds(c.offset_s), world_from_eye: Se3::new(rotation, place) }
+        let poses = times.iter().zip(&truth).map(|(t, camera)| {
+            let rotation = *turn * camera.rotation * So3::exp(&vector(rng, c.rotation_deg.to_radians()));
+            let place = *turn * (camera.translation + vector(rng, sigma)) / unit;
+            SeenPose { stamp: t.plus_seconds(c.offset_s), world_from_camera: Se3::new(rotation, place) }
         });
         Some((poses.collect(), sigma))
     }

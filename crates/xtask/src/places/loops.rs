@@ -8,8 +8,8 @@
 use super::{Seen, extractor};
 use cairn_geometry::Se3;
 use cairn_sources::read_gray;
-use cairn_vision::bow::{NodeMatchSetting, Vocabulary, match_through_nodes};
-use cairn_vision::{EyeModel, TwoViewSetting, consistent_rotation, verify_two_views};
+use cairn_vision::bow::{NodeMatchConfig, Vocabulary, match_through_nodes};
+use cairn_vision::{RectifiedCamera, TwoViewConfig, consistent_rotation, verify_two_views};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -72,7 +72,7 @@ pub struct Walk {
     /// `truth[query][earlier]`.
     pub truth: Vec<Vec<bool>>,
     /// The camera assumed.
-    pub eye: EyeModel,
+    pub camera: RectifiedCamera,
     /// Focal lengths tried, as shares of the width, with the matches of next neighbours that obey a motion.
     pub focals: Vec<(f64, usize)>,
 }
@@ -98,16 +98,16 @@ pub fn read(data: &Path, vocabulary: &Vocabulary) -> Result<Option<Walk>, String
         seen.push(Seen::of(&mut extractor, &image, vocabulary));
     }
     let focals: Vec<(f64, usize)> = [0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5]
-        .map(|share| (share, neighbours_that_agree(&seen, &eye(size, share))))
+        .map(|share| (share, neighbours_that_agree(&seen, &camera(size, share))))
         .to_vec();
     let best = focals.iter().fold((0.0, 0), |best, f| if f.1 > best.1 { *f } else { best });
-    Ok(Some(Walk { seen, truth, eye: eye(size, best.0), focals }))
+    Ok(Some(Walk { seen, truth, camera: camera(size, best.0), focals }))
 }
 
 /// A pinhole with its centre in the middle of the image.
-fn eye([width, height]: [usize; 2], focal_share: f64) -> EyeModel {
+fn camera([width, height]: [usize; 2], focal_share: f64) -> RectifiedCamera {
     let (w, h) = (width as f64, height as f64);
-    EyeModel {
+    RectifiedCamera {
         fx: focal_share * w,
         fy: focal_share * w,
         cx: (w - 1.0) / 2.0,
@@ -115,22 +115,22 @@ fn eye([width, height]: [usize; 2], focal_share: f64) -> EyeModel {
         baseline_fx: 0.0,
         bounds: [0.0, 0.0, w, h],
         close_depth: 0.0,
-        body_from_eye: Se3::identity(),
+        body_from_camera: Se3::identity(),
     }
 }
 
 /// The focal length is not known: the one under which photographs taken one after another agree best is taken.
-fn neighbours_that_agree(seen: &[Seen], eye: &EyeModel) -> usize {
-    seen.windows(2).map(|w| verify(&w[1], &w[0], eye, 0).1).sum()
+fn neighbours_that_agree(seen: &[Seen], camera: &RectifiedCamera) -> usize {
+    seen.windows(2).map(|w| verify(&w[1], &w[0], camera, 0).1).sum()
 }
 
 /// Matches through nodes that turned alike, how many of them obey one motion, and how likely that is by chance.
-fn verify(a: &Seen, b: &Seen, eye: &EyeModel, seed: u64) -> (usize, usize, f64) {
+fn verify(a: &Seen, b: &Seen, camera: &RectifiedCamera, seed: u64) -> (usize, usize, f64) {
     let (fa, fb) = (&a.features, &b.features);
     let pairs = match_through_nodes(
         (&a.bag, &fa.descriptors),
         (&b.bag, &fb.descriptors),
-        &NodeMatchSetting::default(),
+        &NodeMatchConfig::default(),
         |_| true,
         |_| true,
     );
@@ -138,8 +138,8 @@ fn verify(a: &Seen, b: &Seen, eye: &EyeModel, seed: u64) -> (usize, usize, f64) 
     let pairs = consistent_rotation(turned);
     let first: Vec<[f32; 2]> = pairs.iter().map(|p| fa.raw[p[0]]).collect();
     let second: Vec<[f32; 2]> = pairs.iter().map(|p| fb.raw[p[1]]).collect();
-    let setting = TwoViewSetting { sigma_px: SIGMA_PX, ..TwoViewSetting::default() };
-    let verified = verify_two_views(eye, &first, &second, &setting, seed);
+    let config = TwoViewConfig { sigma_px: SIGMA_PX, ..TwoViewConfig::default() };
+    let verified = verify_two_views(camera, &first, &second, &config, seed);
     let (inliers, alarms) = verified.map_or((0, f64::INFINITY), |v| (v.count(), v.log10_false_alarms));
     (pairs.len(), inliers, alarms)
 }
@@ -174,7 +174,7 @@ impl Walk {
             for &(score, earlier) in row.iter().take(candidates) {
                 let seed = (query * self.seen.len() + earlier) as u64;
                 let (matches, inliers, log10_false_alarms) =
-                    verify(&self.seen[query], &self.seen[earlier], &self.eye, seed);
+                    verify(&self.seen[query], &self.seen[earlier], &self.camera, seed);
                 let truth = self.truth[query][earlier];
                 pairs.push(Pair { query, earlier, score, matches, inliers, log10_false_alarms, truth });
             }

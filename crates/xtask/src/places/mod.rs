@@ -8,7 +8,7 @@ pub mod times;
 use cairn_sensor::GrayImage;
 use cairn_sources::{OpenOptions, open};
 use cairn_vision::bow::{Bag, Vocabulary};
-use cairn_vision::{Descriptor, Features, OrbExtractor, OrbSetting};
+use cairn_vision::{Descriptor, Features, OrbConfig, OrbExtractor};
 use std::path::{Path, PathBuf};
 
 /// One image as places know it.
@@ -32,7 +32,7 @@ impl Seen {
 
 /// The extractor that all of this uses: the one of mapping by default.
 pub fn extractor() -> OrbExtractor {
-    OrbExtractor::new(OrbSetting::default())
+    OrbExtractor::new(OrbConfig::default())
 }
 
 /// Worlds that are asked, with seeds that no vocabulary was trained on; each is walked twice.

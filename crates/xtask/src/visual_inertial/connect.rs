@@ -16,5 +16,5 @@ pub fn engine(rig: &Rig, sensor: Sensor, rate_hz: f64, config: &Config) -> Resul
 
 /// Seconds to add to an IMU stamp to get the image clock, as the engine has found it; 0 where it has found none.
 pub fn offset_s(engine: &Engine, sensor: Sensor) -> Option<f64> {
-    sensor.is_inertial().then(|| engine.map().imu_offset())
+    sensor.is_inertial().then(|| engine.snapshot().imu_offset())
 }

@@ -2,7 +2,7 @@
 
 use super::connect;
 use crate::Sensor;
-use cairn_atlas::WorldId;
+use cairn_atlas::MapId;
 use cairn_engine::{Config, Engine};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec3};
@@ -41,9 +41,9 @@ pub struct Ran {
     /// As they were told at the time, from the first in metres on where there are metres.
     pub live: Vec<(Stamp, Se3)>,
     /// When each world was begun: the first one is the start.
-    pub begun: Vec<Stamp>,
+    pub map_created: Vec<Stamp>,
     /// Worlds in which final poses stand.
-    pub pose_worlds: usize,
+    pub pose_maps: usize,
     /// When the first pose was told in metres.
     pub metric_at: Option<Stamp>,
     /// Whether lengths were metres at the end.
@@ -97,7 +97,7 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
     let rig = source.rig().clone();
     let mut engine = connect::engine(&rig, asked.sensor, source.info().rate_hz, &asked.config)?;
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut known, mut begun, mut metric_at) = (BTreeSet::<WorldId>::new(), Vec::new(), None);
+    let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
     while stamps.len() < asked.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
@@ -119,9 +119,9 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
                 eprintln!("initialising: {} {found:?}", gates.join("; "));
             }
         }
-        for (world, _) in engine.map().worlds() {
+        for (world, _) in engine.snapshot().maps() {
             if known.insert(world) {
-                begun.push(packet.stamp);
+                map_created.push(packet.stamp);
             }
         }
         if metric_at.is_none() && out.metric {
@@ -129,10 +129,10 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
         }
         stamps.push(packet.stamp);
         track_ms.push(out.track_ms);
-        step_ms.push(out.see_ms + out.track_ms);
+        step_ms.push(out.extract_ms + out.track_ms);
     }
     engine.finish();
-    engine.map().check()?;
+    engine.snapshot().check()?;
     let first = stamps.first().copied().unwrap_or_default();
     let last = stamps.last().copied().unwrap_or_default();
     let mut truth = engine.comparable(&source.info().truth);
@@ -141,8 +141,8 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
         truth,
         poses: engine.trajectory(),
         live: metres(engine.live_trajectory(), metric_at),
-        begun,
-        pose_worlds: pose_worlds(&engine),
+        map_created,
+        pose_maps: pose_maps(&engine),
         metric_at,
         metric: engine.is_metric(),
         track_ms,
@@ -158,11 +158,11 @@ fn metres(mut poses: Vec<(Stamp, Se3)>, metric_at: Option<Stamp>) -> Vec<(Stamp,
 }
 
 /// In how many worlds the poses of all frames stand.
-fn pose_worlds(engine: &Engine) -> usize {
-    let map = engine.map();
-    let placed = engine.log().frames().iter().filter_map(|f| f.placed);
-    let worlds: BTreeSet<WorldId> =
-        placed.filter_map(|p| Some(map.key_frame(map.living(p.reference)?.0)?.world)).collect();
+fn pose_maps(engine: &Engine) -> usize {
+    let map = engine.snapshot();
+    let anchored = engine.log().frames().iter().filter_map(|f| f.anchored);
+    let worlds: BTreeSet<MapId> =
+        anchored.filter_map(|p| Some(map.key_frame(map.surviving_ancestor(p.reference)?.0)?.map)).collect();
     worlds.len()
 }
 
@@ -188,8 +188,8 @@ impl Ran {
             scale_percent: similar.filter(|_| self.metric).map(|r| 100.0 * (r.1 - 1.0).abs()),
             coverage: tracked as f64 / self.stamps.len().max(1) as f64,
             metric_s: self.metric_at.zip(first).map(|(at, first)| at - first),
-            resets: self.begun.len().saturating_sub(1),
-            worlds: self.pose_worlds,
+            resets: self.map_created.len().saturating_sub(1),
+            worlds: self.pose_maps,
             offset_ms: self.offset_s.map(|o| 1e3 * (o - true_offset_s).abs()),
             track_ms: Percentiles::of(&self.track_ms).unwrap_or_default(),
             step_ms: Percentiles::of(&self.step_ms).unwrap_or_default(),

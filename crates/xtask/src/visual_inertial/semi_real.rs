@@ -4,9 +4,9 @@ use super::ran::{Asked, Figures, run};
 use crate::Sensor;
 use crate::inertial::data::links;
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_inertial::{Bias, InitialiseSetting, Scale, Seen, SeenPose, initialise};
+use cairn_inertial::{Bias, InitialiseConfig, Scale, Seen, SeenPose, initialise};
 use cairn_sensor::{ImuNoise, Source, Stamp};
-use cairn_sim::{Agreement, ImuSetting, ImuTroubles, Route, SimSetting, SimSource, World, WorldKind};
+use cairn_sim::{Agreement, CameraPath, ImuConfig, ImuTroubles, SimConfig, SimSource, World, WorldKind};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -104,31 +104,31 @@ fn exact_scale(data: &Path, motion: &Motion, source: &SimSource, seconds: f64) -
         (0..(seconds / STEP_S) as usize).map(|k| source.epoch().plus_seconds(STEP_S * k as f64)).collect();
     let pose = |t: &Stamp| source.motion().pose(*t - source.epoch());
     let poses: Vec<SeenPose> =
-        stamps.iter().map(|t| SeenPose { stamp: *t, world_from_eye: pose(t) }).collect();
+        stamps.iter().map(|t| SeenPose { stamp: *t, world_from_camera: pose(t) }).collect();
     let links = links(&readings.buffer(), Bias::default(), &stamps).ok_or("readings are missing")?;
     let seen = Seen { poses: &poses, rotation_sigma: 1e-3, position_sigma: 1e-3 };
-    let tried = initialise(&seen, &links, &Se3::identity(), Scale::Free, &InitialiseSetting::default());
+    let tried = initialise(&seen, &links, &Se3::identity(), Scale::Free, &InitialiseConfig::default());
     let found = tried.found.ok_or("scale is not found from true poses")?;
     Ok([100.0 * (found.scale - 1.0).abs(), 100.0 * found.scale_sigma])
 }
 
 /// The setting of a recording: its sensor's data sheet, a camera where its own sat, a room around it.
-pub fn setting(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64>) -> SimSetting {
+pub fn config(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64>) -> SimConfig {
     let folder = data.join("imu-truth").join(motion.name);
     let noise = match motion.tumvi {
         true => ImuNoise { gyro: 1.6e-4, gyro_walk: 2.2e-5, accel: 2.8e-3, accel_walk: 8.6e-4 },
         false => ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 },
     };
-    SimSetting {
+    SimConfig {
         sensor: sensor.simulated(),
-        imu: Some(ImuSetting { rate_hz: 200.0, noise, noisy: true }),
+        imu: Some(ImuConfig { rate_hz: 200.0, noise, noisy: true }),
         readings: Some(folder.join("imu.csv")),
         body_from_camera: body_from_camera(motion.tumvi),
         baseline_m: 0.11,
-        route: Route::File(folder.join("gt_tum.txt")),
+        route: CameraPath::File(folder.join("gt_tum.txt")),
         start_s: motion.start_s,
         duration_s: seconds,
-        ..SimSetting::new(WorldKind::Arena, 1)
+        ..SimConfig::new(WorldKind::Arena, 1)
     }
 }
 
@@ -165,11 +165,11 @@ pub fn measure(
         for asked in asked {
             let worse = condition.troubles != ImuTroubles::default();
             let seconds = seconds.or(worse.then_some(WORSE_S));
-            let mut setting = setting(data, motion, asked.sensor, seconds);
-            setting.troubles = condition.troubles;
+            let mut config = config(data, motion, asked.sensor, seconds);
+            config.troubles = condition.troubles;
             let source = match &world {
-                Some(world) => SimSource::in_world(&setting, world.clone()),
-                None => SimSource::new(&setting),
+                Some(world) => SimSource::in_map(&config, world.clone()),
+                None => SimSource::new(&config),
             };
             let mut source = source.map_err(|e| e.to_string())?;
             world.get_or_insert_with(|| source.world().clone());

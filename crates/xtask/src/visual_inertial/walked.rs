@@ -4,7 +4,7 @@ use super::ran::{Asked, Figures, run};
 use crate::revisit::Darkened;
 use cairn_geometry::Vec2;
 use cairn_sensor::{Source, Stamp};
-use cairn_sim::{Route, SimSetting, SimSource, WorldKind};
+use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
 use serde::Serialize;
 use std::f64::consts::PI;
 
@@ -47,11 +47,11 @@ const REST_S: f64 = 60.0;
 /// When the run fails.
 pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
     let turn_s = 2.0 + 2.0 * (seed.saturating_sub(1) % TURNS) as f64 / (TURNS - 1) as f64;
-    let mut setting = SimSetting::new(WorldKind::DeadEnd, seed);
-    setting.sensor = asked.sensor.simulated();
-    setting.walker.turn_rate = PI / turn_s;
-    setting.walker.speed = 1.0;
-    let mut source = SimSource::new(&setting).map_err(|e| e.to_string())?;
+    let mut config = SimConfig::new(WorldKind::DeadEnd, seed);
+    config.sensor = asked.sensor.simulated();
+    config.walker.turn_rate = PI / turn_s;
+    config.walker.speed = 1.0;
+    let mut source = SimSource::new(&config).map_err(|e| e.to_string())?;
     let truth = source.info().truth.clone();
     let rate = |t: Stamp, source: &SimSource| source.motion().state(t - truth[0].0).rate.norm();
     let turning = truth.iter().map(|p| p.0).find(|t| *t - truth[0].0 > 5.0 && rate(*t, &source) > 0.4);
@@ -64,7 +64,7 @@ pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
         seed,
         turn_s,
         end_m: [ran.end_error(turning, &ran.poses)?, ran.end_error(turning, &ran.live)?],
-        blind_s: (all - told.min(all)) as f64 / setting.rate_hz,
+        blind_s: (all - told.min(all)) as f64 / config.rate_hz,
     })
 }
 
@@ -73,14 +73,14 @@ pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
 /// # Errors
 /// When the run fails.
 pub fn rest(seed: u64, asked: &Asked, dark: bool) -> Result<Rest, String> {
-    let mut setting = SimSetting::new(WorldKind::Hall, seed);
-    setting.sensor = asked.sensor.simulated();
-    setting.walker.rest_s = REST_S + 1.0;
-    setting.start_s = REST_S;
-    let plain = SimSource::new(&setting).map_err(|e| e.to_string())?;
-    let way = plain.world().way("loop").ok_or("the hall has no loop")?.points.clone();
-    setting.route = Route::Points(cut(&way, 12.0));
-    let inner = SimSource::in_world(&setting, plain.world().clone()).map_err(|e| e.to_string())?;
+    let mut config = SimConfig::new(WorldKind::Hall, seed);
+    config.sensor = asked.sensor.simulated();
+    config.walker.rest_s = REST_S + 1.0;
+    config.start_s = REST_S;
+    let plain = SimSource::new(&config).map_err(|e| e.to_string())?;
+    let route = plain.world().route("loop").ok_or("the hall has no loop")?.points.clone();
+    config.route = CameraPath::Points(cut(&route, 12.0));
+    let inner = SimSource::in_map(&config, plain.world().clone()).map_err(|e| e.to_string())?;
     let truth = &inner.info().truth;
     let end = truth.last().ok_or("no frames")?.0;
     let (first, from) = (truth[0].0, end.plus_seconds(-REST_S));
@@ -100,9 +100,9 @@ pub fn rest(seed: u64, asked: &Asked, dark: bool) -> Result<Rest, String> {
 }
 
 /// The first metres of a way.
-fn cut(way: &[Vec2], most: f64) -> Vec<Vec2> {
-    let (mut out, mut left) = (way.first().copied().into_iter().collect::<Vec<_>>(), most);
-    for w in way.windows(2) {
+fn cut(route: &[Vec2], most: f64) -> Vec<Vec2> {
+    let (mut out, mut left) = (route.first().copied().into_iter().collect::<Vec<_>>(), most);
+    for w in route.windows(2) {
         let length = (w[1] - w[0]).norm();
         let part = (left / length.max(1e-9)).min(1.0);
         if left <= 0.0 {

@@ -4,7 +4,7 @@ use super::{WAY, open};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::MapFile;
-use cairn_atlas::{Landmark, WorldId};
+use cairn_atlas::{Landmark, MapId};
 use cairn_eval::{to_tum, write_whole};
 use cairn_geometry::Trajectory;
 use serde::Serialize;
@@ -25,17 +25,17 @@ pub struct Arguments {
     #[arg(long, value_name = "OUT.tum")]
     trajectory: Option<PathBuf>,
     /// Each recorded way as a file; one that exists is refused.
-    #[arg(long, value_name = "DIR")]
-    ways: Option<PathBuf>,
+    #[arg(long, alias = "ways", value_name = "DIR")]
+    routes: Option<PathBuf>,
     /// Which world, by the number of its root; without it, the one with the most key frames.
-    #[arg(long, value_name = "ROOT")]
-    world: Option<usize>,
+    #[arg(long, alias = "world", value_name = "ROOT")]
+    map: Option<usize>,
 }
 
 #[derive(Serialize)]
 struct Exported {
     /// Number of its root.
-    world: usize,
+    map: usize,
     /// Other worlds in the file.
     others: Vec<usize>,
     landmarks: usize,
@@ -44,13 +44,13 @@ struct Exported {
     points: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     trajectory: Option<PathBuf>,
-    ways: Vec<PathBuf>,
+    routes: Vec<PathBuf>,
 }
 
 /// Writes what was asked for.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let shown = a.file.display().to_string();
-    if a.points.is_none() && a.trajectory.is_none() && a.ways.is_none() {
+    if a.points.is_none() && a.trajectory.is_none() && a.routes.is_none() {
         return Err(Failure::new(
             shown,
             "nothing is to be written",
@@ -58,50 +58,50 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         ));
     }
     let file = open(&a.file)?;
-    let roots: Vec<usize> = file.map.worlds().map(|(id, _)| id.root().index()).collect();
-    let world = world(&file, a.world).ok_or_else(|| {
-        let (why, hint) = match a.world {
+    let roots: Vec<usize> = file.snapshot.maps().map(|(id, _)| id.root().index()).collect();
+    let map = map(&file, a.map).ok_or_else(|| {
+        let (why, hint) = match a.map {
             Some(root) => (format!("it has no world {root}"), format!("it has these: {roots:?}")),
             None => ("the map is empty".to_owned(), "give a map with key frames".to_owned()),
         };
         Failure::new(shown, why, hint)
     })?;
-    let landmarks = landmarks(&file, world);
+    let landmarks = landmarks(&file, map);
     if let Some(path) = &a.points {
         write_whole(path, &ply(&landmarks))?;
     }
     if let Some(path) = &a.trajectory {
-        write_whole(path, &to_tum(&trajectory(&file, world)))?;
+        write_whole(path, &to_tum(&trajectory(&file, map)))?;
     }
-    let ways = a.ways.as_deref().map_or_else(|| Ok(Vec::new()), |folder| write_ways(&file, folder))?;
-    let root = world.root().index();
+    let routes = a.routes.as_deref().map_or_else(|| Ok(Vec::new()), |folder| write_routes(&file, folder))?;
+    let root = map.root().index();
     let exported = Exported {
-        world: root,
+        map: root,
         others: roots.into_iter().filter(|r| *r != root).collect(),
         landmarks: landmarks.len(),
-        key_frames: file.map.key_frames_of(world).count(),
+        key_frames: file.snapshot.key_frames_of(map).count(),
         points: a.points.clone(),
         trajectory: a.trajectory.clone(),
-        ways,
+        routes,
     };
     output.result(&exported, text)
 }
 
-fn world(file: &MapFile, root: Option<usize>) -> Option<WorldId> {
-    let mut worlds = file.map.worlds().map(|(id, _)| id);
+fn map(file: &MapFile, root: Option<usize>) -> Option<MapId> {
+    let mut maps = file.snapshot.maps().map(|(id, _)| id);
     match root {
-        Some(root) => worlds.find(|id| id.root().index() == root),
+        Some(root) => maps.find(|id| id.root().index() == root),
         // Of equal ones the eldest.
-        None => worlds.min_by_key(|id| (std::cmp::Reverse(file.map.key_frames_of(*id).count()), *id)),
+        None => maps.min_by_key(|id| (std::cmp::Reverse(file.snapshot.key_frames_of(*id).count()), *id)),
     }
 }
 
-fn landmarks(file: &MapFile, world: WorldId) -> Vec<&Landmark> {
-    let map = &file.map;
+fn landmarks(file: &MapFile, map: MapId) -> Vec<&Landmark> {
+    let snapshot = &file.snapshot;
     let here = |l: &&Landmark| {
-        l.observations.first().and_then(|o| map.key_frame(o.key_frame)).is_some_and(|k| k.world == world)
+        l.observations.first().and_then(|o| snapshot.key_frame(o.key_frame)).is_some_and(|k| k.map == map)
     };
-    map.landmarks().filter(here).collect()
+    snapshot.landmarks().filter(here).collect()
 }
 
 fn ply(landmarks: &[&Landmark]) -> String {
@@ -121,13 +121,13 @@ fn ply(landmarks: &[&Landmark]) -> String {
 }
 
 /// Each way in a new file named after it.
-fn write_ways(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut written = Vec::new();
     for (name, bytes) in &file.attached {
         let Some(name) = name.strip_prefix(WAY) else { continue };
         // A name from a file is no path to follow.
         let plain = Path::new(name).file_name().and_then(|n| n.to_str()) == Some(name);
-        let path = folder.join(format!("{name}.way"));
+        let path = folder.join(format!("{name}.route"));
         let made = match plain {
             true => File::options().write(true).create_new(true).open(&path),
             false => Err(std::io::Error::other("the name of the way is no name of a file")),
@@ -142,12 +142,12 @@ fn write_ways(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
 }
 
 /// The key frames in the order of time; of two of one time, as several sessions may have, the elder.
-fn trajectory(file: &MapFile, world: WorldId) -> Trajectory {
-    let eye = &file.about.eye;
-    let metric = file.map.is_metric_in(world, eye);
-    let poses = file.map.key_frames_of(world);
+fn trajectory(file: &MapFile, map: MapId) -> Trajectory {
+    let camera = &file.about.camera;
+    let metric = file.snapshot.is_metric_in(map, camera);
+    let poses = file.snapshot.key_frames_of(map);
     let mut poses: Vec<_> =
-        poses.map(|k| (k.frame.stamp.0, eye.world_from_body(&k.world_from_eye, metric))).collect();
+        poses.map(|k| (k.frame.stamp.0, camera.world_from_body(&k.world_from_camera, metric))).collect();
     poses.sort_by_key(|(t, _)| *t);
     let mut trajectory = Trajectory::new();
     for (t, pose) in poses {
@@ -158,11 +158,11 @@ fn trajectory(file: &MapFile, world: WorldId) -> Trajectory {
 }
 
 fn text(e: &Exported) -> String {
-    let mut text = format!("world     {}: {} landmarks, {} key frames\n", e.world, e.landmarks, e.key_frames);
+    let mut text = format!("world     {}: {} landmarks, {} key frames\n", e.map, e.landmarks, e.key_frames);
     if !e.others.is_empty() {
         let _ = writeln!(text, "others    {:?}: each has a frame of its own; --world chooses", e.others);
     }
-    for path in [&e.points, &e.trajectory].into_iter().flatten().chain(&e.ways) {
+    for path in [&e.points, &e.trajectory].into_iter().flatten().chain(&e.routes) {
         let _ = writeln!(text, "written   {}", path.display());
     }
     text

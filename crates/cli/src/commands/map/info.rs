@@ -4,8 +4,8 @@ use super::{WAY, bytes_of, failed};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::{MapFile, Table, sensor_name};
-use cairn_atlas::{Map, WorldId};
-use cairn_guide::{CleanSetting, Way, survey};
+use cairn_atlas::{MapId, Snapshot};
+use cairn_guide::{CleanConfig, Route, survey};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -25,8 +25,8 @@ struct Info {
     removed_key_frames: usize,
     landmarks: usize,
     observations: usize,
-    worlds: Vec<World>,
-    ways: Vec<WayReport>,
+    maps: Vec<World>,
+    routes: Vec<RouteReport>,
     parts: Vec<Part>,
 }
 
@@ -61,7 +61,7 @@ struct TieReport {
 }
 
 #[derive(Serialize)]
-struct WayReport {
+struct RouteReport {
     name: String,
     bytes: usize,
     points: usize,
@@ -94,9 +94,11 @@ fn info(path: &Path) -> Result<Info, Failure> {
     let bytes = bytes_of(path)?;
     let table = Table::read(&bytes).map_err(|e| failed(path, &e))?;
     let file = MapFile::read(&bytes).map_err(|e| failed(path, &e))?;
-    let (map, eye) = (&file.map, &file.about.eye);
-    let ways =
-        file.attached.iter().filter_map(|(name, bytes)| Some(way(name.strip_prefix(WAY)?, bytes, map)));
+    let (snapshot, camera) = (&file.snapshot, &file.about.camera);
+    let routes = file
+        .attached
+        .iter()
+        .filter_map(|(name, bytes)| Some(route(name.strip_prefix(WAY)?, bytes, snapshot)));
     let part = |p: &cairn_atlas::store::PartInfo| Part {
         name: p.name.clone(),
         bytes: p.stored_bytes,
@@ -108,29 +110,29 @@ fn info(path: &Path) -> Result<Info, Failure> {
         format: table.version,
         program: file.about.program.clone(),
         sensor: sensor_name(file.about.sensor),
-        metric: map.is_metric(eye),
+        metric: snapshot.is_metric(camera),
         camera: Camera {
-            focal_px: [eye.fx, eye.fy],
-            centre_px: [eye.cx, eye.cy],
-            baseline_m: eye.baseline_fx / eye.fx,
+            focal_px: [camera.fx, camera.fy],
+            centre_px: [camera.cx, camera.cy],
+            baseline_m: camera.baseline_fx / camera.fx,
         },
-        right_offset_px: map.right_offset(),
-        key_frames: map.key_frame_count(),
-        removed_key_frames: map.removed_key_frame_count(),
-        landmarks: map.landmark_count(),
-        observations: map.landmarks().map(|l| l.observations.len()).sum(),
-        worlds: map.worlds().map(|(id, _)| world(map, id)).collect(),
-        ways: ways.collect(),
+        right_offset_px: snapshot.right_offset(),
+        key_frames: snapshot.key_frame_count(),
+        removed_key_frames: snapshot.removed_key_frame_count(),
+        landmarks: snapshot.landmark_count(),
+        observations: snapshot.landmarks().map(|l| l.observations.len()).sum(),
+        maps: snapshot.maps().map(|(id, _)| map(snapshot, id)).collect(),
+        routes: routes.collect(),
         parts: table.parts.iter().map(part).collect(),
     })
 }
 
-fn world(map: &Map, id: WorldId) -> World {
+fn map(snapshot: &Snapshot, id: MapId) -> World {
     let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     let mut span = [f64::INFINITY, f64::NEG_INFINITY];
-    for k in map.key_frames_of(id) {
+    for k in snapshot.key_frames_of(id) {
         for axis in 0..3 {
-            let at = k.world_from_eye.translation[axis];
+            let at = k.world_from_camera.translation[axis];
             bounds[0][axis] = bounds[0][axis].min(at);
             bounds[1][axis] = bounds[1][axis].max(at);
         }
@@ -138,13 +140,13 @@ fn world(map: &Map, id: WorldId) -> World {
         span = [span[0].min(t), span[1].max(t)];
     }
     let here = |l: &cairn_atlas::Landmark| {
-        l.observations.first().and_then(|o| map.key_frame(o.key_frame)).is_some_and(|k| k.world == id)
+        l.observations.first().and_then(|o| snapshot.key_frame(o.key_frame)).is_some_and(|k| k.map == id)
     };
-    let tie = map.worlds().find(|(other, _)| *other == id).and_then(|(_, tie)| tie);
+    let tie = snapshot.maps().find(|(other, _)| *other == id).and_then(|(_, tie)| tie);
     World {
         root: id.root().index(),
-        key_frames: map.key_frames_of(id).count(),
-        landmarks: map.landmarks().filter(|l| here(l)).count(),
+        key_frames: snapshot.key_frames_of(id).count(),
+        landmarks: snapshot.landmarks().filter(|l| here(l)).count(),
         bounds,
         from_s: span[0],
         to_s: span[1],
@@ -156,15 +158,15 @@ fn world(map: &Map, id: WorldId) -> World {
     }
 }
 
-fn way(name: &str, bytes: &[u8], map: &Map) -> WayReport {
+fn route(name: &str, bytes: &[u8], snapshot: &Snapshot) -> RouteReport {
     let mut report =
-        WayReport { name: name.to_owned(), bytes: bytes.len(), points: 0, length_m: 0.0, damaged: None };
-    match Way::read(bytes) {
-        Ok(way) => {
+        RouteReport { name: name.to_owned(), bytes: bytes.len(), points: 0, length_m: 0.0, damaged: None };
+    match Route::read(bytes) {
+        Ok(route) => {
             let here = |anchor: cairn_guide::Anchor| {
-                map.world_from_here(cairn_atlas::KeyFrameId::from_index(anchor.seq as usize)?)
+                snapshot.world_from_here(cairn_atlas::KeyFrameId::from_index(anchor.seq as usize)?)
             };
-            let (info, ..) = survey(&way, here, &CleanSetting::default());
+            let (info, ..) = survey(&route, here, &CleanConfig::default());
             (report.points, report.length_m) = (info.points, info.length_m);
         }
         Err(e) => report.damaged = Some(e.to_string()),
@@ -190,7 +192,7 @@ fn text(i: &Info) -> String {
         "map       {} key frames ({} removed), {} landmarks, {} observations",
         i.key_frames, i.removed_key_frames, i.landmarks, i.observations
     );
-    for w in &i.worlds {
+    for w in &i.maps {
         let [a, b] = w.bounds;
         let _ = writeln!(
             text,
@@ -214,7 +216,7 @@ fn text(i: &Info) -> String {
             );
         }
     }
-    for w in &i.ways {
+    for w in &i.routes {
         let _ = match &w.damaged {
             Some(why) => writeln!(text, "way       {}: {why}", w.name),
             None => writeln!(text, "way       {}: {} points, {:.2} {unit}", w.name, w.points, w.length_m),

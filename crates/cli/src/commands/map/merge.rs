@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::Shift;
 use cairn_atlas::store::MapFile;
-use cairn_guide::Way;
+use cairn_guide::Route;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -30,8 +30,8 @@ struct Merged {
     bytes: u64,
     key_frames: usize,
     landmarks: usize,
-    worlds: usize,
-    ways: usize,
+    maps: usize,
+    routes: usize,
     /// What is worth knowing, in words.
     notes: Vec<String>,
 }
@@ -48,10 +48,10 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let merged = Merged {
         out: a.out.clone(),
         bytes,
-        key_frames: into.map.key_frame_count(),
-        landmarks: into.map.landmark_count(),
-        worlds: into.map.worlds().count(),
-        ways: into.attached.keys().filter(|name| name.starts_with(WAY)).count(),
+        key_frames: into.snapshot.key_frame_count(),
+        landmarks: into.snapshot.landmark_count(),
+        maps: into.snapshot.maps().count(),
+        routes: into.attached.keys().filter(|name| name.starts_with(WAY)).count(),
         notes,
     };
     output.result(&merged, text)
@@ -60,22 +60,22 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
 fn add(into: &mut MapFile, other: MapFile, path: &Path, notes: &mut Vec<String>) -> Result<(), Failure> {
     let shown = path.display().to_string();
     let (a, b) = (&other.about, &into.about);
-    let octaves = (other.map.octaves(), into.map.octaves());
-    let fits = b.fits(octaves.1, a.sensor, &a.eye, octaves.0).map_err(|why| {
+    let octaves = (other.snapshot.octaves(), into.snapshot.octaves());
+    let fits = b.fits(octaves.1, a.sensor, &a.camera, octaves.0).map_err(|why| {
         let hint = "only maps of one camera can stand in one file";
         Failure::new(&shown, format!("does not go with the first: {why}"), hint)
     })?;
     notes.extend(fits.into_iter().map(|note| format!("{shown}: {note}")));
-    let offsets = (into.map.right_offset(), other.map.right_offset());
+    let offsets = (into.snapshot.right_offset(), other.snapshot.right_offset());
     if (offsets.0 - offsets.1).abs() > 0.05 {
         let (kept, left) = offsets;
         notes.push(format!("{shown}: right x was {left:+.3} px off, the first map's {kept:+.3} px are kept"));
     }
-    let (map, shift) = into
-        .map
-        .beside(&other.map)
+    let (snapshot, shift) = into
+        .snapshot
+        .beside(&other.snapshot)
         .map_err(|why| Failure::new(&shown, why, "save the maps in several files"))?;
-    into.map = map;
+    into.snapshot = snapshot;
     for (name, bytes) in other.attached {
         let bytes = if name.starts_with(WAY) { shifted(&bytes, &shift, &shown, &name)? } else { bytes };
         let mut free = name.clone();
@@ -92,12 +92,12 @@ fn add(into: &mut MapFile, other: MapFile, path: &Path, notes: &mut Vec<String>)
 /// A way that hangs on the same key frames under their new numbers.
 fn shifted(bytes: &[u8], shift: &Shift, shown: &str, name: &str) -> Result<Vec<u8>, Failure> {
     let wrong = |why: String| Failure::new(shown, format!("{name}: {why}"), "record the way again");
-    let mut way = Way::read(bytes).map_err(|e| wrong(e.to_string()))?;
-    for point in &mut way.points {
+    let mut route = Route::read(bytes).map_err(|e| wrong(e.to_string()))?;
+    for point in &mut route.points {
         let seq = u32::try_from(point.anchor.seq as usize + shift.key_frames);
         point.anchor.seq = seq.map_err(|_| wrong("there are not enough numbers for key frames".into()))?;
     }
-    way.to_bytes().map_err(|e| wrong(e.to_string()))
+    route.to_bytes().map_err(|e| wrong(e.to_string()))
 }
 
 fn text(m: &Merged) -> String {
@@ -107,7 +107,7 @@ fn text(m: &Merged) -> String {
     let _ = writeln!(
         text,
         "map       {} key frames, {} landmarks, {} worlds, {} ways",
-        m.key_frames, m.landmarks, m.worlds, m.ways
+        m.key_frames, m.landmarks, m.maps, m.routes
     );
     for note in &m.notes {
         let _ = writeln!(text, "note      {note}");

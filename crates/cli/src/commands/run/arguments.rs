@@ -68,8 +68,8 @@ pub struct Arguments {
     #[arg(long)]
     pub lines: bool,
     /// Where ways are kept that are recorded on command.
-    #[arg(long, value_name = "DIR", default_value = "ways")]
-    pub ways: PathBuf,
+    #[arg(long, alias = "ways", value_name = "DIR", default_value = "routes")]
+    pub routes: PathBuf,
     /// Goes on in a saved map; tracking begins when a place is recognised.
     #[arg(long, value_name = "FILE")]
     pub map_in: Option<PathBuf>,

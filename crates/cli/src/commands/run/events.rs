@@ -1,7 +1,7 @@
 //! `--events`: what happens to the map, a line of JSON each; the form is told in docs/events.md.
 
 use crate::failure::Failure;
-use cairn_atlas::{Change, KeyFrameId, Mirror, Published, Subscription, Tie};
+use cairn_atlas::{Change, KeyFrameId, MapPrior, Mirror, Published, Subscription};
 use cairn_engine::{Engine, Joined, Verdict};
 use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
@@ -67,7 +67,7 @@ fn pose(p: &Se3) -> Value {
     json!({ "position": [t.x, t.y, t.z], "quaternion": [q.x, q.y, q.z, q.w] })
 }
 
-fn tie(t: &Tie) -> Value {
+fn tie(t: &MapPrior) -> Value {
     let mut value = pose(&t.to_from_root);
     value["key_frame"] = id(t.to).into();
     value["sigma"] = t.sigma.into();
@@ -79,9 +79,9 @@ fn tie(t: &Tie) -> Value {
 fn standing(ids: &BTreeSet<KeyFrameId>, mirror: &Mirror) -> Vec<Value> {
     let of = |k: &KeyFrameId| {
         let m = mirror.key_frame(*k)?;
-        let mut value = pose(&m.world_from_eye);
+        let mut value = pose(&m.world_from_camera);
         value["id"] = id(*k).into();
-        value["world"] = id(m.world.root()).into();
+        value["world"] = id(m.map.root()).into();
         value["unit"] = m.unit.into();
         Some(value)
     };
@@ -96,7 +96,7 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
         .changes
         .iter()
         .filter_map(|c| match c {
-            Change::Tie(world, tie) => Some((world.root(), tie)),
+            Change::MapPrior(map, tie) => Some((map.root(), tie)),
             _ => None,
         })
         .collect();
@@ -109,8 +109,8 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
                     lines.push(json!({ "event": "world", "world": id(k.id), "tie": tied }));
                 }
             }
-            Change::Tie(world, t) if !born.contains(&world.root()) => {
-                lines.push(json!({ "event": "tie", "world": id(world.root()), "tie": tie(t) }));
+            Change::MapPrior(map, t) if !born.contains(&map.root()) => {
+                lines.push(json!({ "event": "tie", "world": id(map.root()), "tie": tie(t) }));
             }
             Change::MoveKeyFrame(k, _) => {
                 moved.insert(*k);
@@ -121,7 +121,7 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
             }
             Change::Link(a, b) => lines.push(json!({ "event": "loop", "key_frames": [id(*a), id(*b)] })),
             Change::Merge { from, into, into_from, parent } => {
-                moved.extend(mirror.key_frames().filter(|(_, k)| k.world == *from).map(|(k, _)| k));
+                moved.extend(mirror.key_frames().filter(|(_, k)| k.map == *from).map(|(k, _)| k));
                 let mut line = pose(&Se3::new(into_from.rotation, into_from.translation));
                 line["event"] = "merge".into();
                 line["from"] = id(from.root()).into();
@@ -130,11 +130,11 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
                 line["parent"] = id(*parent).into();
                 lines.push(line);
             }
-            Change::Level(world, level_from_world) => {
-                moved.extend(mirror.key_frames().filter(|(_, k)| k.world == *world).map(|(k, _)| k));
+            Change::AlignGravity(map, level_from_world) => {
+                moved.extend(mirror.key_frames().filter(|(_, k)| k.map == *map).map(|(k, _)| k));
                 let mut line = pose(&Se3::new(level_from_world.rotation, level_from_world.translation));
                 line["event"] = "level".into();
-                line["world"] = id(world.root()).into();
+                line["world"] = id(map.root()).into();
                 line["scale"] = level_from_world.scale.into();
                 lines.push(line);
             }

@@ -11,7 +11,7 @@ use crate::terminal::Terminal;
 use cairn_engine::Output;
 use cairn_sensor::FramePacket;
 use cairn_session::{Command, Event, Face, Session};
-use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechSetting, TextVoice, Voice, VoiceError, WavVoice};
+use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, VoiceError, WavVoice};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -46,9 +46,9 @@ impl FromStr for Say {
 
 impl Say {
     /// The voice; where the result is JSON, text goes to stderr.
-    pub fn voice(&self, setting: SpeechSetting, json: bool) -> Result<Box<dyn Voice>, Failure> {
+    pub fn voice(&self, config: SpeechConfig, json: bool) -> Result<Box<dyn Voice>, Failure> {
         let fail = |e: VoiceError| Failure::new("voice", e.why, e.cure);
-        let espeak = || Espeak::find(setting).map_err(fail);
+        let espeak = || Espeak::find(config).map_err(fail);
         Ok(match self {
             Self::Text if json => Box::new(TextVoice::new(std::io::stderr())),
             Self::Text => Box::new(TextVoice::new(std::io::stdout())),

@@ -18,7 +18,7 @@ const CHOOSE: &str = "choose another --sensor, or give a calibration with --rig"
 pub fn opened(a: &Arguments) -> Result<Option<MapFile>, Failure> {
     let Some(path) = &a.map_in else { return Ok(None) };
     let file = open(path)?;
-    if file.map.key_frame_count() == 0 {
+    if file.snapshot.key_frame_count() == 0 {
         let shown = path.display().to_string();
         return Err(Failure::new(
             shown,
@@ -107,15 +107,15 @@ impl<'a> Saver<'a> {
     /// The map of this moment with all that hangs on it; `None` while it is empty.
     fn file(&self, session: &Session) -> Option<MapFile> {
         let mut attached = self.attached.clone();
-        for (path, way) in session.recorded().filter(|(_, way)| !way.points.is_empty()) {
+        for (path, route) in session.recorded().filter(|(_, route)| !route.points.is_empty()) {
             let stem = path.and_then(Path::file_stem);
             let name = stem.map_or_else(|| "in memory".into(), |s| s.to_string_lossy().into_owned());
             // Bytes in memory: there is nothing that could refuse them.
-            if let Ok(bytes) = way.to_bytes() {
+            if let Ok(bytes) = route.to_bytes() {
                 attached.insert(format!("{WAY}{name}"), bytes);
             }
         }
         let file = session.engine().to_save(concat!("cairn ", env!("CARGO_PKG_VERSION")), attached);
-        (file.map.key_frame_count() > 0).then_some(file)
+        (file.snapshot.key_frame_count() > 0).then_some(file)
     }
 }

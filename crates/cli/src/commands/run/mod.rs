@@ -7,10 +7,10 @@ mod interrupt;
 mod journal;
 mod map;
 mod page;
+mod route;
 mod sensor;
 mod status;
 mod tally;
-mod way;
 
 use super::serve::rig_of;
 use crate::failure::Failure;
@@ -22,11 +22,11 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Journal, Runner, Status};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
-use cairn_guide::{AnnouncerSetting, PhraseSetting};
+use cairn_guide::{AnnouncerConfig, PhraseConfig};
 use cairn_sensor::{Rig, Source, Stamp};
-use cairn_session::{Command, Inbox, Script, Session, SessionSetting, drive_live, drive_lockstep, feed};
-use cairn_sources::{OpenOptions, Paced, Picked, Watched, is_live, open, waiting_for};
-use cairn_voice::SpeechSetting;
+use cairn_session::{Command, Inbox, Script, Session, SessionConfig, drive_live, drive_lockstep, feed};
+use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waiting_for};
+use cairn_voice::SpeechConfig;
 use events::Events;
 use face::{RunFace, Say};
 pub use sensor::Sensor;
@@ -46,7 +46,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         true => Say::Text,
         false => Say::None,
     });
-    let voice = say.voice(SpeechSetting { rate: a.rate, volume: a.volume }, output.is_json())?;
+    let voice = say.voice(SpeechConfig { rate: a.rate, volume: a.volume }, output.is_json())?;
     if live && (a.journal.is_some() || a.replay.is_some()) {
         return Err(Failure::new(
             &a.source,
@@ -57,10 +57,10 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let replayed = journal::opened(a)?;
     let map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
-    let source: Box<dyn Source> = Box::new(Watched::new(source, |doubt| eprintln!("warning: {doubt}")));
+    let source: Box<dyn Source> = Box::new(Validator::new(source, |doubt| eprintln!("warning: {doubt}")));
     let rig = source.rig().clone();
-    config.inertial.enabled = sensor.feels();
-    if sensor.feels() && rig.imu.is_none() {
+    config.inertial.enabled = sensor.has_imu();
+    if sensor.has_imu() && rig.imu.is_none() {
         let why = format!("--sensor {} asks for an inertial sensor, the rig has none", sensor.name());
         return Err(Failure::new(&a.source, why, "give a rig with an IMU by --rig, or leave -imu out"));
     }
@@ -74,7 +74,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let stamps = replayed.as_ref().map(Journal::stamps);
     let mut engine = journal::engine(a, engine, &source.info().name, replayed)?;
     let mut events = Events::begin(a.events.as_deref(), &mut engine)?;
-    let mut session = Session::new(engine, session_setting(a, live));
+    let mut session = Session::new(engine, session_config(a, live));
     if let Some(lines) = &mut status {
         lines.tell(&session.standing());
     }
@@ -137,9 +137,9 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     output.result(&report, |r| tally::text(r, a.realtime || live))
 }
 
-fn session_setting(a: &Arguments, live: bool) -> SessionSetting {
-    SessionSetting {
-        folder: a.ways.clone(),
+fn session_config(a: &Arguments, live: bool) -> SessionConfig {
+    SessionConfig {
+        folder: a.routes.clone(),
         record_to: a.record.clone(),
         source: a.source.clone(),
         // Whoever names a file or guides along another way says for himself what is recorded.
@@ -147,8 +147,8 @@ fn session_setting(a: &Arguments, live: bool) -> SessionSetting {
             .then_some(AUTO_RECORD),
         facing: a.facing.facing(),
         map_is_loaded: a.map_in.is_some(),
-        phrases: PhraseSetting { unit: a.unit.unit(), directions: a.directions.style(), metric: true },
-        announcer: AnnouncerSetting { rate: a.rate, volume: a.volume, ..AnnouncerSetting::default() },
+        phrases: PhraseConfig { unit: a.unit.unit(), directions: a.directions.style(), metric: true },
+        announcer: AnnouncerConfig { rate: a.rate, volume: a.volume, ..AnnouncerConfig::default() },
     }
 }
 
@@ -158,10 +158,10 @@ const AUTO_RECORD: usize = 100;
 /// What the arguments ask for before the first frame.
 fn begin(session: &mut Session, a: &Arguments, map: Option<&MapFile>) -> Result<(), Failure> {
     if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map) {
-        session.resume_recording(way::resume(path, map)?, path);
+        session.resume_recording(route::resume(path, map)?, path);
     } else if a.record.is_some() {
-        let begun = session.command(&Command::Record);
-        begun.map_err(|why| Failure::new("recording", why, "give another --record"))?;
+        let map_created = session.command(&Command::Record);
+        map_created.map_err(|why| Failure::new("recording", why, "give another --record"))?;
         // Nobody asked to hear that.
         session.events();
     }
@@ -248,16 +248,17 @@ fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
         }
     }
     // One that is there is gone on with if it hangs on the map that is opened.
-    let gone_on_with = |way: &&PathBuf| a.map_in.is_some() && way.exists();
-    let Some(way) = a.record.as_ref().filter(|way| !gone_on_with(way)) else { return Ok(()) };
+    let gone_on_with = |route: &&PathBuf| a.map_in.is_some() && route.exists();
+    let Some(route) = a.record.as_ref().filter(|route| !gone_on_with(route)) else { return Ok(()) };
     // Made and removed again: so a folder that may not be written is found out too.
-    let made = File::options().write(true).create_new(true).open(way).and_then(|_| std::fs::remove_file(way));
+    let made =
+        File::options().write(true).create_new(true).open(route).and_then(|_| std::fs::remove_file(route));
     made.map_err(|e| {
         let hint = match e.kind() {
             std::io::ErrorKind::AlreadyExists => "a record is never overwritten: give another name",
             _ => "check that its folder may be written and has room",
         };
-        Failure::new(way.display().to_string(), e.to_string(), hint)
+        Failure::new(route.display().to_string(), e.to_string(), hint)
     })
 }
 

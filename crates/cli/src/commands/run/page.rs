@@ -2,8 +2,8 @@
 
 use super::tally::Tally;
 use cairn_eval::{
-    Page, Plan, RunReport, Tone, Way, error_over_time, times_histogram, times_over_frames, trajectory_view,
-    widest_axes,
+    Page, Plan, PlanLine, RunReport, Tone, error_over_time, times_histogram, times_over_frames,
+    trajectory_view, widest_axes,
 };
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::Stamp;
@@ -70,17 +70,17 @@ fn plan(world_from_body: &[(Stamp, Se3)]) -> Plan {
     let points = world_from_body.iter().map(|(_, pose)| pose.translation);
     let (i, j) = widest_axes(points.clone());
     let name = |axis: usize| ["x", "y", "z"][axis].to_owned();
-    let estimate = Way {
+    let estimate = PlanLine {
         label: "estimate".into(),
         points: points.map(|p| Vec2::new(p[i], p[j])).collect(),
         tone: Tone::First,
-        ..Way::default()
+        ..PlanLine::default()
     };
     Plan {
         title: "Trajectory".into(),
         description: format!("The estimated trajectory of {} frames.", world_from_body.len()),
         axes: (name(i), name(j)),
-        ways: vec![estimate],
+        lines: vec![estimate],
         ..Plan::default()
     }
 }

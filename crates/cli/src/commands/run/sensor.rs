@@ -31,13 +31,13 @@ impl Sensor {
     }
 
     /// Whether the inertial sensor is used.
-    pub fn feels(self) -> bool {
+    pub fn has_imu(self) -> bool {
         matches!(self, Self::MonoImu | Self::StereoImu | Self::RgbdImu)
     }
 
     /// The eyes of a mode, with the inertial sensor or without.
-    pub fn with(mode: SensorMode, feels: bool) -> Self {
-        match (mode, feels) {
+    pub fn with(mode: SensorMode, has_imu: bool) -> Self {
+        match (mode, has_imu) {
             (SensorMode::Mono, false) => Self::Mono,
             (SensorMode::Stereo, false) => Self::Stereo,
             (SensorMode::Rgbd, false) => Self::Rgbd,

@@ -1,7 +1,7 @@
 //! `--status`: how it stands, a line on stderr; and what the report tells of it.
 
 use cairn_engine::{Phase, Status, StatusEvent};
-use cairn_eval::{GateStanding, ImuStanding, RunReport, Standing};
+use cairn_eval::{GateStanding, ImuStanding, RunReport, StatusSummary};
 use std::io::Write;
 
 /// A line is told at least so often, seconds of the source's time.
@@ -26,7 +26,7 @@ impl StatusLines {
 }
 
 fn is_news(told: &Status, now: &Status) -> bool {
-    let what = |s: &Status| (s.phase, s.world, s.initialised, s.valid);
+    let what = |s: &Status| (s.phase, s.map, s.initialised, s.valid);
     let happened = now.frames > told.frames && !now.events.is_empty();
     happened || what(told) != what(now) || now.t_s - told.t_s >= EVERY_S
 }
@@ -34,7 +34,7 @@ fn is_news(told: &Status, now: &Status) -> bool {
 /// Adds up how a run stands, frame by frame.
 #[derive(Default)]
 pub struct Stood {
-    standing: Standing,
+    standing: StatusSummary,
     last: Option<Status>,
     /// Worlds begun beside others.
     pub resets: usize,
@@ -61,7 +61,7 @@ impl Stood {
     }
 
     /// What the report tells.
-    pub fn standing(&self) -> Standing {
+    pub fn standing(&self) -> StatusSummary {
         let imu = self.last.as_ref().and_then(|s| Some((s, s.imu?))).map(|(s, imu)| ImuStanding {
             synthesised: imu.synthesised,
             gaps: imu.gaps,
@@ -69,7 +69,7 @@ impl Stood {
             initialised: s.initialised,
             gates: s.gates.iter().map(gate).collect(),
         });
-        Standing { imu, ..self.standing.clone() }
+        StatusSummary { imu, ..self.standing.clone() }
     }
 }
 

@@ -53,9 +53,9 @@ impl Tally {
     /// A frame that the engine took.
     pub fn frame(&mut self, packet: &FramePacket, done: &Output) {
         self.frames += 1;
-        self.step_ms.push(done.see_ms + done.track_ms);
+        self.step_ms.push(done.extract_ms + done.track_ms);
         self.stages.add_ms("decode", packet.decode_ms);
-        self.stages.add_ms("see", done.see_ms);
+        self.stages.add_ms("see", done.extract_ms);
         self.stages.add_ms("track", done.track_ms);
         self.finished(done.map_ms.iter().copied());
         self.closed(&done.close_ms, &done.verdicts);
@@ -107,7 +107,7 @@ impl Tally {
 
     /// The report so far; the source and the sensor are not known here.
     pub fn report(&self, engine: &Engine, config: &Config, skipped: &[String]) -> RunReport {
-        let map = engine.map();
+        let snapshot = engine.snapshot();
         let mut report = RunReport {
             version: env!("CARGO_PKG_VERSION").into(),
             skipped: skipped.len() + self.unseen.len(),
@@ -115,11 +115,11 @@ impl Tally {
             lost: self.lost.clone(),
             resets: self.stood.resets,
             standing: self.stood.standing(),
-            maps: map.worlds().count(),
+            maps: snapshot.maps().count(),
             loops: self.loops,
             merges: self.merges,
-            keyframes: map.key_frame_count(),
-            landmarks: map.landmark_count(),
+            keyframes: snapshot.key_frame_count(),
+            landmarks: snapshot.landmark_count(),
             ms: Percentiles::of(&self.step_ms),
             stages: self.stages.summary(),
             first_pose_s: self.first_pose_s,

@@ -4,7 +4,7 @@ use super::{positive, stop_name, text_of};
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::progress::Progress;
-use cairn_solve::bal::{self, BalSetting};
+use cairn_solve::bal::{self, BalConfig};
 use cairn_solve::{Loss, Stop};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -21,10 +21,10 @@ pub struct Arguments {
     #[arg(long, value_name = "W", value_parser = positive)]
     huber: Option<f64>,
     /// Steps at most.
-    #[arg(long, default_value_t = BalSetting::default().iterations, value_name = "N")]
+    #[arg(long, default_value_t = BalConfig::default().iterations, value_name = "N")]
     iterations: usize,
     /// Done when a step promises to lower the cost by less than this part of it.
-    #[arg(long, default_value_t = BalSetting::default().tolerance, value_name = "PART", value_parser = positive)]
+    #[arg(long, default_value_t = BalConfig::default().tolerance, value_name = "PART", value_parser = positive)]
     tolerance: f64,
     /// Write the adjusted problem here, in BAL form.
     #[arg(long, value_name = "FILE")]
@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         Failure::new(format!("{name}, line {}", e.line), e.reason, hint)
     })?;
     drop(text);
-    let setting = BalSetting {
+    let config = BalConfig {
         loss: arguments.huber.map_or(Loss::Squared, Loss::Huber),
         iterations: arguments.iterations,
         tolerance: arguments.tolerance,
@@ -68,7 +68,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let progress = Progress::new(None);
     let mut steps = 0;
     let began = Instant::now();
-    let report = bal.solve(&setting, || {
+    let report = bal.solve(&config, || {
         steps += 1;
         progress.step(steps);
         false

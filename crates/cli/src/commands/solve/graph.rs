@@ -5,7 +5,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use crate::progress::Progress;
 use cairn_solve::g2o::{self, Graph, Named};
-use cairn_solve::graph::{GraphSetting, Method, Metric, Rigid, chordal_start, odometry_start};
+use cairn_solve::graph::{GraphConfig, Method, Metric, Rigid, chordal_start, odometry_start};
 use cairn_solve::{Loss, Report, Stop};
 use clap::ValueEnum;
 use serde::Serialize;
@@ -40,10 +40,10 @@ pub struct Arguments {
     #[arg(long, default_value = "geodesic", value_name = "WHAT")]
     cost: Cost,
     /// Steps at most.
-    #[arg(long, default_value_t = GraphSetting::default().iterations, value_name = "N")]
+    #[arg(long, default_value_t = GraphConfig::default().iterations, value_name = "N")]
     iterations: usize,
     /// Done when a step promises to lower the cost by less than this part of it.
-    #[arg(long, default_value_t = GraphSetting::default().tolerance, value_name = "PART", value_parser = positive)]
+    #[arg(long, default_value_t = GraphConfig::default().tolerance, value_name = "PART", value_parser = positive)]
     tolerance: f64,
     /// Write the solved graph here, in g2o form.
     #[arg(long, value_name = "FILE")]
@@ -153,7 +153,7 @@ fn solve<G: Rigid<D>, const D: usize>(
             edge.information = G::isotropic(&edge.information);
         }
     }
-    let setting = GraphSetting {
+    let config = GraphConfig {
         method: match arguments.method {
             MethodName::Gn => Method::GaussNewton,
             MethodName::Lm => Method::LevenbergMarquardt,
@@ -173,7 +173,7 @@ fn solve<G: Rigid<D>, const D: usize>(
     }
     let progress = Progress::new(None);
     let mut steps = 0;
-    let report = graph.solve(&setting, || {
+    let report = graph.solve(&config, || {
         steps += 1;
         progress.step(steps);
         false

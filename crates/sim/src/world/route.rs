@@ -4,14 +4,14 @@ use cairn_geometry::Vec2;
 
 /// A polyline on the floor with a name.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Way {
+pub struct NamedRoute {
     /// Its name inside the world.
     pub name: String,
     /// Corners in the world's x and y, metres.
     pub points: Vec<Vec2>,
 }
 
-impl Way {
+impl NamedRoute {
     /// From a name and corners.
     pub fn new(name: &str, points: &[(f64, f64)]) -> Self {
         Self { name: name.into(), points: points.iter().map(|&(x, y)| Vec2::new(x, y)).collect() }

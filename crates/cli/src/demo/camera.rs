@@ -1,22 +1,22 @@
-//! The eyes of the demo: images rendered from where the walker truly is, and the session that sees nothing else.
+//! The camera of the demo: images rendered from where the walker truly is, and the session that sees nothing else.
 //!
 //! In: the camera's true pose, frame by frame, and commands. Out: what is said. The truth is kept aside for the figures.
 
 use crate::failure::Failure;
-use cairn_atlas::Map;
+use cairn_atlas::Snapshot;
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::StageTimes;
 use cairn_geometry::{Se3, Trajectory};
 use cairn_guide::Durable;
 use cairn_sensor::Stamp;
-use cairn_session::{Command, Disk, Event, Medium, Said, Session, SessionSetting};
-use cairn_sim::{LiveRig, SimSensor, SimSetting};
+use cairn_session::{Command, Disk, Event, Medium, Said, Session, SessionConfig};
+use cairn_sim::{LiveRig, SimConfig, SimSensor};
 use std::io;
 use std::path::Path;
 use std::time::Instant;
 
 /// A rig, a session, and what is measured on the way.
-pub struct Eyes {
+pub struct DemoCamera {
     live: LiveRig,
     session: Session,
     /// True poses of the camera, one for each frame.
@@ -31,18 +31,18 @@ pub struct Eyes {
     seeing: Option<bool>,
 }
 
-impl Eyes {
-    /// Eyes in a world; the sensors of the setting are the sensors of the engine.
-    pub fn new(setting: &SimSetting, source: String) -> Result<Self, Failure> {
-        let live = LiveRig::new(setting)?;
-        let mode = match setting.sensor {
+impl DemoCamera {
+    /// DemoCamera in a world; the sensors of the setting are the sensors of the engine.
+    pub fn new(config: &SimConfig, source: String) -> Result<Self, Failure> {
+        let live = LiveRig::new(config)?;
+        let mode = match config.sensor {
             SimSensor::Mono => SensorMode::Mono,
             SimSensor::Stereo => SensorMode::Stereo,
             SimSensor::Rgbd => SensorMode::Rgbd,
         };
-        let engine = Engine::new(live.rig(), mode, setting.rate_hz, Runner::Lockstep, &Config::default())
+        let engine = Engine::new(live.rig(), mode, config.rate_hz, Runner::Lockstep, &Config::default())
             .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
-        let walk = SessionSetting { source, record_to: Some("way".into()), ..SessionSetting::default() };
+        let walk = SessionConfig { source, record_to: Some("way".into()), ..SessionConfig::default() };
         Ok(Self {
             live,
             session: Session::new(engine, walk).on_disk(Box::new(Nowhere)),
@@ -88,14 +88,14 @@ impl Eyes {
     }
 
     fn note(&mut self, output: &Output) {
-        self.times.add_ms("see", output.see_ms);
+        self.times.add_ms("see", output.extract_ms);
         self.times.add_ms("track", output.track_ms);
-        self.times.add_ms("step", output.see_ms + output.track_ms);
-        self.step_ms.push(output.see_ms + output.track_ms);
+        self.times.add_ms("step", output.extract_ms + output.track_ms);
+        self.step_ms.push(output.extract_ms + output.track_ms);
         for ms in &output.map_ms {
             self.times.add_ms("map", *ms);
         }
-        let seeing = output.placed.is_some();
+        let seeing = output.anchored.is_some();
         match (self.seeing, seeing) {
             (Some(true), false) => self.lost.push((output.stamp.seconds(), 1)),
             (Some(false), false) => self.lost.iter_mut().last().into_iter().for_each(|l| l.1 += 1),
@@ -112,8 +112,8 @@ impl Eyes {
     }
 
     /// The map that the engine has made so far.
-    pub fn map(&self) -> std::sync::Arc<Map> {
-        self.session.engine().map()
+    pub fn snapshot(&self) -> std::sync::Arc<Snapshot> {
+        self.session.engine().snapshot()
     }
 
     /// Poses of the camera for every tracked frame, as the map sees them now.

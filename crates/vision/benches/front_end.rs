@@ -1,4 +1,4 @@
-//! How long a look takes: `cargo bench -p cairn-vision --bench eye`. Prints the fastest of many looks, which is the figure
+//! How long a look takes: `cargo bench -p cairn-vision --bench camera`. Prints the fastest of many looks, which is the figure
 //! that a busy machine disturbs least, and the median; and, on Linux, the mean time
 //! that the calling thread ran (without the second thread's, and without waiting for a processor).
 
@@ -6,7 +6,7 @@
 mod common;
 
 use cairn_sensor::{FramePacket, GrayImage, Rig, Stamp};
-use cairn_vision::{Eye, EyeSetting, OrbSetting, SensorMode};
+use cairn_vision::{FrontEnd, FrontEndConfig, OrbConfig, SensorMode};
 use common::recordings::{depth_png, euroc_rig, folder, jpeg, kitti_rig, listing};
 use std::sync::Arc;
 use std::time::Instant;
@@ -29,9 +29,9 @@ fn time(
     two_threads: bool,
     packets: &[FramePacket],
 ) {
-    let orb = OrbSetting { features, ..OrbSetting::default() };
-    let setting = EyeSetting { orb, two_threads, ..EyeSetting::default() };
-    let mut eye = Eye::new(rig, sensor, setting).unwrap();
+    let orb = OrbConfig { features, ..OrbConfig::default() };
+    let config = FrontEndConfig { orb, two_threads, ..FrontEndConfig::default() };
+    let mut camera = FrontEnd::new(rig, sensor, config).unwrap();
     let mut times = Vec::new();
     let mut ran_from = 0;
     let (mut seen, mut deep) = (0, 0);
@@ -41,7 +41,7 @@ fn time(
         }
         for p in packets {
             let start = Instant::now();
-            let frame = eye.see(p).unwrap();
+            let frame = camera.see(p).unwrap();
             if round > 0 {
                 times.push(start.elapsed().as_secs_f64() * 1e3);
             }

@@ -1,11 +1,11 @@
 //! Every number the guide goes by, with its default.
 
 use crate::facing::Facing;
-use crate::matcher::MatcherSetting;
+use crate::matcher::MatcherConfig;
 
 /// When the guide speaks. Lengths in metres, times in seconds, angles in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GuideSetting {
+pub struct GuideConfig {
     /// How the walker stands to the camera.
     pub facing: Facing,
     /// A turn is announced this far ahead,
@@ -116,10 +116,10 @@ pub struct GuideSetting {
     /// Backwards: an aim that is off by more than this is corrected.
     pub backwards_adjust_deg: f64,
     /// How the walker is found on the way.
-    pub matcher: MatcherSetting,
+    pub matcher: MatcherConfig,
 }
 
-impl Default for GuideSetting {
+impl Default for GuideConfig {
     fn default() -> Self {
         Self {
             facing: Facing::Home,
@@ -176,7 +176,7 @@ impl Default for GuideSetting {
             backwards_speed: 0.5,
             backwards_off_m: 0.5,
             backwards_adjust_deg: 12.0,
-            matcher: MatcherSetting::default(),
+            matcher: MatcherConfig::default(),
         }
     }
 }

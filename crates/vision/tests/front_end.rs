@@ -4,7 +4,7 @@ mod common;
 
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage, DepthSensor, FramePacket, GrayImage, Rig, Stamp};
-use cairn_vision::{Eye, EyeSetting, Frame, SeeError, SensorMode};
+use cairn_vision::{Frame, FrontEnd, FrontEndConfig, FrontEndError, SensorMode};
 use common::scene::{Exposure, Scene, lens_pair};
 use std::sync::Arc;
 
@@ -72,10 +72,10 @@ fn threads_change_nothing() {
     ];
     let packet = packet(images, None);
     let see = |two_threads| {
-        let setting = EyeSetting { two_threads, ..EyeSetting::default() };
-        let mut eye = Eye::new(&rig, SensorMode::Stereo, setting).unwrap();
-        let first = eye.see(&packet).unwrap();
-        assert!(same(&first, &eye.see(&packet).unwrap()), "a second look at one packet differs");
+        let config = FrontEndConfig { two_threads, ..FrontEndConfig::default() };
+        let mut camera = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
+        let first = camera.see(&packet).unwrap();
+        assert!(same(&first, &camera.see(&packet).unwrap()), "a second look at one packet differs");
         first
     };
     let frame = see(true);
@@ -88,17 +88,17 @@ fn threads_change_nothing() {
 #[test]
 fn mono_is_undistorted_and_has_no_depth() {
     let rig = Rig::mono(lens_pair().cameras[0].camera);
-    let mut eye = Eye::new(&rig, SensorMode::Mono, EyeSetting::default()).unwrap();
+    let mut camera = FrontEnd::new(&rig, SensorMode::Mono, FrontEndConfig::default()).unwrap();
     let image = Scene::room(6).render(&rig.cameras[0].camera, &Se3::identity(), &LOOK);
-    let frame = eye.see(&packet(vec![image], None)).unwrap();
+    let frame = camera.see(&packet(vec![image], None)).unwrap();
     assert!(frame.len() > 900);
     for i in 0..frame.len() {
         let [u, v] = frame.raw[i];
         let b = rig.cameras[0].camera.unproject(&Vec2::new(u as f64, v as f64)).unwrap();
-        let [x, y, _] = eye.model().project(&b).unwrap();
+        let [x, y, _] = camera.model().project(&b).unwrap();
         assert!((x - frame.px[i][0] as f64).abs() < 0.01 && (y - frame.px[i][1] as f64).abs() < 0.01);
         assert!(frame.depth[i].is_nan() && frame.right_x[i].is_nan() && !frame.has_depth(i));
-        assert!(eye.model().contains(x, y));
+        assert!(camera.model().contains(x, y));
     }
     let mut near = Vec::new();
     frame.near(frame.px[0][0], frame.px[0][1], 3.0, |i| near.push(i));
@@ -113,8 +113,8 @@ fn rgbd_depth_is_the_scenes() {
         let sensor = rig.depth.as_ref().unwrap();
         let image = scene.render(&rig.cameras[0].camera, &Se3::identity(), &LOOK);
         let depth = depth_image(&scene, sensor);
-        let mut eye = Eye::new(&rig, SensorMode::Rgbd, EyeSetting::default()).unwrap();
-        let frame = eye.see(&packet(vec![image.clone()], Some(depth))).unwrap();
+        let mut camera = FrontEnd::new(&rig, SensorMode::Rgbd, FrontEndConfig::default()).unwrap();
+        let frame = camera.see(&packet(vec![image.clone()], Some(depth))).unwrap();
         let (mut n, mut wrong, mut sum) = (0, 0, 0.0);
         for i in (0..frame.len()).filter(|&i| frame.has_depth(i)) {
             let truth = scene.depth(&rig.cameras[0].camera, &Se3::identity(), frame.raw[i]).unwrap();
@@ -126,7 +126,7 @@ fn rgbd_depth_is_the_scenes() {
                 sum += error / truth;
             }
             let disparity = (frame.px[i][0] - frame.right_x[i]) as f64;
-            assert!((disparity * frame.depth[i] as f64 / eye.model().baseline_fx - 1.0).abs() < 1e-2);
+            assert!((disparity * frame.depth[i] as f64 / camera.model().baseline_fx - 1.0).abs() < 1e-2);
         }
         println!(
             "registered {registered}: {n} of {} features have depth, {wrong} wrong by over 2 %, mean error of \
@@ -139,7 +139,7 @@ fn rgbd_depth_is_the_scenes() {
         assert!((wrong as f64) < 0.01 * n as f64);
         assert!(sum / ((n - wrong) as f64) < 0.001);
 
-        let without = eye.see(&packet(vec![image], None)).unwrap();
+        let without = camera.see(&packet(vec![image], None)).unwrap();
         assert_eq!(without.len(), frame.len());
         assert!(without.depth.iter().all(|d| d.is_nan()) && without.right_x.len() == without.len());
     }
@@ -148,41 +148,41 @@ fn rgbd_depth_is_the_scenes() {
 #[test]
 fn what_can_not_be_seen_is_an_error() {
     let rig = lens_pair();
-    let setting = EyeSetting::default();
-    let mut eye = Eye::new(&rig, SensorMode::Stereo, setting).unwrap();
+    let config = FrontEndConfig::default();
+    let mut camera = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
     let good = || GrayImage::new(752, 480);
     assert_eq!(
-        eye.see(&packet(vec![good()], None)).unwrap_err(),
-        SeeError::MissingImage { have: 1, need: 2 }
+        camera.see(&packet(vec![good()], None)).unwrap_err(),
+        FrontEndError::MissingImage { have: 1, need: 2 }
     );
-    assert!(eye.see(&packet(vec![], None)).is_err());
-    let error = eye.see(&packet(vec![good(), GrayImage::new(640, 480)], None)).unwrap_err();
+    assert!(camera.see(&packet(vec![], None)).is_err());
+    let error = camera.see(&packet(vec![good(), GrayImage::new(640, 480)], None)).unwrap_err();
     assert_eq!(error.to_string(), "cam1: the image is [640, 480] pixels, its calibration is for [752, 480]");
     // Black images are seen, and hold nothing.
-    assert!(eye.see(&packet(vec![good(), good()], None)).unwrap().is_empty());
+    assert!(camera.see(&packet(vec![good(), good()], None)).unwrap().is_empty());
 
-    let mut eye = Eye::new(&rgbd_rig(true), SensorMode::Rgbd, setting).unwrap();
+    let mut camera = FrontEnd::new(&rgbd_rig(true), SensorMode::Rgbd, config).unwrap();
     assert!(matches!(
-        eye.see(&packet(vec![good()], Some(DepthImage::new(0, 0)))),
-        Err(SeeError::WrongSize { .. })
+        camera.see(&packet(vec![good()], Some(DepthImage::new(0, 0)))),
+        Err(FrontEndError::WrongSize { .. })
     ));
 
     let mono = Rig::mono(rig.cameras[0].camera);
-    assert!(Eye::new(&mono, SensorMode::Stereo, setting).unwrap_err().0.contains("two cameras"));
-    assert!(Eye::new(&mono, SensorMode::Rgbd, setting).unwrap_err().0.contains("no depth sensor"));
+    assert!(FrontEnd::new(&mono, SensorMode::Stereo, config).unwrap_err().0.contains("two cameras"));
+    assert!(FrontEnd::new(&mono, SensorMode::Rgbd, config).unwrap_err().0.contains("no depth sensor"));
     let mut broken = mono.clone();
     broken.cameras[0].camera.fx = f64::NAN;
-    assert!(Eye::new(&broken, SensorMode::Mono, setting).is_err());
+    assert!(FrontEnd::new(&broken, SensorMode::Mono, config).is_err());
     let none = Rig { cameras: vec![], depth: None, imu: None };
-    assert!(Eye::new(&none, SensorMode::Mono, setting).is_err());
+    assert!(FrontEnd::new(&none, SensorMode::Mono, config).is_err());
 }
 
 #[test]
 fn tiny_images_and_strange_settings_do_no_harm() {
     let rig = Rig::mono(Camera::pinhole(8, 5, 10.0, 10.0, 4.0, 2.0));
-    let mut setting = EyeSetting::default();
-    setting.orb.features = 0;
-    setting.orb.levels = 0;
-    let mut eye = Eye::new(&rig, SensorMode::Mono, setting).unwrap();
-    assert!(eye.see(&packet(vec![GrayImage::new(8, 5)], None)).unwrap().is_empty());
+    let mut config = FrontEndConfig::default();
+    config.orb.features = 0;
+    config.orb.levels = 0;
+    let mut camera = FrontEnd::new(&rig, SensorMode::Mono, config).unwrap();
+    assert!(camera.see(&packet(vec![GrayImage::new(8, 5)], None)).unwrap().is_empty());
 }

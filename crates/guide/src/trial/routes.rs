@@ -4,14 +4,14 @@ use super::noise::Noise;
 use super::{STEP_S, camera_pose};
 use crate::ground::{Ground, cross, direction, heading_of, wrap};
 use crate::random::Random;
-use crate::recorder::{RecordInput, Recorder, RecorderSetting};
-use crate::way::{Anchor, Confidence, Way};
+use crate::recorder::{RecordInput, Recorder, RecorderConfig};
+use crate::route::{Anchor, Confidence, Route};
 use cairn_geometry::{Pose, Se3, So3, Vec2, Vec3};
 use cairn_sensor::Stamp;
 
 /// A way of 20 to 150 m with 3 to 12 turns (no more than one each 5 m), each segment at least 2.5 m; with
 /// `crossing` it crosses itself, else it keeps 3 m from itself.
-pub fn random_way(seed: u64, crossing: bool) -> Vec<Vec2> {
+pub fn random_route(seed: u64, crossing: bool) -> Vec<Vec2> {
     let mut random = Random::new(seed.wrapping_mul(0x9E37_79B9) ^ 0x5ACED);
     let mut best = Vec::new();
     for _ in 0..2000 {
@@ -83,9 +83,9 @@ fn keeps_away(line: &[Vec2]) -> bool {
 
 /// Somebody walks the line at 1 m/s with the camera on the chest, swaying up to 15 cm and rounding
 /// corners, and the recorder runs.
-pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Way {
+pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
     let mut random = Random::new(seed ^ 0x0DD);
-    let mut recorder = Recorder::new(RecorderSetting::default(), true, &Ground::z_up(), "simulated walk");
+    let mut recorder = Recorder::new(RecorderConfig::default(), true, &Ground::z_up(), "simulated walk");
     let phase = random.uniform(0.0, 6.0);
     let (mut k, mut p) = (0, line[0]);
     let mut heading = heading_of(&(line[1] - line[0]));

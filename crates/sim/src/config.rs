@@ -1,7 +1,7 @@
 //! What is simulated: world, way, sensors, effects; and its short form `sim:WORLD?key=value&...`.
 
 use crate::effects::Effects;
-use crate::walk::{ImuSetting, ImuTroubles, Walker};
+use crate::walk::{ImuConfig, ImuTroubles, Walker};
 use crate::world::{WorldKind, WorldOptions};
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthSensor, ImuNoise, Rig, RigCamera, SourceError, Stamp};
@@ -20,21 +20,21 @@ pub enum SimSensor {
 
 /// Where the body goes.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Route {
+pub enum CameraPath {
     /// A way of the world by name; `None` takes the first.
-    Way(Option<String>),
+    Route(Option<String>),
     /// Corners on the floor, metres.
     Points(Vec<Vec2>),
     /// Body poses in time, already in the world's frame.
     Poses(Vec<(Stamp, Se3)>),
     /// A TUM file of body poses (z up); it is moved (not turned) so that its middle comes to the middle of the world's first
-    /// way. With [`SimSetting::readings`] the poses are made smooth and put into the readings' clock.
+    /// way. With [`SimConfig::readings`] the poses are made smooth and put into the readings' clock.
     File(PathBuf),
 }
 
 /// Everything that makes a simulated recording; the same setting gives the same bytes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SimSetting {
+pub struct SimConfig {
     /// Which world.
     pub world: WorldKind,
     /// Seed of the world, of the noise and of the passers-by.
@@ -44,8 +44,8 @@ pub struct SimSetting {
     /// Which cameras.
     pub sensor: SimSensor,
     /// The inertial sensor, if any.
-    pub imu: Option<ImuSetting>,
-    /// Real readings of the motion in [`Route::File`], in place of simulated ones: a csv file, see [`crate::read_readings`].
+    pub imu: Option<ImuConfig>,
+    /// Real readings of the motion in [`CameraPath::File`], in place of simulated ones: a csv file, see [`crate::read_readings`].
     pub readings: Option<PathBuf>,
     /// What goes wrong with the readings, simulated or real.
     pub troubles: ImuTroubles,
@@ -58,7 +58,7 @@ pub struct SimSetting {
     /// Frames a second.
     pub rate_hz: f64,
     /// Where the body goes.
-    pub route: Route,
+    pub route: CameraPath,
     /// Seconds of the motion that are left out at its beginning.
     pub start_s: f64,
     /// Seconds at most.
@@ -71,7 +71,7 @@ pub struct SimSetting {
     pub passers_by: usize,
 }
 
-impl SimSetting {
+impl SimConfig {
     /// A world with the usual rig: stereo, 640x480 at 20 Hz, IMU at 200 Hz.
     pub fn new(world: WorldKind, seed: u64) -> Self {
         Self {
@@ -79,14 +79,14 @@ impl SimSetting {
             seed,
             options: WorldOptions::default(),
             sensor: SimSensor::Stereo,
-            imu: Some(ImuSetting::default()),
+            imu: Some(ImuConfig::default()),
             readings: None,
             troubles: ImuTroubles::default(),
             camera: Camera::pinhole(640, 480, 420.0, 420.0, 319.5, 239.5),
             body_from_camera: Se3::identity(),
             baseline_m: 0.12,
             rate_hz: 20.0,
-            route: Route::Way(None),
+            route: CameraPath::Route(None),
             start_s: 0.0,
             duration_s: None,
             walker: Walker::default(),
@@ -112,14 +112,14 @@ impl SimSetting {
             metres_per_unit: 0.001,
             registered: true,
         });
-        let mut imu = self.imu.as_ref().map(ImuSetting::sensor);
+        let mut imu = self.imu.as_ref().map(ImuConfig::sensor);
         if let Some(sensor) = &mut imu {
             sensor.rate_hz /= self.troubles.mean_of.max(1) as f64;
         }
         Rig { cameras, depth, imu }
     }
 
-    /// Reads `sim:WORLD` or `sim:WORLD?key=value&key=value`; [`SimSetting::KEYS`] lists the keys.
+    /// Reads `sim:WORLD` or `sim:WORLD?key=value&key=value`; [`SimConfig::KEYS`] lists the keys.
     ///
     /// # Errors
     /// Names the part that is not understood and what could stand there.
@@ -130,15 +130,15 @@ impl SimSetting {
         };
         let (name, query) = rest.split_once('?').unwrap_or((rest, ""));
         let world: WorldKind = name.parse().map_err(|e| fail(e, "choose one of them".into()))?;
-        let mut setting = Self::new(world, 1);
+        let mut config = Self::new(world, 1);
         for pair in query.split('&').filter(|p| !p.is_empty()) {
             let Some((key, value)) = pair.split_once('=') else {
                 return Err(fail(format!("\"{pair}\" has no \"=\""), "write key=value".into()));
             };
-            setting.set(key, value).map_err(|(why, cure)| fail(format!("{key}={value}: {why}"), cure))?;
+            config.set(key, value).map_err(|(why, cure)| fail(format!("{key}={value}: {why}"), cure))?;
         }
-        setting.check()?;
-        Ok(setting)
+        config.check()?;
+        Ok(config)
     }
 
     /// The keys of the short form and what they mean.
@@ -146,7 +146,7 @@ impl SimSetting {
         ("seed", "whole number, 1"),
         ("sensor", "mono, stereo, rgbd, mono-imu, stereo-imu, rgbd-imu (default stereo-imu)"),
         ("rate", "frames a second, 20"),
-        ("way", "name of a way of the world, its first"),
+        ("route", "name of a route of the world, its first"),
         ("trajectory", "TUM file of body poses to follow instead of a way"),
         (
             "imu",
@@ -209,8 +209,8 @@ impl SimSetting {
             }
             "sensor" => self.set_sensor(value)?,
             "rate" => self.rate_hz = number(0.5, 240.0)?,
-            "way" => self.route = Route::Way(Some(value.into())),
-            "trajectory" => self.route = Route::File(value.into()),
+            "route" | "way" => self.route = CameraPath::Route(Some(value.into())),
+            "trajectory" => self.route = CameraPath::File(value.into()),
             "imu" => self.readings = Some(value.into()),
             "start" => self.start_s = number(0.0, 86_400.0)?,
             "duration" => self.duration_s = Some(number(0.0, 86_400.0)?),
@@ -242,7 +242,7 @@ impl SimSetting {
             "depth_noise" => self.effects.depth_noise = number(0.0, 0.1)?,
             "imu_noise" => {
                 let noisy = number(0.0, 1.0)? > 0.5;
-                self.imu = self.imu.map(|i| ImuSetting { noisy, ..i });
+                self.imu = self.imu.map(|i| ImuConfig { noisy, ..i });
             }
             "mount" => {
                 let [x, y, z, qx, qy, qz, qw] = numbers(value)?;
@@ -252,12 +252,12 @@ impl SimSetting {
             }
             "imu_rate" => {
                 let rate_hz = number(1.0, 20_000.0)?;
-                self.imu = self.imu.map(|i| ImuSetting { rate_hz, ..i });
+                self.imu = self.imu.map(|i| ImuConfig { rate_hz, ..i });
             }
             "imu_densities" => {
                 let [gyro, gyro_walk, accel, accel_walk] = numbers(value)?;
                 let noise = ImuNoise { gyro, gyro_walk, accel, accel_walk };
-                self.imu = self.imu.map(|i| ImuSetting { noise, ..i });
+                self.imu = self.imu.map(|i| ImuConfig { noise, ..i });
             }
             "imu_mean" => self.troubles.mean_of = number(1.0, 100.0)? as usize,
             "imu_offset" => self.troubles.offset_s = number(-1000.0, 1000.0)? / 1000.0,
@@ -279,7 +279,7 @@ impl SimSetting {
     /// Settings that fit each other only with others.
     fn check_readings(&self) -> Result<(), SourceError> {
         let fail = |why: &str, cure: &str| Err(SourceError::new(format!("sim:{}", self.world), why, cure));
-        if self.readings.is_some() && !matches!(self.route, Route::File(_)) {
+        if self.readings.is_some() && !matches!(self.route, CameraPath::File(_)) {
             return fail("real readings without the motion they were taken on", "give trajectory=FILE too");
         }
         if self.readings.is_some() && self.imu.is_none() {

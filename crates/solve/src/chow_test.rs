@@ -12,7 +12,7 @@ use nalgebra::{SMatrix, SVector};
 /// Squared distance between the poses that two groups of matches ask for, in units of its covariance: chi-square with
 /// six degrees of freedom when both groups see what stands still and errors are those of the weights. `None` where one
 /// group alone does not tell a pose.
-pub fn disagreement(camera: &Pinhole, near: &Se3, one: &[PointMatch], other: &[PointMatch]) -> Option<f64> {
+pub fn chow_test(camera: &Pinhole, near: &Se3, one: &[PointMatch], other: &[PointMatch]) -> Option<f64> {
     let alone = |matches: &[PointMatch]| -> Option<(SVector<f64, 6>, SMatrix<f64, 6, 6>)> {
         let normal = normal_equations(camera, near, matches, &vec![true; matches.len()], false);
         let covariance = normal.h.cholesky()?.inverse();
@@ -54,7 +54,7 @@ mod tests {
         let still = matches(0, 150, Vec3::zeros());
         let also = matches(150, 100, Vec3::zeros());
         let moved = matches(150, 100, Vec3::new(0.0, 0.0, 0.05));
-        let test = |other: &[PointMatch]| disagreement(&CAMERA, &Se3::identity(), &still, other).unwrap();
+        let test = |other: &[PointMatch]| chow_test(&CAMERA, &Se3::identity(), &still, other).unwrap();
         assert!(test(&also) < 12.0, "{}", test(&also));
         assert!(test(&moved) > 100.0, "{}", test(&moved));
     }
@@ -62,6 +62,6 @@ mod tests {
     #[test]
     fn too_few_tell_nothing() {
         let still = matches(0, 150, Vec3::zeros());
-        assert_eq!(disagreement(&CAMERA, &Se3::identity(), &still, &[]), None);
+        assert_eq!(chow_test(&CAMERA, &Se3::identity(), &still, &[]), None);
     }
 }

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 const QUEUE: usize = 8;
 
 /// A source whose packets are made on a thread of their own, at most [`QUEUE`] ahead.
-pub struct Ahead {
+pub struct Prefetch {
     info: SourceInfo,
     rig: Rig,
     skipped: Vec<String>,
@@ -23,7 +23,7 @@ struct Step {
     skipped: Vec<String>,
 }
 
-impl Ahead {
+impl Prefetch {
     /// Starts reading.
     pub fn start(source: impl Source + 'static) -> Result<Self, SourceError> {
         let (info, rig) = (source.info().clone(), source.rig().clone());
@@ -60,7 +60,7 @@ fn read(mut source: impl Source, sender: &SyncSender<Step>) {
     }
 }
 
-impl Source for Ahead {
+impl Source for Prefetch {
     fn info(&self) -> &SourceInfo {
         &self.info
     }
@@ -89,7 +89,7 @@ impl Source for Ahead {
     }
 }
 
-impl Drop for Ahead {
+impl Drop for Prefetch {
     /// Closes the queue, which ends the thread after the packet in its hands.
     fn drop(&mut self) {
         self.packets = None;
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn gives_what_the_source_gives_with_its_skipped_lines_in_step() {
-        let mut ahead = Ahead::start(Fake::new(30, || Ok(None))).unwrap();
+        let mut ahead = Prefetch::start(Fake::new(30, || Ok(None))).unwrap();
         assert_eq!(ahead.skipped(), ["at the start"]);
         for i in 1..=30 {
             assert_eq!(ahead.next_packet().unwrap().unwrap().stamp, Stamp(30 - i as i64));
@@ -167,11 +167,11 @@ mod tests {
 
     #[test]
     fn failures_and_panics_are_errors() {
-        let mut ahead = Ahead::start(Fake::new(1, || Err(SourceError::new("a", "b", "c")))).unwrap();
+        let mut ahead = Prefetch::start(Fake::new(1, || Err(SourceError::new("a", "b", "c")))).unwrap();
         assert!(ahead.next_packet().unwrap().is_some());
         assert_eq!(ahead.next_packet().unwrap_err().to_string(), "a: b; c");
         assert!(ahead.next_packet().unwrap().is_none());
-        let mut ahead = Ahead::start(Fake::new(1, || panic!("on purpose"))).unwrap();
+        let mut ahead = Prefetch::start(Fake::new(1, || panic!("on purpose"))).unwrap();
         assert!(ahead.next_packet().unwrap().is_some());
         assert!(ahead.next_packet().unwrap_err().to_string().contains("the reading thread failed"));
         assert!(ahead.next_packet().unwrap().is_none());

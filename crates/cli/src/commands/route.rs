@@ -1,4 +1,4 @@
-//! `cairn way`: what is in a recorded way, what cleaning makes of it, and a picture of both.
+//! `cairn route`: what is in a recorded way, what cleaning makes of it, and a picture of both.
 //!
 //! The record itself is never changed. Poses are taken as they were recorded.
 
@@ -7,8 +7,8 @@ use crate::output::Output;
 use cairn_eval::{Marker, Plan, Tone};
 use cairn_geometry::Vec2;
 use cairn_guide::{
-    CleanSetting, CleanWay, Maneuver, Route, RouteSetting, Stairs, Travel, Way, WayDrawing, WayError,
-    WayInfo, survey,
+    CleanConfig, CleanedRoute, Maneuver, ManeuverPlan, ManeuverPlanConfig, Route, RouteDrawing, RouteError,
+    RouteInfo, Stairs, Travel, survey,
 };
 use serde::Serialize;
 use std::fmt::Write;
@@ -35,14 +35,14 @@ enum Command {
 #[derive(clap::Args)]
 struct One {
     /// The recorded way.
-    way: PathBuf,
+    route: PathBuf,
 }
 
 /// A recorded way and its picture.
 #[derive(clap::Args)]
 struct Show {
     /// The recorded way.
-    way: PathBuf,
+    route: PathBuf,
     /// The picture; without it, SVG on stdout.
     #[arg(long, value_name = "OUT.svg")]
     out: Option<PathBuf>,
@@ -55,22 +55,22 @@ struct Shown {
     written: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     svg: Option<String>,
-    drawing: WayDrawing,
+    drawing: RouteDrawing,
 }
 
 /// Runs the subcommand.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     match &arguments.command {
-        Command::Info(one) => output.result(&load(&one.way)?.info, info_text),
+        Command::Info(one) => output.result(&load(&one.route)?.info, info_text),
         Command::Clean(one) => {
-            let surveyed = load(&one.way)?;
+            let surveyed = load(&one.route)?;
             let cleaned = cleaned(&surveyed).map_err(|why| {
-                Failure::new(one.way.display().to_string(), why, "record a way of some metres")
+                Failure::new(one.route.display().to_string(), why, "record a way of some metres")
             })?;
             output.result(&cleaned, |c| cleaned_text(c, &surveyed.info))
         }
         Command::Show(show) => {
-            let Surveyed { info, drawing, .. } = load(&show.way)?;
+            let Surveyed { info, drawing, .. } = load(&show.route)?;
             let svg = plan(&drawing, &info).figure().standalone();
             let written = show.out.clone();
             let shown = match &written {
@@ -89,31 +89,31 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
 }
 
 struct Surveyed {
-    way: Way,
-    info: WayInfo,
-    clean: CleanWay,
-    drawing: WayDrawing,
+    route: Route,
+    info: RouteInfo,
+    clean: CleanedRoute,
+    drawing: RouteDrawing,
 }
 
 fn load(path: &Path) -> Result<Surveyed, Failure> {
-    let way = Way::load(path).map_err(|e| {
+    let route = Route::load(path).map_err(|e| {
         let shown = path.display().to_string();
         match e {
-            WayError::File { source, .. } => Failure::new(shown, source.to_string(), "check the path"),
-            WayError::Line { line, why } => Failure::new(
+            RouteError::File { source, .. } => Failure::new(shown, source.to_string(), "check the path"),
+            RouteError::Line { line, why } => Failure::new(
                 format!("{shown}, line {line}"),
                 why,
                 "remove that line, or record the way again",
             ),
-            WayError::Header(why) => Failure::new(
+            RouteError::Header(why) => Failure::new(
                 shown,
                 format!("not a recorded way: {why}"),
                 "give a file that cairn run --record wrote",
             ),
         }
     })?;
-    let (info, clean, drawing) = survey(&way, |_| None, &CleanSetting::default());
-    Ok(Surveyed { way, info, clean, drawing })
+    let (info, clean, drawing) = survey(&route, |_| None, &CleanConfig::default());
+    Ok(Surveyed { route, info, clean, drawing })
 }
 
 #[derive(Serialize)]
@@ -145,9 +145,10 @@ struct TurnReport {
 }
 
 fn cleaned(surveyed: &Surveyed) -> Result<Cleaned, String> {
-    let Surveyed { way, info, clean, .. } = surveyed;
-    let route = Route::from_way(clean, Travel::Home, &way.header.ground(), &RouteSetting::default())
-        .map_err(|e| e.to_string())?;
+    let Surveyed { route, info, clean, .. } = surveyed;
+    let plan =
+        ManeuverPlan::from_route(clean, Travel::Home, &route.header.ground(), &ManeuverPlanConfig::default())
+            .map_err(|e| e.to_string())?;
     let turn = |m: &Maneuver| TurnReport {
         at_m: m.at_m,
         turn_deg: m.turn_rad.to_degrees(),
@@ -163,23 +164,23 @@ fn cleaned(surveyed: &Surveyed) -> Result<Cleaned, String> {
         after_m: clean.after_m,
         corners: clean.points.iter().map(|p| (*p).into()).collect(),
         cuts: clean.cuts.iter().map(cut).collect(),
-        home: route.maneuvers().iter().map(turn).collect(),
+        home: plan.maneuvers().iter().map(turn).collect(),
     })
 }
 
 /// The way seen from above.
-fn plan(drawing: &WayDrawing, info: &WayInfo) -> Plan {
+fn plan(drawing: &RouteDrawing, info: &RouteInfo) -> Plan {
     let points = |line: &[[f64; 2]]| line.iter().map(|p| Vec2::new(p[0], p[1])).collect::<Vec<_>>();
     let (recorded, cleaned) = (points(&drawing.recorded), points(&drawing.cleaned));
     let ends = [("start", cleaned.first()), ("end", cleaned.last())];
     let marker = |(label, at): (&str, Option<&Vec2>)| {
         Some(Marker { label: label.to_owned(), at: *at?, tone: Tone::Third })
     };
-    let way = |label: &str, points, tone| cairn_eval::Way {
+    let route = |label: &str, points, tone| cairn_eval::PlanLine {
         label: label.to_owned(),
         points,
         tone,
-        ..cairn_eval::Way::default()
+        ..cairn_eval::PlanLine::default()
     };
     Plan {
         title: format!("A way of {:.1} m, cleaned to {:.1} m", info.length_m, info.cleaned_m),
@@ -189,15 +190,15 @@ fn plan(drawing: &WayDrawing, info: &WayInfo) -> Plan {
         ),
         axes: ("x".to_owned(), "y".to_owned()),
         markers: ends.into_iter().filter_map(marker).collect(),
-        ways: vec![
-            cairn_eval::Way { broad: true, ..way("as recorded", recorded, Tone::Truth) },
-            cairn_eval::Way { arrows: true, ..way("cleaned", cleaned, Tone::First) },
+        lines: vec![
+            cairn_eval::PlanLine { broad: true, ..route("as recorded", recorded, Tone::Truth) },
+            cairn_eval::PlanLine { arrows: true, ..route("cleaned", cleaned, Tone::First) },
         ],
         ..Plan::default()
     }
 }
 
-fn info_text(i: &WayInfo) -> String {
+fn info_text(i: &RouteInfo) -> String {
     let unit = if i.metric { "m" } else { "m (a guess from the pace: the scale is not known)" };
     let mut text = String::new();
     // Writing to a string does not fail.
@@ -222,7 +223,7 @@ fn info_text(i: &WayInfo) -> String {
     text
 }
 
-fn cleaned_text(c: &Cleaned, info: &WayInfo) -> String {
+fn cleaned_text(c: &Cleaned, info: &RouteInfo) -> String {
     let mut text = String::new();
     let _ = writeln!(text, "length    {:.2} m recorded, {:.2} m cleaned", c.before_m, c.after_m);
     if !c.metric {

@@ -1,9 +1,9 @@
-//! `cairn way`.
+//! `cairn route`.
 
 use crate::{cairn, fails, folder, json, stderr, stdout};
 
 /// A way east, into a dead end to the north and back, and on east; as `cairn run --record` writes it.
-fn recorded_way() -> String {
+fn recorded_route() -> String {
     let leg =
         |n: i32, at: &dyn Fn(f64) -> [f64; 2]| (0..n).map(|i| at(0.1 * f64::from(i))).collect::<Vec<_>>();
     let mut line = leg(100, &|d| [d, 0.0]);
@@ -26,23 +26,23 @@ fn recorded_way() -> String {
 #[test]
 fn way_tells_what_cleaning_does() {
     let folder = folder("way");
-    let (way, picture) = (folder.join("walk.way"), folder.join("walk.svg"));
-    std::fs::write(&way, recorded_way()).unwrap();
-    let (way, picture) = (way.to_str().unwrap(), picture.to_str().unwrap());
-    let info = json(&cairn(&["way", "info", way, "--json"]));
+    let (route, picture) = (folder.join("walk.route"), folder.join("walk.svg"));
+    std::fs::write(&route, recorded_route()).unwrap();
+    let (route, picture) = (route.to_str().unwrap(), picture.to_str().unwrap());
+    let info = json(&cairn(&["route", "info", route, "--json"]));
     assert!((info["length_m"].as_f64().unwrap() - 28.9).abs() < 0.2, "{info}");
     assert!((info["cleaned_m"].as_f64().unwrap() - 20.9).abs() < 0.5, "the dead end goes: {info}");
-    let cleaned = json(&cairn(&["way", "clean", way, "--json"]));
+    let cleaned = json(&cairn(&["route", "clean", route, "--json"]));
     assert_eq!(cleaned["cuts"].as_array().unwrap().len(), 1, "{cleaned}");
     // On the way out the last corner bends right, so on the way home it bends left.
     let home = cleaned["home"].as_array().unwrap();
     assert!(home.len() == 1 && (home[0]["turn_deg"].as_f64().unwrap() - 90.0).abs() < 10.0, "{cleaned}");
-    let text = stdout(&cairn(&["way", "clean", way]));
+    let text = stdout(&cairn(&["route", "clean", route]));
     assert!(text.contains("deg left"), "{text}");
-    let shown = cairn(&["way", "show", way, "--out", picture]);
+    let shown = cairn(&["route", "show", route, "--out", picture]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     let svg = std::fs::read_to_string(picture).unwrap();
-    assert!(svg.contains("<svg") && svg == stdout(&cairn(&["way", "show", way])));
+    assert!(svg.contains("<svg") && svg == stdout(&cairn(&["route", "show", route])));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -54,18 +54,18 @@ fn way_tells_what_is_wrong_with_a_file() {
         std::fs::write(&path, text).unwrap();
         path.to_str().unwrap().to_owned()
     };
-    let good = recorded_way();
-    fails(&["way", "info", "/no/walk.way"], &["/no/walk.way"]);
-    fails(&["way", "info", &write("empty.way", "")], &["empty.way", "not a recorded way"]);
-    fails(&["way", "show", &write("other.way", "{\"a\": 1}\n")], &["other.way", "not a recorded way"]);
+    let good = recorded_route();
+    fails(&["route", "info", "/no/walk.route"], &["/no/walk.route"]);
+    fails(&["route", "info", &write("empty.route", "")], &["empty.route", "not a recorded way"]);
+    fails(&["route", "show", &write("other.route", "{\"a\": 1}\n")], &["other.route", "not a recorded way"]);
     fails(
-        &["way", "clean", &write("broken.way", &good.replacen("\"t\":100000000,", "", 1))],
-        &["broken.way, line 3"],
+        &["route", "clean", &write("broken.route", &good.replacen("\"t\":100000000,", "", 1))],
+        &["broken.route, line 3"],
     );
     let still: String = good.lines().take(2).map(|line| format!("{line}\n")).collect();
-    fails(&["way", "clean", &write("still.way", &still)], &["still.way", "at least 2"]);
+    fails(&["route", "clean", &write("still.route", &still)], &["still.route", "at least 2"]);
     // A crash tears at most the last line: that is told, not refused.
-    let torn = json(&cairn(&["way", "info", &write("torn.way", &good[..good.len() - 20]), "--json"]));
+    let torn = json(&cairn(&["route", "info", &write("torn.route", &good[..good.len() - 20]), "--json"]));
     assert_eq!(torn["torn"], true);
     std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 /// A point as it looked before.
 #[derive(Clone, Copy, Debug)]
-pub struct Look<'a, T> {
+pub struct DescriptorQuery<'a, T> {
     /// What it is.
     pub item: T,
     /// Its descriptor.
@@ -17,8 +17,8 @@ pub struct Look<'a, T> {
 /// The features of a frame that look like earlier points: at most `bits` apart, and at most `ratio` times as far as the
 /// second nearest feature. One feature for each point and the other way round, and only those that turned as most did.
 /// Features rise.
-pub fn match_looks<'a, T: Copy + Ord>(
-    looks: impl Iterator<Item = Look<'a, T>>,
+pub fn match_descriptors<'a, T: Copy + Ord>(
+    looks: impl Iterator<Item = DescriptorQuery<'a, T>>,
     frame: &Frame,
     bits: u32,
     ratio: f64,
@@ -73,8 +73,10 @@ mod tests {
             (4, descriptor(0xcc), 0.5),
             (5, descriptor(0xaa), 2.5),
         ];
-        let many = || looks.iter().map(|(item, d, angle)| Look { item: *item, descriptor: d, angle: *angle });
-        assert_eq!(match_looks(many(), &frame, 50, 0.8), [(2, 2), (3, 3), (4, 4), (6, 5)]);
-        assert_eq!(match_looks(many(), &Frame::default(), 50, 0.8), []);
+        let many = || {
+            looks.iter().map(|(item, d, angle)| DescriptorQuery { item: *item, descriptor: d, angle: *angle })
+        };
+        assert_eq!(match_descriptors(many(), &frame, 50, 0.8), [(2, 2), (3, 3), (4, 4), (6, 5)]);
+        assert_eq!(match_descriptors(many(), &Frame::default(), 50, 0.8), []);
     }
 }

@@ -9,7 +9,7 @@ pub(super) const TRIED: usize = 3;
 
 /// A grid of features with their disparities.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Lenders {
+pub(super) struct DisparitySeeds {
     origin: [f32; 2],
     columns: usize,
     rows: usize,
@@ -18,7 +18,7 @@ pub(super) struct Lenders {
     items: Vec<[f32; 3]>,
 }
 
-impl Lenders {
+impl DisparitySeeds {
     /// Takes the features of `found` that have a depth.
     pub(super) fn fill(&mut self, px: &[[f32; 2]], found: &[Found], depth: &[f32]) {
         let lent = || found.iter().filter(|f| depth[f.left as usize] > 0.0);

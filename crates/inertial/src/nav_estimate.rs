@@ -14,9 +14,9 @@ const N: usize = 15;
 
 /// A state of the eye and the sensor with its uncertainty.
 #[derive(Clone, Debug)]
-pub struct Belief {
+pub struct NavEstimate {
     /// Where the eye is, metres, in a world whose gravity is known.
-    pub world_from_eye: Se3,
+    pub world_from_camera: Se3,
     /// The sensor's velocity in the world, m/s.
     pub velocity: Vec3,
     /// The sensor's biases.
@@ -25,41 +25,41 @@ pub struct Belief {
     pub covariance: SMatrix<f64, N, N>,
 }
 
-impl Belief {
+impl NavEstimate {
     /// A state with independent standard deviations: metres, radians, m/s, rad/s, m/s^2.
-    pub fn new(world_from_eye: Se3, velocity: Vec3, bias: Bias, sigmas: [f64; 5]) -> Self {
+    pub fn new(world_from_camera: Se3, velocity: Vec3, bias: Bias, sigmas: [f64; 5]) -> Self {
         let covariance = SMatrix::from_diagonal(&SVector::from_fn(|i, _| sigmas[i / 3].powi(2)));
-        Self { world_from_eye, velocity, bias, covariance }
+        Self { world_from_camera, velocity, bias, covariance }
     }
 
     /// The sensor's state.
-    pub fn nav(&self, imu_from_eye: &Se3) -> NavState {
-        let world_from_imu = self.world_from_eye * imu_from_eye.inverse();
+    pub fn nav(&self, imu_from_camera: &Se3) -> NavState {
+        let world_from_imu = self.world_from_camera * imu_from_camera.inverse();
         NavState { world_from_imu, velocity: self.velocity, bias: self.bias }
     }
 
     /// What is believed at the end of a sum that begins at this instant; `None` when it is empty.
-    pub fn after(&self, sum: &Preintegrated, gravity: &Gravity, imu_from_eye: &Se3) -> Option<Self> {
+    pub fn after(&self, sum: &Preintegrated, gravity: &Gravity, imu_from_camera: &Se3) -> Option<Self> {
         if sum.seconds() <= 0.0 {
             return None;
         }
-        let from = self.nav(imu_from_eye);
+        let from = self.nav(imu_from_camera);
         let to = sum.predict(&from, &gravity.vector());
         let l = sum.linearise(&from, &to, gravity);
-        let adjoint = imu_from_eye.adjoint();
-        let of_eye = |by: &SMatrix<f64, N, N>| {
+        let adjoint = imu_from_camera.adjoint();
+        let of_camera = |by: &SMatrix<f64, N, N>| {
             let mut out = *by;
             let pose = by.fixed_view::<N, 6>(0, 0) * adjoint;
             out.fixed_view_mut::<N, 6>(0, 0).copy_from(&pose);
             out
         };
         // residual(from, to) is the noise: to first order, by_from d_from + by_to d_to = noise.
-        let (by_from, by_to) = (of_eye(&l.by_from), of_eye(&l.by_to));
+        let (by_from, by_to) = (of_camera(&l.by_from), of_camera(&l.by_to));
         let carried = sum.covariance() + by_from * self.covariance * by_from.transpose();
         let back = by_to.try_inverse()?;
         let covariance = symmetric(&(back * carried * back.transpose()));
-        let world_from_eye = to.world_from_imu * *imu_from_eye;
-        Some(Self { world_from_eye, velocity: to.velocity, bias: to.bias, covariance })
+        let world_from_camera = to.world_from_imu * *imu_from_camera;
+        Some(Self { world_from_camera, velocity: to.velocity, bias: to.bias, covariance })
     }
 
     /// Information over the pose alone, all else marginalised.
@@ -68,29 +68,29 @@ impl Belief {
     }
 
     /// What is believed once the pose, this belief in it included, is known with a covariance; all else follows it.
-    pub fn seen(&self, world_from_eye: &Se3, covariance: &SMatrix<f64, 6, 6>) -> Option<Self> {
+    pub fn seen(&self, world_from_camera: &Se3, covariance: &SMatrix<f64, 6, 6>) -> Option<Self> {
         let before = Cholesky::new(self.pose_covariance())?;
         let all_by_pose = self.covariance.fixed_view::<N, 6>(0, 0).into_owned();
         let gain = before.solve(&all_by_pose.transpose()).transpose();
-        let step = gain * self.world_from_eye.local(world_from_eye);
+        let step = gain * self.world_from_camera.local(world_from_camera);
         let narrowed = gain * (self.pose_covariance() - covariance) * gain.transpose();
         let after = self.moved(&step);
         Some(Self {
-            world_from_eye: *world_from_eye,
+            world_from_camera: *world_from_camera,
             covariance: symmetric(&(self.covariance - narrowed)),
             ..after
         })
     }
 
     /// The map has moved: the eye stands here now, and goes on in its own direction.
-    pub fn carry_to(&mut self, world_from_eye: Se3) {
-        let turn = (world_from_eye.rotation * self.world_from_eye.rotation.inverse()).matrix();
+    pub fn carry_to(&mut self, world_from_camera: Se3) {
+        let turn = (world_from_camera.rotation * self.world_from_camera.rotation.inverse()).matrix();
         self.velocity = turn * self.velocity;
         let rows = turn * self.covariance.fixed_view::<3, N>(6, 0);
         self.covariance.fixed_view_mut::<3, N>(6, 0).copy_from(&rows);
         let columns = self.covariance.fixed_view::<N, 3>(0, 6) * turn.transpose();
         self.covariance.fixed_view_mut::<N, 3>(0, 6).copy_from(&columns);
-        self.world_from_eye = world_from_eye;
+        self.world_from_camera = world_from_camera;
     }
 
     /// What is believed once it is known that the eye stands still, with this standard deviation in m/s.
@@ -125,7 +125,7 @@ impl Belief {
         let part = |i: usize| -> Vec3 { d.fixed_rows::<3>(i).into() };
         let bias = Bias { gyro: self.bias.gyro + part(9), accel: self.bias.accel + part(12) };
         Self {
-            world_from_eye: self.world_from_eye.retract(&d.fixed_rows::<6>(0).into()),
+            world_from_camera: self.world_from_camera.retract(&d.fixed_rows::<6>(0).into()),
             velocity: self.velocity + part(6),
             bias,
             covariance: self.covariance,
@@ -151,12 +151,12 @@ mod tests {
     const NOISE: ImuNoise = ImuNoise { gyro: 2e-3, gyro_walk: 1e-4, accel: 2e-2, accel_walk: 1e-3 };
     const SIGMAS: [f64; 5] = [0.01, 0.01, 0.05, 0.01, 0.05];
 
-    fn imu_from_eye() -> Se3 {
+    fn imu_from_camera() -> Se3 {
         Se3::new(So3::exp(&Vec3::new(1.2, -1.2, 1.2)), Vec3::new(0.05, -0.02, 0.1))
     }
 
     /// Half a second of swinging motion, felt with noise at 200 Hz; the true state at its end.
-    fn felt(from: &NavState, rng: &mut Rng) -> (Preintegrated, NavState) {
+    fn integrated(from: &NavState, rng: &mut Rng) -> (Preintegrated, NavState) {
         let gravity = Gravity::level();
         let (mut state, mut bias, mut samples) = (*from, from.bias, Vec::new());
         let dt = 0.005_f64;
@@ -189,11 +189,11 @@ mod tests {
     #[test]
     fn errors_are_as_large_as_it_says() {
         let mut rng = Rng::new(5);
-        let (gravity, arm) = (Gravity::level(), imu_from_eye());
+        let (gravity, arm) = (Gravity::level(), imu_from_camera());
         let mut sums = [0.0; 2];
         for _ in 0..300 {
             let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
-            let believed = Belief::new(
+            let believed = NavEstimate::new(
                 Se3::new(So3::exp(&Vec3::new(0.3, 1.0, -0.4)), Vec3::new(1.0, 2.0, 0.5)),
                 Vec3::new(0.5, -0.3, 0.1),
                 Bias::default(),
@@ -205,12 +205,12 @@ mod tests {
             }
             let (pose_noise, turn_noise) = (draw(0.005), draw(0.003));
             let truth = believed.moved(&d);
-            let (sum, end) = felt(&truth.nav(&arm), &mut rng);
+            let (sum, end) = integrated(&truth.nav(&arm), &mut rng);
             let carried = believed.after(&sum, &gravity, &arm).unwrap();
-            let true_eye = end.world_from_imu * arm;
-            let error = |b: &Belief| {
+            let true_camera = end.world_from_imu * arm;
+            let error = |b: &NavEstimate| {
                 let mut e = SVector::<f64, N>::zeros();
-                e.fixed_rows_mut::<6>(0).copy_from(&b.world_from_eye.local(&true_eye));
+                e.fixed_rows_mut::<6>(0).copy_from(&b.world_from_camera.local(&true_camera));
                 e.fixed_rows_mut::<3>(6).copy_from(&(end.velocity - b.velocity));
                 e.fixed_rows_mut::<3>(9).copy_from(&(end.bias.gyro - b.bias.gyro));
                 e.fixed_rows_mut::<3>(12).copy_from(&(end.bias.accel - b.bias.accel));
@@ -221,14 +221,14 @@ mod tests {
             let mut noise = SVector::<f64, 6>::zeros();
             noise.fixed_rows_mut::<3>(0).copy_from(&pose_noise);
             noise.fixed_rows_mut::<3>(3).copy_from(&turn_noise);
-            let measured = true_eye.retract(&noise);
+            let measured = true_camera.retract(&noise);
             let own = SMatrix::<f64, 6, 6>::from_diagonal(&SVector::from_fn(|i, _| {
                 if i < 3 { 0.005_f64.powi(-2) } else { 0.003_f64.powi(-2) }
             }));
             let prior = carried.pose_information().unwrap();
             let covariance = (own + prior).try_inverse().unwrap();
-            let pull = covariance * own * carried.world_from_eye.local(&measured);
-            let seen = carried.seen(&carried.world_from_eye.retract(&pull), &covariance).unwrap();
+            let pull = covariance * own * carried.world_from_camera.local(&measured);
+            let seen = carried.seen(&carried.world_from_camera.retract(&pull), &covariance).unwrap();
             sums[1] += error(&seen);
             assert!(seen.place_sigma() < carried.place_sigma());
         }
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn standing_still_stops_it() {
-        let moving = Belief::new(
+        let moving = NavEstimate::new(
             Se3::identity(),
             Vec3::new(0.2, 0.0, -0.1),
             Bias::default(),
@@ -250,6 +250,6 @@ mod tests {
         );
         let still = moving.at_rest(1e-3).unwrap();
         assert!(still.velocity.norm() < 1e-5 && still.covariance[(6, 6)] < 1.1e-6);
-        assert_eq!(still.world_from_eye, moving.world_from_eye);
+        assert_eq!(still.world_from_camera, moving.world_from_camera);
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 /// Phases, worlds and the inertial sensor of a run. Seconds are of the source's clock, from its first frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Standing {
+pub struct StatusSummary {
     /// Seconds in each phase that occurred, by its name in capitals: from a frame in that phase to the next frame.
     pub seconds: BTreeMap<String, f64>,
     /// When the first pose came whose lengths are metres; `None` without one.

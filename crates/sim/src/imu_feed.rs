@@ -1,7 +1,7 @@
 //! What the inertial sensor of a simulated rig gives, simulated or recorded, put in order with the images.
 
 use crate::walk::{ImuSim, Motion, Troubled};
-use cairn_sensor::{ImuSample, Merge, MergeSetting, Stamp, Stream};
+use cairn_sensor::{ImuSample, Merge, MergeConfig, Stamp, Stream};
 use std::vec::IntoIter;
 
 /// Where readings come from.
@@ -13,21 +13,21 @@ pub(crate) enum Readings {
 }
 
 /// The readings, their troubles, and the merge that all sources use.
-pub(crate) struct Feel {
+pub(crate) struct ImuFeed {
     readings: Readings,
     troubled: Troubled,
     merge: Merge<(), ()>,
 }
 
-impl Feel {
+impl ImuFeed {
     /// `rate_hz` is that of the readings as they are given.
     pub fn new(readings: Readings, troubled: Troubled, rate_hz: f64) -> Self {
-        let setting = MergeSetting {
+        let config = MergeConfig {
             imu_period_s: Some(1.0 / rate_hz),
             wait_s: f64::INFINITY,
-            ..MergeSetting::default()
+            ..MergeConfig::default()
         };
-        Self { readings, troubled, merge: Merge::new(setting) }
+        Self { readings, troubled, merge: Merge::new(config) }
     }
 
     /// The readings that belong to an image at `stamp`; see [`cairn_sensor::FramePacket::imu`].

@@ -1,10 +1,10 @@
 //! The first room: from a packet of images to a [`Frame`] of features, with depth where the sensors give it.
 
-use crate::depth::{DepthLookup, DepthSetting};
-use crate::orb::{Features, OrbExtractor, OrbSetting};
+use crate::depth::{DepthConfig, DepthLookup};
+use crate::orb::{Features, OrbConfig, OrbExtractor};
 use crate::rectify::{Rectifier, rectify_pair};
-use crate::stereo::{Side, StereoMatcher, StereoSetting};
-use crate::{EyeModel, Frame, Octaves};
+use crate::stereo::{Side, StereoConfig, StereoMatcher};
+use crate::{Frame, Octaves, RectifiedCamera};
 use cairn_geometry::{So3, Vec2, Vec3};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigError};
 
@@ -25,23 +25,23 @@ pub enum SensorMode {
 /// What is asked of the eye.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct EyeSetting {
+pub struct FrontEndConfig {
     /// Features.
-    pub orb: OrbSetting,
+    pub orb: OrbConfig,
     /// Stereo matching.
-    pub stereo: StereoSetting,
+    pub stereo: StereoConfig,
     /// Depth lookup.
-    pub depth: DepthSetting,
+    pub depth: DepthConfig,
     /// True to look at the right image on a second thread; the result is the same.
     pub two_threads: bool,
 }
 
-impl Default for EyeSetting {
+impl Default for FrontEndConfig {
     fn default() -> Self {
         Self {
-            orb: OrbSetting::default(),
-            stereo: StereoSetting::default(),
-            depth: DepthSetting::default(),
+            orb: OrbConfig::default(),
+            stereo: StereoConfig::default(),
+            depth: DepthConfig::default(),
             two_threads: true,
         }
     }
@@ -49,7 +49,7 @@ impl Default for EyeSetting {
 
 /// Why a packet can not be seen.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum SeeError {
+pub enum FrontEndError {
     /// The packet has too few images.
     #[error("the packet has {have} images, the eye needs {need}")]
     MissingImage {
@@ -72,13 +72,13 @@ pub enum SeeError {
 
 /// Sees: owns the extractors and all buffers.
 #[derive(Clone, Debug)]
-pub struct Eye {
-    model: EyeModel,
+pub struct FrontEnd {
+    model: RectifiedCamera,
     octaves: Octaves,
-    setting: EyeSetting,
+    config: FrontEndConfig,
     /// Name, width and height of each camera in use.
     cameras: Vec<(String, [usize; 2])>,
-    left: Look,
+    left: DescriptorQuery,
     kind: Kind,
 }
 
@@ -93,20 +93,20 @@ enum Kind {
 #[derive(Clone, Debug)]
 struct Pair {
     matcher: StereoMatcher,
-    right: Look,
+    right: DescriptorQuery,
 }
 
 /// One camera's extractor and what it found.
 #[derive(Clone, Debug)]
-struct Look {
+struct DescriptorQuery {
     extractor: OrbExtractor,
     features: Features,
     px: Vec<[f32; 2]>,
 }
 
-impl Look {
-    fn new(setting: OrbSetting) -> Self {
-        Self { extractor: OrbExtractor::new(setting), features: Features::default(), px: Vec::new() }
+impl DescriptorQuery {
+    fn new(config: OrbConfig) -> Self {
+        Self { extractor: OrbExtractor::new(config), features: Features::default(), px: Vec::new() }
     }
 
     /// Extracts, and rectifies; features outside the eye's view get NaN.
@@ -150,16 +150,16 @@ fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
     });
 }
 
-impl Eye {
+impl FrontEnd {
     /// An eye for the sensors of a rig; refuses a rig that is wrong or lacks a sensor of the mode.
-    pub fn new(rig: &Rig, sensor: SensorMode, setting: EyeSetting) -> Result<Self, RigError> {
+    pub fn new(rig: &Rig, sensor: SensorMode, config: FrontEndConfig) -> Result<Self, RigError> {
         rig.validate()?;
-        let setting = EyeSetting {
-            orb: OrbSetting { features: setting.orb.features.min(MAX_FEATURES), ..setting.orb },
-            ..setting
+        let config = FrontEndConfig {
+            orb: OrbConfig { features: config.orb.features.min(MAX_FEATURES), ..config.orb },
+            ..config
         };
-        let left = Look::new(setting.orb);
-        let used = left.extractor.setting();
+        let left = DescriptorQuery::new(config.orb);
+        let used = left.extractor.config();
         let octaves = Octaves { levels: used.levels, factor: used.factor };
         let first = rig.cameras.first().ok_or_else(|| RigError("the rig has no camera".into()))?;
         let mut cameras = vec![(first.name.clone(), [first.camera.width, first.camera.height])];
@@ -172,10 +172,10 @@ impl Eye {
                 let (mut model, map) = alone(rig)?;
                 let depth =
                     rig.depth.as_ref().ok_or_else(|| RigError("the rig has no depth sensor".into()))?;
-                model.baseline_fx = setting.depth.virtual_baseline * model.fx;
-                model.close_depth = setting.depth.close_depth;
+                model.baseline_fx = config.depth.virtual_baseline * model.fx;
+                model.close_depth = config.depth.close_depth;
                 let lookup =
-                    Box::new(DepthLookup::new(setting.depth, depth, &first.camera, &first.body_from_camera));
+                    Box::new(DepthLookup::new(config.depth, depth, &first.camera, &first.body_from_camera));
                 (model, Kind::Rgbd { map, lookup, size: [depth.camera.width, depth.camera.height] })
             }
             SensorMode::Stereo => {
@@ -185,18 +185,18 @@ impl Eye {
                     .ok_or_else(|| RigError("stereo needs two cameras, the rig has one".into()))?;
                 cameras.push((second.name.clone(), [second.camera.width, second.camera.height]));
                 let pair = rectify_pair(first, second)?;
-                let close_depth = setting.stereo.close_baselines * pair.baseline;
-                let model = EyeModel { close_depth, ..pair.eye };
+                let close_depth = config.stereo.close_baselines * pair.baseline;
+                let model = RectifiedCamera { close_depth, ..pair.camera };
                 let matcher =
-                    StereoMatcher::new(setting.stereo, pair.left, pair.right, octaves, model.baseline_fx);
-                (model, Kind::Stereo(Box::new(Pair { matcher, right: Look::new(setting.orb) })))
+                    StereoMatcher::new(config.stereo, pair.left, pair.right, octaves, model.baseline_fx);
+                (model, Kind::Stereo(Box::new(Pair { matcher, right: DescriptorQuery::new(config.orb) })))
             }
         };
-        Ok(Self { model, octaves, setting, cameras, left, kind })
+        Ok(Self { model, octaves, config, cameras, left, kind })
     }
 
     /// The ideal camera that frames are expressed in.
-    pub fn model(&self) -> &EyeModel {
+    pub fn model(&self) -> &RectifiedCamera {
         &self.model
     }
 
@@ -207,7 +207,7 @@ impl Eye {
 
     /// Sees one packet. A packet without depth gives a frame without depth; a packet without an image that the eye
     /// needs, or with an image of another size than its calibration, is an error and changes nothing.
-    pub fn see(&mut self, packet: &FramePacket) -> Result<Frame, SeeError> {
+    pub fn see(&mut self, packet: &FramePacket) -> Result<Frame, FrontEndError> {
         self.check(packet)?;
         let mut frame = Frame::default();
         match &mut self.kind {
@@ -224,7 +224,7 @@ impl Eye {
             }
             Kind::Stereo(pair) => {
                 let Pair { matcher, right } = pair.as_mut();
-                if self.setting.two_threads {
+                if self.config.two_threads {
                     std::thread::scope(|s| {
                         s.spawn(|| right.run(&packet.images[1], matcher.right()));
                         self.left.run(&packet.images[0], matcher.left());
@@ -250,20 +250,20 @@ impl Eye {
         Ok(frame)
     }
 
-    fn check(&self, packet: &FramePacket) -> Result<(), SeeError> {
+    fn check(&self, packet: &FramePacket) -> Result<(), FrontEndError> {
         if packet.images.len() < self.cameras.len() {
-            return Err(SeeError::MissingImage { have: packet.images.len(), need: self.cameras.len() });
+            return Err(FrontEndError::MissingImage { have: packet.images.len(), need: self.cameras.len() });
         }
         for (image, (name, need)) in packet.images.iter().zip(&self.cameras) {
             let have = [image.width(), image.height()];
             if have != *need {
-                return Err(SeeError::WrongSize { name: name.clone(), have, need: *need });
+                return Err(FrontEndError::WrongSize { name: name.clone(), have, need: *need });
             }
         }
         if let (Kind::Rgbd { size, .. }, Some(depth)) = (&self.kind, &packet.depth) {
             let have = [depth.width(), depth.height()];
             if have != *size {
-                return Err(SeeError::WrongSize { name: "depth".into(), have, need: *size });
+                return Err(FrontEndError::WrongSize { name: "depth".into(), have, need: *size });
             }
         }
         Ok(())
@@ -271,14 +271,14 @@ impl Eye {
 }
 
 /// The ideal pinhole of the first camera alone: its own focal lengths and principal point, without the lens.
-fn alone(rig: &Rig) -> Result<(EyeModel, Rectifier), RigError> {
+fn alone(rig: &Rig) -> Result<(RectifiedCamera, Rectifier), RigError> {
     let first = rig.cameras.first().ok_or_else(|| RigError("the rig has no camera".into()))?;
     let c = &first.camera;
     let map = Rectifier::new(c, &So3::identity(), Vec2::new(c.fx, c.fy), Vec2::new(c.cx, c.cy));
     let bounds = map
         .bounds()
         .ok_or_else(|| RigError(format!("{}: no pixel has a ray within 75 degrees", first.name)))?;
-    let model = EyeModel {
+    let model = RectifiedCamera {
         fx: c.fx,
         fy: c.fy,
         cx: c.cx,
@@ -286,7 +286,7 @@ fn alone(rig: &Rig) -> Result<(EyeModel, Rectifier), RigError> {
         baseline_fx: 0.0,
         bounds,
         close_depth: 0.0,
-        body_from_eye: first.body_from_camera,
+        body_from_camera: first.body_from_camera,
     };
     Ok((model, map))
 }
@@ -294,9 +294,9 @@ fn alone(rig: &Rig) -> Result<(EyeModel, Rectifier), RigError> {
 fn add_depth(
     frame: &mut Frame,
     image: &DepthImage,
-    look: &Look,
+    look: &DescriptorQuery,
     lookup: &DepthLookup,
-    model: &EyeModel,
+    model: &RectifiedCamera,
     octaves: &Octaves,
 ) {
     for (i, (&raw, &px)) in look.features.raw.iter().zip(&look.px).enumerate() {

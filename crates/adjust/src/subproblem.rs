@@ -1,7 +1,7 @@
 //! A part of a map copied out for an adjustment: key frames that move, key frames that hold, and what they see.
 
 use crate::weight;
-use cairn_atlas::{Change, KeyFrameId, LandmarkId, Map};
+use cairn_atlas::{Change, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_solve::{Observation, Pixel};
 use cairn_vision::Frame;
@@ -9,14 +9,14 @@ use std::collections::BTreeMap;
 
 /// What is copied.
 #[derive(Clone, Debug)]
-pub(crate) struct Excerpt {
+pub(crate) struct Subproblem {
     /// The version it was copied from.
     pub base: u64,
     /// Those that move, then those that hold.
     pub key_frames: Vec<KeyFrameId>,
     /// How many of them move.
     pub moving: usize,
-    /// Their poses, `world_from_eye`.
+    /// Their poses, `world_from_camera`.
     pub poses: Vec<Se3>,
     /// Landmarks that those that move show.
     pub landmarks: Vec<LandmarkId>,
@@ -26,34 +26,34 @@ pub(crate) struct Excerpt {
     pub observations: Vec<Observation>,
 }
 
-impl Excerpt {
+impl Subproblem {
     /// The landmarks that `moving` show, and of other key frames the `anchors` that see most of them.
-    pub fn of(map: &Map, moving: &[KeyFrameId], anchors: usize) -> Self {
+    pub fn of(snapshot: &Snapshot, moving: &[KeyFrameId], anchors: usize) -> Self {
         let shown = moving
             .iter()
-            .filter_map(|id| map.key_frame(*id))
+            .filter_map(|id| snapshot.key_frame(*id))
             .flat_map(|k| k.landmarks.iter().flatten().copied());
         let mut seen: Vec<LandmarkId> = shown.collect();
         seen.sort_unstable();
         seen.dedup();
-        let held = map.votes(&seen).into_iter().filter(|(id, _)| !moving.contains(id)).take(anchors);
+        let held = snapshot.votes(&seen).into_iter().filter(|(id, _)| !moving.contains(id)).take(anchors);
         let key_frames: Vec<KeyFrameId> = moving.iter().copied().chain(held.map(|(id, _)| id)).collect();
         let slots: BTreeMap<KeyFrameId, u32> =
             key_frames.iter().enumerate().map(|(slot, id)| (*id, slot as u32)).collect();
         let mut points = Vec::with_capacity(seen.len());
         let mut observations = Vec::new();
         let mut landmarks = Vec::with_capacity(seen.len());
-        for l in seen.iter().filter_map(|id| map.landmark(*id)) {
+        for l in seen.iter().filter_map(|id| snapshot.landmark(*id)) {
             let first = observations.len();
             for o in &l.observations {
-                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), map.key_frame(o.key_frame)) else {
+                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), snapshot.key_frame(o.key_frame)) else {
                     continue;
                 };
                 observations.push(Observation {
                     pose: *slot,
                     point: points.len() as u32,
                     pixel: raw_pixel(&k.frame, o.feature as usize),
-                    weight: weight(&k.frame, o.feature as usize, &map.octaves()),
+                    weight: weight(&k.frame, o.feature as usize, &snapshot.octaves()),
                 });
             }
             // A single view without depth says nothing about a point.
@@ -65,9 +65,17 @@ impl Excerpt {
             landmarks.push(l.id);
             points.push(l.position);
         }
-        let pose = |id: &KeyFrameId| map.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_eye);
+        let pose = |id: &KeyFrameId| snapshot.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_camera);
         let poses = key_frames.iter().map(pose).collect();
-        Self { base: map.version(), key_frames, moving: moving.len(), poses, landmarks, points, observations }
+        Self {
+            base: snapshot.version(),
+            key_frames,
+            moving: moving.len(),
+            poses,
+            landmarks,
+            points,
+            observations,
+        }
     }
 
     /// The observations that were left out by a weight of zero, to be forgotten.

@@ -85,13 +85,13 @@ pub fn doubts_of(info: &SourceInfo, rig: &Rig) -> Vec<String> {
 }
 
 /// A source that tells what is doubtful about it.
-pub struct Watched {
+pub struct Validator {
     source: Box<dyn Source>,
     watch: Option<ImuWatch>,
     tell: Box<dyn FnMut(&str) + Send>,
 }
 
-impl Watched {
+impl Validator {
     /// Tells what is known before it is read; what its inertial sensor does after ten seconds, or at its end.
     pub fn new(source: Box<dyn Source>, mut tell: impl FnMut(&str) + Send + 'static) -> Self {
         doubts_of(source.info(), source.rig()).iter().for_each(|doubt| tell(doubt));
@@ -106,7 +106,7 @@ impl Watched {
     }
 }
 
-impl Source for Watched {
+impl Source for Validator {
     fn info(&self) -> &SourceInfo {
         self.source.info()
     }
@@ -136,7 +136,7 @@ impl Source for Watched {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_sim::{SimSetting, SimSource};
+    use cairn_sim::{SimConfig, SimSource};
     use std::sync::{Arc, Mutex};
 
     /// What is told of a walk of 12 s whose packets are changed.
@@ -162,13 +162,13 @@ mod tests {
             }
         }
         let text = "sim:corridor?sensor=mono-imu&resolution=32x24&detail=0.05&start=14&duration=12&rate=5";
-        let source = SimSource::new(&SimSetting::parse(text).unwrap()).unwrap();
+        let source = SimSource::new(&SimConfig::parse(text).unwrap()).unwrap();
         let mut changed_rig = source.rig().clone();
         rig(&mut changed_rig);
         let heard = Arc::new(Mutex::new(Vec::new()));
         let ears = heard.clone();
         let changed = Changed(source, changed_rig, move |p: &mut FramePacket| change(p));
-        let mut watched = Watched::new(Box::new(changed), move |d| ears.lock().unwrap().push(d.to_owned()));
+        let mut watched = Validator::new(Box::new(changed), move |d| ears.lock().unwrap().push(d.to_owned()));
         while watched.next_packet().unwrap().is_some() {}
         let heard = heard.lock().unwrap();
         heard.clone()

@@ -1,18 +1,18 @@
-//! What one demo is: the world, the eyes, the walker.
+//! What one demo is: the world, the camera, the walker.
 
 use cairn_geometry::Se3;
 use cairn_guide::Facing;
 use cairn_sensor::Camera;
-use cairn_sim::{SimSensor, SimSetting, Walker, WorldKind};
+use cairn_sim::{SimConfig, SimSensor, Walker, WorldKind};
 
 /// Frames a second.
 const RATE_HZ: f64 = 20.0;
 
 /// One demo.
 #[derive(Clone, Debug)]
-pub struct Setting {
+pub struct DemoConfig {
     /// The world and its sensors.
-    pub sim: SimSetting,
+    pub sim: SimConfig,
     /// How the walker goes home.
     pub facing: Facing,
     /// Metres of the way that are walked; all of it without.
@@ -21,10 +21,10 @@ pub struct Setting {
     pub seed: u64,
 }
 
-impl Setting {
+impl DemoConfig {
     /// The demo of a seed: the camera is the body, on the chest at 1.3 m, looking 5 degrees down.
     pub fn new(seed: u64, facing: Facing, sensor: SimSensor, metres: Option<f64>) -> Self {
-        let sim = SimSetting {
+        let sim = SimConfig {
             sensor,
             imu: None,
             camera: Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5),
@@ -32,7 +32,7 @@ impl Setting {
             body_from_camera: Se3::identity(),
             // Who walks without seeing takes corners with care.
             walker: Walker { turn_rate: 0.8, ..Walker::default() },
-            ..SimSetting::new(WorldKind::Demo, seed)
+            ..SimConfig::new(WorldKind::Demo, seed)
         };
         Self { sim, facing, metres, seed }
     }

@@ -1,13 +1,13 @@
 //! Tracking's share of the inertial sensor: the readings of the last seconds, and what they say of the eye between frames.
 //!
-//! While the world is not level only the readings are kept, for mapping. In a level world there is a [`Belief`]: it begins
+//! While the world is not level only the readings are kept, for mapping. In a level world there is a [`NavEstimate`]: it begins
 //! at the newest key frame that mapping has adjusted with its links, is carried to each frame by what was felt, and
 //! narrowed by what is seen there.
 
-use crate::state::Placed;
-use cairn_atlas::{KeyFrame, Map, Sensed};
+use crate::state::AnchoredPose;
+use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_inertial::{Belief, Bias, Gravity, ImuBuffer, Rest, RestSetting};
+use cairn_inertial::{Bias, Gravity, ImuBuffer, NavEstimate, Rest, RestConfig};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use nalgebra::SMatrix;
 
@@ -38,54 +38,54 @@ const STILL_M_S: f64 = 0.15;
 #[derive(Debug)]
 struct Last {
     stamp: Stamp,
-    belief: Belief,
-    placed: Placed,
+    belief: NavEstimate,
+    anchored: AnchoredPose,
 }
 
 /// Readings and belief.
 #[derive(Debug)]
-pub(crate) struct Inertia {
+pub(crate) struct InertialFilter {
     buffer: ImuBuffer,
     noise: ImuNoise,
-    pub imu_from_eye: Se3,
+    pub imu_from_camera: Se3,
     last: Option<Last>,
     /// The version of the map that the belief has heard of.
     version: u64,
     /// Since when readings go with the next offer.
-    offered: Option<Stamp>,
+    submitted: Option<Stamp>,
     bias: Bias,
     /// What was added to the stamps of the readings.
     offset_s: f64,
     /// Seconds for which the pose was carried in motion since it was last seen.
     carried_s: f64,
     /// When the first direction was seen.
-    begun: Option<Stamp>,
+    map_created: Option<Stamp>,
     /// Directions seen since the last offer.
     turns: Vec<(Stamp, So3)>,
 }
 
-impl Inertia {
-    /// `imu_from_eye` in metres.
-    pub fn new(sensor: &ImuSensor, imu_from_eye: Se3, noise_times: f64) -> Self {
+impl InertialFilter {
+    /// `imu_from_camera` in metres.
+    pub fn new(sensor: &ImuSensor, imu_from_camera: Se3, noise_times: f64) -> Self {
         let noise = sensor.noise.times([noise_times; 2]);
         Self {
             buffer: ImuBuffer::in_stream(&ImuSensor { noise, ..*sensor }),
             noise: sensor.noise,
-            imu_from_eye,
+            imu_from_camera,
             last: None,
             version: 0,
-            offered: None,
+            submitted: None,
             bias: Bias::default(),
             offset_s: 0.0,
             carried_s: 0.0,
-            begun: None,
+            map_created: None,
             turns: Vec::new(),
         }
     }
 
     /// Takes the readings of a packet.
-    pub fn take(&mut self, samples: &[ImuSample], map: &Map) {
-        let offset = map.imu_offset();
+    pub fn take(&mut self, samples: &[ImuSample], snapshot: &Snapshot) {
+        let offset = snapshot.imu_offset();
         if offset != self.offset_s {
             self.buffer.shift(offset - self.offset_s);
             self.offset_s = offset;
@@ -105,44 +105,49 @@ impl Inertia {
 
     /// Takes up what has become of the map: the belief goes along with the key frame it hangs on, and where mapping has
     /// adjusted a newer one, it begins there anew.
-    pub fn refresh(&mut self, map: &Map) {
-        if map.version() == self.version {
+    pub fn refresh(&mut self, snapshot: &Snapshot) {
+        if snapshot.version() == self.version {
             return;
         }
-        self.version = map.version();
+        self.version = snapshot.version();
         if let Some(last) = &mut self.last
-            && let Some(standing) = map.stand(last.placed.reference, &last.placed.reference_from_eye)
+            && let Some(standing) =
+                snapshot.resolve(last.anchored.reference, &last.anchored.reference_from_camera)
         {
-            last.placed.world_from_eye = standing;
+            last.anchored.world_from_camera = standing;
             last.belief.carry_to(standing);
         }
-        let newest = map.newest_key_frame().filter(|k| map.is_level(k.world));
+        let newest = snapshot.newest_key_frame().filter(|k| snapshot.is_gravity_aligned(k.map));
         let newest = newest.filter(|k| k.landmarks.iter().flatten().count() >= SETTLING);
         let Some((k, motion)) = newest.and_then(|k| Some((k, k.motion.as_ref()?))) else { return };
         self.bias = motion.bias;
-        let told =
-            Belief::new(k.world_from_eye, k.world_from_eye.rotation * motion.velocity, motion.bias, SETTLED);
+        let told = NavEstimate::new(
+            k.world_from_camera,
+            k.world_from_camera.rotation * motion.velocity,
+            motion.bias,
+            SETTLED,
+        );
         match &self.last {
             Some(last) if last.stamp > k.frame.stamp => {
-                let here = map.key_frame(last.placed.reference).map(|r| r.world);
-                if last.stamp - k.frame.stamp > TOLD_S || here != Some(k.world) {
+                let here = snapshot.key_frame(last.anchored.reference).map(|r| r.map);
+                if last.stamp - k.frame.stamp > TOLD_S || here != Some(k.map) {
                     return;
                 }
                 let Some(carried) = self.carried(&told, k.frame.stamp, last.stamp) else { return };
-                let seen = carried.seen(&last.placed.world_from_eye, &pose_covariance());
-                let (stamp, placed) = (last.stamp, last.placed);
-                self.last = seen.map(|belief| Last { stamp, belief, placed }).or(self.last.take());
+                let seen = carried.seen(&last.anchored.world_from_camera, &pose_covariance());
+                let (stamp, anchored) = (last.stamp, last.anchored);
+                self.last = seen.map(|belief| Last { stamp, belief, anchored }).or(self.last.take());
             }
             Some(last) if last.stamp < k.frame.stamp => {}
             _ => {
-                let placed = Placed::at(k.id, k.world_from_eye);
-                self.last = Some(Last { stamp: k.frame.stamp, belief: told, placed });
+                let anchored = AnchoredPose::at(k.id, k.world_from_camera);
+                self.last = Some(Last { stamp: k.frame.stamp, belief: told, anchored });
             }
         }
     }
 
     /// What is believed at an instant from the readings alone; `None` where the world is not level or readings are missing.
-    pub fn predict(&self, stamp: Stamp) -> Option<Belief> {
+    pub fn predict(&self, stamp: Stamp) -> Option<NavEstimate> {
         let last = self.last.as_ref()?;
         let carried = self.carried(&last.belief, last.stamp, stamp)?;
         if !self.rests(stamp, &carried) {
@@ -164,63 +169,66 @@ impl Inertia {
     /// The frame was seen from here with this information over its pose; `predicted` is what was believed before.
     pub fn seen(
         &mut self,
-        map: &Map,
+        snapshot: &Snapshot,
         stamp: Stamp,
-        placed: &Placed,
-        predicted: Option<&Belief>,
+        anchored: &AnchoredPose,
+        predicted: Option<&NavEstimate>,
         information: &SMatrix<f64, 6, 6>,
     ) {
         let covariance = information.try_inverse();
-        let seen = predicted.zip(covariance).and_then(|(p, c)| p.seen(&placed.world_from_eye, &c));
-        let level = map.key_frame(placed.reference).is_some_and(|k| map.is_level(k.world));
+        let seen = predicted.zip(covariance).and_then(|(p, c)| p.seen(&anchored.world_from_camera, &c));
+        let level =
+            snapshot.key_frame(anchored.reference).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
         let belief = match (seen, &self.last) {
             (Some(seen), _) => seen,
             // Seen again after a gap: how it moves is not known.
             (None, Some(last)) => {
-                let turn = placed.world_from_eye.rotation * last.placed.world_from_eye.rotation.inverse();
-                Belief::new(placed.world_from_eye, turn * last.belief.velocity, self.bias, SEEN)
+                let turn =
+                    anchored.world_from_camera.rotation * last.anchored.world_from_camera.rotation.inverse();
+                NavEstimate::new(anchored.world_from_camera, turn * last.belief.velocity, self.bias, SEEN)
             }
-            (None, None) => Belief::new(placed.world_from_eye, Default::default(), self.bias, SEEN),
+            (None, None) => NavEstimate::new(anchored.world_from_camera, Default::default(), self.bias, SEEN),
         };
         self.carried_s = 0.0;
-        self.last = level.then_some(Last { stamp, belief, placed: *placed });
+        self.last = level.then_some(Last { stamp, belief, anchored: *anchored });
     }
 
     /// Whether directions that were seen by the eye alone are still wanted: until the clocks are known.
     pub fn wants_turns(&mut self, stamp: Stamp) -> bool {
-        stamp - *self.begun.get_or_insert(stamp) < CLOCKS_S && self.turns.len() < TURNS
+        stamp - *self.map_created.get_or_insert(stamp) < CLOCKS_S && self.turns.len() < TURNS
     }
 
     /// The eye alone saw that it looked this way.
-    pub fn turned(&mut self, stamp: Stamp, world_from_eye: So3) {
-        self.turns.push((stamp, world_from_eye));
+    pub fn turned(&mut self, stamp: Stamp, world_from_camera: So3) {
+        self.turns.push((stamp, world_from_camera));
     }
 
     /// The frame was not seen from anywhere: what was predicted stands.
-    pub fn coast(&mut self, stamp: Stamp, placed: &Placed, predicted: Belief) {
+    pub fn coast(&mut self, stamp: Stamp, anchored: &AnchoredPose, predicted: NavEstimate) {
         let rests = self.rests(stamp, &predicted);
         let since = self.last.as_ref().map_or(0.0, |last| stamp - last.stamp);
         self.carried_s += if rests { 0.0 } else { since };
-        self.last = Some(Last { stamp, belief: predicted, placed: *placed });
+        self.last = Some(Last { stamp, belief: predicted, anchored: *anchored });
     }
 
     /// What goes with an offered frame, and from it on with the next.
-    pub fn sense(&mut self, stamp: Stamp) -> Sensed {
-        let since = self.offered.replace(stamp);
+    pub fn sense(&mut self, stamp: Stamp) -> ImuSegment {
+        let since = self.submitted.replace(stamp);
         let turns = std::mem::take(&mut self.turns);
-        Sensed { turns, ..self.sense_since(since, stamp) }
+        ImuSegment { turns, ..self.segment_since(since, stamp) }
     }
 
     /// The same for a frame at which another begins to be felt since `from`.
-    pub fn sense_since(&self, from: Option<Stamp>, stamp: Stamp) -> Sensed {
+    pub fn segment_since(&self, from: Option<Stamp>, stamp: Stamp) -> ImuSegment {
         let samples = from.and_then(|from| self.buffer.between(from, stamp).ok()).unwrap_or_default();
         let here = match &self.last {
             Some(last) if last.stamp == stamp => Some(last.belief.clone()),
             _ => self.predict(stamp),
         };
-        let velocity =
-            here.as_ref().map_or_else(Default::default, |b| b.world_from_eye.rotation.inverse() * b.velocity);
-        Sensed {
+        let velocity = here
+            .as_ref()
+            .map_or_else(Default::default, |b| b.world_from_camera.rotation.inverse() * b.velocity);
+        ImuSegment {
             velocity,
             bias: here.map_or(self.bias, |b| b.bias),
             up: self.up(stamp),
@@ -233,36 +241,36 @@ impl Inertia {
     /// Seconds since a frame was last offered; `None` where nothing is felt.
     pub fn unoffered(&self, stamp: Stamp) -> Option<f64> {
         let fresh = self.buffer.samples().next_back().is_some_and(|s| stamp - s.stamp < SILENT_S);
-        self.offered.filter(|_| fresh).map(|since| stamp - since)
+        self.submitted.filter(|_| fresh).map(|since| stamp - since)
     }
 
     /// A world has begun with a key frame: readings go with offers from there on.
-    pub fn begun(&mut self, k: &KeyFrame) {
-        self.offered = Some(k.frame.stamp);
+    pub fn map_created(&mut self, k: &KeyFrame) {
+        self.submitted = Some(k.frame.stamp);
         self.last = None;
         self.version = 0;
     }
 
-    fn carried(&self, from: &Belief, since: Stamp, to: Stamp) -> Option<Belief> {
+    fn carried(&self, from: &NavEstimate, since: Stamp, to: Stamp) -> Option<NavEstimate> {
         let sum = self.buffer.preintegrate(from.bias, since, to).ok()?;
-        from.after(&sum, &Gravity::level(), &self.imu_from_eye)
+        from.after(&sum, &Gravity::level(), &self.imu_from_camera)
     }
 
     /// Up along the eye's axes by the mean force of the last while.
     fn up(&self, stamp: Stamp) -> Option<Vec3> {
         let late = self.buffer.within(stamp.plus_seconds(-FORCE_S), stamp);
         let force = late.map(|s| s.accel).sum::<Vec3>();
-        Some(self.imu_from_eye.rotation.inverse() * force.try_normalize(1e-6)?)
+        Some(self.imu_from_camera.rotation.inverse() * force.try_normalize(1e-6)?)
     }
 
-    fn rests(&self, stamp: Stamp, believed: &Belief) -> bool {
+    fn rests(&self, stamp: Stamp, believed: &NavEstimate) -> bool {
         if believed.velocity.norm() > STILL_M_S {
             return false;
         }
-        let setting = RestSetting::default();
-        let from = stamp.plus_seconds(-1.1 * setting.seconds);
+        let config = RestConfig::default();
+        let from = stamp.plus_seconds(-1.1 * config.seconds);
         let samples: Vec<ImuSample> = self.buffer.within(from, stamp).copied().collect();
-        Rest::of(&samples, &self.noise, Some(&believed.bias), &setting).is_still()
+        Rest::of(&samples, &self.noise, Some(&believed.bias), &config).is_still()
     }
 }
 
