@@ -195,8 +195,8 @@ mod tests {
 
     const RAW: [f32; 2] = [80.3, 59.6];
 
-    /// Looks up the depth of the feature at [`RAW`] in a registered image whose depth at pixel (x, y) is `metres(x,
-    /// y)`.
+    /// Looks up the depth of the feature at [`RAW`] in a registered image whose depth at pixel (x, y) is
+    /// `metres(x, y)`.
     fn lookup_depth(scale: f64, metres: impl Fn(f64, f64) -> f64) -> Option<f32> {
         let camera = Camera::pinhole(160, 120, 100.0, 100.0, 79.5, 59.5);
         let sensor =

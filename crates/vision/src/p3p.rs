@@ -14,12 +14,12 @@ pub fn p3p(points: &[Vec3; 3], bearings: &[Vec3; 3], mut visit: impl FnMut(Se3))
     let (a2, b2, c2) = ((p2 - p3).norm_squared(), (p1 - p3).norm_squared(), (p1 - p2).norm_squared());
     let [f1, f2, f3] = bearings;
     let cosines = [f2.dot(f3), f1.dot(f3), f1.dot(f2)];
-    let Some(world) = triad(points) else { return };
+    let Some(world_triad) = triad(points) else { return };
     for &v in real_roots(&quartic(a2, b2, c2, cosines)).as_slice() {
         let Some(distances) = distances(v, a2, b2, c2, cosines) else { continue };
         let in_camera: [Vec3; 3] = std::array::from_fn(|k| bearings[k] * distances[k]);
-        let Some(camera) = triad(&in_camera) else { continue };
-        let rotation = So3::from_matrix(&(camera * world.transpose()));
+        let Some(camera_triad) = triad(&in_camera) else { continue };
+        let rotation = So3::from_matrix(&(camera_triad * world_triad.transpose()));
         // The translation maps one centroid onto the other.
         let centre = (p1 + p2 + p3) / 3.0;
         let pose = Se3::new(rotation, (in_camera[0] + in_camera[1] + in_camera[2]) / 3.0 - rotation * centre);

@@ -185,7 +185,12 @@ mod tests {
 
     /// `n` points 2 to 9 m away and their bearings with one pixel of noise at f = 460; a fraction `outliers` of the
     /// bearings is random.
-    fn world(rng: &mut Rng, n: usize, outliers: f64, flat: bool) -> (Se3, Vec<Vec3>, Vec<Vec3>, Vec<bool>) {
+    fn simulated_matches(
+        rng: &mut Rng,
+        n: usize,
+        outliers: f64,
+        flat: bool,
+    ) -> (Se3, Vec<Vec3>, Vec<Vec3>, Vec<bool>) {
         let v = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
         let turn = v(rng, 0.8);
         let truth = Se3::new(So3::exp(&turn), v(rng, 4.0));
@@ -211,7 +216,7 @@ mod tests {
                 let mut ms = f64::INFINITY;
                 for seed in 0..100 {
                     let mut rng = Rng::with_stream(seed, 9);
-                    let (truth, points, bearings, good) = world(&mut rng, n, outliers, flat);
+                    let (truth, points, bearings, good) = simulated_matches(&mut rng, n, outliers, flat);
                     let start = std::time::Instant::now();
                     let result = pnp_ransac(&points, &bearings, &PnpConfig::default(), seed);
                     ms = ms.min(start.elapsed().as_secs_f64() * 1e3);
@@ -257,7 +262,7 @@ mod tests {
 
     #[test]
     fn same_seed_gives_the_same_pose() {
-        let (_, points, bearings, _) = world(&mut Rng::new(12), 60, 0.4, false);
+        let (_, points, bearings, _) = simulated_matches(&mut Rng::new(12), 60, 0.4, false);
         let run = || pnp_ransac(&points, &bearings, &PnpConfig::default(), 5).unwrap();
         assert_eq!(run(), run());
     }

@@ -74,8 +74,8 @@ impl View {
         let mut out = vec![];
         for y0 in (BORDER..IMAGE - BORDER - 14).step_by(14) {
             for x0 in (BORDER..IMAGE - BORDER - 14).step_by(14) {
-                let places = (0..14 * 14).map(|i| [x0 + i % 14, y0 + i / 14]);
-                let best = places
+                let pixels = (0..14 * 14).map(|i| [x0 + i % 14, y0 + i / 14]);
+                let best = pixels
                     .map(|[x, y]| (self.strength(x, y), [x, y]))
                     .fold((0.0, [0, 0]), |a, b| if b.0 > a.0 { b } else { a });
                 if best.0 > 2000.0 {

@@ -169,10 +169,10 @@ fn tree(lines: &[Line], children: &[u32]) -> Tree {
         sum += *n as usize;
     }
     starts.push(sum);
-    let mut place = starts.clone();
+    let mut next_slot = starts.clone();
     let mut of_parent = vec![0usize; lines.len()];
     for (i, line) in lines.iter().enumerate() {
-        let at = &mut place[line.parent as usize];
+        let at = &mut next_slot[line.parent as usize];
         of_parent[*at] = i + 1;
         *at += 1;
     }

@@ -135,10 +135,10 @@ impl OrbExtractor {
     #[doc(hidden)]
     pub fn run(&mut self, stage: Stage, image: &GrayImage, out: &mut Features) {
         match stage {
-            Stage::Shrink => self.pyramid.build(image, self.backend),
+            Stage::Downsample => self.pyramid.build(image, self.backend),
             Stage::Detect => self.detect(),
             Stage::Select => self.select(),
-            Stage::Place => self.place(out),
+            Stage::Refine => self.refine(out),
             Stage::Describe => self.describe(out),
         }
     }
@@ -167,7 +167,7 @@ impl OrbExtractor {
     }
 
     /// Sub-pixel position, orientation and the other attributes of the features, except their descriptors.
-    fn place(&mut self, out: &mut Features) {
+    fn refine(&mut self, out: &mut Features) {
         out.clear();
         self.directions.clear();
         for (level, (image, corners)) in self.pyramid.levels().iter().zip(&self.corners).enumerate() {
@@ -207,18 +207,18 @@ impl OrbExtractor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Scale pyramid.
-    Shrink,
+    Downsample,
     /// FAST corners.
     Detect,
     /// Spatial distribution.
     Select,
     /// Sub-pixel position and orientation.
-    Place,
+    Refine,
     /// Blur and descriptors.
     Describe,
 }
 
 impl Stage {
     /// All stages in order.
-    pub const ALL: [Self; 5] = [Self::Shrink, Self::Detect, Self::Select, Self::Place, Self::Describe];
+    pub const ALL: [Self; 5] = [Self::Downsample, Self::Detect, Self::Select, Self::Refine, Self::Describe];
 }

@@ -92,7 +92,7 @@ unsafe fn nearest_avx512(
     let query = load(query);
     let none = _mm256_set1_epi64x(-1);
     let (mut first, mut second) = (none, none);
-    let mut place = _mm256_setr_epi64x(0, 1, 2, 3);
+    let mut position = _mm256_setr_epi64x(0, 1, 2, 3);
     for k in (0..n).step_by(4) {
         // Lanes without a candidate are set to all ones.
         let mut outside = 0u8;
@@ -111,9 +111,9 @@ unsafe fn nearest_avx512(
         let (low, high) = (add(counts[0], counts[1]), add(counts[2], counts[3]));
         let swapped = _mm256_permute2x128_si256::<0x21>(low, high);
         let sums = _mm256_add_epi64(_mm256_blend_epi32::<0xf0>(low, high), swapped);
-        let keys = _mm256_or_si256(_mm256_slli_epi64::<32>(sums), place);
+        let keys = _mm256_or_si256(_mm256_slli_epi64::<32>(sums), position);
         let keys = _mm256_mask_mov_epi64(keys, outside, none);
-        place = _mm256_add_epi64(place, _mm256_set1_epi64x(4));
+        position = _mm256_add_epi64(position, _mm256_set1_epi64x(4));
         second = _mm256_min_epu64(second, _mm256_max_epu64(first, keys));
         first = _mm256_min_epu64(first, keys);
     }

@@ -7,7 +7,7 @@ use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 
 /// Column and row of each sample relative to the centre; zero in the padding.
-static PLACES: [[i32; PADDED]; 2] = {
+static OFFSETS: [[i32; PADDED]; 2] = {
     let mut out = [[0; PADDED]; 2];
     let mut k = 0;
     while k < AREA {
@@ -55,8 +55,8 @@ unsafe fn sample_avx2(image: &GrayImage, lattice: &Lattice, out: &mut Patch) {
         // SAFETY: k + 8 is at most the length of both tables.
         let (i, j) = unsafe {
             (
-                _mm256_loadu_si256(PLACES[0].as_ptr().add(k) as *const __m256i),
-                _mm256_loadu_si256(PLACES[1].as_ptr().add(k) as *const __m256i),
+                _mm256_loadu_si256(OFFSETS[0].as_ptr().add(k) as *const __m256i),
+                _mm256_loadu_si256(OFFSETS[1].as_ptr().add(k) as *const __m256i),
             )
         };
         let px = _mm256_add_epi32(x, _mm256_add_epi32(_mm256_mullo_epi32(i, a), _mm256_mullo_epi32(j, b)));

@@ -134,8 +134,8 @@ pub fn kitti_shots() -> Option<Vec<Shot>> {
     let truth = numbers(&path.join("poses.txt"));
     let pairs =
         listing(&path.join("image_0"), ".jpg").into_iter().zip(listing(&path.join("image_1"), ".jpg"));
-    let place = |m: &[f64]| m.try_into().map(rigid).unwrap();
-    Some(pairs.zip(truth.chunks_exact(12)).map(|((l, r), m)| (l, r, place(m))).collect())
+    let pose = |m: &[f64]| m.try_into().map(rigid).unwrap();
+    Some(pairs.zip(truth.chunks_exact(12)).map(|((l, r), m)| (l, r, pose(m))).collect())
 }
 
 /// The pairs of `euroc-mh01` with a ground-truth pose within 3 ms; the body is the IMU.
