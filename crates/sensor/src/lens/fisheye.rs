@@ -5,8 +5,8 @@ use cairn_geometry::Vec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Kannala and Brandt, "A generic camera model and calibration method" (2006), eq. 6 with the first coefficient 1:
-/// `d(t) = t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9` for the angle `t` to the optical axis. Angles beyond 90 degrees have an
-/// image too.
+/// `d(t) = t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9` for the angle `t` to the optical axis. Angles beyond 90 degrees have
+/// an image too.
 pub fn equidistant_distort(k: &[f64; 4], p: &Vec3) -> Option<[f64; 2]> {
     let r = p.x.hypot(p.y);
     if r < 1e-12 {
