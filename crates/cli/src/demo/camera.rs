@@ -44,7 +44,7 @@ impl DemoCamera {
         };
         let engine = Engine::new(live.rig(), mode, config.rate_hz, Runner::Lockstep, &Config::default())
             .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
-        let walk = SessionConfig { source, record_to: Some("way".into()), ..SessionConfig::default() };
+        let walk = SessionConfig { source, record_to: Some("route".into()), ..SessionConfig::default() };
         Ok(Self {
             live,
             session: Session::new(engine, walk).on_disk(Box::new(NullDisk)),

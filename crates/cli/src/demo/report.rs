@@ -43,7 +43,7 @@ fn write_files(demo: &Demo, plan: &Figure, folder: &Path) -> Result<(), Failure>
     write_whole(&folder.join("transcript.txt"), &transcript(&demo.figures))?;
     write_whole(&folder.join("truth.tum"), &to_tum(&demo.truth))?;
     write_whole(&folder.join("estimate.tum"), &to_tum(&demo.estimate))?;
-    let route = folder.join("way.jsonl");
+    let route = folder.join("demo.route");
     // A recorded route is never overwritten; one left by an earlier demo in this folder is removed first.
     let fail = |e: std::io::Error| {
         Failure::new(route.display().to_string(), e.to_string(), "choose another folder with --out")

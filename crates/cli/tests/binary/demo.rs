@@ -45,7 +45,7 @@ fn walker_is_guided_back_and_report_lists_announcements() {
     let evaluated = json(&cairn(&["eval", &path("truth.tum"), &path("estimate.tum"), "--json"]));
     let ate_m = evaluated["ate_m"]["rmse"].as_f64().unwrap();
     assert!((ate_m - number("ate_m")).abs() < 1e-6, "{ate_m}");
-    let route = stdout(&cairn(&["route", "info", &path("way.jsonl")]));
+    let route = stdout(&cairn(&["route", "info", &path("demo.route")]));
     assert!(route.contains("1 turns"), "{route}");
     std::fs::remove_dir_all(out).unwrap();
 }

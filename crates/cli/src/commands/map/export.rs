@@ -1,6 +1,6 @@
 //! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded routes as files.
 
-use super::{WAY, open};
+use super::{ROUTE_PREFIX, open};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::MapFile;
@@ -131,7 +131,7 @@ fn ply(landmarks: &[&Landmark]) -> String {
 fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut written = Vec::new();
     for (name, bytes) in &file.attached {
-        let Some(name) = name.strip_prefix(WAY) else { continue };
+        let Some(name) = name.strip_prefix(ROUTE_PREFIX) else { continue };
         // A name stored in a map must not be used as a path.
         let plain = Path::new(name).file_name().and_then(|n| n.to_str()) == Some(name);
         let path = folder.join(format!("{name}.route"));

@@ -1,6 +1,6 @@
 //! `cairn map info`: summary of saved maps.
 
-use super::{WAY, bytes_of, failed};
+use super::{ROUTE_PREFIX, bytes_of, failed};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::{MapFile, Table, sensor_name};
@@ -101,7 +101,7 @@ fn info(path: &Path) -> Result<Info, Failure> {
     let routes = file
         .attached
         .iter()
-        .filter_map(|(name, bytes)| Some(route(name.strip_prefix(WAY)?, bytes, snapshot)));
+        .filter_map(|(name, bytes)| Some(route(name.strip_prefix(ROUTE_PREFIX)?, bytes, snapshot)));
     let part = |p: &cairn_atlas::store::PartInfo| Part {
         name: p.name.clone(),
         bytes: p.stored_bytes,

@@ -1,7 +1,7 @@
 //! `cairn map merge`: several saved maps in one file. They stay separate, unaligned maps; a later run joins them when
 //! it recognises a place.
 
-use super::{WAY, failed, open};
+use super::{ROUTE_PREFIX, failed, open};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::Shift;
@@ -54,7 +54,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         key_frames: into.snapshot.key_frame_count(),
         landmarks: into.snapshot.landmark_count(),
         maps: into.snapshot.maps().count(),
-        routes: into.attached.keys().filter(|name| name.starts_with(WAY)).count(),
+        routes: into.attached.keys().filter(|name| name.starts_with(ROUTE_PREFIX)).count(),
         notes,
     };
     output.result(&merged, text)
@@ -82,7 +82,8 @@ fn add(into: &mut MapFile, other: MapFile, path: &Path, notes: &mut Vec<String>)
         .map_err(|why| Failure::new(&shown, why, "save the maps in several files"))?;
     into.snapshot = snapshot;
     for (name, bytes) in other.attached {
-        let bytes = if name.starts_with(WAY) { shifted(&bytes, &shift, &shown, &name)? } else { bytes };
+        let bytes =
+            if name.starts_with(ROUTE_PREFIX) { shifted(&bytes, &shift, &shown, &name)? } else { bytes };
         let mut free = name.clone();
         let mut n = 2;
         while into.attached.contains_key(&free) {

@@ -36,7 +36,7 @@ struct Files {
 }
 
 /// Prefix of the names of routes attached to a map.
-pub const WAY: &str = "way/";
+pub const ROUTE_PREFIX: &str = "way/";
 
 /// Runs the subcommand.
 ///

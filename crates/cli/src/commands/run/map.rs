@@ -1,7 +1,7 @@
 //! Opening the map of --map-in and saving the map of --map-out.
 
 use super::Arguments;
-use crate::commands::map::{WAY, failed, open};
+use crate::commands::map::{ROUTE_PREFIX, failed, open};
 use crate::failure::Failure;
 use cairn_atlas::store::{MapFile, StoreError};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
@@ -123,7 +123,7 @@ impl<'a> Saver<'a> {
             let name = stem.map_or_else(|| "in memory".into(), |s| s.to_string_lossy().into_owned());
             // Serialising to memory does not fail.
             if let Ok(bytes) = route.to_bytes() {
-                attached.insert(format!("{WAY}{name}"), bytes);
+                attached.insert(format!("{ROUTE_PREFIX}{name}"), bytes);
             }
         }
         let file = session.engine().to_save(concat!("cairn ", env!("CARGO_PKG_VERSION")), attached);
