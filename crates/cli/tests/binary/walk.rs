@@ -27,7 +27,7 @@ fn script_records_and_guides() {
         assert!(info["points"].as_u64().unwrap() > 30, "{info}");
     }
     std::fs::write(path("wrong.script"), "at 5 record\nat noon stop\n").unwrap();
-    fails(&["run", WORLD, "--script", &path("wrong.script")], &["wrong.script, line 2", "no number"]);
+    fails(&["run", WORLD, "--script", &path("wrong.script")], &["wrong.script, line 2", "not a number"]);
     // A route recorded in another run belongs to another map.
     fails(
         &["run", WORLD, "--guide", &path("routes/route-0001.route")],
@@ -50,7 +50,7 @@ fn commands_are_read_from_standard_input() {
     let mut input = child.stdin.take().unwrap();
     let mut words = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     writeln!(input, "fly").unwrap();
-    assert!(words.any(|l| l.contains("\"fly\" is no command")), "the invalid command was not reported");
+    assert!(words.any(|l| l.contains("\"fly\" is not a command")), "the invalid command was not reported");
     writeln!(input, "record").unwrap();
     assert!(words.any(|l| l.contains("Recording.")), "nothing was recorded");
     std::thread::sleep(std::time::Duration::from_secs(2));
