@@ -52,8 +52,8 @@ impl Stood {
         }
         for event in &status.events {
             match event {
-                StatusEvent::World { beside: true, .. } => self.resets += 1,
-                StatusEvent::Found { .. } => self.standing.found += 1,
+                StatusEvent::MapCreated { others: true, .. } => self.resets += 1,
+                StatusEvent::Relocalised { .. } => self.standing.found += 1,
                 _ => {}
             }
         }
