@@ -182,7 +182,7 @@ fn stream_loss_stops_and_resumes_guidance() {
         walk.transcript()
     );
     let status = walk.session.status();
-    assert_eq!((status.phase, status.words.as_str()), (Phase::WaitFrames, "No picture comes."));
+    assert_eq!((status.phase, status.words.as_str()), (Phase::WaitFrames, "No image from the camera."));
     assert!(!status.engine.valid && walk.session.engine().status().valid);
     assert_eq!(walk.session.status().recording.unwrap().points, points);
     walk.see(&out()[59..]);

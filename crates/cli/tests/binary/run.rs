@@ -93,7 +93,7 @@ fn run_rejects_invalid_sources_and_arguments() {
     let folder = folder("run-wrong");
     let empty = folder.to_str().unwrap();
     fails(&["run", "/no/recording"], &["/no/recording", "does not exist"]);
-    fails(&["run", empty], &["no recording of a kind that is known"]);
+    fails(&["run", empty], &["not a recording of a known kind"]);
     // Without ffmpeg the error names the missing program instead of the address.
     let ffmpeg = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
     fails(&["run", "rtsp://camera"], &[if ffmpeg { "rtsp:" } else { "apt install ffmpeg" }]);
@@ -171,12 +171,12 @@ fn realtime_run_is_replayed_and_events_are_written() {
     assert!(lines.iter().any(|l| l["event"] == "born" && l["key_frames"][0]["id"] == 0), "{lines:?}");
     let versions: Vec<u64> = lines.iter().filter_map(|l| l["version"].as_u64()).collect();
     assert!(versions.is_sorted() && lines.iter().all(|l| l["stamp_ns"].is_i64()), "{lines:?}");
-    // A journal of another run and a file that is no journal are rejected.
+    // A journal of another run and a file that is not a Cairn journal are rejected.
     fails(
         &["run", "sim:demo?duration=1&seed=5", "--replay", &journal],
         &["a.journal", "the journal is of", "options"],
     );
-    fails(&["run", WORLD, "--replay", &live], &["live.tum", "no journal"]);
+    fails(&["run", WORLD, "--replay", &live], &["live.tum", "not a Cairn journal"]);
     assert_eq!(cairn(&["run", WORLD, "--journal", &journal]).status.code(), Some(2), "needs --realtime");
     std::fs::remove_dir_all(&folder).unwrap();
 }
@@ -199,9 +199,8 @@ fn status_of_a_run_without_imu() {
     let phases: Vec<&str> = lines.iter().map(|l| phase(l)).collect();
     assert_eq!(phases, ["LOADING_VOCAB", "WAIT_FRAMES", "TRACKING", "TRACKING", "TRACKING"], "{lines:?}");
     assert!(
-        lines[2].starts_with(
-            "0.000 s TRACKING; pose 1 valid; map 0 initialised; 0 points; event: world 0 begins"
-        )
+        lines[2]
+            .starts_with("0.000 s TRACKING; pose 1 valid; map 0 initialised; 0 points; event: map 0 begins")
     );
     assert!(lines[4].starts_with("2.000 s TRACKING; pose 21 valid; map 0 initialised; "), "{lines:?}");
     assert!(lines.iter().all(|l| !l.contains("IMU") && !l.contains('\x1b')), "{lines:?}");
@@ -221,7 +220,7 @@ fn status_of_imu_initialisation() {
     let (motion, tracking) = (first("WAIT_MOTION"), first("TRACKING"));
     assert!(motion.is_some() && first("INITIALIZING").is_some() && motion < tracking, "{lines:#?}");
     assert!(lines.iter().any(|l| l.contains("waits for") && l.contains(": failed)")), "{lines:#?}");
-    assert!(lines.iter().any(|l| l.contains("event: world 0 is level")), "{lines:#?}");
+    assert!(lines.iter().any(|l| l.contains("event: map 0 is gravity-aligned")), "{lines:#?}");
     assert!(lines[tracking.unwrap()].contains("map 0 initialised"), "{lines:#?}");
     let report = json(&output);
     let (standing, imu) = (&report["standing"], &report["standing"]["imu"]);

@@ -52,8 +52,8 @@ impl StatusTally {
         }
         for event in &status.events {
             match event {
-                StatusEvent::World { beside: true, .. } => self.resets += 1,
-                StatusEvent::Found { .. } => self.summary.found += 1,
+                StatusEvent::MapCreated { others: true, .. } => self.resets += 1,
+                StatusEvent::Relocalised { .. } => self.summary.found += 1,
                 _ => {}
             }
         }
