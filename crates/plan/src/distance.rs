@@ -75,15 +75,15 @@ impl DistanceField {
         }
     }
 
-    /// Mends the field after the cells `changed` of `obstacles` became or ceased to be obstacles. Returns how many rows
-    /// had to be computed again. Cells outside are passed over; cells that changed but are not named stay unseen.
-    pub fn update(&mut self, obstacles: &Grid<bool>, changed: &[Cell]) -> usize {
+    /// Mends the field after the cells `changed` of `obstacles` became or ceased to be obstacles. Returns the rows that had
+    /// to be computed again. Cells outside are passed over; cells that changed but are not named stay unseen.
+    pub fn update(&mut self, obstacles: &Grid<bool>, changed: &[Cell]) -> Vec<usize> {
         let (width, height) = (self.frame.width(), self.frame.height());
         if obstacles.frame() != &self.frame {
             self.frame = *obstacles.frame();
             self.squared = vec![0; self.frame.len()];
             self.recompute(obstacles.values());
-            return self.frame.height();
+            return (0..self.frame.height()).collect();
         }
         let mut columns: Vec<usize> = changed.iter().map(|c| c.x as usize).filter(|&x| x < width).collect();
         columns.sort_unstable();
@@ -98,11 +98,12 @@ impl DistanceField {
                 *old = count;
             }
         }
-        for y in (0..height).filter(|&y| stale[y]) {
+        let rows: Vec<usize> = (0..height).filter(|&y| stale[y]).collect();
+        for &y in &rows {
             let row = y * width..(y + 1) * width;
             row_distances(&self.counts[row.clone()], &mut self.squared[row], &mut self.scratch);
         }
-        stale.iter().filter(|&&s| s).count()
+        rows
     }
 
     /// Where the cells lie.

@@ -46,7 +46,7 @@ pub fn figures(willow: &Grid<i8>) {
         patch.iter().for_each(|&c| {
             changing.set(c, on || blocked.get(c) == Some(true));
         });
-        rows = rows.max(field.update(&changing, &patch));
+        rows = rows.max(field.update(&changing, &patch).len());
         on = !on;
     });
     println!("    at most {rows} of {h} rows again");
