@@ -137,6 +137,32 @@ impl DistanceField {
         (self.distance_m(cell).unwrap_or(0.0) - slack).max(0.0)
     }
 
+    /// Distance in metres from a point of the world to the square of the nearest obstacle cell, looked for among all cells near
+    /// enough: exact, and slower than [`DistanceField::clearance_m`]. 0 outside, on obstacles and for NaN.
+    pub fn distance_to_square_m(&self, point: Vec2) -> f64 {
+        let (p, res) = (self.frame.in_cells(point), self.frame.resolution_m());
+        let Some(cell) = self.frame.cell_at(point) else { return 0.0 };
+        let to_middle = self.distance_m(cell).unwrap_or(0.0) / res;
+        if !to_middle.is_finite() {
+            return f64::INFINITY;
+        }
+        // The nearest square has its middle no farther than this.
+        let reach = to_middle.ceil() as i64 + 2;
+        let (width, height) = (self.frame.width() as i64, self.frame.height() as i64);
+        let (cx, cy) = (i64::from(cell.x), i64::from(cell.y));
+        let gap = |p: f64, from: i64| (from as f64 - p).max(p - from as f64 - 1.0).max(0.0);
+        let mut least = f64::INFINITY;
+        for y in (cy - reach).max(0)..(cy + reach + 1).min(height) {
+            let dy = gap(p.y, y);
+            for x in (cx - reach).max(0)..(cx + reach + 1).min(width) {
+                if self.squared[(y * width + x) as usize] == 0 {
+                    least = least.min(dy.hypot(gap(p.x, x)));
+                }
+            }
+        }
+        least * res
+    }
+
     /// The cells whose distance is at least `radius_m`: where a disc of that radius fits around the middle of a cell,
     /// measured to the middles of obstacle cells. Obstacles themselves never belong to them.
     pub fn at_least(&self, radius_m: f64) -> Grid<bool> {
@@ -360,6 +386,8 @@ mod tests {
             let told = field.clearance_m(point);
             assert!(told <= truth + 1e-12, "{told} m told, {truth} m true");
             assert!(truth - told < 0.1 + 1e-12, "{told} m told, {truth} m true");
+            let exact = field.distance_to_square_m(point);
+            assert!((exact - truth).abs() < 1e-12, "{exact} m told, {truth} m true");
         }
         assert_eq!(field.clearance_m(Vec2::new(f64::NAN, 0.0)), 0.0);
         assert_eq!(field.clearance_m(Vec2::new(100.0, 0.0)), 0.0);

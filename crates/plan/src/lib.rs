@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod control;
 pub mod costmap;
 pub mod distance;
 pub mod grid;
@@ -10,6 +11,7 @@ mod passable;
 pub mod picture;
 pub mod random;
 pub mod search;
+pub mod smooth;
 
 pub use costmap::{CostConfig, Costmap};
 pub use distance::DistanceField;

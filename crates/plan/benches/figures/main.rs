@@ -5,7 +5,9 @@
 //!
 //! The map is Willow Garage in `grids/` of the recordings (`CAIRN_DATA`, else `../shared/data`), doubled to 5 cm.
 
+mod control;
 mod distance;
+mod routes;
 mod search;
 
 use cairn_plan::{DistanceField, Grid, map_server};
@@ -28,6 +30,12 @@ fn main() {
     if wanted("search") {
         search::figures(&willow);
     }
+    if wanted("control") {
+        control::figures(&willow);
+    }
+    if wanted("routes") {
+        routes::figures(&willow, 200);
+    }
 }
 
 /// Everything that is not known to be free.
@@ -38,6 +46,20 @@ pub fn obstacles(map: &Grid<i8>) -> Grid<bool> {
 /// The cells whose middle is at least so far from everything that is not free.
 pub fn inflated(map: &Grid<i8>, radius_m: f64) -> Grid<bool> {
     DistanceField::new(&obstacles(map)).at_least(radius_m)
+}
+
+/// A pose and a goal some way off, by a seed.
+pub fn a_route(costs: &cairn_plan::Costmap) -> (cairn_geometry::Se2, cairn_geometry::Vec2) {
+    let (frame, passable) = (*costs.frame(), costs.passable());
+    let mut random = cairn_plan::random::Random::new(4);
+    let mut astar = cairn_plan::search::AStar::new();
+    loop {
+        let [a, b] = [(); 2].map(|()| frame.cell(random.below(frame.len())));
+        if astar.search(&passable, a, b).is_ok_and(|p| p.length > 400.0) {
+            let at = frame.centre(a);
+            return (cairn_geometry::Se2::from_xy_angle(at.x, at.y, 0.0), frame.centre(b));
+        }
+    }
 }
 
 /// Times one verb and prints the line.

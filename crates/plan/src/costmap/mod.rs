@@ -16,15 +16,17 @@ use crate::search::BLOCKED;
 /// Radii and weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostConfig {
-    /// Radius of the robot or walker in metres: where its middle comes nearer to an obstacle, it touches.
+    /// Radius of the robot or walker in metres.
     pub radius_m: f64,
+    /// Room that paths leave beyond the radius, in metres: following is not exact. Half the diagonal of a cell is left besides.
+    pub margin_m: f64,
     /// From here on an obstacle no longer matters, in metres.
     pub inflation_m: f64,
     /// Cost of open ground.
     pub open: u8,
     /// Cost of ground that was walked; below `open`, it is preferred.
     pub walked: u8,
-    /// Cost at the radius of the robot; falls exponentially to `open` at the inflation distance.
+    /// Cost where the robot just fits; falls exponentially to `open` at the inflation distance.
     pub near: u8,
     /// Cost of unknown ground, none if it may not be entered.
     pub unknown: Option<u8>,
@@ -32,15 +34,32 @@ pub struct CostConfig {
 
 impl Default for CostConfig {
     fn default() -> Self {
-        Self { radius_m: 0.2, inflation_m: 0.8, open: 20, walked: 12, near: 100, unknown: None }
+        Self {
+            radius_m: 0.2,
+            margin_m: 0.05,
+            inflation_m: 0.8,
+            open: 20,
+            walked: 12,
+            near: 100,
+            unknown: None,
+        }
+    }
+}
+
+impl CostConfig {
+    /// Distance between the middle of the robot and the middle of an obstacle cell below which they may touch, in metres.
+    pub fn touch_m(&self, resolution_m: f64) -> f64 {
+        self.radius_m + std::f64::consts::FRAC_1_SQRT_2 * resolution_m
     }
 }
 
 /// Settings that make no costs.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum CostError {
-    /// A radius is NaN, infinite or negative, or the inflation is less than the robot.
-    #[error("radius {radius_m} m and inflation {inflation_m} m: need 0 <= radius <= inflation, both finite")]
+    /// A radius or margin is NaN, infinite or negative, or the inflation is less than both.
+    #[error(
+        "radius {radius_m} m and inflation {inflation_m} m: need 0 <= radius + margin <= inflation, all finite"
+    )]
     Radius {
         /// Of the robot.
         radius_m: f64,
@@ -76,8 +95,9 @@ impl Costmap {
     /// # Errors
     /// When radii or costs are unusable.
     pub fn new(map: Grid<i8>, config: CostConfig) -> Result<Self, CostError> {
-        let CostConfig { radius_m, inflation_m, open, walked, near, unknown } = config;
-        if !(radius_m >= 0.0 && inflation_m >= radius_m && inflation_m.is_finite()) {
+        let CostConfig { radius_m, margin_m, inflation_m, open, walked, near, unknown } = config;
+        let sound = radius_m >= 0.0 && margin_m >= 0.0 && inflation_m >= radius_m + margin_m;
+        if !(sound && inflation_m.is_finite()) {
             return Err(CostError::Radius { radius_m, inflation_m });
         }
         if [open, walked, near, unknown.unwrap_or(1)].iter().any(|&c| c == 0 || c == BLOCKED) {
@@ -186,13 +206,14 @@ fn is_obstacle(value: i8, config: &CostConfig) -> bool {
 
 /// Costs from squared distance 0 on until open ground is reached.
 fn cost_by_distance(config: &CostConfig, resolution_m: f64) -> Vec<u8> {
-    let blocked_below = least_squared(config.radius_m, resolution_m);
+    let keep_m = config.touch_m(resolution_m) + config.margin_m;
+    let blocked_below = least_squared(keep_m, resolution_m);
     let end = (config.inflation_m / resolution_m).powi(2).min(1e7) as u32;
     let (open, near) = (f64::from(config.open), f64::from(config.near));
     // Down to a hundredth at the inflation distance.
-    let rate = 100f64.ln() / (config.inflation_m - config.radius_m).max(1e-9);
+    let rate = 100f64.ln() / (config.inflation_m - keep_m).max(1e-9);
     let cost = |squared: u32| {
-        let beyond_m = f64::from(squared).sqrt() * resolution_m - config.radius_m;
+        let beyond_m = f64::from(squared).sqrt() * resolution_m - keep_m;
         (open + (near - open) * (-rate * beyond_m).exp()).round().clamp(1.0, 254.0) as u8
     };
     (0..=end.max(blocked_below)).map(|s| if s < blocked_below { BLOCKED } else { cost(s) }).collect()
