@@ -10,6 +10,7 @@ pub mod occupancy;
 mod passable;
 pub mod picture;
 pub mod random;
+pub mod route;
 pub mod search;
 pub mod smooth;
 
