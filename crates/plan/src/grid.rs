@@ -234,6 +234,28 @@ impl<T: Copy> Grid<T> {
         place.map(|v| *v = value).is_some()
     }
 
+    /// The part of `width` x `height` cells whose lowest column and row are these (they may be outside), with `outside` where
+    /// this grid has no cells: a window that rolls with a robot.
+    ///
+    /// # Errors
+    /// When the window is empty or too large.
+    pub fn window(&self, x: i64, y: i64, width: usize, height: usize, outside: T) -> Result<Self, GridError> {
+        let res = self.frame.resolution_m;
+        let corner = Se2::from_xy_angle(x as f64 * res, y as f64 * res, 0.0);
+        let frame = GridFrame::new(width, height, res, self.frame.world_from_grid * corner)?;
+        let mut window = Self::filled(frame, outside);
+        let from = x.clamp(0, self.frame.width as i64) as usize;
+        let to = (x + width as i64).clamp(0, self.frame.width as i64) as usize;
+        for row in 0..height {
+            let source = usize::try_from(y + row as i64).ok().filter(|&s| s < self.frame.height);
+            if let Some(source) = source.filter(|_| from < to) {
+                let at = row * width + (from as i64 - x) as usize;
+                window.values[at..at + to - from].copy_from_slice(&self.row(source)[from..to]);
+            }
+        }
+        Ok(window)
+    }
+
     /// A value computed from each value.
     pub fn map<U: Copy>(&self, mut of: impl FnMut(T) -> U) -> Grid<U> {
         Grid { frame: self.frame, values: self.values.iter().map(|&v| of(v)).collect() }

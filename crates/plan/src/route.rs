@@ -76,7 +76,13 @@ pub enum NoRoute {
 ///
 /// # Errors
 /// Why there is none.
-pub fn plan(map: &Grid<i8>, config: &CostConfig, search: Search, from: Vec2, to: Vec2) -> Result<Route, NoRoute> {
+pub fn plan(
+    map: &Grid<i8>,
+    config: &CostConfig,
+    search: Search,
+    from: Vec2,
+    to: Vec2,
+) -> Result<Route, NoRoute> {
     let costs = Costmap::new(map.clone(), *config)?;
     let passable = costs.passable();
     if passable.free() == 0 {

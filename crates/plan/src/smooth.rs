@@ -9,6 +9,9 @@ use crate::distance::DistanceField;
 use crate::grid::Cell;
 use cairn_geometry::Vec2;
 
+/// A point that would move by less rests, in metres.
+const STILL_M: f64 = 5e-4;
+
 /// How much a path is smoothed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothConfig {
@@ -45,8 +48,9 @@ pub fn smooth(field: &DistanceField, cells: &[Cell], config: &SmoothConfig) -> S
     let spacing_m = config.spacing_m.max(0.5 * field.frame().resolution_m());
     let least = clearance_of(field, &raw).min(config.radius_m);
     let mut points = spaced(&pulled(field, &raw, config), spacing_m);
+    let mut resting = vec![false; points.len()];
     for _ in 0..config.rounds {
-        if !rounded(field, &mut points, config) {
+        if !rounded(field, &mut points, &mut resting, config) {
             break;
         }
     }
@@ -140,11 +144,14 @@ pub(crate) fn spaced(line: &[Vec2], spacing_m: f64) -> Vec<Vec2> {
     points
 }
 
-/// One round over all inner points; false when nothing moved any more.
-fn rounded(field: &DistanceField, points: &mut [Vec2], config: &SmoothConfig) -> bool {
+/// One round over all inner points; false when nothing moved any more. Points that rest between resting ones are passed over.
+fn rounded(field: &DistanceField, points: &mut [Vec2], resting: &mut [bool], config: &SmoothConfig) -> bool {
     let res = field.frame().resolution_m();
-    let mut moved = 0.0f64;
+    let mut moved = false;
     for i in 1..points.len().saturating_sub(1) {
+        if resting[i - 1] && resting[i] && resting[i + 1] {
+            continue;
+        }
         let (before, here, after) = (points[i - 1], points[i], points[i + 1]);
         let clear = distance(field, here);
         let mut to = here + ((before + after) * 0.5 - here) * 0.5;
@@ -158,10 +165,11 @@ fn rounded(field: &DistanceField, points: &mut [Vec2], config: &SmoothConfig) ->
         let keeps = |p: Vec2, floor: f64| keeps(field, before, p, floor) && keeps(field, p, after, floor);
         let has = |p: Vec2| along_segment(field, before, p).min(along_segment(field, p, after));
         let floor = if keeps(here, wished) { wished } else { has(here).min(wished) };
-        if keeps(to, floor) {
-            moved = moved.max((to - here).norm());
+        resting[i] = (to - here).norm() < STILL_M || !keeps(to, floor);
+        if !resting[i] {
+            moved = true;
             points[i] = to;
         }
     }
-    moved > 1e-4
+    moved
 }

@@ -76,6 +76,22 @@ fn random_routes_are_kept_to_and_touch_nothing() {
 }
 
 #[test]
+fn someone_on_foot_is_led_at_walking_pace() {
+    let costs = costs(two_rooms());
+    let limits = Limits::walking_pace();
+    let mut navigator = Navigator::new(NavigatorConfig::new(PursuitConfig::new(limits)));
+    let start = Se2::from_xy_angle(1.0, 8.0, 2.0);
+    let mut body = SimulatedBody::new(start, limits, 0.3, 0.05, 1.0, 9);
+    let mut config = *navigator.config();
+    config.pursuit.delay_s = 0.3;
+    navigator = Navigator::new(config);
+    let drive = drive(&mut navigator, &mut body, Vec2::new(11.0, 1.0), &costs, |_| None, 120.0);
+    assert_eq!(drive.state, State::Reached, "{drive:?}");
+    assert!(drive.clearance_m > 0.0 && drive.lateral_rms_m < 0.1, "{drive:?}");
+    assert!(drive.length_m / drive.seconds < 0.8, "{drive:?}");
+}
+
+#[test]
 fn path_integral_control_keeps_to_a_path_too() {
     let costs = costs(two_rooms());
     let cells = AStar::new().search(&costs.passable(), Cell::new(30, 100), Cell::new(200, 20)).unwrap().cells;

@@ -242,3 +242,40 @@ fn people_are_tracked_through_each_other_and_forgotten() {
     assert_eq!(layer.observe(6.05, &[]).forgotten, 3, "who left is gone within a second");
     assert_eq!(layer.clearance_m(ahead, 0.0), f64::INFINITY);
 }
+
+proptest::proptest! {
+    #[test]
+    fn no_text_makes_a_reader_panic(text in "(?s).{0,400}", cut in 0usize..200) {
+        let good = "type octile\nheight 2\nwidth 3\nmap\n.@.\nT..\n";
+        let mixed = format!("{}{text}", &good[..cut.min(good.len())]);
+        let task = format!("version 1\n{text}");
+        let yaml = format!("image: a.pgm\norigin: [0, 0, 0]\n{text}");
+        let _ = (moving_ai::read_map(&mixed), moving_ai::read_scenarios(&task), map_server::read_description(&yaml));
+    }
+
+    #[test]
+    fn no_image_makes_a_reader_panic(bytes in proptest::collection::vec(proptest::num::u8::ANY, 0..200), kind in 0usize..4) {
+        let head: &[u8] = [&b"P5 3 2 255\n"[..], b"P2 3 2 255\n", b"\x89PNG\r\n\x1a\n", b""][kind];
+        let folder = folder("bytes");
+        std::fs::write(folder.join("a.pgm"), [head, &bytes].concat()).unwrap();
+        let yaml = "image: a.pgm\nresolution: 0.1\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
+        std::fs::write(folder.join("a.yaml"), yaml).unwrap();
+        let read = map_server::load(&folder.join("a.yaml"));
+        proptest::prop_assert!(read.is_ok() == (kind == 0 && bytes.len() >= 6) || kind == 1, "{read:?}");
+    }
+}
+
+#[test]
+fn a_window_is_the_part_it_covers() {
+    let frame = GridFrame::new(9, 7, 0.5, Se2::from_xy_angle(1.0, 2.0, 0.4)).unwrap();
+    let mut grid = Grid::filled(frame, 0i8);
+    (0..frame.len()).for_each(|i| grid.values_mut()[i] = i as i8);
+    for (x, y) in [(0, 0), (2, 3), (-2, -1), (6, 5), (40, 2), (2, -40)] {
+        let window = grid.window(x, y, 4, 3, -1).unwrap();
+        for i in 0..window.frame().len() {
+            let cell = window.frame().cell(i);
+            let same = frame.cell_at(window.frame().centre(cell)).and_then(|c| grid.get(c));
+            assert_eq!(window.get(cell), Some(same.unwrap_or(-1)));
+        }
+    }
+}

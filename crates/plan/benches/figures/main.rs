@@ -6,6 +6,7 @@
 //! The map is Willow Garage in `grids/` of the recordings (`CAIRN_DATA`, else `../shared/data`), doubled to 5 cm.
 
 mod control;
+mod costmap;
 mod distance;
 mod routes;
 mod search;
@@ -29,6 +30,9 @@ fn main() {
     }
     if wanted("search") {
         search::figures(&willow);
+    }
+    if wanted("costmap") {
+        costmap::figures(&willow);
     }
     if wanted("control") {
         control::figures(&willow);

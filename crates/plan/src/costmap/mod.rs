@@ -24,7 +24,7 @@ pub struct CostConfig {
     pub inflation_m: f64,
     /// Cost of open ground.
     pub open: u8,
-    /// Cost of ground that was walked; below `open`, it is preferred.
+    /// Cost of ground that was walked; below `open`, it is preferred. Walls beside it matter a quarter as much.
     pub walked: u8,
     /// Cost where the robot just fits; falls exponentially to `open` at the inflation distance.
     pub near: u8,
@@ -190,9 +190,10 @@ impl Costmap {
             let near = near.copied().unwrap_or(config.open);
             let ground = match (map < 0, config.unknown) {
                 (true, Some(unknown)) => near.max(unknown),
-                // Walked ground is cheaper by the same part at any distance.
-                _ if walked => ((u32::from(near) * u32::from(config.walked)) / u32::from(config.open))
-                    .clamp(1, 254) as u8,
+                // Where someone walked, walls beside matter a quarter as much.
+                _ if walked => {
+                    config.walked.saturating_add(near.saturating_sub(config.open) / 4).min(BLOCKED - 1)
+                }
                 _ => near,
             };
             *cost = if near == BLOCKED { BLOCKED } else { ground };

@@ -52,18 +52,12 @@ pub enum NoPath {
     /// No cell of the grid may be entered.
     #[error("the map has no free cell")]
     NoFreeCell,
-    /// The search was made for a grid of another size, or the costs belong to another grid.
-    #[error("the grid has another size than the one given before")]
-    OtherGrid,
     /// Everything that can be reached from the start was looked at.
     #[error("the goal cannot be reached ({expanded} cells can)")]
     Unreachable {
         /// Nodes expanded.
         expanded: usize,
     },
-    /// A setting is not usable.
-    #[error("{0}")]
-    Setting(&'static str),
 }
 
 /// An end of a path.
