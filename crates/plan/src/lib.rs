@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod anchored;
 pub mod control;
 pub mod costmap;
 pub mod distance;
@@ -13,6 +14,7 @@ pub mod random;
 pub mod route;
 pub mod search;
 pub mod smooth;
+pub mod walked;
 
 pub use costmap::{CostConfig, Costmap};
 pub use distance::DistanceField;

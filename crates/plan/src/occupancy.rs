@@ -185,6 +185,20 @@ impl OccupancyGrid {
         self.log_odds.map(|l| if l == NEVER { UNKNOWN } else { percent(l) })
     }
 
+    /// The same cells in a frame that holds them all, of the same resolution and direction.
+    pub(crate) fn grown(self, frame: GridFrame) -> Self {
+        let mut grown = Self::new(frame, self.config);
+        let old = *self.frame();
+        for y in 0..old.height() {
+            let first = frame.cell_at(old.centre(Cell::new(0, y as u32))).and_then(|c| frame.index(c));
+            let row = first.and_then(|at| grown.log_odds.values_mut().get_mut(at..at + old.width()));
+            if let Some(row) = row {
+                row.copy_from_slice(self.log_odds.row(y));
+            }
+        }
+        grown
+    }
+
     fn next_scan(&mut self) {
         self.scan += 1;
         if self.scan == u32::MAX / 2 {

@@ -1,6 +1,7 @@
 //! Occupancy from rays, files of `map_server`, costs, and what moves.
 
 use cairn_geometry::{Se2, Vec2};
+use cairn_plan::anchored::AnchoredGrid;
 use cairn_plan::costmap::{Detection, DynamicConfig, DynamicLayer};
 use cairn_plan::map_server::{self, Mode, UNKNOWN};
 use cairn_plan::occupancy::ScanRejected;
@@ -47,6 +48,45 @@ fn a_room_seen_from_inside() {
         assert_eq!(at(0.1 * f64::from(k), 4.5), UNKNOWN, "behind a wall nobody knows");
     }
     assert_eq!(grid.probability(Cell::new(0, 0)), None);
+}
+
+#[test]
+fn a_grid_on_key_frames_is_laid_again_when_they_move() {
+    let truth =
+        |k: i32| Se2::from_xy_angle(1.0 + 0.1 * f64::from(k), 1.5 + 0.02 * f64::from(k), 0.1 * f64::from(k));
+    // What was believed before the loop was closed: ever farther off.
+    let believed =
+        |k: i32| truth(k) * Se2::from_xy_angle(0.03 * f64::from(k), 0.01 * f64::from(k), 0.01 * f64::from(k));
+    let key_from_sensor = Se2::from_xy_angle(0.1, 0.05, 0.2);
+    let rays = |k: i32| -> Vec<(f64, f64)> {
+        let sensor = truth(k) * key_from_sensor;
+        let range = |b: f64| range_in_room(sensor.translation, b + sensor.rotation.log(), 6.0, 4.0);
+        (0..360).map(|i| f64::from(i).to_radians()).map(|b| (b, range(b))).collect()
+    };
+    let build = |pose: &dyn Fn(i32) -> Se2, keys: &dyn Fn(i32) -> bool| {
+        let mut grid = AnchoredGrid::new(0.05, OccupancyConfig::default());
+        for k in (0..30).filter(|&k| keys(k)) {
+            grid.insert_scan(k, &pose(k), key_from_sensor, &rays(k)).unwrap();
+            grid.insert_step(k, &pose(k), Se2::identity(), 0.2).unwrap();
+        }
+        grid
+    };
+    let map = |grid: &AnchoredGrid<i32>| grid.grid().unwrap().to_probabilities();
+    let mut grid = build(&believed, &|_| true);
+    let right = build(&truth, &|_| true);
+    assert!(map(&grid) != map(&right));
+    let laid = grid.set_poses(|k| Some(truth(k))).unwrap();
+    assert_eq!((laid.gone, laid.scans), (0, 30));
+    assert!(laid.moved >= 28 && map(&grid) == map(&right), "as if it had been known from the beginning");
+    assert_eq!(grid.set_poses(|k| Some(truth(k))).unwrap().scans, 0, "nothing moved");
+    let laid = grid.set_poses(|k| (k % 3 != 0).then(|| truth(k))).unwrap();
+    assert_eq!((laid.gone, laid.scans), (10, 20));
+    assert!(map(&grid) == map(&build(&truth, &|k| k % 3 != 0)));
+    // A pose that is no number: nothing changes.
+    let before = map(&grid);
+    assert!(grid.set_poses(|_| Some(Se2::from_xy_angle(f64::NAN, 0.0, 0.0))).is_err());
+    assert!(grid.insert_scan(99, &Se2::from_xy_angle(1e9, 0.0, 0.0), key_from_sensor, &rays(0)).is_err());
+    assert!(map(&grid) == before);
 }
 
 #[test]

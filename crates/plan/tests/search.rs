@@ -5,7 +5,7 @@ use cairn_plan::search::{
     AStar, BLOCKED, DStarLite, GridPath, JumpPoint, LazyTheta, NoPath, Place, WeightedAStar, free_cell,
     line_of_sight,
 };
-use cairn_plan::{Cell, Grid, GridFrame, Passable, moving_ai};
+use cairn_plan::{Cell, DistanceField, Grid, GridFrame, Passable, moving_ai};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::path::PathBuf;
@@ -277,6 +277,35 @@ fn every_moving_ai_scenario_at_its_optimal_length() {
         }
     }
     assert_eq!(count, 2850);
+}
+
+#[test]
+fn willow_doubled_and_inflated() {
+    let Some(data) = data() else { return };
+    let file = data.join("grids/willow-2010-02-18-0.10.yaml");
+    let (map, description) = cairn_plan::map_server::load(&file).unwrap();
+    let count = |value: i8| map.values().iter().filter(|&&v| v == value).count();
+    assert_eq!((map.frame().width(), map.frame().height(), description.resolution_m), (566, 608, 0.1));
+    assert_eq!((count(0), count(100), count(-1)), (109_207, 544, 234_377));
+    let free = DistanceField::new(&map.refined(2).unwrap().map(|v| v != 0)).at_least(0.2);
+    let passable = Passable::new(&free);
+    let mut random = Random::new(3);
+    let (mut astar, mut jump, mut found) = (AStar::new(), JumpPoint::new(), 0);
+    for _ in 0..60 {
+        let (Some(start), Some(goal)) = (some_free(&mut random, &free), some_free(&mut random, &free)) else {
+            continue;
+        };
+        match (astar.search(&passable, start, goal), jump.search(&passable, start, goal)) {
+            (Ok(a), Ok(b)) => {
+                assert_sound(&passable, &a, start, goal);
+                assert_sound(&passable, &b, start, goal);
+                assert!((a.length - b.length).abs() < 1e-6 && b.expanded < a.expanded / 4 + 50);
+                found += 1;
+            }
+            (a, b) => assert_eq!(a.is_err(), b.is_err()),
+        }
+    }
+    assert!(found > 40, "{found} of 60 found");
 }
 
 #[test]
