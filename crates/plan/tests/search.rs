@@ -280,6 +280,58 @@ fn every_moving_ai_scenario_at_its_optimal_length() {
 }
 
 #[test]
+fn every_moving_ai_map_is_searched_alike() {
+    let Some(data) = data() else { return };
+    let (mut astar, mut jump, mut random, mut found) = (AStar::new(), JumpPoint::new(), Random::new(8), 0);
+    for name in ["Berlin_1_256", "den312d", "maze-128-128-2", "room-64-64-8", "warehouse-10-20-10-2-1"] {
+        let text = std::fs::read_to_string(data.join("grids").join(format!("{name}.map"))).unwrap();
+        let map = moving_ai::read_map(&text).unwrap();
+        let (passable, costs) = (Passable::new(&map), map.map(|free| if free { 1 } else { BLOCKED }));
+        for _ in 0..4 {
+            let Some(start) = some_free(&mut random, &map) else { continue };
+            let truth = dijkstra(&costs, start);
+            for _ in 0..20 {
+                let Some(goal) = some_free(&mut random, &map) else { continue };
+                let least = truth[map.frame().index(goal).unwrap()];
+                for path in [astar.search(&passable, start, goal), jump.search(&passable, start, goal)] {
+                    match path {
+                        Ok(path) => {
+                            assert_sound(&passable, &path, start, goal);
+                            assert!(
+                                (path.length - least).abs() < 1e-9,
+                                "{name}: {} not {least}",
+                                path.length
+                            );
+                            found += 1;
+                        }
+                        Err(reason) => assert!(least.is_infinite(), "{name}: {reason}"),
+                    }
+                }
+            }
+        }
+    }
+    assert!(found > 500, "{found}");
+}
+
+#[test]
+fn thousands_of_searches_do_not_see_each_other() {
+    // More than the stamps of the packed words can count.
+    let mut grid = Grid::filled(GridFrame::unit(9, 9).unwrap(), true);
+    (0..8).for_each(|y| assert!(grid.set(Cell::new(4, y), false)));
+    let passable = Passable::new(&grid);
+    let (mut astar, mut jump) = (AStar::new(), JumpPoint::new());
+    let mut random = Random::new(5);
+    for _ in 0..6000 {
+        let start = Cell::new(random.below(4) as u32, random.below(8) as u32);
+        let goal = Cell::new(5 + random.below(4) as u32, random.below(8) as u32);
+        let [a, b] =
+            [astar.search(&passable, start, goal), jump.search(&passable, start, goal)].map(Result::unwrap);
+        assert_sound(&passable, &a, start, goal);
+        assert!((a.length - b.length).abs() < 1e-9, "{start:?} {goal:?}");
+    }
+}
+
+#[test]
 fn willow_doubled_and_inflated() {
     let Some(data) = data() else { return };
     let file = data.join("grids/willow-2010-02-18-0.10.yaml");
