@@ -47,7 +47,10 @@ fn costs(map: Grid<i8>) -> Costmap {
 #[test]
 fn random_routes_are_kept_to_and_touch_nothing() {
     let mut random = Random::new(41);
-    let (mut routes, mut navigator) = (0, navigator());
+    let predictive = Some(MppiConfig::new(Limits::differential_drive()));
+    let config = *navigator().config();
+    let mut navigators = [navigator(), Navigator::new(NavigatorConfig { predictive, ..config })];
+    let mut routes = 0;
     while routes < 25 {
         let boxes: Vec<[f64; 4]> = (0..25)
             .map(|_| {
@@ -63,14 +66,16 @@ fn random_routes_are_kept_to_and_touch_nothing() {
         if !AStar::new().search(&passable, cell(start), cell(goal)).is_ok_and(|p| p.length > 100.0) {
             continue;
         }
-        let mut body = body(start.x, start.y, 1.0, routes);
-        let drive = drive(&mut navigator, &mut body, goal, &costs, |_| None, 120.0);
-        assert_eq!(drive.state, State::Reached, "{drive:?}");
-        assert!(
-            drive.lateral_rms_m <= 0.05 && drive.clearance_m > 0.0 && drive.to_goal_m < 0.15,
-            "{drive:?}"
-        );
-        assert!(drive.reversals <= 3 && drive.plans == 1, "{drive:?}");
+        for navigator in &mut navigators {
+            let mut body = body(start.x, start.y, 1.0, routes);
+            let drive = drive(navigator, &mut body, goal, &costs, |_| None, 120.0);
+            assert_eq!(drive.state, State::Reached, "{drive:?}");
+            assert!(
+                drive.lateral_rms_m <= 0.05 && drive.clearance_m > 0.0 && drive.to_goal_m < 0.15,
+                "{drive:?}"
+            );
+            assert!(drive.reversals <= 3 && drive.plans == 1, "{drive:?}");
+        }
         routes += 1;
     }
 }

@@ -3,7 +3,7 @@
 use crate::spread;
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::trial::{Drive, SimulatedBody, drive};
-use cairn_plan::control::{Limits, Navigator, NavigatorConfig, PursuitConfig, State};
+use cairn_plan::control::{Limits, MppiConfig, Navigator, NavigatorConfig, PursuitConfig, State};
 use cairn_plan::random::Random;
 use cairn_plan::search::BLOCKED;
 use cairn_plan::{CostConfig, Costmap, Grid};
@@ -15,12 +15,14 @@ pub fn figures(willow: &Grid<i8>, count: usize) {
         "routes: {count} on Willow at 5 cm, radius 0.2 m, up to 1 m/s, 50 ms delay, odometry off by 2 %"
     );
     println!("  goals: nothing touched, beside the path by 0.05 m RMS at most, no oscillation at the goal");
-    for (fix_s, name) in
-        [(1.0, "put right to 1 cm and 0.003 rad every second"), (f64::INFINITY, "never put right")]
-    {
-        println!("  odometry {name}:");
-        tell(&drives(&costs, if fix_s.is_finite() { count } else { count / 4 }, fix_s));
-    }
+    let mut config = NavigatorConfig::new(PursuitConfig::new(Limits::differential_drive()));
+    println!("  pure pursuit, odometry put right to 1 cm and 0.003 rad every second:");
+    tell(&drives(&costs, config, count, 1.0));
+    println!("  pure pursuit, odometry never put right:");
+    tell(&drives(&costs, config, count / 4, f64::INFINITY));
+    config.predictive = Some(MppiConfig::new(Limits::differential_drive()));
+    println!("  path integral control, odometry put right to 1 cm and 0.003 rad every second:");
+    tell(&drives(&costs, config, count, 1.0));
 }
 
 fn tell(drives: &[Drive]) {
@@ -47,10 +49,9 @@ fn tell(drives: &[Drive]) {
     drives.iter().filter(odd).take(3).for_each(|d| println!("  not so: {d:?}"));
 }
 
-fn drives(costs: &Costmap, count: usize, fix_s: f64) -> Vec<Drive> {
+fn drives(costs: &Costmap, config: NavigatorConfig, count: usize, fix_s: f64) -> Vec<Drive> {
     let frame = *costs.frame();
     let mut random = Random::new(17);
-    let config = NavigatorConfig::new(PursuitConfig::new(Limits::differential_drive()));
     let mut navigator = Navigator::new(config);
     let mut drives = Vec::new();
     let some = |random: &mut Random| loop {

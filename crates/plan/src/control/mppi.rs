@@ -144,6 +144,19 @@ impl Mppi {
         &self.config
     }
 
+    /// Another path, `along_m` from its beginning; what was ordered still counts.
+    pub fn restart(&mut self, along_m: f64) {
+        (self.along_m, self.reached) = (along_m, false);
+        self.plan.fill(Motion::stop());
+    }
+
+    /// Tells the controller that something else was ordered: a turn in place, or a recovery.
+    pub fn ordered(&mut self, motion: Motion) {
+        if self.ordered.pop_front().is_some() {
+            self.ordered.push_back(motion);
+        }
+    }
+
     /// One step: from where the body is and how it moves to what it should do.
     pub fn step(
         &mut self,
@@ -180,9 +193,7 @@ impl Mppi {
             wish.linear = wish.linear.min(c.limits.speed_to_stop_within(free_m, c.period_s));
         }
         let order = c.limits.reachable(now, wish, c.period_s);
-        if self.ordered.pop_front().is_some() {
-            self.ordered.push_back(order);
-        }
+        self.ordered(order);
         Following { motion: order, projection, left_m, ahead, reached: self.reached, blocked }
     }
 

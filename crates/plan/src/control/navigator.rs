@@ -7,6 +7,7 @@
 
 use super::ahead::Surroundings;
 use super::motion::Motion;
+use super::mppi::{Mppi, MppiConfig};
 use super::pursuit::{Following, Pursuit, PursuitConfig};
 use super::reference::ReferencePath;
 use crate::costmap::{Costmap, DynamicLayer};
@@ -91,6 +92,9 @@ pub enum Reason {
 pub struct NavigatorConfig {
     /// Of the follower.
     pub pursuit: PursuitConfig,
+    /// Follows by path integral control with these settings, and by pure pursuit only to turn in place and to
+    /// arrive.
+    pub predictive: Option<MppiConfig>,
     /// Of the paths; radius and clearance are those of the costs.
     pub smooth: SmoothConfig,
     /// Clearance kept beyond what the costs ask for, where there is room, in metres.
@@ -114,6 +118,7 @@ impl NavigatorConfig {
     pub fn new(pursuit: PursuitConfig) -> Self {
         Self {
             pursuit,
+            predictive: None,
             smooth: SmoothConfig::default(),
             room_m: 0.2,
             wait_s: 1.0,
@@ -154,6 +159,7 @@ pub struct Navigator {
     goal: Option<Vec2>,
     path: Option<ReferencePath>,
     pursuit: Pursuit,
+    predictive: Option<Mppi>,
     search: WeightedAStar,
     last_pose: Option<Se2>,
     recovery: Recovery,
@@ -173,6 +179,7 @@ impl Navigator {
             goal: None,
             path: None,
             pursuit: Pursuit::new(config.pursuit),
+            predictive: config.predictive.map(Mppi::new),
             search: WeightedAStar::new(),
             last_pose: None,
             recovery: Recovery::Wait,
@@ -244,8 +251,40 @@ impl Navigator {
     fn stand(&mut self, motion: Motion, reason: Option<Reason>) -> Step {
         let p = &self.config.pursuit;
         let motion = p.limits.reachable(motion, Motion::stop(), p.period_s);
-        self.pursuit.ordered(motion);
+        self.ordered(motion);
         Step { state: self.state, motion, reason, following: None }
+    }
+
+    /// Something else than following was ordered.
+    fn ordered(&mut self, motion: Motion) {
+        self.pursuit.ordered(motion);
+        self.predictive.iter_mut().for_each(|p| p.ordered(motion));
+    }
+
+    /// One step of the follower that is in charge; the other is told.
+    fn follower_step(
+        &mut self,
+        pose: &Se2,
+        motion: Motion,
+        path: &ReferencePath,
+        around: &Surroundings,
+    ) -> Following {
+        match &mut self.predictive {
+            Some(predictive) if !self.pursuit.is_needed(pose, path) => {
+                let following = predictive.step(pose, motion, path, around);
+                self.pursuit.ordered(following.motion);
+                self.pursuit.restart(following.projection.along_m);
+                following
+            }
+            other => {
+                let following = self.pursuit.step(pose, motion, path, around);
+                if let Some(predictive) = other {
+                    predictive.ordered(following.motion);
+                    predictive.restart(following.projection.along_m);
+                }
+                following
+            }
+        }
     }
 
     fn plan_again(&mut self, why: Reason) {
@@ -256,7 +295,8 @@ impl Navigator {
         let reason = match self.find_path(pose, costs, moving) {
             Ok(path) => {
                 self.path = Some(path);
-                self.pursuit.restart();
+                self.pursuit.restart(0.0);
+                self.predictive.iter_mut().for_each(|p| p.restart(0.0));
                 self.state = State::Executing;
                 self.why
             }
@@ -351,7 +391,7 @@ impl Navigator {
         if let Some(step) = self.recover(time_s, pose, motion, around, path) {
             return step;
         }
-        let following = self.pursuit.step(pose, motion, path, around);
+        let following = self.follower_step(pose, motion, path, around);
         let along_m = following.projection.along_m;
         if following.projection.lateral_m.abs() > self.config.off_path_m {
             let why = Reason::OffPath(following.projection.lateral_m.abs());
@@ -399,7 +439,7 @@ impl Navigator {
         let late = time_s - self.since_s > self.config.wait_s;
         let order = |wish: Motion, reason: Reason, me: &mut Self| {
             let motion = p.limits.reachable(motion, wish, p.period_s);
-            me.pursuit.ordered(motion);
+            me.ordered(motion);
             Some(Step { state: State::Blocked, motion, reason: Some(reason), following: None })
         };
         match self.recovery {

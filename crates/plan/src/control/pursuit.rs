@@ -99,9 +99,9 @@ impl Pursuit {
         &self.config
     }
 
-    /// Another path from here on; what was ordered still counts.
-    pub fn restart(&mut self) {
-        (self.along_m, self.turning, self.reached) = (0.0, false, false);
+    /// Another path, `along_m` from its beginning; what was ordered still counts.
+    pub fn restart(&mut self, along_m: f64) {
+        (self.along_m, self.turning, self.reached) = (along_m, false, false);
     }
 
     /// Where the body will be, and its motion, when an order of now is felt.
@@ -109,6 +109,16 @@ impl Pursuit {
         let step = |pose: Se2, m: &Motion| moved(&pose, *m, self.config.period_s);
         let pose = self.ordered.iter().fold(*world_from_body, step);
         (pose, self.ordered.back().copied().unwrap_or(motion))
+    }
+
+    /// Whether this follower should be in charge beside another: the path leads so far away from where the body faces that it
+    /// turns in place, or the goal is so near that only braking is left.
+    pub fn is_needed(&self, world_from_body: &Se2, path: &ReferencePath) -> bool {
+        let look_m = self.config.look_ahead_m.0;
+        let at = path.project(world_from_body.translation, self.along_m - 0.3, self.along_m + 1.0).along_m;
+        let seen = world_from_body.inverse() * path.at(at + look_m).0;
+        let last = path.length_m() - at < self.config.look_ahead_m.1;
+        last || self.turning || seen.y.atan2(seen.x).abs() > self.config.turn_in_place
     }
 
     /// Tells the follower that something else was ordered, a recovery for instance.
