@@ -42,7 +42,7 @@ pub enum NoPath {
     #[error("the {0} lies outside the grid")]
     Outside(Place),
     /// Start or goal lies where nothing may stand: in a wall, too near to one, or on unknown ground.
-    #[error("the {place} lies in or too near to an obstacle, or on unknown ground ({cell:?})")]
+    #[error("the {place} lies in or too near to an obstacle, or on unknown ground (cell {}, {})", cell.x, cell.y)]
     Blocked {
         /// Which of the two.
         place: Place,
