@@ -36,6 +36,7 @@ enum Command {
     Map(commands::map::Arguments),
     #[command(alias = "way")]
     Route(commands::route::Arguments),
+    Plan(commands::plan::Arguments),
     Solve(commands::solve::Arguments),
     Rig(commands::rig::Arguments),
     Vocab(commands::vocab::Arguments),
@@ -64,6 +65,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Map(arguments) => commands::map::run(&arguments, output),
         Command::Route(arguments) => commands::route::run(&arguments, output),
         Command::Vocab(arguments) => commands::vocab::run(&arguments, output),
+        Command::Plan(arguments) => commands::plan::run(&arguments, output),
         Command::Solve(arguments) => commands::solve::run(&arguments, output),
         Command::Rig(arguments) => commands::rig::run(&arguments, output),
         Command::Config(arguments) => commands::config::run(&arguments, output),

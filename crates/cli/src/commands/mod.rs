@@ -4,6 +4,7 @@ pub mod config;
 pub mod doctor;
 pub mod eval;
 pub mod map;
+pub mod plan;
 pub mod rig;
 pub mod route;
 pub mod run;

@@ -5,6 +5,7 @@ mod demo;
 mod doctor;
 mod eval;
 mod map;
+mod plan;
 mod rig;
 mod route;
 mod run;

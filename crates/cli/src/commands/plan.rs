@@ -1,0 +1,177 @@
+//! `cairn plan`: a path on a map of the ground, with its picture.
+
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_geometry::Vec2;
+use cairn_plan::picture::Picture;
+use cairn_plan::route::{self, NoRoute, Route, Search};
+use cairn_plan::search::NoPath;
+use cairn_plan::{CostConfig, Grid};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Finds a path on a map that never cuts a corner and keeps the body clear of walls; unknown ground is not entered.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The map: the YAML of a ROS map_server map, or a Moving AI `.map`.
+    grid: PathBuf,
+    /// Where it begins, in metres of the map (cells of a `.map`).
+    #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
+    from: Vec2,
+    /// Where it leads, in metres of the map (cells of a `.map`).
+    #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
+    to: Vec2,
+    /// Radius of the body in metres [default: 0.2; 0 for a `.map`].
+    #[arg(long, value_name = "M")]
+    radius: Option<f64>,
+    /// Room left beyond the radius in metres [default: 0.05; 0 for a `.map`].
+    #[arg(long, value_name = "M")]
+    margin: Option<f64>,
+    /// costs: keeps to wide passages; astar and jump: the shortest over the grid; any-angle: shorter still.
+    #[arg(long, value_name = "KIND", default_value = "costs", value_parser = kind)]
+    search: Search,
+    /// Draw the map and the path here.
+    #[arg(long, value_name = "FILE.svg|png")]
+    out: Option<PathBuf>,
+    /// Replace the picture if it exists.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// What is printed.
+#[derive(Serialize)]
+struct Planned {
+    width: usize,
+    height: usize,
+    resolution_m: f64,
+    length_m: f64,
+    grid_length_m: f64,
+    cost: f64,
+    clearance_m: f64,
+    expanded: usize,
+    /// Of distances, costs, search and smoothing, without reading and drawing.
+    ms: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    written: Option<PathBuf>,
+    cells: Vec<[u32; 2]>,
+    points: Vec<[f64; 2]>,
+}
+
+pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    let name = arguments.grid.display().to_string();
+    if let Some(out) = &arguments.out {
+        may_write(out, arguments.overwrite)?;
+    }
+    let map = route::open_map(&arguments.grid).map_err(|e| {
+        Failure::new(&name, e.to_string(), "give the YAML of a map_server map, or a Moving AI .map")
+    })?;
+    let in_cells = arguments.grid.extension().is_some_and(|e| e == "map");
+    let usual = CostConfig::default();
+    let (radius_m, margin_m) = if in_cells { (0.0, 0.0) } else { (usual.radius_m, usual.margin_m) };
+    let radius_m = arguments.radius.unwrap_or(radius_m);
+    let margin_m = arguments.margin.unwrap_or(margin_m);
+    let inflation_m = usual.inflation_m.max(2.0 * (radius_m + margin_m) + 2.0 * map.frame().resolution_m());
+    let costs = CostConfig { radius_m, margin_m, inflation_m, ..usual };
+    let began = Instant::now();
+    let found = route::plan(&map, &costs, arguments.search, arguments.from, arguments.to);
+    let ms = began.elapsed().as_secs_f64() * 1e3;
+    let route = found.map_err(|e| Failure::new(&name, e.to_string(), hint(&e)))?;
+    if let Some(out) = &arguments.out {
+        draw(out, &map, &route)?;
+    }
+    let frame = map.frame();
+    let planned = Planned {
+        width: frame.width(),
+        height: frame.height(),
+        resolution_m: frame.resolution_m(),
+        length_m: route.smooth.length_m,
+        grid_length_m: route.path.length_m(frame),
+        cost: route.path.cost,
+        clearance_m: route.smooth.clearance_m,
+        expanded: route.path.expanded,
+        ms,
+        written: arguments.out.clone(),
+        cells: route.path.cells.iter().map(|c| [c.x, c.y]).collect(),
+        points: route.smooth.points.iter().map(|p| [p.x, p.y]).collect(),
+    };
+    output.result(&planned, told)
+}
+
+fn told(p: &Planned) -> String {
+    let mut lines = vec![
+        format!("map         {} x {} cells of {} m", p.width, p.height, p.resolution_m),
+        format!(
+            "path        {:.2} m ({:.2} m over the grid), cost {:.2}",
+            p.length_m, p.grid_length_m, p.cost
+        ),
+        format!("clearance   {:.2} m", p.clearance_m),
+        format!("expanded    {} cells in {:.1} ms, with distances, costs and smoothing", p.expanded, p.ms),
+    ];
+    lines.extend(p.written.as_ref().map(|out| format!("picture     {}", out.display())));
+    lines.join("\n")
+}
+
+fn hint(reason: &NoRoute) -> &'static str {
+    match reason {
+        NoRoute::Costs(_) => "give a radius and a margin that are not negative",
+        NoRoute::Path(NoPath::NotFinite(_) | NoPath::Outside(_)) => {
+            "give --from and --to as X,Y inside the map"
+        }
+        NoRoute::Path(NoPath::Blocked { .. }) => "choose a point farther from walls, or a smaller --radius",
+        NoRoute::Path(_) => "try a smaller --radius or --margin",
+    }
+}
+
+fn draw(out: &Path, map: &Grid<i8>, route: &Route) -> Result<(), Failure> {
+    let colour = |value: i8| match value {
+        0 => [250, 250, 247],
+        v if v < 0 => [200, 204, 210],
+        _ => [40, 44, 52],
+    };
+    let picture = Picture::new(map, colour)
+        .path(&route.path.cells, [240, 170, 60])
+        .points(&route.smooth.points, [30, 90, 200]);
+    let bytes = match out.extension() {
+        Some(e) if e == "png" => picture.png(),
+        _ => picture.svg().map(String::into_bytes),
+    };
+    let name = out.display().to_string();
+    let bytes = bytes.map_err(|e| Failure::new(name, e.to_string(), "use a smaller map"))?;
+    Ok(cairn_eval::write_bytes_whole(out, &bytes)?)
+}
+
+/// The picture has a form that is known, and nothing is lost by writing it.
+fn may_write(out: &Path, overwrite: bool) -> Result<(), Failure> {
+    let name = out.display().to_string();
+    if !out.extension().is_some_and(|e| e == "svg" || e == "png") {
+        return Err(Failure::new(
+            name,
+            "neither .svg nor .png",
+            "name the picture so that it ends in .svg or .png",
+        ));
+    }
+    if out.exists() && !overwrite {
+        return Err(Failure::new(name, "it exists already", "give another name, or --overwrite"));
+    }
+    Ok(())
+}
+
+/// Two numbers with a comma between. What is no finite point is told by the search.
+fn point(text: &str) -> Result<Vec2, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y]) => Ok(Vec2::new(x, y)),
+        _ => Err("expected two numbers as X,Y".to_owned()),
+    }
+}
+
+fn kind(text: &str) -> Result<Search, String> {
+    match text {
+        "costs" => Ok(Search::Costs),
+        "astar" => Ok(Search::AStar),
+        "jump" => Ok(Search::JumpPoint),
+        "any-angle" => Ok(Search::AnyAngle),
+        _ => Err("expected costs, astar, jump or any-angle".to_owned()),
+    }
+}

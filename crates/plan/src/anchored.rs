@@ -1,0 +1,187 @@
+//! An occupancy grid that hangs on key frames: scans and steps are kept in the frame of their key frame, and laid again when
+//! key frames move (a loop was closed, maps were merged) or are gone.
+//!
+//! Log odds that were bounded cannot be taken back, so the grid is laid anew from all scans, in the order they came: the result
+//! is that of a map that had known the poses from the beginning. The grid grows with what is seen.
+
+use crate::grid::{GridError, GridFrame};
+use crate::occupancy::{OccupancyConfig, OccupancyGrid, ScanRejected, ScanReport};
+use cairn_geometry::{Se2, Vec2};
+use std::collections::BTreeMap;
+
+/// The grid grows by so many cells at a time.
+const BLOCK: f64 = 64.0;
+
+/// What was done when poses were given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Laid {
+    /// Key frames that moved by more than half a cell anywhere within range.
+    pub moved: usize,
+    /// Key frames that are gone; their scans are dropped.
+    pub gone: usize,
+    /// Scans laid again; 0 when nothing moved.
+    pub scans: usize,
+}
+
+/// Why a scan was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NotTaken {
+    /// A pose is not finite.
+    #[error(transparent)]
+    Rejected(#[from] ScanRejected),
+    /// The grid would become too large.
+    #[error(transparent)]
+    Grid(#[from] GridError),
+}
+
+#[derive(Clone, Debug)]
+enum Item {
+    Scan { key_from_sensor: Se2, rays: Vec<[f32; 2]> },
+    Step { key_from_body: Se2, radius_m: f64 },
+}
+
+/// Scans and steps on key frames of the kind `K`, and the grid they make.
+#[derive(Clone, Debug)]
+pub struct AnchoredGrid<K> {
+    config: OccupancyConfig,
+    resolution_m: f64,
+    items: Vec<(K, Item)>,
+    /// Where the key frames were when they were laid: `world_from_key`.
+    keys: BTreeMap<K, Se2>,
+    grid: Option<OccupancyGrid>,
+    last_step: Option<Vec2>,
+}
+
+impl<K: Copy + Ord> AnchoredGrid<K> {
+    /// Nothing known, with cells of this size.
+    pub fn new(resolution_m: f64, config: OccupancyConfig) -> Self {
+        let (items, keys) = (Vec::new(), BTreeMap::new());
+        Self { config, resolution_m, items, keys, grid: None, last_step: None }
+    }
+
+    /// The grid; none before the first scan or step.
+    pub fn grid(&self) -> Option<&OccupancyGrid> {
+        self.grid.as_ref()
+    }
+
+    /// Takes a scan (bearings in radians, ranges in metres) seen from `key_from_sensor`, by a key frame that lies at
+    /// `world_from_key`.
+    ///
+    /// # Errors
+    /// When a pose is not finite, or the grid would become too large: nothing is kept then.
+    pub fn insert_scan(
+        &mut self,
+        key: K,
+        world_from_key: &Se2,
+        key_from_sensor: Se2,
+        rays: &[(f64, f64)],
+    ) -> Result<ScanReport, NotTaken> {
+        let rays = rays.iter().map(|&(bearing, range)| [bearing as f32, range as f32]).collect();
+        let item = Item::Scan { key_from_sensor, rays };
+        let report = self.lay(&item, world_from_key)?;
+        self.keys.insert(key, *world_from_key);
+        self.items.push((key, item));
+        Ok(report)
+    }
+
+    /// Says that a body of this radius stood at `key_from_body`; between two steps of less than a metre it walked.
+    ///
+    /// # Errors
+    /// When a pose is not finite, or the grid would become too large: nothing is kept then.
+    pub fn insert_step(
+        &mut self,
+        key: K,
+        world_from_key: &Se2,
+        key_from_body: Se2,
+        radius_m: f64,
+    ) -> Result<(), NotTaken> {
+        let item = Item::Step { key_from_body, radius_m };
+        self.lay(&item, world_from_key)?;
+        self.keys.insert(key, *world_from_key);
+        self.items.push((key, item));
+        Ok(())
+    }
+
+    /// Gives the poses of all key frames of now, none for those that are gone; lays the grid again if that changes it.
+    ///
+    /// # Errors
+    /// When a pose is not finite, or the grid would become too large: the grid stays as it was.
+    pub fn set_poses(&mut self, world_from_key: impl Fn(K) -> Option<Se2>) -> Result<Laid, NotTaken> {
+        let now: BTreeMap<K, Se2> =
+            self.keys.keys().filter_map(|&k| world_from_key(k).map(|pose| (k, pose))).collect();
+        let gone = self.keys.len() - now.len();
+        let moved =
+            now.iter().filter(|(k, pose)| self.keys.get(k).is_some_and(|old| self.is_moved(old, pose)));
+        let moved = moved.count();
+        if gone + moved == 0 {
+            return Ok(Laid::default());
+        }
+        let mut anew = Self::new(self.resolution_m, self.config);
+        let mut scans = 0;
+        for (key, item) in &self.items {
+            if let Some(pose) = now.get(key) {
+                anew.lay(item, pose)?;
+                scans += usize::from(matches!(item, Item::Scan { .. }));
+            }
+        }
+        anew.items = std::mem::take(&mut self.items);
+        anew.items.retain(|(key, _)| now.contains_key(key));
+        anew.keys = now;
+        *self = anew;
+        Ok(Laid { moved, gone, scans })
+    }
+
+    fn is_moved(&self, old: &Se2, new: &Se2) -> bool {
+        let by = old.inverse() * *new;
+        let reach = by.translation.norm() + by.rotation.log().abs() * self.config.max_range_m;
+        // What is not a number has moved: laying it says so.
+        reach.is_nan() || reach > 0.5 * self.resolution_m
+    }
+
+    fn lay(&mut self, item: &Item, world_from_key: &Se2) -> Result<ScanReport, NotTaken> {
+        match item {
+            Item::Scan { key_from_sensor, rays } => {
+                let pose = *world_from_key * *key_from_sensor;
+                let longest =
+                    rays.iter().map(|r| f64::from(r[1])).filter(|r| r.is_finite()).fold(0.0, f64::max);
+                let grid = self.grid_around(pose.translation, longest.min(self.config.max_range_m))?;
+                Ok(grid.insert_scan(&pose, rays.iter().map(|r| (f64::from(r[0]), f64::from(r[1]))))?)
+            }
+            Item::Step { key_from_body, radius_m } => {
+                let at = (*world_from_key * *key_from_body).translation;
+                let from = self.last_step.filter(|last| (at - last).norm() < 1.0).unwrap_or(at);
+                self.grid_around(at, *radius_m)?.mark_walked(&[from, at], *radius_m);
+                self.last_step = Some(at);
+                Ok(ScanReport::default())
+            }
+        }
+    }
+
+    /// The grid, grown so that it holds everything within `reach_m` of a point.
+    fn grid_around(&mut self, at: Vec2, reach_m: f64) -> Result<&mut OccupancyGrid, NotTaken> {
+        if !(at.x.is_finite() && at.y.is_finite() && reach_m.is_finite()) {
+            return Err(ScanRejected::Pose.into());
+        }
+        let block_m = BLOCK * self.resolution_m;
+        let low = |v: f64| (v / block_m).floor();
+        let (mut from, mut to) =
+            (at.add_scalar(-reach_m).map(low), at.add_scalar(reach_m).map(|v| low(v) + 1.0));
+        if let Some(grid) = &self.grid {
+            let frame = grid.frame();
+            let corner = (frame.world_from_grid().translation / block_m).map(f64::round);
+            let size = Vec2::new(frame.width() as f64, frame.height() as f64) / BLOCK;
+            (from, to) = (from.inf(&corner), to.sup(&(corner + size)));
+            if from == corner && to == corner + size {
+                return self.grid.as_mut().ok_or(NotTaken::Rejected(ScanRejected::Outside));
+            }
+        }
+        let [width, height] = [(to.x - from.x) * BLOCK, (to.y - from.y) * BLOCK].map(|n| n as usize);
+        let corner = Se2::from_xy_angle(from.x * block_m, from.y * block_m, 0.0);
+        let frame = GridFrame::new(width, height, self.resolution_m, corner)?;
+        let grown = match self.grid.take() {
+            Some(grid) => grid.grown(frame),
+            None => OccupancyGrid::new(frame, self.config),
+        };
+        Ok(self.grid.insert(grown))
+    }
+}

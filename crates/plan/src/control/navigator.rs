@@ -1,0 +1,508 @@
+//! From a goal to having reached it: plans over the costs, smooths, follows, and gets out of trouble, always with a reason.
+//!
+//! States: `IDLE` (no goal), `PLANNING`, `EXECUTING`, `REACHED`, `NO_PATH`, `BLOCKED`. What stands in the way is waited for; if
+//! it stays, the body turns towards where the path leads, backs up as far as is free behind, and plans again around what moves.
+//! A map that changed under the path, a pose that jumped (a loop was closed), and a body beside its path all lead to a new plan;
+//! a pose that is no number leads to standing still.
+
+use super::ahead::Surroundings;
+use super::motion::Motion;
+use super::mppi::{Mppi, MppiConfig};
+use super::pursuit::{Following, Pursuit, PursuitConfig};
+use super::reference::ReferencePath;
+use crate::costmap::{Costmap, DynamicLayer};
+use crate::grid::Cell;
+use crate::search::{BLOCKED, NoPath, Place, WeightedAStar};
+use crate::smooth::{SmoothConfig, smooth};
+use cairn_geometry::{Se2, Vec2};
+
+/// What the navigator is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// No goal.
+    Idle,
+    /// A path is sought.
+    Planning,
+    /// On the way.
+    Executing,
+    /// There.
+    Reached,
+    /// No path leads there.
+    NoPath,
+    /// Something is in the way.
+    Blocked,
+}
+
+impl std::fmt::Display for State {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            State::Idle => "IDLE",
+            State::Planning => "PLANNING",
+            State::Executing => "EXECUTING",
+            State::Reached => "REACHED",
+            State::NoPath => "NO_PATH",
+            State::Blocked => "BLOCKED",
+        })
+    }
+}
+
+/// Why the navigator does what it does.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Reason {
+    /// A goal was set.
+    #[error("a new goal")]
+    NewGoal,
+    /// There is none.
+    #[error(transparent)]
+    NoPath(NoPath),
+    /// The pose holds NaN or infinity.
+    #[error("the pose is not a number")]
+    PoseInvalid,
+    /// The pose is elsewhere than the motion explains.
+    #[error("the pose jumped by {0:.2} m")]
+    PoseJumped(f64),
+    /// The path is no longer free.
+    #[error("the map changed: the path is blocked in {0:.1} m")]
+    MapChanged(f64),
+    /// The body is beside its path.
+    #[error("{0:.2} m beside the path")]
+    OffPath(f64),
+    /// A wall within the stop distance.
+    #[error("a wall {0:.2} m ahead")]
+    Wall(f64),
+    /// Something that moves within the stop distance.
+    #[error("something that moves {0:.2} m ahead")]
+    Moving(f64),
+    /// Recovery: turning towards the path.
+    #[error("blocked: turning")]
+    Turning,
+    /// Recovery: backing up.
+    #[error("blocked: backing up")]
+    BackingUp,
+    /// Recovery: planning around what is in the way.
+    #[error("blocked: planning around it")]
+    PlanningAround,
+    /// All recoveries were tried as often as allowed.
+    #[error("blocked: given up after {0} attempts")]
+    GivenUp(u32),
+}
+
+/// How the navigator behaves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NavigatorConfig {
+    /// Of the follower.
+    pub pursuit: PursuitConfig,
+    /// Follows by path integral control with these settings, and by pure pursuit only to turn in place and to
+    /// arrive.
+    pub predictive: Option<MppiConfig>,
+    /// Of the paths; radius and clearance are those of the costs.
+    pub smooth: SmoothConfig,
+    /// Clearance kept beyond what the costs ask for, where there is room, in metres.
+    pub room_m: f64,
+    /// Waited for what is in the way, in seconds, before each recovery.
+    pub wait_s: f64,
+    /// Backed up at most, in metres.
+    pub back_up_m: f64,
+    /// Rounds of recovery before the goal is given up.
+    pub attempts: u32,
+    /// A pose that is off by more between two steps has jumped, in metres.
+    pub jump_m: f64,
+    /// A body farther than this beside its path plans again, in metres.
+    pub off_path_m: f64,
+    /// A start that is this near to free ground may begin there, in metres: following is not exact.
+    pub start_slack_m: f64,
+}
+
+impl NavigatorConfig {
+    /// Suited to a follower.
+    pub fn new(pursuit: PursuitConfig) -> Self {
+        Self {
+            pursuit,
+            predictive: None,
+            smooth: SmoothConfig::default(),
+            room_m: 0.2,
+            wait_s: 1.0,
+            back_up_m: 0.3,
+            attempts: 3,
+            jump_m: 0.4,
+            off_path_m: 0.5,
+            start_slack_m: 0.2,
+        }
+    }
+}
+
+/// What came of a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The state after it.
+    pub state: State,
+    /// What to order.
+    pub motion: Motion,
+    /// Why, where it is not plain following.
+    pub reason: Option<Reason>,
+    /// How the path is followed, on the way.
+    pub following: Option<Following>,
+}
+
+/// What is tried when something stays in the way, in this order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Recovery {
+    Wait,
+    Turn,
+    BackUp { from: Vec2 },
+}
+
+/// Plans and follows; one goal at a time.
+pub struct Navigator {
+    config: NavigatorConfig,
+    state: State,
+    goal: Option<Vec2>,
+    path: Option<ReferencePath>,
+    pursuit: Pursuit,
+    predictive: Option<Mppi>,
+    search: WeightedAStar,
+    last_pose: Option<Se2>,
+    recovery: Recovery,
+    since_s: f64,
+    attempts: u32,
+    /// Plan around what moves next time.
+    around: bool,
+    why: Reason,
+}
+
+impl Navigator {
+    /// Without a goal.
+    pub fn new(config: NavigatorConfig) -> Self {
+        Self {
+            config,
+            state: State::Idle,
+            goal: None,
+            path: None,
+            pursuit: Pursuit::new(config.pursuit),
+            predictive: config.predictive.map(Mppi::new),
+            search: WeightedAStar::new(),
+            last_pose: None,
+            recovery: Recovery::Wait,
+            since_s: 0.0,
+            attempts: 0,
+            around: false,
+            why: Reason::NewGoal,
+        }
+    }
+
+    /// Goes to a point of the world from the next step on.
+    pub fn set_goal(&mut self, goal: Vec2) {
+        (self.goal, self.attempts, self.around) = (Some(goal), 0, false);
+        self.plan_again(Reason::NewGoal);
+    }
+
+    /// Forgets the goal.
+    pub fn cancel(&mut self) {
+        (self.goal, self.path, self.state) = (None, None, State::Idle);
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &NavigatorConfig {
+        &self.config
+    }
+
+    /// What it is doing.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The path that is followed.
+    pub fn path(&self) -> Option<&ReferencePath> {
+        self.path.as_ref()
+    }
+
+    /// One step, once a period: from the time in seconds, the pose, the motion and what is around to what to order.
+    pub fn step(
+        &mut self,
+        time_s: f64,
+        world_from_body: &Se2,
+        motion: Motion,
+        costs: &Costmap,
+        moving: Option<&DynamicLayer>,
+    ) -> Step {
+        let (t, r) = (world_from_body.translation, world_from_body.rotation);
+        if ![t.x, t.y, r.cos(), r.sin()].iter().all(|v| v.is_finite()) {
+            self.last_pose = None;
+            return self.stand(motion, Some(Reason::PoseInvalid));
+        }
+        let gone = self.last_pose.map_or(0.0, |last| (t - last.translation).norm());
+        self.last_pose = Some(*world_from_body);
+        let expected = motion.linear.abs() * 2.0 * self.config.pursuit.period_s;
+        if gone > expected + self.config.jump_m && matches!(self.state, State::Executing | State::Blocked) {
+            self.plan_again(Reason::PoseJumped(gone));
+        }
+        match self.state {
+            State::Idle | State::Reached | State::NoPath => self.stand(motion, None),
+            State::Planning => self.plan(world_from_body, motion, costs, moving),
+            State::Executing | State::Blocked => {
+                let radius_m = costs.config().touch_m(costs.frame().resolution_m());
+                let around = Surroundings { field: costs.field(), moving, radius_m };
+                self.follow(time_s, world_from_body, motion, &around)
+            }
+        }
+    }
+
+    /// Slows down to standing still.
+    fn stand(&mut self, motion: Motion, reason: Option<Reason>) -> Step {
+        let p = &self.config.pursuit;
+        let motion = p.limits.reachable(motion, Motion::stop(), p.period_s);
+        self.ordered(motion);
+        Step { state: self.state, motion, reason, following: None }
+    }
+
+    /// Something else than following was ordered.
+    fn ordered(&mut self, motion: Motion) {
+        self.pursuit.ordered(motion);
+        self.predictive.iter_mut().for_each(|p| p.ordered(motion));
+    }
+
+    /// One step of the follower that is in charge; the other is told.
+    fn follower_step(
+        &mut self,
+        pose: &Se2,
+        motion: Motion,
+        path: &ReferencePath,
+        around: &Surroundings,
+    ) -> Following {
+        match &mut self.predictive {
+            Some(predictive) if !self.pursuit.is_needed(pose, path) => {
+                let following = predictive.step(pose, motion, path, around);
+                self.pursuit.ordered(following.motion);
+                self.pursuit.restart(following.projection.along_m);
+                following
+            }
+            other => {
+                let following = self.pursuit.step(pose, motion, path, around);
+                if let Some(predictive) = other {
+                    predictive.ordered(following.motion);
+                    predictive.restart(following.projection.along_m);
+                }
+                following
+            }
+        }
+    }
+
+    fn plan_again(&mut self, why: Reason) {
+        (self.state, self.path, self.why, self.recovery) = (State::Planning, None, why, Recovery::Wait);
+    }
+
+    fn plan(&mut self, pose: &Se2, motion: Motion, costs: &Costmap, moving: Option<&DynamicLayer>) -> Step {
+        let reason = match self.find_path(pose, costs, moving) {
+            Ok(path) => {
+                self.path = Some(path);
+                self.pursuit.restart(0.0);
+                self.predictive.iter_mut().for_each(|p| p.restart(0.0));
+                self.state = State::Executing;
+                self.why
+            }
+            Err(reason) => {
+                self.state = State::NoPath;
+                Reason::NoPath(reason)
+            }
+        };
+        let state = self.state;
+        let step = self.stand(motion, Some(reason));
+        Step { state: if state == State::NoPath { state } else { State::Planning }, ..step }
+    }
+
+    fn find_path(
+        &mut self,
+        pose: &Se2,
+        costs: &Costmap,
+        moving: Option<&DynamicLayer>,
+    ) -> Result<ReferencePath, NoPath> {
+        let frame = costs.frame();
+        let goal = self.goal.ok_or(NoPath::NotFinite(Place::Goal))?;
+        if !goal.iter().all(|v| v.is_finite()) {
+            return Err(NoPath::NotFinite(Place::Goal));
+        }
+        let goal_cell = frame.cell_at(goal).ok_or(NoPath::Outside(Place::Goal))?;
+        let start = self.start_cell(pose.translation, costs)?;
+        let path = match moving.filter(|_| self.around) {
+            Some(moving) => {
+                let mut around = costs.costs().clone();
+                block_moving(&mut around, moving, costs.config().radius_m, [start, goal_cell]);
+                self.search.search(&around, start, goal_cell)
+            }
+            None => self.search.search(costs.costs(), start, goal_cell),
+        }?;
+        self.around = false;
+        let keep_m = costs.config().touch_m(frame.resolution_m()) + costs.config().margin_m;
+        let clearance_m = keep_m + self.config.room_m;
+        let smoothing = SmoothConfig { radius_m: keep_m, clearance_m, ..self.config.smooth };
+        let mut points = smooth(costs.field(), &path.cells, &smoothing).points;
+        // From where the body stands, to the very goal.
+        if let Some(first) = points.first_mut() {
+            *first = pose.translation;
+        }
+        if points.len() > 1 {
+            points.pop();
+        }
+        points.push(goal);
+        ReferencePath::new(&points).ok_or(NoPath::NotFinite(Place::Start))
+    }
+
+    /// The cell of the body, or the nearest free one within the slack, if the body is not in the wall itself.
+    fn start_cell(&self, at: Vec2, costs: &Costmap) -> Result<Cell, NoPath> {
+        let frame = costs.frame();
+        let cell = frame.cell_at(at).ok_or(NoPath::Outside(Place::Start))?;
+        let free = |c: &Cell| costs.costs().get(*c).is_some_and(|cost| cost != BLOCKED);
+        if free(&cell) {
+            return Ok(cell);
+        }
+        let blocked = NoPath::Blocked { place: Place::Start, cell };
+        if costs.field().distance_m(cell).unwrap_or(0.0) == 0.0 {
+            return Err(blocked);
+        }
+        let reach = (self.config.start_slack_m / frame.resolution_m()).ceil() as i32;
+        let near = (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy)));
+        let cells =
+            near.map(|(dx, dy)| Cell::new(cell.x.wrapping_add_signed(dx), cell.y.wrapping_add_signed(dy)));
+        let away = |c: &Cell| (frame.centre(*c) - at).norm();
+        let best = cells.filter(free).min_by(|a, b| away(a).total_cmp(&away(b)));
+        best.filter(|c| away(c) <= self.config.start_slack_m).ok_or(blocked)
+    }
+
+    fn follow(&mut self, time_s: f64, pose: &Se2, motion: Motion, around: &Surroundings) -> Step {
+        let Some(path) = self.path.take() else {
+            self.plan_again(self.why);
+            return self.stand(motion, Some(self.why));
+        };
+        let step = self.follow_path(time_s, pose, motion, around, &path);
+        if self.state != State::Planning {
+            self.path = Some(path);
+        }
+        step
+    }
+
+    fn follow_path(
+        &mut self,
+        time_s: f64,
+        pose: &Se2,
+        motion: Motion,
+        around: &Surroundings,
+        path: &ReferencePath,
+    ) -> Step {
+        if let Some(step) = self.recover(time_s, pose, motion, around, path) {
+            return step;
+        }
+        let following = self.follower_step(pose, motion, path, around);
+        let along_m = following.projection.along_m;
+        if following.projection.lateral_m.abs() > self.config.off_path_m {
+            let why = Reason::OffPath(following.projection.lateral_m.abs());
+            self.plan_again(why);
+            return self.stand(motion, Some(why));
+        }
+        if let Some(blocked_m) = blocked_along(path, along_m, around) {
+            self.plan_again(Reason::MapChanged(blocked_m));
+            return self.stand(motion, Some(self.why));
+        }
+        let mut reason = None;
+        if following.reached {
+            if motion.linear.abs() < 0.02 && motion.angular.abs() < 0.05 {
+                self.state = State::Reached;
+            }
+        } else if following.blocked {
+            let free_m = following.ahead.free_m;
+            reason =
+                Some(if following.ahead.by_moving { Reason::Moving(free_m) } else { Reason::Wall(free_m) });
+            if self.state != State::Blocked {
+                (self.state, self.recovery, self.since_s) = (State::Blocked, Recovery::Wait, time_s);
+            }
+        } else {
+            if self.state == State::Executing && following.motion.linear > 0.1 {
+                self.attempts = 0;
+            }
+            self.state = State::Executing;
+        }
+        Step { state: self.state, motion: following.motion, reason, following: Some(following) }
+    }
+
+    /// What is tried while something stays in the way; none while it is waited for.
+    fn recover(
+        &mut self,
+        time_s: f64,
+        pose: &Se2,
+        motion: Motion,
+        around: &Surroundings,
+        path: &ReferencePath,
+    ) -> Option<Step> {
+        if self.state != State::Blocked {
+            return None;
+        }
+        let p = self.config.pursuit;
+        let late = time_s - self.since_s > self.config.wait_s;
+        let order = |wish: Motion, reason: Reason, me: &mut Self| {
+            let motion = p.limits.reachable(motion, wish, p.period_s);
+            me.ordered(motion);
+            Some(Step { state: State::Blocked, motion, reason: Some(reason), following: None })
+        };
+        match self.recovery {
+            Recovery::Wait if !late => None,
+            Recovery::Wait => {
+                (self.recovery, self.since_s) = (Recovery::Turn, time_s);
+                order(Motion::stop(), Reason::Turning, self)
+            }
+            Recovery::Turn => {
+                let at = path.project(pose.translation, 0.0, path.length_m()).along_m;
+                let seen = pose.inverse() * path.at(at + p.look_ahead_m.1).0;
+                let bearing = seen.y.atan2(seen.x);
+                if bearing.abs() < 0.2 || late {
+                    (self.recovery, self.since_s) = (Recovery::BackUp { from: pose.translation }, time_s);
+                    return order(Motion::stop(), Reason::BackingUp, self);
+                }
+                order(Motion::new(0.0, 0.5 * p.limits.angular * bearing.signum()), Reason::Turning, self)
+            }
+            Recovery::BackUp { from } => {
+                let gone = (pose.translation - from).norm();
+                let behind =
+                    around.ahead(pose, Motion::new(-1.0, 0.0), f64::INFINITY, None, p.stop_distance_m + 0.1);
+                if gone < self.config.back_up_m && !behind.blocked && time_s - self.since_s < 5.0 {
+                    return order(Motion::new(-p.limits.backwards, 0.0), Reason::BackingUp, self);
+                }
+                self.attempts += 1;
+                if self.attempts > self.config.attempts {
+                    self.state = State::NoPath;
+                    return Some(self.stand(motion, Some(Reason::GivenUp(self.attempts - 1))));
+                }
+                self.around = true;
+                self.plan_again(Reason::PlanningAround);
+                Some(self.stand(motion, Some(Reason::PlanningAround)))
+            }
+        }
+    }
+}
+
+/// Metres to where walls have come upon the path.
+fn blocked_along(path: &ReferencePath, along_m: f64, around: &Surroundings) -> Option<f64> {
+    let step_m = around.field.frame().resolution_m();
+    // The last step and what lies within a cell of the body are the follower's: it stands where it stands.
+    let steps = ((path.length_m() - along_m) / step_m) as usize;
+    let limit = -0.5 * step_m;
+    let at = |k: usize| around.wall_clearance_m(path.at(along_m + step_m * k as f64).0);
+    (5..steps).step_by(2).find(|&k| at(k) < limit).map(|k| step_m * k as f64)
+}
+
+/// Closes the cells where something moves now; the ends stay as they are.
+fn block_moving(costs: &mut crate::grid::Grid<u8>, moving: &DynamicLayer, radius_m: f64, ends: [Cell; 2]) {
+    let frame = *costs.frame();
+    for track in moving.tracks() {
+        let reach = (track.radius_m + radius_m + 0.1) / frame.resolution_m();
+        let middle = frame.in_cells(track.position);
+        let from = |v: f64| (v - reach).floor().max(0.0) as u32;
+        let to = |v: f64, len: usize| (v + reach).ceil().clamp(0.0, len as f64) as u32;
+        for y in from(middle.y)..to(middle.y, frame.height()) {
+            for x in from(middle.x)..to(middle.x, frame.width()) {
+                let off = Vec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - middle;
+                if off.norm() <= reach && !ends.contains(&Cell::new(x, y)) {
+                    costs.set(Cell::new(x, y), BLOCKED);
+                }
+            }
+        }
+    }
+}

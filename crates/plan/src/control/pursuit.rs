@@ -1,0 +1,225 @@
+//! Regulated pure pursuit (Macenski, Singh, Martin and Gines, "Regulated Pure Pursuit for Robot Path Tracking", 2023): a point on
+//! the path some way ahead is driven at on an arc (Coulter 1992), slower in curves, near walls and before the goal; what lies on
+//! the way is looked at, and the speed is such that the stop distance is always kept.
+//!
+//! Beyond the paper, the pose is carried forward by what was ordered within the delay of the drive, and the pull of the far
+//! point towards the inside of a curve is taken back: the arc is that of the path's own curvature plus the arc that takes what
+//! remains of the offset away.
+
+use super::ahead::{Ahead, Surroundings};
+use super::motion::{Limits, Motion, moved};
+use super::reference::{Projection, ReferencePath};
+use cairn_geometry::Se2;
+use std::collections::VecDeque;
+
+/// How a path is followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PursuitConfig {
+    /// Limits of the body.
+    pub limits: Limits,
+    /// Time between two steps, in seconds.
+    pub period_s: f64,
+    /// From order to motion, in seconds.
+    pub delay_s: f64,
+    /// The point ahead: so many seconds at the speed of now, within the two distances in metres.
+    pub look_ahead_s: f64,
+    /// Least and greatest distance of the point ahead, in metres.
+    pub look_ahead_m: (f64, f64),
+    /// Acceleration towards the inside of a curve at most, in m/s^2.
+    pub lateral_acceleration: f64,
+    /// Nearer than this to a wall, beyond the radius, speed falls in proportion, in metres.
+    pub slow_near_m: f64,
+    /// Speed is never regulated below this part of the greatest, except to stop.
+    pub least_part: f64,
+    /// Left between the body and what is in its way, in metres.
+    pub stop_distance_m: f64,
+    /// Turns in place where the path leads away by more, in radians.
+    pub turn_in_place: f64,
+    /// The goal is reached within this distance, in metres.
+    pub goal_tolerance_m: f64,
+}
+
+impl PursuitConfig {
+    /// Suited to the limits of a body.
+    pub fn new(limits: Limits) -> Self {
+        Self {
+            limits,
+            period_s: 0.05,
+            delay_s: 0.05,
+            look_ahead_s: 0.45,
+            look_ahead_m: (0.25, 0.6),
+            lateral_acceleration: 0.6,
+            slow_near_m: 0.15,
+            least_part: 0.3,
+            stop_distance_m: 0.1,
+            turn_in_place: 0.8,
+            goal_tolerance_m: 0.1,
+        }
+    }
+}
+
+/// One step of following.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Following {
+    /// What to order.
+    pub motion: Motion,
+    /// Where the body is on the path.
+    pub projection: Projection,
+    /// Metres of path that are left.
+    pub left_m: f64,
+    /// What lies ahead.
+    pub ahead: Ahead,
+    /// The goal is reached: the motion is to stand still.
+    pub reached: bool,
+    /// Something is in the way within the stop distance: the motion is to stand still.
+    pub blocked: bool,
+}
+
+/// Follows one path.
+#[derive(Clone, Debug)]
+pub struct Pursuit {
+    config: PursuitConfig,
+    along_m: f64,
+    turning: bool,
+    reached: bool,
+    /// What was ordered within the delay, oldest first.
+    ordered: VecDeque<Motion>,
+}
+
+impl Pursuit {
+    /// At the beginning of a path.
+    pub fn new(config: PursuitConfig) -> Self {
+        let late = (config.delay_s / config.period_s.max(1e-3)).round().clamp(0.0, 100.0) as usize;
+        let ordered = VecDeque::from(vec![Motion::stop(); late]);
+        Self { config, along_m: 0.0, turning: false, reached: false, ordered }
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &PursuitConfig {
+        &self.config
+    }
+
+    /// Another path, `along_m` from its beginning; what was ordered still counts.
+    pub fn restart(&mut self, along_m: f64) {
+        (self.along_m, self.turning, self.reached) = (along_m, false, false);
+    }
+
+    /// Where the body will be, and its motion, when an order of now is felt.
+    pub fn foreseen(&self, world_from_body: &Se2, motion: Motion) -> (Se2, Motion) {
+        let step = |pose: Se2, m: &Motion| moved(&pose, *m, self.config.period_s);
+        let pose = self.ordered.iter().fold(*world_from_body, step);
+        (pose, self.ordered.back().copied().unwrap_or(motion))
+    }
+
+    /// Whether this follower should be in charge beside another: the path leads so far away from where the body faces that it
+    /// turns in place, or the goal is so near that only braking is left.
+    pub fn is_needed(&self, world_from_body: &Se2, path: &ReferencePath) -> bool {
+        let look_m = self.config.look_ahead_m.0;
+        let at = path.project(world_from_body.translation, self.along_m - 0.3, self.along_m + 1.0).along_m;
+        let seen = world_from_body.inverse() * path.at(at + look_m).0;
+        let last = path.length_m() - at < self.config.look_ahead_m.1;
+        last || self.turning || seen.y.atan2(seen.x).abs() > self.config.turn_in_place
+    }
+
+    /// Tells the follower that something else was ordered, a recovery for instance.
+    pub fn ordered(&mut self, motion: Motion) {
+        if self.ordered.pop_front().is_some() {
+            self.ordered.push_back(motion);
+        }
+    }
+
+    /// One step: from where the body is and how it moves to what it should do.
+    pub fn step(
+        &mut self,
+        world_from_body: &Se2,
+        motion: Motion,
+        path: &ReferencePath,
+        around: &Surroundings,
+    ) -> Following {
+        let c = self.config;
+        let (pose, now) = self.foreseen(world_from_body, motion);
+        let projection = path.project(pose.translation, self.along_m - 0.3, self.along_m + 1.0);
+        self.along_m = projection.along_m;
+        let left_m = path.length_m() - projection.along_m;
+        let to_end = (path.end() - pose.translation).norm();
+        self.reached |= to_end <= c.goal_tolerance_m && left_m <= 2.0 * c.goal_tolerance_m;
+        let look_m = (now.linear.abs() * c.look_ahead_s).clamp(c.look_ahead_m.0, c.look_ahead_m.1);
+        let (point, direction) = path.at(projection.along_m + look_m.min(left_m));
+        // Past the end the point goes on straight, so that the arc stays well defined.
+        let point = point + direction * (look_m - left_m).max(0.0);
+        let seen = pose.inverse() * point;
+        let bearing = seen.y.atan2(seen.x);
+        self.turning = bearing.abs() > if self.turning { 0.25 * c.turn_in_place } else { c.turn_in_place };
+        let curvature = self.curvature(path, &pose, projection, look_m);
+        let arc = Motion::new(1.0, curvature);
+        let reach_m = (now.linear.max(0.0) + 0.3).min(left_m);
+        let ahead =
+            around.ahead(&pose, arc, look_m.min(left_m), Some((path, projection.along_m + look_m)), reach_m);
+        let blocked = ahead.blocked && ahead.free_m <= c.stop_distance_m;
+        let wish = if self.reached || (blocked && !self.turning) {
+            Motion::stop()
+        } else if self.turning {
+            let rate =
+                c.limits.angular.min((2.0 * c.limits.angular_acceleration * bearing.abs()).sqrt() * 0.7);
+            Motion::new(0.0, rate * bearing.signum())
+        } else {
+            let speed = self.speed(path, curvature, projection, left_m, &ahead);
+            Motion::new(speed, speed * curvature)
+        };
+        let mut order = c.limits.reachable(now, wish, c.period_s);
+        if !self.turning && order.linear > 1e-3 {
+            // The arc is what keeps to the path: while speed still changes, the turn follows it.
+            let turn = order.linear * curvature;
+            order.angular = c.limits.reachable(now, Motion::new(order.linear, turn), c.period_s).angular;
+        }
+        self.ordered(order);
+        Following { motion: order, projection, left_m, ahead, reached: self.reached, blocked }
+    }
+
+    /// Curvature to drive at: that of the path half-way to the point ahead, and what takes offset and heading error away over the
+    /// distance looked ahead (the chord of pure pursuit, measured against the path's own).
+    fn curvature(&self, path: &ReferencePath, pose: &Se2, at: Projection, look_m: f64) -> f64 {
+        let target = |from: &Se2| {
+            let (point, direction) = path.at(at.along_m + look_m);
+            let beyond = (at.along_m + look_m - path.length_m()).max(0.0);
+            let seen = from.inverse() * (point + direction * beyond);
+            2.0 * seen.y / seen.norm_squared().max(1e-6)
+        };
+        let (foot, direction) = path.at(at.along_m);
+        let Some(rotation) = cairn_geometry::So2::from_cos_sin(direction.x, direction.y) else {
+            return target(pose);
+        };
+        // What pure pursuit would do from the path itself is its error in curves.
+        let on_path = target(&Se2::new(rotation, foot));
+        let own = path.curvature(at.along_m, 0.3);
+        target(pose) - on_path + own
+    }
+
+    /// The regulated speed.
+    fn speed(&self, path: &ReferencePath, curvature: f64, at: Projection, left_m: f64, ahead: &Ahead) -> f64 {
+        let c = &self.config;
+        let least = c.least_part * c.limits.linear;
+        let in_curve = |k: f64| {
+            (c.lateral_acceleration / k.abs().max(1e-6))
+                .sqrt()
+                .min(0.9 * c.limits.angular / k.abs().max(1e-6))
+        };
+        // Curves that come are slowed down for in time.
+        let mut speed = c.limits.linear.min(in_curve(curvature).max(least));
+        for k in 1..=12 {
+            let ahead_m = 0.1 * f64::from(k);
+            let there = in_curve(path.curvature(at.along_m + ahead_m, 0.3)).max(least);
+            speed = speed.min((there * there + 2.0 * 0.7 * c.limits.deceleration * ahead_m).sqrt());
+        }
+        let near = (ahead.clearance_m / c.slow_near_m).clamp(c.least_part, 1.0);
+        speed = speed.min(c.limits.linear * near);
+        // To the goal with half the brakes, so that it is not overrun.
+        let to_goal =
+            (2.0 * 0.5 * c.limits.deceleration * (left_m - 0.3 * c.goal_tolerance_m).max(0.0)).sqrt();
+        speed = speed.min(to_goal.max(0.05));
+        if ahead.blocked {
+            speed = speed.min(c.limits.speed_to_stop_within(ahead.free_m - c.stop_distance_m, c.period_s));
+        }
+        speed
+    }
+}

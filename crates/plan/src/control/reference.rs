@@ -1,0 +1,97 @@
+//! A path as a line with arc length: where a body is along it, how far beside it, and what comes.
+
+use cairn_geometry::Vec2;
+
+/// Where a point lies beside a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projection {
+    /// Metres along the path to the nearest point of it.
+    pub along_m: f64,
+    /// Metres beside it, positive on the left.
+    pub lateral_m: f64,
+}
+
+/// A line of points with arc length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReferencePath {
+    points: Vec<Vec2>,
+    along: Vec<f64>,
+}
+
+impl ReferencePath {
+    /// From points in metres, world. Points that repeat the one before are left out; none if a point is not finite or there is
+    /// no point at all.
+    pub fn new(line: &[Vec2]) -> Option<Self> {
+        let mut points: Vec<Vec2> = Vec::with_capacity(line.len());
+        let mut along = Vec::with_capacity(line.len());
+        for &point in line {
+            if !point.iter().all(|v| v.is_finite()) {
+                return None;
+            }
+            let gone = points.last().map(|last| (point - last).norm());
+            if gone.is_none_or(|g| g > 1e-9) {
+                along.push(along.last().copied().unwrap_or(0.0) + gone.unwrap_or(0.0));
+                points.push(point);
+            }
+        }
+        (!points.is_empty()).then_some(Self { points, along })
+    }
+
+    /// Length in metres.
+    pub fn length_m(&self) -> f64 {
+        self.along.last().copied().unwrap_or(0.0)
+    }
+
+    /// All points.
+    pub fn points(&self) -> &[Vec2] {
+        &self.points
+    }
+
+    /// Where it ends.
+    pub fn end(&self) -> Vec2 {
+        self.points.last().copied().unwrap_or_default()
+    }
+
+    /// The segment that holds a distance along the path: index of its first point.
+    fn segment(&self, along_m: f64) -> usize {
+        let after = self.along.partition_point(|&a| a <= along_m);
+        after.saturating_sub(1).min(self.points.len().saturating_sub(2))
+    }
+
+    /// The point so far along, and the direction of the path there (unit length; zero for a path of one point).
+    pub fn at(&self, along_m: f64) -> (Vec2, Vec2) {
+        let i = self.segment(along_m);
+        let (Some(&a), Some(&b)) = (self.points.get(i), self.points.get(i + 1)) else {
+            return (self.end(), Vec2::zeros());
+        };
+        let direction = (b - a) / (self.along[i + 1] - self.along[i]);
+        let along = along_m.clamp(0.0, self.length_m());
+        (a + direction * (along - self.along[i]), direction)
+    }
+
+    /// The nearest point of the path between two distances along it.
+    pub fn project(&self, point: Vec2, from_m: f64, to_m: f64) -> Projection {
+        let (first, last) = (self.segment(from_m.max(0.0)), self.segment(to_m.max(from_m)));
+        let mut best = (f64::INFINITY, Projection { along_m: from_m.max(0.0), lateral_m: 0.0 });
+        for i in first..=last {
+            let (Some(&a), Some(&b)) = (self.points.get(i), self.points.get(i + 1)) else { break };
+            let long = self.along[i + 1] - self.along[i];
+            let direction = (b - a) / long;
+            let gone = direction.dot(&(point - a)).clamp(0.0, long);
+            let off = point - (a + direction * gone);
+            if off.norm_squared() < best.0 {
+                let side = if direction.perp(&off) < 0.0 { -1.0 } else { 1.0 };
+                let lateral_m = side * off.norm();
+                best = (off.norm_squared(), Projection { along_m: self.along[i] + gone, lateral_m });
+            }
+        }
+        best.1
+    }
+
+    /// Curvature so far along in 1/m, positive to the left: the change of direction over `span_m` around.
+    pub fn curvature(&self, along_m: f64, span_m: f64) -> f64 {
+        let (_, before) = self.at((along_m - 0.5 * span_m).max(0.0));
+        let (_, after) = self.at((along_m + 0.5 * span_m).min(self.length_m()));
+        before.perp(&after).atan2(before.dot(&after)) / span_m
+    }
+}

@@ -1,0 +1,168 @@
+//! Occupancy maps in the files of ROS `map_server`: a YAML that names an image, and the image.
+//!
+//! Values are those of `nav_msgs/OccupancyGrid`: 0 (free) to 100 (occupied), [`UNKNOWN`] = -1. With `x` the grey value of a
+//! pixel, the occupancy probability is `p = (255 - x) / 255`, or `x / 255` where `negate` is set. Modes, as the page of
+//! `map_server` documents them:
+//!
+//! - `trinary` (default): 100 where `p > occupied_thresh`, 0 where `p < free_thresh`, else unknown;
+//! - `scale`: the same ends, between them `99 (p - free_thresh) / (occupied_thresh - free_thresh)`; transparent pixels are
+//!   unknown;
+//! - `raw`: the pixel is the value, above 100 unknown.
+
+mod image;
+mod yaml;
+
+use crate::grid::{Grid, GridError, GridFrame};
+
+use image::Pixels;
+use std::path::{Path, PathBuf};
+pub use yaml::{Description, Mode, read_description, write_description};
+
+/// Value of a cell nobody knows anything about.
+pub const UNKNOWN: i8 = -1;
+
+/// A map that cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum MapFileError {
+    /// The system could not read or write a file.
+    #[error("{file}: {source}")]
+    File {
+        /// Which.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The YAML does not describe a map.
+    #[error("{file}, line {line}: {reason}")]
+    Yaml {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1; 0 for the file as a whole.
+        line: usize,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The image is no grey image that can be read.
+    #[error("{file}: {reason}")]
+    Image {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Size, resolution or origin make no grid.
+    #[error("{file}: {source}")]
+    Grid {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        source: GridError,
+    },
+    /// `scale` needs transparency for unknown cells, which a PGM has not.
+    #[error("mode `scale` cannot hold the {unknown} unknown cells in a PGM; save as `trinary` or `raw`")]
+    ScaleWithUnknown {
+        /// How many cells are unknown.
+        unknown: usize,
+    },
+}
+
+/// Reads a map: the YAML file, and the PGM or PNG beside it that it names.
+///
+/// # Errors
+/// When a file is missing, truncated or malformed; each says which and what.
+pub fn load(yaml: &Path) -> Result<(Grid<i8>, Description), MapFileError> {
+    let open = |file: &Path| {
+        std::fs::read(file).map_err(|source| MapFileError::File { file: file.to_owned(), source })
+    };
+    let text = String::from_utf8_lossy(&open(yaml)?).into_owned();
+    let description = read_description(&text).map_err(|(line, reason)| MapFileError::Yaml {
+        file: yaml.to_owned(),
+        line,
+        reason,
+    })?;
+    let file = yaml.parent().unwrap_or(Path::new("")).join(&description.image);
+    let pixels =
+        image::read(&open(&file)?).map_err(|reason| MapFileError::Image { file: file.clone(), reason })?;
+    let grid = to_grid(&pixels, &description).map_err(|source| MapFileError::Grid { file, source })?;
+    Ok((grid, description))
+}
+
+/// Writes a map as `yaml` and a PGM of the same name beside it, such that `map_server` reads it.
+///
+/// Of a `trinary` file all values become 0, 100 or unknown, by the thresholds 0.196 and 0.65.
+///
+/// # Errors
+/// When a file cannot be written, or `scale` should hold unknown cells.
+pub fn save(yaml: &Path, grid: &Grid<i8>, mode: Mode) -> Result<(), MapFileError> {
+    let unknown = grid.values().iter().filter(|&&v| !(0..=100).contains(&v)).count();
+    if mode == Mode::Scale && unknown > 0 {
+        return Err(MapFileError::ScaleWithUnknown { unknown });
+    }
+    let pgm = yaml.with_extension("pgm");
+    let description = Description {
+        image: pgm.file_name().map(PathBuf::from).unwrap_or_default(),
+        resolution_m: grid.frame().resolution_m(),
+        origin: grid.frame().world_from_grid(),
+        negate: false,
+        occupied_threshold: 0.65,
+        free_threshold: 0.196,
+        mode,
+    };
+    let write = |file: &Path, bytes: &[u8]| {
+        std::fs::write(file, bytes).map_err(|source| MapFileError::File { file: file.to_owned(), source })
+    };
+    write(&pgm, &image::write_pgm(&to_pixels(grid, &description)))?;
+    write(yaml, write_description(&description).as_bytes())
+}
+
+/// Values from pixels; the first row of an image is the one of greatest y.
+fn to_grid(pixels: &Pixels, d: &Description) -> Result<Grid<i8>, GridError> {
+    let frame = GridFrame::new(pixels.width, pixels.height, d.resolution_m, d.origin)?;
+    let value = |grey: u8, opaque: bool| {
+        if d.mode == Mode::Raw {
+            return if grey <= 100 { grey as i8 } else { UNKNOWN };
+        }
+        let p = f64::from(if d.negate { grey } else { 255 - grey }) / 255.0;
+        if p > d.occupied_threshold {
+            100
+        } else if p < d.free_threshold {
+            0
+        } else if d.mode == Mode::Trinary || !opaque {
+            UNKNOWN
+        } else {
+            (99.0 * (p - d.free_threshold) / (d.occupied_threshold - d.free_threshold)).round() as i8
+        }
+    };
+    let mut table = [[0i8; 256]; 2];
+    for (opaque, row) in table.iter_mut().enumerate() {
+        (0..=255u8).for_each(|grey| row[grey as usize] = value(grey, opaque == 1));
+    }
+    let mut values = Vec::with_capacity(frame.len());
+    for y in (0..pixels.height).rev() {
+        let row = y * pixels.width..(y + 1) * pixels.width;
+        let opaque = |i: usize| pixels.alpha.as_ref().is_none_or(|a| a[i] == 255);
+        values.extend(row.map(|i| table[usize::from(opaque(i))][pixels.grey[i] as usize]));
+    }
+    Grid::from_values(frame, values)
+}
+
+/// The pixels that [`to_grid`] reads as these values.
+fn to_pixels(grid: &Grid<i8>, d: &Description) -> Pixels {
+    let grey = |value: i8| match (d.mode, value) {
+        (Mode::Raw, 0..=100) => value as u8,
+        (Mode::Raw, _) => 255,
+        (_, v) if !(0..=100).contains(&v) => 205,
+        (Mode::Trinary, v) if f64::from(v) > 100.0 * d.occupied_threshold => 0,
+        (Mode::Trinary, v) if f64::from(v) < 100.0 * d.free_threshold => 254,
+        (Mode::Trinary, _) => 205,
+        (Mode::Scale, 0) => 254,
+        (Mode::Scale, 100) => 0,
+        (Mode::Scale, v) => {
+            let p = d.free_threshold + f64::from(v) / 99.0 * (d.occupied_threshold - d.free_threshold);
+            (255.0 * (1.0 - p)).round() as u8
+        }
+    };
+    let (width, height) = (grid.frame().width(), grid.frame().height());
+    let pixels = (0..height).rev().flat_map(|y| grid.row(y).iter().map(|&v| grey(v))).collect();
+    Pixels { width, height, grey: pixels, alpha: None }
+}

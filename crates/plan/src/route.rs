@@ -1,0 +1,108 @@
+//! A map file, two points, and a path between them: what the command `cairn plan` asks for.
+
+use crate::costmap::{CostConfig, CostError, Costmap};
+use crate::grid::{Cell, Grid};
+use crate::map_server::{self, MapFileError};
+use crate::moving_ai::{self, MovingAiError};
+use crate::search::{AStar, GridPath, JumpPoint, LazyTheta, NoPath, Place, WeightedAStar, free_cell};
+use crate::smooth::{SmoothConfig, SmoothPath, smooth};
+use cairn_geometry::Vec2;
+use std::path::Path;
+
+/// Which search is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Search {
+    /// Over costs: keeps to wide passages.
+    Costs,
+    /// The shortest.
+    AStar,
+    /// The shortest, by jump points.
+    JumpPoint,
+    /// In any direction.
+    AnyAngle,
+}
+
+/// A map that cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// Files of `map_server`.
+    #[error(transparent)]
+    MapServer(#[from] MapFileError),
+    /// A Moving AI map.
+    #[error("{file}: {source}")]
+    MovingAi {
+        /// The file.
+        file: String,
+        /// Where and what.
+        source: MovingAiError,
+    },
+}
+
+/// Opens the YAML of a `map_server` map, or a Moving AI map by its ending `.map` (cells of one metre, the first row at y = 0).
+///
+/// # Errors
+/// When a file is missing or malformed.
+pub fn open_map(path: &Path) -> Result<Grid<i8>, OpenError> {
+    if path.extension().is_none_or(|e| e != "map") {
+        return Ok(map_server::load(path)?.0);
+    }
+    let file = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|source| MapFileError::File { file: path.to_owned(), source })?;
+    let map = moving_ai::read_map(&String::from_utf8_lossy(&bytes));
+    Ok(map.map_err(|source| OpenError::MovingAi { file, source })?.map(|free| if free { 0 } else { 100 }))
+}
+
+/// A path and what it is like.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Route {
+    /// As searched.
+    pub path: GridPath,
+    /// As it would be followed.
+    pub smooth: SmoothPath,
+}
+
+/// Why there is no route.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoRoute {
+    /// Radii or costs are unusable.
+    #[error(transparent)]
+    Costs(#[from] CostError),
+    /// No path.
+    #[error(transparent)]
+    Path(#[from] NoPath),
+}
+
+/// A path between two points of the world, in metres, for a body of the radius of the costs.
+///
+/// # Errors
+/// Why there is none.
+pub fn plan(
+    map: &Grid<i8>,
+    config: &CostConfig,
+    search: Search,
+    from: Vec2,
+    to: Vec2,
+) -> Result<Route, NoRoute> {
+    let costs = Costmap::new(map.clone(), *config)?;
+    let passable = costs.passable();
+    if passable.free() == 0 {
+        return Err(NoPath::NoFreeCell.into());
+    }
+    let start: Cell = free_cell(&passable, Place::Start, from)?;
+    let goal = free_cell(&passable, Place::Goal, to)?;
+    let path = match search {
+        Search::Costs => WeightedAStar::new().search(costs.costs(), start, goal),
+        Search::AStar => AStar::new().search(&passable, start, goal),
+        Search::JumpPoint => JumpPoint::new().search(&passable, start, goal),
+        Search::AnyAngle => LazyTheta::new().search(&passable, start, goal),
+    }?;
+    let keep_m = config.touch_m(map.frame().resolution_m()) + config.margin_m;
+    let smoothing = SmoothConfig {
+        radius_m: keep_m,
+        clearance_m: if search == Search::Costs { keep_m + 0.2 } else { keep_m },
+        spacing_m: (2.0 * map.frame().resolution_m()).max(0.1),
+        ..SmoothConfig::default()
+    };
+    let smooth = smooth(costs.field(), &path.cells, &smoothing);
+    Ok(Route { path, smooth })
+}

@@ -1,0 +1,175 @@
+//! A path over cells made fit to be driven: corners pulled straight where there is room, the rest rounded, and never nearer to
+//! obstacles than the path was, or than the clearance that is wished for.
+//!
+//! Pulling straight is greedy; rounding moves each point towards the middle of its neighbours and away from obstacles nearer
+//! than wished (the forces of elastic bands, Quinlan and Khatib 1993). Each move is kept only if the clearance at the point and
+//! half-way to both neighbours does not fall below what was there and what was wished.
+
+use crate::distance::DistanceField;
+use crate::grid::Cell;
+use cairn_geometry::Vec2;
+
+/// A point that would move by less rests, in metres.
+const STILL_M: f64 = 5e-4;
+
+/// How much a path is smoothed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmoothConfig {
+    /// No point comes nearer to an obstacle than this, in metres, unless the path did: the radius of the robot.
+    pub radius_m: f64,
+    /// Clearance that is kept where the path had it, and sought where it had not, in metres.
+    pub clearance_m: f64,
+    /// Distance between points, in metres.
+    pub spacing_m: f64,
+    /// Rounds of rounding.
+    pub rounds: usize,
+}
+
+impl Default for SmoothConfig {
+    fn default() -> Self {
+        Self { radius_m: 0.2, clearance_m: 0.4, spacing_m: 0.1, rounds: 150 }
+    }
+}
+
+/// A smoothed path.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SmoothPath {
+    /// Points in metres, world, about evenly spaced; the ends are those of the path.
+    pub points: Vec<Vec2>,
+    /// Length in metres.
+    pub length_m: f64,
+    /// Least distance to an obstacle along it, in metres, between middles of cells.
+    pub clearance_m: f64,
+}
+
+/// Smooths a path of cells. One that cannot be smoothed without coming too near comes back as it was.
+pub fn smooth(field: &DistanceField, cells: &[Cell], config: &SmoothConfig) -> SmoothPath {
+    let raw: Vec<Vec2> = cells.iter().map(|&c| field.frame().centre(c)).collect();
+    let spacing_m = config.spacing_m.max(0.5 * field.frame().resolution_m());
+    let least = clearance_of(field, &raw).min(config.radius_m);
+    let mut points = spaced(&pulled(field, &raw, config), spacing_m);
+    let mut resting = vec![false; points.len()];
+    for _ in 0..config.rounds {
+        if !rounded(field, &mut points, &mut resting, config) {
+            break;
+        }
+    }
+    let mut points = spaced(&points, spacing_m);
+    if clearance_of(field, &points) < least {
+        points = spaced(&raw, spacing_m);
+    }
+    let length_m = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+    SmoothPath { length_m, clearance_m: clearance_of(field, &points), points }
+}
+
+/// Distance at the cell of a point; 0 outside.
+fn distance(field: &DistanceField, point: Vec2) -> f64 {
+    field.frame().cell_at(point).and_then(|c| field.distance_m(c)).unwrap_or(0.0)
+}
+
+/// Least distance along a segment, looked at every half cell.
+fn along_segment(field: &DistanceField, a: Vec2, b: Vec2) -> f64 {
+    let steps = ((b - a).norm() / (0.5 * field.frame().resolution_m())).ceil().max(1.0) as usize;
+    let at = |k: usize| distance(field, a + (b - a) * (k as f64 / steps as f64));
+    (0..=steps).map(at).fold(f64::INFINITY, f64::min)
+}
+
+/// Whether a segment is nowhere nearer than `floor`. Where both ends are far enough for what lies between, nothing is looked at:
+/// the distance changes by no more than the way, and a cell's middle is half a diagonal away at most.
+fn keeps(field: &DistanceField, a: Vec2, b: Vec2, floor: f64) -> bool {
+    let slack = 0.5 * (b - a).norm() + 1.5 * field.frame().resolution_m();
+    distance(field, a).min(distance(field, b)) >= floor + slack || along_segment(field, a, b) >= floor
+}
+
+/// Least distance along a path.
+pub fn clearance_of(field: &DistanceField, points: &[Vec2]) -> f64 {
+    let ends = points.first().map_or(f64::INFINITY, |&p| distance(field, p));
+    points.windows(2).map(|w| along_segment(field, w[0], w[1])).fold(ends, f64::min)
+}
+
+/// Corners left out where the straight way keeps the clearance.
+fn pulled(field: &DistanceField, raw: &[Vec2], config: &SmoothConfig) -> Vec<Vec2> {
+    let (Some(&first), Some(&last)) = (raw.first(), raw.last()) else { return Vec::new() };
+    let at: Vec<f64> = raw.iter().map(|&p| distance(field, p)).collect();
+    let mut kept = vec![first];
+    let mut from = 0;
+    while from + 1 < raw.len() {
+        let (mut to, mut step, mut least) = (from + 1, 1, config.clearance_m.min(at[from]));
+        // Ever longer strides, then shorter ones.
+        while step > 0 && to + step < raw.len() {
+            let floor = at[to..=to + step].iter().copied().fold(least, f64::min);
+            if along_segment(field, raw[from], raw[to + step]) >= floor {
+                (to, least, step) = (to + step, floor, step * 2);
+            } else {
+                step /= 2;
+            }
+        }
+        while step > 0 {
+            step /= 2;
+            if step > 0 && to + step < raw.len() {
+                let floor = at[to..=to + step].iter().copied().fold(least, f64::min);
+                if along_segment(field, raw[from], raw[to + step]) >= floor {
+                    (to, least) = (to + step, floor);
+                }
+            }
+        }
+        kept.push(raw[to]);
+        from = to;
+    }
+    if kept.last() != Some(&last) {
+        kept.push(last);
+    }
+    kept
+}
+
+/// Points at even distances along a line; its ends stay.
+pub(crate) fn spaced(line: &[Vec2], spacing_m: f64) -> Vec<Vec2> {
+    let mut points: Vec<Vec2> = line.first().copied().into_iter().collect();
+    let length: f64 = line.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+    let pieces = (length / spacing_m).ceil().max(1.0);
+    let step = length / pieces;
+    let mut due = step;
+    let mut done = 0.0;
+    for pair in line.windows(2) {
+        let long = (pair[1] - pair[0]).norm();
+        while due <= done + long && (points.len() as f64) < pieces {
+            points.push(pair[0] + (pair[1] - pair[0]) * ((due - done) / long.max(1e-12)));
+            due += step;
+        }
+        done += long;
+    }
+    if line.len() > 1 {
+        points.extend(line.last());
+    }
+    points
+}
+
+/// One round over all inner points; false when nothing moved any more. Points that rest between resting ones are passed over.
+fn rounded(field: &DistanceField, points: &mut [Vec2], resting: &mut [bool], config: &SmoothConfig) -> bool {
+    let res = field.frame().resolution_m();
+    let mut moved = false;
+    for i in 1..points.len().saturating_sub(1) {
+        if resting[i - 1] && resting[i] && resting[i + 1] {
+            continue;
+        }
+        let (before, here, after) = (points[i - 1], points[i], points[i + 1]);
+        let clear = distance(field, here);
+        let mut to = here + ((before + after) * 0.5 - here) * 0.5;
+        if clear < config.clearance_m {
+            let at = |dx: f64, dy: f64| distance(field, here + Vec2::new(dx, dy));
+            let away = Vec2::new(at(res, 0.0) - at(-res, 0.0), at(0.0, res) - at(0.0, -res));
+            let part = (config.clearance_m - clear) / config.clearance_m;
+            to += away.try_normalize(1e-9).unwrap_or_default() * (0.2 * res * part);
+        }
+        let wished = config.clearance_m;
+        let keeps = |p: Vec2, floor: f64| keeps(field, before, p, floor) && keeps(field, p, after, floor);
+        let has = |p: Vec2| along_segment(field, before, p).min(along_segment(field, p, after));
+        let floor = if keeps(here, wished) { wished } else { has(here).min(wished) };
+        resting[i] = (to - here).norm() < STILL_M || !keeps(to, floor);
+        if !resting[i] {
+            moved = true;
+            points[i] = to;
+        }
+    }
+    moved
+}

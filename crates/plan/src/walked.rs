@@ -1,0 +1,312 @@
+//! "Take me to ...": the shortest way over ground that was walked before, through all recorded routes of a map.
+//!
+//! Routes become one graph: each point is joined to the next of its route, and to points of other stretches so near
+//! that one may step from one to the other. Nothing leads across ground that nobody walked.
+//! Searched by A* (Hart, Nilsson and Raphael 1968) with the straight distance ahead.
+
+use crate::search::Place;
+use cairn_geometry::Vec3;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
+
+/// When two stretches meet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WalkedConfig {
+    /// Points of two stretches this near join them, in metres on the level.
+    pub join_m: f64,
+    /// And not more than this apart in height, in metres: floors stay apart.
+    pub join_height_m: f64,
+    /// Points are set so near to each other along a route, in metres.
+    pub spacing_m: f64,
+    /// Start and goal lie within this distance of a route, in metres.
+    pub reach_m: f64,
+}
+
+impl Default for WalkedConfig {
+    fn default() -> Self {
+        Self { join_m: 0.7, join_height_m: 0.5, spacing_m: 0.5, reach_m: 2.0 }
+    }
+}
+
+/// Why nothing leads there over walked ground.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NotWalked {
+    /// No route holds a point.
+    #[error("no route was recorded")]
+    NoRoute,
+    /// A coordinate is NaN or infinite.
+    #[error("the {0} is not a finite point")]
+    NotFinite(Place),
+    /// No route comes near.
+    #[error("the {place} is {distance_m:.1} m from the nearest route")]
+    FarFromRoutes {
+        /// Which end.
+        place: Place,
+        /// To the nearest point of all routes, in metres.
+        distance_m: f64,
+    },
+    /// The routes near the two ends are not joined.
+    #[error("the routes near the goal do not meet those near the start ({expanded} points were reached)")]
+    NotJoined {
+        /// Points reached.
+        expanded: usize,
+    },
+}
+
+/// Part of a recorded route.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stretch {
+    /// Which route, as given.
+    pub route: usize,
+    /// Whether it is walked the other way round than it was recorded.
+    pub backwards: bool,
+}
+
+/// A way over walked ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WalkedPath {
+    /// Points in metres, world, from the start to the goal, both included.
+    pub points: Vec<Vec3>,
+    /// The stretches it follows, in order.
+    pub stretches: Vec<Stretch>,
+    /// Length in metres.
+    pub length_m: f64,
+    /// Points of routes expanded.
+    pub expanded: usize,
+}
+
+/// All recorded routes as one graph.
+#[derive(Clone, Debug)]
+pub struct WalkedGraph {
+    config: WalkedConfig,
+    points: Vec<Vec3>,
+    /// Of each point: its route.
+    routes: Vec<usize>,
+    edges: Vec<Vec<u32>>,
+}
+
+impl WalkedGraph {
+    /// From routes in metres, world, z up. A point that is not finite cuts its route in two: a caller puts one where nobody
+    /// knows what lies between.
+    pub fn new(routes: &[Vec<Vec3>], config: WalkedConfig) -> Self {
+        let mut graph = Self { config, points: Vec::new(), routes: Vec::new(), edges: Vec::new() };
+        for (route, line) in routes.iter().enumerate() {
+            for piece in line.split(|p| !p.iter().all(|v| v.is_finite())) {
+                graph.add_piece(route, piece);
+            }
+        }
+        graph.join();
+        graph
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether no route holds a point.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    fn add_piece(&mut self, route: usize, piece: &[Vec3]) {
+        let mut last: Option<usize> = None;
+        for (k, &to) in piece.iter().enumerate() {
+            let from = if k == 0 { to } else { piece[k - 1] };
+            let parts = ((to - from).norm() / self.config.spacing_m.max(0.05)).ceil().clamp(1.0, 1e5);
+            for part in 1..=parts as usize {
+                let here = self.points.len();
+                self.points.push(from + (to - from) * (part as f64 / parts));
+                self.routes.push(route);
+                self.edges.push(Vec::new());
+                if let Some(last) = last {
+                    self.edges[last].push(here as u32);
+                    self.edges[here].push(last as u32);
+                }
+                last = Some(here);
+            }
+        }
+    }
+
+    /// Joins points of stretches that come near each other.
+    fn join(&mut self) {
+        let join_m = self.config.join_m.max(1e-3);
+        let square = |p: &Vec3| ((p.x / join_m).floor() as i64, (p.y / join_m).floor() as i64);
+        let mut squares: BTreeMap<(i64, i64), Vec<u32>> = BTreeMap::new();
+        for (i, p) in self.points.iter().enumerate() {
+            squares.entry(square(p)).or_default().push(i as u32);
+        }
+        for i in 0..self.points.len() {
+            let p = self.points[i];
+            let (x, y) = square(&p);
+            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            for &j in near.filter_map(|s| squares.get(&s)).flatten() {
+                let off = self.points[j as usize] - p;
+                let meets = off.xy().norm() <= join_m && off.z.abs() <= self.config.join_height_m;
+                if meets && j as usize != i && !self.edges[i].contains(&j) {
+                    self.edges[i].push(j);
+                }
+            }
+        }
+    }
+
+    fn nearest(&self, place: Place, at: Vec3) -> Result<usize, NotWalked> {
+        if !at.iter().all(|v| v.is_finite()) {
+            return Err(NotWalked::NotFinite(place));
+        }
+        let distance = |i: &usize| (self.points[*i] - at).norm();
+        let best = (0..self.points.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let best = best.ok_or(NotWalked::NoRoute)?;
+        let distance_m = distance(&best);
+        if distance_m <= self.config.reach_m {
+            Ok(best)
+        } else {
+            Err(NotWalked::FarFromRoutes { place, distance_m })
+        }
+    }
+
+    /// The shortest way between two points that lie near routes.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn path(&self, from: Vec3, to: Vec3) -> Result<WalkedPath, NotWalked> {
+        let (start, goal) = (self.nearest(Place::Start, from)?, self.nearest(Place::Goal, to)?);
+        let ahead = |i: usize| (self.points[i] - self.points[goal]).norm();
+        let mut best = vec![(f64::INFINITY, u32::MAX); self.points.len()];
+        let mut done = vec![false; self.points.len()];
+        best[start].0 = 0.0;
+        // Bits of positive floats are ordered as the floats are.
+        let mut queue = BinaryHeap::from([Reverse((ahead(start).to_bits(), start as u32))]);
+        let mut expanded = 0;
+        while let Some(Reverse((_, at))) = queue.pop() {
+            let at = at as usize;
+            if std::mem::replace(&mut done[at], true) {
+                continue;
+            }
+            expanded += 1;
+            if at == goal {
+                return Ok(self.trace(&best, goal, [from, to], expanded));
+            }
+            for &next in &self.edges[at] {
+                let cost = best[at].0 + (self.points[next as usize] - self.points[at]).norm();
+                let place = &mut best[next as usize];
+                if cost < place.0 {
+                    *place = (cost, at as u32);
+                    queue.push(Reverse(((cost + ahead(next as usize)).to_bits(), next)));
+                }
+            }
+        }
+        Err(NotWalked::NotJoined { expanded })
+    }
+
+    fn trace(&self, best: &[(f64, u32)], goal: usize, ends: [Vec3; 2], expanded: usize) -> WalkedPath {
+        let mut nodes = vec![goal];
+        while let Some(&parent) = nodes.last().map(|&n| &best[n].1).filter(|&&p| p != u32::MAX) {
+            nodes.push(parent as usize);
+        }
+        nodes.reverse();
+        let mut stretches: Vec<Stretch> = Vec::new();
+        for pair in nodes.windows(2) {
+            // Points of a route are numbered along it; a jump to another stretch is no part of any.
+            if pair[0].abs_diff(pair[1]) == 1 && self.routes[pair[0]] == self.routes[pair[1]] {
+                let stretch = Stretch { route: self.routes[pair[0]], backwards: pair[1] < pair[0] };
+                if stretches.last() != Some(&stretch) {
+                    stretches.push(stretch);
+                }
+            }
+        }
+        let points: Vec<Vec3> =
+            std::iter::once(ends[0]).chain(nodes.iter().map(|&n| self.points[n])).chain([ends[1]]).collect();
+        let length_m = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+        WalkedPath { points, stretches, length_m, expanded }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(points: &[(f64, f64, f64)]) -> Vec<Vec3> {
+        points.iter().map(|&(x, y, z)| Vec3::new(x, y, z)).collect()
+    }
+
+    #[test]
+    fn routes_that_meet_lead_on_into_each_other() {
+        // A corridor, a corridor that leaves it to the north, one on the floor above, one far off.
+        let routes = [
+            line(&[(0.0, 0.0, 0.0), (30.0, 0.0, 0.0)]),
+            line(&[(12.0, 20.0, 0.0), (12.0, 0.4, 0.0)]),
+            line(&[(12.0, 10.0, 3.0), (40.0, 10.0, 3.0)]),
+            line(&[(100.0, 0.0, 0.0), (110.0, 0.0, 0.0)]),
+        ];
+        let graph = WalkedGraph::new(&routes, WalkedConfig::default());
+        let path = graph.path(Vec3::new(2.0, 0.3, 0.0), Vec3::new(12.0, 19.0, 0.0)).unwrap();
+        assert!((path.length_m - 29.0).abs() < 1.5, "{} m", path.length_m);
+        assert_eq!(
+            path.stretches,
+            [Stretch { route: 0, backwards: false }, Stretch { route: 1, backwards: true }]
+        );
+        let off = |p: &Vec3| p.y.abs().min((p.x - 12.0).abs());
+        assert!(path.points.iter().all(|p| off(p) < 0.7), "nothing leads across what nobody walked");
+        let upstairs = graph.path(Vec3::zeros(), Vec3::new(20.0, 10.0, 3.0));
+        assert!(matches!(upstairs, Err(NotWalked::NotJoined { .. })), "floors stay apart: {upstairs:?}");
+        assert!(matches!(
+            graph.path(Vec3::zeros(), Vec3::new(105.0, 0.0, 0.0)),
+            Err(NotWalked::NotJoined { .. })
+        ));
+    }
+
+    #[test]
+    fn gaps_and_bad_ends_have_their_reasons() {
+        let gap = line(&[
+            (0.0, 0.0, 0.0),
+            (10.0, 0.0, 0.0),
+            (f64::NAN, 0.0, 0.0),
+            (12.0, 0.0, 0.0),
+            (20.0, 0.0, 0.0),
+        ]);
+        let graph = WalkedGraph::new(&[gap], WalkedConfig::default());
+        let (start, end) = (Vec3::zeros(), Vec3::new(20.0, 0.0, 0.0));
+        assert!(matches!(graph.path(start, end), Err(NotWalked::NotJoined { .. })));
+        let far = graph.path(start, Vec3::new(20.0, 9.0, 0.0));
+        assert_eq!(far, Err(NotWalked::FarFromRoutes { place: Place::Goal, distance_m: 9.0 }));
+        let nan = graph.path(Vec3::new(f64::NAN, 0.0, 0.0), end);
+        assert_eq!(nan, Err(NotWalked::NotFinite(Place::Start)));
+        assert_eq!(WalkedGraph::new(&[], WalkedConfig::default()).path(start, end), Err(NotWalked::NoRoute));
+        let same = graph.path(start, start).unwrap();
+        assert_eq!((same.length_m, same.stretches.len()), (0.0, 0));
+    }
+
+    #[test]
+    fn as_short_as_looking_at_all_pairs() {
+        let mut random = crate::random::Random::new(77);
+        for _ in 0..30 {
+            let routes: Vec<Vec<Vec3>> = (0..5)
+                .map(|_| {
+                    (0..6)
+                        .map(|_| Vec3::new(random.uniform(0.0, 15.0), random.uniform(0.0, 15.0), 0.0))
+                        .collect()
+                })
+                .collect();
+            let graph = WalkedGraph::new(&routes, WalkedConfig::default());
+            let n = graph.len();
+            // Bellman and Ford.
+            let mut cost = vec![f64::INFINITY; n];
+            cost[0] = 0.0;
+            for _ in 0..n {
+                for i in 0..n {
+                    for &j in &graph.edges[i] {
+                        let j = j as usize;
+                        cost[j] = cost[j].min(cost[i] + (graph.points[i] - graph.points[j]).norm());
+                    }
+                }
+            }
+            for goal in [n / 3, n / 2, n - 1] {
+                match graph.path(graph.points[0], graph.points[goal]) {
+                    Ok(path) => assert!((path.length_m - cost[goal]).abs() < 1e-9),
+                    Err(reason) => assert!(cost[goal].is_infinite(), "{reason}"),
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! Occupancy from rays, files of `map_server`, costs, and what moves.
+
+use cairn_geometry::{Se2, Vec2};
+use cairn_plan::anchored::AnchoredGrid;
+use cairn_plan::costmap::{Detection, DynamicConfig, DynamicLayer};
+use cairn_plan::map_server::{self, Mode, UNKNOWN};
+use cairn_plan::occupancy::ScanRejected;
+use cairn_plan::random::Random;
+use cairn_plan::search::{BLOCKED, WeightedAStar};
+use cairn_plan::{Cell, CostConfig, Costmap, Grid, GridFrame, OccupancyConfig, OccupancyGrid, moving_ai};
+use std::path::PathBuf;
+
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("cairn-plan-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Range of a ray inside a room of `w` x `h` metres.
+fn range_in_room(at: Vec2, bearing: f64, w: f64, h: f64) -> f64 {
+    let (s, c) = bearing.sin_cos();
+    let along = |p: f64, d: f64, end: f64| if d > 0.0 { (end - p) / d } else { -p / d };
+    along(at.x, c, w).min(along(at.y, s, h))
+}
+
+#[test]
+fn a_room_seen_from_inside() {
+    let frame = GridFrame::new(140, 120, 0.05, Se2::from_xy_angle(-1.02, -1.03, 0.0)).unwrap();
+    let mut grid = OccupancyGrid::new(frame, OccupancyConfig::default());
+    let mut random = Random::new(5);
+    for k in 0..40 {
+        let at = Vec2::new(1.0 + 0.05 * f64::from(k), 2.0);
+        let pose = Se2::from_xy_angle(at.x, at.y, 0.3);
+        let rays = (0..360).map(|i| {
+            let bearing = f64::from(i).to_radians();
+            (bearing, range_in_room(at, bearing + 0.3, 4.0, 3.5) + random.normal(0.0, 0.01))
+        });
+        let report = grid.insert_scan(&pose, rays.collect::<Vec<_>>()).unwrap();
+        assert_eq!((report.hits, report.rejected), (360, 0));
+    }
+    let map = grid.to_map();
+    let at = |x: f64, y: f64| map.get(frame.cell_at(Vec2::new(x, y)).unwrap()).unwrap();
+    for k in 2..38 {
+        assert_eq!(at(0.1 * f64::from(k), 1.5), 0, "inside is free");
+        assert_eq!(at(0.1 * f64::from(k), 3.2), 0, "inside is free");
+        let wall = |y: f64| (-2..=2).any(|i| at(0.1 * f64::from(k), y + 0.05 * f64::from(i)) == 100);
+        assert!(wall(0.0) && wall(3.5), "a wall is missing at {k}");
+        assert_eq!(at(0.1 * f64::from(k), 4.5), UNKNOWN, "behind a wall nobody knows");
+    }
+    assert_eq!(grid.probability(Cell::new(0, 0)), None);
+}
+
+#[test]
+fn a_grid_on_key_frames_is_laid_again_when_they_move() {
+    let truth =
+        |k: i32| Se2::from_xy_angle(1.0 + 0.1 * f64::from(k), 1.5 + 0.02 * f64::from(k), 0.1 * f64::from(k));
+    // What was believed before the loop was closed: ever farther off.
+    let believed =
+        |k: i32| truth(k) * Se2::from_xy_angle(0.03 * f64::from(k), 0.01 * f64::from(k), 0.01 * f64::from(k));
+    let key_from_sensor = Se2::from_xy_angle(0.1, 0.05, 0.2);
+    let rays = |k: i32| -> Vec<(f64, f64)> {
+        let sensor = truth(k) * key_from_sensor;
+        let range = |b: f64| range_in_room(sensor.translation, b + sensor.rotation.log(), 6.0, 4.0);
+        (0..360).map(|i| f64::from(i).to_radians()).map(|b| (b, range(b))).collect()
+    };
+    let build = |pose: &dyn Fn(i32) -> Se2, keys: &dyn Fn(i32) -> bool| {
+        let mut grid = AnchoredGrid::new(0.05, OccupancyConfig::default());
+        for k in (0..30).filter(|&k| keys(k)) {
+            grid.insert_scan(k, &pose(k), key_from_sensor, &rays(k)).unwrap();
+            grid.insert_step(k, &pose(k), Se2::identity(), 0.2).unwrap();
+        }
+        grid
+    };
+    let map = |grid: &AnchoredGrid<i32>| grid.grid().unwrap().to_probabilities();
+    let mut grid = build(&believed, &|_| true);
+    let right = build(&truth, &|_| true);
+    assert!(map(&grid) != map(&right));
+    let laid = grid.set_poses(|k| Some(truth(k))).unwrap();
+    assert_eq!((laid.gone, laid.scans), (0, 30));
+    assert!(laid.moved >= 28 && map(&grid) == map(&right), "as if it had been known from the beginning");
+    assert_eq!(grid.set_poses(|k| Some(truth(k))).unwrap().scans, 0, "nothing moved");
+    let laid = grid.set_poses(|k| (k % 3 != 0).then(|| truth(k))).unwrap();
+    assert_eq!((laid.gone, laid.scans), (10, 20));
+    assert!(map(&grid) == map(&build(&truth, &|k| k % 3 != 0)));
+    // A pose that is no number: nothing changes.
+    let before = map(&grid);
+    assert!(grid.set_poses(|_| Some(Se2::from_xy_angle(f64::NAN, 0.0, 0.0))).is_err());
+    assert!(grid.insert_scan(99, &Se2::from_xy_angle(1e9, 0.0, 0.0), key_from_sensor, &rays(0)).is_err());
+    assert!(map(&grid) == before);
+}
+
+#[test]
+fn one_miss_is_no_proof_and_bad_rays_say_nothing() {
+    let frame = GridFrame::new(100, 20, 0.1, Se2::identity()).unwrap();
+    let mut grid = OccupancyGrid::new(frame, OccupancyConfig::default());
+    let pose = Se2::from_xy_angle(0.55, 1.05, 0.0);
+    let report = grid
+        .insert_scan(&pose, [(0.0, f64::INFINITY), (f64::NAN, 1.0), (0.0, f64::NAN), (0.0, -1.0)])
+        .unwrap();
+    assert_eq!((report.passes, report.rejected, report.hits), (1, 3, 0));
+    let middle = Cell::new(50, 10);
+    assert!(grid.probability(middle).unwrap() < 0.5);
+    assert_eq!(grid.to_map().get(middle), Some(UNKNOWN), "one ray is not enough");
+    (0..2).for_each(|_| assert!(grid.insert_scan(&pose, [(0.0, 20.0)]).is_ok()));
+    assert_eq!(grid.to_map().get(middle), Some(0));
+    assert_eq!(grid.insert_scan(&Se2::from_xy_angle(f64::NAN, 0.0, 0.0), []), Err(ScanRejected::Pose));
+    assert_eq!(grid.insert_scan(&Se2::from_xy_angle(-5.0, 0.0, 0.0), []), Err(ScanRejected::Outside));
+    // Someone stands there for three scans and leaves: at 10 Hz the place is free again within a second.
+    (0..3).for_each(|_| assert!(grid.insert_scan(&pose, [(0.0, 4.5)]).is_ok()));
+    assert_eq!(grid.to_map().get(middle), Some(100));
+    let left = (1..20).find(|_| {
+        grid.insert_scan(&pose, [(0.0, f64::INFINITY)]).unwrap();
+        grid.to_map().get(middle) == Some(0)
+    });
+    assert!(left.unwrap() <= 9, "{left:?} scans");
+    let marked = grid.mark_walked(&[Vec2::new(2.0, 0.4), Vec2::new(4.0, 0.4), Vec2::new(f64::NAN, 0.0)], 0.2);
+    assert!((60..120).contains(&marked), "{marked}");
+    assert_eq!(grid.to_map().get(Cell::new(30, 4)), Some(0));
+}
+
+#[test]
+fn saved_maps_come_back_in_every_mode() {
+    let folder = folder("modes");
+    let frame = GridFrame::new(37, 23, 0.05, Se2::from_xy_angle(-3.25, 1.5, 0.25)).unwrap();
+    let mut random = Random::new(9);
+    let trinary = Grid::filled(frame, 0i8).map(|_| [UNKNOWN, 0, 100][random.below(3)]);
+    let raw = Grid::filled(frame, 0i8).map(|_| random.below(102) as i8 - 1);
+    let scale = Grid::filled(frame, 0i8).map(|_| random.below(101) as i8);
+    for (mode, grid, off) in [(Mode::Trinary, &trinary, 0), (Mode::Raw, &raw, 0), (Mode::Scale, &scale, 1)] {
+        let file = folder.join("map.yaml");
+        map_server::save(&file, grid, mode).unwrap();
+        let (back, description) = map_server::load(&file).unwrap();
+        assert_eq!(description.mode, mode);
+        let origin = back.frame().world_from_grid();
+        assert!(
+            (origin.translation - Vec2::new(-3.25, 1.5)).norm() < 1e-12
+                && (origin.rotation.log() - 0.25).abs() < 1e-12
+        );
+        let worst = grid.values().iter().zip(back.values()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+        assert!(worst <= off, "{mode:?}: {worst} off");
+    }
+    let told = map_server::save(&folder.join("map.yaml"), &raw, Mode::Scale).unwrap_err().to_string();
+    assert!(told.contains("unknown"), "{told}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn wrong_map_files_say_what_is_wrong() {
+    let folder = folder("wrong");
+    let good = "image: a.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
+    std::fs::write(folder.join("a.pgm"), b"P5 2 2 255\n\x00\xfe\xcd\x00").unwrap();
+    let load = |text: &str| {
+        std::fs::write(folder.join("a.yaml"), text).unwrap();
+        map_server::load(&folder.join("a.yaml")).map_err(|e| e.to_string())
+    };
+    // The upper row of the image is the one of greater y.
+    assert_eq!(load(good).unwrap().0.values(), [UNKNOWN, 100, 100, 0]);
+    let list = good.replace("origin: [0, 0, 0]", "origin: # as a list\n- 0.0\n- 0.0\n- 0.0");
+    assert!(load(&list).is_ok(), "{:?}", load(&list));
+    for (from, to, word) in [
+        ("image: a.pgm", "image: b.pgm", "b.pgm"),
+        ("image: a.pgm\n", "", "`image` is missing"),
+        ("resolution: 0.1", "resolution: nan", "`resolution`"),
+        ("resolution: 0.1", "resolution: 0", "resolution of 0 m"),
+        ("resolution: 0.1", "resolution: -0.1", "resolution of -0.1 m"),
+        ("[0, 0, 0]", "[0, 0]", "three numbers"),
+        ("[0, 0, 0]", "[0, inf, 0]", "`origin`"),
+        ("negate: 0", "negate: 7", "negate"),
+        ("negate: 0", "negate 0", "key: value"),
+        ("negate: 0", "image: c", "twice"),
+        ("0.65", "0.1", "thresholds"),
+        ("negate: 0", "mode: grey", "trinary"),
+    ] {
+        let told = load(&good.replace(from, to)).unwrap_err();
+        assert!(told.contains(word), "{to}: {told}");
+    }
+    assert!(load("").unwrap_err().contains("missing"));
+    std::fs::write(folder.join("a.pgm"), b"P5 2 2 255\n\x00\xfe\xcd").unwrap();
+    assert!(load(good).unwrap_err().contains("truncated: 3 of 4"));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn wrong_moving_ai_files_say_where() {
+    let good = "type octile\nheight 2\nwidth 3\nmap\n.@.\nT..\n";
+    assert_eq!(moving_ai::read_map(good).unwrap().values(), [true, false, true, false, true, true]);
+    for (from, to, line) in
+        [("T..", "T.", 6), ("T..\n", "", 1), ("@", "x", 5), ("height 2", "height 0", 1), ("width", "wide", 3)]
+    {
+        let told = moving_ai::read_map(&good.replace(from, to)).unwrap_err();
+        assert_eq!(told.line, line, "{told}");
+    }
+    assert!(moving_ai::read_map("").is_err());
+    let task = "version 1\n0\ta.map\t3\t2\t0\t0\t2\t1\t3.5\n";
+    assert_eq!(moving_ai::read_scenarios(task).unwrap()[0].goal, Cell::new(2, 1));
+    for (from, to) in [("3.5", "NaN"), ("3.5", ""), ("\t0\t0", "\t-1\t0"), ("version", "vers")] {
+        assert!(moving_ai::read_scenarios(&task.replace(from, to)).is_err(), "{to}");
+    }
+}
+
+#[test]
+fn wide_passages_and_walked_ground_are_preferred() {
+    // Two ways around a block: a narrow one of 0.6 m and a wide one of 2 m that is longer.
+    let frame = GridFrame::new(120, 90, 0.05, Se2::identity()).unwrap();
+    let mut map = Grid::filled(frame, 0i8);
+    for i in 0..frame.len() {
+        let c = frame.cell(i);
+        let rim = c.x < 2 || c.y < 2 || c.x >= 118 || c.y >= 88;
+        let block = (40..80).contains(&c.x) && (14..50).contains(&c.y);
+        map.values_mut()[i] = if rim || block { 100 } else { 0 };
+    }
+    let (start, goal) = (Cell::new(20, 20), Cell::new(100, 20));
+    let mut costmap = Costmap::new(map, CostConfig::default()).unwrap();
+    let mut search = WeightedAStar::new();
+    let lowest = |path: &[Cell]| path.iter().filter(|c| (50..70).contains(&c.x)).map(|c| c.y).max().unwrap();
+    let plain = search.search(costmap.costs(), start, goal).unwrap();
+    let narrow = CostConfig { near: 20, walked: 20, ..CostConfig::default() };
+    let even = Costmap::new(costmap.map().clone(), narrow).unwrap();
+    assert!(lowest(&search.search(even.costs(), start, goal).unwrap().cells) < 14, "the short way is narrow");
+    assert!(lowest(&plain.cells) > 50, "the wide way costs less");
+    let mut walked = Grid::filled(frame, false);
+    (0..frame.len()).for_each(|i| walked.values_mut()[i] = frame.cell(i).y < 14);
+    costmap.set_walked(walked).unwrap();
+    assert!(
+        lowest(&search.search(costmap.costs(), start, goal).unwrap().cells) < 14,
+        "known ground costs less still"
+    );
+}
+
+#[test]
+fn a_costmap_mended_is_a_costmap_made_anew() {
+    let frame = GridFrame::new(90, 70, 0.05, Se2::identity()).unwrap();
+    let mut random = Random::new(21);
+    let mut map = Grid::filled(frame, 0i8).map(|_| if random.chance(0.02) { 100 } else { 0 });
+    for unknown in [None, Some(80)] {
+        let config = CostConfig { unknown, ..CostConfig::default() };
+        let mut costmap = Costmap::new(map.clone(), config).unwrap();
+        for _ in 0..20 {
+            let changes: Vec<(Cell, i8)> = (0..6)
+                .map(|_| (frame.cell(random.below(frame.len())), [UNKNOWN, 0, 40, 100][random.below(4)]))
+                .collect();
+            changes.iter().for_each(|&(c, v)| assert!(map.set(c, v)));
+            costmap.update(&changes);
+            let anew = Costmap::new(map.clone(), config).unwrap();
+            assert!(costmap.costs() == anew.costs() && costmap.field().squared() == anew.field().squared());
+        }
+    }
+    assert!(Costmap::new(map.clone(), CostConfig { radius_m: f64::NAN, ..CostConfig::default() }).is_err());
+    assert!(Costmap::new(map, CostConfig { open: BLOCKED, ..CostConfig::default() }).is_err());
+}
+
+#[test]
+fn people_are_tracked_through_each_other_and_forgotten() {
+    let mut layer = DynamicLayer::new(DynamicConfig::default());
+    let mut random = Random::new(31);
+    let truth = |t: f64| [Vec2::new(-3.0 + 1.2 * t, 0.0), Vec2::new(3.0 - 0.9 * t, 0.9)];
+    for k in 0..50 {
+        let t = 0.1 * f64::from(k);
+        let seen = truth(t).map(|p| Detection {
+            position: p + Vec2::new(random.normal(0.0, 0.05), random.normal(0.0, 0.05)),
+            radius_m: 0.3,
+        });
+        let observed = layer.observe(t, &seen);
+        assert!(k == 0 || (observed.matched, observed.begun) == (2, 0), "at {t} s: {observed:?}");
+    }
+    let tracks = layer.tracks();
+    assert_eq!(tracks.iter().map(|t| t.id).collect::<Vec<_>>(), [0, 1], "nobody changed place");
+    for (track, (true_at, v)) in tracks.iter().zip(truth(4.9).into_iter().zip([1.2, -0.9])) {
+        assert!(
+            (track.position - true_at).norm() < 0.1 && (track.velocity - Vec2::new(v, 0.0)).norm() < 0.15
+        );
+    }
+    // In one second the first is 1.2 m farther on.
+    let ahead = truth(5.9)[0];
+    assert!(layer.clearance_m(ahead, 1.0) < 0.0 && layer.clearance_m(ahead, 0.0) > 0.3);
+    // A ghost far off begins its own track and is not believed to move; bad detections are counted.
+    let bad = Detection { position: Vec2::new(f64::NAN, 0.0), radius_m: 0.2 };
+    let ghost = Detection { position: Vec2::new(0.0, 30.0), radius_m: 0.2 };
+    let observed = layer.observe(5.0, &[ghost, bad]);
+    assert_eq!((observed.begun, observed.rejected, observed.matched), (1, 1, 0));
+    assert!(layer.observe(5.0, &[]).out_of_order && layer.observe(f64::NAN, &[]).out_of_order);
+    assert_eq!(layer.observe(6.05, &[]).forgotten, 3, "who left is gone within a second");
+    assert_eq!(layer.clearance_m(ahead, 0.0), f64::INFINITY);
+}
+
+proptest::proptest! {
+    #[test]
+    fn no_text_makes_a_reader_panic(text in "(?s).{0,400}", cut in 0usize..200) {
+        let good = "type octile\nheight 2\nwidth 3\nmap\n.@.\nT..\n";
+        let mixed = format!("{}{text}", &good[..cut.min(good.len())]);
+        let task = format!("version 1\n{text}");
+        let yaml = format!("image: a.pgm\norigin: [0, 0, 0]\n{text}");
+        let _ = (moving_ai::read_map(&mixed), moving_ai::read_scenarios(&task), map_server::read_description(&yaml));
+    }
+
+    #[test]
+    fn no_image_makes_a_reader_panic(bytes in proptest::collection::vec(proptest::num::u8::ANY, 0..200), kind in 0usize..4) {
+        let head: &[u8] = [&b"P5 3 2 255\n"[..], b"P2 3 2 255\n", b"\x89PNG\r\n\x1a\n", b""][kind];
+        let folder = folder("bytes");
+        std::fs::write(folder.join("a.pgm"), [head, &bytes].concat()).unwrap();
+        let yaml = "image: a.pgm\nresolution: 0.1\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
+        std::fs::write(folder.join("a.yaml"), yaml).unwrap();
+        let read = map_server::load(&folder.join("a.yaml"));
+        proptest::prop_assert!(read.is_ok() == (kind == 0 && bytes.len() >= 6) || kind == 1, "{read:?}");
+    }
+}
+
+#[test]
+fn a_window_is_the_part_it_covers() {
+    let frame = GridFrame::new(9, 7, 0.5, Se2::from_xy_angle(1.0, 2.0, 0.4)).unwrap();
+    let mut grid = Grid::filled(frame, 0i8);
+    (0..frame.len()).for_each(|i| grid.values_mut()[i] = i as i8);
+    for (x, y) in [(0, 0), (2, 3), (-2, -1), (6, 5), (40, 2), (2, -40)] {
+        let window = grid.window(x, y, 4, 3, -1).unwrap();
+        for i in 0..window.frame().len() {
+            let cell = window.frame().cell(i);
+            let same = frame.cell_at(window.frame().centre(cell)).and_then(|c| grid.get(c));
+            assert_eq!(window.get(cell), Some(same.unwrap_or(-1)));
+        }
+    }
+}
