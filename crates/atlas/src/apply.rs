@@ -1,5 +1,6 @@
 //! From one version of a map to the next: a change set is applied and what is derived is brought up to date.
 
+use crate::change::scaling_about;
 use crate::{
     Applied, Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId,
     Observation, Snapshot,
@@ -115,6 +116,13 @@ impl Snapshot {
                 self.carry(*map, *map, level_from_world, dirty)?;
                 *Arc::make_mut(&mut self.gravity_alignments).entry(*map).or_insert(0) += 1;
             }
+            Change::Rescale(map, factor) => {
+                let root = positive(*factor).then(|| self.key_frame(map.root()))??;
+                let by = scaling_about(&root.world_from_camera.translation, *factor);
+                self.maps.contains_key(map).then_some(())?;
+                self.carry(*map, *map, &by, dirty)?;
+                *Arc::make_mut(&mut self.rescalings).entry(*map).or_insert(0) += 1;
+            }
             Change::MoveLandmark(id, position) => {
                 let l = finite(position).then(|| self.landmarks.get_mut(id.index()))??;
                 l.position = *position;
@@ -127,8 +135,10 @@ impl Snapshot {
             Change::Link(a, b) => self.link(*a, *b)?,
             Change::MapPrior(map, tie) => {
                 let former = self.surviving_ancestor(tie.to).and_then(|(id, _)| self.key_frame(id))?.map;
-                let sound =
-                    tie.to_from_root.is_finite() && tie.sigma.is_finite() && tie.sigma_rad.is_finite();
+                let sound = tie.to_from_root.is_finite()
+                    && [tie.sigma, tie.sigma_rad, tie.sigma_log_scale]
+                        .iter()
+                        .all(|s| s.is_finite() && *s >= 0.0);
                 if former == *map || !sound {
                     return None;
                 }

@@ -2,7 +2,7 @@
 
 use crate::rebase::rebase;
 use crate::stream::Subscribers;
-use crate::{Applied, Change, Snapshot, Subscription};
+use crate::{Applied, Change, MapId, Snapshot, Subscription};
 use arc_swap::ArcSwap;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -89,9 +89,9 @@ impl Atlas {
         if base.version() == self.latest.version() {
             return self.commit(changes);
         }
-        let frames = |snapshot: &Snapshot| {
-            snapshot.maps().map(|(w, _)| (w, snapshot.gravity_alignments.get(&w).copied())).collect()
-        };
+        let times = |counts: &BTreeMap<MapId, u32>, map| counts.get(&map).copied();
+        let frame = |s: &Snapshot, map| (times(&s.gravity_alignments, map), times(&s.rescalings, map));
+        let frames = |s: &Snapshot| s.maps().map(|(map, _)| (map, frame(s, map))).collect();
         let (before, now): (BTreeMap<_, _>, BTreeMap<_, _>) = (frames(base), frames(&self.latest));
         if before.iter().any(|(map, times)| now.get(map).is_some_and(|t| t != times)) {
             return Applied { done: 0, dropped: changes.len() };

@@ -1,7 +1,7 @@
 //! Changes to a map, as data.
 
 use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior};
-use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
 
 /// One change.
@@ -24,6 +24,9 @@ pub enum Change {
     /// Gravity and scale of a world are known, or known better: all that is in it moves by this, and from now on its
     /// lengths are metres and its z axis points up.
     AlignGravity(MapId, Sim3),
+    /// Lengths in a map are this many times what they were, about the place of its root: its unit of length is better
+    /// known than it was. The map is no more metric for it.
+    Rescale(MapId, f64),
     /// A landmark is somewhere else.
     MoveLandmark(LandmarkId, Vec3),
     /// A feature of a key frame shows a landmark (and nothing else).
@@ -72,4 +75,9 @@ pub struct Applied {
     pub done: usize,
     /// Changes that named something gone, or that a rule of the map forbids: left out.
     pub dropped: usize,
+}
+
+/// Lengths times `factor` about a place that stays.
+pub(crate) fn scaling_about(centre: &Vec3, factor: f64) -> Sim3 {
+    Sim3::new(So3::identity(), centre * (1.0 - factor), factor)
 }

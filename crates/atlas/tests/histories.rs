@@ -74,7 +74,7 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (k.clone(), prop_oneof![Just(0.0), Just(f64::NAN), 0.2..4.0])
             .prop_map(|(k, factor)| Step::Plain(Change::Scale(key_frame_id(k), factor))),
         1 => (k.clone(), k.clone(), any::<i8>(), any::<i8>()).prop_map(|(map, to, a, b)| {
-            let tie = MapPrior { to: key_frame_id(to), to_from_root: pose(a, b), sigma: 1.0, sigma_rad: 0.1 };
+            let tie = MapPrior { to: key_frame_id(to), to_from_root: pose(a, b), sigma: 1.0, sigma_rad: 0.1, sigma_log_scale: 0.2 };
             Step::Plain(Change::MapPrior(MapId(key_frame_id(map)), tie))
         }),
         3 => (k.clone(), k.clone(), k.clone(), any::<i8>(), any::<i8>(), prop_oneof![1 => Just(-1.0), 5 => 0.3..3.0]).prop_map(
@@ -95,6 +95,8 @@ fn step() -> impl Strategy<Value = Step> {
                 Step::Plain(Change::AlignGravity(MapId(key_frame_id(map)), by))
             }
         ),
+        1 => (k.clone(), prop_oneof![1 => Just(0.0), 1 => Just(f64::NAN), 4 => 0.3..3.0])
+            .prop_map(|(map, factor)| Step::Plain(Change::Rescale(MapId(key_frame_id(map)), factor))),
         2 => (k, any::<i8>(), any::<i8>(), poor.clone()).prop_map(|(k, a, b, poor)| {
             let mut at = pose(a, b);
             if poor {
@@ -264,7 +266,7 @@ proptest! {
         // Nothing is born late: ids may be taken meanwhile.
         // Nor is anything levelled late: who writes the map does that at once.
         let born = |c: &Change| {
-            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..))
+            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..) | Change::Rescale(..))
         };
         let mut late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !born(c)).collect();
         // All is moved, as by a loop: each key frame in its own way.
@@ -284,7 +286,7 @@ proptest! {
         now.push(Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame(9), pose(b, a), parent))));
         atlas.commit(now);
         let before = atlas.latest().clone();
-        let levels = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::AlignGravity(..))));
+        let levels = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::AlignGravity(..) | Change::Rescale(..))));
         atlas.commit_since(&base, late);
         let after = atlas.latest().clone();
         prop_assert_eq!(after.check(), Ok(()));
@@ -339,7 +341,7 @@ proptest! {
         // Then what was made on an older version and is rebased.
         let base = atlas.latest().clone();
         let born = |c: &Change| {
-            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..))
+            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..) | Change::Rescale(..))
         };
         let now = changes(&base, &meanwhile);
         atlas.commit(now);

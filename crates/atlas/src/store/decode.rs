@@ -1,4 +1,4 @@
-//! From the parts of a file to a map, versions 1 and 2; see `encode.rs` for what stands where.
+//! From the parts of a file to a map, versions 1 to 3; see `encode.rs` for what stands where.
 //!
 //! A file may hold anything: every number is looked at before it is used, and what could not be a map is an error that
 //! names the part.
@@ -193,10 +193,12 @@ fn read_maps(
                 let to = KeyFrameId::from_raw(d.u32()?).ok_or_else(|| d.wrong("a tie leads to nobody"))?;
                 let to_from_root = pose(d.f64s()?).ok_or_else(|| d.wrong("a tie is no pose"))?;
                 let [sigma, sigma_rad] = d.f64s()?;
-                if !(sigma.is_finite() && sigma_rad.is_finite()) {
+                // Before version 3 nothing was kept of it: the unit of a map begun on the way was a rough guess.
+                let [sigma_log_scale] = if parts.version >= 3 { d.f64s()? } else { [1.0] };
+                if !(sigma.is_finite() && sigma_rad.is_finite() && sigma_log_scale.is_finite()) {
                     return Err(d.wrong("a tie is not finite"));
                 }
-                Some(MapPrior { to, to_from_root, sigma, sigma_rad })
+                Some(MapPrior { to, to_from_root, sigma, sigma_rad, sigma_log_scale })
             }
         };
         if maps.insert(MapId(root), tie).is_some() {

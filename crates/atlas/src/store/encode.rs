@@ -1,4 +1,4 @@
-//! From a map to the parts of a file, version 2. `decode.rs` is the other side; the two are read together.
+//! From a map to the parts of a file, version 3. `decode.rs` is the other side; the two are read together.
 //!
 //! Parts hold columns (see `wire.rs`). Key frames and landmarks name each other by row: the place in their part, which
 //! is their order of birth. A row that may be missing is counted from 1, and 0 is nobody.
@@ -108,7 +108,7 @@ fn maps(snapshot: &Snapshot, rows: &Rows) -> Vec<u8> {
         if let Some(tie) = tie {
             e.u32(tie.to.raw());
             e.f64s(&numbers(&tie.to_from_root));
-            e.f64s(&[tie.sigma, tie.sigma_rad]);
+            e.f64s(&[tie.sigma, tie.sigma_rad, tie.sigma_log_scale]);
         }
     }
     e.0
