@@ -8,7 +8,9 @@ use crate::inertial::{Inertial, InertialConfig};
 use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::turning::hold_orientation;
 use cairn_adjust::{Window, WindowConfig};
-use cairn_atlas::{Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior};
+use cairn_atlas::{
+    Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Attempt;
 use cairn_sensor::ImuSensor;
@@ -81,6 +83,11 @@ pub struct Submitted<'a> {
     pub reference_from_camera: Se3,
     /// What the inertial sensor says of it.
     pub imu: Option<&'a ImuSegment>,
+    /// Whether nothing supports scale: it only carries orientation on, and no landmark is triangulated from it.
+    pub orientation_only: bool,
+    /// Before it enters, lengths in its map become so many times what they were; the standard deviation of the logarithm of
+    /// the map's scale against the one before is then the second number.
+    pub rescale: Option<(f64, f64)>,
 }
 
 /// What mapping did with one offer.
@@ -202,7 +209,11 @@ impl Mapper {
         submitted: &Submitted,
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
-        let Submitted { frame, landmarks, reference, reference_from_camera, imu } = *submitted;
+        let Submitted { frame, landmarks, reference, reference_from_camera, imu, orientation_only, rescale } =
+            *submitted;
+        if let Some((factor, sigma_log_scale)) = rescale {
+            atlas.commit(rescaled(atlas.latest(), reference, factor, sigma_log_scale));
+        }
         let depth = self.camera.has_depth();
         let snapshot = atlas.latest().clone();
         let (parent, _) = snapshot.surviving_ancestor(reference)?;
@@ -225,24 +236,24 @@ impl Mapper {
         self.recent_landmarks.admit(&new_landmarks.born, id);
         let mut born = new_landmarks.born.len();
 
-        let snapshot = atlas.latest().clone();
-        let mut new_landmarks = NewLandmarks::after(&snapshot);
-        atlas.commit(grow(
-            &snapshot,
-            &self.camera,
-            id,
-            self.config.grow_neighbours,
-            &mut new_landmarks,
-            &mut stop,
-        ));
-        self.recent_landmarks.admit(&new_landmarks.born, id);
-        born += new_landmarks.born.len();
+        if !orientation_only {
+            let snapshot = atlas.latest().clone();
+            let mut new_landmarks = NewLandmarks::after(&snapshot);
+            let neighbours = self.config.grow_neighbours;
+            atlas.commit(grow(&snapshot, &self.camera, id, neighbours, &mut new_landmarks, &mut stop));
+            self.recent_landmarks.admit(&new_landmarks.born, id);
+            born += new_landmarks.born.len();
+        }
         if !depth {
             let mut new_landmarks = NewLandmarks::after(atlas.latest());
             let held = hold_orientation(atlas.latest(), &self.camera, id, &mut new_landmarks);
             atlas.commit(held);
             self.recent_landmarks.admit(&new_landmarks.born, id);
             born += new_landmarks.born.len();
+        }
+
+        if orientation_only {
+            return Some(Mapped { key_frame: id, born, adjustment: None, attempt: None });
         }
 
         let mut adjustment = None;
@@ -317,6 +328,15 @@ impl Mapper {
         theirs.dedup();
         atlas.commit(fuse_into(&snapshot, &self.camera, &theirs, here));
     }
+}
+
+/// Changes that make a map's lengths so many times what they were, and say how well its scale is known after that.
+fn rescaled(snapshot: &Snapshot, reference: KeyFrameId, factor: f64, sigma_log_scale: f64) -> Vec<Change> {
+    let map = snapshot.surviving_ancestor(reference).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map));
+    let Some(map) = map else { return Vec::new() };
+    let prior = snapshot.maps().find(|(id, _)| *id == map).and_then(|(_, prior)| prior.copied());
+    let prior = prior.map(|prior| Change::MapPrior(map, MapPrior { sigma_log_scale, ..prior }));
+    [Change::Rescale(map, factor)].into_iter().chain(prior).collect()
 }
 
 /// The motion of a key frame before which nothing was felt.

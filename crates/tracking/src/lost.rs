@@ -1,6 +1,7 @@
 //! When too little is seen: the inertial sensor carries the pose for a while, a blank wall is passed by going on as
 //! before, and after that a new world begins where the eye was last known to be.
 
+use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
 use crate::tracker::{Last, Tracker, anchored_at};
 use cairn_atlas::{KeyFrameId, Snapshot};
@@ -19,6 +20,9 @@ const DRIFTED: f64 = 2.0;
 const BLANK_S: f64 = 1.0;
 /// Seconds between key frames while the inertial sensor carries the pose.
 const COAST_KEY_FRAME_S: f64 = 0.25;
+
+/// Standard deviation of the logarithm of a new map's scale where not even a pace is known.
+const NO_PACE_SIGMA: f64 = 1.0;
 
 impl Tracker {
     /// Whether the pose that is felt still is good enough to go by.
@@ -60,7 +64,14 @@ impl Tracker {
             self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
             self.since_key_frame = 0;
             let imu = self.inertial.as_mut().map(|i| i.sense(frame.stamp));
-            KeyFrameRequest::Next { frame: frame.clone(), landmarks, anchored, imu }
+            KeyFrameRequest::Next {
+                frame: frame.clone(),
+                landmarks,
+                anchored,
+                imu,
+                orientation_only: false,
+                rescale: None,
+            }
         });
         Tracked {
             stamp: frame.stamp,
@@ -69,6 +80,7 @@ impl Tracker {
             evidence: Evidence { features: frame.len(), inliers, ..Evidence::default() },
             request,
             earlier: Vec::new(),
+            scale_supported: true,
             seen: Vec::new(),
         }
     }
@@ -121,7 +133,14 @@ impl Tracker {
                 predicted.world_from_camera,
             )?;
             let (sigma, sigma_rad) = (predicted.place_sigma(), predicted.turn_sigma());
-            return Some(RelocationPrior { anchored, sigma, sigma_rad, pace: self.pace(), level: true });
+            return Some(RelocationPrior {
+                anchored,
+                sigma,
+                sigma_rad,
+                pace: self.pace(),
+                sigma_log_scale: self.sigma_log_scale(),
+                level: true,
+            });
         }
         let unseen_s = frame.stamp - last.frame.stamp;
         // Where the view ran out of features the motion goes on for a while; a sudden loss says nothing of it.
@@ -131,11 +150,27 @@ impl Tracker {
         let anchored =
             anchored_at(snapshot, snapshot.surviving_ancestor(last.anchored.reference)?.0, believed)?;
         let (sigma, sigma_rad) = (self.fastest() * unseen_s, UNSEEN_TURN * unseen_s);
-        Some(RelocationPrior { anchored, sigma, sigma_rad, pace: self.pace(), level: false })
+        Some(RelocationPrior {
+            anchored,
+            sigma,
+            sigma_rad,
+            pace: self.pace(),
+            sigma_log_scale: self.sigma_log_scale(),
+            level: false,
+        })
+    }
+
+    /// How badly the scale of a map that begins now is known against the one before, as a standard deviation of its logarithm.
+    pub(crate) fn sigma_log_scale(&self) -> f64 {
+        match (self.camera.has_depth(), self.pace()) {
+            (true, _) => 0.0,
+            (false, Some(_)) => PACE_SIGMA[0],
+            (false, None) => NO_PACE_SIGMA,
+        }
     }
 
     /// About a metre in the map's unit: without metric scale the pace so far tells how long it is.
-    fn metre(&self) -> f64 {
+    pub(crate) fn metre(&self) -> f64 {
         if self.camera.has_depth() { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
     }
 
@@ -163,14 +198,9 @@ impl Tracker {
         gone <= 2.0 * self.fastest() * (stamp - last.frame.stamp) + DRIFTED * self.metre()
     }
 
-    /// How fast the eye goes when it goes: the upper third of the last seconds, since turns and stops are slower.
-    fn pace(&self) -> Option<f64> {
-        let mut speeds: Vec<f64> = self.speeds.iter().copied().collect();
-        let third = 2 * speeds.len() / 3;
-        if speeds.len() < 10 {
-            return None;
-        }
-        Some(*speeds.select_nth_unstable_by(third, f64::total_cmp).1).filter(|pace| *pace > 0.0)
+    /// How fast the walker goes when he walks, in the map's unit a second.
+    pub(crate) fn pace(&self) -> Option<f64> {
+        self.pace.walking().map(|(pace, _)| pace)
     }
 
     /// Past a blank wall: once there is something with depth to see again, it enters the map where the motion before
@@ -191,7 +221,14 @@ impl Tracker {
         self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
         self.since_key_frame = 0;
         let imu = self.inertial.as_mut().map(|i| i.sense(frame.stamp));
-        Some(KeyFrameRequest::Next { frame, landmarks, anchored, imu })
+        Some(KeyFrameRequest::Next {
+            frame,
+            landmarks,
+            anchored,
+            imu,
+            orientation_only: false,
+            rescale: None,
+        })
     }
 
     /// Whether the last view had run out of features: a blank wall.
@@ -211,6 +248,7 @@ impl Tracker {
             evidence,
             request: None,
             earlier: Vec::new(),
+            scale_supported: !self.scale_support.is_lost(),
             seen: Vec::new(),
         }
     }

@@ -76,6 +76,8 @@ pub struct RelocationPrior {
     pub sigma_rad: f64,
     /// How fast the eye went there, in the former world's unit a second: what a new world without scale begins with.
     pub pace: Option<f64>,
+    /// Standard deviation of the logarithm of the new map's scale against the former one's.
+    pub sigma_log_scale: f64,
     /// Whether the direction is that of a level world, so that a new one with depth is level from its begin.
     pub level: bool,
 }
@@ -117,6 +119,11 @@ pub enum KeyFrameRequest {
         anchored: AnchoredPose,
         /// What the inertial sensor says of it.
         imu: Option<ImuSegment>,
+        /// Whether nothing supports scale: the key frame only carries orientation on.
+        orientation_only: bool,
+        /// The map's lengths are to be so many times what they were, and the standard deviation of the logarithm of its scale
+        /// against the map before is then this.
+        rescale: Option<(f64, f64)>,
     },
 }
 
@@ -135,6 +142,8 @@ pub struct Tracked {
     pub request: Option<KeyFrameRequest>,
     /// Poses of frames before the start, found once there was a map: time and pose.
     pub earlier: Vec<(Stamp, AnchoredPose)>,
+    /// False while the unit of length rests on nothing: no depth, no inertial sensor, no landmark with parallax.
+    pub scale_supported: bool,
     /// Landmarks that should have been in view, each with whether it was matched and agreed.
     pub seen: Vec<(LandmarkId, bool)>,
 }

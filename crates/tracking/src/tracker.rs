@@ -5,6 +5,7 @@ use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
+use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::start::Starter;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, State, Tracked};
 use cairn_adjust::{Located, RecogniseConfig, locate, recognise};
@@ -56,8 +57,6 @@ const WAITING: usize = 64;
 const NEED_FELT: usize = 15;
 /// Seconds without a pose after which matches are still sought where the motion before leads.
 const BRIDGE_S: f64 = 0.6;
-/// Frames whose speeds are remembered.
-const PACED: usize = 90;
 /// What it takes to recognise a place when lost: matches by appearance that agree, and the share of all in the end.
 const RECOGNISE_SEED: usize = 12;
 const RECOGNISE_SHARE: f64 = 0.4;
@@ -84,8 +83,14 @@ pub struct Tracker {
     pub(crate) last: Option<Last>,
     /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
     pub(crate) velocity: Option<SVector<f64, 6>>,
-    /// Speeds of the last frames, units a second.
-    pub(crate) speeds: VecDeque<f64>,
+    /// How fast the walker goes, units a second.
+    pub(crate) pace: Pace,
+    /// What scale rests on, where neither depth nor an inertial sensor gives it.
+    pub(crate) scale_support: ScaleSupport,
+    /// A map whose unit of length was guessed.
+    pub(crate) pace_comparison: Option<PaceComparison>,
+    /// Poses since scale lost its support, for the frame with which a new map begins.
+    pub(crate) unsupported: VecDeque<(Stamp, AnchoredPose)>,
     /// The key frame that the last pose anchored_at on and its unit of length then.
     unit: Option<(KeyFrameId, f64)>,
     pub(crate) lost: bool,
@@ -114,7 +119,10 @@ impl Tracker {
             local: LocalMap::default(),
             last: None,
             velocity: None,
-            speeds: VecDeque::new(),
+            pace: Pace::default(),
+            scale_support: ScaleSupport::default(),
+            pace_comparison: None,
+            unsupported: VecDeque::new(),
             unit: None,
             lost: false,
             lost_frames: 0,
@@ -139,6 +147,13 @@ impl Tracker {
         self.lost = false;
         self.lost_frames = 0;
         self.velocity = None;
+        self.scale_support = ScaleSupport::default();
+        self.unsupported.clear();
+        let guessed = !self.camera.has_depth() && !snapshot.is_gravity_aligned(k.map);
+        let prior = snapshot.maps().find(|(id, _)| *id == k.map).is_some_and(|(_, prior)| prior.is_some());
+        self.pace_comparison = (self.pace.walking().filter(|_| guessed && prior))
+            .map(|(pace, _)| PaceComparison { map: k.map, pace, done: 0 });
+        self.pace = Pace::default();
         self.located = Some(k.frame.stamp);
         self.map_created = Some(k.frame.stamp);
         self.since_key_frame = 0;
@@ -175,6 +190,8 @@ impl Tracker {
         if self.lost && mapping {
             tracked.request =
                 self.bridge(frame.clone(), snapshot).or_else(|| self.begin_anew(frame, snapshot));
+        } else if self.scale_support.is_lost() && mapping {
+            tracked.request = self.begin_with_own_scale(frame, snapshot).or(tracked.request);
         } else if !self.lost {
             self.starter = Starter::default();
         }
@@ -228,6 +245,7 @@ impl Tracker {
             evidence,
             request,
             earlier: Vec::new(),
+            scale_supported: true,
             seen: Vec::new(),
         }
     }
@@ -329,7 +347,7 @@ impl Tracker {
         if let Some(v) = &mut self.velocity {
             v.fixed_rows_mut::<3>(0).scale_mut(now / before);
         }
-        self.speeds.iter_mut().for_each(|s| *s *= now / before);
+        self.pace.rescale(now / before);
         self.unit = Some((id, now));
     }
 
@@ -513,13 +531,11 @@ impl Tracker {
             ),
             _ => None,
         };
-        if let Some(v) = &self.velocity {
-            if self.speeds.len() == PACED {
-                self.speeds.pop_front();
-            }
-            self.speeds.push_back(v.fixed_rows::<3>(0).norm());
+        if let Some(v) = self.velocity.filter(|_| !self.scale_support.is_lost()) {
+            self.pace.push(v.fixed_rows::<3>(0).norm());
         }
         self.unit = snapshot.world_from_here(anchored.reference).map(|here| (anchored.reference, here.scale));
+        self.watch_scale(frame.stamp, snapshot, &matches, anchored);
         self.lost = false;
         self.lost_frames = 0;
         self.located = Some(frame.stamp);
@@ -546,6 +562,8 @@ impl Tracker {
                 landmarks: matches.landmarks.clone(),
                 anchored,
                 imu,
+                orientation_only: self.scale_support.is_lost(),
+                rescale: self.due_rescale(snapshot, reference),
             }
         });
         let found: std::collections::BTreeSet<LandmarkId> =
@@ -562,6 +580,7 @@ impl Tracker {
             evidence,
             request,
             earlier: Vec::new(),
+            scale_supported: !self.scale_support.is_lost(),
             seen,
         }
     }

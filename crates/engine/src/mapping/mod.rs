@@ -202,10 +202,19 @@ fn take(
             let begin = begin(relocation_prior, imu, false);
             mapper.start_pair(atlas, first, second, *first_from_second, points, &begin)
         }
-        KeyFrameRequest::Next { frame, landmarks, anchored, imu } => {
+        KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale } => {
             let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
             let imu = imu.as_ref();
-            let submitted = Submitted { frame, landmarks, reference, reference_from_camera, imu };
+            let (orientation_only, rescale) = (*orientation_only, *rescale);
+            let submitted = Submitted {
+                frame,
+                landmarks,
+                reference,
+                reference_from_camera,
+                imu,
+                orientation_only,
+                rescale,
+            };
             let mapped = mapper.step(atlas, &submitted, stop);
             return mapped.map_or((None, None), |m| (Some(m.key_frame), m.attempt));
         }
@@ -222,6 +231,7 @@ fn begin(relocation_prior: &Option<RelocationPrior>, imu: &Option<ImuSegment>, m
             to_from_root: a.anchored.reference_from_camera,
             sigma: a.sigma,
             sigma_rad: a.sigma_rad,
+            sigma_log_scale: a.sigma_log_scale,
         }),
         pace: a.pace,
         level: metric && a.level,
