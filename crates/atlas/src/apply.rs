@@ -1,4 +1,4 @@
-//! From one version of a map to the next: a change set is applied and what is derived is brought up to date.
+//! Applying a change set: from one snapshot to the next, with all derived data brought up to date.
 
 use crate::change::scaling_about;
 use crate::{
@@ -10,32 +10,32 @@ use cairn_vision::Descriptor;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// A key frame keeps as many covisible neighbours as this.
+/// Covisible neighbours that a key frame keeps, at most.
 const NEIGHBOURS: usize = 40;
 /// A landmark's descriptor is chosen among this many of its latest observations.
 const DESCRIPTORS: usize = 16;
 
-/// What has to be derived anew.
+/// What has to be derived again.
 #[derive(Default)]
 struct Dirty {
     /// Observations changed: descriptor, normal, range.
-    seen: BTreeSet<LandmarkId>,
+    observed: BTreeSet<LandmarkId>,
     /// Geometry changed: normal, range.
     moved: BTreeSet<LandmarkId>,
-    /// Shows other landmarks than before: covisibility.
+    /// Observes other landmarks than before: covisibility.
     key_frames: BTreeSet<KeyFrameId>,
-    /// The first no longer shows something that the second shows.
-    parted: BTreeSet<(KeyFrameId, KeyFrameId)>,
+    /// The first no longer observes a landmark that the second observes.
+    separated: BTreeSet<(KeyFrameId, KeyFrameId)>,
 }
 
 impl Snapshot {
-    /// The next version. Changes that name something gone are dropped and counted, never a panic; landmarks
-    /// that nobody sees any more are removed.
+    /// The next snapshot. Changes that name something nonexistent are dropped and counted, never a panic;
+    /// landmarks without observations are removed.
     pub fn apply(&self, set: &ChangeSet) -> (Snapshot, Applied) {
         self.apply_noting(&set.changes, |_| ())
     }
 
-    /// The same; `note` is told the place of each change that was dropped.
+    /// The same; `note` gets the index of each change that was dropped.
     pub(crate) fn apply_noting(
         &self,
         changes: &[Change],
@@ -54,7 +54,7 @@ impl Snapshot {
                 }
             }
         }
-        snapshot.settle(dirty);
+        snapshot.update_derived(dirty);
         (snapshot, applied)
     }
 
@@ -86,7 +86,7 @@ impl Snapshot {
                 }
                 self.next_landmark = id.index() + 1;
                 self.landmarks.insert(id.index(), Landmark::new(*id, *position));
-                dirty.seen.insert(*id);
+                dirty.observed.insert(*id);
             }
             Change::MoveKeyFrame(id, pose) => {
                 let k = pose.is_finite().then(|| self.key_frames.get_mut(id.index()))??;
@@ -98,8 +98,8 @@ impl Snapshot {
                 k.unit = Some(k.unit * factor).filter(|unit| positive(*unit))?;
             }
             Change::InertialState(id, velocity, bias) => {
-                let sound = [velocity, &bias.gyro, &bias.accel].into_iter().all(finite);
-                let k = sound.then(|| self.key_frames.get_mut(id.index()))??;
+                let valid = [velocity, &bias.gyro, &bias.accel].into_iter().all(finite);
+                let k = valid.then(|| self.key_frames.get_mut(id.index()))??;
                 let motion = k.motion.as_mut()?;
                 (motion.velocity, motion.bias) = (*velocity, *bias);
             }
@@ -109,18 +109,18 @@ impl Snapshot {
                 k.motion.as_mut()?.imu_factor = Some(imu_factor.clone());
             }
             Change::ImuOffset(seconds) => self.imu_offset = seconds.is_finite().then_some(*seconds)?,
-            Change::AlignGravity(map, level_from_world) => {
+            Change::AlignGravity(map, aligned_from_world) => {
                 if !self.maps.contains_key(map) {
                     return None;
                 }
-                self.carry(*map, *map, level_from_world, dirty)?;
+                self.transform_map(*map, *map, aligned_from_world, dirty)?;
                 *Arc::make_mut(&mut self.gravity_alignments).entry(*map).or_insert(0) += 1;
             }
             Change::Rescale(map, factor) => {
                 let root = positive(*factor).then(|| self.key_frame(map.root()))??;
                 let by = scaling_about(&root.world_from_camera.translation, *factor);
                 self.maps.contains_key(map).then_some(())?;
-                self.carry(*map, *map, &by, dirty)?;
+                self.transform_map(*map, *map, &by, dirty)?;
                 *Arc::make_mut(&mut self.rescalings).entry(*map).or_insert(0) += 1;
             }
             Change::MoveLandmark(id, position) => {
@@ -133,16 +133,17 @@ impl Snapshot {
             Change::Calibrate(offset) => self.right_offset = offset.is_finite().then_some(*offset)?,
             Change::Fuse(from, into) => self.fuse(*from, *into, dirty)?,
             Change::Link(a, b) => self.link(*a, *b)?,
-            Change::MapPrior(map, tie) => {
-                let former = self.surviving_ancestor(tie.to).and_then(|(id, _)| self.key_frame(id))?.map;
-                let sound = tie.to_from_root.is_finite()
-                    && [tie.sigma, tie.sigma_rad, tie.sigma_log_scale]
-                        .iter()
-                        .all(|s| s.is_finite() && *s >= 0.0);
-                if former == *map || !sound {
+            Change::MapPrior(map, map_prior) => {
+                let earlier =
+                    self.surviving_ancestor(map_prior.to).and_then(|(id, _)| self.key_frame(id))?.map;
+                let valid = map_prior.to_from_root.is_finite()
+                    && map_prior.sigma.is_finite()
+                    && map_prior.sigma_rad.is_finite()
+                    && map_prior.sigma_log_scale.is_finite();
+                if earlier == *map || !valid {
                     return None;
                 }
-                *Arc::make_mut(&mut self.maps).get_mut(map)? = Some(*tie);
+                *Arc::make_mut(&mut self.maps).get_mut(map)? = Some(*map_prior);
             }
             Change::Merge { from, into, into_from, parent } => {
                 self.merge(*from, *into, into_from, *parent, dirty)?
@@ -181,7 +182,7 @@ impl Snapshot {
         let observations = &mut self.landmarks.get_mut(id.index())?.observations;
         let at = observations.partition_point(|o| o.key_frame < key_frame);
         observations.insert(at, Observation { key_frame, feature });
-        dirty.seen.insert(id);
+        dirty.observed.insert(id);
         dirty.key_frames.insert(key_frame);
         Some(())
     }
@@ -190,13 +191,13 @@ impl Snapshot {
         let feature = self.landmark(id)?.feature_in(key_frame)?;
         let observations = &mut self.landmarks.get_mut(id.index())?.observations;
         observations.retain(|o| o.key_frame != key_frame);
-        dirty.parted.extend(observations.iter().map(|o| (key_frame, o.key_frame)));
+        dirty.separated.extend(observations.iter().map(|o| (key_frame, o.key_frame)));
         if let Some(slot) =
             self.key_frames.get_mut(key_frame.index()).and_then(|k| k.landmarks.get_mut(feature as usize))
         {
             *slot = None;
         }
-        dirty.seen.insert(id);
+        dirty.observed.insert(id);
         dirty.key_frames.insert(key_frame);
         Some(())
     }
@@ -232,22 +233,22 @@ impl Snapshot {
     }
 
     fn remove_key_frame(&mut self, id: KeyFrameId, dirty: &mut Dirty) -> Option<()> {
-        let gone = self.key_frame(id)?.clone();
-        // The root holds the world in place: it stays.
-        let parent = gone.parent?;
-        let parent_from_it = self.key_frame(parent)?.world_from_here().inverse() * gone.world_from_here();
-        for landmark in gone.landmarks.iter().flatten() {
+        let removed = self.key_frame(id)?.clone();
+        // The root fixes the frame of the map: it stays.
+        let parent = removed.parent?;
+        let parent_from_it = self.key_frame(parent)?.world_from_here().inverse() * removed.world_from_here();
+        for landmark in removed.landmarks.iter().flatten() {
             self.forget(*landmark, id, dirty);
         }
-        for other in &gone.links {
+        for other in &removed.links {
             if let Some(k) = self.key_frames.get_mut(other.index()) {
                 k.links.retain(|l| *l != id);
             }
         }
-        self.places.remove(id, &gone.bag);
+        self.places.remove(id, &removed.bag);
         self.key_frames.remove(id.index());
-        self.part_motion(id, gone.motion);
-        self.gone.insert(id.index(), (parent, parent_from_it));
+        self.join_imu_factors(id, removed.motion);
+        self.removed.insert(id.index(), (parent, parent_from_it));
         self.adopt(id, parent);
         Some(())
     }
@@ -280,15 +281,15 @@ impl Snapshot {
         if self.key_frame(parent)?.map != into {
             return None;
         }
-        self.carry(from, into, into_from, dirty)?;
+        self.transform_map(from, into, into_from, dirty)?;
         self.key_frames.get_mut(from.root().index())?.parent = Some(parent);
         Arc::make_mut(&mut self.maps).remove(&from);
         Arc::make_mut(&mut self.gravity_alignments).remove(&from);
         Some(())
     }
 
-    /// Moves all that is in a world; nothing when a unit would be none.
-    fn carry(&mut self, from: MapId, into: MapId, into_from: &Sim3, dirty: &mut Dirty) -> Option<()> {
+    /// Transforms everything in a map; `None` when a unit would become invalid.
+    fn transform_map(&mut self, from: MapId, into: MapId, into_from: &Sim3, dirty: &mut Dirty) -> Option<()> {
         if !into_from.is_finite() {
             return None;
         }
@@ -312,10 +313,10 @@ impl Snapshot {
         Some(())
     }
 
-    /// What was felt since a removed key frame goes over to the one before it.
-    fn part_motion(&mut self, gone: KeyFrameId, motion: Option<InertialState>) {
+    /// Joins the IMU factor that starts at a removed key frame with the one that ends there.
+    fn join_imu_factors(&mut self, removed: KeyFrameId, motion: Option<InertialState>) {
         let since = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.imu_factor.as_ref()).map(|f| f.since);
-        let Some(next) = self.key_frames().find(|k| since(k) == Some(gone)).map(|k| k.id) else { return };
+        let Some(next) = self.key_frames().find(|k| since(k) == Some(removed)).map(|k| k.id) else { return };
         if let Some(after) = self.key_frames.get_mut(next.index()).and_then(|k| k.motion.as_mut()) {
             let before = motion.and_then(|m| m.imu_factor);
             after.imu_factor = after
@@ -326,13 +327,13 @@ impl Snapshot {
         }
     }
 
-    /// Gives the children of a removed key frame new parents: the one they share most with among its other
-    /// relatives (never a descendant of their own), else its parent.
-    fn adopt(&mut self, gone: KeyFrameId, parent: KeyFrameId) {
+    /// Gives the children of a removed key frame new parents: the most covisible of their other older
+    /// neighbours (never a descendant of their own), else its parent.
+    fn adopt(&mut self, removed: KeyFrameId, parent: KeyFrameId) {
         let children: Vec<KeyFrameId> =
-            self.key_frames().filter(|k| k.parent == Some(gone)).map(|k| k.id).collect();
+            self.key_frames().filter(|k| k.parent == Some(removed)).map(|k| k.id).collect();
         for child in children {
-            // An older key frame can not be a descendant: parents are always older than their children.
+            // An older key frame cannot be a descendant: parents are always older than their children.
             let best = self.key_frame(child).and_then(|k| {
                 k.covisible.iter().map(|(id, _)| *id).find(|id| *id < child && self.key_frame(*id).is_some())
             });
@@ -342,21 +343,21 @@ impl Snapshot {
         }
     }
 
-    fn settle(&mut self, mut dirty: Dirty) {
-        for id in &dirty.seen {
-            let lonely = self.landmark(*id).is_some_and(|l| l.observations.is_empty());
-            if lonely {
+    fn update_derived(&mut self, mut dirty: Dirty) {
+        for id in &dirty.observed {
+            let unobserved = self.landmark(*id).is_some_and(|l| l.observations.is_empty());
+            if unobserved {
                 self.landmarks.remove(id.index());
             }
         }
-        for id in &dirty.seen {
+        for id in &dirty.observed {
             if let Some(descriptor) = self.landmark(*id).and_then(|l| self.typical_descriptor(l))
                 && let Some(l) = self.landmarks.get_mut(id.index())
             {
                 l.descriptor = descriptor;
             }
         }
-        dirty.moved.append(&mut dirty.seen);
+        dirty.moved.append(&mut dirty.observed);
         for id in &dirty.moved {
             if let Some((normal, min, max)) = self.landmark(*id).and_then(|l| self.visibility(l))
                 && let Some(l) = self.landmarks.get_mut(id.index())
@@ -370,7 +371,7 @@ impl Snapshot {
                 self.share(*other, *id, *count);
             }
             for (_, other) in
-                dirty.parted.range((*id, KeyFrameId::FIRST)..).take_while(|(from, _)| from == id)
+                dirty.separated.range((*id, KeyFrameId::FIRST)..).take_while(|(from, _)| from == id)
             {
                 if votes.iter().all(|(v, _)| v != other) {
                     self.share(*other, *id, 0);
@@ -392,7 +393,7 @@ impl Snapshot {
         votes
     }
 
-    /// Notes in the list of `at` that it shares `count` landmarks with `with`.
+    /// Records in the list of `at` that it shares `count` landmarks with `with`.
     fn share(&mut self, at: KeyFrameId, with: KeyFrameId, count: u32) {
         let Some(k) = self.key_frame(at) else { return };
         let place = k.covisible.iter().position(|(id, _)| *id == with);
@@ -400,7 +401,7 @@ impl Snapshot {
         if before == count {
             return;
         }
-        // When one of a full list falls back, another that is not in it may be ahead.
+        // When one of a full list drops back, another that is not in it may be ahead.
         let recount = (count < before && k.covisible.len() == NEIGHBOURS).then(|| self.shared(at));
         let Some(k) = self.key_frames.get_mut(at.index()) else { return };
         if let Some(votes) = recount {
@@ -441,7 +442,7 @@ impl Snapshot {
             let from = self.key_frame(o.key_frame)?.world_from_camera.translation;
             normal += (l.position - from).try_normalize(1e-12).unwrap_or_else(Vec3::zeros);
         }
-        // The first observer sets the range: the level it was found at tells its size.
+        // The first observation sets the range: the level it was found at gives its size.
         let first = l.observations.first()?;
         let k = self.key_frame(first.key_frame)?;
         let range = (l.position - k.world_from_camera.translation).norm();

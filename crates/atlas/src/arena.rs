@@ -1,7 +1,7 @@
 //! A persistent array: three levels of 64-way nodes, shared between versions until they are written.
 //!
-//! A clone copies one short vector of pointers; a write copies at most one node of each level. Nodes
-//! that have become empty are let go, so memory follows what is alive, not what ever lived.
+//! A clone copies one short vector of pointers; a write copies at most one node of each level. Nodes that
+//! have become empty are freed, so memory follows what exists now, not what ever existed.
 
 use std::sync::Arc;
 
@@ -80,7 +80,7 @@ impl<T: Clone> Arena<T> {
         }
     }
 
-    /// Takes a value out; true when there was one.
+    /// Removes a value; true when there was one.
     pub fn remove(&mut self, index: usize) -> bool {
         if self.get(index).is_none() {
             return false;
@@ -129,7 +129,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     proptest! {
-        /// Any history of writes gives what an ordered map gives, and old versions stay as they were.
+        /// Any history of writes gives the same as an ordered map, and old versions stay as they were.
         #[test]
         fn behaves_as_an_ordered_map(history in prop::collection::vec((0usize..9000, 0u8..3, any::<u16>()), 1..200)) {
             let (mut arena, mut model) = (Arena::default(), BTreeMap::new());

@@ -1,4 +1,4 @@
-//! The keeper of the map: one writer, many readers, and those who listen to each change.
+//! The atlas: one writer, many readers, and subscribers to every change.
 
 use crate::rebase::rebase;
 use crate::stream::Subscribers;
@@ -7,33 +7,33 @@ use arc_swap::ArcSwap;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The one who may write: holds the latest map and publishes each version.
+/// The single writer: holds the latest snapshot and publishes each version.
 #[derive(Debug)]
 pub struct Atlas {
     latest: Arc<Snapshot>,
     published: Arc<ArcSwap<Snapshot>>,
     subscribers: Subscribers,
-    /// Every version since it was last asked, where someone wants them all.
-    kept: Option<Vec<Arc<Snapshot>>>,
+    /// Every version since they were last taken, where they are recorded.
+    recorded: Option<Vec<Arc<Snapshot>>>,
 }
 
-/// Reads the latest map without a lock.
+/// Reads the latest snapshot without a lock.
 #[derive(Clone, Debug)]
 pub struct Reader(Arc<ArcSwap<Snapshot>>);
 
 impl Reader {
-    /// The latest map; it stays as it is for as long as it is held.
+    /// The latest snapshot; it never changes while it is held.
     pub fn latest(&self) -> Arc<Snapshot> {
         self.0.load_full()
     }
 }
 
 impl Atlas {
-    /// An atlas with one map.
+    /// An atlas that starts with this snapshot.
     pub fn new(snapshot: Snapshot) -> Self {
         let latest = Arc::new(snapshot);
         let published = Arc::new(ArcSwap::new(latest.clone()));
-        Self { latest, published, subscribers: Subscribers::default(), kept: None }
+        Self { latest, published, subscribers: Subscribers::default(), recorded: None }
     }
 
     /// A reader for another stage.
@@ -41,23 +41,23 @@ impl Atlas {
         Reader(self.published.clone())
     }
 
-    /// The stream of changes from the latest map on. What is told costs nothing where nobody listens; who drops the
+    /// The stream of changes from the latest snapshot on. It costs nothing without subscribers; a dropped
     /// receiver is forgotten.
     pub fn subscribe(&mut self) -> Subscription {
         self.subscribers.subscribe(self.latest.clone())
     }
 
-    /// Keeps every version from the latest on until [`Atlas::kept`] takes them.
+    /// Records every version from the latest on until [`Atlas::kept_versions`] takes them.
     pub fn keep_versions(&mut self) {
-        self.kept = Some(vec![self.latest.clone()]);
+        self.recorded = Some(vec![self.latest.clone()]);
     }
 
-    /// The versions kept since this was last asked, in order; nothing where none are kept.
-    pub fn kept(&mut self) -> Vec<Arc<Snapshot>> {
-        self.kept.as_mut().map(std::mem::take).unwrap_or_default()
+    /// Takes the versions recorded since the last call, in order; none where they are not recorded.
+    pub fn kept_versions(&mut self) -> Vec<Arc<Snapshot>> {
+        self.recorded.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// The latest map.
+    /// The latest snapshot.
     pub fn latest(&self) -> &Arc<Snapshot> {
         &self.latest
     }
@@ -71,8 +71,8 @@ impl Atlas {
         let (next, applied) = self.latest.apply_noting(&changes, |nth| dropped.push(nth));
         self.latest = Arc::new(next);
         self.published.store(self.latest.clone());
-        if let Some(kept) = &mut self.kept {
-            kept.push(self.latest.clone());
+        if let Some(recorded) = &mut self.recorded {
+            recorded.push(self.latest.clone());
         }
         if !self.subscribers.is_empty() {
             let mut dropped = dropped.into_iter().peekable();
@@ -83,8 +83,9 @@ impl Atlas {
         applied
     }
 
-    /// Applies changes that were made on an older version: what has moved or been born since goes along. Where a world has
-    /// been levelled since, all of them are dropped: they speak of places in a frame that is no more.
+    /// Applies changes that were made on an older snapshot: what has been moved or created since moves along.
+    /// Where a map has been gravity-aligned or rescaled since, all of them are dropped: their coordinates are in a frame
+    /// that no longer exists.
     pub fn commit_since(&mut self, base: &Snapshot, changes: Vec<Change>) -> Applied {
         if base.version() == self.latest.version() {
             return self.commit(changes);

@@ -1,4 +1,4 @@
-//! Changes to a map, as data.
+//! Changes to a snapshot, as data.
 
 use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
@@ -7,77 +7,80 @@ use cairn_inertial::Bias;
 /// One change.
 #[derive(Clone, Debug)]
 pub enum Change {
-    /// A new key frame, without observations; one without a parent is the root of a new world.
+    /// Adds a key frame, without observations; one without a parent is the root of a new map.
     AddKeyFrame(Box<KeyFrame>),
-    /// A new landmark at a place in the world; its observations follow.
+    /// Adds a landmark at a position in the world frame; its observations follow.
     AddLandmark(LandmarkId, Vec3),
-    /// A key frame is somewhere else: `world_from_camera`.
+    /// Sets the pose of a key frame: `world_from_camera`.
     MoveKeyFrame(KeyFrameId, Se3),
-    /// Lengths around a key frame, in its own world, are this many times what they were.
+    /// Multiplies the unit of a key frame in its map by this factor.
     Scale(KeyFrameId, f64),
-    /// The sensor of a key frame that has a motion moves like this: velocity along the eye's axes in m/s, and biases.
+    /// Sets velocity (along the camera's axes, m/s) and biases of a key frame that has an inertial state.
     InertialState(KeyFrameId, Vec3, Bias),
-    /// What was felt on the way to a key frame that has a motion is this.
+    /// Sets the IMU factor of a key frame that has an inertial state.
     ImuFactor(KeyFrameId, ImuFactor),
-    /// Seconds to be added to the stamps of the inertial sensor, beyond what its source adds, to get the images' clock.
+    /// Sets the time offset: seconds to be added to the stamps of the IMU, beyond what its source adds, to
+    /// get the images' clock.
     ImuOffset(f64),
-    /// Gravity and scale of a world are known, or known better: all that is in it moves by this, and from now on its
-    /// lengths are metres and its z axis points up.
+    /// Gravity and scale of a map are known, or known better: everything in it is transformed by this, and
+    /// from now on its lengths are metres and its z axis points up.
     AlignGravity(MapId, Sim3),
-    /// Lengths in a map are this many times what they were, about the place of its root: its unit of length is better
-    /// known than it was. The map is no more metric for it.
+    /// Lengths in a map are multiplied by this about its root: its unit of length is better known than it was.
+    /// The map does not become metric by it.
     Rescale(MapId, f64),
-    /// A landmark is somewhere else.
+    /// Sets the position of a landmark.
     MoveLandmark(LandmarkId, Vec3),
-    /// A feature of a key frame shows a landmark (and nothing else).
+    /// Adds an observation: a feature of a key frame shows this landmark (and no other).
     Observe(LandmarkId, KeyFrameId, u16),
-    /// A key frame no longer shows a landmark.
+    /// Removes the observation of a landmark in a key frame.
     Forget(LandmarkId, KeyFrameId),
-    /// The first landmark is the second: its observations go over, and it is removed.
+    /// The first landmark is the same point as the second: its observations are moved over, and it is
+    /// removed.
     Fuse(LandmarkId, LandmarkId),
-    /// What is to be added to every measured right x, pixels.
+    /// Sets the disparity correction: pixels to be added to every measured right x.
     Calibrate(f64),
-    /// A landmark is no more.
+    /// Removes a landmark.
     RemoveLandmark(LandmarkId),
-    /// A loop was closed between two key frames.
+    /// Connects two key frames by a loop closure.
     Link(KeyFrameId, KeyFrameId),
-    /// How a world hangs on a former one until they are merged.
+    /// Sets the pose of a map relative to an earlier one, until they are merged.
     MapPrior(MapId, MapPrior),
-    /// A younger world is part of an older one from now on: all that is in it moves by `into_from`, and its root hangs
-    /// on `parent`, which is older than it.
+    /// Merges a younger map into an older one: everything in it is transformed by `into_from`, and its root
+    /// becomes a child of `parent`, which is older than it.
     Merge {
-        /// The younger world; its name goes.
+        /// The younger map; its id is retired.
         from: MapId,
-        /// The older world.
+        /// The older map.
         into: MapId,
-        /// From the younger world's frame to the older one's.
+        /// From the younger map's frame to the older one's.
         into_from: Sim3,
-        /// Key frame of the older world, born before the younger one's root.
+        /// Key frame of the older map, created before the younger one's root.
         parent: KeyFrameId,
     },
-    /// A key frame is no more; what hangs on it hangs on its parent from now on.
+    /// Removes a key frame; what is anchored to it is anchored to its parent from now on.
     RemoveKeyFrame(KeyFrameId),
 }
 
-/// Changes made on one version of a map.
+/// Changes made on one snapshot.
 #[derive(Clone, Debug, Default)]
 pub struct ChangeSet {
     /// The version they were made on.
     pub base: u64,
-    /// In order.
+    /// The changes, in order.
     pub changes: Vec<Change>,
 }
 
-/// What became of a change set.
+/// The result of applying a change set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Applied {
-    /// Changes done.
+    /// Changes applied.
     pub done: usize,
-    /// Changes that named something gone, or that a rule of the map forbids: left out.
+    /// Changes that were left out, because they name something that no longer exists or violate a rule of the
+    /// map.
     pub dropped: usize,
 }
 
-/// Lengths times `factor` about a place that stays.
+/// Scaling by `factor` about a point that stays.
 pub(crate) fn scaling_about(centre: &Vec3, factor: f64) -> Sim3 {
     Sim3::new(So3::identity(), centre * (1.0 - factor), factor)
 }

@@ -1,4 +1,4 @@
-//! Names of things in an atlas: ordered, never reused; an unknown id is answered with `None`.
+//! Ids in an atlas: ordered, never reused; an unknown id is answered with `None`.
 
 use std::num::NonZeroU32;
 
@@ -9,15 +9,15 @@ macro_rules! id {
         pub struct $name(NonZeroU32);
 
         impl $name {
-            /// The first of all.
+            /// The first id.
             pub const FIRST: Self = Self(NonZeroU32::MIN);
 
-            /// The id with this place in the order of birth, from 0.
+            /// The id with this index in order of creation, from 0; `None` when the index is too large.
             pub fn from_index(index: usize) -> Option<Self> {
                 u32::try_from(index).ok()?.checked_add(1).and_then(NonZeroU32::new).map(Self)
             }
 
-            /// The number itself, from 1; 0 is nobody.
+            /// The id with this number, from 1; `None` for 0.
             pub(crate) fn from_raw(raw: u32) -> Option<Self> {
                 NonZeroU32::new(raw).map(Self)
             }
@@ -26,7 +26,7 @@ macro_rules! id {
                 self.0.get()
             }
 
-            /// Place in the order of birth, from 0.
+            /// Index in order of creation, from 0.
             pub fn index(self) -> usize {
                 (self.0.get() - 1) as usize
             }

@@ -1,4 +1,4 @@
-//! A frame that stays.
+//! Key frames.
 
 use crate::{InertialState, KeyFrameId, LandmarkId, MapId};
 use cairn_geometry::{Se3, Sim3};
@@ -6,36 +6,36 @@ use cairn_vision::Frame;
 use cairn_vision::bow::Bag;
 use std::sync::Arc;
 
-/// A key frame: features, where they were seen from, and what they show.
+/// A key frame: features, the pose they were seen from, and the landmarks they show.
 #[derive(Clone, Debug)]
 pub struct KeyFrame {
-    /// Its name.
+    /// Its id.
     pub id: KeyFrameId,
     /// Its features, never changed.
     pub frame: Arc<Frame>,
-    /// The world it stands in (set by the map: its parent's, or one of its own).
+    /// The map it belongs to (set on insertion: its parent's, or a new one).
     pub map: MapId,
-    /// The words of its features, by which the place is found again; empty where it is not to be found.
+    /// Its bag of words, for place recognition; empty where it shall not be found.
     pub bag: Arc<Bag>,
-    /// Where the eye was.
+    /// The pose of the camera.
     pub world_from_camera: Se3,
-    /// How many world units one unit of length is here that was one when the key frame was born: 1 until a map without
-    /// metric scale is corrected. What hangs on a key frame keeps its lengths in the unit of its birth.
+    /// Units of the map per unit of length at the time the key frame was created: 1 until a map without
+    /// metric scale is corrected. What is anchored to a key frame keeps its lengths in that original unit.
     pub unit: f64,
-    /// For each feature the landmark it shows.
+    /// The landmark that each feature shows.
     pub landmarks: Vec<Option<LandmarkId>>,
-    /// Its parent in the spanning tree; none for the root of a world.
+    /// Its parent in the spanning tree; `None` for the root of a map.
     pub parent: Option<KeyFrameId>,
-    /// Key frames at which a loop was closed with this one.
+    /// Key frames connected to this one by loop closures.
     pub links: Vec<KeyFrameId>,
-    /// How the eye moved there, where an inertial sensor felt it.
+    /// Its inertial state, where there is an IMU.
     pub motion: Option<InertialState>,
-    /// Key frames that share landmarks, with how many, most first (derived by the map).
+    /// Covisible key frames with the number of shared landmarks, most first (derived by the map).
     pub covisible: Vec<(KeyFrameId, u32)>,
 }
 
 impl KeyFrame {
-    /// A key frame that shows no landmark yet, and that has no words; see [`KeyFrame::with_bag`].
+    /// A key frame without observations and without a bag of words; see [`KeyFrame::with_bag`].
     pub fn new(
         id: KeyFrameId,
         frame: Arc<Frame>,
@@ -58,12 +58,13 @@ impl KeyFrame {
         }
     }
 
-    /// The pose with the unit: what hangs here with `camera_from_it` stands at `world_from_here() * camera_from_it`.
+    /// The pose with the unit: what is anchored here with `camera_from_it` has the pose `world_from_here() *
+    /// camera_from_it`.
     pub fn world_from_here(&self) -> Sim3 {
         Sim3::new(self.world_from_camera.rotation, self.world_from_camera.translation, self.unit)
     }
 
-    /// The same with the words of its features.
+    /// Adds the bag of words of its features.
     pub fn with_bag(self, bag: Arc<Bag>) -> Self {
         Self { bag, ..self }
     }

@@ -1,4 +1,4 @@
-//! A point of the world that features are seen of.
+//! Landmarks: points of the world that are observed in key frames.
 
 use crate::{KeyFrameId, LandmarkId};
 use cairn_geometry::Vec3;
@@ -13,20 +13,22 @@ pub struct Observation {
     pub feature: u16,
 }
 
-/// A landmark. All but `id`, `position` and `observations` is derived by the map from the observations.
+/// A landmark. All fields but `id`, `position` and `observations` are derived from the observations by the
+/// map.
 #[derive(Clone, Debug)]
 pub struct Landmark {
-    /// Its name.
+    /// Its id.
     pub id: LandmarkId,
-    /// Where it is in the world, metres.
+    /// Position in the world frame of its map, in map units (metres where the map is metric).
     pub position: Vec3,
-    /// Who sees it, ordered by key frame.
+    /// Its observations, ordered by key frame.
     pub observations: Vec<Observation>,
-    /// Mean direction from the observing eyes to it, unit length.
+    /// Mean viewing direction from the observing cameras to it, unit length.
     pub normal: Vec3,
-    /// The observed descriptor with the least median distance to the others.
+    /// The observed descriptor with the least median Hamming distance to the others.
     pub descriptor: Descriptor,
-    /// Least distance in metres at which the feature detector would still find it at its finest level.
+    /// Smallest distance in map units at which the feature detector would still find it, at its coarsest
+    /// level.
     pub min_distance: f64,
     /// Greatest distance at which it would be found, at the finest level.
     pub max_distance: f64,

@@ -1,13 +1,13 @@
 #![doc = include_str!("../README.md")]
 //!
-//! A [`Snapshot`] is a value: cloning it is cheap, and whoever holds one is never disturbed. The only way to
-//! change a map is to apply a [`ChangeSet`].
+//! A [`Snapshot`] is a value: cloning it is cheap, and it never changes while it is held. The only way to
+//! change a map is to apply a [`ChangeSet`], which gives the next snapshot.
 
 mod apply;
 mod arena;
 mod atlas;
-mod beside;
 mod change;
+mod combine;
 mod ids;
 mod inertial;
 mod key_frame;
@@ -21,8 +21,8 @@ pub mod store;
 mod stream;
 
 pub use atlas::{Atlas, Reader};
-pub use beside::Shift;
 pub use change::{Applied, Change, ChangeSet};
+pub use combine::Shift;
 pub use ids::{KeyFrameId, LandmarkId};
 pub use inertial::{ImuFactor, ImuSegment, InertialState};
 pub use key_frame::KeyFrame;

@@ -1,18 +1,18 @@
-//! A map's key frames without the map: kept up to date by the stream of changes alone.
+//! A mirror of the key frames of an atlas, kept up to date by the stream of changes alone.
 
 use crate::change::scaling_about;
 use crate::{Change, KeyFrameId, MapId, MapPrior, Published, Snapshot};
 use cairn_geometry::{Se3, Sim3};
 use std::collections::BTreeMap;
 
-/// A key frame as a listener knows it.
+/// A key frame as a subscriber knows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mirrored {
-    /// The world it stands in.
+    /// The map it belongs to.
     pub map: MapId,
-    /// Where the eye was.
+    /// The pose of the camera.
     pub world_from_camera: Se3,
-    /// World units for one unit of what hangs on it.
+    /// Map units per unit of what is anchored to it.
     pub unit: f64,
 }
 
@@ -23,17 +23,17 @@ impl Mirrored {
     }
 }
 
-/// Where all key frames are, in which world, and what hangs on whom.
+/// The poses and maps of all key frames, and the parents of removed ones.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mirror {
     version: u64,
     key_frames: BTreeMap<KeyFrameId, Mirrored>,
-    gone: BTreeMap<KeyFrameId, (KeyFrameId, Sim3)>,
+    removed: BTreeMap<KeyFrameId, (KeyFrameId, Sim3)>,
     maps: BTreeMap<MapId, Option<MapPrior>>,
 }
 
 impl Mirror {
-    /// A mirror of one version of a map.
+    /// A mirror of one snapshot.
     pub fn of(snapshot: &Snapshot) -> Self {
         let mirrored = |k: &crate::KeyFrame| Mirrored {
             map: k.map,
@@ -43,20 +43,24 @@ impl Mirror {
         Self {
             version: snapshot.version,
             key_frames: snapshot.key_frames().map(|k| (k.id, mirrored(k))).collect(),
-            gone: snapshot.gone.iter().filter_map(|(i, g)| Some((KeyFrameId::from_index(i)?, *g))).collect(),
+            removed: snapshot
+                .removed
+                .iter()
+                .filter_map(|(i, g)| Some((KeyFrameId::from_index(i)?, *g)))
+                .collect(),
             maps: snapshot.maps.as_ref().clone(),
         }
     }
 
-    /// Takes up what one commit did; each must come once and in order.
+    /// Applies one commit; each must be passed once and in order.
     pub fn take(&mut self, published: &Published) {
         self.version = published.version;
-        let mut removed = published.removed.iter();
+        let mut removals = published.removed.iter();
         for change in &published.changes {
             match change {
                 Change::AddKeyFrame(k) => {
-                    let hung = k.parent.and_then(|p| self.key_frames.get(&p)).map(|p| p.map);
-                    let map = hung.unwrap_or(MapId(k.id));
+                    let parents_map = k.parent.and_then(|p| self.key_frames.get(&p)).map(|p| p.map);
+                    let map = parents_map.unwrap_or(MapId(k.id));
                     if k.parent.is_none() {
                         self.maps.insert(map, None);
                     }
@@ -73,8 +77,8 @@ impl Mirror {
                         k.unit *= factor;
                     }
                 }
-                Change::MapPrior(map, tie) => {
-                    self.maps.insert(*map, Some(*tie));
+                Change::MapPrior(map, map_prior) => {
+                    self.maps.insert(*map, Some(*map_prior));
                 }
                 Change::Merge { from, into, into_from, .. } => {
                     for k in self.key_frames.values_mut().filter(|k| k.map == *from) {
@@ -84,10 +88,10 @@ impl Mirror {
                     }
                     self.maps.remove(from);
                 }
-                Change::AlignGravity(map, level_from_world) => {
+                Change::AlignGravity(map, aligned_from_world) => {
                     for k in self.key_frames.values_mut().filter(|k| k.map == *map) {
-                        k.world_from_camera = level_from_world.transform_pose(&k.world_from_camera);
-                        k.unit *= level_from_world.scale;
+                        k.world_from_camera = aligned_from_world.transform_pose(&k.world_from_camera);
+                        k.unit *= aligned_from_world.scale;
                     }
                 }
                 Change::Rescale(map, factor) => {
@@ -100,8 +104,8 @@ impl Mirror {
                 }
                 Change::RemoveKeyFrame(id) => {
                     self.key_frames.remove(id);
-                    if let Some(r) = removed.next() {
-                        self.gone.insert(r.key_frame, (r.parent, r.parent_from_it));
+                    if let Some(r) = removals.next() {
+                        self.removed.insert(r.key_frame, (r.parent, r.parent_from_it));
                     }
                 }
                 Change::AddLandmark(..)
@@ -119,24 +123,24 @@ impl Mirror {
         }
     }
 
-    /// The version of the map that it mirrors.
+    /// The version of the mirrored snapshot.
     pub fn version(&self) -> u64 {
         self.version
     }
 
-    /// A key frame, if it is alive.
+    /// A key frame, if it exists.
     pub fn key_frame(&self, id: KeyFrameId) -> Option<&Mirrored> {
         self.key_frames.get(&id)
     }
 
-    /// All living key frames in order of birth.
+    /// All existing key frames in order of creation.
     pub fn key_frames(&self) -> impl Iterator<Item = (KeyFrameId, &Mirrored)> {
         self.key_frames.iter().map(|(id, k)| (*id, k))
     }
 
-    /// The worlds, eldest first, each with how it hangs on a former one.
+    /// The maps, oldest first, each with its prior relative to an earlier one.
     pub fn maps(&self) -> impl Iterator<Item = (MapId, Option<&MapPrior>)> {
-        self.maps.iter().map(|(id, tie)| (*id, tie.as_ref()))
+        self.maps.iter().map(|(id, map_prior)| (*id, map_prior.as_ref()))
     }
 
     /// As [`Snapshot::world_from_here`].
@@ -148,7 +152,7 @@ impl Mirror {
                 return Some(k.world_from_here() * relative);
             }
             // Parents are older than their children, so this ends.
-            let (parent, parent_from_it) = self.gone.get(&at).filter(|(parent, _)| *parent < at)?;
+            let (parent, parent_from_it) = self.removed.get(&at).filter(|(parent, _)| *parent < at)?;
             relative = *parent_from_it * relative;
             at = *parent;
         }

@@ -1,22 +1,22 @@
-//! Which key frames look like what is seen now: an inverted index from words to key frames.
+//! Place recognition index: an inverted index from words to key frames.
 //!
-//! A value like the map that it is part of: cloning is cheap, and a change copies only the lists it touches. The score
-//! of a key frame is [`Bag::similarity`] with the query, summed over the words in the same order, so that it is the same
-//! to the last bit.
+//! A persistent value like the snapshot it is part of: cloning is cheap, and a change copies only the lists
+//! it touches. The score of a key frame is [`Bag::similarity`] with the query, summed over the words in the
+//! same order, so that it is equal to the last bit.
 
 use crate::arena::Arena;
 use crate::{KeyFrameId, Snapshot};
 use cairn_vision::bow::Bag;
 
-/// Key frames by the words that they show.
+/// Key frames by their words.
 #[derive(Clone, Debug, Default)]
 pub struct PlaceIndex {
-    /// For each word the key frames that show it, rising, with its weight there.
+    /// For each word the key frames that contain it, in rising order, with its weight there.
     words: Arena<Vec<(KeyFrameId, f32)>>,
 }
 
 impl PlaceIndex {
-    /// The index of key frames that rise by id; the same as inserting them one by one, but faster.
+    /// The index of key frames in rising order of id; the same as inserting them one by one, but faster.
     pub(crate) fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a Bag)> + Clone) -> Self {
         let mut counts: Vec<usize> = Vec::new();
         for (word, _) in key_frames.clone().flat_map(|(_, bag)| bag.words()) {
@@ -37,7 +37,7 @@ impl PlaceIndex {
         index
     }
 
-    /// Adds a key frame; one that is there already with these words is left as it is.
+    /// Adds a key frame; one that is already there with these words is left as it is.
     pub fn insert(&mut self, id: KeyFrameId, bag: &Bag) {
         for &(word, weight) in bag.words() {
             let word = word.0 as usize;
@@ -53,7 +53,7 @@ impl PlaceIndex {
         }
     }
 
-    /// Takes a key frame out; `bag` is what it was added with.
+    /// Removes a key frame; `bag` is the one it was added with.
     pub fn remove(&mut self, id: KeyFrameId, bag: &Bag) {
         for &(word, _) in bag.words() {
             let word = word.0 as usize;
@@ -68,15 +68,15 @@ impl PlaceIndex {
         }
     }
 
-    /// The key frames most like a bag, best first (of equals the eldest), with their similarity, which is above zero;
-    /// at most `limit`, and only those that `accept` lets pass.
+    /// The key frames most similar to a bag, best first (of equals the oldest), with their similarity, which
+    /// is above zero; at most `limit`, and only those that `accept` admits.
     pub fn query(
         &self,
         bag: &Bag,
         limit: usize,
         accept: impl Fn(KeyFrameId) -> bool,
     ) -> Vec<(KeyFrameId, f64)> {
-        // Similarity by place in the order of birth, grown as needed.
+        // Similarity by index in order of creation, grown as needed.
         let mut scores: Vec<f64> = Vec::new();
         for &(word, weight) in bag.words() {
             let Some(list) = self.words.get(word.0 as usize) else { continue };
@@ -108,13 +108,13 @@ impl PlaceIndex {
     }
 }
 
-/// Key frames looked at for each place that is asked for: neighbours look alike, too.
+/// Key frames compared for each place asked for: neighbours are similar, too.
 const POOL: usize = 8;
 
 impl Snapshot {
-    /// The places of any world most like a bag, best first, with their similarity: one key frame of each group of
-    /// neighbours, `most` at most, none of the groups of those in `tried`, and only key frames that `accept` lets pass.
-    /// A group are the `neighbours` that share most landmarks with a key frame.
+    /// The places of any map most similar to a bag, best first, with their similarity: one key frame of each
+    /// group of neighbours, `most` at most, none of the groups of those in `tried`, and only key frames that
+    /// `accept` admits. A group is formed by the `neighbours` that share most landmarks with a key frame.
     pub fn places_like(
         &self,
         bag: &Bag,
@@ -123,20 +123,20 @@ impl Snapshot {
         tried: &[KeyFrameId],
         accept: impl Fn(KeyFrameId) -> bool,
     ) -> Vec<(KeyFrameId, f64)> {
-        let beside = |id: KeyFrameId, other: KeyFrameId| {
+        let same_group = |id: KeyFrameId, other: KeyFrameId| {
             id == other
                 || self
                     .key_frame(other)
                     .is_some_and(|k| k.covisible.iter().take(neighbours).any(|(near, _)| *near == id))
         };
         let mut found: Vec<(KeyFrameId, f64)> = Vec::new();
-        for (id, alike) in self.places().query(bag, POOL * most.max(3), accept) {
+        for (id, similarity) in self.places().query(bag, POOL * most.max(3), accept) {
             if found.len() >= most {
                 break;
             }
             let others = tried.iter().copied().chain(found.iter().map(|(id, _)| *id));
-            if !others.into_iter().any(|other| beside(id, other)) {
-                found.push((id, alike));
+            if !others.into_iter().any(|other| same_group(id, other)) {
+                found.push((id, similarity));
             }
         }
         found

@@ -1,4 +1,4 @@
-//! The map: key frames and landmarks of all that was ever seen, in one world or several.
+//! Snapshots: all key frames and landmarks of an atlas at one version, in one map or several.
 
 use crate::arena::Arena;
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, PlaceIndex};
@@ -7,17 +7,17 @@ use cairn_vision::{Octaves, RectifiedCamera};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A version of the map. Cloning is cheap; see [`Snapshot::apply`] for the next version.
+/// One immutable version of the atlas. Cloning is cheap; see [`Snapshot::apply`] for the next version.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     pub(crate) version: u64,
     pub(crate) octaves: Octaves,
     pub(crate) key_frames: Arena<KeyFrame>,
     pub(crate) landmarks: Arena<Landmark>,
-    /// For each removed key frame, the one it hangs on and where it stood there.
-    pub(crate) gone: Arena<(KeyFrameId, Sim3)>,
+    /// For each removed key frame, its parent and its pose there.
+    pub(crate) removed: Arena<(KeyFrameId, Sim3)>,
     pub(crate) maps: Arc<BTreeMap<MapId, Option<MapPrior>>>,
-    /// How often each world was levelled; those that are not there never were.
+    /// How often each map was gravity-aligned; maps that never were have no entry.
     pub(crate) gravity_alignments: Arc<BTreeMap<MapId, u32>>,
     /// How often the unit of length of each map was changed.
     pub(crate) rescalings: Arc<BTreeMap<MapId, u32>>,
@@ -35,19 +35,19 @@ impl Default for Snapshot {
 }
 
 impl Snapshot {
-    /// An empty map for the usual eight octaves of 1.2.
+    /// An empty snapshot for the usual eight octaves of 1.2.
     pub fn new() -> Self {
         Self::with_octaves(Octaves { levels: 8, factor: 1.2 })
     }
 
-    /// An empty map whose key frames have these octaves.
+    /// An empty snapshot whose key frames have these octaves.
     pub fn with_octaves(octaves: Octaves) -> Self {
         Self {
             version: 0,
             octaves,
             key_frames: Arena::default(),
             landmarks: Arena::default(),
-            gone: Arena::default(),
+            removed: Arena::default(),
             maps: Arc::default(),
             gravity_alignments: Arc::default(),
             rescalings: Arc::default(),
@@ -59,7 +59,7 @@ impl Snapshot {
         }
     }
 
-    /// Which version this is, counted from 0.
+    /// The version, counted from 0.
     pub fn version(&self) -> u64 {
         self.version
     }
@@ -69,109 +69,108 @@ impl Snapshot {
         self.octaves
     }
 
-    /// What is to be added to every measured right x, pixels, as the map has found it: the part of a stereo
-    /// calibration's error that looks like disparity.
+    /// Disparity correction in pixels, to be added to every measured right x, as estimated by mapping: the
+    /// constant part of a stereo calibration's error.
     pub fn right_offset(&self) -> f64 {
         self.right_offset
     }
 
-    /// Seconds to be added to the stamps of the inertial sensor, beyond what its source adds, to get the images' clock:
-    /// `t_imu + offset = t_image`. Zero until it is found, and in a map that was opened.
+    /// Time offset: seconds to be added to the stamps of the IMU, beyond what its source adds, to get the
+    /// images' clock: `t_imu + offset = t_image`. Zero until it is estimated, and in a map that was loaded.
     pub fn imu_offset(&self) -> f64 {
         self.imu_offset
     }
 
-    /// The living key frames by the words that they show.
+    /// The existing key frames by their words.
     pub fn places(&self) -> &PlaceIndex {
         &self.places
     }
 
-    /// A key frame, if it is alive.
+    /// A key frame, if it exists.
     pub fn key_frame(&self, id: KeyFrameId) -> Option<&KeyFrame> {
         self.key_frames.get(id.index())
     }
 
-    /// A landmark, if it is alive.
+    /// A landmark, if it exists.
     pub fn landmark(&self, id: LandmarkId) -> Option<&Landmark> {
         self.landmarks.get(id.index())
     }
 
-    /// All key frames in order of birth.
+    /// All key frames in order of creation.
     pub fn key_frames(&self) -> impl Iterator<Item = &KeyFrame> {
         self.key_frames.iter().map(|(_, k)| k)
     }
 
-    /// All landmarks in order of birth.
+    /// All landmarks in order of creation.
     pub fn landmarks(&self) -> impl Iterator<Item = &Landmark> {
         self.landmarks.iter().map(|(_, l)| l)
     }
 
-    /// The worlds, eldest first, each with how it hangs on a former one.
+    /// The maps, oldest first, each with its prior relative to an earlier one.
     pub fn maps(&self) -> impl Iterator<Item = (MapId, Option<&MapPrior>)> {
-        self.maps.iter().map(|(id, tie)| (*id, tie.as_ref()))
+        self.maps.iter().map(|(id, map_prior)| (*id, map_prior.as_ref()))
     }
 
-    /// True when lengths in a world are metres and its z axis points up, as an inertial sensor has found.
+    /// Whether a map is gravity-aligned by the IMU: its lengths are metres and its z axis points up.
     pub fn is_gravity_aligned(&self, map: MapId) -> bool {
         self.gravity_alignments.contains_key(&map)
     }
 
-    /// Whether lengths in one world are metres.
+    /// Whether lengths in one map are metres.
     pub fn is_metric_in(&self, map: MapId, camera: &RectifiedCamera) -> bool {
         camera.has_depth() || self.is_gravity_aligned(map)
     }
 
-    /// Whether lengths in the whole map are metres: the eye has depth, or the inertial sensor has told in each world.
+    /// Whether lengths in all maps are metres: the camera has depth, or every map is gravity-aligned.
     pub fn is_metric(&self, camera: &RectifiedCamera) -> bool {
         camera.has_depth() || self.is_gravity_aligned_throughout()
     }
 
-    /// True when there are worlds, and the z axis of each points up.
+    /// Whether there are maps, and every one is gravity-aligned.
     pub fn is_gravity_aligned_throughout(&self) -> bool {
         let mut maps = self.maps().map(|(w, _)| self.is_gravity_aligned(w)).peekable();
-        maps.peek().is_some() && maps.all(|level| level)
+        maps.peek().is_some() && maps.all(|aligned| aligned)
     }
 
-    /// The key frames of one world in order of birth.
+    /// The key frames of one map in order of creation.
     pub fn key_frames_of(&self, map: MapId) -> impl Iterator<Item = &KeyFrame> {
         self.key_frames().filter(move |k| k.map == map)
     }
 
-    /// The youngest living key frame.
+    /// The newest existing key frame.
     pub fn newest_key_frame(&self) -> Option<&KeyFrame> {
         (0..self.next_key_frame).rev().find_map(|i| self.key_frames.get(i))
     }
 
-    /// How many key frames are alive.
+    /// The number of existing key frames.
     pub fn key_frame_count(&self) -> usize {
         self.key_frames.len()
     }
 
-    /// How many key frames were removed; what hung on them hangs on others.
+    /// The number of removed key frames; what was anchored to them is anchored to others.
     pub fn removed_key_frame_count(&self) -> usize {
-        self.gone.len()
+        self.removed.len()
     }
 
-    /// How many landmarks are alive.
+    /// The number of existing landmarks.
     pub fn landmark_count(&self) -> usize {
         self.landmarks.len()
     }
 
-    /// The id that the next new key frame shall have.
+    /// The id that the next new key frame must have.
     pub fn next_key_frame_id(&self) -> KeyFrameId {
         KeyFrameId::from_index(self.next_key_frame).expect("fewer than four billion key frames")
     }
 
-    /// The id that the next new landmark shall have; further new ones count on from it.
+    /// The id that the next new landmark must have; further new ones count on from it.
     pub fn next_landmark_id(&self) -> LandmarkId {
         LandmarkId::from_index(self.next_landmark).expect("fewer than four billion landmarks")
     }
 
-    /// Where the eye of a key frame stands and the unit of what hangs on it, also for one that was removed: it stands
-    /// where its parent puts it.
+    /// Pose and unit of a key frame, also of a removed one: that follows its parent.
     pub fn world_from_here(&self, id: KeyFrameId) -> Option<Sim3> {
-        let (surviving_ancestor, living_from_id) = self.surviving_ancestor(id)?;
-        Some(self.key_frame(surviving_ancestor)?.world_from_here() * living_from_id)
+        let (ancestor, ancestor_from_id) = self.surviving_ancestor(id)?;
+        Some(self.key_frame(ancestor)?.world_from_here() * ancestor_from_id)
     }
 
     /// The pose alone of [`Snapshot::world_from_here`].
@@ -179,30 +178,29 @@ impl Snapshot {
         self.world_from_here(id).map(|here| Se3::new(here.rotation, here.translation))
     }
 
-    /// The living key frame that what hangs on `id` hangs on now, with `living_from_id`.
+    /// The existing key frame that `id` is anchored to now, with `ancestor_from_id`.
     pub fn surviving_ancestor(&self, id: KeyFrameId) -> Option<(KeyFrameId, Sim3)> {
         let mut at = id;
         let mut relative = Sim3::identity();
         while self.key_frame(at).is_none() {
-            let (parent, parent_from_it) = self.gone.get(at.index())?;
+            let (parent, parent_from_it) = self.removed.get(at.index())?;
             relative = *parent_from_it * relative;
             at = *parent;
         }
         Some((at, relative))
     }
 
-    /// Where something stands that hangs on a key frame with `camera_from_it`.
+    /// The pose of something anchored to a key frame with `camera_from_it`.
     pub fn resolve(&self, id: KeyFrameId, camera_from_it: &Se3) -> Option<Se3> {
         Some(self.world_from_here(id)?.transform_pose(camera_from_it))
     }
 
-    /// How something hangs on a key frame that stands at `world_from_it` in its world: the `camera_from_it` that follows
-    /// the map from now on.
+    /// Anchors a pose `world_from_it` to a key frame: the `camera_from_it` that follows the map from now on.
     pub fn anchor(&self, id: KeyFrameId, world_from_it: &Se3) -> Option<Se3> {
         Some(self.world_from_here(id)?.inverse().transform_pose(world_from_it))
     }
 
-    /// Key frames that see any of these landmarks, with how many of them each sees, most first.
+    /// Key frames that observe any of these landmarks, with how many of them, most first.
     pub fn votes<'a>(&self, landmarks: impl IntoIterator<Item = &'a LandmarkId>) -> Vec<(KeyFrameId, u32)> {
         let mut seen: Vec<KeyFrameId> = Vec::new();
         for landmark in landmarks.into_iter().filter_map(|id| self.landmark(*id)) {
@@ -215,7 +213,11 @@ impl Snapshot {
         votes
     }
 
-    /// Checks what must always hold; the first breach in words. For tests and `map check`.
+    /// Checks the invariants, for tests and `map check`.
+    ///
+    /// # Errors
+    ///
+    /// A description of the first violation.
     pub fn check(&self) -> Result<(), String> {
         for k in self.key_frames() {
             if k.landmarks.len() != k.frame.len() {
@@ -229,11 +231,11 @@ impl Snapshot {
             for (i, id) in k.landmarks.iter().enumerate() {
                 let Some(id) = id else { continue };
                 let Some(l) = self.landmark(*id) else {
-                    return Err(format!("{:?} shows {id:?}, which is gone", k.id));
+                    return Err(format!("{:?} shows {id:?}, which does not exist", k.id));
                 };
                 if l.feature_in(k.id) != Some(i as u16) {
                     return Err(format!(
-                        "{:?} shows {id:?} in feature {i}, the landmark does not know",
+                        "{:?} shows {id:?} in feature {i}, but the landmark does not list it",
                         k.id
                     ));
                 }
@@ -241,10 +243,10 @@ impl Snapshot {
             match k.parent {
                 Some(p) if p >= k.id => return Err(format!("{:?} has the younger parent {p:?}", k.id)),
                 Some(p) if self.key_frame(p).is_none_or(|p| p.map != k.map) => {
-                    return Err(format!("{:?} has the parent {p:?}, which is not in its world", k.id));
+                    return Err(format!("{:?} has the parent {p:?}, which is not in its map", k.id));
                 }
                 None if k.map.root() != k.id || !self.maps.contains_key(&k.map) => {
-                    return Err(format!("{:?} is the root of no world", k.id));
+                    return Err(format!("{:?} is the root of no map", k.id));
                 }
                 _ => {}
             }
@@ -254,7 +256,7 @@ impl Snapshot {
             if let Some(other) = k.links.iter().find(|other| {
                 self.key_frame(**other).is_none_or(|o| o.map != k.map || !o.links.contains(&k.id))
             }) {
-                return Err(format!("{:?} has a loop with {other:?}, which does not know", k.id));
+                return Err(format!("{:?} has a loop with {other:?}, which does not list it", k.id));
             }
         }
         for map in self.maps.keys() {
@@ -264,17 +266,20 @@ impl Snapshot {
         }
         for l in self.landmarks() {
             if l.observations.is_empty() {
-                return Err(format!("{:?} is seen by nobody", l.id));
+                return Err(format!("{:?} has no observations", l.id));
             }
             let map = |o: &crate::Observation| self.key_frame(o.key_frame).map(|k| k.map);
             if l.observations.iter().any(|o| map(o) != map(&l.observations[0])) {
-                return Err(format!("{:?} is seen from two worlds", l.id));
+                return Err(format!("{:?} is observed from two maps", l.id));
             }
             for o in &l.observations {
                 let shown =
                     self.key_frame(o.key_frame).and_then(|k| k.landmarks.get(o.feature as usize).copied());
                 if shown != Some(Some(l.id)) {
-                    return Err(format!("{:?} is observed in {o:?}, the key frame does not know", l.id));
+                    return Err(format!(
+                        "{:?} is observed in {o:?}, but the key frame does not list it",
+                        l.id
+                    ));
                 }
             }
         }

@@ -1,43 +1,43 @@
-//! The stream of changes: what every commit did, told in order to all who listen.
+//! The stream of changes: the effect of every commit, sent in order to all subscribers.
 
 use crate::{Change, KeyFrameId, Snapshot};
 use cairn_geometry::Sim3;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// What one commit did.
+/// The effect of one commit.
 #[derive(Clone, Debug)]
 pub struct Published {
-    /// The version that it made.
+    /// The version it produced.
     pub version: u64,
-    /// The changes that were done, in order, as they were applied: after rebasing, without those that were dropped. Landmarks
-    /// that nobody sees any more go without being named.
+    /// The changes that were applied, in order: after rebasing, without those that were dropped. The removal
+    /// of landmarks that lost their last observation is not listed.
     pub changes: Vec<Change>,
-    /// For each removed key frame among them, in order, what hangs on whom from now on.
+    /// For each removed key frame among them, in order, the parent that takes over what was anchored to it.
     pub removed: Vec<Removed>,
 }
 
-/// A removed key frame: what hung on it hangs on its parent.
+/// A removed key frame: what was anchored to it is anchored to its parent from now on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Removed {
-    /// The key frame that is gone.
+    /// The removed key frame.
     pub key_frame: KeyFrameId,
-    /// Its parent when it went.
+    /// Its parent at the time.
     pub parent: KeyFrameId,
-    /// Where it stood there, with the ratio of their units.
+    /// Its pose in the parent's camera frame, with the ratio of their units.
     pub parent_from_it: Sim3,
 }
 
-/// The stream from some version on.
+/// A subscription to the stream, from some version on.
 #[derive(Debug)]
 pub struct Subscription {
-    /// The map as it was when the stream began.
+    /// The snapshot at which the stream starts.
     pub start: Arc<Snapshot>,
     /// Every commit since, in order.
     pub changes: Receiver<Arc<Published>>,
 }
 
-/// Those who listen.
+/// The senders of all subscriptions.
 #[derive(Debug, Default)]
 pub(crate) struct Subscribers(Vec<Sender<Arc<Published>>>);
 
@@ -52,14 +52,14 @@ impl Subscribers {
         self.0.is_empty()
     }
 
-    /// Tells all; who is gone is forgotten. `next` is the map that the changes made.
+    /// Sends to all subscribers, and drops those that have closed. `next` is the snapshot after the changes.
     pub fn publish(&mut self, changes: Vec<Change>, next: &Snapshot) {
-        let gone = |id: KeyFrameId| {
-            let (parent, parent_from_it) = *next.gone.get(id.index())?;
+        let removed_by = |id: KeyFrameId| {
+            let (parent, parent_from_it) = *next.removed.get(id.index())?;
             Some(Removed { key_frame: id, parent, parent_from_it })
         };
         let removed = changes.iter().filter_map(|change| match change {
-            Change::RemoveKeyFrame(id) => gone(*id),
+            Change::RemoveKeyFrame(id) => removed_by(*id),
             _ => None,
         });
         let removed = removed.collect();

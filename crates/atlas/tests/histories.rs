@@ -1,5 +1,5 @@
-//! Any history of change sets, sensible or not, keeps the rules of the map, leaves older versions as they were, and
-//! keeps the place of key frames that are gone.
+//! Any history of change sets, valid or not, keeps the invariants, leaves older snapshots unchanged, and
+//! keeps the poses of what is anchored to removed key frames.
 
 use cairn_atlas::{
     Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Mirror, Snapshot,
@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 const FEATURES: usize = 12;
 
-/// A frame of a few features, each with a descriptor of its own.
+/// A frame of a few features, each with its own descriptor.
 fn frame(seed: u8) -> Arc<Frame> {
     let mut frame = Frame::default();
     for i in 0..FEATURES {
@@ -43,15 +43,15 @@ fn point(a: i8, b: i8) -> Vec3 {
     Vec3::new(a as f64, b as f64, 3.0 + a as f64 / 8.0)
 }
 
-/// Key frames that may be named: more than there will be, so that some do not exist.
+/// Key frames that changes may name: more than there will be, so that some do not exist.
 const KEY_FRAMES: u8 = 16;
 const LANDMARKS: u8 = 40;
 
-/// A key frame or landmark is mostly born with the next free id (`None`), sometimes with a wrong one.
+/// A key frame or landmark is mostly added with the next free id (`None`), sometimes with a wrong one.
 #[derive(Clone, Debug)]
 enum Step {
-    BearKeyFrame(Option<u8>, Option<u8>, i8, i8),
-    BearLandmark(Option<u8>, i8, i8),
+    AddKeyFrame(Option<u8>, Option<u8>, i8, i8),
+    AddLandmark(Option<u8>, i8, i8),
     Plain(Change),
 }
 
@@ -62,8 +62,8 @@ fn step() -> impl Strategy<Value = Step> {
     let poor = prop_oneof![9 => Just(false), 1 => Just(true)];
     prop_oneof![
         3 => (wrong(KEY_FRAMES), prop::option::weighted(0.8, k.clone()), any::<i8>(), any::<i8>())
-            .prop_map(|(id, parent, a, b)| Step::BearKeyFrame(id, parent, a, b)),
-        6 => (wrong(LANDMARKS), any::<i8>(), any::<i8>()).prop_map(|(id, a, b)| Step::BearLandmark(id, a, b)),
+            .prop_map(|(id, parent, a, b)| Step::AddKeyFrame(id, parent, a, b)),
+        6 => (wrong(LANDMARKS), any::<i8>(), any::<i8>()).prop_map(|(id, a, b)| Step::AddLandmark(id, a, b)),
         12 => (l.clone(), k.clone(), 0..FEATURES as u16 + 2)
             .prop_map(|(l, k, f)| Step::Plain(Change::Observe(landmark_id(l), key_frame_id(k), f))),
         2 => (l.clone(), k.clone()).prop_map(|(l, k)| Step::Plain(Change::Forget(landmark_id(l), key_frame_id(k)))),
@@ -74,8 +74,9 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (k.clone(), prop_oneof![Just(0.0), Just(f64::NAN), 0.2..4.0])
             .prop_map(|(k, factor)| Step::Plain(Change::Scale(key_frame_id(k), factor))),
         1 => (k.clone(), k.clone(), any::<i8>(), any::<i8>()).prop_map(|(map, to, a, b)| {
-            let tie = MapPrior { to: key_frame_id(to), to_from_root: pose(a, b), sigma: 1.0, sigma_rad: 0.1, sigma_log_scale: 0.2 };
-            Step::Plain(Change::MapPrior(MapId(key_frame_id(map)), tie))
+            let to_from_root = pose(a, b);
+            let prior = MapPrior { to: key_frame_id(to), to_from_root, sigma: 1.0, sigma_rad: 0.1, sigma_log_scale: 0.2 };
+            Step::Plain(Change::MapPrior(MapId(key_frame_id(map)), prior))
         }),
         3 => (k.clone(), k.clone(), k.clone(), any::<i8>(), any::<i8>(), prop_oneof![1 => Just(-1.0), 5 => 0.3..3.0]).prop_map(
             |(from, into, parent, a, b, scale)| {
@@ -111,12 +112,12 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// The changes of one set, with the ids that the map and the set so far ask for.
+/// The changes of one set, with the ids that follow from the snapshot and the set so far.
 fn changes(snapshot: &Snapshot, steps: &[Step]) -> Vec<Change> {
     let (mut next_k, mut next_l) =
         (snapshot.next_key_frame_id().index(), snapshot.next_landmark_id().index());
-    let mut bear = |step: &Step| match step {
-        Step::BearKeyFrame(id, parent, a, b) => {
+    let mut resolve_ids = |step: &Step| match step {
+        Step::AddKeyFrame(id, parent, a, b) => {
             let index = id.map_or(next_k, usize::from);
             next_k = next_k.max(index + 1);
             let id = KeyFrameId::from_index(index).unwrap();
@@ -124,23 +125,23 @@ fn changes(snapshot: &Snapshot, steps: &[Step]) -> Vec<Change> {
             let k = KeyFrame::new(id, frame(index as u8), pose(*a, *b), parent);
             Change::AddKeyFrame(Box::new(k))
         }
-        Step::BearLandmark(id, a, b) => {
+        Step::AddLandmark(id, a, b) => {
             let index = id.map_or(next_l, usize::from);
             next_l = next_l.max(index + 1);
             Change::AddLandmark(LandmarkId::from_index(index).unwrap(), point(*a, *b))
         }
         Step::Plain(change) => change.clone(),
     };
-    steps.iter().map(&mut bear).collect()
+    steps.iter().map(&mut resolve_ids).collect()
 }
 
-/// All of a map that can be seen, in words.
-fn told(snapshot: &Snapshot) -> String {
+/// Everything visible of a snapshot, as text.
+fn described(snapshot: &Snapshot) -> String {
     let key_frames: Vec<String> = snapshot
         .key_frames()
         .map(|k| {
-            let (hangs, shows) = ((k.map, k.parent, &k.links), (&k.landmarks, &k.covisible));
-            format!("{:?} {:?} {:?} {hangs:?} {shows:?}", k.id, k.world_from_camera, k.unit)
+            let (relations, content) = ((k.map, k.parent, &k.links), (&k.landmarks, &k.covisible));
+            format!("{:?} {:?} {:?} {relations:?} {content:?}", k.id, k.world_from_camera, k.unit)
         })
         .collect();
     let landmarks: Vec<String> = snapshot.landmarks().map(|l| format!("{l:?}")).collect();
@@ -159,11 +160,11 @@ fn history() -> impl Strategy<Value = Vec<Vec<Step>>> {
 
 proptest! {
     #[test]
-    fn any_history_keeps_the_rules_and_the_past(history in history()) {
+    fn any_history_keeps_invariants_and_old_snapshots(history in history()) {
         let mut snapshot = Snapshot::new();
         let mut past: Vec<(Snapshot, String)> = Vec::new();
         for steps in &history {
-            past.push((snapshot.clone(), told(&snapshot)));
+            past.push((snapshot.clone(), described(&snapshot)));
             let set = ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) };
             let (next, applied) = snapshot.apply(&set);
             prop_assert_eq!(applied.done + applied.dropped, set.changes.len());
@@ -174,12 +175,12 @@ proptest! {
             prop_assert!(snapshot.landmarks().all(|l| l.position.iter().chain(&l.normal).all(|v| v.is_finite())));
         }
         for (version, words) in &past {
-            prop_assert_eq!(&told(version), words, "a version that was held has changed");
+            prop_assert_eq!(&described(version), words, "a snapshot that was held has changed");
         }
     }
 
     #[test]
-    fn covisibility_is_what_the_landmarks_say(history in history()) {
+    fn covisibility_follows_from_observations(history in history()) {
         let mut snapshot = Snapshot::new();
         for steps in &history {
             snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) }).0;
@@ -192,37 +193,38 @@ proptest! {
     }
 
     #[test]
-    fn what_hangs_on_a_key_frame_is_where_the_key_frame_puts_it(history in history()) {
+    fn anchored_poses_follow_their_key_frames(history in history()) {
         let mut snapshot = Snapshot::new();
-        // What hangs: on whom, and how. Nothing tells it of a merge, a loop or a removal.
-        let mut hung: Vec<(KeyFrameId, Se3)> = Vec::new();
+        // Anchored poses: the key frame and the relative pose. They are not updated by merges, loops or
+        // removals.
+        let mut anchored: Vec<(KeyFrameId, Se3)> = Vec::new();
         for steps in &history {
-            let before: Vec<Option<Se3>> = hung.iter().map(|(k, t)| snapshot.resolve(*k, t)).collect();
+            let before: Vec<Option<Se3>> = anchored.iter().map(|(k, t)| snapshot.resolve(*k, t)).collect();
             let set = ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) };
             let next = snapshot.apply(&set).0;
-            for ((k, t), stood) in hung.iter().zip(&before) {
-                let stands = next.resolve(*k, t);
-                prop_assert!(stands.is_some(), "lost with {:?}", k);
-                // A similarity keeps angles and the ratios of lengths: what hangs keeps its place in the unit of
-                // the one it hangs on.
+            for ((k, t), before) in anchored.iter().zip(&before) {
+                let after = next.resolve(*k, t);
+                prop_assert!(after.is_some(), "lost with {:?}", k);
+                // A similarity keeps angles and the ratios of lengths: an anchored pose keeps its lengths in
+                // the unit of its key frame.
                 let (here, surviving_ancestor) = (next.world_from_here(*k).unwrap(), next.surviving_ancestor(*k).unwrap().0);
                 let expected = next.key_frame(surviving_ancestor).unwrap().world_from_here() * next.surviving_ancestor(*k).unwrap().1;
                 prop_assert!(near(&here.transform_pose(t), &expected.transform_pose(t)));
                 let unmoved = snapshot.world_from_here(*k).is_some_and(|was| was == here);
-                prop_assert!(!unmoved || near(&stands.unwrap(), &stood.unwrap()));
+                prop_assert!(!unmoved || near(&after.unwrap(), &before.unwrap()));
             }
             snapshot = next;
             for k in snapshot.key_frames().map(|k| k.id).collect::<Vec<_>>() {
                 let at = pose(k.index() as i8, 7);
                 let camera_from_it = snapshot.anchor(k, &at).unwrap();
-                prop_assert!(near(&snapshot.resolve(k, &camera_from_it).unwrap(), &at), "does not stand where it was hung");
-                hung.push((k, camera_from_it));
+                prop_assert!(near(&snapshot.resolve(k, &camera_from_it).unwrap(), &at), "does not resolve to the anchored pose");
+                anchored.push((k, camera_from_it));
             }
         }
     }
 
     #[test]
-    fn a_merge_moves_a_world_as_one_piece(history in history(), a in any::<i8>(), b in any::<i8>(), scale in 0.3..3.0f64) {
+    fn merge_transforms_a_map_rigidly(history in history(), a in any::<i8>(), b in any::<i8>(), scale in 0.3..3.0f64) {
         let mut snapshot = Snapshot::new();
         for steps in &history {
             snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: changes(&snapshot, steps) }).0;
@@ -253,7 +255,7 @@ proptest! {
     }
 
     #[test]
-    fn changes_made_on_an_older_version_are_made_good(
+    fn changes_on_an_older_snapshot_are_rebased(
         history in history(),
         meanwhile in prop::collection::vec(step(), 0..20),
         late in prop::collection::vec(step(), 1..20),
@@ -263,13 +265,13 @@ proptest! {
         for steps in &history {
             base = base.apply(&ChangeSet { base: base.version(), changes: changes(&base, steps) }).0;
         }
-        // Nothing is born late: ids may be taken meanwhile.
-        // Nor is anything levelled late: who writes the map does that at once.
-        let born = |c: &Change| {
+        // The late changes add nothing: the ids may be taken meanwhile. Nor do they gravity-align a map: the
+        // writer does that at once.
+        let adds = |c: &Change| {
             matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..) | Change::Rescale(..))
         };
-        let mut late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !born(c)).collect();
-        // All is moved, as by a loop: each key frame in its own way.
+        let mut late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !adds(c)).collect();
+        // Everything is moved, as by a loop closure: each key frame differently.
         let moved = base.key_frames().map(|k| {
             Change::MoveKeyFrame(k.id, k.world_from_camera * pose(a, b.wrapping_add(k.id.index() as i8)))
         });
@@ -286,27 +288,27 @@ proptest! {
         now.push(Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame(9), pose(b, a), parent))));
         atlas.commit(now);
         let before = atlas.latest().clone();
-        let levels = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::AlignGravity(..) | Change::Rescale(..))));
+        let aligned = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::AlignGravity(..) | Change::Rescale(..))));
         atlas.commit_since(&base, late);
         let after = atlas.latest().clone();
         prop_assert_eq!(after.check(), Ok(()));
-        if levels && after.version() == before.version() {
-            // A frame that the changes spoke of is no more: they were left.
+        if aligned && after.version() == before.version() {
+            // The world frame of the changes no longer exists: they were dropped.
             return Ok(());
         }
         for k in after.key_frames() {
-            let stood = before.key_frame(k.id).unwrap();
+            let old = before.key_frame(k.id).unwrap();
             match (base.key_frame(k.id), meant.key_frame(k.id)) {
-                // Untouched meanwhile: exactly where the late changes put it, in the world they left it in.
-                (Some(was), Some(wanted)) if was.world_from_camera == stood.world_from_camera && was.unit == stood.unit => {
-                    let same_maps = was.map == stood.map && k.map == wanted.map;
+                // Not moved meanwhile: exactly where the late changes put it, in the map they left it in.
+                (Some(was), Some(wanted)) if was.world_from_camera == old.world_from_camera && was.unit == old.unit => {
+                    let same_maps = was.map == old.map && k.map == wanted.map;
                     prop_assert!(!same_maps || near(&k.world_from_camera, &wanted.world_from_camera), "{:?}", k.id);
                 }
-                // Born meanwhile: it stands to its parent as it did.
+                // Added meanwhile: it keeps its pose relative to its parent.
                 (None, _) => {
-                    let Some(parent) = stood.parent.filter(|p| k.parent == Some(*p)) else { continue };
+                    let Some(parent) = old.parent.filter(|p| k.parent == Some(*p)) else { continue };
                     let (Some(p), Some(q)) = (before.key_frame(parent), after.key_frame(parent)) else { continue };
-                    let was = p.world_from_here().inverse().transform_pose(&stood.world_from_camera);
+                    let was = p.world_from_here().inverse().transform_pose(&old.world_from_camera);
                     let is = q.world_from_here().inverse().transform_pose(&k.world_from_camera);
                     prop_assert!(near(&was, &is), "{:?} has left its parent", k.id);
                 }
@@ -316,55 +318,55 @@ proptest! {
     }
 
     #[test]
-    fn a_mirror_that_only_listens_is_the_map(
+    fn mirror_equals_the_snapshot(
         history in history(),
         meanwhile in prop::collection::vec(step(), 0..20),
         late in prop::collection::vec(step(), 0..20),
-        joins_after in 0..14usize,
+        subscribes_after in 0..14usize,
     ) {
         let mut atlas = Atlas::new(Snapshot::new());
         let from_the_start = atlas.subscribe();
         let gone_soon = atlas.subscribe();
-        let mut joined = None;
-        // What hangs on key frames, also on those that will be removed, scaled and merged.
-        let mut hung: Vec<(KeyFrameId, Se3)> = Vec::new();
+        let mut subscribed_later = None;
+        // Poses anchored to key frames, also to ones that will be removed, scaled and merged.
+        let mut anchored: Vec<(KeyFrameId, Se3)> = Vec::new();
         for (nth, steps) in history.iter().enumerate() {
-            if nth == joins_after {
-                joined = Some(atlas.subscribe());
+            if nth == subscribes_after {
+                subscribed_later = Some(atlas.subscribe());
             }
             let set = changes(atlas.latest(), steps);
             atlas.commit(set);
             let snapshot = atlas.latest();
-            hung.extend(snapshot.key_frames().map(|k| (k.id, pose(k.id.index() as i8, nth as i8))));
+            anchored.extend(snapshot.key_frames().map(|k| (k.id, pose(k.id.index() as i8, nth as i8))));
         }
         drop(gone_soon);
-        // Then what was made on an older version and is rebased.
+        // Then changes that were made on an older snapshot and are rebased.
         let base = atlas.latest().clone();
-        let born = |c: &Change| {
+        let adds = |c: &Change| {
             matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..) | Change::Rescale(..))
         };
         let now = changes(&base, &meanwhile);
         atlas.commit(now);
-        atlas.commit_since(&base, changes(&base, &late).into_iter().filter(|c| !born(c)).collect());
+        atlas.commit_since(&base, changes(&base, &late).into_iter().filter(|c| !adds(c)).collect());
         let snapshot = atlas.latest().clone();
-        for subscription in [Some(from_the_start), joined].into_iter().flatten() {
+        for subscription in [Some(from_the_start), subscribed_later].into_iter().flatten() {
             let mut mirror = Mirror::of(&subscription.start);
             for published in subscription.changes.try_iter() {
                 prop_assert_eq!(published.version, mirror.version() + 1, "out of order");
                 mirror.take(&published);
             }
             prop_assert_eq!(&mirror, &Mirror::of(&snapshot));
-            for (k, camera_from_it) in &hung {
+            for (k, camera_from_it) in &anchored {
                 let (there, here) = (mirror.resolve(*k, camera_from_it), snapshot.resolve(*k, camera_from_it));
-                prop_assert!(there.is_some() && there == here, "{:?} stands elsewhere", k);
+                prop_assert!(there.is_some() && there == here, "{:?} resolves to another pose", k);
             }
         }
     }
 
     #[test]
-    fn who_is_gone_follows_the_parent(history in history()) {
+    fn removed_key_frame_follows_its_parent(history in history()) {
         let mut snapshot = Snapshot::new();
-        // Key frames that are gone, with the one they hung on and where they stood there.
+        // Removed key frames, with their parent and their pose there.
         let mut gone: Vec<(KeyFrameId, KeyFrameId, Se3)> = Vec::new();
         for change in history.iter().flatten() {
             let set = ChangeSet { base: snapshot.version(), changes: changes(&snapshot, std::slice::from_ref(change)) };
@@ -382,15 +384,15 @@ proptest! {
                 let expected = snapshot.resolve(*parent, parent_from_it).unwrap();
                 prop_assert!(near(&snapshot.world_from_camera(*id).unwrap(), &expected));
                 let (surviving_ancestor, living_from_it) = snapshot.surviving_ancestor(*id).unwrap();
-                let standing = (snapshot.key_frame(surviving_ancestor).unwrap().world_from_here() * living_from_it).transform_pose(&Se3::identity());
-                prop_assert!(near(&standing, &expected));
+                let resolved = (snapshot.key_frame(surviving_ancestor).unwrap().world_from_here() * living_from_it).transform_pose(&Se3::identity());
+                prop_assert!(near(&resolved, &expected));
             }
         }
     }
 }
 
 #[test]
-fn a_full_list_of_neighbours_is_exact_when_the_best_goes() {
+fn full_neighbour_list_stays_exact_when_the_best_goes() {
     // Fifty key frames share a landmark each with the first, in pairs of which one shares two: more than are kept.
     let mut snapshot = Snapshot::new();
     let first = key_frame_id(0);

@@ -1,4 +1,4 @@
-//! The index of places: what it answers is what a comparison with every key frame says, in every version.
+//! The place index: its answers equal a comparison with every key frame, in every version.
 
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, PlaceIndex, Snapshot};
 use cairn_geometry::Se3;
@@ -21,8 +21,8 @@ fn bag() -> impl Strategy<Value = Bag> {
     })
 }
 
-/// The answer by comparing with all.
-fn compared(all: &BTreeMap<KeyFrameId, Bag>, query: &Bag, limit: usize) -> Vec<(KeyFrameId, f64)> {
+/// The answer by comparing with all key frames.
+fn by_comparison(all: &BTreeMap<KeyFrameId, Bag>, query: &Bag, limit: usize) -> Vec<(KeyFrameId, f64)> {
     let mut found: Vec<(KeyFrameId, f64)> = all
         .iter()
         .map(|(k, b)| (*k, query.similarity(b)))
@@ -35,7 +35,7 @@ fn compared(all: &BTreeMap<KeyFrameId, Bag>, query: &Bag, limit: usize) -> Vec<(
 
 proptest! {
     #[test]
-    fn the_index_answers_like_a_comparison_with_all(
+    fn index_equals_comparison_with_all(
         steps in prop::collection::vec((0usize..30, any::<bool>(), bag()), 1..60),
         query in bag(),
         limit in 0usize..12,
@@ -54,12 +54,12 @@ proptest! {
             versions.push((index.clone(), all.clone()));
         }
         for (index, all) in &versions {
-            prop_assert_eq!(index.query(&query, limit, |k| k.index() % 5 != 3), compared(all, &query, limit));
+            prop_assert_eq!(index.query(&query, limit, |k| k.index() % 5 != 3), by_comparison(all, &query, limit));
         }
     }
 
     #[test]
-    fn a_map_knows_the_places_of_its_living_key_frames(
+    fn snapshot_indexes_its_existing_key_frames(
         steps in prop::collection::vec((prop::option::of(0usize..20), bag()), 1..30),
         query in bag(),
     ) {
@@ -76,7 +76,7 @@ proptest! {
             };
             snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: vec![change] }).0;
             let all = snapshot.key_frames().map(|k| (k.id, (*k.bag).clone())).collect();
-            prop_assert_eq!(snapshot.places().query(&query, 100, |k| k.index() % 5 != 3), compared(&all, &query, 100));
+            prop_assert_eq!(snapshot.places().query(&query, 100, |k| k.index() % 5 != 3), by_comparison(&all, &query, 100));
         }
     }
 }

@@ -1,12 +1,12 @@
-//! Why a command failed, told in one line: what, why, and what to do about it.
+//! Why a command failed, in one line: what failed, why, and what to do about it.
 
 use serde::Serialize;
 use std::fmt;
 
-/// A failure with its cure; prints as `what: why; hint: cure`.
+/// A failure and how to fix it; printed as `what: why; hint: what to do`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Failure {
-    /// File, folder or argument that is concerned.
+    /// The file, folder or argument concerned.
     pub what: String,
     /// What is wrong with it.
     pub why: String,
@@ -27,7 +27,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// The text with every run of white space, line ends among them, made one space.
+/// The text with every run of white space, including line ends, replaced by one space.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -38,9 +38,13 @@ impl From<cairn_sensor::SourceError> for Failure {
     }
 }
 
-/// A file that could not be written (reading has its own words where it happens).
+/// A file that could not be written (failures of reading are worded where they happen).
 impl From<cairn_eval::FileError> for Failure {
     fn from(e: cairn_eval::FileError) -> Self {
-        Self::new(e.file, e.reason, "check that its folder exists, may be written, and has room")
+        Self::new(
+            e.file,
+            e.reason,
+            "check that its folder exists and is writable, and that the disk has room",
+        )
     }
 }

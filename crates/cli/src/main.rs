@@ -1,7 +1,7 @@
-//! The `cairn` command: arguments in, text or JSON out; what is computed is computed in the crates below.
+//! The `cairn` command: arguments in, text or JSON out. All computation happens in the library crates.
 //!
 //! Results go to stdout, everything else to stderr. Exit code 0: done; 1: the work failed (one line that
-//! says what, why, and what to do); 2: wrong usage.
+//! says what failed, why, and what to do); 2: wrong usage.
 
 mod commands;
 mod demo;
@@ -16,11 +16,11 @@ use output::Output;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Remembers the way you came and guides you back: SLAM, evaluation, simulation, guidance.
+/// Visual-inertial SLAM that records your route and guides you along it; evaluation and simulation tools.
 #[derive(Parser)]
 #[command(name = "cairn", version, propagate_version = true)]
 struct Arguments {
-    /// Print the result as JSON on stdout; logs still go to stderr.
+    /// Print the result as JSON on stdout; log messages still go to stderr.
     #[arg(long, global = true)]
     json: bool,
     #[command(subcommand)]
@@ -46,7 +46,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let began = Instant::now();
-    // clap prints help (code 0) and wrong usage (code 2) by itself.
+    // clap handles help (code 0) and wrong usage (code 2).
     let arguments = Arguments::parse();
     let output = Output::new(arguments.json);
     match run(arguments.command, &output, began) {

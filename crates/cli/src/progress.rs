@@ -1,12 +1,12 @@
-//! A progress bar on a terminal, and nothing elsewhere.
+//! A progress bar, shown only on a terminal.
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// How far the work is; drawn on stderr, hidden where that is no terminal, gone when dropped.
+/// A progress bar on stderr; hidden when stderr is not a terminal, cleared when dropped.
 pub struct Progress(ProgressBar);
 
 impl Progress {
-    /// Of so many steps, where that is known.
+    /// With the total number of steps, if it is known.
     pub fn new(steps: Option<usize>) -> Self {
         let bar = match steps {
             Some(n) => ProgressBar::new(n as u64),
@@ -19,17 +19,17 @@ impl Progress {
         Self(bar)
     }
 
-    /// Never drawn; warnings are still told.
+    /// A bar that is never drawn; warnings are still printed.
     pub fn hidden() -> Self {
         Self(ProgressBar::hidden())
     }
 
-    /// So many are done.
+    /// Sets the number of finished steps.
     pub fn step(&self, done: usize) {
         self.0.set_position(done as u64);
     }
 
-    /// A line on stderr that does not tear the bar.
+    /// Prints a warning on stderr without breaking the bar.
     pub fn warn(&self, text: &str) {
         self.0.suspend(|| eprintln!("warning: {text}"));
     }

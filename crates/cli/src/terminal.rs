@@ -1,35 +1,35 @@
-//! Commands from standard input: single keys on a terminal, or lines for screen readers and pipes.
+//! Commands from standard input: single keys on a terminal, or lines (for screen readers and pipes).
 
 use cairn_session::Command;
 use std::io::{BufRead, IsTerminal, Read};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Where commands come from; a terminal that was changed is as before when this is dropped.
+/// The source of commands; dropping it restores the terminal's former mode.
 pub struct Terminal {
     commands: Option<Receiver<Result<Command, String>>>,
     _raw: Option<raw::Raw>,
 }
 
 impl Terminal {
-    /// Lines where they are asked for; keys on a terminal when `keys`; else nothing is read.
+    /// Reads lines if `lines`; else single keys if `keys` and stdin is a terminal; else nothing.
     pub fn new(lines: bool, keys: bool) -> Self {
-        let (tell, commands) = channel();
+        let (sender, commands) = channel();
         if lines {
-            spawn(move || read_lines(std::io::stdin().lock(), &tell));
+            spawn(move || read_lines(std::io::stdin().lock(), &sender));
             return Self { commands: Some(commands), _raw: None };
         }
         let raw = if keys && std::io::stdin().is_terminal() { raw::Raw::begin() } else { None };
         match raw {
             Some(raw) => {
                 eprintln!("{}", cairn_session::HELP);
-                spawn(move || read_keys(std::io::stdin().lock(), &tell));
+                spawn(move || read_keys(std::io::stdin().lock(), &sender));
                 Self { commands: Some(commands), _raw: Some(raw) }
             }
             None => Self { commands: None, _raw: None },
         }
     }
 
-    /// Commands that have come, and what was no command.
+    /// The commands received since the last call, and messages about invalid ones.
     pub fn asked(&self) -> (Vec<Command>, Vec<String>) {
         let (mut commands, mut mistakes) = (Vec::new(), Vec::new());
         for answer in self.commands.iter().flat_map(Receiver::try_iter) {
@@ -41,7 +41,7 @@ impl Terminal {
         (commands, mistakes)
     }
 
-    /// Hands every command on from now on; what was no command is told on stderr.
+    /// Passes every command to `to` from now on; invalid ones are reported on stderr.
     pub fn forward(&mut self, mut to: impl FnMut(Command) + Send + 'static) {
         let Some(commands) = self.commands.take() else { return };
         spawn(move || {
@@ -55,30 +55,30 @@ impl Terminal {
     }
 }
 
-/// A thread that ends with the process: it may wait for input for ever.
+/// A thread that ends with the process: it may wait for input forever.
 fn spawn(work: impl FnOnce() + Send + 'static) {
-    // Without it the walk goes on, and no command comes.
+    // If the thread cannot be started, the run continues without commands.
     let _ = std::thread::Builder::new().name("cairn-terminal".into()).spawn(work);
 }
 
-fn read_lines(input: impl BufRead, tell: &Sender<Result<Command, String>>) {
+fn read_lines(input: impl BufRead, sender: &Sender<Result<Command, String>>) {
     for line in input.lines().map_while(Result::ok).filter(|l| !l.trim().is_empty()) {
-        if tell.send(Command::parse(&line)).is_err() {
+        if sender.send(Command::parse(&line)).is_err() {
             return;
         }
     }
 }
 
-fn read_keys(mut input: impl Read, tell: &Sender<Result<Command, String>>) {
+fn read_keys(mut input: impl Read, sender: &Sender<Result<Command, String>>) {
     let mut key = [0];
     while input.read_exact(&mut key).is_ok() {
         let answer = match key[0] {
-            // Control-C and control-D: raw terminals send no signal.
+            // Control-C and Control-D: a raw terminal sends no signal.
             3 | 4 => Ok(Command::Quit),
             b'\r' | b'\n' | b' ' => continue,
             key => Command::of_key(char::from(key)).ok_or_else(|| cairn_session::HELP.to_owned()),
         };
-        if tell.send(answer).is_err() {
+        if sender.send(answer).is_err() {
             return;
         }
     }
@@ -88,11 +88,11 @@ fn read_keys(mut input: impl Read, tell: &Sender<Result<Command, String>>) {
 mod raw {
     use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
 
-    /// A terminal that gives single keys, unseen.
+    /// A terminal in raw mode: single keys without echo.
     pub struct Raw(Termios);
 
     impl Raw {
-        /// `None` where standard input is no terminal.
+        /// `None` if standard input is not a terminal.
         pub fn begin() -> Option<Self> {
             let input = rustix::stdio::stdin();
             let before = tcgetattr(input).ok()?;
@@ -105,7 +105,7 @@ mod raw {
 
     impl Drop for Raw {
         fn drop(&mut self) {
-            // Nobody is left to tell.
+            // There is nobody left to report an error to.
             let _ = tcsetattr(rustix::stdio::stdin(), OptionalActions::Now, &self.0);
         }
     }
@@ -113,7 +113,7 @@ mod raw {
 
 #[cfg(not(unix))]
 mod raw {
-    /// Single keys are not read on this system; lines are.
+    /// Single keys are not supported on this system; lines are.
     pub struct Raw;
 
     impl Raw {
@@ -128,11 +128,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_and_keys_give_the_same_commands() {
-        let (tell, answers) = channel();
-        read_lines("record\n\nstop\nfly\nquit\n".as_bytes(), &tell);
-        read_keys("R s\nx\u{3}".as_bytes(), &tell);
-        drop(tell);
+    fn lines_and_keys_parse_to_the_same_commands() {
+        let (sender, answers) = channel();
+        read_lines("record\n\nstop\nfly\nquit\n".as_bytes(), &sender);
+        read_keys("R s\nx\u{3}".as_bytes(), &sender);
+        drop(sender);
         let all: Vec<_> = answers.iter().collect();
         assert_eq!(all[0], Ok(Command::Record));
         assert_eq!(all[1], Ok(Command::Stop));

@@ -1,14 +1,14 @@
-//! The house stands: every crate depends only on crates of lower floors, over `cargo metadata`.
+//! Layering: every crate depends only on crates of lower floors, checked with `cargo metadata`.
 //!
-//! Normal, build and dev dependencies all count. A crate that is not in the table fails, so that a new
-//! room is given its floor (here and in ARCHITECTURE.md) before it is built.
+//! Normal, build and dev dependencies all count. A crate that is not in the table fails the test, so that a new
+//! crate is assigned a floor (here and in ARCHITECTURE.md) first.
 
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
-/// Floor and the packages on it; the same table stands in ARCHITECTURE.md.
+/// Each floor with its packages; ARCHITECTURE.md has the same table.
 const FLOORS: &[(u8, &[&str])] = &[
     (1, &["cairn-geometry"]),
     (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
@@ -26,7 +26,7 @@ fn workspace_root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
-/// Each package of the workspace with the names it depends on inside the workspace.
+/// Each package of the workspace with its dependencies inside the workspace.
 fn packages() -> BTreeMap<String, Vec<String>> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--no-deps", "--format-version", "1", "--offline"])
@@ -38,7 +38,7 @@ fn packages() -> BTreeMap<String, Vec<String>> {
     let of = |package: &Value| {
         let name = package["name"].as_str().expect("a package has a name").to_owned();
         let inside = package["dependencies"].as_array().expect("a package lists dependencies").iter();
-        // A path dependency is one inside the workspace.
+        // Path dependencies are those inside the workspace.
         let inside = inside.filter(|d| d["path"].is_string());
         (name, inside.filter_map(|d| d["name"].as_str().map(str::to_owned)).collect())
     };
@@ -49,8 +49,8 @@ fn floor_of(package: &str) -> Option<u8> {
     FLOORS.iter().find(|(_, names)| names.contains(&package)).map(|&(floor, _)| floor)
 }
 
-/// What breaks the rule, one line each.
-fn broken(packages: &BTreeMap<String, Vec<String>>) -> Vec<String> {
+/// Violations of the rule, one line each.
+fn violations(packages: &BTreeMap<String, Vec<String>>) -> Vec<String> {
     let mut lines = Vec::new();
     for (name, dependencies) in packages {
         let Some(floor) = floor_of(name) else {
@@ -74,24 +74,24 @@ fn broken(packages: &BTreeMap<String, Vec<String>>) -> Vec<String> {
 fn every_crate_imports_only_from_lower_floors() {
     let packages = packages();
     assert!(packages.contains_key("cairn-geometry"), "metadata found no workspace: {packages:?}");
-    let lines = broken(&packages);
+    let lines = violations(&packages);
     assert!(lines.is_empty(), "{}", lines.join("\n"));
 }
 
 #[test]
-fn siblings_strangers_and_upward_imports_are_found() {
+fn sibling_unknown_and_upward_imports_are_violations() {
     let wrong = |name: &str, dependency: &str| {
-        broken(&BTreeMap::from([(name.to_owned(), vec![dependency.to_owned()])])).len()
+        violations(&BTreeMap::from([(name.to_owned(), vec![dependency.to_owned()])])).len()
     };
     assert_eq!(wrong("cairn-sensor", "cairn-geometry"), 0);
-    assert_eq!(wrong("cairn-sensor", "cairn-eval"), 1, "siblings");
+    assert_eq!(wrong("cairn-sensor", "cairn-eval"), 1, "same floor");
     assert_eq!(wrong("cairn-sensor", "cairn-engine"), 1, "upwards");
-    assert_eq!(wrong("cairn-sensor", "cairn-utils"), 1, "a stranger below");
-    assert_eq!(wrong("cairn-utils", "cairn-geometry"), 1, "a stranger");
+    assert_eq!(wrong("cairn-sensor", "cairn-utils"), 1, "unknown dependency");
+    assert_eq!(wrong("cairn-utils", "cairn-geometry"), 1, "unknown crate");
 }
 
 #[test]
-fn the_table_in_architecture_says_the_same() {
+fn architecture_page_has_the_same_floors() {
     let page = std::fs::read_to_string(workspace_root().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md");
     for (floor, names) in FLOORS {
         let row = page.lines().find(|line| line.starts_with(&format!("| {floor} |")));

@@ -1,16 +1,16 @@
-//! Work that can wait gives way to work that can not.
+//! Low priority for work that can wait.
 
-/// The thread that calls this gives way to others where there are fewer cores than work: what adjusts a whole world takes
-/// what tracking and mapping leave. On systems other than Linux nothing happens.
+/// Lowers the priority of the calling thread: adjustments of whole maps use only what tracking and mapping
+/// leave of the cores. No effect on systems other than Linux.
 pub fn background() {
     #[cfg(target_os = "linux")]
     {
-        // Linux knows priorities of single threads. Where it refuses, the thread goes on as it was.
+        // Linux has per-thread priorities. Where it refuses, the thread goes on with the one it has.
         let _ = rustix::process::setpriority_process(Some(rustix::thread::gettid()), BACKGROUND);
     }
 }
 
-/// Of 19: the share of a core that is wanted by others is a thirtieth.
+/// Nice value, of 19: the share of a contended core is about a thirtieth.
 #[cfg(target_os = "linux")]
 const BACKGROUND: i32 = 15;
 
@@ -19,14 +19,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_thread_that_asks_gives_way() {
+    fn priority_is_per_thread() {
         let own = || rustix::process::getpriority_process(Some(rustix::thread::gettid())).unwrap();
         let before = own();
-        let beside = std::thread::spawn(move || {
+        let other_thread = std::thread::spawn(move || {
             background();
             own()
         });
-        assert_eq!(beside.join().unwrap(), BACKGROUND);
+        assert_eq!(other_thread.join().unwrap(), BACKGROUND);
         assert_eq!(own(), before);
     }
 }

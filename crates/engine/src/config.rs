@@ -1,4 +1,4 @@
-//! Everything that can be set, with defaults that need no tuning; read from TOML, printed with comments.
+//! The configuration of all stages, with defaults that need no tuning; read from TOML, printed with comments.
 
 use cairn_mapping::{CloserConfig, InertialConfig, MapperConfig};
 use cairn_sensor::Rig;
@@ -6,24 +6,24 @@ use cairn_tracking::TrackerConfig;
 use cairn_vision::FrontEndConfig;
 use serde::{Deserialize, Serialize};
 
-/// The settings of every stage. What a TOML file does not name keeps its default.
+/// The configuration of every stage. Entries missing in a TOML file keep their defaults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// Features, stereo, depth.
+    /// Feature extraction, stereo matching, depth.
     pub front_end: FrontEndConfig,
     /// Tracking.
     pub tracker: TrackerConfig,
     /// Mapping.
     pub mapper: MapperConfig,
-    /// Closing.
+    /// Loop closing and map merging.
     pub closer: CloserConfig,
-    /// The inertial sensor, where there is one.
+    /// The IMU, where there is one.
     pub inertial: InertialConfig,
 }
 
 impl Default for Config {
-    /// The eye's features follow from the image's size.
+    /// The number of features follows from the image size.
     fn default() -> Self {
         let mut front_end = FrontEndConfig::default();
         front_end.orb.features = 0;
@@ -37,7 +37,7 @@ impl Default for Config {
     }
 }
 
-/// Why a text is no configuration.
+/// Why a text is not a valid configuration.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}{why}", line.map(|l| format!("line {l}: ")).unwrap_or_default())]
 pub struct ConfigError {
@@ -47,14 +47,15 @@ pub struct ConfigError {
     pub why: String,
 }
 
-/// So many pixels of the image bring one feature: 1,024 at 640x480, 1,203 at 752x480, 1,512 at 1226x370.
+/// Pixels of the image per feature: 1,024 features at 640x480, 1,203 at 752x480, 1,512 at 1226x370.
 const PIXELS_A_FEATURE: usize = 300;
 
-/// The whole default configuration with a comment at each entry.
+/// The default configuration with a comment at each entry.
 const DEFAULT_TOML: &str = include_str!("default.toml");
 
 impl Config {
-    /// The eye's settings for a rig: features that are not given follow from the size of the first camera's image.
+    /// The front end's configuration for a rig: without an explicit number of features, it follows from the
+    /// size of the first camera's image.
     pub(crate) fn front_end_for(&self, rig: &Rig) -> FrontEndConfig {
         let mut front_end = self.front_end;
         if let (0, Some(first)) = (front_end.orb.features, rig.cameras.first()) {
@@ -64,18 +65,23 @@ impl Config {
         front_end
     }
 
-    /// The whole default configuration as TOML, with a comment at each entry.
+    /// The default configuration as TOML, with a comment at each entry.
     pub fn default_toml() -> &'static str {
         DEFAULT_TOML
     }
 
-    /// Reads TOML; unknown names and numbers that can not be are errors.
+    /// Reads a configuration from TOML.
+    ///
+    /// # Errors
+    ///
+    /// [`ConfigError`] for invalid TOML, unknown names and numbers out of range.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
         let mut config: Self = toml::from_str(text).map_err(|e| {
             let line = e.span().map(|s| 1 + text[..s.start.min(text.len())].matches('\n').count());
             ConfigError { line, why: e.message().to_owned() }
         })?;
-        // Where a part of the eye's settings is named, the rest of them are the eye's own defaults, and those know no rig.
+        // Where a part of the front end's configuration is given, the rest of it takes the front end's own
+        // defaults, which have a fixed number of features.
         let features = |table: &toml::Table| table.get("front_end")?.get("orb")?.get("features").cloned();
         if toml::from_str(text).ok().as_ref().and_then(features).is_none() {
             config.front_end.orb.features = Self::default().front_end.orb.features;
@@ -84,13 +90,17 @@ impl Config {
         Ok(config)
     }
 
-    /// Refuses numbers outside the range in which they make sense, naming entry and range.
+    /// Checks that every number lies in its valid range.
+    ///
+    /// # Errors
+    ///
+    /// [`ConfigError`] naming the first entry out of range, and the range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (orb, stereo, depth) = (&self.front_end.orb, &self.front_end.stereo, &self.front_end.depth);
         let (tracker, mapper, closer) = (&self.tracker, &self.mapper, &self.closer);
         let inertial = &self.inertial;
         let ranges = [
-            // Frames count their features in 16 bits; a quarter of that leaves room for every caller.
+            // Frames index their features with 16 bits; a quarter of that leaves room for every caller.
             ("front_end.orb.features", orb.features as f64, 0.0, 16_000.0),
             ("front_end.orb.levels", orb.levels as f64, 1.0, 16.0),
             ("front_end.orb.factor", orb.factor, 1.05, 1.6),
@@ -137,7 +147,7 @@ impl Config {
             ("closer.whole_key_frames", closer.whole_key_frames as f64, 0.0, 1e4),
         ];
         for (name, value, low, high) in ranges {
-            // Not a number is in no range.
+            // Not a number is outside every range.
             if !(low..=high).contains(&value) {
                 let why = format!("{name} is {value}, it must lie between {low} and {high}");
                 return Err(ConfigError { line: None, why });
@@ -152,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_printed_default_is_the_default_and_names_every_entry() {
+    fn default_toml_is_complete() {
         assert_eq!(Config::from_toml(Config::default_toml()).unwrap(), Config::default());
         assert_eq!(Config::from_toml("").unwrap(), Config::default());
         let printed: toml::Table = Config::default_toml().parse().unwrap();
@@ -179,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn every_entry_of_the_printed_default_has_its_comment() {
+    fn default_toml_comments_every_entry() {
         let mut before = "";
         for line in Config::default_toml().lines() {
             if line.contains(" = ") && !line.starts_with('#') {
@@ -190,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_enough_and_the_rest_keeps_its_default() {
+    fn missing_entries_keep_their_defaults() {
         let config = Config::from_toml("[front_end.orb]\nfeatures = 700\n").unwrap();
         assert_eq!(config.front_end.orb.features, 700);
         assert_eq!(config.front_end.orb.levels, Config::default().front_end.orb.levels);
@@ -198,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn an_entry_with_its_default_changes_nothing() {
+    fn explicit_default_changes_nothing() {
         let mut part = String::new();
         for line in Config::default_toml().lines().filter(|l| !l.starts_with('#') && !l.is_empty()) {
             if line.starts_with('[') {
@@ -211,13 +221,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_configuration_is_told() {
+    fn invalid_configurations_are_refused() {
         let error = |text: &str| Config::from_toml(text).unwrap_err();
         assert_eq!(error("[front_end.orb]\nfeatures = \"many\"\n").line, Some(2));
         assert!(error("[front_end]\nfeetures = 3\n").why.contains("feetures"));
         assert!(error("[front_end.orb]\nfeatures = 70000\n").why.contains("front_end.orb.features is 70000"));
         assert!(error("[front_end.orb]\nfactor = nan\n").why.contains("front_end.orb.factor is NaN"));
         assert!(error("[mapper.window]\niterations = [0, 5]\n").why.contains("iterations[0]"));
-        assert!(error("[tracker]\nrate_hz = 5.0\n").why.contains("rate_hz"), "the source tells the rate");
+        assert!(error("[tracker]\nrate_hz = 5.0\n").why.contains("rate_hz"), "the source defines the rate");
     }
 }

@@ -1,10 +1,11 @@
-//! Digests: sixty-four bits that differ when any bit of what they were taken over differs (FNV-1a; no cryptography).
+//! Digests: sixty-four bits that differ when any bit of the digested data differs (FNV-1a; not
+//! cryptographic).
 
 use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_tracking::{AnchoredPose, State};
 
-/// A digest that grows.
+/// An incremental digest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Digest(u64);
 
@@ -65,7 +66,7 @@ impl Digest {
         numbers.iter().for_each(|n| self.u64(*n as u64));
     }
 
-    /// Every key frame and landmark: where it is, what it hangs on and what it shows.
+    /// Adds every key frame and landmark: pose, parents and links, and observations.
     pub fn snapshot(&mut self, snapshot: &Snapshot) {
         self.u64(snapshot.version());
         self.f64(snapshot.right_offset());

@@ -5,7 +5,7 @@ use crate::digest::Digest;
 use crate::journal::{FrameRecord, Header, Journal};
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
-use crate::status::{Seen, Status, Watch};
+use crate::status::{FrameResult, Status, StatusTracker};
 use cairn_atlas::{KeyFrameId, MapId, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_inertial::Attempt;
@@ -23,51 +23,52 @@ pub struct Engine {
     tracker: Tracker,
     mapping: Mapping,
     pub(crate) mode: SensorMode,
-    /// True where the map is only looked at.
+    /// True where the map must stay unchanged.
     pub(crate) localize_only: bool,
-    /// All but the source and the map of what a journal belongs to.
+    /// The journal header, except for the source and the map.
     header: Header,
     log: Log,
-    watch: Watch,
+    status_tracker: StatusTracker,
     died: Option<String>,
 }
 
-/// What became of a packet.
+/// The result of one packet.
 #[derive(Clone, Debug)]
 pub struct Output {
     /// Time of the packet.
     pub stamp: Stamp,
-    /// What the eye saw.
+    /// The extracted features.
     pub frame: Arc<Frame>,
-    /// Where tracking stands.
+    /// The state of tracking.
     pub state: State,
-    /// Where the body is, when that is known.
+    /// The pose of the body, when it is known.
     pub world_from_body: Option<Pose<World, Body>>,
-    /// The same, hanging on a key frame (of the eye, not of the body).
+    /// The camera pose (not the body's), anchored to a key frame.
     pub anchored: Option<AnchoredPose>,
-    /// Whether lengths are metres where it is: always with depth, else once the inertial sensor has told.
+    /// Whether lengths are metres in the map of the pose: always with depth, else once the IMU has been
+    /// initialised.
     pub metric: bool,
-    /// How gravity, scale and biases were sought last, where they were.
+    /// The last attempt to initialise gravity, scale and biases, if there was one.
     pub attempt: Option<Attempt>,
-    /// What speaks for the pose.
+    /// The evidence for the pose.
     pub evidence: Evidence,
     /// Milliseconds from the decoded image to features.
     pub extract_ms: f64,
     /// Milliseconds from features to the pose.
     pub track_ms: f64,
-    /// Milliseconds of each key frame that mapping finished meanwhile.
+    /// Milliseconds of each key frame that mapping has finished since the last packet.
     pub map_ms: Vec<f64>,
-    /// Milliseconds of each key frame in closing, and of each adjustment of a whole world.
+    /// Milliseconds of each key frame in closing, and of each adjustment of a whole map.
     pub close_ms: Vec<f64>,
-    /// What closing said of places that may have been seen before.
+    /// Verdicts of closing on places that may have been seen before.
     pub verdicts: Vec<Verdict>,
-    /// Why mapping died, once; tracking goes on with the map there is.
+    /// Why mapping failed, reported once; tracking goes on with the map as it is.
     pub died: Option<String>,
-    /// All of it for people.
+    /// The same for people.
     pub status: Status,
 }
 
-/// What was done after the last packet.
+/// The work finished after the last packet.
 #[derive(Clone, Debug, Default)]
 pub struct Finished {
     /// As in [`Output`].
@@ -79,7 +80,11 @@ pub struct Finished {
 }
 
 impl Engine {
-    /// An engine without a map, for packets at about `rate_hz`; refuses a rig that can not serve the mode.
+    /// An engine without a map, for packets at about `rate_hz`.
+    ///
+    /// # Errors
+    ///
+    /// [`RigError`] when the rig cannot serve the mode.
     pub fn new(
         rig: &Rig,
         mode: SensorMode,
@@ -92,7 +97,7 @@ impl Engine {
         Ok(Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config))
     }
 
-    /// The stages around an eye and a map.
+    /// The stages around a front end and a map.
     pub(crate) fn around(
         front_end: FrontEnd,
         snapshot: Snapshot,
@@ -103,7 +108,7 @@ impl Engine {
         config: &Config,
     ) -> Self {
         let model = *front_end.model();
-        // Opened and checked before the first picture rather than at it.
+        // Opened and checked before the first image rather than at it.
         cairn_vision::bow::Vocabulary::embedded();
         let tracker = Tracker::new(model, config.front_end_for(rig).orb.features, rate_hz, config.tracker);
         let mut mapper = config.mapper;
@@ -113,7 +118,8 @@ impl Engine {
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper, mut closer) = (tracker, Mapper::new(model, mapper), closer);
         let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
-        let watch = Watch::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &snapshot);
+        let status_tracker =
+            StatusTracker::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &snapshot);
         if let Some(imu) = imu {
             let (imu_from_camera, inertial) =
                 (imu.body_from_imu.inverse() * model.body_from_camera, config.inertial);
@@ -131,30 +137,37 @@ impl Engine {
             localize_only: false,
             header,
             log: Log::default(),
-            watch,
+            status_tracker,
             died: None,
         }
     }
 
-    /// Takes one packet: see, track, and hand over what mapping should have.
+    /// Processes one packet: extract features, track, and submit key frames to mapping.
+    ///
+    /// # Errors
+    ///
+    /// [`FrontEndError`] when the images of the packet do not fit the rig; the engine can go on with the next
+    /// packet.
     pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, FrontEndError> {
         let start = Instant::now();
-        let seen = self.front_end.see(packet);
-        let frame = seen.inspect_err(|e| self.watch.refuse(packet.stamp, &packet.imu, e.to_string()))?;
+        let extracted = self.front_end.see(packet);
+        let frame = extracted
+            .inspect_err(|e| self.status_tracker.refuse(packet.stamp, &packet.imu, e.to_string()))?;
         let frame = Arc::new(frame);
         let extract_ms = start.elapsed().as_secs_f64() * 1e3;
         let mut done = Done::default();
-        let (snapshot, idle) = self.mapping.look(packet.stamp, &mut done);
+        let (snapshot, idle) = self.mapping.snapshot_for(packet.stamp, &mut done);
         let version = snapshot.version();
-        let seen = Instant::now();
+        let tracking_start = Instant::now();
         let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &snapshot, idle, !self.localize_only);
-        // In the map by which it was tracked: mapping may level and scale it before this frame is told.
-        let level = tracked
+        // In the snapshot used for tracking: mapping may gravity-align and scale the map before this frame is
+        // reported.
+        let gravity_aligned = tracked
             .pose
             .and_then(|p| map_of(&snapshot, p.reference))
             .is_some_and(|w| snapshot.is_gravity_aligned(w));
         drop(snapshot);
-        let track_ms = seen.elapsed().as_secs_f64() * 1e3;
+        let track_ms = tracking_start.elapsed().as_secs_f64() * 1e3;
         let mut digest = Digest::default();
         for (stamp, anchored) in tracked.earlier.drain(..) {
             digest.anchored(Some(&anchored));
@@ -164,14 +177,14 @@ impl Engine {
         digest.state(tracked.state);
         digest.anchored(tracked.pose.as_ref());
         let digest = digest.value();
-        self.mapping.tell(&FrameRecord { stamp: packet.stamp, version, idle, map_created, digest });
+        self.mapping.record_frame(&FrameRecord { stamp: packet.stamp, version, idle, map_created, digest });
         self.mapping.poll(&mut done);
         let snapshot = self.snapshot();
-        let metric = tracked.pose.is_some() && (level || self.front_end.model().has_depth());
+        let metric = tracked.pose.is_some() && (gravity_aligned || self.front_end.model().has_depth());
         self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, anchored: tracked.pose, metric });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
-        self.watch.see(&Seen {
+        self.status_tracker.update(&FrameResult {
             stamp: tracked.stamp,
             imu: &packet.imu,
             state: tracked.state,
@@ -181,7 +194,7 @@ impl Engine {
                 .map(|w| (w, snapshot.is_gravity_aligned(w))),
             metric,
             map_created: map_created.is_some(),
-            beside: snapshot.maps().nth(1).is_some(),
+            others: snapshot.maps().nth(1).is_some(),
             points: tracked.evidence.inliers,
             attempt: done.attempt.as_ref(),
             verdicts: &done.verdicts,
@@ -203,12 +216,12 @@ impl Engine {
             close_ms: done.close_ms,
             verdicts: done.verdicts,
             died,
-            status: self.watch.status().clone(),
+            status: self.status_tracker.status().clone(),
         })
     }
 
-    /// Gives mapping what tracking saw and offers; a start gives the frame its pose. Tells in which version of the map
-    /// that was.
+    /// Submits the tracking result to mapping; when a map is created, the frame gets its pose from it.
+    /// Returns the version of the map after that.
     fn submit(&mut self, tracked: &mut Tracked, done: &mut Done) -> Option<u64> {
         if self.localize_only {
             return None;
@@ -225,34 +238,40 @@ impl Engine {
         let id = self.mapping.submit(request, done).filter(|_| starting)?;
         let snapshot = self.mapping.after_start(done);
         self.tracker.map_created(&snapshot, id);
-        tracked.pose = standing_at(&snapshot, id);
+        tracked.pose = at_key_frame(&snapshot, id);
         tracked.state = State::Tracking;
-        let root = snapshot.key_frame(id).and_then(|k| standing_at(&snapshot, k.map.root()));
+        let root = snapshot.key_frame(id).and_then(|k| at_key_frame(&snapshot, k.map.root()));
         if let (Some(first), Some(anchored)) = (earlier, root) {
             self.log.amend(first.stamp, anchored);
         }
         Some(snapshot.version())
     }
 
-    /// The stream of changes to the map from now on, every commit in order; `None` when mapping has died. Where mapping
-    /// has a thread, what it has in hand is waited for.
+    /// The stream of all map changes from now on, every commit in order; `None` when mapping has failed.
+    /// Where mapping runs on a thread, this waits for the work it has in hand.
     pub fn subscribe(&mut self) -> Option<Subscription> {
         self.mapping.subscribe()
     }
 
-    /// Writes into `to`, from the first packet on, what is needed to have the poses of this run again bit for bit;
-    /// `source` names where the packets come from. In lockstep nothing is written: there a second run is the same anyway.
+    /// Writes into `to`, from the first packet on, what is needed to reproduce the poses of this run bit for
+    /// bit; `source` names where the packets come from. In lockstep nothing is written: a second run is
+    /// identical anyway.
     pub fn write_journal(&self, source: &str, to: Box<dyn Write + Send>) {
         self.mapping.write_journal(to, &self.header_for(source));
     }
 
-    /// Why the journal is not whole, if so.
+    /// Why the journal is incomplete, if so.
     pub fn journal_failed(&self) -> Option<String> {
         self.mapping.journal_failed()
     }
 
-    /// An engine that has seen nothing yet, made for lockstep, takes the packets whose stamps are in the journal and goes as
-    /// the journal says. What the journal belongs to must be the same; else it is told in words.
+    /// Replays a journal in an engine made for lockstep that has not processed a packet yet. Feed it the
+    /// packets whose stamps are in the journal.
+    ///
+    /// # Errors
+    ///
+    /// A description of the first difference when source, sensors, configuration or map are not those of the
+    /// journal, or when the engine is not in lockstep.
     pub fn replay(self, source: &str, journal: Journal) -> Result<Self, String> {
         if let Some(why) = journal.header.differs(&self.header_for(source)) {
             return Err(why);
@@ -261,7 +280,7 @@ impl Engine {
         Ok(Self { mapping, ..self })
     }
 
-    /// How far a replay has come; `None` where there is none.
+    /// Progress of a replay; `None` where there is none.
     pub fn replayed(&self) -> Option<&Replayed> {
         self.mapping.replayed()
     }
@@ -270,7 +289,8 @@ impl Engine {
         self.header.with(source, self.localize_only, &self.mapping.latest())
     }
 
-    /// A digest of the map and of every frame's pose, as given and as the map sees it now: equal when all bits are.
+    /// A digest of the map and of every frame's pose, as estimated at the time and as in the latest map:
+    /// equal when all bits are.
     pub fn digest(&self) -> u64 {
         let mut digest = Digest::default();
         digest.snapshot(&self.snapshot());
@@ -287,7 +307,7 @@ impl Engine {
         Pose::new(self.front_end.model().world_from_body(world_from_camera, metric))
     }
 
-    /// Whether lengths in the whole map are metres: the eyes have depth, or the inertial sensor has told.
+    /// Whether lengths in all maps are metres: the camera has depth, or the IMU has been initialised.
     pub fn is_metric(&self) -> bool {
         self.snapshot().is_metric(self.front_end.model())
     }
@@ -297,7 +317,8 @@ impl Engine {
             || map_of(snapshot, reference).is_some_and(|w| snapshot.is_gravity_aligned(w))
     }
 
-    /// True poses of the body as [`Engine::trajectory`] tells them: without metric scale, at the first camera's place.
+    /// Ground truth in the form of [`Engine::trajectory`]: without metric scale, at the first camera's
+    /// position.
     pub fn comparable(&self, truth: &[(Stamp, Se3)]) -> Vec<(Stamp, Se3)> {
         let arm = if self.is_metric() {
             Vec3::zeros()
@@ -307,28 +328,28 @@ impl Engine {
         truth.iter().map(|(t, body)| (*t, Se3::new(body.rotation, *body * arm))).collect()
     }
 
-    /// The latest map.
+    /// The latest snapshot.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         self.mapping.latest()
     }
 
-    /// The eye.
+    /// The front end.
     pub fn front_end(&self) -> &FrontEnd {
         &self.front_end
     }
 
-    /// How it stands after the last packet, for people.
+    /// The status after the last packet, for people.
     pub fn status(&self) -> &Status {
-        self.watch.status()
+        self.status_tracker.status()
     }
 
-    /// What became of every frame.
+    /// The results of all frames.
     pub fn log(&self) -> &Log {
         &self.log
     }
 
-    /// Waits for mapping to finish what it has; call at the end of a run, before [`Engine::trajectory`]. Returns what was
-    /// done meanwhile.
+    /// Waits for mapping to finish its work and runs the final bundle adjustment; call at the end of a run,
+    /// before [`Engine::trajectory`]. Returns the work finished meanwhile.
     pub fn finish(&mut self) -> Finished {
         let mut done = Done::default();
         if !self.localize_only {
@@ -337,35 +358,35 @@ impl Engine {
         let snapshot = self.mapping.latest();
         let mut digest = Digest::default();
         digest.snapshot(&snapshot);
-        self.mapping.tell_end(snapshot.version(), digest.value());
+        self.mapping.record_end(snapshot.version(), digest.value());
         self.died = self.died.take().or(done.died);
         Finished { map_ms: done.ms, close_ms: done.close_ms, verdicts: done.verdicts }
     }
 
-    /// Where the body was in every tracked frame, as the map sees it now.
+    /// The pose of the body in every tracked frame, in the latest map.
     pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
         let snapshot = self.mapping.latest();
-        let place = |f: &Logged| {
+        let pose_of = |f: &Logged| {
             let p = f.anchored?;
             let pose = snapshot.resolve(p.reference, &p.reference_from_camera)?;
             Some((f.stamp, self.body(&pose, self.is_metric_at(&snapshot, p.reference)).se3))
         };
-        self.log.frames().iter().filter_map(place).collect()
+        self.log.frames().iter().filter_map(pose_of).collect()
     }
 
-    /// Where the body was as it was told at the time.
+    /// The pose of the body in every tracked frame, as estimated at the time.
     pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
-        let place = |f: &Logged| Some((f.stamp, self.body(&f.anchored?.world_from_camera, f.metric).se3));
-        self.log.frames().iter().filter_map(place).collect()
+        let pose_of = |f: &Logged| Some((f.stamp, self.body(&f.anchored?.world_from_camera, f.metric).se3));
+        self.log.frames().iter().filter_map(pose_of).collect()
     }
 }
 
-/// The world that a key frame is in, or what became of it.
+/// The map of a key frame, or the map it has been merged into.
 fn map_of(snapshot: &Snapshot, reference: KeyFrameId) -> Option<MapId> {
     snapshot.surviving_ancestor(reference).and_then(|(id, _)| snapshot.key_frame(id)).map(|k| k.map)
 }
 
-/// The pose of an eye that stands where a key frame does.
-fn standing_at(snapshot: &Snapshot, id: KeyFrameId) -> Option<AnchoredPose> {
+/// The pose of a key frame, anchored to itself.
+fn at_key_frame(snapshot: &Snapshot, id: KeyFrameId) -> Option<AnchoredPose> {
     Some(AnchoredPose::at(id, snapshot.world_from_camera(id)?))
 }

@@ -1,18 +1,18 @@
-//! What became of every frame, kept so that the whole trajectory follows the map.
+//! The result of every frame, kept so that the whole trajectory can follow the map.
 
 use cairn_sensor::Stamp;
 use cairn_tracking::{AnchoredPose, State};
 
-/// One frame.
+/// The result of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Logged {
     /// Time of the frame.
     pub stamp: Stamp,
-    /// Where tracking stood.
+    /// The state of tracking.
     pub state: State,
-    /// The pose as it was given then.
+    /// The pose as estimated at the time.
     pub anchored: Option<AnchoredPose>,
-    /// Whether lengths there were metres then.
+    /// Whether its lengths were metres at the time.
     pub metric: bool,
 }
 
@@ -27,7 +27,7 @@ impl Log {
         self.frames.push(frame);
     }
 
-    /// Gives an earlier frame a pose that was found later (the first of a pair).
+    /// Sets the pose of an earlier frame that was found later (the first of a pair).
     pub(crate) fn amend(&mut self, stamp: Stamp, anchored: AnchoredPose) {
         if let Some(frame) = self.frames.iter_mut().rev().find(|f| f.stamp == stamp) {
             frame.anchored = Some(anchored);

@@ -1,13 +1,14 @@
-//! What the path recorder is offered of a frame: where the mapping wing hands over to the walking wing.
+//! The input of the path recorder for a frame: the interface between mapping and guidance.
 
 use crate::Output;
 use cairn_geometry::{Pose, Se3};
 use cairn_guide::{Anchor, Confidence, RecordInput};
 use cairn_tracking::State;
 
-/// The frame's pose with its anchor and how far to trust it; a frame without a pose is offered as lost.
+/// The frame's pose with its anchor and a confidence; a frame without a pose is recorded as lost.
 ///
-/// As long as tracking has no smooth frame of its own, the pose as it was given at the time stands for `odom`.
+/// Tracking has no smooth odometry frame of its own yet, so the pose estimated at the time is used for
+/// `odom`.
 pub fn record_input(output: &Output) -> RecordInput {
     let lost = RecordInput {
         stamp: output.stamp,
@@ -21,14 +22,14 @@ pub fn record_input(output: &Output) -> RecordInput {
     let evidence = &output.evidence;
     RecordInput {
         odom_from_camera: Pose::new(anchored.world_from_camera),
-        // Indices fit in 32 bits; there is one robot so far.
+        // Indices fit in 32 bits; there is only one robot so far.
         anchor: Anchor { robot: 0, seq: anchored.reference.index() as u32 },
         anchor_from_camera: anchored.reference_from_camera,
         confidence: match output.state {
             State::Coasting { .. } => Confidence::Low,
             _ => Confidence::Good,
         },
-        // A start has no matches yet; its depth or its two views are its evidence.
+        // The first frame of a map has no matches yet; its depth or its two views are its evidence.
         quality: match evidence.matched {
             0 => 1.0,
             matched => (evidence.inliers as f32 / matched as f32).clamp(0.0, 1.0),

@@ -1,4 +1,4 @@
-//! Maps from file to engine and back.
+//! Starting an engine in a saved map, and saving its map.
 
 use crate::{Config, Engine, Runner, SensorMode};
 use cairn_atlas::store::{About, MapFile};
@@ -6,20 +6,25 @@ use cairn_sensor::{Rig, RigError};
 use cairn_vision::FrontEnd;
 use std::collections::BTreeMap;
 
-/// Why an engine can not go on in a saved map.
+/// Why an engine cannot use a saved map.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum OpenMapError {
-    /// The rig can not serve the mode.
+    /// The rig cannot serve the mode.
     #[error(transparent)]
     Rig(#[from] RigError),
-    /// The map was made with another camera or other sensors; in words, with the numbers of both.
+    /// The map was made with another camera or other sensors; described with the numbers of both.
     #[error("{0}")]
     Camera(String),
 }
 
 impl Engine {
-    /// An engine in a saved map. Tracking begins lost: there is no pose until a place is recognised. Gives also what
-    /// differs a little between the camera of the map and this one, in words.
+    /// An engine in a saved map. Tracking starts lost: there is no pose until a place is recognised. Also
+    /// returns a description of small differences between the camera of the map and this one.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenMapError`] when the rig cannot serve the mode, or the map was made with another camera or other
+    /// sensors.
     pub fn in_map(
         rig: &Rig,
         mode: SensorMode,
@@ -36,13 +41,14 @@ impl Engine {
         Ok((Self::around(front_end, file.snapshot.clone(), rig, mode, rate_hz, runner, config), notes))
     }
 
-    /// The same engine that only finds where it is: the map stays as it is, no world is begun.
+    /// The same engine that only localises: the map stays unchanged, and no new map is created.
     pub fn localize_only(mut self) -> Self {
         self.localize_only = true;
         self
     }
 
-    /// The latest map with what it was made with, to be saved; `program` names who saves it, `attached` hangs on it.
+    /// The latest map with its provenance, for saving; `program` names who saves it, `attached` are further
+    /// named parts of the file.
     pub fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
         let about =
             About { program: program.to_owned(), sensor: self.mode, camera: *self.front_end().model() };

@@ -1,5 +1,5 @@
-//! What the inertial sensor is good for, on exact worlds: metres for one eye, a way through the dark, standing still, and a clock
-//! that is off.
+//! The IMU on exact simulated worlds: metric scale for one camera, coasting through the dark, a silent
+//! sensor, and a clock offset.
 
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode, State};
 use cairn_eval::{Align, EvalOptions, evaluate};
@@ -8,7 +8,8 @@ use cairn_sensor::{FramePacket, GrayImage, Source, Stamp};
 use cairn_sim::SimSource;
 use std::sync::Arc;
 
-/// Walks through a world and hands on each packet as `change` leaves it; the outputs and the engine at the end.
+/// Walks through a simulated world and passes on each packet as modified by `change`; returns the engine at
+/// the end, the outputs, and the ground truth.
 fn walk(
     address: &str,
     mode: SensorMode,
@@ -37,8 +38,8 @@ fn black(packet: &mut FramePacket) {
     }
 }
 
-/// RMSE after SE3, and the scale that Sim3 would have found.
-fn compared(engine: &Engine, truth: &[(Stamp, Se3)]) -> (f64, f64) {
+/// RMSE after SE3 alignment, and the scale by Sim3 alignment.
+fn ate_and_scale(engine: &Engine, truth: &[(Stamp, Se3)]) -> (f64, f64) {
     let trajectory = |poses: Vec<(Stamp, Se3)>| {
         Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect()).unwrap()
     };
@@ -49,16 +50,17 @@ fn compared(engine: &Engine, truth: &[(Stamp, Se3)]) -> (f64, f64) {
 
 const HALL: &str = "sim:hall?seed=4&resolution=400x300&focal=260&rate=15&detail=0.5&speed=1.1&duration=14";
 
-/// One eye knows metres after a few seconds, goes on through two dark ones, and nothing is begun anew.
+/// A monocular camera has metric scale after a few seconds, coasts through two dark ones, and no new map is
+/// created.
 #[test]
-fn one_eye_gets_metres_and_goes_through_the_dark() {
+fn mono_becomes_metric_and_coasts_through_the_dark() {
     let (engine, outputs, truth) = walk(&format!("{HALL}&sensor=mono-imu"), SensorMode::Mono, |t, packet| {
         if (9.0..11.0).contains(&t) {
             black(packet);
         }
     });
-    let metric = outputs.iter().find(|o| o.metric).expect("gravity and scale are found");
-    // A small image and a steady walk tell scale slowly; it is to be known before it gets dark.
+    let metric = outputs.iter().find(|o| o.metric).expect("gravity and scale are initialised");
+    // A small image and a steady walk reveal scale slowly; it must be known before it gets dark.
     assert!(metric.stamp - outputs[0].stamp < 9.0, "{} s", metric.stamp - outputs[0].stamp);
     let coasting: Vec<&Output> =
         outputs.iter().filter(|o| matches!(o.state, State::Coasting { .. })).collect();
@@ -66,17 +68,18 @@ fn one_eye_gets_metres_and_goes_through_the_dark() {
     assert!(outputs.iter().all(|o| !matches!(o.state, State::Lost { .. })));
     let snapshot = engine.snapshot();
     assert_eq!(snapshot.maps().map(|(w, _)| snapshot.is_gravity_aligned(w)).collect::<Vec<_>>(), [true]);
-    let (ate, scale) = compared(&engine, &truth);
+    let (ate, scale) = ate_and_scale(&engine, &truth);
     assert!(ate < 0.1 && (scale - 1.0).abs() < 0.03, "ATE {ate} m, scale {scale}");
 }
 
-/// Two eyes: a clock that is 20 ms off is found to the millisecond, the world is upright, the same bits come out twice.
+/// Stereo: a clock offset of 20 ms is estimated to the millisecond, the map is gravity-aligned, and a second
+/// run gives the same bits.
 #[test]
-fn a_clock_that_is_off_is_found() {
+fn clock_offset_is_estimated() {
     let run = || {
         let address = format!("{HALL}&sensor=stereo-imu&imu_offset=20");
         let (engine, _, truth) = walk(&address, SensorMode::Stereo, |_, _| {});
-        (1e3 * engine.snapshot().imu_offset(), compared(&engine, &truth).0, engine)
+        (1e3 * engine.snapshot().imu_offset(), ate_and_scale(&engine, &truth).0, engine)
     };
     let (offset_ms, ate, engine) = run();
     assert!((offset_ms - 20.0).abs() < 1.0 && ate < 0.05, "{offset_ms} ms, ATE {ate} m");
@@ -89,9 +92,9 @@ fn a_clock_that_is_off_is_found() {
     assert_eq!(run().2.digest(), engine.digest());
 }
 
-/// Where the sensor is silent, mapping goes on by eye.
+/// Without IMU readings, visual mapping goes on.
 #[test]
-fn a_silent_sensor_does_no_harm() {
+fn silent_imu_does_no_harm() {
     let (engine, outputs, _) =
         walk(&format!("{HALL}&sensor=mono-imu"), SensorMode::Mono, |_, packet| packet.imu.clear());
     assert!(outputs.iter().all(|o| !o.metric) && !engine.is_metric());

@@ -1,5 +1,5 @@
-//! What threads decide is written down and done again, bit for bit; lockstep gives the same bits by itself; who listens to
-//! the stream of changes knows the map.
+//! A threaded run is journalled and replayed bit for bit; lockstep is deterministic by itself; a subscriber
+//! to the stream of changes can mirror the map.
 
 use cairn_atlas::{Mirror, Subscription};
 use cairn_engine::{Config, Engine, Journal, Runner, SensorMode, Stopped};
@@ -24,7 +24,7 @@ fn sim_config(sensor: SimSensor) -> SimConfig {
     }
 }
 
-fn pictures(sensor: SimSensor, seconds: f64) -> Vec<FramePacket> {
+fn packets(sensor: SimSensor, seconds: f64) -> Vec<FramePacket> {
     let config = sim_config(sensor);
     let mut rig = LiveRig::new(&config).unwrap();
     let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
@@ -33,11 +33,12 @@ fn pictures(sensor: SimSensor, seconds: f64) -> Vec<FramePacket> {
     (0..frames).map(|k| rig.packet(stamp(k), &motion.pose(stamp(k).seconds())).unwrap()).collect()
 }
 
-/// Seven seconds: out, blind for a second, farther on another world begins, and back to where the first was left.
+/// Seven seconds: forward, blind for a second, a new map begins farther on, and back to where the first was
+/// left.
 fn walk() -> &'static [FramePacket] {
     static WALK: OnceLock<Vec<FramePacket>> = OnceLock::new();
     WALK.get_or_init(|| {
-        let seen = pictures(SimSensor::Rgbd, 6.0);
+        let seen = packets(SimSensor::Rgbd, 6.0);
         let mut blind = seen[0].clone();
         blind.images = vec![Arc::new(GrayImage::new(320, 240))];
         blind.depth = Some(Arc::new(DepthImage::new(320, 240)));
@@ -59,7 +60,7 @@ fn engine(sensor: SimSensor, runner: Runner, config: &Config) -> Engine {
     Engine::new(&sim_config(sensor).rig(), mode, RATE_HZ, runner, config).unwrap()
 }
 
-/// Bytes that outlast the engine that writes them.
+/// A buffer that outlives the engine writing to it.
 #[derive(Clone, Default)]
 struct Shared(Arc<Mutex<Vec<u8>>>);
 
@@ -73,7 +74,7 @@ impl Write for Shared {
     }
 }
 
-/// A threaded run; `pause_ms` tells for each frame how long to wait before it, or that it is dropped.
+/// A threaded run; `pause_ms` gives for each frame how long to wait before it, or `None` to drop it.
 fn live(pause_ms: impl Fn(usize) -> Option<u64>) -> (Engine, Vec<u8>) {
     let mut engine = engine(SimSensor::Rgbd, Runner::Threaded, &Config::default());
     let bytes = Shared::default();
@@ -107,31 +108,36 @@ fn replay(bytes: &[u8], change: impl Fn(&mut FramePacket)) -> Engine {
 }
 
 #[test]
-fn a_threaded_run_is_replayed_bit_for_bit() {
-    // As fast as it goes; at leisure; with frames dropped and pauses of all lengths.
+fn threaded_run_is_replayed_bit_for_bit() {
+    // As fast as possible; at leisure; with dropped frames and pauses of all lengths.
     let paces: [fn(usize) -> Option<u64>; 3] =
         [|_| Some(0), |_| Some(20), |k| (k % 5 != 3).then_some((k * 7919 % 31) as u64)];
     let mut committed = 0;
     for (nth, pace) in paces.into_iter().enumerate() {
-        let (lived, bytes) = live(pace);
-        let again = replay(&bytes, |_| ());
-        let told = again.replayed().unwrap().clone();
-        assert_eq!(told.stopped, None, "run {nth}: {told:?}");
-        assert!(told.equal == told.of && told.of == lived.log().frames().len() && told.map_equal, "{told:?}");
-        assert_eq!(again.live_trajectory(), lived.live_trajectory());
-        assert_eq!(again.trajectory(), lived.trajectory());
-        assert_eq!(again.digest(), lived.digest());
-        assert!(lived.log().tracked() > 40, "{} frames have a pose", lived.log().tracked());
+        let (recorded, bytes) = live(pace);
+        let replayed = replay(&bytes, |_| ());
+        let progress = replayed.replayed().unwrap().clone();
+        assert_eq!(progress.stopped, None, "run {nth}: {progress:?}");
+        assert!(
+            progress.equal == progress.of
+                && progress.of == recorded.log().frames().len()
+                && progress.map_equal,
+            "{progress:?}"
+        );
+        assert_eq!(replayed.live_trajectory(), recorded.live_trajectory());
+        assert_eq!(replayed.trajectory(), recorded.trajectory());
+        assert_eq!(replayed.digest(), recorded.digest());
+        assert!(recorded.log().tracked() > 40, "{} frames have a pose", recorded.log().tracked());
         let text = String::from_utf8(bytes).unwrap();
         let count = |name: &str| text.matches(name).count();
         let stopped = count(" offer ") - count(" offer -");
         println!(
-            "run {nth}: {} frames, {} offers, {stopped} told to stop, {} jobs, {} committed, {} worlds at the end",
-            told.of,
+            "run {nth}: {} frames, {} requests, {stopped} told to stop, {} jobs, {} committed, {} maps at the end",
+            progress.of,
             count(" offer "),
             count(" job "),
             count(" closed "),
-            lived.snapshot().maps().count()
+            recorded.snapshot().maps().count()
         );
         committed += count(" closed ");
     }
@@ -139,23 +145,26 @@ fn a_threaded_run_is_replayed_bit_for_bit() {
 }
 
 #[test]
-fn a_cut_journal_is_replayed_as_far_as_it_goes_and_a_wrong_one_is_told() {
+fn cut_journal_is_replayed_to_its_end_and_wrong_ones_are_refused() {
     let (_, bytes) = live(|k| (k < 25).then_some(5));
-    let again = replay(&bytes[..bytes.len() * 2 / 3], |_| ());
-    let told = again.replayed().unwrap();
-    assert!(matches!(&told.stopped, Some(Stopped::Cut(_))), "{told:?}");
-    assert!(told.equal > 5 && told.equal <= told.of && told.of < 25, "{told:?}");
-    // Another picture than in the run is found at that frame.
+    let replayed = replay(&bytes[..bytes.len() * 2 / 3], |_| ());
+    let progress = replayed.replayed().unwrap();
+    assert!(matches!(&progress.stopped, Some(Stopped::Cut(_))), "{progress:?}");
+    assert!(progress.equal > 5 && progress.equal <= progress.of && progress.of < 25, "{progress:?}");
+    // Another image than in the run is detected at that frame.
     let at = walk()[12].stamp;
     let wrong = replay(&bytes, |packet| {
         if packet.stamp == at {
             packet.images = walk()[2].images.clone();
         }
     });
-    let told = wrong.replayed().unwrap();
-    assert!(matches!(&told.stopped, Some(Stopped::Differs { stamp: Some(t), .. }) if *t == at), "{told:?}");
-    assert_eq!(told.equal, 12);
-    // Another source, other settings, threads.
+    let progress = wrong.replayed().unwrap();
+    assert!(
+        matches!(&progress.stopped, Some(Stopped::Differs { stamp: Some(t), .. }) if *t == at),
+        "{progress:?}"
+    );
+    assert_eq!(progress.equal, 12);
+    // Another source, another configuration, threads.
     let journal = Journal::read(&bytes).unwrap();
     let lockstep = |config: &Config| engine(SimSensor::Rgbd, Runner::Lockstep, config);
     let why = lockstep(&Config::default()).replay("a street", journal.clone()).err().unwrap();
@@ -169,8 +178,8 @@ fn a_cut_journal_is_replayed_as_far_as_it_goes_and_a_wrong_one_is_told() {
 }
 
 #[test]
-fn lockstep_is_the_same_with_one_and_two_threads_of_the_eye_twice_each() {
-    let seen = pictures(SimSensor::Stereo, 3.5);
+fn lockstep_does_not_depend_on_front_end_threads() {
+    let seen = packets(SimSensor::Stereo, 3.5);
     let run = |two_threads| {
         let mut config = Config::default();
         config.front_end.two_threads = two_threads;
@@ -186,7 +195,7 @@ fn lockstep_is_the_same_with_one_and_two_threads_of_the_eye_twice_each() {
 }
 
 #[test]
-fn a_listener_knows_the_map_in_lockstep_and_with_threads() {
+fn subscriber_mirrors_the_map_in_lockstep_and_threaded() {
     for runner in [Runner::Lockstep, Runner::Threaded] {
         let mut engine = engine(SimSensor::Rgbd, runner, &Config::default());
         let first: Subscription = engine.subscribe().unwrap();

@@ -1,6 +1,7 @@
 //! Compares an estimated trajectory with its reference.
 //!
-//! `evaluate REFERENCE ESTIMATE [--align none|se3|sim3] [--max-difference S] [--delta 1f|0.5m|2s] [--all-pairs] [--json]`
+//! `evaluate REFERENCE ESTIMATE [--align none|se3|sim3] [--max-difference S] [--delta 1f|0.5m|2s] [--all-pairs]
+//! [--json]`
 
 use cairn_eval::{EvalOptions, evaluate_files, load_trajectory};
 use std::error::Error;

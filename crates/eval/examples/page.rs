@@ -1,4 +1,4 @@
-//! Writes a page with every element, to look at: `page OUT.html [REFERENCE ESTIMATE]`.
+//! Writes a page with every element, for visual inspection: `page OUT.html [REFERENCE ESTIMATE]`.
 
 use cairn_eval::{
     EvalOptions, Event, Marker, Page, Percentiles, Plan, PlanLine, Said, Tone, error_over_time,
@@ -13,7 +13,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = args.first().ok_or("usage: page OUT.html [REFERENCE ESTIMATE]")?;
     let mut page = Page::new(
         "An example page",
-        "Every element that a report can hold, with made-up times and a made-up walk.",
+        "Every element that a report can contain, with artificial times and an artificial walk.",
     );
     walk(&mut page);
     if let [_, reference, estimate] = args.as_slice() {
@@ -60,20 +60,20 @@ fn walk(page: &mut Page) {
         numbered.clone().map(|(i, w)| Event { number: i + 1, at: w.0, tone: Tone::Second }).collect();
     let plan = Plan {
         dots: Vec::new(),
-        title: "The way out and the way home".into(),
+        title: "The route out and the route home".into(),
         description: "A walk of 37 metres with three turns around a block, and the way back along it.".into(),
         axes: ("x".into(), "y".into()),
         walls,
         lines: vec![
             PlanLine {
-                label: "way out, recorded".into(),
+                label: "route out, recorded".into(),
                 points,
                 tone: Tone::First,
                 arrows: true,
                 ..PlanLine::default()
             },
             PlanLine {
-                label: "way home, walked".into(),
+                label: "route home, walked".into(),
                 points: home,
                 tone: Tone::Second,
                 dashed: true,
@@ -87,14 +87,14 @@ fn walk(page: &mut Page) {
         events,
     };
     page.facts(&[
-        ("PlanLine", "37.0 m"),
+        ("Route length", "37.0 m"),
         ("Arrival error", "0.21 m"),
         ("ATE", "0.014 m"),
         ("Coverage", "1.00"),
         ("Step, p50", "6.1 ms"),
     ]);
     page.heading("The walk");
-    page.figure(&plan.figure(), "Numbers show where a line of the transcript was said.");
+    page.figure(&plan.figure(), "The numbers show where each line of the transcript was spoken.");
     let lines: Vec<Said> = numbered
         .map(|(i, w)| Said { number: Some(i + 1), t_s: 7.3 * i as f64, words: w.1.into(), note: w.2.into() })
         .collect();
@@ -105,8 +105,8 @@ fn evaluation(page: &mut Page, reference: &Path, estimate: &Path) -> Result<(), 
     let result =
         evaluate_files(&load_trajectory(reference)?, &load_trajectory(estimate)?, &EvalOptions::default())?;
     page.heading("Accuracy");
-    page.figure(&trajectory_view("Estimate and truth", &result), "Aligned by a rigid transform.");
-    page.figure(&error_over_time("Error over time", &result), "Distance between estimate and truth.");
+    page.figure(&trajectory_view("Estimate and ground truth", &result), "Aligned by a rigid transform.");
+    page.figure(&error_over_time("Error over time", &result), "Distance between estimate and ground truth.");
     Ok(())
 }
 
@@ -119,8 +119,8 @@ fn timings(page: &mut Page) {
         })
         .collect();
     page.heading("Time");
-    page.figure(&times_over_frames("Time per frame", &ms), "Decoded image to pose.");
-    page.figure(&times_histogram("Distribution of the time per frame", &ms), "Decoded image to pose.");
+    page.figure(&times_over_frames("Time per frame", &ms), "From decoded image to pose.");
+    page.figure(&times_histogram("Distribution of the time per frame", &ms), "From decoded image to pose.");
     if let Some(p) = Percentiles::of(&ms) {
         let row = |name: &str, part: f64| {
             let cells = [p.p50, p.p95, p.p99, p.max].map(|v| format!("{:.2}", v * part));

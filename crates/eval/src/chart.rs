@@ -1,18 +1,18 @@
-//! Charts: values over an axis, and histograms.
+//! Line charts and histograms.
 
 use crate::svg::{Anchor, Canvas, Figure, Tone};
 
 const WIDTH: f64 = 760.0;
 const HEIGHT: f64 = 320.0;
-/// Room for the words of horizontal marks.
+/// Space for the labels of horizontal marks.
 const MARK_MARGIN: f64 = 108.0;
 
-/// A line of a chart. A value that is not finite breaks the line: a gap stays a gap.
+/// A line of a chart. A value that is not finite interrupts the line, so that gaps are visible.
 #[derive(Clone, Debug, Default)]
 pub struct Series {
     /// Name in the legend.
     pub label: String,
-    /// Points, x rising.
+    /// Points, sorted by x.
     pub points: Vec<(f64, f64)>,
     /// Colour.
     pub tone: Tone,
@@ -23,18 +23,18 @@ pub struct Series {
 /// A value marked by a line across the chart.
 #[derive(Clone, Debug)]
 pub struct Mark {
-    /// Words at the line.
+    /// Label at the line.
     pub label: String,
-    /// Where.
+    /// Marked value.
     pub value: f64,
 }
 
-/// Title, description and the names of the axes with their units.
+/// Title, description and axis labels.
 #[derive(Clone, Debug, Default)]
 pub struct Labels {
     /// Short name of the figure.
     pub title: String,
-    /// What there is to see, for those who do not see it.
+    /// Text alternative: what the figure shows.
     pub description: String,
     /// Name and unit of the horizontal axis.
     pub x: String,
@@ -42,7 +42,7 @@ pub struct Labels {
     pub y: String,
 }
 
-/// Lines over a common axis, with horizontal marks. Many points are thinned so that each peak stays.
+/// A line chart with horizontal marks. Many points are decimated such that every peak is preserved.
 pub fn line_chart(labels: &Labels, series: &[Series], marks: &[Mark]) -> Figure {
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
     let legend: Vec<(&str, Tone, bool)> =
@@ -58,18 +58,18 @@ pub fn line_chart(labels: &Labels, series: &[Series], marks: &[Mark]) -> Figure 
     for line in series {
         for run in line.points.split(|p| !(p.0.is_finite() && p.1.is_finite())) {
             let pixels: Vec<(f64, f64)> = run.iter().map(|p| axes.pixel(*p)).collect();
-            match thin(&pixels).as_slice() {
+            match decimate(&pixels).as_slice() {
                 [single] => canvas.disc(*single, 1.5, line.tone, false),
                 many => canvas.polyline(many, line.tone, 1.6, line.dashed),
             }
         }
     }
-    draw_levels(&mut canvas, &axes, marks);
+    draw_marks(&mut canvas, &axes, marks);
     canvas.finish(&labels.title, &labels.description)
 }
 
-/// Dashed lines across, their words in the margin to the right, moved apart where they would touch.
-fn draw_levels(canvas: &mut Canvas, axes: &Axes, marks: &[Mark]) {
+/// Dashed horizontal lines with labels in the right margin, moved apart where they would overlap.
+fn draw_marks(canvas: &mut Canvas, axes: &Axes, marks: &[Mark]) {
     let mut marks: Vec<&Mark> = marks.iter().filter(|m| m.value.is_finite()).collect();
     marks.sort_by(|a, b| a.value.total_cmp(&b.value));
     let mut lowest_free = f64::INFINITY;
@@ -82,7 +82,7 @@ fn draw_levels(canvas: &mut Canvas, axes: &Axes, marks: &[Mark]) {
     }
 }
 
-/// How often values occur, with vertical marks. The vertical axis counts; values that are not finite are left out.
+/// A histogram with vertical marks. The vertical axis is the count; values that are not finite are left out.
 pub fn histogram(labels: &Labels, values: &[f64], marks: &[Mark]) -> Figure {
     const BINS: usize = 48;
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
@@ -93,9 +93,10 @@ pub fn histogram(labels: &Labels, values: &[f64], marks: &[Mark]) -> Figure {
         let bin = (value - x.0) / (x.1 - x.0) * BINS as f64;
         counts[(bin as usize).min(BINS - 1)] += 1;
     }
-    let most = counts.iter().copied().max().unwrap_or(0);
+    let highest = counts.iter().copied().max().unwrap_or(0);
     let top = 12.0 + 15.0 * marks.len() as f64;
-    let axes = Axes::draw(&mut canvas, labels, (top, WIDTH - 16.0), x, (0.0, (most as f64 * 1.05).max(1.0)));
+    let axes =
+        Axes::draw(&mut canvas, labels, (top, WIDTH - 16.0), x, (0.0, (highest as f64 * 1.05).max(1.0)));
     let step = (x.1 - x.0) / BINS as f64;
     for (bin, count) in counts.iter().enumerate().filter(|(_, c)| **c > 0) {
         let (left, top) = axes.pixel((x.0 + bin as f64 * step, *count as f64));
@@ -112,7 +113,7 @@ pub fn histogram(labels: &Labels, values: &[f64], marks: &[Mark]) -> Figure {
     canvas.finish(&labels.title, &labels.description)
 }
 
-/// The frame of a chart, drawn, and the map from values to pixels.
+/// The axes of a chart and the mapping from values to pixels.
 struct Axes {
     left: f64,
     right: f64,
@@ -123,7 +124,7 @@ struct Axes {
 }
 
 impl Axes {
-    /// `edges` are the top and the right one, in pixels.
+    /// Draws the axes; `edges` are the top and the right edge in pixels.
     fn draw(canvas: &mut Canvas, labels: &Labels, edges: (f64, f64), x: (f64, f64), y: (f64, f64)) -> Self {
         let (top, right) = edges;
         let axes = Self { left: 64.0, right, top, bottom: canvas.height - 48.0, x, y };
@@ -156,7 +157,8 @@ impl Axes {
     }
 }
 
-/// Least and greatest value, never empty; `from_zero` begins at 0 when nothing is negative and leaves room above.
+/// Minimum and maximum value, never an empty range; `from_zero` starts at 0 when nothing is negative and adds a margin
+/// above.
 fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
     let finite = values.filter(|v| v.is_finite());
     let (mut low, mut high) =
@@ -165,14 +167,14 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
         return (0.0, 1.0);
     }
     if from_zero {
-        let room = 0.06 * (high - low.min(0.0));
-        low = if low >= 0.0 { 0.0 } else { low - room };
-        high += room;
+        let margin = 0.06 * (high - low.min(0.0));
+        low = if low >= 0.0 { 0.0 } else { low - margin };
+        high += margin;
     }
     if high - low > 1e-12 * high.abs().max(low.abs()).max(1e-12) { (low, high) } else { (low, low + 1.0) }
 }
 
-/// Round values within a range, in steps of 1, 2 or 5 times a power of ten, with their text.
+/// Tick values within a range, in steps of 1, 2 or 5 times a power of ten, with their labels.
 fn ticks(range: (f64, f64), about: usize) -> Vec<(f64, String)> {
     let step = round_step((range.1 - range.0) / about as f64);
     let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
@@ -181,15 +183,15 @@ fn ticks(range: (f64, f64), about: usize) -> Vec<(f64, String)> {
     (0..=count.min(50)).map(|i| (first + i as f64) * step).map(|v| (v, format!("{v:.decimals$}"))).collect()
 }
 
-/// The least of 1, 2, 5 times a power of ten that is at least `value`.
+/// The smallest number of the form 1, 2 or 5 times a power of ten that is at least `value`.
 pub(crate) fn round_step(value: f64) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     let step = [1.0, 2.0, 5.0].iter().map(|m| m * power).find(|s| *s >= value * (1.0 - 1e-9));
     step.unwrap_or(10.0 * power)
 }
 
-/// For each pixel column the first, lowest, highest and last point, in order.
-fn thin(pixels: &[(f64, f64)]) -> Vec<(f64, f64)> {
+/// Decimates a line: the first, lowest, highest and last point of each pixel column, in order.
+fn decimate(pixels: &[(f64, f64)]) -> Vec<(f64, f64)> {
     if pixels.len() < 3000 {
         return pixels.to_vec();
     }
@@ -210,7 +212,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_round_and_inside() {
+    fn ticks_are_round_and_in_range() {
         let texts = |r, n| ticks(r, n).into_iter().map(|t| t.1).collect::<Vec<_>>();
         assert_eq!(texts((0.0, 1.0), 5), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
         assert_eq!(texts((3.0, 47.0), 5), ["10", "20", "30", "40"]);
@@ -224,18 +226,18 @@ mod tests {
     }
 
     #[test]
-    fn thinning_keeps_every_peak() {
+    fn decimation_keeps_every_peak() {
         let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i) * 0.007, 100.0)).collect();
         points[54_321].1 = 7.0;
         points[777].1 = 300.0;
-        let thinned = thin(&points);
-        assert!(thinned.len() < 3000, "{}", thinned.len());
-        assert!(thinned.contains(&points[54_321]) && thinned.contains(&points[777]));
-        assert_eq!((thinned.first(), thinned.last()), (points.first(), points.last()));
+        let decimated = decimate(&points);
+        assert!(decimated.len() < 3000, "{}", decimated.len());
+        assert!(decimated.contains(&points[54_321]) && decimated.contains(&points[777]));
+        assert_eq!((decimated.first(), decimated.last()), (points.first(), points.last()));
     }
 
     #[test]
-    fn gaps_break_the_line_and_nothing_is_an_empty_frame() {
+    fn gaps_interrupt_the_line_and_empty_charts_are_drawn() {
         let labels = Labels { title: "t".into(), ..Labels::default() };
         let points = vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 2.0)];
         let count = |points: Vec<(f64, f64)>| {

@@ -1,15 +1,14 @@
-//! Decimal text to whole nanoseconds, exactly: a float would lose digits of an epoch below 100 ns.
+//! Exact conversion of decimal text to integer nanoseconds: a float would lose the digits of epoch times below 100 ns.
 
-/// Beyond this many seconds (the year 5138) a number must be nanoseconds written in the column of seconds,
-/// as some programs do.
-const MOST_SECONDS_NS: i128 = 100_000_000_000 * 1_000_000_000;
+/// A time beyond this (10^11 s, the year 5138) must be nanoseconds written in the column for seconds, as some programs
+/// do.
+const MAX_SECONDS_NS: i128 = 100_000_000_000 * 1_000_000_000;
 
-/// Nanoseconds of a time written in seconds (`1403636584.763555584`, `1.403715529112143517e+09`); numbers
-/// too large for seconds are taken as nanoseconds. Rounds halves away from zero; `None` for anything
-/// else and out of range.
+/// Nanoseconds of a time written in seconds (`1403636584.763555584`, `1.403715529112143517e+09`); numbers too large for
+/// seconds are interpreted as nanoseconds. Rounds half away from zero; `None` for other text and out of range.
 pub(crate) fn nanoseconds(text: &str) -> Option<i64> {
     let ns = scaled(text, 9)?;
-    let ns = if ns.abs() > MOST_SECONDS_NS { scaled(text, 0)? } else { ns };
+    let ns = if ns.abs() > MAX_SECONDS_NS { scaled(text, 0)? } else { ns };
     i64::try_from(ns).ok()
 }
 
@@ -35,7 +34,7 @@ fn scaled(text: &str, power: i32) -> Option<i128> {
             return None;
         }
         let in_fraction = i >= whole.len();
-        // Digits that no rounding to an integer can feel are dropped before they overflow.
+        // Digits too small to affect the rounding to an integer are dropped before they overflow.
         match value.checked_mul(10).and_then(|v| v.checked_add(i128::from(byte - b'0'))) {
             Some(v) if v < i128::MAX / 10 => {
                 value = v;
@@ -61,7 +60,7 @@ mod tests {
     use super::nanoseconds;
 
     #[test]
-    fn every_digit_counts() {
+    fn conversion_is_exact() {
         for (text, ns) in [
             ("1403636584.763555584", 1_403_636_584_763_555_584),
             ("1.403715529112143517e+09", 1_403_715_529_112_143_517),

@@ -1,4 +1,4 @@
-//! What can go wrong: files that are not what they should be, and pairs that cannot be compared.
+//! Errors: invalid files, and trajectories that cannot be compared.
 
 use cairn_geometry::Degenerate;
 use thiserror::Error;
@@ -9,9 +9,9 @@ use thiserror::Error;
 pub struct FileError {
     /// Path or name.
     pub file: String,
-    /// Line, counted from one.
+    /// Line number, counted from one.
     pub line: Option<usize>,
-    /// What is wrong, and the cure where it is known.
+    /// What is wrong, and the remedy if known.
     pub reason: String,
 }
 
@@ -30,20 +30,21 @@ impl FileError {
 pub enum EvalError {
     /// No two poses are close in time.
     #[error(
-        "no pose of the estimate is within {max_difference_s} s of a pose of the reference (reference {reference_span}, estimate {estimate_span}); are both in the same clock? --max-difference widens the search"
+        "no pose of the estimate is within {max_difference_s} s of a pose of the reference (reference \
+         {reference_span}, estimate {estimate_span}); are both in the same clock? --max-difference widens the search"
     )]
     NoPairs {
-        /// Greatest difference allowed, in seconds.
+        /// Maximum time difference, in seconds.
         max_difference_s: f64,
         /// First and last time of the reference.
         reference_span: String,
         /// First and last time of the estimate.
         estimate_span: String,
     },
-    /// The pairs determine no alignment.
+    /// The pairs do not determine an alignment.
     #[error("the trajectories cannot be aligned: {0}; --align none compares them as they are")]
     Alignment(#[from] Degenerate),
-    /// An option that makes no sense.
+    /// An invalid option.
     #[error("{0}")]
     Option(String),
 }

@@ -1,7 +1,7 @@
 //! The evaluation of an estimate against a reference: absolute and relative error, and coverage.
 //!
 //! Definitions: Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section V, as
-//! the public tool evo computes them; the figures agree with evo's.
+//! the public tool evo computes them; the results agree with evo's.
 
 use crate::coverage::{coverage_of_frames, coverage_of_reference};
 use crate::error::EvalError;
@@ -13,11 +13,11 @@ use cairn_geometry::{Sim3, Trajectory, Vec3, associate, umeyama};
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
-/// How the estimate is laid onto the reference before the comparison.
+/// Alignment of the estimate to the reference before the comparison.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Align {
-    /// Not at all.
+    /// No alignment.
     None,
     /// Rotation and translation (Umeyama).
     #[default]
@@ -33,37 +33,37 @@ impl FromStr for Align {
             "none" => Ok(Self::None),
             "se3" => Ok(Self::Se3),
             "sim3" => Ok(Self::Sim3),
-            _ => Err(EvalError::Option(format!("'{text}' is no alignment; write none, se3 or sim3"))),
+            _ => Err(EvalError::Option(format!("'{text}' is not an alignment; write none, se3 or sim3"))),
         }
     }
 }
 
-/// What belongs together.
+/// How poses of the two trajectories are paired.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Association {
-    /// Poses nearest in time.
+    /// By nearest time.
     #[default]
     Time,
-    /// Poses with the same number (KITTI files have no times).
+    /// By index (KITTI files have no times).
     Index,
 }
 
-/// How to compare. The defaults are evo's.
+/// Options of the comparison. The defaults are evo's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvalOptions {
     /// Alignment before the comparison.
     pub align: Align,
-    /// Greatest difference in time of a pair, in seconds.
+    /// Maximum time difference of a pair, in seconds.
     pub max_difference_s: f64,
-    /// What belongs together.
+    /// How poses are paired.
     pub association: Association,
-    /// Distance of the pairs of the relative error.
+    /// Distance between the two poses of a pair, for the relative error.
     pub delta: Delta,
-    /// All pairs at that distance, not only those that follow each other.
+    /// True to use all pairs at that distance, not only consecutive ones.
     pub all_pairs: bool,
-    /// Tolerance of the distance with `all_pairs`, relative.
+    /// Relative tolerance of the distance with `all_pairs`.
     pub delta_tolerance: f64,
-    /// False when one side has positions only: then there are no angles, and no relative error.
+    /// False when one side has positions only: then angles and relative error are not computed.
     pub rotations: bool,
 }
 
@@ -81,7 +81,7 @@ impl Default for EvalOptions {
     }
 }
 
-/// Two positions of one instant, both in the reference's frame, and how far they are apart.
+/// Two associated positions, both in the reference's frame, and their distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairError {
     /// Time of the estimate in nanoseconds.
@@ -94,36 +94,36 @@ pub struct PairError {
     pub error_m: f64,
 }
 
-/// How an estimate compares with its reference.
+/// Result of the comparison of an estimate with its reference.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// Alignment asked for.
+    /// Requested alignment.
     pub align: Align,
-    /// Scale that the alignment found; 1 without one.
+    /// Scale found by the alignment; 1 without a similarity alignment.
     pub scale: f64,
-    /// Number of pairs that were compared.
+    /// Number of compared pairs.
     pub pairs: usize,
-    /// Poses of the reference.
+    /// Number of poses of the reference.
     pub reference_poses: usize,
-    /// Poses of the estimate.
+    /// Number of poses of the estimate.
     pub estimate_poses: usize,
-    /// Fraction of the reference that the estimate covers, see [`coverage_of_reference`].
+    /// Fraction of the reference covered by the estimate, see [`coverage_of_reference`].
     pub coverage: f64,
-    /// Length of the reference through the pairs, in metres.
+    /// Path length of the reference over the pairs, in metres.
     pub path_m: f64,
-    /// Absolute trajectory error: distances of positions in metres.
+    /// Absolute trajectory error (ATE): distances of positions in metres.
     pub ate_m: Statistics,
     /// Absolute rotation error in degrees.
     pub ate_deg: Option<Statistics>,
-    /// Distance of the pairs of the relative error, as `1f`, `0.5m`, `2s`.
+    /// Distance between the poses of a pair for the relative error, as `1f`, `0.5m`, `2s`.
     pub delta: String,
-    /// Relative error, translation part, in metres.
+    /// Relative pose error (RPE), translation part, in metres.
     pub rpe_m: Option<Statistics>,
-    /// Relative error, rotation angle, in degrees.
+    /// Relative pose error (RPE), rotation angle, in degrees.
     pub rpe_deg: Option<Statistics>,
-    /// What else the reader should know, in sentences.
+    /// Remarks for the reader, in sentences.
     pub notes: Vec<String>,
-    /// Transform `reference_from_estimate` of the alignment.
+    /// The alignment.
     #[serde(skip)]
     pub reference_from_estimate: Sim3,
     /// The pairs, in order of time, for plots.
@@ -132,13 +132,16 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// ATE (RMSE) as a fraction of the path; `None` when the reference stands still.
+    /// ATE (RMSE) as a fraction of the path length; `None` when the reference does not move.
     pub fn drift(&self) -> Option<f64> {
         (self.path_m > 1e-6).then(|| self.ate_m.rmse / self.path_m)
     }
 }
 
-/// Compares two files: positions only and missing times are taken care of.
+/// Compares two trajectory files; handles files with positions only and files without times.
+///
+/// # Errors
+/// As [`evaluate`].
 pub fn evaluate_files(
     reference: &TrajectoryFile,
     estimate: &TrajectoryFile,
@@ -158,13 +161,16 @@ pub fn evaluate_files(
             out.notes.push(format!("{}: {} lines are nan and were left out", file.name, file.unknown_poses));
         }
         if file.nominal_times && options.association == Association::Time {
-            out.notes.push(format!("{} has no times: nominal ones were taken", file.name));
+            out.notes.push(format!("{} has no times: nominal times were used", file.name));
         }
     }
     Ok(out)
 }
 
 /// Compares an estimate with a reference, both `world_from_body` of the same body.
+///
+/// # Errors
+/// When no poses are associated, the alignment is not determined, or an option is invalid.
 pub fn evaluate(
     reference: &Trajectory,
     estimate: &Trajectory,
@@ -172,7 +178,7 @@ pub fn evaluate(
 ) -> Result<Evaluation, EvalError> {
     if !(options.max_difference_s >= 0.0 && options.max_difference_s.is_finite()) {
         return Err(EvalError::Option(format!(
-            "--max-difference {}: must be seconds, zero or more",
+            "--max-difference {}: must be zero or more seconds",
             options.max_difference_s
         )));
     }
@@ -234,8 +240,8 @@ pub fn evaluate(
     })
 }
 
-/// The fraction of a source's frames that have a pose: the coverage of a run, for frames whose times are
-/// those of the poses to the nanosecond.
+/// The fraction of a source's frames that have a pose (the coverage of a run), where frame and pose times must be equal
+/// to the nanosecond.
 pub fn tracked_fraction(frames_ns: &[i64], estimate: &Trajectory) -> f64 {
     coverage_of_frames(frames_ns, estimate.stamps_ns(), 0.0)
 }
@@ -247,7 +253,7 @@ fn span(trajectory: &Trajectory) -> String {
     }
 }
 
-/// The associated poses, the estimate's already aligned; equally long.
+/// The associated poses, with the estimate already aligned; all lists have the same length.
 struct Matched {
     stamps_ns: Vec<i64>,
     reference: Vec<cairn_geometry::Se3>,

@@ -1,4 +1,4 @@
-//! The figures of an evaluation and of a run, ready for a page.
+//! Ready-made figures of an evaluation and of a run.
 
 use crate::chart::{Labels, Mark, Series, histogram, line_chart};
 use crate::evaluate::Evaluation;
@@ -7,32 +7,33 @@ use crate::plan::{Marker, Plan, PlanLine};
 use crate::svg::{Figure, Tone};
 use cairn_geometry::{Vec2, Vec3};
 
-/// The axes of a view from above: the two in which points spread most, in the order x, y, z.
+/// The axes of a top view: the two with the largest extent of the points, in the order x, y, z.
 pub fn widest_axes(points: impl IntoIterator<Item = Vec3>) -> (usize, usize) {
     let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
     for p in points {
         (low, high) = (low.inf(&p), high.sup(&p));
     }
     let size = high - low;
-    let least = if size.z <= size.x && size.z <= size.y {
+    let smallest = if size.z <= size.x && size.z <= size.y {
         2
     } else if size.y <= size.x {
         1
     } else {
         0
     };
-    match least {
+    match smallest {
         2 => (0, 1),
         1 => (0, 2),
         _ => (1, 2),
     }
 }
 
-/// Estimate against truth, seen along the axis in which the truth spreads least. Holes in the estimate of more than a second stay open.
+/// Estimate and ground truth, projected along the axis with the smallest extent. Gaps of more than a second are not
+/// connected.
 pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
     let (i, j) = widest_axes(evaluation.errors.iter().map(|e| e.reference));
     let name = |axis: usize| ["x", "y", "z"][axis].to_owned();
-    let with_holes = |of: fn(&crate::PairError) -> Vec3| {
+    let with_gaps = |of: fn(&crate::PairError) -> Vec3| {
         let mut points: Vec<Vec2> = Vec::with_capacity(evaluation.errors.len());
         let mut last_ns: Option<i64> = None;
         for e in &evaluation.errors {
@@ -45,11 +46,11 @@ pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
         }
         points
     };
-    let truth = with_holes(|e| e.reference);
+    let truth = with_gaps(|e| e.reference);
     let start = truth.first().copied();
     let lines = vec![
         PlanLine {
-            label: "truth".into(),
+            label: "ground truth".into(),
             points: truth,
             tone: Tone::Truth,
             broad: true,
@@ -57,7 +58,7 @@ pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
         },
         PlanLine {
             label: "estimate, aligned".into(),
-            points: with_holes(|e| e.estimate),
+            points: with_gaps(|e| e.estimate),
             tone: Tone::First,
             ..PlanLine::default()
         },
@@ -65,7 +66,7 @@ pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
     let plan = Plan {
         title: title.to_owned(),
         description: format!(
-            "Estimated trajectory over the truth, {:.1} m of path, {} pairs; the RMSE of the distance is {:.4} m.",
+            "Estimated trajectory and ground truth, {:.1} m of path, {} pairs; the RMSE of the distance is {:.4} m.",
             evaluation.path_m, evaluation.pairs, evaluation.ate_m.rmse
         ),
         axes: (name(i), name(j)),
@@ -79,7 +80,7 @@ pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
     plan.figure()
 }
 
-/// Distance to the truth over time.
+/// Distance to the ground truth over time.
 pub fn error_over_time(title: &str, evaluation: &Evaluation) -> Figure {
     let start = evaluation.errors.first().map_or(0, |e| e.stamp_ns);
     let mut points = Vec::with_capacity(evaluation.errors.len());
@@ -96,40 +97,40 @@ pub fn error_over_time(title: &str, evaluation: &Evaluation) -> Figure {
     let labels = Labels {
         title: title.to_owned(),
         description: format!(
-            "Error over time: RMSE {:.4} m, median {:.4} m, at most {:.4} m.",
+            "Error over time: RMSE {:.4} m, median {:.4} m, maximum {:.4} m.",
             ate.rmse, ate.median, ate.max
         ),
         x: "time from the first pair [s]".into(),
-        y: "distance to the truth [m]".into(),
+        y: "distance to the ground truth [m]".into(),
     };
     let mark = Mark { label: format!("RMSE {:.4} m", ate.rmse), value: ate.rmse };
     line_chart(&labels, &[Series { points, ..Series::default() }], &[mark])
 }
 
-/// Milliseconds of each frame in the order of the frames, with p50 and p99.
+/// Processing time of each frame in milliseconds, in order, with p50 and p99.
 pub fn times_over_frames(title: &str, ms: &[f64]) -> Figure {
     let points = ms.iter().enumerate().map(|(i, v)| (i as f64, *v)).collect();
     let labels = Labels {
         title: title.to_owned(),
-        description: format!("Time of each of {} frames{}", ms.len(), sentence(ms)),
+        description: format!("Time of each of {} frames{}", ms.len(), percentiles_text(ms)),
         x: "frame".into(),
         y: "step [ms]".into(),
     };
     line_chart(&labels, &[Series { points, ..Series::default() }], &percentile_marks(ms, false))
 }
 
-/// How often a frame took how many milliseconds.
+/// Histogram of the processing times in milliseconds, with p50, p95 and p99.
 pub fn times_histogram(title: &str, ms: &[f64]) -> Figure {
     let labels = Labels {
         title: title.to_owned(),
-        description: format!("Distribution of the time of {} frames{}", ms.len(), sentence(ms)),
+        description: format!("Distribution of the time of {} frames{}", ms.len(), percentiles_text(ms)),
         x: "step [ms]".into(),
         y: "frames".into(),
     };
     histogram(&labels, ms, &percentile_marks(ms, true))
 }
 
-fn sentence(ms: &[f64]) -> String {
+fn percentiles_text(ms: &[f64]) -> String {
     Percentiles::of(ms).map_or_else(|| ".".into(), |p| format!(": {p} ms."))
 }
 
@@ -147,17 +148,17 @@ mod tests {
     use cairn_geometry::{Se3, So3, Trajectory};
 
     #[test]
-    fn a_hole_stays_open() {
-        let (mut truth, mut guess) = (Trajectory::new(), Trajectory::new());
+    fn gaps_are_not_connected() {
+        let (mut truth, mut estimate) = (Trajectory::new(), Trajectory::new());
         for i in 0..100i64 {
             let a = i as f64 * 0.1;
             let pose = Se3::new(So3::identity(), Vec3::new(a, 0.01 * a, a.sin()));
             truth.push(i * 100_000_000, pose).unwrap();
             if !(40..60).contains(&i) {
-                guess.push(i * 100_000_000, pose).unwrap();
+                estimate.push(i * 100_000_000, pose).unwrap();
             }
         }
-        let result = evaluate(&truth, &guess, &EvalOptions::default()).unwrap();
+        let result = evaluate(&truth, &estimate, &EvalOptions::default()).unwrap();
         let view = trajectory_view("view", &result).standalone();
         assert_eq!(
             (view.matches("stroke-width=\"2.2\"").count(), view.matches("stroke-width=\"6\"").count()),
@@ -169,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_of_no_frames_are_empty_not_wrong() {
+    fn figures_without_frames_are_valid() {
         assert!(times_over_frames("t", &[]).description.contains("0 frames."));
         assert!(times_histogram("t", &[2.0, 4.0]).description.contains("p50 3.00"));
     }

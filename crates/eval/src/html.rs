@@ -1,5 +1,5 @@
-//! A page in one file: headings, facts, figures, tables, what was said. It opens offline in any browser, light or
-//! dark, and reads well aloud: landmarks, table headers, titled figures, no script.
+//! A self-contained HTML page: headings, key figures, plots, tables, transcripts. It opens offline in any browser, in
+//! light or dark mode, and is accessible to screen readers: landmarks, table headers, titled figures, no script.
 
 use crate::svg::{Figure, escape, style};
 use std::fmt::Write as _;
@@ -7,13 +7,13 @@ use std::fmt::Write as _;
 /// A line of a transcript.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Said {
-    /// Number that the plan shows; `None` for a line that the plan leaves out.
+    /// Number shown in the plan; `None` for a line that is not in the plan.
     pub number: Option<usize>,
     /// Seconds from the start.
     pub t_s: f64,
-    /// The words.
+    /// The spoken words.
     pub words: String,
-    /// What was going on, in a few words; may be empty.
+    /// The situation, in a few words; may be empty.
     pub note: String,
 }
 
@@ -28,14 +28,14 @@ pub struct Page {
 }
 
 impl Page {
-    /// A page with its title and a sentence below it.
+    /// A page with a title and an introductory sentence.
     pub fn new(title: &str, lead: &str) -> Self {
         let body =
             format!("<header><h1>{}</h1><p class=\"lead\">{}</p></header>", escape(title), escape(lead));
         Self { title: title.to_owned(), body, headings: Vec::new(), figures: 0, section_open: false }
     }
 
-    /// Begins a section.
+    /// Starts a section.
     pub fn heading(&mut self, text: &str) {
         self.close_section();
         let id = self.headings.len() + 1;
@@ -58,7 +58,7 @@ impl Page {
         let _ = write!(self.body, "<p>{}</p>", escape(text));
     }
 
-    /// Names with their values, the values large: the figures that matter.
+    /// Key figures: names with their values in large type.
     pub fn facts(&mut self, facts: &[(&str, &str)]) {
         self.body.push_str("<dl class=\"facts\">");
         for (name, value) in facts {
@@ -80,7 +80,7 @@ impl Page {
         );
     }
 
-    /// A table; the first cell of a row is its header. Numbers are set to the right.
+    /// A table; the first cell of a row is its header. Numeric columns are right-aligned.
     pub fn table(&mut self, caption: &str, header: &[&str], rows: &[Vec<String>]) {
         let _ = write!(
             self.body,
@@ -107,7 +107,7 @@ impl Page {
         self.body.push_str("</tbody></table></div>");
     }
 
-    /// What was said, in order of time.
+    /// A transcript of spoken messages, in order of time.
     pub fn transcript(&mut self, caption: &str, lines: &[Said]) {
         let _ = write!(
             self.body,
@@ -129,7 +129,7 @@ impl Page {
         self.body.push_str("</tbody></table>");
     }
 
-    /// Long text that is folded away, as configuration is.
+    /// Long text that is collapsed, such as a configuration.
     pub fn folded(&mut self, summary: &str, text: &str) {
         let _ = write!(
             self.body,
@@ -139,7 +139,7 @@ impl Page {
         );
     }
 
-    /// The whole file.
+    /// The complete HTML text.
     pub fn finish(mut self) -> String {
         self.close_section();
         let title = escape(&self.title);
@@ -169,7 +169,7 @@ impl Page {
     }
 }
 
-/// True when every cell of the column begins like a number.
+/// True when every cell of the column starts like a number.
 fn is_numeric_column(rows: &[Vec<String>], column: usize) -> bool {
     let mut cells =
         rows.iter().filter_map(|r| r.get(column)).filter(|c| !c.is_empty() && *c != "-").peekable();
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn one_file_with_nothing_from_outside() {
+    fn page_has_no_external_references() {
         let html = page();
         let without_namespace = html.replace("http://www.w3.org/2000/svg", "");
         for outside in ["http:", "https:", "src=", "@import", "url(", "<script"] {
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_stand_right_and_clocks_read_well() {
+    fn numeric_columns_are_right_aligned_and_times_formatted() {
         let html = page();
         assert!(
             html.contains("<th scope=\"col\" class=\"n\">p50</th>")

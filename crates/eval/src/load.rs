@@ -1,4 +1,4 @@
-//! Loads a trajectory from a path: a file of any known kind, or the truth within a folder of a data set.
+//! Loads a trajectory from a path: a file in any known format, or the ground truth in a data set folder.
 
 use crate::decimal;
 use crate::error::FileError;
@@ -7,8 +7,8 @@ use cairn_geometry::{Mat3, Trajectory, Vec3};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where folders of known data sets keep their truth, in the order in which they are tried.
-const TRUTH_IN_FOLDER: [&str; 7] = [
+/// Ground-truth files in folders of known data sets, in the order in which they are tried.
+const GROUND_TRUTH_FILES: [&str; 7] = [
     "mav0/state_groundtruth_estimate0/data.csv",
     "state_groundtruth_estimate0/data.csv",
     "mav0/mocap0/data.csv",
@@ -18,12 +18,15 @@ const TRUTH_IN_FOLDER: [&str; 7] = [
     "poses.txt",
 ];
 
-/// Reads the trajectory at a path: a TUM, KITTI or EuRoC file, or a folder of EuRoC, TUM, KITTI or
-/// 7-Scenes that has truth in it. A KITTI file takes its times from `times.txt` beside it.
+/// Reads the trajectory at a path: a TUM, KITTI or EuRoC file, or a folder of EuRoC, TUM, KITTI or 7-Scenes that
+/// contains ground truth. A KITTI file takes its times from `times.txt` in the same folder, if present.
+///
+/// # Errors
+/// When the file cannot be read or parsed, or the folder contains no known ground truth.
 pub fn load_trajectory(path: &Path) -> Result<TrajectoryFile, FileError> {
     let name = path.display().to_string();
     if path.is_dir() {
-        if let Some(file) = TRUTH_IN_FOLDER.iter().map(|f| path.join(f)).find(|f| f.is_file()) {
+        if let Some(file) = GROUND_TRUTH_FILES.iter().map(|f| path.join(f)).find(|f| f.is_file()) {
             return load_trajectory(&file);
         }
         return load_matrices(path);
@@ -57,7 +60,7 @@ fn parse_times(text: &str, name: &str) -> Result<Vec<i64>, FileError> {
         .collect()
 }
 
-/// 7-Scenes: `frame-000123.pose.txt`, a 4x4 matrix each, 30 Hz nominal by the frame number.
+/// 7-Scenes: files `frame-000123.pose.txt` with a 4x4 matrix each; nominal times at 30 Hz from the frame number.
 fn load_matrices(folder: &Path) -> Result<TrajectoryFile, FileError> {
     let name = folder.display().to_string();
     let entries = fs::read_dir(folder).map_err(|e| FileError::whole(&name, format!("cannot read: {e}")))?;
@@ -72,7 +75,8 @@ fn load_matrices(folder: &Path) -> Result<TrajectoryFile, FileError> {
     if frames.is_empty() {
         return Err(FileError::whole(
             &name,
-            "no truth found in this folder (looked for EuRoC, TUM, KITTI and 7-Scenes files); name the file itself",
+            "no ground truth found in this folder (looked for EuRoC, TUM, KITTI and 7-Scenes files); name the \
+             file itself",
         ));
     }
     let mut trajectory = Trajectory::new();
@@ -105,11 +109,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn folders_and_times_beside() {
+    fn loads_folders_and_times_files() {
         let folder = std::env::temp_dir().join(format!("cairn-eval-load-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let error = load_trajectory(&folder).unwrap_err().to_string();
-        assert!(error.contains("no truth found"), "{error}");
+        assert!(error.contains("no ground truth found"), "{error}");
         fs::write(folder.join("frame-000003.pose.txt"), "1 0 0 5\n0 1 0 6\n0 0 1 7\n0 0 0 1\n").unwrap();
         let scenes = load_trajectory(&folder).unwrap();
         assert_eq!(scenes.trajectory.stamps_ns(), [100_000_000]);
@@ -126,7 +130,7 @@ mod tests {
         assert_eq!(
             load_trajectory(&folder).unwrap().trajectory.stamps_ns()[1],
             100_000_000,
-            "times of another"
+            "times.txt of another length is ignored"
         );
         fs::write(folder.join("times.txt"), "0\nlate\n").unwrap();
         assert!(load_trajectory(&folder).unwrap_err().to_string().contains("times.txt:2: 'late'"));

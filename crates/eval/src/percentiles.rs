@@ -1,4 +1,4 @@
-//! Timing figures: percentiles of samples in milliseconds, for a step and for its named stages.
+//! Timing statistics: percentiles of samples in milliseconds, for a whole step and for its named stages.
 
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::ser::{SerializeMap, Serializer};
@@ -6,22 +6,22 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
 
-/// Percentiles of samples, in milliseconds where nothing else is said.
+/// Percentiles of samples, in milliseconds unless stated otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
-    /// Half of the samples are at most this.
+    /// Median.
     pub p50: f64,
-    /// 95 of 100 are at most this.
+    /// 95th percentile.
     pub p95: f64,
-    /// 99 of 100 are at most this.
+    /// 99th percentile.
     pub p99: f64,
-    /// The greatest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl Percentiles {
-    /// Of these samples in any order, with linear interpolation between ranks (numpy's default). Samples
-    /// that are not finite are left out; `None` when nothing remains.
+    /// Percentiles of samples in any order, with linear interpolation between ranks (numpy's default). Samples that are
+    /// not finite are ignored; `None` when none remain.
     pub fn of(samples: &[f64]) -> Option<Self> {
         let mut sorted: Vec<f64> = samples.iter().copied().filter(|v| v.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
@@ -42,14 +42,14 @@ impl fmt::Display for Percentiles {
     }
 }
 
-/// Collects how long the named stages of a run took, in the order in which they first appear.
+/// Collects the durations of the named stages of a run, in order of first appearance.
 #[derive(Clone, Debug, Default)]
 pub struct StageTimes {
     stages: Vec<(String, Vec<f64>)>,
 }
 
 impl StageTimes {
-    /// Nothing collected yet.
+    /// An empty collection.
     pub fn new() -> Self {
         Self::default()
     }
@@ -67,24 +67,24 @@ impl StageTimes {
         }
     }
 
-    /// The samples of a stage in milliseconds, in the order of arrival; empty for an unknown stage.
+    /// The samples of a stage in milliseconds, in the order added; empty for an unknown stage.
     pub fn samples(&self, stage: &str) -> &[f64] {
         self.stages.iter().find(|(name, _)| name == stage).map_or(&[], |(_, samples)| samples)
     }
 
-    /// The figures of all stages.
+    /// The percentiles of all stages.
     pub fn summary(&self) -> Stages {
         let figures = self.stages.iter().filter_map(|(n, s)| Some((n.clone(), Percentiles::of(s)?)));
         Stages(figures.collect())
     }
 }
 
-/// Figures by stage, in order; in JSON an object `{"see": {"p50": ..}, ..}`.
+/// Percentiles by stage, in order; in JSON an object `{"see": {"p50": ..}, ..}`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stages(pub Vec<(String, Percentiles)>);
 
 impl Stages {
-    /// The figures of a stage.
+    /// The percentiles of a stage.
     pub fn get(&self, stage: &str) -> Option<&Percentiles> {
         self.0.iter().find(|(name, _)| name == stage).map(|(_, p)| p)
     }

@@ -1,4 +1,4 @@
-//! Plans seen from above: walls, lines, markers and numbered events, with equal axes and a scale bar.
+//! Plans in top view: walls, lines, markers and numbered events, with equal axes and a scale bar.
 
 use crate::chart::round_step;
 use crate::svg::{Anchor, Canvas, Figure, Tone, text_width};
@@ -7,27 +7,27 @@ use cairn_geometry::Vec2;
 const WIDTH: f64 = 760.0;
 const MARGIN: f64 = 36.0;
 
-/// A line that was walked, estimated or planned.
+/// A walked, estimated or planned path.
 #[derive(Clone, Debug, Default)]
 pub struct PlanLine {
     /// Name in the legend.
     pub label: String,
-    /// Points in metres; one that is not finite breaks the line.
+    /// Points in metres; a point that is not finite interrupts the line.
     pub points: Vec<Vec2>,
     /// Colour.
     pub tone: Tone,
     /// Dashed instead of solid.
     pub dashed: bool,
-    /// Broad and drawn as a background for others, as truth is.
+    /// Broad, as a background for other lines (used for ground truth).
     pub broad: bool,
-    /// Small arrows along it that show the direction.
+    /// True to draw small arrows in the direction of the line.
     pub arrows: bool,
 }
 
-/// A named place.
+/// A labelled position.
 #[derive(Clone, Debug)]
 pub struct Marker {
-    /// Name beside it.
+    /// Label beside the marker.
     pub label: String,
     /// Where, in metres.
     pub at: Vec2,
@@ -35,10 +35,10 @@ pub struct Marker {
     pub tone: Tone,
 }
 
-/// Something that happened at a place, shown by its number; the words stand in the page's transcript.
+/// An event at a position, shown by its number; the text is in the transcript of the page.
 #[derive(Clone, Debug)]
 pub struct Event {
-    /// Its number.
+    /// Number.
     pub number: usize,
     /// Where, in metres.
     pub at: Vec2,
@@ -46,29 +46,29 @@ pub struct Event {
     pub tone: Tone,
 }
 
-/// A floor plan or a view of trajectories from above; x to the right, y up, metres.
+/// A floor plan or a top view of trajectories; x to the right, y up, metres.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     /// Short name of the figure.
     pub title: String,
-    /// What there is to see, for those who do not see it.
+    /// Text alternative: what the figure shows.
     pub description: String,
-    /// Name of the horizontal and of the vertical axis, such as `x` and `z`.
+    /// Names of the horizontal and the vertical axis, such as `x` and `z`.
     pub axes: (String, String),
     /// Walls as segments.
     pub walls: Vec<[Vec2; 2]>,
-    /// Small dots, such as landmarks; drawn on a grid of two pixels, each once.
+    /// Small dots, such as landmarks; drawn on a grid of two pixels, without duplicates.
     pub dots: Vec<Vec2>,
     /// Lines, drawn in this order.
     pub lines: Vec<PlanLine>,
-    /// Named places.
+    /// Labelled positions.
     pub markers: Vec<Marker>,
     /// Numbered events.
     pub events: Vec<Event>,
 }
 
 impl Plan {
-    /// Draws it.
+    /// Draws the plan.
     pub fn figure(&self) -> Figure {
         let entries: Vec<(&str, Tone, bool)> = self
             .lines
@@ -92,8 +92,8 @@ impl Plan {
         for [a, b] in self.walls.iter().filter(|w| is_finite(&w[0]) && is_finite(&w[1])) {
             canvas.line(view.pixel(a), view.pixel(b), Tone::Muted, 3.0);
         }
-        for way in &self.lines {
-            draw_route(&mut canvas, &view, way);
+        for line in &self.lines {
+            draw_line(&mut canvas, &view, line);
         }
         self.draw_markers(&mut canvas, &view);
         self.draw_events(&mut canvas, &view);
@@ -103,8 +103,8 @@ impl Plan {
 
     fn all_points(&self) -> impl Iterator<Item = &Vec2> {
         let lines = self.lines.iter().flat_map(|w| &w.points);
-        let places = self.markers.iter().map(|m| &m.at).chain(self.events.iter().map(|e| &e.at));
-        self.walls.iter().flatten().chain(lines).chain(places).filter(|p| is_finite(p))
+        let positions = self.markers.iter().map(|m| &m.at).chain(self.events.iter().map(|e| &e.at));
+        self.walls.iter().flatten().chain(lines).chain(positions).filter(|p| is_finite(p))
     }
 
     fn draw_markers(&self, canvas: &mut Canvas, view: &View) {
@@ -118,42 +118,42 @@ impl Plan {
         }
     }
 
-    /// Discs of 10 pixels along the markers and their names, which events must not cover.
-    fn taken(&self, view: &View) -> Vec<(f64, f64)> {
-        let spots = |marker: &Marker| {
+    /// Centres of discs of 10 pixels that cover the markers and their labels, which events must not overlap.
+    fn occupied(&self, view: &View) -> Vec<(f64, f64)> {
+        let discs = |marker: &Marker| {
             let at = view.pixel(&marker.at);
             let side = if is_left(at, marker) { -1.0 } else { 1.0 };
             let steps = (text_width(&marker.label) / 12.0).ceil() as usize;
             let name = (0..=steps).map(move |i| (at.0 + side * (11.0 + 12.0 * i as f64), at.1 - 10.0));
             std::iter::once(at).chain(name).collect::<Vec<_>>()
         };
-        self.markers.iter().filter(|m| is_finite(&m.at)).flat_map(spots).collect()
+        self.markers.iter().filter(|m| is_finite(&m.at)).flat_map(discs).collect()
     }
 
-    /// Numbers in discs; where discs would cover something the later one moves aside on a leader line.
+    /// Numbers in discs; a disc that would overlap something is moved aside and connected by a leader line.
     fn draw_events(&self, canvas: &mut Canvas, view: &View) {
         const RADIUS: f64 = 10.0;
-        let mut taken = self.taken(view);
+        let mut occupied = self.occupied(view);
         for event in self.events.iter().filter(|e| is_finite(&e.at)) {
-            let home = view.pixel(&event.at);
+            let origin = view.pixel(&event.at);
             let free = |at: &(f64, f64)| {
                 let inside = (RADIUS..WIDTH - RADIUS).contains(&at.0)
                     && (view.top + RADIUS..view.height - 30.0).contains(&at.1);
-                inside && taken.iter().all(|p| (p.0 - at.0).hypot(p.1 - at.1) > 2.1 * RADIUS)
+                inside && occupied.iter().all(|p| (p.0 - at.0).hypot(p.1 - at.1) > 2.1 * RADIUS)
             };
             let rings = (1..8).flat_map(|ring| {
                 (0..16).map(move |k| {
                     let angle = f64::from(k) * std::f64::consts::TAU / 16.0 + 0.6;
                     let distance = 24.0 * f64::from(ring);
-                    (home.0 + distance * angle.cos(), home.1 + distance * angle.sin())
+                    (origin.0 + distance * angle.cos(), origin.1 + distance * angle.sin())
                 })
             });
-            let at = std::iter::once(home).chain(rings).find(free).unwrap_or(home);
-            if at != home {
-                canvas.line(home, at, event.tone, 1.0);
-                canvas.disc(home, 2.0, event.tone, false);
+            let at = std::iter::once(origin).chain(rings).find(free).unwrap_or(origin);
+            if at != origin {
+                canvas.line(origin, at, event.tone, 1.0);
+                canvas.disc(origin, 2.0, event.tone, false);
             }
-            taken.push(at);
+            occupied.push(at);
             canvas.disc(at, RADIUS, event.tone, true);
             let number = event.number.to_string();
             canvas.text((at.0, at.1 + 4.0), Anchor::Middle, event.tone, "small strong", &number);
@@ -177,7 +177,7 @@ impl Plan {
     }
 }
 
-/// True when the name of a marker must stand to its left to stay inside.
+/// True when the label of a marker must be placed on its left to fit into the figure.
 fn is_left(at: (f64, f64), marker: &Marker) -> bool {
     at.0 + 12.0 + text_width(&marker.label) > WIDTH
 }
@@ -186,7 +186,7 @@ fn is_finite(p: &Vec2) -> bool {
     p.x.is_finite() && p.y.is_finite()
 }
 
-/// The map from metres to pixels, the same in both directions.
+/// The mapping from metres to pixels, with the same scale on both axes.
 struct View {
     centre: Vec2,
     middle: (f64, f64),
@@ -217,8 +217,8 @@ impl View {
     }
 }
 
-fn draw_route(canvas: &mut Canvas, view: &View, way: &PlanLine) {
-    for run in way.points.split(|p| !is_finite(p)) {
+fn draw_line(canvas: &mut Canvas, view: &View, line: &PlanLine) {
+    for run in line.points.split(|p| !is_finite(p)) {
         let mut pixels: Vec<(f64, f64)> = Vec::new();
         for (i, p) in run.iter().map(|p| view.pixel(p)).enumerate() {
             let far = pixels.last().is_none_or(|l| (l.0 - p.0).hypot(l.1 - p.1) > 0.7);
@@ -226,9 +226,9 @@ fn draw_route(canvas: &mut Canvas, view: &View, way: &PlanLine) {
                 pixels.push(p);
             }
         }
-        canvas.polyline(&pixels, way.tone, if way.broad { 6.0 } else { 2.2 }, way.dashed);
-        if way.arrows {
-            draw_arrows(canvas, &pixels, way.tone);
+        canvas.polyline(&pixels, line.tone, if line.broad { 6.0 } else { 2.2 }, line.dashed);
+        if line.arrows {
+            draw_arrows(canvas, &pixels, line.tone);
         }
     }
 }
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn events_at_one_place_do_not_cover_each_other() {
+    fn events_at_the_same_position_do_not_overlap() {
         let events =
             (1..9).map(|number| Event { number, at: Vec2::new(1.0, 1.0), tone: Tone::Second }).collect();
         let walls = vec![[Vec2::zeros(), Vec2::new(4.0, 3.0)]];
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_nan_are_drawn_without_harm() {
+    fn empty_plans_and_nan_are_drawn() {
         let broken =
             PlanLine { points: vec![Vec2::new(f64::NAN, 0.0), Vec2::zeros()], ..PlanLine::default() };
         let plan = Plan { lines: vec![broken], ..Plan::default() };

@@ -1,20 +1,18 @@
-//! What this process has used so far: peak memory and processor time, read from `/proc` on Linux.
-//!
-//! `None` on systems without it.
+//! Resource usage of this process: peak memory and CPU time, read from `/proc` on Linux; `None` on other systems.
 
 use std::fs;
 
-/// Greatest resident memory of this process so far, in megabytes of 10^6 bytes (`VmHWM`).
+/// Peak resident memory of this process so far, in megabytes of 10^6 bytes (`VmHWM`).
 pub fn peak_rss_mb() -> Option<f64> {
     parse_peak_rss_mb(&fs::read_to_string("/proc/self/status").ok()?)
 }
 
-/// Processor time of all threads so far, user and system, in seconds. Resolution 10 ms.
+/// CPU time of all threads so far, user and system, in seconds. Resolution 10 ms.
 pub fn cpu_s() -> Option<f64> {
     parse_cpu_s(&fs::read_to_string("/proc/self/stat").ok()?)
 }
 
-/// The name of the processor, for reports of timings.
+/// The CPU model name, for timing reports.
 pub fn cpu_model() -> Option<String> {
     let info = fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = info.lines().find(|l| l.starts_with("model name"))?;
@@ -28,7 +26,7 @@ fn parse_peak_rss_mb(status: &str) -> Option<f64> {
 }
 
 /// Fields 14 and 15 of proc(5), in clock ticks; USER_HZ is 100 on every Linux that Rust's standard
-/// library supports. The name in field 2 may hold spaces and brackets, so counting starts behind it.
+/// library supports. The name in field 2 may contain spaces and brackets, so counting starts after it.
 fn parse_cpu_s(stat: &str) -> Option<f64> {
     let mut fields = stat.get(stat.rfind(')')? + 1..)?.split_ascii_whitespace().skip(11);
     let user: f64 = fields.next()?.parse().ok()?;
@@ -41,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_the_kernels_text() {
+    fn parses_proc_files() {
         assert_eq!(parse_peak_rss_mb("Name:\tx\nVmHWM:\t  125000 kB\nVmRSS:\t 1 kB\n"), Some(128.0));
         assert_eq!(parse_peak_rss_mb("Name:\tx\n"), None);
         let stat = "7 (a b) c) S 1 7 7 0 -1 4194304 100 0 0 0 250 50 9 9 20 0 1 0 100 1 1";
@@ -51,7 +49,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn memory_that_is_touched_is_seen() {
+    fn peak_memory_includes_a_touched_block() {
         let before = peak_rss_mb().unwrap();
         let block = vec![1u8; 64_000_000];
         assert_eq!(block.iter().map(|b| u64::from(*b)).sum::<u64>(), 64_000_000);

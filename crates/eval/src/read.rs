@@ -1,22 +1,22 @@
-//! Trajectory files: TUM, KITTI and EuRoC, their kind found by looking at the text.
+//! Parsing of trajectory files: TUM, KITTI and EuRoC, with detection of the format.
 //!
-//! In: text. Out: poses `world_from_body` at exact nanoseconds, or an error that names file, line and cure.
+//! Input: text. Output: poses `world_from_body` at exact nanoseconds, or an error that names file, line and remedy.
 //!
-//! | kind | a line |
+//! | format | a line |
 //! |---|---|
 //! | TUM | `t x y z qx qy qz qw`, seconds; `t x y z` alone is positions only |
 //! | KITTI | the 3x4 matrix by rows, no time |
 //! | EuRoC | `ns,x,y,z,qw,qx,qy,qz,...`; `ns,x,y,z` alone is positions only |
 //!
-//! Lines that begin with `#` and empty lines are passed over; a line whose numbers are `nan` is a
-//! pose that is not known: it is left out and counted.
+//! Lines that start with `#` and empty lines are skipped. A line with `nan` is an unknown pose: it is left out and
+//! counted.
 
 use crate::decimal;
 use crate::error::FileError;
 use cairn_geometry::{Mat3, Se3, So3, Trajectory, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// How a trajectory file is written.
+/// Format of a trajectory file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
@@ -26,31 +26,35 @@ pub enum Format {
     Kitti,
     /// Comma-separated: nanoseconds, position, quaternion with the scalar first.
     Euroc,
-    /// One 4x4 matrix per file, a folder of them (7-Scenes).
+    /// A folder of files with one 4x4 matrix each (7-Scenes).
     Matrices,
 }
 
 /// Nanoseconds between lines of a KITTI file without `times.txt`.
 pub const KITTI_STEP_NS: i64 = 100_000_000;
 
-/// A trajectory with what its file says about it.
+/// A trajectory with the properties of its file.
 #[derive(Clone, Debug)]
 pub struct TrajectoryFile {
     /// Poses `world_from_body`; the rotations are the identity where [`Self::has_rotations`] is false.
     pub trajectory: Trajectory,
-    /// Where it came from, for messages.
+    /// Name of the file, for messages.
     pub name: String,
-    /// Kind found.
+    /// Detected format.
     pub format: Format,
-    /// False when the file holds positions only.
+    /// False when the file has positions only.
     pub has_rotations: bool,
-    /// True when the times are nominal, made up from the line number.
+    /// True when the times are nominal, derived from the line number.
     pub nominal_times: bool,
-    /// Lines left out because their numbers are `nan`.
+    /// Number of lines left out because of `nan`.
     pub unknown_poses: usize,
 }
 
-/// Reads a trajectory; `name` is used in errors. Lines of a KITTI file get `times_ns`, else 10 Hz from zero.
+/// Parses a trajectory; `name` is used in errors. The poses of a KITTI file get `times_ns`, or nominal times at 10 Hz
+/// from zero.
+///
+/// # Errors
+/// When the format is unknown, a line is invalid, the times decrease, or there is no pose; the error names the line.
 pub fn parse_trajectory(
     text: &str,
     name: &str,
@@ -69,7 +73,7 @@ pub fn parse_trajectory(
         fields.extend(split(line));
         if file.is_none() {
             columns = fields.len();
-            let (format, has_rotations) = find_format(line, &fields).map_err(fail)?;
+            let (format, has_rotations) = detect_format(line, &fields).map_err(fail)?;
             file = Some(TrajectoryFile {
                 trajectory: Trajectory::new(),
                 name: name.to_owned(),
@@ -82,7 +86,7 @@ pub fn parse_trajectory(
         let Some(file) = file.as_mut() else { continue };
         if fields.len() != columns {
             return Err(fail(format!(
-                "{} numbers where the lines before have {columns}; is the line cut off?",
+                "{} numbers, but the previous lines have {columns}; is the line cut off?",
                 fields.len()
             )));
         }
@@ -107,14 +111,15 @@ pub fn parse_trajectory(
             None => file.unknown_poses += 1,
         }
     }
-    let file = file
-        .ok_or_else(|| FileError::whole(name, "no pose in it: the file is empty or holds comments only"))?;
+    let file =
+        file.ok_or_else(|| FileError::whole(name, "no poses: the file is empty or has comments only"))?;
     if file.trajectory.is_empty() {
-        return Err(FileError::whole(name, "no pose in it: every line is nan"));
+        return Err(FileError::whole(name, "no poses: every line is nan"));
     }
     Ok(file)
 }
 
+/// Splits a line at commas, or at white space if it has none.
 fn split(line: &str) -> impl Iterator<Item = &str> {
     let commas = line.contains(',');
     line.split(move |c: char| if commas { c == ',' } else { c.is_ascii_whitespace() })
@@ -122,11 +127,13 @@ fn split(line: &str) -> impl Iterator<Item = &str> {
         .filter(move |field| commas || !field.is_empty())
 }
 
-fn find_format(line: &str, fields: &[&str]) -> Result<(Format, bool), String> {
+/// Detects the format from the first line; also whether it has rotations.
+fn detect_format(line: &str, fields: &[&str]) -> Result<(Format, bool), String> {
     if line.contains(',') {
         if fields[0].parse::<i64>().is_err() {
             return Err(format!(
-                "comma-separated, but the first column '{}' is not whole nanoseconds as in EuRoC csv; TUM files are separated by spaces",
+                "comma-separated, but the first column '{}' is not whole nanoseconds as in EuRoC csv; TUM files \
+                 are separated by spaces",
                 fields[0]
             ));
         }
@@ -141,12 +148,13 @@ fn find_format(line: &str, fields: &[&str]) -> Result<(Format, bool), String> {
         8 => Ok((Format::Tum, true)),
         12 => Ok((Format::Kitti, true)),
         n => Err(format!(
-            "{n} columns; TUM has 8 ('t x y z qx qy qz qw') or 4 ('t x y z'), KITTI has 12 (3x4 matrix), EuRoC is comma-separated"
+            "{n} columns; TUM has 8 ('t x y z qx qy qz qw') or 4 ('t x y z'), KITTI has 12 (3x4 matrix), EuRoC is \
+             comma-separated"
         )),
     }
 }
 
-/// The pose of a line; `None` when a number is `nan`.
+/// Parses the pose of a line; `None` when a number is `nan`.
 fn parse_pose(file: &TrajectoryFile, fields: &[&str]) -> Result<Option<Se3>, String> {
     if file.format == Format::Kitti {
         let m = numbers::<12>(fields)?;
@@ -161,15 +169,15 @@ fn parse_pose(file: &TrajectoryFile, fields: &[&str]) -> Result<Option<Se3>, Str
     let [x, y, z, w] =
         if file.format == Format::Euroc && file.has_rotations { [q[1], q[2], q[3], q[0]] } else { q };
     let rotation = So3::from_xyzw(x, y, z, w)
-        .ok_or_else(|| format!("the quaternion ({x} {y} {z} {w}) has no direction"))?;
+        .ok_or_else(|| format!("the quaternion ({x} {y} {z} {w}) has zero norm or is not finite"))?;
     Ok(Some(Se3::new(rotation, Vec3::from(p))))
 }
 
-/// A pose from a rotation block that may be rounded, but must be a rotation.
+/// A pose from a rotation block, which may be rounded but must be close to a rotation.
 pub(crate) fn pose_from_matrix(rotation: &Mat3, translation: Vec3) -> Result<Se3, String> {
     let error = (rotation.transpose() * rotation - Mat3::identity()).norm();
     if !(error < 0.05 && rotation.determinant() > 0.0 && translation.iter().all(|v| v.is_finite())) {
-        return Err("the matrix is not a pose: its 3x3 block is no rotation or a number is nan".into());
+        return Err("the matrix is not a pose: its 3x3 block is not a rotation or a number is nan".into());
     }
     Ok(Se3::new(So3::from_matrix(rotation), translation))
 }
@@ -194,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_are_found_by_looking() {
+    fn formats_are_detected() {
         let tum = parse("# t x y z qx qy qz qw\r\n1403636584.763555584 1 2 3 0 0 0 1\r\n").unwrap();
         assert_eq!((tum.format, tum.has_rotations), (Format::Tum, true));
         assert_eq!(tum.trajectory.stamps_ns(), [1_403_636_584_763_555_584]);
@@ -215,18 +223,18 @@ mod tests {
     }
 
     #[test]
-    fn nan_is_a_gap() {
+    fn nan_lines_are_left_out() {
         let file = parse("1 0 0 0 0 0 0 1\n2 nan nan nan nan nan nan nan\n3 1 0 0 0 0 0 1\n").unwrap();
         assert_eq!((file.trajectory.len(), file.unknown_poses), (2, 1));
         assert!(parse("1 nan 0 0 0 0 0 1\n").unwrap_err().to_string().contains("every line is nan"));
     }
 
     #[test]
-    fn errors_name_file_line_and_cure() {
-        for (text, line, words) in [
+    fn errors_name_file_line_and_reason() {
+        for (text, line, fragment) in [
             ("1 0 0 0 0 0 0 1\n\n2 0 0 0 0\n", "x.txt:3: ", "cut off"),
             ("2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "x.txt:2: ", "earlier than that of the line before"),
-            ("1 0 0 0 0 0 0 0\n", "x.txt:1: ", "no direction"),
+            ("1 0 0 0 0 0 0 0\n", "x.txt:1: ", "zero norm"),
             ("1 0 0 zero 0 0 0 1\n", "x.txt:1: ", "'zero' is not a number"),
             ("soon 0 0 0 0 0 0 1\n", "x.txt:1: ", "'soon' is not a time"),
             ("1 0 0 inf 0 0 0 1\n", "x.txt:1: ", "'inf' is not a number"),
@@ -239,7 +247,7 @@ mod tests {
             ("# nothing\n", "x.txt: ", "comments only"),
         ] {
             let message = parse(text).unwrap_err().to_string();
-            assert!(message.starts_with(line) && message.contains(words), "{text:?}: {message}");
+            assert!(message.starts_with(line) && message.contains(fragment), "{text:?}: {message}");
         }
         let short = parse_trajectory("1 0 0 4 0 1 0 5 0 0 1 6\n1 0 0 4 0 1 0 5 0 0 1 6\n", "k", Some(&[3]));
         assert!(short.unwrap_err().to_string().contains("more poses than the 1 times"));

@@ -1,7 +1,7 @@
-//! Pairs of poses for the relative error: a fixed number of frames, metres or seconds apart.
+//! Pairs of poses for the relative pose error: a fixed number of frames, metres or seconds apart.
 //!
-//! The rules are evo's: pairs that follow each other, or every pair whose distance is nearest to the one
-//! asked, within a tolerance. Distances are path lengths along the estimate.
+//! The rules are evo's: consecutive pairs, or for every pose the pair whose distance is nearest to the requested one,
+//! within a tolerance. Distances are path lengths along the estimate.
 
 use crate::error::EvalError;
 use cairn_geometry::Se3;
@@ -13,11 +13,11 @@ use std::str::FromStr;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Delta {
-    /// Associated poses.
+    /// Number of associated poses.
     Frames(usize),
-    /// Metres of path.
+    /// Path length in metres.
     Metres(f64),
-    /// Seconds.
+    /// Time in seconds.
     Seconds(f64),
 }
 
@@ -60,8 +60,8 @@ impl FromStr for Delta {
 
 /// Index pairs `(i, j)`, `i < j`, that are `delta` apart.
 ///
-/// Without `all_pairs` each pair begins where the last one ended, and ends with the first pose at which
-/// the distance is reached. With it each pose takes the later one whose distance is nearest to the one asked,
+/// Without `all_pairs` each pair starts where the previous one ended, and ends at the first pose at which the distance
+/// is reached. With `all_pairs` each pose is paired with the later pose whose distance is nearest to the requested one,
 /// if it differs by at most `tolerance` times that.
 pub(crate) fn pairs(
     poses: &[Se3],
@@ -83,7 +83,7 @@ pub(crate) fn pairs(
     if all_pairs {
         nearest_pairs(&distances, wanted, wanted * tolerance)
     } else {
-        chained(&distances, wanted)
+        consecutive_pairs(&distances, wanted)
     }
 }
 
@@ -104,11 +104,11 @@ fn seconds_from_start(stamps_ns: &[i64]) -> Vec<f64> {
     stamps_ns.iter().map(|s| s.abs_diff(stamps_ns[0]) as f64 * 1e-9).collect()
 }
 
-fn chained(distances: &[f64], wanted: f64) -> Vec<(usize, usize)> {
+fn consecutive_pairs(distances: &[f64], wanted: f64) -> Vec<(usize, usize)> {
     let mut ids = vec![0];
     let mut start = 0.0;
     for (i, distance) in distances.iter().enumerate().skip(1) {
-        // A billionth of slack, so that steps of 0.1 add up to 1.
+        // A relative tolerance of 1e-9, so that ten steps of 0.1 reach 1.
         if distance - start >= wanted * (1.0 - 1e-9) {
             ids.push(i);
             start = *distance;
@@ -122,10 +122,10 @@ fn nearest_pairs(distances: &[f64], wanted: f64, tolerance: f64) -> Vec<(usize, 
         let rest = &distances[i + 1..];
         let target = distances[i] + wanted;
         let next = rest.partition_point(|d| *d < target);
-        let off = |k: usize| (rest[k] - target).abs();
+        let difference = |k: usize| (rest[k] - target).abs();
         let best = match (next.checked_sub(1), next < rest.len()) {
             (Some(before), true) => {
-                if off(before) <= off(next) {
+                if difference(before) <= difference(next) {
                     before
                 } else {
                     next
@@ -135,9 +135,9 @@ fn nearest_pairs(distances: &[f64], wanted: f64, tolerance: f64) -> Vec<(usize, 
             (None, true) => next,
             (None, false) => return None,
         };
-        // Of several at one distance (standing still) the first.
+        // The first of several poses at the same distance (no motion).
         let best = rest.partition_point(|d| *d < rest[best]);
-        (off(best) <= tolerance).then_some((i, i + 1 + best))
+        (difference(best) <= tolerance).then_some((i, i + 1 + best))
     };
     (0..distances.len()).filter_map(pair).collect()
 }
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
     use cairn_geometry::{So3, Vec3};
 
-    /// Pairs along a straight line through these x, 0.1 s apart.
+    /// Pairs of poses on a straight line at these x, 0.1 s apart.
     fn on_line(xs: &[f64], delta: Delta, all_pairs: bool) -> Vec<(usize, usize)> {
         let poses: Vec<Se3> = xs.iter().map(|x| Se3::new(So3::identity(), Vec3::new(*x, 0.0, 0.0))).collect();
         let stamps_ns: Vec<i64> = (0..xs.len() as i64).map(|i| i * 100_000_000).collect();
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn text_and_back() {
+    fn delta_text_round_trips() {
         for (text, delta) in [
             ("1f", Delta::Frames(1)),
             ("10", Delta::Frames(10)),
@@ -171,14 +171,18 @@ mod tests {
     }
 
     #[test]
-    fn frames_metres_seconds() {
+    fn pairs_by_frames_metres_and_seconds() {
         let t = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
         assert_eq!(on_line(&t, Delta::Frames(3), false), [(0, 3), (3, 6)]);
         assert_eq!(on_line(&t, Delta::Frames(5), true), [(0, 5), (1, 6)]);
         assert_eq!(on_line(&t, Delta::Frames(9), true), []);
         assert_eq!(on_line(&t, Delta::Metres(1.5), false), [(0, 2), (2, 4), (4, 6)]);
         assert_eq!(on_line(&t, Delta::Metres(4.1), true), [(0, 4), (1, 5), (2, 6)]);
-        assert_eq!(on_line(&t, Delta::Metres(4.5), true), [], "half a metre off is beyond the tolerance");
+        assert_eq!(
+            on_line(&t, Delta::Metres(4.5), true),
+            [],
+            "a difference of half a metre is beyond the tolerance"
+        );
         assert_eq!(on_line(&t, Delta::Seconds(0.2), true), [(0, 2), (1, 3), (2, 4), (3, 5), (4, 6)]);
         let still = [0.0, 1.0, 1.0, 1.0, 2.0];
         assert_eq!(on_line(&still, Delta::Metres(1.0), true), [(0, 1), (1, 4), (2, 4), (3, 4)]);

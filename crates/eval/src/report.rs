@@ -1,4 +1,4 @@
-//! The report of a run: what `--report` writes as JSON. The names are a contract; fields may be added.
+//! The report of a run, which `--report` writes as JSON. The field names are stable; fields may be added.
 
 use crate::error::FileError;
 use crate::evaluate::Evaluation;
@@ -8,96 +8,99 @@ use crate::write::write_whole;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// When and why tracking was lost.
+/// Time and reason of a loss of tracking.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lost {
     /// Time in seconds of the source's clock.
     pub t: f64,
-    /// Reason in words.
+    /// Reason as text.
     pub reason: String,
 }
 
-/// What a run did and what it cost.
+/// Results and resource usage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunReport {
-    /// Version of the program.
+    /// Program version.
     #[serde(default)]
     pub version: String,
     /// The source, as given.
     pub source: String,
     /// Sensors used: `mono`, `stereo`, `rgbd`, ...
     pub sensor: String,
-    /// Frames that the source gave.
+    /// Frames delivered by the source.
     pub frames: usize,
-    /// Frames that got a pose.
+    /// Frames with a pose.
     pub tracked: usize,
     /// `tracked / frames`; 0 without frames.
     pub coverage: f64,
-    /// Packets left out because they were damaged.
+    /// Packets skipped because they were damaged.
     #[serde(default)]
     pub skipped: usize,
-    /// When tracking was lost.
+    /// Losses of tracking.
     pub lost: Vec<Lost>,
-    /// How often a world was begun beside those there were, since the place was not recognised. Nothing was thrown away.
+    /// Number of new maps started because the place was not recognised. Existing maps are kept.
     pub resets: usize,
-    /// Maps at the end.
+    /// Number of maps at the end.
     pub maps: usize,
-    /// Frames that a source in real time gave but nobody had time for; they count as frames without a pose.
+    /// Frames of a real-time source dropped because processing was too slow; they count as frames without a pose.
     #[serde(default)]
     pub dropped: usize,
-    /// Key frames at the end.
+    /// Number of keyframes at the end.
     pub keyframes: usize,
-    /// Landmarks at the end.
+    /// Number of landmarks at the end.
     pub landmarks: usize,
-    /// Loops closed.
+    /// Number of loops closed.
     pub loops: usize,
-    /// Maps merged.
+    /// Number of map merges.
     pub merges: usize,
-    /// The whole step per frame, decoded image to pose, in milliseconds; `None` without frames.
+    /// Processing time per frame, from decoded image to pose, in milliseconds; `None` without frames.
     pub ms: Option<Percentiles>,
-    /// The same for each stage.
+    /// Processing time of each stage.
     pub stages: Stages,
-    /// Greatest resident memory in MB of 10^6 bytes; `None` where the system does not say.
+    /// Peak resident memory in MB of 10^6 bytes; `None` where the system does not report it.
     pub peak_rss_mb: Option<f64>,
-    /// Seconds of the process from its start to the first pose; `None` without one.
+    /// Time from process start to the first pose in seconds; `None` without a pose.
     pub first_pose_s: Option<f64>,
-    /// Seconds in all.
+    /// Wall-clock time in seconds.
     pub wall_s: f64,
-    /// Processor seconds of all threads; `None` where the system does not say.
+    /// CPU time of all threads in seconds; `None` where the system does not report it.
     pub cpu_s: Option<f64>,
-    /// How it stood over its time: phases, and the inertial sensor.
+    /// Status over the run: phases, and the inertial sensor.
     #[serde(default)]
     pub standing: StatusSummary,
-    /// The whole configuration.
+    /// The complete configuration.
     pub config: serde_json::Value,
-    /// Seed of everything random.
+    /// Random seed.
     pub seed: u64,
-    /// Comparison with the truth, where the source has one.
+    /// Comparison with the ground truth, if the source has one.
     #[serde(default, skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<Evaluation>,
 }
 
 impl RunReport {
-    /// Sets `frames`, `tracked` and the coverage that follows.
+    /// Sets `frames`, `tracked` and the resulting coverage.
     pub fn set_frames(&mut self, frames: usize, tracked: usize) {
         (self.frames, self.tracked) = (frames, tracked);
         self.coverage = if frames == 0 { 0.0 } else { tracked as f64 / frames as f64 };
     }
 
-    /// Fills in what the process has used so far.
+    /// Sets the resource usage of the process so far.
     pub fn set_usage(&mut self, wall_s: f64) {
         self.wall_s = wall_s;
         self.peak_rss_mb = crate::process::peak_rss_mb();
         self.cpu_s = crate::process::cpu_s();
     }
 
-    /// As JSON, indented, with a line end.
+    /// Indented JSON with a final line break.
     pub fn to_json(&self) -> String {
-        // The type holds nothing that JSON cannot: no maps with other keys than text.
+        // Serialisation cannot fail: the type has no maps with keys other than strings.
         serde_json::to_string_pretty(self).map_or_else(|e| format!("{{\"error\": \"{e}\"}}\n"), |s| s + "\n")
     }
 
-    /// Writes the JSON, whole or not at all.
+    /// Writes the JSON atomically.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), FileError> {
         write_whole(path, &self.to_json())
     }
@@ -108,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn json_has_the_contracts_names_and_comes_back() {
+    fn json_has_the_documented_fields_and_round_trips() {
         let mut report =
             RunReport { source: "a".into(), sensor: "stereo".into(), seed: 7, ..Default::default() };
         report.set_frames(400, 398);

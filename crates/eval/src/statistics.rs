@@ -1,21 +1,21 @@
-//! The statistics of a list of errors, in the definitions of evo.
+//! Statistics of a list of errors, with the definitions of evo.
 
 use serde::{Deserialize, Serialize};
 
-/// What a list of errors amounts to; the unit is that of the errors.
+/// Statistics of a list of errors, in the unit of the errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
-    /// Root of the mean square.
+    /// Root mean square.
     pub rmse: f64,
     /// Arithmetic mean.
     pub mean: f64,
-    /// Middle value, the mean of the two middle ones for an even count.
+    /// Median; the mean of the two middle values for an even count.
     pub median: f64,
     /// Standard deviation of the population (divided by the count).
     pub std: f64,
-    /// Least value.
+    /// Minimum.
     pub min: f64,
-    /// Greatest value.
+    /// Maximum.
     pub max: f64,
     /// Sum of squares.
     pub sse: f64,
@@ -24,7 +24,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Of these values; `None` without any, or when one is not finite.
+    /// Statistics of these values; `None` without values, or when one is not finite.
     pub fn of(values: &[f64]) -> Option<Self> {
         if values.is_empty() || values.iter().any(|v| !v.is_finite()) {
             return None;
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_known_values() {
+    fn statistics_of_known_values() {
         let s = Statistics::of(&[3.0, 1.0, 2.0, 6.0]).unwrap();
         assert_eq!((s.mean, s.median, s.min, s.max, s.sse, s.count), (3.0, 2.5, 1.0, 6.0, 50.0, 4));
         assert!((s.rmse - 12.5_f64.sqrt()).abs() < 1e-15 && (s.std - 3.5_f64.sqrt()).abs() < 1e-15);

@@ -1,45 +1,46 @@
-//! How a run stood over its time: the part of the report that tells about phases and the inertial sensor.
+//! Status of a run over time: the part of the report about phases and the inertial sensor.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Phases, worlds and the inertial sensor of a run. Seconds are of the source's clock, from its first frame.
+/// Phases, relocalisations and the inertial sensor of a run. Times are seconds of the source's clock since its first
+/// frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StatusSummary {
-    /// Seconds in each phase that occurred, by its name in capitals: from a frame in that phase to the next frame.
+    /// Seconds in each phase that occurred, by its name in capitals: each frame counts until the next frame.
     pub seconds: BTreeMap<String, f64>,
-    /// When the first pose came whose lengths are metres; `None` without one.
+    /// Time of the first pose with metric scale; `None` without one.
     pub first_metric_pose_s: Option<f64>,
-    /// How often a lost pose was found again in a world that was there before.
+    /// Number of relocalisations in an existing map.
     pub found: usize,
-    /// The inertial sensor, where it was used.
+    /// The inertial sensor, if it was used.
     pub imu: Option<ImuStanding>,
 }
 
-/// What came of the inertial sensor.
+/// Status of the inertial sensor.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ImuStanding {
-    /// Readings made up because no real one had come in time.
+    /// Samples synthesised because no real one had arrived in time.
     pub synthesised: usize,
-    /// Holes of more than two and a half periods between readings.
+    /// Gaps of more than two and a half periods between samples.
     pub gaps: usize,
-    /// The longest of them, seconds.
+    /// Longest gap, seconds.
     pub longest_gap_s: f64,
-    /// Whether scale and gravity were known at the last pose.
+    /// True when scale and gravity were known at the last pose (inertial initialisation was complete).
     pub initialised: bool,
-    /// The tests of the last try to find them, passed and failed.
+    /// The checks of the last attempt of inertial initialisation, passed and failed.
     pub gates: Vec<GateStanding>,
 }
 
-/// A test of a try to find scale and gravity.
+/// A check of an attempt of inertial initialisation (estimation of scale and gravity).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GateStanding {
-    /// What was tested, in words with numbers and units.
+    /// What was checked, as text with numbers and units.
     pub words: String,
-    /// What was found; `None` where it is no finite number.
+    /// Measured value; `None` if not finite.
     pub value: Option<f64>,
-    /// What was asked for.
+    /// Required bound.
     pub bound: f64,
-    /// Whether it held.
+    /// True when the check passed.
     pub passed: bool,
 }

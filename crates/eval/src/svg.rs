@@ -1,20 +1,20 @@
-//! A small SVG writer: shapes with classes in, a figure out that stands alone or inside a page.
+//! A small SVG writer: shapes with CSS classes, as a standalone file or inside a page.
 //!
-//! Colours are classes, so that one figure serves light and dark; every figure carries a title and a description for
-//! those who do not see it.
+//! Colours are classes, so that one figure works in light and dark mode; every figure has a title and a description as
+//! text alternative.
 
 use std::fmt::Write as _;
 
-/// A colour by its role; each also differs in lightness, and lines may be dashed besides.
+/// A colour by its role; colours also differ in lightness, and lines may be dashed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tone {
     /// Text and marks.
     Ink,
-    /// Axes and side notes.
+    /// Axes and secondary text.
     Muted,
     /// Grid lines.
     Grid,
-    /// What the others are held against: truth, drawn broad below them.
+    /// Ground truth: drawn broad below the other lines.
     Truth,
     /// First series: blue.
     #[default]
@@ -25,11 +25,12 @@ pub enum Tone {
     Third,
     /// Fourth series: purple.
     Fourth,
-    /// Where it went wrong: red.
+    /// Failures: red.
     Alarm,
 }
 
-/// Class letter, colour on light paper, colour on dark paper. Text tones and series keep 4.5:1 or more to the paper, truth 3:1.
+/// Class letter, colour on light background, colour on dark background. Text and series have a contrast of at least
+/// 4.5:1 to the background, ground truth 3:1.
 const TONES: [(Tone, &str, &str, &str); 9] = [
     (Tone::Ink, "k", "#1b1f24", "#e6edf3"),
     (Tone::Muted, "m", "#57606a", "#a3adb8"),
@@ -49,13 +50,13 @@ impl Tone {
     }
 }
 
-/// The style of all figures: strokes are `.sX`, fills `.fX`, for light and for dark.
+/// The CSS of all figures: strokes are `.sX`, fills `.fX`, for light and dark mode.
 pub(crate) fn style() -> String {
     let rules = |dark: bool| {
         let paper = if dark { PAPER.1 } else { PAPER.0 };
         let mut css = format!(".paper{{fill:{paper}}}.halo{{stroke:{paper}}}");
-        for (_, class, light, night) in TONES {
-            let colour = if dark { night } else { light };
+        for (_, class, light, dark_colour) in TONES {
+            let colour = if dark { dark_colour } else { light };
             let _ = write!(css, ".s{class}{{stroke:{colour}}}.f{class}{{fill:{colour}}}");
         }
         css
@@ -72,9 +73,9 @@ pub(crate) fn style() -> String {
 /// A finished drawing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// Short name, read aloud first.
+    /// Short name, read first by screen readers.
     pub title: String,
-    /// What there is to see, in a sentence or two.
+    /// Text alternative: what the figure shows, in one or two sentences.
     pub description: String,
     width: f64,
     height: f64,
@@ -82,12 +83,12 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// As an element for a page that carries the style; `id` must be unique within it.
+    /// SVG element for a page that includes the style; `id` must be unique within the page.
     pub fn inline(&self, id: &str) -> String {
         self.element(id, "")
     }
 
-    /// As a file of its own.
+    /// Standalone SVG file.
     pub fn standalone(&self) -> String {
         let style =
             format!("<style>{}</style><rect class=\"paper\" width=\"100%\" height=\"100%\"/>", style());
@@ -107,7 +108,7 @@ impl Figure {
     }
 }
 
-/// Where a text hangs on its point.
+/// Horizontal anchor of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
@@ -115,7 +116,7 @@ pub(crate) enum Anchor {
     End,
 }
 
-/// A drawing in the making; pixels, y down.
+/// A drawing under construction; coordinates in pixels, y down.
 pub(crate) struct Canvas {
     pub(crate) width: f64,
     pub(crate) height: f64,
@@ -165,7 +166,7 @@ impl Canvas {
         );
     }
 
-    /// A disc in the tone; `hollow` fills it with paper.
+    /// A disc in the tone; `hollow` fills it with the background colour.
     pub(crate) fn disc(&mut self, at: (f64, f64), radius: f64, tone: Tone, hollow: bool) {
         let fill = if hollow { "paper".to_owned() } else { format!("f{}", tone.class()) };
         let _ = write!(
@@ -178,7 +179,7 @@ impl Canvas {
         );
     }
 
-    /// Dots of a pixel and a half, all in one element.
+    /// Dots of 1.5 pixels, all in one element.
     pub(crate) fn dots(&mut self, at: &[(i64, i64)], tone: Tone) {
         if at.is_empty() {
             return;
@@ -213,7 +214,7 @@ impl Canvas {
         );
     }
 
-    /// Text that reads upwards, for the label of the vertical axis.
+    /// Vertical text, for the label of the vertical axis.
     pub(crate) fn text_upwards(&mut self, at: (f64, f64), tone: Tone, text: &str) {
         let (x, y) = (number(at.0), number(at.1));
         let _ = write!(
@@ -224,7 +225,7 @@ impl Canvas {
         );
     }
 
-    /// A row of line samples with their labels, from the left; returns the height used.
+    /// A legend of line samples with labels, from the left; returns the height used.
     pub(crate) fn legend(&mut self, left: f64, top: f64, right: f64, entries: &[(&str, Tone, bool)]) -> f64 {
         let (mut x, mut y) = (left, top + 12.0);
         for (label, tone, dashed) in entries {
@@ -245,7 +246,7 @@ impl Canvas {
     }
 }
 
-/// A guess at the width of a text of 13 px.
+/// Approximate width of a text at 13 px.
 pub(crate) fn text_width(text: &str) -> f64 {
     text.chars().count() as f64 * 7.2
 }
@@ -259,7 +260,7 @@ fn number(value: f64) -> String {
     text.strip_suffix(".0").unwrap_or(&text).to_owned()
 }
 
-/// Text as it must stand in XML and HTML, also within quotes; control characters are dropped.
+/// Escapes text for XML and HTML, also within quotes; control characters are dropped.
 pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -282,7 +283,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_cannot_break_out() {
+    fn text_is_escaped() {
         assert_eq!(escape("<a b=\"c\">&'\u{0}x"), "&lt;a b=&quot;c&quot;&gt;&amp;&#39;x");
         let mut canvas = Canvas::new(10.0, 10.0);
         canvas.text((f64::NAN, 1.26), Anchor::Start, Tone::Ink, "", "</text><script>");
@@ -307,15 +308,19 @@ mod tests {
     }
 
     #[test]
-    fn tones_stand_out_on_both_papers() {
+    fn tones_have_enough_contrast() {
         for (tone, _, light, dark) in TONES {
-            let least = match tone {
+            let min_contrast = match tone {
                 Tone::Grid => continue,
                 Tone::Truth => 3.0,
                 _ => 4.5,
             };
-            assert!(contrast(light, PAPER.0) >= least, "{tone:?} on light: {}", contrast(light, PAPER.0));
-            assert!(contrast(dark, PAPER.1) >= least, "{tone:?} on dark: {}", contrast(dark, PAPER.1));
+            assert!(
+                contrast(light, PAPER.0) >= min_contrast,
+                "{tone:?} on light: {}",
+                contrast(light, PAPER.0)
+            );
+            assert!(contrast(dark, PAPER.1) >= min_contrast, "{tone:?} on dark: {}", contrast(dark, PAPER.1));
         }
     }
 }

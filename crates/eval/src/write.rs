@@ -1,11 +1,11 @@
-//! Writers of trajectories: TUM, KITTI, EuRoC. Lines are `world_from_body`.
+//! Writers of trajectory files: TUM, KITTI, EuRoC. Poses are `world_from_body`.
 
 use crate::error::FileError;
 use cairn_geometry::{Se3, Trajectory};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Seconds with nine decimals, exactly.
+/// Seconds as text with exactly nine decimals.
 pub fn seconds_text(stamp_ns: i64) -> String {
     let sign = if stamp_ns < 0 { "-" } else { "" };
     let ns = stamp_ns.unsigned_abs();
@@ -33,7 +33,7 @@ pub fn to_tum(trajectory: &Trajectory) -> String {
     out
 }
 
-/// KITTI: the 3x4 matrix by rows, nine digits behind the point; the times are lost.
+/// KITTI: the 3x4 matrix by rows with nine decimals; times are not stored.
 pub fn to_kitti(trajectory: &Trajectory) -> String {
     let mut out = String::new();
     for pose in trajectory.poses() {
@@ -61,17 +61,23 @@ pub fn to_euroc(trajectory: &Trajectory) -> String {
     out
 }
 
-/// Writes a text whole or not at all; see [`write_bytes_whole`].
+/// Writes a text file atomically; see [`write_bytes_whole`].
+///
+/// # Errors
+/// When the file cannot be written.
 pub fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
     write_bytes_whole(path, text.as_bytes())
 }
 
-/// Writes a file whole or not at all: into a neighbour first, which then takes the name.
+/// Writes a file atomically: into a temporary file in the same folder, which is then renamed.
+///
+/// # Errors
+/// When the file cannot be written; an existing file is left unchanged.
 pub fn write_bytes_whole(path: &Path, content: &[u8]) -> Result<(), FileError> {
     let fail =
         |e: std::io::Error| FileError::whole(&path.display().to_string(), format!("cannot write: {e}"));
     let name = path.file_name().ok_or_else(|| {
-        FileError::whole(&path.display().to_string(), "cannot write: the path names no file")
+        FileError::whole(&path.display().to_string(), "cannot write: the path has no file name")
     })?;
     let mut part = std::ffi::OsString::from(".");
     part.push(name);
@@ -90,7 +96,7 @@ mod tests {
     use cairn_geometry::{So3, Vec3};
 
     #[test]
-    fn what_is_written_is_read_back() {
+    fn written_files_round_trip() {
         let mut t = Trajectory::new();
         for i in 0..50 {
             let a = f64::from(i);
@@ -112,14 +118,14 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_whole_or_absent() {
+    fn files_are_written_atomically() {
         let folder = std::env::temp_dir().join(format!("cairn-eval-write-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let path = folder.join("a.txt");
         write_whole(&path, "one\n").unwrap();
         write_whole(&path, "two\n").unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "two\n");
-        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "no part is left behind");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "no temporary file is left behind");
         let error = write_whole(&folder.join("none/b.txt"), "x").unwrap_err().to_string();
         assert!(error.contains("none/b.txt") && error.contains("cannot write"), "{error}");
         std::fs::remove_dir_all(&folder).unwrap();

@@ -1,5 +1,5 @@
-//! Holds the evaluation against numbers that evo 1.38.1 printed for the trajectories in `eval/` of the test
-//! data (`tools/compare_with_evo.py --golden`), to 1e-6. Skipped aloud where the data is missing.
+//! Compares the evaluation with the output of evo 1.38.1 for the trajectories in `eval/` of the test data
+//! (`tools/compare_with_evo.py --golden`), to 1e-6. Prints "skipped" where the data is missing.
 
 use cairn_eval::{EvalOptions, Evaluation, Statistics, evaluate_files, load_trajectory};
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ fn files(pair: &str) -> (PathBuf, PathBuf) {
     (data(reference), data(estimate))
 }
 
-/// The options and the statistic that a metric's name means.
+/// The evaluation options for the name of a metric.
 fn options(align: &str, metric: &str) -> EvalOptions {
     let mut options = EvalOptions { align: align.parse().unwrap(), ..EvalOptions::default() };
     if let Some((_, delta)) = metric.split_once(", ") {
@@ -61,12 +61,12 @@ fn agrees_with_evo() {
         let what = format!("{pair}, {align}, {metric}");
         assert_eq!(ours.count, *count, "{what}: count");
         let values = [ours.rmse, ours.mean, ours.median, ours.std, ours.min, ours.max];
-        for ((name, value), wanted) in
+        for ((name, value), expected) in
             ["rmse", "mean", "median", "std", "min", "max"].iter().zip(values).zip(golden)
         {
-            let difference = (value - wanted).abs();
+            let difference = (value - expected).abs();
             if difference > worst.0 {
-                worst = (difference, format!("{what}, {name}: {value} against {wanted}"));
+                worst = (difference, format!("{what}, {name}: {value} against {expected}"));
             }
         }
     }
@@ -75,7 +75,7 @@ fn agrees_with_evo() {
 }
 
 #[test]
-fn truth_with_a_gap_or_positions_only() {
+fn reference_with_gap_or_positions_only() {
     if !data("").is_dir() {
         println!("skipped: no folder {}", data("").display());
         return;

@@ -1,13 +1,13 @@
 //! Least-squares alignment of two point sets by a rigid or a similarity transform.
 //!
 //! Source: Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
-//! IEEE PAMI 13(4), 1991, equations 34-43. In: point pairs in metres. Out: `target_from_source`, or
-//! why the pairs do not determine it.
+//! IEEE PAMI 13(4), 1991, equations 34-43. Input: point pairs in metres. Output: `target_from_source`, or
+//! the reason why the pairs do not determine it.
 
 use crate::{Mat3, Sim3, So3, Vec3};
 use std::fmt;
 
-/// Why point pairs determine no alignment.
+/// Why point pairs do not determine an alignment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Degenerate {
     /// The two lists differ in length.
@@ -24,9 +24,9 @@ pub enum Degenerate {
         /// Pairs needed.
         need: usize,
     },
-    /// The points of one set lie on a line or in one place, so a rotation stays free.
+    /// The points of one set are collinear or coincident, so that a rotation is undetermined.
     Collinear {
-        /// Second over first singular value of the cross covariance.
+        /// Ratio of the second to the first singular value of the cross-covariance.
         ratio: f64,
     },
     /// A coordinate is NaN or infinite.
@@ -42,7 +42,8 @@ impl fmt::Display for Degenerate {
             Self::TooFew { pairs, need } => write!(f, "only {pairs} point pairs, {need} are needed"),
             Self::Collinear { ratio } => write!(
                 f,
-                "the points lie on a line or in one place (singular value ratio {ratio:.1e}), so the rotation is not determined"
+                "the points are collinear or coincident (singular value ratio {ratio:.1e}), so the rotation is not \
+                 determined"
             ),
             Self::NotFinite => write!(f, "a coordinate is NaN or infinite"),
         }
@@ -51,14 +52,18 @@ impl fmt::Display for Degenerate {
 
 impl std::error::Error for Degenerate {}
 
-/// Below this ratio of the second to the first singular value the points count as collinear: a lateral
-/// spread of about a millionth of the length, far under any measurement.
+/// Ratio of the second to the first singular value below which the points are treated as collinear: a lateral spread of
+/// about a millionth of the length, far below any measurement accuracy.
 const COLLINEAR_RATIO: f64 = 1e-12;
 
-/// The transform `target_from_source` with the least sum of squared distances over all pairs.
+/// The transform `target_from_source` that minimises the sum of squared distances over all pairs.
 ///
-/// With `with_scale` a similarity (Umeyama eq. 42), without it the scale is exactly 1. Planar sets are
-/// enough; at least three pairs that do not lie on one line are needed.
+/// With `with_scale` a similarity (Umeyama eq. 42), otherwise the scale is exactly 1. At least three pairs that are not
+/// collinear are needed; planar sets are sufficient.
+///
+/// # Errors
+/// When the lists differ in length, there are fewer than three pairs, a coordinate is not finite, or the points are
+/// collinear.
 pub fn umeyama(target: &[Vec3], source: &[Vec3], with_scale: bool) -> Result<Sim3, Degenerate> {
     if target.len() != source.len() {
         return Err(Degenerate::Unpaired { target: target.len(), source: source.len() });
@@ -84,7 +89,7 @@ pub fn umeyama(target: &[Vec3], source: &[Vec3], with_scale: bool) -> Result<Sim
     if !ratio.is_finite() || ratio < COLLINEAR_RATIO {
         return Err(Degenerate::Collinear { ratio });
     }
-    // Umeyama eq. 39 and 40: a reflection is turned back along the weakest direction.
+    // Umeyama eq. 39 and 40: a reflection is corrected along the direction of the smallest singular value.
     let sign = Vec3::new(1.0, 1.0, (u.determinant() * v.determinant()).signum());
     let rotation = So3::from_matrix(&(u * Mat3::from_diagonal(&sign) * v.transpose()));
     let scale = if with_scale { d.dot(&sign) / (variance_source / n) } else { 1.0 };
@@ -94,19 +99,19 @@ pub fn umeyama(target: &[Vec3], source: &[Vec3], with_scale: bool) -> Result<Sim
     Ok(Sim3::new(rotation, mean_target - (rotation * mean_source) * scale, scale))
 }
 
-/// Singular value decomposition `m = u * diag(d) * v^T`, values falling, by one-sided Jacobi rotations
+/// Singular value decomposition `m = u * diag(d) * v^T`, values in descending order, by one-sided Jacobi rotations
 /// (Hestenes 1958): small values keep their relative accuracy, which forming `m^T m` would lose.
 fn singular_values(m: &Mat3) -> (Mat3, Vec3, Mat3) {
     let (mut a, mut v) = (*m, Mat3::identity());
     for _sweep in 0..60 {
-        let mut turned = false;
+        let mut rotated = false;
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let (x, y) = (a.column(p).into_owned(), a.column(q).into_owned());
             let (alpha, beta, gamma) = (x.norm_squared(), y.norm_squared(), x.dot(&y));
             if gamma.abs() <= f64::EPSILON * (alpha * beta).sqrt() {
                 continue;
             }
-            turned = true;
+            rotated = true;
             let zeta = (beta - alpha) / (2.0 * gamma);
             let t = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
             let c = 1.0 / t.hypot(1.0);
@@ -117,7 +122,7 @@ fn singular_values(m: &Mat3) -> (Mat3, Vec3, Mat3) {
                 matrix.set_column(q, &(x * s + y * c));
             }
         }
-        if !turned {
+        if !rotated {
             break;
         }
     }
@@ -128,8 +133,8 @@ fn singular_values(m: &Mat3) -> (Mat3, Vec3, Mat3) {
     let d = Vec3::new(a.column(0).norm(), a.column(1).norm(), a.column(2).norm());
     let u0: Vec3 = if d.x > 0.0 { a.column(0) / d.x } else { Vec3::x() };
     let u1: Vec3 = if d.y > 0.0 { a.column(1) / d.y } else { any_perpendicular(&u0) };
-    // The third direction is known up to its sign; taken from the product, it is exact even where the
-    // third value vanishes (planar points).
+    // The third direction is determined up to its sign; the cross product is exact even where the third singular value
+    // is zero (planar points).
     let u2 = u0.cross(&u1);
     let u2 = if a.column(2).dot(&u2) < 0.0 { -u2 } else { u2 };
     (Mat3::from_columns(&[u0, u1, u2]), d, v)
@@ -144,7 +149,7 @@ fn any_perpendicular(v: &Vec3) -> Vec3 {
 mod tests {
     use super::*;
 
-    /// A fixed cloud with spread in all directions, by a linear congruence.
+    /// A fixed pseudo-random point cloud (linear congruential generator) with the given extent.
     fn cloud(n: usize, seed: u64, spread: Vec3) -> Vec<Vec3> {
         let mut state = seed;
         let mut next = move || {
@@ -180,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn mirrored_points_still_give_a_rotation() {
+    fn mirrored_points_give_a_proper_rotation() {
         let source = cloud(30, 7, Vec3::new(3.0, 2.0, 1.0));
         let target: Vec<Vec3> = source.iter().map(|p| Vec3::new(p.x, p.y, -p.z)).collect();
         let found = umeyama(&target, &source, false).unwrap();
@@ -188,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn no_small_motion_improves_a_noisy_fit() {
+    fn noisy_fit_is_a_local_minimum() {
         let source = cloud(80, 11, Vec3::new(6.0, 5.0, 2.0));
         let noise = cloud(80, 12, Vec3::new(0.3, 0.3, 0.3));
         let target: Vec<Vec3> = source.iter().zip(&noise).map(|(p, n)| known(1.7) * *p + n).collect();
@@ -214,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_input_is_said() {
+    fn degenerate_input_is_rejected() {
         let line: Vec<Vec3> = (0..20).map(|i| Vec3::new(1.0, 2.0, -0.5) * f64::from(i)).collect();
         assert!(matches!(umeyama(&line, &line, true), Err(Degenerate::Collinear { .. })));
         let still = vec![Vec3::new(3.0, 1.0, 2.0); 10];
@@ -229,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn decomposition_rebuilds_its_matrix() {
+    fn decomposition_reproduces_the_matrix() {
         for m in [
             Mat3::new(2.0, -1.0, 0.3, 0.4, 5.0, 1.0, -3.0, 0.2, 0.9),
             Mat3::from_diagonal(&Vec3::new(1e-9, 4.0, 1.0)),

@@ -1,12 +1,12 @@
-//! Poses whose frames are part of the type, for public walls.
+//! Poses whose frames are part of the type, for public interfaces.
 
 use crate::Se3;
 use std::marker::PhantomData;
 
-/// The corrected map frame: loop closures move poses in it.
+/// The map frame (REP 105 `map`): corrected by loop closures, so poses in it can jump.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum World {}
-/// The smooth frame: poses in it never jump; guidance uses it.
+/// The odometry frame (REP 105 `odom`): poses in it never jump; used for guidance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Odom {}
 /// The rig's body frame.
@@ -16,7 +16,7 @@ pub enum Body {}
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Camera {}
 
-/// A rigid transform `To_from_From` that the compiler will not let pass for another.
+/// A rigid transform `To_from_From`; the compiler checks that its frames match.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose<To, From> {
     /// The transform itself.
@@ -25,7 +25,7 @@ pub struct Pose<To, From> {
 }
 
 impl<To, From> Pose<To, From> {
-    /// States which frames a transform joins.
+    /// Assigns the frames to a transform.
     pub fn new(se3: Se3) -> Self {
         Self { se3, frames: PhantomData }
     }

@@ -1,8 +1,8 @@
 //! Rigid transforms in the plane.
 //!
-//! The tangent vector is (translation, angle). The retraction moves by the translation as it stands and turns by the
-//! angle, without the curve of the exponential map: the coordinates of planar pose graphs everywhere (g2o, GTSAM), so
-//! that costs agree.
+//! The tangent vector is (translation, angle). The retraction applies translation and rotation directly, without the
+//! coupling of the exponential map: the usual parametrisation of planar pose graphs (g2o, GTSAM), so that costs are
+//! comparable.
 
 use crate::{LieGroup, Manifold, So2, Vec2};
 use nalgebra::{Matrix3, Vector3};
@@ -13,12 +13,12 @@ use std::ops::Mul;
 pub struct Se2 {
     /// Rotation part.
     pub rotation: So2,
-    /// Translation part in metres (the origin of `b` seen in `a`).
+    /// Translation part in metres (the origin of `b` in `a`).
     pub translation: Vec2,
 }
 
 impl Se2 {
-    /// From its parts.
+    /// From rotation and translation.
     pub fn new(rotation: So2, translation: Vec2) -> Self {
         Self { rotation, translation }
     }
@@ -28,7 +28,7 @@ impl Se2 {
         Self::new(So2::exp(angle), Vec2::new(x, y))
     }
 
-    /// The transform that changes nothing.
+    /// The identity transform.
     pub fn identity() -> Self {
         Self::new(So2::identity(), Vec2::zeros())
     }

@@ -1,4 +1,4 @@
-//! Rigid transforms.
+//! Rigid transforms in three dimensions.
 //!
 //! Source: Solà et al. (2018), appendix D; the tangent vector is (translation, rotation).
 
@@ -11,7 +11,7 @@ use std::ops::Mul;
 pub struct Se3 {
     /// Rotation part.
     pub rotation: So3,
-    /// Translation part in metres (the origin of `b` seen in `a`).
+    /// Translation part in metres (the origin of `b` in `a`).
     pub translation: Vec3,
 }
 
@@ -22,12 +22,12 @@ impl Default for Se3 {
 }
 
 impl Se3 {
-    /// From its parts.
+    /// From rotation and translation.
     pub fn new(rotation: So3, translation: Vec3) -> Self {
         Self { rotation, translation }
     }
 
-    /// The transform that changes nothing.
+    /// The identity transform.
     pub fn identity() -> Self {
         Self::new(So3::identity(), Vec3::zeros())
     }
@@ -130,35 +130,36 @@ impl LieGroup<6> for Se3 {
     fn coordinates(&self) -> Vector6<f64> {
         let (w, t) = (self.rotation.log(), &self.translation);
         let wt = w.cross(t);
-        let v = t - wt * 0.5 + w.cross(&wt) * distort(w.norm_squared()).0;
+        let v = t - wt * 0.5 + w.cross(&wt) * left_jacobian_inverse_coefficient(w.norm_squared()).0;
         Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
     }
-    /// The inverse of the right Jacobian. The part that couples translation and rotation comes from differentiating
-    /// `inverse(left_jacobian(w)) * t` by `w`.
+    /// The inverse of the right Jacobian. The block that couples translation and rotation follows from differentiating
+    /// `inverse(left_jacobian(w)) * t` with respect to `w`.
     fn coordinates_jacobian(&self) -> Matrix6<f64> {
         let (w, t) = (self.rotation.log(), &self.translation);
-        let (c, slope) = distort(w.norm_squared());
+        let (c, slope) = left_jacobian_inverse_coefficient(w.norm_squared());
         let h = hat(&w);
-        let turn = Mat3::identity() + h * 0.5 + h * h * c;
+        let rotation_block = Mat3::identity() + h * 0.5 + h * h * c;
         let by_w = hat(t) * 0.5
             + (Mat3::from_diagonal_element(w.dot(t)) + w * t.transpose() - t * w.transpose() * 2.0) * c
             + (h * (h * t)) * w.transpose() * slope;
-        corner(&turn, &(by_w * turn), &turn)
+        upper_triangular(&rotation_block, &(by_w * rotation_block), &rotation_block)
     }
     fn chordal(&self) -> Vector6<f64> {
-        let (q, t) = (positive(&self.rotation), &self.translation);
+        let (q, t) = (positive_quaternion(&self.rotation), &self.translation);
         Vector6::new(t.x, t.y, t.z, 2.0 * q.1.x, 2.0 * q.1.y, 2.0 * q.1.z)
     }
     fn chordal_jacobian(&self) -> Matrix6<f64> {
-        corner(&self.rotation.matrix(), &Mat3::zeros(), &chord_by_turn(&self.rotation))
+        upper_triangular(&self.rotation.matrix(), &Mat3::zeros(), &chord_jacobian(&self.rotation))
     }
     fn is_finite(&self) -> bool {
         self.is_finite()
     }
 }
 
-/// `c` in `inverse(left_jacobian(w)) = I - hat(w) / 2 + c hat(w)^2`, and `dc / d(angle) / angle`, of the squared angle.
-pub(crate) fn distort(angle2: f64) -> (f64, f64) {
+/// The coefficient `c` in `inverse(left_jacobian(w)) = I - hat(w) / 2 + c hat(w)^2`, and `dc / d(angle) / angle`, as
+/// functions of the squared angle.
+pub(crate) fn left_jacobian_inverse_coefficient(angle2: f64) -> (f64, f64) {
     if angle2 < 1e-4 {
         // Error below 1e-17 for both.
         let c = 1.0 / 12.0 + angle2 * (1.0 / 720.0 + angle2 * (1.0 / 30240.0 + angle2 / 1209600.0));
@@ -171,21 +172,21 @@ pub(crate) fn distort(angle2: f64) -> (f64, f64) {
     (rest / angle2, -(by_angle / angle + 2.0 * rest / angle2) / angle2)
 }
 
-/// Real and vector part of the quaternion with a real part that is not negative.
-pub(crate) fn positive(r: &So3) -> (f64, Vec3) {
+/// Real and vector part of the quaternion, with the sign that makes the real part non-negative.
+pub(crate) fn positive_quaternion(r: &So3) -> (f64, Vec3) {
     let q = r.quaternion();
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     (sign * q.w, Vec3::new(q.i, q.j, q.k) * sign)
 }
 
-/// Derivative of twice the quaternion's vector part by a turn on the right.
-pub(crate) fn chord_by_turn(r: &So3) -> Mat3 {
-    let (w, v) = positive(r);
+/// Derivative of twice the quaternion's vector part with respect to a rotation perturbation on the right.
+pub(crate) fn chord_jacobian(r: &So3) -> Mat3 {
+    let (w, v) = positive_quaternion(r);
     Mat3::from_diagonal_element(w) + hat(&v)
 }
 
-/// The matrix with these three blocks and zeros below.
-fn corner(a: &Mat3, b: &Mat3, d: &Mat3) -> Matrix6<f64> {
+/// The block upper triangular matrix `[a b; 0 d]`.
+fn upper_triangular(a: &Mat3, b: &Mat3, d: &Mat3) -> Matrix6<f64> {
     let mut m = Matrix6::zeros();
     m.fixed_view_mut::<3, 3>(0, 0).copy_from(a);
     m.fixed_view_mut::<3, 3>(0, 3).copy_from(b);

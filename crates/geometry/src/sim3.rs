@@ -1,10 +1,10 @@
 //! Similarity transforms: rotation, translation and scale.
 //!
 //! The tangent vector is (translation, rotation, logarithm of scale). Exponential and logarithm after Strasdat, "Local
-//! accuracy and global consistency for efficient visual SLAM" (2012), section 2.4; their matrix `W` is an integral over
-//! one turn of the screw, and is integrated as such, which has no special cases (see [`Screw`]).
+//! accuracy and global consistency for efficient visual SLAM" (2012), section 2.4; their matrix `W` is an integral
+//! along the screw motion and is evaluated by quadrature, which has no special cases (see [`Screw`]).
 
-use crate::se3::{chord_by_turn, positive};
+use crate::se3::{chord_jacobian, positive_quaternion};
 use crate::{LieGroup, Manifold, Mat3, Se3, So3, Vec3, hat};
 use nalgebra::{SMatrix, SVector};
 use std::ops::Mul;
@@ -21,17 +21,17 @@ pub struct Sim3 {
 }
 
 impl Sim3 {
-    /// From its parts.
+    /// From rotation, translation and scale.
     pub fn new(rotation: So3, translation: Vec3, scale: f64) -> Self {
         Self { rotation, translation, scale }
     }
 
-    /// The similarity that changes nothing.
+    /// The identity similarity.
     pub fn identity() -> Self {
         Self::new(So3::identity(), Vec3::zeros(), 1.0)
     }
 
-    /// Whether every number is finite and the scale positive.
+    /// True when every number is finite and the scale is positive.
     pub fn is_finite(&self) -> bool {
         Se3::new(self.rotation, self.translation).is_finite() && self.scale.is_finite() && self.scale > 0.0
     }
@@ -42,7 +42,7 @@ impl Sim3 {
         Self::new(r, -(r * self.translation) / self.scale, 1.0 / self.scale)
     }
 
-    /// Moves a pose: `a_from_c` from `b_from_c`; lengths are scaled, the rotation stays a rotation.
+    /// Transforms a pose: `a_from_c` from `b_from_c`; lengths are scaled, the rotation remains a rotation.
     pub fn transform_pose(&self, b_from_c: &Se3) -> Se3 {
         Se3::new(self.rotation * b_from_c.rotation, *self * b_from_c.translation)
     }
@@ -68,27 +68,29 @@ impl Sim3 {
         a
     }
 
-    /// The screw of the logarithm: rotation vector, integral, its matrix and the inverse of that.
+    /// The terms of the logarithm: rotation vector, coefficients of `W`, and the inverse of `W`.
     fn screw(&self) -> (Vec3, Screw, Mat3) {
         let w = self.rotation.log();
         let screw = Screw::new(w.norm(), self.scale.ln());
-        // The integral of scaled rotations over at most half a turn is not singular.
+        // The integral of scaled rotations over at most 180 degrees is not singular.
         let inverse = screw.matrix(&w).try_inverse().unwrap_or_else(Mat3::identity);
         (w, screw, inverse)
     }
 }
 
-/// Translation, rotation vector and logarithm of scale.
+/// Splits a tangent vector into translation, rotation vector and logarithm of scale.
 fn parts(d: &SVector<f64, 7>) -> (Vec3, Vec3, f64) {
     (d.fixed_rows::<3>(0).into(), d.fixed_rows::<3>(3).into(), d[6])
 }
 
+/// Joins translation, rotation vector and logarithm of scale into a tangent vector.
 fn joined(v: &Vec3, w: &Vec3, log_scale: f64) -> SVector<f64, 7> {
     SVector::<f64, 7>::from([v.x, v.y, v.z, w.x, w.y, w.z, log_scale])
 }
 
 /// Coefficients of `W = integral over u in 0..1 of exp(s u) exp(hat(w) u) = c I + a hat(w) + b hat(w)^2`, with the
-/// derivatives of `a`, `b`, `c` by `s`, and of `a` and `b` by the angle, divided by the angle.
+/// derivatives of `a`, `b`, `c` with respect to `s`, and of `a` and `b` with respect to the angle, divided by the
+/// angle.
 struct Screw {
     a: f64,
     b: f64,
@@ -97,7 +99,7 @@ struct Screw {
     by_angle: [f64; 2],
 }
 
-/// Nodes in 0..1 and weights of Gauss-Legendre quadrature with ten points, the first half; the rest mirrors it.
+/// Nodes in 0..1 and weights of ten-point Gauss-Legendre quadrature: the first half, the second half is symmetric.
 const NODES: [[f64; 2]; 5] = [
     [0.013046735741414128, 0.03333567215434407],
     [0.06746831665550773, 0.07472567457529028],
@@ -107,13 +109,13 @@ const NODES: [[f64; 2]; 5] = [
 ];
 
 impl Screw {
-    /// By quadrature: exact to rounding for angles up to pi and scales between 1/20 and 20.
+    /// By quadrature: exact up to rounding for angles up to pi and scales between 1/20 and 20.
     fn new(angle: f64, log_scale: f64) -> Self {
         let mut sum = Self { a: 0.0, b: 0.0, c: 0.0, by_scale: [0.0; 3], by_angle: [0.0; 2] };
         for [node, weight] in NODES {
             for u in [node, 1.0 - node] {
                 let x = angle * u;
-                let (sinc, half, slope_a, slope_b) = circular(x);
+                let (sinc, half, slope_a, slope_b) = sinc_terms(x);
                 let f = weight * (log_scale * u).exp();
                 let abc = [f * u * sinc, f * u * u * half, f];
                 sum.a += abc[0];
@@ -129,12 +131,13 @@ impl Screw {
         sum
     }
 
+    /// The matrix `W`.
     fn matrix(&self, w: &Vec3) -> Mat3 {
         let h = hat(w);
         Mat3::from_diagonal_element(self.c) + h * self.a + h * h * self.b
     }
 
-    /// Derivative of `W v` by `w` and by the logarithm of scale.
+    /// Derivatives of `W v` with respect to `w` and to the logarithm of scale.
     fn derivatives(&self, w: &Vec3, v: &Vec3) -> (Mat3, Vec3) {
         let (wv, [a, b, c]) = (w.cross(v), self.by_scale);
         let wwv = w.cross(&wv);
@@ -145,8 +148,8 @@ impl Screw {
     }
 }
 
-/// `sin x / x`, `(1 - cos x) / x^2`, and the derivative of each by `x`, divided by `x`.
-fn circular(x: f64) -> (f64, f64, f64, f64) {
+/// `sin x / x`, `(1 - cos x) / x^2`, and the derivative of each with respect to `x`, divided by `x`.
+fn sinc_terms(x: f64) -> (f64, f64, f64, f64) {
     let x2 = x * x;
     if x < 0.3 {
         // Taylor series, error below 1e-16.
@@ -192,22 +195,22 @@ impl LieGroup<7> for Sim3 {
     fn coordinates_jacobian(&self) -> SMatrix<f64, 7, 7> {
         let (w, screw, inverse) = self.screw();
         let (by_w, by_scale) = screw.derivatives(&w, &(inverse * self.translation));
-        let turn = So3::right_jacobian_inverse(&w);
+        let rotation_block = So3::right_jacobian_inverse(&w);
         let mut j = SMatrix::<f64, 7, 7>::zeros();
         j.fixed_view_mut::<3, 3>(0, 0).copy_from(&(inverse * self.rotation.matrix() * self.scale));
-        j.fixed_view_mut::<3, 3>(0, 3).copy_from(&-(inverse * by_w * turn));
+        j.fixed_view_mut::<3, 3>(0, 3).copy_from(&-(inverse * by_w * rotation_block));
         j.fixed_view_mut::<3, 1>(0, 6).copy_from(&-(inverse * by_scale));
-        j.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+        j.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation_block);
         j[(6, 6)] = 1.0;
         j
     }
     fn chordal(&self) -> SVector<f64, 7> {
-        joined(&self.translation, &(positive(&self.rotation).1 * 2.0), self.scale.ln())
+        joined(&self.translation, &(positive_quaternion(&self.rotation).1 * 2.0), self.scale.ln())
     }
     fn chordal_jacobian(&self) -> SMatrix<f64, 7, 7> {
         let mut j = SMatrix::<f64, 7, 7>::zeros();
         j.fixed_view_mut::<3, 3>(0, 0).copy_from(&(self.rotation.matrix() * self.scale));
-        j.fixed_view_mut::<3, 3>(3, 3).copy_from(&chord_by_turn(&self.rotation));
+        j.fixed_view_mut::<3, 3>(3, 3).copy_from(&chord_jacobian(&self.rotation));
         j[(6, 6)] = 1.0;
         j
     }

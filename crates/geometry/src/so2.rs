@@ -12,12 +12,12 @@ pub struct So2 {
 }
 
 impl So2 {
-    /// The rotation that changes nothing.
+    /// The identity rotation.
     pub fn identity() -> Self {
         Self { cos: 1.0, sin: 0.0 }
     }
 
-    /// Counter-clockwise by so many radians.
+    /// Counter-clockwise rotation by an angle in radians.
     pub fn exp(angle: f64) -> Self {
         let (sin, cos) = angle.sin_cos();
         Self { cos, sin }
@@ -28,7 +28,8 @@ impl So2 {
         self.sin.atan2(self.cos)
     }
 
-    /// The rotation whose cosine and sine are as these two to each other; none for zero and what is not finite.
+    /// The rotation with cosine and sine proportional to the given values; `None` when both are zero or one is not
+    /// finite.
     pub fn from_cos_sin(cos: f64, sin: f64) -> Option<Self> {
         let norm = cos.hypot(sin);
         (norm.is_finite() && norm > 1e-12).then(|| Self { cos: cos / norm, sin: sin / norm })
@@ -54,7 +55,7 @@ impl So2 {
         SMatrix::<f64, 2, 2>::new(self.cos, -self.sin, self.sin, self.cos)
     }
 
-    /// `2 sin(angle / 2)`, and its derivative by the angle.
+    /// `2 sin(angle / 2)`, and its derivative with respect to the angle.
     pub(crate) fn chord(&self) -> (f64, f64) {
         let half = 0.5 * self.log();
         (2.0 * half.sin(), half.cos())
@@ -65,7 +66,7 @@ impl Mul for So2 {
     type Output = So2;
     fn mul(self, rhs: So2) -> So2 {
         let (cos, sin) = (self.cos * rhs.cos - self.sin * rhs.sin, self.sin * rhs.cos + self.cos * rhs.sin);
-        // One Newton step towards norm one: products of many rotations stay rotations.
+        // One Newton step towards unit norm, so that products of many rotations remain rotations.
         let scale = 1.5 - 0.5 * (cos * cos + sin * sin);
         So2 { cos: cos * scale, sin: sin * scale }
     }

@@ -16,7 +16,7 @@ pub fn hat(v: &Vec3) -> Mat3 {
 }
 
 impl So3 {
-    /// The rotation that changes nothing.
+    /// The identity rotation.
     pub fn identity() -> Self {
         Self(UnitQuaternion::identity())
     }
@@ -26,14 +26,15 @@ impl So3 {
         Self(q)
     }
 
-    /// From quaternion parts in the order of trajectory files, normalised; `None` when the norm is not positive and finite.
+    /// From quaternion components in the order of trajectory files, normalised; `None` when the norm is zero or not
+    /// finite.
     pub fn from_xyzw(x: f64, y: f64, z: f64, w: f64) -> Option<Self> {
         let q = Quaternion::new(w, x, y, z);
         let norm = q.norm();
         (norm.is_finite() && norm > 1e-9).then(|| Self(UnitQuaternion::from_quaternion(q)))
     }
 
-    /// The nearest rotation to a matrix (in the Frobenius norm, by singular values).
+    /// The rotation nearest to a matrix in the Frobenius norm, by singular value decomposition.
     pub fn from_matrix(m: &Mat3) -> Self {
         let svd = m.svd(true, true);
         let (Some(u), Some(vt)) = (svd.u, svd.v_t) else { return Self::identity() };

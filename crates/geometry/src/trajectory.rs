@@ -1,28 +1,29 @@
-//! A trajectory: poses in time, in order; interpolation, and the association of two by nearest time.
+//! Trajectories: poses in order of time, their interpolation, and the association of two trajectories by nearest time.
 //!
-//! In: time stamps in nanoseconds and poses `world_from_body`. Out: poses at other times, and pairs of
-//! indices. The association rule is that of the public tool evo, so that figures can be compared.
+//! Input: time stamps in nanoseconds and poses `world_from_body`. Output: poses at other times, and pairs of indices.
+//! The association rule is that of the public tool evo, so that results can be compared.
 
 use crate::{Se3, Vec3};
 use std::fmt;
 
-/// Poses `world_from_body` at times that never go back; two poses may share a time, as they do in recorded truth.
+/// Poses `world_from_body` at non-decreasing times; two poses may have the same time, as happens in recorded ground
+/// truth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectory {
     stamps_ns: Vec<i64>,
     poses: Vec<Se3>,
 }
 
-/// Why poses do not make a trajectory. The index is that of the offending pose in the order given.
+/// Why poses do not form a valid trajectory. The index is that of the invalid pose in the order given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrajectoryError {
-    /// The time is earlier than the one before.
+    /// The time is earlier than that of the previous pose.
     Backwards {
         /// Index of the pose.
         index: usize,
-        /// Its time in nanoseconds.
+        /// Time of the pose in nanoseconds.
         stamp_ns: i64,
-        /// The time before it in nanoseconds.
+        /// Time of the previous pose in nanoseconds.
         previous_ns: i64,
     },
     /// A number of the pose is NaN or infinite.
@@ -46,13 +47,15 @@ impl fmt::Display for TrajectoryError {
 impl std::error::Error for TrajectoryError {}
 
 impl Trajectory {
-    /// No poses yet.
+    /// An empty trajectory.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// From poses in any order; those at one time keep their order. Numbers that are not finite are an
-    /// error, whose index counts in time order.
+    /// From poses in any order; those with the same time keep their order.
+    ///
+    /// # Errors
+    /// When a number is not finite; the index is that in order of time.
     pub fn from_unsorted(mut poses: Vec<(i64, Se3)>) -> Result<Self, TrajectoryError> {
         poses.sort_by_key(|(stamp, _)| *stamp);
         let mut out = Self::new();
@@ -62,7 +65,10 @@ impl Trajectory {
         Ok(out)
     }
 
-    /// Appends a pose; its time must not be earlier than the last.
+    /// Appends a pose.
+    ///
+    /// # Errors
+    /// When its time is earlier than that of the last pose or a number is not finite; the trajectory is left unchanged.
     pub fn push(&mut self, stamp_ns: i64, world_from_body: Se3) -> Result<(), TrajectoryError> {
         let index = self.len();
         if let Some(&previous_ns) = self.stamps_ns.last()
@@ -88,7 +94,7 @@ impl Trajectory {
         self.poses.is_empty()
     }
 
-    /// Times in nanoseconds, never falling, (n).
+    /// Times in nanoseconds, non-decreasing, (n).
     pub fn stamps_ns(&self) -> &[i64] {
         &self.stamps_ns
     }
@@ -113,7 +119,7 @@ impl Trajectory {
         self.poses.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum()
     }
 
-    /// Seconds from the first pose to the last; 0 without two.
+    /// Seconds from the first pose to the last; 0 with fewer than two poses.
     pub fn duration_s(&self) -> f64 {
         match (self.stamps_ns.first(), self.stamps_ns.last()) {
             (Some(a), Some(b)) => b.abs_diff(*a) as f64 * 1e-9,
@@ -121,14 +127,14 @@ impl Trajectory {
         }
     }
 
-    /// The pose at a time: position linearly, rotation spherically between the two neighbours.
-    /// `None` outside of the first and the last time; of several poses at this time the first.
+    /// The pose at a time, interpolated between its two neighbours: position linearly, rotation spherically. `None`
+    /// outside the range of times; the first of several poses at this time.
     pub fn at(&self, stamp_ns: i64) -> Option<Se3> {
         self.at_within(stamp_ns, u64::MAX)
     }
 
-    /// As [`Self::at`], but `None` too when the two neighbours are more than `max_gap_ns` apart:
-    /// truth with holes must not be invented.
+    /// As [`Self::at`], but also `None` when the two neighbours are more than `max_gap_ns` apart, so that gaps in the
+    /// ground truth are not interpolated.
     pub fn at_within(&self, stamp_ns: i64, max_gap_ns: u64) -> Option<Se3> {
         let next = self.stamps_ns.partition_point(|s| *s < stamp_ns);
         if self.stamps_ns.get(next) == Some(&stamp_ns) {
@@ -146,7 +152,10 @@ impl Trajectory {
         nearest(&self.stamps_ns, stamp_ns)
     }
 
-    /// The poses at these indices, which must not fall; those out of range are left out.
+    /// The poses at these indices; indices out of range are ignored.
+    ///
+    /// # Errors
+    /// When the indices are not in order of time.
     pub fn select(&self, indices: &[usize]) -> Result<Self, TrajectoryError> {
         let mut out = Self::new();
         for &i in indices {
@@ -158,7 +167,7 @@ impl Trajectory {
     }
 }
 
-/// Index of the value of a sorted list nearest to `value`, the first of several equally near.
+/// Index of the value nearest to `value` in a sorted list, the first of several equally near.
 fn nearest(sorted: &[i64], value: i64) -> Option<usize> {
     let next = sorted.partition_point(|s| *s < value);
     let before = next.checked_sub(1);
@@ -172,10 +181,10 @@ fn nearest(sorted: &[i64], value: i64) -> Option<usize> {
 
 /// Pairs `(index in reference, index in estimate)` nearest in time, at most `max_difference_s` seconds apart.
 ///
-/// Each stamp of the list with fewer entries (the estimate when equal) takes the nearest stamp of the
-/// other; a stamp of the longer list may serve twice. Both lists must be sorted. This is evo's rule, down to
-/// its arithmetic: where a rounded stamp lies in the middle between two others, differences of `f64` seconds
-/// decide (they are multiples of 240 ns for stamps of an epoch), and the first counts when these are equal.
+/// Each stamp of the shorter list (the estimate when both have the same length) is paired with the nearest stamp of the
+/// other; a stamp of the longer list may be used twice. Both lists must be sorted. This is evo's rule including its
+/// arithmetic: where a rounded stamp is in the middle between two others, differences of `f64` seconds decide (they are
+/// multiples of 240 ns for epoch times), and the first is taken when these are equal.
 pub fn associate(reference_ns: &[i64], estimate_ns: &[i64], max_difference_s: f64) -> Vec<(usize, usize)> {
     let estimate_is_longer = estimate_ns.len() > reference_ns.len();
     let (short, long) =
@@ -200,7 +209,7 @@ pub fn associate(reference_ns: &[i64], estimate_ns: &[i64], max_difference_s: f6
     short.iter().enumerate().filter_map(pair).collect()
 }
 
-/// The `f64` nearest to the seconds, as a parser of decimal text gives it.
+/// Seconds as the nearest `f64`, equal to the result of parsing the decimal text.
 fn seconds(ns: i64) -> f64 {
     (ns / 1_000_000_000) as f64 + (ns % 1_000_000_000) as f64 / 1e9
 }
@@ -215,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn interpolates_between_and_never_outside() {
+    fn interpolates_between_poses_only() {
         let t = Trajectory::from_unsorted(vec![(30, at_x(3.0, 0.3)), (10, at_x(1.0, 0.1))]).unwrap();
         let mid = t.at(15).unwrap();
         assert!((mid.translation.x - 1.5).abs() < 1e-12);
@@ -223,7 +232,7 @@ mod tests {
         assert_eq!(t.at(10), Some(at_x(1.0, 0.1)));
         assert_eq!(t.at(30), Some(at_x(3.0, 0.3)));
         assert_eq!((t.at(9), t.at(31)), (None, None));
-        assert_eq!(t.at_within(15, 19), None, "a hole is not filled");
+        assert_eq!(t.at_within(15, 19), None, "a gap is not interpolated");
         assert!(t.at_within(15, 20).is_some());
         assert!((t.length_m() - 2.0).abs() < 1e-12);
         assert_eq!(t.duration_s(), 20e-9);
@@ -231,40 +240,44 @@ mod tests {
     }
 
     #[test]
-    fn rejects_time_that_goes_back_and_nan() {
+    fn rejects_decreasing_time_and_nan() {
         let mut t = Trajectory::new();
         t.push(5, at_x(0.0, 0.0)).unwrap();
         let error = t.push(4, at_x(1.0, 0.0)).unwrap_err();
         assert_eq!(error, TrajectoryError::Backwards { index: 1, stamp_ns: 4, previous_ns: 5 });
         assert_eq!(t.push(6, at_x(f64::NAN, 0.0)), Err(TrajectoryError::NotFinite { index: 1 }));
-        assert_eq!(t.len(), 1, "a refused pose leaves nothing behind");
+        assert_eq!(t.len(), 1, "a rejected pose is not stored");
     }
 
     #[test]
-    fn of_poses_at_one_time_the_first_counts() {
+    fn first_of_poses_with_the_same_time_is_used() {
         let mut t = Trajectory::new();
         for (ns, x) in [(0, 0.0), (10, 1.0), (10, 2.0), (20, 3.0)] {
             t.push(ns, at_x(x, 0.0)).unwrap();
         }
         assert_eq!(t.at(10).unwrap().translation.x, 1.0);
-        assert_eq!(t.at(15).unwrap().translation.x, 2.5, "the last one before");
+        assert_eq!(t.at(15).unwrap().translation.x, 2.5, "the last pose before");
         assert_eq!((t.nearest(9), t.nearest(12), t.nearest(19)), (Some(1), Some(1), Some(3)));
     }
 
     #[test]
-    fn shorter_list_picks_its_nearest() {
+    fn shorter_list_chooses_the_nearest() {
         let reference = [0, 10, 20, 30, 40];
         assert_eq!(associate(&reference, &[9, 21, 47], 5e-9), [(1, 0), (2, 1)]);
-        assert_eq!(associate(&[9, 11], &reference, 5e-9), [(0, 1), (1, 1)], "one may serve twice");
-        assert_eq!(associate(&[0, 10], &[4, 4], 6e-9), [(0, 0), (0, 1)], "equal lengths: the estimate picks");
-        assert_eq!(associate(&[0, 10, 10], &[9], 5e-9), [(1, 0)], "of two at one time the first");
+        assert_eq!(associate(&[9, 11], &reference, 5e-9), [(0, 1), (1, 1)], "a stamp may be used twice");
+        assert_eq!(
+            associate(&[0, 10], &[4, 4], 6e-9),
+            [(0, 0), (0, 1)],
+            "equal lengths: the estimate chooses"
+        );
+        assert_eq!(associate(&[0, 10, 10], &[9], 5e-9), [(1, 0)], "the first of two with the same time");
         assert_eq!(associate(&[], &reference, 5e-9), []);
         assert_eq!(associate(&[i64::MIN], &[i64::MAX], 5e-9), [], "extremes do not overflow");
     }
 
     #[test]
-    fn floats_decide_between_equally_near_stamps() {
-        // Exactly in the middle, of the kind that rounded decimals of real recordings make.
+    fn ties_are_decided_in_float_seconds() {
+        // Exactly in the middle, as rounded decimals of real recordings can be.
         let middle = 1_311_868_172_363_500_000;
         let (mut first, mut second) = (0, 0);
         for half in (1..200).map(|i| i * 50_000) {

@@ -1,30 +1,31 @@
-//! Poses with known roll and pitch: a turn about the vertical and a translation, four degrees of freedom.
+//! Poses with known roll and pitch: a rotation about the vertical and a translation, four degrees of freedom.
 //!
 //! Gravity makes roll and pitch observable, so that only these four drift (Qin, Li, Shen, "VINS-Mono", 2018, section
-//! VIII). Bodies are levelled first; between levelled bodies every transform is of this group.
+//! VIII). Body frames are gravity-aligned first; every transform between gravity-aligned frames is in this group.
 
 use crate::{LieGroup, Manifold, Mat3, Se3, So2, So3, Vec2, Vec3};
 use nalgebra::{Matrix4, Vector4};
 use std::ops::Mul;
 
-/// A transform `a_from_b` between levelled frames (both with z up): `p_a = yaw * p_b + translation`, yaw about z.
+/// A transform `a_from_b` between gravity-aligned frames (both with z up): `p_a = yaw * p_b + translation`, yaw about
+/// z.
 ///
-/// The tangent vector is (translation, yaw); as with [`crate::Se2`] the retraction is not curved.
+/// The tangent vector is (translation, yaw); as in [`crate::Se2`] the retraction is not the exponential map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct YawPose {
-    /// Turn about z.
+    /// Rotation about z.
     pub yaw: So2,
-    /// Translation part in metres (the origin of `b` seen in `a`).
+    /// Translation part in metres (the origin of `b` in `a`).
     pub translation: Vec3,
 }
 
 impl YawPose {
-    /// From its parts.
+    /// From yaw and translation.
     pub fn new(yaw: So2, translation: Vec3) -> Self {
         Self { yaw, translation }
     }
 
-    /// The transform that changes nothing.
+    /// The identity transform.
     pub fn identity() -> Self {
         Self::new(So2::identity(), Vec3::zeros())
     }
@@ -36,34 +37,34 @@ impl YawPose {
         Self::new(r, -t)
     }
 
-    /// Takes `world_from_body` (z of the world up) apart into `world_from_level` and the tilt `level_from_body`, which
-    /// holds roll and pitch: `world_from_body = world_from_level * level_from_body`.
+    /// Decomposes `world_from_body` (z of the world up) into `world_from_level` and the tilt `level_from_body`, which
+    /// contains roll and pitch: `world_from_body = world_from_level * level_from_body`.
     ///
-    /// Of all such pairs it is the one with the smallest tilt (swing and twist about z).
+    /// Of all such decompositions it is the one with the smallest tilt (swing-twist decomposition about z).
     pub fn split(world_from_body: &Se3) -> (Self, So3) {
         let r = world_from_body.rotation.matrix();
         let (cos, sin) = (r[(0, 0)] + r[(1, 1)], r[(1, 0)] - r[(0, 1)]);
-        // Upside down the twist is not defined; any will do.
+        // Upside down the twist is undefined and any value is valid.
         let yaw = So2::from_cos_sin(cos, sin).unwrap_or(So2::identity());
         let level = Self::new(yaw, world_from_body.translation);
         (level, level.rotation().inverse() * world_from_body.rotation)
     }
 
-    /// The measurement between levelled frames that comes nearest to `a_from_b` between tilted bodies.
+    /// The measurement between gravity-aligned frames nearest to a measurement `a_from_b` between tilted bodies.
     ///
-    /// Each tilt is `level_from_body` as [`YawPose::split`] gives it. What of the measured rotation is not about the
-    /// vertical contradicts gravity and is left out.
+    /// Each tilt is `level_from_body` as returned by [`YawPose::split`]. The part of the measured rotation that is not
+    /// about the vertical contradicts gravity and is dropped.
     pub fn between(tilt_a: &So3, a_from_b: &Se3, tilt_b: &So3) -> Self {
         let level = Se3::new(*tilt_a * a_from_b.rotation * tilt_b.inverse(), *tilt_a * a_from_b.translation);
         Self::split(&level).0
     }
 
-    /// The turn as a rotation in space.
+    /// The yaw as a rotation in three dimensions.
     pub fn rotation(&self) -> So3 {
         So3::exp(&Vec3::new(0.0, 0.0, self.yaw.log()))
     }
 
-    /// The pose with its tilt put back: `world_from_body` from `level_from_body`.
+    /// The full pose including the tilt: `world_from_body` from `level_from_body`.
     pub fn tilted(&self, level_from_body: &So3) -> Se3 {
         Se3::new(self.rotation() * *level_from_body, self.translation)
     }
@@ -79,8 +80,8 @@ impl Mul for YawPose {
 impl Mul<Vec3> for YawPose {
     type Output = Vec3;
     fn mul(self, rhs: Vec3) -> Vec3 {
-        let turned = self.yaw * Vec2::new(rhs.x, rhs.y);
-        Vec3::new(turned.x, turned.y, rhs.z) + self.translation
+        let rotated = self.yaw * Vec2::new(rhs.x, rhs.y);
+        Vec3::new(rotated.x, rotated.y, rhs.z) + self.translation
     }
 }
 

@@ -1,4 +1,4 @@
-//! The contract of the groups, and their Jacobians against differences, on random elements.
+//! The Lie group laws, and the Jacobians against finite differences, on random elements.
 
 use cairn_geometry::{LieGroup, Se2, Se3, Sim3, So2, So3, Vec3, YawPose};
 use nalgebra::{SMatrix, SVector};
@@ -16,7 +16,7 @@ fn yaw() -> impl Strategy<Value = YawPose> {
     (vec3(5.0), -3.0..3.0).prop_map(|(t, a)| YawPose::new(So2::exp(a), t))
 }
 
-/// Rotations of up to 2.9 rad, small ones as often as large ones.
+/// Rotations of up to 2.9 rad on a logarithmic scale: small ones are as frequent as large ones.
 fn se3() -> impl Strategy<Value = Se3> {
     (vec3(1.7), -9.0..0.0, vec3(5.0)).prop_map(|(w, size, t)| Se3::new(So3::exp(&(w * f64::exp(size))), t))
 }
@@ -25,7 +25,7 @@ fn sim3() -> impl Strategy<Value = Sim3> {
     (se3(), -1.5..1.5).prop_map(|(t, s)| Sim3::new(t.rotation, t.translation, f64::exp(s)))
 }
 
-/// Derivative of `f(x * d)` by `d` at zero, by central differences.
+/// Derivative of `f(x.retract(d))` with respect to `d` at zero, by central differences.
 fn differences<G: LieGroup<D>, const D: usize>(
     x: &G,
     f: impl Fn(&G) -> SVector<f64, D>,
@@ -40,7 +40,7 @@ fn differences<G: LieGroup<D>, const D: usize>(
     j
 }
 
-fn keeps_the_contract<G: LieGroup<D>, const D: usize>(a: &G, b: &G) -> Result<(), TestCaseError> {
+fn satisfies_the_group_laws<G: LieGroup<D>, const D: usize>(a: &G, b: &G) -> Result<(), TestCaseError> {
     let near = |x: &G, y: &G| (x.local(y)).norm();
     prop_assert!(near(&a.retract(&a.local(b)), b) < 1e-9);
     prop_assert!(near(&a.retract(&SVector::zeros()), a) < 1e-12);
@@ -62,24 +62,24 @@ fn keeps_the_contract<G: LieGroup<D>, const D: usize>(a: &G, b: &G) -> Result<()
 
 proptest! {
     #[test]
-    fn se2_keeps_the_contract(a in se2(), b in se2()) {
-        keeps_the_contract(&a, &b)?;
+    fn se2_satisfies_the_group_laws(a in se2(), b in se2()) {
+        satisfies_the_group_laws(&a, &b)?;
     }
 
     #[test]
-    fn yaw_poses_keep_the_contract(a in yaw(), b in yaw()) {
-        keeps_the_contract(&a, &b)?;
+    fn yaw_pose_satisfies_the_group_laws(a in yaw(), b in yaw()) {
+        satisfies_the_group_laws(&a, &b)?;
     }
 
     #[test]
-    fn se3_keeps_the_contract(a in se3(), b in se3()) {
-        keeps_the_contract(&a, &b)?;
+    fn se3_satisfies_the_group_laws(a in se3(), b in se3()) {
+        satisfies_the_group_laws(&a, &b)?;
         prop_assert!((a.coordinates() - a.log()).norm() < 1e-9);
     }
 
     #[test]
-    fn sim3_keeps_the_contract(a in sim3(), b in sim3()) {
-        keeps_the_contract(&a, &b)?;
+    fn sim3_satisfies_the_group_laws(a in sim3(), b in sim3()) {
+        satisfies_the_group_laws(&a, &b)?;
     }
 
     #[test]
@@ -90,17 +90,17 @@ proptest! {
     }
 
     #[test]
-    fn chords_are_frobenius_norms(a in se3()) {
+    fn chordal_norm_is_the_frobenius_norm(a in se3()) {
         let frobenius = (a.rotation.matrix() - nalgebra::Matrix3::identity()).norm_squared();
         prop_assert!((a.chordal().fixed_rows::<3>(3).norm_squared() - 0.5 * frobenius).abs() < 1e-12);
     }
 
     #[test]
-    fn tilt_comes_apart_and_together(a in se3(), b in se3()) {
+    fn tilt_split_round_trips(a in se3(), b in se3()) {
         let ((level_a, tilt_a), (level_b, tilt_b)) = (YawPose::split(&a), YawPose::split(&b));
         let back = level_a.tilted(&tilt_a);
         prop_assert!(back.local_norm(&a) < 1e-9);
-        // A measurement without error is kept whole.
+        // A measurement without error is preserved.
         let between = YawPose::between(&tilt_a, &(a.inverse() * b), &tilt_b);
         let error = between.inverse() * (level_a.inverse() * level_b);
         prop_assert!(error.coordinates().norm() < 1e-8, "{error:?}");
@@ -118,7 +118,7 @@ impl LocalNorm for Se3 {
 }
 
 #[test]
-fn half_turns_have_finite_jacobians() {
+fn jacobians_are_finite_at_180_degrees() {
     use cairn_geometry::LieGroup as _;
     for axis in [Vec3::x(), Vec3::y(), Vec3::new(0.6, 0.0, 0.8)] {
         let t = Se3::new(So3::exp(&(axis * std::f64::consts::PI)), Vec3::new(1.0, 2.0, 3.0));

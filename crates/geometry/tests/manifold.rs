@@ -1,4 +1,4 @@
-//! The manifold contract and the Jacobians, on random elements.
+//! The manifold laws and the Jacobians, on random elements.
 
 use cairn_geometry::{Manifold, Se3, Sim3, So3, Vec3};
 use nalgebra::SVector;
@@ -19,21 +19,21 @@ proptest! {
     }
 
     #[test]
-    fn small_rotations_keep_their_digits(w in vec3(1e-6)) {
+    fn small_rotations_keep_their_precision(w in vec3(1e-6)) {
         prop_assert!((So3::exp(&w).log() - w).norm() < 1e-18 + 1e-12 * w.norm());
     }
 
     #[test]
     fn right_jacobian_matches_differences(w in vec3(1.7), d in vec3(1.0)) {
         let h = 1e-6;
-        let moved = So3::exp(&w).local(&So3::exp(&(w + d * h))) / h;
-        prop_assert!((So3::right_jacobian(&w) * d - moved).norm() < 1e-5);
+        let difference = So3::exp(&w).local(&So3::exp(&(w + d * h))) / h;
+        prop_assert!((So3::right_jacobian(&w) * d - difference).norm() < 1e-5);
         let product = So3::right_jacobian(&w) * So3::right_jacobian_inverse(&w);
         prop_assert!((product - nalgebra::Matrix3::identity()).norm() < 1e-9);
     }
 
     #[test]
-    fn se3_keeps_the_contract(a in se3(), b in se3()) {
+    fn se3_retract_and_local_are_inverse(a in se3(), b in se3()) {
         let d = a.local(&b);
         let back = a.retract(&d);
         prop_assert!((back.translation - b.translation).norm() < 1e-9);
@@ -42,7 +42,7 @@ proptest! {
     }
 
     #[test]
-    fn adjoint_moves_the_perturbation_across(a in se3(), v in vec3(0.5), w in vec3(0.5)) {
+    fn adjoint_moves_a_perturbation_to_the_left(a in se3(), v in vec3(0.5), w in vec3(0.5)) {
         let d = SVector::<f64, 6>::new(v.x, v.y, v.z, w.x, w.y, w.z);
         let left = a * Se3::exp(&d);
         let right = Se3::exp(&(a.adjoint() * d)) * a;
@@ -50,7 +50,7 @@ proptest! {
     }
 
     #[test]
-    fn sim3_inverse_undoes(t in se3(), s in 0.1..10.0f64, p in vec3(5.0)) {
+    fn sim3_inverse_is_correct(t in se3(), s in 0.1..10.0f64, p in vec3(5.0)) {
         let sim = Sim3::new(t.rotation, t.translation, s);
         prop_assert!((sim.inverse() * (sim * p) - p).norm() < 1e-9);
         prop_assert!(((sim * sim.inverse()) * p - p).norm() < 1e-9);

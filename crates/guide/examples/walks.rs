@@ -1,4 +1,4 @@
-//! Brings simulated walkers along random ways on poses, and prints the figures.
+//! Guides simulated walkers along random routes on poses, and prints the figures.
 //!
 //! `cargo run --release -p cairn-guide --example walks -- [--ways N] [--show SEED ROW] [--docs FOLDER]`:
 //! a table of all rows, the utterances by kind, and the worst seeds; `--show` prints one transcript instead (ROW
@@ -30,7 +30,7 @@ fn name(row: usize) -> String {
     format!("{}, {} poses", ROWS[row / 2].0, if row.is_multiple_of(2) { "exact" } else { "noisy" })
 }
 
-/// How bad a trial was: not arrived above all, then wrong sides, leaving the path, talk.
+/// How bad a trial was: not arrived first, then wrong sides, leaving the path, number of utterances.
 fn badness(o: &Outcome) -> f64 {
     let missed = if o.arrived && o.error_m <= 1.0 { 0.0 } else { 1000.0 };
     let talk = o.said.len() as f64 / o.length_m.max(1.0);
@@ -55,7 +55,7 @@ fn main() {
     }
     let routes = number("--ways", 1).unwrap_or(200);
     let mut table = String::from(
-        "| way | arrived within 1 m | error p50 / p95 / max | off the path per 50 m | wrong side | utterances per 100 m | of them corrections |\n\
+        "| route | arrived within 1 m | error p50 / p95 / max | off the path per 50 m | wrong side | utterances per 100 m | of them corrections |\n\
          |---|---|---|---|---|---|---|\n",
     );
     let mut kinds = String::new();
@@ -94,7 +94,7 @@ fn main() {
         let here = worst.iter().filter(|w| w.2 == row).take(5);
         println!("    worst seeds: {:?}", here.map(|w| w.1).collect::<Vec<_>>());
         if row == 0 {
-            println!("    {} ways, {:.0} m", tally.trials, tally.metres);
+            println!("    {} routes, {:.0} m", tally.trials, tally.metres);
         }
     }
     if let Some(folder) = after("--docs", 1)
@@ -105,7 +105,7 @@ fn main() {
     }
 }
 
-/// The table between the marks of `guide.md`, and the worst three transcripts.
+/// Writes the table between the marks of `guide.md`, and the worst three transcripts.
 fn write_docs(
     folder: &Path,
     table: &str,

@@ -1,22 +1,22 @@
-//! The announcement queue: one voice, urgent things first, nothing stale, nothing twice.
+//! The announcement queue: one voice, urgent messages first, no stale messages, no repetitions.
 //!
-//! Words go in with a priority and a time; `poll` gives what the voice must begin to say now. How long a
-//! text takes is estimated from its words, so queueing is real with any sink.
+//! Texts go in with a priority and a time; `poll` returns what the voice must start saying now. How long a
+//! text takes is estimated from its word count, so queueing works the same with any sink.
 
 use crate::cue::Priority;
 use cairn_sensor::Stamp;
 use std::collections::VecDeque;
 
-/// How the queue behaves.
+/// Config of the queue.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnnouncerConfig {
-    /// Rate of speech, 0.1 to 2; 1 is three words a second.
+    /// Speech rate, 0.1 to 2; 1 is three words a second.
     pub rate: f64,
-    /// Loudness, 0 to 1; for the sink.
+    /// Volume, 0 to 1; passed on to the sink.
     pub volume: f64,
-    /// Normal and low words that waited longer than this are dropped, seconds.
+    /// Normal and low messages that waited longer than this are dropped, seconds.
     pub stale_s: f64,
-    /// The same text is not said again within this, seconds; urgent words always are.
+    /// The same text is not said again within this time, seconds; urgent messages always are.
     pub same_s: f64,
 }
 
@@ -26,16 +26,16 @@ impl Default for AnnouncerConfig {
     }
 }
 
-/// Something the voice begins to say.
+/// An utterance that the voice starts now.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Utterance {
-    /// The words.
+    /// The text.
     pub text: String,
-    /// Their priority.
+    /// Its priority.
     pub priority: Priority,
-    /// When it begins.
+    /// When it starts.
     pub stamp: Stamp,
-    /// Estimated seconds it takes.
+    /// Estimated duration in seconds.
     pub duration_s: f64,
     /// True when the voice must break off what it is saying.
     pub interrupts: bool,
@@ -60,7 +60,7 @@ pub fn speaking_time(text: &str, rate: f64) -> f64 {
 }
 
 impl Announcer {
-    /// An empty queue; rate and volume are brought into their ranges.
+    /// An empty queue; rate and volume are clamped to their ranges.
     pub fn new(config: AnnouncerConfig) -> Self {
         let config = AnnouncerConfig {
             rate: config.rate.clamp(0.1, 2.0),
@@ -70,12 +70,12 @@ impl Announcer {
         Self { config, speaking: None, waiting: None, last: None, dropped: 0, history: VecDeque::new() }
     }
 
-    /// Rate, volume and the rest.
+    /// The config in use, after clamping.
     pub fn config(&self) -> &AnnouncerConfig {
         &self.config
     }
 
-    /// Takes words. They are dropped when they were just said, or when something more urgent waits.
+    /// Queues a text. It is dropped when it was just said, or when something more urgent is waiting.
     pub fn push(&mut self, text: impl Into<String>, priority: Priority, now: Stamp) {
         let text = text.into();
         let said = self.last.as_ref().is_some_and(|(t, at)| *t == text && now - *at < self.config.same_s);
@@ -97,7 +97,7 @@ impl Announcer {
         }
     }
 
-    /// What the voice must begin to say now, if anything.
+    /// What the voice must start saying now, if anything.
     pub fn poll(&mut self, now: Stamp) -> Option<Utterance> {
         if self.speaking.is_some_and(|(_, until)| until <= now) {
             self.speaking = None;
@@ -129,7 +129,7 @@ impl Announcer {
         self.speaking.is_some_and(|(_, until)| until > now)
     }
 
-    /// How many texts were never said: stale, doubled, or pushed out by more urgent ones.
+    /// How many texts were never said: stale, repeated, or displaced by more urgent ones.
     pub fn dropped(&self) -> usize {
         self.dropped
     }
@@ -167,14 +167,14 @@ mod tests {
         assert_eq!(said(&mut a, 0.6), Some(("Turn left now.".into(), true)));
         a.push("Stop. Tracking is lost.", Priority::Urgent, at(0.7));
         assert_eq!(said(&mut a, 0.7), Some(("Stop. Tracking is lost.".into(), true)));
-        // Nothing but urgent words breaks off urgent words.
+        // Only urgent messages interrupt urgent messages.
         a.push("Bear left.", Priority::High, at(0.8));
         assert_eq!(said(&mut a, 0.8), None);
         assert_eq!(said(&mut a, 2.5), Some(("Bear left.".into(), false)));
     }
 
     #[test]
-    fn one_waits_at_most_and_stale_words_are_dropped() {
+    fn at_most_one_waits_and_stale_texts_are_dropped() {
         let mut a = Announcer::new(AnnouncerConfig::default());
         a.push("one two three four five six seven eight nine", Priority::Normal, at(0.0));
         assert!(said(&mut a, 0.0).is_some());
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_is_not_said_twice_running_but_urgent_is_and_repeat_is() {
+    fn repetitions_are_dropped_except_urgent_and_on_request() {
         let mut a = Announcer::new(AnnouncerConfig::default());
         a.push("Bear left.", Priority::High, at(0.0));
         assert!(said(&mut a, 0.0).is_some());
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_out_of_range_are_brought_in() {
+    fn rate_and_volume_are_clamped() {
         let a = Announcer::new(AnnouncerConfig { rate: 9.0, volume: -1.0, ..Default::default() });
         assert_eq!((a.config().rate, a.config().volume), (2.0, 0.0));
         assert!(speaking_time("one two three", 2.0) < speaking_time("one two three", 1.0));

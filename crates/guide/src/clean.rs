@@ -1,10 +1,10 @@
-//! Cleans a recorded way: detours that lead back to walked ground are cut, then the line is simplified.
+//! Cleans a recorded route: detours that return to walked ground are cut, then the polyline is simplified.
 //!
-//! A loop, a backtrack, an oscillation and a hub with spokes are one thing: the walker came back to where
-//! he had been. So the recorded points are made into a graph, with an edge along each walked piece and a
-//! joint between two points that lie so near each other that the ground between them was walked; the way
-//! is the shortest path through it (Dijkstra 1959). Nothing else is ever crossed. Then Ramer (1972) and
-//! Douglas-Peucker (1973), with one more condition: a chord must itself lie on walked ground.
+//! A loop, a backtrack, an oscillation and a hub with spokes are the same thing: the walker returned to a place he had
+//! been. The recorded points therefore form a graph, with an edge along each walked piece and a joint between two
+//! points so close together that the ground between them was walked; the cleaned route is the shortest path through it
+//! (Dijkstra 1959). Unwalked ground is never crossed. Then Ramer (1972) and Douglas-Peucker (1973), with the additional
+//! condition that a chord must itself lie on walked ground.
 
 use crate::ground::Ground;
 use crate::route::{PlacedPoint, Stretch};
@@ -16,17 +16,17 @@ use std::collections::{BinaryHeap, HashMap};
 /// What counts as the same ground, and how much may be simplified. Metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CleanConfig {
-    /// Remove detours at all; off for a way that is to be walked as it was.
+    /// Whether detours are removed; off for a route that is to be walked exactly as recorded.
     pub cut_detours: bool,
-    /// Both ends of a cut lie within this of each other.
+    /// The two ends of a cut lie within this distance of each other.
     pub corridor_m: f64,
-    /// Ground within this of a recorded point has been walked: half the width of a person.
+    /// Ground within this distance of a recorded point counts as walked: half the width of a person.
     pub walked_m: f64,
     /// A cut must save at least this.
     pub saving_m: f64,
-    /// Simplification: no point of the result is farther than this from the recorded way.
+    /// Simplification: the result deviates from the recorded route by at most this.
     pub tolerance_m: f64,
-    /// Segments shorter than this are merged where the tolerance allows it.
+    /// Segments shorter than this are merged where the tolerance allows.
     pub min_segment_m: f64,
 }
 
@@ -46,7 +46,7 @@ impl Default for CleanConfig {
 /// Where a detour was left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cut {
-    /// Where the way leaves the detour's beginning.
+    /// Where the route leaves the detour's beginning.
     pub from: Vec3,
     /// Where it goes on.
     pub to: Vec3,
@@ -58,11 +58,11 @@ pub struct Cut {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Node {
     p: Vec3,
-    /// Nothing is known of the ground between the node before and this one.
+    /// The ground between the previous node and this one is unknown.
     gap: bool,
 }
 
-/// A way ready for guidance.
+/// A cleaned route, ready for guidance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CleanedRoute {
     /// The corners, from the start of the recording to its end, in metres.
@@ -73,11 +73,11 @@ pub struct CleanedRoute {
     pub before_m: f64,
     /// Length after cleaning, in metres.
     pub after_m: f64,
-    /// What was left out.
+    /// The detours removed.
     pub cuts: Vec<Cut>,
 }
 
-/// Cleans a placed way; lengths are multiplied by `metres_per_unit` (see [`crate::ManeuverPlan::metres_per_unit`]).
+/// Cleans a resolved route; lengths are multiplied by `metres_per_unit` (see [`Route::metres_per_unit`](crate::Route)).
 pub fn clean(
     points: &[PlacedPoint],
     metres_per_unit: f64,
@@ -91,7 +91,7 @@ pub fn clean(
 }
 
 /// Cleans `line` given the `record` of where the walker really went: pairs of a point in metres and
-/// whether the stretch before it is a gap. Cleaning a result again on the same record changes nothing.
+/// whether the stretch before it is a gap. Cleaning a result again with the same record changes nothing.
 pub fn clean_line(
     line: &[(Vec3, bool)],
     record: &[(Vec3, bool)],
@@ -103,15 +103,15 @@ pub fn clean_line(
     let tracks = Tracks::new(walked, config.walked_m.max(config.tolerance_m));
     let mut nodes = without_doubles(line);
     let mut cuts = Vec::new();
-    // Simplifying can bring two stretches within reach of each other, so both are done until nothing changes.
+    // Simplification can bring two stretches within reach of each other, so both steps repeat until nothing changes.
     for _ in 0..12 {
-        let was = nodes.clone();
+        let previous = nodes.clone();
         if config.cut_detours {
             nodes = cut(&nodes, &tracks, ground, config, &mut cuts);
         }
         nodes = simplify(&nodes, &tracks, config);
         nodes = merge_short(nodes, &tracks, config);
-        if nodes == was {
+        if nodes == previous {
             break;
         }
     }
@@ -125,7 +125,7 @@ pub fn clean_line(
 }
 
 impl CleanedRoute {
-    /// The largest distance from the cleaned to the recorded way in metres, looked at each 5 cm.
+    /// The largest distance from the cleaned to the recorded route in metres, sampled every 5 cm.
     pub fn largest_distance_to(&self, record: &[PlacedPoint], metres_per_unit: f64) -> f64 {
         let record: Vec<Vec3> =
             record.iter().map(|p| p.frame_from_camera.translation * metres_per_unit).collect();
@@ -133,7 +133,7 @@ impl CleanedRoute {
     }
 }
 
-/// The largest distance from line `a` to line `b` in metres, looked at each 5 cm of `a`.
+/// The largest distance from line `a` to line `b` in metres, sampled every 5 cm of `a`.
 pub fn largest_distance(a: &[Vec3], b: &[Vec3]) -> f64 {
     let to_b = |p: Vec3| b.windows(2).map(|w| to_segment(&p, &w[0], &w[1])).fold(f64::INFINITY, f64::min);
     let mut worst: f64 = 0.0;
@@ -152,7 +152,7 @@ pub fn length(points: impl Iterator<Item = Vec3>) -> f64 {
     points.map(|p| last.replace(p).map_or(0.0, |l| (p - l).norm())).sum()
 }
 
-/// Leaves out points that stay within 2 cm (turning on the spot), but never the first or the last.
+/// Drops points that stay within 2 cm (turning on the spot), but never the first or the last.
 fn without_doubles(line: &[(Vec3, bool)]) -> Vec<Node> {
     let mut nodes: Vec<Node> = Vec::with_capacity(line.len());
     for (k, &(p, gap)) in line.iter().enumerate() {
@@ -164,7 +164,7 @@ fn without_doubles(line: &[(Vec3, bool)]) -> Vec<Node> {
     nodes
 }
 
-/// The samples of a line, for joints to start and end at.
+/// Samples along a line, at which joints can start and end.
 struct Samples {
     p: Vec<Vec3>,
     /// Metres from the start.
@@ -201,7 +201,7 @@ fn sample(nodes: &[Node]) -> Samples {
     s
 }
 
-/// Pairs of samples between which the ground was walked though the way went round, each from both ends.
+/// Pairs of samples with walked ground between them although the route made a detour; each pair from both ends.
 fn joints(s: &Samples, tracks: &Tracks, ground: &Ground, config: &CleanConfig) -> Vec<Vec<usize>> {
     let reach = config.corridor_m.min(2.0 * config.walked_m);
     let key = |p: &Vec3| {
@@ -241,13 +241,13 @@ impl PartialOrd for Open {
     }
 }
 impl Ord for Open {
-    /// The cheapest first out of a max-heap; ties by number, so that the order is always the same.
+    /// The cheapest node first out of a max-heap; ties by index, so that the order is deterministic.
     fn cmp(&self, other: &Self) -> Ordering {
         other.cost.total_cmp(&self.cost).then(other.node.cmp(&self.node))
     }
 }
 
-/// The shortest path from the first to the last sample; a joint costs its length and the least saving.
+/// The shortest path from the first to the last sample; a joint costs its length plus the minimum saving.
 fn shortest(s: &Samples, joints: &[Vec<usize>], config: &CleanConfig) -> Vec<usize> {
     let n = s.p.len();
     let mut cost = vec![f64::INFINITY; n];
@@ -348,7 +348,7 @@ fn simplify(nodes: &[Node], tracks: &Tracks, config: &CleanConfig) -> Vec<Node> 
     nodes.iter().zip(keep).filter(|(_, k)| *k).map(|(n, _)| *n).collect()
 }
 
-/// Merges the ends of short segments, where all that is changed stays on walked ground.
+/// Merges the ends of short segments where every changed part stays on walked ground.
 fn merge_short(mut nodes: Vec<Node>, tracks: &Tracks, config: &CleanConfig) -> Vec<Node> {
     let mut k = 0;
     while k + 1 < nodes.len() {

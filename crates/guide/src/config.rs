@@ -1,99 +1,99 @@
-//! Every number the guide goes by, with its default.
+//! The guide's config: every limit with its default.
 
 use crate::facing::Facing;
 use crate::matcher::MatcherConfig;
 
-/// When the guide speaks. Lengths in metres, times in seconds, angles in degrees.
+/// Limits and times of the guide. Lengths in metres, times in seconds, angles in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuideConfig {
-    /// How the walker stands to the camera.
+    /// How the camera is mounted relative to the walker.
     pub facing: Facing,
-    /// A turn is announced this far ahead,
+    /// A turn is announced this far ahead, but at most half the segment.
     pub approach_m: f64,
-    /// plus this per m/s above 1 m/s,
+    /// Added to [`Self::approach_m`] per m/s above 1 m/s.
     pub approach_per_speed: f64,
-    /// at most half the segment; this far ahead of stairs.
+    /// Stairs are announced this far ahead.
     pub approach_stairs_m: f64,
-    /// On segments shorter than this the turn was told when the segment began: no second announcement.
+    /// On segments shorter than this the turn was announced when the segment began: no second announcement.
     pub approach_segment_m: f64,
-    /// "Turn now" comes at speed times this before the turn,
+    /// "Turn now" comes at speed times this before the turn.
     pub turn_now_s: f64,
-    /// but not nearer than this,
+    /// "Turn now" comes at least this far before the turn.
     pub turn_now_min_m: f64,
-    /// nor farther than this share of the segment before it.
+    /// "Turn now" comes at most at this share of the segment before the turn.
     pub turn_now_share: f64,
     /// Time a walker needs to react; added to "turn now".
     pub reaction_s: f64,
-    /// "Stop turning" comes early by turn rate times this: to say the word, to hear it, to stand.
+    /// "Stop turning" comes early by turn rate times this: to say the words, to hear them, to stop.
     pub turn_lead_s: f64,
-    /// After a turn within this of the wanted heading nothing is corrected.
+    /// After a turn, a heading error below this is not corrected.
     pub turn_tolerance_deg: f64,
-    /// Progress is told each so many metres without other words; `None` turns it off.
+    /// Progress is announced after this many metres without other words; `None` turns it off.
     pub progress_m: Option<f64>,
-    /// A waypoint's box: across the way, along it, and in height.
+    /// A waypoint's box: across the route, along it, and in height.
     pub waypoint_box_m: [f64; 3],
-    /// The box of the last one.
+    /// The box of the last waypoint, the end.
     pub arrival_box_m: [f64; 3],
-    /// The end is announced this far ahead
+    /// The end is announced this far ahead to a fast walker, with the advice to slow down.
     pub end_m: f64,
-    /// to a walker faster than this, m/s, with the word to slow down.
+    /// Walkers faster than this are fast in the sense of [`Self::end_m`], m/s.
     pub end_speed: f64,
-    /// Arrival is said early by speed times this, so that the walker stands where the way ends.
+    /// Arrival is said early by speed times this, so that the walker stops where the route ends.
     pub arrival_lead_s: f64,
-    /// People's reactions differ from the mean by this: speed times it is how far they may stand off.
+    /// Spread of people's reaction times: speed times it is how far from the end they may stop.
     pub arrival_spread_s: f64,
     /// Standing this near to the end counts as arrived.
     pub arrival_reach_m: f64,
-    /// On course: the heading is within this of the one wanted.
+    /// On course: the heading error is within this angle.
     pub cone_deg: f64,
     /// Time between on-course ticks.
     pub tick_s: f64,
-    /// How far ahead on the way the walker is aimed at, at least;
+    /// Minimum distance of the look-ahead point on the route that the walker is directed to.
     pub look_ahead_m: f64,
-    /// farther when fast, by speed times this, and never nearer than twice the distance off the way, so
-    /// that the walker comes back to it at a small angle.
+    /// The look-ahead distance is at least speed times this. It is never less than twice the distance off the route, so
+    /// that the walker returns to it at a small angle.
     pub look_ahead_s: f64,
-    /// A course that is off by more than this is corrected at once where it leaves the corridor,
+    /// A course error above this is corrected at once when the course leaves the corridor.
     pub adjust_deg: f64,
-    /// within so many metres; a lesser error when the walker is about to leave it, by this share of
+    /// How far ahead the course is checked for leaving the corridor.
     pub adjust_ahead_m: f64,
-    /// [`Self::off_m`].
+    /// A smaller course error is corrected when the walker reaches this share of [`Self::off_m`].
     pub edge_share: f64,
     /// On the last leg a course that misses the end by more than this is corrected.
     pub end_miss_m: f64,
-    /// From here on the aim counts alone.
+    /// Above this course error the aim alone decides the correction.
     pub adjust_far_deg: f64,
-    /// A correction is given when wanted for this long,
+    /// A correction is said once it has been needed for this long.
     pub adjust_dwell_s: f64,
-    /// and this long after the last direction.
+    /// Time from the last direction to a correction.
     pub adjust_again_s: f64,
-    /// sooner after a turn on the spot.
+    /// The same after a turn on the spot.
     pub adjust_after_turn_s: f64,
-    /// From here on the correction is a turn on the spot.
+    /// From this course error on the correction is a turn on the spot.
     pub adjust_turn_deg: f64,
-    /// Half the corridor: from here on the aim is corrected sooner.
+    /// Half the corridor: beyond this distance from the route the aim is corrected sooner.
     pub warn_m: f64,
-    /// From here on the walker is off the path,
+    /// Beyond this distance from the route the walker is off the path.
     pub off_m: f64,
-    /// until back by this much,
+    /// The walker is back on the path when nearer than [`Self::off_m`] by this.
     pub off_hysteresis_m: f64,
-    /// when it lasted this long.
+    /// Off path is said when it has lasted this long.
     pub off_dwell_s: f64,
     /// Off path is repeated after this,
     pub off_again_s: f64,
-    /// and after this before the first waypoint.
+    /// The same before the first waypoint.
     pub off_again_first_s: f64,
-    /// Wrong way: the heading is off by more than this
+    /// Wrong way: the heading error is above this angle.
     pub wrong_way_deg: f64,
-    /// for more than this,
+    /// Wrong way is said after moving this far.
     pub wrong_way_m: f64,
-    /// told at most once in this time.
+    /// Time until wrong way is said again.
     pub wrong_way_again_s: f64,
-    /// Stopped: moved less than this
+    /// Stopped: moved less than this within [`Self::stopped_s`].
     pub stopped_m: f64,
-    /// in this time,
+    /// The time over which [`Self::stopped_m`] is measured.
     pub stopped_s: f64,
-    /// told again once after this.
+    /// A stopped walker is reassured once more after this.
     pub stopped_again_s: f64,
     /// A pose older than this stops the walker.
     pub stale_s: f64,
@@ -101,21 +101,21 @@ pub struct GuideConfig {
     pub stop_again_s: f64,
     /// Poses must be good for this long before guidance goes on.
     pub resume_s: f64,
-    /// A bridged stretch that lasts this long is told.
+    /// Weak tracking (a bridged stretch) is said when it has lasted this long.
     pub weak_s: f64,
-    /// Backwards: a leg ends after this, unless it would end within 15 m anyway,
+    /// Walking backwards: a leg ends after this, unless the rest fits within [`Self::leg_most_m`].
     pub leg_m: f64,
-    /// or that.
+    /// Walking backwards: the longest leg.
     pub leg_most_m: f64,
-    /// Backwards: time to look behind at the end of a leg.
+    /// Walking backwards: time to look behind at the end of a leg.
     pub check_s: f64,
-    /// Backwards: faster than this is told.
+    /// Walking backwards: the walker is told to slow down above this speed, m/s.
     pub backwards_speed: f64,
-    /// Backwards: stop when so far off.
+    /// Walking backwards: the walker is stopped at this distance from the line.
     pub backwards_off_m: f64,
-    /// Backwards: an aim that is off by more than this is corrected.
+    /// Walking backwards: an aim error above this is corrected.
     pub backwards_adjust_deg: f64,
-    /// How the walker is found on the way.
+    /// Matching of the walker to the route.
     pub matcher: MatcherConfig,
 }
 

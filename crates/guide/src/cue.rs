@@ -1,50 +1,50 @@
-//! What the guide has to say, before it becomes words.
+//! What the guide has to say, before it is put into words.
 
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
 use cairn_sensor::Stamp;
 
-/// How urgent something is; lower comes first.
+/// Urgency of a cue; lower values come first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Priority {
     /// Interrupts everything: stop.
     Urgent,
     /// Interrupts: turn now.
     High,
-    /// Waits its turn.
+    /// Waits until the voice is free.
     Normal,
-    /// Said if there is room.
+    /// Said only if there is room.
     Low,
 }
 
 /// Why the walker must stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
-    /// The camera does not know where it is.
+    /// Tracking is lost: there is no current pose.
     TrackingLost,
     /// The last pose is too old.
     PoseStale,
-    /// Something stands in the way.
+    /// An obstacle is ahead.
     Obstacle,
     /// The ground ahead was not seen.
     UnknownGround,
-    /// A part of the system died.
+    /// A part of the system has stopped working.
     StageDied,
 }
 
-/// What comes next on the way.
+/// What comes next on the route.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Next {
-    /// A turn by so many radians (positive left), and stairs that begin there.
+    /// A turn, and the stairs that begin there.
     Turn {
         /// Radians, positive to the left.
         turn_rad: f64,
-        /// Stairs right after it.
+        /// Stairs directly after the turn.
         stairs: Option<Stairs>,
     },
     /// Stairs straight ahead.
     Stairs(Stairs),
-    /// The end of the way.
+    /// The end of the route.
     End,
 }
 
@@ -55,7 +55,7 @@ pub struct Ahead {
     pub distance_m: f64,
     /// What it is.
     pub next: Next,
-    /// A second turn that is told together with it: metres between the two, and the turn.
+    /// A second turn that is announced together with it: metres between the two, and the turn.
     pub then: Option<(f64, Next)>,
 }
 
@@ -71,18 +71,18 @@ pub enum First {
 /// What kind of cue it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CueKind {
-    /// Guidance begins: the length of the way, and what to do first.
+    /// Guidance begins: the length of the route, and what to do first.
     Start {
-        /// Metres of the whole way.
+        /// Metres of the whole route.
         total_m: f64,
         /// What to do first.
         first: First,
     },
-    /// Confidence has returned after a stop; what to do now.
+    /// Tracking has recovered after a stop; what to do now.
     Resume(First),
     /// A turn or stairs are near.
     Approach(Ahead),
-    /// Turn now: at a corner of the way.
+    /// Turn now: at a corner of the route.
     TurnNow {
         /// Radians, positive left.
         turn_rad: f64,
@@ -114,25 +114,25 @@ pub enum CueKind {
         bearing_rad: f64,
         /// The turn that leads back to it, radians, positive left; 0 when the walker already goes there.
         turn_rad: f64,
-        /// Whether to stop for it, or bear that way while moving.
+        /// Whether to stop and turn on the spot, or to bear that route while moving.
         on_spot: bool,
     },
-    /// Going the wrong way; the turn that rights it. Radians, positive left.
+    /// Going the wrong way; the turn that corrects it. Radians, positive left.
     WrongWay(f64),
-    /// Standing for a while.
+    /// The walker has been standing for a while.
     Stopped {
         /// What comes next.
         ahead: Ahead,
         /// The walker stands on the path.
         on_path: bool,
     },
-    /// Backwards: the leg is over, stop and look behind.
+    /// Walking backwards: the leg is over, stop and look behind.
     CheckBehind,
-    /// Backwards: off the line; metres to the walker's own left (negative right).
+    /// Walking backwards: off the line; metres to the walker's own left (negative right).
     StepAside(f64),
-    /// Backwards: too fast.
+    /// Walking backwards: too fast.
     SlowDown,
-    /// Tracking is bridged: go slowly.
+    /// Tracking is bridged (low confidence): go slowly.
     Weak,
     /// A waypoint was passed (sound only).
     Waypoint,
@@ -140,7 +140,7 @@ pub enum CueKind {
     OnCourse,
     /// Back on the path (sound only).
     BackOnPath,
-    /// The end was passed by: stop, and turn to it.
+    /// The end was passed: stop, and turn to it.
     EndMissed {
         /// Metres to the end.
         distance_m: f64,
@@ -149,17 +149,17 @@ pub enum CueKind {
     },
     /// The end is reached; guidance ends.
     Arrived,
-    /// Tracking stays lost: turn a little on the spot, so that the camera sees what the map knows. Radians,
+    /// Tracking stays lost: turn a little on the spot, so that the camera sees mapped views again. Radians,
     /// positive left.
     LookRound(f64),
     /// Stop at once.
     Stop(StopReason),
 }
 
-/// A short sound made by code, beside words.
+/// A short synthesised sound that goes with the words or replaces them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Earcon {
-    /// Heading where the way goes.
+    /// Heading along the route.
     OnCourse,
     /// Off the path.
     OffCourse,
@@ -169,23 +169,23 @@ pub enum Earcon {
     Waypoint,
     /// The end.
     Arrival,
-    /// Danger.
+    /// Danger: stop.
     Stop,
 }
 
-/// Something to tell the walker.
+/// One message for the walker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cue {
     /// When it became due.
     pub stamp: Stamp,
-    /// How the walker stands to the camera.
+    /// How the camera is mounted relative to the walker.
     pub facing: Facing,
     /// What it is.
     pub kind: CueKind,
 }
 
 impl Cue {
-    /// How urgent it is.
+    /// Its urgency.
     pub fn priority(&self) -> Priority {
         use CueKind::*;
         match self.kind {
@@ -208,7 +208,7 @@ impl Cue {
         }
     }
 
-    /// The sound that goes with it, if any.
+    /// The earcon that goes with it, if any.
     pub fn earcon(&self) -> Option<Earcon> {
         use CueKind::*;
         match self.kind {

@@ -1,5 +1,5 @@
-//! The last metres: the word to slow down, "stop" said early by the walker's reaction, and what to do when
-//! the end was missed.
+//! The last metres: the announcement to slow down, "stop" said early by the walker's reaction time, and what to do
+//! when the end was missed.
 
 use crate::cue::CueKind;
 use crate::ground::{cross, direction};
@@ -7,39 +7,39 @@ use crate::guide::{Guide, Now, Phase};
 use crate::moving::since;
 use crate::turning::Turning;
 
-/// Within this of the end only the end counts, metres.
-const LAST_M: f64 = 2.5;
+/// Within this distance only the end matters, metres.
+const END_ZONE_M: f64 = 2.5;
 /// A course that is off by more than this has missed the end, radians.
-const MISSED: f64 = 0.8;
-/// Who missed the end so often stands there when it is within reach, whichever way he faces.
-const MISSED_MOST: u32 = 2;
-/// Seconds in which nobody can have followed "stop" and a turn.
-const HEARD: f64 = 3.0;
+const MISSED_RAD: f64 = 0.8;
+/// A walker who missed the end this often has arrived when it is within reach, whatever direction he faces.
+const MISSES_BEFORE_ARRIVAL: u32 = 2;
+/// A "stop" and a turn cannot have been followed within this time, seconds.
+const REACTION_S: f64 = 3.0;
 
 impl Guide {
-    /// The walker will stand at the end of the way if told now.
+    /// The arrival cue, when the walker would stand at the end if told now.
     pub(crate) fn arrival(&mut self, now: &Now) -> Option<CueKind> {
         let end = self.plan.end();
-        let to_end = end - now.heading_kind.position;
+        let to_end = end - now.walker.position;
         if self.next < self.plan.maneuvers().len() || self.plan.length() - now.at.along_m > 4.0 {
             return None;
         }
         let [width, depth, height] = self.config.arrival_box_m;
-        let level = (now.heading_kind.height - self.plan.height_at(self.plan.length())).abs() <= height;
-        let course = direction(now.heading_kind.course);
+        let level = (now.walker.height - self.plan.height_at(self.plan.length())).abs() <= height;
+        let course = direction(now.walker.course);
         let (ahead, miss) = (to_end.dot(&course), cross(&course, &to_end).abs());
         let standing_there = to_end.norm() <= 0.5 * width.min(depth);
-        // Beside or past the end and within reach of it: sending the walker round for less than a metre helps nobody.
+        // Beside or past the end and within reach of it: sending the walker round for less than a metre does not help.
         let will_stand = course * (now.speed * self.config.arrival_lead_s);
         let beside =
             (to_end - will_stand).norm() <= self.config.arrival_reach_m && ahead < 0.5 * to_end.norm();
         let early = (now.speed * self.config.arrival_lead_s).max(0.5 * depth);
         let spread = now.speed * self.config.arrival_spread_s;
-        let most = (self.config.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
-        let soon = ahead > -0.5 * depth && ahead <= early && miss <= most;
-        // Who missed it time and again does not get nearer: the end as the map has it may lie in a wall.
+        let reach_m = (self.config.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
+        let soon = ahead > -0.5 * depth && ahead <= early && miss <= reach_m;
+        // A walker who missed it repeatedly does not get nearer: where the map has drifted, the end may lie in a wall.
         let reach = (to_end - will_stand).norm() <= self.config.arrival_reach_m;
-        let tried = self.memory.ends_missed >= MISSED_MOST && reach;
+        let tried = self.memory.ends_missed >= MISSES_BEFORE_ARRIVAL && reach;
         (level && (standing_there || soon || beside || tried)).then(|| self.arrived())
     }
 
@@ -48,47 +48,49 @@ impl Guide {
         CueKind::Arrived
     }
 
-    /// The end is near and the walker fast: a slow walker stands where told, a fast one a metre later.
+    /// The end is near and the walker fast: a slow walker stops on the word, a fast one a metre later.
     pub(crate) fn near_end(&mut self, now: &Now) -> Option<CueKind> {
         let left = self.plan.length() - now.at.along_m;
         let s = &self.config;
-        let wanted =
-            self.coming().is_none() && !self.memory.end_told && now.speed > s.end_speed && left < s.end_m;
+        let wanted = self.next_maneuver().is_none()
+            && !self.memory.end_announced
+            && now.speed > s.end_speed
+            && left < s.end_m;
         if !wanted || left < 0.5 * s.end_m {
             return None;
         }
-        self.memory.end_told = true;
-        self.memory.told_at_m = now.at.along_m;
+        self.memory.end_announced = true;
+        self.memory.announced_at_m = now.at.along_m;
         Some(CueKind::Approach(self.ahead(now)))
     }
 
-    /// True when nothing but the end lies ahead and it is near.
+    /// True when only the end lies ahead and it is near.
     pub(crate) fn at_end(&self, now: &Now) -> bool {
-        let near = (self.plan.end() - now.heading_kind.position).norm() < LAST_M;
+        let near = (self.plan.end() - now.walker.position).norm() < END_ZONE_M;
         let left = self.plan.length() - now.at.along_m;
-        self.coming().is_none() && left < LAST_M && (near || left < 0.3) && !self.backwards()
+        self.next_maneuver().is_none() && left < END_ZONE_M && (near || left < 0.3) && !self.backwards()
     }
 
-    /// Near the end: arrive, or stop and turn to it. One who goes on circles round it.
+    /// Near the end: arrive, or stop and turn to it. A walker who keeps going would circle round it.
     pub(crate) fn ending(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         if let Some(arrived) = self.arrival(now) {
             return Some(arrived);
         }
-        let to_end = self.plan.end() - now.heading_kind.position;
-        let turn = now.heading_kind.turn_to(crate::ground::heading_of(&to_end));
-        let missed = turn.abs() > MISSED;
-        if !missed || since(self.memory.directed, now.stamp) < HEARD {
+        let to_end = self.plan.end() - now.walker.position;
+        let turn = now.walker.turn_to(crate::ground::heading_of(&to_end));
+        let missed = turn.abs() > MISSED_RAD;
+        if !missed || since(self.memory.last_direction, now.stamp) < REACTION_S {
             if missed {
                 return None;
             }
-            let held_up = self.stopped(now, aim);
-            // Told to go on, with the end before him, and standing: something is there.
-            if held_up.is_some() && to_end.norm() <= self.config.arrival_box_m[0] {
+            let stuck = self.stopped(now, aim);
+            // Told to go on, with the end ahead, and still standing: something blocks the last step.
+            if stuck.is_some() && to_end.norm() <= self.config.arrival_box_m[0] {
                 return Some(self.arrived());
             }
-            return held_up.or_else(|| self.tick(now, aim));
+            return stuck.or_else(|| self.tick(now, aim));
         }
-        self.direct(now);
+        self.direction_given(now);
         self.memory.ends_missed += 1;
         self.phase = Phase::Turning(Turning::new(now, false));
         Some(CueKind::EndMissed { distance_m: to_end.norm(), turn_rad: turn })

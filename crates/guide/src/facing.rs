@@ -1,38 +1,38 @@
-//! How the walker stands to the camera, and the body frame that follows from it.
+//! How the camera is mounted relative to the walker, and the body frame that follows from it.
 
 use crate::ground::{Ground, direction, wrap};
 use cairn_geometry::{Camera, Odom, Pose, Vec2};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// One of the three ways back.
+/// One of the three ways to walk a route back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Facing {
-    /// The walker faces and goes where the camera looks.
+    /// The walker faces and moves where the camera looks.
     Home,
-    /// The camera looks back: the walker faces and goes along minus the optical axis.
+    /// The camera looks backwards: the walker faces and moves along minus the optical axis.
     Back,
-    /// The walker faces along the optical axis and goes along minus it.
+    /// The walker faces along the optical axis and moves along minus it.
     Backwards,
 }
 
-/// The walker seen from above.
+/// The walker's position and heading seen from above.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Heading {
-    /// Where, in metres on the ground plane.
+    /// Position in metres on the ground plane.
     pub position: Vec2,
     /// Height of the camera in metres.
     pub height: f64,
-    /// Where the walker's chest points, in radians.
+    /// Direction of the walker's chest, in radians.
     pub heading: f64,
-    /// Where the walker goes when told to move on, in radians: the heading, or its opposite.
+    /// Direction in which the walker moves when told to go on, in radians: the heading, or its opposite.
     pub course: f64,
 }
 
 impl Facing {
-    /// The walker's stance from the pose of the camera; `None` when the pose has no heading or is not finite.
-    pub fn heading_kind(self, ground: &Ground, odom_from_camera: &Pose<Odom, Camera>) -> Option<Heading> {
+    /// The walker's heading from the pose of the camera; `None` when the pose has no heading or is not finite.
+    pub fn heading(self, ground: &Ground, odom_from_camera: &Pose<Odom, Camera>) -> Option<Heading> {
         let pose = &odom_from_camera.se3;
         if !pose.is_finite() {
             return None;
@@ -49,7 +49,7 @@ impl Facing {
 }
 
 impl Heading {
-    /// How far a point lies to the walker's own left, in metres (negative: right), whichever way the walker goes.
+    /// How far a point lies to the walker's own left, in metres (negative: right), whether he moves forwards or back.
     pub fn to_left(&self, point: &Vec2) -> f64 {
         let left = direction(self.heading + 0.5 * PI);
         (point - self.position).dot(&left)
@@ -57,7 +57,7 @@ impl Heading {
 
     /// The rotation in radians that brings the course to `heading`: positive to the walker's left.
     ///
-    /// Chest and course turn together, so this holds for a walker going backwards as well.
+    /// Chest and course turn together, so this also holds for a walker moving backwards.
     pub fn turn_to(&self, heading: f64) -> f64 {
         wrap(heading - self.course)
     }

@@ -1,12 +1,12 @@
-//! The ground plane: which way is up, where a point lies seen from above, and which way a camera looks.
+//! The ground plane: the up direction, points seen from above, and the heading of a camera.
 //!
-//! In: points and poses of the smooth frame. Out: plane coordinates in metres, headings in radians,
+//! Input: points and poses in the odom frame. Output: plane coordinates in metres, headings in radians,
 //! counter-clockwise seen from above, so that a positive difference of headings is a turn to the left.
 
 use cairn_geometry::{Mat3, Se3, Vec2, Vec3};
 use std::f64::consts::PI;
 
-/// The plane across gravity, with two fixed axes in it.
+/// The plane perpendicular to gravity, with two fixed axes in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ground {
     up: Vec3,
@@ -15,7 +15,7 @@ pub struct Ground {
 }
 
 impl Ground {
-    /// From the direction that points up; `None` when it has no direction.
+    /// From a vector that points up; `None` when it is zero or not finite.
     pub fn new(up: Vec3) -> Option<Self> {
         let norm = up.norm();
         if !(norm.is_finite() && norm > 1e-9) {
@@ -32,17 +32,18 @@ impl Ground {
         Self { up: Vec3::z(), first: Vec3::x(), second: Vec3::y() }
     }
 
-    /// For a map that starts at a level camera and knows no gravity: up is minus y of that camera.
+    /// For a map that starts at a level camera without gravity alignment: up is minus y of that camera.
     pub fn first_camera() -> Self {
         Self { up: -Vec3::y(), first: Vec3::x(), second: Vec3::z() }
     }
 
-    /// For a walk whose frame knows no gravity: up is the direction that the cameras' axes to the right do not
-    /// have, as a camera on a chest looks down by an unknown pitch but does not lean to one side for long.
+    /// For a walk in a frame without gravity alignment: up is the direction with the smallest component along the
+    /// cameras' right axes, as a camera on a chest is pitched down by an unknown angle but does not roll to one side
+    /// for long.
     ///
-    /// Least squares over all poses (x right, y down, z forward): `sum (up . right)^2 + w |up + down|^2`, where
-    /// the small weight of the second part decides only what the walk leaves open: with no turns, the pitch.
-    /// `None` without poses, or when they cancel out.
+    /// Least squares over all poses (x right, y down, z forward): `sum (up . right)^2 + w |up + down|^2`. The weight
+    /// `w` is small, so the second term decides only what the walk does not observe: without turns, the pitch. `None`
+    /// without poses, or when they cancel out.
     pub fn of_walk<'a>(frame_from_camera: impl IntoIterator<Item = &'a Se3>) -> Option<Self> {
         const WEIGHT: f64 = 0.01;
         let (mut scatter, mut above, mut count) = (Mat3::zeros(), Vec3::zeros(), 0.0);
@@ -61,7 +62,7 @@ impl Ground {
         self.up
     }
 
-    /// A point seen from above, in metres.
+    /// A point projected onto the plane, in metres.
     pub fn plane(&self, p: &Vec3) -> Vec2 {
         Vec2::new(p.dot(&self.first), p.dot(&self.second))
     }
@@ -76,10 +77,10 @@ impl Ground {
         self.first * plane.x + self.second * plane.y + self.up * height
     }
 
-    /// Where a camera (x right, y down, z forward) looks, as a heading in radians; `None` where it
-    /// has none (looking straight up while lying on its side, or numbers that are not finite).
+    /// The direction in which a camera (x right, y down, z forward) looks, as a heading in radians; `None` where it
+    /// has none (looking straight up while lying on its side, or values that are not finite).
     ///
-    /// Both the optical axis and the axis to the right vote, each by its horizontal part, so that
+    /// The optical axis and the right axis both contribute, each by its horizontal part, so that
     /// neither pitch nor a small roll leaks into the heading, even when the camera looks at the feet.
     pub fn heading(&self, frame_from_camera: &Se3) -> Option<f64> {
         let level = |v: Vec3| self.plane(&(frame_from_camera.rotation * v));
@@ -91,7 +92,7 @@ impl Ground {
     }
 }
 
-/// An angle brought into (-pi, pi].
+/// An angle wrapped into (-pi, pi].
 pub fn wrap(angle: f64) -> f64 {
     let a = angle.rem_euclid(2.0 * PI);
     if a > PI { a - 2.0 * PI } else { a }
@@ -140,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_walk_with_turns_tells_which_way_is_up() {
+    fn up_direction_from_a_walk_with_turns() {
         let tilted = So3::exp(&Vec3::new(0.2, -0.1, 0.4));
         let angle = |headings: &[f64]| {
             let walk: Vec<Se3> = (headings.iter())
@@ -151,14 +152,14 @@ mod tests {
             up.angle(&(tilted * Vec3::z())).to_degrees()
         };
         assert!(angle(&[0.0, 1.5, 0.0, -1.5]) < 1.0, "{}", angle(&[0.0, 1.5, 0.0, -1.5]));
-        // Without turns the pitch cannot be told from a slope: 0.15 rad.
+        // Without turns the pitch cannot be distinguished from a slope: 0.15 rad.
         assert!(angle(&[0.3]) < 8.7, "{}", angle(&[0.3]));
         assert!(Ground::of_walk(&[]).is_none());
     }
 
     #[test]
     fn left_is_positive_in_both_conventions() {
-        // A camera map without gravity: x right, y down, z forward; turning left moves z towards minus x.
+        // A camera frame without gravity: x right, y down, z forward; turning left moves z towards minus x.
         let ground = Ground::first_camera();
         let before = ground.heading(&Se3::identity()).unwrap();
         let left = Se3::new(So3::exp(&Vec3::new(0.0, -0.3, 0.0)), Vec3::zeros());

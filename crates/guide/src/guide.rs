@@ -1,8 +1,8 @@
-//! The guide: from stamped poses and a route to cues.
+//! The guide: from stamped poses and a maneuver plan to cues.
 //!
-//! In: a pose of the camera in the smooth frame with its confidence, many times a second, and a tick when
-//! there is none. Out: at most one cue a step. It knows no clock but the stamps, and no map: when the map
-//! moves, the caller places the way anew and hands over the corrected route.
+//! Input: a camera pose in the odom frame with its tracking confidence, many times a second, and a step with the last
+//! pose when there is no new one. Output: at most one cue a step. Its only clock is the stamps, and it has no map: when
+//! the map is corrected, the caller resolves the route again and passes the corrected plan to [`Guide::correct_route`].
 
 use crate::config::GuideConfig;
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
@@ -16,28 +16,28 @@ use crate::turning::Turning;
 use cairn_geometry::{Camera, Odom, Pose};
 use cairn_sensor::Stamp;
 
-/// One step's input.
+/// The input of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuideInput {
     /// The time now, in the clock of the poses.
     pub now: Stamp,
     /// The time of the pose.
     pub pose_stamp: Stamp,
-    /// The camera rig (x right, y down, z forward) in the smooth frame; the last known one when lost.
+    /// Pose of the camera (x right, y down, z forward) in the odom frame; the last known one when tracking is lost.
     pub odom_from_camera: Pose<Odom, Camera>,
-    /// How far to trust the pose.
+    /// Tracking confidence of the pose.
     pub confidence: Confidence,
-    /// Speed over ground in m/s, when something better than the poses knows it.
+    /// Speed over ground in m/s, where a better source than the poses measures it.
     pub speed: Option<f64>,
-    /// A reason to stop that others found: an obstacle, unknown ground, a dead stage.
+    /// A reason to stop that another component reports: an obstacle, unknown ground, a failed stage.
     pub hazard: Option<StopReason>,
 }
 
 /// Why guidance cannot begin.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum GuideError {
-    /// Going backwards is for flat ground only.
-    #[error("the way has stairs: it must not be walked backwards")]
+    /// Walking backwards is for flat ground only.
+    #[error("the route has stairs: it must not be walked backwards")]
     BackwardsOnStairs,
 }
 
@@ -48,13 +48,13 @@ pub enum GuideState {
     Waiting,
     /// The walker turns on the spot.
     Turning,
-    /// The walker is under way.
+    /// The walker is moving along the route.
     Moving,
-    /// Backwards: standing at the end of a leg, looking behind.
+    /// Walking backwards: standing at the end of a leg, looking behind.
     Checking,
-    /// Backwards: stepping back to the line.
+    /// Walking backwards: stepping back to the line.
     SteppingAside,
-    /// Told to stop for a reason.
+    /// Stopped for a reason.
     Stopped(StopReason),
     /// The end was reached.
     Arrived,
@@ -70,10 +70,10 @@ pub(crate) enum Phase {
     Done,
 }
 
-/// What one step knows.
+/// The state derived from one step's input.
 pub(crate) struct Now {
     pub stamp: Stamp,
-    pub heading_kind: Heading,
+    pub walker: Heading,
     pub at: Match,
     pub speed: f64,
 }
@@ -90,41 +90,41 @@ pub struct Guide {
     halted: Option<Halt>,
     started: bool,
     last_match: Option<Match>,
-    /// The next maneuver that is not done yet.
+    /// Index of the next maneuver that is not done yet.
     pub(crate) next: usize,
     pub(crate) memory: Memory,
 }
 
-/// So often "stop" is said of lost tracking before the walker is asked to look round.
-const STOPS_ALONE: u32 = 4;
-/// Seconds that the warning of a walk backwards takes.
+/// How many times "stop" is said while tracking is lost before the walker is asked to look round.
+const STOPS_BEFORE_LOOK_ROUND: u32 = 4;
+/// Seconds that it takes to say the warning before walking backwards.
 const WARNING_S: f64 = 8.0;
-/// From standing, a turn this near is the first thing to do, metres.
+/// When starting from standing, a turn this near is the first thing to do, metres.
 const RIGHT_AHEAD_M: f64 = 1.0;
-/// How far he is asked to turn each time, radians.
-const LOOK_ROUND: f64 = 0.7;
+/// Angle of each turn that a lost walker is asked for, radians.
+const LOOK_ROUND_RAD: f64 = 0.7;
 
 #[derive(Clone, Copy, Debug)]
 struct Halt {
     reason: StopReason,
     said: Stamp,
-    /// How often it was said.
+    /// How many times it was said.
     times: u32,
     good_since: Option<Stamp>,
 }
 
-/// When things were last said or seen.
+/// What the guide remembers between steps: mostly when something was last said or observed.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
-    /// The maneuver whose approach was told.
+    /// The maneuver whose approach was announced.
     pub approached: Option<usize>,
     /// The end was announced.
-    pub end_told: bool,
+    pub end_announced: bool,
     /// When the last direction was given.
-    pub directed: Option<Stamp>,
-    /// Metres along when the distance ahead was last told.
-    pub told_at_m: f64,
-    /// When the walker was last told to go on; later by what long words take.
+    pub last_direction: Option<Stamp>,
+    /// Metres along the route when the distance ahead was last announced.
+    pub announced_at_m: f64,
+    /// When the walker was last told to go on; moved later by the duration of long texts.
     pub set_out: Option<Stamp>,
     pub aim_off_since: Option<Stamp>,
     pub off_since: Option<Stamp>,
@@ -133,9 +133,9 @@ pub(crate) struct Memory {
     pub wrong_m: f64,
     pub wrong_said: Option<Stamp>,
     pub stopped_said: Option<(Stamp, u32)>,
-    /// Metres along where the walker stands still beside the way, and how often he was told to go on there.
-    pub held: Option<(f64, u32)>,
-    /// How often the end was missed.
+    /// Metres along the route where the walker is stuck beside it, and how many times directions were given there.
+    pub stuck: Option<(f64, u32)>,
+    /// How many times the walker missed the end.
     pub ends_missed: u32,
     pub ticked: Option<Stamp>,
     pub leg_start_m: f64,
@@ -146,7 +146,10 @@ pub(crate) struct Memory {
 }
 
 impl Guide {
-    /// A guide for a route in the smooth frame whose ground is `ground`.
+    /// A guide along `plan`, in the odom frame whose ground plane is `ground`.
+    ///
+    /// # Errors
+    /// [`GuideError::BackwardsOnStairs`] for [`Facing::Backwards`] on a route with stairs.
     pub fn new(plan: ManeuverPlan, ground: Ground, config: GuideConfig) -> Result<Self, GuideError> {
         if config.facing == Facing::Backwards && plan.has_stairs() {
             return Err(GuideError::BackwardsOnStairs);
@@ -166,7 +169,7 @@ impl Guide {
         })
     }
 
-    /// What the guide is doing.
+    /// The present state.
     pub fn state(&self) -> GuideState {
         match (&self.halted, &self.phase) {
             (Some(halt), _) => GuideState::Stopped(halt.reason),
@@ -179,33 +182,33 @@ impl Guide {
         }
     }
 
-    /// The route being walked.
+    /// The plan being walked.
     pub fn plan(&self) -> &ManeuverPlan {
         &self.plan
     }
 
-    /// Where on the route the walker was at the last good pose.
+    /// The walker's place on the route at the last good pose.
     pub fn place(&self) -> Option<Match> {
         self.last_match
     }
 
-    /// Replaces the route by a corrected one after the map moved: the walker stays where he was along it.
+    /// Replaces the plan by a corrected one after the map was corrected: the walker keeps his distance to the end.
     pub fn correct_route(&mut self, plan: ManeuverPlan) {
         let left = self.plan.length() - self.matcher.along_m();
         let along = (plan.length() - left).clamp(0.0, plan.length());
         let done = self.plan.maneuvers().len() - self.next;
         self.plan = plan;
         self.matcher.place(along);
-        // The same maneuvers are done when there are as many; else those that lie behind are.
+        // As many maneuvers remain as before where that fits the new plan; else those behind the walker are done.
         let behind = self.plan.maneuvers().partition_point(|m| m.at_m < along + 0.3);
         self.next = match self.plan.maneuvers().len().checked_sub(done) {
             Some(k) if k.abs_diff(behind) <= 1 => k,
             _ => behind,
         };
-        self.memory.told_at_m = self.memory.told_at_m.min(along);
+        self.memory.announced_at_m = self.memory.announced_at_m.min(along);
     }
 
-    /// Takes a pose (or the last one again, when time passed without a new one) and says what to tell the walker.
+    /// Takes a pose (or the last one again, when time passed without a new one) and returns the cue that is due.
     pub fn step(&mut self, input: &GuideInput) -> Option<Cue> {
         if matches!(self.phase, Phase::Done) {
             return None;
@@ -215,18 +218,18 @@ impl Guide {
     }
 
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
-        let heading_kind = self.config.facing.heading_kind(&self.ground, &input.odom_from_camera);
-        let (Some(heading_kind), None) = (heading_kind, self.danger(input)) else {
-            return self.halt(self.danger(input).unwrap_or(StopReason::TrackingLost), input.now);
+        let walker = self.config.facing.heading(&self.ground, &input.odom_from_camera);
+        let (Some(walker), None) = (walker, self.stop_reason(input)) else {
+            return self.halt(self.stop_reason(input).unwrap_or(StopReason::TrackingLost), input.now);
         };
-        if !self.confident_again(input.now) {
+        if !self.has_recovered(input.now) {
             return None;
         }
-        self.motion.push(input.pose_stamp, &heading_kind);
-        let at = self.matcher.update(&self.plan, &heading_kind.position, input.now);
+        self.motion.push(input.pose_stamp, &walker);
+        let at = self.matcher.update(&self.plan, &walker.position, input.now);
         self.last_match = Some(at);
         let speed = input.speed.filter(|v| v.is_finite()).unwrap_or_else(|| self.motion.speed());
-        let now = Now { stamp: input.now, heading_kind, at, speed };
+        let now = Now { stamp: input.now, walker, at, speed };
         if let Some(kind) = self.weak(input) {
             return Some(kind);
         }
@@ -240,7 +243,7 @@ impl Guide {
         }
     }
 
-    fn danger(&self, input: &GuideInput) -> Option<StopReason> {
+    fn stop_reason(&self, input: &GuideInput) -> Option<StopReason> {
         if input.hazard.is_some() {
             input.hazard
         } else if input.confidence == Confidence::Lost {
@@ -255,7 +258,7 @@ impl Guide {
     /// Says stop at once, and again while the reason lasts.
     fn halt(&mut self, reason: StopReason, now: Stamp) -> Option<CueKind> {
         if !self.started && self.halted.is_none() && reason == StopReason::TrackingLost {
-            // Nobody was told to move yet: wait for the first pose in silence.
+            // The walker was not told to move yet: wait for the first pose in silence.
             return None;
         }
         let before = self.halted.filter(|h| h.reason == reason).map(|h| (h.said, h.times));
@@ -266,17 +269,17 @@ impl Guide {
         };
         let due = before.is_none_or(|(_, n)| n != times);
         self.halted = Some(Halt { reason, said, times, good_since: None });
-        // Waiting does not bring tracking back; views that the map knows do. They lie where the walker turned from.
-        if reason == StopReason::TrackingLost && times > STOPS_ALONE {
+        // Waiting does not recover tracking; mapped views do. They lie on the side that the walker turned from.
+        if reason == StopReason::TrackingLost && times > STOPS_BEFORE_LOOK_ROUND {
             let back = if self.motion.turn_rate() > 0.0 { -1.0 } else { 1.0 };
-            // Every second time, so that a "stop" does not cut the turn short.
-            return (due && times % 2 == 0).then_some(CueKind::LookRound(back * LOOK_ROUND));
+            // Only every second time, so that a "stop" does not cut the turn short.
+            return (due && times % 2 == 0).then_some(CueKind::LookRound(back * LOOK_ROUND_RAD));
         }
         due.then_some(CueKind::Stop(reason))
     }
 
-    /// True when guidance may go on; after a stop only when poses were good for a while.
-    fn confident_again(&mut self, now: Stamp) -> bool {
+    /// True when guidance may go on; after a stop only once poses have been good for a while.
+    fn has_recovered(&mut self, now: Stamp) -> bool {
         let Some(halt) = &mut self.halted else { return true };
         let since = *halt.good_since.get_or_insert(now);
         if now - since < self.config.resume_s {
@@ -300,15 +303,15 @@ impl Guide {
         due.then_some(CueKind::Weak)
     }
 
-    /// The first words, and the first after a stop.
+    /// The first cue, and the first one after a stop.
     fn begin(&mut self, now: &Now) -> CueKind {
-        // A turn right ahead is made at once, not first aimed at.
+        // A turn directly ahead is made at once.
         let along = now.at.along_m;
         self.next = self
             .plan
             .maneuvers()
             .partition_point(|m| m.end_m < along + 0.3 || m.at_m < along + RIGHT_AHEAD_M);
-        let turn = now.heading_kind.turn_to(self.aim(now));
+        let turn = now.walker.turn_to(self.aim(now));
         let first = if turn.abs().to_degrees() < self.config.turn_tolerance_deg {
             self.set_out(now);
             First::Go(self.ahead(now))
@@ -316,8 +319,8 @@ impl Guide {
             self.phase = Phase::Turning(Turning::new(now, false));
             First::Turn(turn)
         };
-        self.memory.directed = Some(now.stamp);
-        // Backwards the first words are many: there is a warning among them.
+        self.memory.last_direction = Some(now.stamp);
+        // The first text for walking backwards is long: it contains a warning.
         if !self.started && self.backwards() {
             self.memory.set_out = Some(now.stamp.plus_seconds(WARNING_S));
         }
@@ -327,13 +330,13 @@ impl Guide {
         }
     }
 
-    /// The walker is told to go: legs, progress and patience begin anew.
+    /// The walker is told to go: leg start, progress and waiting times start again.
     pub(crate) fn set_out(&mut self, now: &Now) {
         self.phase = Phase::Moving;
-        self.memory.told_at_m = now.at.along_m;
+        self.memory.announced_at_m = now.at.along_m;
         self.memory.leg_start_m = now.at.along_m;
         self.memory.aim_off_since = None;
-        self.memory.directed = Some(now.stamp);
+        self.memory.last_direction = Some(now.stamp);
         self.memory.set_out = Some(now.stamp);
         self.memory.wrong_m = 0.0;
         self.memory.stopped_said = None;
@@ -341,28 +344,28 @@ impl Guide {
         self.memory.off_since = self.memory.off_since.map(|_| now.stamp);
     }
 
-    /// The maneuver to come, if any.
-    pub(crate) fn coming(&self) -> Option<&Maneuver> {
+    /// The next maneuver, if any.
+    pub(crate) fn next_maneuver(&self) -> Option<&Maneuver> {
         self.plan.maneuvers().get(self.next)
     }
 
     /// Metres along the route of the next thing to do: a maneuver or the end.
     pub(crate) fn next_at_m(&self) -> f64 {
-        self.coming().map_or(self.plan.length(), |m| m.at_m)
+        self.next_maneuver().map_or(self.plan.length(), |m| m.at_m)
     }
 
-    /// The heading towards the point the walker should aim at: some way ahead, not past the next turn.
+    /// The heading towards the look-ahead point on the route, which never lies past the next turn.
     pub(crate) fn aim(&self, now: &Now) -> f64 {
-        if self.held_beside(now) {
-            return heading_of(&(now.at.foot - now.heading_kind.position));
+        if self.stuck_beside_route(now) {
+            return heading_of(&(now.at.foot - now.walker.position));
         }
         let s = &self.config;
         let reach = s.look_ahead_m.max(s.look_ahead_s * now.speed).max(2.0 * now.at.cross_m.abs());
         let target = (now.at.along_m + reach).min(self.next_at_m());
-        let to = self.plan.point_at(target) - now.heading_kind.position;
-        // A point at the walker's feet is no aim: there the heading of the way counts, unless the walker
-        // stands well beside it.
-        let least = match self.coming() {
+        let to = self.plan.point_at(target) - now.walker.position;
+        // A point too close to the walker gives no stable heading: there the heading of the route counts, unless the
+        // walker stands well beside it.
+        let least = match self.next_maneuver() {
             Some(_) if now.at.cross_m.abs() < 1.0 => 2.0,
             Some(_) => 0.8,
             None => 0.5,

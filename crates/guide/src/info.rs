@@ -1,4 +1,4 @@
-//! What is in a way: numbers for people and for reports, and lines to draw.
+//! Route statistics for people and for reports, and polylines to draw.
 
 use crate::clean::{CleanConfig, CleanedRoute, clean, length};
 use crate::maneuvers::{ManeuverPlan, ManeuverPlanConfig, Travel};
@@ -7,49 +7,49 @@ use crate::route::{Route, Stretch};
 use cairn_geometry::{Sim3, Vec2};
 use serde::Serialize;
 
-/// A way in numbers. Lengths in metres (in units of a metre guessed from the pace where `metric` is false).
+/// A route in numbers. Lengths are in metres (estimated from the walking pace where `metric` is false).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RouteInfo {
-    /// What it was recorded from.
+    /// The source it was recorded from.
     pub source: String,
     /// Whether lengths are true metres.
     pub metric: bool,
     /// Recorded points.
     pub points: usize,
-    /// Seconds from the first to the last.
+    /// Seconds from the first to the last point.
     pub duration_s: f64,
     /// Length as recorded.
     pub length_m: f64,
-    /// Of it, length that was bridged.
+    /// Of that, length that was bridged.
     pub bridged_m: f64,
-    /// Of it, length of gaps.
+    /// Of that, length of gaps.
     pub gap_m: f64,
     /// Length after cleaning.
     pub cleaned_m: f64,
-    /// Detours left out.
+    /// Detours removed.
     pub cuts: usize,
-    /// Turns on the cleaned way, from its start to its end.
+    /// Turns on the cleaned route, from its start to its end.
     pub turns: usize,
     /// Flights of stairs on it.
     pub stairs: usize,
-    /// Largest distance from the cleaned to the recorded way.
+    /// Largest distance from the cleaned to the recorded route.
     pub largest_distance_m: f64,
-    /// The file's last line was torn by a crash.
+    /// The file's last line was truncated by a crash.
     pub torn: bool,
 }
 
-/// A way's lines on the ground plane, in metres.
+/// A route's lines on the ground plane, in metres.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RouteDrawing {
     /// As recorded, from start to end.
     pub recorded: Vec<[f64; 2]>,
-    /// Corners of the cleaned way.
+    /// Corners of the cleaned route.
     pub cleaned: Vec<[f64; 2]>,
     /// Where a detour was cut.
     pub cuts: Vec<[f64; 2]>,
 }
 
-/// Cleans a way where its key frames are now and counts what is in it.
+/// Cleans a route where its keyframes are now and collects its statistics.
 pub fn survey(
     route: &Route,
     frame_from_anchor: impl Fn(Anchor) -> Option<Sim3>,

@@ -1,10 +1,10 @@
-//! A route: the cleaned way as a line on the ground plane, with the places where something must be said.
+//! The maneuver plan: the cleaned route as a polyline on the ground plane, with the places where directions are given.
 
 use crate::clean::CleanedRoute;
 use crate::ground::{Ground, heading_of, wrap};
 use cairn_geometry::{Vec2, Vec3};
 
-/// Which way a way is walked.
+/// The direction in which a route is walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Travel {
     /// From its end to its start: home.
@@ -13,14 +13,14 @@ pub enum Travel {
     Again,
 }
 
-/// How a route is read from a line.
+/// How maneuvers are derived from a polyline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ManeuverPlanConfig {
-    /// Below this a bend is not a turn, degrees.
+    /// A bend below this angle is not a turn, degrees.
     pub straight_deg: f64,
-    /// Bends to one side within this of each other are one corner, metres.
+    /// Bends to the same side within this distance of each other are one corner, metres.
     pub corner_m: f64,
-    /// Turns nearer than this are told together, metres (as NavCog).
+    /// Turns nearer to each other than this are announced together, metres (as NavCog).
     pub compound_m: f64,
     /// Stairs rise at least this, metres.
     pub stairs_rise_m: f64,
@@ -34,7 +34,7 @@ impl Default for ManeuverPlanConfig {
     }
 }
 
-/// A flight of stairs, by how it is walked.
+/// A flight of stairs, in walking direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stairs {
     /// Going up.
@@ -56,11 +56,11 @@ pub struct Maneuver {
     pub exit_heading: f64,
     /// Stairs that begin here.
     pub stairs: Option<Stairs>,
-    /// True when it is so near the maneuver before that both are told together.
+    /// True when it is so near the maneuver before that both are announced together.
     pub joined: bool,
 }
 
-/// A line to walk, from its first point to its last.
+/// A plan along a polyline, from its first point to its last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ManeuverPlan {
     points: Vec<Vec2>,
@@ -69,19 +69,22 @@ pub struct ManeuverPlan {
     maneuvers: Vec<Maneuver>,
 }
 
-/// Why a line is no route.
+/// Why a polyline is not a usable route.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ManeuverPlanError {
     /// Fewer than two different points.
-    #[error("the way has {0} different points, at least 2 are needed")]
+    #[error("the route has {0} different points, at least 2 are needed")]
     TooShort(usize),
     /// A coordinate is not a number.
-    #[error("point {0} of the way is not finite")]
+    #[error("point {0} of the route is not finite")]
     NotFinite(usize),
 }
 
 impl ManeuverPlan {
-    /// The route along a cleaned way.
+    /// The plan along a cleaned route.
+    ///
+    /// # Errors
+    /// As [`ManeuverPlan::new`].
     pub fn from_route(
         route: &CleanedRoute,
         travel: Travel,
@@ -95,7 +98,10 @@ impl ManeuverPlan {
         Self::new(&points, ground, config)
     }
 
-    /// The route along points in metres; the plane and heights are those of `ground`.
+    /// The plan along points in metres; the ground plane and heights are those of `ground`.
+    ///
+    /// # Errors
+    /// [`ManeuverPlanError`] for fewer than two different points or coordinates that are not finite.
     pub fn new(
         line: &[Vec3],
         ground: &Ground,
@@ -133,7 +139,7 @@ impl ManeuverPlan {
         &self.along
     }
 
-    /// What there is to do on the way, in order.
+    /// The maneuvers in walking order.
     pub fn maneuvers(&self) -> &[Maneuver] {
         &self.maneuvers
     }
@@ -143,7 +149,7 @@ impl ManeuverPlan {
         self.along.last().copied().unwrap_or(0.0)
     }
 
-    /// The last point.
+    /// The last point on the ground plane.
     pub fn end(&self) -> Vec2 {
         self.points.last().copied().unwrap_or_default()
     }
@@ -153,7 +159,7 @@ impl ManeuverPlan {
         self.maneuvers.iter().any(|m| m.stairs.is_some())
     }
 
-    /// The segment that holds this distance along.
+    /// The index of the segment that contains this distance along the route.
     pub(crate) fn segment_at(&self, along: f64) -> usize {
         let after = self.along.partition_point(|a| *a <= along);
         after.saturating_sub(1).min(self.points.len() - 2)
@@ -205,19 +211,19 @@ impl ManeuverPlan {
         found
     }
 
-    /// Bends to one side within a corner's length are one turn; a bend that stays straight is none.
+    /// Bends to the same side within a corner's length are one turn; a sum below the limit is none.
     fn corners(&self, config: &ManeuverPlanConfig) -> Vec<Maneuver> {
-        let distort = |k: usize| wrap(self.heading(k) - self.heading(k - 1));
+        let bend = |k: usize| wrap(self.heading(k) - self.heading(k - 1));
         let (mut out, mut k) = (Vec::new(), 1);
         while k + 1 < self.points.len() {
-            let (first, mut turn) = (k, distort(k));
+            let (first, mut turn) = (k, bend(k));
             while k + 2 < self.points.len()
                 && self.along[k + 1] - self.along[first] <= config.corner_m
-                && distort(k + 1) * turn > 0.0
-                && (turn + distort(k + 1)).abs() < std::f64::consts::PI
+                && bend(k + 1) * turn > 0.0
+                && (turn + bend(k + 1)).abs() < std::f64::consts::PI
             {
                 k += 1;
-                turn += distort(k);
+                turn += bend(k);
             }
             if turn.abs().to_degrees() >= config.straight_deg {
                 out.push(Maneuver {
@@ -267,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_are_left_positive_and_straight_bends_are_none() {
+    fn left_turns_are_positive_and_slight_bends_are_no_turns() {
         let r = plan(&[[0., 0., 0.], [10., 0., 0.], [10., 10., 0.], [20., 11., 0.], [30., 10., 0.]]);
         let turns: Vec<f64> = r.maneuvers().iter().map(|m| m.turn_rad.to_degrees().round()).collect();
         assert_eq!(turns, [90.0, -84.0]);
@@ -276,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn two_bends_of_one_corner_are_one_turn_and_near_turns_are_joined() {
+    fn bends_of_a_corner_merge_and_near_turns_join() {
         let r =
             plan(&[[0., 0., 0.], [10., 0., 0.], [11., 1., 0.], [11., 5., 0.], [20., 5., 0.], [20., 20., 0.]]);
         let m = r.maneuvers();
@@ -295,13 +301,13 @@ mod tests {
         let mut down = up;
         down.reverse();
         assert_eq!(plan(&down).maneuvers()[0].stairs, Some(Stairs::Down));
-        // A ramp and a kerb are no stairs.
+        // A ramp and a kerb are not stairs.
         assert!(!plan(&[[0., 0., 0.], [20., 0., 3.0]]).has_stairs());
         assert!(!plan(&[[0., 0., 0.], [5., 0., 0.], [5.3, 0., 0.2], [9., 0., 0.2]]).has_stairs());
     }
 
     #[test]
-    fn what_is_no_route_is_told() {
+    fn unusable_polylines_are_errors() {
         let new = |l: &[Vec3]| ManeuverPlan::new(l, &Ground::z_up(), &ManeuverPlanConfig::default());
         assert_eq!(new(&[]), Err(ManeuverPlanError::TooShort(0)));
         assert_eq!(new(&[Vec3::x(), Vec3::x()]), Err(ManeuverPlanError::TooShort(1)));

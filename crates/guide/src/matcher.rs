@@ -1,23 +1,23 @@
-//! Where on the route the walker is: the nearest point that continuity along the route allows.
+//! The walker's place on the route: the nearest point that is consistent with the last match.
 //!
-//! A route may cross itself, so the search looks only at a window around the last match; when the walker
-//! has been far from that stretch for a while, the whole route is searched, nearer stretches preferred.
+//! A route may cross itself, so the search covers only a window around the last match; when the walker has been far
+//! from that window for a while, the whole route is searched and candidates near the last match are preferred.
 
 use crate::ground::cross;
 use crate::maneuvers::ManeuverPlan;
 use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
 
-/// How far the search reaches.
+/// The extent of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MatcherConfig {
     /// Metres searched behind the last match.
     pub behind_m: f64,
     /// Metres searched ahead of it.
     pub ahead_m: f64,
-    /// Metres of distance that one metre along the route is worth when candidates compete.
+    /// Penalty in metres of distance for each metre along the route between a candidate and the last match.
     pub along_weight: f64,
-    /// Farther than this from the window for [`Self::lost_s`], the whole route is searched.
+    /// When the walker is farther than this from the window for [`Self::lost_s`], the whole route is searched.
     pub lost_m: f64,
     /// Seconds.
     pub lost_s: f64,
@@ -42,12 +42,12 @@ pub struct Match {
     pub heading: f64,
 }
 
-/// Follows one walker along one route.
+/// Matches one walker to one route.
 #[derive(Clone, Debug)]
 pub struct Matcher {
     config: MatcherConfig,
     along_m: f64,
-    /// The walker has been led past this point and is not matched before it.
+    /// The walker was guided past this point and is not matched before it.
     passed_m: f64,
     far_since: Option<Stamp>,
 }
@@ -58,15 +58,15 @@ impl Matcher {
         Self { config, along_m: 0.0, passed_m: 0.0, far_since: None }
     }
 
-    /// Says where the walker is; used when the route was replaced by a corrected one.
+    /// Sets the walker's place; used when the route was replaced by a corrected one.
     pub fn place(&mut self, along_m: f64) {
         self.along_m = along_m;
         self.passed_m = 0.0;
         self.far_since = None;
     }
 
-    /// Says that the walker was led round a hairpin here: its two legs lie near each other, and only this
-    /// tells which of them the walker is on. Forgotten when the walker is lost from the stretch.
+    /// Records that the walker was guided round a hairpin here. Its two legs lie near each other, so position alone
+    /// does not decide which of them the walker is on. Forgotten when the walker is lost from the window.
     pub fn pass(&mut self, along_m: f64) {
         self.passed_m = along_m;
     }
@@ -112,13 +112,14 @@ impl Matcher {
             let cost = (p - foot).norm() + self.config.along_weight * (along_m - self.along_m).abs();
             if best.as_ref().is_none_or(|(c, _)| cost < *c) {
                 let cross_m = cross(&(d / d.norm()), &(p - foot));
-                // At a corner the foot is the corner itself: the whole distance counts, with the side of the segment.
+                // At a corner the nearest point is the corner itself: the whole distance counts, with the sign of the
+                // segment's side.
                 let side = if cross_m < 0.0 { -1.0 } else { 1.0 };
                 let cross_m = if t > 0.0 && t < 1.0 { cross_m } else { side * (p - foot).norm() };
                 best = Some((cost, Match { along_m, cross_m, foot, heading: d.y.atan2(d.x) }));
             }
         }
-        // The window always holds the segment of the last match; a route has at least one segment.
+        // The window always contains the segment of the last match, and a route has at least one segment.
         best.map_or_else(
             || {
                 let foot = plan.point_at(self.along_m);
@@ -142,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crossing_does_not_make_it_jump() {
+    fn match_stays_on_its_leg_at_a_crossing() {
         // A figure that crosses itself at (10, 0), 10 m and 50 m along.
         let r = plan(&[[0., 0.], [20., 0.], [20., 10.], [10., 10.], [10., -10.]]);
         let mut matcher = Matcher::new(MatcherConfig::default());
@@ -158,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn cross_track_is_signed_and_the_whole_route_is_searched_when_lost() {
+    fn cross_track_sign_and_full_search_when_lost() {
         let r = plan(&[[0., 0.], [50., 0.], [50., 30.]]);
         let mut matcher = Matcher::new(MatcherConfig::default());
         assert_eq!(matcher.update(&r, &Vec2::new(2.0, 1.0), Stamp(0)).cross_m, 1.0);

@@ -1,4 +1,4 @@
-//! While the walker is under way: turns, corrections, corridor, wrong way, standing, progress, arrival.
+//! While the walker is moving: turns, corrections, corridor, wrong way, standing, progress, arrival.
 
 use crate::cue::CueKind;
 use crate::facing::Facing;
@@ -7,27 +7,27 @@ use crate::guide::{Guide, Now, Phase};
 use crate::turning::Turning;
 use cairn_sensor::Stamp;
 
-/// From this turn on the legs before and after it are easily mistaken for each other, radians.
-const HAIRPIN: f64 = 0.5;
-/// Slower than this is standing, m/s.
-const STANDING: f64 = 0.15;
+/// From this turn angle on the legs before and after it are easily confused, radians.
+const HAIRPIN_RAD: f64 = 0.5;
+/// Slower than this counts as standing, m/s.
+const STANDING_M_S: f64 = 0.15;
 
-/// A standing walker whose course is off by more than this is turned rather than reassured, radians.
-const POINTS_OFF: f64 = 0.26;
+/// A standing walker whose course is off by more than this is turned instead of reassured, radians.
+const OFF_COURSE_RAD: f64 = 0.26;
 
-/// Seconds until the words that send the walker on are heard and followed.
-const HEARING: f64 = 4.0;
+/// Seconds until the words that send the walker on have been heard and followed.
+const REACTION_S: f64 = 4.0;
 
-/// Who is held up nearer to the way than this is on it, metres.
-const HELD_BESIDE_M: f64 = 0.5;
-/// Who came so far along the way is not held up any more, metres.
-const LED_ON_M: f64 = 1.5;
+/// A stuck walker who is nearer to the route than this is on it, metres.
+const STUCK_BESIDE_M: f64 = 0.5;
+/// A walker who has moved this far along the route is no longer stuck, metres.
+const UNSTUCK_M: f64 = 1.5;
 
-/// A step must lead to the line by this share of its length; across the line it is less.
+/// A step aside must approach the line by at least this share of its length.
 const STEP_GAIN: f64 = 0.45;
 
-/// Farther off than this many times the limit single steps no longer help.
-const STEP_ASIDE_MOST: f64 = 2.5;
+/// Beyond this many times the limit single steps no longer help.
+const STEP_ASIDE_LIMIT: f64 = 2.5;
 
 pub(crate) fn since(last: Option<Stamp>, now: Stamp) -> f64 {
     last.map_or(f64::INFINITY, |t| now - t)
@@ -39,8 +39,8 @@ impl Guide {
     }
 
     pub(crate) fn moving(&mut self, now: &Now) -> Option<CueKind> {
-        self.note(now);
-        let aim = now.heading_kind.turn_to(self.aim(now));
+        self.update_counters(now);
+        let aim = now.walker.turn_to(self.aim(now));
         if self.at_end(now) {
             return self.ending(now, aim);
         }
@@ -59,62 +59,62 @@ impl Guide {
             .or_else(|| self.tick(now, aim))
     }
 
-    /// Keeps count of going the wrong way and of being off the path.
-    fn note(&mut self, now: &Now) {
-        let wrong = now.heading_kind.turn_to(now.at.heading).abs().to_degrees() > self.config.wrong_way_deg;
+    /// Updates the counters for going the wrong way, being off the path and being stuck.
+    fn update_counters(&mut self, now: &Now) {
+        let wrong = now.walker.turn_to(now.at.heading).abs().to_degrees() > self.config.wrong_way_deg;
         self.memory.wrong_m = if wrong { self.memory.wrong_m + self.motion.last_step() } else { 0.0 };
         let limit = self.config.off_m - if self.memory.off { self.config.off_hysteresis_m } else { 0.0 };
         if now.at.cross_m.abs() <= limit {
             self.memory.off_since = None;
-        } else if now.speed > STANDING {
+        } else if now.speed > STANDING_M_S {
             self.memory.off_since.get_or_insert(now.stamp);
         }
-        let beside = now.at.cross_m.abs() > HELD_BESIDE_M;
-        let led_on = |along_m: f64| (now.at.along_m - along_m).abs() > LED_ON_M;
-        self.memory.held = self.memory.held.filter(|(along_m, _)| beside && !led_on(*along_m));
+        let beside = now.at.cross_m.abs() > STUCK_BESIDE_M;
+        let unstuck = |along_m: f64| (now.at.along_m - along_m).abs() > UNSTUCK_M;
+        self.memory.stuck = self.memory.stuck.filter(|(along_m, _)| beside && !unstuck(*along_m));
     }
 
-    /// True when the walker is held up beside the way and is best led straight back to it: what is in his way lies
-    /// between him and the point ahead. By turns with the point ahead, as long as neither leads on.
-    pub(crate) fn held_beside(&self, now: &Now) -> bool {
-        let beside = now.at.cross_m.abs() > HELD_BESIDE_M && !self.backwards();
-        beside && self.memory.held.is_some_and(|(_, told)| told % 4 >= 2)
+    /// True when the walker is stuck beside the route and is best led straight back to it, because an obstacle lies
+    /// between him and the point ahead. Alternates with the point ahead while neither helps.
+    pub(crate) fn stuck_beside_route(&self, now: &Now) -> bool {
+        let beside = now.at.cross_m.abs() > STUCK_BESIDE_M && !self.backwards();
+        beside && self.memory.stuck.is_some_and(|(_, told)| told % 4 >= 2)
     }
 
-    pub(crate) fn direct(&mut self, now: &Now) {
-        self.memory.directed = Some(now.stamp);
+    pub(crate) fn direction_given(&mut self, now: &Now) {
+        self.memory.last_direction = Some(now.stamp);
         self.memory.aim_off_since = None;
     }
 
     pub(crate) fn turn_on_spot(&mut self, now: &Now) {
-        self.direct(now);
+        self.direction_given(now);
         self.phase = Phase::Turning(Turning::new(now, true));
     }
 
-    /// "Turn now" at the coming maneuver, or just its waypoint when the walker already goes the right way.
+    /// "Turn now" at the next maneuver, or only its waypoint when the walker already goes the right way.
     pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
-        let m = *self.coming()?;
+        let m = *self.next_maneuver()?;
         let before = self.next.checked_sub(1).map_or(0.0, |k| self.plan.maneuvers()[k].end_m);
         let s = &self.config;
-        let most = (s.turn_now_share * (m.at_m - before)).max(s.turn_now_min_m);
-        // Backwards the first word is "stop", and it is followed at once.
+        let latest = (s.turn_now_share * (m.at_m - before)).max(s.turn_now_min_m);
+        // Walking backwards the first word is "stop", and it is followed at once.
         let early = if self.backwards() {
             s.turn_lead_s * now.speed
         } else {
-            (s.turn_now_s * now.speed).clamp(s.turn_now_min_m, most) + s.reaction_s * now.speed
+            (s.turn_now_s * now.speed).clamp(s.turn_now_min_m, latest) + s.reaction_s * now.speed
         };
         let middle = 0.5 * (m.at_m + m.end_m);
-        // Crossing its plane counts, where the walker cuts or overruns the corner.
+        // Crossing its plane counts too, where the walker cuts or overshoots the corner.
         if middle - now.at.along_m > early && now.at.along_m < m.at_m - 1e-6 {
             return None;
         }
         self.next += 1;
-        if m.turn_rad.abs() > HAIRPIN {
+        if m.turn_rad.abs() > HAIRPIN_RAD {
             self.matcher.pass(m.at_m);
         }
         self.memory.leg_start_m = now.at.along_m;
-        self.memory.told_at_m = now.at.along_m;
-        let turn = now.heading_kind.turn_to(m.exit_heading);
+        self.memory.announced_at_m = now.at.along_m;
+        let turn = now.walker.turn_to(m.exit_heading);
         if m.turn_rad != 0.0 && turn.abs().to_degrees() >= 20.0 {
             self.turn_on_spot(now);
             return Some(CueKind::TurnNow { turn_rad: turn, stairs: m.stairs });
@@ -126,7 +126,7 @@ impl Guide {
     }
 
     fn approach(&mut self, now: &Now) -> Option<CueKind> {
-        let m = *self.coming()?;
+        let m = *self.next_maneuver()?;
         if self.memory.approached == Some(self.next) {
             return None;
         }
@@ -140,7 +140,7 @@ impl Guide {
             return None;
         }
         self.memory.approached = Some(self.next);
-        self.memory.told_at_m = now.at.along_m;
+        self.memory.announced_at_m = now.at.along_m;
         Some(CueKind::Approach(self.ahead(now)))
     }
 
@@ -157,21 +157,21 @@ impl Guide {
 
     fn off_path(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         let Some(off_since) = self.memory.off_since else {
-            let was = std::mem::replace(&mut self.memory.off, false);
-            return was.then_some(CueKind::BackOnPath);
+            let was_off = std::mem::replace(&mut self.memory.off, false);
+            return was_off.then_some(CueKind::BackOnPath);
         };
-        if now.stamp - off_since < self.config.off_dwell_s || now.speed <= STANDING {
+        if now.stamp - off_since < self.config.off_dwell_s || now.speed <= STANDING_M_S {
             return None;
         }
-        // A turn right ahead sets the walker anew.
-        if self.coming().is_some() && self.next_at_m() - now.at.along_m < 2.0 {
+        // A turn directly ahead will set the course again.
+        if self.next_maneuver().is_some() && self.next_at_m() - now.at.along_m < 2.0 {
             return None;
         }
-        // Who was told a moment ago, or comes back already, needs no more words.
+        // A walker who got a direction a moment ago, or is already returning, needs no more words.
         let off_deg = aim.abs().to_degrees();
-        let returns = now.heading_kind.turn_to(now.at.heading) * now.at.cross_m > 0.0;
-        let told = since(self.memory.directed, now.stamp) < self.config.adjust_again_s;
-        if told || returns && off_deg < self.config.adjust_deg {
+        let returns = now.walker.turn_to(now.at.heading) * now.at.cross_m > 0.0;
+        let directed = since(self.memory.last_direction, now.stamp) < self.config.adjust_again_s;
+        if directed || returns && off_deg < self.config.adjust_deg {
             return None;
         }
         let first = self.next == 0;
@@ -181,13 +181,13 @@ impl Guide {
         }
         self.memory.off = true;
         self.memory.off_said = Some(now.stamp);
-        let to_path = now.at.foot - now.heading_kind.position;
-        let bearing = now.heading_kind.turn_to(heading_of(&to_path));
+        let to_path = now.at.foot - now.walker.position;
+        let bearing = now.walker.turn_to(heading_of(&to_path));
         let turn = if off_deg > self.config.adjust_turn_deg {
             self.turn_on_spot(now);
             aim
         } else {
-            self.direct(now);
+            self.direction_given(now);
             if off_deg > 0.6 * self.config.adjust_deg { aim } else { 0.0 }
         };
         Some(CueKind::OffPath {
@@ -199,24 +199,24 @@ impl Guide {
     }
 
     pub(crate) fn stopped(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        if !self.motion.stood(self.config.stopped_s, self.config.stopped_m) {
+        if !self.motion.stood_still(self.config.stopped_s, self.config.stopped_m) {
             if now.speed > 0.2 {
                 self.memory.stopped_said = None;
             }
             return None;
         }
         let times = match self.memory.stopped_said {
-            None if since(self.memory.set_out, now.stamp) >= self.config.stopped_s + HEARING => 1,
+            None if since(self.memory.set_out, now.stamp) >= self.config.stopped_s + REACTION_S => 1,
             Some((at, 1)) if now.stamp - at >= self.config.stopped_again_s => 2,
-            // Who is held up by something he points at needs another direction, as long as he stands.
-            Some((at, n)) if now.stamp - at >= self.config.stopped_again_s && aim.abs() > POINTS_OFF => n,
+            // A walker blocked by what he faces needs another direction for as long as he stands.
+            Some((at, n)) if now.stamp - at >= self.config.stopped_again_s && aim.abs() > OFF_COURSE_RAD => n,
             _ => return None,
         };
         self.memory.stopped_said = Some((now.stamp, times));
-        let (along_m, told) = self.memory.held.unwrap_or((now.at.along_m, 0));
-        self.memory.held = Some((along_m, told + 1));
-        let aim = now.heading_kind.turn_to(self.aim(now));
-        if aim.abs() > POINTS_OFF && !self.backwards() {
+        let (along_m, told) = self.memory.stuck.unwrap_or((now.at.along_m, 0));
+        self.memory.stuck = Some((along_m, told + 1));
+        let aim = now.walker.turn_to(self.aim(now));
+        if aim.abs() > OFF_COURSE_RAD && !self.backwards() {
             self.turn_on_spot(now);
             return Some(CueKind::Rotate(aim));
         }
@@ -226,17 +226,18 @@ impl Guide {
 
     fn progress(&mut self, now: &Now) -> Option<CueKind> {
         let step = self.config.progress_m?;
-        // Not when the approach of a turn, or the end, will tell the distance anyway.
-        let soon = if self.coming().is_some() { self.config.approach_m + 3.0 } else { 3.0 };
-        if now.at.along_m - self.memory.told_at_m < step || self.next_at_m() - now.at.along_m < soon {
+        // Not when the approach of a turn or the end will announce the distance anyway.
+        let soon = if self.next_maneuver().is_some() { self.config.approach_m + 3.0 } else { 3.0 };
+        if now.at.along_m - self.memory.announced_at_m < step || self.next_at_m() - now.at.along_m < soon {
             return None;
         }
-        self.memory.told_at_m = now.at.along_m;
+        self.memory.announced_at_m = now.at.along_m;
         Some(CueKind::Progress(self.ahead(now)))
     }
 
     pub(crate) fn tick(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let on = aim.abs().to_degrees() <= self.config.cone_deg && now.speed > STANDING && !self.memory.off;
+        let on =
+            aim.abs().to_degrees() <= self.config.cone_deg && now.speed > STANDING_M_S && !self.memory.off;
         if !on || since(self.memory.ticked, now.stamp) < self.config.tick_s {
             return None;
         }
@@ -244,7 +245,7 @@ impl Guide {
         Some(CueKind::OnCourse)
     }
 
-    // Backwards.
+    // Walking backwards.
 
     fn check_behind(&mut self, now: &Now) -> Option<CueKind> {
         let walked = now.at.along_m - self.memory.leg_start_m;
@@ -252,70 +253,69 @@ impl Guide {
         if !self.backwards() || walked < self.config.leg_m || rest <= self.config.leg_most_m {
             return None;
         }
-        self.direct(now);
+        self.direction_given(now);
         self.phase = Phase::Checking { since: now.stamp };
         Some(CueKind::CheckBehind)
     }
 
     pub(crate) fn checking(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
-        if now.stamp - since < self.config.check_s || !self.motion.stood(1.0, 0.15) {
+        if now.stamp - since < self.config.check_s || !self.motion.stood_still(1.0, 0.15) {
             return None;
         }
         self.turn_now(now).or_else(|| self.go_or_rotate(now))
     }
 
     fn step_aside(&mut self, now: &Now) -> Option<CueKind> {
-        // After a turn the first step is off by the overshoot; the line is judged once the walker goes along it.
-        let rested = since(self.memory.directed, now.stamp) >= 2.0;
+        // After a turn the first step is off by the overshoot; the line is judged once the walker moves along it.
+        let rested = since(self.memory.last_direction, now.stamp) >= 2.0;
         let off = self.off_line(now);
         if !self.backwards() || !rested || off.abs() <= self.config.backwards_off_m {
             return None;
         }
         // Beyond a corner or the end the line is not beside the walker.
-        if off * now.heading_kind.to_left(&now.at.foot) <= 0.0 || now.at.along_m > self.plan.length() - 0.1 {
+        if off * now.walker.to_left(&now.at.foot) <= 0.0 || now.at.along_m > self.plan.length() - 0.1 {
             return None;
         }
-        // Coming back to the line already: the path's left is the walker's right when going backwards.
-        let towards =
-            cross(&direction(now.at.heading), &direction(now.heading_kind.course)) * now.at.cross_m < 0.0;
-        let across = now.heading_kind.turn_to(now.at.heading).abs().to_degrees();
+        // Already returning to the line: the path's left is the walker's right when he moves backwards.
+        let towards = cross(&direction(now.at.heading), &direction(now.walker.course)) * now.at.cross_m < 0.0;
+        let across = now.walker.turn_to(now.at.heading).abs().to_degrees();
         if towards && across > self.config.backwards_adjust_deg && across < 80.0 {
             return None;
         }
-        let aimed = now.heading_kind.turn_to(self.aim(now)).abs().to_degrees() < self.config.adjust_deg;
-        if aimed && off.abs() > STEP_ASIDE_MOST * self.config.backwards_off_m {
+        let aimed = now.walker.turn_to(self.aim(now)).abs().to_degrees() < self.config.adjust_deg;
+        if aimed && off.abs() > STEP_ASIDE_LIMIT * self.config.backwards_off_m {
             return None;
         }
         self.aside(now)
     }
 
-    /// Metres from the walker to the line, across it, to the walker's own left. Only across: a walker who
-    /// stands beyond a corner is not off the line of it.
+    /// Metres from the walker to the line, across it, to the walker's own left. Only the part across the line: a
+    /// walker who stands beyond a corner is not off the line by that distance.
     fn off_line(&self, now: &Now) -> f64 {
         let left = direction(now.at.heading + std::f64::consts::FRAC_PI_2);
-        let across = left * (now.at.foot - now.heading_kind.position).dot(&left);
-        now.heading_kind.to_left(&(now.heading_kind.position + across))
+        let across = left * (now.at.foot - now.walker.position).dot(&left);
+        now.walker.to_left(&(now.walker.position + across))
     }
 
-    /// One step back towards the line; from farther off, or standing so that such a step hardly leads to it, a turn
+    /// One step back towards the line; from farther away, or where such a step would hardly approach the line, a turn
     /// that leads back.
     fn aside(&mut self, now: &Now) -> Option<CueKind> {
-        let aim = now.heading_kind.turn_to(self.aim(now));
+        let aim = now.walker.turn_to(self.aim(now));
         let off = self.off_line(now);
-        // Back and to a side is halfway between the two.
-        let step = direction(now.heading_kind.heading + off.signum() * 0.75 * std::f64::consts::PI);
-        let across = (now.at.foot - now.heading_kind.position).dot(&step);
+        // "Back and to your side" is halfway between the two directions.
+        let step = direction(now.walker.heading + off.signum() * 0.75 * std::f64::consts::PI);
+        let across = (now.at.foot - now.walker.position).dot(&step);
         let gain = cross(&direction(now.at.heading), &step).abs();
         if across < 0.0
             || gain < STEP_GAIN
-            || off.abs() > STEP_ASIDE_MOST * self.config.backwards_off_m
+            || off.abs() > STEP_ASIDE_LIMIT * self.config.backwards_off_m
             || now.at.along_m > self.plan.length() - 0.1
         {
-            self.direct(now);
+            self.direction_given(now);
             self.phase = Phase::Turning(Turning::new(now, false));
             return Some(CueKind::Rotate(aim));
         }
-        self.direct(now);
+        self.direction_given(now);
         self.phase = Phase::SteppingAside { since: now.stamp };
         Some(CueKind::StepAside(self.off_line(now)))
     }
@@ -324,7 +324,7 @@ impl Guide {
         if let Some(arrived) = self.arrival(now) {
             return Some(arrived);
         }
-        if now.stamp - since < 3.5 || !self.motion.stood(1.0, 0.15) {
+        if now.stamp - since < 3.5 || !self.motion.stood_still(1.0, 0.15) {
             return None;
         }
         if let Some(kind) = self.turn_now(now) {
@@ -336,11 +336,11 @@ impl Guide {
         self.go_or_rotate(now)
     }
 
-    /// From standing: on, or first turn.
+    /// From standing: go on, or turn first.
     fn go_or_rotate(&mut self, now: &Now) -> Option<CueKind> {
-        let aim = wrap(now.heading_kind.turn_to(self.aim(now)));
+        let aim = wrap(now.walker.turn_to(self.aim(now)));
         if aim.abs().to_degrees() > self.config.turn_tolerance_deg {
-            self.direct(now);
+            self.direction_given(now);
             self.phase = Phase::Turning(Turning::new(now, false));
             return Some(CueKind::Rotate(aim));
         }

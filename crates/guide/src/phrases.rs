@@ -1,13 +1,13 @@
 //! From cues to English words.
 //!
-//! An instruction is landmark, action, what comes next. "Continue" and "move", never "walk". The first
-//! clause carries what to do now, so that it can be acted on while the rest is still being said.
+//! An instruction is a landmark, the action, and what comes next. "Continue" and "move", never "walk". The first
+//! clause says what to do now, so that it can be acted on while the rest is still being said.
 
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
 
-/// How distances are told.
+/// The unit in which distances are said.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unit {
     /// Metres.
@@ -18,7 +18,7 @@ pub enum Unit {
     Steps(f64),
 }
 
-/// How directions are told.
+/// The form in which directions are said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DirectionStyle {
     /// "slightly left", "left", "sharp left", "around".
@@ -29,14 +29,14 @@ pub enum DirectionStyle {
     Degrees,
 }
 
-/// How things are said.
+/// Config of the phrases.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhraseConfig {
     /// The unit of distances.
     pub unit: Unit,
     /// The form of directions.
     pub directions: DirectionStyle,
-    /// False when the scale is not known: then no distance is said, only "soon", "now", "further on".
+    /// False when the scale is unknown: then no distance is said, only "soon" or "now".
     pub metric: bool,
 }
 
@@ -55,7 +55,7 @@ pub enum Side {
     Right,
 }
 
-/// The class of a direction. Limits of 20, 60, 120 and 150 degrees.
+/// The class of a direction, with limits at 20, 60, 120 and 150 degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// Below 20 degrees.
@@ -71,7 +71,7 @@ pub enum Direction {
 }
 
 impl Side {
-    /// Of an angle in radians, positive to the left.
+    /// The side of an angle in radians, positive to the left.
     pub fn of(angle_rad: f64) -> Self {
         if angle_rad >= 0.0 { Side::Left } else { Side::Right }
     }
@@ -86,7 +86,7 @@ impl Side {
 }
 
 impl Direction {
-    /// Of an angle in radians, positive to the left, within plus and minus pi.
+    /// The class of an angle in radians, positive to the left, within plus and minus pi.
     pub fn of(angle_rad: f64) -> Self {
         let (deg, side) = (angle_rad.abs().to_degrees(), Side::of(angle_rad));
         match deg {
@@ -105,8 +105,8 @@ impl PhraseConfig {
         let back = cue.facing == Facing::Backwards;
         Some(match cue.kind {
             CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
-            CueKind::Resume(First::Turn(a)) => format!("Tracking is back. {}.", capital(&self.turn(a, back))),
-            CueKind::Resume(First::Go(ahead)) => format!("Tracking is back. {}", self.go(&ahead, back, back)),
+            CueKind::Resume(First::Turn(a)) => format!("I found my place. {}.", capital(&self.turn(a, back))),
+            CueKind::Resume(First::Go(ahead)) => format!("I found my place. {}", self.go(&ahead, back, back)),
             CueKind::Approach(ahead) => self.approach(&ahead, back),
             CueKind::TurnNow { turn_rad, stairs } => self.turn_now(turn_rad, stairs, back),
             CueKind::StairsNow(stairs) => format!("Stairs now, {}.", stairs_verb(stairs)),
@@ -130,7 +130,7 @@ impl PhraseConfig {
                 format!("Stop. Step back and to your {}.", Side::of(left_m).word())
             }
             CueKind::SlowDown => "Slow down.".into(),
-            CueKind::Weak => "Tracking is weak. Slow down.".into(),
+            CueKind::Weak => "Slow down. I cannot see well.".into(),
             CueKind::EndMissed { distance_m, turn_rad } => {
                 let at = if self.metric { self.distance(distance_m) } else { "near".into() };
                 format!(
@@ -140,13 +140,13 @@ impl PhraseConfig {
                 )
             }
             CueKind::Arrived => "Stop. You have arrived. Guidance ends.".into(),
-            CueKind::LookRound(a) => format!("Tracking is lost. {}.", capital(&self.turn(a, back))),
+            CueKind::LookRound(a) => format!("Let me find my place. {}.", capital(&self.turn(a, back))),
             CueKind::Stop(reason) => format!("Stop. {}", reason_words(reason)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
         })
     }
 
-    /// A distance in words: under 10 to 1, from 10 to 5, from 50 to 10, in the unit of choice.
+    /// A distance in words in the configured unit: rounded to 1 below 10, to 5 from 10, to 10 from 50.
     pub fn distance(&self, metres: f64) -> String {
         let (value, one, many) = match self.unit {
             Unit::Metres => (metres, "metre", "metres"),
@@ -164,8 +164,8 @@ impl PhraseConfig {
 
     fn start(&self, total_m: f64, first: &First, facing: Facing) -> String {
         let mut s = match self.metric {
-            true => format!("The way is {}. ", self.distance(total_m)),
-            false => "Guidance starts. Distances are not known. ".into(),
+            true => format!("The route is {}. ", self.distance(total_m)),
+            false => "Guidance starts. I cannot measure distances. ".into(),
         };
         match facing {
             Facing::Home => {}
@@ -228,7 +228,7 @@ impl PhraseConfig {
         if check {
             s += "Check behind you. ";
         }
-        // The last few metres after a halt are done slowly: the walker must be able to stand where told.
+        // The last few metres after a halt are walked slowly, so that the walker can stop where he is told.
         let last = ahead.next == Next::End && ahead.distance_m < 3.0;
         s += match (back, last) {
             (true, _) => "Move back",
@@ -284,7 +284,7 @@ impl PhraseConfig {
                 format!("to your {}", s.word())
             }
         };
-        // A walker going backwards has the course at the back: ahead on the course is behind the chest.
+        // A walker moving backwards has the course behind him: ahead on the course is behind the chest.
         let place = match (back, Direction::of(bearing_rad)) {
             (true, Direction::Straight) => "behind you".to_owned(),
             (true, Direction::Around) => "in front of you".to_owned(),
@@ -324,11 +324,11 @@ fn stairs_verb(stairs: Stairs) -> &'static str {
 
 fn reason_words(reason: StopReason) -> &'static str {
     match reason {
-        StopReason::TrackingLost => "Tracking is lost.",
-        StopReason::PoseStale => "The camera does not answer.",
+        StopReason::TrackingLost => "I lost my place.",
+        StopReason::PoseStale => "No picture from the camera.",
         StopReason::Obstacle => "Something is in the way.",
-        StopReason::UnknownGround => "The ground ahead is not known.",
-        StopReason::StageDied => "A part of the guide has failed.",
+        StopReason::UnknownGround => "I cannot see the ground ahead.",
+        StopReason::StageDied => "Part of the guide stopped working.",
     }
 }
 
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn classes_have_the_limits_of_the_specification() {
+    fn direction_classes_have_the_specified_limits() {
         let class = |deg: f64| Direction::of(deg.to_radians());
         assert_eq!(class(19.9), Direction::Straight);
         assert_eq!(class(20.1), Direction::Slight(Side::Left));
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_rounded_and_told_in_the_unit() {
+    fn distances_are_rounded_in_the_unit() {
         let metres = PhraseConfig::default();
         for (m, text) in [
             (0.2, "1 metre"),
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_and_degrees() {
+    fn clock_and_degree_styles() {
         for (deg, text) in
             [(0, "12 o'clock"), (90, "9 o'clock"), (-90, "3 o'clock"), (180, "6 o'clock"), (-25, "1 o'clock")]
         {
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_next_is_told_with_the_action() {
+    fn next_maneuver_is_said_with_the_action() {
         let then = Some((2.6, Next::Turn { turn_rad: -1.5, stairs: Some(Stairs::Up) }));
         let ahead = Ahead { distance_m: 6.1, next: Next::Turn { turn_rad: 0.7, stairs: None }, then };
         assert_eq!(

@@ -1,7 +1,7 @@
-//! Whether a way is ready to be walked back: asked before leaving, stretch by stretch.
+//! Whether a route is ready to be walked back: checked before leaving, stretch by stretch.
 //!
-//! A map knows the views of the way out. On the way home the camera may look the other way, where the map knows
-//! less. The guide has no map: who has one says how many landmarks it would see from a pose.
+//! The map contains the views of the way out. On the way home the camera may look the other way, where the map has
+//! fewer landmarks. The guide has no map: the caller provides how many landmarks are in view from a pose.
 
 use crate::facing::Facing;
 use crate::ground::Ground;
@@ -9,25 +9,25 @@ use crate::phrases::PhraseConfig;
 use crate::route::{PlacedPoint, Stretch};
 use cairn_geometry::{Se3, So3};
 
-/// How far a stretch can be relied on.
+/// How reliable tracking will be on a stretch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Readiness {
-    /// Nothing that the map knows will be in view, or nobody knows where the stretch leads.
+    /// Too few mapped landmarks will be in view, or the stretch is a gap in the recording.
     Stop,
-    /// Enough to find the walker, not enough to rely on.
+    /// Enough landmarks to relocalise, not enough to rely on.
     Reduced,
-    /// The map sees this stretch both ways.
+    /// Enough landmarks are in view for reliable tracking in walking direction.
     TwoWay,
 }
 
-/// What counts as ready.
+/// The limits of the classes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadyConfig {
     /// Landmarks in view from which on a pose can be found at all.
     pub least: usize,
-    /// Landmarks in view from which on it can be relied on.
+    /// Landmarks in view from which on tracking is reliable.
     pub enough: usize,
-    /// Length of the stretches that are looked at, metres.
+    /// Spacing of the checks along the route, metres.
     pub stretch_m: f64,
 }
 
@@ -37,21 +37,21 @@ impl Default for ReadyConfig {
     }
 }
 
-/// A stretch of the way as recorded, from its start. Metres.
+/// A stretch of the route as recorded, from its start. Metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadyStretch {
-    /// Where it begins.
+    /// Where it begins, metres from the start of the recording.
     pub from_m: f64,
     /// Where it ends.
     pub to_m: f64,
-    /// Landmarks in view, the fewest of the poses looked at.
+    /// The smallest number of landmarks in view of the poses checked.
     pub seen: usize,
-    /// What that means.
+    /// The class that follows from it.
     pub readiness: Readiness,
 }
 
-/// The pose a camera will have on the way back where it stood at `frame_from_camera` on the way out: turned half
-/// round about the vertical for a walker who turns round with it, as it was for the two others.
+/// The pose that a camera will have on the way back at the place where it had `frame_from_camera` on the way out:
+/// rotated by half a turn about the vertical for a walker who faces home, unchanged for the other two.
 pub fn pose_back(frame_from_camera: &Se3, ground: &Ground, facing: Facing) -> Se3 {
     match facing {
         Facing::Home => {
@@ -62,8 +62,9 @@ pub fn pose_back(frame_from_camera: &Se3, ground: &Ground, facing: Facing) -> Se
     }
 }
 
-/// Looks at each stretch of a placed way as the camera will on the way back. `seen` says how many landmarks the
-/// map would see from a pose; lengths are multiplied by `metres_per_unit`. Neighbours alike are put together.
+/// Checks a resolved route with the views that the camera will have on the way back. `seen` returns how many
+/// landmarks are in view from a pose; lengths are multiplied by `metres_per_unit`. Neighbouring stretches of the same
+/// class are merged.
 pub fn ready(
     points: &[PlacedPoint],
     metres_per_unit: f64,
@@ -100,25 +101,25 @@ pub fn ready(
     out
 }
 
-/// What is said of it before leaving: "two-way ready", or how much is not, in metres of the whole.
+/// What is said about it before leaving: that the route will be recognised, or how many metres may not be.
 pub fn ready_words(stretches: &[ReadyStretch], phrases: &PhraseConfig) -> String {
-    let metres = |which: Readiness| {
-        stretches.iter().filter(|s| s.readiness == which).map(|s| s.to_m - s.from_m).sum::<f64>()
-    };
-    let told = |m: f64, what: &str| match phrases.metric {
-        true => format!(" {} {what}.", phrases.distance(m)),
-        false => format!(" A part {what}."),
+    let part = |which: Readiness| {
+        let metres = stretches.iter().filter(|s| s.readiness == which).map(|s| s.to_m - s.from_m).sum();
+        match phrases.metric {
+            true => format!("About {}", phrases.distance(metres)),
+            false => "Part".into(),
+        }
     };
     let any = |which: Readiness| stretches.iter().any(|s| s.readiness == which);
     match (any(Readiness::Stop), any(Readiness::Reduced)) {
-        _ if stretches.is_empty() => "The way is not known.".into(),
-        (false, false) => "The way is two-way ready.".into(),
+        _ if stretches.is_empty() => "There is no route yet.".into(),
+        (false, false) => "I should recognise this whole route.".into(),
         (false, true) => {
-            format!("The way is reduced.{}", told(metres(Readiness::Reduced), "can be seen poorly"))
+            format!("{} of this route will be hard for me to recognise.", part(Readiness::Reduced))
         }
         (true, _) => format!(
-            "The way has stops.{} Guidance may stop there.",
-            told(metres(Readiness::Stop), "can not be seen from this side")
+            "{} of this route I have not seen from this direction. If I lose my place there, I will ask you to stop.",
+            part(Readiness::Stop)
         ),
     }
 }
@@ -128,7 +129,7 @@ mod tests {
     use super::*;
     use crate::trial::camera_pose;
 
-    /// Ten metres along x, looking along it; seven of them before a gap where asked.
+    /// Ten metres along x, looking along it, with a gap before the given point.
     fn walk(gap_at: Option<usize>) -> Vec<PlacedPoint> {
         (0..=100)
             .map(|k| PlacedPoint {
@@ -140,9 +141,9 @@ mod tests {
             .collect()
     }
 
-    fn look(facing: Facing, gap_at: Option<usize>) -> Vec<ReadyStretch> {
+    fn check(facing: Facing, gap_at: Option<usize>) -> Vec<ReadyStretch> {
         let ground = Ground::z_up();
-        // A map that knows what lies towards +x everywhere, and what lies towards -x from 6 m on.
+        // A map with landmarks towards +x everywhere, and towards -x from 6 m on.
         let seen = |pose: &Se3| {
             let forward = (pose.rotation * cairn_geometry::Vec3::z()).x > 0.0;
             if forward || pose.translation.x > 6.05 { 100 } else { 40 }
@@ -151,38 +152,41 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_looks_as_on_the_way_out_is_two_way_ready() {
+    fn same_camera_direction_is_ready() {
         for facing in [Facing::Back, Facing::Backwards] {
-            let s = look(facing, None);
+            let s = check(facing, None);
             assert_eq!((s.len(), s[0].readiness), (1, Readiness::TwoWay));
             assert!((s[0].to_m - 10.0).abs() < 1e-9);
-            assert_eq!(ready_words(&s, &PhraseConfig::default()), "The way is two-way ready.");
+            assert_eq!(ready_words(&s, &PhraseConfig::default()), "I should recognise this whole route.");
         }
     }
 
     #[test]
-    fn facing_home_the_map_is_asked_the_other_way() {
-        let s = look(Facing::Home, None);
+    fn facing_home_checks_the_opposite_views() {
+        let s = check(Facing::Home, None);
         assert_eq!(
             s.iter().map(|s| s.readiness).collect::<Vec<_>>(),
             [Readiness::Reduced, Readiness::TwoWay]
         );
         assert!((s[0].to_m - 6.0).abs() < 0.15, "{s:?}");
         let words = ready_words(&s, &PhraseConfig::default());
-        assert_eq!(words, "The way is reduced. 6 metres can be seen poorly.");
+        assert_eq!(words, "About 6 metres of this route will be hard for me to recognise.");
     }
 
     #[test]
-    fn a_gap_is_a_stop_and_nothing_is_nothing() {
-        let s = look(Facing::Back, Some(70));
+    fn gap_is_not_ready_and_empty_route_has_no_stretches() {
+        let s = check(Facing::Back, Some(70));
         assert!(s.iter().any(|s| s.readiness == Readiness::Stop), "{s:?}");
-        assert!(ready_words(&s, &PhraseConfig::default()).starts_with("The way has stops."));
+        assert!(
+            ready_words(&s, &PhraseConfig::default())
+                .contains("of this route I have not seen from this direction.")
+        );
         let none = ready(&[], 1.0, &Ground::z_up(), Facing::Home, &ReadyConfig::default(), |_| 0);
-        assert_eq!(ready_words(&none, &PhraseConfig::default()), "The way is not known.");
+        assert_eq!(ready_words(&none, &PhraseConfig::default()), "There is no route yet.");
     }
 
     #[test]
-    fn the_way_back_looks_back_level_as_before() {
+    fn pose_back_reverses_heading_and_keeps_tilt() {
         let out = camera_pose(1.0, 2.0, 0.4, 0.3);
         let ground = Ground::z_up();
         let back = pose_back(&out, &ground, Facing::Home);

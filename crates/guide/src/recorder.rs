@@ -1,4 +1,5 @@
-//! Records the way: a point each 5 cm or 5 degrees while there is a pose, losses marked, on disk at once.
+//! Records the route: a point every 5 cm or 5 degrees while there is a pose; losses are marked; written to disk at
+//! once.
 
 use crate::ground::Ground;
 use crate::route::{Anchor, Confidence, Route, RouteHeader, RoutePoint, Stretch};
@@ -7,14 +8,14 @@ use cairn_geometry::{Camera, Odom, Pose, Se3, Sim3};
 use cairn_sensor::Stamp;
 use std::io;
 
-/// When to take a point.
+/// Config of the recorder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecorderConfig {
     /// Metres between points.
     pub step_m: f64,
     /// Degrees between points.
     pub step_deg: f64,
-    /// Seconds after which what was appended is made to last.
+    /// Seconds between syncs of the appended points to disk.
     pub sync_s: f64,
 }
 
@@ -24,31 +25,31 @@ impl Default for RecorderConfig {
     }
 }
 
-/// One pose offered to the recorder.
+/// One pose passed to the recorder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordInput {
     /// Time of the pose.
     pub stamp: Stamp,
-    /// The camera in the smooth frame.
+    /// Pose of the camera in the odom frame.
     pub odom_from_camera: Pose<Odom, Camera>,
-    /// The reference key frame.
+    /// The reference keyframe.
     pub anchor: Anchor,
-    /// The camera seen from the reference key frame.
+    /// Pose of the camera in the reference keyframe.
     pub anchor_from_camera: Se3,
-    /// How far to trust it.
+    /// Tracking confidence of the pose.
     pub confidence: Confidence,
     /// Tracking quality, 0 to 1.
     pub quality: f32,
 }
 
-/// What the walker should be told about the recording.
+/// What the walker should hear about the recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RecorderEvent {
-    /// Tracking weakened: the stretch is bridged and marked.
+    /// Tracking weakened: the stretch is bridged and marked as such.
     Bridging,
     /// There is no pose: a gap begins.
     Lost,
-    /// Good again. Seconds without good tracking and metres between the last good point and this.
+    /// Tracking is good again: seconds without good tracking, and metres between the last good point and this one.
     Resumed {
         /// Seconds.
         seconds: f64,
@@ -70,7 +71,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Records into memory; `metric` tells whether lengths are metres.
+    /// Records into memory; `metric` says whether lengths are metres.
     pub fn new(config: RecorderConfig, metric: bool, ground: &Ground, source: impl Into<String>) -> Self {
         Self {
             config,
@@ -84,7 +85,7 @@ impl Recorder {
         }
     }
 
-    /// Goes on with what was recorded before, behind a gap: see [`RouteWriter::resume`].
+    /// Continues an earlier recording after a gap: see [`RouteWriter::resume`].
     pub fn resume(config: RecorderConfig, route: Route) -> Self {
         let last = route.points.last().map(|p| (p.stamp, p.odom_from_camera));
         Self {
@@ -105,34 +106,39 @@ impl Recorder {
         self
     }
 
-    /// What is recorded so far.
+    /// The route recorded so far.
     pub fn route(&self) -> &Route {
         &self.route
     }
 
-    /// How many inputs were refused: time not going forward, or numbers that are not finite.
+    /// How many inputs were rejected: time not increasing, or values that are not finite.
     pub fn refused(&self) -> usize {
         self.refused
     }
 
-    /// From now on lengths in the map are metres: its scale was found while the way was recorded. `carried` brings the
-    /// poses recorded so far into the frame and unit of those to come, whose ground is given. An error tells that the
-    /// disk failed.
+    /// From now on lengths in the map are metres: the scale was initialised while the route was recorded. `carried`
+    /// transforms the poses recorded so far into the frame and unit of those to come, whose ground plane is `ground`.
+    ///
+    /// # Errors
+    /// The disk's error; the route in memory has the new scale all the same.
     pub fn found_scale(&mut self, carried: Sim3, ground: &Ground) -> io::Result<()> {
         let header = RouteHeader::new(true, ground, self.route.header.source.clone());
         let header = RouteHeader { carried: Some(carried), ..header };
-        self.route.go_on_as(header.clone());
+        self.route.apply_header(header.clone());
         self.last_good = self.last_good.map(|(t, pose)| (t, carried.transform_pose(&pose)));
-        self.writer.as_mut().map_or(Ok(()), |w| w.go_on_as(&header))
+        self.writer.as_mut().map_or(Ok(()), |w| w.append_header(&header))
     }
 
-    /// Ends the recording: everything on disk, and the way.
+    /// Ends the recording: syncs it to disk and returns the route.
     pub fn finish(mut self) -> (Route, io::Result<()>) {
         let synced = self.writer.as_mut().map_or(Ok(()), RouteWriter::make_durable);
         (self.route, synced)
     }
 
-    /// Offers a pose. An error tells that the disk failed; the point is still kept in memory.
+    /// Takes a pose.
+    ///
+    /// # Errors
+    /// The disk's error; the point is still kept in memory.
     pub fn observe(&mut self, input: &RecordInput) -> io::Result<Option<RecorderEvent>> {
         let late = self.route.points.last().is_some_and(|p| p.stamp >= input.stamp);
         let finite = input.odom_from_camera.se3.is_finite() && input.anchor_from_camera.is_finite();
@@ -231,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_each_five_centimetres_or_five_degrees() {
+    fn records_a_point_every_5_cm_or_5_degrees() {
         let mut r = recorder();
         for k in 0..=100 {
             r.observe(&input(k as f64 * 0.1, k as f64 * 0.0101, 0.0, Confidence::Good)).unwrap();
@@ -245,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn losses_are_marked_and_told() {
+    fn tracking_losses_are_marked_and_reported() {
         let mut r = recorder();
         let mut events = Vec::new();
         let mut t = 0.0;
@@ -273,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_recorded_before_is_gone_on_with_behind_a_gap() {
+    fn resumed_recording_starts_with_a_gap() {
         let mut r = recorder();
         (0..10).for_each(|k| drop(r.observe(&input(k as f64, k as f64, 0.0, Confidence::Good))));
         let (route, _) = r.finish();
@@ -291,14 +297,14 @@ mod tests {
     }
 
     #[test]
-    fn scale_found_on_the_way_carries_what_was_recorded_in_memory_and_on_disk() {
-        let path = std::env::temp_dir().join(format!("cairn-way-scale-{}.way", std::process::id()));
+    fn late_scale_transforms_points_in_memory_and_on_disk() {
+        let path = std::env::temp_dir().join(format!("cairn-route-scale-{}.route", std::process::id()));
         let _ = std::fs::remove_file(&path);
         let header = RouteHeader::new(false, &Ground::first_camera(), "test");
         let mut r = Recorder::new(RecorderConfig::default(), false, &Ground::first_camera(), "test")
             .with_writer(RouteWriter::create(&path, &header).unwrap());
         (0..10).for_each(|k| drop(r.observe(&input(k as f64, k as f64, 0.0, Confidence::Good))));
-        // A unit is 2.5 m long, and the map was turned about.
+        // A unit is 2.5 m long, and the map was rotated.
         let turn = So3::exp(&Vec3::new(0.0, 0.0, 1.0));
         let carried = Sim3::new(turn, Vec3::new(3.0, 0.0, -1.0), 2.5);
         r.found_scale(carried, &Ground::z_up()).unwrap();
@@ -322,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_cannot_be() {
+    fn rejects_invalid_inputs() {
         let mut r = recorder();
         r.observe(&input(1.0, 0.0, 0.0, Confidence::Good)).unwrap();
         r.observe(&input(0.5, 1.0, 0.0, Confidence::Good)).unwrap();
@@ -352,14 +358,14 @@ mod tests {
     }
 
     #[test]
-    fn a_crash_loses_at_most_a_second() {
+    fn crash_loses_at_most_one_second() {
         let disk = Shared::default();
         let header = RouteHeader::new(true, &Ground::z_up(), "test");
         let mut r = recorder().with_writer(RouteWriter::new(Box::new(disk.clone()), &header).unwrap());
         for k in 0..200 {
             let t = k as f64 * 0.05;
             r.observe(&input(t, t, 0.0, Confidence::Good)).unwrap();
-            // What has reached the disk for sure, read as after a crash at this moment.
+            // The bytes that are certainly on disk, read as after a crash at this moment.
             let inner = disk.0.lock().unwrap();
             let route = Route::read(&inner.0[..inner.1]).unwrap();
             let kept = route.points.last().map_or(0.0, |p| p.stamp.seconds());

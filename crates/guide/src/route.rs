@@ -1,16 +1,16 @@
-//! A recorded way: points that hang on key frames and follow them when the map moves.
+//! A recorded route: points that are anchored to keyframes and follow them when the map is corrected.
 
 use crate::ground::Ground;
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_sensor::Stamp;
 use serde::{Deserialize, Serialize};
 
-/// The name of a key frame: which robot made it and its number there.
+/// Identifies a keyframe: the robot that made it and its number there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Anchor {
-    /// The robot.
+    /// The robot's number.
     pub robot: u16,
-    /// The key frame's number, never used again.
+    /// The keyframe's number, never reused.
     pub seq: u32,
 }
 
@@ -18,42 +18,42 @@ pub struct Anchor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Confidence {
-    /// Tracked on the map.
+    /// Tracked against the map.
     Good,
-    /// Bridged by inertial or rotation-only tracking: good enough to go on with, marked.
+    /// Bridged by inertial or rotation-only tracking: good enough to continue, and marked.
     Low,
-    /// No pose that anyone should walk by.
+    /// No pose that is safe to walk by.
     Lost,
 }
 
-/// How the stretch from the point before to this one is known.
+/// How the stretch from the previous point to this one is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stretch {
     /// Tracked.
     Tracked,
-    /// Bridged while the map was lost: low confidence.
+    /// Bridged while tracking was lost: low confidence.
     Bridged,
-    /// Nothing is known but the two ends.
+    /// A gap: only the two ends are known.
     Gap,
 }
 
 /// One recorded point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoutePoint {
-    /// When.
+    /// Time of the pose.
     #[serde(rename = "t", with = "stamp_ns")]
     pub stamp: Stamp,
-    /// The key frame it hangs on.
+    /// The keyframe it is anchored to.
     #[serde(rename = "a")]
     pub anchor: Anchor,
-    /// Where the camera was, seen from that key frame.
+    /// Pose of the camera in that keyframe.
     #[serde(rename = "rel", with = "seven")]
     pub anchor_from_camera: Se3,
-    /// Where the camera was in the smooth frame, for stretches whose key frame is gone.
+    /// Pose of the camera in the odom frame, for stretches whose keyframe is gone.
     #[serde(rename = "pose", with = "seven")]
     pub odom_from_camera: Se3,
-    /// How the stretch before it is known.
+    /// How the stretch before this point is known.
     #[serde(rename = "s")]
     pub stretch: Stretch,
     /// Tracking quality, 0 to 1.
@@ -61,30 +61,30 @@ pub struct RoutePoint {
     pub quality: f32,
 }
 
-/// The first line of a file holds this for the whole way; a later line of the same form replaces what the lines before it
-/// told, as when the scale is found while the way is recorded.
+/// The first line of a file holds this for the whole route; a later line of the same form replaces the earlier
+/// ones, as when the scale is initialised while the route is being recorded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RouteHeader {
     /// Always [`RouteHeader::FORMAT`].
     pub format: String,
-    /// Version of the file form; this program reads [`RouteHeader::VERSION`].
+    /// Version of the file format; this program reads [`RouteHeader::VERSION`].
     pub version: u32,
-    /// True when lengths are metres; false when the scale is not known and only relative words may be said.
+    /// True when lengths are metres; false when the scale is unknown and only relative words may be said.
     pub metric: bool,
-    /// The direction that points up in the frame of the poses.
+    /// The up direction in the frame of the poses.
     pub up: [f64; 3],
-    /// What it was recorded from, for people.
+    /// A description of the source it was recorded from, for people.
     pub source: String,
-    /// Carries the recorded poses before this line into the frame and the unit of those after it:
+    /// Transforms the recorded poses before this line into the frame and the unit of those after it:
     /// `[x, y, z, qx, qy, qz, qw, scale]`. Only in a later line.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "eight")]
     pub carried: Option<Sim3>,
 }
 
 impl RouteHeader {
-    /// The name of the form.
+    /// The name of the format.
     pub const FORMAT: &'static str = "cairn-route";
-    /// What files written before that name say.
+    /// The name of the format in older files.
     pub const FORMER_FORMAT: &'static str = "cairn-way";
     /// The version written.
     pub const VERSION: u32 = 1;
@@ -97,44 +97,44 @@ impl RouteHeader {
         Self { format, version: Self::VERSION, metric, up: [up.x, up.y, up.z], source, carried: None }
     }
 
-    /// The ground plane of the poses; z up when the header's direction is none.
+    /// The ground plane of the poses; z up when the header's direction is not usable.
     pub fn ground(&self) -> Ground {
         Ground::new(Vec3::from(self.up)).unwrap_or_else(Ground::z_up)
     }
 }
 
-/// A recorded way, always kept as it was recorded.
+/// A recorded route, always kept as it was recorded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
-    /// What holds for all of it.
+    /// The header.
     pub header: RouteHeader,
     /// The points in the order of time.
     pub points: Vec<RoutePoint>,
-    /// True when the file's last line was torn by a crash and left out.
+    /// True when the file's last line was truncated by a crash and left out.
     pub torn: bool,
 }
 
-/// A point of a way, placed in the frame of today's map.
+/// A point of a route, resolved in a frame of the current map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedPoint {
     /// When it was recorded.
     pub stamp: Stamp,
-    /// Where the camera was.
+    /// Pose of the camera.
     pub frame_from_camera: Se3,
     /// How the stretch before it is known.
     pub stretch: Stretch,
-    /// False when its key frame is gone and it was placed by its neighbour.
+    /// False when its keyframe is gone and it was placed relative to its neighbour.
     pub anchored: bool,
 }
 
 impl Route {
-    /// A way without points.
+    /// A route without points.
     pub fn new(header: RouteHeader) -> Self {
         Self { header, points: Vec::new(), torn: false }
     }
 
-    /// Takes a later header: the poses recorded so far are carried into its frame and unit.
-    pub fn go_on_as(&mut self, mut header: RouteHeader) {
+    /// Takes a later header: the poses recorded so far are transformed into its frame and unit.
+    pub fn apply_header(&mut self, mut header: RouteHeader) {
         if let Some(carried) = header.carried.take() {
             let poses = self.points.iter_mut().map(|p| &mut p.odom_from_camera);
             poses.for_each(|pose| *pose = carried.transform_pose(pose));
@@ -142,8 +142,9 @@ impl Route {
         self.header = header;
     }
 
-    /// Hangs points whose key frame is not known on the key frame of the nearest point before that has a known one (for
-    /// the first points: after), where the recorded poses put them. Returns how many; `None` when no key frame is known.
+    /// Re-anchors points whose keyframe is unknown to the keyframe of the nearest earlier point that has a known one
+    /// (for the first points: later), at their recorded relative pose. Returns how many; `None` when no keyframe is
+    /// known.
     pub fn reanchor(&mut self, known: impl Fn(Anchor) -> bool) -> Option<usize> {
         let first = *self.points.iter().find(|p| known(p.anchor))?;
         let (mut near, mut count) = (first, 0);
@@ -159,11 +160,11 @@ impl Route {
         Some(count)
     }
 
-    /// Places every point where its key frame is now.
+    /// Resolves every point to the present pose of its keyframe.
     ///
-    /// `frame_from_anchor` gives the pose of a key frame in the wanted frame (the world, or `odom` for
-    /// guidance) with what its unit of length is there, `None` for one that is gone. Such a point keeps its recorded place relative to the
-    /// nearest placed neighbour; when no key frame is known at all, the recorded poses are given.
+    /// `frame_from_anchor` returns the pose of a keyframe in the wanted frame (the map, or `odom` for guidance) with
+    /// the length of the keyframe's unit there, `None` for one that is gone. Such a point keeps its recorded place
+    /// relative to the nearest placed neighbour; when no keyframe is known at all, the recorded poses are returned.
     pub fn resolve(&self, frame_from_anchor: impl Fn(Anchor) -> Option<Sim3>) -> Vec<PlacedPoint> {
         let by_anchor: Vec<Option<Se3>> = (self.points.iter())
             .map(|p| {
@@ -172,7 +173,7 @@ impl Route {
             })
             .collect();
         let first = by_anchor.iter().zip(&self.points).find_map(|(placed, p)| placed.map(|t| (t, p)));
-        // What carries recorded poses into the wanted frame, from the last point that could be placed.
+        // The transform from recorded poses to the wanted frame, from the last point that could be resolved.
         let mut frame_from_odom =
             first.map_or(Se3::identity(), |(placed, p)| placed * p.odom_from_camera.inverse());
         let mut out = Vec::with_capacity(self.points.len());
@@ -190,12 +191,12 @@ impl Route {
         out
     }
 
-    /// The points as they were recorded, in the smooth frame of that day.
+    /// The points as they were recorded, in the odom frame of that recording.
     pub fn as_recorded(&self) -> Vec<PlacedPoint> {
         self.resolve(|_| None)
     }
 
-    /// Metres per unit of the poses: 1 for a metric way; else a guess that the walker went at 0.8 m/s
+    /// Metres per unit of the poses: 1 for a metric route; else an estimate that the walker moved at 0.8 m/s
     /// (median over the moving parts), good enough for when to speak but not for words.
     pub fn metres_per_unit(&self) -> f64 {
         const USUAL_SPEED: f64 = 0.8;
@@ -282,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn points_of_unknown_key_frames_hang_on_known_ones_and_stay_where_they_were() {
+    fn points_of_unknown_keyframes_are_re_anchored_in_place() {
         let places = |route: &Route, known: &dyn Fn(u32) -> bool| -> Vec<Vec3> {
             let at = |seq: u32| Sim3::from(Se3::new(So3::identity(), Vec3::new((5 * seq) as f64, 0.0, 0.0)));
             let placed = route.resolve(|a| known(a.seq).then(|| at(a.seq)));
@@ -306,7 +307,7 @@ mod tests {
     fn route() -> Route {
         let mut route = Route::new(RouteHeader::new(true, &Ground::z_up(), "test"));
         for k in 0..10u32 {
-            // Key frame k / 5 stands at x = 5 * (k / 5); the camera goes one metre a point.
+            // Keyframe k / 5 is at x = 5 * (k / 5); the camera moves one metre a point.
             let odom = Se3::new(So3::identity(), Vec3::new(k as f64, 0.0, 0.0));
             let key = Se3::new(So3::identity(), Vec3::new((k / 5 * 5) as f64, 0.0, 0.0));
             route.points.push(RoutePoint {
@@ -322,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn points_follow_their_key_frames() {
+    fn points_follow_their_keyframes() {
         let turned = Se3::new(So3::exp(&Vec3::new(0.0, 0.0, 0.5)), Vec3::new(3.0, -1.0, 0.2));
         let placed = route().resolve(|a| {
             Some((turned * Se3::new(So3::identity(), Vec3::new(5.0 * a.seq as f64, 0.0, 0.0))).into())
@@ -335,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_key_frame_is_bridged_by_its_neighbours() {
+    fn points_of_a_lost_keyframe_follow_their_neighbours() {
         let moved = Se3::new(So3::identity(), Vec3::new(0.0, 7.0, 0.0));
         for gone in [0, 1] {
             let placed = route().resolve(|a| {
@@ -351,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn without_scale_the_usual_speed_gives_the_unit() {
+    fn unit_without_scale_comes_from_walking_speed() {
         let mut route = route();
         route.header.metric = false;
         for (k, p) in route.points.iter_mut().enumerate() {

@@ -1,50 +1,50 @@
-//! Small corrections, by where the present course leads: said once, when they help most, and not at all
+//! Small course corrections, from where the present course leads: said once, when they help most, and not at all
 //! where the leg ends before the walker leaves the corridor.
 //!
-//! People answer "bear left" with nearly the same change of course each time, whatever the error was. So a
-//! correction is held back until one such change leads back into the middle, unless the walker would leave
-//! the corridor before; to correct each small error at once would send him from side to side.
+//! People answer "bear left" with nearly the same change of course each time, whatever the error was. A correction is
+//! therefore held back until one such change leads back to the middle, unless the walker would leave the corridor
+//! before; correcting each small error at once would send him from side to side.
 
 use crate::cue::CueKind;
 use crate::guide::{Guide, Now};
 use crate::moving::since;
 
-/// What people make of "bear left", degrees.
+/// The change of course that people make on "bear left", degrees.
 const BEAR_DEG: f64 = 19.0;
-/// Seconds from a short direction to the walker's following it.
+/// Seconds from a short direction until the walker follows it.
 const ANSWER_S: f64 = 1.6;
-/// Slower than this is standing, m/s.
+/// Slower than this counts as standing, m/s.
 const STANDING: f64 = 0.15;
-/// A correction must bring the walker nearer to the way by this share of what it is off.
+/// A correction must bring the walker nearer to the route by this share of his offset.
 const WORTH: f64 = 0.3;
 
-/// A course over the rest of a leg: where it is across the way (left positive) and where it leads.
+/// The predicted course over the rest of a leg: offset across the route (left positive) and where it leads.
 #[derive(Clone, Copy, Debug)]
 struct Course {
     cross_m: f64,
-    /// Heading against the leg's, radians, positive to the left.
+    /// Heading relative to the leg's, radians, positive to the left.
     off_rad: f64,
     rest_m: f64,
 }
 
 impl Course {
-    /// Metres across the way after so many metres more.
+    /// Offset across the route after this many more metres.
     fn after(&self, metres: f64) -> f64 {
         self.cross_m + metres.clamp(0.0, self.rest_m) * self.off_rad.sin()
     }
 
-    /// Metres across the way where the leg ends.
+    /// Offset across the route at the end of the leg.
     fn end(&self) -> f64 {
         self.after(self.rest_m)
     }
 
-    /// The same when after `metres` the walker bears by `turn_rad`.
+    /// The same course when the walker bears by `turn_rad` after `metres`.
     fn bent(&self, metres: f64, turn_rad: f64) -> f64 {
         let metres = metres.clamp(0.0, self.rest_m);
         self.after(metres) + (self.rest_m - metres) * (self.off_rad + turn_rad).sin()
     }
 
-    /// Metres from here at which bearing by `turn_rad` leads to the way just at the leg's end.
+    /// Metres from here at which bearing by `turn_rad` leads to the route just at the leg's end.
     fn best(&self, turn_rad: f64) -> f64 {
         let (now, bent) = (self.off_rad.sin(), (self.off_rad + turn_rad).sin());
         if (now - bent).abs() < 1e-6 { 0.0 } else { -(self.cross_m + self.rest_m * bent) / (now - bent) }
@@ -55,7 +55,7 @@ impl Course {
 const AGAINST_DEG: f64 = 8.0;
 
 impl Guide {
-    /// A small correction, before anything goes wrong.
+    /// A small correction before the walker leaves the corridor.
     pub(crate) fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         let turn = self.wanted(now, aim);
         let Some(turn) = turn.filter(|_| now.speed >= STANDING) else {
@@ -64,7 +64,7 @@ impl Guide {
         };
         let s = &self.config;
         let off_since = *self.memory.aim_off_since.get_or_insert(now.stamp);
-        let rested = since(self.memory.directed, now.stamp) >= s.adjust_again_s;
+        let rested = since(self.memory.last_direction, now.stamp) >= s.adjust_again_s;
         if now.stamp - off_since < s.adjust_dwell_s || !rested || self.motion.turn_rate().abs() > 0.3 {
             return None;
         }
@@ -72,17 +72,17 @@ impl Guide {
             self.turn_on_spot(now);
             return Some(CueKind::Rotate(turn));
         }
-        self.direct(now);
+        self.direction_given(now);
         Some(CueKind::Adjust(turn))
     }
 
     /// The turn that is wanted now, if any.
     fn wanted(&self, now: &Now, aim: f64) -> Option<f64> {
         let s = &self.config;
-        let last = self.coming().is_none();
+        let last = self.next_maneuver().is_none();
         let course = Course {
             cross_m: now.at.cross_m,
-            off_rad: -now.heading_kind.turn_to(now.at.heading),
+            off_rad: -now.walker.turn_to(now.at.heading),
             rest_m: (self.next_at_m() - now.at.along_m).max(0.0),
         };
         let off_deg = course.off_rad.abs().to_degrees();
@@ -92,13 +92,13 @@ impl Guide {
         }
         let aim_deg = aim.abs().to_degrees();
         if self.backwards() {
-            // The corridor is narrow and the pace slow: each error of aim counts.
+            // The corridor is narrow and the pace slow: each error of aim matters.
             let warned = now.at.cross_m.abs() > s.warn_m && aim * now.at.cross_m < 0.0;
             let limit = if warned { 0.6 } else { 1.0 } * s.backwards_adjust_deg;
             let near = course.rest_m < (3.0 * now.speed).max(1.6);
             return (aim_deg > limit && aim_deg <= s.wrong_way_deg && !near).then_some(aim);
         }
-        // Far off course, or far off the way: the aim says where to.
+        // Far off course, or far off the route: the aim decides the direction.
         let outside = now.at.cross_m.abs() > s.off_m;
         if aim_deg > s.adjust_far_deg || outside && aim_deg > s.adjust_deg {
             return (aim_deg <= s.wrong_way_deg).then_some(aim);
@@ -109,12 +109,12 @@ impl Guide {
         if !leaves && !misses {
             return None;
         }
-        // Towards the way, from where the course leads.
+        // Towards the route, from where the course leads.
         let led = if leaves { course.after(s.adjust_ahead_m) } else { course.end() };
         let turn = -led.signum() * BEAR_DEG.to_radians();
         let soon = course.after(answer_m + 0.5 * now.speed).abs() > edge;
         let bent = course.bent(answer_m, turn);
-        // Never against what the way just ahead asks for: on the way back to it, first get there.
+        // Never against the direction that the route just ahead needs: first return to the route.
         if aim * turn < 0.0 && aim_deg > AGAINST_DEG {
             return None;
         }
@@ -128,7 +128,7 @@ impl Guide {
     }
 }
 
-/// Coming back to the way by itself, at no small angle.
+/// True when the walker is returning to the route by himself at a sufficient angle.
 fn returns(course: &Course) -> bool {
     course.cross_m * course.off_rad < 0.0 && course.off_rad.abs().to_degrees() > 5.0
 }

@@ -1,40 +1,40 @@
-//! A way on disk: one JSON object a line, the header first, only ever appended to.
+//! A route on disk: one JSON object a line, the header first, only ever appended to.
 //!
-//! A crash can tear at most the last line; reading leaves that one out and says so, and recording can go on behind
-//! the lines that are whole. A broken line anywhere else is an error that names the line.
+//! A crash can truncate at most the last line; reading leaves that line out and reports it, and recording can continue
+//! after the complete lines. A broken line anywhere else is an error that names the line.
 
 use crate::route::{Route, RouteHeader, RoutePoint};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Why a way could not be read.
+/// Why a route could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RouteError {
     /// The file could not be opened or read.
     #[error("{path}: {source}")]
     File {
-        /// Which.
+        /// The file.
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// A line is not what it should be.
+    /// A line is malformed.
     #[error("line {line}: {why}")]
     Line {
-        /// Counted from 1.
+        /// Line number, counted from 1.
         line: usize,
-        /// What is wrong.
+        /// What is wrong with it.
         why: String,
     },
-    /// Nothing that could be a header.
-    #[error("not a recorded way: {0}")]
+    /// There is no usable header.
+    #[error("not a recorded route: {0}")]
     Header(String),
 }
 
-/// Something to append to that can be made to last.
+/// A writer whose data can be synced to the medium.
 pub trait Durable: Write {
-    /// Returns when all that was written has reached the disk.
+    /// Returns once everything written has reached the disk.
     fn make_durable(&mut self) -> io::Result<()>;
 }
 
@@ -44,25 +44,32 @@ impl Durable for File {
     }
 }
 
-/// For tests and for ways kept in memory only.
+/// For tests and for routes kept in memory only.
 impl Durable for Vec<u8> {
     fn make_durable(&mut self) -> io::Result<()> {
         Ok(())
     }
 }
 
-/// Appends points to a file as they come.
+/// Appends points to a file as they are recorded.
 pub struct RouteWriter {
     out: Box<dyn Durable + Send>,
 }
 
 impl RouteWriter {
-    /// Creates the file (an existing one is refused, a record is never overwritten) and writes the header.
+    /// Creates the file and writes the header.
+    ///
+    /// # Errors
+    /// The system's error; an existing file is refused, so a recording is never overwritten.
     pub fn create(path: &Path, header: &RouteHeader) -> io::Result<Self> {
         Self::new(Box::new(File::options().write(true).create_new(true).open(path)?), header)
     }
 
-    /// Goes on with the record in a file, after a crash too: what was torn is cut off. Returns what is recorded so far.
+    /// Continues the recording in a file, also after a crash: a truncated last line is removed. Returns the route so
+    /// far.
+    ///
+    /// # Errors
+    /// [`RouteError`] for a file that cannot be read or is no recorded route.
     pub fn resume(path: &Path) -> Result<(Route, Self), RouteError> {
         let failed = |source| RouteError::File { path: path.display().to_string(), source };
         let mut file = File::options().read(true).append(true).open(path).map_err(failed)?;
@@ -78,6 +85,9 @@ impl RouteWriter {
     }
 
     /// Writes the header to `out`.
+    ///
+    /// # Errors
+    /// The writer's error.
     pub fn new(mut out: Box<dyn Durable + Send>, header: &RouteHeader) -> io::Result<Self> {
         write_line(&mut *out, header)?;
         out.make_durable()?;
@@ -85,17 +95,26 @@ impl RouteWriter {
     }
 
     /// Appends one point, in one write.
+    ///
+    /// # Errors
+    /// The writer's error.
     pub fn append(&mut self, point: &RoutePoint) -> io::Result<()> {
         write_line(&mut *self.out, point)
     }
 
-    /// Appends a header that replaces the one before, and makes it last.
-    pub fn go_on_as(&mut self, header: &RouteHeader) -> io::Result<()> {
+    /// Appends a header that replaces the previous one, and syncs it.
+    ///
+    /// # Errors
+    /// The writer's error.
+    pub fn append_header(&mut self, header: &RouteHeader) -> io::Result<()> {
         write_line(&mut *self.out, header)?;
         self.out.make_durable()
     }
 
-    /// Makes all appended points last.
+    /// Syncs all appended points.
+    ///
+    /// # Errors
+    /// The writer's error.
     pub fn make_durable(&mut self) -> io::Result<()> {
         self.out.make_durable()
     }
@@ -107,8 +126,8 @@ fn write_line<T: serde::Serialize>(out: &mut (dyn Durable + Send), value: &T) ->
     out.write_all(&line)
 }
 
-/// How many bytes of a record are whole, and whether they end with a line's end; without it, the last line is whole
-/// all the same unless it is `torn`.
+/// How many bytes of a recording are complete lines, and whether they end with a line end; without one, the last
+/// line counts as complete unless it is `torn`.
 fn whole_lines(file: &mut File, torn: bool) -> io::Result<(u64, bool)> {
     file.seek(SeekFrom::Start(0))?;
     let mut lines = BufReader::new(file);
@@ -128,14 +147,20 @@ fn whole_lines(file: &mut File, torn: bool) -> io::Result<(u64, bool)> {
 }
 
 impl Route {
-    /// Reads a way from a file.
+    /// Reads a route from a file.
+    ///
+    /// # Errors
+    /// [`RouteError`], with the line where there is one.
     pub fn load(path: &Path) -> Result<Self, RouteError> {
         let file = File::open(path)
             .map_err(|source| RouteError::File { path: path.display().to_string(), source })?;
         Self::read(BufReader::new(file))
     }
 
-    /// Writes the whole way to a new file.
+    /// Writes the whole route to a new file.
+    ///
+    /// # Errors
+    /// The system's error; an existing file is refused.
     pub fn save(&self, path: &Path) -> io::Result<()> {
         let mut writer = RouteWriter::create(path, &self.header)?;
         for p in &self.points {
@@ -144,7 +169,10 @@ impl Route {
         writer.make_durable()
     }
 
-    /// The bytes of a record of this way.
+    /// The bytes of a recording of this route.
+    ///
+    /// # Errors
+    /// None in practice: writing to memory does not fail.
     pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let mut bytes: Vec<u8> = Vec::new();
         write_line(&mut bytes, &self.header)?;
@@ -152,7 +180,10 @@ impl Route {
         Ok(bytes)
     }
 
-    /// Reads a way: header, then points; between them headers that replace the one before.
+    /// Reads a route: header, then points; later headers replace the one before.
+    ///
+    /// # Errors
+    /// [`RouteError`], with the line where there is one.
     pub fn read(mut input: impl BufRead) -> Result<Self, RouteError> {
         let mut line = Vec::new();
         let mut number = 0;
@@ -178,7 +209,7 @@ impl Route {
                 Err(why) => match serde_json::from_slice::<RouteHeader>(&line) {
                     Ok(header) => {
                         check_header(&header)?;
-                        route.go_on_as(header);
+                        route.apply_header(header);
                     }
                     Err(_) => return Err(RouteError::Line { line: number, why }),
                 },
@@ -190,7 +221,7 @@ impl Route {
 
 fn check_header(header: &RouteHeader) -> Result<(), RouteError> {
     if header.format != RouteHeader::FORMAT && header.format != RouteHeader::FORMER_FORMAT {
-        return Err(RouteError::Header(format!("the form is called {:?}", header.format)));
+        return Err(RouteError::Header(format!("the format is called {:?}", header.format)));
     }
     if header.version != RouteHeader::VERSION {
         let (found, known) = (header.version, RouteHeader::VERSION);
@@ -205,10 +236,10 @@ fn check_header(header: &RouteHeader) -> Result<(), RouteError> {
 fn parse_point(line: &[u8], route: &Route) -> Result<RoutePoint, String> {
     let point: RoutePoint = serde_json::from_slice(line).map_err(|e| e.to_string())?;
     if !(point.anchor_from_camera.is_finite() && point.odom_from_camera.is_finite()) {
-        return Err("a number is not finite".into());
+        return Err("a value is not finite".into());
     }
     if route.points.last().is_some_and(|last| last.stamp >= point.stamp) {
-        return Err("time does not go forward".into());
+        return Err("time does not increase".into());
     }
     Ok(point)
 }
@@ -239,15 +270,15 @@ mod tests {
     }
 
     #[test]
-    fn comes_back_as_written() {
+    fn save_and_load_round_trip() {
         let route = Route::read(text().as_bytes()).unwrap();
         assert_eq!(route.points.len(), 3);
         assert!(!route.torn);
-        let path = std::env::temp_dir().join(format!("cairn-way-{}.jsonl", std::process::id()));
+        let path = std::env::temp_dir().join(format!("cairn-route-{}.jsonl", std::process::id()));
         let _ = std::fs::remove_file(&path);
         route.save(&path).unwrap();
         let again = Route::load(&path).unwrap();
-        assert!(route.save(&path).is_err(), "a record was overwritten");
+        assert!(route.save(&path).is_err(), "a recording was overwritten");
         std::fs::remove_file(&path).unwrap();
         assert_eq!(again.header, route.header);
         for (a, b) in again.points.iter().zip(&route.points) {
@@ -257,21 +288,21 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_last_line_is_left_out_wherever_it_tears() {
+    fn truncated_last_line_is_dropped() {
         let text = text();
         let last = text.trim_end().rfind('\n').unwrap() + 1;
         for cut in last + 1..text.len() - 1 {
             let route = Route::read(&text.as_bytes()[..cut]).unwrap();
             assert_eq!((route.points.len(), route.torn), (2, true), "cut at {cut}");
         }
-        // Only the line end is missing: the point itself is whole and is kept.
+        // Only the line end is missing: the point itself is complete and is kept.
         assert_eq!(Route::read(&text.as_bytes()[..text.len() - 1]).unwrap().points.len(), 3);
     }
 
     #[test]
-    fn a_record_goes_on_after_a_crash_wherever_it_was_torn() {
+    fn recording_resumes_after_truncation() {
         let text = text();
-        let path = std::env::temp_dir().join(format!("cairn-way-resume-{}.jsonl", std::process::id()));
+        let path = std::env::temp_dir().join(format!("cairn-route-resume-{}.jsonl", std::process::id()));
         let header = text.find('\n').unwrap() + 1;
         let mut after = Route::read(text.as_bytes()).unwrap().points[2];
         after.stamp = Stamp(9);
@@ -291,20 +322,20 @@ mod tests {
             assert_eq!(Route::read(&again.to_bytes().unwrap()[..]).unwrap().points.len(), again.points.len());
         }
         std::fs::write(&path, &text.as_bytes()[..header - 5]).unwrap();
-        assert!(RouteWriter::resume(&path).is_err(), "there is no header to go on behind");
+        assert!(RouteWriter::resume(&path).is_err(), "a file without a header was resumed");
         std::fs::remove_file(&path).unwrap();
     }
 
     #[test]
-    fn broken_files_are_told_with_their_line() {
-        let told = |s: String| Route::read(s.as_bytes()).unwrap_err().to_string();
-        assert!(told(String::new()).contains("empty"));
-        assert!(told("hello\n".into()).contains("first line"));
-        assert!(told(text().replace("\"version\":1", "\"version\":9")).contains("version 9"));
-        assert!(told(text().replace("cairn-route", "other")).contains("other"));
-        assert!(told(text().replace("[0.0,0.0,1.0]", "[0.0,0.0,0.0]")).contains("up"));
-        assert!(told(text().replace("\"t\":1,", "\"t\":0,")).contains("line 3: time"));
-        assert!(told(text().replace("\"t\":1,", "\"t\":x,")).contains("line 3"));
-        assert!(told(text().replace("\"rel\":[0.0", "\"rel\":[1e999")).contains("line 2"));
+    fn malformed_files_are_errors_with_line() {
+        let message = |s: String| Route::read(s.as_bytes()).unwrap_err().to_string();
+        assert!(message(String::new()).contains("empty"));
+        assert!(message("hello\n".into()).contains("first line"));
+        assert!(message(text().replace("\"version\":1", "\"version\":9")).contains("version 9"));
+        assert!(message(text().replace("cairn-route", "other")).contains("other"));
+        assert!(message(text().replace("[0.0,0.0,1.0]", "[0.0,0.0,0.0]")).contains("up"));
+        assert!(message(text().replace("\"t\":1,", "\"t\":0,")).contains("line 3: time"));
+        assert!(message(text().replace("\"t\":1,", "\"t\":x,")).contains("line 3"));
+        assert!(message(text().replace("\"rel\":[0.0", "\"rel\":[1e999")).contains("line 2"));
     }
 }

@@ -1,4 +1,4 @@
-//! Walked ground: the recorded segments in a grid, to ask how far a point is from where anyone walked.
+//! Walked ground: the recorded segments in a grid, for the distance of a point from the nearest of them.
 
 use cairn_geometry::Vec3;
 use std::collections::HashMap;
@@ -11,7 +11,7 @@ pub(crate) struct Tracks {
 }
 
 impl Tracks {
-    /// Takes the walked segments; `reach` is the largest distance that will be asked for, in metres.
+    /// Takes the walked segments; `reach` is the largest distance that will be queried, in metres.
     pub fn new(walked: impl Iterator<Item = (Vec3, Vec3)>, reach: f64) -> Self {
         let mut tracks = Self { cell: 1.5 * reach.max(0.1), segments: Vec::new(), cells: HashMap::new() };
         for (a, b) in walked {
@@ -36,7 +36,7 @@ impl Tracks {
         (k(p.x), k(p.y), k(p.z))
     }
 
-    /// True when the point lies within `reach` (at most the one given at the start) of walked ground.
+    /// True when the point lies within `reach` (at most the one passed to [`Self::new`]) of walked ground.
     pub fn near(&self, p: &Vec3, reach: f64) -> bool {
         let (x, y, z) = self.key(p);
         let span = || -1..=1i64;
@@ -54,7 +54,7 @@ impl Tracks {
         })
     }
 
-    /// True when the straight line from `a` to `b`, looked at each 5 cm, lies within `reach` of walked ground.
+    /// True when the straight line from `a` to `b`, sampled every 5 cm, lies within `reach` of walked ground.
     pub fn covers(&self, a: &Vec3, b: &Vec3, reach: f64) -> bool {
         const STEP: f64 = 0.05;
         let steps = ((b - a).norm() / STEP).ceil().max(1.0) as usize;

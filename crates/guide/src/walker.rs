@@ -1,7 +1,7 @@
-//! A simulated blind walker who hears only words.
+//! A simulated blind walker who reacts only to the spoken words.
 //!
-//! It parses the English that is said, clause by clause, and knows nothing of the way, the map or the
-//! cues. It reacts late, turns too far (17 degrees on average: Ahmetovic et al. 2018), veers, and goes on
+//! It parses the English that is said, clause by clause, and knows nothing of the route, the map or the cues.
+//! It reacts late, turns too far (17 degrees on average: Ahmetovic et al. 2018), veers, and keeps going
 //! until told otherwise.
 
 use crate::announcer::speaking_time;
@@ -27,34 +27,34 @@ enum Action {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Doing {
+enum Activity {
     Standing,
-    /// Going at plus (forward) or minus one (back) times the speed.
+    /// Going at plus (forward) or minus one (backwards) times the speed.
     Going(f64),
-    /// Turning on the spot to a heading not wrapped; then going again, with this sign, or standing (0).
+    /// Turning on the spot by the remaining angle (not wrapped); then going again with this sign, or standing (0).
     Turning {
         left: f64,
         then: f64,
     },
-    /// Half a metre in a straight line: metres left, and the direction relative to the heading.
+    /// Stepping half a metre in a straight line: metres left, and the direction relative to the heading.
     Stepping {
         left: f64,
         direction: f64,
     },
 }
 
-/// A direction in the walker's mind.
+/// A direction that was heard and is not carried out yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Heard {
-    /// When it was heard to its end.
+struct PendingAction {
+    /// When the clause had been spoken to its end.
     at: Stamp,
-    /// When the walker will act on it.
+    /// When the walker will act on it, after the reaction time.
     due: Stamp,
     action: Action,
     utterance: u64,
 }
 
-/// The walker.
+/// The simulated walker.
 #[derive(Clone, Debug)]
 pub struct Walker {
     random: Random,
@@ -62,17 +62,17 @@ pub struct Walker {
     y: f64,
     heading: f64,
     now: Option<Stamp>,
-    doing: Doing,
-    /// What was heard and is not done yet.
-    heard: Vec<Heard>,
+    activity: Activity,
+    /// Directions that were heard and are not carried out yet.
+    pending: Vec<PendingAction>,
     /// How many utterances were heard.
     utterances: u64,
-    /// A small change of direction under way, radians.
+    /// Remaining angle of a small course change in progress, radians.
     bearing: f64,
     speed: f64,
     step_scale: f64,
     turn_rate: f64,
-    /// Radians a metre.
+    /// Veer in radians a metre.
     veer: f64,
     speech_rate: f64,
 }
@@ -92,8 +92,8 @@ impl Walker {
             y,
             heading,
             now: None,
-            doing: Doing::Standing,
-            heard: Vec::new(),
+            activity: Activity::Standing,
+            pending: Vec::new(),
             utterances: 0,
             bearing: 0.0,
             speed,
@@ -102,11 +102,11 @@ impl Walker {
             veer: 0.0,
             speech_rate: 1.0,
         };
-        walker.veer_anew();
+        walker.draw_veer();
         walker
     }
 
-    /// Tells the walker how fast the voice speaks.
+    /// Sets the speech rate of the voice, which decides when a clause has been heard to its end.
     pub fn with_speech_rate(mut self, rate: f64) -> Self {
         self.speech_rate = rate;
         self
@@ -117,20 +117,20 @@ impl Walker {
         (self.x, self.y, self.heading)
     }
 
-    /// The world puts the walker elsewhere than he meant to go: a wall holds him up. Metres.
+    /// Moves the walker to a place that is not where its own steps led, such as along a wall it walked into. Metres.
     pub fn held_at(&mut self, x: f64, y: f64) {
         (self.x, self.y) = (x, y);
     }
 
-    /// True when the walker neither goes nor turns.
+    /// True when the walker neither moves nor turns.
     pub fn is_standing(&self) -> bool {
-        self.doing == Doing::Standing && self.bearing == 0.0
+        self.activity == Activity::Standing && self.bearing == 0.0
     }
 
-    /// The voice begins to say this now; whatever it was saying breaks off, and what had not been heard to
-    /// the end of a clause is not acted on.
+    /// The voice starts to say this now; what it was saying breaks off, and clauses that had not been heard to
+    /// their end are not acted on.
     pub fn hear(&mut self, text: &str, stamp: Stamp) {
-        self.heard.retain(|h| h.at <= stamp);
+        self.pending.retain(|h| h.at <= stamp);
         self.utterances += 1;
         let reaction = self.random.uniform(0.3, 1.2);
         let mut said = String::new();
@@ -144,22 +144,22 @@ impl Walker {
                 if future {
                     continue;
                 }
-                if let Some(action) = self.understand(&plain) {
-                    // One acts on the word "stop" itself, on anything else when the clause has ended.
+                if let Some(action) = self.parse_clause(&plain) {
+                    // The word "stop" is acted on as soon as it is spoken, anything else when the clause has ended.
                     let at_once = matches!(action, Action::Stop | Action::StopTurning);
                     let until = if at_once { before + "stop" } else { said.clone() };
                     let at = stamp.plus_seconds(speaking_time(&until, self.speech_rate));
-                    // After "continue" everything in the sentence is for later.
+                    // After "continue" the rest of the sentence is for later.
                     future |= matches!(action, Action::Forward | Action::ForwardSlowly | Action::Back);
                     let (due, utterance) = (at.plus_seconds(reaction), self.utterances);
-                    self.heard.push(Heard { at, due, action, utterance });
+                    self.pending.push(PendingAction { at, due, action, utterance });
                 }
             }
         }
     }
 
     /// What a clause asks for now; `None` for information.
-    fn understand(&mut self, clause: &str) -> Option<Action> {
+    fn parse_clause(&mut self, clause: &str) -> Option<Action> {
         let words: Vec<&str> = clause.split_whitespace().collect();
         let words = if words.first() == Some(&"then") { &words[1..] } else { &words[..] };
         let sign = match (words.contains(&"left"), words.contains(&"right")) {
@@ -177,7 +177,7 @@ impl Walker {
             ["step", "back", ..] => Some(Action::Step(sign)),
             ["slow", "down", ..] => Some(Action::Slow),
             ["bear", ..] | ["rotate", _, "a", "little", ..] => {
-                // A small change over-turns by a share of what a whole turn does.
+                // A small course change is overshot by a share of the overshoot of a full turn.
                 let angle = 15.0 + 0.25 * self.random.normal(17.0, 8.0);
                 Some(Action::Bear(sign * angle.to_radians()))
             }
@@ -197,13 +197,13 @@ impl Walker {
         }
     }
 
-    /// Lets time pass, in seconds; gives the true pose after it.
+    /// Advances the simulation by `dt` seconds; returns the true pose after it.
     pub fn step(&mut self, dt: f64, now: Stamp) -> (f64, f64, f64) {
         self.now = Some(now);
-        let due: Vec<Heard> = self.heard.iter().filter(|h| h.due <= now).copied().collect();
-        // Acting on a newer direction puts an older one out of mind.
+        let due: Vec<PendingAction> = self.pending.iter().filter(|h| h.due <= now).copied().collect();
+        // Acting on a newer direction discards older ones.
         let newest = due.iter().map(|h| h.utterance).max().unwrap_or(0);
-        self.heard.retain(|h| h.due > now && h.utterance >= newest);
+        self.pending.retain(|h| h.due > now && h.utterance >= newest);
         for h in due.iter().filter(|h| h.utterance == newest) {
             self.act(h.action);
         }
@@ -212,21 +212,21 @@ impl Walker {
     }
 
     fn act(&mut self, action: Action) {
-        let going = match self.doing {
-            Doing::Going(sign) => sign,
-            Doing::Turning { then, .. } => then,
+        let going = match self.activity {
+            Activity::Going(sign) => sign,
+            Activity::Turning { then, .. } => then,
             _ => 0.0,
         };
         match action {
             Action::Stop => {
-                self.doing = Doing::Standing;
+                self.activity = Activity::Standing;
                 self.bearing = 0.0;
             }
             Action::StopTurning => {
                 self.bearing = 0.0;
                 self.finish_turn(going);
             }
-            Action::Turn(left) => self.doing = Doing::Turning { left, then: going },
+            Action::Turn(left) => self.activity = Activity::Turning { left, then: going },
             Action::Bear(angle) => self.bearing = angle,
             Action::ForwardSlowly => {
                 self.act(Action::Slow);
@@ -234,62 +234,63 @@ impl Walker {
             }
             Action::Forward | Action::Back => {
                 let sign = if action == Action::Back { -1.0 } else { 1.0 };
-                match &mut self.doing {
-                    Doing::Turning { then, .. } => *then = sign,
+                match &mut self.activity {
+                    Activity::Turning { then, .. } => *then = sign,
                     _ => {
-                        if self.doing == Doing::Standing {
-                            self.veer_anew();
+                        if self.activity == Activity::Standing {
+                            self.draw_veer();
                         }
-                        self.doing = Doing::Going(sign);
+                        self.activity = Activity::Going(sign);
                     }
                 }
             }
             Action::Step(side) => {
                 // Back and to a side: halfway between the two.
                 let direction = if side > 0.0 { 0.75 } else { -0.75 } * std::f64::consts::PI;
-                self.doing = Doing::Stepping { left: 0.5 * self.step_scale, direction };
+                self.activity = Activity::Stepping { left: 0.5 * self.step_scale, direction };
             }
             Action::Slow => self.speed = self.speed.min((0.75 * self.speed).max(0.4)),
         }
     }
 
     fn finish_turn(&mut self, then: f64) {
-        self.doing = if then == 0.0 { Doing::Standing } else { Doing::Going(then) };
-        self.veer_anew();
+        self.activity = if then == 0.0 { Activity::Standing } else { Activity::Going(then) };
+        self.draw_veer();
     }
 
-    fn veer_anew(&mut self) {
+    fn draw_veer(&mut self) {
         // Up to 5 degrees in 10 metres.
         self.veer = self.random.uniform(-5.0, 5.0_f64).to_radians() / 10.0;
     }
 
     fn go(&mut self, dt: f64) {
-        let most = self.turn_rate * dt;
-        let distort = self.bearing.clamp(-most, most);
-        self.bearing -= distort;
-        self.heading += distort;
-        match self.doing {
-            Doing::Standing => {}
-            Doing::Going(sign) => {
-                // Backwards people go half as fast.
+        let limit = self.turn_rate * dt;
+        let change = self.bearing.clamp(-limit, limit);
+        self.bearing -= change;
+        self.heading += change;
+        match self.activity {
+            Activity::Standing => {}
+            Activity::Going(sign) => {
+                // People walk backwards at half the speed.
                 let pace = if sign < 0.0 { 0.5 } else { 1.0 };
                 let metres = self.speed * self.step_scale * pace * dt;
                 self.heading += self.veer * metres;
                 self.advance(metres, if sign < 0.0 { std::f64::consts::PI } else { 0.0 });
             }
-            Doing::Turning { left, then } => {
-                let turn = left.clamp(-most, most);
+            Activity::Turning { left, then } => {
+                let turn = left.clamp(-limit, limit);
                 self.heading += turn;
-                self.doing = Doing::Turning { left: left - turn, then };
+                self.activity = Activity::Turning { left: left - turn, then };
                 if (left - turn).abs() < 1e-9 {
                     self.finish_turn(then);
                 }
             }
-            Doing::Stepping { left, direction } => {
+            Activity::Stepping { left, direction } => {
                 let metres = left.min(0.5 * dt);
                 self.advance(metres, direction);
                 let left = left - metres;
-                self.doing = if left > 1e-9 { Doing::Stepping { left, direction } } else { Doing::Standing };
+                self.activity =
+                    if left > 1e-9 { Activity::Stepping { left, direction } } else { Activity::Standing };
             }
         }
         self.heading = crate::ground::wrap(self.heading);
@@ -301,7 +302,7 @@ impl Walker {
     }
 }
 
-/// True for clauses that tell of later: "in 6 metres", "soon", "then turn left" after "continue".
+/// True for clauses about what comes later: "in 6 metres", "soon", "then turn left" after "continue".
 fn is_future(clause: &str) -> bool {
     let mut words = clause.split_whitespace();
     match words.next() {
@@ -311,7 +312,7 @@ fn is_future(clause: &str) -> bool {
     }
 }
 
-/// How far one thinks one should turn, in degrees.
+/// The angle that a walker takes the words to mean, in degrees.
 fn asked_degrees(words: &[&str]) -> Option<f64> {
     if let Some(k) = words.iter().position(|w| *w == "degrees") {
         return words.get(k.checked_sub(1)?)?.parse().ok();
@@ -325,12 +326,12 @@ fn asked_degrees(words: &[&str]) -> Option<f64> {
     })
 }
 
-/// The side that the first direction in a text sends to: what the walker would make of it.
+/// The side of the first direction in a text, as the walker understands it.
 pub fn side_of(text: &str) -> Option<Side> {
     let mut parser = Walker::new(0, (0.0, 0.0, 0.0));
     parser.hear(text, Stamp(0));
     let around = text.to_lowercase().contains(" around");
-    parser.heard.iter().find_map(|h| match &h.action {
+    parser.pending.iter().find_map(|h| match &h.action {
         Action::Turn(_) if around => None,
         Action::Turn(a) | Action::Bear(a) | Action::Step(a) => Some(Side::of(*a)),
         _ => None,
@@ -341,7 +342,7 @@ pub fn side_of(text: &str) -> Option<Side> {
 mod tests {
     use super::*;
 
-    /// Lets a walker with nothing in mind hear a text and live for some seconds: distance and turn.
+    /// Lets a walker without pending directions hear texts and walk for some seconds: distance and turn.
     fn after(texts: &[(&str, f64)], seconds: f64) -> (Walker, f64, f64) {
         let mut walker = Walker::new(11, (0.0, 0.0, 0.0));
         let (mut turned, mut last) = (0.0, 0.0);
@@ -359,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn goes_on_until_told_and_stops_late() {
+    fn walks_until_told_and_stops_late() {
         let (walker, metres, _) = after(&[("Continue 3 metres to the end.", 0.0)], 30.0);
         assert!(metres > 10.0 && !walker.is_standing());
         let (walker, metres, _) =
@@ -368,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_too_far_unless_told_to_stop() {
+    fn overshoots_turns_unless_told_to_stop() {
         let (_, metres, turned) = after(&[("Turn left.", 0.0)], 15.0);
         assert!((100.0..125.0).contains(&turned) && metres == 0.0, "{turned}");
         let (_, _, turned) = after(&[("Turn right.", 0.0), ("Stop turning.", 1.7)], 15.0);
@@ -376,13 +377,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_for_later_is_not_done_now() {
+    fn later_directions_are_not_acted_on_now() {
         for text in [
             "In 6 metres, turn left.",
             "Soon, turn left.",
             "10 metres more, then turn left.",
             "Off the path. It is 2 metres to your left.",
-            "The way is 10 metres.",
+            "The route is 10 metres.",
         ] {
             let (walker, metres, turned) = after(&[(text, 0.0)], 15.0);
             assert!(walker.is_standing() && metres == 0.0 && turned == 0.0, "{text}");
@@ -393,14 +394,14 @@ mod tests {
     }
 
     #[test]
-    fn an_interrupted_sentence_is_not_followed() {
-        let long = "Tracking is back. Continue 10 metres.";
-        let (_, metres, _) = after(&[(long, 0.0), ("Stop. Tracking is lost.", 0.5)], 15.0);
+    fn interrupted_sentences_are_not_followed() {
+        let long = "I found my place. Continue 10 metres.";
+        let (_, metres, _) = after(&[(long, 0.0), ("Stop. I lost my place.", 0.5)], 15.0);
         assert_eq!(metres, 0.0);
     }
 
     #[test]
-    fn backwards_is_slow_and_goes_the_other_way() {
+    fn moves_backwards_slowly() {
         let (walker, ..) = after(&[("Check behind you. Move back 10 metres.", 0.0)], 10.0);
         assert!(walker.pose().0 < -0.5, "{:?}", walker.pose());
         let (walker, metres, _) = after(&[("Stop. Step back and to your left.", 0.0)], 10.0);
@@ -409,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_are_read_from_the_words() {
+    fn side_of_reads_the_first_direction() {
         assert_eq!(side_of("Off the path. Bear left, it is 2 metres away."), Some(Side::Left));
         assert_eq!(side_of("Stop. Step back and to your right."), Some(Side::Right));
         assert_eq!(side_of("Continue 5 metres, then turn left."), None);

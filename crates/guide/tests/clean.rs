@@ -1,4 +1,4 @@
-//! Cleaning: detours go, unwalked ground is never crossed, what is left lies where somebody walked.
+//! Cleaning: detours are removed, unwalked ground is never crossed, and the result lies where somebody walked.
 
 use cairn_geometry::Vec3;
 use cairn_guide::trial::{Noise, random_route, walk_out};
@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 type Line = Vec<(Vec3, bool)>;
 
-/// A line through corners with a point each 5 cm, swaying a little as people do.
+/// A line through corners with a point every 5 cm, swaying a little as people do.
 fn walk(corners: &[[f64; 3]], sway: f64, seed: u64) -> Line {
     let mut random = Random::new(seed);
     let mut line: Line = Vec::new();
@@ -40,7 +40,7 @@ fn again(route: &CleanedRoute, record: &Line) -> CleanedRoute {
 }
 
 #[test]
-fn a_loop_a_spur_an_oscillation_and_a_hub_are_removed() {
+fn removes_loop_spur_oscillation_and_hub() {
     let cases: [(&str, &[[f64; 3]], f64); 4] = [
         (
             "loop",
@@ -84,7 +84,7 @@ fn a_loop_a_spur_an_oscillation_and_a_hub_are_removed() {
 }
 
 #[test]
-fn near_but_unwalked_ground_is_not_crossed() {
+fn unwalked_ground_is_not_crossed() {
     // Round a wall: the two sides are 0.9 m apart, inside the corridor's metre, but nobody went through.
     let line = walk(&[[0., 0., 0.], [12., 0., 0.], [12., 0.9, 0.], [0., 0.9, 0.]], 0.0, 1);
     let route = cleaned(&line);
@@ -96,7 +96,7 @@ fn near_but_unwalked_ground_is_not_crossed() {
 }
 
 #[test]
-fn floors_above_each_other_are_not_joined() {
+fn floors_are_not_joined() {
     // Up a flight of stairs and over the place where the walk began.
     let line =
         walk(&[[0., 0., 0.], [8., 0., 0.], [8., 4., 3.], [0., 4., 3.], [0., 0., 3.], [6., 0., 3.]], 0.0, 1);
@@ -112,13 +112,13 @@ fn gaps_stay_gaps() {
     rest[0].1 = true;
     line.extend(rest);
     let route = cleaned(&line);
-    // The last leg crosses the gap at (7, 0): nobody is known to have walked there, so no joint.
+    // The last leg crosses the gap at (7, 0): no one is known to have walked there, so no joint.
     assert!(route.cuts.is_empty(), "{:?}", route.cuts);
     assert_eq!(route.gap_before.iter().filter(|g| **g).count(), 1);
 }
 
 #[test]
-fn degenerate_lines_come_back() {
+fn degenerate_lines_are_handled() {
     for n in 0..3 {
         let line: Line = (0..n).map(|k| (Vec3::new(k as f64 * 0.01, 0.0, 0.0), false)).collect();
         assert!(cleaned(&line).points.len() <= n);
@@ -128,7 +128,7 @@ fn degenerate_lines_come_back() {
 }
 
 #[test]
-fn simplification_keeps_segments_long_where_it_may() {
+fn few_segments_are_shorter_than_a_metre() {
     let mut short = 0;
     let mut all = 0;
     for seed in 0..20 {
@@ -142,8 +142,8 @@ fn simplification_keeps_segments_long_where_it_may() {
     assert!(short * 10 <= all, "{short} of {all} segments are shorter than a metre");
 }
 
-/// A way in steps, x then y, with a detour on each leg along x, and the length of the way without them. The detours take
-/// `share` of the whole; they go to the side where nothing else is, so that none of them makes a short cut.
+/// A staircase-shaped route, x then y, with a detour on each leg along x, and the length of the route without detours.
+/// Detours take `share` of the total length; they lie on the free side, so that none of them creates a short cut.
 fn with_detours() -> impl Strategy<Value = (Line, f64, f64)> {
     let legs = proptest::collection::vec((6.0..9.0f64, 3.0..6.0f64, 0..4usize), 2..5);
     (legs, 0.56..0.89f64, 0.0..0.12f64, 0.0..6.2f64, any::<u64>()).prop_map(
@@ -191,7 +191,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
 
     #[test]
-    fn what_detours_add_goes_and_nothing_else((line, direct, share) in with_detours()) {
+    fn removes_exactly_the_detours((line, direct, share) in with_detours()) {
         let route = cleaned(&line);
         prop_assert!(!route.cuts.is_empty());
         prop_assert!((route.after_m - direct).abs() <= 0.05 * direct + 0.5, "{} of {direct} m", route.after_m);
@@ -204,7 +204,7 @@ proptest! {
     }
 }
 
-/// Corners of a random walk that loves to come back: to spots where it was, along ways it came.
+/// Corners of a random walk that often returns: to places it visited, along legs it came by.
 fn wandering() -> impl Strategy<Value = Line> {
     (proptest::collection::vec((-8.0..8.0f64, -8.0..8.0f64, 0..4usize), 2..9), 0.0..0.15f64, any::<u64>())
         .prop_map(|(steps, sway, seed)| {
@@ -229,14 +229,14 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
 
     #[test]
-    fn never_farther_than_the_tolerance_from_where_the_walker_went(line in wandering()) {
+    fn result_stays_within_tolerance_of_the_recording(line in wandering()) {
         let route = cleaned(&line);
         // Half of one 5 cm sampling step is allowed for, in the cleaning's own check and in this one.
         prop_assert!(largest_distance(&route.points, &points(&line)) <= 0.30 + 0.01);
     }
 
     #[test]
-    fn keeps_its_ends_and_never_grows(line in wandering()) {
+    fn keeps_end_points_and_never_lengthens(line in wandering()) {
         let route = cleaned(&line);
         prop_assert_eq!(route.points[0], line[0].0);
         prop_assert_eq!(route.points[route.points.len() - 1], line[line.len() - 1].0);
@@ -246,7 +246,7 @@ proptest! {
     }
 
     #[test]
-    fn cuts_only_where_somebody_walked(line in wandering()) {
+    fn cuts_cross_only_walked_ground(line in wandering()) {
         for cut in cleaned(&line).cuts {
             prop_assert!((cut.to - cut.from).norm() <= 1.0);
             prop_assert!(largest_distance(&[cut.from, cut.to], &points(&line)) <= 0.30 + 0.01);
@@ -254,7 +254,7 @@ proptest! {
     }
 
     #[test]
-    fn cleaning_again_changes_nothing(line in wandering()) {
+    fn cleaning_is_idempotent(line in wandering()) {
         let once = cleaned(&line);
         let twice = again(&once, &line);
         prop_assert_eq!(twice.points, once.points);
@@ -262,7 +262,7 @@ proptest! {
     }
 
     #[test]
-    fn a_loop_put_into_a_way_is_taken_out_again(at in 3.0..9.0f64, wide in 2.0..6.0f64, long in 2.0..6.0f64, left in any::<bool>()) {
+    fn inserted_loop_is_removed(at in 3.0..9.0f64, wide in 2.0..6.0f64, long in 2.0..6.0f64, left in any::<bool>()) {
         let s = if left { 1.0 } else { -1.0 };
         let plain = walk(&[[0., 0., 0.], [12., 0., 0.]], 0.0, 1);
         let looped = walk(

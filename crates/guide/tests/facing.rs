@@ -1,6 +1,6 @@
 //! The three ways back: sides, checked from first principles on poses written out by hand.
 //!
-//! The world here has x east, y north, z up. The camera's axes are given as east, north, up vectors, so no
+//! The world frame here has x east, y north, z up. The camera's axes are given as east, north, up vectors, so no
 //! code of the crate takes part in making a pose.
 
 use cairn_geometry::{Mat3, Pose, Se3, So3, Vec3};
@@ -15,7 +15,7 @@ const WEST: [f64; 3] = [-1.0, 0.0, 0.0];
 const NORTH: [f64; 3] = [0.0, 1.0, 0.0];
 const SOUTH: [f64; 3] = [0.0, -1.0, 0.0];
 
-/// A level camera at a place, from where its x axis (right) and its z axis (forward) point; y is down.
+/// A level camera at a place, from the directions of its x axis (right) and z axis (forward); y is down.
 fn pose(at: [f64; 3], right: [f64; 3], forward: [f64; 3]) -> Se3 {
     let m = Mat3::from_columns(&[Vec3::from(right), -Vec3::z(), Vec3::from(forward)]);
     assert!((m.determinant() - 1.0).abs() < 1e-12, "not a right-handed camera");
@@ -46,38 +46,38 @@ fn first_words(guide: &mut Guide, pose: Se3) -> (CueKind, String) {
 }
 
 #[test]
-fn home_a_way_to_the_north_is_left_of_a_walker_facing_east() {
+fn home_sides_and_first_words() {
     let north = [[0., 0., 1.], [0., 20., 1.]];
-    // Facing east: right hand south.
+    // Facing east: the right hand points south.
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], SOUTH, EAST));
-    assert_eq!(words, "The way is 20 metres. Turn left.");
+    assert_eq!(words, "The route is 20 metres. Turn left.");
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], NORTH, WEST));
-    assert_eq!(words, "The way is 20 metres. Turn right.");
+    assert_eq!(words, "The route is 20 metres. Turn right.");
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], WEST, SOUTH));
-    assert_eq!(words, "The way is 20 metres. Turn around.");
+    assert_eq!(words, "The route is 20 metres. Turn around.");
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], EAST, NORTH));
-    assert_eq!(words, "The way is 20 metres. Continue 20 metres to the end.");
+    assert_eq!(words, "The route is 20 metres. Continue 20 metres to the end.");
 }
 
 #[test]
-fn camera_back_left_is_the_walkers_own() {
+fn camera_back_uses_the_walkers_own_left() {
     let north = [[0., 0., 1.], [0., 20., 1.]];
     // The camera looks west, so the walker faces east; north is to the left.
     let (_, words) = first_words(&mut guide(&north, Facing::Back), pose([0., 0., 1.], NORTH, WEST));
-    assert_eq!(words, "The way is 20 metres. The camera faces behind you. Turn left.");
-    // The camera looks south: the walker faces north and goes.
+    assert_eq!(words, "The route is 20 metres. The camera faces behind you. Turn left.");
+    // The camera looks south: the walker faces north and moves on.
     let (_, words) = first_words(&mut guide(&north, Facing::Back), pose([0., 0., 1.], WEST, SOUTH));
-    assert_eq!(words, "The way is 20 metres. The camera faces behind you. Continue 20 metres to the end.");
+    assert_eq!(words, "The route is 20 metres. The camera faces behind you. Continue 20 metres to the end.");
 }
 
 #[test]
-fn backwards_the_walker_faces_away_from_where_he_goes() {
+fn backwards_warning_and_rotation_side() {
     let north = [[0., 0., 1.], [0., 20., 1.]];
-    // Facing south, going north: right at once, with the warning.
+    // Facing south, moving north: correct from the start, with the warning.
     let (_, words) = first_words(&mut guide(&north, Facing::Backwards), pose([0., 0., 1.], WEST, SOUTH));
     assert_eq!(
         words,
-        "The way is 20 metres. Caution, you will move backwards. Go slowly and only on flat ground. \
+        "The route is 20 metres. Caution, you will move backwards. Go slowly and only on flat ground. \
          Check behind you. Move back 20 metres to the end."
     );
     // Facing east, the back points west; it must point north. Turning right from east leads to south, and
@@ -89,23 +89,23 @@ fn backwards_the_walker_faces_away_from_where_he_goes() {
 }
 
 #[test]
-fn backwards_rotation_and_translation_are_told_apart() {
-    // Facing south, going north along x = 0. Off to the east by 0.7 m: the line is to the west, which is to
-    // the right hand of one who faces south.
+fn backwards_rotation_differs_from_translation() {
+    // Facing south, moving north along x = 0. Off to the east by 0.7 m: the line is to the west, which is to
+    // the right hand of a walker who faces south.
     for (x, side) in [(0.7, "right"), (-0.7, "left")] {
         let mut guide = guide(&[[0., 0., 1.], [0., 20., 1.]], Facing::Backwards);
         let mut words = Vec::new();
         for k in 0..200 {
             let t = 0.05 * k as f64;
-            // On the line for 3 s, then beside it, still going north and facing south.
+            // On the line for 3 s, then beside it, still moving north and facing south.
             let at = [if t < 3.0 { 0.0 } else { x }, 0.3 * t, 1.0];
             let cue = guide.step(&input(t, pose(at, WEST, SOUTH)));
             words.extend(cue.and_then(|c| PhraseConfig::default().words(&c)));
         }
         assert_eq!(words[1], format!("Stop. Step back and to your {side}."), "{words:?}");
     }
-    // On the line, but facing 17 degrees off: facing south and a little east (turned left), so the back points
-    // north and a little west; turning right a little rights it.
+    // On the line, but facing 17 degrees off: south and a little east (turned left), so the back points
+    // north and a little west; turning right a little corrects it.
     for (sign, side) in [(1.0, "right"), (-1.0, "left")] {
         let mut guide = guide(&[[0., 0., 1.], [0., 20., 1.]], Facing::Backwards);
         let mut words = Vec::new();
@@ -121,7 +121,7 @@ fn backwards_rotation_and_translation_are_told_apart() {
 }
 
 #[test]
-fn backwards_is_refused_where_there_are_stairs() {
+fn backwards_on_stairs_is_an_error() {
     let line: Vec<Vec3> =
         [[0., 0., 0.], [5., 0., 0.], [9., 0., 2.5]].iter().map(|c| Vec3::from(*c)).collect();
     let plan = ManeuverPlan::new(&line, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
@@ -131,13 +131,13 @@ fn backwards_is_refused_where_there_are_stairs() {
 }
 
 #[test]
-fn a_pitched_camera_gives_the_same_words() {
+fn camera_pitch_does_not_change_the_words() {
     let north = [[0., 0., 1.], [0., 20., 1.]];
     for pitch in [-0.7, 0.4, 1.3] {
         let level = pose([0., 0., 1.], SOUTH, EAST);
         let tilt = So3::exp(&Vec3::new(-pitch, 0.0, 0.0));
         let tilted = Se3::new(level.rotation * tilt, level.translation);
         let (_, words) = first_words(&mut guide(&north, Facing::Home), tilted);
-        assert_eq!(words, "The way is 20 metres. Turn left.");
+        assert_eq!(words, "The route is 20 metres. Turn left.");
     }
 }

@@ -1,5 +1,5 @@
-//! A small version of the example `walks`, with floors, and transcripts that people can read.
-//! `CAIRN_UPDATE=1 cargo test -p cairn-guide --test walks` writes the transcripts anew.
+//! A small version of the example `walks`, with required figures, and transcripts that people can read.
+//! `CAIRN_UPDATE=1 cargo test -p cairn-guide --test walks` rewrites the transcripts.
 
 use cairn_guide::trial::{Noise, Outcome, Tally, TrialConfig, random_route, run};
 use cairn_guide::{Facing, Travel};
@@ -31,7 +31,7 @@ fn tally(facing: Facing, noise: Noise) -> Tally {
 }
 
 #[test]
-fn walkers_come_home() {
+fn walkers_arrive_home() {
     for facing in [Facing::Home, Facing::Back, Facing::Backwards] {
         for noise in [Noise::None, Noise::Usual] {
             let t = tally(facing, noise);
@@ -49,7 +49,7 @@ fn walkers_come_home() {
 }
 
 #[test]
-fn a_trial_is_the_same_each_time() {
+fn trials_are_deterministic() {
     assert_eq!(trial(7, Facing::Home, Noise::Usual), trial(7, Facing::Home, Noise::Usual));
 }
 

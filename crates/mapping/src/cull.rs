@@ -1,54 +1,54 @@
-//! What does not earn its place goes: young points that are not found again, key frames that add nothing.
+//! Culling: recent landmarks that are not found again, and redundant key frames.
 
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 
-/// Key frames of the last so many seconds hold the links between them short.
-const LINKED_S: f64 = 20.0;
-/// Seconds of a link at most, before gravity and scale are known, and after.
-const LONGEST_LINK_UNLEVEL_S: f64 = 0.5;
-const LONGEST_LINK_S: f64 = 1.0;
+/// Age in seconds up to which culling keeps the IMU factors between key frames short.
+const SHORT_FACTORS_S: f64 = 20.0;
+/// Longest IMU factor in seconds, before gravity and scale are known, and after.
+const MAX_FACTOR_UNALIGNED_S: f64 = 0.5;
+const MAX_FACTOR_S: f64 = 1.0;
 
-/// A young landmark on probation.
+/// A tentative landmark: how often it was expected and found since it was created.
 #[derive(Clone, Copy, Debug)]
 struct RecentLandmark {
-    born: KeyFrameId,
+    created: KeyFrameId,
     expected: u32,
     found: u32,
 }
 
-/// Landmarks on probation: the first key frames after their birth decide.
+/// The tentative landmarks: the first key frames after their creation decide whether they stay.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RecentLandmarks {
-    young: BTreeMap<LandmarkId, RecentLandmark>,
+    tentative: BTreeMap<LandmarkId, RecentLandmark>,
 }
 
 impl RecentLandmarks {
-    pub fn admit(&mut self, landmarks: &[LandmarkId], born: KeyFrameId) {
+    pub fn admit(&mut self, landmarks: &[LandmarkId], created: KeyFrameId) {
         for id in landmarks {
-            self.young.insert(*id, RecentLandmark { born, expected: 1, found: 1 });
+            self.tentative.insert(*id, RecentLandmark { created, expected: 1, found: 1 });
         }
     }
 
-    /// What tracking expected in a frame, and whether it was found.
+    /// Takes the landmarks that tracking expected in a frame, and whether each was found.
     pub fn note(&mut self, seen: &[(LandmarkId, bool)]) {
         for (id, found) in seen {
-            if let Some(y) = self.young.get_mut(id) {
+            if let Some(y) = self.tentative.get_mut(id) {
                 y.expected += 1;
                 y.found += *found as u32;
             }
         }
     }
 
-    /// Judges all on probation at the arrival of key frame `now`; those that fail are to be removed
-    /// (Mur-Artal et al. 2015, section VI-B: found in at least a quarter of the frames that should see it, and seen
-    /// from enough key frames).
-    pub fn judge(&mut self, snapshot: &Snapshot, now: KeyFrameId, depth: bool) -> Vec<Change> {
+    /// Culls recent landmarks when key frame `now` arrives (Mur-Artal et al. 2015, section VI-B): one is
+    /// removed unless it was found in at least a quarter of the frames that should see it and is observed by
+    /// enough key frames.
+    pub fn cull(&mut self, snapshot: &Snapshot, now: KeyFrameId, depth: bool) -> Vec<Change> {
         let mut removed = Vec::new();
-        self.young.retain(|id, y| {
+        self.tentative.retain(|id, y| {
             let Some(l) = snapshot.landmark(*id) else { return false };
-            let age = now.index() - y.born.index().min(now.index());
+            let age = now.index() - y.created.index().min(now.index());
             let views = l.observations.len();
             let needed = if depth { 2 } else { 3 };
             if (y.found as f64) < 0.25 * y.expected as f64 || (age >= 2 && views < needed) {
@@ -61,8 +61,9 @@ impl RecentLandmarks {
     }
 }
 
-/// Key frames around `centre` of whose landmarks at least `share` are seen by three others at the same or a finer
-/// level. At most one a call, the most redundant, so that none hides behind another.
+/// The most redundant key frame around `centre`: at least `share` of its landmarks are observed by three
+/// others at the same or a finer level. At most one per call, so that the redundancy of the others is
+/// evaluated without it.
 pub(crate) fn redundant(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -73,29 +74,30 @@ pub(crate) fn redundant(
     let candidates = here.covisible.iter().map(|(id, _)| *id).filter(|id| *id != centre);
     candidates
         .filter_map(|id| snapshot.key_frame(id))
-        .filter(|k| k.parent.is_some() && !links(snapshot, k, here))
+        .filter(|k| k.parent.is_some() && !keeps_factors_short(snapshot, k, here))
         .map(|k| (redundancy(snapshot, camera, k), k.id))
         .filter(|(r, _)| *r > share)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, id)| Change::RemoveKeyFrame(id))
 }
 
-/// Whether a key frame of late is needed to feel from one to the next: without it the link over it were too long.
-fn links(snapshot: &Snapshot, k: &KeyFrame, newest: &KeyFrame) -> bool {
+/// Whether a recent key frame is needed to keep IMU factors short: without it the factor across the gap would
+/// be too long.
+fn keeps_factors_short(snapshot: &Snapshot, k: &KeyFrame, newest: &KeyFrame) -> bool {
     let imu = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.imu_factor.clone());
-    if newest.frame.stamp - k.frame.stamp > LINKED_S {
+    if newest.frame.stamp - k.frame.stamp > SHORT_FACTORS_S {
         return false;
     }
     let Some(before) = imu(k) else { return false };
     let later = snapshot.key_frames().skip_while(|next| next.id <= k.id).filter_map(imu);
     let after = later.into_iter().find(|f| f.since == k.id);
-    let longest = if snapshot.is_gravity_aligned(k.map) { LONGEST_LINK_S } else { LONGEST_LINK_UNLEVEL_S };
+    let longest = if snapshot.is_gravity_aligned(k.map) { MAX_FACTOR_S } else { MAX_FACTOR_UNALIGNED_S };
     after.is_some_and(|after| before.sum.seconds() + after.sum.seconds() > longest)
 }
 
-/// Share of a key frame's landmarks that three others see as well.
+/// Share of a key frame's landmarks that three others observe as well.
 fn redundancy(snapshot: &Snapshot, camera: &RectifiedCamera, k: &KeyFrame) -> f64 {
-    let (mut all, mut spare) = (0usize, 0usize);
+    let (mut all, mut redundant) = (0usize, 0usize);
     for (i, id) in k.landmarks.iter().enumerate() {
         let Some(l) = id.and_then(|id| snapshot.landmark(id)) else { continue };
         if camera.has_depth() && !(k.frame.has_depth(i) && (k.frame.depth[i] as f64) < camera.close_depth) {
@@ -109,7 +111,7 @@ fn redundancy(snapshot: &Snapshot, camera: &RectifiedCamera, k: &KeyFrame) -> f6
                     .key_frame(o.key_frame)
                     .is_some_and(|other| other.frame.octave[o.feature as usize] <= level + 1)
         });
-        spare += (others.take(3).count() == 3) as usize;
+        redundant += (others.take(3).count() == 3) as usize;
     }
-    if all == 0 { 0.0 } else { spare as f64 / all as f64 }
+    if all == 0 { 0.0 } else { redundant as f64 / all as f64 }
 }

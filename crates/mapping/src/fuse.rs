@@ -1,4 +1,4 @@
-//! Landmarks that are the same point become one: those of a key frame are projected into its neighbours, and back.
+//! Fusion of duplicate landmarks: those of a key frame are projected into its neighbours, and theirs into it.
 
 use cairn_adjust::{pixel, weight};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
@@ -6,9 +6,9 @@ use cairn_solve::{CHI2_2, CHI2_3};
 use cairn_vision::{RectifiedCamera, Target, search};
 use std::collections::BTreeSet;
 
-/// Bits that may differ.
+/// Largest Hamming distance of a match, bits.
 const TIGHT: u32 = 50;
-/// Half the search window in pixels of the predicted level.
+/// Half the search window in pixels at the predicted pyramid level.
 const RADIUS: f64 = 3.0;
 
 /// Key frames around `centre`: its best neighbours and the best of theirs.
@@ -28,7 +28,7 @@ pub(crate) fn around(snapshot: &Snapshot, centre: KeyFrameId, neighbours: usize)
     near
 }
 
-/// What to fuse and what to observe when `landmarks` are looked for in a key frame.
+/// The fusions and observations that result when `landmarks` are searched in a key frame.
 pub(crate) fn fuse_into(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,

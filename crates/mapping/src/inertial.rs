@@ -1,12 +1,13 @@
-//! What the inertial sensor adds to mapping: links between key frames, gravity and scale of a world once they are known,
-//! and windows in which what was felt counts too.
+//! The inertial part of mapping: IMU factors between key frames, initialisation of gravity, scale and biases,
+//! and visual-inertial windows.
 //!
-//! A world is mapped by eye alone until gravity, scale and biases are found ([`cairn_inertial::initialise`], tried beside
-//! the map); it is then levelled, adjusted as a whole with its links, and again as it grows. Nothing is thrown
-//! away meanwhile, and if they are never found, mapping by eye goes on.
+//! A map is built from vision alone until gravity, scale and biases are found
+//! ([`cairn_inertial::initialise`], run alongside mapping); it is then gravity-aligned, adjusted as a whole with
+//! its IMU factors, and again as it grows. Nothing is thrown away meanwhile, and if the initialisation never
+//! succeeds, visual mapping goes on.
 
 use crate::clocks::Clocks;
-use crate::grow::median_depth;
+use crate::triangulation::median_depth;
 use cairn_adjust::{ImuModel, InertialWindow, WindowConfig, WindowResult};
 use cairn_atlas::{
     Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot,
@@ -20,18 +21,18 @@ use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// How what is felt is used.
+/// Configuration of the use of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InertialConfig {
-    /// Whether the inertial sensor is used, where there is one.
+    /// Whether the IMU is used, where there is one.
     pub enabled: bool,
-    /// What to multiply the sensor's white noise with until more is known: real sensors on real hands are worse than their
+    /// Factor on the IMU's white noise until more is known: real sensors in real hands are worse than their
     /// data sheets.
     pub noise_times: f64,
-    /// Key frames, one felt after the other, that a local adjustment moves.
+    /// Key frames, linked by IMU factors, that a local bundle adjustment moves.
     pub chain: usize,
-    /// Key frames up to which a world is adjusted as a whole with its links.
+    /// Largest map, in key frames, that is adjusted as a whole with its IMU factors.
     pub whole_key_frames: usize,
 }
 
@@ -41,28 +42,29 @@ impl Default for InertialConfig {
     }
 }
 
-/// Standard deviation of a key frame's direction in a map that was adjusted, pixels; its place is as uncertain as this at
-/// the median depth.
+/// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position is
+/// as uncertain as this angle at the median depth.
 const SEEN_PIXELS: f64 = 0.5;
-/// Relative standard deviation of the scale of eyes with depth.
+/// Relative standard deviation of the scale of cameras with depth.
 const DEPTH_SCALE_SIGMA: f64 = 0.003;
-/// Key frames of the last so many seconds are tried.
-const TRIED_S: f64 = 20.0;
-/// Seconds after the first key frame felt at which a level world is adjusted as a whole again.
-const REFINED_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
+/// Seconds of key frames, up to the newest, used by the initialisation.
+const INITIALISATION_S: f64 = 20.0;
+/// Seconds after the first key frame of the chain at which a gravity-aligned map is adjusted as a whole
+/// again.
+const REFINE_AT_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
 
-/// Slower than this the eye stands still, m/s.
-const STANDS_M_S: f64 = 0.05;
+/// Below this speed the camera counts as stationary, m/s.
+const STATIONARY_M_S: f64 = 0.05;
 
-/// Mapping's share of the inertial sensor.
+/// The IMU state of mapping.
 #[derive(Debug)]
 pub(crate) struct Inertial {
-    /// As its data sheet has it.
-    sheet: ImuNoise,
+    /// Noise of the data sheet.
+    data_sheet: ImuNoise,
     imu: ImuModel,
     pub config: InertialConfig,
     clocks: Clocks,
-    /// For each level world how often it was adjusted as a whole.
+    /// For each gravity-aligned map, how often it was adjusted as a whole.
     refined: BTreeMap<MapId, usize>,
 }
 
@@ -71,10 +73,11 @@ impl Inertial {
         let noise = sensor.noise.times([config.noise_times; 2]);
         let imu = ImuModel { imu_from_camera, noise };
         let clocks = Clocks::new(sensor);
-        Self { sheet: sensor.noise, imu, config, clocks, refined: BTreeMap::new() }
+        Self { data_sheet: sensor.noise, imu, config, clocks, refined: BTreeMap::new() }
     }
 
-    /// The motion of a new key frame, linked to the one before in its world where the readings begin there.
+    /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
+    /// start there.
     pub fn motion(
         &mut self,
         snapshot: &Snapshot,
@@ -89,7 +92,7 @@ impl Inertial {
             .filter_map(|i| snapshot.key_frame(KeyFrameId::from_index(i)?))
             .find(|k| k.map == map)
             .filter(|k| imu.offset_s != snapshot.imu_offset() || Some(k.frame.stamp) == begins);
-        // In the sensor's own clock: what was offered may have been cut for another offset.
+        // In the IMU's own clock: the request may have been cut for another offset.
         let imu_factor = before.and_then(|k| {
             let sum = self.clocks.preintegrated(imu.bias, k.frame.stamp, stamp, snapshot.imu_offset())?;
             Some(ImuFactor { since: k.id, sum: Arc::new(sum) })
@@ -97,17 +100,17 @@ impl Inertial {
         InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor }
     }
 
-    /// The same, linked to a key frame that is known.
+    /// The motion of a key frame with an IMU factor to a given earlier one.
     pub fn motion_since(&mut self, before: Option<KeyFrameId>, imu: &ImuSegment) -> InertialState {
         self.clocks.take(imu);
         let imu_factor = before.filter(|_| imu.samples.len() > 1).map(|since| ImuFactor {
             since,
-            sum: Arc::new(Preintegrated::of(self.sheet, imu.bias, imu.samples.clone())),
+            sum: Arc::new(Preintegrated::of(self.data_sheet, imu.bias, imu.samples.clone())),
         });
         InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor }
     }
 
-    /// The local window of a level world.
+    /// The local window of a gravity-aligned map.
     pub fn window(
         &self,
         snapshot: &Snapshot,
@@ -124,7 +127,8 @@ impl Inertial {
         (window.links() > 0).then_some(window)
     }
 
-    /// Adjusts a level world as a whole with its links; nothing where there are none or it is too large.
+    /// Adjusts a gravity-aligned map as a whole with its IMU factors; `None` where there are none or it is
+    /// too large.
     pub fn whole(
         &self,
         snapshot: &Snapshot,
@@ -141,63 +145,71 @@ impl Inertial {
         (window.links() > 0).then(|| window.solve(config, stop))
     }
 
-    /// Levels the world of a key frame when that can be done, or refines it when that is due; what was tried.
-    pub fn final_adjustment(
+    /// Gravity-aligns the map of a key frame when that is possible, or refines it when that is due; returns
+    /// the attempt made.
+    pub fn align_or_refine(
         &mut self,
         atlas: &mut Atlas,
         camera: &RectifiedCamera,
         centre: KeyFrameId,
         config: &WindowConfig,
     ) -> Option<Attempt> {
-        self.tell_time(atlas, centre);
+        self.update_time_offset(atlas, centre);
         let snapshot = atlas.latest().clone();
         let map = snapshot.key_frame(centre)?.map;
         let chain = chain(&snapshot, centre);
         let (first, last) = (snapshot.key_frame(*chain.first()?)?, snapshot.key_frame(centre)?);
         let seconds = last.frame.stamp - first.frame.stamp;
-        let mut tried = None;
+        let mut attempt_made = None;
         if snapshot.is_gravity_aligned(map) {
-            let times = self.refined.entry(map).or_insert(REFINED_S.len());
-            // Who stands still learns nothing new, and shall not feel the map move.
-            let stands = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STANDS_M_S);
-            if stands || REFINED_S.get(*times).is_none_or(|due| seconds < *due) {
+            let times = self.refined.entry(map).or_insert(REFINE_AT_S.len());
+            // A stationary camera adds no information, and its IMU factors must not see the map move.
+            let stationary = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STATIONARY_M_S);
+            if stationary || REFINE_AT_S.get(*times).is_none_or(|due| seconds < *due) {
                 return None;
             }
             *times += 1;
         } else {
             let mut attempt = self.attempt(&snapshot, camera, &chain)?;
-            let compared = f64::from(u8::from(self.clocks.final_result()));
+            let compared = f64::from(u8::from(self.clocks.is_decided()));
             attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
             let found = attempt.accepted().cloned();
-            tried = Some(attempt);
-            let Some(found) = found else { return tried };
-            let found_times = found.noise_times.map(|t| t.max(self.config.noise_times));
-            self.clocks.turned();
-            self.imu.noise = self.sheet.times(found_times);
-            let about = snapshot.world_from_camera(map.root())?.translation;
-            atlas.commit(self.level(&snapshot, map, &chain, &found, camera.has_depth(), about));
-            self.refined.insert(map, REFINED_S.iter().filter(|due| seconds >= **due).count());
+            attempt_made = Some(attempt);
+            let Some(found) = found else { return attempt_made };
+            let noise_times = found.noise_times.map(|t| t.max(self.config.noise_times));
+            self.clocks.clear_rotations();
+            self.imu.noise = self.data_sheet.times(noise_times);
+            let centre_point = snapshot.world_from_camera(map.root())?.translation;
+            atlas.commit(self.align_gravity(
+                &snapshot,
+                map,
+                &chain,
+                &found,
+                camera.has_depth(),
+                centre_point,
+            ));
+            self.refined.insert(map, REFINE_AT_S.iter().filter(|due| seconds >= **due).count());
         }
         let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
-        if let Some(final_result) = self.whole(atlas.latest(), camera, map, &config, || false) {
-            atlas.commit(final_result.changes.changes);
+        if let Some(result) = self.whole(atlas.latest(), camera, map, &config, || false) {
+            atlas.commit(result.changes.changes);
         }
-        tried
+        attempt_made
     }
 
-    /// Looks for the offset of the clocks, and cuts anew what was felt when it is found. Where the sensor is late, the last
-    /// readings up to a key frame come with the next one.
-    fn tell_time(&mut self, atlas: &mut Atlas, centre: KeyFrameId) {
+    /// Estimates the time offset, and recomputes the IMU factors when it is found. Where the IMU is late, the
+    /// last readings up to a key frame arrive with the next one.
+    fn update_time_offset(&mut self, atlas: &mut Atlas, centre: KeyFrameId) {
         let snapshot = atlas.latest().clone();
         let known = snapshot.imu_offset();
         let chain = chain(&snapshot, centre);
-        if let Some(offset) = self.clocks.look(&self.imu.imu_from_camera.rotation, known) {
+        if let Some(offset) = self.clocks.estimate(&self.imu.imu_from_camera.rotation, known) {
             let mut changes = vec![Change::ImuOffset(offset)];
-            changes.extend(self.clocks.cut(&snapshot, &chain, offset));
+            changes.extend(self.clocks.recompute_factors(&snapshot, &chain, offset));
             atlas.commit(changes);
         } else if known < 0.0 {
             let late = &chain[chain.len().saturating_sub(3)..chain.len().saturating_sub(1).max(1)];
-            atlas.commit(self.clocks.cut(&snapshot, late, known));
+            atlas.commit(self.clocks.recompute_factors(&snapshot, late, known));
         }
     }
 
@@ -209,7 +221,8 @@ impl Inertial {
     ) -> Option<Attempt> {
         let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
-        let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.frame.stamp <= TRIED_S).collect();
+        let frames: Vec<&KeyFrame> =
+            frames.into_iter().filter(|k| last - k.frame.stamp <= INITIALISATION_S).collect();
         let poses: Vec<SeenPose> = frames
             .iter()
             .map(|k| SeenPose { stamp: k.frame.stamp, world_from_camera: k.world_from_camera })
@@ -226,33 +239,33 @@ impl Inertial {
             true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
             false => Scale::Free,
         };
-        // The library raises the noise itself, from the data sheet's on.
+        // `initialise` raises the noise itself, starting from the data data_sheet.
         let config = InitialiseConfig { noise_times: 1.0, ..InitialiseConfig::default() };
         Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
     }
 
-    /// The changes that level a world about a place that stays.
-    fn level(
+    /// The changes that gravity-align a map about a fixed point.
+    fn align_gravity(
         &self,
         snapshot: &Snapshot,
         map: MapId,
         chain: &[KeyFrameId],
         found: &cairn_inertial::Initial,
         metric: bool,
-        about: Vec3,
+        centre_point: Vec3,
     ) -> Vec<Change> {
         let turn = found.metric_from_map();
         let scale = if metric { 1.0 } else { turn.scale };
-        let shift = about - turn.rotation * about * scale;
+        let shift = centre_point - turn.rotation * centre_point * scale;
         let mut changes = vec![Change::AlignGravity(map, Sim3::new(turn.rotation, shift, scale))];
         let last = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.frame.stamp);
-        let tried = |id: &&KeyFrameId| {
+        let recent = |id: &&KeyFrameId| {
             snapshot
                 .key_frame(**id)
                 .zip(last)
-                .is_some_and(|(k, last): (_, Stamp)| last - k.frame.stamp <= TRIED_S)
+                .is_some_and(|(k, last): (_, Stamp)| last - k.frame.stamp <= INITIALISATION_S)
         };
-        for (id, state) in chain.iter().filter(tried).zip(&found.states) {
+        for (id, state) in chain.iter().filter(recent).zip(&found.states) {
             let world_from_camera = state.world_from_imu * self.imu.imu_from_camera;
             let velocity = world_from_camera.rotation.inverse() * state.velocity;
             changes.push(Change::InertialState(*id, velocity, found.bias));
@@ -261,7 +274,7 @@ impl Inertial {
     }
 }
 
-/// Key frames one felt after the other up to one, oldest first.
+/// Key frames linked by IMU factors up to one, oldest first.
 fn chain(snapshot: &Snapshot, last: KeyFrameId) -> Vec<KeyFrameId> {
     let mut chain = vec![last];
     let mut at = last;

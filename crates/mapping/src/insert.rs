@@ -1,4 +1,5 @@
-//! Key frames enter the map: with what tracking matched, and with the points their own depth shows.
+//! Insertion of key frames: with the landmarks tracking matched, and with new ones from the frame's own
+//! depth.
 
 use cairn_adjust::depth;
 use cairn_atlas::{Change, InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
@@ -7,51 +8,51 @@ use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Frame, RectifiedCamera};
 use std::sync::Arc;
 
-/// Ids of new landmarks, in order.
+/// Allocates ids of new landmarks, in order.
 pub(crate) struct NewLandmarks {
     next: usize,
-    pub born: Vec<LandmarkId>,
+    pub ids: Vec<LandmarkId>,
 }
 
 impl NewLandmarks {
     pub fn after(snapshot: &Snapshot) -> Self {
-        Self { next: snapshot.next_landmark_id().index(), born: Vec::new() }
+        Self { next: snapshot.next_landmark_id().index(), ids: Vec::new() }
     }
 
-    /// The next id; `None` when there are no more.
+    /// The next id; `None` when all ids are used up.
     pub fn id(&mut self) -> Option<LandmarkId> {
         let id = LandmarkId::from_index(self.next)?;
         self.next += 1;
-        self.born.push(id);
+        self.ids.push(id);
         Some(id)
     }
 }
 
-/// A key frame about to enter the map.
+/// A key frame about to be inserted.
 pub(crate) struct Entry<'a> {
     pub id: KeyFrameId,
     pub frame: &'a Arc<Frame>,
     pub world_from_camera: Se3,
-    /// The landmark that each feature is known to show.
-    pub shown: &'a [Option<LandmarkId>],
-    /// How the eye moved, where that was felt.
+    /// The landmark that each feature shows, where known.
+    pub observed: &'a [Option<LandmarkId>],
+    /// Velocity, biases and IMU factor, where there is an IMU.
     pub motion: Option<InertialState>,
 }
 
-/// A key frame with its words and the landmarks it is known to show.
+/// The changes that add a key frame with its bag of words and its observations.
 pub(crate) fn add_key_frame(entry: &Entry, parent: Option<KeyFrameId>) -> Vec<Change> {
     let bag = Vocabulary::embedded().bag(&entry.frame.descriptors);
     let mut key_frame =
         KeyFrame::new(entry.id, entry.frame.clone(), entry.world_from_camera, parent).with_bag(Arc::new(bag));
     key_frame.motion = entry.motion.clone();
     let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame))];
-    let shown = entry.shown.iter().enumerate();
-    changes.extend(shown.filter_map(|(i, l)| l.map(|l| Change::Observe(l, entry.id, i as u16))));
+    let observed = entry.observed.iter().enumerate();
+    changes.extend(observed.filter_map(|(i, l)| l.map(|l| Change::Observe(l, entry.id, i as u16))));
     changes
 }
 
-/// New landmarks for the features of a key frame that have depth and show nothing yet: all that are close, and of
-/// the others as many as bring the count of points to `least`, nearest first.
+/// New landmarks for the features of a key frame that have depth and no landmark yet: all that are close, and
+/// of the others, nearest first, as many as bring the count to `least`.
 pub(crate) fn points_from_depth(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -67,7 +68,7 @@ pub(crate) fn points_from_depth(
         if frame.depth[i] as f64 > camera.close_depth && rank >= least {
             break;
         }
-        if entry.shown[i].is_some() {
+        if entry.observed[i].is_some() {
             continue;
         }
         let Some(landmark) = new_landmarks.id() else { break };

@@ -5,12 +5,12 @@ mod closing;
 mod cull;
 mod disparity;
 mod fuse;
-mod grow;
 mod inertial;
 mod insert;
 mod mapper;
-mod turning;
+mod rotation_only;
+mod triangulation;
 
 pub use closing::{Accepted, Closed, Closer, CloserConfig, Joined, Refusal, Verdict};
 pub use inertial::InertialConfig;
-pub use mapper::{Begin, Mapped, Mapper, MapperConfig, Submitted};
+pub use mapper::{MapStart, Mapped, Mapper, MapperConfig, Submitted};

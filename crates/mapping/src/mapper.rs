@@ -1,12 +1,13 @@
-//! The mapping stage: one key frame in, the map grown, fused, adjusted and culled.
+//! The mapping stage: takes one key frame at a time, triangulates new landmarks, fuses duplicates, adjusts
+//! and culls.
 
 use crate::cull::{RecentLandmarks, redundant};
 use crate::disparity::DisparityError;
 use crate::fuse::{around, fuse_into};
-use crate::grow::grow;
 use crate::inertial::{Inertial, InertialConfig};
 use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
-use crate::turning::hold_orientation;
+use crate::rotation_only::landmarks_by_rotation;
+use crate::triangulation::create_landmarks;
 use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{
     Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot,
@@ -18,21 +19,21 @@ use cairn_solve::Report;
 use cairn_vision::{Frame, RectifiedCamera};
 use std::sync::Arc;
 
-/// How to map.
+/// Configuration of mapping.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MapperConfig {
-    /// Neighbours searched for new points.
+    /// Neighbours searched for new landmarks.
     pub grow_neighbours: usize,
-    /// Neighbours searched for duplicates.
+    /// Neighbours searched for duplicate landmarks.
     pub fuse_neighbours: usize,
-    /// The window of the local adjustment.
+    /// The window of the local bundle adjustment.
     pub window: WindowConfig,
-    /// A key frame goes when more than this share of its landmarks is seen by three others.
+    /// A key frame is culled when more than this share of its landmarks is observed by three others.
     pub redundant_share: f64,
-    /// Key frames up to which a map is adjusted as a whole when a run ends.
+    /// Largest map, in key frames, that gets a final bundle adjustment when a run ends.
     pub final_adjustment_key_frames: usize,
-    /// Points from depth that a key frame brings at least, where it has them.
+    /// Landmarks that a key frame has at least after adding points from depth, where it has enough of them.
     pub depth_points: usize,
 }
 
@@ -49,57 +50,64 @@ impl Default for MapperConfig {
     }
 }
 
-/// Where a world begins.
+/// The initial state of a new map.
 #[derive(Clone, Debug)]
-pub struct Begin {
-    /// The pose of its root.
+pub struct MapStart {
+    /// The pose of its root key frame.
     pub world_from_camera: Se3,
-    /// How it hangs on a former world, if there is one.
-    pub tie: Option<MapPrior>,
-    /// Units a second that the eye shall have gone, where there is no other scale; else the median depth is one.
-    pub pace: Option<f64>,
-    /// What the inertial sensor says of its last key frame.
+    /// Its pose relative to a previous map, if there is one.
+    pub map_prior: Option<MapPrior>,
+    /// Speed in units per second that the camera is assumed to have had, to set the scale where nothing else
+    /// does; without it the median depth is one.
+    pub speed: Option<f64>,
+    /// The IMU data of its last key frame.
     pub imu: Option<ImuSegment>,
-    /// Whether its lengths are metres and its z axis points up already.
-    pub level: bool,
+    /// Whether its lengths are metres and its z axis points up from the start.
+    pub gravity_aligned: bool,
 }
 
-impl Default for Begin {
+impl Default for MapStart {
     fn default() -> Self {
-        Self { world_from_camera: Se3::identity(), tie: None, pace: None, imu: None, level: false }
+        Self {
+            world_from_camera: Se3::identity(),
+            map_prior: None,
+            speed: None,
+            imu: None,
+            gravity_aligned: false,
+        }
     }
 }
 
-/// A frame that shall become a key frame of a world that is there.
+/// A frame that is to become a key frame of an existing map.
 #[derive(Clone, Copy, Debug)]
 pub struct Submitted<'a> {
     /// The frame.
     pub frame: &'a Arc<Frame>,
     /// The landmark that each feature shows.
     pub landmarks: &'a [Option<LandmarkId>],
-    /// The key frame on which its place hangs.
+    /// The key frame that its pose is anchored to.
     pub reference: KeyFrameId,
-    /// Its place there.
+    /// Its pose in that key frame's camera frame.
     pub reference_from_camera: Se3,
-    /// What the inertial sensor says of it.
+    /// The IMU data that belongs to it.
     pub imu: Option<&'a ImuSegment>,
-    /// Whether nothing supports scale: it only carries orientation on, and no landmark is triangulated from it.
+    /// Whether nothing supports scale: it only carries the orientation on, and no landmark is triangulated from it.
     pub orientation_only: bool,
-    /// Before it enters, lengths in its map become so many times what they were; the standard deviation of the logarithm of
-    /// the map's scale against the one before is then the second number.
+    /// The factor by which the lengths of its map are multiplied first, and the standard deviation of the logarithm
+    /// of the map's scale against the previous map after that.
     pub rescale: Option<(f64, f64)>,
 }
 
-/// What mapping did with one offer.
+/// The result of one mapping step.
 #[derive(Clone, Debug)]
 pub struct Mapped {
     /// The key frame that was added.
     pub key_frame: KeyFrameId,
-    /// Landmarks born.
-    pub born: usize,
-    /// The local adjustment, when there was one.
+    /// Landmarks created.
+    pub created: usize,
+    /// The report of the local bundle adjustment, when there was one.
     pub adjustment: Option<Report>,
-    /// How gravity, scale and biases were sought, when they were.
+    /// The attempt to initialise gravity, scale and biases, when there was one.
     pub attempt: Option<Attempt>,
 }
 
@@ -110,45 +118,48 @@ pub struct Mapper {
     config: MapperConfig,
     recent_landmarks: RecentLandmarks,
     inertial: Option<Inertial>,
-    /// Of a stereo rig, where it is looked for.
+    /// The disparity error of a stereo rig, where it is estimated.
     disparity: Option<DisparityError>,
 }
 
 impl Mapper {
-    /// A mapper for one eye.
+    /// A mapper for a camera.
     pub fn new(camera: RectifiedCamera, config: MapperConfig) -> Self {
         let disparity = DisparityError::within(config.window.right_offset_sigma);
         Self { camera, config, recent_landmarks: RecentLandmarks::default(), inertial: None, disparity }
     }
 
-    /// The same with an inertial sensor; `imu_from_camera` in metres.
+    /// Adds an IMU; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
         Self { inertial: Some(Inertial::new(sensor, imu_from_camera, config)), ..self }
     }
 
-    /// What tracking expected in a frame and whether it was found: young landmarks are judged by it.
+    /// Takes the landmarks that tracking expected in a frame, and whether each was found: tentative landmarks
+    /// are culled by it.
     pub fn note(&mut self, seen: &[(LandmarkId, bool)]) {
         self.recent_landmarks.note(seen);
     }
 
-    /// Begins a world with a frame that has depth.
-    pub fn start(&mut self, atlas: &mut Atlas, frame: &Arc<Frame>, begin: &Begin) -> KeyFrameId {
+    /// Starts a map from a frame that has depth.
+    pub fn start(&mut self, atlas: &mut Atlas, frame: &Arc<Frame>, start: &MapStart) -> KeyFrameId {
         let snapshot = atlas.latest();
         let id = snapshot.next_key_frame_id();
         let mut new_landmarks = NewLandmarks::after(snapshot);
-        let nothing = vec![None; frame.len()];
-        let motion = begin.imu.as_ref().filter(|_| self.inertial.is_some()).map(without_imu_factor);
-        let entry = Entry { id, frame, world_from_camera: begin.world_from_camera, shown: &nothing, motion };
+        let no_landmarks = vec![None; frame.len()];
+        let motion = start.imu.as_ref().filter(|_| self.inertial.is_some()).map(without_imu_factor);
+        let entry =
+            Entry { id, frame, world_from_camera: start.world_from_camera, observed: &no_landmarks, motion };
         let mut changes = add_key_frame(&entry, None);
-        changes.extend(begin.tie.map(|tie| Change::MapPrior(MapId(id), tie)));
-        changes.extend(begin.level.then(|| Change::AlignGravity(MapId(id), Sim3::identity())));
+        changes.extend(start.map_prior.map(|map_prior| Change::MapPrior(MapId(id), map_prior)));
+        changes.extend(start.gravity_aligned.then(|| Change::AlignGravity(MapId(id), Sim3::identity())));
         changes.extend(points_from_depth(snapshot, &self.camera, &entry, frame.len(), &mut new_landmarks));
         atlas.commit(changes);
         id
     }
 
-    /// Begins a world with two frames and the points both see, and adjusts it; the unit of length follows
-    /// from the pace, or is the median depth of the first. `None` when there is no point in front of both.
+    /// Starts a map from two frames and the points seen in both, and adjusts it; the unit of length follows
+    /// from the assumed speed, or is the median depth of the first frame. `None` when no point lies in front
+    /// of the first camera.
     pub fn start_pair(
         &mut self,
         atlas: &mut Atlas,
@@ -156,15 +167,17 @@ impl Mapper {
         second: &Arc<Frame>,
         first_from_second: Se3,
         points: &[(u16, u16, Vec3)],
-        begin: &Begin,
+        start: &MapStart,
     ) -> Option<KeyFrameId> {
         let mut depths: Vec<f64> = points.iter().map(|(_, _, p)| p.z).filter(|z| *z > 0.0).collect();
         if depths.is_empty() {
             return None;
         }
-        let gone = first_from_second.translation.norm() / (second.stamp - first.stamp);
-        let unit = match begin.pace {
-            Some(pace) if gone.is_finite() && gone > 0.0 => pace / gone,
+        let speed_in_baselines = first_from_second.translation.norm() / (second.stamp - first.stamp);
+        let unit = match start.speed {
+            Some(speed) if speed_in_baselines.is_finite() && speed_in_baselines > 0.0 => {
+                speed / speed_in_baselines
+            }
             _ => {
                 let middle = depths.len() / 2;
                 1.0 / *depths.select_nth_unstable_by(middle, f64::total_cmp).1
@@ -176,43 +189,49 @@ impl Mapper {
         let mut new_landmarks = NewLandmarks::after(&before);
         let scaled = Se3::new(first_from_second.rotation, first_from_second.translation * unit);
         let (none_a, none_b) = (vec![None; first.len()], vec![None; second.len()]);
-        let imu = self.inertial.as_mut().zip(begin.imu.as_ref());
+        let imu = self.inertial.as_mut().zip(start.imu.as_ref());
         let motion = imu.as_ref().map(|(_, imu)| without_imu_factor(imu));
-        let entry_a =
-            Entry { id: a, frame: first, world_from_camera: begin.world_from_camera, shown: &none_a, motion };
-        let world_from_second = begin.world_from_camera * scaled;
+        let entry_a = Entry {
+            id: a,
+            frame: first,
+            world_from_camera: start.world_from_camera,
+            observed: &none_a,
+            motion,
+        };
+        let world_from_second = start.world_from_camera * scaled;
         let motion = imu.map(|(inertial, imu)| inertial.motion_since(Some(a), imu));
         let entry_b =
-            Entry { id: b, frame: second, world_from_camera: world_from_second, shown: &none_b, motion };
+            Entry { id: b, frame: second, world_from_camera: world_from_second, observed: &none_b, motion };
         let mut changes = add_key_frame(&entry_a, None);
-        changes.extend(begin.tie.map(|tie| Change::MapPrior(MapId(a), tie)));
+        changes.extend(start.map_prior.map(|map_prior| Change::MapPrior(MapId(a), map_prior)));
         changes.extend(add_key_frame(&entry_b, Some(a)));
         for (i, j, p) in points {
             let id = new_landmarks.id()?;
-            changes.push(Change::AddLandmark(id, begin.world_from_camera * (p * unit)));
+            changes.push(Change::AddLandmark(id, start.world_from_camera * (p * unit)));
             changes.push(Change::Observe(id, a, *i));
             changes.push(Change::Observe(id, b, *j));
         }
         atlas.commit(changes);
         let window = WindowConfig { iterations: [10, 10], tolerance: 1e-6, ..self.config.window };
-        let final_result = Window::whole(atlas.latest(), &self.camera, MapId(a)).solve(&window, || false);
-        atlas.commit(final_result.changes.changes);
-        self.recent_landmarks.admit(&new_landmarks.born, b);
+        let result = Window::whole(atlas.latest(), &self.camera, MapId(a)).solve(&window, || false);
+        atlas.commit(result.changes.changes);
+        self.recent_landmarks.admit(&new_landmarks.ids, b);
         Some(b)
     }
 
-    /// Takes up a key frame. `stop` is asked between and within the steps: when it says true, what can wait is left
-    /// for the next key frame.
+    /// Inserts a key frame. `stop` is asked between and within the steps: when it returns true, whatever can
+    /// wait is left for the next key frame. `None` when the key frame it is anchored to has no surviving
+    /// ancestor.
     pub fn step(
         &mut self,
         atlas: &mut Atlas,
         submitted: &Submitted,
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
-        let Submitted { frame, landmarks, reference, reference_from_camera, imu, orientation_only, rescale } =
-            *submitted;
-        if let Some((factor, sigma_log_scale)) = rescale {
-            atlas.commit(rescaled(atlas.latest(), reference, factor, sigma_log_scale));
+        let Submitted { frame, landmarks, reference, reference_from_camera, imu, .. } = *submitted;
+        if let Some((factor, sigma_log_scale)) = submitted.rescale {
+            let changes = rescaled(atlas.latest(), reference, factor, sigma_log_scale);
+            atlas.commit(changes);
         }
         let depth = self.camera.has_depth();
         let snapshot = atlas.latest().clone();
@@ -220,42 +239,47 @@ impl Mapper {
         let world_from_camera = snapshot.resolve(reference, &reference_from_camera)?;
         let id = snapshot.next_key_frame_id();
         let mut new_landmarks = NewLandmarks::after(&snapshot);
-        let alive: Vec<Option<LandmarkId>> =
+        let surviving: Vec<Option<LandmarkId>> =
             landmarks.iter().map(|l| l.filter(|l| snapshot.landmark(*l).is_some())).collect();
         let map = snapshot.key_frame(parent)?.map;
         let imu = self.inertial.as_mut().zip(imu);
         let motion = imu.map(|(i, imu)| i.motion(&snapshot, map, frame.stamp, imu));
-        let entry = Entry { id, frame, world_from_camera, shown: &alive, motion };
+        let entry = Entry { id, frame, world_from_camera, observed: &surviving, motion };
         let mut changes = add_key_frame(&entry, Some(parent));
         if depth {
             let least = self.config.depth_points;
             changes.extend(points_from_depth(&snapshot, &self.camera, &entry, least, &mut new_landmarks));
         }
         atlas.commit(changes);
-        atlas.commit(self.recent_landmarks.judge(atlas.latest(), id, depth));
-        self.recent_landmarks.admit(&new_landmarks.born, id);
-        let mut born = new_landmarks.born.len();
+        atlas.commit(self.recent_landmarks.cull(atlas.latest(), id, depth));
+        self.recent_landmarks.admit(&new_landmarks.ids, id);
+        let mut created = new_landmarks.ids.len();
 
-        if !orientation_only {
+        if !submitted.orientation_only {
             let snapshot = atlas.latest().clone();
             let mut new_landmarks = NewLandmarks::after(&snapshot);
-            let neighbours = self.config.grow_neighbours;
-            atlas.commit(grow(&snapshot, &self.camera, id, neighbours, &mut new_landmarks, &mut stop));
-            self.recent_landmarks.admit(&new_landmarks.born, id);
-            born += new_landmarks.born.len();
+            atlas.commit(create_landmarks(
+                &snapshot,
+                &self.camera,
+                id,
+                self.config.grow_neighbours,
+                &mut new_landmarks,
+                &mut stop,
+            ));
+            self.recent_landmarks.admit(&new_landmarks.ids, id);
+            created += new_landmarks.ids.len();
         }
         if !depth {
             let mut new_landmarks = NewLandmarks::after(atlas.latest());
-            let held = hold_orientation(atlas.latest(), &self.camera, id, &mut new_landmarks);
-            atlas.commit(held);
-            self.recent_landmarks.admit(&new_landmarks.born, id);
-            born += new_landmarks.born.len();
+            let oriented = landmarks_by_rotation(atlas.latest(), &self.camera, id, &mut new_landmarks);
+            atlas.commit(oriented);
+            self.recent_landmarks.admit(&new_landmarks.ids, id);
+            created += new_landmarks.ids.len();
         }
 
-        if orientation_only {
-            return Some(Mapped { key_frame: id, born, adjustment: None, attempt: None });
+        if submitted.orientation_only {
+            return Some(Mapped { key_frame: id, created, adjustment: None, attempt: None });
         }
-
         let mut adjustment = None;
         if !stop() {
             self.fuse(atlas, id);
@@ -268,29 +292,31 @@ impl Mapper {
             }
             let (snapshot, config) = (atlas.latest(), &window);
             let imu = self.inertial.as_ref().and_then(|i| i.window(snapshot, &self.camera, id, config));
-            let final_result = match imu {
+            let result = match imu {
                 Some(window) => window.solve(config, &mut stop),
                 None => {
                     let window = Window::around(snapshot, &self.camera, id, config)?;
                     window.solve(config, &mut stop)
                 }
             };
-            adjustment = Some(final_result.report);
-            let calibrated = self.disparity.as_mut().and_then(|error| error.hear(found, &final_result));
-            atlas.commit(final_result.changes.changes);
+            adjustment = Some(result.report);
+            let calibrated = self.disparity.as_mut().and_then(|error| error.update(found, &result));
+            atlas.commit(result.changes.changes);
             atlas.commit(calibrated.into_iter().collect());
-            let gone = redundant(atlas.latest(), &self.camera, id, self.config.redundant_share);
-            atlas.commit(gone.into_iter().collect());
+            let redundant_key_frame =
+                redundant(atlas.latest(), &self.camera, id, self.config.redundant_share);
+            atlas.commit(redundant_key_frame.into_iter().collect());
         }
         let attempt = match &mut self.inertial {
-            Some(inertial) => inertial.final_adjustment(atlas, &self.camera, id, &self.config.window),
+            Some(inertial) => inertial.align_or_refine(atlas, &self.camera, id, &self.config.window),
             None => None,
         };
-        Some(Mapped { key_frame: id, born, adjustment, attempt })
+        Some(Mapped { key_frame: id, created, adjustment, attempt })
     }
 
-    /// Adjusts each world as a whole, as a run ends; worlds of more than `final_adjustment_key_frames` are left as they are, since
-    /// their windows have settled long ago and the dense reduced system would not fit the time.
+    /// Final bundle adjustment of each map, as a run ends; maps of more than `final_adjustment_key_frames`
+    /// are left as they are, since their windows have converged long ago and the dense reduced system would
+    /// take too long.
     pub fn final_adjustment(&mut self, atlas: &mut Atlas) {
         let maps: Vec<MapId> = atlas.latest().maps().map(|(id, _)| id).collect();
         for map in maps {
@@ -301,9 +327,9 @@ impl Mapper {
             let window = WindowConfig { iterations: [40, 20], tolerance: 1e-6, ..self.config.window };
             let imu =
                 self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, || false));
-            let final_result =
+            let result =
                 imu.unwrap_or_else(|| Window::whole(snapshot, &self.camera, map).solve(&window, || false));
-            atlas.commit(final_result.changes.changes);
+            atlas.commit(result.changes.changes);
         }
     }
 
@@ -330,7 +356,7 @@ impl Mapper {
     }
 }
 
-/// Changes that make a map's lengths so many times what they were, and say how well its scale is known after that.
+/// Changes that multiply a map's lengths by a factor, and say how well its scale is known after that.
 fn rescaled(snapshot: &Snapshot, reference: KeyFrameId, factor: f64, sigma_log_scale: f64) -> Vec<Change> {
     let map = snapshot.surviving_ancestor(reference).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map));
     let Some(map) = map else { return Vec::new() };
@@ -339,7 +365,7 @@ fn rescaled(snapshot: &Snapshot, reference: KeyFrameId, factor: f64, sigma_log_s
     [Change::Rescale(map, factor)].into_iter().chain(prior).collect()
 }
 
-/// The motion of a key frame before which nothing was felt.
+/// The motion of a key frame without an IMU factor to an earlier one.
 fn without_imu_factor(imu: &ImuSegment) -> InertialState {
     InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor: None }
 }

@@ -1,4 +1,4 @@
-//! Prints the least time of many runs to turn 1000 pixels into rays, and back, for each lens.
+//! Prints the fastest of many runs to unproject 1000 pixels to rays and project them back, for each lens model.
 //!
 //! `cargo run --release -p cairn-sensor --example unproject_speed`
 

@@ -1,10 +1,10 @@
-//! Camera models: how a point in the camera frame becomes a pixel, and back.
+//! Camera models: projection of points in the camera frame to pixels, and the inverse.
 
 use crate::{Distortion, RigError};
 use cairn_geometry::{Vec2, Vec3};
 
-/// Pixels of an image along a side, at most: tables are made in proportion to it.
-const LARGEST: usize = 16_384;
+/// Maximum width and height in pixels: lookup tables grow with them.
+const MAX_SIDE: usize = 16_384;
 
 /// A calibrated camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,29 +17,29 @@ pub struct Camera {
     pub fx: f64,
     /// Focal length along y in pixels.
     pub fy: f64,
-    /// Principal point, x, in pixels; pixel centres are at whole numbers.
+    /// Principal point, x, in pixels; pixel centres are at integer coordinates.
     pub cx: f64,
     /// Principal point, y, in pixels.
     pub cy: f64,
-    /// The lens.
+    /// Lens distortion.
     pub distortion: Distortion,
 }
 
 impl Camera {
-    /// A pinhole without distortion.
+    /// A pinhole camera without distortion.
     pub fn pinhole(width: usize, height: usize, fx: f64, fy: f64, cx: f64, cy: f64) -> Self {
         Self { width, height, fx, fy, cx, cy, distortion: Distortion::None }
     }
 
-    /// The pixel of a point in the camera frame; `None` where the model has no image of it (behind, at the
-    /// centre, or past the angle where the model folds back). The pixel may lie outside the image.
+    /// Projects a point in the camera frame to a pixel; `None` where the model has no image of it (behind the camera,
+    /// at its centre, or beyond the angle where the model folds over). The pixel may lie outside the image.
     pub fn project(&self, p: &Vec3) -> Option<Vec2> {
         let [x, y] = self.distortion.distort(p)?;
         let px = Vec2::new(self.fx * x + self.cx, self.fy * y + self.cy);
         (px.x.is_finite() && px.y.is_finite()).then_some(px)
     }
 
-    /// The unit bearing of a pixel in the camera frame; `None` where no ray reaches that pixel.
+    /// The unit bearing of a pixel in the camera frame; `None` where no ray projects to that pixel.
     pub fn unproject(&self, px: &Vec2) -> Option<Vec3> {
         let ray = self.distortion.undistort([(px.x - self.cx) / self.fx, (px.y - self.cy) / self.fy])?;
         ray.iter().all(|v| v.is_finite()).then(|| ray.normalize())
@@ -50,7 +50,11 @@ impl Camera {
         px.x >= 0.0 && px.y >= 0.0 && px.x <= (self.width - 1) as f64 && px.y <= (self.height - 1) as f64
     }
 
-    /// Refuses numbers that can not be a camera.
+    /// Checks that the numbers are plausible for a camera.
+    ///
+    /// # Errors
+    /// When a number is not finite, the resolution is zero or too large, a focal length is not positive, the principal
+    /// point is far outside the image, or the distortion is invalid.
     pub fn validate(&self) -> Result<(), RigError> {
         let numbers = [("fx", self.fx), ("fy", self.fy), ("cx", self.cx), ("cy", self.cy)];
         if let Some((name, v)) = numbers.iter().find(|(_, v)| !v.is_finite()) {
@@ -59,8 +63,8 @@ impl Camera {
         if self.width == 0 || self.height == 0 {
             return Err(RigError(format!("resolution {}x{}", self.width, self.height)));
         }
-        if self.width.max(self.height) > LARGEST {
-            let why = format!("resolution {}x{}, at most {LARGEST} each way", self.width, self.height);
+        if self.width.max(self.height) > MAX_SIDE {
+            let why = format!("resolution {}x{}, at most {MAX_SIDE} each way", self.width, self.height);
             return Err(RigError(why));
         }
         if self.fx <= 0.0 || self.fy <= 0.0 {

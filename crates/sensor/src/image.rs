@@ -1,4 +1,4 @@
-//! Images as plain rows of pixels.
+//! Images as dense rows of pixels.
 
 /// A dense row-major image; `data.len() == width * height`.
 #[derive(Clone, Debug, PartialEq)]
@@ -8,9 +8,9 @@ pub struct Image<T> {
     data: Vec<T>,
 }
 
-/// Eight-bit luminance.
+/// An 8-bit luminance image.
 pub type GrayImage = Image<u8>;
-/// Sixteen-bit depth in the units of its [`crate::DepthSensor`]; 0 means no measurement.
+/// A 16-bit depth image in the units of its [`crate::DepthSensor`]; 0 means no measurement.
 pub type DepthImage = Image<u16>;
 
 impl<T: Copy + Default> Image<T> {
@@ -19,7 +19,7 @@ impl<T: Copy + Default> Image<T> {
         Self { width, height, data: vec![T::default(); width * height] }
     }
 
-    /// Takes rows of pixels; `None` when the length does not fit.
+    /// An image from its pixels, row by row; `None` when the length does not match the size.
     pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Option<Self> {
         (data.len() == width.checked_mul(height)?).then_some(Self { width, height, data })
     }
@@ -34,22 +34,22 @@ impl<T: Copy + Default> Image<T> {
         self.height
     }
 
-    /// All pixels, row after row.
+    /// All pixels, row by row.
     pub fn data(&self) -> &[T] {
         &self.data
     }
 
-    /// All pixels, to write.
+    /// All pixels, mutable.
     pub fn data_mut(&mut self) -> &mut [T] {
         &mut self.data
     }
 
-    /// One row.
+    /// One row; panics outside the image.
     pub fn row(&self, y: usize) -> &[T] {
         &self.data[y * self.width..(y + 1) * self.width]
     }
 
-    /// One row, to write.
+    /// One row, mutable; panics outside the image.
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[y * self.width..(y + 1) * self.width]
     }
@@ -64,7 +64,7 @@ impl<T: Copy + Default> Image<T> {
         (x < self.width && y < self.height).then(|| self.data[y * self.width + x])
     }
 
-    /// Reuses this image's memory for another size; the pixels are unspecified afterwards.
+    /// Changes the size and reuses the memory; the pixel values are unspecified afterwards.
     pub fn resize(&mut self, width: usize, height: usize) {
         self.width = width;
         self.height = height;

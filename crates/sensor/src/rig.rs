@@ -1,9 +1,9 @@
-//! The rig: which cameras, depth sensor and IMU there are, and where.
+//! The rig: calibration of its cameras, depth sensor and IMU, and their extrinsics.
 
 use crate::Camera;
 use cairn_geometry::{Mat3, Se3};
 
-/// What is wrong with a rig, with the number that shows it.
+/// What is wrong with a rig, with the number that is wrong.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}")]
 pub struct RigError(pub String);
@@ -11,20 +11,20 @@ pub struct RigError(pub String);
 /// One camera of the rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigCamera {
-    /// Its name in the source ("cam0").
+    /// Name in the source ("cam0").
     pub name: String,
-    /// How it projects.
+    /// Intrinsics.
     pub camera: Camera,
-    /// Where it sits: maps camera coordinates to body coordinates.
+    /// Extrinsics: maps camera coordinates to body coordinates.
     pub body_from_camera: Se3,
 }
 
 /// A depth sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthSensor {
-    /// Its own projection; equal to the first camera's where depth is registered to it.
+    /// Intrinsics; equal to the first camera's where depth is registered to it.
     pub camera: Camera,
-    /// Where it sits.
+    /// Extrinsics: maps depth sensor coordinates to body coordinates.
     pub body_from_depth: Se3,
     /// Metres per unit of the depth image.
     pub metres_per_unit: f64,
@@ -46,7 +46,7 @@ pub struct ImuNoise {
 }
 
 impl ImuNoise {
-    /// The white noise of gyroscope and accelerometer so many times as great; the biases walk as before.
+    /// Scales the white noise of gyroscope and accelerometer; the bias random walks are unchanged.
     pub fn times(&self, [gyro, accel]: [f64; 2]) -> Self {
         Self { gyro: self.gyro * gyro, accel: self.accel * accel, ..*self }
     }
@@ -55,18 +55,19 @@ impl ImuNoise {
 /// An inertial sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImuSensor {
-    /// Where it sits; identity where the body frame is the IMU's.
+    /// Extrinsics: maps IMU coordinates to body coordinates; identity where the body frame is the IMU's.
     pub body_from_imu: Se3,
-    /// Nominal samples a second.
+    /// Nominal rate in samples per second.
     pub rate_hz: f64,
-    /// Its noise.
+    /// Noise densities.
     pub noise: ImuNoise,
-    /// Seconds to add to an IMU stamp to get the image clock: `t_imu + offset = t_image`. Kalibr's `timeshift_cam_imu` is
-    /// its negative. Whoever merges the streams applies it ([`crate::Merge`]) and hands on a rig in which it is 0.
+    /// Seconds to add to an IMU stamp to get the image clock: `t_imu + offset = t_image`. Kalibr's `timeshift_cam_imu`
+    /// is its negative. The merge of the streams applies it ([`crate::Merge`]); the rig passed on after that has an
+    /// offset of 0.
     pub offset_s: f64,
 }
 
-/// Everything that sees and feels.
+/// All sensors of a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
     /// Cameras in order; the first is the reference. One for mono and RGB-D, two for stereo.
@@ -78,15 +79,18 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// One camera at the body's origin.
+    /// A rig with one camera at the body's origin.
     pub fn mono(camera: Camera) -> Self {
         let cam0 = RigCamera { name: "cam0".into(), camera, body_from_camera: Se3::identity() };
         Self { cameras: vec![cam0], depth: None, imu: None }
     }
 
-    /// Refuses what can not be: no camera, numbers that are not finite, focal lengths that are not
-    /// positive, a principal point far outside, extrinsics that are not rigid, two cameras in one place,
-    /// a depth unit or a noise that is not positive.
+    /// Checks that the rig is possible.
+    ///
+    /// # Errors
+    /// Without a camera; when a number is not finite; for focal lengths that are not positive, a principal point far
+    /// outside the image, extrinsics of more than 10 m, two cameras at the same position, a depth unit, rate or noise
+    /// that is not positive, and for noise densities or a time offset that no sensor has.
     pub fn validate(&self) -> Result<(), RigError> {
         if self.cameras.is_empty() {
             return Err(RigError("the rig has no camera".into()));
@@ -132,14 +136,14 @@ impl Rig {
             for (name, v, possible, _) in densities(&imu.noise) {
                 if v < possible[0] || v > possible[1] {
                     return Err(RigError(format!(
-                        "imu: {name} {v:e} can not be, sensors have {:e} to {:e}: is the unit right?",
+                        "imu: {name} {v:e} is impossible, sensors have {:e} to {:e}: is the unit right?",
                         possible[0], possible[1]
                     )));
                 }
             }
             if !imu.offset_s.is_finite() || imu.offset_s.abs() > 10.0 {
                 return Err(RigError(format!(
-                    "imu: an offset of {} s to the images can not be, is the unit seconds?",
+                    "imu: an offset of {} s to the images is impossible, is the unit seconds?",
                     imu.offset_s
                 )));
             }
@@ -147,39 +151,42 @@ impl Rig {
         Ok(())
     }
 
-    /// What can be but hardly is, with numbers, one line each.
+    /// Warnings about values that are possible but unusual, with numbers, one line each.
     pub fn doubts(&self) -> Vec<String> {
-        let mut out = Vec::new();
-        let Some(imu) = &self.imu else { return out };
+        let mut warnings = Vec::new();
+        let Some(imu) = &self.imu else { return warnings };
         if imu.rate_hz < 100.0 || imu.rate_hz > 4000.0 {
-            out.push(format!(
-                "imu: {} samples a second, 100 to 1000 are usual and 100 are needed",
+            warnings.push(format!(
+                "imu: {} samples per second, 100 to 1000 are usual and 100 are needed",
                 imu.rate_hz
             ));
         }
         for (name, v, _, usual) in densities(&imu.noise) {
             if v < usual[0] || v > usual[1] {
-                out.push(format!(
-                    "imu: {name} {v:e} is unusual, most sensors have {:e} to {:e}: a density has the unit of the reading over \
-                     sqrt(Hz)",
+                warnings.push(format!(
+                    "imu: {name} {v:e} is unusual, most sensors have {:e} to {:e}: a density has the unit of the \
+                     measurement over sqrt(Hz)",
                     usual[0], usual[1]
                 ));
             }
         }
         if imu.offset_s.abs() > 0.1 {
-            out.push(format!("imu: {:+.3} s to the images is much, t_imu + offset = t_image", imu.offset_s));
+            warnings.push(format!(
+                "imu: an offset of {:+.3} s to the images is large; t_imu + offset = t_image",
+                imu.offset_s
+            ));
         }
         if imu.noise.gyro > imu.noise.accel {
-            out.push(format!(
+            warnings.push(format!(
                 "imu: the gyroscope's noise {:e} is above the accelerometer's {:e}: are they exchanged?",
                 imu.noise.gyro, imu.noise.accel
             ));
         }
-        out
+        warnings
     }
 }
 
-/// Noise densities with the range that can be and the one that is usual, inflated ones included.
+/// Noise densities with the possible range and the usual one; the usual range includes inflated values.
 fn densities(n: &ImuNoise) -> [(&'static str, f64, [f64; 2], [f64; 2]); 4] {
     [
         ("gyro noise", n.gyro, [1e-8, 0.5], [1e-5, 2e-2]),
@@ -189,9 +196,10 @@ fn densities(n: &ImuNoise) -> [(&'static str, f64, [f64; 2], [f64; 2]); 4] {
     ]
 }
 
+/// Checks that extrinsics are finite and at most 10 m long.
 fn check_rigid(name: &str, t: &Se3) -> Result<(), RigError> {
     if !t.is_finite() {
-        return Err(RigError(format!("{name}: the extrinsics hold a number that is not finite")));
+        return Err(RigError(format!("{name}: the extrinsics contain a number that is not finite")));
     }
     if t.translation.norm() > 10.0 {
         return Err(RigError(format!(
@@ -202,12 +210,15 @@ fn check_rigid(name: &str, t: &Se3) -> Result<(), RigError> {
     Ok(())
 }
 
-/// Refuses a 3x3 block that is not a rotation, telling how far off it is; readers call it before [`Se3::from_matrix`].
+/// Checks that a 3x3 block is a rotation; file readers call it before [`Se3::from_matrix`].
+///
+/// # Errors
+/// When it is not, with the deviation from orthogonality and the determinant.
 pub fn check_rotation(name: &str, r: &Mat3) -> Result<(), RigError> {
-    let off = (r.transpose() * r - Mat3::identity()).norm();
-    if !(off < 1e-2 && r.determinant() > 0.0) {
+    let deviation = (r.transpose() * r - Mat3::identity()).norm();
+    if !(deviation < 1e-2 && r.determinant() > 0.0) {
         return Err(RigError(format!(
-            "{name}: not a rotation (|R'R - I| = {off:.3}, det = {:.3})",
+            "{name}: not a rotation (|R'R - I| = {deviation:.3}, det = {:.3})",
             r.determinant()
         )));
     }

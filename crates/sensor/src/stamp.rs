@@ -1,9 +1,9 @@
-//! Time as integers.
+//! Time stamps as integer nanoseconds.
 
 use std::fmt;
 use std::ops::Sub;
 
-/// Nanoseconds in the source's own clock.
+/// A time in nanoseconds of the source's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Stamp(pub i64);
 
@@ -13,12 +13,12 @@ impl Stamp {
         Self((seconds * 1e9).round() as i64)
     }
 
-    /// Seconds as a float, for printing and for differences; absolute epochs lose digits below 100 ns.
+    /// Seconds as a float, for display and differences; absolute epoch times lose precision below 100 ns.
     pub fn seconds(self) -> f64 {
         self.0 as f64 * 1e-9
     }
 
-    /// This stamp moved by seconds.
+    /// This stamp shifted by seconds.
     pub fn plus_seconds(self, seconds: f64) -> Self {
         Self(self.0 + (seconds * 1e9).round() as i64)
     }
@@ -33,7 +33,7 @@ impl Sub for Stamp {
 }
 
 impl fmt::Display for Stamp {
-    /// Seconds with nine decimals, exactly, as trajectory files have them.
+    /// Seconds with exactly nine decimals, as in trajectory files.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let sign = if self.0 < 0 { "-" } else { "" };
         let n = self.0.unsigned_abs();
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn prints_every_digit() {
+    fn displays_all_digits() {
         assert_eq!(Stamp(1_403_636_584_763_555_584).to_string(), "1403636584.763555584");
         assert_eq!(Stamp(-5).to_string(), "-0.000000005");
     }

@@ -1,12 +1,11 @@
-//! Project and unproject undo each other wherever a model has an image, and say so where it has none.
+//! `project` and `unproject` are inverse wherever a model has an image, and return `None` elsewhere.
 
 use cairn_geometry::{Vec2, Vec3};
 use cairn_sensor::{Camera, Distortion};
 use proptest::prelude::*;
 
-/// Real calibrations: EuRoC cam0, TUM freiburg1, TUM-VI room cam0 and cam1, RealSense D455 colour, a
-/// Kinect-for-Azure colour camera (rational), and for the models without a file at hand, numbers of the
-/// size their papers give.
+/// Real calibrations: EuRoC cam0, TUM freiburg1, TUM-VI room cam0 and cam1, RealSense D455 colour, an Azure Kinect
+/// colour camera (rational); for the models without a real calibration, typical values from their papers.
 fn cameras() -> Vec<(&'static str, Camera)> {
     let with =
         |w, h, fx, fy, cx, cy, distortion| Camera { distortion, ..Camera::pinhole(w, h, fx, fy, cx, cy) };
@@ -105,41 +104,41 @@ fn cameras() -> Vec<(&'static str, Camera)> {
 }
 
 #[test]
-fn every_pixel_of_real_cameras_comes_back() {
+fn pixels_round_trip_for_real_calibrations() {
     for (name, camera) in cameras() {
         camera.validate().unwrap();
-        let (mut seen, mut blind) = (0, 0);
+        let (mut visible, mut without_ray) = (0, 0);
         for y in (0..camera.height).step_by(5).chain([camera.height - 1]) {
             for x in (0..camera.width).step_by(5).chain([camera.width - 1]) {
                 let px = Vec2::new(x as f64, y as f64);
                 let Some(ray) = camera.unproject(&px) else {
-                    blind += 1;
+                    without_ray += 1;
                     continue;
                 };
                 assert!((ray.norm() - 1.0).abs() < 1e-12);
                 let back = camera.project(&(ray * 3.7)).unwrap_or_else(|| panic!("{name}: {px:?} lost"));
                 assert!((back - px).norm() < 1e-6, "{name}: {px:?} came back as {back:?}");
-                seen += 1;
+                visible += 1;
             }
         }
-        // Only a fisheye's black corners may have no ray.
+        // Only the black corners of a fisheye image may have no ray.
         assert!(
-            blind == 0 || (name.contains("double") && blind * 5 < seen),
-            "{name}: {blind} of {seen} pixels have no ray"
+            without_ray == 0 || (name.contains("double") && without_ray * 5 < visible),
+            "{name}: {without_ray} of {visible} pixels have no ray"
         );
     }
 }
 
 #[test]
-fn rays_come_back() {
+fn rays_round_trip() {
     for (name, camera) in cameras() {
-        let mut seen = 0;
+        let mut visible = 0;
         for i in 0..2000 {
-            // A spiral of directions over the half sphere in front.
+            // A spiral of directions over the front half sphere.
             let (theta, phi) = (1.5 * i as f64 / 2000.0, 0.7 * i as f64);
             let ray = Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos());
             let Some(px) = camera.project(&(ray * 0.3)) else { continue };
-            // As far out as the image is wide; no one calibrates a lens beyond.
+            // Up to one image width from the centre; no calibration extends beyond.
             if (px.x - camera.cx).abs() > camera.width as f64
                 || (px.y - camera.cy).abs() > camera.width as f64
             {
@@ -147,14 +146,14 @@ fn rays_come_back() {
             }
             let back = camera.unproject(&px).unwrap_or_else(|| panic!("{name}: {theta} rad lost"));
             assert!((back - ray).norm() < 1e-7, "{name}: {ray:?} came back as {back:?}");
-            seen += 1;
+            visible += 1;
         }
-        assert!(seen > 700, "{name} saw {seen} of 2000");
+        assert!(visible > 700, "{name}: {visible} of 2000 rays are visible");
     }
 }
 
 #[test]
-fn nothing_behind_a_plane_model_is_seen() {
+fn points_behind_the_camera_have_no_image() {
     for (name, camera) in cameras() {
         assert_eq!(camera.project(&Vec3::zeros()), None, "{name}");
         assert_eq!(camera.project(&Vec3::new(0.0, 0.0, -1.0)), None, "{name}");
@@ -166,8 +165,8 @@ fn nothing_behind_a_plane_model_is_seen() {
 }
 
 #[test]
-fn past_the_fold_there_is_no_image() {
-    // 1 - 3 * 0.3 s turns at r = 1.054, where the image radius is 0.703.
+fn no_image_beyond_the_fold() {
+    // 1 - 3 * 0.3 s changes sign at r = 1.054, where the image radius is 0.703.
     let mut camera = Camera::pinhole(640, 480, 300.0, 300.0, 320.0, 240.0);
     for distortion in [
         Distortion::RadialTangential([-0.3, 0.0, 0.0, 0.0, 0.0]),
@@ -180,12 +179,12 @@ fn past_the_fold_there_is_no_image() {
         assert!(camera.unproject(&Vec2::new(320.0 + 300.0 * 0.70, 240.0)).is_some());
         assert_eq!(camera.unproject(&Vec2::new(320.0 + 300.0 * 0.71, 240.0)), None);
     }
-    // Folds and unfolds again: the radii after the dip are positive in value and slope, and still no image.
+    // Folds over and increases again: beyond the dip radius and slope are positive, but there is still no image.
     camera.distortion = Distortion::RadialTangential([-0.8, 0.2, 0.0, 0.0, 0.0]);
     assert_eq!(camera.project(&Vec3::new(3.0, 0.0, 1.0)), None);
     camera.distortion = Distortion::InverseRadialTangential([-0.3, 0.0, 0.0, 0.0, 0.0]);
     assert_eq!(camera.unproject(&Vec2::new(320.0 + 300.0 * 1.07, 240.0)), None);
-    camera.distortion = Distortion::Equidistant([-0.1, 0.0, 0.0, 0.0]); // turns at 1.826 rad
+    camera.distortion = Distortion::Equidistant([-0.1, 0.0, 0.0, 0.0]); // folds over at 1.826 rad
     assert_eq!(camera.project(&Vec3::new(1.9f64.sin(), 0.0, 1.9f64.cos())), None);
     assert_eq!(camera.unproject(&Vec2::new(320.0 + 300.0 * 1.3, 240.0)), None);
     camera.distortion = Distortion::Fov(1.0);
@@ -196,7 +195,7 @@ fn past_the_fold_there_is_no_image() {
 }
 
 #[test]
-fn numbers_that_are_no_lens_are_refused() {
+fn invalid_distortion_is_rejected() {
     let mut camera = Camera::pinhole(640, 480, 300.0, 300.0, 320.0, 240.0);
     let nan = f64::NAN;
     for distortion in [
@@ -215,27 +214,28 @@ fn numbers_that_are_no_lens_are_refused() {
 }
 
 #[test]
-fn a_resolution_that_no_camera_has_is_refused() {
-    let told = |width, height| {
+fn invalid_resolution_is_rejected() {
+    let validate = |width, height| {
         Camera::pinhole(width, height, 300.0, 300.0, 320.0, 240.0).validate().map_err(|e| e.to_string())
     };
-    assert_eq!(told(16_384, 480), Ok(()));
-    assert!(told(16_385, 480).unwrap_err().contains("16385x480, at most 16384"));
-    assert!(told(640, usize::MAX).is_err());
-    assert!(told(0, 480).is_err());
+    assert_eq!(validate(16_384, 480), Ok(()));
+    assert!(validate(16_385, 480).unwrap_err().contains("16385x480, at most 16384"));
+    assert!(validate(640, usize::MAX).is_err());
+    assert!(validate(0, 480).is_err());
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(4000) })]
 
     #[test]
-    fn any_mild_lens_comes_back(
+    fn pixels_round_trip_for_mild_lenses(
         kind in 0..6usize,
         c in prop::array::uniform8(-0.08..0.08f64),
         x in 0.0..639.0f64,
         y in 0.0..479.0f64,
     ) {
-        // Past 0.025 a lens may fold inside the image (its radial curve turns before the corner), and a corner has no ray.
+        // Beyond 0.025 a lens may fold over inside the image (its radial curve turns before the corner), and a corner
+        // has no ray.
         let radial = [0.3 * c[0], 0.3 * c[1], 0.05 * c[2], 0.05 * c[3], 0.3 * c[4]];
         let distortion = match kind {
             0 => Distortion::RadialTangential(radial),
@@ -253,10 +253,10 @@ proptest! {
         prop_assert!(back.is_some_and(|b| (b - px).norm() < 1e-6), "{:?}: {} came back as {:?}", distortion, px, back);
     }
 
-    /// Whatever the radial coefficients (real tangential ones are below 0.01): an answer is right or `None`,
-    /// never wrong, never a panic.
+    /// For any radial coefficients (real tangential ones are below 0.01) the result is correct or `None`, never wrong,
+    /// and never a panic.
     #[test]
-    fn any_lens_at_all_is_honest(
+    fn any_lens_is_correct_or_none(
         kind in 0..6usize,
         c in prop::array::uniform8(-2.0..2.0f64),
         x in -1.5..1.5f64,

@@ -1,4 +1,4 @@
-//! The merge of streams: order, what is waited for and how long, what is dropped, what is made up.
+//! The merge of streams: order, waiting, dropped and synthesised data.
 
 use cairn_geometry::Vec3;
 use cairn_sensor::{Dropped, ImuSample, Merge, MergeConfig, Merged, Stamp, Stream, Why};
@@ -26,17 +26,17 @@ fn times(m: &Merged<u32, u32>) -> Vec<f64> {
 }
 
 #[test]
-fn an_instant_has_the_samples_since_the_last_one_and_one_at_or_after_it() {
+fn set_has_imu_samples_up_to_one_at_or_after_the_image() {
     let mut m = merge(with_imu());
     m.push_image(0, ms(12.0), 1).unwrap();
     for t in [0.0, 5.0, 10.0] {
         m.push_imu(sample(t)).unwrap();
         assert_eq!(m.lacks(), Some(Stream::Imu));
     }
-    assert!(m.pop().is_none(), "the sample after the image has not come");
+    assert!(m.pop().is_none(), "the sample after the image has not arrived");
     m.push_imu(sample(15.0)).unwrap();
     assert_eq!(times(&m.pop().unwrap()), [0.0, 5.0, 10.0, 15.0]);
-    // An image that the last sample covers already needs no other.
+    // An image already covered by the last sample needs no further one.
     m.push_image(0, ms(14.0), 2).unwrap();
     assert!(m.pop().unwrap().imu.is_empty());
     m.push_image(0, ms(20.0), 3).unwrap();
@@ -47,19 +47,19 @@ fn an_instant_has_the_samples_since_the_last_one_and_one_at_or_after_it() {
 }
 
 #[test]
-fn where_no_sample_comes_one_is_made_up_and_marked_and_the_real_one_follows() {
+fn missing_imu_sample_is_synthesised_and_marked() {
     let mut m = merge(with_imu());
     m.push_imu(sample(8.0)).unwrap();
     m.push_image(0, ms(12.0), 1).unwrap();
     m.advance(ms(100.0));
-    assert!(m.pop().is_none(), "within the wait");
+    assert!(m.pop().is_none(), "still waiting");
     m.advance(ms(113.0));
     let first = m.pop().unwrap();
     assert_eq!(times(&first), [8.0, 12.0]);
-    let made = first.imu[1];
-    assert!(made.is_synthesised() && made.noise_scale > 5.0 && made.gyro.x == 8.0);
+    let held = first.imu[1];
+    assert!(held.is_synthesised() && held.noise_scale > 5.0 && held.gyro.x == 8.0);
     assert!(!first.imu[0].is_synthesised());
-    // The real one came late: it goes with the next image.
+    // The real sample arrived late: it goes with the next image.
     for t in [10.0, 13.0, 22.0] {
         m.push_imu(sample(t)).unwrap();
     }
@@ -69,7 +69,7 @@ fn where_no_sample_comes_one_is_made_up_and_marked_and_the_real_one_follows() {
 }
 
 #[test]
-fn nothing_is_made_up_beyond_one_period() {
+fn no_sample_is_synthesised_beyond_one_period() {
     let mut m = merge(with_imu());
     m.push_imu(sample(0.0)).unwrap();
     m.end(Stream::Imu);
@@ -79,7 +79,7 @@ fn nothing_is_made_up_beyond_one_period() {
 }
 
 #[test]
-fn what_goes_backwards_repeats_jumps_or_is_no_number_is_dropped_and_counted() {
+fn invalid_samples_are_dropped_and_counted() {
     let mut m = merge(with_imu());
     let why = |r: Result<Option<cairn_sensor::ImuGap>, Dropped>| r.err().map(|d| d.why);
     assert_eq!(why(m.push_imu(sample(5.0))), None);
@@ -87,7 +87,7 @@ fn what_goes_backwards_repeats_jumps_or_is_no_number_is_dropped_and_counted() {
     assert_eq!(why(m.push_imu(sample(4.0))), Some(Why::Backwards));
     let nan = ImuSample { accel: Vec3::new(0.0, f64::NAN, 0.0), ..sample(6.0) };
     assert_eq!(why(m.push_imu(nan)), Some(Why::NotFinite));
-    // One wrong stamp far ahead does not shut out what follows.
+    // One wrong stamp far ahead does not block the following samples.
     assert_eq!(why(m.push_imu(sample(900_000.0))), None);
     let dropped = m.push_imu(sample(10.0)).unwrap_err();
     assert_eq!((dropped.stamp, dropped.why), (ms(900_000.0), Why::JumpsAhead));
@@ -100,10 +100,10 @@ fn what_goes_backwards_repeats_jumps_or_is_no_number_is_dropped_and_counted() {
 }
 
 #[test]
-fn a_real_hole_of_seconds_is_believed_when_the_stream_goes_on_and_noted() {
+fn long_gap_is_accepted_when_confirmed() {
     let mut m = merge(with_imu());
     m.push_imu(sample(0.0)).unwrap();
-    assert_eq!(m.push_imu(sample(3000.0)), Ok(None), "not believed yet");
+    assert_eq!(m.push_imu(sample(3000.0)), Ok(None), "not confirmed yet");
     let gap = m.push_imu(sample(3005.0)).unwrap().unwrap();
     assert_eq!((gap.from, gap.to), (ms(0.0), ms(3000.0)));
     assert_eq!((m.counts().imu_gaps, m.counts().longest_imu_gap_s), (1, 3.0));
@@ -112,7 +112,7 @@ fn a_real_hole_of_seconds_is_believed_when_the_stream_goes_on_and_noted() {
 }
 
 #[test]
-fn the_offset_moves_the_imu_into_the_clock_of_the_images() {
+fn imu_offset_is_applied() {
     let mut m = merge(MergeConfig { imu_offset_s: 0.0015, ..with_imu() });
     m.push_image(0, ms(10.0), 1).unwrap();
     m.push_imu(sample(8.4)).unwrap();
@@ -122,7 +122,7 @@ fn the_offset_moves_the_imu_into_the_clock_of_the_images() {
 }
 
 #[test]
-fn the_first_image_has_a_second_of_samples_before_it() {
+fn first_image_has_one_second_of_imu_samples() {
     let mut m = merge(with_imu());
     for i in 0..601 {
         m.push_imu(sample(5.0 * i as f64)).unwrap();
@@ -133,7 +133,7 @@ fn the_first_image_has_a_second_of_samples_before_it() {
 }
 
 #[test]
-fn two_cameras_make_one_instant_and_the_unpaired_go() {
+fn stereo_images_are_paired_and_unpaired_ones_dropped() {
     let mut m = merge(MergeConfig { cameras: 2, same_instant_s: 0.001, ..Default::default() });
     m.push_image(0, ms(0.0), 10).unwrap();
     assert_eq!(m.lacks(), Some(Stream::Camera(1)));
@@ -145,7 +145,7 @@ fn two_cameras_make_one_instant_and_the_unpaired_go() {
     m.push_image(0, ms(100.2), 12).unwrap();
     assert_eq!(m.pop().unwrap().images, [12, 21]);
     assert_eq!(m.counts().unpaired, 1);
-    // A camera that has died stops nothing but itself; once it ends, nothing is kept for it.
+    // A camera that stops delivering stops the sets; once it has ended, images waiting for it are dropped.
     for i in 3..9 {
         m.push_image(0, ms(50.0 * i as f64), i).unwrap();
     }
@@ -156,7 +156,7 @@ fn two_cameras_make_one_instant_and_the_unpaired_go() {
 }
 
 #[test]
-fn depth_joins_its_image_and_is_not_waited_for_long() {
+fn depth_is_paired_with_limited_waiting() {
     let mut m = merge(MergeConfig { depth: true, same_instant_s: 0.010, ..Default::default() });
     m.push_image(0, ms(0.0), 1).unwrap();
     assert_eq!(m.lacks(), Some(Stream::Depth));
@@ -168,11 +168,11 @@ fn depth_joins_its_image_and_is_not_waited_for_long() {
     m.push_image(0, ms(33.0), 2).unwrap();
     assert_eq!(m.pop().unwrap().depth, Some(102));
     assert_eq!(m.counts().depth_dropped, 1);
-    // Later depth shows that none comes.
+    // A later depth image shows that none will come for this image.
     m.push_image(0, ms(66.0), 3).unwrap();
     m.push_depth(ms(90.0), 103).unwrap();
     assert_eq!(m.pop().unwrap().depth, None);
-    // A dead depth sensor holds nothing up beyond the wait.
+    // A dead depth sensor delays the sets by no more than the waiting time.
     m.push_image(0, ms(130.0), 4).unwrap();
     assert_eq!(m.lacks(), Some(Stream::Depth));
     m.push_image(0, ms(231.0), 5).unwrap();
@@ -180,22 +180,22 @@ fn depth_joins_its_image_and_is_not_waited_for_long() {
 }
 
 #[test]
-fn a_dead_imu_holds_nothing_up_and_samples_without_images_are_not_kept_for_ever() {
+fn dead_imu_does_not_block_and_old_samples_are_discarded() {
     let mut m = merge(with_imu());
     for i in 0..20 {
         m.push_image(0, ms(33.0 * i as f64), i).unwrap();
     }
-    let given = std::iter::from_fn(|| m.pop()).count();
-    assert_eq!(given, 16, "those older than the wait");
+    let returned = std::iter::from_fn(|| m.pop()).count();
+    assert_eq!(returned, 16, "sets older than the waiting time");
     for i in 0..20_000 {
         m.push_imu(sample(1000.0 + 5.0 * i as f64)).unwrap();
     }
     assert!((7_999..=8_000).contains(&m.counts().imu_given_up), "{:?}", m.counts());
 }
 
-/// Delays of up to 40 ms on every stream, in every order: the instants are those of streams without delay.
+/// With delays of up to 40 ms on every stream, in any order, the sets equal those of streams without delay.
 #[test]
-fn order_of_arrival_does_not_matter() {
+fn order_of_arrival_does_not_change_the_sets() {
     #[derive(Clone, Copy)]
     enum Item {
         Image(usize, f64),
@@ -231,12 +231,12 @@ fn order_of_arrival_does_not_matter() {
         }
         out
     };
-    let plain = run([0.0; 4]);
-    assert_eq!(plain.len(), 40);
-    assert!(plain.windows(2).all(|w| w[0].stamp < w[1].stamp));
+    let undelayed = run([0.0; 4]);
+    assert_eq!(undelayed.len(), 40);
+    assert!(undelayed.windows(2).all(|w| w[0].stamp < w[1].stamp));
     for delays in
         [[40.0, 0.0, 0.0, 0.0], [0.0, 13.0, 40.0, 7.0], [0.0, 0.0, 0.0, 40.0], [3.0, 40.0, 1.0, 21.0]]
     {
-        assert!(run(delays) == plain, "{delays:?}");
+        assert!(run(delays) == undelayed, "{delays:?}");
     }
 }

@@ -1,4 +1,5 @@
-//! The commands of a walk, the same everywhere: keys on a terminal or a page, lines for screen readers and scripts.
+//! The commands of a session, the same everywhere: keys on a terminal or the page, lines for screen readers and
+//! scripts.
 
 use cairn_guide::Facing;
 use std::path::PathBuf;
@@ -6,32 +7,32 @@ use std::path::PathBuf;
 /// What a walker can ask for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    /// Begin to record the way.
+    /// Start recording the route.
     Record,
-    /// End the recording; the way can be walked home from now on.
+    /// End the recording; the route can be walked home from now on.
     Stop,
-    /// Take a recorded way: this file, else the latest one.
+    /// Load a recorded route: this file, else the latest one.
     Load(Option<PathBuf>),
-    /// Guide home along the way, or along it as it was recorded.
+    /// Start guidance along the route.
     Guide {
-        /// How the walker stands to the camera; as the session was set without it.
+        /// How the camera is mounted relative to the walker; the session's default without it.
         facing: Option<Facing>,
-        /// From start to end as it was recorded, instead of back.
+        /// From start to end as it was recorded, instead of home.
         again: bool,
     },
     /// End guidance.
     Halt,
     /// Say the last words again.
     Repeat,
-    /// Tell how things stand.
+    /// Say the present state.
     Status,
-    /// Leave.
+    /// End the session.
     Quit,
 }
 
 /// All commands with their keys, for people.
-pub const HELP: &str = "r record, s stop recording, l load the latest way, g guide home, b guide backwards, h halt, \
-                        p repeat, i how things stand, q quit; with lines also: load FILE, guide home|back|backwards [again]";
+pub const HELP: &str = "r record, s stop recording, l load the latest route, g guide home, b guide backwards, h halt, \
+                        p repeat, i status, q quit; with lines also: load FILE, guide home|back|backwards [again]";
 
 impl Command {
     /// The command of a key, in either case.
@@ -50,10 +51,13 @@ impl Command {
         })
     }
 
-    /// The command of a line: a word of [`HELP`], or a single key. What it can not be is said.
+    /// Parses a line: a word of [`HELP`], or a single key.
+    ///
+    /// # Errors
+    /// What is wrong with the line, for the user.
     pub fn parse(line: &str) -> Result<Self, String> {
         let mut words = line.split_whitespace();
-        let first = words.next().ok_or("an empty line is no command")?.to_lowercase();
+        let first = words.next().ok_or("an empty line is not a command")?.to_lowercase();
         let rest: Vec<&str> = words.collect();
         let command = match first.as_str() {
             "record" => Self::Record,
@@ -72,12 +76,12 @@ impl Command {
             one => {
                 let mut letters = one.chars();
                 let key = letters.next().filter(|_| letters.next().is_none()).and_then(Self::of_key);
-                key.ok_or_else(|| format!("\"{one}\" is no command; {HELP}"))?
+                key.ok_or_else(|| format!("\"{one}\" is not a command; {HELP}"))?
             }
         };
         match rest.first() {
             None => Ok(command),
-            Some(word) => Err(format!("\"{word}\" does not belong to \"{first}\"")),
+            Some(word) => Err(format!("unexpected \"{word}\" after \"{first}\"")),
         }
     }
 }
@@ -101,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_and_lines_mean_the_same() {
+    fn keys_and_lines_are_equivalent() {
         for (key, line) in [
             ('R', "record"),
             ('s', "stop"),
@@ -117,7 +121,10 @@ mod tests {
             assert_eq!(Command::parse(line).unwrap(), command);
             assert_eq!(Command::parse(&key.to_string()).unwrap(), command);
         }
-        assert_eq!(Command::parse("load my way.way").unwrap(), Command::Load(Some("my way.way".into())));
+        assert_eq!(
+            Command::parse("load my route.route").unwrap(),
+            Command::Load(Some("my route.route".into()))
+        );
         let again = Command::Guide { facing: Some(Facing::Back), again: true };
         assert_eq!(Command::parse(" guide BACK again ").unwrap(), again);
         for wrong in ["", "fly", "record now", "guide away", "x"] {

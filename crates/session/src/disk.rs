@@ -1,7 +1,7 @@
-//! A file that outlasts a full disk: what could not be written waits in memory and is written when there is room.
+//! A file that survives a full disk: what could not be written waits in memory and is written when there is room.
 //!
-//! In: lines, each in one write. What is on disk is always whole lines: a line that was cut short by the failure is cut
-//! off before the next one is tried, so that the file can be read at every moment.
+//! Input: lines, each in one write. The file always consists of whole lines: a line that was cut short by a failed
+//! write is removed before the next attempt, so that the file can be read at every moment.
 
 use cairn_guide::Durable;
 use std::fs::File;
@@ -9,9 +9,12 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What a patient file writes to: something that can be cut to a length.
+/// The medium under a patient file: a file that can be truncated.
 pub trait Medium: Durable + Send {
-    /// Cuts to `length` bytes and goes on from there.
+    /// Truncates to `length` bytes and continues from there.
+    ///
+    /// # Errors
+    /// The system's error.
     fn cut(&mut self, length: u64) -> io::Result<()>;
 }
 
@@ -36,11 +39,14 @@ impl Medium for Box<dyn Medium> {
 
 /// Makes new files; one that exists is an error.
 pub trait Disk: Send {
-    /// A new, empty file.
+    /// Creates an empty file.
+    ///
+    /// # Errors
+    /// The system's error, also when the file exists.
     fn create(&self, path: &Path) -> io::Result<Box<dyn Medium>>;
 }
 
-/// The machine's own.
+/// The machine's own file system.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OwnDisk;
 
@@ -50,7 +56,7 @@ impl Disk for OwnDisk {
     }
 }
 
-/// Tells whoever asks why writing fails at the moment.
+/// Shared access to the reason why writing fails at the moment.
 #[derive(Clone, Debug, Default)]
 pub struct Trouble(Arc<Mutex<Option<String>>>);
 
@@ -65,28 +71,28 @@ impl Trouble {
     }
 }
 
-/// The file. Its writes never fail; [`PatientFile::trouble`] tells when they wait.
+/// The file. Its writes never fail; [`PatientFile::trouble`] reports when data is waiting.
 pub struct PatientFile<M> {
     medium: M,
-    /// Bytes that are whole on the medium.
+    /// Bytes of whole lines on the medium.
     good: u64,
-    /// What is still to be written.
+    /// Data that is not written yet.
     waiting: Vec<u8>,
     trouble: Trouble,
 }
 
 impl<M: Medium> PatientFile<M> {
-    /// Over an empty medium.
+    /// On an empty medium.
     pub fn new(medium: M) -> Self {
         Self { medium, good: 0, waiting: Vec::new(), trouble: Trouble::default() }
     }
 
-    /// Where to ask whether writing fails at the moment.
+    /// The handle that reports whether writing fails at the moment.
     pub fn trouble(&self) -> Trouble {
         self.trouble.clone()
     }
 
-    /// Writes what waits, as far as it goes.
+    /// Writes as much of the waiting data as possible.
     fn push(&mut self) {
         if self.waiting.is_empty() {
             return;
@@ -103,7 +109,7 @@ impl<M: Medium> PatientFile<M> {
                 self.trouble.set(None);
             }
             Err(e) => {
-                // Half a line on disk would make the file unreadable when the next one follows.
+                // Half a line on disk would make the file unreadable once the next line follows.
                 let _ = self.medium.cut(self.good);
                 self.trouble.set(Some(e.to_string()));
             }
@@ -145,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_disk_holds_whole_lines_and_everything_once_there_is_room() {
+    fn full_disk_holds_whole_lines_and_catches_up() {
         let disk = Small::default();
         disk.0.lock().unwrap().1 = 25;
         let mut file = PatientFile::new(disk.clone());

@@ -1,4 +1,4 @@
-//! Drives a session: a recording frame by frame, or a live source with a clock beside it.
+//! Drives a session: from a recording frame by frame, or from a live source with a wall clock.
 
 use crate::command::Command;
 use crate::event::Event;
@@ -9,20 +9,20 @@ use cairn_engine::Output;
 use cairn_sensor::{FramePacket, Source, SourceError, Stamp};
 use std::time::{Duration, Instant};
 
-/// The clock ticks so often while no packet comes.
+/// Interval of the ticks while no packet arrives.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Eyes and ears of whoever uses a session.
+/// The output side of a session: a terminal, the page, a voice.
 pub trait Face {
-    /// Words or a sound begin now.
+    /// An utterance or an earcon starts now.
     fn heard(&mut self, _session: &Session, _event: &Event) {}
-    /// A packet was taken; `Err` tells why it was not seen.
+    /// A packet was processed; `Err` gives the reason why it was rejected.
     fn saw(&mut self, _session: &Session, _packet: &FramePacket, _output: &Result<Output, String>) {}
-    /// A command was done, or not.
+    /// A command was carried out, or the reason why it was not.
     fn did(&mut self, _session: &Session, _command: &Command, _done: &Result<String, String>) {}
     /// Called after every packet and about twenty times a second.
     fn passed(&mut self, _session: &Session) {}
-    /// Commands that have come meanwhile, for who drives without an inbox.
+    /// Commands that have arrived meanwhile, for callers that drive without an inbox.
     fn asked(&mut self) -> Vec<Command> {
         Vec::new()
     }
@@ -31,13 +31,16 @@ pub trait Face {
 /// Why driving ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// The source has no more.
+    /// The source has ended.
     Source,
-    /// Someone asked for it.
+    /// A quit command.
     Asked,
 }
 
-/// Takes every packet of a source in order; time is the packets' own.
+/// Processes every packet of a source in order; time is the packets' own.
+///
+/// # Errors
+/// The source's error.
 pub fn drive_lockstep(
     session: &mut Session,
     source: &mut dyn Source,
@@ -57,8 +60,11 @@ pub fn drive_lockstep(
     Ok(Ended::Source)
 }
 
-/// Takes the newest packet whenever there is one, and lets time pass while there is none. Ends with the source, or
-/// when asked to.
+/// Processes the newest packet whenever there is one, and ticks while there is none. Ends with the source, or on a
+/// quit command.
+///
+/// # Errors
+/// The source's error.
 pub fn drive_live(
     session: &mut Session,
     inbox: &Inbox,
@@ -92,7 +98,7 @@ pub fn drive_live(
     }
 }
 
-/// Does the commands; true when one of them was to end.
+/// Carries out the commands; true when one of them was quit.
 fn carry_out(session: &mut Session, commands: &[Command], face: &mut dyn Face) -> bool {
     for command in commands {
         let done = session.command(command);

@@ -1,46 +1,46 @@
-//! What a session tells its faces: words that begin now, and short sounds.
+//! The events of a session for its faces: utterances that start now, and earcons.
 
 use cairn_guide::{Cue, CueKind, Earcon, First, Next, Priority};
 use cairn_sensor::Stamp;
 use serde::Serialize;
 
-/// Something for ears, eyes or skin.
+/// An event for ears, eyes or touch.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// Words to begin now.
+    /// An utterance starts.
     Said(Said),
-    /// A short sound.
+    /// An earcon starts.
     Sound(Sound),
 }
 
-/// Words that begin now.
+/// An utterance that starts now.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Said {
     /// Seconds since the session's first packet.
     pub t_s: f64,
-    /// When, in the source's clock.
+    /// Its time in the source's clock.
     #[serde(skip)]
     pub stamp: Stamp,
-    /// The words.
+    /// The text.
     pub text: String,
     /// 0 urgent, 1 high, 2 normal, 3 low.
     pub priority: u8,
-    /// What is being said must be broken off.
+    /// The present utterance must be broken off.
     pub interrupts: bool,
-    /// Estimated seconds that it takes.
+    /// Estimated duration in seconds.
     pub duration_s: f64,
     /// The turn that is asked for, radians, positive to the walker's left.
     pub turn_rad: Option<f64>,
 }
 
-/// A short sound made by code.
+/// A short synthesised sound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sound {
     /// Seconds since the session's first packet.
     pub t_s: f64,
-    /// Which.
+    /// The sound.
     pub earcon: Earcon,
-    /// Where it should seem to come from, radians, positive to the walker's left, 0 ahead.
+    /// The direction from which it should be heard, radians, positive to the walker's left, 0 ahead.
     pub bearing_rad: f64,
 }
 
@@ -54,11 +54,11 @@ pub fn rank(priority: Priority) -> u8 {
     }
 }
 
-/// The name of a sound, for pages and files.
+/// The name of an earcon, for pages and files.
 pub fn earcon_name(earcon: Earcon) -> &'static str {
     match earcon {
-        Earcon::OnCourse => "on-reference_path",
-        Earcon::OffCourse => "off-reference_path",
+        Earcon::OnCourse => "on-course",
+        Earcon::OffCourse => "off-course",
         Earcon::Turn => "turn",
         Earcon::Waypoint => "waypoint",
         Earcon::Arrival => "arrival",

@@ -1,4 +1,4 @@
-//! What waits for the thread that walks: the newest packet, all commands, the end.
+//! The inbox of the session's thread: the newest packet, all commands, the end of the source.
 
 use crate::command::Command;
 use cairn_sensor::{FramePacket, ImuSample, Source, SourceError};
@@ -7,18 +7,18 @@ use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// A packet that waited longer than this is dropped, when another may come.
+/// A packet that waited longer than this is dropped when a newer one may follow.
 const TOO_OLD: Duration = Duration::from_millis(150);
 
-/// Something that came.
+/// What [`Inbox::take`] returns.
 pub enum Item {
-    /// The newest packet, and when it was put.
+    /// The newest packet, and when it arrived.
     Packet(FramePacket, Instant),
     /// A command.
     Command(Command),
     /// The source has ended, or failed.
     Ended(Result<(), SourceError>),
-    /// Nothing in the time given.
+    /// Nothing arrived within the time limit.
     Nothing,
 }
 
@@ -33,8 +33,8 @@ struct State {
     dropped: usize,
 }
 
-/// One place for the newest packet, a queue for commands. The newest packet replaces one that still waits; its inertial
-/// samples are kept.
+/// One slot for the newest packet and a queue for commands. A newer packet replaces one that still waits; the
+/// inertial samples of dropped packets are kept.
 #[derive(Default)]
 pub struct Inbox {
     state: Mutex<State>,
@@ -42,7 +42,7 @@ pub struct Inbox {
 }
 
 impl Inbox {
-    /// Empty.
+    /// An empty inbox.
     pub fn new() -> Arc<Self> {
         Arc::default()
     }
@@ -51,7 +51,7 @@ impl Inbox {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts a packet; false when nobody takes any more.
+    /// Puts a packet; false when the inbox is closed.
     pub fn put(&self, mut packet: FramePacket) -> bool {
         let mut s = self.lock();
         if let Some((overtaken, _)) = s.packet.take() {
@@ -80,17 +80,17 @@ impl Inbox {
         self.changed.notify_all();
     }
 
-    /// Nobody takes any more.
+    /// Closes the inbox: nothing more is taken from it.
     pub fn close(&self) {
         self.lock().closed = true;
     }
 
-    /// Packets overtaken or too old.
+    /// How many packets were replaced or too old.
     pub fn dropped(&self) -> usize {
         self.lock().dropped
     }
 
-    /// What came first in importance: commands, the newest packet, the end; waits at most `limit`.
+    /// The next item by importance: commands, the newest packet, the end; waits at most `limit`.
     pub fn take(&self, limit: Duration) -> Item {
         let until = Instant::now() + limit;
         let mut s = self.lock();
@@ -116,8 +116,11 @@ impl Inbox {
     }
 }
 
-/// Reads a source on a thread of its own and puts its packets. The thread ends with the source, or with the first packet
-/// after the inbox was closed.
+/// Reads a source on a thread of its own and puts its packets. The thread ends with the source, or with the first
+/// packet after the inbox was closed.
+///
+/// # Errors
+/// The system's error, when the thread cannot be started.
 pub fn feed(mut source: Box<dyn Source>, inbox: Arc<Inbox>) -> io::Result<()> {
     let work = move || {
         let result = loop {
@@ -148,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_packet_wins_and_no_inertial_sample_is_lost() {
+    fn newest_packet_replaces_older_and_keeps_imu_samples() {
         let inbox = Inbox::new();
         (1..=3).for_each(|n| assert!(inbox.put(packet(n))));
         inbox.command(Command::Stop);
@@ -156,7 +159,7 @@ mod tests {
         let Item::Packet(p, _) = inbox.take(Duration::ZERO) else { panic!("no packet") };
         assert_eq!((p.stamp, p.imu.len(), inbox.dropped()), (Stamp(3), 3, 2));
         assert!(matches!(inbox.take(Duration::from_millis(5)), Item::Nothing));
-        // What waited too long is dropped; its samples come with the next.
+        // A packet that waited too long is dropped; its samples come with the next one.
         inbox.put(packet(4));
         std::thread::sleep(Duration::from_millis(170));
         assert!(matches!(inbox.take(Duration::ZERO), Item::Nothing));

@@ -1,4 +1,4 @@
-//! Whether a way is ready to be walked back: the map is asked what the camera will see of it, stretch by stretch.
+//! Whether a route is ready to be walked back: how many landmarks of the map the camera will see, stretch by stretch.
 
 use cairn_atlas::{KeyFrame, LandmarkId, Snapshot};
 use cairn_geometry::Se3;
@@ -6,14 +6,14 @@ use cairn_guide::{Facing, Ground, PlacedPoint, ReadyConfig, ReadyStretch, ready}
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeSet;
 
-/// Key frames within so many metres are asked for what they see: what was seen from farther off may be behind a wall.
+/// Keyframes within this distance are considered: landmarks seen only from farther away may be behind a wall. Metres.
 const NEAR_M: f64 = 5.0;
-/// A landmark is found again where it is seen within 60 degrees of how a key frame saw it (cosine), the limit that
-/// tracking goes by.
-const ALIKE: f64 = 0.5;
+/// A landmark can be matched where it is seen within 60 degrees of a keyframe's viewing direction (cosine), the limit
+/// of tracking.
+const MIN_VIEW_COS: f64 = 0.5;
 
-/// Looks at each stretch of a placed way as the camera will on the way back. Lengths of the map are multiplied by
-/// `metres_per_unit`.
+/// Checks each stretch of a resolved route with the views that the camera will have on the way back. Lengths of the map
+/// are multiplied by `metres_per_unit`.
 pub fn readiness(
     map: &Snapshot,
     camera: &RectifiedCamera,
@@ -28,8 +28,8 @@ pub fn readiness(
     })
 }
 
-/// How many landmarks an eye at `world_from_camera` should find: inside the image, at a distance at which the detector
-/// finds them, from a side from which a key frame within `near` (in units of the map) saw them.
+/// How many landmarks a camera at `world_from_camera` should find: inside the image, at a distance at which the
+/// detector finds them, and from a side from which a keyframe within `near` (in units of the map) saw them.
 pub fn landmarks_in_view(
     map: &Snapshot,
     camera: &RectifiedCamera,
@@ -48,9 +48,9 @@ pub fn landmarks_in_view(
             let [u, v, _] = camera.project(&seen)?;
             let (ray, before) = (l.position - here, l.position - from);
             let distance = ray.norm();
-            let alike = ray.dot(&before) >= ALIKE * distance * before.norm();
+            let similar_view = ray.dot(&before) >= MIN_VIEW_COS * distance * before.norm();
             let found = distance >= 0.8 * l.min_distance && distance <= 1.2 * l.max_distance;
-            (camera.contains(u, v) && alike && found).then_some(*id)
+            (camera.contains(u, v) && similar_view && found).then_some(*id)
         };
         found.extend(key_frame.landmarks.iter().flatten().filter_map(sees));
     }

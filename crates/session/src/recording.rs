@@ -1,4 +1,4 @@
-//! A recording under way: the recorder, its patient file, and what the walker is told about it.
+//! A recording in progress: the recorder, its patient file, and what the walker hears about it.
 
 use crate::disk::{Disk, PatientFile, Trouble};
 use crate::reference_path::standing;
@@ -12,12 +12,12 @@ use cairn_sensor::Stamp;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A way being recorded.
+/// A route being recorded.
 pub(crate) struct Recording {
     recorder: Recorder,
     trouble: Trouble,
-    told_trouble: bool,
-    /// The file; `None` where none could be made.
+    trouble_announced: bool,
+    /// The file; `None` where none could be created.
     pub path: Option<PathBuf>,
     length: f64,
     last: Option<(Stamp, Vec3)>,
@@ -25,7 +25,7 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// Begins; when the file can not be made, the recording goes on in memory and the reason is given.
+    /// Starts; when the file cannot be created, the recording continues in memory and the reason is returned.
     pub fn begin(
         disk: &dyn Disk,
         path: &Path,
@@ -44,7 +44,7 @@ impl Recording {
         let plain = |recorder, trouble, path| Self {
             recorder,
             trouble,
-            told_trouble: false,
+            trouble_announced: false,
             path,
             length: 0.0,
             last: None,
@@ -58,7 +58,7 @@ impl Recording {
         }
     }
 
-    /// Goes on with a record that has a file already; what can not be written is kept in memory only.
+    /// Continues a recording that has a file already; what cannot be written is kept in memory only.
     pub fn resume(recorder: Recorder, path: &Path) -> Self {
         let points = &recorder.route().points;
         let at = |p: &cairn_guide::RoutePoint| p.odom_from_camera.translation;
@@ -66,13 +66,13 @@ impl Recording {
         let last = points.last().map(|p| (p.stamp, at(p)));
         let gaps = points.iter().filter(|p| p.stretch == Stretch::Gap).count();
         let (trouble, path) = (Trouble::default(), Some(path.to_owned()));
-        Self { recorder, trouble, told_trouble: false, path, length, last, gaps }
+        Self { recorder, trouble, trouble_announced: false, path, length, last, gaps }
     }
 
-    /// Takes a frame's pose; gives words for the walker, if any are due.
+    /// Takes a frame's pose; returns the words for the walker, if any are due.
     pub fn observe(&mut self, input: &RecordInput) -> Option<&'static str> {
         let before = self.recorder.route().points.len();
-        // The file is patient: it keeps what it could not write, so there is no error here to lose a point by.
+        // The patient file keeps what it could not write, so no error reaches here and no point is lost.
         let event = self.recorder.observe(input).ok().flatten();
         if let Some(point) = self.recorder.route().points.get(before) {
             let at = point.odom_from_camera.translation;
@@ -80,27 +80,27 @@ impl Recording {
             self.last = Some((point.stamp, at));
             self.gaps += usize::from(point.stretch == Stretch::Gap);
         }
-        match (self.trouble.now().is_some(), self.told_trouble) {
+        match (self.trouble.now().is_some(), self.trouble_announced) {
             (true, false) => {
-                self.told_trouble = true;
-                return Some("The disk is full. The way is kept in memory.");
+                self.trouble_announced = true;
+                return Some("The disk is full. The route is kept in memory.");
             }
             (false, true) => {
-                self.told_trouble = false;
-                return Some("The way is on disk again.");
+                self.trouble_announced = false;
+                return Some("The route is on disk again.");
             }
             _ => {}
         }
         event.map(|e| match e {
-            RecorderEvent::Bridging => "Tracking is weak. Slow down.",
+            RecorderEvent::Bridging => "Slow down. I cannot see well.",
             RecorderEvent::Lost => {
-                "Tracking is lost. Stand still, or turn back a little. The recording waits."
+                "I lost my place. Stand still, or turn back a little. Recording is paused."
             }
-            RecorderEvent::Resumed { .. } => "Tracking is back.",
+            RecorderEvent::Resumed { .. } => "I found my place.",
         })
     }
 
-    /// The map has found its scale: lengths are metres from now on, what was walked before too.
+    /// The scale of the map was initialised: lengths are metres from now on, including what was walked before.
     pub fn found_scale(&mut self, map: &Snapshot) {
         let anchored = self.route().resolve(|a| standing(map, a));
         let length = |poses: &mut dyn Iterator<Item = Vec3>| {
@@ -116,13 +116,13 @@ impl Recording {
             let rotation = to.rotation * from.rotation.inverse();
             Sim3::new(rotation, to.translation - rotation * from.translation * scale, scale)
         });
-        // The file is patient: it keeps what it could not write.
+        // The patient file keeps what it could not write.
         let _ = self.recorder.found_scale(carried, &ground_of(map));
         self.length = now;
         self.last = anchored.last().map(|p| (p.stamp, p.frame_from_camera.translation));
     }
 
-    /// What is recorded so far.
+    /// The route recorded so far.
     pub fn route(&self) -> &Route {
         self.recorder.route()
     }
@@ -132,17 +132,17 @@ impl Recording {
         self.length
     }
 
-    /// Stretches of which only the ends are known.
+    /// Number of gaps, stretches of which only the two ends are known.
     pub fn gaps(&self) -> usize {
         self.gaps
     }
 
-    /// Why the file is behind, if it is.
+    /// Why data is waiting to be written, if it is.
     pub fn trouble(&self) -> Option<String> {
         self.trouble.now()
     }
 
-    /// Ends: the way, its file, and an error when the file does not hold all of it.
+    /// Ends the recording: the route, its file, and an error when the file does not hold all of it.
     pub fn finish(self) -> (Route, Option<PathBuf>, io::Result<()>) {
         let trouble = self.trouble.clone();
         let (route, synced) = self.recorder.finish();
@@ -160,7 +160,7 @@ impl Recording {
     }
 }
 
-/// Which way is up in the poses to come: what the map knows, else as the first camera stands.
+/// The ground plane of the poses to come: gravity where the map is aligned, else from the first camera's axes.
 fn ground_of(map: &Snapshot) -> Ground {
     if map.is_gravity_aligned_throughout() { Ground::z_up() } else { Ground::first_camera() }
 }
@@ -170,13 +170,13 @@ pub(crate) fn tracked(input: &RecordInput) -> bool {
     input.confidence != Confidence::Lost
 }
 
-/// `route-0007.route`: one more than the highest number there is.
+/// `route-0007.route`: one more than the highest number in the folder.
 pub(crate) fn next_path(folder: &Path) -> PathBuf {
     let highest = routes_in(folder).into_iter().filter_map(|(n, _)| n).max().unwrap_or(0);
     folder.join(format!("route-{:04}.route", highest + 1))
 }
 
-/// The way that was written last: by its number, else by its time.
+/// The route that was written last: by its time, then by its number.
 pub(crate) fn latest(folder: &Path) -> Option<PathBuf> {
     let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
     let mut routes = routes_in(folder);

@@ -1,4 +1,4 @@
-//! A recorded way as a route in the map of now: it follows when the map moves.
+//! A recorded route as a reference path in the current map: it follows when the map is corrected.
 
 use crate::ready::readiness;
 use cairn_atlas::{KeyFrameId, Snapshot};
@@ -10,28 +10,28 @@ use cairn_guide::{
 use cairn_sensor::Stamp;
 use cairn_vision::RectifiedCamera;
 
-/// The route is made anew when a recorded point has moved by more than this, metres,
+/// The reference path is rebuilt when a recorded point has moved by more than this, metres.
 const MOVED_M: f64 = 0.05;
-/// looked at so often, seconds.
-const LOOK_AT_MAP_S: f64 = 1.0;
+/// Interval of that check, seconds.
+const MAP_CHECK_S: f64 = 1.0;
 
-/// A way, cleaned and placed.
+/// A route, resolved and cleaned.
 pub struct ReferencePath {
-    /// The ground of the walk.
+    /// The ground plane of the walk.
     pub ground: Ground,
-    /// Metres per unit of the map; a guess from the pace where the map has no metres.
+    /// Metres per unit of the map; estimated from the walking pace where the map is not metric.
     pub unit: f64,
-    /// The cleaned way, in metres.
+    /// The cleaned route, in metres.
     pub cleaned: CleanedRoute,
     travel: Travel,
     anchored: Vec<PlacedPoint>,
-    /// When the map was looked at last; at once where it is not known.
-    looked: Option<Stamp>,
+    /// When the map was last checked; `None` to check at once.
+    checked: Option<Stamp>,
     version: u64,
 }
 
 impl ReferencePath {
-    /// Places and cleans a way. Which way is up, the walk itself tells where the map does not know.
+    /// Resolves and cleans a route. Without gravity alignment the up direction is estimated from the walk itself.
     pub fn new(map: &Snapshot, route: &Route, travel: Travel, now: Stamp) -> Self {
         let anchored = route.resolve(|a| standing(map, a));
         let poses: Vec<Se3> = anchored.iter().map(|p| p.frame_from_camera).collect();
@@ -41,25 +41,28 @@ impl ReferencePath {
         };
         let unit = route.metres_per_unit();
         let cleaned = clean(&anchored, unit, &ground, &CleanConfig::default());
-        Self { ground, unit, cleaned, travel, anchored, looked: Some(now), version: map.version() }
+        Self { ground, unit, cleaned, travel, anchored, checked: Some(now), version: map.version() }
     }
 
-    /// The route, in metres.
+    /// The maneuver plan, in metres.
+    ///
+    /// # Errors
+    /// [`ManeuverPlanError`] for a cleaned route that is not usable, such as one with a single point.
     pub fn plan(&self) -> Result<ManeuverPlan, ManeuverPlanError> {
         ManeuverPlan::from_route(&self.cleaned, self.travel, &self.ground, &ManeuverPlanConfig::default())
     }
 
-    /// The scale of the map was found: the route is due at once.
+    /// The scale of the map was initialised: the reference path is rebuilt at the next check.
     pub fn found_scale(&mut self) {
-        self.looked = None;
+        self.checked = None;
     }
 
-    /// The route once more, when the map has moved under it.
+    /// The rebuilt plan, when a correction of the map moved the route.
     pub fn moved(&mut self, map: &Snapshot, route: &Route, now: Stamp) -> Option<ManeuverPlan> {
-        if self.looked.is_some_and(|looked| now - looked < LOOK_AT_MAP_S) {
+        if self.checked.is_some_and(|checked| now - checked < MAP_CHECK_S) {
             return None;
         }
-        self.looked = Some(now);
+        self.checked = Some(now);
         if map.version() == self.version {
             return None;
         }
@@ -78,9 +81,9 @@ impl ReferencePath {
         self.plan().ok()
     }
 
-    /// What the map knows of the views that the camera will have, stretch by stretch of the way as recorded.
+    /// How well the map covers the views that the camera will have, stretch by stretch of the route as recorded.
     pub fn readiness(&self, map: &Snapshot, camera: &RectifiedCamera, facing: Facing) -> Vec<ReadyStretch> {
-        // On the way out again the camera that looks ahead looks as it did, the others look the other way.
+        // On the way out again a forward-looking camera has the same views, the others the opposite ones.
         let facing = match (self.travel, facing) {
             (Travel::Home, facing) => facing,
             (Travel::Again, Facing::Home) => Facing::Back,
@@ -89,13 +92,13 @@ impl ReferencePath {
         readiness(map, camera, &self.anchored, self.unit, &self.ground, facing)
     }
 
-    /// The corners of the cleaned way in the map's own units.
+    /// The corners of the cleaned route in the map's own units.
     pub fn corners(&self) -> impl Iterator<Item = Vec3> {
         self.cleaned.points.iter().map(|p| p / self.unit)
     }
 }
 
-/// Where a key frame that a way hangs on stands in the map, with its unit of length.
+/// The pose of the keyframe that a route point is anchored to, with its unit of length.
 pub fn standing(map: &Snapshot, anchor: Anchor) -> Option<Sim3> {
     map.world_from_here(KeyFrameId::from_index(anchor.seq as usize)?)
 }

@@ -1,10 +1,10 @@
-//! A script: commands that come by themselves, each when its condition holds, one after the other.
+//! A script: commands that are carried out in order, each when its condition holds.
 //!
 //! ```text
 //! at 5 record                 # seconds since the first packet
 //! near 1.0 0.2 7.5 0.5 stop   # the camera within 0.5 of x y z, in the map's units
-//! tracked 100 record          # so many frames have a pose
-//! arrived quit                # guidance has ended at the end of its way
+//! tracked 100 record          # this many frames have a pose
+//! arrived quit                # guidance has ended at the end of its route
 //! ```
 
 use crate::command::Command;
@@ -17,11 +17,11 @@ use std::collections::VecDeque;
 pub enum When {
     /// Seconds since the first packet.
     At(f64),
-    /// The camera is within the distance of a place, in the map's units.
+    /// The camera is within the distance of a point, in the map's units.
     Near(Vec3, f64),
-    /// So many frames have a pose.
+    /// This many frames have a pose.
     Tracked(usize),
-    /// The last guidance ended at the end of its way.
+    /// The last guidance ended at the end of its route.
     Arrived,
 }
 
@@ -29,7 +29,7 @@ pub enum When {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("line {line}: {why}")]
 pub struct ScriptError {
-    /// Counted from 1.
+    /// Line number, counted from 1.
     pub line: usize,
     /// What is wrong.
     pub why: String,
@@ -42,7 +42,10 @@ pub struct Script {
 }
 
 impl Script {
-    /// Reads the text; `#` begins a remark.
+    /// Parses the text; `#` begins a comment.
+    ///
+    /// # Errors
+    /// [`ScriptError`] with the first line that is wrong.
     pub fn parse(text: &str) -> Result<Self, ScriptError> {
         let mut steps = VecDeque::new();
         for (number, line) in text.lines().enumerate() {
@@ -59,7 +62,7 @@ impl Script {
     pub fn due(&mut self, session: &Session) -> Vec<Command> {
         let mut due = Vec::new();
         while let Some((when, _)) = self.steps.front() {
-            // What waits for arrival waits also for what this same call has just begun.
+            // A command that waits for arrival also waits for guidance that this same call has just started.
             let holds = match when {
                 When::At(t) => session.elapsed_s() >= *t,
                 When::Near(place, within) => session.place().is_some_and(|p| (p - place).norm() <= *within),
@@ -78,21 +81,21 @@ impl Script {
         due
     }
 
-    /// Whether all has been done.
+    /// Whether all commands have been carried out.
     pub fn is_done(&self) -> bool {
         self.steps.is_empty()
     }
 }
 
 fn step(line: &str) -> Result<(When, Command), String> {
-    let (word, mut rest) = line.split_once(char::is_whitespace).ok_or("has no command")?;
+    let (word, mut rest) = line.split_once(char::is_whitespace).ok_or("a command is missing")?;
     let mut number = || -> Result<f64, String> {
         let text = rest.trim_start();
         let (first, after) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
         rest = after;
         match first.parse::<f64>() {
             Ok(v) if v.is_finite() => Ok(v),
-            _ => Err(format!("\"{first}\" is no number")),
+            _ => Err(format!("\"{first}\" is not a number")),
         }
     };
     let when = match word {
@@ -103,10 +106,10 @@ fn step(line: &str) -> Result<(When, Command), String> {
         }
         "tracked" => match number()? {
             n if n >= 0.0 && n.fract() == 0.0 => When::Tracked(n as usize),
-            n => return Err(format!("{n} is no number of frames")),
+            n => return Err(format!("{n} is not a number of frames")),
         },
         "arrived" => When::Arrived,
-        other => return Err(format!("\"{other}\" is no condition: write at, near, tracked or arrived")),
+        other => return Err(format!("\"{other}\" is not a condition: write at, near, tracked or arrived")),
     };
     Ok((when, Command::parse(rest)?))
 }
@@ -117,7 +120,7 @@ mod tests {
     use cairn_guide::Facing;
 
     #[test]
-    fn conditions_and_commands_are_read_and_mistakes_are_told_with_their_line() {
+    fn parses_conditions_and_reports_errors_with_line() {
         let script =
             Script::parse("# walk\nat 5 record\n\nnear 1 -2 3.5 0.5 guide back # home\narrived quit\n");
         let steps: Vec<_> = script.unwrap().steps.into();

@@ -1,7 +1,7 @@
-//! One walk: packets and commands in, words and sounds out. The engine sees, the recorder keeps, the guide leads.
+//! One walk: packets and commands in, utterances and earcons out. It runs the engine, the recorder and the guide.
 //!
-//! It knows no clock but the stamps, and no thread. Whoever drives it ([`crate::drive_live`], [`crate::drive_lockstep`])
-//! gives it packets, and ticks while there are none: then the guide says stop.
+//! It has no clock but the stamps, and no thread. The caller ([`crate::drive_live`], [`crate::drive_lockstep`])
+//! passes packets, and ticks while there are none: then the guide says stop.
 
 mod look;
 
@@ -22,24 +22,24 @@ use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// What a session goes by.
+/// Config of a session.
 #[derive(Clone, Debug)]
 pub struct SessionConfig {
-    /// Where ways are kept.
+    /// The folder of the routes.
     pub folder: PathBuf,
-    /// The file of the first recording; a free name in the folder without it.
+    /// The file of the first recording; without it, a free name in the folder.
     pub record_to: Option<PathBuf>,
-    /// What the pictures come from, for the files.
+    /// A description of the image source, for the files.
     pub source: String,
-    /// Record by itself after so many tracked frames.
+    /// Start recording automatically after this many tracked frames.
     pub auto_record: Option<usize>,
-    /// How the walker goes when nothing else is asked for.
+    /// How the camera is mounted relative to the walker, unless a command says otherwise.
     pub facing: Facing,
-    /// The map was loaded: ways from files lie on it.
+    /// The map was loaded: routes from files are anchored to it.
     pub map_is_loaded: bool,
-    /// How things are said.
+    /// Unit and form of distances and directions.
     pub phrases: PhraseConfig,
-    /// Rate, volume and patience of the voice.
+    /// Rate, volume and queueing of the voice.
     pub announcer: AnnouncerConfig,
 }
 
@@ -58,26 +58,26 @@ impl Default for SessionConfig {
     }
 }
 
-/// No picture for this long is told, seconds.
-const GONE_S: f64 = 1.0;
-/// The first words of guidance wait so long for others to end, seconds.
-const WAITS_FOR_WORDS_S: f64 = 12.0;
+/// A missing picture is announced after this, seconds.
+const PICTURE_TIMEOUT_S: f64 = 1.0;
+/// The first words of guidance wait at most this long for other utterances to end, seconds.
+const FIRST_WORDS_WAIT_S: f64 = 12.0;
 
-/// A way that can be walked.
-struct Held {
+/// A route that can be walked.
+struct RouteAtHand {
     route: Route,
     path: Option<PathBuf>,
-    /// It hangs on the map of this session.
+    /// It is anchored to the map of this session.
     here: bool,
 }
 
-/// Guidance under way.
+/// Guidance in progress.
 struct Guiding {
     guide: Guide,
     reference_path: ReferencePath,
     facing: Facing,
     asked: Stamp,
-    map_created: bool,
+    started: bool,
 }
 
 /// One walk.
@@ -87,28 +87,28 @@ pub struct Session {
     disk: Box<dyn Disk>,
     began: Option<Stamp>,
     now: Stamp,
-    /// The last frame's time, and the last pose with its own.
+    /// The last frame's time, and the last pose with its time.
     frame: Option<Stamp>,
     pose: Option<(Stamp, Se3)>,
     confidence: Confidence,
     recording: Option<Recording>,
     auto_recorded: bool,
-    /// Ways recorded in this session and ended, with their files.
+    /// Finished recordings of this session, with their files.
     recorded: Vec<(Option<PathBuf>, Route)>,
-    route: Option<Held>,
+    route: Option<RouteAtHand>,
     guiding: Option<Guiding>,
     voice: Announcer,
-    /// Words pushed last, and the turn they ask for.
+    /// The text queued last, and the turn it asks for.
     pushed: Option<(String, Option<f64>)>,
     events: VecDeque<Event>,
-    gone_told: bool,
+    picture_loss_announced: bool,
     arrived: bool,
     dead: Option<String>,
     status: Status,
 }
 
 impl Session {
-    /// A session over an engine that has seen nothing yet (or has loaded its map).
+    /// A session on a new engine (or one that has loaded its map).
     pub fn new(engine: Engine, config: SessionConfig) -> Self {
         let voice = Announcer::new(config.announcer);
         let status = Status { metric: engine.is_metric(), ..Status::default() };
@@ -129,14 +129,14 @@ impl Session {
             voice,
             pushed: None,
             events: VecDeque::new(),
-            gone_told: false,
+            picture_loss_announced: false,
             arrived: false,
             dead: None,
             status,
         }
     }
 
-    /// Writes ways to another disk.
+    /// Writes routes to another disk.
     pub fn on_disk(mut self, disk: Box<dyn Disk>) -> Self {
         self.disk = disk;
         self
@@ -147,13 +147,15 @@ impl Session {
         &self.engine
     }
 
-    /// The engine, to finish it.
+    /// The engine, for shutting it down.
     pub fn engine_mut(&mut self) -> &mut Engine {
         &mut self.engine
     }
 
-    /// Takes a packet: a pose, a point of the way, a step of the guide. `Err` tells why the packet was not seen; the
-    /// session goes on.
+    /// Processes a packet: a pose, a point of the route, a step of the guide.
+    ///
+    /// # Errors
+    /// The reason why the packet was rejected; the session continues.
     pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, String> {
         self.began.get_or_insert(packet.stamp);
         self.now = self.now.max(packet.stamp);
@@ -170,28 +172,28 @@ impl Session {
                 return Err(e.to_string());
             }
             Err(_) => {
-                // What the engine holds can not be trusted any more.
+                // The engine's state cannot be trusted after a panic.
                 self.dead = Some("tracking stopped by an error of the program".into());
                 self.tick(packet.stamp);
                 return Err("tracking stopped by an error of the program".into());
             }
         };
         self.frame = Some(packet.stamp);
-        if std::mem::take(&mut self.gone_told) && self.guiding.is_none() {
+        if std::mem::take(&mut self.picture_loss_announced) && self.guiding.is_none() {
             self.say("The picture is back.", Priority::Normal);
         }
         if output.died.is_some() {
-            self.say("Stop. Mapping has failed. Record what you have and begin anew.", Priority::Urgent);
+            self.say("Stop. Mapping has failed. Save the recording and start again.", Priority::Urgent);
         }
         let seen = record_input(&output);
         self.confidence = seen.confidence;
         if tracked(&seen) {
             self.pose = Some((seen.stamp, seen.odom_from_camera.se3));
         }
-        self.note(&output);
+        self.update_status(&output);
         if output.anchored.is_some() {
-            // The pose of the frame with which scale is found is still in the unit before.
-            self.measure(output.metric && self.engine.is_metric());
+            // The pose of the frame that initialises the scale is still in the previous unit.
+            self.update_metric(output.metric && self.engine.is_metric());
         }
         self.record(&seen);
         self.guide(packet.stamp);
@@ -202,18 +204,21 @@ impl Session {
     /// Time passes without a packet.
     pub fn tick(&mut self, now: Stamp) {
         self.now = self.now.max(now);
-        let silent = self.frame.is_some_and(|t| self.now - t > GONE_S);
-        if silent && !self.gone_told {
-            self.gone_told = true;
+        let silent = self.frame.is_some_and(|t| self.now - t > PICTURE_TIMEOUT_S);
+        if silent && !self.picture_loss_announced {
+            self.picture_loss_announced = true;
             if self.guiding.is_none() {
-                self.say("No picture comes. Stand still.", Priority::High);
+                self.say("No picture from the camera. Stand still.", Priority::High);
             }
         }
         self.guide(self.now);
         self.speak(self.now);
     }
 
-    /// Does what was asked; gives what was done or why not, in words that are also said.
+    /// Carries out a command; returns the result in words, which are also said.
+    ///
+    /// # Errors
+    /// Why the command could not be carried out, in words, which are also said.
     pub fn command(&mut self, command: &Command) -> Result<String, String> {
         let done = match command {
             Command::Record => self.begin_recording(None),
@@ -224,15 +229,15 @@ impl Session {
             }
             Command::Halt => match self.guiding.take() {
                 Some(_) => Ok("Guidance has ended.".into()),
-                None => Err("There is no guidance to end.".into()),
+                None => Err("Guidance is not running.".into()),
             },
             Command::Repeat => {
                 self.voice.repeat(self.now);
                 self.speak(self.now);
                 return Ok(self.status.last_words.clone());
             }
-            Command::Status => Ok(self.in_words()),
-            Command::Quit => Ok("Good bye.".into()),
+            Command::Status => Ok(self.status_words()),
+            Command::Quit => Ok("Goodbye.".into()),
         };
         let (Ok(text) | Err(text)) = &done;
         self.say(text, Priority::High);
@@ -240,44 +245,44 @@ impl Session {
         done
     }
 
-    /// What happened since this was last asked, in order.
+    /// The events since the last call, in order.
     pub fn events(&mut self) -> Vec<Event> {
         self.events.drain(..).collect()
     }
 
-    /// The way at hand, if there is one.
+    /// The route at hand, if there is one.
     pub fn route(&self) -> Option<&Route> {
         self.route.as_ref().map(|w| &w.route)
     }
 
-    /// Every way recorded in this session, the one under way too, with its file.
+    /// Every route recorded in this session, including the one in progress, with its file.
     pub fn recorded(&self) -> impl Iterator<Item = (Option<&Path>, &Route)> {
         let ended = self.recorded.iter().map(|(path, route)| (path.as_deref(), route));
         ended.chain(self.recording.iter().map(|r| (r.path.as_deref(), r.route())))
     }
 
-    /// Goes on with a record that has a file already, in the map it was recorded in.
+    /// Continues a recording that has a file already, in the map it was recorded in.
     pub fn resume_recording(&mut self, recorder: Recorder, path: &Path) {
         self.auto_recorded = true;
         self.recording = Some(Recording::resume(recorder, path));
     }
 
-    /// Whether a recording is under way.
+    /// Whether a recording is in progress.
     pub fn is_recording(&self) -> bool {
         self.recording.is_some()
     }
 
-    /// What the guide does; `None` without guidance.
+    /// The guide's state; `None` without guidance.
     pub fn guide_state(&self) -> Option<GuideState> {
         self.guiding.as_ref().map(|g| g.guide.state())
     }
 
-    /// Whether the last guidance ended at the end of its way.
+    /// Whether the last guidance ended at the end of its route.
     pub fn has_arrived(&self) -> bool {
         self.arrived
     }
 
-    /// Where the camera was in the last pose, in the map's units.
+    /// The camera's position in the last pose, in the map's units.
     pub fn place(&self) -> Option<Vec3> {
         self.pose.map(|(_, p)| p.translation)
     }
@@ -297,27 +302,30 @@ impl Session {
         self.status.tracked
     }
 
-    /// Ends what is under way; an error when a file does not hold all of its way.
+    /// Ends what is in progress.
+    ///
+    /// # Errors
+    /// When a file does not hold all of its route.
     pub fn close(&mut self) -> Result<(), String> {
         self.guiding = None;
         let Some(recording) = self.recording.take() else { return Ok(()) };
         let (route, path, whole) = recording.finish();
-        let name = path.as_ref().map_or_else(|| "the way".to_owned(), |p| p.display().to_string());
+        let name = path.as_ref().map_or_else(|| "the route".to_owned(), |p| p.display().to_string());
         let points = route.points.len();
-        self.keep(&path, &route);
-        self.route = Some(Held { route, path, here: true });
+        self.add_recorded(&path, &route);
+        self.route = Some(RouteAtHand { route, path, here: true });
         whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
     }
 
-    /// Lengths in the map are metres now, or are not: what is recorded and walked by goes along.
-    fn measure(&mut self, metric: bool) {
+    /// Updates whether lengths in the map are metres; the recording and the guidance in progress follow.
+    fn update_metric(&mut self, metric: bool) {
         self.status.metric = metric;
         if !metric {
             return;
         }
         if let Some(recording) = self.recording.as_mut().filter(|r| !r.route().header.metric) {
             recording.found_scale(&self.engine.snapshot());
-            self.say("Distances are known now.", Priority::Normal);
+            self.say("I can measure distances now.", Priority::Normal);
         }
         if let Some(held) = self.route.as_mut().filter(|w| w.here && !w.route.header.metric) {
             held.route.header.metric = true;
@@ -325,13 +333,13 @@ impl Session {
         }
     }
 
-    /// How things are said: with distances where there are any.
+    /// The phrases in use: with distances only where the map is metric.
     fn phrases(&self) -> PhraseConfig {
         let phrases = self.config.phrases;
         PhraseConfig { metric: phrases.metric && self.status.metric, ..phrases }
     }
 
-    fn keep(&mut self, path: &Option<PathBuf>, route: &Route) {
+    fn add_recorded(&mut self, path: &Option<PathBuf>, route: &Route) {
         if !route.points.is_empty() {
             self.recorded.push((path.clone(), route.clone()));
         }
@@ -362,7 +370,7 @@ impl Session {
         }));
     }
 
-    fn note(&mut self, output: &Output) {
+    fn update_status(&mut self, output: &Output) {
         let s = &mut self.status;
         s.frames += 1;
         s.tracked += usize::from(output.anchored.is_some());
@@ -387,7 +395,7 @@ impl Session {
             }
         }
         let words = self.recording.as_mut().and_then(|r| r.observe(seen));
-        // Under guidance the guide speaks about tracking; before the first pose there is nothing to lose.
+        // Under guidance the guide reports on tracking; before the first pose nothing can be lost.
         if let Some(words) = words.filter(|_| self.guiding.is_none() && self.pose.is_some()) {
             self.say(words, Priority::High);
         }
@@ -395,12 +403,12 @@ impl Session {
 
     fn begin_recording(&mut self, path: Option<PathBuf>) -> Result<String, String> {
         if self.recording.is_some() {
-            return Err("The way is being recorded already.".into());
+            return Err("Already recording.".into());
         }
         self.auto_recorded = true;
         let named = path.or_else(|| self.config.record_to.take());
         if named.is_none() {
-            // Where it can not be made, the recording says so.
+            // Where it cannot be created, the recording reports it.
             let _ = std::fs::create_dir_all(&self.config.folder);
         }
         let path = named.unwrap_or_else(|| next_path(&self.config.folder));
@@ -411,21 +419,21 @@ impl Session {
         Ok(match (trouble, metric) {
             (Some(why), _) => format!("Recording in memory only: {}: {why}.", path.display()),
             (None, true) => "Recording.".into(),
-            (None, false) => "Recording. The scale is not known: no distances will be told.".into(),
+            (None, false) => "Recording. I cannot measure distances yet.".into(),
         })
     }
 
     fn end_recording(&mut self) -> Result<String, String> {
-        let recording = self.recording.take().ok_or("Nothing is being recorded.")?;
+        let recording = self.recording.take().ok_or("Recording is not running.")?;
         let length = recording.length();
         let (route, path, whole) = recording.finish();
         if route.points.len() < 2 {
             return Err("Recording has ended. Nothing was recorded.".into());
         }
-        self.keep(&path, &route);
-        self.route = Some(Held { route, path, here: true });
+        self.add_recorded(&path, &route);
+        self.route = Some(RouteAtHand { route, path, here: true });
         whole.map_err(|e| {
-            format!("Recording has ended, but the file is not whole: {e}. The way is kept in memory.")
+            format!("Recording has ended, but the file is incomplete: {e}. The route is kept in memory.")
         })?;
         Ok(match self.engine.is_metric() {
             true => format!("Recording has ended, {}.", self.phrases().distance(length)),
@@ -436,17 +444,17 @@ impl Session {
     fn load(&mut self, path: Option<&Path>) -> Result<String, String> {
         let path = match path {
             Some(path) => path.to_owned(),
-            None => latest(&self.config.folder).ok_or("There is no recorded way to load.")?,
+            None => latest(&self.config.folder).ok_or("There is no recorded route to load.")?,
         };
         if let Some(held) = self.route.as_ref().filter(|w| w.path.as_deref() == Some(&path)) {
-            return Ok(format!("The way is loaded, {} points.", held.route.points.len()));
+            return Ok(format!("Route loaded, {} points.", held.route.points.len()));
         }
-        let route = Route::load(&path).map_err(|e| format!("The way can not be read: {e}."))?;
+        let route = Route::load(&path).map_err(|e| format!("The route cannot be read: {e}."))?;
         if route.points.len() < 2 {
-            return Err("That way has no points.".into());
+            return Err("That route is empty.".into());
         }
-        let words = format!("The way is loaded, {} points.", route.points.len());
-        self.route = Some(Held { route, path: Some(path), here: self.config.map_is_loaded });
+        let words = format!("Route loaded, {} points.", route.points.len());
+        self.route = Some(RouteAtHand { route, path: Some(path), here: self.config.map_is_loaded });
         Ok(words)
     }
 
@@ -454,35 +462,36 @@ impl Session {
         if self.recording.is_some() {
             self.end_recording()?;
         }
-        self.measure(self.status.metric);
-        let held = self.route.as_ref().ok_or("There is no way to guide along: record or load one first.")?;
+        self.update_metric(self.status.metric);
+        let held = self.route.as_ref().ok_or("There is no route yet. Record or load one first.")?;
         if !held.here {
-            return Err("That way belongs to a map that is not loaded.".into());
+            return Err("That route belongs to a map that is not loaded.".into());
         }
         let travel = if again { Travel::Again } else { Travel::Home };
         let reference_path = ReferencePath::new(&self.engine.snapshot(), &held.route, travel, self.now);
-        let plan = reference_path.plan().map_err(|e| format!("There is no guidance: {e}."))?;
+        let plan = reference_path.plan().map_err(|e| format!("I cannot guide: {e}."))?;
         let config = GuideConfig { facing, ..GuideConfig::default() };
-        let guide = Guide::new(plan, reference_path.ground, config)
-            .map_err(|e| format!("There is no guidance: {e}."))?;
-        // What the guide says first tells the length and how to go; before that, whether the map knows the way.
+        let guide =
+            Guide::new(plan, reference_path.ground, config).map_err(|e| format!("I cannot guide: {e}."))?;
+        // The guide's first words give the length and the first direction; before that, whether the map covers the
+        // route.
         let ready =
             reference_path.readiness(&self.engine.snapshot(), self.engine.front_end().model(), facing);
         let words = ready_words(&ready, &self.phrases());
-        self.guiding = Some(Guiding { guide, reference_path, facing, asked: self.now, map_created: false });
+        self.guiding = Some(Guiding { guide, reference_path, facing, asked: self.now, started: false });
         self.arrived = false;
         Ok(words)
     }
 
-    /// A step of the guide, with the last pose there is.
+    /// A step of the guide, with the last pose.
     fn guide(&mut self, now: Stamp) {
         let speaking = self.voice.is_speaking(now);
         let (Some(guiding), Some((pose_stamp, pose))) = (&mut self.guiding, self.pose) else { return };
-        // What was just answered is not cut off by, and does not cost, the first words of guidance.
-        if !guiding.map_created && speaking && now - guiding.asked < WAITS_FOR_WORDS_S {
+        // The first words of guidance do not cut off the answer to the command, and are not dropped because of it.
+        if !guiding.started && speaking && now - guiding.asked < FIRST_WORDS_WAIT_S {
             return;
         }
-        guiding.map_created = true;
+        guiding.started = true;
         if let Some(held) = &self.route
             && let Some(plan) = guiding.reference_path.moved(&self.engine.snapshot(), &held.route, now)
         {
@@ -522,11 +531,11 @@ impl Session {
     }
 }
 
-/// Where the way goes on, seen from the walker's reference_path: radians, positive left.
+/// The direction in which the route continues, relative to the walker: radians, positive left.
 fn bearing_of_route(guiding: &Guiding, pose: &Se3) -> f64 {
-    let heading_kind = guiding.facing.heading_kind(&guiding.reference_path.ground, &Pose::new(*pose));
-    match (heading_kind, guiding.guide.place()) {
-        (Some(heading_kind), Some(place)) => wrap(heading_kind.turn_to(place.heading)),
+    let walker = guiding.facing.heading(&guiding.reference_path.ground, &Pose::new(*pose));
+    match (walker, guiding.guide.place()) {
+        (Some(walker), Some(place)) => wrap(walker.turn_to(place.heading)),
         _ => 0.0,
     }
 }

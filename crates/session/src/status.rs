@@ -1,83 +1,83 @@
-//! How things stand, for screens: small numbers often, the map now and then.
+//! The status of a session, for screens: small numbers often, the map now and then.
 
 use cairn_engine::Phase;
 use serde::Serialize;
 
-/// How things stand.
+/// The status.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Status {
     /// Seconds since the first packet.
     pub t_s: f64,
-    /// What the engine is doing; WAIT_FRAMES also when no picture comes any more.
+    /// The engine's phase; WAIT_FRAMES also when no picture arrives any more.
     pub phase: Phase,
     /// The same in a sentence.
     pub words: String,
-    /// The same with all its numbers.
+    /// The engine's full status.
     pub engine: cairn_engine::Status,
-    /// Frames taken, and those with a pose.
+    /// Frames processed.
     pub frames: usize,
     /// Frames that have a pose.
     pub tracked: usize,
-    /// Features of the last frame, and matches that agree with its pose.
+    /// Features of the last frame.
     pub features: usize,
-    /// Matches that agree with the pose.
+    /// Matches of the last frame that agree with its pose.
     pub inliers: usize,
     /// Milliseconds from the last image to its pose.
     pub step_ms: f64,
-    /// Key frames of the map.
+    /// Keyframes of the map.
     pub key_frames: usize,
     /// Landmarks of the map.
     pub landmarks: usize,
     /// Whether lengths are metres.
     pub metric: bool,
-    /// The recording, while there is one.
+    /// The recording in progress, if any.
     pub recording: Option<RecordingStatus>,
-    /// The way that can be walked, when there is one.
+    /// The route at hand, if any.
     pub route: Option<RouteStatus>,
-    /// Guidance, while there is some.
+    /// Guidance in progress, if any.
     pub guiding: Option<GuidingStatus>,
-    /// The last words.
+    /// The last utterance.
     pub last_words: String,
 }
 
-/// A recording under way.
+/// A recording in progress.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordingStatus {
     /// Points so far.
     pub points: usize,
     /// Length so far; metres where the map is metric.
     pub length: f64,
-    /// Stretches of which only the ends are known.
+    /// Number of gaps, stretches of which only the two ends are known.
     pub gaps: usize,
     /// The file's name.
     pub file: String,
-    /// Why the file is behind, if it is.
+    /// Why data is waiting to be written, if it is.
     pub trouble: Option<String>,
 }
 
-/// A way at hand.
+/// A route at hand.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RouteStatus {
     /// The file's name.
     pub file: String,
-    /// Points.
+    /// Number of points.
     pub points: usize,
     /// It was recorded on this map.
     pub here: bool,
 }
 
-/// Guidance under way.
+/// Guidance in progress.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GuidingStatus {
     /// "home", "back" or "backwards".
     pub facing: &'static str,
     /// What the guide is doing, in a word.
     pub state: &'static str,
-    /// Metres gone along the way.
+    /// Distance along the route, metres.
     pub along_m: f64,
-    /// Metres of the whole.
+    /// Length of the route, metres.
     pub length_m: f64,
-    /// Metres beside the way, positive: the walker stands to its left.
+    /// Distance from the route, metres, positive when the walker is to its left.
     pub cross_m: f64,
 }
 
@@ -88,12 +88,12 @@ pub struct View {
     pub up: [f32; 3],
     /// Landmarks, at most as many as asked for.
     pub points: Vec<[f32; 3]>,
-    /// Places of the key frames in order.
+    /// Positions of the keyframes in order.
     pub key_frames: Vec<[f32; 3]>,
-    /// The way as recorded.
+    /// The route as recorded.
     pub recorded: Vec<[f32; 3]>,
-    /// The cleaned way under guidance.
+    /// The cleaned route under guidance.
     pub plan: Vec<[f32; 3]>,
-    /// The camera: place, then the axes right, down and forward; none before the first pose.
+    /// The camera: position, then the axes right, down and forward; none before the first pose.
     pub camera: Option<[[f32; 3]; 4]>,
 }

@@ -1,4 +1,4 @@
-//! One eye and an inertial sensor: the way is begun before the scale is known, and is a way in metres at its end.
+//! Mono with IMU: recording starts before the scale is initialised, and the finished route is metric.
 
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_guide::{Facing, Route};
@@ -10,7 +10,7 @@ const HALL: &str =
     "sim:hall?seed=4&sensor=mono-imu&resolution=400x300&focal=260&rate=15&detail=0.5&speed=1.1&duration=14";
 
 #[test]
-fn a_way_begun_without_scale_ends_in_metres() {
+fn recording_becomes_metric_with_late_scale() {
     let mut source = SimSource::open(HALL).unwrap();
     let mut config = Config::default();
     config.inertial.enabled = true;
@@ -27,13 +27,13 @@ fn a_way_begun_without_scale_ends_in_metres() {
         }))
     };
 
-    // Recording from the first pose on, when nothing is known of the scale.
+    // Recording from the first pose on, before the scale is initialised.
     let mut known = Vec::new();
     while let Some(packet) = source.next_packet().unwrap() {
         session.on_packet(&packet).unwrap();
         if session.tracked() == 1 && !session.is_recording() {
             let words = session.command(&Command::Record).unwrap();
-            assert!(words.contains("no distances"), "{words}");
+            assert!(words.contains("cannot measure distances"), "{words}");
         }
         known.push(session.status().metric);
         hear(&mut session);
@@ -41,7 +41,7 @@ fn a_way_begun_without_scale_ends_in_metres() {
     let found = known.iter().position(|metric| *metric).expect("scale is found");
     assert!(found > 15 && known[found..].iter().all(|metric| *metric), "from frame {found} on");
 
-    // From the first recorded point on: what was walked before the scale was found counts in metres too.
+    // What was walked before the scale was initialised counts in metres too.
     let length = session.status().recording.unwrap().length;
     session.command(&Command::Stop).unwrap();
     let route = session.route().unwrap();
@@ -51,7 +51,7 @@ fn a_way_begun_without_scale_ends_in_metres() {
         truth.windows(15).step_by(14).map(|w| (w[14].1.translation - w[0].1.translation).norm()).sum();
     assert!((length / walked - 1.0).abs() < 0.15, "{length} m recorded, {walked} m walked");
 
-    // The file says so too, and guidance tells distances.
+    // The file is metric too, and guidance says distances.
     let file = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
     let kept = Route::load(&file).unwrap();
     assert!(kept.header.metric && kept.points.len() == route.points.len());
@@ -64,7 +64,7 @@ fn a_way_begun_without_scale_ends_in_metres() {
         session.tick(now);
         hear(&mut session);
     }
-    assert!(said.iter().any(|words| words.contains("Distances are known now.")), "{said:?}");
+    assert!(said.iter().any(|words| words.contains("I can measure distances now.")), "{said:?}");
     assert!(said.iter().any(|words| words.contains("metres")), "{said:?}");
     std::fs::remove_dir_all(folder).unwrap();
 }

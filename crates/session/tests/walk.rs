@@ -1,5 +1,5 @@
-//! Walks through a rendered world under every command, with what goes wrong on the way: the stream ends, the disk is
-//! full, the engine's map moves. The walker comes back with the camera looking back, so that the pictures of the way out
+//! Walks through a rendered world with every command and with failures on the way: the stream stops, the disk is
+//! full, the map is corrected. The walker returns with the camera facing back, so that the pictures of the way out
 //! in reverse order are the pictures of the way home.
 
 mod small;
@@ -17,7 +17,7 @@ use std::sync::OnceLock;
 
 const RATE_HZ: f64 = 10.0;
 
-/// Pictures of eight metres with a turn, one for each tenth of a second.
+/// Pictures of a walk of eight metres with a turn, ten a second.
 fn out() -> &'static [FramePacket] {
     static OUT: OnceLock<Vec<FramePacket>> = OnceLock::new();
     OUT.get_or_init(|| {
@@ -56,7 +56,7 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// A session with a clock: what was said, with its time.
+/// A session with a clock, and what it said with the times.
 struct Walk {
     session: Session,
     now: f64,
@@ -83,7 +83,7 @@ impl Walk {
         }
     }
 
-    /// Shows pictures, one each tenth of a second.
+    /// Passes pictures, one every tenth of a second.
     fn see<'a>(&mut self, pictures: impl IntoIterator<Item = &'a FramePacket>) {
         for picture in pictures {
             self.now += 1.0 / RATE_HZ;
@@ -109,7 +109,7 @@ impl Walk {
         done
     }
 
-    /// When something that begins so was first said after a time.
+    /// When a text with this beginning was first said after a time.
     fn when(&self, begins: &str, after: f64) -> Option<f64> {
         self.said.iter().find(|(t, words)| *t >= after && words.starts_with(begins)).map(|(t, _)| *t)
     }
@@ -120,7 +120,7 @@ impl Walk {
 }
 
 #[test]
-fn record_stop_guide_back_arrives_and_the_way_is_on_disk() {
+fn record_stop_guide_back_arrives_with_the_route_on_disk() {
     let mut walk = Walk::named("whole");
     walk.see(&out()[..5]);
     assert_eq!(walk.ask("record").unwrap(), "Recording.");
@@ -128,23 +128,23 @@ fn record_stop_guide_back_arrives_and_the_way_is_on_disk() {
     walk.see(&out()[5..]);
     let ended = walk.ask("stop").unwrap();
     assert!(ended.starts_with("Recording has ended, 1") && ended.ends_with("metres."), "{ended}");
-    // Before leaving: what the map knows of the views to come. Nobody looked the other way on the way out.
-    assert!(walk.ask("guide home").unwrap().starts_with("The way has stops."));
-    assert_eq!(walk.ask("guide backwards").unwrap(), "The way is two-way ready.");
+    // Before leaving: how well the map covers the views to come. Nobody faced home on the way out.
+    assert!(walk.ask("guide home").unwrap().contains("not seen from this direction"));
+    assert_eq!(walk.ask("guide backwards").unwrap(), "I should recognise this whole route.");
     let told = walk.now;
-    assert_eq!(walk.ask("guide back").unwrap(), "The way is two-way ready.");
+    assert_eq!(walk.ask("guide back").unwrap(), "I should recognise this whole route.");
     walk.see(out().iter().rev());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
     let transcript = walk.transcript();
-    assert!(walk.when("The way is two-way", told) < walk.when("The way is 1", told), "{transcript}");
-    for words in ["Recording.", "The way is 1", "Stop. You have arrived"] {
+    assert!(walk.when("I should recognise", told) < walk.when("The route is 1", told), "{transcript}");
+    for words in ["Recording.", "The route is 1", "Stop. You have arrived"] {
         assert!(walk.when(words, 0.0).is_some(), "\"{words}\" was not said:\n{transcript}");
     }
     assert!(walk.said.iter().any(|(_, words)| words.contains("Turn ")), "{transcript}");
     assert!(!transcript.contains("lost") && walk.sounds > 5, "{transcript}");
     let on_disk = Route::load(&folder_of("whole").join("route-0001.route")).unwrap();
     same(&on_disk, walk.session.route().unwrap());
-    // The latest way can be loaded; one of another day belongs to another map.
+    // The latest route can be loaded; in another session it belongs to another map.
     assert!(walk.ask("load").unwrap().contains(&on_disk.points.len().to_string()));
     assert!(walk.ask("guide again").is_ok());
     let mut other =
@@ -153,7 +153,7 @@ fn record_stop_guide_back_arrives_and_the_way_is_on_disk() {
     assert!(other.ask("guide home").unwrap_err().contains("map that is not loaded"));
 }
 
-/// The same points; reading makes rotations of norm one again, which may move their last digit.
+/// The same points; reading normalises rotations, which may change their last digit.
 fn same(a: &Route, b: &Route) {
     assert_eq!(a.points.len(), b.points.len());
     for (p, q) in a.points.iter().zip(&b.points) {
@@ -167,22 +167,22 @@ fn folder_of(name: &str) -> PathBuf {
 }
 
 #[test]
-fn when_the_stream_ends_stop_is_said_and_guidance_resumes_when_it_is_back() {
+fn stream_loss_stops_and_resumes_guidance() {
     let mut walk = Walk::named("stream");
     walk.see(&out()[..1]);
     walk.ask("record").unwrap();
     walk.see(&out()[1..60]);
-    // While recording: it is told, and nothing recorded is lost.
+    // While recording: it is said, and nothing recorded is lost.
     let points = walk.session.status().recording.unwrap().points;
     let gone = walk.now;
     walk.wait(4.0);
     assert!(
-        walk.when("No picture comes. Stand still.", gone).is_some_and(|t| t - gone < 1.3),
+        walk.when("No picture from the camera. Stand still.", gone).is_some_and(|t| t - gone < 1.3),
         "{}",
         walk.transcript()
     );
     let status = walk.session.status();
-    assert_eq!((status.phase, status.words.as_str()), (Phase::WaitFrames, "No picture comes."));
+    assert_eq!((status.phase, status.words.as_str()), (Phase::WaitFrames, "No image from the camera."));
     assert!(!status.engine.valid && walk.session.engine().status().valid);
     assert_eq!(walk.session.status().recording.unwrap().points, points);
     walk.see(&out()[59..]);
@@ -193,15 +193,15 @@ fn when_the_stream_ends_stop_is_said_and_guidance_resumes_when_it_is_back() {
     walk.ask("guide back").unwrap();
     let half = out().len() / 2;
     walk.see(out()[half..].iter().rev());
-    // Under guidance: stop within the half second that a pose is good for, again while it lasts, then on.
+    // Under guidance: stop within the half second that a pose is valid for, repeated while it lasts, then resumed.
     let gone = walk.now;
     walk.wait(7.0);
-    let stop = walk.when("Stop. The camera does not answer.", gone).unwrap_or(f64::INFINITY);
+    let stop = walk.when("Stop. No picture from the camera.", gone).unwrap_or(f64::INFINITY);
     assert!(stop - gone < 0.7, "after {} s:\n{}", stop - gone, walk.transcript());
-    assert!(walk.when("Stop. The camera does not answer.", stop + 1.0).is_some(), "said once only");
+    assert!(walk.when("Stop. No picture from the camera.", stop + 1.0).is_some(), "said once only");
     let back = walk.now;
     walk.see(out()[..half].iter().rev());
-    let resumed = walk.when("Tracking is back.", back).unwrap_or(f64::INFINITY);
+    let resumed = walk.when("I found my place.", back).unwrap_or(f64::INFINITY);
     assert!(resumed - back < 2.0, "{}", walk.transcript());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
     assert_eq!(walk.session.route().unwrap().points.len(), recorded);
@@ -214,7 +214,7 @@ impl Disk for Small {
 }
 
 #[test]
-fn a_full_disk_is_told_and_costs_no_point() {
+fn full_disk_is_announced_and_loses_no_point() {
     let disk = Small::default();
     disk.0.lock().unwrap().1 = 6000;
     let config = SessionConfig { folder: folder("disk"), ..SessionConfig::default() };
@@ -223,18 +223,18 @@ fn a_full_disk_is_told_and_costs_no_point() {
     walk.ask("record").unwrap();
     walk.see(&out()[1..80]);
     assert!(
-        walk.when("The disk is full. The way is kept in memory.", 0.0).is_some(),
+        walk.when("The disk is full. The route is kept in memory.", 0.0).is_some(),
         "{}",
         walk.transcript()
     );
     assert!(walk.session.status().recording.unwrap().trouble.is_some());
-    // What is on the disk is whole lines.
+    // The disk holds whole lines.
     let kept = Route::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
     assert!(!kept.torn && kept.points.len() > 5);
-    // Someone makes room.
+    // Room is freed.
     disk.0.lock().unwrap().1 = 10_000_000;
     walk.see(&out()[80..]);
-    assert!(walk.when("The way is on disk again.", 0.0).is_some(), "{}", walk.transcript());
+    assert!(walk.when("The route is on disk again.", 0.0).is_some(), "{}", walk.transcript());
     walk.ask("stop").unwrap();
     let whole = Route::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
     same(&whole, walk.session.route().unwrap());
@@ -246,21 +246,21 @@ fn a_full_disk_is_told_and_costs_no_point() {
     walk.see(&out()[..1]);
     walk.ask("record").unwrap();
     walk.see(&out()[1..]);
-    assert!(walk.ask("stop").unwrap_err().contains("not whole"));
+    assert!(walk.ask("stop").unwrap_err().contains("incomplete"));
     walk.ask("guide back").unwrap();
     walk.see(out().iter().rev());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
 }
 
 #[test]
-fn a_live_walk_records_by_itself_after_a_hundred_tracked_frames() {
+fn auto_record_starts_after_a_hundred_tracked_frames() {
     let config = SessionConfig { folder: folder("auto"), auto_record: Some(100), ..SessionConfig::default() };
     let mut walk = Walk::new(Session::new(engine(), config));
     walk.see(&out()[..99]);
     assert!(!walk.session.is_recording());
     walk.see(&out()[99..120]);
     assert!(walk.session.is_recording() && walk.when("Recording.", 9.0).is_some(), "{}", walk.transcript());
-    // Whoever stopped it does not want it to begin again.
+    // A walker who stopped it does not want it to start again.
     walk.ask("stop").unwrap();
     walk.see(&out()[120..]);
     assert!(!walk.session.is_recording());

@@ -1,5 +1,5 @@
-//! Writes a simulated recording: `cargo run --release -p cairn-sim --example record sim:WORLD?... DIR`, as TUM when it has
-//! depth, else as EuRoC.
+//! Writes a simulated recording: `cargo run --release -p cairn-sim --example record sim:WORLD?... DIR`, in TUM layout
+//! when it has depth, else in EuRoC layout.
 
 use cairn_sensor::Source;
 use cairn_sim::{SimSource, write_euroc, write_tum};

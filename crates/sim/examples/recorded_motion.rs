@@ -1,4 +1,4 @@
-//! How well a recorded motion and the readings taken on it agree, and one image of the room that is made for it.
+//! Prints how well a recorded motion and its readings agree, and writes one image of the room built around it.
 //!
 //! `cargo run --release -p cairn-sim --example recorded_motion -- GT.tum IMU.csv [OUT.png [SECONDS]]`
 

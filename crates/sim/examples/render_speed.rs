@@ -1,6 +1,6 @@
-//! Prints frames a second of the renderer on one core, for every world: 640x480 gray and depth along the first way.
-//! Times are the process's time on its core (`/proc/self/schedstat`) where the system tells it, so that other programs
-//! on the machine count little; elsewhere by the clock on the wall.
+//! Prints frames a second of the renderer on one core, for every world: 640x480 gray and depth along the first route.
+//! Times are CPU times of the process (`/proc/self/schedstat`) where the system provides them, so that other programs
+//! on the machine have little influence; elsewhere wall-clock times.
 //! `cargo run --release -p cairn-sim --example render_speed [SNAPSHOT_DIR]`; with a folder, also writes some images.
 
 use cairn_geometry::{Se3, So3, Vec3};
@@ -9,7 +9,7 @@ use cairn_sim::{Renderer, SimConfig, SimSensor, SimSource, World, WorldKind, Wor
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Milliseconds since some instant: of processor time where the system tells it.
+/// Milliseconds since some instant: of CPU time where the system provides it.
 struct Clock(Instant);
 
 impl Clock {

@@ -1,4 +1,4 @@
-//! What is simulated: world, way, sensors, effects; and its short form `sim:WORLD?key=value&...`.
+//! What is simulated: world, route, sensors, effects; and its short form `sim:WORLD?key=value&...`.
 
 use crate::effects::Effects;
 use crate::walk::{ImuConfig, ImuTroubles, Walker};
@@ -7,7 +7,7 @@ use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthSensor, ImuNoise, Rig, RigCamera, SourceError, Stamp};
 use std::path::PathBuf;
 
-/// Which cameras there are.
+/// The kind of cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SimSensor {
     /// One camera.
@@ -18,54 +18,56 @@ pub enum SimSensor {
     Rgbd,
 }
 
-/// Where the body goes.
+/// The path of the body.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CameraPath {
-    /// A way of the world by name; `None` takes the first.
+    /// A route of the world by name; `None` takes the first.
     Route(Option<String>),
     /// Corners on the floor, metres.
     Points(Vec<Vec2>),
     /// Body poses in time, already in the world's frame.
     Poses(Vec<(Stamp, Se3)>),
-    /// A TUM file of body poses (z up); it is moved (not turned) so that its middle comes to the middle of the world's first
-    /// way. With [`SimConfig::readings`] the poses are made smooth and put into the readings' clock.
+    /// A TUM file of body poses (z up); it is translated (not rotated) so that its middle comes to the middle of the
+    /// world's first route. With [`SimConfig::readings`] the poses are smoothed and transformed to the readings'
+    /// clock.
     File(PathBuf),
 }
 
-/// Everything that makes a simulated recording; the same setting gives the same bytes.
+/// The full config of a simulated recording; the same config gives the same bytes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimConfig {
-    /// Which world.
+    /// The kind of world.
     pub world: WorldKind,
     /// Seed of the world, of the noise and of the passers-by.
     pub seed: u64,
     /// Variants of the world.
     pub options: WorldOptions,
-    /// Which cameras.
+    /// The kind of cameras.
     pub sensor: SimSensor,
-    /// The inertial sensor, if any.
+    /// The IMU, if any.
     pub imu: Option<ImuConfig>,
-    /// Real readings of the motion in [`CameraPath::File`], in place of simulated ones: a csv file, see [`crate::read_readings`].
+    /// Real IMU readings of the motion in [`CameraPath::File`], instead of simulated ones: a csv file, see
+    /// [`crate::read_readings`].
     pub readings: Option<PathBuf>,
-    /// What goes wrong with the readings, simulated or real.
+    /// Faults added to the readings, simulated or real.
     pub troubles: ImuTroubles,
     /// The camera; a pinhole.
     pub camera: Camera,
-    /// Where the first camera sits on the body; identity: the body is the camera.
+    /// Pose of the first camera on the body; identity: the body frame is the camera frame.
     pub body_from_camera: Se3,
     /// Metres between the two cameras.
     pub baseline_m: f64,
     /// Frames a second.
     pub rate_hz: f64,
-    /// Where the body goes.
+    /// The path of the body.
     pub route: CameraPath,
-    /// Seconds of the motion that are left out at its beginning.
+    /// Seconds of the motion to skip at its beginning.
     pub start_s: f64,
-    /// Seconds at most.
+    /// Maximum duration in seconds.
     pub duration_s: Option<f64>,
-    /// How the walker goes.
+    /// The gait and pace of the walker.
     pub walker: Walker,
-    /// What the sensor does to the images.
+    /// The image effects of the sensor.
     pub effects: Effects,
     /// How many people walk about.
     pub passers_by: usize,
@@ -95,7 +97,7 @@ impl SimConfig {
         }
     }
 
-    /// The rig that this setting describes.
+    /// The rig of this config.
     pub fn rig(&self) -> Rig {
         let camera = |name: &str, x: f64| RigCamera {
             name: name.into(),
@@ -119,10 +121,10 @@ impl SimConfig {
         Rig { cameras, depth, imu }
     }
 
-    /// Reads `sim:WORLD` or `sim:WORLD?key=value&key=value`; [`SimConfig::KEYS`] lists the keys.
+    /// Parses `sim:WORLD` or `sim:WORLD?key=value&key=value`; [`SimConfig::KEYS`] lists the keys.
     ///
     /// # Errors
-    /// Names the part that is not understood and what could stand there.
+    /// Names the part that is not understood and the possible values.
     pub fn parse(text: &str) -> Result<Self, SourceError> {
         let fail = |why: String, cure: String| SourceError::new(text, why, cure);
         let Some(rest) = text.strip_prefix("sim:") else {
@@ -141,24 +143,24 @@ impl SimConfig {
         Ok(config)
     }
 
-    /// The keys of the short form and what they mean.
+    /// The keys of the short form and their meaning.
     pub const KEYS: [(&'static str, &'static str); 37] = [
         ("seed", "whole number, 1"),
         ("sensor", "mono, stereo, rgbd, mono-imu, stereo-imu, rgbd-imu (default stereo-imu)"),
         ("rate", "frames a second, 20"),
         ("route", "name of a route of the world, its first"),
-        ("trajectory", "TUM file of body poses to follow instead of a way"),
+        ("trajectory", "TUM file of body poses to follow instead of a route"),
         (
             "imu",
-            "csv file of real readings on that trajectory (ns, gyro xyz, accel xyz), in place of simulated ones",
+            "csv file of real readings on that trajectory (ns, gyro xyz, accel xyz), instead of simulated ones",
         ),
-        ("start", "seconds of the motion to leave out, 0"),
-        ("duration", "seconds at most"),
+        ("start", "seconds of the motion to skip, 0"),
+        ("duration", "maximum duration in seconds"),
         ("speed", "m/s, 0.9"),
         ("gait", "size of the gait, 1"),
         ("height", "camera above the floor in m, 1.3"),
         ("pitch", "degrees that the camera looks down, 5"),
-        ("look", "degrees that the camera looks to the left of where the walker goes, 0; 180 looks back"),
+        ("look", "degrees by which the camera looks to the left of the walking direction, 0; 180 looks back"),
         ("pause", "seconds of standing at every third corner, 0"),
         ("resolution", "WIDTHxHEIGHT, 640x480 (the focal length follows the width)"),
         ("focal", "focal length in pixels, 420"),
@@ -166,22 +168,16 @@ impl SimConfig {
         ("effects", "none or default"),
         ("noise", "grey levels, 2"),
         ("vignette", "share of light lost in the corners, 0.15"),
-        ("exposure", "share by which the exposure wanders, 0.06"),
+        ("exposure", "share by which the exposure varies slowly, 0.06"),
         ("flicker", "share by which the light flickers, 0.01"),
         ("blur", "exposure time in ms, 0"),
         ("depth_noise", "metres at 1 m, 0.0012"),
-        (
-            "mount",
-            "where the camera sits on the body: x,y,z,qx,qy,qz,qw, metres; without it the body is the camera",
-        ),
+        ("mount", "pose of the camera on the body: x,y,z,qx,qy,qz,qw, metres; identity without it"),
         ("imu_noise", "0 or 1, 1"),
         ("imu_rate", "readings a second, 200"),
-        (
-            "imu_densities",
-            "gyro, gyro walk, accel, accel walk as the rig tells them: 1.7e-4,1.9e-5,2e-3,3e-3",
-        ),
-        ("imu_mean", "each reading given is the mean of so many, 1; 2 halves the rate"),
-        ("imu_offset", "ms that the rig does not tell: t_imu + offset = t_image, 0"),
+        ("imu_densities", "gyro, gyro walk, accel, accel walk as stated in the rig: 1.7e-4,1.9e-5,2e-3,3e-3"),
+        ("imu_mean", "each output reading is the mean of this many, 1; 2 halves the rate"),
+        ("imu_offset", "ms that the rig does not state: t_imu + offset = t_image, 0"),
         ("imu_lost", "percent of the readings that are lost, 0"),
         ("imu_steps", "seconds between jumps of the biases by 3 mrad/s and 0.05 m/s^2 an axis, 0: none"),
         ("passers", "how many people walk about, 0"),
@@ -270,13 +266,13 @@ impl SimConfig {
             "look_alike" => self.options.look_alike = number(0.0, 1.0)? > 0.5,
             _ => {
                 let keys: Vec<&str> = Self::KEYS.iter().map(|k| k.0).collect();
-                return Err(("the key is not known".into(), format!("known are {}", keys.join(", "))));
+                return Err(("unknown key".into(), format!("known keys are {}", keys.join(", "))));
             }
         }
         Ok(())
     }
 
-    /// Settings that fit each other only with others.
+    /// Checks keys that are valid only together with others.
     fn check_readings(&self) -> Result<(), SourceError> {
         let fail = |why: &str, cure: &str| Err(SourceError::new(format!("sim:{}", self.world), why, cure));
         if self.readings.is_some() && !matches!(self.route, CameraPath::File(_)) {
@@ -284,17 +280,17 @@ impl SimConfig {
         }
         if self.readings.is_some() && self.imu.is_none() {
             return fail(
-                "readings for a sensor that the rig lacks",
+                "readings for an IMU that the rig does not have",
                 "write sensor=mono-imu, stereo-imu or rgbd-imu",
             );
         }
         let t = &self.troubles;
         let numbers = [t.offset_s.abs(), t.lost, t.bias_steps_s, t.bias_step[0], t.bias_step[1]];
         if !numbers.iter().all(|v| (0.0..1e7).contains(v)) || t.lost > 1.0 {
-            return fail("a number of the readings' troubles can not be", "correct the troubles");
+            return fail("a value of the IMU faults is out of range", "correct the imu_ keys");
         }
         if self.options.size_m.is_some_and(|s| !s.iter().all(|v| (2.6..=100.0).contains(v))) {
-            return fail("a size of the arena is not from 2.6 to 100 m", "correct the size");
+            return fail("the size of the arena is not from 2.6 to 100 m", "correct the size");
         }
         Ok(())
     }
@@ -324,10 +320,10 @@ impl SimConfig {
         Ok(())
     }
 
-    /// Refuses settings that can not be simulated.
+    /// Checks the config.
     ///
     /// # Errors
-    /// Names the number and its range.
+    /// Names the value and its range.
     pub fn check(&self) -> Result<(), SourceError> {
         let fail = |why: String, cure: &str| Err(SourceError::new(format!("sim:{}", self.world), why, cure));
         if !(self.rate_hz > 0.0 && self.rate_hz <= 1000.0) {
@@ -342,7 +338,7 @@ impl SimConfig {
         let numbers =
             [w.speed, w.height, w.pitch_down, w.gait, w.look, w.turn_rate, w.spot_turn, w.rest_s, w.pause_s];
         if !numbers.iter().all(|v| v.abs() < 1e4) {
-            return fail("a number of the walker is not finite or too large".into(), "correct the walker");
+            return fail("a value of the walker is not finite or too large".into(), "correct the walker");
         }
         let e = &self.effects;
         let numbers = [
@@ -357,7 +353,7 @@ impl SimConfig {
         ];
         if numbers.iter().any(|v| !(0.0..1e4).contains(v)) {
             return fail(
-                "a number of the effects is negative, not finite or too large".into(),
+                "a value of the effects is negative, not finite or too large".into(),
                 "correct the effects",
             );
         }
@@ -379,7 +375,7 @@ impl SimConfig {
     }
 }
 
-/// Numbers with commas between them.
+/// Numbers separated by commas.
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], (String, String)> {
     let parts: Option<Vec<f64>> =
         text.split(',').map(|p| p.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();

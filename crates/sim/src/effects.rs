@@ -1,26 +1,26 @@
-//! What a sensor does to an image: motion blur, exposure, vignette, noise.
+//! Image effects of a sensor: motion blur, exposure, vignette, noise.
 
 use crate::random::Random;
 use cairn_sensor::{Camera, DepthImage, GrayImage};
 
-/// How the sensor differs from a perfect one.
+/// The sensor's deviations from a perfect one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effects {
     /// Standard deviation of the noise of each pixel, in grey levels.
     pub noise: f64,
     /// Loss of light in the corners, 0 to 1.
     pub vignette: f64,
-    /// Slow wandering of the exposure, as a share (0.1: ten per cent up and down).
+    /// Slow variation of the exposure, as a share (0.1: plus or minus ten per cent).
     pub exposure: f64,
     /// Flicker of the lamps from frame to frame, as a share.
     pub flicker: f64,
     /// Exposure time in seconds; the image is blurred by the motion during it. 0: none.
     pub blur_s: f64,
-    /// Most sub-frames that are averaged for the blur.
+    /// Maximum number of sub-frames that are averaged for the blur.
     pub blur_frames: usize,
     /// Noise of depth at 1 m, in metres; it grows with the square of the depth.
     pub depth_noise: f64,
-    /// Depth nearer or farther than this (metres) is not measured by a depth sensor.
+    /// Depth outside this range (metres) is not measured by a depth sensor.
     pub depth_range: [f64; 2],
 }
 
@@ -58,7 +58,7 @@ impl Effects {
 /// Applies the effects to one camera's images.
 pub(crate) struct Sensor {
     effects: Effects,
-    /// Light that reaches each pixel, in 1/4096.
+    /// Transmission for each pixel, in 1/4096.
     vignette: Vec<u16>,
     /// Normal noise in 1/256 grey level, longer than any row.
     noise: Vec<i16>,
@@ -69,7 +69,7 @@ pub(crate) struct Sensor {
 const NOISE_TABLE: usize = 1 << 16;
 
 impl Sensor {
-    /// For a camera; `seed` and `stream` choose its noise.
+    /// For a camera; `seed` and `stream` select its noise.
     pub fn new(camera: &Camera, effects: Effects, seed: u64, stream: u64) -> Self {
         let mut random = Random::new(seed, 0x5E11 ^ stream << 8);
         let scale = effects.noise * 256.0;
@@ -102,7 +102,7 @@ impl Sensor {
         }
     }
 
-    /// Ends the mean of `frames` sub-frames: exposure, vignette, noise, eight bits.
+    /// Finishes the mean of `frames` sub-frames: exposure, vignette, noise, eight bits.
     pub fn develop(&mut self, frames: usize, gain: f64, image: &mut GrayImage) {
         // 20 bits of gain keep the rounding under a thousandth of a grey level.
         let gain = (gain / frames.max(1) as f64 * 1_048_576.0) as u64;
@@ -125,7 +125,7 @@ impl Sensor {
         }
     }
 
-    /// The gain of the exposure at a time.
+    /// The exposure gain at a time.
     pub fn gain(&mut self, seconds: f64) -> f64 {
         let e = &self.effects;
         let wander = (0.37 * seconds).sin() + 0.5 * (1.13 * seconds + 1.0).sin();
@@ -133,7 +133,7 @@ impl Sensor {
         (1.0 + exposure * wander / 1.5 + flicker * (self.random.unit() * 2.0 - 1.0)).max(0.05)
     }
 
-    /// Range and noise of a depth sensor.
+    /// Applies the range and noise of a depth sensor.
     pub fn depth(&mut self, depth: &mut DepthImage) {
         let [near, far] = self.effects.depth_range;
         let (near, far) = ((near * 1000.0) as u16, (far * 1000.0).min(65535.0) as u16);

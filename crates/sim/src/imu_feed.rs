@@ -1,18 +1,18 @@
-//! What the inertial sensor of a simulated rig gives, simulated or recorded, put in order with the images.
+//! The IMU readings of a simulated rig, simulated or recorded, merged with the images.
 
 use crate::walk::{ImuSim, Motion, Troubled};
 use cairn_sensor::{ImuSample, Merge, MergeConfig, Stamp, Stream};
 use std::vec::IntoIter;
 
-/// Where readings come from.
+/// The origin of the readings.
 pub(crate) enum Readings {
-    /// Made for the motion.
+    /// Simulated for the motion.
     Simulated(Box<ImuSim>),
-    /// Taken on the motion.
+    /// Recorded on the motion.
     Recorded(IntoIter<ImuSample>),
 }
 
-/// The readings, their troubles, and the merge that all sources use.
+/// The readings, their faults, and the merge that all sources use.
 pub(crate) struct ImuFeed {
     readings: Readings,
     troubled: Troubled,
@@ -20,7 +20,7 @@ pub(crate) struct ImuFeed {
 }
 
 impl ImuFeed {
-    /// `rate_hz` is that of the readings as they are given.
+    /// `rate_hz` is the rate of the readings after the faults.
     pub fn new(readings: Readings, troubled: Troubled, rate_hz: f64) -> Self {
         let config = MergeConfig {
             imu_period_s: Some(1.0 / rate_hz),
@@ -32,7 +32,7 @@ impl ImuFeed {
 
     /// The readings that belong to an image at `stamp`; see [`cairn_sensor::FramePacket::imu`].
     pub fn until(&mut self, motion: &Motion, epoch: Stamp, stamp: Stamp) -> Vec<ImuSample> {
-        // Images rise strictly in time here, and none is taken back.
+        // Images are strictly increasing in time here, and none is taken back.
         if self.merge.push_image(0, stamp, ()).is_err() {
             return Vec::new();
         }
@@ -42,7 +42,7 @@ impl ImuFeed {
                 Readings::Recorded(list) => list.next(),
             };
             match next {
-                // What the merge drops it counts.
+                // The merge counts the samples that it drops.
                 Some(sample) => drop(self.troubled.pass(sample).map(|s| self.merge.push_imu(s))),
                 None => self.merge.end(Stream::Imu),
             }

@@ -1,4 +1,5 @@
-//! A rig in a world that goes where it is told, frame by frame: for closed loops, and as the eye of [`crate::SimSource`].
+//! A rig in a world that is moved frame by frame by the caller: for closed loops, and the camera of
+//! [`crate::SimSource`].
 
 use crate::config::{SimConfig, SimSensor};
 use crate::effects::Sensor;
@@ -9,17 +10,17 @@ use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigCamera, SourceErr
 use std::sync::Arc;
 use std::time::Instant;
 
-/// One camera: what draws and what makes an image of light.
+/// One camera: its renderer and its sensor effects.
 struct Lens {
     renderer: Renderer,
     sensor: Sensor,
     body_from_camera: Se3,
 }
 
-/// What all cameras of a rig see in one frame.
+/// The scene that all cameras of a rig see in one frame.
 struct Scene<'a> {
     pose_at: &'a (dyn Fn(f64) -> Se3 + Sync),
-    /// Seconds from the stamp at which sub-frames are drawn.
+    /// Times of the sub-frames in seconds from the stamp.
     times: Vec<f64>,
     /// People at those times.
     figures: Vec<Vec<Figure>>,
@@ -28,7 +29,7 @@ struct Scene<'a> {
 }
 
 impl Lens {
-    /// The image, and the depth where it is wanted.
+    /// The image, and the depth where requested.
     fn see(&mut self, scene: &Scene, with_depth: bool) -> (GrayImage, Option<DepthImage>) {
         let (width, height) = scene.size;
         let mut depth = None;
@@ -51,7 +52,7 @@ impl Lens {
     }
 }
 
-/// The rig of a setting, moved by hand. It has no IMU: readings need a motion known ahead.
+/// The rig of a config, moved by the caller. It has no IMU: readings need a motion known in advance.
 pub struct LiveRig {
     config: SimConfig,
     rig: Rig,
@@ -62,20 +63,20 @@ pub struct LiveRig {
 }
 
 impl LiveRig {
-    /// Builds the world of the setting.
+    /// Builds the world of the config.
     ///
     /// # Errors
-    /// When the setting can not be simulated.
+    /// When the config cannot be simulated.
     pub fn new(config: &SimConfig) -> Result<Self, SourceError> {
         config.check()?;
         let world = Arc::new(World::build(config.world, config.seed, &config.options));
         Self::in_map(config, world)
     }
 
-    /// In a world that stands already (the setting's own world, seed and options are not looked at).
+    /// In an existing world (the config's own world, seed and options are ignored).
     ///
     /// # Errors
-    /// When the setting can not be simulated.
+    /// When the config cannot be simulated.
     pub fn in_map(config: &SimConfig, world: Arc<World>) -> Result<Self, SourceError> {
         config.check()?;
         let rig = Rig { imu: None, ..config.rig() };
@@ -101,7 +102,7 @@ impl LiveRig {
         &self.world
     }
 
-    /// The packet seen from a body pose; blur follows the motion since the packet before.
+    /// The packet seen from a body pose; blur follows the motion since the previous packet.
     ///
     /// # Errors
     /// When the pose is not finite or time does not increase.
@@ -130,8 +131,8 @@ impl LiveRig {
         Ok(self.packet_along(stamp, &|dt| pose.retract(&(twist * dt))))
     }
 
-    /// The packet seen along a motion given around the stamp: `pose_at(seconds from the stamp)`. Each camera draws on a core
-    /// of its own where there is one.
+    /// The packet seen along a motion given around the stamp: `pose_at(seconds from the stamp)`. Each camera is
+    /// rendered on a core of its own where available.
     pub(crate) fn packet_along(
         &mut self,
         stamp: Stamp,
@@ -166,7 +167,7 @@ impl LiveRig {
         FramePacket { stamp, images, depth: depth.map(Arc::new), imu: Vec::new(), decode_ms }
     }
 
-    /// Times from the stamp at which sub-frames are drawn: an odd number, about one for each 1.5 pixels of motion.
+    /// Times of the sub-frames in seconds from the stamp: an odd number, about one for each 1.5 pixels of motion.
     fn sub_frames(&self, pose_at: &(dyn Fn(f64) -> Se3 + Sync)) -> Vec<f64> {
         let blur = self.config.effects.blur_s;
         if blur <= 0.0 {
@@ -181,7 +182,7 @@ impl LiveRig {
     }
 }
 
-/// People who walk to and fro beside the straight legs of the world's first way.
+/// People who walk to and fro beside the straight legs of the world's first route.
 fn passers(world: &World, count: usize, seed: u64) -> Vec<Passer> {
     let mut random = crate::random::Random::new(seed, 0x9A55);
     let Some(route) = world.routes().first() else { return Vec::new() };

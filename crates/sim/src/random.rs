@@ -6,7 +6,7 @@
 #[derive(Clone, Debug)]
 pub(crate) struct Random(u64);
 
-/// Mixes a word so that near inputs give unrelated outputs.
+/// Mixes a word so that similar inputs give unrelated outputs.
 pub(crate) fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -20,7 +20,7 @@ pub(crate) fn lattice(seed: u64, x: i64, y: i64) -> f32 {
 }
 
 impl Random {
-    /// One stream per (seed, what it is for).
+    /// One stream for each pair of seed and purpose.
     pub fn new(seed: u64, stream: u64) -> Self {
         Self(mix(seed.wrapping_add(0x9E37_79B9_7F4A_7C15)) ^ mix(stream.wrapping_add(0x1234_5678_9ABC_DEF1)))
     }

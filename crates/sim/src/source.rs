@@ -1,4 +1,4 @@
-//! A simulated recording as a [`Source`]: a rig carried along a motion, with exact truth.
+//! A simulated recording as a [`Source`]: a rig carried along a motion, with exact ground truth.
 
 use crate::config::{CameraPath, SimConfig};
 use crate::imu_feed::{ImuFeed, Readings};
@@ -9,7 +9,7 @@ use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::sync::Arc;
 
-/// Packets of a rig that goes through a world.
+/// Packets of a rig that moves through a world.
 pub struct SimSource {
     live: LiveRig,
     rig: Rig,
@@ -21,7 +21,7 @@ pub struct SimSource {
     next: usize,
 }
 
-/// The stamp at which walks begin; recorded trajectories keep their own.
+/// The stamp at which walks start; recorded trajectories keep their own stamps.
 const EPOCH: Stamp = Stamp(1_000_000_000);
 
 /// More than a day at 100 Hz.
@@ -31,13 +31,13 @@ impl SimSource {
     /// Builds the world and the motion.
     ///
     /// # Errors
-    /// When the setting can not be simulated, the way is not known, or the trajectory can not be read.
+    /// When the config cannot be simulated, the route is unknown, or the trajectory cannot be read.
     pub fn new(config: &SimConfig) -> Result<Self, SourceError> {
         let config = fitted(config)?;
         Self::on(&config, LiveRig::new(&config)?)
     }
 
-    /// In a world that stands already (worlds take long to build).
+    /// In an existing world (worlds take long to build).
     ///
     /// # Errors
     /// As [`SimSource::new`].
@@ -109,18 +109,18 @@ impl SimSource {
     }
 }
 
-/// Nanoseconds of a frame after the first.
+/// Nanoseconds from the first frame to a later one.
 fn time(i: usize, rate_hz: f64) -> i64 {
     (i as f64 * 1e9 / rate_hz).round() as i64
 }
 
-/// Metres around a recorded motion to the walls of a room that is made for it.
+/// Metres from a recorded motion to the walls of the room built around it.
 const AROUND_M: f64 = 2.5;
-/// Metres below the lowest place of a recorded motion, and above the highest.
+/// Metres from the lowest point of a recorded motion down to the floor, and from the highest up to the ceiling.
 const BELOW_M: f64 = 0.7;
 const ABOVE_M: f64 = 1.8;
 
-/// Where the body goes, and what it feels.
+/// The motion of the body and its IMU readings.
 struct Path {
     motion: Motion,
     /// The stamp of the motion's time 0.
@@ -135,7 +135,7 @@ impl Path {
     }
 }
 
-/// An arena without a size gets that of the motion.
+/// Gives an arena without a size that of the motion.
 fn fitted(config: &SimConfig) -> Result<SimConfig, SourceError> {
     let mut config = config.clone();
     if let (WorldKind::Arena, None, CameraPath::File(path)) =
@@ -145,11 +145,11 @@ fn fitted(config: &SimConfig) -> Result<SimConfig, SourceError> {
         let size = high - low;
         let size = [size.x + 2.0 * AROUND_M, size.y + 2.0 * AROUND_M, size.z + BELOW_M + ABOVE_M];
         if size.iter().any(|s| *s > 100.0) {
-            let why = format!("goes over {:.0} x {:.0} x {:.0} m", size[0], size[1], size[2]);
+            let why = format!("extends over {:.0} x {:.0} x {:.0} m", size[0], size[1], size[2]);
             return Err(SourceError::new(
                 path.display().to_string(),
                 why,
-                "cut out what fits a room of 100 m",
+                "cut out a part that fits a room of 100 m",
             ));
         }
         config.options.size_m = Some([size[0], size[1], size[2].max(2.6)]);
@@ -157,7 +157,7 @@ fn fitted(config: &SimConfig) -> Result<SimConfig, SourceError> {
     Ok(config)
 }
 
-/// The corners of the box around poses.
+/// The corners of the bounding box of poses.
 fn extent(poses: &[(Stamp, Se3)]) -> [Vec3; 2] {
     let fold = |f: fn(f64, f64) -> f64, from: f64| {
         let all = |v: Vec3, p: &(Stamp, Se3)| v.zip_map(&p.1.translation, f);
@@ -166,7 +166,7 @@ fn extent(poses: &[(Stamp, Se3)]) -> [Vec3; 2] {
     [fold(f64::min, f64::MAX), fold(f64::max, f64::MIN)]
 }
 
-/// The path that a setting asks for.
+/// The path that a config asks for.
 fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
     let what = format!("sim:{}", config.world);
     match &config.route {
@@ -177,7 +177,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
             };
             let route = route.ok_or_else(|| {
                 let known: Vec<&str> = world.routes().iter().map(|w| w.name.as_str()).collect();
-                let why = format!("there is no way \"{}\"", name.as_deref().unwrap_or(""));
+                let why = format!("there is no route \"{}\"", name.as_deref().unwrap_or(""));
                 SourceError::new(&what, why, format!("choose one of {}", known.join(", ")))
             })?;
             Ok(Path::plain(config.walker.motion(&route.points), EPOCH))
@@ -186,7 +186,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
             if points.is_empty() || !points.iter().all(|p| p.x.abs() < 1e5 && p.y.abs() < 1e5) {
                 return Err(SourceError::new(
                     what,
-                    "the way has no points or one that is not within 100 km",
+                    "the route has no points or a point farther than 100 km",
                     "give corners in metres",
                 ));
             }
@@ -217,7 +217,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
     }
 }
 
-/// The middle of a way's extent, at 1.4 m.
+/// The middle of a route's bounding box, at 1.4 m.
 fn middle_of(route: Option<&NamedRoute>) -> Vec3 {
     let Some(route) = route else { return Vec3::new(0.0, 0.0, 1.4) };
     let fold = |f: &dyn Fn(&cairn_geometry::Vec2) -> f64| {

@@ -1,4 +1,4 @@
-//! Each effect does what its setting says.
+//! Tests of the image effects.
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{GrayImage, Stamp};
@@ -35,7 +35,7 @@ fn sharpness(image: &GrayImage) -> f64 {
 }
 
 #[test]
-fn noise_has_its_deviation_and_changes() {
+fn noise_deviation() {
     let clean = see(&mut rig(Effects::none()), 0, 0.0);
     let mut noisy = rig(Effects { noise: 3.0, ..Effects::none() });
     let (a, b) = (see(&mut noisy, 0, 0.0), see(&mut noisy, 1, 0.0));
@@ -83,7 +83,7 @@ fn blur_follows_the_motion() {
 }
 
 #[test]
-fn depth_noise_grows_and_range_cuts() {
+fn depth_noise_and_range() {
     let exact = rig(Effects::none()).packet(Stamp(1), &pose(0.0)).unwrap().depth.unwrap();
     let effects = Effects { depth_noise: 0.002, depth_range: [0.5, 8.0], ..Effects::none() };
     let noisy = rig(effects).packet(Stamp(1), &pose(0.0)).unwrap().depth.unwrap();

@@ -1,4 +1,4 @@
-//! The renderer against geometry: depth of known planes, landmarks, disparity, clearance of ways.
+//! The renderer against geometry: depth of known planes, landmarks, disparity, clearance of routes.
 
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage, GrayImage, Source};
@@ -17,13 +17,13 @@ fn pose(x: f64, y: f64, heading: f64, pitch: f64) -> Se3 {
 }
 
 #[test]
-fn floor_and_wall_have_their_depth() {
+fn floor_and_wall_depth() {
     let world = Arc::new(World::build(WorldKind::Demo, 1, &WorldOptions::default()));
     let mut r = Renderer::new(&world, camera()).unwrap();
     let (mut image, mut depth) = (GrayImage::new(1, 1), DepthImage::new(1, 1));
     let p = pose(3.0, 1.2, 0.3, 0.35);
     r.render(&p, &mut image, Some(&mut depth));
-    // Each pixel that looks at the floor or the left wall (y = 2.4) without furniture in between agrees to the millimetre.
+    // Each pixel on the floor or the left wall (y = 2.4) without furniture in between agrees to the millimetre.
     let (mut floor, mut wall) = (0, 0);
     for y in (0..480).step_by(7) {
         for x in (0..640).step_by(7) {
@@ -55,7 +55,7 @@ fn disparity_agrees_with_depth() {
     let (mut image, mut depth) = (GrayImage::new(1, 1), DepthImage::new(1, 1));
     r.render(&source.info().truth[0].1, &mut image, Some(&mut depth));
     assert_eq!(*packet.images[0], image);
-    // Around corner-rich pixels of smooth depth, the right image at the predicted disparity is like the left one.
+    // Around corner-rich pixels of smooth depth, the right image at the predicted disparity matches the left one.
     let right = &packet.images[1];
     let (mut good, mut errors) = (0, Vec::new());
     for y in (20..460).step_by(3) {
@@ -100,12 +100,12 @@ fn disparity_agrees_with_depth() {
 }
 
 #[test]
-fn ways_keep_clear_of_walls_and_things() {
+fn routes_keep_clearance() {
     for kind in WorldKind::ALL {
         for seed in 0..3 {
             let options = WorldOptions { look_alike: seed == 2, detail: 0.1, ..Default::default() };
             let world = World::build(kind, seed, &options);
-            // "long" goes the first way's legs again and again.
+            // "long" repeats the legs of the first route.
             for route in world.routes().iter().filter(|w| w.name != "long") {
                 let motion = Walker::default().motion(&route.points);
                 let n = (motion.end() * 5.0) as usize;
@@ -126,7 +126,7 @@ fn ways_keep_clear_of_walls_and_things() {
 }
 
 #[test]
-fn the_demo_is_about_forty_metres_with_three_turns() {
+fn demo_route_length_and_turns() {
     for seed in 0..20 {
         let world = World::build(WorldKind::Demo, seed, &WorldOptions { detail: 0.05, ..Default::default() });
         let route = world.route("out").unwrap();

@@ -1,4 +1,4 @@
-//! The contract of the simulated source: times, determinism, inertial readings, errors.
+//! The contract of the simulated source: times, determinism, IMU readings, errors.
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{FramePacket, ImuSample, Source, Stamp};
@@ -14,7 +14,7 @@ fn all(config: &SimConfig) -> Vec<FramePacket> {
 }
 
 #[test]
-fn the_same_setting_gives_the_same_bytes() {
+fn same_config_gives_same_bytes() {
     let s = small("sim:hall?seed=5&sensor=rgbd-imu&duration=0.3&passers=2&blur=8");
     let (a, b) = (all(&s), all(&s));
     assert_eq!(a.len(), 7);
@@ -26,7 +26,7 @@ fn the_same_setting_gives_the_same_bytes() {
 }
 
 #[test]
-fn times_increase_and_each_packet_holds_its_samples() {
+fn times_increase_and_packets_hold_their_samples() {
     for rate in [20.0, 30.0, 7.3] {
         let packets = all(&small(&format!("sim:demo?duration=1.5&rate={rate}")));
         let stamps: Vec<Stamp> = packets.iter().map(|p| p.stamp).collect();
@@ -43,7 +43,7 @@ fn times_increase_and_each_packet_holds_its_samples() {
 }
 
 #[test]
-fn exact_readings_integrate_to_the_truth() {
+fn exact_readings_integrate_to_ground_truth() {
     for text in [
         "sim:demo?sensor=mono-imu&imu_noise=0&start=4&duration=11",
         "sim:office?sensor=mono-imu&imu_noise=0&start=8&duration=11",
@@ -74,7 +74,7 @@ fn exact_readings_integrate_to_the_truth() {
 }
 
 #[test]
-fn a_noisy_sensor_has_the_noise_it_tells() {
+fn imu_noise_matches_its_densities() {
     let exact = all(&small("sim:demo?sensor=mono-imu&imu_noise=0&duration=4&rate=1"));
     let noisy = all(&small("sim:demo?sensor=mono-imu&duration=4&rate=1"));
     let pairs: Vec<(ImuSample, ImuSample)> = exact
@@ -94,7 +94,7 @@ fn a_noisy_sensor_has_the_noise_it_tells() {
 }
 
 #[test]
-fn what_is_not_understood_is_said() {
+fn parse_errors_name_the_part() {
     for (text, word) in [
         ("corridor", "sim:"),
         ("sim:moon", "moon"),
@@ -109,13 +109,13 @@ fn what_is_not_understood_is_said() {
         ("sim:hall?trajectory=/no/such/file", "/no/such/file"),
         ("sim:hall?start=99999", "99999"),
     ] {
-        let error = SimSource::open(text).err().unwrap_or_else(|| panic!("{text} was taken"));
+        let error = SimSource::open(text).err().unwrap_or_else(|| panic!("{text} was accepted"));
         assert!(error.to_string().contains(word), "{text}: {error}");
     }
 }
 
 #[test]
-fn settings_that_can_not_be_are_refused() {
+fn invalid_configs_are_errors() {
     let spoil: [fn(&mut SimConfig); 9] = [
         |s| s.start_s = -1e300,
         |s| s.rate_hz = f64::NAN,
@@ -130,9 +130,9 @@ fn settings_that_can_not_be_are_refused() {
     for (i, spoil) in spoil.iter().enumerate() {
         let mut s = small("sim:hall?rate=20");
         spoil(&mut s);
-        assert!(SimSource::new(&s).is_err(), "setting {i} was taken");
+        assert!(SimSource::new(&s).is_err(), "config {i} was accepted");
     }
-    // Two poses a century apart: too many frames, told at once.
+    // Two poses a century apart: too many frames, reported at once.
     let far = |t: i64| (Stamp(t * 1_000_000_000), Se3::identity());
     let mut s = small("sim:hall?rate=20");
     s.route = CameraPath::Poses(vec![far(0), far(1), far(3_000_000_000)]);
@@ -160,7 +160,7 @@ fn follows_given_poses() {
 }
 
 #[test]
-fn a_live_rig_sees_what_the_source_sees() {
+fn live_rig_matches_source() {
     let mut s = small("sim:corridor?sensor=stereo&duration=0.4");
     s.effects = Effects::none();
     let mut live = LiveRig::new(&s).unwrap();
@@ -174,7 +174,7 @@ fn a_live_rig_sees_what_the_source_sees() {
     assert_eq!(WorldKind::ALL.len(), 7);
 }
 
-/// Writes a motion with its exact readings as recordings have them, and gives the two files.
+/// Writes a motion with its exact readings in the format of recordings, and returns the two files.
 fn written_motion(folder: &std::path::Path) -> [String; 2] {
     use std::fmt::Write;
     let source = SimSource::new(&small("sim:hall?sensor=mono-imu&imu_noise=0&duration=4&rate=1")).unwrap();
@@ -209,7 +209,7 @@ fn written_motion(folder: &std::path::Path) -> [String; 2] {
 }
 
 #[test]
-fn a_recorded_motion_is_rendered_with_its_own_readings() {
+fn recorded_motion_keeps_its_readings() {
     let folder = std::env::temp_dir().join(format!("cairn-sim-recorded-{}", std::process::id()));
     let [poses, readings] = written_motion(&folder);
     let address = format!("sim:arena?trajectory={poses}&imu={readings}&sensor=rgbd-imu&duration=1");
@@ -217,7 +217,7 @@ fn a_recorded_motion_is_rendered_with_its_own_readings() {
     let agreement = source.agreement().unwrap();
     assert!(agreement.turn_rms[1] < 1e-4 && agreement.acceleration_rms[1] < 0.05, "{agreement:?}");
     assert!(agreement.offset_s.abs() < 1e-4 && agreement.moved_m[1] < 2e-3, "{agreement:?}");
-    // The room is made for the motion: all of it is inside.
+    // The room is built for the motion: all of it is inside.
     for (_, pose) in &source.info().truth {
         assert!(source.world().is_free(pose.translation.x, pose.translation.y) && pose.translation.z > 0.6);
     }
@@ -230,7 +230,7 @@ fn a_recorded_motion_is_rendered_with_its_own_readings() {
     for (sample, line) in given.iter().zip(&in_file[first..]) {
         assert!(line.starts_with(&format!("{},{}", sample.stamp.0, sample.gyro.x)), "{line}");
     }
-    // Wrong by 20 ms: the sample at or after an image was taken 20 ms later than it says.
+    // Off by 20 ms: the sample at or after an image was taken 20 ms later than stamped.
     let late = all(&small(&format!("{address}&imu_offset=20&imu_mean=2")));
     let sample = late[10].imu.last().unwrap();
     assert!(sample.stamp >= late[10].stamp && sample.stamp - late[10].stamp < 0.011);
@@ -253,7 +253,7 @@ fn a_recorded_motion_is_rendered_with_its_own_readings() {
 }
 
 #[test]
-fn the_dead_end_is_blank_where_one_turns() {
+fn dead_end_is_blank_at_the_turn() {
     let mut s = small("sim:dead-end?sensor=mono-imu&effects=none&rate=10");
     s.walker.turn_rate = std::f64::consts::PI / 3.0;
     let mut source = SimSource::new(&s).unwrap();
@@ -272,7 +272,7 @@ fn the_dead_end_is_blank_where_one_turns() {
         }
         index += 1;
     }
-    // One wall under one light: next to nothing.
+    // One wall under one light: almost no texture.
     assert!(range.0 - range.1 < 60, "grey levels from {} to {}", range.1, range.0);
     let end = truth[truth.len() - 1].1.translation - truth[0].1.translation;
     assert!(end.xy().norm() < 0.1, "comes home to {end:?}");

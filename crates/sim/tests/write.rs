@@ -17,7 +17,7 @@ fn lines(path: PathBuf) -> Vec<String> {
 }
 
 #[test]
-fn euroc_is_whole() {
+fn euroc_layout_is_complete() {
     let dir = folder("euroc");
     let mut source = SimSource::open("sim:hall?duration=0.2&resolution=64x48&detail=0.1").unwrap();
     let stamp = source.info().truth[0].0.0;

@@ -1,4 +1,4 @@
-//! Plays recordings and prints what reading and decoding a packet costs.
+//! Plays recordings and prints the cost of reading and decoding a packet.
 //!
 //! `cargo run --release -p cairn-sources --example decode_speed -- FOLDER...`
 
@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ms.sort_by(f64::total_cmp);
         let at = |q: f64| ms.get(((ms.len() as f64 - 1.0) * q) as usize).copied().unwrap_or(f64::NAN);
         let info = source.info();
-        println!("{} at {:.2} Hz, {} true poses", info.name, info.rate_hz, info.truth.len());
+        println!("{} at {:.2} Hz, {} ground-truth poses", info.name, info.rate_hz, info.truth.len());
         println!(
             "  {} packets ({} with depth, {} IMU samples, {} skipped), {} camera(s)",
             ms.len(),
@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             source.rig().cameras.len()
         );
         println!(
-            "  opened in {opened_ms:.1} ms, decode ms a packet: min {:.2} p50 {:.2} p99 {:.2}, all in {wall_s:.2} s",
+            "  opened in {opened_ms:.1} ms, decode ms per packet: min {:.2} p50 {:.2} p99 {:.2}, all in {wall_s:.2} s",
             at(0.0),
             at(0.5),
             at(0.99)

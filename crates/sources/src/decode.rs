@@ -1,7 +1,7 @@
 //! Image files to pixels: JPEG and PNG, 8 and 16 bit, gray or colour to luminance; 16-bit PNG to depth.
 //!
-//! What a file is, its first bytes say, not its name. JPEG luminance is the stored Y plane; colour PNG is
-//! weighted as in BT.601 (0.299, 0.587, 0.114); 16-bit gray keeps its high byte.
+//! The format is detected from the first bytes, not the name. JPEG luminance is the stored Y plane; colour
+//! PNG is weighted as in BT.601 (0.299, 0.587, 0.114); 16-bit gray keeps its high byte.
 
 use cairn_sensor::{DepthImage, GrayImage};
 use png::{BitDepth, ColorType, Transformations};
@@ -12,10 +12,14 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// No camera that this is for has more pixels; a broken header may claim more.
-const MOST_PIXELS: usize = 64 << 20;
+/// Largest supported image, pixels; a broken header may claim more.
+const MAX_PIXELS: usize = 64 << 20;
 
-/// Luminance of an image file, or why there is none.
+/// Luminance of an image file.
+///
+/// # Errors
+///
+/// A description when the file cannot be read or decoded.
 pub fn gray(path: &Path) -> Result<GrayImage, String> {
     in_file(path, |bytes| match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
@@ -23,7 +27,7 @@ pub fn gray(path: &Path) -> Result<GrayImage, String> {
     })
 }
 
-/// Luminance of a JPEG in memory, as a phone's page sends it; a decoder that panics on it is a broken picture.
+/// Luminance of a JPEG in memory, as a phone's page sends it; a panic of the decoder becomes an error.
 pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, String> {
     let decoded = std::panic::catch_unwind(|| match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
@@ -32,15 +36,15 @@ pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, String> {
     decoded.unwrap_or_else(|_| Err("the decoder failed".into()))
 }
 
-/// A depth image in the file's own units, or why there is none.
+/// A depth image in the file's own units, or a description of the error.
 pub fn depth(path: &Path) -> Result<DepthImage, String> {
     in_file(path, |bytes| match kind(bytes)? {
-        Kind::Jpeg => Err("a JPEG can not hold 16-bit depth".into()),
+        Kind::Jpeg => Err("a JPEG cannot store 16-bit depth".into()),
         Kind::Png => png_depth(bytes),
     })
 }
 
-/// Width and height as the file's header says.
+/// Width and height from the file's header.
 pub fn size(path: &Path) -> Result<[usize; 2], String> {
     in_file(path, |bytes| match kind(bytes)? {
         Kind::Jpeg => {
@@ -71,7 +75,7 @@ fn kind(bytes: &[u8]) -> Result<Kind, String> {
     }
 }
 
-/// Reads the file and decodes it; a decoder that panics on a broken file is a broken file.
+/// Reads the file and decodes it; a panic of the decoder on a broken file becomes an error.
 fn in_file<T>(path: &Path, decode: impl Fn(&[u8]) -> Result<T, String>) -> Result<T, String> {
     let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
     let bytes = std::fs::read(path).map_err(|e| format!("{name}: {e}"))?;
@@ -84,7 +88,8 @@ fn jpeg_options() -> DecoderOptions {
 }
 
 fn jpeg_gray(bytes: &[u8]) -> Result<GrayImage, String> {
-    // The decoder fills up what is missing; coded data never holds an end marker, so its absence tells.
+    // The decoder fills in missing data; coded data never contains an end marker, so its absence reveals
+    // truncation.
     let end = bytes.windows(2).rposition(|w| w == [0xff, 0xd9]);
     if end.is_none_or(|at| at < bytes.len() / 2) {
         return Err("JPEG: truncated (no end marker)".into());
@@ -97,7 +102,7 @@ fn jpeg_gray(bytes: &[u8]) -> Result<GrayImage, String> {
     GrayImage::from_vec(w, h, pixels).ok_or_else(|| format!("JPEG: {w}x{h} expected, other length decoded"))
 }
 
-/// Pixels of a PNG, as its transformed samples: 8 or 16 bits big-endian, `channels` a pixel.
+/// Pixels of a PNG as transformed samples: 8 or 16 bits big-endian, `channels` per pixel.
 struct Raw {
     width: usize,
     height: usize,
@@ -156,8 +161,8 @@ fn luminance(r: u8, g: u8, b: u8) -> u8 {
 }
 
 fn check_size(w: usize, h: usize) -> Result<(), String> {
-    if w == 0 || h == 0 || w.saturating_mul(h) > MOST_PIXELS {
-        return Err(format!("{w}x{h} pixels can not be an image of this camera"));
+    if w == 0 || h == 0 || w.saturating_mul(h) > MAX_PIXELS {
+        return Err(format!("{w}x{h} pixels is not a supported image size"));
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
-//! EuRoC folders (`mav0/cam0 cam1 imu0`), and TUM-VI, which has the same shape with a Kalibr calibration.
+//! EuRoC folders (`mav0/cam0 cam1 imu0`), and TUM-VI, which has the same layout with a Kalibr calibration.
 //!
-//! A `depth0/` beside them, of 16-bit PNG at the stamps of `cam0`, is read where the rig has a depth sensor.
+//! An additional `depth0/`, of 16-bit PNG at the stamps of `cam0`, is read where the rig has a depth sensor.
 //! Burri et al., "The EuRoC micro aerial vehicle datasets" (2016); Schubert et al., "The TUM VI benchmark" (2018).
 
 use crate::recording::{Instant, QuaternionOrder, Recording, join_depth, pair, read_index, read_truth};
@@ -10,10 +10,10 @@ use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
-/// Cameras that are triggered together differ by less.
+/// Stamps of cameras triggered together differ by less, nanoseconds.
 const SAME_INSTANT_NS: u64 = 500_000;
 
-/// True when a folder looks like one.
+/// True when a folder looks like an EuRoC or TUM-VI recording.
 pub fn is(folder: &Path) -> bool {
     [folder.to_owned(), folder.join("mav0")].iter().any(|root| root.join("cam0").is_dir())
 }
@@ -91,7 +91,7 @@ fn images(camera: &Path, skipped: &mut Vec<String>) -> Result<Vec<(Stamp, PathBu
     read_index(&camera.join("data.csv"), stamp_ns, &camera.join("data"), skipped)
 }
 
-/// Poses of the body, where one of the two data sets' files has them.
+/// Ground-truth poses of the body, if one of the data sets' files has them.
 fn truth(root: &Path) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     for name in ["state_groundtruth_estimate0", "mocap0"] {
         let path = root.join(name).join("data.csv");

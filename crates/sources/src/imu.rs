@@ -1,4 +1,4 @@
-//! IMU samples from a csv file, read as they are needed so that memory does not grow with the recording.
+//! IMU samples from a CSV file, read as needed so that memory does not grow with the recording.
 
 use crate::text::{fields, numbers, place, stamp_ns};
 use cairn_geometry::Vec3;
@@ -7,8 +7,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// Samples of `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines, as they stand in the file; their order is
-/// for the merge to judge.
+/// Samples of `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines, in file order; the merge checks
+/// that order.
 pub struct ImuStream {
     path: PathBuf,
     lines: BufReader<File>,
@@ -17,12 +17,12 @@ pub struct ImuStream {
 }
 
 impl ImuStream {
-    /// Opens the file. One without a sample is an error.
+    /// Opens the file. A file without a sample is an error.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
         let file = File::open(path).map_err(|e| {
             SourceError::new(
                 path.display().to_string(),
-                format!("can not be read ({e})"),
+                format!("cannot be read ({e})"),
                 "restore it, or give a rig without an IMU",
             )
         })?;
@@ -30,8 +30,9 @@ impl ImuStream {
         let mut skipped = Vec::new();
         stream.peeked = stream.read(&mut skipped);
         if stream.peeked.is_none() {
-            let why =
-                skipped.first().map_or("holds no sample".to_owned(), |s| format!("holds no sample ({s})"));
+            let why = skipped
+                .first()
+                .map_or("contains no sample".to_owned(), |s| format!("contains no sample ({s})"));
             return Err(SourceError::new(
                 path.display().to_string(),
                 why,
@@ -41,7 +42,7 @@ impl ImuStream {
         Ok(stream)
     }
 
-    /// The next sample; lines that are none are told in `skipped`. `None` at the end of the file.
+    /// The next sample; other lines are listed in `skipped`. `None` at the end of the file.
     pub fn next(&mut self, skipped: &mut Vec<String>) -> Option<ImuSample> {
         match self.peeked.take() {
             Some(sample) => Some(sample),
@@ -49,7 +50,7 @@ impl ImuStream {
         }
     }
 
-    /// The file and the line that was read last, as errors name it.
+    /// The file and the last line read, for error messages.
     pub fn place(&self) -> String {
         place(&self.path, self.number)
     }
@@ -79,11 +80,11 @@ impl ImuStream {
     }
 }
 
-/// All samples of such a file, as a recording has them: `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines. Lines that
-/// are none are left out.
+/// All samples of such a file, as recordings have them: `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]`
+/// lines. Other lines are left out.
 ///
 /// # Errors
-/// When the file can not be read or holds no sample.
+/// When the file cannot be read or contains no sample.
 pub fn read_imu(path: impl AsRef<Path>) -> Result<Vec<ImuSample>, SourceError> {
     let mut stream = ImuStream::open(path.as_ref())?;
     let mut skipped = Vec::new();

@@ -1,7 +1,7 @@
 //! KITTI odometry folders: `image_0/ image_1/ calib.txt times.txt`, and the truth in `poses.txt`.
 //!
-//! Geiger, Lenz and Urtasun, "Are we ready for autonomous driving?" (2012). A pose line is the 3x4 matrix that
-//! maps camera 0 to where camera 0 was first.
+//! Geiger, Lenz and Urtasun, "Are we ready for autonomous driving?" (2012). A pose line is the 3x4 matrix
+//! from camera 0 to the first pose of camera 0.
 
 use crate::decode;
 use crate::recording::{Instant, Recording};
@@ -11,15 +11,15 @@ use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
-/// Nanoseconds between images where no `times.txt` tells.
+/// Nanoseconds between images without a `times.txt`.
 const NOMINAL_STEP_NS: i64 = 100_000_000;
 
-/// True when a folder looks like one.
+/// True when a folder looks like a KITTI odometry sequence.
 pub fn is(folder: &Path) -> bool {
     folder.join("image_0").is_dir() || folder.join("image_2").is_dir()
 }
 
-/// Indexes the folder: the gray pair, or where there is none the colour pair.
+/// Indexes the folder: the gray pair, or the colour pair where there is no gray one.
 pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
     let pair = if folder.join("image_0").is_dir() { [0, 1] } else { [2, 3] };
     let present: Vec<usize> =
@@ -53,8 +53,8 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
                 }
             },
         };
-        // A missing right image is found when it is read, and that pair skipped.
-        let images = used.iter().map(|i| twin(folder, *i, &file.path)).collect();
+        // A missing right image is detected when it is read, and that pair is skipped.
+        let images = used.iter().map(|i| counterpart(folder, *i, &file.path)).collect();
         instants.push((line, Instant { stamp, images, depth: None }));
     }
     let truth = truth(folder, &instants)?;
@@ -97,7 +97,7 @@ fn own_rig(folder: &Path, present: &[usize]) -> Result<Rig, SourceError> {
 fn unreadable(folder: &Path, why: &str) -> SourceError {
     SourceError::new(
         folder.display().to_string(),
-        format!("not one image can be read ({why})"),
+        format!("not a single image can be read ({why})"),
         "check the images",
     )
 }
@@ -107,7 +107,7 @@ struct File {
     path: PathBuf,
 }
 
-/// The images of a folder whose names are numbers, in their order.
+/// The images of a folder whose names are numbers, in numeric order.
 fn numbered(folder: &Path) -> Result<Vec<File>, String> {
     let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let mut files: Vec<File> = entries
@@ -126,15 +126,15 @@ fn numbered(folder: &Path) -> Result<Vec<File>, String> {
     }
 }
 
-/// Which line of `times.txt` and `poses.txt` each file belongs to: its number, or its place in the order where the
-/// numbers do not start near 0 (a cut from a longer sequence, whose lines were cut as well).
+/// The line of `times.txt` and `poses.txt` for each file: its number, or its index in order where the numbers
+/// do not start near 0 (a part cut from a longer sequence, with its lines cut as well).
 fn match_lines(files: &[File]) -> Vec<usize> {
     let cut = files.first().is_some_and(|f| f.number >= files.len());
     files.iter().enumerate().map(|(i, f)| if cut { i } else { f.number }).collect()
 }
 
 /// The same file name under another camera, with that camera's extension if it differs.
-fn twin(folder: &Path, camera: usize, like: &Path) -> PathBuf {
+fn counterpart(folder: &Path, camera: usize, like: &Path) -> PathBuf {
     let images = folder.join(format!("image_{camera}"));
     let path = images.join(like.file_name().unwrap_or_default());
     if path.is_file() {
@@ -156,18 +156,18 @@ fn times(folder: &Path, skipped: &mut Vec<String>) -> Result<Times, SourceError>
     for (number, line) in data_lines(&text) {
         let stamp = stamp_seconds(line);
         if stamp.is_none() {
-            skipped.push(format!("{}: \"{line}\" is no time in seconds", place(&path, number)));
+            skipped.push(format!("{}: \"{line}\" is not a time in seconds", place(&path, number)));
         }
         times.push(stamp);
     }
     if times.is_empty() {
-        let cure = "delete it to play at 10 images a second";
+        let cure = "delete it to play at 10 images per second";
         return Err(SourceError::new(path.display().to_string(), "is empty", cure));
     }
     Ok(Some(times))
 }
 
-/// Poses of `poses.txt`, or of `../../poses/NN.txt` as the benchmark lays them out, for the images that are there.
+/// Poses of `poses.txt`, or of `../../poses/NN.txt` as in the benchmark's layout, for the images present.
 fn truth(folder: &Path, instants: &[(usize, Instant)]) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     let sequence = folder.file_name().map(|n| format!("../../poses/{}.txt", n.to_string_lossy()));
     let candidates = [Some("poses.txt".to_owned()), sequence];

@@ -1,4 +1,4 @@
-//! Opening a source by its name: what kind it is, is found by looking.
+//! Opening a source by its name; its kind is detected.
 
 use crate::player::Player;
 use crate::prefetch::Prefetch;
@@ -8,14 +8,15 @@ use cairn_sensor::{Rig, Source, SourceError};
 use cairn_sim::{SimConfig, SimSource};
 use std::path::Path;
 
-/// How a source is to be read.
+/// Options for reading a source.
 #[derive(Clone, Debug, Default)]
 pub struct OpenOptions {
-    /// A rig to use in place of the source's own. It also decides what is read: with one camera, only that one's images.
+    /// A rig to use instead of the source's own. It also decides what is read: with one camera, only that
+    /// one's images.
     pub rig: Option<Rig>,
     /// Seconds after the first image to start at.
     pub start_s: f64,
-    /// At most so many packets.
+    /// The largest number of packets to read.
     pub frames: Option<usize>,
 }
 
@@ -34,16 +35,21 @@ const KINDS: [Kind; 4] = [
 
 const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*)";
 
-/// Opens a recording, a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a camera
-/// (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits until someone sends. Packets are
-/// read on a thread, which ends when the source is dropped; what is live gives the newest picture.
+/// Opens a recording, a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
+/// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender.
+/// Packets are read on a thread, which ends when the source is dropped; live sources deliver the newest
+/// image.
+///
+/// # Errors
+///
+/// [`SourceError`] with a remedy, when the source does not exist, is of an unknown kind, or cannot be read.
 pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, SourceError> {
     if !(options.start_s.is_finite() && options.start_s >= 0.0) {
-        let why = format!("can not start at {} s", options.start_s);
+        let why = format!("cannot start at {} s", options.start_s);
         return Err(SourceError::new(source, why, "give seconds after the first image, 0 or more"));
     }
     if options.frames == Some(0) {
-        return Err(SourceError::new(source, "0 frames are asked for", "ask for at least one"));
+        return Err(SourceError::new(source, "0 frames are requested", "request at least one"));
     }
     if source.starts_with("sim:") {
         return Ok(Box::new(Prefetch::start(simulated(source, options)?)?));
@@ -54,7 +60,7 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     if let Some(scheme) = scheme(source) {
         return Err(SourceError::new(
             source,
-            format!("sources of the kind \"{scheme}:\" can not be read here"),
+            format!("sources of the kind \"{scheme}:\" cannot be read"),
             format!(
                 "give a folder, a video, camera:N, rtmp://, rtmp-listen://, rtsp:// or sim:WORLD; {KNOWN}"
             ),
@@ -62,7 +68,7 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     }
     let path = Path::new(source);
     let mut recording = (kind_of(path)?.index)(path, options.rig)?;
-    recording.settle(options.start_s, options.frames)?;
+    recording.select(options.start_s, options.frames)?;
     Ok(Box::new(Prefetch::start(Player::new(recording)?)?))
 }
 
@@ -80,7 +86,7 @@ fn simulated(source: &str, options: OpenOptions) -> Result<SimSource, SourceErro
     SimSource::new(&config)
 }
 
-/// `rtsp` of `rtsp://...`; a drive letter is none.
+/// `rtsp` of `rtsp://...`; a drive letter is not a scheme.
 fn scheme(source: &str) -> Option<&str> {
     let (scheme, _) = source.split_once(':')?;
     let plain = scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-');
@@ -98,20 +104,18 @@ fn kind_of(path: &Path) -> Result<&'static Kind, SourceError> {
     let found: Vec<&Kind> = KINDS.iter().filter(|kind| (kind.is)(path)).collect();
     match found.as_slice() {
         [one] => Ok(one),
-        [] => Err(SourceError::new(
-            shown,
-            format!("is no recording of a kind that is known; {KNOWN}"),
-            hint(path),
-        )),
+        [] => {
+            Err(SourceError::new(shown, format!("is not a recording of a known kind; {KNOWN}"), hint(path)))
+        }
         many => {
             let names: Vec<&str> = many.iter().map(|kind| kind.name).collect();
             let why = format!("looks like more than one kind of recording: {}", names.join(" and "));
-            Err(SourceError::new(shown, why, "move what does not belong to it elsewhere"))
+            Err(SourceError::new(shown, why, "move the files that do not belong to it elsewhere"))
         }
     }
 }
 
-/// Names a folder inside that is a recording, if there is one.
+/// A hint naming a recording inside the folder, if there is one.
 fn hint(path: &Path) -> String {
     let mut inside: Vec<_> = std::fs::read_dir(path)
         .into_iter()
@@ -123,6 +127,8 @@ fn hint(path: &Path) -> String {
     match inside.as_slice() {
         [] => "check the path".into(),
         [one] => format!("did you mean {}?", one.display()),
-        [first, ..] => format!("it holds {} recordings, choose one, as {}", inside.len(), first.display()),
+        [first, ..] => {
+            format!("it contains {} recordings; choose one, such as {}", inside.len(), first.display())
+        }
     }
 }

@@ -1,33 +1,34 @@
-//! A recording given as a camera would give it: no packet before its time, and none that is already overtaken.
+//! A recording played in real time: no packet before its time, and none that has already been overtaken.
 
 use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::time::{Duration, Instant};
 
-/// Plays a source in real time. A packet whose successor is due as well is dropped and counted; its IMU samples
-/// go to the successor, so none is lost.
+/// Plays a source in real time. A packet whose successor is due as well is dropped and counted; its IMU
+/// samples
+/// are added to the successor, so none is lost.
 pub struct Paced {
     source: Box<dyn Source>,
-    /// When the first packet was given, and its stamp.
-    began: Option<(Instant, Stamp)>,
-    /// Read, but not yet given.
+    /// When the first packet was delivered, and its stamp.
+    started: Option<(Instant, Stamp)>,
+    /// Read, but not yet delivered.
     next: Option<FramePacket>,
     dropped: usize,
 }
 
 impl Paced {
-    /// Time begins with the first packet taken.
+    /// Time starts when the first packet is taken.
     pub fn new(source: Box<dyn Source>) -> Self {
-        Self { source, began: None, next: None, dropped: 0 }
+        Self { source, started: None, next: None, dropped: 0 }
     }
 
-    /// Packets that were overtaken before they were asked for.
+    /// Packets that were overtaken before they were requested.
     pub fn dropped(&self) -> usize {
         self.dropped
     }
 
-    /// How long until a stamp is due; `None` when it is.
+    /// Time until a stamp is due; `None` when it is.
     fn until(&self, stamp: Stamp) -> Option<Duration> {
-        let (instant, first) = self.began?;
+        let (instant, first) = self.started?;
         let due = Duration::try_from_secs_f64(stamp - first).ok()?;
         due.checked_sub(instant.elapsed()).filter(|d| !d.is_zero())
     }
@@ -48,7 +49,7 @@ impl Source for Paced {
             None => self.source.next_packet()?,
         };
         let Some(mut packet) = packet else { return Ok(None) };
-        self.began.get_or_insert((Instant::now(), packet.stamp));
+        self.started.get_or_insert((Instant::now(), packet.stamp));
         while let Some(mut next) = self.source.next_packet()? {
             if self.until(next.stamp).is_some() {
                 self.next = Some(next);
@@ -56,7 +57,7 @@ impl Source for Paced {
             }
             self.dropped += 1;
             let mut imu: Vec<ImuSample> = std::mem::take(&mut packet.imu);
-            // What was made up for the image that is left out is not needed any more.
+            // Samples synthesised for the image that is left out are no longer needed.
             imu.retain(|sample| !sample.is_synthesised());
             imu.append(&mut next.imu);
             next.imu = imu;
@@ -80,20 +81,20 @@ mod tests {
     use cairn_sensor::Camera;
 
     /// Twenty packets 10 ms apart, each with one IMU sample.
-    struct Clockwork(SourceInfo, Rig, i64);
+    struct RegularSource(SourceInfo, Rig, i64);
 
-    fn clockwork() -> Paced {
+    fn regular() -> Paced {
         let info = SourceInfo {
-            name: "clockwork".into(),
+            name: "regular".into(),
             frames: Some(20),
             rate_hz: 100.0,
             truth: vec![],
             assumed: None,
         };
-        Paced::new(Box::new(Clockwork(info, Rig::mono(Camera::pinhole(8, 8, 8.0, 8.0, 4.0, 4.0)), 0)))
+        Paced::new(Box::new(RegularSource(info, Rig::mono(Camera::pinhole(8, 8, 8.0, 8.0, 4.0, 4.0)), 0)))
     }
 
-    impl Source for Clockwork {
+    impl Source for RegularSource {
         fn info(&self) -> &SourceInfo {
             &self.0
         }
@@ -114,27 +115,27 @@ mod tests {
 
     #[test]
     fn no_packet_comes_before_its_time() {
-        let (mut source, start) = (clockwork(), Instant::now());
-        let mut given = 0;
+        let (mut source, start) = (regular(), Instant::now());
+        let mut delivered = 0;
         while let Some(packet) = source.next_packet().unwrap() {
             assert!(start.elapsed().as_secs_f64() >= packet.stamp.seconds() - 7.0 - 1e-6);
-            given += 1;
+            delivered += 1;
         }
         assert!(start.elapsed() >= Duration::from_millis(190));
-        assert_eq!(given + source.dropped(), 20);
+        assert_eq!(delivered + source.dropped(), 20);
     }
 
     #[test]
-    fn a_slow_reader_loses_images_but_no_imu_sample() {
-        let mut source = clockwork();
-        let (mut given, mut samples) = (0, Vec::new());
+    fn slow_reader_loses_images_but_no_imu_samples() {
+        let mut source = regular();
+        let (mut delivered, mut samples) = (0, Vec::new());
         while let Some(packet) = source.next_packet().unwrap() {
-            given += 1;
+            delivered += 1;
             samples.extend(packet.imu.iter().map(|s| s.stamp));
             std::thread::sleep(Duration::from_millis(45));
         }
-        assert!(source.dropped() >= 10, "{} of 20 given", given);
-        assert_eq!(given + source.dropped(), 20);
+        assert!(source.dropped() >= 10, "{} of 20 delivered", delivered);
+        assert_eq!(delivered + source.dropped(), 20);
         assert_eq!(samples.len(), 20);
         assert!(samples.windows(2).all(|w| w[0] < w[1]));
     }

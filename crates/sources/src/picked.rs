@@ -1,22 +1,22 @@
-//! A recording of which only some packets are given, as they were when a run dropped the others.
+//! Selected packets of a recording: those that a run processed when it dropped the others.
 
 use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
 
-/// Gives the packets with these stamps; what the others have of IMU goes into the next that is given.
+/// Delivers the packets with these stamps; the IMU samples of the others are added to the next one delivered.
 pub struct Picked {
     source: Box<dyn Source>,
     stamps: Vec<Stamp>,
-    given: usize,
+    delivered: usize,
     passed: usize,
 }
 
 impl Picked {
-    /// Stamps in the order of the source.
+    /// `stamps` in the order of the source.
     pub fn new(source: Box<dyn Source>, stamps: Vec<Stamp>) -> Self {
-        Self { source, stamps, given: 0, passed: 0 }
+        Self { source, stamps, delivered: 0, passed: 0 }
     }
 
-    /// Packets that were not given.
+    /// Packets that were not delivered.
     pub fn passed(&self) -> usize {
         self.passed
     }
@@ -32,15 +32,15 @@ impl Source for Picked {
     }
 
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
-        let Some(wanted) = self.stamps.get(self.given).copied() else { return Ok(None) };
+        let Some(wanted) = self.stamps.get(self.delivered).copied() else { return Ok(None) };
         let mut before: Vec<ImuSample> = Vec::new();
         while let Some(mut packet) = self.source.next_packet()? {
-            // What was made up for an image that is left out is not needed any more.
+            // Samples synthesised for an image that is left out are no longer needed.
             before.retain(|sample| !sample.is_synthesised());
             before.append(&mut packet.imu);
             if packet.stamp == wanted {
                 packet.imu = before;
-                self.given += 1;
+                self.delivered += 1;
                 return Ok(Some(packet));
             }
             self.passed += 1;

@@ -1,4 +1,4 @@
-//! Plays a recording: decodes the images of each instant and joins the IMU samples to them.
+//! Plays a recording: decodes the images of each instant and adds the IMU samples.
 
 use crate::decode;
 use crate::imu::ImuStream;
@@ -11,11 +11,11 @@ use std::sync::Arc;
 use std::time;
 use std::vec::IntoIter;
 
-/// Lines kept of what was skipped; a longer list only grows its last line's count.
-const MOST_LINES: usize = 10_000;
+/// Lines kept on what was skipped; beyond that only the count in the last line grows.
+const MAX_LINES: usize = 10_000;
 
-/// Holes in the IMU's stream that are told one by one.
-const MOST_GAPS: usize = 10;
+/// Gaps in the IMU's stream that are reported individually.
+const MAX_GAPS: usize = 10;
 
 /// A recording being read.
 pub struct Player {
@@ -23,7 +23,7 @@ pub struct Player {
     rig: Rig,
     instants: IntoIter<Instant>,
     imu: Option<ImuStream>,
-    /// Joins the IMU to the instants, which have their images together already.
+    /// Merges the IMU with the instants, whose images are already grouped.
     merge: Merge<Decoded, ()>,
     no_depth: Option<u16>,
     ended: bool,
@@ -33,6 +33,10 @@ pub struct Player {
 
 impl Player {
     /// Checks the rig against the first image of each camera.
+    ///
+    /// # Errors
+    ///
+    /// [`SourceError`] when the rig is invalid or does not fit the images, or the IMU file cannot be read.
     pub fn new(recording: Recording) -> Result<Self, SourceError> {
         let rate_hz = recording.rate_hz();
         let Recording { name, mut rig, instants, imu, truth, no_depth, skipped, assumed } = recording;
@@ -40,7 +44,7 @@ impl Player {
             return Err(SourceError::new(name, format!("its rig is wrong: {e}"), "correct the calibration"));
         }
         check_sizes(&name, &rig, &instants)?;
-        // Stamps are given in the images' clock, so nothing is left to add.
+        // Stamps are delivered in the images' clock, so no offset is left.
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
         let imu = imu.map(|path| ImuStream::open(&path)).transpose()?;
         let imu_period_s = rig.imu.as_ref().filter(|_| imu.is_some()).map(|sensor| 1.0 / sensor.rate_hz);
@@ -63,7 +67,7 @@ impl Player {
 
     fn note(&mut self, lines: Vec<String>) {
         for line in lines {
-            if self.skipped.len() < MOST_LINES {
+            if self.skipped.len() < MAX_LINES {
                 self.skipped.push(line);
             } else if let Some(last) = self.skipped.last_mut() {
                 self.left_out += 1;
@@ -93,7 +97,7 @@ impl Player {
         Some(FramePacket { stamp: merged.stamp, images, depth, imu: merged.imu, decode_ms })
     }
 
-    /// Feeds the merge with what the next instant lacks.
+    /// Feeds the IMU samples that the next instant needs to the merge.
     fn read_imu(&mut self) {
         let mut skipped = Vec::new();
         while self.merge.lacks() == Some(Stream::Imu) {
@@ -105,7 +109,7 @@ impl Player {
                 break;
             };
             match self.merge.push_imu(sample) {
-                Ok(Some(gap)) if self.merge.counts().imu_gaps <= MOST_GAPS => {
+                Ok(Some(gap)) if self.merge.counts().imu_gaps <= MAX_GAPS => {
                     skipped.push(format!("{}: no IMU sample for {:.3} s", gap.from, gap.to - gap.from));
                 }
                 Ok(_) => {}
@@ -194,15 +198,15 @@ fn check_sizes(name: &str, rig: &Rig, instants: &[Instant]) -> Result<(), Source
             Some((path, [w, h])) => fits(camera_name, camera, w, h).map_err(|why| {
                 SourceError::new(path.display().to_string(), why, "give the rig of these images with --rig")
             })?,
-            None if index.is_none() && first_problem.is_none() => {} // a rig with depth, images without
+            None if index.is_none() && first_problem.is_none() => {} // a rig with depth, a recording without
             None => {
                 return Err(SourceError::new(
                     name,
                     format!(
-                        "not one image of {camera_name} can be read (the first: {})",
-                        first_problem.unwrap_or_else(|| "none is named".into())
+                        "not a single image of {camera_name} can be read (the first: {})",
+                        first_problem.unwrap_or_else(|| "none is listed".into())
                     ),
-                    "check that the image files are there and whole",
+                    "check that the image files exist and are complete",
                 ));
             }
         }

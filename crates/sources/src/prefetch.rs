@@ -1,4 +1,4 @@
-//! Reads any source ahead on a thread: a bounded queue hands the packets over.
+//! Reads any source ahead on a thread, through a bounded queue.
 
 use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 /// Packets decoded ahead of the reader: 6 MB of EuRoC stereo.
 const QUEUE: usize = 8;
 
-/// A source whose packets are made on a thread of their own, at most [`QUEUE`] ahead.
+/// A source whose packets are produced on a separate thread, at most [`QUEUE`] ahead.
 pub struct Prefetch {
     info: SourceInfo,
     rig: Rig,
@@ -16,15 +16,20 @@ pub struct Prefetch {
     reader: Option<JoinHandle<()>>,
 }
 
-/// One answer of the source, and what it skipped on the way there (how many of its old lines stand, and the rest).
+/// One result of the source, and the lines it added to what it skipped: how many of the previous lines
+/// remain, and the new ones.
 struct Step {
-    answer: Result<Option<FramePacket>, SourceError>,
+    result: Result<Option<FramePacket>, SourceError>,
     kept: usize,
     skipped: Vec<String>,
 }
 
 impl Prefetch {
     /// Starts reading.
+    ///
+    /// # Errors
+    ///
+    /// [`SourceError`] when no thread can be started.
     pub fn start(source: impl Source + 'static) -> Result<Self, SourceError> {
         let (info, rig) = (source.info().clone(), source.rig().clone());
         let skipped = source.skipped().to_vec();
@@ -37,24 +42,24 @@ impl Prefetch {
     }
 }
 
-/// The thread: until the source ends or fails, or no one listens any more.
+/// The reading thread: runs until the source ends or fails, or the receiver is dropped.
 fn read(mut source: impl Source, sender: &SyncSender<Step>) {
-    let mut told: Vec<String> = source.skipped().last().cloned().into_iter().collect();
+    let mut last_line: Vec<String> = source.skipped().last().cloned().into_iter().collect();
     let mut count = source.skipped().len();
     loop {
-        let answer = source.next_packet();
+        let result = source.next_packet();
         let lines = source.skipped();
         // The last line may be a running count: send it again when it has changed.
-        let kept = match (count, told.last()) {
+        let kept = match (count, last_line.last()) {
             (0, _) => 0,
             (n, last) if lines.get(n - 1) == last => n,
             (n, _) => n - 1,
         };
         let skipped = lines.get(kept..).unwrap_or_default().to_vec();
         count = lines.len();
-        told = lines.last().cloned().into_iter().collect();
-        let more = matches!(answer, Ok(Some(_)));
-        if sender.send(Step { answer, kept, skipped }).is_err() || !more {
+        last_line = lines.last().cloned().into_iter().collect();
+        let more = matches!(result, Ok(Some(_)));
+        if sender.send(Step { result, kept, skipped }).is_err() || !more {
             return;
         }
     }
@@ -74,12 +79,12 @@ impl Source for Prefetch {
         if let Ok(step) = packets.recv() {
             self.skipped.truncate(step.kept);
             self.skipped.extend(step.skipped);
-            if !matches!(step.answer, Ok(Some(_))) {
+            if !matches!(step.result, Ok(Some(_))) {
                 self.packets = None;
             }
-            return step.answer;
+            return step.result;
         }
-        // The queue closed without an end: the thread died.
+        // The queue closed without an end: the thread has failed.
         self.packets = None;
         Err(SourceError::new(&self.info.name, "the reading thread failed", "report it with the recording"))
     }
@@ -90,11 +95,11 @@ impl Source for Prefetch {
 }
 
 impl Drop for Prefetch {
-    /// Closes the queue, which ends the thread after the packet in its hands.
+    /// Closes the queue, which ends the thread after its current packet.
     fn drop(&mut self) {
         self.packets = None;
         if let Some(reader) = self.reader.take() {
-            // A panic there was already reported on standard error; there is no one left to tell.
+            // A panic there was already reported on standard error.
             let _ = reader.join();
         }
     }
@@ -105,7 +110,7 @@ mod tests {
     use super::*;
     use cairn_sensor::{Camera, Stamp};
 
-    /// Gives `packets` packets, with a line skipped before each, then what `end` says.
+    /// Delivers `packets` packets, with a skipped line before each, then the result of `end`.
     struct Fake {
         info: SourceInfo,
         rig: Rig,
@@ -145,7 +150,7 @@ mod tests {
             self.packets -= 1;
             self.skipped.push(format!("before {}", self.packets));
             if self.packets == 0 {
-                // A running count takes the last place.
+                // A running count replaces the last line.
                 *self.skipped.last_mut().unwrap() = "and 1 more".into();
             }
             let stamp = Stamp(self.packets as i64);
@@ -154,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn gives_what_the_source_gives_with_its_skipped_lines_in_step() {
+    fn delivers_packets_and_skipped_lines_in_step() {
         let mut ahead = Prefetch::start(Fake::new(30, || Ok(None))).unwrap();
         assert_eq!(ahead.skipped(), ["at the start"]);
         for i in 1..=30 {
@@ -166,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn failures_and_panics_are_errors() {
+    fn failures_and_panics_become_errors() {
         let mut ahead = Prefetch::start(Fake::new(1, || Err(SourceError::new("a", "b", "c")))).unwrap();
         assert!(ahead.next_packet().unwrap().is_some());
         assert_eq!(ahead.next_packet().unwrap_err().to_string(), "a: b; c");

@@ -1,4 +1,4 @@
-//! What every data set comes down to: instants in time with the files that hold their images.
+//! The common form of all data sets: instants in time with the files of their images.
 
 use crate::text::{data_lines, fields, numbers, place, read_text};
 use cairn_geometry::{Se3, So3, Vec3};
@@ -18,27 +18,27 @@ pub struct Instant {
 
 /// A data set, indexed but not yet read.
 pub struct Recording {
-    /// What it is and where, for people.
+    /// Kind and location, for people.
     pub name: String,
-    /// What saw it.
+    /// The sensors.
     pub rig: Rig,
-    /// Its instants; [`Recording::settle`] puts them in order.
+    /// Its instants; [`Recording::select`] puts them in order.
     pub instants: Vec<Instant>,
     /// The IMU's csv file, if it is to be read.
     pub imu: Option<PathBuf>,
     /// True poses of the body.
     pub truth: Vec<(Stamp, Se3)>,
-    /// The value that stands for "no depth" besides 0.
+    /// The value that means "no depth" besides 0.
     pub no_depth: Option<u16>,
-    /// What the index had to leave out.
+    /// What indexing had to leave out.
     pub skipped: Vec<String>,
     /// See [`cairn_sensor::SourceInfo::assumed`].
     pub assumed: Option<String>,
 }
 
 impl Recording {
-    /// Drops instants whose time does not go forward, and cuts out what was asked for.
-    pub fn settle(&mut self, start_s: f64, frames: Option<usize>) -> Result<(), SourceError> {
+    /// Drops instants whose time does not increase, and keeps only the requested part.
+    pub fn select(&mut self, start_s: f64, frames: Option<usize>) -> Result<(), SourceError> {
         forward_only(&mut self.instants, &mut self.skipped);
         let count = self.instants.len();
         if let Some(first) = self.instants.first().map(|i| i.stamp) {
@@ -47,7 +47,7 @@ impl Recording {
         }
         if self.instants.is_empty() {
             let why = match count {
-                0 => "holds no image".to_owned(),
+                0 => "contains no image".to_owned(),
                 n => format!("none of its {n} instants lies {start_s} s after the first"),
             };
             let first = self.skipped.first().map_or(String::new(), |s| format!(" ({s})"));
@@ -56,7 +56,7 @@ impl Recording {
         Ok(())
     }
 
-    /// Frames a second: the median step of up to 500 instants.
+    /// Frames per second: from the median step of up to 500 instants.
     pub fn rate_hz(&self) -> f64 {
         let mut steps: Vec<f64> = self
             .instants
@@ -70,7 +70,7 @@ impl Recording {
     }
 }
 
-/// Keeps stamps strictly increasing. A stamp later than both that follow is the one that is wrong, not they.
+/// Keeps stamps strictly increasing. A stamp later than both that follow is itself the wrong one.
 fn forward_only(instants: &mut Vec<Instant>, skipped: &mut Vec<String>) {
     let stamps: Vec<Stamp> = instants.iter().map(|i| i.stamp).collect();
     let mut last: Option<Stamp> = None;
@@ -97,7 +97,7 @@ fn forward_only(instants: &mut Vec<Instant>, skipped: &mut Vec<String>) {
     });
 }
 
-/// Joins two lists in time by stamps at most `tolerance_ns` apart; what has no partner is told in `skipped`.
+/// Pairs two lists by stamps at most `tolerance_ns` apart; images without a partner are listed in `skipped`.
 pub fn pair(
     left: &[(Stamp, PathBuf)],
     right: &[(Stamp, PathBuf)],
@@ -139,7 +139,7 @@ pub fn join_depth(instants: &mut [Instant], mut depth: Vec<(Stamp, PathBuf)>, to
     }
 }
 
-/// A file of `stamp file` lines; lines that are none are told in `skipped`, a file without any is an error.
+/// Reads a file of `stamp file` lines; other lines are listed in `skipped`, a file without any is an error.
 pub fn read_index(
     path: &Path,
     parse_stamp: fn(&str) -> Option<Stamp>,
@@ -180,7 +180,7 @@ pub enum QuaternionOrder {
     WLast,
 }
 
-/// Poses from `stamp, x, y, z, quaternion, ...` lines, in time; lines that are none are left out.
+/// Poses from `stamp, x, y, z, quaternion, ...` lines, ordered by time; other lines are left out.
 pub fn read_truth(
     path: &Path,
     parse_stamp: fn(&str) -> Option<Stamp>,

@@ -1,7 +1,7 @@
 //! 7-Scenes folders: `frame-NNNNNN.color.*`, `.depth.png`, `.pose.txt`.
 //!
-//! Shotton et al., "Scene coordinate regression forests" (2013). Kinect images at a nominal 30 Hz without times; depth
-//! in millimetres, 65535 for none; the poses are the depth camera's.
+//! Shotton et al., "Scene coordinate regression forests" (2013). Kinect images at a nominal 30 Hz without
+//! time stamps; depth in millimetres, 65535 for none; the poses are those of the depth camera.
 
 use crate::recording::{Instant, Recording};
 use crate::rig;
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 const RATE_HZ: i64 = 30;
 const NO_DEPTH: u16 = 65535;
 
-/// True when a folder looks like one.
+/// True when a folder looks like a 7-Scenes recording.
 pub fn is(folder: &Path) -> bool {
     entries(folder).next().is_some()
 }
@@ -43,7 +43,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         let name = image.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let stem = name.split('.').next().unwrap_or_default();
         let depth = folder.join(format!("{stem}.depth.png"));
-        // A pose that is missing or not finite (tracking was lost there) is no truth.
+        // A pose that is missing or not finite (tracking was lost there) is not ground truth.
         if let Some(pose) = pose(&folder.join(format!("{stem}.pose.txt"))) {
             truth.push((stamp, pose));
         }
@@ -78,12 +78,14 @@ fn pose(path: &Path) -> Option<Se3> {
     rig::rigid(&m, "pose").ok()
 }
 
-/// The Kinect of the recordings, as the data set states it: one place and one focal length for depth and colour.
+/// The Kinect of the recordings, as the data set states it: one pose and one focal length for depth and
+/// colour.
 ///
-/// The colour camera by itself is a sharper one: aligning depth steps with colour edges on RedKitchen (108,000 points of
-/// 50 frames, truth not used) finds a focal length of 526.4 px, 22 mm beside the depth camera. But the true poses were
-/// made by depth fusion with the stated 585 px, and against them the stated rig ends nearer (ATE 0.028 m; 0.051 m, the
-/// trajectory a tenth too long, with the measured one). Who wants the measured rig names it in a `rig.toml`.
+/// The colour camera by itself differs: aligning depth steps with colour edges on RedKitchen (108,000 points
+/// of 50 frames, ground truth not used) finds a focal length of 526.4 px, 22 mm away from the depth camera.
+/// But the ground-truth poses were made by depth fusion with the stated 585 px, and against them the stated
+/// rig is more accurate (ATE 0.028 m; 0.051 m, the trajectory a tenth too long, with the measured one). To
+/// use the measured rig, put it in a `rig.toml`.
 fn kinect(folder: &Path) -> Result<(Rig, String), SourceError> {
     let camera = depth_camera(&folder.join("camera-intrinsics.txt"))?;
     let from = format!("the Kinect's focal length of {} px", camera.fx);
@@ -93,7 +95,8 @@ fn kinect(folder: &Path) -> Result<(Rig, String), SourceError> {
     Ok((Rig { cameras: vec![colour], depth: Some(depth), imu: None }, from))
 }
 
-/// The depth camera: the 3x3 matrix in the folder, else the data set's stated 585 px around the middle.
+/// The depth camera: the 3x3 matrix in the folder, else the data set's stated 585 px with the principal point
+/// in the middle.
 fn depth_camera(path: &Path) -> Result<Camera, SourceError> {
     if !path.is_file() {
         return Ok(Camera::pinhole(640, 480, 585.0, 585.0, 320.0, 240.0));

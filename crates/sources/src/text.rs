@@ -3,24 +3,24 @@
 use cairn_sensor::{SourceError, Stamp};
 use std::path::Path;
 
-/// The whole file as text (bytes that are no UTF-8 become question marks).
+/// The whole file as text (invalid UTF-8 becomes replacement characters).
 pub fn read_text(path: &Path) -> Result<String, SourceError> {
     let bytes = std::fs::read(path).map_err(|e| {
         SourceError::new(
             path.display().to_string(),
-            format!("can not be read ({e})"),
-            "check the path and its rights",
+            format!("cannot be read ({e})"),
+            "check the path and its permissions",
         )
     })?;
     Ok(String::from_utf8(bytes).unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned()))
 }
 
-/// `file` or `file, line n`, as errors name places.
+/// `file` or `file, line n`, as error messages name locations.
 pub fn place(path: &Path, line: usize) -> String {
     if line == 0 { path.display().to_string() } else { format!("{}, line {line}", path.display()) }
 }
 
-/// Lines that hold data, with their numbers from 1: no blank ones, no comments.
+/// Lines with data, with their numbers from 1: without blank lines and comments.
 pub fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines()
         .enumerate()
@@ -28,12 +28,12 @@ pub fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
         .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Fields between commas or blanks.
+/// Fields separated by commas or blanks.
 pub fn fields(line: &str) -> impl Iterator<Item = &str> {
     line.split(|c: char| c == ',' || c.is_whitespace()).filter(|f| !f.is_empty())
 }
 
-/// The first `N` fields as finite numbers; `None` when there are fewer or one is none.
+/// The first `N` fields as finite numbers; `None` when there are fewer or one is not a number.
 pub fn numbers<'a, const N: usize>(mut from: impl Iterator<Item = &'a str>) -> Option<[f64; N]> {
     let mut out = [0.0; N];
     for v in &mut out {
@@ -44,11 +44,12 @@ pub fn numbers<'a, const N: usize>(mut from: impl Iterator<Item = &'a str>) -> O
 
 /// A stamp in whole nanoseconds.
 pub fn stamp_ns(field: &str) -> Option<Stamp> {
-    // Room is left for differences.
+    // Leaves room for differences without overflow.
     field.parse().ok().filter(|ns: &i64| ns.unsigned_abs() < 1 << 61).map(Stamp)
 }
 
-/// A stamp in decimal seconds, to the last digit (an epoch in `f64` would lose all below 200 ns).
+/// A stamp in decimal seconds, exact to the nanosecond (an epoch in `f64` would lose everything below 200
+/// ns).
 pub fn stamp_seconds(field: &str) -> Option<Stamp> {
     if let Some(exact) = exact_seconds(field) {
         return Some(exact);

@@ -1,7 +1,7 @@
 //! TUM RGB-D folders: `rgb.txt`, `depth.txt`, `groundtruth.txt`.
 //!
-//! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to colour and
-//! 5000 units make a metre.
+//! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to
+//! colour; 5000 units are one metre.
 
 use crate::recording::{Instant, QuaternionOrder, Recording, join_depth, read_index, read_truth};
 use crate::rig;
@@ -10,16 +10,16 @@ use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SourceError};
 use std::path::Path;
 
-/// A depth image further in time from a colour image than this is not its partner.
-const FARTHEST_NS: u64 = 20_000_000;
+/// Largest time between a colour image and its depth image, nanoseconds.
+const MAX_APART_NS: u64 = 20_000_000;
 
-/// True when a folder looks like one.
+/// True when a folder looks like a TUM RGB-D recording.
 pub fn is(folder: &Path) -> bool {
     folder.join("rgb.txt").is_file()
 }
 
-/// Indexes the folder. Its rig is the one given, a Cairn or Kalibr file in it, or the published calibration of the
-/// camera that its name tells (`freiburg1`, `2`, `3`), or else the ROS default.
+/// Indexes the folder. Its rig is the one given, a Cairn or Kalibr file in it, or the published calibration
+/// of the camera named by the folder (`freiburg1`, `2`, `3`), or else the ROS default.
 pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
     let mut name = format!("TUM RGB-D folder {}", folder.display());
     let mut assumed = None;
@@ -27,7 +27,8 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         (Some(rig), _) => rig,
         (None, Some(path)) => {
             let rig = rig::read_rig(&path)?;
-            // Kalibr knows no depth sensors; the layout's is the colour camera, whose poses the truth gives.
+            // Kalibr has no depth sensors; depth is registered to the colour camera, whose poses the ground
+            // truth gives.
             let own = path.extension().is_some_and(|e| e == "toml");
             if own { rig } else { rgbd(rig.cameras[0].camera) }
         }
@@ -59,7 +60,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         .into_iter()
         .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
         .collect();
-    join_depth(&mut instants, depth, FARTHEST_NS);
+    join_depth(&mut instants, depth, MAX_APART_NS);
     Ok(Recording { name, rig, instants, imu: None, truth, no_depth: None, skipped, assumed })
 }
 

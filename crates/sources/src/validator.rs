@@ -1,15 +1,15 @@
-//! What is doubtful about a source, found while it is read: a calibration that was assumed, an inertial sensor that can hardly be
-//! right, clocks that are apart. Each is told once, in words with numbers.
+//! Plausibility checks of a source while it is read: an assumed calibration, implausible IMU data, clocks
+//! that are not synchronised. Each doubt is reported once, as text with numbers.
 
 use cairn_inertial::Readings;
 use cairn_sensor::{FramePacket, ImuSample, ImuSensor, Rig, Source, SourceError, SourceInfo, Stamp};
 
-/// Seconds from an image to the sample after it that are no sensor's period any more.
-const MOST_AFTER_S: f64 = 0.05;
-/// Seconds of readings that are looked at at the start.
-const LOOKS_S: f64 = 10.0;
+/// Longest plausible time in seconds from an image to the IMU sample after it.
+const MAX_AFTER_S: f64 = 0.05;
+/// Seconds of readings checked at the start.
+const CHECKED_S: f64 = 10.0;
 
-/// Gathers what comes with images, to judge it.
+/// Collects the IMU data of packets, to check it.
 #[derive(Clone, Debug, Default)]
 pub struct ImuWatch {
     first: Option<Stamp>,
@@ -20,7 +20,7 @@ pub struct ImuWatch {
 }
 
 impl ImuWatch {
-    /// Takes a packet; tells how many seconds it lies after the first.
+    /// Takes a packet; returns how many seconds it lies after the first.
     pub fn packet(&mut self, packet: &FramePacket) -> f64 {
         self.images += 1;
         self.samples.extend(packet.imu.iter().filter(|s| !s.is_synthesised()));
@@ -31,7 +31,7 @@ impl ImuWatch {
         packet.stamp - *self.first.get_or_insert(packet.stamp)
     }
 
-    /// Images seen.
+    /// The number of images.
     pub fn images(&self) -> usize {
         self.images
     }
@@ -46,12 +46,12 @@ impl ImuWatch {
         (self.images > self.without).then(|| self.after_s / (self.images - self.without) as f64)
     }
 
-    /// The readings as a whole.
+    /// Statistics of all readings.
     pub fn readings(&self, sensor: &ImuSensor) -> Readings {
         Readings::of(&self.samples, sensor)
     }
 
-    /// What is doubtful about them, one line each.
+    /// The doubts about them, one line each.
     pub fn doubts(&self, sensor: &ImuSensor) -> Vec<String> {
         let mut out = Vec::new();
         let (without, images) = (self.without, self.images);
@@ -66,9 +66,9 @@ impl ImuWatch {
                  short or late"
             ));
         }
-        if let Some(late) = self.mean_after_s().filter(|late| *late > MOST_AFTER_S) {
+        if let Some(late) = self.mean_after_s().filter(|late| *late > MAX_AFTER_S) {
             out.push(format!(
-                "the IMU sample next to an image lies {late:.3} s after it in the mean: the clocks are apart"
+                "the IMU sample next to an image lies {late:.3} s after it on average: the clocks are apart"
             ));
         }
         out.extend(self.readings(sensor).doubts(sensor).iter().map(ToString::to_string));
@@ -76,32 +76,33 @@ impl ImuWatch {
     }
 }
 
-/// What can be said of a source before it is read: what of its rig was assumed, and what can hardly be.
+/// Doubts that are known before a source is read: an assumed calibration, and implausible values of its rig.
 pub fn doubts_of(info: &SourceInfo, rig: &Rig) -> Vec<String> {
     let assumed = info.assumed.iter().map(|what| {
-        format!("no calibration is given, so this is assumed: {what}; poses are as wrong as it is, give --rig FILE")
+        format!("no calibration is given, so this is assumed: {what}; poses are only as accurate as that, give --rig FILE")
     });
     assumed.chain(rig.doubts()).collect()
 }
 
-/// A source that tells what is doubtful about it.
+/// A source that reports doubts about its data.
 pub struct Validator {
     source: Box<dyn Source>,
     watch: Option<ImuWatch>,
-    tell: Box<dyn FnMut(&str) + Send>,
+    report: Box<dyn FnMut(&str) + Send>,
 }
 
 impl Validator {
-    /// Tells what is known before it is read; what its inertial sensor does after ten seconds, or at its end.
-    pub fn new(source: Box<dyn Source>, mut tell: impl FnMut(&str) + Send + 'static) -> Self {
-        doubts_of(source.info(), source.rig()).iter().for_each(|doubt| tell(doubt));
+    /// Reports what is known before reading at once; doubts about the IMU data after ten seconds, or at the
+    /// end.
+    pub fn new(source: Box<dyn Source>, mut report: impl FnMut(&str) + Send + 'static) -> Self {
+        doubts_of(source.info(), source.rig()).iter().for_each(|doubt| report(doubt));
         let watch = source.rig().imu.is_some().then(ImuWatch::default);
-        Self { source, watch, tell: Box::new(tell) }
+        Self { source, watch, report: Box::new(report) }
     }
 
-    fn judge(&mut self) {
+    fn report_imu_doubts(&mut self) {
         if let (Some(watch), Some(sensor)) = (self.watch.take(), &self.source.rig().imu) {
-            watch.doubts(sensor).iter().for_each(|doubt| (self.tell)(doubt));
+            watch.doubts(sensor).iter().for_each(|doubt| (self.report)(doubt));
         }
     }
 }
@@ -117,13 +118,13 @@ impl Source for Validator {
 
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         let packet = self.source.next_packet()?;
-        let judged = match (&packet, &mut self.watch) {
-            (Some(packet), Some(watch)) => watch.packet(packet) >= LOOKS_S,
+        let checked = match (&packet, &mut self.watch) {
+            (Some(packet), Some(watch)) => watch.packet(packet) >= CHECKED_S,
             (None, _) => true,
             (Some(_), None) => false,
         };
-        if judged {
-            self.judge();
+        if checked {
+            self.report_imu_doubts();
         }
         Ok(packet)
     }
@@ -139,8 +140,8 @@ mod tests {
     use cairn_sim::{SimConfig, SimSource};
     use std::sync::{Arc, Mutex};
 
-    /// What is told of a walk of 12 s whose packets are changed.
-    fn told(
+    /// The doubts about a walk of 12 s whose packets are changed.
+    fn doubts_about(
         mut change: impl FnMut(&mut FramePacket) + Send + 'static,
         rig: impl Fn(&mut Rig),
     ) -> Vec<String> {
@@ -165,27 +166,29 @@ mod tests {
         let source = SimSource::new(&SimConfig::parse(text).unwrap()).unwrap();
         let mut changed_rig = source.rig().clone();
         rig(&mut changed_rig);
-        let heard = Arc::new(Mutex::new(Vec::new()));
-        let ears = heard.clone();
+        let reported = Arc::new(Mutex::new(Vec::new()));
+        let receiver = reported.clone();
         let changed = Changed(source, changed_rig, move |p: &mut FramePacket| change(p));
-        let mut watched = Validator::new(Box::new(changed), move |d| ears.lock().unwrap().push(d.to_owned()));
-        while watched.next_packet().unwrap().is_some() {}
-        let heard = heard.lock().unwrap();
-        heard.clone()
+        let mut validator =
+            Validator::new(Box::new(changed), move |d| receiver.lock().unwrap().push(d.to_owned()));
+        while validator.next_packet().unwrap().is_some() {}
+        let reported = reported.lock().unwrap();
+        reported.clone()
     }
 
     #[test]
-    fn each_doubt_is_told_once_and_a_good_source_raises_none() {
-        assert_eq!(told(|_| {}, |_| {}), [""; 0]);
-        let degrees = told(|p| p.imu.iter_mut().for_each(|s| s.gyro *= 57.3), |_| {});
+    fn each_doubt_is_reported_once_and_a_good_source_has_none() {
+        assert_eq!(doubts_about(|_| {}, |_| {}), [""; 0]);
+        let degrees = doubts_about(|p| p.imu.iter_mut().for_each(|s| s.gyro *= 57.3), |_| {});
         assert!(matches!(&degrees[..], [one] if one.contains("is it in degrees?")), "{degrees:?}");
-        let in_g = told(|p| p.imu.iter_mut().for_each(|s| s.accel /= 9.81), |_| {});
+        let in_g = doubts_about(|p| p.imu.iter_mut().for_each(|s| s.accel /= 9.81), |_| {});
         assert!(matches!(&in_g[..], [one] if one.contains("is it in g?")), "{in_g:?}");
-        let late = told(|p| p.imu.iter_mut().for_each(|s| s.stamp = s.stamp.plus_seconds(0.3)), |_| {});
+        let late =
+            doubts_about(|p| p.imu.iter_mut().for_each(|s| s.stamp = s.stamp.plus_seconds(0.3)), |_| {});
         assert!(matches!(&late[..], [one] if one.contains("the clocks are apart")), "{late:?}");
-        let none = told(|p| p.imu.clear(), |_| {});
+        let none = doubts_about(|p| p.imu.clear(), |_| {});
         assert!(matches!(&none[..], [one] if one.contains("same clock")), "{none:?}");
-        let slow = told(|_| {}, |rig| rig.imu.as_mut().unwrap().rate_hz = 50.0);
+        let slow = doubts_about(|_| {}, |rig| rig.imu.as_mut().unwrap().rate_hz = 50.0);
         assert!(
             matches!(&slow[..], [a, b] if a.contains("50 samples") && b.contains("rig says 50.0")),
             "{slow:?}"

@@ -60,7 +60,7 @@ fn csv(folder: &Folder, camera: &str, stamps: &[i64]) {
 }
 
 #[test]
-fn the_real_euroc() {
+fn real_euroc() {
     let Some(path) = data("euroc-mh01") else { return };
     let (source, packets) = play(path.to_str().unwrap(), OpenOptions::default());
     assert_eq!((packets.len(), source.info().frames, source.skipped().len()), (399, Some(399), 0));
@@ -68,7 +68,7 @@ fn the_real_euroc() {
     assert_eq!(source.info().truth.len(), 4975);
     assert_eq!(source.info().truth[0].0, Stamp(1_403_636_580_838_560_000));
     assert_eq!(packets[0].stamp, Stamp(1_403_636_584_763_555_584));
-    // A second before the first image, then 50 ms each, every sample once, one at or after each image.
+    // One second before the first image, then 50 ms each; every sample once, one at or after each image.
     assert!((packets[0].stamp - packets[0].imu[0].stamp).abs() <= 1.0 && packets[0].imu.len() >= 200);
     let samples: Vec<Stamp> = packets.iter().flat_map(|p| p.imu.iter().map(|s| s.stamp)).collect();
     assert!(samples.windows(2).all(|w| w[0] < w[1]));
@@ -79,14 +79,14 @@ fn the_real_euroc() {
         assert!(last >= packet.stamp && last - packet.stamp < 0.005);
         assert!(packet.decode_ms > 0.0);
     }
-    // Not the same image twice, and no black one.
+    // No image twice, and none black.
     let mean =
         |i: usize| packets[0].images[i].data().iter().map(|v| f64::from(*v)).sum::<f64>() / (752.0 * 480.0);
     assert!(mean(0) > 20.0 && mean(1) > 20.0 && packets[0].images[0] != packets[0].images[1]);
 }
 
 #[test]
-fn the_real_kitti() {
+fn real_kitti() {
     let Some(path) = data("kitti-a") else { return };
     let (source, packets) = play(path.to_str().unwrap(), OpenOptions::default());
     assert_eq!((packets.len(), source.skipped().len(), source.info().truth.len()), (51, 0, 51));
@@ -97,7 +97,7 @@ fn the_real_kitti() {
 }
 
 #[test]
-fn the_real_seven_scenes() {
+fn real_seven_scenes() {
     let Some(path) = data("7scenes-kitchen") else { return };
     let (source, packets) = play(path.to_str().unwrap(), OpenOptions::default());
     assert_eq!((packets.len(), source.skipped().len(), source.info().truth.len()), (300, 0, 300));
@@ -110,7 +110,7 @@ fn the_real_seven_scenes() {
 }
 
 #[test]
-fn a_small_euroc_is_read_whole() {
+fn small_euroc_is_read_completely() {
     let folder = euroc();
     let (source, packets) = play(folder.name(), OpenOptions::default());
     assert_eq!((packets.len(), source.skipped()), (5, &[][..]));
@@ -121,7 +121,7 @@ fn a_small_euroc_is_read_whole() {
     assert_eq!(packets[1].imu.len(), 10);
     assert_eq!(source.info().truth[1].1.translation, Vec3::new(1.0, 2.0, 4.0));
     assert_eq!(source.rig().cameras[1].body_from_camera.translation.x, 0.1);
-    // The folder inside may be named too.
+    // The inner folder may be given too.
     assert_eq!(
         all(open(folder.path().join("mav0").to_str().unwrap(), OpenOptions::default()).unwrap().as_mut())
             .len(),
@@ -130,7 +130,7 @@ fn a_small_euroc_is_read_whole() {
 }
 
 #[test]
-fn a_part_can_be_asked_for() {
+fn start_and_frame_count_select_a_part() {
     let folder = euroc();
     let options = OpenOptions { start_s: 0.1, frames: Some(2), ..Default::default() };
     let (source, packets) = play(folder.name(), options);
@@ -142,17 +142,17 @@ fn a_part_can_be_asked_for() {
         open(folder.name(), options).err().unwrap().to_string()
     };
     assert!(error(9.0).contains("none of its 5 instants"), "{}", error(9.0));
-    assert!(error(f64::NAN).contains("can not start"));
+    assert!(error(f64::NAN).contains("cannot start"));
 }
 
 #[test]
-fn a_given_rig_decides_what_is_read() {
+fn given_rig_decides_what_is_read() {
     let folder = euroc();
     let mono = Rig::mono(Camera::pinhole(8, 6, 7.0, 7.0, 4.0, 3.0));
     let options = OpenOptions { rig: Some(mono.clone()), ..Default::default() };
     let (source, packets) = play(folder.name(), options);
     assert!(source.rig().imu.is_none() && packets.iter().all(|p| p.images.len() == 1 && p.imu.is_empty()));
-    // A rig.toml in the folder comes before sensor.yaml.
+    // A rig.toml in the folder takes precedence over sensor.yaml.
     folder.write("mav0/rig.toml", write_rig(&mono).unwrap());
     assert_eq!(play(folder.name(), OpenOptions::default()).1[0].images.len(), 1);
     let mut three = mono;
@@ -167,7 +167,7 @@ fn a_given_rig_decides_what_is_read() {
 }
 
 #[test]
-fn imu_stamps_come_in_the_clock_of_the_images() {
+fn imu_stamps_are_in_the_images_clock() {
     let folder = euroc();
     let mut source = open(folder.name(), OpenOptions::default()).unwrap();
     let mut rig = source.rig().clone();
@@ -193,7 +193,7 @@ fn unpaired_images_are_counted() {
 }
 
 #[test]
-fn time_going_backwards_is_dropped_and_counted() {
+fn decreasing_times_are_dropped_and_counted() {
     let folder = euroc();
     let s = 1_000_000_000;
     for camera in ["cam0", "cam1"] {
@@ -237,14 +237,14 @@ fn broken_and_missing_images_are_skipped_and_counted() {
     ]) {
         assert!(line.contains(text), "{line}");
     }
-    // What the IMU felt meanwhile is not lost, but for what lies more than a second before the first packet.
+    // The IMU samples in between are not lost, except for those more than a second before the first packet.
     assert_eq!(packets[0].stamp, Stamp(10_200_000_000));
     assert_eq!(packets[0].imu[0].stamp, Stamp(9_202_000_000));
     assert_eq!(packets[0].imu.len(), 201);
 }
 
 #[test]
-fn a_gap_in_the_middle_keeps_its_imu_samples() {
+fn skipped_image_keeps_its_imu_samples() {
     let folder = euroc();
     folder.remove("mav0/cam0/data/10050000000.png");
     let (_, packets) = play(folder.name(), OpenOptions::default());
@@ -271,8 +271,8 @@ fn truncated_jpegs_are_skipped() {
     assert_eq!((packets.len(), source.skipped().len()), (1, 3), "{:?}", source.skipped());
 }
 
-/// JPEGs of 16x8 pixels, made with a common encoder: two halves, in gray (0 and 200), in colour (Y 80 and 68), and the latter
-/// progressive.
+/// JPEGs of 16x8 pixels, made with a common encoder: two halves, in gray (0 and 200), in colour (Y 80 and
+/// 68), and the latter progressive.
 const GRAY_JPEG: &str = "ffd8ffe000104a46494600010100000100010000ffdb004300100b0c0e0c0a100e0d0e1211101318281a181616183123 \
      251d283a333d3c3933383740485c4e404457453738506d51575f626768673e4d71797064785c656763ffc0000b080008 \
      001001011100ffc40014000100000000000000000000000000000007ffc4001410010000000000000000000000000000 \
@@ -328,9 +328,9 @@ fn jpegs_become_luminance() {
     }
 }
 
-/// Whatever one broken byte does: an image of the right size, or a counted skip.
+/// One broken byte gives an image of the right size, or a counted skip.
 #[test]
-fn broken_bytes_are_never_worse_than_a_skip() {
+fn broken_bytes_give_at_most_a_skip() {
     for whole in [bytes(GRAY_JPEG), bytes(PROGRESSIVE_JPEG), gray_png(16, 8, 3)] {
         let mut files = vec![whole.clone()];
         for at in 0..whole.len() {
@@ -343,7 +343,7 @@ fn broken_bytes_are_never_worse_than_a_skip() {
         let folder = jpeg_folder(&files);
         let (source, packets) = play(folder.name(), OpenOptions::default());
         assert_eq!(packets.len() + source.skipped().len(), files.len());
-        assert!(source.skipped().len() >= whole.len() - 1, "every cut is seen");
+        assert!(source.skipped().len() >= whole.len() - 1, "every truncation is detected");
         assert!(packets.iter().all(|p| (p.images[0].width(), p.images[0].height()) == (16, 8)));
     }
 }
@@ -375,7 +375,7 @@ fn every_pixel_format_becomes_luminance() {
 }
 
 #[test]
-fn a_euroc_with_depth_in_it() {
+fn euroc_with_depth() {
     let folder = euroc();
     folder.write("mav0/rig.toml", write_rig(&rgbd_rig()).unwrap());
     folder.write("mav0/depth0/data/a.png", depth_png(8, 6, 7, 1234));
@@ -385,9 +385,9 @@ fn a_euroc_with_depth_in_it() {
     assert_eq!(packets[1].depth.as_ref().unwrap().data()[..2], [7, 1234]);
 }
 
-/// TUM-VI: no `sensor.yaml`, but a Kalibr chain in `dso/`, 16-bit images, truth in `mocap0`.
+/// TUM-VI: no `sensor.yaml`, but a Kalibr chain in `dso/`, 16-bit images, ground truth in `mocap0`.
 #[test]
-fn a_tum_vi_folder() {
+fn tum_vi_folder() {
     let folder = Folder::new();
     let mut chain = String::new();
     for (i, x) in [(0, 0.0), (1, -0.1)] {
@@ -430,7 +430,7 @@ fn tum() -> Folder {
 }
 
 #[test]
-fn a_tum_folder() {
+fn tum_folder() {
     let folder = tum();
     let (source, packets) = play(folder.name(), OpenOptions::default());
     let first = |p: &FramePacket| p.depth.as_ref().map(|d| d.at(0, 0));
@@ -446,7 +446,7 @@ fn a_tum_folder() {
 }
 
 #[test]
-fn tum_without_intrinsics_says_which_it_takes() {
+fn tum_without_intrinsics_states_its_assumption() {
     for (name, fx, said) in [
         ("rgbd_dataset_freiburg1_desk", 517.3, "freiburg1"),
         ("rgbd_dataset_freiburg2_xyz", 520.9, "freiburg2"),
@@ -482,13 +482,14 @@ fn kitti() -> Folder {
 }
 
 #[test]
-fn a_kitti_folder() {
+fn kitti_folder() {
     let folder = kitti();
     let (source, packets) = play(folder.name(), OpenOptions::default());
     assert_eq!((packets.len(), packets[1].stamp, packets[3].images[1].at(0, 0)), (4, Stamp(103_700_000), 53));
     assert_eq!(source.rig().cameras[1].body_from_camera.translation, Vec3::new(0.5, 0.0, 0.0));
     assert_eq!(source.info().truth.len(), 2);
-    // A right image is missing: that pair is skipped. Fewer times than images: those are left out. No times: 10 Hz.
+    // A missing right image: that pair is skipped. Fewer times than images: those without are left out. No
+    // times: 10 Hz.
     folder.remove("image_1/000001.png");
     folder.write("times.txt", "0.0\n0.1\n0.2\n");
     let (source, packets) = play(folder.name(), OpenOptions::default());
@@ -502,7 +503,7 @@ fn a_kitti_folder() {
 }
 
 #[test]
-fn a_seven_scenes_folder() {
+fn seven_scenes_folder() {
     let folder = Folder::new();
     for (i, number) in [10, 11, 13].iter().enumerate() {
         folder.write(&format!("frame-{number:06}.color.png"), gray_png(640, 480, i as u8));

@@ -1,4 +1,4 @@
-//! What can not be opened is refused with file, reason and cure; and the reading thread ends with its source.
+//! Unreadable sources are refused with file, reason and remedy; and the reading thread ends with its source.
 
 mod common;
 
@@ -18,33 +18,30 @@ fn small_rig() -> String {
 }
 
 #[test]
-fn what_is_nothing_known() {
+fn unknown_sources_are_refused() {
     assert!(refused("/no/such/folder").contains("does not exist"));
     let folder = Folder::new();
     let text = refused(folder.name());
-    assert!(
-        text.contains("no recording of a kind that is known") && text.contains("check the path"),
-        "{text}"
-    );
+    assert!(text.contains("not a recording of a known kind") && text.contains("check the path"), "{text}");
     let file = folder.write("movie.xyz", "?");
     assert!(refused(file.to_str().unwrap()).contains("is a file, not a folder"));
     for url in ["gopher://camera/1", "nothing:here"] {
-        assert!(refused(url).contains("can not be read here"), "{}", refused(url));
+        assert!(refused(url).contains("cannot be read"), "{}", refused(url));
     }
 }
 
 #[test]
-fn a_folder_of_recordings_names_them() {
+fn folder_of_recordings_is_refused_with_a_hint() {
     let folder = Folder::new();
     folder.write("seq-01/frame-000000.color.png", "");
     assert!(refused(folder.name()).contains("did you mean"));
     folder.write("seq-02/frame-000000.color.png", "");
     let text = refused(folder.name());
-    assert!(text.contains("it holds 2 recordings, choose one") && text.contains("seq-01"), "{text}");
+    assert!(text.contains("it contains 2 recordings; choose one") && text.contains("seq-01"), "{text}");
 }
 
 #[test]
-fn two_kinds_in_one_folder() {
+fn two_kinds_in_one_folder_are_refused() {
     let folder = Folder::new();
     folder.write("rgb.txt", "1 a.png\n");
     folder.write("image_0/000000.png", "");
@@ -53,7 +50,7 @@ fn two_kinds_in_one_folder() {
 }
 
 #[test]
-fn empty_and_broken_csv() {
+fn empty_and_broken_csv_are_refused() {
     let folder = Folder::new();
     folder.write("rig.toml", small_rig());
     folder.write("cam0/data.csv", "#timestamp [ns],filename\n\n");
@@ -63,11 +60,11 @@ fn empty_and_broken_csv() {
     let text = refused(folder.name());
     assert!(text.contains("data.csv, line 2") && text.contains("time stamp, image file"), "{text}");
     folder.remove("cam0/data.csv");
-    assert!(refused(folder.name()).contains("data.csv: can not be read"));
+    assert!(refused(folder.name()).contains("data.csv: cannot be read"));
 }
 
 #[test]
-fn empty_imu() {
+fn empty_imu_file_is_refused() {
     let folder = Folder::new();
     let imu = "\n[imu]\nrate_hz = 200.0\ngyro_noise = 1e-4\ngyro_walk = 1e-5\naccel_noise = 1e-3\naccel_walk = 1e-4\n";
     folder.write("rig.toml", small_rig() + imu);
@@ -75,11 +72,11 @@ fn empty_imu() {
     folder.write("cam0/data.csv", "0,a.png\n");
     folder.write("imu0/data.csv", "#only a header\n");
     let text = refused(folder.name());
-    assert!(text.contains("imu0/data.csv: holds no sample"), "{text}");
+    assert!(text.contains("imu0/data.csv: contains no sample"), "{text}");
 }
 
 #[test]
-fn no_calibration_and_a_wrong_one() {
+fn missing_and_invalid_calibration_are_refused() {
     let folder = Folder::new();
     folder.write("cam0/data/a.png", gray_png(8, 6, 0));
     folder.write("cam0/data.csv", "0,a.png\n");
@@ -87,7 +84,7 @@ fn no_calibration_and_a_wrong_one() {
     assert!(text.contains("sensor.yaml: is missing") && text.contains("--rig"), "{text}");
     folder.write("rig.toml", small_rig().replace("[7.0, 7.0]", "[nan, 7.0]"));
     assert!(refused(folder.name()).contains("fx is NaN"));
-    // NaN in a rig that is given is refused as well.
+    // NaN in a given rig is refused as well.
     let mut rig = Rig::mono(Camera::pinhole(8, 6, 7.0, 7.0, 4.0, 3.0));
     rig.cameras[0].body_from_camera.translation.x = f64::NAN;
     let error = open(folder.name(), OpenOptions { rig: Some(rig), ..Default::default() }).err().unwrap();
@@ -95,7 +92,7 @@ fn no_calibration_and_a_wrong_one() {
 }
 
 #[test]
-fn images_of_another_size_than_the_rig() {
+fn image_size_must_match_the_rig() {
     let folder = Folder::new();
     folder.write("rig.toml", small_rig());
     folder.write("cam0/data/a.png", gray_png(10, 6, 0));
@@ -105,16 +102,16 @@ fn images_of_another_size_than_the_rig() {
 }
 
 #[test]
-fn not_one_image_is_there() {
+fn recording_without_readable_images_is_refused() {
     let folder = Folder::new();
     folder.write("rig.toml", small_rig());
     folder.write("cam0/data.csv", "0,a.png\n1,b.png\n");
     let text = refused(folder.name());
-    assert!(text.contains("not one image of cam0 can be read") && text.contains("a.png"), "{text}");
+    assert!(text.contains("not a single image of cam0 can be read") && text.contains("a.png"), "{text}");
 }
 
 #[test]
-fn kitti_without_its_parts() {
+fn incomplete_kitti_is_refused() {
     let folder = Folder::new();
     folder.write("image_0/readme.txt", "");
     assert!(refused(folder.name()).contains("calib.txt: is missing"));
@@ -125,12 +122,12 @@ fn kitti_without_its_parts() {
     assert!(refused(folder.name()).contains("times.txt: is empty"));
     folder.write("times.txt", "zero\n");
     let text = refused(folder.name());
-    assert!(text.contains("holds no image") && text.contains("line 1"), "{text}");
+    assert!(text.contains("contains no image") && text.contains("line 1"), "{text}");
     folder.write("calib.txt", "P0: 7 0 4 0 0 inf 3 0 0 0 1 0\n");
     assert!(refused(folder.name()).contains("calib.txt, line 1"));
 }
 
-/// Threads of this process by that name (the reader's), where the system tells.
+/// Threads of this process with the reader's name, where the system lists them.
 #[cfg(target_os = "linux")]
 fn readers() -> usize {
     let tasks = std::fs::read_dir("/proc/self/task").unwrap();
@@ -140,7 +137,7 @@ fn readers() -> usize {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn the_reading_thread_ends_with_its_source() {
+fn reading_thread_ends_with_its_source() {
     let folder = Folder::new();
     folder.write("rig.toml", small_rig());
     folder.write("cam0/data/a.png", gray_png(8, 6, 0));

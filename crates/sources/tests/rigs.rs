@@ -1,4 +1,4 @@
-//! Rig files: all real ones that lie in the data folder, and small ones with every fault we can think of.
+//! Rig files: all real ones of the data folder, and small ones with every fault we could think of.
 
 mod common;
 
@@ -87,7 +87,7 @@ fn all_real_settings_are_read() {
     assert_eq!((d455.cameras[0].camera.width, d455.imu.unwrap().rate_hz), (848, 400.0));
 }
 
-/// Every third pixel of every real camera has a ray that comes back to it.
+/// Every third pixel of every real camera has a ray that projects back to it.
 #[test]
 fn real_cameras_project_and_unproject() {
     let Some(rigs) = data("rigs") else { return };
@@ -117,7 +117,7 @@ fn real_cameras_project_and_unproject() {
 }
 
 #[test]
-fn kitti_takes_the_size_from_its_images() {
+fn kitti_rig_takes_the_size_from_its_images() {
     let Some(folder) = data("kitti-a") else { return };
     let rig = read_rig(folder.join("calib.txt")).unwrap();
     assert_eq!(rig.cameras[0].camera, Camera::pinhole(1226, 370, 707.0912, 707.0912, 601.8873, 183.1104));
@@ -129,7 +129,7 @@ fn kitti_takes_the_size_from_its_images() {
 }
 
 #[test]
-fn every_rig_survives_being_written_and_read() {
+fn every_rig_round_trips() {
     let folder = Folder::new();
     let mut rigs = vec![common::rgbd_rig()];
     for name in ["kalibr-d455", "kalibr-tumvi", "kalibr-euroc"] {
@@ -157,7 +157,7 @@ fn every_rig_survives_being_written_and_read() {
     }
 }
 
-/// The form of settings before version 1.0, with the raw cameras behind a rectified pair.
+/// The settings format before version 1.0, with the raw cameras of a rectified pair.
 #[test]
 fn old_orbslam_settings_with_rectification() {
     let text = "%YAML:1.0\nCamera.type: \"PinHole\"\nCamera.fx: 435.2\nCamera.fy: 435.2\nCamera.cx: 367.4\n\
@@ -171,7 +171,8 @@ fn old_orbslam_settings_with_rectification() {
     let folder = Folder::new();
     let rig = read_rig(folder.write("EuRoC.yaml", text)).unwrap();
     assert_eq!((rig.cameras[0].camera.fx, rig.cameras[1].camera.cx), (458.6, 379.9));
-    // Rectification turns the left camera by 90 degrees about z: the right one stands along rectified x, which is left -y.
+    // Rectification rotates the left camera by 90 degrees about z: the right one lies along rectified x,
+    // which is left -y.
     let second = rig.cameras[1].body_from_camera;
     let right_angle = So3::exp(&Vec3::new(0.0, 0.0, -std::f64::consts::FRAC_PI_2));
     assert!((second.translation - Vec3::new(0.0, -47.9 / 435.2, 0.0)).norm() < 1e-12, "{second:?}");
@@ -192,7 +193,7 @@ fn kalibr_chain_without_imu_and_double_sphere() {
 }
 
 #[test]
-fn faults_are_told_with_file_line_and_reason() {
+fn faults_are_reported_with_file_line_and_reason() {
     let kalibr = "cam0:\n  camera_model: pinhole\n  intrinsics: [1, 2, nan, 4]\n  resolution: [640, 480]\n";
     let text = refused(kalibr, "camchain.yaml");
     assert!(
@@ -235,10 +236,10 @@ fn faults_are_told_with_file_line_and_reason() {
         refused("P0: 1 2 3\n", "calib.txt").contains("calib.txt, line 1: a projection needs 12"),
         "kitti"
     );
-    assert!(refused("hello\n", "notes.txt").contains("no rig file that is known"));
-    assert!(refused("hello: 1\n", "notes.yaml").contains("no rig file that is known"));
+    assert!(refused("hello\n", "notes.txt").contains("not a rig file of a known kind"));
+    assert!(refused("hello: 1\n", "notes.yaml").contains("not a rig file of a known kind"));
     assert!(refused("imu0:\n  update_rate: 200\n", "imu.yaml").contains("give the camera chain"));
-    assert!(refused("", "empty.yaml").contains("no rig file that is known"));
-    assert!(read_rig("/no/such/rig.yaml").unwrap_err().to_string().contains("can not be read"));
+    assert!(refused("", "empty.yaml").contains("not a rig file of a known kind"));
+    assert!(read_rig("/no/such/rig.yaml").unwrap_err().to_string().contains("cannot be read"));
     assert!(read_rig(Folder::new().path()).unwrap_err().to_string().contains("holds no rig"));
 }

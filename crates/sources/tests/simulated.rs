@@ -1,4 +1,4 @@
-//! Simulated worlds through the same door, and what is written of them read back.
+//! Simulated worlds as sources, and recordings written from them read back.
 
 mod common;
 
@@ -15,7 +15,7 @@ fn all(source: &mut dyn Source) -> Vec<FramePacket> {
 }
 
 #[test]
-fn a_world_is_a_source() {
+fn simulated_world_is_a_source() {
     let options = OpenOptions { start_s: 1.0, frames: Some(3), ..Default::default() };
     let mut source = open("sim:corridor?resolution=160x120", options).unwrap();
     assert_eq!(source.info().frames, Some(3));
@@ -25,7 +25,7 @@ fn a_world_is_a_source() {
 }
 
 #[test]
-fn what_is_no_world() {
+fn invalid_worlds_are_refused() {
     let text = |source: &str, options| open(source, options).err().unwrap().to_string();
     assert!(text("sim:atlantis", part(1)).contains("atlantis"));
     assert!(text("sim:corridor?colour=red", part(1)).contains("the key is not known"));
@@ -34,7 +34,7 @@ fn what_is_no_world() {
     assert!(text("sim:corridor", part(0)).contains("0 frames"));
 }
 
-/// Images, stamps, truth and rig of a written layout are those of the source.
+/// Asserts that images, stamps, ground truth and rig of a written recording equal those of the source.
 fn same(name: &str, written: &str, first_body: bool) {
     let (mut a, mut b) = (open(name, part(4)).unwrap(), open(written, OpenOptions::default()).unwrap());
     let (pa, pb) = (all(a.as_mut()), all(b.as_mut()));
@@ -68,7 +68,7 @@ fn same(name: &str, written: &str, first_body: bool) {
 }
 
 #[test]
-fn written_layouts_read_back_alike() {
+fn written_recordings_round_trip() {
     let folder = Folder::new();
     let name = "sim:corridor?resolution=160x120&sensor=stereo-imu";
     let euroc = folder.path().join("euroc");

@@ -1,4 +1,4 @@
-//! Video through the `ffmpeg` program: files in order, a publisher that comes, goes and comes again.
+//! Video through the `ffmpeg` program: files in order, and a sender that disconnects and reconnects.
 
 use cairn_sensor::Rig;
 use cairn_sources::{OpenOptions, named_rig, open};
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Whether there is an ffmpeg; says so aloud where there is none.
+/// Whether ffmpeg is installed; prints "skipped" where it is not.
 fn ffmpeg() -> bool {
     let there = Command::new("ffmpeg").arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status();
     let there = there.is_ok_and(|s| s.success());
@@ -27,7 +27,7 @@ fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Sends pictures to an address until it is killed.
+/// Sends images to an address until it is killed.
 struct Publisher(Child);
 
 impl Publisher {
@@ -55,7 +55,7 @@ impl Drop for Publisher {
 }
 
 #[test]
-fn a_file_gives_every_picture_at_its_time() {
+fn file_delivers_every_image_at_its_time() {
     if !ffmpeg() {
         return;
     }
@@ -79,7 +79,7 @@ fn a_file_gives_every_picture_at_its_time() {
         stamps.iter().enumerate().all(|(k, t)| (t - stamps[0] - 0.04 * k as f64).abs() < 1e-3),
         "{stamps:?}"
     );
-    // A rig of another size is refused, and so is a file that is no video.
+    // A rig of another size is refused, and so is a file that is not video.
     let options =
         OpenOptions { rig: Some(named_rig("phone-854x480").unwrap().rig), ..OpenOptions::default() };
     let error = open(path.to_str().unwrap(), options).err().unwrap().to_string();
@@ -91,7 +91,7 @@ fn a_file_gives_every_picture_at_its_time() {
 }
 
 #[test]
-fn a_phone_that_publishes_is_heard_and_may_go_and_come_again() {
+fn publishing_phone_may_disconnect_and_reconnect() {
     if !ffmpeg() {
         return;
     }
@@ -112,7 +112,7 @@ fn a_phone_that_publishes_is_heard_and_may_go_and_come_again() {
     }
     drop(publisher);
     std::thread::sleep(Duration::from_millis(500));
-    // The phone comes back: it tries until the listener is there again.
+    // The phone reconnects: it tries until the listener is there again.
     let begin = Instant::now();
     let mut publisher = Publisher::to(&url, "854x480");
     let next = loop {
@@ -120,14 +120,14 @@ fn a_phone_that_publishes_is_heard_and_may_go_and_come_again() {
             publisher = Publisher::to(&url, "854x480");
         }
         let packet = source.next_packet().unwrap().unwrap();
-        // A busy machine makes gaps of its own: the source says when it is back.
-        if source.skipped().iter().any(|told| told.contains("is back")) {
+        // A busy machine causes gaps of its own: the source reports when it is back.
+        if source.skipped().iter().any(|line| line.contains("is back")) {
             break packet.stamp;
         }
         last = packet.stamp;
         assert!(begin.elapsed() < Duration::from_secs(20));
     };
     assert!(next > last);
-    let told = source.skipped().join("\n");
-    assert!(told.contains("is gone") && told.contains("is back"), "{told}");
+    let lines = source.skipped().join("\n");
+    assert!(lines.contains("is lost") && lines.contains("is back"), "{lines}");
 }

@@ -1,42 +1,42 @@
-//! Which frames become key frames.
+//! The key frame decision: which frames become key frames.
 
 use crate::match_last::Matches;
 use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_vision::{Frame, RectifiedCamera};
 
-/// What the decision is made from.
+/// The inputs of the decision.
 pub(crate) struct Situation<'a> {
     pub snapshot: &'a Snapshot,
     pub camera: &'a RectifiedCamera,
     pub frame: &'a Frame,
     pub matches: &'a Matches,
     pub inliers: usize,
-    /// Matches that had to agree.
+    /// Inliers that were needed to accept the pose.
     pub need: usize,
     pub reference: KeyFrameId,
-    /// How far the view has turned since the reference, radians.
-    pub turned_rad: f64,
-    /// Frames since the last key frame was offered.
+    /// Rotation of the camera since the reference key frame, radians.
+    pub rotated_rad: f64,
+    /// Frames since the last key frame request.
     pub since: usize,
-    /// Seconds since then, where there is an inertial sensor.
+    /// Seconds since then; `None` without IMU readings.
     pub since_s: Option<f64>,
-    /// Whether the eye stands still, as it is felt.
-    pub stands: bool,
-    /// Whether mapping would take it up at once.
+    /// Whether the camera is stationary according to the IMU.
+    pub stationary: bool,
+    /// Whether mapping would process a key frame at once.
     pub idle: bool,
 }
 
-/// A key frame is due when the view has turned by this share of the field of view.
+/// A key frame is due when the camera has rotated by this share of the field of view.
 const TURNED: f64 = 0.2;
-/// A key frame is due when less than this share of the features is known: before a wall the last key frames' few common
-/// points let the next one turn about them.
+/// A key frame is due when less than this share of the features shows landmarks: in front of a plain wall the
+/// few points shared with the last key frames would let the next one rotate about them.
 const KNOWN_SHARE: f64 = 0.45;
-/// Seconds since the last key frame before which that is no reason.
+/// Seconds after the last key frame before which [`KNOWN_SHARE`] is not applied.
 const KNOWN_AFTER_S: f64 = 0.5;
-/// Seconds between key frames with an inertial sensor, at most: before gravity and scale are known, and after.
-const LINK_S: [f64; 2] = [0.25, 0.5];
-/// The same while the eye stands still.
-const LINK_AT_REST_S: f64 = 4.0;
+/// Longest time between key frames with an IMU, seconds: before gravity and scale are known, and after.
+const IMU_GAP_S: [f64; 2] = [0.25, 0.5];
+/// The same while the camera is stationary.
+const IMU_GAP_STATIONARY_S: f64 = 4.0;
 
 /// True when the frame should become a key frame: the view has changed since the reference, or close points
 /// are running out (after Mur-Artal & Tardós 2017, section III-E).
@@ -46,10 +46,10 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
     }
     let depth = s.camera.has_depth();
     let Some(reference) = s.snapshot.key_frame(s.reference) else { return true };
-    // A world that has just begun: how many others share the view.
+    // Few covisible key frames: the map has just been created.
     let others = reference.covisible.len();
     let least = if others <= 1 { 1 } else { 2 };
-    let settled = reference
+    let tracked_points = reference
         .landmarks
         .iter()
         .flatten()
@@ -64,8 +64,8 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         }
     }
     let [new_close, known_close] = close;
-    let starving = depth && known_close < 100 && new_close > 70;
-    let unknown = depth
+    let lacks_close_points = depth && known_close < 100 && new_close > 70;
+    let mostly_unmapped = depth
         && new_close > 70
         && (s.inliers as f64) < KNOWN_SHARE * s.frame.len() as f64
         && s.since as f64 >= KNOWN_AFTER_S * rate_hz;
@@ -74,19 +74,23 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         (true, _) => 0.75,
         (false, _) => 0.9,
     };
-    // A view that turns leaves what ties it to the reference at the edge of the image, where few points judge much.
+    // After a rotation only landmarks at the edge of the image connect the view to the reference, and few of
+    // them constrain the pose well.
     let field_rad = 2.0 * (0.5 * (s.camera.bounds[2] - s.camera.bounds[0]) / s.camera.fx).atan();
-    let turned = depth && s.turned_rad > TURNED * field_rad;
-    let changed = (s.inliers as f64) < ratio * settled as f64 || starving || turned || unknown;
+    let rotated = depth && s.rotated_rad > TURNED * field_rad;
+    let changed = (s.inliers as f64) < ratio * tracked_points as f64
+        || lacks_close_points
+        || rotated
+        || mostly_unmapped;
     let overdue = s.since as f64 >= rate_hz;
-    let weak = depth && ((s.inliers as f64) < 0.25 * settled as f64 || starving);
-    // What is felt links key frames the better the nearer they are in time.
-    let link_s = match (s.stands, s.snapshot.is_gravity_aligned(reference.map)) {
-        (true, true) => LINK_AT_REST_S,
-        (_, true) => LINK_S[1],
-        (_, false) => LINK_S[0],
+    let weak = depth && ((s.inliers as f64) < 0.25 * tracked_points as f64 || lacks_close_points);
+    // The shorter the time between key frames, the better an IMU factor constrains them.
+    let longest_gap_s = match (s.stationary, s.snapshot.is_gravity_aligned(reference.map)) {
+        (true, true) => IMU_GAP_STATIONARY_S,
+        (_, true) => IMU_GAP_S[1],
+        (_, false) => IMU_GAP_S[0],
     };
-    if s.idle && s.since_s.is_some_and(|since| since >= link_s) {
+    if s.idle && s.since_s.is_some_and(|since| since >= longest_gap_s) {
         return true;
     }
     changed && s.inliers > s.need.min(15) && (overdue || s.idle || weak)

@@ -1,25 +1,26 @@
-//! Matching a frame with the part of the map around it.
+//! The local map: the part of the map around a frame, matched by projection.
 
 use crate::match_last::{LOOSE, Matches};
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{Frame, RectifiedCamera, Target, search};
 
-/// The part of the map a frame is matched with.
+/// The part of the map that a frame is matched with.
 #[derive(Debug, Default)]
 pub(crate) struct LocalMap {
     /// The key frame that shares most landmarks with the frame.
     pub reference: Option<KeyFrameId>,
     /// Key frames that share at least half as many.
-    close: Vec<KeyFrameId>,
+    strongest: Vec<KeyFrameId>,
     landmarks: Vec<LandmarkId>,
-    /// For each landmark index, the round it was gathered in.
+    /// For each landmark index, the round in which it was collected.
     rounds: Vec<u32>,
     round: u32,
 }
 
 impl LocalMap {
-    /// Gathers the key frames that see the frame's landmarks, their neighbours, and all they see.
+    /// Collects the key frames that observe the frame's landmarks, their neighbours, and all landmarks these
+    /// observe.
     pub fn gather(
         &mut self,
         snapshot: &Snapshot,
@@ -30,8 +31,8 @@ impl LocalMap {
         let votes = snapshot.votes(matches.landmarks.iter().flatten());
         self.reference = votes.first().map(|(id, _)| *id).or(Some(fallback));
         let most = votes.first().map_or(0, |(_, n)| *n);
-        self.close.clear();
-        self.close.extend(votes.iter().take_while(|(_, n)| 2 * n >= most).map(|(id, _)| *id));
+        self.strongest.clear();
+        self.strongest.extend(votes.iter().take_while(|(_, n)| 2 * n >= most).map(|(id, _)| *id));
         let mut chosen: Vec<KeyFrameId> = votes.iter().map(|(id, _)| *id).take(key_frames * 2 / 3).collect();
         if chosen.is_empty() {
             chosen.push(fallback);
@@ -62,19 +63,19 @@ impl LocalMap {
         }
     }
 
-    /// Of the key frames that share much with the frame, the one nearest to a place. What hangs on a near key frame
-    /// changes least when the map is adjusted.
-    pub fn nearest(&self, snapshot: &Snapshot, place: &Vec3) -> Option<KeyFrameId> {
+    /// Of the key frames that share many landmarks with the frame, the one nearest to a position. A pose
+    /// anchored to a near key frame changes least when the map is adjusted.
+    pub fn nearest(&self, snapshot: &Snapshot, position: &Vec3) -> Option<KeyFrameId> {
         let distance = |id: &KeyFrameId| {
             snapshot
                 .key_frame(*id)
-                .map_or(f64::INFINITY, |k| (k.world_from_camera.translation - place).norm_squared())
+                .map_or(f64::INFINITY, |k| (k.world_from_camera.translation - position).norm_squared())
         };
-        self.close.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        self.strongest.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
-    /// Projects the gathered landmarks and adds what is found to `matches`; returns the landmarks that should be
-    /// in view (those matched before too).
+    /// Projects the collected landmarks and adds the matches found to `matches`; returns the landmarks that
+    /// should be in view (including those matched before).
     pub fn search(
         &self,
         snapshot: &Snapshot,
@@ -111,7 +112,8 @@ impl LocalMap {
             }
             expected.push(*id);
             let level = octaves.predict(l.max_distance, distance);
-            // Seen nearly as before: a small window will do (Mur-Artal et al. 2015, section V-D).
+            // Seen from nearly the same direction as before: a small window is enough (Mur-Artal et al. 2015,
+            // section V-D).
             let radius = factor * if cosine > 0.998 { 2.5 } else { 4.0 };
             let target = Target {
                 pixel: [u as f32, v as f32],
@@ -121,8 +123,8 @@ impl LocalMap {
                 descriptor: &l.descriptor,
             };
             let Some(found) = search(frame, &target, |i| matches.landmarks[i].is_none()) else { continue };
-            let rival = found.second_octave == frame.octave[found.feature] && found.second != u32::MAX;
-            let ambiguous = rival && found.distance as f64 > 0.8 * found.second as f64;
+            let same_level = found.second_octave == frame.octave[found.feature] && found.second != u32::MAX;
+            let ambiguous = same_level && found.distance as f64 > 0.8 * found.second as f64;
             if found.distance > LOOSE || ambiguous {
                 continue;
             }

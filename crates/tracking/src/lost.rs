@@ -1,5 +1,6 @@
-//! When too little is seen: the inertial sensor carries the pose for a while, a blank wall is passed by going on as
-//! before, and after that a new world begins where the eye was last known to be.
+//! Too few matches: the IMU carries the pose for a while (coasting), a short blank view (a plain wall) is
+//! bridged by the motion model, and after that a new map begins at the last known pose, with a relocation
+//! prior.
 
 use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
@@ -11,28 +12,29 @@ use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::sync::Arc;
 
-/// How fast someone on foot may move while nothing is seen: metres a second and radians a second.
-const UNSEEN_SPEED: f64 = 1.5;
-const UNSEEN_TURN: f64 = 1.5;
-/// How far apart two sights of one place may stand in a world that has drifted, metres.
-const DRIFTED: f64 = 2.0;
-/// Seconds of a blank view after which the motion before may place what is seen next.
+/// How fast a walking person may move without being tracked: metres per second and radians per second.
+const UNTRACKED_SPEED_M_S: f64 = 1.5;
+const UNTRACKED_TURN_RAD_S: f64 = 1.5;
+/// How far apart two observations of one place may lie in a map that has drifted, metres.
+const DRIFT_M: f64 = 2.0;
+/// Seconds of a blank view up to which the motion model may place what is seen next.
 const BLANK_S: f64 = 1.0;
-/// Seconds between key frames while the inertial sensor carries the pose.
+/// Seconds between key frames while coasting.
 const COAST_KEY_FRAME_S: f64 = 0.25;
 
-/// Standard deviation of the logarithm of a new map's scale where not even a pace is known.
+/// Standard deviation of the logarithm of a new map's scale where not even a walking speed is known.
 const NO_PACE_SIGMA: f64 = 1.0;
 
 impl Tracker {
-    /// Whether the pose that is felt still is good enough to go by.
+    /// Whether the pose predicted by the IMU is still accurate enough to coast with.
     pub(crate) fn may_coast(&self, frame: &Frame, predicted: &NavEstimate) -> bool {
         predicted.world_from_camera.is_finite()
             && predicted.place_sigma() <= self.config.coast_sigma
             && self.inertial.as_ref().is_some_and(|i| i.carried_s(frame.stamp) <= self.config.coast_s)
     }
 
-    /// Too little was seen: the pose is what is felt while that is good enough, else tracking is lost.
+    /// Handles a frame with too few matches: coasts on the IMU while that is accurate enough, else tracking
+    /// is lost.
     pub(crate) fn miss(
         &mut self,
         frame: Arc<Frame>,
@@ -55,7 +57,7 @@ impl Tracker {
         let mut due = false;
         if let Some(inertial) = &mut self.inertial {
             inertial.coast(frame.stamp, &anchored, predicted);
-            due = inertial.unoffered(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
+            due = inertial.seconds_since_request(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
         }
         let depth = self.camera.has_depth();
         let have = (0..frame.len()).filter(|i| !depth || frame.has_depth(*i)).count();
@@ -63,14 +65,15 @@ impl Tracker {
             let landmarks = vec![None; frame.len()];
             self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
             self.since_key_frame = 0;
-            let imu = self.inertial.as_mut().map(|i| i.sense(frame.stamp));
+            let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
+            let (orientation_only, rescale) = (false, None);
             KeyFrameRequest::Next {
                 frame: frame.clone(),
                 landmarks,
                 anchored,
                 imu,
-                orientation_only: false,
-                rescale: None,
+                orientation_only,
+                rescale,
             }
         });
         Tracked {
@@ -90,7 +93,7 @@ impl Tracker {
         anchored_at(snapshot, reference, predicted.world_from_camera)
     }
 
-    /// An offer that begins a world, with what the inertial sensor says of it.
+    /// A request that begins a map, with the IMU data added.
     pub(crate) fn with_imu_segment(&self, mut request: KeyFrameRequest) -> KeyFrameRequest {
         let Some(inertial) = &self.inertial else { return request };
         match &mut request {
@@ -105,9 +108,14 @@ impl Tracker {
         request
     }
 
-    /// A new world, when tracking has been lost for a while: nothing is thrown away, the former one stays and waits to
-    /// be recognised. It begins where the eye was last known to be, with an uncertainty that grows with the time since.
-    pub(crate) fn begin_anew(&mut self, frame: Arc<Frame>, snapshot: &Snapshot) -> Option<KeyFrameRequest> {
+    /// Begins a new map when tracking has been lost for a while: nothing is thrown away, the previous map
+    /// stays and can be recognised later. The new map begins at the last known pose, with an uncertainty that
+    /// grows with the time since.
+    pub(crate) fn begin_new_map(
+        &mut self,
+        frame: Arc<Frame>,
+        snapshot: &Snapshot,
+    ) -> Option<KeyFrameRequest> {
         self.wait(&frame);
         let since = self.located.max(self.map_created)?;
         if frame.stamp - since < self.config.new_map_s {
@@ -137,51 +145,45 @@ impl Tracker {
                 anchored,
                 sigma,
                 sigma_rad,
-                pace: self.pace(),
+                speed: self.typical_speed(),
                 sigma_log_scale: self.sigma_log_scale(),
-                level: true,
+                gravity_aligned: true,
             });
         }
-        let unseen_s = frame.stamp - last.frame.stamp;
-        // Where the view ran out of features the motion goes on for a while; a sudden loss says nothing of it.
-        let goes_on_s = if self.ran_out(last) { unseen_s.clamp(0.0, BLANK_S) } else { 0.0 };
-        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * goes_on_s)));
-        let believed = last.anchored.world_from_camera * moved;
+        let untracked_s = frame.stamp - last.frame.stamp;
+        // Where the view ran out of features the motion is assumed to go on for a while; a sudden loss allows
+        // no such guess.
+        let extrapolated_s = if self.view_was_blank(last) { untracked_s.clamp(0.0, BLANK_S) } else { 0.0 };
+        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * extrapolated_s)));
+        let predicted = last.anchored.world_from_camera * moved;
         let anchored =
-            anchored_at(snapshot, snapshot.surviving_ancestor(last.anchored.reference)?.0, believed)?;
-        let (sigma, sigma_rad) = (self.fastest() * unseen_s, UNSEEN_TURN * unseen_s);
+            anchored_at(snapshot, snapshot.surviving_ancestor(last.anchored.reference)?.0, predicted)?;
+        let (sigma, sigma_rad) =
+            (self.max_plausible_speed() * untracked_s, UNTRACKED_TURN_RAD_S * untracked_s);
         Some(RelocationPrior {
             anchored,
             sigma,
             sigma_rad,
-            pace: self.pace(),
+            speed: self.typical_speed(),
             sigma_log_scale: self.sigma_log_scale(),
-            level: false,
+            gravity_aligned: false,
         })
     }
 
-    /// How badly the scale of a map that begins now is known against the one before, as a standard deviation of its logarithm.
-    pub(crate) fn sigma_log_scale(&self) -> f64 {
-        match (self.camera.has_depth(), self.pace()) {
-            (true, _) => 0.0,
-            (false, Some(_)) => PACE_SIGMA[0],
-            (false, None) => NO_PACE_SIGMA,
-        }
+    /// About one metre in the map's unit: without metric scale it is estimated from the speed so far.
+    pub(crate) fn metre_in_map_units(&self) -> f64 {
+        if self.camera.has_depth() { 1.0 } else { self.typical_speed().unwrap_or(1.0) / UNTRACKED_SPEED_M_S }
     }
 
-    /// About a metre in the map's unit: without metric scale the pace so far tells how long it is.
-    pub(crate) fn metre(&self) -> f64 {
-        if self.camera.has_depth() { 1.0 } else { self.pace().unwrap_or(1.0) / UNSEEN_SPEED }
+    /// The greatest plausible speed without tracking, in the map's unit per second: that of a walking person,
+    /// or the speed so far if that was greater.
+    fn max_plausible_speed(&self) -> f64 {
+        (UNTRACKED_SPEED_M_S * self.metre_in_map_units()).max(self.typical_speed().unwrap_or(0.0))
     }
 
-    /// How fast the eye may move while nothing is seen, in the map's unit a second: as someone on foot, or as before if that
-    /// was faster.
-    fn fastest(&self) -> f64 {
-        (UNSEEN_SPEED * self.metre()).max(self.pace().unwrap_or(0.0))
-    }
-
-    /// Whether the eye can have come to a place in the world of a key frame since it last knew where it was: rooms that look
-    /// alike are told apart by that. Into another world, or a map that was loaded, appearance alone has to lead.
+    /// Whether the camera can have reached a pose in the map of a key frame since its last known pose: this
+    /// rejects rooms that only look the same. For another map, or a loaded one, appearance alone has to
+    /// decide.
     pub(crate) fn reaches(
         &self,
         snapshot: &Snapshot,
@@ -194,21 +196,34 @@ impl Tracker {
         if map(key_frame) != map(last.anchored.reference) {
             return true;
         }
-        let gone = (place.translation - last.anchored.world_from_camera.translation).norm();
-        gone <= 2.0 * self.fastest() * (stamp - last.frame.stamp) + DRIFTED * self.metre()
+        let moved = (place.translation - last.anchored.world_from_camera.translation).norm();
+        moved
+            <= 2.0 * self.max_plausible_speed() * (stamp - last.frame.stamp)
+                + DRIFT_M * self.metre_in_map_units()
     }
 
-    /// How fast the walker goes when he walks, in the map's unit a second.
-    pub(crate) fn pace(&self) -> Option<f64> {
-        self.pace.walking().map(|(pace, _)| pace)
+    /// Typical walking speed, in the map's unit per second.
+    pub(crate) fn typical_speed(&self) -> Option<f64> {
+        self.pace.walking().map(|(speed, _)| speed)
     }
 
-    /// Past a blank wall: once there is something with depth to see again, it enters the map where the motion before
-    /// the gap leads. The frame itself counts as lost; the next ones are tracked from it. Only where the view had
-    /// run out of features: a sudden motion is no ground for going on as before.
+    /// How badly the scale of a map that begins now is known against the previous one: the standard deviation of its
+    /// logarithm.
+    pub(crate) fn sigma_log_scale(&self) -> f64 {
+        match (self.camera.has_depth(), self.typical_speed()) {
+            (true, _) => 0.0,
+            (false, Some(_)) => PACE_SIGMA[0],
+            (false, None) => NO_PACE_SIGMA,
+        }
+    }
+
+    /// Bridges a blank view: once there is something with depth again, it enters the map at the pose that the
+    /// motion model predicts across the gap. The frame itself counts as lost; the next ones are tracked from
+    /// it. Only where the view had run out of features: after a sudden motion, constant velocity is no sound
+    /// assumption.
     pub(crate) fn bridge(&mut self, frame: Arc<Frame>, snapshot: &Snapshot) -> Option<KeyFrameRequest> {
         let last = self.last.as_ref()?;
-        let blank = self.camera.has_depth() && self.ran_out(last);
+        let blank = self.camera.has_depth() && self.view_was_blank(last);
         let deep = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
         if !blank || !self.recent(&frame, BLANK_S) || deep < (self.features / 12).max(40) {
             return None;
@@ -220,7 +235,7 @@ impl Tracker {
         let landmarks = vec![None; frame.len()];
         self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
         self.since_key_frame = 0;
-        let imu = self.inertial.as_mut().map(|i| i.sense(frame.stamp));
+        let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
         Some(KeyFrameRequest::Next {
             frame,
             landmarks,
@@ -231,8 +246,8 @@ impl Tracker {
         })
     }
 
-    /// Whether the last view had run out of features: a blank wall.
-    fn ran_out(&self, last: &Last) -> bool {
+    /// Whether the last view had run out of features, as in front of a blank wall.
+    fn view_was_blank(&self, last: &Last) -> bool {
         4 * last.frame.len() < self.features
     }
 

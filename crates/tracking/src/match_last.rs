@@ -1,21 +1,22 @@
-//! Matching a frame with the one before it, around where the motion model expects each point.
+//! Matching a frame with the previous one, around the position that the motion model predicts for each point.
 
 use cairn_adjust::depth;
 use cairn_atlas::{LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{Frame, RectifiedCamera, Target, consistent_rotation, search};
 
-/// Bits that may differ between two looks at one point.
+/// Largest Hamming distance in bits between two descriptors of one point.
 pub(crate) const LOOSE: u32 = 100;
-/// The same where the place is less certain.
+/// The same where the predicted position is less certain.
 pub(crate) const TIGHT: u32 = 50;
 
-/// Matches of a frame.
+/// The matches of a frame.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Matches {
-    /// Landmark shown by each feature.
+    /// The landmark that each feature shows.
     pub landmarks: Vec<Option<LandmarkId>>,
-    /// Features that show a point of the last frame that is no landmark (yet), with its place in the world.
+    /// Features that show a point of the last frame that is not (yet) a landmark, with its position in the
+    /// world frame.
     pub extra: Vec<(usize, Vec3)>,
 }
 
@@ -36,15 +37,15 @@ impl Matches {
     }
 }
 
-/// The frame before: its features, the landmarks they show, and where it was taken.
+/// The previous frame: its features, the landmarks they show, and its pose.
 pub(crate) struct Before<'a> {
     pub frame: &'a Frame,
     pub landmarks: &'a [Option<LandmarkId>],
     pub world_from_camera: Se3,
 }
 
-/// Projects what the frame before saw with `guess` and looks within `radius` pixels (times the level's scale). Its
-/// close features without a landmark take part as plain points.
+/// Projects the points of the previous frame with `guess` and searches within `radius` pixels (times the
+/// scale of the level). Its close features without a landmark take part as plain points.
 pub(crate) fn match_last(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -59,9 +60,9 @@ pub(crate) fn match_last(
     let forward = (world_from_last.inverse() * guess.translation).z;
     let baseline = camera.baseline_fx / camera.fx;
     let top = (octaves.levels - 1) as u8;
-    // Owner of each feature: item index and distance; the nearer look wins.
+    // Owner of each feature: item index and distance; the smaller distance wins.
     let mut owner: Vec<Option<(u32, u32)>> = vec![None; frame.len()];
-    let mut places: Vec<(usize, Option<LandmarkId>, Vec3)> = Vec::new();
+    let mut candidates: Vec<(usize, Option<LandmarkId>, Vec3)> = Vec::new();
     for i in 0..last.len() {
         let known = last_landmarks[i].and_then(|id| snapshot.landmark(id)).map(|l| (Some(l.id), l.position));
         let close = || {
@@ -89,30 +90,30 @@ pub(crate) fn match_last(
             octaves: range,
             descriptor: &last.descriptors[i],
         };
-        let item = places.len() as u32;
+        let item = candidates.len() as u32;
         if let Some(found) = search(frame, &target, |_| true)
             && found.distance <= LOOSE
         {
-            places.push((i, id, point));
+            candidates.push((i, id, point));
             let slot = &mut owner[found.feature];
-            // A landmark goes before a plain point; else the nearer look wins.
+            // A landmark takes precedence over a plain point; else the smaller distance wins.
             let wins = slot.is_none_or(|(other, distance)| {
                 let rank = |landmark: Option<LandmarkId>| landmark.is_none();
-                (rank(id), found.distance) < (rank(places[other as usize].1), distance)
+                (rank(id), found.distance) < (rank(candidates[other as usize].1), distance)
             });
             if wins {
                 *slot = Some((item, found.distance));
             }
         }
     }
-    let turned = owner.iter().enumerate().filter_map(|(feature, slot)| {
+    let angle_changes = owner.iter().enumerate().filter_map(|(feature, slot)| {
         let (item, _) = (*slot)?;
-        let i = places[item as usize].0;
+        let i = candidates[item as usize].0;
         Some(((feature, item), last.angle[i] - frame.angle[feature]))
     });
     let mut matches = Matches::none(frame);
-    for (feature, item) in consistent_rotation(turned.collect()) {
-        let (_, id, point) = places[item as usize];
+    for (feature, item) in consistent_rotation(angle_changes.collect()) {
+        let (_, id, point) = candidates[item as usize];
         match id {
             Some(id) => matches.landmarks[feature] = Some(id),
             None => matches.extra.push((feature, point)),
@@ -122,7 +123,7 @@ pub(crate) fn match_last(
     matches
 }
 
-/// A landmark matched by several features keeps the first.
+/// A landmark matched by several features keeps only the first.
 fn one_feature_each(landmarks: &mut [Option<LandmarkId>]) {
     let mut seen: Vec<LandmarkId> = landmarks.iter().flatten().copied().collect();
     seen.sort_unstable();

@@ -1,4 +1,5 @@
-//! Finding the pose by appearance alone, when the motion model has failed or tracking is lost.
+//! Relocalisation: finding the pose by appearance alone, when the motion model has failed or tracking is
+//! lost.
 
 use crate::match_last::{Matches, TIGHT};
 use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
@@ -6,28 +7,29 @@ use cairn_geometry::Vec3;
 use cairn_vision::bow::Vocabulary;
 use cairn_vision::{DescriptorQuery, Frame, match_descriptors};
 
-/// Key frames around the last place that are tried in turn.
+/// Key frames near the last known position that are tried in turn.
 const NEAR: usize = 12;
-/// Places that look alike by their words that are tried in each frame.
-const ALIKE: usize = 3;
-/// Neighbours of a key frame that count as the same place.
+/// Most similar key frames by bag of words that are tried in each frame.
+const SIMILAR: usize = 3;
+/// Covisible neighbours of a key frame that count as the same place.
 const GROUP: usize = 10;
 
-/// Matches every landmark that a key frame shows with the features of a frame, by descriptor alone.
+/// Matches every landmark observed by a key frame with the features of a frame, by descriptor alone.
 pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -> Matches {
-    let seen = &key_frame.frame;
-    let looks = key_frame.landmarks.iter().enumerate().filter_map(|(i, id)| {
-        Some(DescriptorQuery { item: (*id)?, descriptor: &seen.descriptors[i], angle: seen.angle[i] })
+    let shown_in = &key_frame.frame;
+    let queries = key_frame.landmarks.iter().enumerate().filter_map(|(i, id)| {
+        Some(DescriptorQuery { item: (*id)?, descriptor: &shown_in.descriptors[i], angle: shown_in.angle[i] })
     });
     let mut matches = Matches::none(frame);
-    for (feature, id) in match_descriptors(looks, frame, TIGHT, ratio) {
+    for (feature, id) in match_descriptors(queries, frame, TIGHT, ratio) {
         matches.landmarks[feature] = Some(id);
     }
     matches
 }
 
-/// Key frames to try when lost: the one nearest to where the eye was last, one of the others near there in turn, and those
-/// of any world that look most alike by their words, one of each group of neighbours.
+/// Key frames to try when lost: the one nearest to the last known camera position, one of the others near
+/// there in turn, and those of any map that are most similar by bag of words, one of each group of
+/// neighbours.
 pub(crate) fn candidates(
     snapshot: &Snapshot,
     frame: &Frame,
@@ -43,7 +45,7 @@ pub(crate) fn candidates(
         found.extend(all.get(1 + turn % NEAR).map(|(_, id)| *id));
     }
     let bag = Vocabulary::embedded().bag(&frame.descriptors);
-    let alike = snapshot.places_like(&bag, ALIKE, GROUP, &found, |_| true);
-    found.extend(alike.into_iter().map(|(id, _)| id));
+    let similar = snapshot.places_like(&bag, SIMILAR, GROUP, &found, |_| true);
+    found.extend(similar.into_iter().map(|(id, _)| id));
     found
 }

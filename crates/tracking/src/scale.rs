@@ -8,7 +8,7 @@
 use crate::match_last::Matches;
 use crate::state::{AnchoredPose, KeyFrameRequest, RelocationPrior};
 use crate::tracker::{Tracker, anchored_at};
-use cairn_atlas::{KeyFrameId, Landmark, LandmarkId, MapId, Snapshot};
+use cairn_atlas::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, Snapshot};
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::collections::VecDeque;
@@ -155,6 +155,18 @@ const ON_THE_SPOT_M: [f64; 2] = [0.3, 0.2];
 const TURNED_RAD: f64 = 0.1;
 
 impl Tracker {
+    /// A map has just been created: nothing is known of the pace in it, and where its unit of length was guessed from the
+    /// pace before, that pace is kept for comparison.
+    pub(crate) fn start_pace(&mut self, snapshot: &Snapshot, root: &KeyFrame) {
+        self.scale_support = ScaleSupport::default();
+        self.unsupported.clear();
+        let guessed = !self.camera.has_depth() && !snapshot.is_gravity_aligned(root.map);
+        let prior = snapshot.maps().find(|(id, _)| *id == root.map).is_some_and(|(_, prior)| prior.is_some());
+        self.pace_comparison = (self.typical_speed().filter(|_| guessed && prior))
+            .map(|pace| PaceComparison { map: root.map, pace, done: 0 });
+        self.pace = Pace::default();
+    }
+
     /// Looks what scale rests on at a frame whose pose is known.
     pub(crate) fn watch_scale(
         &mut self,
@@ -196,11 +208,11 @@ impl Tracker {
             let turned_s = first.stamp - since;
             *relocation_prior = Some(RelocationPrior {
                 anchored: anchored_at(snapshot, reference, world_from_camera)?,
-                sigma: (ON_THE_SPOT_M[0] + ON_THE_SPOT_M[1] * turned_s) * self.metre(),
+                sigma: (ON_THE_SPOT_M[0] + ON_THE_SPOT_M[1] * turned_s) * self.metre_in_map_units(),
                 sigma_rad: TURNED_RAD,
-                pace: self.pace(),
+                speed: self.typical_speed(),
                 sigma_log_scale: self.sigma_log_scale(),
-                level: false,
+                gravity_aligned: false,
             });
         }
         Some(request)
@@ -226,7 +238,7 @@ fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_atlas::{Change, ChangeSet, KeyFrame};
+    use cairn_atlas::{Change, ChangeSet};
     use cairn_geometry::{Se3, So3, Vec3};
     use cairn_vision::Frame;
     use std::sync::Arc;

@@ -1,14 +1,14 @@
-//! The start of a map: from one frame with depth, or from two views.
+//! Map initialisation: from one frame with depth, or from two views.
 
 use crate::state::{KeyFrameRequest, State};
 use cairn_geometry::Vec3;
 use cairn_vision::{Frame, RectifiedCamera, Target, TwoViewConfig, consistent_rotation, search, two_view};
 use std::sync::Arc;
 
-/// Levels up to this one are fine enough to start from.
+/// The coarsest pyramid level used for the two-view initialisation.
 const FINE: u8 = 3;
 
-/// Waits for a frame, or a pair of frames, from which a map can begin.
+/// Waits for a frame, or a pair of frames, from which a map can be initialised.
 #[derive(Debug, Default)]
 pub(crate) struct Starter {
     first: Option<Arc<Frame>>,
@@ -18,7 +18,8 @@ pub(crate) struct Starter {
 }
 
 impl Starter {
-    /// Looks at a frame: an offer when a map can begin, else what is missing. `features` is the eye's budget.
+    /// Examines a frame: a request when a map can be initialised, else the progress so far. `features` is the
+    /// feature budget of the front end.
     pub fn step(
         &mut self,
         camera: &RectifiedCamera,
@@ -26,7 +27,7 @@ impl Starter {
         features: usize,
     ) -> Result<KeyFrameRequest, State> {
         if camera.has_depth() {
-            // Relative to the budget, so that rooms with few features start too.
+            // Relative to the budget, so that scenes with few features can start too.
             let need = (features / 12).max(40);
             let have = (0..frame.len()).filter(|i| frame.has_depth(*i)).count();
             return if have >= need {
@@ -45,13 +46,13 @@ impl Starter {
         need: usize,
     ) -> Result<KeyFrameRequest, State> {
         let Some(first) = self.first.clone() else {
-            self.begin(frame, need);
+            self.set_first(frame, need);
             return Err(State::Starting { have: 0, need });
         };
         let matches = self.matches(&first, frame);
         if matches.len() < need {
-            // The view has moved on too far: begin again from here.
-            self.begin(frame, need);
+            // Too little overlap with the first frame: start again from this one.
+            self.set_first(frame, need);
             return Err(State::Starting { have: matches.len(), need });
         }
         self.attempts += 1;
@@ -74,13 +75,13 @@ impl Starter {
         })
     }
 
-    /// Makes a frame the first of the pair, when it shows enough.
-    fn begin(&mut self, frame: &Arc<Frame>, need: usize) {
+    /// Makes a frame the first of the pair, when it has enough features.
+    fn set_first(&mut self, frame: &Arc<Frame>, need: usize) {
         self.trail = frame.px.clone();
         self.first = (frame.len() >= need).then(|| frame.clone());
     }
 
-    /// Fine-level features of the first frame around where they were last seen.
+    /// Matches fine-level features of the first frame around where they were last seen.
     fn matches(&mut self, first: &Frame, frame: &Frame) -> Vec<(usize, usize)> {
         let mut owner: Vec<Option<(usize, u32)>> = vec![None; frame.len()];
         for i in (0..first.len()).filter(|i| first.octave[*i] <= FINE) {
@@ -100,11 +101,11 @@ impl Starter {
                 owner[f.feature] = Some((i, f.distance));
             }
         }
-        let turned = owner
+        let angle_changes = owner
             .iter()
             .enumerate()
             .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), first.angle[i] - frame.angle[j])));
-        let matches = consistent_rotation(turned.collect());
+        let matches = consistent_rotation(angle_changes.collect());
         for (i, j) in &matches {
             self.trail[*i] = frame.px[*j];
         }
@@ -123,7 +124,7 @@ fn two_views(
 ) -> Option<Pair> {
     let (a, b): (Vec<[f32; 2]>, Vec<[f32; 2]>) =
         matches.iter().map(|(i, j)| (first.px[*i], second.px[*j])).unzip();
-    // Sub-pixel corners of the finest levels: half a pixel covers them.
+    // Corners of the finest levels are located to a fraction of a pixel: half a pixel covers their error.
     let config = TwoViewConfig { sigma_px: 0.5, ..TwoViewConfig::default() };
     let found = two_view(camera, &a, &b, &config, seed).ok()?;
     let points =

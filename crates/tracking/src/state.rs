@@ -1,4 +1,4 @@
-//! What tracking tells of a frame.
+//! The result of tracking one frame.
 
 use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId};
 use cairn_geometry::{Se3, Vec3};
@@ -6,10 +6,10 @@ use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::sync::Arc;
 
-/// Where tracking stands, with the numbers behind it.
+/// The state of tracking, with the numbers behind it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum State {
-    /// No map yet: what the start has and what it needs (features with depth, or matches between two views).
+    /// No map yet: progress of the initialisation (features with depth, or matches between two views).
     Starting {
         /// Found so far.
         have: usize,
@@ -18,95 +18,98 @@ pub enum State {
     },
     /// The pose is known.
     Tracking,
-    /// Too little is seen; the pose is what the inertial sensor has made of the last that was seen.
+    /// Too few matches; the pose is predicted from the last visually tracked one by the IMU.
     Coasting {
-        /// Seconds since the pose was last seen.
+        /// Seconds since the last visually tracked pose.
         since_s: f64,
-        /// Standard deviation of the place, metres.
+        /// Standard deviation of the position, metres.
         sigma: f64,
     },
-    /// The pose is not known: this many matches agreed where `need` are needed.
+    /// The pose is not known: `inliers` matches agreed where `need` are needed.
     Lost {
-        /// Agreed.
+        /// Matches that agreed.
         inliers: usize,
-        /// Needed.
+        /// Matches needed.
         need: usize,
     },
 }
 
-/// A pose that follows the map: it hangs on a key frame.
+/// A pose anchored to a key frame, so that it follows corrections of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnchoredPose {
-    /// The key frame it hangs on.
+    /// The key frame it is anchored to.
     pub reference: KeyFrameId,
-    /// Where the eye stands in the key frame's eye frame.
+    /// Pose of the camera in the camera frame of that key frame.
     pub reference_from_camera: Se3,
-    /// Where the eye stands in the world of the map version at hand.
+    /// Pose of the camera in the world frame of the snapshot it was computed with.
     pub world_from_camera: Se3,
 }
 
 impl AnchoredPose {
-    /// The pose of an eye that stands where a key frame does.
+    /// The pose of the key frame itself.
     pub fn at(reference: KeyFrameId, world_from_camera: Se3) -> Self {
         Self { reference, reference_from_camera: Se3::identity(), world_from_camera }
     }
 }
 
-/// What speaks for a pose.
+/// The evidence for a pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {
-    /// Features seen.
+    /// Features extracted.
     pub features: usize,
     /// Landmarks of the local map that should be in view.
     pub expected: usize,
-    /// Matches before the last judgement.
+    /// Matches before outlier rejection.
     pub matched: usize,
     /// Matches that agree with the pose.
     pub inliers: usize,
 }
 
-/// Where a new world is believed to begin in a former one, when tracking was lost there and goes on elsewhere.
+/// The prior pose of a new map in the previous one, when tracking was lost there and a new map begins
+/// elsewhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelocationPrior {
-    /// The place believed, hanging on a key frame of the former world.
+    /// The predicted pose, anchored to a key frame of the previous map.
     pub anchored: AnchoredPose,
-    /// Standard deviation of the place, in the former world's unit of length.
+    /// Standard deviation of the position, in the previous map's unit of length.
     pub sigma: f64,
-    /// Standard deviation of the direction, radians.
+    /// Standard deviation of the orientation, radians.
     pub sigma_rad: f64,
-    /// How fast the eye went there, in the former world's unit a second: what a new world without scale begins with.
-    pub pace: Option<f64>,
-    /// Standard deviation of the logarithm of the new map's scale against the former one's.
+    /// Speed of the camera there, in the previous map's unit per second: sets the scale of a new map that has
+    /// no metric scale.
+    pub speed: Option<f64>,
+    /// Standard deviation of the logarithm of the new map's scale against the previous one's.
     pub sigma_log_scale: f64,
-    /// Whether the direction is that of a level world, so that a new one with depth is level from its begin.
-    pub level: bool,
+    /// Whether the orientation comes from a gravity-aligned map, so that a new map with depth is
+    /// gravity-aligned from the start.
+    pub gravity_aligned: bool,
 }
 
-/// What mapping is offered.
+/// A request to mapping to create key frames.
 #[derive(Clone, Debug)]
 pub enum KeyFrameRequest {
-    /// The first key frame of a world: its features have depth.
+    /// The first key frame of a map: its features have depth.
     First {
         /// The frame.
         frame: Arc<Frame>,
-        /// Where that is believed to be, when there is a former world.
+        /// The prior pose in the previous map, if there is one.
         relocation_prior: Option<RelocationPrior>,
-        /// What the inertial sensor says of it.
+        /// The IMU data that belongs to it.
         imu: Option<ImuSegment>,
     },
-    /// The first two key frames of a world without depth, with the points that both see.
+    /// The first two key frames of a map without depth, with the points seen in both.
     Pair {
-        /// The earlier frame; its eye is the world.
+        /// The earlier frame; its camera frame is the world frame.
         first: Arc<Frame>,
         /// The later frame.
         second: Arc<Frame>,
-        /// Where the second stands; the baseline has unit length.
+        /// Pose of the second camera in the first; the baseline has unit length.
         first_from_second: Se3,
-        /// Feature in the first, feature in the second, point in the first eye's frame.
+        /// Feature in the first, feature in the second, point in the first camera's frame.
         points: Vec<(u16, u16, Vec3)>,
-        /// Where the first is believed to be, when there is a former world.
+        /// The prior pose of the first in the previous map, if there is one.
         relocation_prior: Option<RelocationPrior>,
-        /// What the inertial sensor says of the second, felt since the first.
+        /// The IMU data of the second, with the readings since the first.
         imu: Option<ImuSegment>,
     },
     /// A further key frame.
@@ -115,35 +118,35 @@ pub enum KeyFrameRequest {
         frame: Arc<Frame>,
         /// The landmark each feature shows.
         landmarks: Vec<Option<LandmarkId>>,
-        /// Where it stands.
+        /// Its pose.
         anchored: AnchoredPose,
-        /// What the inertial sensor says of it.
+        /// The IMU data that belongs to it.
         imu: Option<ImuSegment>,
-        /// Whether nothing supports scale: the key frame only carries orientation on.
+        /// Whether nothing supports scale: the key frame only carries the orientation on.
         orientation_only: bool,
-        /// The map's lengths are to be so many times what they were, and the standard deviation of the logarithm of its scale
-        /// against the map before is then this.
+        /// The factor by which the map's lengths are to be multiplied first, and the standard deviation of the
+        /// logarithm of its scale against the previous map after that.
         rescale: Option<(f64, f64)>,
     },
 }
 
-/// What became of a frame.
+/// The result of tracking one frame.
 #[derive(Clone, Debug)]
 pub struct Tracked {
     /// Time of the frame.
     pub stamp: Stamp,
-    /// Where tracking stands.
+    /// The state of tracking.
     pub state: State,
     /// The pose, when it is known.
     pub pose: Option<AnchoredPose>,
-    /// What speaks for it.
+    /// The evidence for it.
     pub evidence: Evidence,
-    /// Something for mapping, when this frame is worth it.
+    /// A request to mapping, when this frame should become a key frame or start a map.
     pub request: Option<KeyFrameRequest>,
-    /// Poses of frames before the start, found once there was a map: time and pose.
+    /// Poses of frames from before the initialisation, found once there was a map: time and pose.
     pub earlier: Vec<(Stamp, AnchoredPose)>,
-    /// False while the unit of length rests on nothing: no depth, no inertial sensor, no landmark with parallax.
+    /// False while the unit of length rests on nothing: no depth, no IMU, no landmark with parallax.
     pub scale_supported: bool,
-    /// Landmarks that should have been in view, each with whether it was matched and agreed.
+    /// Landmarks that should have been in view, each with whether it was matched as an inlier.
     pub seen: Vec<(LandmarkId, bool)>,
 }

@@ -1,11 +1,11 @@
-//! What stands still leads: landmarks that have kept their place for a while decide the pose where newer points ask for
-//! another one.
+//! Static-landmark gating: landmarks that have kept their position for a while (confirmed) decide the pose
+//! where newer (tentative) points disagree with them.
 //!
-//! Points that a key frame brings from its own depth have been seen once. Of what they are nothing is known yet: they may be
-//! on someone who walks ahead. All points on him agree with each other, and where he is near and the walls are far or
-//! plain, they weigh more than the walls, and the pose goes along with him. A landmark that key frames over a while saw
-//! at one place has proven that it stands still: the proven hold the pose, and what moves does not fit it for so long.
-
+//! Points that a key frame adds from its own depth have been seen once, and may lie on a person walking
+//! ahead. All points on that person agree with each other, and where the person is near and the walls are far
+//! or have little texture, they outweigh the walls and drag the pose along. A landmark that key frames
+//! observed at one position over some time is known to be static: the confirmed landmarks hold the pose, and
+//! points on moving objects do not fit it for that long.
 use crate::match_last::Matches;
 use crate::tracker::Tracker;
 use cairn_adjust::{Located, locate, pinhole, pixel, weight};
@@ -14,16 +14,17 @@ use cairn_geometry::{Se3, Vec3};
 use cairn_solve::{PointMatch, PoseOnly, PosePrior, chow_test};
 use cairn_vision::Frame;
 
-/// Seconds between the first and the last look of key frames at a landmark that has proven to stand still: a third of a
+/// Seconds between the first and the last key frame observation of a confirmed static landmark: a third of a
 /// metre for someone who strolls.
-const PROOF_S: f64 = 0.5;
-/// The groups disagree: the 99.9 % quantile of chi-square with six degrees of freedom, for errors of twice the size that
-/// pixels have, since landmarks are not exact either.
-const DISAGREE: f64 = 4.0 * 22.46;
+const CONFIRMED_S: f64 = 0.5;
+/// Threshold of the Chow test: the 99.9 % quantile of chi-square with six degrees of freedom, for errors of
+/// twice the pixel noise, since landmarks are not exact either.
+const CHOW_THRESHOLD: f64 = 4.0 * 22.46;
 
 impl Tracker {
-    /// The pose by the proven landmarks alone, where the others disagree with them and they agree among themselves; else
-    /// as it was located with all. The others then count where they fit that pose.
+    /// The pose from the confirmed landmarks alone, where the tentative ones disagree with them and the
+    /// confirmed ones agree among themselves; else the pose `located` from all. Tentative matches then count
+    /// as inliers where they fit the gated pose.
     pub(crate) fn gated(
         &self,
         snapshot: &Snapshot,
@@ -35,29 +36,29 @@ impl Tracker {
     ) -> Located {
         let mut out = vec![false; frame.len()];
         located.outliers.iter().for_each(|i| out[*i] = true);
-        let (mut young, mut confirmed) =
+        let (mut tentative, mut confirmed) =
             (Vec::with_capacity(located.inliers), Vec::with_capacity(located.inliers));
         for (i, id) in matches.landmarks.iter().enumerate().filter(|(i, _)| !out[*i]) {
             let Some(landmark) = id.and_then(|id| snapshot.landmark(id)) else { continue };
-            let group = if is_standing_still(snapshot, landmark) { &mut confirmed } else { &mut young };
+            let group = if is_confirmed(snapshot, landmark) { &mut confirmed } else { &mut tentative };
             group.push(point_match(snapshot, frame, i, landmark.position));
         }
         let extra = matches.extra.iter().filter(|(i, _)| !out[*i]);
-        young.extend(extra.map(|(i, point)| point_match(snapshot, frame, *i, *point)));
+        tentative.extend(extra.map(|(i, point)| point_match(snapshot, frame, *i, *point)));
         let least = self.need(frame);
-        if confirmed.len() < least || young.len() < least {
+        if confirmed.len() < least || tentative.len() < least {
             return located;
         }
-        let apart = chow_test(&pinhole(&self.camera), &located.world_from_camera, &confirmed, &young);
-        if apart.is_none_or(|apart| apart < DISAGREE) {
+        let statistic = chow_test(&pinhole(&self.camera), &located.world_from_camera, &confirmed, &tentative);
+        if statistic.is_none_or(|statistic| statistic < CHOW_THRESHOLD) {
             return located;
         }
-        self.by_proven(snapshot, frame, guess, prior, matches).unwrap_or(located)
+        self.locate_by_confirmed(snapshot, frame, guess, prior, matches).unwrap_or(located)
     }
 
-    /// The pose by the proven landmarks alone, with the other matches that fit it; `None` where most of the proven do not
-    /// agree with each other.
-    fn by_proven(
+    /// The pose from the confirmed landmarks alone, with the other matches that fit it; `None` where most of
+    /// the confirmed landmarks do not agree with each other.
+    fn locate_by_confirmed(
         &self,
         snapshot: &Snapshot,
         frame: &Frame,
@@ -66,35 +67,35 @@ impl Tracker {
         matches: &Matches,
     ) -> Option<Located> {
         let mut confirmed = vec![None; matches.landmarks.len()];
-        let mut young = Vec::new();
+        let mut tentative = Vec::new();
         for (i, id) in matches.landmarks.iter().enumerate() {
             let Some(landmark) = id.and_then(|id| snapshot.landmark(id)) else { continue };
-            if is_standing_still(snapshot, landmark) {
+            if is_confirmed(snapshot, landmark) {
                 confirmed[i] = Some(landmark.id);
             } else {
-                young.push((i, landmark.position));
+                tentative.push((i, landmark.position));
             }
         }
-        young.extend(&matches.extra);
+        tentative.extend(&matches.extra);
         let mut gated = locate(snapshot, &self.camera, frame, guess, &confirmed, &[], prior);
         if gated.inliers < self.need(frame) || 2 * gated.inliers < confirmed.iter().flatten().count() {
             return None;
         }
         let points: Vec<PointMatch> =
-            young.iter().map(|(i, point)| point_match(snapshot, frame, *i, *point)).collect();
+            tentative.iter().map(|(i, point)| point_match(snapshot, frame, *i, *point)).collect();
         let mut fits = vec![false; points.len()];
         gated.inliers +=
             PoseOnly::judge(&pinhole(&self.camera), &gated.world_from_camera, &points, &mut fits);
-        gated.outliers.extend(young.iter().zip(&fits).filter(|(_, fits)| !**fits).map(|((i, _), _)| *i));
+        gated.outliers.extend(tentative.iter().zip(&fits).filter(|(_, fits)| !**fits).map(|((i, _), _)| *i));
         Some(gated)
     }
 }
 
-/// Whether key frames over a while saw a landmark at one place.
-fn is_standing_still(snapshot: &Snapshot, landmark: &Landmark) -> bool {
-    let when = |look: &Observation| snapshot.key_frame(look.key_frame).map(|k| k.frame.stamp);
+/// Whether key frames observed a landmark at one position for at least [`CONFIRMED_S`].
+fn is_confirmed(snapshot: &Snapshot, landmark: &Landmark) -> bool {
+    let when = |observation: &Observation| snapshot.key_frame(observation.key_frame).map(|k| k.frame.stamp);
     let [first, .., last] = landmark.observations.as_slice() else { return false };
-    when(last).zip(when(first)).is_some_and(|(last, first)| last - first >= PROOF_S)
+    when(last).zip(when(first)).is_some_and(|(last, first)| last - first >= CONFIRMED_S)
 }
 
 fn point_match(snapshot: &Snapshot, frame: &Frame, feature: usize, point: Vec3) -> PointMatch {
@@ -128,7 +129,7 @@ mod tests {
         }
     }
 
-    /// The first are walls far ahead, the others are on someone near.
+    /// The first points are on walls far ahead, the others on a person nearby.
     fn points() -> Vec<Vec3> {
         let point = |i: usize| {
             let (a, far) = (i as f64, i < WALLS);
@@ -142,7 +143,8 @@ mod tests {
         (0..POINTS).map(point).collect()
     }
 
-    /// A frame from the origin whose feature `i` shows point `i`, with errors of a third of a pixel in place and in disparity.
+    /// A frame from the origin whose feature `i` shows point `i`, with errors of a third of a pixel in
+    /// position and disparity.
     fn frame(seconds: f64, points: &[Vec3]) -> Frame {
         let mut frame = Frame::default();
         frame.stamp = Stamp::from_seconds(seconds);
@@ -162,7 +164,8 @@ mod tests {
         frame
     }
 
-    /// Key frames at these times see the walls, the last also who is near; then he has gone on by a step.
+    /// Key frames at these times see the walls, the last one also the person, who has then moved on by a
+    /// step.
     fn located(times: &[f64]) -> (Located, Located) {
         let mut points = points();
         let mut atlas = Atlas::new(Snapshot::with_octaves(Octaves { levels: 8, factor: 1.2 }));
@@ -174,11 +177,11 @@ mod tests {
                 vec![Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame, Se3::identity(), parent)))];
             for (i, point) in points.iter().enumerate() {
                 let (landmark, wall) = (LandmarkId::from_index(i).expect("an id"), i < WALLS);
-                let born = if wall { 0 } else { times.len() - 1 };
-                if k == born {
+                let first_seen = if wall { 0 } else { times.len() - 1 };
+                if k == first_seen {
                     changes.push(Change::AddLandmark(landmark, *point));
                 }
-                if k >= born {
+                if k >= first_seen {
                     changes.push(Change::Observe(landmark, id, i as u16));
                 }
             }
@@ -201,16 +204,16 @@ mod tests {
     }
 
     #[test]
-    fn walls_that_are_known_lead_against_someone_who_walks() {
+    fn confirmed_walls_outweigh_a_walking_person() {
         let (all, gated) = located(&[0.0, 0.4, 0.8]);
-        assert!(off(&all) > 0.02, "who walks takes the pose along: {}", off(&all));
+        assert!(off(&all) > 0.02, "without gating the person drags the pose along: {}", off(&all));
         assert!(off(&gated) < 0.01, "{}", off(&gated));
         assert!(gated.outliers.iter().filter(|i| **i >= WALLS).count() > (POINTS - WALLS) / 2);
         assert!(gated.outliers.iter().filter(|i| **i < WALLS).count() < WALLS / 10);
     }
 
     #[test]
-    fn nothing_leads_before_it_is_proven() {
+    fn gating_needs_confirmed_landmarks() {
         let (all, gated) = located(&[0.0, 0.1, 0.2]);
         assert_eq!(all.world_from_camera, gated.world_from_camera);
         assert_eq!(all.outliers, gated.outliers);

@@ -1,4 +1,4 @@
-//! One frame after another: predict, match, locate, judge.
+//! The tracking stage, frame by frame: predict, match, locate, decide.
 
 use crate::decide::{Situation, wants_key_frame};
 use crate::imu::InertialFilter;
@@ -19,21 +19,21 @@ use nalgebra::SVector;
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
-/// How to track.
+/// Configuration of tracking.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackerConfig {
-    /// Matches that must agree for a pose to count.
+    /// Inlier matches needed to accept a pose.
     pub min_inliers: usize,
     /// Key frames in the local map, at most.
     pub local_key_frames: usize,
     /// Frames between two key frames, at least.
     pub min_key_frame_gap: usize,
-    /// Seconds without a pose after which a new world begins, if the place is still not recognised.
+    /// Seconds without a pose after which a new map begins, if the place has not been recognised by then.
     pub new_map_s: f64,
-    /// Standard deviation of the place in metres up to which the inertial sensor may carry a pose that is not seen.
+    /// Standard deviation of the position in metres up to which the IMU may carry the pose (coasting).
     pub coast_sigma: f64,
-    /// Seconds for which it may do so at most.
+    /// Longest time in motion for which it may do so, seconds.
     pub coast_s: f64,
 }
 
@@ -50,14 +50,16 @@ impl Default for TrackerConfig {
     }
 }
 
-/// Frames kept while there is no map, so that they get their pose afterwards.
+/// Frames buffered while there is no map, so that they get their poses afterwards.
 const WAITING: usize = 64;
 
-/// Matches that must agree where the inertial sensor tells the pose too.
-const NEED_FELT: usize = 15;
-/// Seconds without a pose after which matches are still sought where the motion before leads.
+/// Inlier matches needed where the IMU constrains the pose too.
+const MIN_INLIERS_WITH_IMU: usize = 15;
+/// Seconds without a pose up to which matches are still searched around the pose predicted by the motion
+/// model.
 const BRIDGE_S: f64 = 0.6;
-/// What it takes to recognise a place when lost: matches by appearance that agree, and the share of all in the end.
+/// Needed to relocalise: seed matches by appearance that agree, and the share of expected landmarks that
+/// agree in the end.
 const RECOGNISE_SEED: usize = 12;
 const RECOGNISE_SHARE: f64 = 0.4;
 
@@ -77,28 +79,29 @@ pub struct Tracker {
     pub(crate) rate_hz: f64,
     pub(crate) config: TrackerConfig,
     pub(crate) starter: Starter,
-    /// Frames seen before there was a map, oldest first.
+    /// Frames from before there was a map, oldest first.
     pub(crate) waiting: VecDeque<Arc<Frame>>,
     local: LocalMap,
     pub(crate) last: Option<Last>,
-    /// Velocity in the eye frame (metres or units a second, radians a second), when the last two frames had a pose.
+    /// Velocity in the camera frame (metres or map units per second, radians per second), when the last two
+    /// frames had a pose.
     pub(crate) velocity: Option<SVector<f64, 6>>,
-    /// How fast the walker goes, units a second.
+    /// Speeds of the last frames, map units per second.
     pub(crate) pace: Pace,
-    /// What scale rests on, where neither depth nor an inertial sensor gives it.
+    /// What scale rests on, where neither depth nor an IMU gives it.
     pub(crate) scale_support: ScaleSupport,
-    /// A map whose unit of length was guessed.
+    /// A map whose unit of length was guessed from the walking speed.
     pub(crate) pace_comparison: Option<PaceComparison>,
     /// Poses since scale lost its support, for the frame with which a new map begins.
     pub(crate) unsupported: VecDeque<(Stamp, AnchoredPose)>,
-    /// The key frame that the last pose anchored_at on and its unit of length then.
+    /// The key frame to which the last pose was anchored, and its unit of length at that time.
     unit: Option<(KeyFrameId, f64)>,
     pub(crate) lost: bool,
     /// Frames since tracking was lost.
     pub(crate) lost_frames: usize,
     /// When the last frame was located.
     pub(crate) located: Option<Stamp>,
-    /// When a world was last begun, or the first frame came.
+    /// When the last map was created, or the first frame arrived.
     pub(crate) map_created: Option<Stamp>,
     pub(crate) since_key_frame: usize,
     since_recovery: usize,
@@ -106,8 +109,8 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// A tracker without a map. `features` is what the eye gives at most (thresholds of the start are relative to
-    /// it), `rate_hz` the nominal rate of frames.
+    /// A tracker without a map. `features` is the feature budget of the front end (initialisation thresholds
+    /// are relative to it), `rate_hz` the nominal frame rate.
     pub fn new(camera: RectifiedCamera, features: usize, rate_hz: f64, config: TrackerConfig) -> Self {
         Self {
             camera,
@@ -134,12 +137,12 @@ impl Tracker {
         }
     }
 
-    /// The same with an inertial sensor, whose white noise is `noise_times` its data sheet's; `imu_from_camera` in metres.
+    /// Adds an IMU, whose white noise is `noise_times` that of its data sheet; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, noise_times: f64) -> Self {
         Self { inertial: Some(InertialFilter::new(sensor, imu_from_camera, noise_times)), ..self }
     }
 
-    /// Tells that mapping has begun a world with what was last offered: the last frame stands at key frame `id`.
+    /// Reports that mapping has created a map from the last request: the last frame is now key frame `id`.
     pub fn map_created(&mut self, snapshot: &Snapshot, id: KeyFrameId) {
         let Some(k) = snapshot.key_frame(id) else { return };
         let anchored = AnchoredPose::at(k.id, k.world_from_camera);
@@ -147,13 +150,7 @@ impl Tracker {
         self.lost = false;
         self.lost_frames = 0;
         self.velocity = None;
-        self.scale_support = ScaleSupport::default();
-        self.unsupported.clear();
-        let guessed = !self.camera.has_depth() && !snapshot.is_gravity_aligned(k.map);
-        let prior = snapshot.maps().find(|(id, _)| *id == k.map).is_some_and(|(_, prior)| prior.is_some());
-        self.pace_comparison = (self.pace.walking().filter(|_| guessed && prior))
-            .map(|(pace, _)| PaceComparison { map: k.map, pace, done: 0 });
-        self.pace = Pace::default();
+        self.start_pace(snapshot, k);
         self.located = Some(k.frame.stamp);
         self.map_created = Some(k.frame.stamp);
         self.since_key_frame = 0;
@@ -162,8 +159,9 @@ impl Tracker {
         }
     }
 
-    /// Takes one frame, and the readings of the inertial sensor up to it. `idle` tells whether mapping would take up a key frame at once, `mapping` whether ever. Once
-    /// tracking is lost and the place is not recognised, the frame may be offered as the begin of a new world.
+    /// Tracks one frame, with the IMU readings up to it. `idle` says whether mapping would process a key
+    /// frame at once, `mapping` whether it takes key frames at all. Once tracking is lost and the place is
+    /// not recognised, the result may request a new map that begins with this frame.
     pub fn step(
         &mut self,
         frame: Arc<Frame>,
@@ -185,11 +183,11 @@ impl Tracker {
         if let Some(inertial) = &mut self.inertial {
             inertial.refresh(snapshot);
         }
-        let earlier = self.look_back(snapshot);
-        let mut tracked = self.follow(frame.clone(), snapshot, idle);
+        let earlier = self.track_waiting_frames(snapshot);
+        let mut tracked = self.track(frame.clone(), snapshot, idle);
         if self.lost && mapping {
             tracked.request =
-                self.bridge(frame.clone(), snapshot).or_else(|| self.begin_anew(frame, snapshot));
+                self.bridge(frame.clone(), snapshot).or_else(|| self.begin_new_map(frame, snapshot));
         } else if self.scale_support.is_lost() && mapping {
             tracked.request = self.begin_with_own_scale(frame, snapshot).or(tracked.request);
         } else if !self.lost {
@@ -199,22 +197,22 @@ impl Tracker {
         tracked
     }
 
-    /// Finds where a frame is: by motion, by the reference, or by appearance.
-    fn follow(&mut self, frame: Arc<Frame>, snapshot: &Snapshot, idle: bool) -> Tracked {
+    /// Finds the pose of a frame: by the motion model, by the reference key frame, or by relocalisation.
+    fn track(&mut self, frame: Arc<Frame>, snapshot: &Snapshot, idle: bool) -> Tracked {
         let predicted = self.inertial.as_ref().and_then(|i| i.predict(frame.stamp));
-        let coasts = predicted.as_ref().is_some_and(|b| self.may_coast(&frame, b));
-        // A short gap is bridged by going on as before; after a longer one only appearance tells.
-        let first_guess = if self.lost && !self.recent(&frame, BRIDGE_S) && !coasts {
+        let can_coast = predicted.as_ref().is_some_and(|b| self.may_coast(&frame, b));
+        // A short gap is bridged by the motion model; after a longer one only appearance can find the pose.
+        let first_guess = if self.lost && !self.recent(&frame, BRIDGE_S) && !can_coast {
             None
         } else {
             self.by_motion(&frame, snapshot, predicted.as_ref())
                 .or_else(|| self.by_reference(&frame, snapshot))
         };
-        let carried = predicted.clone().filter(|_| coasts);
+        let carried = predicted.clone().filter(|_| can_coast);
         let (guess, matches, recovered) = match (first_guess, carried) {
             (Some((pose, matches)), _) => (pose, matches, false),
-            // What is felt is good enough to look for the map where it must be.
-            (None, Some(belief)) => (belief.world_from_camera, Matches::none(&frame), false),
+            // The IMU prediction is accurate enough to search for the map around it.
+            (None, Some(estimate)) => (estimate.world_from_camera, Matches::none(&frame), false),
             (None, None) => match self.relocalise(&frame, snapshot) {
                 Ok((pose, matches)) => (pose, matches, true),
                 Err(inliers) => return self.miss(frame, snapshot, inliers, predicted, idle),
@@ -250,7 +248,7 @@ impl Tracker {
         }
     }
 
-    /// Keeps a frame that may get its pose later.
+    /// Buffers a frame that may get its pose later.
     pub(crate) fn wait(&mut self, frame: &Arc<Frame>) {
         if self.waiting.len() == WAITING {
             self.waiting.pop_front();
@@ -258,8 +256,8 @@ impl Tracker {
         self.waiting.push_back(frame.clone());
     }
 
-    /// Poses of the frames before the start, from the youngest back, as far as they can be tracked.
-    fn look_back(&mut self, snapshot: &Snapshot) -> Vec<(Stamp, AnchoredPose)> {
+    /// Poses of the frames from before the initialisation, newest to oldest, as far as they can be tracked.
+    fn track_waiting_frames(&mut self, snapshot: &Snapshot) -> Vec<(Stamp, AnchoredPose)> {
         let frames = std::mem::take(&mut self.waiting);
         let mut found = Vec::new();
         let (Some(last), false) = (&self.last, frames.is_empty()) else { return found };
@@ -270,7 +268,7 @@ impl Tracker {
             let (anchored, landmarks) = match known {
                 Some(k) => (AnchoredPose::at(k.id, k.world_from_camera), k.landmarks.clone()),
                 None => {
-                    let Some((anchored, landmarks)) = self.place_after(&before, frame, snapshot) else {
+                    let Some((anchored, landmarks)) = self.track_next_to(&before, frame, snapshot) else {
                         break;
                     };
                     found.push((frame.stamp, anchored));
@@ -282,8 +280,8 @@ impl Tracker {
         found
     }
 
-    /// Where a frame stands that was taken next to one whose place is known.
-    fn place_after(
+    /// The pose of a frame taken next to one whose pose is known.
+    fn track_next_to(
         &mut self,
         before: &Last,
         frame: &Frame,
@@ -298,12 +296,12 @@ impl Tracker {
         if located.inliers < self.config.min_inliers {
             return None;
         }
-        let anchored = self.place(snapshot, before.anchored.reference, located.world_from_camera)?;
+        let anchored = self.anchor_nearest(snapshot, before.anchored.reference, located.world_from_camera)?;
         Some((anchored, matches.landmarks))
     }
 
-    /// A pose as it hangs on the nearest key frame of those that the local map was gathered around.
-    fn place(
+    /// A pose anchored to the nearest of the key frames that the local map was collected around.
+    fn anchor_nearest(
         &self,
         snapshot: &Snapshot,
         fallback: KeyFrameId,
@@ -316,7 +314,7 @@ impl Tracker {
         )
     }
 
-    /// When the last frame has become a key frame, what it shows and where it stands is told by the map.
+    /// When the last frame has become a key frame, its landmarks and pose are taken from the map.
     fn refresh_last(&mut self, snapshot: &Snapshot) {
         self.refresh_unit(snapshot);
         let Some(newest) = snapshot.newest_key_frame() else { return };
@@ -327,17 +325,18 @@ impl Tracker {
             }
             Some(last) => {
                 let anchored = &mut last.anchored;
-                if let Some(standing) = snapshot.resolve(anchored.reference, &anchored.reference_from_camera)
+                if let Some(resolved) = snapshot.resolve(anchored.reference, &anchored.reference_from_camera)
                 {
-                    anchored.world_from_camera = standing;
+                    anchored.world_from_camera = resolved;
                 }
             }
-            // A map that was loaded: where in it the eye is, appearance has to tell.
+            // A map that was loaded: the camera has to be relocalised in it first.
             None => self.lost = true,
         }
     }
 
-    /// When a loop or a merge has changed the unit of length, speeds are told in the new one.
+    /// When a loop closure or a map merge has changed the unit of length, speeds are converted to the new
+    /// one.
     fn refresh_unit(&mut self, snapshot: &Snapshot) {
         let Some((id, before)) = self.unit else { return };
         let Some(now) = snapshot.world_from_here(id).map(|here| here.scale).filter(|now| *now != before)
@@ -369,7 +368,7 @@ impl Tracker {
         located
     }
 
-    /// By what was felt, by the motion of the last two frames, or by standing still when that is not known.
+    /// Predicts by the IMU, else by constant velocity, else by the last pose, and matches around that.
     fn by_motion(
         &self,
         frame: &Frame,
@@ -383,7 +382,7 @@ impl Tracker {
         self.match_from(last, &guess, frame, snapshot)
     }
 
-    /// Matches with the frame before around a guess, and farther out where the guess was poor.
+    /// Matches with the previous frame around a guess, and farther out where the guess was poor.
     fn match_from(
         &self,
         last: &Last,
@@ -401,7 +400,8 @@ impl Tracker {
         };
         let few = self.need(frame).min(15);
         let mut best: Option<(usize, Se3, Matches)> = None;
-        // A good prediction finds most of what was seen; else look farther, then closely from where that leads.
+        // A good prediction finds most of what was seen; else search farther, then closely around the
+        // resulting pose.
         for radius in [radius, 2.0 * radius, 4.0 * radius, radius] {
             let mut matches = match_last(snapshot, &self.camera, &before, frame, &guess, radius);
             if matches.count() < few {
@@ -419,7 +419,7 @@ impl Tracker {
         best.map(|(_, pose, matches)| (pose, matches))
     }
 
-    /// By descriptors of the reference key frame, near the last pose.
+    /// Matches by the descriptors of the reference key frame, near the last pose.
     fn by_reference(&self, frame: &Frame, snapshot: &Snapshot) -> Option<(Se3, Matches)> {
         let last = self.last.as_ref()?;
         let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
@@ -431,7 +431,7 @@ impl Tracker {
         (located.inliers >= 12).then_some((located.world_from_camera, matches))
     }
 
-    /// Looks for the place among earlier key frames; the best count of agreeing landmarks when none is recognised.
+    /// Relocalises among earlier key frames; the best inlier count when no place is recognised.
     fn relocalise(&mut self, frame: &Frame, snapshot: &Snapshot) -> Result<(Se3, Matches), usize> {
         let last = self.last.as_ref().map(|l| l.anchored.world_from_camera.translation);
         let config =
@@ -458,7 +458,7 @@ impl Tracker {
         Err(best)
     }
 
-    /// Matches with the local map, settles the pose and decides what the frame is good for.
+    /// Matches with the local map, optimises the pose and decides whether the frame becomes a key frame.
     fn finish(
         &mut self,
         frame: Arc<Frame>,
@@ -487,7 +487,7 @@ impl Tracker {
         let mut expected = self.local.search(snapshot, &self.camera, &frame, &guess, factor, &mut matches);
         let mut matched = matches.count();
         let mut located = self.locate_from(snapshot, &frame, &guess, prior.as_ref(), &mut matches);
-        // Few of those expected were found: the guess was poor. DescriptorQuery again from the better pose.
+        // Few of those expected were found: the guess was poor. Search again from the better pose.
         if located.inliers * 3 < expected.len() {
             expected = self.local.search(
                 snapshot,
@@ -502,8 +502,8 @@ impl Tracker {
                 self.locate_from(snapshot, &frame, &located.world_from_camera, prior.as_ref(), &mut matches);
         }
         let need = match (&prior, self.since_recovery < 30) {
-            // What is felt speaks for the pose too.
-            (Some(_), _) => self.need(&frame).min(NEED_FELT),
+            // The IMU constrains the pose too.
+            (Some(_), _) => self.need(&frame).min(MIN_INLIERS_WITH_IMU),
             (None, true) => self.config.min_inliers * 3 / 2,
             (None, false) => self.need(&frame),
         };
@@ -511,18 +511,18 @@ impl Tracker {
             return self.miss(frame, snapshot, located.inliers, predicted, idle);
         }
         let world_from_camera = located.world_from_camera;
-        let Some(anchored) = self.place(snapshot, fallback, world_from_camera) else {
+        let Some(anchored) = self.anchor_nearest(snapshot, fallback, world_from_camera) else {
             return self.lose(frame, located.inliers);
         };
-        if self.inertial.as_mut().is_some_and(|i| i.wants_turns(frame.stamp)) {
-            // What was felt has its part in the pose; the clocks are compared with what was seen alone.
-            let alone = prior.as_ref().and_then(|p| seen_alone(&located, p)).unwrap_or(world_from_camera);
+        if self.inertial.as_mut().is_some_and(|i| i.wants_rotations(frame.stamp)) {
+            // The IMU prior is part of the pose; the time offset must be estimated from vision alone.
+            let alone = prior.as_ref().and_then(|p| without_prior(&located, p)).unwrap_or(world_from_camera);
             if let Some(inertial) = &mut self.inertial {
-                inertial.turned(frame.stamp, alone.rotation);
+                inertial.add_rotation(frame.stamp, alone.rotation);
             }
         }
         if let Some(inertial) = &mut self.inertial {
-            inertial.seen(snapshot, frame.stamp, &anchored, predicted.as_ref(), &located.information);
+            inertial.update(snapshot, frame.stamp, &anchored, predicted.as_ref(), &located.information);
         }
         let reference = self.local.reference.unwrap_or(fallback);
         self.velocity = match &self.last {
@@ -547,16 +547,16 @@ impl Tracker {
             inliers: located.inliers,
             need,
             reference,
-            turned_rad: anchored.reference_from_camera.rotation.angle(),
+            rotated_rad: anchored.reference_from_camera.rotation.angle(),
             since: self.since_key_frame,
-            stands: self.inertial.as_ref().is_some_and(|i| i.stands(frame.stamp)),
-            since_s: self.inertial.as_ref().and_then(|i| i.unoffered(frame.stamp)),
+            stationary: self.inertial.as_ref().is_some_and(|i| i.is_stationary(frame.stamp)),
+            since_s: self.inertial.as_ref().and_then(|i| i.seconds_since_request(frame.stamp)),
             idle,
         };
         let request = wants_key_frame(&situation, self.rate_hz, self.config.min_key_frame_gap).then(|| {
             self.since_key_frame = 0;
             let anchored = anchored_at(snapshot, reference, world_from_camera).unwrap_or(anchored);
-            let imu = self.inertial.as_mut().map(|i| i.sense(frame.stamp));
+            let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
             KeyFrameRequest::Next {
                 frame: frame.clone(),
                 landmarks: matches.landmarks.clone(),
@@ -585,26 +585,27 @@ impl Tracker {
         }
     }
 
-    /// Matches that must agree in a frame: of a blank wall's few features a good share will do, where each has depth.
+    /// Inlier matches needed in a frame: of the few features of a blank wall a good share is enough, where
+    /// each has depth.
     pub(crate) fn need(&self, frame: &Frame) -> usize {
         let least = if self.camera.has_depth() { 10 } else { 15 };
         self.config.min_inliers.min((frame.len() / 4).max(least))
     }
 
-    /// Whether so little time has passed since the last pose that motion goes on as it was.
+    /// Whether so little time has passed since the last pose that constant velocity still holds.
     pub(crate) fn recent(&self, frame: &Frame, seconds: f64) -> bool {
         self.located.is_none_or(|t| frame.stamp - t < seconds)
     }
 }
 
-/// Where the eye would be without what was believed before: at the solution the pull of both is in balance.
-fn seen_alone(located: &Located, prior: &PosePrior) -> Option<Se3> {
-    let pull = prior.information * prior.world_from_camera.local(&located.world_from_camera);
+/// The pose without the prior: at the solution the gradients of the prior and of the observations cancel.
+fn without_prior(located: &Located, prior: &PosePrior) -> Option<Se3> {
+    let gradient = prior.information * prior.world_from_camera.local(&located.world_from_camera);
     let own = (located.information - prior.information).cholesky()?;
-    Some(located.world_from_camera.retract(&own.solve(&pull)))
+    Some(located.world_from_camera.retract(&own.solve(&gradient)))
 }
 
-/// A pose that hangs on a key frame.
+/// A pose anchored to a key frame.
 pub(crate) fn anchored_at(
     snapshot: &Snapshot,
     reference: KeyFrameId,

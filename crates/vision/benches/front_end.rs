@@ -1,6 +1,7 @@
-//! How long a look takes: `cargo bench -p cairn-vision --bench camera`. Prints the fastest of many looks, which is the figure
-//! that a busy machine disturbs least, and the median; and, on Linux, the mean time
-//! that the calling thread ran (without the second thread's, and without waiting for a processor).
+//! Time to process one frame in the front end: `cargo bench -p cairn-vision --bench front_end`.
+//!
+//! Prints the fastest of many runs (the figure least disturbed by other load on the machine) and the median; on Linux
+//! also the mean CPU time of the calling thread, which excludes the second thread and waiting for a processor.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -15,7 +16,7 @@ fn packet(images: Vec<Arc<GrayImage>>) -> FramePacket {
     FramePacket { stamp: Stamp(0), images, depth: None, imu: Vec::new(), decode_ms: 0.0 }
 }
 
-/// Nanoseconds that this thread has run, 0 where the system does not say.
+/// CPU time of this thread in nanoseconds, 0 where the system does not report it.
 fn cpu_ns() -> u64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split(' ').next().and_then(|t| t.parse().ok()).unwrap_or(0)
@@ -31,32 +32,32 @@ fn time(
 ) {
     let orb = OrbConfig { features, ..OrbConfig::default() };
     let config = FrontEndConfig { orb, two_threads, ..FrontEndConfig::default() };
-    let mut camera = FrontEnd::new(rig, sensor, config).unwrap();
+    let mut front_end = FrontEnd::new(rig, sensor, config).unwrap();
     let mut times = Vec::new();
-    let mut ran_from = 0;
-    let (mut seen, mut deep) = (0, 0);
+    let mut cpu_start = 0;
+    let (mut features_total, mut with_depth) = (0, 0);
     for round in 0..12 {
         if round == 1 {
-            ran_from = cpu_ns();
+            cpu_start = cpu_ns();
         }
         for p in packets {
             let start = Instant::now();
-            let frame = camera.see(p).unwrap();
+            let frame = front_end.see(p).unwrap();
             if round > 0 {
                 times.push(start.elapsed().as_secs_f64() * 1e3);
             }
-            seen += frame.len();
-            deep += frame.depth.iter().filter(|d| **d > 0.0).count();
+            features_total += frame.len();
+            with_depth += frame.depth.iter().filter(|d| **d > 0.0).count();
         }
     }
     times.sort_by(f64::total_cmp);
-    let ran_ms = (cpu_ns() - ran_from) as f64 * 1e-6 / times.len() as f64;
+    let cpu_ms = (cpu_ns() - cpu_start) as f64 * 1e-6 / times.len() as f64;
     println!(
-        "{name:<34} fastest {:6.2} ms, median {:6.2} ms; thread ran {ran_ms:5.2} ms; {} features, {} with depth",
+        "{name:<34} fastest {:6.2} ms, median {:6.2} ms; CPU time {cpu_ms:5.2} ms; {} features, {} with depth",
         times[0],
         times[times.len() / 2],
-        seen / (12 * packets.len()),
-        deep / (12 * packets.len())
+        features_total / (12 * packets.len()),
+        with_depth / (12 * packets.len())
     );
 }
 

@@ -1,7 +1,9 @@
-//! Times of the ORB extractor, stage by stage, and of the distance kernels: `cargo bench -p cairn-vision --bench orb`.
+//! Times of the ORB extractor, stage by stage, and of the Hamming distance kernels:
+//! `cargo bench -p cairn-vision --bench orb`.
 //!
-//! Prints the minimum, the 20th percentile and the median of many repetitions, one thread; on a busy machine read the first two. Images are made here; real ones (binary
-//! PGM, as `tools/compare_orb.py --keep FOLDER` writes them) follow where `CAIRN_PGM` names a folder of them.
+//! Prints the minimum, the 20th percentile and the median of many repetitions on one thread; on a busy machine use the
+//! first two. The images are synthetic; where `CAIRN_PGM` names a folder of binary PGM images (as written by
+//! `tools/compare_orb.py --keep FOLDER`), those are timed too.
 
 use cairn_sensor::GrayImage;
 use cairn_vision::orb::{Backend, Stage};
@@ -16,11 +18,11 @@ const REPETITIONS: usize = 300;
 
 fn main() {
     for (w, h) in [(752, 480), (640, 480)] {
-        images(&format!("made here, {w} x {h}"), &[boxes(w, h)]);
+        images(&format!("synthetic, {w} x {h}"), &[boxes(w, h)]);
     }
     let Ok(folder) = std::env::var("CAIRN_PGM") else {
         println!("skipped: real images (CAIRN_PGM is not set)");
-        return distances();
+        return time_distances();
     };
     let mut paths: Vec<_> =
         std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
@@ -31,7 +33,7 @@ fn main() {
     } else {
         images(&folder, &read);
     }
-    distances();
+    time_distances();
 }
 
 fn images(name: &str, images: &[GrayImage]) {
@@ -68,12 +70,12 @@ fn report(name: &str, mut times: Vec<f64>, unit: &str) {
     println!("  {name:11} min {:7.3}  p20 {:7.3}  median {:7.3} {unit}", at(0), at(20), at(50));
 }
 
-fn distances() {
+fn time_distances() {
     let mut features = Features::default();
     OrbExtractor::new(OrbConfig { features: 2000, ..OrbConfig::default() })
         .extract(&boxes(1280, 960), &mut features);
     let all = &features.descriptors;
-    // Sixty candidates each, far from each other in memory, as a search window gives.
+    // Sixty candidates per query, scattered in memory as those of a search window are.
     let near: Vec<u32> = (0..60).map(|i| (i * 797 + 13) % all.len() as u32).collect();
     let time = |work: &dyn Fn()| {
         let once = || {
@@ -103,7 +105,7 @@ fn distances() {
     report("best_two_of", per(every, 500 * all.len()), "ns");
 }
 
-/// Overlapping boxes of random tone with rough surfaces: as rich in corners as an indoor photograph.
+/// Overlapping boxes of random brightness with noise: about as many corners as an indoor photograph.
 fn boxes(w: usize, h: usize) -> GrayImage {
     let mut state = 1u64;
     let mut below = |n: usize| {

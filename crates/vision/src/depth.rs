@@ -1,31 +1,31 @@
-//! Depth of features from a depth image: looked up at the feature's pixel where the image is registered to the
-//! camera, else found along the feature's ray; refused at depth edges, where a feature has two depths.
+//! Depth of features from a depth image: looked up at the feature's pixel when the image is registered to the camera,
+//! otherwise searched along the feature's ray; rejected at depth edges, where the depth is ambiguous.
 //!
-//! How far from an edge is far enough grows with the feature's pyramid level. Corners sit on the outline of what is near, and are
-//! found there to a pixel or two of their level: on the wrong side of it the depth is that of what is behind, never of something
-//! nearer, so that such errors do not cancel but stretch the whole map.
+//! The required distance to a depth edge grows with the feature's pyramid level. Corners are often detected on the
+//! outline of a near object and localised to a pixel or two of their level. On the wrong side of the outline the depth
+//! is that of the background, never of something nearer, so these errors do not average out but enlarge the whole map.
 
 use cairn_geometry::{Mat3, Se3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage, DepthSensor};
 
-/// How far from a feature its depth has to be that of one plane, in pixels of its level.
+/// Radius around a feature within which the depth must fit one plane, in pixels of its level.
 const REACH: f64 = 2.0;
 
-/// What is asked of the depth lookup.
+/// Configuration of the depth lookup.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DepthConfig {
-    /// Baseline in metres of the virtual projector: one pixel of error in `right_x` stands for a depth error of
+    /// Baseline in metres of the virtual projector: one pixel of error in `right_x` corresponds to a depth error of
     /// `depth^2 / (baseline * fx)`. 0.075 m (the distance between a Kinect's projector and camera) and fx = 535 give
-    /// depth^2 / 40 m. That is well above the sensor's random noise (depth^2 / 700 m, Khoshelham and Elberink 2012),
-    /// and leaves room for imperfect registration, rounding and motion between the two shutters.
+    /// depth^2 / 40 m. That is well above the sensor's random noise (depth^2 / 700 m, Khoshelham and Elberink 2012)
+    /// and leaves a margin for imperfect registration, rounding and motion between the two exposures.
     pub virtual_baseline: f64,
     /// Depth in metres up to which a point is "close".
     pub close_depth: f64,
-    /// Largest depth in metres that is believed.
+    /// Maximum depth in metres; larger measurements are ignored.
     pub max_depth: f64,
-    /// Largest spread (largest minus smallest) of the depths around the feature about the plane through them, relative to the
-    /// depth.
+    /// Maximum spread (largest minus smallest) of the residuals of the depths around the feature from the plane fitted
+    /// to them, relative to the depth.
     pub edge_spread: f32,
 }
 
@@ -35,22 +35,23 @@ impl Default for DepthConfig {
     }
 }
 
-/// Finds depth in the images of one sensor.
+/// Looks up feature depths in the images of one sensor.
 #[derive(Clone, Debug)]
 pub(crate) struct DepthLookup {
     config: DepthConfig,
     metres_per_unit: f64,
-    /// Depth pixels per pixel of the camera, for registered images of another size.
+    /// Depth pixels per camera pixel in x and y, for registered images (which may differ in size); `None` if not
+    /// registered.
     ratio: Option<[f64; 2]>,
-    /// Depth pixels per pixel of the camera, roughly.
-    finer: f64,
+    /// Approximate number of depth pixels per camera pixel.
+    depth_pixels_per_pixel: f64,
     camera: Camera,
     depth_from_camera: Se3,
     camera_from_depth: Se3,
 }
 
 impl DepthLookup {
-    /// For a sensor and the camera whose features want depth.
+    /// For a depth sensor and the camera whose features are looked up.
     pub(crate) fn new(
         config: DepthConfig,
         sensor: &DepthSensor,
@@ -66,17 +67,17 @@ impl DepthLookup {
             config,
             metres_per_unit: sensor.metres_per_unit,
             ratio: sensor.registered.then_some(ratio),
-            finer: if sensor.registered { ratio[0] } else { sensor.camera.fx / camera.fx },
+            depth_pixels_per_pixel: if sensor.registered { ratio[0] } else { sensor.camera.fx / camera.fx },
             camera: sensor.camera,
             depth_from_camera,
             camera_from_depth: depth_from_camera.inverse(),
         }
     }
 
-    /// Depth along the camera's z axis in metres of a feature at raw pixel `raw`, whose ray (z = 1, camera frame) is `ray`, of a
-    /// level whose pixels are `scale` wide.
+    /// Depth in metres along the camera's z axis of a feature at raw pixel `raw` with ray `ray` (z = 1, camera frame);
+    /// `scale` is the pixel size of its pyramid level.
     pub(crate) fn find(&self, image: &DepthImage, raw: [f32; 2], ray: &Vec3, scale: f64) -> Option<f32> {
-        let reach = REACH * scale * self.finer;
+        let reach = REACH * scale * self.depth_pixels_per_pixel;
         match self.ratio {
             Some([rx, ry]) => {
                 let at = Vec2::new((raw[0] as f64 + 0.5) * rx - 0.5, (raw[1] as f64 + 0.5) * ry - 0.5);
@@ -86,10 +87,11 @@ impl DepthLookup {
         }
     }
 
-    /// Walks along the ray: where a point of guessed depth would be in the depth image, the image tells a better guess.
-    /// Of several surfaces that the ray seems to meet, the nearest is what the camera sees.
+    /// Fixed-point iteration along the ray: a point at the guessed depth is projected into the depth image, whose value
+    /// there is the next guess. If different start depths converge to several surfaces, the nearest is the visible one.
     fn search(&self, image: &DepthImage, ray: &Vec3, reach: f64) -> Option<f32> {
-        // With a baseline of centimetres the guess matters little; the far one finds surfaces that the near one jumps.
+        // With a baseline of centimetres the start matters little; the far start finds surfaces that the near one
+        // skips.
         const GUESSES: [f64; 3] = [0.7, 1.5, 4.0];
         let same_place = self.depth_from_camera.translation.norm() < 1e-6;
         let guesses = if same_place { &GUESSES[..1] } else { &GUESSES[..] };
@@ -98,8 +100,8 @@ impl DepthLookup {
             .filter_map(|guess| {
                 let mut depth = *guess;
                 for _ in 0..6 {
-                    // Of the pixel alone: whether an edge is near is asked of what is found, or else the ray would pass by
-                    // the edge of what is near to what is behind.
+                    // Uses the single pixel: the edge check is applied only to the converged depth, otherwise the
+                    // iteration would skip the rejected border of a near object and converge to the background.
                     let next = self.step(ray, depth, |at| self.pixel(image, at))?;
                     let change = (next - depth).abs();
                     depth = next;
@@ -114,7 +116,7 @@ impl DepthLookup {
         self.step(ray, depth, |at| self.surface(image, at, reach)).map(|depth| depth as f32)
     }
 
-    /// The depth in the camera of what is measured where a point of the ray at a depth would be.
+    /// One iteration: camera depth of the measurement at the projection of the ray's point at `depth`.
     fn step(&self, ray: &Vec3, depth: f64, measured: impl Fn(&Vec2) -> Option<f64>) -> Option<f64> {
         let at = self.camera.project(&(self.depth_from_camera * (ray * depth)))?;
         let bearing = self.camera.unproject(&at)?;
@@ -129,8 +131,9 @@ impl DepthLookup {
         is_measured(units).then_some(units as f64 * self.metres_per_unit)
     }
 
-    /// Depth in metres at a sub-pixel place, of the plane through nine places `reach` depth pixels apart: a feature of a coarse
-    /// level is made of what is as far around. `None` outside, where too little is measured, and at edges.
+    /// Depth in metres at a sub-pixel position, from a plane fitted to nine samples `reach` depth pixels apart, as the
+    /// patch of a feature on a coarse level extends that far. `None` outside the image, with too few measurements, and
+    /// at edges.
     fn surface(&self, image: &DepthImage, at: &Vec2, reach: f64) -> Option<f64> {
         let step = reach.round().max(1.0);
         let (cx, cy) = (at.x.round(), at.y.round());
@@ -139,21 +142,21 @@ impl DepthLookup {
             return None;
         }
         let (x, y, apart) = (cx as usize, cy as usize, step as usize);
-        // One over depth changes evenly over the picture of a plane.
-        let (mut places, mut count) = ([[0.0; 3]; 9], 0);
+        // The image of a plane is linear in inverse depth.
+        let (mut samples, mut count) = ([[0.0; 3]; 9], 0);
         for k in 0..9 {
             let v = image.at(x + k % 3 * apart - apart, y + k / 3 * apart - apart);
             if is_measured(v) {
-                places[count] = [(k % 3) as f64 - 1.0, (k / 3) as f64 - 1.0, 1.0 / v as f64];
+                samples[count] = [(k % 3) as f64 - 1.0, (k / 3) as f64 - 1.0, 1.0 / v as f64];
                 count += 1;
             } else if k == 4 {
                 return None;
             }
         }
-        let places = &places[..count];
-        let [mean, slope_x, slope_y] = plane(places)?;
+        let samples = &samples[..count];
+        let [mean, slope_x, slope_y] = plane(samples)?;
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for [dx, dy, v] in places {
+        for [dx, dy, v] in samples {
             let off = v - mean - slope_x * dx - slope_y * dy;
             (low, high) = (low.min(off), high.max(off));
         }
@@ -166,19 +169,19 @@ impl DepthLookup {
     }
 }
 
-/// Both ends of the range mean "nothing measured", depending on the sensor.
+/// Both ends of the range mean "no measurement", depending on the sensor.
 fn is_measured(units: u16) -> bool {
     units != 0 && units != u16::MAX
 }
 
-/// The plane through places (x, y, value) in the sense of least squares: its value at the origin and its slopes; `None` with fewer
-/// than six places.
-fn plane(places: &[[f64; 3]]) -> Option<[f64; 3]> {
-    if places.len() < 6 {
+/// Least-squares plane through samples (x, y, value): its value at the origin and its slopes; `None` with fewer than
+/// six samples.
+fn plane(samples: &[[f64; 3]]) -> Option<[f64; 3]> {
+    if samples.len() < 6 {
         return None;
     }
     let (mut normal, mut right) = (Mat3::zeros(), Vec3::zeros());
-    for [x, y, value] in places {
+    for [x, y, value] in samples {
         let row = Vec3::new(1.0, *x, *y);
         normal += row * row.transpose();
         right += row * *value;
@@ -192,8 +195,9 @@ mod tests {
 
     const RAW: [f32; 2] = [80.3, 59.6];
 
-    /// A registered sensor and what it measures of a surface that is so deep along the ray of a pixel.
-    fn looked_up(scale: f64, metres: impl Fn(f64, f64) -> f64) -> Option<f32> {
+    /// Looks up the depth of the feature at [`RAW`] in a registered image whose depth at pixel (x, y) is
+    /// `metres(x, y)`.
+    fn lookup_depth(scale: f64, metres: impl Fn(f64, f64) -> f64) -> Option<f32> {
         let camera = Camera::pinhole(160, 120, 100.0, 100.0, 79.5, 59.5);
         let sensor =
             DepthSensor { camera, body_from_depth: Se3::identity(), metres_per_unit: 1e-3, registered: true };
@@ -208,24 +212,25 @@ mod tests {
     }
 
     #[test]
-    fn a_steep_plane_is_a_surface_and_no_edge() {
-        // A floor 1.4 m below, which changes by a tenth from one feature's end to the other, with holes and without.
+    fn steep_plane_is_not_an_edge() {
+        // A floor 1.4 m below, whose depth changes by a tenth across a feature, with and without holes.
         let floor = |_: f64, y: f64| 1.4 * 100.0 / (y - 39.5);
         let truth = floor(0.0, RAW[1] as f64);
         for (scale, holes) in [(1.0, false), (1.0, true), (1.7, false), (1.7, true)] {
             let hole = |x: f64, y: f64| holes && x > 81.0 && y < 60.0;
-            let found = looked_up(scale, |x, y| if hole(x, y) { 0.0 } else { floor(x, y) }).unwrap() as f64;
+            let found =
+                lookup_depth(scale, |x, y| if hole(x, y) { 0.0 } else { floor(x, y) }).unwrap() as f64;
             assert!((found / truth - 1.0).abs() < 3e-3, "scale {scale}, holes {holes}: {found} of {truth}");
         }
     }
 
     #[test]
-    fn near_an_edge_there_is_no_depth_and_coarse_features_keep_farther_away() {
+    fn no_depth_near_an_edge_with_margin_growing_by_level() {
         for scale in [1.0, 1.2, 2.0, 3.5] {
             for apart in 1..12 {
-                // The outline of something near, so many pixels beside the feature.
+                // The outline of a near object, `apart` pixels beside the feature.
                 let outline = RAW[0].round() as f64 + apart as f64;
-                let found = looked_up(scale, |x, _| if x < outline { 4.0 } else { 2.0 });
+                let found = lookup_depth(scale, |x, _| if x < outline { 4.0 } else { 2.0 });
                 let free = apart as f64 > (REACH * scale).round();
                 assert_eq!(found.is_some(), free, "scale {scale}, {apart} pixels from the edge");
                 assert!(found.is_none_or(|z| (z - 4.0).abs() < 1e-3));
@@ -234,17 +239,20 @@ mod tests {
     }
 
     #[test]
-    fn too_little_measured_is_no_depth() {
-        assert!(looked_up(1.0, |x, _| if x > 79.0 { 0.0 } else { 3.0 }).is_none(), "the feature's own pixel");
-        assert!(looked_up(1.0, |_, _| 0.0).is_none());
+    fn no_depth_with_too_few_measurements() {
         assert!(
-            looked_up(1.0, |x, y| if x == 80.0 || y == 60.0 { 3.0 } else { 0.0 }).is_none(),
-            "five of nine"
+            lookup_depth(1.0, |x, _| if x > 79.0 { 0.0 } else { 3.0 }).is_none(),
+            "the feature's own pixel"
         );
-        assert!(looked_up(1.0, |_, _| 25.0).is_none(), "beyond what is believed");
+        assert!(lookup_depth(1.0, |_, _| 0.0).is_none());
         assert!(
-            looked_up(20.0, |_, _| 3.0).is_some() && looked_up(40.0, |_, _| 3.0).is_none(),
-            "the image's end"
+            lookup_depth(1.0, |x, y| if x == 80.0 || y == 60.0 { 3.0 } else { 0.0 }).is_none(),
+            "five of nine samples"
+        );
+        assert!(lookup_depth(1.0, |_, _| 25.0).is_none(), "beyond the maximum depth");
+        assert!(
+            lookup_depth(20.0, |_, _| 3.0).is_some() && lookup_depth(40.0, |_, _| 3.0).is_none(),
+            "at the image border"
         );
     }
 }

@@ -1,8 +1,8 @@
-//! What the eye makes of one packet: features with depth, in one ideal camera.
+//! The output of the front end for one packet: features with depth, in the pixels of one ideal camera.
 //!
-//! Whatever the lens and however the stereo pair is mounted, everything behind the eye works in the
-//! pixels of one [`RectifiedCamera`]: an ideal pinhole (for stereo, the rectified left camera), whose right
-//! partner stands `baseline` metres along +x. Raw pixels are kept for drawing only.
+//! Whatever the lens and the mounting of the stereo pair, everything after the front end works in the pixels of one
+//! [`RectifiedCamera`]: an ideal pinhole (for stereo, the rectified left camera), whose right counterpart is `baseline`
+//! metres along +x. Raw pixels are kept for drawing only.
 
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
@@ -21,25 +21,25 @@ pub struct RectifiedCamera {
     pub cx: f64,
     /// Principal point y in pixels.
     pub cy: f64,
-    /// Baseline times `fx` in pixel metres: `disparity = baseline_fx / depth`. For RGB-D the baseline of a
-    /// virtual projector, for mono zero.
+    /// Baseline times `fx` in pixel metres: `disparity = baseline_fx / depth`. For RGB-D the baseline is that of a
+    /// virtual projector; for mono it is zero.
     pub baseline_fx: f64,
     /// Bounds of rectified pixels: `[min_x, min_y, max_x, max_y]`.
     pub bounds: [f64; 4],
-    /// Depth in metres up to which one view places a point well ("close" points).
+    /// Depth in metres up to which a single view gives an accurate point ("close" points).
     pub close_depth: f64,
-    /// Where the eye sits in the rig's body frame.
+    /// Pose of the rectified camera in the rig's body frame.
     pub body_from_camera: Se3,
 }
 
 impl RectifiedCamera {
-    /// Whether the eye itself measures depth: with it lengths are metres from the first frame on.
+    /// True for stereo and RGB-D: depth is measured, so that the map is metric from the first frame.
     pub fn has_depth(&self) -> bool {
         self.baseline_fx > 0.0
     }
 
-    /// Where the body is when the eye is here. A map without metric scale does not know how far the two are apart: there
-    /// the body is told where the eye is, in the body's own orientation.
+    /// Pose of the body for a pose of the camera. In a map without metric scale the lever arm between the two is
+    /// unknown in map units: there the body is placed at the camera, with the body's own orientation.
     pub fn world_from_body(&self, world_from_camera: &Se3, metric: bool) -> Se3 {
         let mut camera_from_body = self.body_from_camera.inverse();
         if !metric {
@@ -48,7 +48,7 @@ impl RectifiedCamera {
         *world_from_camera * camera_from_body
     }
 
-    /// Rectified pixel of a point in the eye frame, with the right image's x; `None` behind the eye.
+    /// Rectified pixel `[x, y, right_x]` of a point in the camera frame; `None` behind the camera.
     pub fn project(&self, p: &Vec3) -> Option<[f64; 3]> {
         if p.z <= 1e-6 {
             return None;
@@ -58,7 +58,7 @@ impl RectifiedCamera {
         Some([u, self.fy * p.y * inv + self.cy, u - self.baseline_fx * inv])
     }
 
-    /// The point in the eye frame of a rectified pixel at a depth.
+    /// The point in the camera frame of a rectified pixel at a depth in metres.
     pub fn unproject(&self, px: [f32; 2], depth: f64) -> Vec3 {
         Vec3::new(
             (px[0] as f64 - self.cx) / self.fx * depth,
@@ -74,7 +74,7 @@ impl RectifiedCamera {
     }
 }
 
-/// Scale pyramid facts shared by everything that reasons about octaves.
+/// Parameters of the scale pyramid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Octaves {
     /// Number of levels.
@@ -96,12 +96,12 @@ impl Octaves {
     }
 }
 
-/// Features of one instant, struct of arrays: every vector has the same length; immutable once seen.
+/// Features of one frame as a struct of arrays: every vector has the same length; immutable once extracted.
 #[derive(Clone, Debug, Default)]
 pub struct Frame {
     /// Time of exposure.
     pub stamp: Stamp,
-    /// Pixels in the camera's own (distorted) image.
+    /// Pixels in the raw (distorted) image.
     pub raw: Vec<[f32; 2]>,
     /// Rectified pixels of the [`RectifiedCamera`].
     pub px: Vec<[f32; 2]>,
@@ -111,14 +111,15 @@ pub struct Frame {
     pub angle: Vec<f32>,
     /// Descriptors.
     pub descriptors: Vec<Descriptor>,
-    /// Rectified x in the right image (virtual for RGB-D); NaN where there is none.
+    /// Rectified x in the right image (virtual for RGB-D); NaN without a match.
     pub right_x: Vec<f32>,
-    /// Depth along the eye's z axis in metres; NaN where there is none, or (stereo) it is too far to tell.
+    /// Depth along the camera's z axis in metres; NaN without a measurement or (stereo) where the point is too far
+    /// away.
     pub depth: Vec<f32>,
     grid: Grid,
 }
 
-/// Columns and rows of the lookup grid over the eye's bounds.
+/// Columns and rows of the lookup grid over the bounds of the rectified image.
 const GRID: [usize; 2] = [64, 48];
 
 #[derive(Clone, Debug, Default)]
@@ -135,7 +136,7 @@ impl Frame {
         self.px.len()
     }
 
-    /// True when nothing was seen.
+    /// True when the frame has no features.
     pub fn is_empty(&self) -> bool {
         self.px.is_empty()
     }
@@ -145,7 +146,7 @@ impl Frame {
         self.depth[i] > 0.0
     }
 
-    /// Builds the lookup grid; call once, after all features are in place (at most 65,535 of them).
+    /// Builds the lookup grid; call once, after all features (at most 65,535) are set.
     pub fn index(&mut self, camera: &RectifiedCamera) {
         let bounds = camera.bounds.map(|b| b as f32);
         let cells = GRID[0] * GRID[1];
@@ -166,7 +167,8 @@ impl Frame {
         self.grid = Grid { bounds, starts, items };
     }
 
-    /// Calls `visit` with each feature within `radius` (a square) of a rectified pixel, in a fixed order.
+    /// Calls `visit` with each feature in a square window of half side `radius` around a rectified pixel, in a fixed
+    /// order.
     pub fn near(&self, u: f32, v: f32, radius: f32, mut visit: impl FnMut(usize)) {
         if self.grid.starts.is_empty() {
             return;

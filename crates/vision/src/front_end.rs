@@ -1,4 +1,4 @@
-//! The first room: from a packet of images to a [`Frame`] of features, with depth where the sensors give it.
+//! The front end: from a packet of images to a [`Frame`] of features, with depth for stereo and RGB-D.
 
 use crate::depth::{DepthConfig, DepthLookup};
 use crate::orb::{Features, OrbConfig, OrbExtractor};
@@ -8,10 +8,10 @@ use crate::{Frame, Octaves, RectifiedCamera};
 use cairn_geometry::{So3, Vec2, Vec3};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigError};
 
-/// Features of one frame, at most: what the lookup grid of a [`Frame`] can number.
+/// Maximum number of features of one frame: the limit of the lookup grid of a [`Frame`].
 const MAX_FEATURES: usize = 65_535;
 
-/// Which sensors the eye uses.
+/// Which sensors the front end uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SensorMode {
     /// The first camera.
@@ -22,17 +22,17 @@ pub enum SensorMode {
     Rgbd,
 }
 
-/// What is asked of the eye.
+/// Configuration of the front end.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FrontEndConfig {
-    /// Features.
+    /// Feature extraction.
     pub orb: OrbConfig,
     /// Stereo matching.
     pub stereo: StereoConfig,
     /// Depth lookup.
     pub depth: DepthConfig,
-    /// True to look at the right image on a second thread; the result is the same.
+    /// True to extract the features of the right image on a second thread; the result is the same.
     pub two_threads: bool,
 }
 
@@ -47,15 +47,15 @@ impl Default for FrontEndConfig {
     }
 }
 
-/// Why a packet can not be seen.
+/// Why a packet cannot be processed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrontEndError {
     /// The packet has too few images.
-    #[error("the packet has {have} images, the eye needs {need}")]
+    #[error("the packet has {have} images, the front end needs {need}")]
     MissingImage {
         /// Images in the packet.
         have: usize,
-        /// Images that the sensors of the eye give.
+        /// Images that the sensor mode needs.
         need: usize,
     },
     /// An image has another size than its calibration.
@@ -70,7 +70,7 @@ pub enum FrontEndError {
     },
 }
 
-/// Sees: owns the extractors and all buffers.
+/// Extracts features and depth from packets; owns the extractors and all buffers.
 #[derive(Clone, Debug)]
 pub struct FrontEnd {
     model: RectifiedCamera,
@@ -78,7 +78,7 @@ pub struct FrontEnd {
     config: FrontEndConfig,
     /// Name, width and height of each camera in use.
     cameras: Vec<(String, [usize; 2])>,
-    left: DescriptorQuery,
+    left: CameraFeatures,
     kind: Kind,
 }
 
@@ -89,27 +89,27 @@ enum Kind {
     Stereo(Box<Pair>),
 }
 
-/// What only stereo needs.
+/// State that only stereo needs.
 #[derive(Clone, Debug)]
 struct Pair {
     matcher: StereoMatcher,
-    right: DescriptorQuery,
+    right: CameraFeatures,
 }
 
-/// One camera's extractor and what it found.
+/// One camera's extractor and the features of its last image.
 #[derive(Clone, Debug)]
-struct DescriptorQuery {
+struct CameraFeatures {
     extractor: OrbExtractor,
     features: Features,
     px: Vec<[f32; 2]>,
 }
 
-impl DescriptorQuery {
+impl CameraFeatures {
     fn new(config: OrbConfig) -> Self {
         Self { extractor: OrbExtractor::new(config), features: Features::default(), px: Vec::new() }
     }
 
-    /// Extracts, and rectifies; features outside the eye's view get NaN.
+    /// Extracts and rectifies; features outside the view of the rectified camera get NaN.
     fn run(&mut self, image: &GrayImage, map: &Rectifier) {
         self.extractor.extract(image, &mut self.features);
         self.px.clear();
@@ -117,18 +117,18 @@ impl DescriptorQuery {
     }
 
     /// Drops the features without a rectified pixel.
-    fn keep_seen(&mut self) {
+    fn drop_unrectified(&mut self) {
         if self.px.iter().all(|p| p[0].is_finite()) {
             return;
         }
-        let seen: Vec<bool> = self.px.iter().map(|p| p[0].is_finite()).collect();
+        let visible: Vec<bool> = self.px.iter().map(|p| p[0].is_finite()).collect();
         let f = &mut self.features;
-        retain(&mut self.px, &seen);
-        retain(&mut f.raw, &seen);
-        retain(&mut f.octave, &seen);
-        retain(&mut f.angle, &seen);
-        retain(&mut f.response, &seen);
-        retain(&mut f.descriptors, &seen);
+        retain(&mut self.px, &visible);
+        retain(&mut f.raw, &visible);
+        retain(&mut f.octave, &visible);
+        retain(&mut f.angle, &visible);
+        retain(&mut f.response, &visible);
+        retain(&mut f.descriptors, &visible);
     }
 
     fn side(&self) -> Side<'_> {
@@ -151,25 +151,28 @@ fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
 }
 
 impl FrontEnd {
-    /// An eye for the sensors of a rig; refuses a rig that is wrong or lacks a sensor of the mode.
+    /// A front end for the sensors of a rig.
+    ///
+    /// # Errors
+    /// When the rig is invalid, lacks a sensor of the mode, or its cameras cannot be rectified.
     pub fn new(rig: &Rig, sensor: SensorMode, config: FrontEndConfig) -> Result<Self, RigError> {
         rig.validate()?;
         let config = FrontEndConfig {
             orb: OrbConfig { features: config.orb.features.min(MAX_FEATURES), ..config.orb },
             ..config
         };
-        let left = DescriptorQuery::new(config.orb);
+        let left = CameraFeatures::new(config.orb);
         let used = left.extractor.config();
         let octaves = Octaves { levels: used.levels, factor: used.factor };
         let first = rig.cameras.first().ok_or_else(|| RigError("the rig has no camera".into()))?;
         let mut cameras = vec![(first.name.clone(), [first.camera.width, first.camera.height])];
         let (model, kind) = match sensor {
             SensorMode::Mono => {
-                let (model, map) = alone(rig)?;
+                let (model, map) = single_camera(rig)?;
                 (model, Kind::Mono(map))
             }
             SensorMode::Rgbd => {
-                let (mut model, map) = alone(rig)?;
+                let (mut model, map) = single_camera(rig)?;
                 let depth =
                     rig.depth.as_ref().ok_or_else(|| RigError("the rig has no depth sensor".into()))?;
                 model.baseline_fx = config.depth.virtual_baseline * model.fx;
@@ -189,7 +192,7 @@ impl FrontEnd {
                 let model = RectifiedCamera { close_depth, ..pair.camera };
                 let matcher =
                     StereoMatcher::new(config.stereo, pair.left, pair.right, octaves, model.baseline_fx);
-                (model, Kind::Stereo(Box::new(Pair { matcher, right: DescriptorQuery::new(config.orb) })))
+                (model, Kind::Stereo(Box::new(Pair { matcher, right: CameraFeatures::new(config.orb) })))
             }
         };
         Ok(Self { model, octaves, config, cameras, left, kind })
@@ -200,24 +203,26 @@ impl FrontEnd {
         &self.model
     }
 
-    /// The scale pyramid's levels.
+    /// Parameters of the scale pyramid.
     pub fn octaves(&self) -> Octaves {
         self.octaves
     }
 
-    /// Sees one packet. A packet without depth gives a frame without depth; a packet without an image that the eye
-    /// needs, or with an image of another size than its calibration, is an error and changes nothing.
+    /// Extracts the frame of one packet. An RGB-D packet without a depth image gives a frame without depth.
+    ///
+    /// # Errors
+    /// When an image is missing or its size differs from the calibration; the front end is left unchanged.
     pub fn see(&mut self, packet: &FramePacket) -> Result<Frame, FrontEndError> {
         self.check(packet)?;
         let mut frame = Frame::default();
         match &mut self.kind {
             Kind::Mono(map) => {
                 self.left.run(&packet.images[0], map);
-                self.left.keep_seen();
+                self.left.drop_unrectified();
             }
             Kind::Rgbd { map, lookup, .. } => {
                 self.left.run(&packet.images[0], map);
-                self.left.keep_seen();
+                self.left.drop_unrectified();
                 if let Some(depth) = &packet.depth {
                     add_depth(&mut frame, depth, &self.left, lookup, &self.model, &self.octaves);
                 }
@@ -233,7 +238,7 @@ impl FrontEnd {
                     right.run(&packet.images[1], matcher.right());
                     self.left.run(&packet.images[0], matcher.left());
                 }
-                self.left.keep_seen();
+                self.left.drop_unrectified();
                 matcher.run(self.left.side(), right.side(), &mut frame.right_x, &mut frame.depth);
             }
         }
@@ -270,8 +275,9 @@ impl FrontEnd {
     }
 }
 
-/// The ideal pinhole of the first camera alone: its own focal lengths and principal point, without the lens.
-fn alone(rig: &Rig) -> Result<(RectifiedCamera, Rectifier), RigError> {
+/// The rectified camera of a single camera (mono, RGB-D): its own focal lengths and principal point, without
+/// distortion.
+fn single_camera(rig: &Rig) -> Result<(RectifiedCamera, Rectifier), RigError> {
     let first = rig.cameras.first().ok_or_else(|| RigError("the rig has no camera".into()))?;
     let c = &first.camera;
     let map = Rectifier::new(c, &So3::identity(), Vec2::new(c.fx, c.fy), Vec2::new(c.cx, c.cy));
@@ -291,17 +297,18 @@ fn alone(rig: &Rig) -> Result<(RectifiedCamera, Rectifier), RigError> {
     Ok((model, map))
 }
 
+/// Sets the depth and the virtual right x of each feature from a depth image.
 fn add_depth(
     frame: &mut Frame,
     image: &DepthImage,
-    look: &DescriptorQuery,
+    camera: &CameraFeatures,
     lookup: &DepthLookup,
     model: &RectifiedCamera,
     octaves: &Octaves,
 ) {
-    for (i, (&raw, &px)) in look.features.raw.iter().zip(&look.px).enumerate() {
+    for (i, (&raw, &px)) in camera.features.raw.iter().zip(&camera.px).enumerate() {
         let ray: Vec3 = model.unproject(px, 1.0);
-        let scale = octaves.scale(look.features.octave[i]);
+        let scale = octaves.scale(camera.features.octave[i]);
         let depth = lookup.find(image, raw, &ray, scale).unwrap_or(f32::NAN);
         frame.depth.push(depth);
         frame.right_x.push(px[0] - (model.baseline_fx / depth as f64) as f32);

@@ -1,5 +1,5 @@
 #![doc = include_str!("../README.md")]
-// `!(a > b)` is meant: it also refuses NaN.
+// `!(a > b)` is intended: it also rejects NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod bow;

@@ -1,28 +1,28 @@
-//! Poses from three points and their bearings.
+//! P3P: camera poses from three points and their bearings.
 //!
-//! Grunert's equations as given by Haralick, Lee, Ottenberg, Nolle, "Review and analysis of solutions of the three point
-//! perspective pose estimation problem" (1994), section 3: a quartic for the ratio of two distances; the distances
-//! are then polished by Newton's method on the three laws of cosines.
+//! Grunert's equations as given by Haralick, Lee, Ottenberg, Nolle, "Review and analysis of solutions of the three
+//! point perspective pose estimation problem" (1994), section 3: a quartic for the ratio of two distances; the
+//! distances are then polished by Newton's method on the three laws of cosines.
 
 use crate::roots::real_roots;
 use cairn_geometry::{Mat3, Se3, So3, Vec3};
 
-/// At most four poses `camera_from_world` that put three world points on three unit bearings in front of the eye; calls
-/// `visit` with each. None for points in line.
+/// Calls `visit` with each of the at most four poses `camera_from_world` that map three world points onto three unit
+/// bearings, in front of the camera. No pose for collinear points.
 pub fn p3p(points: &[Vec3; 3], bearings: &[Vec3; 3], mut visit: impl FnMut(Se3)) {
     let [p1, p2, p3] = points;
     let (a2, b2, c2) = ((p2 - p3).norm_squared(), (p1 - p3).norm_squared(), (p1 - p2).norm_squared());
     let [f1, f2, f3] = bearings;
     let cosines = [f2.dot(f3), f1.dot(f3), f1.dot(f2)];
-    let Some(world) = triad(points) else { return };
+    let Some(world_triad) = triad(points) else { return };
     for &v in real_roots(&quartic(a2, b2, c2, cosines)).as_slice() {
         let Some(distances) = distances(v, a2, b2, c2, cosines) else { continue };
-        let seen: [Vec3; 3] = std::array::from_fn(|k| bearings[k] * distances[k]);
-        let Some(camera) = triad(&seen) else { continue };
-        let rotation = So3::from_matrix(&(camera * world.transpose()));
-        // Centroids agree.
+        let in_camera: [Vec3; 3] = std::array::from_fn(|k| bearings[k] * distances[k]);
+        let Some(camera_triad) = triad(&in_camera) else { continue };
+        let rotation = So3::from_matrix(&(camera_triad * world_triad.transpose()));
+        // The translation maps one centroid onto the other.
         let centre = (p1 + p2 + p3) / 3.0;
-        let pose = Se3::new(rotation, (seen[0] + seen[1] + seen[2]) / 3.0 - rotation * centre);
+        let pose = Se3::new(rotation, (in_camera[0] + in_camera[1] + in_camera[2]) / 3.0 - rotation * centre);
         if pose.is_finite() {
             visit(pose);
         }
@@ -44,7 +44,8 @@ fn quartic(a2: f64, b2: f64, c2: f64, [alpha, beta, gamma]: [f64; 3]) -> [f64; 5
     ]
 }
 
-/// Distances of the three points for a root of the quartic; `None` when it is not a solution in front of the eye.
+/// Distances of the three points for a root of the quartic; `None` when the root is not a solution in front of the
+/// camera.
 fn distances(v: f64, a2: f64, b2: f64, c2: f64, cosines: [f64; 3]) -> Option<[f64; 3]> {
     let [alpha, beta, gamma] = cosines;
     if !(v > 0.0) {
@@ -56,7 +57,7 @@ fn distances(v: f64, a2: f64, b2: f64, c2: f64, cosines: [f64; 3]) -> Option<[f6
     let u = if below.abs() > 1e-6 {
         ((p - 1.0) * v * v - 2.0 * p * beta * v + 1.0 + p) / below
     } else {
-        // The law of cosines for s1 and s2 alone; of its two solutions the one that suits s2 and s3.
+        // The law of cosines for s1 and s2 alone; of its two solutions the one that fits s2 and s3.
         let root = (gamma * gamma - 1.0 + c2 / (s1 * s1)).max(0.0).sqrt();
         let misfit = |u: f64| (u * u + v * v - 2.0 * u * v * alpha - a2 / (s1 * s1)).abs();
         let (plus, minus) = (gamma + root, gamma - root);
@@ -95,7 +96,7 @@ fn distances(v: f64, a2: f64, b2: f64, c2: f64, cosines: [f64; 3]) -> Option<[f6
     good.then(|| s.into())
 }
 
-/// An orthonormal frame of three points; `None` when they are in line.
+/// An orthonormal frame of three points; `None` when they are collinear.
 fn triad(p: &[Vec3; 3]) -> Option<Mat3> {
     let (a, b) = (p[1] - p[0], p[2] - p[0]);
     let normal = a.cross(&b);
@@ -112,26 +113,26 @@ mod tests {
     use cairn_solve::ransac::Rng;
 
     #[test]
-    fn one_of_the_solutions_is_the_truth() {
+    fn true_pose_is_among_the_solutions() {
         let mut rng = Rng::new(41);
         let mut missed = 0;
         for trial in 0..2000 {
             let v = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
             let turn = v(&mut rng, 1.0);
             let truth = Se3::new(So3::exp(&turn), v(&mut rng, 3.0));
-            let seen: [Vec3; 3] = std::array::from_fn(|_| {
-                // Every other set at one depth, which makes distances nearly equal.
+            let in_camera: [Vec3; 3] = std::array::from_fn(|_| {
+                // Every other set at a single depth, which makes the distances nearly equal.
                 let z = if trial % 2 == 0 { rng.range(1.0, 8.0) } else { 4.0 };
                 Vec3::new(rng.range(-0.7, 0.7), rng.range(-0.5, 0.5), 1.0) * z
             });
-            let points = seen.map(|p| truth.inverse() * p);
+            let points = in_camera.map(|p| truth.inverse() * p);
             let mut best = f64::INFINITY;
-            p3p(&points, &seen.map(|p| p.normalize()), |pose| {
-                for (p, s) in points.iter().zip(&seen) {
+            p3p(&points, &in_camera.map(|p| p.normalize()), |pose| {
+                for (p, s) in points.iter().zip(&in_camera) {
                     assert!((pose * *p).normalize().cross(&s.normalize()).norm() < 1e-4);
                 }
-                let off = pose.inverse() * truth;
-                best = best.min(off.rotation.angle() + off.translation.norm());
+                let error = pose.inverse() * truth;
+                best = best.min(error.rotation.angle() + error.translation.norm());
             });
             if best > 1e-4 {
                 missed += 1;
@@ -142,10 +143,10 @@ mod tests {
     }
 
     #[test]
-    fn points_in_line_give_nothing() {
+    fn degenerate_points_give_no_pose() {
         let line = [Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 1.0), Vec3::new(2.0, 0.0, 1.0)];
-        p3p(&line, &line.map(|p| p.normalize()), |_| panic!("a pose from a line"));
-        p3p(&[Vec3::zeros(); 3], &[Vec3::z(); 3], |_| panic!("a pose from one point"));
-        p3p(&[Vec3::repeat(f64::NAN); 3], &[Vec3::z(); 3], |_| panic!("a pose from nothing"));
+        p3p(&line, &line.map(|p| p.normalize()), |_| panic!("a pose from collinear points"));
+        p3p(&[Vec3::zeros(); 3], &[Vec3::z(); 3], |_| panic!("a pose from coincident points"));
+        p3p(&[Vec3::repeat(f64::NAN); 3], &[Vec3::z(); 3], |_| panic!("a pose from NaN"));
     }
 }

@@ -1,5 +1,5 @@
-//! Where the eye is, from known points and the bearings at which they are seen, despite wrong matches: samples of three
-//! (see [`p3p`](crate::p3p)), the best refined on its inliers until they no longer change.
+//! PnP with RANSAC: the camera pose from known points and their bearings, robust to wrong matches. Minimal samples of
+//! three (see [`p3p`](crate::p3p)); the best pose is refined on its inliers until they no longer change.
 
 use crate::p3p::p3p;
 use cairn_geometry::{Se3, Vec3, hat};
@@ -7,17 +7,17 @@ use cairn_solve::ransac::{Rng, iterations};
 use nalgebra::{SMatrix, SVector};
 use std::fmt;
 
-/// What is asked of the pose search.
+/// Configuration of [`pnp_ransac`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PnpConfig {
-    /// Samples drawn, at most.
+    /// Maximum number of RANSAC samples.
     pub iterations: usize,
-    /// Probability with which a sample without outliers shall be drawn.
+    /// Required probability that at least one sample without outliers is drawn.
     pub confidence: f64,
-    /// Angle in radians between a point's direction and its bearing up to which it is an inlier: 2.45 standard deviations
-    /// hold 95 % of two-dimensional noise, so `2.45 * sigma_px / fx`.
+    /// Inlier threshold in radians on the angle between a point's direction and its bearing: 2.45 standard deviations
+    /// cover 95 % of two-dimensional noise, so `2.45 * sigma_px / fx`.
     pub threshold_rad: f64,
-    /// Inliers needed.
+    /// Minimum number of inliers.
     pub min_inliers: usize,
 }
 
@@ -28,38 +28,41 @@ impl Default for PnpConfig {
     }
 }
 
-/// A pose and what supports it.
+/// A pose and its inliers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PnpResult {
-    /// Maps world points into the eye's frame.
+    /// Maps world points into the camera frame.
     pub camera_from_world: Se3,
-    /// Indices of the matches that agree, rising.
+    /// Indices of the inlier matches, in rising order.
     pub inliers: Vec<usize>,
     /// Samples drawn.
     pub iterations: usize,
 }
 
-/// No pose, with the numbers that say why.
+/// No pose was found, with the numbers that explain why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PnpRejected {
     /// Matches given.
     pub matches: usize,
     /// Inliers of the best pose found.
     pub inliers: usize,
-    /// Inliers needed.
+    /// Minimum number of inliers.
     pub need: usize,
 }
 
 impl fmt::Display for PnpRejected {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "no pose: {} of {} matches agree, {} needed", self.inliers, self.matches, self.need)
+        write!(f, "no pose: {} of {} matches are inliers, {} needed", self.inliers, self.matches, self.need)
     }
 }
 
 impl std::error::Error for PnpRejected {}
 
-/// Finds the pose that most matches agree on: `points[i]` (world) is seen at the unit bearing `bearings[i]` (eye frame).
-/// The same seed gives the same answer.
+/// Finds the pose with the best consensus: `points[i]` (world frame) is observed at the unit bearing `bearings[i]`
+/// (camera frame). The same seed gives the same result.
+///
+/// # Errors
+/// When there are too few matches or inliers; [`PnpRejected`] holds the counts.
 pub fn pnp_ransac(
     points: &[Vec3],
     bearings: &[Vec3],
@@ -88,7 +91,7 @@ pub fn pnp_ransac(
             }
         });
         let Some((mut cost_here, mut pose)) = better else { continue };
-        // Local optimisation (Chum, Matas, Kittler 2003): three noisy points are refined by all that agree.
+        // Local optimisation (Chum, Matas, Kittler 2003): a pose from three noisy points is refined on all its inliers.
         let refined = refine(&pose, points, bearings, &inliers(&pose, points, bearings, bound), 3);
         let refined_cost = cost(&refined, points, bearings, bound);
         if refined_cost < cost_here {
@@ -99,24 +102,24 @@ pub fn pnp_ransac(
         limit = iterations(share, 3, config.confidence, config.iterations);
     }
     let Some((_, mut pose)) = best else { return Err(rejected) };
-    let mut agreeing = inliers(&pose, points, bearings, bound);
+    let mut consensus = inliers(&pose, points, bearings, bound);
     for _ in 0..5 {
-        let refined = refine(&pose, points, bearings, &agreeing, 5);
+        let refined = refine(&pose, points, bearings, &consensus, 5);
         let now = inliers(&refined, points, bearings, bound);
-        if now.len() < agreeing.len() {
+        if now.len() < consensus.len() {
             break;
         }
-        let settled = now == agreeing;
-        (pose, agreeing) = (refined, now);
-        if settled {
+        let unchanged = now == consensus;
+        (pose, consensus) = (refined, now);
+        if unchanged {
             break;
         }
     }
-    rejected.inliers = agreeing.len();
-    if agreeing.len() < need {
+    rejected.inliers = consensus.len();
+    if consensus.len() < need {
         return Err(rejected);
     }
-    Ok(PnpResult { camera_from_world: pose, inliers: agreeing, iterations: done })
+    Ok(PnpResult { camera_from_world: pose, inliers: consensus, iterations: done })
 }
 
 /// Truncated sum of squared chord lengths between directions and bearings (MSAC, Torr and Zisserman 2000).
@@ -133,12 +136,12 @@ fn cost(pose: &Se3, points: &[Vec3], bearings: &[Vec3], bound: f64) -> f64 {
 
 fn inliers(pose: &Se3, points: &[Vec3], bearings: &[Vec3], bound: f64) -> Vec<usize> {
     let r = pose.rotation.matrix();
-    let agrees =
+    let is_inlier =
         |i: &usize| ((r * points[*i] + pose.translation).normalize() - bearings[*i]).norm_squared() < bound;
-    (0..points.len()).filter(agrees).collect()
+    (0..points.len()).filter(is_inlier).collect()
 }
 
-/// Gauss-Newton on the directions of some points: residual `q / |q| - bearing`, with `q` the point in the eye's frame.
+/// Gauss-Newton on the directions of some points: residual `q / |q| - bearing`, with `q` the point in the camera frame.
 pub(crate) fn refine(start: &Se3, points: &[Vec3], bearings: &[Vec3], which: &[usize], steps: usize) -> Se3 {
     let mut pose = *start;
     if which.len() < 4 {
@@ -152,7 +155,7 @@ pub(crate) fn refine(start: &Se3, points: &[Vec3], bearings: &[Vec3], which: &[u
             let q = r * points[i] + pose.translation;
             let norm = q.norm();
             let direction = q / norm;
-            // The derivative of a direction is across it: d(q/|q|) = (I - d d') / |q| dq.
+            // The derivative of a direction is perpendicular to it: d(q/|q|) = (I - d d') / |q| dq.
             let across = (nalgebra::Matrix3::identity() - direction * direction.transpose()) / norm;
             let residual = direction - bearings[i];
             // Perturbed on the right: q moves by R t - R [p]x w.
@@ -180,20 +183,26 @@ mod tests {
     use super::*;
     use cairn_geometry::So3;
 
-    /// `n` points 2 to 9 m away with bearings of one pixel's noise at f = 460; a share of the bearings are anything.
-    fn world(rng: &mut Rng, n: usize, outliers: f64, flat: bool) -> (Se3, Vec<Vec3>, Vec<Vec3>, Vec<bool>) {
+    /// `n` points 2 to 9 m away and their bearings with one pixel of noise at f = 460; a fraction `outliers` of the
+    /// bearings is random.
+    fn simulated_matches(
+        rng: &mut Rng,
+        n: usize,
+        outliers: f64,
+        flat: bool,
+    ) -> (Se3, Vec<Vec3>, Vec<Vec3>, Vec<bool>) {
         let v = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
         let turn = v(rng, 0.8);
         let truth = Se3::new(So3::exp(&turn), v(rng, 4.0));
         let (mut points, mut bearings, mut good) = (vec![], vec![], vec![]);
         for _ in 0..n {
             let mut ray = || Vec3::new(rng.range(-0.8, 0.8), rng.range(-0.5, 0.5), 1.0);
-            let (at, elsewhere) = (ray(), ray());
+            let (at, random_ray) = (ray(), ray());
             let z = if flat { 5.0 + at.x } else { rng.range(2.0, 9.0) };
             points.push(truth.inverse() * (at * z));
             let outlier = rng.unit() < outliers;
             let noise = v(rng, 1.0 / 460.0);
-            bearings.push((if outlier { elsewhere } else { at + noise }).normalize());
+            bearings.push((if outlier { random_ray } else { at + noise }).normalize());
             good.push(!outlier);
         }
         (truth, points, bearings, good)
@@ -207,18 +216,18 @@ mod tests {
                 let mut ms = f64::INFINITY;
                 for seed in 0..100 {
                     let mut rng = Rng::with_stream(seed, 9);
-                    let (truth, points, bearings, good) = world(&mut rng, n, outliers, flat);
+                    let (truth, points, bearings, good) = simulated_matches(&mut rng, n, outliers, flat);
                     let start = std::time::Instant::now();
                     let result = pnp_ransac(&points, &bearings, &PnpConfig::default(), seed);
                     ms = ms.min(start.elapsed().as_secs_f64() * 1e3);
                     let Ok(result) = result else { continue };
-                    let off = result.camera_from_world.inverse() * truth;
+                    let error = result.camera_from_world.inverse() * truth;
                     let wrong = result.inliers.iter().filter(|&&i| !good[i]).count();
-                    if off.rotation.angle() < 0.02 && off.translation.norm() < 0.15 && wrong <= 3 {
+                    if error.rotation.angle() < 0.02 && error.translation.norm() < 0.15 && wrong <= 3 {
                         found += 1;
                     }
-                    angles.push(off.rotation.angle().to_degrees());
-                    shifts.push(off.translation.norm());
+                    angles.push(error.rotation.angle().to_degrees());
+                    shifts.push(error.translation.norm());
                     drawn += result.iterations;
                 }
                 let median = |v: &mut Vec<f64>| {
@@ -238,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_pose_is_refused_with_numbers() {
+    fn random_matches_are_rejected_with_counts() {
         let config = PnpConfig::default();
         let mut rng = Rng::new(10);
         let mut v = || Vec3::new(rng.normal(), rng.normal(), rng.normal());
@@ -252,8 +261,8 @@ mod tests {
     }
 
     #[test]
-    fn the_same_seed_gives_the_same_pose() {
-        let (_, points, bearings, _) = world(&mut Rng::new(12), 60, 0.4, false);
+    fn same_seed_gives_the_same_pose() {
+        let (_, points, bearings, _) = simulated_matches(&mut Rng::new(12), 60, 0.4, false);
         let run = || pnp_ransac(&points, &bearings, &PnpConfig::default(), 5).unwrap();
         assert_eq!(run(), run());
     }

@@ -1,22 +1,22 @@
-//! From raw pixels to the pixels of the ideal eye and back: points are rectified, images never.
+//! From raw pixels to the pixels of the rectified camera and back: points are rectified, images never.
 //!
-//! A stereo pair gets a virtual pair of equal pinholes whose x axis is the baseline and whose optical axes are
-//! parallel (Fusiello, Trucco, Verri, "A compact algorithm for rectification of stereo pairs", 2000), so that
-//! corresponding points lie on one row whatever the lenses and however the cameras are mounted.
+//! A stereo pair is mapped to a virtual pair of identical pinholes whose x axis is the baseline and whose optical axes
+//! are parallel (Fusiello, Trucco, Verri, "A compact algorithm for rectification of stereo pairs", 2000), so that
+//! corresponding points lie on the same row whatever the lenses and the mounting of the cameras.
 
 use crate::RectifiedCamera;
 use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, RigCamera, RigError};
 
-/// Cosine of the largest angle between a bearing and the eye's axis: 75 degrees.
+/// Cosine of the largest angle between a bearing and the optical axis: 75 degrees.
 const MIN_COSINE: f64 = 0.258_819_045;
 /// Raw pixels between nodes of the lookup table.
 const STEP: f64 = 8.0;
 
-/// Maps raw pixels of one camera to pixels of an ideal pinhole with the same centre, and back.
+/// Maps raw pixels of one camera to pixels of an ideal pinhole with the same optical centre, and back.
 ///
 /// The table holds the stereographic projection of the bearing (`x / (1 + z)`, `y / (1 + z)`, smooth for every lens up
-/// to 180 degrees) at every eighth pixel; between the nodes it is a bicubic through sixteen of them.
+/// to 180 degrees) at every eighth pixel; between the nodes it is interpolated by a bicubic through sixteen of them.
 #[derive(Clone, Debug)]
 pub struct Rectifier {
     camera: Camera,
@@ -32,7 +32,8 @@ pub struct Rectifier {
 }
 
 impl Rectifier {
-    /// For a camera, the rotation from its frame to the eye's, and the eye's focal lengths and principal point.
+    /// For a camera, the rotation from its frame to the rectified camera, and the focal lengths and principal point of
+    /// the rectified camera.
     pub fn new(camera: &Camera, rectified_from_camera: &So3, focal: Vec2, centre: Vec2) -> Self {
         let rotation = rectified_from_camera.matrix();
         let columns = (camera.width as f64 / STEP).ceil() as usize + 4;
@@ -48,29 +49,29 @@ impl Rectifier {
             rows,
             nodes: Vec::with_capacity(columns * rows),
         };
-        let mut off: f64 = 0.0;
+        let mut deviation: f64 = 0.0;
         for j in 0..rows {
             for i in 0..columns {
                 let raw = Vec2::new((i as f64 - 1.0) * STEP, (j as f64 - 1.0) * STEP);
                 let bearing = camera.unproject(&raw).map(|b| rotation * b);
                 let node = bearing.filter(|b| b.z > -0.9).map(|b| [b.x / (1.0 + b.z), b.y / (1.0 + b.z)]);
                 this.nodes.push(node.map_or([f32::NAN; 2], |n| n.map(|v| v as f32)));
-                off =
-                    off.max(bearing.and_then(|b| this.pixel(&b)).map_or(f64::INFINITY, |p| (p - raw).amax()));
+                deviation = deviation
+                    .max(bearing.and_then(|b| this.pixel(&b)).map_or(f64::INFINITY, |p| (p - raw).amax()));
             }
         }
-        this.identity = off < 1e-6;
+        this.identity = deviation < 1e-6;
         this
     }
 
     /// Rectified pixel of a raw pixel; `None` where the lens has no bearing for it or the bearing is more than 75
-    /// degrees off the eye's axis. Within 0.001 px of the exact mapping.
+    /// degrees off the optical axis. Within 0.001 px of the exact mapping.
     #[inline]
     pub fn rectify(&self, raw: [f32; 2]) -> Option<[f32; 2]> {
         if self.identity {
             return Some(raw);
         }
-        let [sx, sy] = self.look_up(raw);
+        let [sx, sy] = self.interpolate(raw);
         let s2 = sx * sx + sy * sy;
         // Back from the stereographic plane: x / z = 2 s / (1 - s^2), z = (1 - s^2) / (1 + s^2).
         let z = 1.0 - s2;
@@ -87,7 +88,7 @@ impl Rectifier {
         None
     }
 
-    /// The same by inverting the camera model, without the table.
+    /// The exact mapping, by inverting the camera model instead of the table.
     pub fn rectify_exactly(&self, raw: [f32; 2]) -> Option<[f32; 2]> {
         let bearing = self.camera.unproject(&Vec2::new(raw[0] as f64, raw[1] as f64))?;
         let pixel = self.pixel(&(self.rectified_from_camera * bearing))?;
@@ -105,17 +106,18 @@ impl Rectifier {
         self.camera.project(&(self.camera_from_rectified * ray))
     }
 
-    /// True when raw and rectified pixels are the same, so that images are rectified already.
+    /// True when raw and rectified pixels are the same, so that the images are already rectified.
     pub fn is_identity(&self) -> bool {
         self.identity
     }
 
-    /// The eye's focal length along x in pixels.
+    /// Focal length of the rectified camera along x in pixels.
     pub fn focal_x(&self) -> f64 {
         self.focal.x
     }
 
-    /// Bounding box of the image in rectified pixels, `[min_x, min_y, max_x, max_y]`; `None` when nothing of it is seen.
+    /// Bounding box of the image in rectified pixels, `[min_x, min_y, max_x, max_y]`; `None` when no pixel is
+    /// within the view of the rectified camera.
     pub fn bounds(&self) -> Option<[f64; 4]> {
         let (w, h) = ((self.camera.width - 1) as f32, (self.camera.height - 1) as f32);
         let mut bounds: Option<[f64; 4]> = None;
@@ -128,7 +130,7 @@ impl Rectifier {
                 }
             }
         }
-        // Half a pixel around, so that the outermost pixel centres lie inside.
+        // Half a pixel of margin, so that the outermost pixel centres are inside.
         bounds.map(|b| [b[0] - 0.5, b[1] - 0.5, b[2] + 0.5, b[3] + 0.5])
     }
 
@@ -139,7 +141,7 @@ impl Rectifier {
 
     /// Cubic Lagrange interpolation in both directions.
     #[inline]
-    fn look_up(&self, raw: [f32; 2]) -> [f32; 2] {
+    fn interpolate(&self, raw: [f32; 2]) -> [f32; 2] {
         let gx = raw[0] / STEP as f32 + 1.0;
         let gy = raw[1] / STEP as f32 + 1.0;
         let x0 = (gx.max(1.0) as usize).min(self.columns - 3);
@@ -160,29 +162,33 @@ impl Rectifier {
     }
 }
 
-/// Weights of the nodes at -1, 0, 1 and 2 for a place `t` between 0 and 1.
+/// Weights of the nodes at -1, 0, 1 and 2 for a position `t` between 0 and 1.
 #[inline]
 fn cubic(t: f32) -> [f32; 4] {
     let (a, b, c) = (t + 1.0, t - 1.0, t - 2.0);
     [-t * b * c / 6.0, a * b * c * 0.5, -a * t * c * 0.5, a * t * b / 6.0]
 }
 
-/// A stereo pair made parallel.
+/// A rectified stereo pair.
 #[derive(Clone, Debug)]
 pub struct RectifiedPair {
-    /// The virtual left camera; `close_depth` is left at zero for the caller to choose.
+    /// The virtual left camera; `close_depth` is zero, for the caller to set.
     pub camera: RectifiedCamera,
-    /// Metres between the two centres.
+    /// Distance in metres between the two optical centres.
     pub baseline: f64,
-    /// Raw left pixels to the eye's.
+    /// Maps raw left pixels to rectified ones.
     pub left: Rectifier,
-    /// Raw right pixels to those of the eye's right partner.
+    /// Maps raw right pixels to rectified ones.
     pub right: Rectifier,
 }
 
 /// Builds the virtual parallel pair of two calibrated cameras: x along the baseline, z as near to the mean of both
 /// optical axes as that allows; the focal length is the mean of the left camera's two, the principal point is the left
-/// camera's. Refuses pairs whose baseline runs along the line of sight, or that look different ways.
+/// camera's.
+///
+/// # Errors
+/// When a camera is invalid, the baseline is shorter than 0.1 mm or along the viewing direction, or the cameras have no
+/// common field of view.
 pub fn rectify_pair(left: &RigCamera, right: &RigCamera) -> Result<RectifiedPair, RigError> {
     left.camera.validate()?;
     right.camera.validate()?;
@@ -196,11 +202,11 @@ pub fn rectify_pair(left: &RigCamera, right: &RigCamera) -> Result<RectifiedPair
     let x = left_from_right.translation / baseline;
     let forward = Vec3::z() + left_from_right.rotation * Vec3::z();
     let y = forward.cross(&x);
-    // Less than 15 degrees between baseline and line of sight, or axes that cancel each other.
+    // Less than 15 degrees between baseline and viewing direction, or opposite optical axes.
     if y.norm() < 0.26 * 2.0 {
         return Err(RigError(format!(
-            "{} and {} can not see in stereo: the baseline {:.3?} m (in {}) runs along the line of sight, \
-             or they look different ways",
+            "{} and {} cannot be used for stereo: the baseline {:.3?} m (in {}) runs along the line of sight, \
+             or the cameras point in different directions",
             left.name,
             right.name,
             left_from_right.translation.as_slice(),
@@ -217,7 +223,7 @@ pub fn rectify_pair(left: &RigCamera, right: &RigCamera) -> Result<RectifiedPair
     let rectified_from_right = rectified_from_left * left_from_right.rotation;
     let right_map = Rectifier::new(&right.camera, &rectified_from_right, focal, centre);
     let (Some(bounds), Some(_)) = (left_map.bounds(), right_map.bounds()) else {
-        return Err(RigError(format!("{} and {} see nothing in common", left.name, right.name)));
+        return Err(RigError(format!("{} and {} have no common field of view", left.name, right.name)));
     };
     let camera = RectifiedCamera {
         fx: focal.x,
@@ -270,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_is_as_good_as_the_model() {
+    fn table_matches_the_exact_mapping() {
         let [left, right] = euroc();
         let pair = rectify_pair(&left, &right).unwrap();
         let mut rng = Rng::new(1);
@@ -289,8 +295,8 @@ mod tests {
     }
 
     #[test]
-    fn points_fall_on_one_row_with_the_right_disparity() {
-        // The pair as it is, mounted the other way round, upright, and with a rolled right camera.
+    fn matching_points_share_a_row_with_correct_disparity() {
+        // The pair as it is, with the cameras swapped, and with a rolled right camera.
         let [left, right] = euroc();
         let mut rolled = right.clone();
         rolled.body_from_camera.rotation =
@@ -299,7 +305,7 @@ mod tests {
             let pair = rectify_pair(a, b).unwrap();
             assert!((pair.baseline - 0.1101).abs() < 1e-3);
             let mut rng = Rng::new(2);
-            let mut seen = 0;
+            let mut visible = 0;
             for _ in 0..2000 {
                 let depth = rng.range(0.5, 30.0);
                 let raw = Vec2::new(rng.range(0.0, 751.0), rng.range(0.0, 479.0));
@@ -310,7 +316,7 @@ mod tests {
                 if !b.camera.contains(&raw_right) {
                     continue;
                 }
-                seen += 1;
+                visible += 1;
                 let l = pair.left.rectify([raw.x as f32, raw.y as f32]).unwrap();
                 let r = pair.right.rectify([raw_right.x as f32, raw_right.y as f32]).unwrap();
                 let [u, v, ur] =
@@ -319,12 +325,12 @@ mod tests {
                 assert!((r[1] - l[1]).abs() < 3e-3, "{l:?} {r:?}");
                 assert!((r[0] as f64 - ur).abs() < 3e-3, "{r:?} {ur}");
             }
-            assert!(seen > 500, "{seen}");
+            assert!(visible > 500, "{visible}");
         }
     }
 
     #[test]
-    fn a_rectified_pair_stays_as_it_is() {
+    fn rectified_pair_is_unchanged() {
         let camera = Camera::pinhole(1226, 370, 707.0912, 707.0912, 601.8873, 183.1104);
         let at = |x| RigCamera {
             name: format!("at {x}"),
@@ -339,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_that_can_not_be_are_refused() {
+    fn invalid_pairs_are_rejected() {
         let [left, right] = euroc();
         let mut ahead = right.clone();
         ahead.body_from_camera.translation =

@@ -1,6 +1,6 @@
-//! Real roots of polynomials of small degree, and null spaces of small matrices: what minimal solvers need.
+//! Real roots of polynomials of low degree and null spaces of small matrices, for the minimal solvers.
 
-/// Highest degree that [`real_roots`] takes.
+/// Highest degree that [`real_roots`] accepts.
 pub(crate) const MAX_DEGREE: usize = 10;
 
 /// Real roots of a polynomial, at most [`MAX_DEGREE`] of them.
@@ -32,8 +32,8 @@ impl Roots {
 ///
 /// Between neighbouring roots of its derivative a polynomial is monotonic, so each sign change there brackets one root;
 /// derivatives are solved the same way, down to degree one. Roots outside [-1, 1] are found as inverses of those of the
-/// reversed polynomial, which keeps all numbers near one. A double root is found when rounding leaves it a sign change or
-/// a value that is zero to rounding.
+/// reversed polynomial, which keeps all numbers near one. A double root is found when rounding leaves a sign change
+/// there, or a value that is zero up to rounding.
 pub(crate) fn real_roots(coefficients: &[f64]) -> Roots {
     let mut roots = Roots::new();
     let largest = coefficients.iter().fold(0.0f64, |m, c| m.max(c.abs()));
@@ -75,9 +75,9 @@ fn roots_within(c: &[f64]) -> Roots {
     for k in 1..=degree {
         slope[k - 1] = c[k] * k as f64;
     }
-    let turns = roots_within(&slope[..degree]);
+    let extrema = roots_within(&slope[..degree]);
     let (mut low, mut f_low) = (-1.0, horner(c, -1.0));
-    for &high in turns.as_slice().iter().chain(&[1.0]) {
+    for &high in extrema.as_slice().iter().chain(&[1.0]) {
         let f_high = horner(c, high);
         if f_low == 0.0 || f_low * f_high < 0.0 {
             roots.push(bracketed(c, &slope[..degree], low, high, f_low));
@@ -96,7 +96,7 @@ fn horner(c: &[f64], x: f64) -> f64 {
     c.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
-/// Newton's method that falls back to halving when it would leave the bracket.
+/// Newton's method with bisection when a step would leave the bracket.
 fn bracketed(c: &[f64], slope: &[f64], mut low: f64, mut high: f64, f_low: f64) -> f64 {
     if f_low == 0.0 {
         return low;
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn no_root_where_there_is_none() {
+    fn no_roots_of_degenerate_polynomials() {
         assert!(real_roots(&[1.0, 0.0, 1.0]).as_slice().is_empty());
         assert!(real_roots(&[1.0]).as_slice().is_empty());
         assert!(real_roots(&[0.0, 0.0]).as_slice().is_empty());
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn null_space_is_null_and_orthonormal() {
+    fn null_space_is_orthonormal_and_in_the_kernel() {
         let mut rng = Rng::new(9);
         for _ in 0..100 {
             let a: [[f64; 9]; 5] = std::array::from_fn(|_| std::array::from_fn(|_| rng.normal()));

@@ -1,36 +1,37 @@
-//! Looking for a known descriptor around a predicted place in a frame.
+//! Guided search: matching a known descriptor around its predicted position in a frame.
 
 use crate::{Descriptor, Frame, hamming};
 
-/// Where to look and for what.
+/// What to search for and where.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
     /// Predicted rectified pixel.
     pub pixel: [f32; 2],
-    /// Predicted x in the right image; NaN when nothing is known of it.
+    /// Predicted x in the right image; NaN if unknown.
     pub right_x: f32,
-    /// Half the side of the window in pixels.
+    /// Half side of the search window in pixels.
     pub radius: f32,
-    /// Levels allowed, first and last.
+    /// Allowed pyramid levels, first and last.
     pub octaves: [u8; 2],
-    /// What is looked for.
+    /// Descriptor to match.
     pub descriptor: &'a Descriptor,
 }
 
-/// The nearest feature and the next one.
+/// The best match and the second best.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Found {
     /// Index of the feature.
     pub feature: usize,
-    /// Bits that differ.
+    /// Hamming distance in bits.
     pub distance: u32,
-    /// Bits that differ in the second nearest; `u32::MAX` where there is none.
+    /// Hamming distance of the second nearest in bits; `u32::MAX` without one.
     pub second: u32,
     /// Level of the second nearest.
     pub second_octave: u8,
 }
 
-/// The feature of `frame` most like the target among those that `allowed` lets pass.
+/// The feature of `frame` in the search window with the smallest Hamming distance to the target, among those that
+/// `allowed` accepts.
 pub fn search(frame: &Frame, target: &Target, allowed: impl Fn(usize) -> bool) -> Option<Found> {
     let mut best: Option<Found> = None;
     frame.near(target.pixel[0], target.pixel[1], target.radius, |i| {
@@ -38,7 +39,7 @@ pub fn search(frame: &Frame, target: &Target, allowed: impl Fn(usize) -> bool) -
         if octave < target.octaves[0] || octave > target.octaves[1] || !allowed(i) {
             return;
         }
-        // A measured right x must agree as well as the left one does.
+        // A measured right x must lie within the same radius (NaN passes).
         if (frame.right_x[i] - target.right_x).abs() > target.radius {
             return;
         }
@@ -56,8 +57,8 @@ pub fn search(frame: &Frame, target: &Target, allowed: impl Fn(usize) -> bool) -
     best
 }
 
-/// Drops matches whose change of orientation is unlike that of most: keeps those in the three fullest of 30
-/// bins of `(target angle - feature angle)`. Matches are `(item, angle difference in radians)`.
+/// Rotation consistency check (ORB-SLAM): keeps the matches in the three fullest of 30 histogram bins of
+/// `(target angle - feature angle)`. Matches are `(item, angle difference in radians)`.
 pub fn consistent_rotation<T>(matches: Vec<(T, f32)>) -> Vec<T> {
     const BINS: usize = 30;
     let bin = |angle: f32| {
@@ -70,7 +71,7 @@ pub fn consistent_rotation<T>(matches: Vec<(T, f32)>) -> Vec<T> {
     }
     let mut order: Vec<usize> = (0..BINS).collect();
     order.sort_by_key(|b| std::cmp::Reverse(counts[*b]));
-    // A bin counts only when it holds a tenth of the fullest one.
+    // A bin is used only if it has at least a tenth of the matches of the fullest one.
     let keep: Vec<usize> =
         order[..3].iter().copied().filter(|b| counts[*b] * 10 >= counts[order[0]]).collect();
     matches.into_iter().filter(|(_, angle)| keep.contains(&bin(*angle))).map(|(item, _)| item).collect()

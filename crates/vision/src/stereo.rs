@@ -1,9 +1,9 @@
-//! Stereo matching of features: which right feature belongs to a left one, and the disparity to a fraction of a pixel.
+//! Stereo matching of features with sub-pixel disparity.
 //!
-//! Candidates lie in a band of rows of the rectified pair and are compared by descriptor. The disparity is then found
-//! by aligning a patch of the raw left pyramid level with the raw right one along the epipolar line (Lucas and Kanade
-//! 1981, one unknown), the right patch being warped by the local affine map between the two images, and gain and
-//! offset of the exposure being free. No image is ever rectified.
+//! Candidates are the right features in a band of rows of the rectified pair and are compared by descriptor. The
+//! disparity is then refined by aligning a patch of the raw left pyramid level with the raw right one along the
+//! epipolar line (Lucas and Kanade 1981, one unknown). The right patch is warped by the local affine map between the
+//! two images, and the gain and offset of the exposure are free. Images are never rectified.
 
 mod patch;
 mod sample;
@@ -21,38 +21,37 @@ use sample::sample;
 use seeds::DisparitySeeds;
 use warp::Warp;
 
-/// Steps of the alignment, at most.
+/// Maximum number of alignment iterations.
 const STEPS: usize = 6;
-/// Step in pixels of the level after which no other is made; what is left is a small part of it.
-const SETTLED: f32 = 0.05;
-/// Correlation after one step below which an alignment is given up.
-const HOPELESS: f32 = 0.5;
+/// Convergence threshold: step in pixels of the level; the remaining error is a small fraction of it.
+const CONVERGED_STEP: f32 = 0.05;
+/// Correlation after one iteration below which an alignment is abandoned.
+const MIN_FIRST_CORRELATION: f32 = 0.5;
 
-/// What is asked of the stereo matcher.
+/// Configuration of the stereo matcher.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StereoConfig {
-    /// Bits in which descriptors of one point may differ.
+    /// Maximum Hamming distance in bits of matching descriptors.
     pub max_hamming: u32,
-    /// Half the band of rows searched, in pixels of the feature's level.
+    /// Half height of the searched band of rows, in pixels of the feature's level.
     pub row_tolerance: f64,
-    /// Nearest depth sought, in baselines.
+    /// Minimum depth searched, in baselines.
     pub min_depth_baselines: f64,
-    /// Disparity in pixels below which a point counts as infinitely far and gets no depth, only a right x.
+    /// Disparity in pixels below which a point is treated as infinitely far: it gets a right x, but no depth.
     pub min_disparity: f64,
     /// Depth up to which a point is "close", in baselines.
     pub close_baselines: f64,
-    /// Pixels of the level that the alignment may move the match.
+    /// Maximum shift of a match by the alignment, in pixels of the level.
     pub max_shift: f64,
-    /// Least correlation (zero-mean, normalised) of the aligned patches.
+    /// Minimum zero-mean normalised cross-correlation of the aligned patches.
     pub min_correlation: f32,
-    /// Matches whose unexplained share of contrast (one minus correlation) is more than this many times the median
-    /// are dropped.
+    /// Matches for which one minus the correlation exceeds this many times the median are dropped.
     pub max_over_median: f32,
-    /// Largest standard deviation of the disparity in pixels of the level, told from residual and texture.
+    /// Maximum standard deviation of the disparity in pixels of the level, estimated from residual and texture.
     pub max_sigma: f32,
-    /// Least correlation of a match at the disparity of a neighbour, for features without a match of their own; above one
-    /// turns such matches off.
+    /// Minimum correlation of a match at the disparity of a neighbour, tried for features without a match of their own;
+    /// a value above one disables such matches.
     pub borrow_correlation: f32,
 }
 
@@ -73,59 +72,61 @@ impl Default for StereoConfig {
     }
 }
 
-/// Features of one side with its pyramid.
+/// Features and pyramid of one camera of the pair.
 #[derive(Clone, Copy)]
 pub(crate) struct Side<'a> {
-    /// Pixels of the camera's own image.
+    /// Pixels in the raw image.
     pub raw: &'a [[f32; 2]],
-    /// Rectified pixels; NaN where there are none.
+    /// Rectified pixels; NaN outside the rectified view.
     pub px: &'a [[f32; 2]],
     /// Pyramid level.
     pub octave: &'a [u8],
     /// Descriptors.
     pub descriptors: &'a [Descriptor],
-    /// Levels of the camera's own image, finest first.
+    /// Pyramid levels of the raw image, finest first.
     pub levels: &'a [GrayImage],
 }
 
-/// Matches stereo features; reuse it from frame to frame, for its buffers.
+/// Matches stereo features; reuse one from frame to frame to reuse its buffers.
 #[derive(Clone, Debug)]
 pub(crate) struct StereoMatcher {
     config: StereoConfig,
     left: Rectifier,
     right: Rectifier,
     octaves: Octaves,
-    /// Baseline times focal length, pixel metres.
+    /// Baseline times focal length in pixel metres.
     baseline_fx: f64,
-    /// Right features by rectified row: start of each row in `order`.
+    /// Start of each rectified row in `order`.
     starts: Vec<u32>,
-    order: Vec<InRow>,
-    found: Vec<Found>,
+    /// Right features sorted by rectified row.
+    order: Vec<RowFeature>,
+    found: Vec<StereoMatch>,
     seeds: DisparitySeeds,
     backend: Backend,
 }
 
-/// A right feature in its row.
+/// A right feature, sorted by row.
 #[derive(Clone, Copy, Debug, Default)]
-struct InRow {
+struct RowFeature {
     px: [f32; 2],
     octave: u8,
     index: u32,
 }
 
+/// An accepted match of a left feature.
 #[derive(Clone, Copy, Debug)]
-struct Found {
+struct StereoMatch {
     left: u32,
     disparity: f32,
     correlation: f32,
 }
 
-/// Correlation of the left patch with a right one, of which it explains `gain` times its own contrast.
+/// Correlation of the left patch with a right patch, given the least-squares `gain` between their contrasts.
 fn correlation(gain: f32, fit: &Fit, patch: &Patch) -> f32 {
     (gain * gain * fit.contrast_energy / energy(*patch).max(1e-6)).sqrt()
 }
 
-/// What the alignment of one match found.
+/// Result of the alignment of one match.
 #[derive(Clone, Copy, Debug)]
 struct Aligned {
     disparity: f64,
@@ -155,18 +156,18 @@ impl StereoMatcher {
         }
     }
 
-    /// Maps raw left pixels.
+    /// Rectifier of the left camera.
     pub(crate) fn left(&self) -> &Rectifier {
         &self.left
     }
 
-    /// Maps raw right pixels.
+    /// Rectifier of the right camera.
     pub(crate) fn right(&self) -> &Rectifier {
         &self.right
     }
 
-    /// Writes the rectified right x and the depth of each left feature, NaN where there is none; what is nearly infinitely
-    /// far has the first alone.
+    /// Writes the rectified right x and the depth of each left feature, NaN without a match; points that are
+    /// practically at infinity get only a right x.
     pub(crate) fn run(&mut self, left: Side, right: Side, right_x: &mut Vec<f32>, depth: &mut Vec<f32>) {
         right_x.clear();
         right_x.resize(left.px.len(), f32::NAN);
@@ -180,39 +181,46 @@ impl StereoMatcher {
             let start = (left.px[i][0] - right.px[j][0]) as f64;
             let template = self.template(&left, i);
             if let Some(a) = template.and_then(|t| self.align(&left, i, &t, &right, start)) {
-                found.push(Found {
+                found.push(StereoMatch {
                     left: i as u32,
                     disparity: a.disparity as f32,
                     correlation: a.correlation,
                 });
             }
         }
-        let gate = self.gate(&found);
-        for f in found.iter().filter(|f| f.correlation >= gate) {
+        let correlation_gate = self.correlation_gate(&found);
+        for f in found.iter().filter(|f| f.correlation >= correlation_gate) {
             let i = f.left as usize;
-            (right_x[i], depth[i]) = self.measured(left.px[i][0], f.disparity as f64);
+            (right_x[i], depth[i]) = self.right_x_and_depth(left.px[i][0], f.disparity as f64);
         }
         self.found = found;
         if self.config.borrow_correlation <= 1.0 {
-            let gate = gate.max(self.config.borrow_correlation);
-            self.borrow(&left, &right, gate, right_x, depth);
+            let correlation_gate = correlation_gate.max(self.config.borrow_correlation);
+            self.match_from_neighbours(&left, &right, correlation_gate, right_x, depth);
         }
     }
 
-    /// The right x and the depth of a match. Of what is too far for a depth the right x stays: who kept only disparities that
-    /// noise made large enough would see the far world too near.
-    fn measured(&self, left_x: f32, disparity: f64) -> (f32, f32) {
+    /// The right x and the depth of a match. Points too far away for a depth keep their right x: keeping only
+    /// disparities that noise made large enough would bias distant points towards the camera.
+    fn right_x_and_depth(&self, left_x: f32, disparity: f64) -> (f32, f32) {
         let depth =
             if disparity < self.config.min_disparity { f64::NAN } else { self.baseline_fx / disparity };
         (left_x - disparity as f32, depth as f32)
     }
 
-    /// Second pass: features without a match of their own try the disparities of matched features near them.
-    fn borrow(&mut self, left: &Side, right: &Side, gate: f32, right_x: &mut [f32], depth: &mut [f32]) {
+    /// Second pass: features without a match of their own try the disparities of matched neighbours.
+    fn match_from_neighbours(
+        &mut self,
+        left: &Side,
+        right: &Side,
+        correlation_gate: f32,
+        right_x: &mut [f32],
+        depth: &mut [f32],
+    ) {
         let mut seeds = std::mem::take(&mut self.seeds);
         seeds.fill(left.px, &self.found, depth);
         for i in 0..left.px.len() {
-            // Those that the first pass matched; what this pass adds is not lent.
+            // Matched by the first pass. Matches of this pass are not used as seeds.
             if right_x[i].is_finite() {
                 continue;
             }
@@ -220,8 +228,8 @@ impl StereoMatcher {
             let scale = self.octaves.scale(left.octave[i]) as f32;
             for disparity in seeds.near(left.px[i], scale) {
                 let aligned = self.align(left, i, &template, right, disparity as f64);
-                if let Some(a) = aligned.filter(|a| a.correlation >= gate) {
-                    (right_x[i], depth[i]) = self.measured(left.px[i][0], a.disparity);
+                if let Some(a) = aligned.filter(|a| a.correlation >= correlation_gate) {
+                    (right_x[i], depth[i]) = self.right_x_and_depth(left.px[i][0], a.disparity);
                     break;
                 }
             }
@@ -229,7 +237,7 @@ impl StereoMatcher {
         self.seeds = seeds;
     }
 
-    /// Buckets right features by row; gives the row of the first bucket, `None` without features.
+    /// Sorts the right features into buckets by row; returns the row of the first bucket, `None` without features.
     fn sort_rows(&mut self, right: &Side) -> Option<i32> {
         let rows = || right.px.iter().map(|p| p[1]).filter(|y| y.is_finite());
         let first = rows().fold(f32::INFINITY, f32::min).floor();
@@ -247,11 +255,11 @@ impl StereoMatcher {
             self.starts[r] += self.starts[r - 1];
         }
         self.order.clear();
-        self.order.resize(self.starts[self.starts.len() - 1] as usize, InRow::default());
+        self.order.resize(self.starts[self.starts.len() - 1] as usize, RowFeature::default());
         // Filling moves each start to the end of its row, which is the start of the next: shifted back below.
         for (j, p) in right.px.iter().enumerate().filter(|(_, p)| p[1].is_finite()) {
             let slot = &mut self.starts[bucket(p[1])];
-            self.order[*slot as usize] = InRow { px: *p, octave: right.octave[j], index: j as u32 };
+            self.order[*slot as usize] = RowFeature { px: *p, octave: right.octave[j], index: j as u32 };
             *slot += 1;
         }
         self.starts.rotate_right(1);
@@ -259,13 +267,14 @@ impl StereoMatcher {
         Some(first as i32)
     }
 
-    /// The right feature nearest in descriptor among those in the band of rows, of neighbouring levels, at a possible disparity.
+    /// The right feature with the nearest descriptor, among those in the band of rows, on neighbouring levels and at a
+    /// valid disparity.
     fn best_candidate(&self, left: &Side, i: usize, right: &Side, first_row: i32) -> Option<usize> {
         let s = &self.config;
         let [u, v] = left.px[i];
         let octave = left.octave[i];
         let tolerance = (s.row_tolerance * self.octaves.scale(octave)) as f32;
-        // Slack for what the alignment may still move.
+        // Margin for the shift of the alignment.
         let slack = tolerance;
         let rows = self.starts.len() as i32 - 1;
         let from = ((v - tolerance).floor() as i32 - first_row).clamp(0, rows);
@@ -296,7 +305,7 @@ impl StereoMatcher {
         self.left.focal_x() / self.config.min_depth_baselines
     }
 
-    /// The whole pixel of its level nearest to a left feature: patches sit there, so that they need not be interpolated.
+    /// The pixel nearest to a left feature on its level: patches are centred there, so that they need no interpolation.
     fn centre(&self, left: &Side, i: usize) -> [f64; 2] {
         let scale = self.octaves.scale(left.octave[i]);
         left.raw[i].map(|c| ((c as f64 + 0.5) / scale - 0.5).round())
@@ -307,7 +316,7 @@ impl StereoMatcher {
         Template::cut(left.levels.get(left.octave[i] as usize)?, self.centre(left, i))
     }
 
-    /// Aligns the patches of left feature `i` along the epipolar line, from a first disparity in rectified pixels.
+    /// Aligns the patch of left feature `i` along the epipolar line, starting from a disparity in rectified pixels.
     fn align(&self, left: &Side, i: usize, template: &Template, right: &Side, start: f64) -> Option<Aligned> {
         let level = left.octave[i];
         let r_image = right.levels.get(level as usize)?;
@@ -322,8 +331,8 @@ impl StereoMatcher {
         for done in 0..STEPS {
             sample(r_image, warp.at(shift), &warp.affine, &mut patch, self.backend)?;
             gain = dot(&fit.contrast, &patch) / fit.contrast_energy;
-            // One step brings patches of one place near enough to look alike; others are given up early.
-            if gain < 0.1 || done == 1 && correlation(gain, &fit, &patch) < HOPELESS {
+            // After one step, patches of the same point already correlate; others are abandoned early.
+            if gain < 0.1 || done == 1 && correlation(gain, &fit, &patch) < MIN_FIRST_CORRELATION {
                 return None;
             }
             let step = (-dot(&fit.slope, &patch) / (gain * fit.slope_energy)).clamp(-1.5, 1.5);
@@ -331,7 +340,7 @@ impl StereoMatcher {
             if shift.abs() > self.config.max_shift {
                 return None;
             }
-            if step.abs() < SETTLED {
+            if step.abs() < CONVERGED_STEP {
                 converged = true;
                 break;
             }
@@ -340,12 +349,12 @@ impl StereoMatcher {
             return None;
         }
         let disparity = start + shift * scale;
-        // Noise takes what is infinitely far below zero.
+        // Noise makes disparities of points at infinity negative.
         let least = -3.0 * f64::from(self.config.max_sigma) * scale;
         if disparity < least || disparity > self.max_disparity() {
             return None;
         }
-        // What the left patch does not explain of the right one.
+        // The residual: the part of the right patch that the left one does not explain.
         let energy = energy(patch);
         let explained = gain * gain * fit.contrast_energy;
         let correlation = (explained / energy.max(1e-6)).sqrt();
@@ -356,8 +365,8 @@ impl StereoMatcher {
             .then_some(Aligned { disparity, correlation })
     }
 
-    /// The correlation below which a match is an outlier among its fellows.
-    fn gate(&self, found: &[Found]) -> f32 {
+    /// The correlation below which a match is an outlier compared with the other matches.
+    fn correlation_gate(&self, found: &[StereoMatch]) -> f32 {
         if found.len() < 8 {
             return 0.0;
         }

@@ -1,4 +1,4 @@
-//! Where rays meet: closed-form triangulation from two views and from many, with the gates that make a point believed.
+//! Closed-form triangulation from two and from many views, and the checks that a triangulated point must pass.
 
 use crate::RectifiedCamera;
 use cairn_geometry::{Mat3, Se3, Vec2, Vec3, hat};
@@ -8,10 +8,10 @@ pub fn essential(second_from_first: &Se3) -> Mat3 {
     hat(&second_from_first.translation) * second_from_first.rotation.matrix()
 }
 
-/// The point, in the first eye's frame, where two rays come nearest, as the mean of the two nearest points.
+/// Midpoint triangulation: the point, in the first camera's frame, halfway between the nearest points of two rays.
 ///
-/// Rays are directions of any length in their own eye's frame. `None` when they are parallel to rounding. The point may
-/// lie behind the eyes: see [`triangulate_checked`].
+/// Rays are directions of any length in their own camera's frame. `None` when they are parallel up to rounding. The
+/// point may lie behind the cameras: see [`triangulate_checked`].
 pub fn midpoint(second_from_first: &Se3, first_ray: &Vec3, second_ray: &Vec3) -> Option<Vec3> {
     let inverse = second_from_first.rotation.inverse();
     let (a, b) = (*first_ray, inverse * *second_ray);
@@ -29,11 +29,12 @@ pub fn midpoint(second_from_first: &Se3, first_ray: &Vec3, second_ray: &Vec3) ->
     Some((a * lambda + centre + b * mu) * 0.5)
 }
 
-/// Moves two image points (unit focal length) by the least sum of squares that makes their rays meet.
+/// Moves two image points (unit focal length) by the smallest sum of squares such that their rays intersect.
 ///
-/// Lindstrom, "Triangulation made easy" (CVPR 2010), listing 3 (two steps; the rest is below rounding in practice).
+/// Lindstrom, "Triangulation made easy" (CVPR 2010), listing 3 (two steps; the remaining error is below rounding in
+/// practice).
 pub fn correct(essential: &Mat3, first: &Vec2, second: &Vec2) -> [Vec2; 2] {
-    // The paper's x' E x' = 0 has the second view on the left here.
+    // In the paper's epipolar constraint the first view is on the left; here the second is: x2' E x1 = 0.
     let (x1, x2) = (Vec3::new(first.x, first.y, 1.0), Vec3::new(second.x, second.y, 1.0));
     let e = essential.fixed_view::<2, 2>(0, 0).into_owned();
     let (line2, line1) = (essential * x1, essential.transpose() * x2);
@@ -53,14 +54,14 @@ pub fn correct(essential: &Mat3, first: &Vec2, second: &Vec2) -> [Vec2; 2] {
     [first - n1 * lambda, second - n2 * lambda]
 }
 
-/// What a triangulated point must keep.
+/// Thresholds for a triangulated point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TriangulateGate {
-    /// Least angle between the rays in degrees.
+    /// Minimum angle between the rays in degrees.
     pub min_parallax_deg: f64,
-    /// Largest squared reprojection error in each view over its variance (5.99: 95 % with two degrees of freedom).
+    /// Maximum squared reprojection error in each view over its variance (5.99: 95 % with two degrees of freedom).
     pub max_chi2: f64,
-    /// Nearest depth in both views, in units of the translation's.
+    /// Minimum depth in both views, in units of the translation.
     pub min_depth: f64,
 }
 
@@ -70,10 +71,10 @@ impl Default for TriangulateGate {
     }
 }
 
-/// A point that passed.
+/// A point that passed all checks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangulated {
-    /// In the first eye's frame.
+    /// Position in the first camera's frame.
     pub point: Vec3,
     /// Angle between the rays in degrees.
     pub parallax_deg: f64,
@@ -81,19 +82,22 @@ pub struct Triangulated {
     pub chi2: [f64; 2],
 }
 
-/// Why a point is not believed, with the number that says so.
+/// Why a point was rejected, with the value that failed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotTriangulated {
-    /// The rays are too nearly parallel (degrees).
+    /// The parallax is too low (degrees).
     LowParallax(f64),
-    /// It lies behind or too near to an eye (the smaller of both depths).
+    /// The point is behind or too close to a camera (the smaller of both depths).
     Behind(f64),
-    /// It does not project to where it was seen (the larger of both squared errors over their variance).
+    /// The reprojection error is too large (the larger of both squared errors over their variance).
     FarFromRays(f64),
 }
 
-/// Triangulates one match of rectified pixels with the least reprojection error, and checks it; `sigma` is the standard
+/// Triangulates one match of rectified pixels with minimal reprojection error and checks it; `sigma` is the standard
 /// deviation of the two pixels (the scale of their levels).
+///
+/// # Errors
+/// When the point fails a threshold of `gate`.
 pub fn triangulate_checked(
     camera: &RectifiedCamera,
     second_from_first: &Se3,
@@ -103,8 +107,8 @@ pub fn triangulate_checked(
     gate: &TriangulateGate,
 ) -> Result<Triangulated, NotTriangulated> {
     let (mut a, mut b) = (camera.unproject(first, 1.0), camera.unproject(second, 1.0));
-    let turned = second_from_first.rotation.inverse() * b;
-    let parallax_deg = a.cross(&turned).norm().atan2(a.dot(&turned)).to_degrees();
+    let in_first = second_from_first.rotation.inverse() * b;
+    let parallax_deg = a.cross(&in_first).norm().atan2(a.dot(&in_first)).to_degrees();
     if !(parallax_deg >= gate.min_parallax_deg) {
         return Err(NotTriangulated::LowParallax(parallax_deg));
     }
@@ -127,8 +131,8 @@ pub fn triangulate_checked(
     Ok(Triangulated { point, parallax_deg, chi2 })
 }
 
-/// The point nearest to many rays, in least squares of the distances: `views` are poses `camera_from_world` and unit rays in
-/// the eye. `None` for fewer than two views or when all rays are parallel.
+/// The point with the smallest sum of squared distances to many rays: `views` are poses `camera_from_world` and unit
+/// rays in the camera frame. `None` for fewer than two views or when all rays are parallel.
 pub fn triangulate_views(views: &[(Se3, Vec3)]) -> Option<Vec3> {
     let (mut a, mut b) = (Mat3::zeros(), Vec3::zeros());
     for (camera_from_world, ray) in views {
@@ -195,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn correction_makes_rays_meet_and_moves_least() {
+    fn correction_makes_rays_intersect_with_minimal_shift() {
         let mut rng = Rng::new(2);
         let (mut cost, mut cost_midpoint) = (0.0, 0.0);
         for _ in 0..500 {
@@ -215,13 +219,13 @@ mod tests {
             cost += (ca - a).norm_squared() + (cb - b).norm_squared();
             cost_midpoint += (m.xy() / m.z - a).norm_squared() + (n.xy() / n.z - b).norm_squared();
         }
-        // One degree of freedom of noise: 500 * sigma^2 expected, and never more than the plain midpoint's.
+        // One degree of freedom of noise per match: 500 * sigma^2 expected, and less than that of the plain midpoint.
         assert!(cost < cost_midpoint);
         assert!((cost * 450.0 * 450.0 - 500.0).abs() < 120.0, "{}", cost * 450.0 * 450.0);
     }
 
     #[test]
-    fn gates_say_why() {
+    fn gates_report_the_reason() {
         let gate = TriangulateGate::default();
         let t = Se3::new(So3::identity(), Vec3::new(-0.3, 0.0, 0.0));
         let px = |p: Vec3| camera().project(&p).map(|[u, v, _]| [u as f32, v as f32]).unwrap();

@@ -1,4 +1,4 @@
-//! Vocabularies: training, files that are broken, words, bags, matching through nodes, and the import of text.
+//! Vocabularies: training, damaged files, words, bags, matching through the direct index, and import of DBoW2 text.
 
 use cairn_vision::bow::{
     Bag, Dbow2Error, NodeMatchConfig, TrainConfig, TrainError, Vocabulary, VocabularyError, WordId,
@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use std::fmt::Write;
 use std::sync::OnceLock;
 
-/// Images of descriptors that gather around a few hundred centres.
+/// Images of descriptors clustered around a few hundred centres.
 fn images(count: usize, features: usize) -> Vec<Vec<Descriptor>> {
     let mut state = 11u64;
     let mut next = move || {
@@ -38,7 +38,7 @@ fn small() -> (Vocabulary, Vec<Vec<Descriptor>>) {
     trained.clone()
 }
 
-/// The arrays of a file, read without the library: centres, first children, weights.
+/// The arrays of a file, parsed independently of the library: centres, first children, weights.
 fn parts(v: &Vocabulary) -> (Vec<Descriptor>, Vec<u32>, Vec<f32>) {
     let n = v.facts().nodes as usize;
     let b = v.bytes();
@@ -50,7 +50,7 @@ fn parts(v: &Vocabulary) -> (Vec<Descriptor>, Vec<u32>, Vec<f32>) {
 }
 
 #[test]
-fn the_embedded_vocabulary_is_whole_and_small() {
+fn embedded_vocabulary_is_valid_and_small() {
     let v = Vocabulary::embedded();
     let f = v.facts();
     assert!(f.words > 10_000 && f.words < f.nodes, "{f:?}");
@@ -59,7 +59,7 @@ fn the_embedded_vocabulary_is_whole_and_small() {
 }
 
 #[test]
-fn a_word_is_the_end_of_the_greedy_way_down() {
+fn word_is_the_leaf_of_the_greedy_descent() {
     let (v, images) = small();
     let (centres, first, weights) = parts(&v);
     for d in images.iter().flatten() {
@@ -74,28 +74,28 @@ fn a_word_is_the_end_of_the_greedy_way_down() {
 }
 
 #[test]
-fn training_gathers_what_belongs_together() {
+fn training_recovers_clusters_and_idf() {
     let images = images(40, 60);
     let config = TrainConfig { branching: 8, depth: 3, ..TrainConfig::default() };
     let trained = train(&images, &config).unwrap();
     // Members of a centre differ from it in 12 bits, from each other in 24, from the rest in about 128.
     assert!(trained.mean_distance < 30.0, "{}", trained.mean_distance);
     let v = &trained.vocabulary;
-    // The same words are shown by images that show the same centres: idf as counted by hand.
-    let mut shown = std::collections::BTreeMap::<WordId, u32>::new();
+    // The idf weights agree with an independent count of the images that contain each word.
+    let mut images_with = std::collections::BTreeMap::<WordId, u32>::new();
     for image in &images {
         let mut words: Vec<WordId> = image.iter().map(|d| v.word(d)).collect();
         words.sort();
         words.dedup();
-        words.into_iter().for_each(|w| *shown.entry(w).or_default() += 1);
+        words.into_iter().for_each(|w| *images_with.entry(w).or_default() += 1);
     }
-    for (word, n) in shown {
+    for (word, n) in images_with {
         assert!((v.weight(word) - (40.0 / n as f32).ln()).abs() < 1e-5);
     }
 }
 
 #[test]
-fn the_same_images_and_seed_give_the_same_file() {
+fn training_is_deterministic() {
     let images = images(20, 50);
     let config = TrainConfig { branching: 5, depth: 3, ..TrainConfig::default() };
     let bytes = |s: &TrainConfig| train(&images, s).unwrap().vocabulary.bytes().to_vec();
@@ -104,20 +104,20 @@ fn the_same_images_and_seed_give_the_same_file() {
 }
 
 #[test]
-fn too_little_to_learn_from_is_told() {
+fn training_rejects_too_little_data_and_bad_config() {
     let config = TrainConfig::default();
     assert_eq!(train(&[], &config).unwrap_err(), TrainError::TooLittle);
     assert_eq!(train(&[vec![[7; 32]; 50]], &config).unwrap_err(), TrainError::TooLittle);
     for (branching, depth) in [(1, 3), (5000, 3), (10, 0), (10, 17)] {
         let wrong = TrainConfig { branching, depth, ..config };
-        assert!(matches!(train(&images(2, 9), &wrong), Err(TrainError::Setting(_))));
+        assert!(matches!(train(&images(2, 9), &wrong), Err(TrainError::Config(_))));
     }
     let two = train(&[vec![[0; 32], [255; 32]], vec![[0; 32]]], &config).unwrap().vocabulary;
     assert_eq!(two.facts().words, 2);
 }
 
 #[test]
-fn similarity_is_one_for_the_same_and_nothing_for_the_strange() {
+fn similarity_is_the_l1_score() {
     let (v, images) = small();
     let bags: Vec<Bag> = images.iter().map(|i| v.bag(i)).collect();
     for a in &bags {
@@ -127,7 +127,7 @@ fn similarity_is_one_for_the_same_and_nothing_for_the_strange() {
         assert_eq!(a.similarity(&Bag::default()), 0.0);
         for b in &bags {
             assert_eq!(a.similarity(b), b.similarity(a));
-            // One less half the distance in the L1 norm.
+            // One minus half the L1 distance.
             let of = |bag: &Bag, word| {
                 bag.words().iter().find(|(w, _)| *w == word).map_or(0.0, |(_, x)| f64::from(*x))
             };
@@ -146,10 +146,10 @@ fn similarity_is_one_for_the_same_and_nothing_for_the_strange() {
 }
 
 #[test]
-fn features_that_pass_the_same_node_are_matched() {
+fn direct_index_matches_the_same_features() {
     let (v, images) = small();
     let first = &images[0];
-    // The same features in another order, each with two bits turned, and strangers among them.
+    // The same features in reverse order, each with two bits flipped, followed by unrelated ones.
     let mut second: Vec<Descriptor> = first.iter().rev().copied().collect();
     second.iter_mut().for_each(|d| d[3] ^= 0b1001_0000);
     second.extend(&images[1]);
@@ -169,7 +169,7 @@ fn features_that_pass_the_same_node_are_matched() {
     match_through_nodes((&a, &first[..3]), (&b, &second[..2]), &config, |_| true, |_| true);
 }
 
-/// A vocabulary in DBoW2's text form, its nodes numbered as a walk into the depth meets them.
+/// A vocabulary in DBoW2's text format, with its nodes numbered depth first.
 fn text(v: &Vocabulary) -> String {
     let (centres, first, weights) = parts(v);
     let mut out = format!("{} {} 0 0\n", v.facts().branching, v.facts().depth);
@@ -192,7 +192,7 @@ fn text(v: &Vocabulary) -> String {
 }
 
 #[test]
-fn what_dbow2_wrote_is_read() {
+fn dbow2_text_round_trips() {
     let (v, images) = small();
     let imported = import_dbow2(text(&v).as_bytes()).unwrap();
     assert_eq!(parts(&imported), parts(&v));
@@ -202,7 +202,7 @@ fn what_dbow2_wrote_is_read() {
 }
 
 #[test]
-fn a_broken_text_names_the_line() {
+fn invalid_text_names_the_line() {
     let (v, _) = small();
     let good = text(&v);
     let lines: Vec<&str> = good.lines().collect();
@@ -229,8 +229,8 @@ fn a_broken_text_names_the_line() {
     assert!(fails(&|l| l.truncate(1)).1.contains("no nodes"));
 }
 
-/// A file whose checksum fits again.
-fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
+/// The bytes with their checksum recomputed.
+fn with_checksum(mut bytes: Vec<u8>) -> Vec<u8> {
     if bytes.len() > 16 {
         let sum = crc32fast::hash(&bytes[16..]);
         bytes[12..16].copy_from_slice(&sum.to_le_bytes());
@@ -239,7 +239,7 @@ fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn a_damaged_file_says_what_is_wrong() {
+fn damaged_file_gives_a_specific_error() {
     let (v, _) = small();
     let good = v.bytes().to_vec();
     assert_eq!(Vocabulary::open(vec![]).unwrap_err(), VocabularyError::NotAVocabulary);
@@ -253,32 +253,32 @@ fn a_damaged_file_says_what_is_wrong() {
         flipped[at] ^= 4;
         assert!(Vocabulary::open(flipped).is_err(), "byte {at}");
     }
-    assert_eq!(sealed(good.clone()), good);
+    assert_eq!(with_checksum(good.clone()), good);
 }
 
 proptest! {
-    /// Whatever the bytes, with a checksum that fits: an error, or a vocabulary that works.
+    /// Corrupted bytes with a valid checksum give an error or a usable vocabulary, never a panic.
     #[test]
-    fn no_bytes_make_it_panic(changes in prop::collection::vec((0usize..100_000, any::<u8>()), 0..6), keep in 0usize..100_000) {
+    fn corrupt_bytes_never_panic(changes in prop::collection::vec((0usize..100_000, any::<u8>()), 0..6), keep in 0usize..100_000) {
         let (v, images) = small();
         let mut bytes = v.bytes().to_vec();
         let n = v.facts().nodes as usize;
         for (at, value) in changes {
-            // Mostly the head and the tree, where it hurts.
+            // Mostly in the header and the tree, where errors matter most.
             let at = if at % 3 == 0 { at % bytes.len() } else if at % 3 == 1 { 16 + at % 48 } else { 64 + 32 * n + at % (8 * n) };
             bytes[at] = value;
         }
         if keep % 10 == 0 {
             bytes.truncate(keep % bytes.len());
         }
-        if let Ok(v) = Vocabulary::open(sealed(bytes)) {
+        if let Ok(v) = Vocabulary::open(with_checksum(bytes)) {
             let bag = v.bag(&images[0]);
             prop_assert!(bag.words().windows(2).all(|w| w[0].0 < w[1].0));
         }
     }
 
     #[test]
-    fn no_text_makes_the_import_panic(at in 0usize..20_000, with in "[0-9 \n.-]{0,12}", cut in any::<bool>()) {
+    fn corrupt_text_never_panics(at in 0usize..20_000, with in "[0-9 \n.-]{0,12}", cut in any::<bool>()) {
         let (v, _) = small();
         let mut text = text(&v);
         let at = at % text.len();

@@ -1,4 +1,4 @@
-//! The eye's contract: what it accepts, what it refuses, and that it sees the same twice.
+//! Contract of the front end: accepted and rejected input, and deterministic output.
 
 mod common;
 
@@ -8,7 +8,7 @@ use cairn_vision::{Frame, FrontEnd, FrontEndConfig, FrontEndError, SensorMode};
 use common::scene::{Exposure, Scene, lens_pair};
 use std::sync::Arc;
 
-const LOOK: Exposure = Exposure { gain: 1.0, offset: 0.0, noise: 2.0, seed: 3 };
+const EXPOSURE: Exposure = Exposure { gain: 1.0, offset: 0.0, noise: 2.0, seed: 3 };
 
 fn packet(images: Vec<GrayImage>, depth: Option<DepthImage>) -> FramePacket {
     FramePacket {
@@ -20,7 +20,7 @@ fn packet(images: Vec<GrayImage>, depth: Option<DepthImage>) -> FramePacket {
     }
 }
 
-/// A colour camera with lens and a depth camera 25 mm beside it, turned a little, with another focal length.
+/// A colour camera with distortion and a depth camera 25 mm beside it, slightly rotated, with another focal length.
 fn rgbd_rig(registered: bool) -> Rig {
     let mut rig = Rig::mono(lens_pair().cameras[0].camera);
     let (camera, body_from_depth) = if registered {
@@ -36,7 +36,7 @@ fn rgbd_rig(registered: bool) -> Rig {
     rig
 }
 
-/// The scene's exact depth in millimetres, with holes of no measurement.
+/// The scene's exact depth in millimetres, with holes without measurement.
 fn depth_image(scene: &Scene, sensor: &DepthSensor) -> DepthImage {
     let c = &sensor.camera;
     let mut image = DepthImage::new(c.width, c.height);
@@ -62,43 +62,43 @@ fn same(a: &Frame, b: &Frame) -> bool {
 }
 
 #[test]
-fn threads_change_nothing() {
+fn two_threads_give_the_same_frame() {
     let rig = lens_pair();
     let scene = Scene::room(5);
     let right = rig.cameras[0].body_from_camera.inverse() * rig.cameras[1].body_from_camera;
     let images = vec![
-        scene.render(&rig.cameras[0].camera, &Se3::identity(), &LOOK),
-        scene.render(&rig.cameras[1].camera, &right, &LOOK),
+        scene.render(&rig.cameras[0].camera, &Se3::identity(), &EXPOSURE),
+        scene.render(&rig.cameras[1].camera, &right, &EXPOSURE),
     ];
     let packet = packet(images, None);
-    let see = |two_threads| {
+    let extract = |two_threads| {
         let config = FrontEndConfig { two_threads, ..FrontEndConfig::default() };
-        let mut camera = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
-        let first = camera.see(&packet).unwrap();
-        assert!(same(&first, &camera.see(&packet).unwrap()), "a second look at one packet differs");
+        let mut front_end = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
+        let first = front_end.see(&packet).unwrap();
+        assert!(same(&first, &front_end.see(&packet).unwrap()), "the second frame of one packet differs");
         first
     };
-    let frame = see(true);
-    assert!(same(&frame, &see(false)));
+    let frame = extract(true);
+    assert!(same(&frame, &extract(false)));
     assert_eq!(frame.stamp, Stamp(42));
     assert!(frame.len() > 900);
     assert!(frame.depth.iter().filter(|d| **d > 0.0).count() > 400);
 }
 
 #[test]
-fn mono_is_undistorted_and_has_no_depth() {
+fn mono_frame_is_undistorted_without_depth() {
     let rig = Rig::mono(lens_pair().cameras[0].camera);
-    let mut camera = FrontEnd::new(&rig, SensorMode::Mono, FrontEndConfig::default()).unwrap();
-    let image = Scene::room(6).render(&rig.cameras[0].camera, &Se3::identity(), &LOOK);
-    let frame = camera.see(&packet(vec![image], None)).unwrap();
+    let mut front_end = FrontEnd::new(&rig, SensorMode::Mono, FrontEndConfig::default()).unwrap();
+    let image = Scene::room(6).render(&rig.cameras[0].camera, &Se3::identity(), &EXPOSURE);
+    let frame = front_end.see(&packet(vec![image], None)).unwrap();
     assert!(frame.len() > 900);
     for i in 0..frame.len() {
         let [u, v] = frame.raw[i];
         let b = rig.cameras[0].camera.unproject(&Vec2::new(u as f64, v as f64)).unwrap();
-        let [x, y, _] = camera.model().project(&b).unwrap();
+        let [x, y, _] = front_end.model().project(&b).unwrap();
         assert!((x - frame.px[i][0] as f64).abs() < 0.01 && (y - frame.px[i][1] as f64).abs() < 0.01);
         assert!(frame.depth[i].is_nan() && frame.right_x[i].is_nan() && !frame.has_depth(i));
-        assert!(camera.model().contains(x, y));
+        assert!(front_end.model().contains(x, y));
     }
     let mut near = Vec::new();
     frame.near(frame.px[0][0], frame.px[0][1], 3.0, |i| near.push(i));
@@ -106,15 +106,15 @@ fn mono_is_undistorted_and_has_no_depth() {
 }
 
 #[test]
-fn rgbd_depth_is_the_scenes() {
+fn rgbd_depth_matches_the_scene() {
     for registered in [true, false] {
         let rig = rgbd_rig(registered);
         let scene = Scene::room(7);
         let sensor = rig.depth.as_ref().unwrap();
-        let image = scene.render(&rig.cameras[0].camera, &Se3::identity(), &LOOK);
+        let image = scene.render(&rig.cameras[0].camera, &Se3::identity(), &EXPOSURE);
         let depth = depth_image(&scene, sensor);
-        let mut camera = FrontEnd::new(&rig, SensorMode::Rgbd, FrontEndConfig::default()).unwrap();
-        let frame = camera.see(&packet(vec![image.clone()], Some(depth))).unwrap();
+        let mut front_end = FrontEnd::new(&rig, SensorMode::Rgbd, FrontEndConfig::default()).unwrap();
+        let frame = front_end.see(&packet(vec![image.clone()], Some(depth))).unwrap();
         let (mut n, mut wrong, mut sum) = (0, 0, 0.0);
         for i in (0..frame.len()).filter(|&i| frame.has_depth(i)) {
             let truth = scene.depth(&rig.cameras[0].camera, &Se3::identity(), frame.raw[i]).unwrap();
@@ -126,7 +126,7 @@ fn rgbd_depth_is_the_scenes() {
                 sum += error / truth;
             }
             let disparity = (frame.px[i][0] - frame.right_x[i]) as f64;
-            assert!((disparity * frame.depth[i] as f64 / camera.model().baseline_fx - 1.0).abs() < 1e-2);
+            assert!((disparity * frame.depth[i] as f64 / front_end.model().baseline_fx - 1.0).abs() < 1e-2);
         }
         println!(
             "registered {registered}: {n} of {} features have depth, {wrong} wrong by over 2 %, mean error of \
@@ -134,36 +134,36 @@ fn rgbd_depth_is_the_scenes() {
             frame.len(),
             sum / (n - wrong) as f64
         );
-        // A fifth of the depth image is holes, and corners lie on edges.
+        // A fifth of the depth image is holes, and many corners lie on depth edges.
         assert!(n as f64 > 0.45 * frame.len() as f64);
         assert!((wrong as f64) < 0.01 * n as f64);
         assert!(sum / ((n - wrong) as f64) < 0.001);
 
-        let without = camera.see(&packet(vec![image], None)).unwrap();
+        let without = front_end.see(&packet(vec![image], None)).unwrap();
         assert_eq!(without.len(), frame.len());
         assert!(without.depth.iter().all(|d| d.is_nan()) && without.right_x.len() == without.len());
     }
 }
 
 #[test]
-fn what_can_not_be_seen_is_an_error() {
+fn invalid_packets_and_rigs_are_errors() {
     let rig = lens_pair();
     let config = FrontEndConfig::default();
-    let mut camera = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
+    let mut front_end = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
     let good = || GrayImage::new(752, 480);
     assert_eq!(
-        camera.see(&packet(vec![good()], None)).unwrap_err(),
+        front_end.see(&packet(vec![good()], None)).unwrap_err(),
         FrontEndError::MissingImage { have: 1, need: 2 }
     );
-    assert!(camera.see(&packet(vec![], None)).is_err());
-    let error = camera.see(&packet(vec![good(), GrayImage::new(640, 480)], None)).unwrap_err();
+    assert!(front_end.see(&packet(vec![], None)).is_err());
+    let error = front_end.see(&packet(vec![good(), GrayImage::new(640, 480)], None)).unwrap_err();
     assert_eq!(error.to_string(), "cam1: the image is [640, 480] pixels, its calibration is for [752, 480]");
-    // Black images are seen, and hold nothing.
-    assert!(camera.see(&packet(vec![good(), good()], None)).unwrap().is_empty());
+    // Black images are accepted and have no features.
+    assert!(front_end.see(&packet(vec![good(), good()], None)).unwrap().is_empty());
 
-    let mut camera = FrontEnd::new(&rgbd_rig(true), SensorMode::Rgbd, config).unwrap();
+    let mut front_end = FrontEnd::new(&rgbd_rig(true), SensorMode::Rgbd, config).unwrap();
     assert!(matches!(
-        camera.see(&packet(vec![good()], Some(DepthImage::new(0, 0)))),
+        front_end.see(&packet(vec![good()], Some(DepthImage::new(0, 0)))),
         Err(FrontEndError::WrongSize { .. })
     ));
 
@@ -178,11 +178,11 @@ fn what_can_not_be_seen_is_an_error() {
 }
 
 #[test]
-fn tiny_images_and_strange_settings_do_no_harm() {
+fn tiny_images_and_extreme_configs_are_handled() {
     let rig = Rig::mono(Camera::pinhole(8, 5, 10.0, 10.0, 4.0, 2.0));
     let mut config = FrontEndConfig::default();
     config.orb.features = 0;
     config.orb.levels = 0;
-    let mut camera = FrontEnd::new(&rig, SensorMode::Mono, config).unwrap();
-    assert!(camera.see(&packet(vec![GrayImage::new(8, 5)], None)).unwrap().is_empty());
+    let mut front_end = FrontEnd::new(&rig, SensorMode::Mono, config).unwrap();
+    assert!(front_end.see(&packet(vec![GrayImage::new(8, 5)], None)).unwrap().is_empty());
 }

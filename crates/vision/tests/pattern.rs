@@ -1,4 +1,4 @@
-//! The descriptor's tests are what the tool learns, bit for bit.
+//! The committed descriptor pattern is exactly the output of the example that learns it.
 
 #[path = "../examples/learn_pattern/learn.rs"]
 mod learn;
@@ -8,7 +8,7 @@ mod patches;
 mod scene;
 
 #[test]
-fn the_tool_learns_the_committed_pattern_again() {
+fn learned_pattern_equals_the_committed_one() {
     let committed = include_str!("../src/orb/pattern.rs");
     assert!(
         learn::regenerate() == committed,

@@ -1,4 +1,5 @@
-//! Sensor depth on a recording against the true motion: poses found from points of one frame and pixels of another.
+//! RGB-D depth on a recording against the ground-truth motion: PnP poses from points of one frame and pixels of
+//! another.
 
 mod common;
 
@@ -8,12 +9,12 @@ use cairn_vision::{Frame, FrontEnd, FrontEndConfig, PnpConfig, SensorMode, best_
 use common::recordings::{depth_png, folder, jpeg, kitchen_rig, listing, numbers};
 use std::path::Path;
 
-/// Median errors of the pose between frames: centimetres and degrees, and points with depth a frame.
+/// Median errors of the pose between frames in centimetres and degrees, and points with depth per frame.
 fn errors(rig: &Rig, path: &Path, config: FrontEndConfig, apart: usize) -> [f64; 3] {
-    let mut camera = FrontEnd::new(rig, SensorMode::Rgbd, config).unwrap();
+    let mut front_end = FrontEnd::new(rig, SensorMode::Rgbd, config).unwrap();
     let (colours, depths) = (listing(path, ".color.jpg"), listing(path, ".depth.png"));
     let poses = listing(path, ".pose.txt");
-    let mut see = |k: usize| -> (Frame, Se3) {
+    let mut frame = |k: usize| -> (Frame, Se3) {
         let packet = FramePacket {
             stamp: Stamp(0),
             images: vec![jpeg(&colours[k])],
@@ -22,14 +23,14 @@ fn errors(rig: &Rig, path: &Path, config: FrontEndConfig, apart: usize) -> [f64;
             decode_ms: 0.0,
         };
         let truth = Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&numbers(&poses[k])));
-        (camera.see(&packet).unwrap(), truth)
+        (front_end.see(&packet).unwrap(), truth)
     };
-    let (mut shifts, mut turns, mut points_seen) = (vec![], vec![], 0);
+    let (mut shifts, mut turns, mut points_with_depth) = (vec![], vec![], 0);
     let starts = (0..colours.len() - apart).step_by(12);
     let count = starts.len();
     let model = *FrontEnd::new(rig, SensorMode::Rgbd, config).unwrap().model();
     for k in starts {
-        let ((a, world_from_a), (b, world_from_b)) = (see(k), see(k + apart));
+        let ((a, world_from_a), (b, world_from_b)) = (frame(k), frame(k + apart));
         let t = model.body_from_camera;
         let truth = t.inverse() * world_from_b.inverse() * world_from_a * t;
         let (mut points, mut bearings) = (vec![], vec![]);
@@ -40,26 +41,26 @@ fn errors(rig: &Rig, path: &Path, config: FrontEndConfig, apart: usize) -> [f64;
                 bearings.push(model.unproject(b.px[m.index as usize], 1.0).normalize());
             }
         }
-        points_seen += a.depth.iter().filter(|d| **d > 0.0).count();
+        points_with_depth += a.depth.iter().filter(|d| **d > 0.0).count();
         let config = PnpConfig { threshold_rad: 0.006, ..PnpConfig::default() };
         let Ok(found) = pnp_ransac(&points, &bearings, &config, k as u64) else { continue };
-        let off = found.camera_from_world.inverse() * truth;
-        shifts.push(off.translation.norm() * 100.0);
-        turns.push(off.rotation.angle().to_degrees());
+        let error = found.camera_from_world.inverse() * truth;
+        shifts.push(error.translation.norm() * 100.0);
+        turns.push(error.rotation.angle().to_degrees());
     }
     assert!(shifts.len() * 10 >= count * 9, "{} of {count} pairs have a pose", shifts.len());
     let median = |v: &mut Vec<f64>| {
         v.sort_by(f64::total_cmp);
         v[v.len() / 2]
     };
-    [median(&mut shifts), median(&mut turns), points_seen as f64 / count as f64]
+    [median(&mut shifts), median(&mut turns), points_with_depth as f64 / count as f64]
 }
 
 #[test]
-fn kitchen() {
+fn kitchen_pose_errors() {
     let Some(path) = folder("7scenes-kitchen") else { return };
     for (name, registered) in
-        [("one camera, as published", true), ("two cameras, depth found along rays", false)]
+        [("one camera, as published", true), ("two cameras, depth searched along rays", false)]
     {
         for (apart, worst) in [(5, [1.2, 0.5]), (15, [3.0, 1.3])] {
             let [cm, deg, n] = errors(&kitchen_rig(registered), &path, FrontEndConfig::default(), apart);

@@ -1,4 +1,4 @@
-//! Stereo against exact truth, and on recordings against geometry that both images must obey.
+//! Stereo matching against exact ground truth, and match rates on recordings.
 
 mod common;
 
@@ -17,14 +17,14 @@ fn config(features: usize) -> FrontEndConfig {
     FrontEndConfig { orb: OrbConfig { features, ..OrbConfig::default() }, ..FrontEndConfig::default() }
 }
 
-/// What the disparities of some frames are worth.
+/// Disparity errors of some frames.
 #[derive(Default)]
 struct Score {
     features: usize,
     matched: usize,
-    /// Off by more than one pixel of the feature's level.
+    /// Matches with an error of more than one pixel of the feature's level.
     wrong: usize,
-    /// Errors in pixels of the level, of matches that are not wrong.
+    /// Errors in pixels of the level, of the other matches.
     errors: Vec<f64>,
 }
 
@@ -35,39 +35,39 @@ impl Score {
         sorted[(q * (sorted.len() - 1) as f64) as usize]
     }
 
-    /// Adds the frame of a pair whose left camera stands at the world's origin.
+    /// Adds the frame of a pair whose left camera is at the world origin.
     fn add(&mut self, rig: &Rig, scene: &Scene, images: [Arc<GrayImage>; 2]) {
-        let mut camera = FrontEnd::new(rig, SensorMode::Stereo, config(1200)).unwrap();
+        let mut front_end = FrontEnd::new(rig, SensorMode::Stereo, config(1200)).unwrap();
         let left = &rig.cameras[0];
-        let frame: Frame = camera.see(&packet(images.to_vec())).unwrap();
-        let rectified_from_left = camera.model().body_from_camera.inverse() * left.body_from_camera;
+        let frame: Frame = front_end.see(&packet(images.to_vec())).unwrap();
+        let rectified_from_left = front_end.model().body_from_camera.inverse() * left.body_from_camera;
         self.features += frame.len();
         for i in (0..frame.len()).filter(|&i| frame.has_depth(i)) {
             let raw = frame.raw[i];
             let Some(z) = scene.depth(&left.camera, &Se3::identity(), raw) else { continue };
             let b = left.camera.unproject(&Vec2::new(raw[0] as f64, raw[1] as f64)).unwrap();
-            let [u, v, right_x] = camera.model().project(&(rectified_from_left * (b / b.z * z))).unwrap();
+            let [u, v, right_x] = front_end.model().project(&(rectified_from_left * (b / b.z * z))).unwrap();
             assert!((u - frame.px[i][0] as f64).abs() < 0.01 && (v - frame.px[i][1] as f64).abs() < 0.01);
             let product = frame.depth[i] as f64 * (frame.px[i][0] - frame.right_x[i]) as f64;
-            assert!((product / camera.model().baseline_fx - 1.0).abs() < 1e-3);
+            assert!((product / front_end.model().baseline_fx - 1.0).abs() < 1e-3);
             self.matched += 1;
-            let error = (frame.right_x[i] as f64 - right_x) / camera.octaves().scale(frame.octave[i]);
+            let error = (frame.right_x[i] as f64 - right_x) / front_end.octaves().scale(frame.octave[i]);
             if error.abs() > 1.0 { self.wrong += 1 } else { self.errors.push(error) }
         }
     }
 }
 
 #[test]
-fn disparity_against_truth() {
+fn disparity_matches_the_ground_truth() {
     for (name, rig) in [("pinhole", pinhole_pair()), ("lens", lens_pair())] {
         let mut scores: [Score; 2] = Default::default();
         for seed in 0..3 {
             let scene = Scene::room(seed);
             let (left, right) = (&rig.cameras[0], &rig.cameras[1]);
             let world_from_right = left.body_from_camera.inverse() * right.body_from_camera;
-            let look = |gain, offset, seed| Exposure { gain, offset, noise: 2.0, seed };
-            let l = Arc::new(scene.render(&left.camera, &Se3::identity(), &look(1.0, 0.0, seed)));
-            let r = scene.render(&right.camera, &world_from_right, &look(1.0, 0.0, seed + 50));
+            let exposure = |gain, offset, seed| Exposure { gain, offset, noise: 2.0, seed };
+            let l = Arc::new(scene.render(&left.camera, &Se3::identity(), &exposure(1.0, 0.0, seed)));
+            let r = scene.render(&right.camera, &world_from_right, &exposure(1.0, 0.0, seed + 50));
             let mut darker = r.clone();
             darker.data_mut().iter_mut().for_each(|v| *v = (*v as f32 * 0.7 + 20.0).round() as u8);
             scores[0].add(&rig, &scene, [l.clone(), Arc::new(r)]);
@@ -98,60 +98,61 @@ fn disparity_against_truth() {
 }
 
 #[test]
-fn what_is_far_keeps_its_right_x_and_is_not_seen_too_near() {
+fn distant_points_keep_right_x_without_bias() {
     let rig = pinhole_pair();
     let (left, right) = (&rig.cameras[0], &rig.cameras[1]);
     let world_from_right = left.body_from_camera.inverse() * right.body_from_camera;
-    // A wall whose disparity is 0.14 pixels: noise takes many below zero, and some above what counts as a depth.
+    // A wall with a disparity of 0.14 pixels: noise makes many negative, and some large enough for a depth.
     let wall = |z: f64| {
         let edges = [Vec3::new(2.0 * z, 0.0, 0.0), Vec3::new(0.0, 1.4 * z, 0.0)];
         Scene(vec![Rectangle::new(Vec3::new(-z, -0.7 * z, z), edges, 5, 0.04 * z)])
     };
     let scene = wall(400.0);
-    let look = |seed| Exposure { gain: 1.0, offset: 0.0, noise: 4.0, seed };
-    let l = scene.render(&left.camera, &Se3::identity(), &look(1));
-    let r = scene.render(&right.camera, &world_from_right, &look(2));
-    let mut camera = FrontEnd::new(&rig, SensorMode::Stereo, config(1200)).unwrap();
-    let frame = camera.see(&packet(vec![Arc::new(l), Arc::new(r)])).unwrap();
-    let seen: Vec<usize> = (0..frame.len()).filter(|i| frame.right_x[*i].is_finite()).collect();
-    let truth = camera.model().baseline_fx / 400.0;
+    let exposure = |seed| Exposure { gain: 1.0, offset: 0.0, noise: 4.0, seed };
+    let l = scene.render(&left.camera, &Se3::identity(), &exposure(1));
+    let r = scene.render(&right.camera, &world_from_right, &exposure(2));
+    let mut front_end = FrontEnd::new(&rig, SensorMode::Stereo, config(1200)).unwrap();
+    let frame = front_end.see(&packet(vec![Arc::new(l), Arc::new(r)])).unwrap();
+    let matched: Vec<usize> = (0..frame.len()).filter(|i| frame.right_x[*i].is_finite()).collect();
+    let truth = front_end.model().baseline_fx / 400.0;
     let disparity = |i: usize| (frame.px[i][0] - frame.right_x[i]) as f64;
-    let mean = seen.iter().map(|i| disparity(*i)).sum::<f64>() / seen.len() as f64;
-    let deep: Vec<f64> = seen.iter().filter(|i| frame.has_depth(**i)).map(|i| disparity(*i)).collect();
-    let below = seen.iter().filter(|i| disparity(**i) < 0.0).count();
+    let mean = matched.iter().map(|i| disparity(*i)).sum::<f64>() / matched.len() as f64;
+    let with_depth: Vec<f64> =
+        matched.iter().filter(|i| frame.has_depth(**i)).map(|i| disparity(*i)).collect();
+    let below = matched.iter().filter(|i| disparity(**i) < 0.0).count();
     println!(
         "{} of {} matched, {below} below zero, {} with depth; disparity {mean:.3} of {truth:.3}, of those with depth {:.3}",
-        seen.len(),
+        matched.len(),
         frame.len(),
-        deep.len(),
-        deep.iter().sum::<f64>() / deep.len() as f64
+        with_depth.len(),
+        with_depth.iter().sum::<f64>() / with_depth.len() as f64
     );
-    assert!(seen.len() * 2 > frame.len() && below > 20);
+    assert!(matched.len() * 2 > frame.len() && below > 20);
     assert!((mean - truth).abs() < 0.03, "{mean} of {truth}");
-    assert!(deep.iter().all(|d| *d >= 0.3) && deep.len() * 3 < seen.len());
+    assert!(with_depth.iter().all(|d| *d >= 0.3) && with_depth.len() * 3 < matched.len());
 }
 
-/// Shares and rows of a recording's pairs: `(features, matched, close matched, ms of the fastest tenth)`.
+/// Means per pair of a recording: `[features, features with depth, of them close]`; prints the time too.
 fn recording(rig: &Rig, pairs: &[(std::path::PathBuf, std::path::PathBuf)], features: usize) -> [f64; 3] {
-    let mut camera = FrontEnd::new(rig, SensorMode::Stereo, config(features)).unwrap();
+    let mut front_end = FrontEnd::new(rig, SensorMode::Stereo, config(features)).unwrap();
     let (mut n, mut matched, mut close) = (0.0, 0.0, 0.0);
     let mut times = Vec::new();
     for (l, r) in pairs {
         let packet = packet(vec![jpeg(l), jpeg(r)]);
         for _ in 0..5 {
             let start = std::time::Instant::now();
-            camera.see(&packet).unwrap();
+            front_end.see(&packet).unwrap();
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
-        let frame = camera.see(&packet).unwrap();
+        let frame = front_end.see(&packet).unwrap();
         n += frame.len() as f64;
         matched += frame.depth.iter().filter(|d| **d > 0.0).count() as f64;
-        close += frame.depth.iter().filter(|d| (**d as f64) < camera.model().close_depth).count() as f64;
+        close += frame.depth.iter().filter(|d| (**d as f64) < front_end.model().close_depth).count() as f64;
     }
     times.sort_by(f64::total_cmp);
     let frames = pairs.len() as f64;
     println!(
-        "{} pairs: {:.0} features, {:.0} with depth, {:.0} of them close; see() takes {:.2} ms (fastest tenth)",
+        "{} pairs: {:.0} features, {:.0} with depth, {:.0} of them close; {:.2} ms per frame (fastest tenth)",
         pairs.len(),
         n / frames,
         matched / frames,
@@ -162,7 +163,7 @@ fn recording(rig: &Rig, pairs: &[(std::path::PathBuf, std::path::PathBuf)], feat
 }
 
 #[test]
-fn recordings_have_depth() {
+fn recordings_match_rates() {
     if let Some(path) = folder("kitti-a") {
         let (l, r) = (listing(&path.join("image_0"), ".jpg"), listing(&path.join("image_1"), ".jpg"));
         let pairs: Vec<_> = l.into_iter().zip(r).step_by(10).collect();

@@ -1,4 +1,5 @@
-//! Stereo depth on recordings against the true motion: a point placed by one frame must be seen again where the truth says.
+//! Stereo depth on recordings against the ground-truth motion: points of one frame must reproject to their matches in a
+//! later frame.
 
 mod common;
 
@@ -7,9 +8,10 @@ use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_vision::{Frame, FrontEnd, FrontEndConfig, OrbConfig, SensorMode, hamming};
 use common::recordings::{Shot, euroc_rig, euroc_shots, jpeg, kitti_rig, kitti_shots};
 
-/// Of points that are found again by descriptor on the epipolar line of the true motion: how many are there where their
-/// depth says, within three pixels of their level. Points whose place tells nothing of their depth are left out.
-fn seen_again(
+/// Of points matched by descriptor on the epipolar line of the true motion, the number that lie where their depth
+/// predicts, within three pixels of their level: `[matched, correct]`. Points whose position does not depend on depth
+/// are left out.
+fn correct_reprojections(
     camera: &FrontEnd,
     a: &Frame,
     b: &Frame,
@@ -56,46 +58,46 @@ fn check(name: &str, rig: &Rig, shots: &[Shot], features: usize, step: usize) {
     let on = FrontEndConfig { orb, ..FrontEndConfig::default() };
     let mut off = on;
     off.stereo.borrow_correlation = 2.0;
-    let mut eyes = [off, on].map(|s| FrontEnd::new(rig, SensorMode::Stereo, s).unwrap());
-    let (mut own, mut borrowed) = ([0; 2], [0; 2]);
+    let mut front_ends = [off, on].map(|s| FrontEnd::new(rig, SensorMode::Stereo, s).unwrap());
+    let (mut own, mut from_neighbours) = ([0; 2], [0; 2]);
     let mut depths = [0; 2];
     for k in (0..shots.len() - step).step_by((shots.len() / 20).max(1)) {
-        let mut see = |e: usize, shot: &Shot| {
+        let mut frame = |e: usize, shot: &Shot| {
             let images = vec![jpeg(&shot.0), jpeg(&shot.1)];
             let packet = FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 };
-            eyes[e].see(&packet).unwrap()
+            front_ends[e].see(&packet).unwrap()
         };
-        let (a, a_all, b) = (see(0, &shots[k]), see(1, &shots[k]), see(0, &shots[k + step]));
-        let camera = &eyes[1];
+        let (a, a_all, b) = (frame(0, &shots[k]), frame(1, &shots[k]), frame(0, &shots[k + step]));
+        let camera = &front_ends[1];
         let t = camera.model().body_from_camera;
         let b_from_a = t.inverse() * shots[k + step].2.inverse() * shots[k].2 * t;
         let add = |sum: &mut [usize; 2], n: [usize; 2]| (sum[0], sum[1]) = (sum[0] + n[0], sum[1] + n[1]);
-        add(&mut own, seen_again(camera, &a_all, &b, &b_from_a, |i| a.has_depth(i)));
-        add(&mut borrowed, seen_again(camera, &a_all, &b, &b_from_a, |i| !a.has_depth(i)));
+        add(&mut own, correct_reprojections(camera, &a_all, &b, &b_from_a, |i| a.has_depth(i)));
+        add(&mut from_neighbours, correct_reprojections(camera, &a_all, &b, &b_from_a, |i| !a.has_depth(i)));
         add(&mut depths, [&a, &a_all].map(|f| f.depth.iter().filter(|d| **d > 0.0).count()));
     }
     let share = |n: [usize; 2]| n[1] as f64 / n[0].max(1) as f64;
     println!(
-        "{name}: seen again where the motion says: {:.4} of {} matched by descriptor, {:.4} of {} at a neighbour's \
-         disparity; depths {} -> {}",
+        "{name}: correct reprojections: {:.4} of {} matched by descriptor, {:.4} of {} at a neighbour's disparity; \
+         depths {} -> {}",
         share(own),
         own[0],
-        share(borrowed),
-        borrowed[0],
+        share(from_neighbours),
+        from_neighbours[0],
         depths[0],
         depths[1]
     );
-    assert!(share(own) > 0.9 && share(borrowed) > 0.8);
+    assert!(share(own) > 0.9 && share(from_neighbours) > 0.8);
 }
 
 #[test]
-fn kitti() {
+fn kitti_depth_is_consistent_with_motion() {
     let Some(shots) = kitti_shots() else { return };
     check("kitti-a", &kitti_rig(), &shots, 2000, 2);
 }
 
 #[test]
-fn euroc() {
+fn euroc_depth_is_consistent_with_motion() {
     let Some(shots) = euroc_shots() else { return };
     check("euroc-mh01", &euroc_rig(), &shots[..280.min(shots.len())], 1200, 8);
 }

@@ -1,4 +1,4 @@
-//! Starting from two views of worlds whose truth is known: planes, depth, pure rotation, little parallax, outliers.
+//! Two-view initialisation on simulated scenes: general depth, planes, pure rotation, low parallax, outliers.
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_solve::ransac::Rng;
@@ -18,11 +18,11 @@ fn camera() -> RectifiedCamera {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum World {
+enum Scene {
     General,
     Plane,
-    /// A wall with things before it.
-    Mostly,
+    /// A wall with objects in front of it.
+    MostlyPlane,
 }
 
 struct Views {
@@ -36,8 +36,8 @@ fn direction(rng: &mut Rng) -> Vec3 {
     Vec3::new(rng.normal(), rng.normal(), rng.normal()).normalize()
 }
 
-/// `n` matches in images of 752 x 480 with `noise` pixels of deviation; `outliers` of them are drawn anywhere.
-fn views(rng: &mut Rng, world: World, truth: Se3, n: usize, noise: f64, outliers: f64) -> Views {
+/// `n` matches in images of 752 x 480 with a noise of `noise` pixels; a fraction `outliers` of them is random.
+fn views(rng: &mut Rng, scene: Scene, truth: Se3, n: usize, noise: f64, outliers: f64) -> Views {
     let camera = camera();
     let mut v = Views { truth, first: vec![], second: vec![], points: vec![] };
     let tilt = [rng.range(-0.5, 0.5), rng.range(-0.5, 0.5)];
@@ -45,7 +45,7 @@ fn views(rng: &mut Rng, world: World, truth: Se3, n: usize, noise: f64, outliers
     while v.first.len() < n && tries < 1_000_000 {
         tries += 1;
         let (x, y) = (rng.range(-0.8, 0.8), rng.range(-0.5, 0.5));
-        let flat = world == World::Plane || world == World::Mostly && rng.unit() < 0.7;
+        let flat = scene == Scene::Plane || scene == Scene::MostlyPlane && rng.unit() < 0.7;
         let z = if flat { 5.0 / (1.0 + tilt[0] * x + tilt[1] * y) } else { rng.range(2.5, 9.0) };
         let p = Vec3::new(x, y, 1.0) * z;
         let Some(mut b) = camera.project(&(truth * p)) else { continue };
@@ -65,10 +65,11 @@ fn views(rng: &mut Rng, world: World, truth: Se3, n: usize, noise: f64, outliers
     v
 }
 
-/// How many of `seeds` start, and the median errors of rotation and of direction in degrees.
+/// Number of `seeds` that initialise, median errors of rotation and direction in degrees, and the reasons of
+/// rejections.
 fn trial(
     name: &str,
-    world: World,
+    scene: Scene,
     baseline: f64,
     outliers: f64,
     seeds: u64,
@@ -81,10 +82,10 @@ fn trial(
         let mut rng = Rng::with_stream(seed, 5);
         let turn = direction(&mut rng) * 0.1;
         let mut t = direction(&mut rng);
-        // Mostly sideways, as a walker's or a drone's start is.
+        // Mostly sideways, as for a person or a drone.
         t.z *= 0.5;
         let truth = Se3::new(So3::exp(&turn), t.normalize() * baseline);
-        let v = views(&mut rng, world, truth, 400, 1.0, outliers);
+        let v = views(&mut rng, scene, truth, 400, 1.0, outliers);
         let start = std::time::Instant::now();
         let result = two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), seed);
         time = time.min(start.elapsed().as_secs_f64() * 1e3);
@@ -94,7 +95,7 @@ fn trial(
                     .push((r.second_from_first.rotation.inverse() * truth.rotation).angle().to_degrees());
                 let cosine = r.second_from_first.translation.dot(&truth.translation.normalize());
                 directions.push(cosine.clamp(-1.0, 1.0).acos().to_degrees());
-                // Outliers that happen to lie on their epipolar line can not be told, but few do.
+                // Outliers that happen to lie on their epipolar line cannot be detected, but few do.
                 let wrong = (0..400).filter(|&i| r.points[i].is_some() && v.points[i].is_none()).count();
                 assert!(wrong <= 30, "{wrong} outliers became points");
                 let right = (0..400).filter(|&i| {
@@ -115,72 +116,72 @@ fn trial(
     let worst = directions.iter().copied().fold(0.0, f64::max);
     let (r, d, s) = (median(&mut rotations), median(&mut directions), median(&mut shares));
     println!(
-        "{name}: {started} of {seeds} start, rotation {r:.3} deg, direction {d:.2} deg (worst {worst:.1}), {s:.2} of \
-         true points within 15 %; fastest {time:.2} ms; refused {}",
+        "{name}: {started} of {seeds} initialise, rotation {r:.3} deg, direction {d:.2} deg (worst {worst:.1}), {s:.2} of \
+         true points within 15 %; fastest {time:.2} ms; rejected {}",
         reasons.len()
     );
-    // Half outliers and a pixel of noise leave a wrong start in some hundreds; fewer outliers none.
+    // With half outliers and a pixel of noise, one in some hundreds is wrong; with fewer outliers none.
     let bad = directions.iter().filter(|d| **d > 15.0).count();
-    assert!(bad <= usize::from(outliers >= 0.5), "{bad} wrong starts, worst {worst} degrees");
+    assert!(bad <= usize::from(outliers >= 0.5), "{bad} wrong initialisations, worst {worst} degrees");
     (started, r, d, reasons)
 }
 
 #[test]
-fn general_worlds_start_despite_outliers() {
+fn general_scenes_initialise_despite_outliers() {
     for outliers in [0.0, 0.3, 0.5] {
         let (n, r, d, _) =
-            trial(&format!("general, outliers {outliers}"), World::General, 0.5, outliers, 100);
+            trial(&format!("general, outliers {outliers}"), Scene::General, 0.5, outliers, 100);
         assert!(n >= 96, "{n}");
         assert!(r < 0.15 && d < 1.5, "{r} {d}");
     }
 }
 
 #[test]
-fn walls_with_things_before_them_start() {
+fn mostly_planar_scenes_initialise() {
     for outliers in [0.0, 0.3, 0.5] {
         let (n, r, d, _) =
-            trial(&format!("mostly plane, outliers {outliers}"), World::Mostly, 0.5, outliers, 100);
+            trial(&format!("mostly plane, outliers {outliers}"), Scene::MostlyPlane, 0.5, outliers, 100);
         assert!(n >= 85, "{n}");
         assert!(r < 0.3 && d < 3.0, "{r} {d}");
     }
 }
 
 #[test]
-fn planes_start_or_are_called_ambiguous() {
+fn planes_initialise_or_are_ambiguous() {
     for outliers in [0.0, 0.3, 0.5] {
         let (n, r, d, reasons) =
-            trial(&format!("plane, outliers {outliers}"), World::Plane, 0.7, outliers, 100);
+            trial(&format!("plane, outliers {outliers}"), Scene::Plane, 0.7, outliers, 100);
         assert!(reasons.iter().all(|r| *r == TwoViewReason::Ambiguous), "{reasons:?}");
         assert!(n >= 40 && r < 0.5 && d < 4.0, "{n} {r} {d}");
     }
 }
 
 #[test]
-fn rotation_alone_is_refused() {
+fn pure_rotation_is_rejected() {
     for outliers in [0.0, 0.3, 0.5] {
         for noise in [0.3, 1.0] {
             let mut worst: f64 = 0.0;
             for seed in 0..40 {
                 let mut rng = Rng::with_stream(seed, 6);
                 let truth = Se3::new(So3::exp(&(direction(&mut rng) * 0.15)), Vec3::zeros());
-                let v = views(&mut rng, World::General, truth, 400, noise, outliers);
+                let v = views(&mut rng, Scene::General, truth, 400, noise, outliers);
                 let e =
                     two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), seed).unwrap_err();
                 worst = worst.max(e.parallax_deg);
             }
             println!(
-                "rotation alone, noise {noise}, outliers {outliers}: refused, largest parallax {worst:.2} deg"
+                "rotation alone, noise {noise}, outliers {outliers}: rejected, largest parallax {worst:.2} deg"
             );
         }
     }
 }
 
 #[test]
-fn little_parallax_is_refused() {
+fn low_parallax_is_rejected() {
     for seed in 0..40 {
         let mut rng = Rng::with_stream(seed, 7);
         let truth = Se3::new(So3::exp(&(direction(&mut rng) * 0.05)), Vec3::new(0.03, 0.01, 0.0));
-        let v = views(&mut rng, World::General, truth, 400, 0.5, 0.2);
+        let v = views(&mut rng, Scene::General, truth, 400, 0.5, 0.2);
         let e = two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), seed).unwrap_err();
         assert!(
             matches!(e.reason, TwoViewReason::LowParallax | TwoViewReason::TooFewPoints),
@@ -191,10 +192,10 @@ fn little_parallax_is_refused() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_start() {
+fn same_seed_gives_the_same_result() {
     let mut rng = Rng::new(8);
     let truth = Se3::new(So3::exp(&Vec3::new(0.02, 0.05, -0.03)), Vec3::new(0.5, 0.1, 0.1));
-    let v = views(&mut rng, World::General, truth, 300, 1.0, 0.3);
+    let v = views(&mut rng, Scene::General, truth, 300, 1.0, 0.3);
     let run = || two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), 9).unwrap();
     let (a, b) = (run(), run());
     assert_eq!(a.second_from_first, b.second_from_first);
@@ -202,7 +203,7 @@ fn the_same_seed_gives_the_same_start() {
 }
 
 #[test]
-fn nonsense_is_refused() {
+fn degenerate_matches_are_rejected() {
     let config = TwoViewConfig::default();
     let few = [[1.0f32, 2.0]; 7];
     assert_eq!(two_view(&camera(), &few, &few, &config, 0).unwrap_err().reason, TwoViewReason::TooFewMatches);

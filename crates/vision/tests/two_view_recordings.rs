@@ -1,4 +1,4 @@
-//! Starting from two frames of recordings, against the true motion.
+//! Two-view initialisation on recordings, against the ground-truth motion.
 
 mod common;
 
@@ -8,23 +8,24 @@ use cairn_vision::{
 };
 use common::recordings::{Shot, euroc_rig, euroc_shots, jpeg, kitti_rig, kitti_shots};
 
-/// Tries pairs that many frames apart; prints how many start and how far off they are; gives (tried, started, wrong).
-fn starts(name: &str, rig: &Rig, shots: &[Shot], apart: usize, every: usize) -> [usize; 3] {
+/// Tries pairs `apart` frames apart; prints how many initialise and their errors; returns `[tried, initialised,
+/// wrong]`.
+fn initialise_pairs(name: &str, rig: &Rig, shots: &[Shot], apart: usize, every: usize) -> [usize; 3] {
     let orb = OrbConfig { features: 2000, ..OrbConfig::default() };
     let mut camera =
         FrontEnd::new(rig, SensorMode::Mono, FrontEndConfig { orb, ..FrontEndConfig::default() }).unwrap();
     let model = *camera.model();
-    let mut see = |s: &Shot| -> Frame {
+    let mut extract = |s: &Shot| -> Frame {
         let images = vec![jpeg(&s.0)];
         camera
             .see(&FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 })
             .unwrap()
     };
     let (mut tried, mut wrong) = (0, 0);
-    let (mut turns, mut directions, mut points, mut refused) = (vec![], vec![], 0, vec![]);
+    let (mut rotation_errors, mut directions, mut points, mut rejected) = (vec![], vec![], 0, vec![]);
     let mut fastest = f64::INFINITY;
     for k in (0..shots.len() - apart).step_by(every) {
-        let (a, b) = (see(&shots[k]), see(&shots[k + apart]));
+        let (a, b) = (extract(&shots[k]), extract(&shots[k + apart]));
         let (mut first, mut second) = (vec![], vec![]);
         for i in 0..a.len() {
             let m = best_two_of(&a.descriptors[i], &b.descriptors);
@@ -41,15 +42,15 @@ fn starts(name: &str, rig: &Rig, shots: &[Shot], apart: usize, every: usize) -> 
         fastest = fastest.min(start.elapsed().as_secs_f64() * 1e3);
         match result {
             Ok(r) => {
-                let turn = (r.second_from_first.rotation.inverse() * truth.rotation).angle().to_degrees();
+                let rotation = (r.second_from_first.rotation.inverse() * truth.rotation).angle().to_degrees();
                 let cosine = r.second_from_first.translation.dot(&truth.translation.normalize());
                 let direction = cosine.clamp(-1.0, 1.0).acos().to_degrees();
-                wrong += usize::from(turn > 1.5 || direction > 20.0);
-                turns.push(turn);
+                wrong += usize::from(rotation > 1.5 || direction > 20.0);
+                rotation_errors.push(rotation);
                 directions.push(direction);
                 points += r.point_count();
             }
-            Err(e) => refused.push(e.reason),
+            Err(e) => rejected.push(e.reason),
         }
     }
     let median = |v: &mut Vec<f64>| {
@@ -57,32 +58,32 @@ fn starts(name: &str, rig: &Rig, shots: &[Shot], apart: usize, every: usize) -> 
         v.get(v.len() / 2).copied().unwrap_or(f64::NAN)
     };
     println!(
-        "{name}, {apart} frames apart: {} of {tried} start, {wrong} wrong; rotation {:.2} deg, direction {:.1} deg (medians), \
-         {} points; fastest {fastest:.1} ms; refused {refused:?}",
-        turns.len(),
-        median(&mut turns),
+        "{name}, {apart} frames apart: {} of {tried} initialise, {wrong} wrong; rotation {:.2} deg, direction {:.1} deg (medians), \
+         {} points; fastest {fastest:.1} ms; rejected {rejected:?}",
+        rotation_errors.len(),
+        median(&mut rotation_errors),
         median(&mut directions),
-        points / turns.len().max(1)
+        points / rotation_errors.len().max(1)
     );
-    [tried, turns.len(), wrong]
+    [tried, rotation_errors.len(), wrong]
 }
 
 #[test]
-fn kitti() {
+fn kitti_initialises() {
     let Some(shots) = kitti_shots() else { return };
     for apart in [1, 2, 4] {
-        let [tried, started, wrong] = starts("kitti-a", &kitti_rig(), &shots, apart, 3);
+        let [tried, started, wrong] = initialise_pairs("kitti-a", &kitti_rig(), &shots, apart, 3);
         assert!(started * 2 > tried && wrong == 0);
     }
 }
 
 #[test]
-fn euroc() {
+fn euroc_initialises() {
     let Some(shots) = euroc_shots() else { return };
     let shots = &shots[..280.min(shots.len())];
     let mut sum = [0; 3];
     for apart in [5, 10, 20] {
-        let n = starts("euroc-mh01", &euroc_rig(), shots, apart, 15);
+        let n = initialise_pairs("euroc-mh01", &euroc_rig(), shots, apart, 15);
         sum = [sum[0] + n[0], sum[1] + n[1], sum[2] + n[2]];
     }
     assert!(sum[1] * 4 > sum[0] && sum[2] * 20 <= sum[1], "{sum:?}");

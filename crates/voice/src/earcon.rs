@@ -1,6 +1,6 @@
-//! Short sounds made by code: sums of sines with a soft begin and end, placed to their side.
+//! Synthesised earcons: sums of sines with soft starts and ends, placed to the left or right.
 //!
-//! Placing: constant-power panning for loudness, and Woodworth's delay of the farther ear, `r / c (sin b + b)` with
+//! Placement: constant-power panning for loudness, and Woodworth's delay of the farther ear, `r / c (sin b + b)` with
 //! r = 8.75 cm (Woodworth 1938, Experimental Psychology), both by the bearing folded to the front.
 
 use cairn_guide::Earcon;
@@ -9,13 +9,13 @@ use std::f64::consts::{FRAC_PI_2, PI};
 /// One of the two ears.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
-    /// The left one.
+    /// The left ear.
     Left = 0,
-    /// The right one.
+    /// The right ear.
     Right = 1,
 }
 
-/// Hertz, begin and length in seconds, loudness.
+/// Frequency in hertz, start and duration in seconds, amplitude.
 type Note = (f64, f64, f64, f64);
 
 fn notes(earcon: Earcon) -> &'static [Note] {
@@ -29,15 +29,15 @@ fn notes(earcon: Earcon) -> &'static [Note] {
     }
 }
 
-/// Seconds of the soft begin and end of a note.
+/// Length of the fade at the start and end of a note, seconds.
 const SOFT_S: f64 = 0.008;
 /// Radius of a head over the speed of sound, seconds.
 const HEAD_S: f64 = 0.0875 / 343.0;
 
-/// Left and right samples in -1..1 of a sound at `rate` samples a second, from `bearing_rad` (positive: left).
+/// Left and right samples in -1..1 of an earcon at `rate` samples a second, from `bearing_rad` (positive: left).
 pub fn earcon(earcon: Earcon, bearing_rad: f64, rate: u32) -> Vec<[f32; 2]> {
     let rate = f64::from(rate);
-    // What lies behind is heard on its side; two ears do not tell front from back.
+    // A sound from behind is placed on its side: these cues do not distinguish front from back.
     let side = bearing_rad.sin().clamp(-1.0, 1.0).asin();
     let gains = { [(0.25 * PI + 0.5 * side).sin(), (0.25 * PI + 0.5 * side).cos()] };
     let late = HEAD_S * (side.abs().sin() + side.abs());
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn sounds_are_short_soft_at_both_ends_and_never_too_loud() {
+    fn earcons_are_short_faded_and_not_clipped() {
         for e in ALL {
             let sound = earcon(e, 0.3, 22_050);
             assert!(sound.len() < 22_050 && sound.len() > 1000, "{e:?}");
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn the_side_is_heard_in_loudness_and_time() {
+    fn side_is_encoded_in_level_and_delay() {
         for e in ALL {
             let (left, right, ahead) =
                 (earcon(e, 1.0, 48_000), earcon(e, -1.0, 48_000), earcon(e, 0.0, 48_000));

@@ -1,5 +1,6 @@
-//! The `espeak-ng` program as a child, one for each utterance: it can be broken off, and one that was killed is started
-//! again. It is never linked (its licence is the GPL). Short sounds go through `aplay` where that is installed.
+//! Runs the `espeak-ng` program as a child process, one for each utterance: it can be interrupted, and is restarted
+//! when it was killed. It is never linked (its licence is the GPL). Earcons go through `aplay` where that is
+//! installed.
 
 use crate::earcon::earcon;
 use crate::{Voice, VoiceError};
@@ -8,7 +9,7 @@ use std::ffi::OsString;
 use std::io::{ErrorKind, Read, Write};
 use std::process::{Child, Command, Stdio};
 
-/// Rate and loudness of speech.
+/// Rate and volume of speech.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpeechConfig {
     /// 0.1 to 2; 1 is 175 words a minute.
@@ -30,13 +31,13 @@ pub struct Espeak {
     config: SpeechConfig,
 }
 
-/// So often the same words are begun again when their child dies.
+/// How often the same words are started again when their child process dies.
 const AGAIN: usize = 2;
-/// Samples a second of short sounds.
+/// Sample rate of the earcons.
 const RATE: u32 = 22_050;
 
 impl Espeak {
-    /// Finds out whether the program is there.
+    /// Checks whether the program is installed.
     ///
     /// # Errors
     /// When it is not, with what to install.
@@ -44,7 +45,7 @@ impl Espeak {
         Self::named("espeak-ng", config)
     }
 
-    /// With another program that takes the same arguments: for tests.
+    /// With another program that takes the same arguments, for tests.
     ///
     /// # Errors
     /// As [`Espeak::find`].
@@ -68,7 +69,7 @@ impl Espeak {
         }
     }
 
-    /// Starts it with words on its standard input; `extra` comes before.
+    /// Starts the program with the words on its standard input; `extra` are its first arguments.
     fn start(&self, text: &str, extra: &[&str], out: Stdio) -> std::io::Result<Child> {
         let speed = (175.0 * self.config.rate.clamp(0.1, 2.0)).round().max(80.0);
         let loud = (100.0 * self.config.volume.clamp(0.0, 1.0)).round();
@@ -80,16 +81,16 @@ impl Espeak {
             .stderr(Stdio::null())
             .spawn()?;
         if let Some(mut pipe) = child.stdin.take() {
-            // A child that died already is noticed later.
+            // A child process that died already is detected later.
             let _ = pipe.write_all(text.as_bytes());
         }
         Ok(child)
     }
 
-    /// The words as samples in -1..1, and how many of them make a second.
+    /// The words as samples in -1..1, and the sample rate.
     ///
     /// # Errors
-    /// When the program fails or gives no sound.
+    /// When the program fails or returns no sound.
     pub fn samples(&self, text: &str) -> Result<(Vec<f32>, u32), VoiceError> {
         let fail = |why: String| VoiceError { why, cure: "try espeak-ng by itself".into() };
         let mut child = self.start(text, &["--stdout"], Stdio::piped()).map_err(|e| fail(e.to_string()))?;
@@ -98,11 +99,11 @@ impl Espeak {
             out.read_to_end(&mut bytes).map_err(|e| fail(e.to_string()))?;
         }
         let _ = child.wait();
-        read_wav(&bytes).ok_or_else(|| fail("espeak-ng gave no sound".into()))
+        read_wav(&bytes).ok_or_else(|| fail("espeak-ng returned no sound".into()))
     }
 }
 
-/// Samples of a streamed WAV file with one channel of 16 bits: the lengths in its head are not to be believed.
+/// Samples of a streamed WAV file with one channel of 16 bits: the lengths in its header are not reliable.
 fn read_wav(bytes: &[u8]) -> Option<(Vec<f32>, u32)> {
     let rate = u32::from_le_bytes(bytes.get(24..28)?.try_into().ok()?);
     let data = 8 + bytes.windows(4).take(4096).position(|w| w == b"data")?;
@@ -111,12 +112,12 @@ fn read_wav(bytes: &[u8]) -> Option<(Vec<f32>, u32)> {
     ((4000..=192_000).contains(&rate) && bytes.starts_with(b"RIFF")).then_some((samples, rate))
 }
 
-/// Speaks aloud, now.
+/// Speaks aloud, immediately.
 pub struct EspeakVoice {
     espeak: Espeak,
-    /// What is being said, by which child, and how often it was begun.
+    /// The present utterance, its child process, and how often it was started.
     speaking: Option<(String, Child, usize)>,
-    /// What comes after it.
+    /// The utterance that comes next.
     waiting: Option<String>,
     sounds: Vec<Child>,
     can_play: bool,
@@ -125,7 +126,7 @@ pub struct EspeakVoice {
 }
 
 impl EspeakVoice {
-    /// A voice that is silent yet.
+    /// A voice that has said nothing yet.
     pub fn new(espeak: Espeak) -> Self {
         let mut probe = Command::new("aplay");
         let probe = probe.arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
@@ -141,12 +142,12 @@ impl EspeakVoice {
         }
     }
 
-    /// How often a child that died was started again.
+    /// How often a child process that died was started again.
     pub fn restarts(&self) -> usize {
         self.restarts
     }
 
-    /// The child that speaks now, if one does.
+    /// The process id of the present utterance, if any.
     pub fn child_id(&self) -> Option<u32> {
         self.speaking.as_ref().map(|(_, child, _)| child.id())
     }
@@ -167,8 +168,8 @@ impl EspeakVoice {
         }
     }
 
-    /// Looks whether the child has ended; one that was killed begins again.
-    fn look(&mut self) {
+    /// Checks whether the child process has ended; one that was killed is started again.
+    fn check_child(&mut self) {
         let Some((_, child, _)) = &mut self.speaking else { return };
         let Ok(Some(status)) = child.try_wait() else { return };
         let Some((text, _, times)) = self.speaking.take() else { return };
@@ -190,12 +191,12 @@ impl EspeakVoice {
 
 impl Voice for EspeakVoice {
     fn say(&mut self, text: &str, _: f64, interrupts: bool) {
-        self.look();
+        self.check_child();
         if interrupts {
             self.stop();
         }
         match self.speaking {
-            // The announcer's estimate was short: this waits for its end.
+            // The announcer's estimate was too short: the new text waits for the end of the present one.
             Some(_) => self.waiting = Some(text.to_owned()),
             None => self.begin(text.to_owned(), 1),
         }
@@ -217,7 +218,7 @@ impl Voice for EspeakVoice {
             .stderr(Stdio::null())
             .spawn();
         if let Ok(mut player) = player {
-            // A short sound fits into the pipe: this does not wait.
+            // An earcon fits into the pipe, so this does not block.
             if let Some(mut pipe) = player.stdin.take() {
                 let _ = pipe.write_all(&pcm);
             }
@@ -226,12 +227,12 @@ impl Voice for EspeakVoice {
     }
 
     fn pass(&mut self, _: f64) {
-        self.look();
+        self.check_child();
     }
 
     fn end(&mut self) -> Result<(), VoiceError> {
         while self.speaking.is_some() {
-            self.look();
+            self.check_child();
             std::thread::sleep(std::time::Duration::from_millis(20));
         }
         for child in &mut self.sounds {
@@ -256,7 +257,7 @@ mod tests {
     use std::path::PathBuf;
     use std::time::{Duration, Instant};
 
-    /// A program that takes espeak's arguments, writes what it was told, and takes its time.
+    /// A program that takes espeak's arguments, writes down its input, and runs for some time.
     fn fake(name: &str, body: &str) -> (Espeak, PathBuf) {
         let folder = std::env::temp_dir().join(format!("cairn-voice-{name}-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&folder);
@@ -281,13 +282,13 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_program_says_what_to_install() {
+    fn missing_program_error_names_package() {
         let error = Espeak::named("no-such-voice-of-cairn", SpeechConfig::default()).unwrap_err();
         assert!(error.to_string().contains("apt install espeak-ng"), "{error}");
     }
 
     #[test]
-    fn urgent_words_break_off_and_others_wait() {
+    fn urgent_words_interrupt_and_others_wait() {
         let (espeak, log) = fake("order", "cat >> $LOG; echo >> $LOG; exec sleep 2");
         let mut voice = EspeakVoice::new(espeak);
         voice.say("one", 0.0, false);
@@ -304,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_killed_child_is_started_again_and_one_that_always_dies_is_told() {
+    fn killed_child_restarts_and_repeated_death_is_an_error() {
         let (espeak, log) = fake("killed", "cat >> $LOG; echo >> $LOG; exec sleep 0.5");
         let mut voice = EspeakVoice::new(espeak);
         voice.say("turn left now", 0.0, false);
@@ -326,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn the_head_of_a_streamed_file_is_not_believed() {
+    fn streamed_wav_header_lengths_are_ignored() {
         let mut bytes = b"RIFF\xff\xff\xff\x7fWAVEfmt \x10\0\0\0\x01\0\x01\0".to_vec();
         bytes.extend(22_050_u32.to_le_bytes());
         bytes.extend([0; 6]);

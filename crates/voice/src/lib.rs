@@ -12,7 +12,7 @@ pub use wav::WavVoice;
 
 use cairn_guide::Earcon;
 
-/// Why a voice can not speak, with what to do about it.
+/// Why a voice cannot speak, with a remedy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{why}; {cure}")]
 pub struct VoiceError {
@@ -22,15 +22,15 @@ pub struct VoiceError {
     pub cure: String,
 }
 
-/// Something that speaks. Times are seconds of the walk; they never go back.
+/// An output for speech. Times are seconds since the start of the walk and never decrease.
 pub trait Voice: Send {
-    /// Begins words now; `interrupts` breaks off what is being said.
+    /// Starts saying words now; `interrupts` breaks off the present utterance.
     fn say(&mut self, text: &str, t_s: f64, interrupts: bool);
-    /// Begins a short sound now, from `bearing_rad` (positive: the walker's left).
+    /// Starts an earcon now, from `bearing_rad` (positive: the walker's left).
     fn sound(&mut self, earcon: Earcon, bearing_rad: f64, t_s: f64);
-    /// Time passes: what died is noticed here, and what is due is written.
+    /// Called as time passes: detects failures and writes what is due.
     fn pass(&mut self, t_s: f64);
-    /// Ends: waits for the last words, completes files.
+    /// Finishes: waits for the last words, completes files.
     ///
     /// # Errors
     /// When something could not be said or written.

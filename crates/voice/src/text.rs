@@ -1,4 +1,4 @@
-//! Words as lines of text: what a screen reader on a terminal reads.
+//! Utterances as lines of text, for a screen reader on a terminal.
 
 use crate::{Voice, VoiceError};
 use cairn_guide::Earcon;
@@ -19,7 +19,7 @@ impl<W: Write> TextVoice<W> {
 
 impl<W: Write + Send> Voice for TextVoice<W> {
     fn say(&mut self, text: &str, t_s: f64, _: bool) {
-        // To the tenth first, so that no minute has 60 seconds.
+        // Rounded to tenths first, so that no minute has 60 seconds.
         let tenths = (t_s.max(0.0) * 10.0).round() as u64;
         let (minutes, seconds) = (tenths / 600, (tenths % 600) as f64 / 10.0);
         let line = writeln!(self.out, "{minutes}:{seconds:04.1}  {text}").and_then(|()| self.out.flush());
@@ -34,7 +34,7 @@ impl<W: Write + Send> Voice for TextVoice<W> {
 
     fn end(&mut self) -> Result<(), VoiceError> {
         match self.failed.take() {
-            // Who has closed the pipe does not want to hear more.
+            // A reader that has closed the pipe is not an error.
             Some(why) if !why.contains("roken pipe") => {
                 Err(VoiceError { why, cure: "check where the output is sent".into() })
             }
@@ -43,7 +43,7 @@ impl<W: Write + Send> Voice for TextVoice<W> {
     }
 }
 
-/// Says nothing.
+/// A voice that says nothing.
 pub struct NoVoice;
 
 impl Voice for NoVoice {
@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_read_as_a_clock() {
+    fn times_are_formatted_as_a_clock() {
         let mut out = Vec::new();
         let mut voice = TextVoice::new(&mut out);
         for t in [0.0, 59.97, 61.04, 600.0, -3.0] {

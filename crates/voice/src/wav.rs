@@ -1,7 +1,7 @@
-//! Words and sounds as a stereo WAV file, each at its time: what a walker would have heard.
+//! Utterances and earcons as a stereo WAV file, each at its time: what a walker would have heard.
 //!
 //! The file is complete up to the present at every moment: samples are appended as time passes, and the lengths in its
-//! head (RIFF WAVE, 16-bit PCM) are set anew once a second.
+//! header (RIFF WAVE, 16-bit PCM) are updated once a second.
 
 use crate::earcon::earcon;
 use crate::espeak::Espeak;
@@ -12,7 +12,7 @@ use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Samples a second of the file: what espeak-ng gives.
+/// Sample rate of the file: that of espeak-ng.
 const RATE: u32 = 22_050;
 const HEAD: u64 = 44;
 
@@ -20,9 +20,9 @@ const HEAD: u64 = 44;
 pub struct WavVoice {
     out: File,
     espeak: Espeak,
-    /// Samples written.
+    /// Number of samples written.
     done: u64,
-    /// What comes from there on: words, which can be broken off, and sounds, which are short.
+    /// Samples that follow: words, which can be interrupted, and earcons, which are short.
     words: VecDeque<f32>,
     sounds: VecDeque<[f32; 2]>,
     headed: u64,
@@ -30,14 +30,14 @@ pub struct WavVoice {
 }
 
 impl WavVoice {
-    /// Begins a new file; one that exists is written over.
+    /// Creates a file; an existing one is overwritten.
     ///
     /// # Errors
-    /// When it can not be made.
+    /// When it cannot be created.
     pub fn create(path: &Path, espeak: Espeak) -> Result<Self, VoiceError> {
         let fail = |e: io::Error| VoiceError {
             why: format!("{}: {e}", path.display()),
-            cure: "check that its folder exists and may be written".into(),
+            cure: "check that its folder exists and is writable".into(),
         };
         let mut out = File::create(path).map_err(fail)?;
         out.write_all(&head(0)).map_err(fail)?;
@@ -86,9 +86,9 @@ impl WavVoice {
     }
 }
 
-/// The head of a file of so many stereo samples.
+/// The header of a file with this many stereo samples.
 fn head(samples: u64) -> [u8; HEAD as usize] {
-    // Four hours and more are longer than the form can tell.
+    // More than four hours exceed the length field of the format.
     let data = u32::try_from(4 * samples).unwrap_or(u32::MAX - 36);
     let mut head = [0; HEAD as usize];
     head[..4].copy_from_slice(b"RIFF");
@@ -106,7 +106,7 @@ fn head(samples: u64) -> [u8; HEAD as usize] {
     head
 }
 
-/// The samples at another rate, by linear interpolation.
+/// The samples resampled to another rate, by linear interpolation.
 fn at_rate(samples: &[f32], from: u32) -> Vec<f32> {
     if from == RATE || samples.len() < 2 {
         return samples.to_vec();
@@ -172,9 +172,9 @@ mod tests {
     fn samples(path: &Path) -> Vec<[i16; 2]> {
         let bytes = std::fs::read(path).unwrap();
         assert_eq!(&bytes[..4], b"RIFF");
-        let told = u32::from_le_bytes(bytes[40..44].try_into().unwrap()) as usize;
-        assert!(told <= bytes.len() - 44, "the head tells {told} of {}", bytes.len() - 44);
-        let four = bytes[44..44 + told].chunks_exact(4);
+        let stated = u32::from_le_bytes(bytes[40..44].try_into().unwrap()) as usize;
+        assert!(stated <= bytes.len() - 44, "the header states {stated} of {}", bytes.len() - 44);
+        let four = bytes[44..44 + stated].chunks_exact(4);
         four.map(|b| [i16::from_le_bytes([b[0], b[1]]), i16::from_le_bytes([b[2], b[3]])]).collect()
     }
 
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn words_and_sounds_stand_at_their_times_and_urgent_words_cut_off_others() {
+    fn wav_timing_and_interruption() {
         let Ok(espeak) = Espeak::find(SpeechConfig::default()) else {
             println!("skipped: espeak-ng is not installed");
             return;
@@ -192,11 +192,11 @@ mod tests {
         let path = std::env::temp_dir().join(format!("cairn-voice-{}.wav", std::process::id()));
         let mut voice = WavVoice::create(&path, espeak).unwrap();
         voice.pass(0.5);
-        voice.say("The way is forty metres. Continue ten metres, then turn left.", 1.0, false);
+        voice.say("The route is forty metres. Continue ten metres, then turn left.", 1.0, false);
         voice.sound(Earcon::Stop, 1.5, 2.0);
         voice.say("Stop.", 2.0, true);
         voice.pass(5.0);
-        // Complete at every moment, as after a crash.
+        // The file is complete at every moment, as after a crash.
         assert!(samples(&path).len() >= 4 * RATE as usize);
         voice.end().unwrap();
         let all = samples(&path);

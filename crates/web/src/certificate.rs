@@ -1,7 +1,7 @@
-//! A certificate that the page's server signs itself: phones give camera and motion only to pages over HTTPS.
+//! A self-signed certificate for the page's server: phones give camera and motion only to pages over HTTPS.
 //!
-//! It is kept with its key in one file of PEM text, readable by its owner alone, so that a phone is asked once. The first
-//! line tells what it stands for; where an address has come that it does not stand for, a new one takes its place.
+//! It is kept with its key in one PEM file, readable by its owner alone, so that a phone asks only once. The first line
+//! lists the addresses and names it covers; when a new one is needed, a new certificate replaces it.
 
 use rcgen::{CertificateParams, DistinguishedName, DnType, KeyPair, SanType};
 use rustls::pki_types::pem::PemObject;
@@ -12,9 +12,9 @@ use std::path::Path;
 
 /// The name of the file.
 const FILE: &str = "page.pem";
-/// What the first line begins with.
-const STANDS_FOR: &str = "for ";
-/// So many addresses of earlier starts are still stood for.
+/// The beginning of the first line.
+const COVERS: &str = "for ";
+/// How many addresses of earlier starts stay covered.
 const EARLIER: usize = 12;
 
 /// A key with its certificate.
@@ -24,11 +24,11 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// The one that is kept in a folder, when it stands for all of these addresses and names; else a new one, which is
-    /// kept there. Also gives why it could not be kept, if so.
+    /// The certificate kept in a folder, when it covers all of these addresses and names; else a new one, which is kept
+    /// there. Also returns why it could not be kept, if so.
     ///
     /// # Errors
-    /// When the key or the certificate can not be made, in the words of the library.
+    /// The library's message, when the key or the certificate cannot be made.
     pub fn kept(
         folder: &Path,
         addresses: &[IpAddr],
@@ -36,7 +36,7 @@ impl Certificate {
     ) -> Result<(Self, Option<String>), String> {
         let path = folder.join(FILE);
         let text = std::fs::read_to_string(&path).unwrap_or_default();
-        let listed = text.lines().next().and_then(|line| line.strip_prefix(STANDS_FOR)).unwrap_or_default();
+        let listed = text.lines().next().and_then(|line| line.strip_prefix(COVERS)).unwrap_or_default();
         let before: Vec<&str> = listed.split_whitespace().collect();
         let stands_for = |name: &String| before.contains(&name.as_str());
         if addresses.iter().map(IpAddr::to_string).all(|a| stands_for(&a))
@@ -45,12 +45,12 @@ impl Certificate {
         {
             return Ok((kept, None));
         }
-        // A phone may come back to a network of before.
+        // A phone may come back to an earlier network.
         let earlier = before.iter().filter_map(|a| a.parse().ok()).filter(|a| !addresses.contains(a));
         let all: Vec<IpAddr> = addresses.iter().copied().chain(earlier.take(EARLIER)).collect();
         let (new, pem) = Self::made(&all, names)?;
         let listed: Vec<String> = all.iter().map(IpAddr::to_string).chain(names.iter().cloned()).collect();
-        let text = format!("{STANDS_FOR}{}\n{pem}", listed.join(" "));
+        let text = format!("{COVERS}{}\n{pem}", listed.join(" "));
         let written = std::fs::create_dir_all(folder).and_then(|()| write_private(&path, &text));
         Ok((new, written.err().map(|e| format!("{}: {e}", path.display()))))
     }
@@ -59,20 +59,20 @@ impl Certificate {
         let certificate = CertificateDer::from_pem_slice(text.as_bytes()).ok()?;
         let key = PrivateKeyDer::from_pem_slice(text.as_bytes()).ok()?;
         let whole = Self { chain: vec![certificate], key };
-        // A key that does not belong to the certificate is found here and not by the phone.
+        // A key that does not match the certificate is detected here and not on the phone.
         let copy = Self { chain: whole.chain.clone(), key: whole.key.clone_key() };
         copy.into_server().is_ok().then_some(whole)
     }
 
-    /// A fresh one for these addresses and names, valid for a long time.
+    /// A new certificate for these addresses and names, valid for a long time.
     ///
     /// # Errors
-    /// When the key or the certificate can not be made, in the words of the library.
+    /// The library's message, when the key or the certificate cannot be made.
     pub fn new(addresses: &[IpAddr], names: &[String]) -> Result<Self, String> {
         Self::made(addresses, names).map(|(new, _)| new)
     }
 
-    /// With its text.
+    /// Likewise, with its PEM text.
     fn made(addresses: &[IpAddr], names: &[String]) -> Result<(Self, String), String> {
         let text = |e: rcgen::Error| e.to_string();
         let mut params = CertificateParams::new(names.to_vec()).map_err(text)?;
@@ -90,12 +90,12 @@ impl Certificate {
         Ok((new, pem))
     }
 
-    /// The certificate as it is sent, for clients that are told whom to trust.
+    /// The certificate as it is sent, for clients that need a trust anchor.
     pub fn der(&self) -> CertificateDer<'static> {
         self.chain[0].clone()
     }
 
-    /// What a TLS server goes by.
+    /// The config of a TLS server.
     pub(crate) fn into_server(self) -> Result<rustls::ServerConfig, String> {
         let provider = std::sync::Arc::new(rustls::crypto::ring::default_provider());
         let mut config = rustls::ServerConfig::builder_with_provider(provider)
@@ -109,7 +109,7 @@ impl Certificate {
     }
 }
 
-/// Writes a file whole or not at all, which nobody else may read.
+/// Writes a file completely or not at all, readable by its owner alone.
 fn write_private(path: &Path, text: &str) -> std::io::Result<()> {
     let part = path.with_extension(format!("part-{}", std::process::id()));
     let mut options = std::fs::File::options();
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_kept_until_an_address_comes_that_it_does_not_stand_for() {
+    fn certificate_is_kept_until_a_new_address_needs_another() {
         let folder = std::env::temp_dir().join(format!("cairn-certificate-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&folder);
         let (home, hall): (IpAddr, IpAddr) = ([192, 168, 1, 7].into(), [10, 0, 0, 3].into());
@@ -141,13 +141,13 @@ mod tests {
         assert_eq!(kept(&[home]).0.der(), first.der());
         let both = kept(&[hall]).0.der();
         assert_ne!(both, first.der());
-        assert_eq!(kept(&[home]).0.der(), both, "back in the network of before");
+        assert_eq!(kept(&[home]).0.der(), both, "back in the earlier network");
         #[cfg(unix)]
         {
             let mode = std::fs::metadata(folder.join(FILE)).unwrap();
             assert_eq!(std::os::unix::fs::PermissionsExt::mode(&mode.permissions()) & 0o077, 0);
         }
-        // What is damaged, or whose key is another's, is made anew.
+        // A damaged file, or one with another key, is rebuilt.
         let text = std::fs::read_to_string(folder.join(FILE)).unwrap();
         std::fs::write(folder.join(FILE), &text[..text.len() / 2]).unwrap();
         let third = kept(&[home]).0.der();
@@ -158,8 +158,8 @@ mod tests {
         std::fs::write(folder.join(FILE), format!("{before}-----BEGIN PRIVATE KEY{other}")).unwrap();
         assert_ne!(kept(&[home]).0.der(), third);
         std::fs::remove_dir_all(&folder).unwrap();
-        // Where it can not be kept, there is one all the same, and why is told.
-        std::fs::write(&folder, "in the way").unwrap();
+        // Where it cannot be kept, there is a certificate all the same, and the reason is returned.
+        std::fs::write(&folder, "a file, not a folder").unwrap();
         assert!(kept(&[home]).1.unwrap().contains("page.pem"));
         std::fs::remove_file(&folder).unwrap();
     }

@@ -1,4 +1,4 @@
-//! Where pages and the walk meet: who is there, who controls, what is to be sent.
+//! Shared state of the pages and the session's thread: who is connected, who controls, what is to be sent.
 
 use crate::wire::ToPage;
 use cairn_session::{Command, Inbox};
@@ -7,33 +7,33 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::{broadcast, watch};
 
-/// Words, sounds and answers that a slow page may be behind by.
+/// How many utterances, sounds and answers a slow page may be behind.
 const BEHIND: usize = 256;
 
-/// Bytes that many pages are sent.
+/// Bytes that are sent to several pages.
 pub(crate) type Shared = Arc<[u8]>;
 
 /// The hub.
 pub(crate) struct Hub {
-    /// Who may in.
+    /// The access token.
     pub token: String,
-    /// What the walk sees with, for people; empty while the page's camera does.
+    /// Description of the session's camera, for people; empty when it is the page's own.
     pub camera: String,
-    /// Pictures of the page's camera go here.
+    /// Receives the pictures of the page's camera.
     pub port: PhonePort,
-    /// Commands go here.
+    /// Receives the commands.
     pub inbox: Arc<Inbox>,
-    /// The walk has begun: there is someone to take commands.
-    pub walking: AtomicBool,
-    /// Someone has asked to end all.
-    pub leaving: AtomicBool,
-    /// Someone wants pictures.
+    /// The session has started and takes commands.
+    pub running: AtomicBool,
+    /// Someone has asked to end the server.
+    pub shutting_down: AtomicBool,
+    /// How many pages want pictures.
     pub pictures_wanted: AtomicU64,
-    /// Someone wants the map.
+    /// How many pages want the map.
     pub maps_wanted: AtomicU64,
-    /// Everything that must arrive, in order.
-    pub told: broadcast::Sender<Arc<str>>,
-    /// What only counts when it is new.
+    /// Messages that must all arrive, in order.
+    pub messages: broadcast::Sender<Arc<str>>,
+    /// The status, of which only the newest matters.
     pub status: watch::Sender<Arc<str>>,
     pub view: watch::Sender<Arc<str>>,
     pub picture: watch::Sender<Shared>,
@@ -49,11 +49,11 @@ impl Hub {
             camera,
             port: PhonePort::default(),
             inbox: Inbox::new(),
-            walking: AtomicBool::new(false),
-            leaving: AtomicBool::new(false),
+            running: AtomicBool::new(false),
+            shutting_down: AtomicBool::new(false),
             pictures_wanted: AtomicU64::new(0),
             maps_wanted: AtomicU64::new(0),
-            told: broadcast::Sender::new(BEHIND),
+            messages: broadcast::Sender::new(BEHIND),
             status: watch::Sender::new(empty.clone()),
             view: watch::Sender::new(empty),
             picture: watch::Sender::new(Arc::from([].as_slice())),
@@ -62,25 +62,25 @@ impl Hub {
         }
     }
 
-    /// A number for a page that has come.
+    /// A number for a page that has connected.
     pub fn number(&self) -> u64 {
         self.next.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// Ends the walk, also one that still waits for its first picture.
-    pub fn leave_all(&self) {
-        self.leaving.store(true, Ordering::Relaxed);
+    /// Ends the session, also one that still waits for its first picture.
+    pub fn shut_down(&self) {
+        self.shutting_down.store(true, Ordering::Relaxed);
         self.inbox.command(Command::Quit);
         self.port.close();
     }
 
-    /// Tells every page.
-    pub fn tell(&self, message: &ToPage) {
-        // Nobody there is no failure.
-        let _ = self.told.send(message.text().into());
+    /// Sends a message to every page.
+    pub fn broadcast(&self, message: &ToPage) {
+        // No connected page is not a failure.
+        let _ = self.messages.send(message.text().into());
     }
 
-    /// Takes control, when nobody has it.
+    /// Takes control, when no page has it.
     pub fn take(&self, id: u64) -> bool {
         let mut controller = self.controller.lock().unwrap_or_else(PoisonError::into_inner);
         let took = controller.is_none();
@@ -88,21 +88,21 @@ impl Hub {
             *controller = Some(id);
         }
         drop(controller);
-        self.tell(&ToPage::Control { id: self.controller() });
+        self.broadcast(&ToPage::Control { id: self.controller() });
         took
     }
 
     /// Gives control back, if this page had it.
-    pub fn leave(&self, id: u64) {
+    pub fn release(&self, id: u64) {
         let mut controller = self.controller.lock().unwrap_or_else(PoisonError::into_inner);
         if *controller == Some(id) {
             *controller = None;
             drop(controller);
-            self.tell(&ToPage::Control { id: None });
+            self.broadcast(&ToPage::Control { id: None });
         }
     }
 
-    /// Who controls.
+    /// The page that controls.
     pub fn controller(&self) -> Option<u64> {
         *self.controller.lock().unwrap_or_else(PoisonError::into_inner)
     }

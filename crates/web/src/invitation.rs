@@ -1,9 +1,9 @@
-//! How to get to the page: addresses with the token, and a QR code for the phone's camera.
+//! How to reach the page: addresses with the token, and a QR code for the phone's camera.
 
 use qrcode::{EcLevel, QrCode};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 
-/// Where the page is and who may in.
+/// The page's addresses and its access token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invitation {
     /// Addresses with the token, the best one first.
@@ -21,8 +21,8 @@ impl Invitation {
         Self { urls: hosts.iter().map(url).collect(), token: token.to_owned() }
     }
 
-    /// The first address as a QR code of half blocks, two modules to a character, light on dark terminals and dark on
-    /// light ones alike (it brings its own background).
+    /// The first address as a QR code of half blocks, two modules to a character. It sets its own background, so it can
+    /// be read on dark and on light terminals.
     pub fn qr(&self) -> String {
         let Some(url) = self.urls.first() else { return String::new() };
         let Ok(code) = QrCode::with_error_correction_level(url, EcLevel::L) else { return String::new() };
@@ -53,23 +53,23 @@ impl Invitation {
 /// This machine's address in the local network, if it has one. Nothing is sent to find it out.
 pub fn lan_address() -> Option<IpAddr> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
-    // An address of the documentation's own range: the system only looks which way it would go.
+    // An address of the documentation range: the system only selects the route to it.
     socket.connect((Ipv4Addr::new(192, 0, 2, 1), 9)).ok()?;
     let address = socket.local_addr().ok()?.ip();
     (!address.is_loopback() && !address.is_unspecified()).then_some(address)
 }
 
-/// A word that nobody guesses: 128 bits.
+/// A random token of 128 bits.
 pub(crate) fn new_token() -> Result<String, String> {
     let mut bytes = [0; 16];
     rustls::crypto::ring::default_provider()
         .secure_random
         .fill(&mut bytes)
-        .map_err(|_| "this machine gives no random numbers".to_owned())?;
+        .map_err(|_| "this machine provides no random numbers".to_owned())?;
     Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
 }
 
-/// Whether two words are the same, in a time that does not tell where they differ.
+/// Compares two tokens in constant time.
 pub(crate) fn same(a: &str, b: &str) -> bool {
     a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |d, (x, y)| d | (x ^ y)) == 0
 }

@@ -25,58 +25,59 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::{broadcast, oneshot, watch};
 
-/// Who does not say who he is within this is sent away.
+/// A page that does not send its hello within this time is disconnected.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
 /// The largest message of a page: a picture.
 const LARGEST: usize = 4 << 20;
 
-/// Opens a source that is not the page's camera; with its camera, and whether its inertial sensor is used.
+/// Opens a source that is not the page's camera; returns it with its camera mode and whether its IMU is used.
 pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, bool), SourceError> + Send>;
 
-/// What the walk sees with.
+/// The session's camera.
 pub enum CameraSource {
-    /// The camera of the page that controls; its rig, where one is known.
+    /// The camera of the page that controls.
     Page {
-        /// The calibration; a guess without it.
+        /// The calibration; an estimate without it.
         rig: Option<Box<Rig>>,
     },
     /// Another source.
     Source {
-        /// For people.
+        /// Its name, for people.
         name: String,
-        /// How to open it; called on the walking thread, may wait.
+        /// Opens it; called on the session's thread, may block.
         open: OpenSource,
     },
 }
 
-/// What a server goes by.
+/// Config of a server.
 pub struct ServeConfig {
-    /// Open to the local network, not to this machine alone.
+    /// Reachable from the local network, not only from this machine.
     pub lan: bool,
     /// The port; 0 takes a free one.
     pub port: u16,
-    /// Where the certificate is kept, so that a phone is asked once whether to trust it; made anew at each start without.
+    /// The folder of the certificate, so that a phone asks only once whether to trust it; without one it is new at each
+    /// start.
     pub keep: Option<PathBuf>,
-    /// What the walk sees with.
+    /// The session's camera.
     pub camera: CameraSource,
-    /// The engine's.
+    /// The engine's config.
     pub config: Config,
-    /// The session's.
+    /// The session's config.
     pub session: SessionConfig,
 }
 
-/// Why the page can not be given.
+/// Why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum WebError {
-    /// The port can not be had.
+    /// The port cannot be bound.
     #[error("port {port}: {source}")]
     Port {
-        /// Which.
+        /// The port.
         port: u16,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Something else that the machine does not give.
+    /// Another failure of the machine, such as no thread or no random numbers.
     #[error("{0}")]
     Machine(String),
 }
@@ -94,10 +95,10 @@ pub struct Server {
 }
 
 impl Server {
-    /// Binds the port, makes a token, makes or takes up a certificate, and starts.
+    /// Binds the port, makes a token, loads or makes a certificate, and starts.
     ///
     /// # Errors
-    /// When the port is taken, or the machine gives no thread or random number.
+    /// When the port is taken, or the machine provides no thread or random number.
     pub fn start(config: ServeConfig) -> Result<Self, WebError> {
         let machine = |why: String| WebError::Machine(why);
         let host: IpAddr = if config.lan { Ipv4Addr::UNSPECIFIED.into() } else { Ipv4Addr::LOCALHOST.into() };
@@ -162,17 +163,17 @@ impl Server {
         })
     }
 
-    /// How to get to the page.
+    /// How to reach the page.
     pub fn invitation(&self) -> &Invitation {
         &self.invitation
     }
 
-    /// Where it listens.
+    /// The address it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The certificate, for clients that are told whom to trust.
+    /// The certificate, for clients that need a trust anchor.
     pub fn certificate(&self) -> &CertificateDer<'static> {
         &self.certificate
     }
@@ -182,19 +183,19 @@ impl Server {
         self.not_kept.as_deref()
     }
 
-    /// What gives commands from beside the pages: from the terminal.
+    /// A handle that gives commands from outside the pages, such as from the terminal.
     pub fn remote(&self) -> Remote {
         Remote(self.hub.clone())
     }
 
-    /// Waits until the walk ends, by its source or by [`Command::Quit`], then stops serving.
+    /// Waits until the session ends, by its source or by [`Command::Quit`], then stops serving.
     ///
     /// # Errors
     /// Why the source failed.
     pub fn wait(mut self) -> Result<(), SourceError> {
         let result = match self.walk.take().map(JoinHandle::join) {
             Some(Ok(result)) => result,
-            _ => Err(SourceError::new("the walk", "stopped by an error of the program", "start anew")),
+            _ => Err(SourceError::new("the walk", "stopped by a program error", "start again")),
         };
         self.end();
         result
@@ -211,9 +212,9 @@ impl Server {
 }
 
 impl Drop for Server {
-    /// Ends the walk and the pages.
+    /// Ends the session and the pages.
     fn drop(&mut self) {
-        self.hub.leave_all();
+        self.hub.shut_down();
         if let Some(walk) = self.walk.take() {
             let _ = walk.join();
         }
@@ -221,7 +222,7 @@ impl Drop for Server {
     }
 }
 
-/// Gives commands from beside the pages.
+/// Gives commands from outside the pages.
 #[derive(Clone)]
 pub struct Remote(Arc<Hub>);
 
@@ -229,7 +230,7 @@ impl Remote {
     /// Gives a command; [`Command::Quit`] ends the server.
     pub fn command(&self, command: Command) {
         match command {
-            Command::Quit => self.0.leave_all(),
+            Command::Quit => self.0.shut_down(),
             command => self.0.inbox.command(command),
         }
     }
@@ -251,7 +252,7 @@ fn router(hub: Arc<Hub>) -> Router {
         .with_state(hub)
 }
 
-/// Nothing from elsewhere is loaded, and no other page may frame this one.
+/// Nothing is loaded from elsewhere, and no other page may frame this one.
 fn with_headers(kind: &'static str, text: &'static str) -> Response {
     const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; \
                           connect-src 'self'; media-src 'self' blob: mediastream:; base-uri 'none'; \
@@ -270,17 +271,17 @@ async fn socket(State(hub): State<Arc<Hub>>, upgrade: WebSocketUpgrade) -> Respo
     upgrade.max_message_size(LARGEST).max_frame_size(LARGEST).on_upgrade(move |socket| page(socket, hub))
 }
 
-/// One page, from its hello to its end.
+/// One page, from its hello until it disconnects.
 async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
     let Ok(Some(walk)) = tokio::time::timeout(HELLO_WITHIN, hello(&mut socket, &hub)).await else {
-        let text = ToPage::Trouble("The key is wrong. Open the page by the code on the terminal.").text();
+        let text = ToPage::Trouble("The key is wrong. Open the page with the code on the terminal.").text();
         let _ = socket.send(Message::Text(text.into())).await;
         return;
     };
     let id = hub.number();
     let mut client = Client {
         id,
-        told: hub.told.subscribe(),
+        messages: hub.messages.subscribe(),
         status: hub.status.subscribe(),
         view: hub.view.subscribe(),
         picture: hub.picture.subscribe(),
@@ -294,14 +295,14 @@ async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
     if walk {
         hub.take(id);
     } else {
-        hub.tell(&ToPage::Control { id: hub.controller() });
+        hub.broadcast(&ToPage::Control { id: hub.controller() });
     }
     client.status.mark_changed();
     client.converse(&mut socket).await;
-    hub.leave(id);
+    hub.release(id);
 }
 
-/// The first message with the right token tells whether the page wants to walk.
+/// The first message; with the right token it says whether the page wants to control.
 async fn hello(socket: &mut WebSocket, hub: &Hub) -> Option<bool> {
     let Some(Ok(Message::Text(text))) = socket.recv().await else { return None };
     match serde_json::from_str(&text) {
@@ -313,14 +314,14 @@ async fn hello(socket: &mut WebSocket, hub: &Hub) -> Option<bool> {
 struct Client {
     id: u64,
     hub: Arc<Hub>,
-    told: broadcast::Receiver<Arc<str>>,
+    messages: broadcast::Receiver<Arc<str>>,
     status: watch::Receiver<Arc<str>>,
     view: watch::Receiver<Arc<str>>,
     picture: watch::Receiver<Shared>,
     wants: Wants,
 }
 
-/// What a page wants; counted as long as it is there.
+/// What a page wants; counted as long as it is connected.
 struct Wants {
     hub: Arc<Hub>,
     picture: bool,
@@ -347,14 +348,14 @@ impl Drop for Wants {
 }
 
 impl Client {
-    /// Sends what is new, takes what comes, until the page is gone.
+    /// Sends what is new and handles what arrives, until the page disconnects.
     async fn converse(&mut self, socket: &mut WebSocket) {
         loop {
             let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
             let out = tokio::select! {
-                // Words before everything else.
+                // Utterances before everything else.
                 biased;
-                told = self.told.recv() => match told {
+                told = self.messages.recv() => match told {
                     Ok(t) => Some(text(&t)),
                     Err(broadcast::error::RecvError::Lagged(_)) => None,
                     Err(broadcast::error::RecvError::Closed) => return,
@@ -379,7 +380,7 @@ impl Client {
         }
     }
 
-    /// Takes a message; an answer for this page alone, if one is due.
+    /// Handles a message; returns an answer for this page alone, if one is due.
     fn take(&mut self, message: Message) -> Option<String> {
         let controls = self.hub.controller() == Some(self.id);
         match message {
@@ -415,8 +416,8 @@ impl Client {
         let command = Command::parse(line)?;
         match command {
             // Files are chosen at the terminal, and the server is ended there.
-            Command::Quit | Command::Load(Some(_)) => Err("That is done at the terminal.".into()),
-            _ if !self.hub.walking.load(Ordering::Relaxed) => Err("No picture has come yet.".into()),
+            Command::Quit | Command::Load(Some(_)) => Err("That can only be done at the terminal.".into()),
+            _ if !self.hub.running.load(Ordering::Relaxed) => Err("There is no picture yet.".into()),
             _ => {
                 self.hub.inbox.command(command);
                 Ok(())

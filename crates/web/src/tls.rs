@@ -1,4 +1,4 @@
-//! Connections over TLS for the page's server; handshakes run beside each other, so that a slow one holds nobody up.
+//! TLS connections for the page's server; handshakes run concurrently, so that a slow one blocks no other.
 
 use axum::serve::Listener;
 use std::io;
@@ -11,19 +11,19 @@ use tokio::sync::mpsc;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 
-/// A handshake that takes longer is given up.
+/// A handshake that takes longer is aborted.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(10);
-/// So many connections wait to be taken.
+/// How many finished connections may wait to be accepted.
 const WAITING: usize = 32;
 
-/// Gives connections whose handshake is done.
+/// Returns connections whose handshake is done.
 pub(crate) struct TlsListener {
     address: SocketAddr,
     ready: mpsc::Receiver<(TlsStream<TcpStream>, SocketAddr)>,
 }
 
 impl TlsListener {
-    /// Takes connections from a bound socket.
+    /// Accepts connections from a bound socket.
     pub fn new(listener: TcpListener, config: rustls::ServerConfig) -> io::Result<Self> {
         let address = listener.local_addr()?;
         let acceptor = TlsAcceptor::from(Arc::new(config));
@@ -40,7 +40,7 @@ async fn accept(
 ) {
     while !tell.is_closed() {
         let Ok((stream, peer)) = listener.accept().await else {
-            // Out of file descriptors, or the other side has gone: rest a little and go on.
+            // Out of file descriptors, or the other side has gone: wait a little and continue.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
@@ -65,7 +65,7 @@ async fn accept(
     }
 }
 
-/// Who came without TLS is told.
+/// Answers a client that came without TLS.
 async fn plain(mut stream: TcpStream) {
     const ANSWER: &[u8] = b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nContent-Length: 56\r\n\
         Connection: close\r\n\r\nThis page is given over HTTPS: write https:// before it.\n";

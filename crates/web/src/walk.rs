@@ -1,4 +1,4 @@
-//! The thread that walks: opens the source, drives the session, and tells the hub.
+//! The session's thread: opens the source, drives the session, and reports to the hub.
 
 use crate::hub::Hub;
 use crate::server::{CameraSource, ServeConfig};
@@ -11,43 +11,44 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// States are told so often,
+/// Interval of the status messages.
 const STATUS_EVERY: Duration = Duration::from_millis(100);
-/// pictures so often,
+/// Interval of the pictures.
 const PICTURE_EVERY: Duration = Duration::from_millis(100);
-/// the map so often.
+/// Interval of the map.
 const VIEW_EVERY: Duration = Duration::from_millis(1000);
-/// Landmarks that are drawn.
+/// How many landmarks are drawn at most.
 const MOST_POINTS: usize = 4000;
 
-/// Walks until the source ends; what goes wrong is told to the pages and given back.
+/// Runs the session until the source ends; a failure is sent to the pages and returned.
 pub(crate) fn walk(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
-    // A walk that was asked to end before its first picture has not failed.
-    let result =
-        walk_on(hub, serve).or_else(|e| if hub.leaving.load(Ordering::Relaxed) { Ok(()) } else { Err(e) });
-    hub.walking.store(false, Ordering::Relaxed);
+    // A session that was ended before its first picture has not failed.
+    let result = run_session(hub, serve)
+        .or_else(|e| if hub.shutting_down.load(Ordering::Relaxed) { Ok(()) } else { Err(e) });
+    hub.running.store(false, Ordering::Relaxed);
     match &result {
-        Err(e) => hub.tell(&ToPage::Trouble(&e.to_string())),
-        Ok(()) => hub.tell(&ToPage::Trouble("The walk has ended.")),
+        Err(e) => hub.broadcast(&ToPage::Trouble(&e.to_string())),
+        Ok(()) => hub.broadcast(&ToPage::Trouble("The walk has ended.")),
     }
     result
 }
 
-fn walk_on(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
-    let (source, mode, feels): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
+fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
+    let (source, mode, has_imu): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
         CameraSource::Page { rig } => {
             let phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
-            // A phone that tells its motion tells how long a metre is.
-            let feels = phone.rig().imu.is_some();
-            let told = hub.clone();
-            let watched = Validator::new(Box::new(phone), move |doubt| told.tell(&ToPage::Doubt(doubt)));
-            (Box::new(watched), SensorMode::Mono, feels)
+            // A phone with motion data makes the map metric.
+            let has_imu = phone.rig().imu.is_some();
+            let to_pages = hub.clone();
+            let watched =
+                Validator::new(Box::new(phone), move |doubt| to_pages.broadcast(&ToPage::Doubt(doubt)));
+            (Box::new(watched), SensorMode::Mono, has_imu)
         }
         CameraSource::Source { open, .. } => open()?,
     };
     let name = source.info().name.clone();
     let mut config = serve.config;
-    config.inertial.enabled = feels;
+    config.inertial.enabled = has_imu;
     let engine = Engine::new(source.rig(), mode, source.info().rate_hz, Runner::Threaded, &config)
         .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
     let mut session_config = serve.session;
@@ -56,16 +57,16 @@ fn walk_on(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
     feed(source, hub.inbox.clone()).map_err(|e| {
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;
-    hub.walking.store(true, Ordering::Relaxed);
+    hub.running.store(true, Ordering::Relaxed);
     let mut face = PageFace::new(hub.clone());
     let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut face);
     let closed = session.close();
-    face.last(&mut session);
+    face.finish(&mut session);
     ended?;
     closed.map_err(|why| SourceError::new(&name, why, "make room on the disk"))
 }
 
-/// Tells the hub what happens.
+/// Reports the session's events to the hub.
 struct PageFace {
     hub: Arc<Hub>,
     status: Option<Instant>,
@@ -79,23 +80,23 @@ impl PageFace {
         Self { hub, status: None, picture: None, view: None, frame_ms: 0.0 }
     }
 
-    fn tell_status(&self, session: &Session) {
+    fn send_status(&self, session: &Session) {
         let status = session.status();
         let dropped = self.hub.inbox.dropped();
         let message = ToPage::Status { frame_ms: self.frame_ms, status: &status, dropped };
         self.hub.status.send_replace(message.text().into());
     }
 
-    /// What is left to tell when the walk has ended.
-    fn last(&mut self, session: &mut Session) {
+    /// The last messages when the session has ended.
+    fn finish(&mut self, session: &mut Session) {
         for event in session.events() {
             self.heard(session, &event);
         }
-        self.tell_status(session);
+        self.send_status(session);
     }
 }
 
-/// Whether it is time again; remembers when it was.
+/// Whether it is time again; remembers the time if so.
 fn due(last: &mut Option<Instant>, every: Duration) -> bool {
     let due = last.is_none_or(|t| t.elapsed() >= every);
     if due {
@@ -106,7 +107,7 @@ fn due(last: &mut Option<Instant>, every: Duration) -> bool {
 
 impl Face for PageFace {
     fn heard(&mut self, _: &Session, event: &Event) {
-        let _ = self.hub.told.send(wire::event(event).into());
+        let _ = self.hub.messages.send(wire::event(event).into());
     }
 
     fn saw(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
@@ -125,17 +126,17 @@ impl Face for PageFace {
             Ok(text) => (true, text),
             Err(text) => (false, text),
         };
-        self.hub.tell(&ToPage::Did { ok, text });
+        self.hub.broadcast(&ToPage::Did { ok, text });
         // The map on the screens follows at once.
         self.view = None;
     }
 
     fn passed(&mut self, session: &Session) {
         if let Some(why) = self.hub.port.refused() {
-            self.hub.tell(&ToPage::Trouble(&why));
+            self.hub.broadcast(&ToPage::Trouble(&why));
         }
         if due(&mut self.status, STATUS_EVERY) {
-            self.tell_status(session);
+            self.send_status(session);
         }
         if self.hub.maps_wanted.load(Ordering::Relaxed) > 0 && due(&mut self.view, VIEW_EVERY) {
             self.hub.view.send_replace(ToPage::View(&session.view(MOST_POINTS)).text().into());

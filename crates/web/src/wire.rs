@@ -1,67 +1,67 @@
-//! What goes over the web socket. Text is JSON with one key that tells the kind; pictures are bytes.
+//! The messages of the web socket. Text is JSON with one key that names the kind; pictures are binary.
 
 use cairn_geometry::Vec3;
 use cairn_session::{Event, Status, View, earcon_name};
 use cairn_sources::Motion;
 use serde::{Deserialize, Serialize};
 
-/// What a page sends as text.
+/// Text messages from a page.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub(crate) enum FromPage {
-    /// The first message: who may in, and who wants to walk.
+    /// The first message: the token, and whether the page wants to control.
     Hello { token: String, walk: bool },
     /// A command of the session, as a line.
     Command(String),
     /// Motion: milliseconds, angular rate, specific force, each in the picture's axes.
     Motion(Vec<[f64; 7]>),
-    /// What should be sent: pictures, the map.
+    /// What the page wants to receive: pictures, the map.
     Want { picture: bool, map: bool },
-    /// Control, when nobody has it.
+    /// Takes control, when no page has it.
     Take(bool),
 }
 
-/// What pages are sent as text.
+/// Text messages to pages.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ToPage<'a> {
     /// The answer to a hello.
     Hello { id: u64, version: &'static str, camera: &'a str },
-    /// Who controls.
+    /// The page that controls.
     Control { id: Option<u64> },
-    /// Words that begin now.
+    /// An utterance that starts now.
     Said(&'a cairn_session::Said),
-    /// A sound that begins now.
+    /// An earcon that starts now.
     Sound { name: &'static str, bearing_rad: f64 },
-    /// What became of a command.
+    /// The result of a command.
     Did { ok: bool, text: &'a str },
-    /// How things stand.
+    /// The session's status.
     Status {
         /// The time of the last picture, milliseconds in the page's clock.
         frame_ms: f64,
-        /// What stands.
+        /// The status itself.
         #[serde(flatten)]
         status: &'a Status,
-        /// Packets left out.
+        /// Packets dropped.
         dropped: usize,
     },
     /// The map to draw.
     View(&'a View),
     /// A picture was refused, or the walk has ended.
     Trouble(&'a str),
-    /// Something about calibration or sensors that can hardly be right: to read, not to hear.
+    /// An implausible calibration or sensor: shown, not said.
     Doubt(&'a str),
 }
 
 impl ToPage<'_> {
-    /// As text.
+    /// The JSON text.
     pub fn text(&self) -> String {
-        // These types have no map keys and no numbers that JSON can not hold but NaN, which becomes null.
+        // These types have no map keys and no numbers that JSON cannot hold but NaN, which becomes null.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
 
-/// The text of an event.
+/// The JSON text of an event.
 pub(crate) fn event(event: &Event) -> String {
     match event {
         Event::Said(said) => ToPage::Said(said).text(),
@@ -71,7 +71,7 @@ pub(crate) fn event(event: &Event) -> String {
     }
 }
 
-/// Motion as the port takes it.
+/// Motion in the form that the port takes.
 pub(crate) fn motion([ms, gx, gy, gz, ax, ay, az]: [f64; 7]) -> Motion {
     Motion { ms, gyro: Vec3::new(gx, gy, gz), accel: Vec3::new(ax, ay, az) }
 }
@@ -111,7 +111,7 @@ mod tests {
     use cairn_sensor::GrayImage;
 
     #[test]
-    fn messages_are_read_and_rubbish_is_refused() {
+    fn messages_parse_and_malformed_ones_are_rejected() {
         let read = |text: &str| serde_json::from_str::<FromPage>(text);
         assert!(matches!(
             read(r#"{"hello":{"token":"x","walk":true}}"#),

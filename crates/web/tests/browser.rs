@@ -1,8 +1,8 @@
-//! The page in a real browser: headless Chromium, whose camera shows a simulated walk. Record, come home with the camera
-//! looking back, read the directions; axe-core finds nothing; screenshots are left in the target folder.
+//! The page in a real browser: headless Chromium, whose camera shows a simulated walk. Records, returns with the camera
+//! facing back, reads the directions; axe-core reports nothing; screenshots are left in the target folder.
 //!
 //! Needs Chromium (`CHROMIUM`, else `chromium` on the path) and for the accessibility part axe-core (`AXE_JS`, its
-//! `axe.min.js`); what is missing is said aloud. Run by `.ci/run` and by
+//! `axe.min.js`); a missing part is reported as skipped. Run by `.ci/run` and by
 //! `cargo test --release -p cairn-web --test browser -- --ignored --nocapture`.
 
 mod cdp;
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 
 /// Pictures a second of the camera.
 const RATE_HZ: f64 = 15.0;
-/// Seconds of the walk before the camera begins, and of the way out: a corner lies in its middle.
+/// Seconds of the walk before the camera starts, and of the way out, with a corner in its middle.
 const START_S: f64 = 8.5;
 const OUT_S: f64 = 16.0;
 
@@ -48,8 +48,8 @@ fn route_out() -> Vec<FramePacket> {
     (0..(OUT_S * RATE_HZ) as usize).map(packet).collect()
 }
 
-/// The way out, then the same backwards: what a camera sees that looks back on the way home. The file is shown again and
-/// again, and its end is its beginning.
+/// The way out, then the same in reverse: the view of a camera facing back on the way home. The file is played in a
+/// loop, and its end matches its beginning.
 fn write_video(path: &Path, out: &[FramePacket]) {
     let (w, h) = (camera().width, camera().height);
     let mut file = BufWriter::new(std::fs::File::create(path).unwrap());
@@ -70,9 +70,9 @@ fn folder() -> PathBuf {
     folder
 }
 
-/// The same walk without a browser: what the browser's test needs of the engine holds by itself.
+/// The same walk without a browser: the engine alone fulfils what the browser's test needs of it.
 #[test]
-fn a_single_camera_comes_home_along_its_own_pictures() {
+fn mono_session_returns_along_its_own_pictures() {
     let out = route_out();
     let rig = Rig::mono(camera());
     let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
@@ -95,14 +95,14 @@ fn a_single_camera_comes_home_along_its_own_pictures() {
     }
     let said = said.join("\n");
     assert!(session.has_arrived(), "{said}");
-    assert!(said.contains("no distances will be told") && !said.contains("metre"), "{said}");
+    assert!(said.contains("cannot measure distances") && !said.contains("metre"), "{said}");
     assert!(said.contains("Turn ") && !said.contains("lost"), "{said}");
     println!("{said}");
 }
 
 #[test]
 #[ignore = "needs Chromium, and a minute: see .ci/run"]
-fn the_page_records_and_comes_home_in_a_browser() {
+fn page_records_and_guides_home_in_a_browser() {
     let folder = folder();
     let video = folder.join("walk.y4m");
     write_video(&video, &route_out());
@@ -123,7 +123,7 @@ fn the_page_records_and_comes_home_in_a_browser() {
     let server = server.unwrap();
     let url = server.invitation().urls[0].clone();
 
-    // A desk watches, a phone walks.
+    // A desktop watches, a phone walks.
     let phone = browser.open(&url, [412, 915]);
     wait(&mut browser, &phone, "You control this walk", "#control", 20.0);
     let desk = browser.open(&url.replace("/#", "/?watch#"), [1280, 900]);
@@ -150,39 +150,39 @@ fn the_page_records_and_comes_home_in_a_browser() {
     browser.picture(&desk, &folder.join("desk-guiding.png"));
     accessible(&mut browser, &phone, "under guidance");
     accessible(&mut browser, &desk, "watching");
-    // Where the machine is too busy to show every picture he is told to stop, and comes by a second time.
+    // On a machine too busy for every picture the walker is told to stop, and comes by a second time.
     wait(&mut browser, &phone, "You have arrived", "#log", 3.0 * OUT_S + 15.0);
     let heard = browser.text(&phone, "#log");
-    println!("what the phone told:\n{heard}");
-    assert!(!heard.contains("metre"), "no scale is known, so no distance may be told:\n{heard}");
+    println!("what the phone said:\n{heard}");
+    assert!(!heard.contains("metre"), "the scale is unknown, so no distance may be said:\n{heard}");
     assert!(heard.contains("Turn ") && heard.contains("now."), "no direction was given:\n{heard}");
-    // The desk was told the same.
+    // The desktop got the same messages.
     wait(&mut browser, &desk, "You have arrived", "#log", 5.0);
     assert!(browser.drawn(&desk, "#map") && browser.drawn(&desk, "#picture"), "map or picture is empty");
 
-    // The phone's page dies while it records: the desk hears of it, and the way is on disk.
+    // The phone's page closes while it records: the desktop is informed, and the route is on disk.
     browser.key(&phone, "r");
     wait(&mut browser, &phone, "0 units", "#s-recording", 5.0);
     std::thread::sleep(Duration::from_secs(3));
     browser.close(&phone);
-    wait(&mut browser, &desk, "No picture comes. Stand still.", "#log", 5.0);
+    wait(&mut browser, &desk, "No picture from the camera. Stand still.", "#log", 5.0);
     wait(&mut browser, &desk, "Nobody controls", "#control", 5.0);
     let route = cairn_guide::Route::load(&folder.join("routes/route-0002.route")).unwrap();
     assert!(route.points.len() > 3, "{} points", route.points.len());
-    // It comes back, takes control, and the recording goes on.
+    // The phone reconnects, takes control, and the recording continues.
     let phone = browser.open(&url, [412, 915]);
     wait(&mut browser, &phone, "You control this walk", "#control", 10.0);
     browser.click(&phone, "#camera");
     wait(&mut browser, &phone, "The picture is back.", "#log", 15.0);
     browser.key(&phone, "s");
     wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
-    // The machine dies: the page itself says so.
+    // The server stops: the page itself says so.
     drop(server);
-    wait(&mut browser, &phone, "Stop. The connection to the machine is lost.", "#log", 5.0);
+    wait(&mut browser, &phone, "Stop. The connection is lost.", "#log", 5.0);
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
 
-/// Waits until an element's text holds some words.
+/// Waits until an element's text contains some words.
 fn wait(browser: &mut Browser, tab: &Tab, words: &str, element: &str, seconds: f64) {
     let begin = Instant::now();
     loop {
@@ -201,7 +201,7 @@ fn wait(browser: &mut Browser, tab: &Tab, words: &str, element: &str, seconds: f
     }
 }
 
-/// axe-core finds nothing.
+/// Asserts that axe-core reports nothing.
 fn accessible(browser: &mut Browser, tab: &Tab, when: &str) {
     let Some(axe) = std::env::var_os("AXE_JS").and_then(|p| std::fs::read_to_string(p).ok()) else {
         println!("skipped: axe-core is not there (AXE_JS), accessibility {when} is not checked");

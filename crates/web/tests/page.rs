@@ -1,4 +1,4 @@
-//! The server as a browser meets it, without a browser: TLS, the page's files, who may in, who controls, what is told.
+//! The server as a browser uses it, without a browser: TLS, the page's files, access, control, messages.
 
 use cairn_engine::{Config, SensorMode};
 use cairn_sensor::Source;
@@ -85,7 +85,7 @@ async fn enter(server: &Server, walk: bool) -> Socket {
 }
 
 #[tokio::test]
-async fn the_page_comes_over_tls_with_its_policy_and_nothing_from_elsewhere() {
+async fn page_is_served_over_tls_with_content_policy() {
     let server = server("files", CameraSource::Page { rig: None });
     let get = |path: &str| {
         let mut connection =
@@ -103,10 +103,10 @@ async fn the_page_comes_over_tls_with_its_policy_and_nothing_from_elsewhere() {
         assert!(text.contains("content-security-policy: default-src 'none'"), "{path}");
         let body = text.split_once("\r\n\r\n").unwrap().1;
         let foreign = body.replace("http://www.w3.org/2000/svg", "");
-        assert!(!foreign.contains("http://") && !foreign.contains("https://"), "{path} names another place");
+        assert!(!foreign.contains("http://") && !foreign.contains("https://"), "{path} names another host");
     }
     assert!(get("/secret").starts_with("HTTP/1.1 404"));
-    // Without TLS there is a word about it.
+    // Without TLS the answer names the right address.
     let mut plain = TcpStream::connect(server.address()).unwrap();
     plain.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
     let mut text = String::new();
@@ -115,7 +115,7 @@ async fn the_page_comes_over_tls_with_its_policy_and_nothing_from_elsewhere() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
-async fn strangers_stay_out_one_controls_and_others_watch() {
+async fn token_is_required_and_one_page_controls() {
     let server = server("control", walk());
     let mut stranger = connect(&server).await;
     send(&mut stranger, json!({ "hello": { "token": "0".repeat(32), "walk": true } })).await;
@@ -130,7 +130,7 @@ async fn strangers_stay_out_one_controls_and_others_watch() {
     assert_eq!(next(&mut watcher, "control").await["id"], me);
     send(&mut watcher, json!({ "command": "record" })).await;
     assert_eq!(next(&mut watcher, "did").await["ok"], false);
-    // The walk is seen by both.
+    // Both receive the status.
     while next(&mut watcher, "status").await["tracked"].as_u64().unwrap() < 5 {}
     send(&mut watcher, json!({ "want": { "picture": true, "map": true } })).await;
     let picture = loop {
@@ -144,12 +144,9 @@ async fn strangers_stay_out_one_controls_and_others_watch() {
 
     send(&mut walker, json!({ "command": "guide home" })).await;
     let refused = next(&mut walker, "did").await;
-    assert!(refused["ok"] == false && refused["text"].as_str().unwrap().contains("no way"), "{refused}");
+    assert!(refused["ok"] == false && refused["text"].as_str().unwrap().contains("no route"), "{refused}");
     send(&mut walker, json!({ "command": "r" })).await;
-    assert_eq!(
-        next(&mut walker, "said").await["text"],
-        "There is no way to guide along: record or load one first."
-    );
+    assert_eq!(next(&mut walker, "said").await["text"], "There is no route yet. Record or load one first.");
     assert_eq!(next(&mut watcher, "said").await["priority"], 1);
     while next(&mut walker, "status").await["recording"]["points"].as_u64().unwrap_or(0) < 20 {}
     send(&mut walker, json!({ "command": "stop" })).await;
@@ -159,17 +156,17 @@ async fn strangers_stay_out_one_controls_and_others_watch() {
         }
     }
     send(&mut walker, json!({ "command": "guide back" })).await;
-    // First whether the way is ready, then how long it is.
+    // First whether the route is ready, then its length.
     let ready = next(&mut walker, "did").await["text"].as_str().unwrap().to_owned();
-    assert!(ready.starts_with("The way "), "{ready}");
+    assert!(ready.contains("this") && ready.contains("route"), "{ready}");
     let words = loop {
         let said = next(&mut walker, "said").await["text"].as_str().unwrap().to_owned();
-        if said.starts_with("The way is") && said != ready {
+        if said.starts_with("The route is") && said != ready {
             break said;
         }
     };
     assert!(words.contains("metre"), "{words}");
-    // The walker's page dies: control is free, the recorded way is on disk, another page takes over.
+    // The walker's page closes: control is free, the recorded route is on disk, another page takes over.
     drop(walker);
     while !next(&mut watcher, "control").await["id"].is_null() {}
     send(&mut watcher, json!({ "take": true })).await;

@@ -1,12 +1,12 @@
-//! `busy`: what tracking feels of the adjustment of a whole world beside it.
+//! `busy`: how much bundle adjustment of a whole map in parallel slows down tracking.
 //!
-//! One walk of two laps, rendered beforehand. The map of all of it is made first. Then the threaded runner walks a part of it
-//! again in that map at the camera's pace, in pairs: while a thread adjusts the whole map again and again, as closing's
-//! does after a loop, or without. Beside the step as a clock has it stands the time that the tracking thread itself was on
-//! the processor, which other programs on the machine lengthen less.
+//! One walk of two laps, rendered in advance. First the map of the whole walk is made. Then the threaded runner
+//! processes a part of it again in that map in real time, in pairs of runs: with a thread that adjusts the whole map
+//! again and again, as loop closing does after a loop, and without. Besides the wall time of a step, the CPU time of
+//! the tracking thread is measured, which other load on the machine affects less.
 
 use crate::Sensor;
-use crate::processor::on_processor_ms;
+use crate::processor::thread_cpu_ms;
 use crate::revisit::Revisit;
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner, background};
@@ -21,20 +21,20 @@ use std::time::{Duration, Instant};
 /// A pair of runs.
 #[derive(Clone, Debug)]
 pub struct Pair {
-    /// Seconds of each whole adjustment of the run with them.
+    /// Seconds of each full adjustment, in the run with adjustments.
     pub adjusted_s: Vec<f64>,
-    /// The run with them.
+    /// The run with adjustments.
     pub with: Steps,
-    /// The run without.
+    /// The run without adjustments.
     pub without: Steps,
 }
 
-/// Steps that found a pose, milliseconds each.
+/// Times of the steps with a pose, milliseconds.
 #[derive(Clone, Debug, Default)]
 pub struct Steps {
-    /// From the image to the pose.
+    /// Wall time from image to pose.
     pub ms: Vec<f64>,
-    /// The tracking thread on the processor, where the system tells it.
+    /// CPU time of the tracking thread, where the system reports it.
     pub processor_ms: Vec<f64>,
 }
 
@@ -45,21 +45,21 @@ impl Steps {
     }
 }
 
-/// The pairs, and the map they were walked in.
+/// The pairs, and the size of the map.
 #[derive(Clone, Debug)]
 pub struct Busy {
-    /// Key frames of the map.
+    /// Key frames in the map.
     pub key_frames: usize,
-    /// Landmarks of it.
+    /// Landmarks in the map.
     pub landmarks: usize,
     /// The pairs.
     pub pairs: Vec<Pair>,
 }
 
-/// Walks so many pairs of so many frames.
+/// Runs `pairs` pairs of runs of `frames` frames.
 ///
 /// # Errors
-/// When the world does not serve, or a stage dies.
+/// When the world is unsuitable or a stage of the engine stops.
 pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> {
     let mut source = walk.source()?;
     let mut packets = Vec::new();
@@ -67,7 +67,7 @@ pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> 
         packets.push(packet);
     }
     let (rate_hz, rig) = (source.info().rate_hz, source.rig());
-    let map = mapped(&packets, rig, walk.sensor, rate_hz)?;
+    let map = build_map(&packets, rig, walk.sensor, rate_hz)?;
     let mut busy = Busy {
         key_frames: map.snapshot.key_frame_count(),
         landmarks: map.snapshot.landmark_count(),
@@ -75,9 +75,9 @@ pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> 
     };
     eprintln!("{} frames, {} key frames, {} landmarks", packets.len(), busy.key_frames, busy.landmarks);
     let part = &packets[..frames.min(packets.len())];
-    let once = |adjust: bool| walked(part, rig, walk.sensor, rate_hz, &map, adjust);
+    let once = |adjust: bool| run_once(part, rig, walk.sensor, rate_hz, &map, adjust);
     for i in 0..pairs {
-        // Which comes first takes turns, as the machine may change meanwhile.
+        // The order alternates, because the load of the machine may change.
         let first = once(i % 2 == 0)?;
         let second = once(i % 2 != 0)?;
         let ((with, adjusted_s), (without, _)) = if i % 2 == 0 { (first, second) } else { (second, first) };
@@ -88,7 +88,7 @@ pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> 
 }
 
 /// The map of the whole walk.
-fn mapped(packets: &[FramePacket], rig: &Rig, sensor: Sensor, rate_hz: f64) -> Result<MapFile, String> {
+fn build_map(packets: &[FramePacket], rig: &Rig, sensor: Sensor, rate_hz: f64) -> Result<MapFile, String> {
     let config = Config::default();
     let mut engine =
         Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
@@ -99,8 +99,8 @@ fn mapped(packets: &[FramePacket], rig: &Rig, sensor: Sensor, rate_hz: f64) -> R
     Ok(engine.to_save("xtask", BTreeMap::new()))
 }
 
-/// The steps, and seconds of each whole adjustment beside them.
-fn walked(
+/// Times of the steps, and seconds of each full adjustment in parallel.
+fn run_once(
     packets: &[FramePacket],
     rig: &Rig,
     sensor: Sensor,
@@ -112,35 +112,35 @@ fn walked(
     let opened = Engine::in_map(rig, sensor.mode(), rate_hz, Runner::Threaded, &config, file);
     let (mut engine, _) = opened.map_err(|e| e.to_string())?;
     let closer = Closer::new(*engine.front_end().model(), config.closer, config.mapper.window);
-    let world = file.snapshot.maps().next().map(|(id, _)| id).ok_or("the map has no world")?;
+    let map = file.snapshot.maps().next().map(|(id, _)| id).ok_or("the file has no map")?;
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        let beside = scope.spawn(|| {
+        let adjuster = scope.spawn(|| {
             background();
             let mut took = Vec::new();
             while adjust && !over.load(Ordering::Relaxed) {
                 let start = Instant::now();
-                let changes = closer.adjust_whole(&file.snapshot, world, || over.load(Ordering::Relaxed));
+                let changes = closer.adjust_whole(&file.snapshot, map, || over.load(Ordering::Relaxed));
                 took.extend((!changes.is_empty()).then(|| start.elapsed().as_secs_f64()));
             }
             took
         });
-        let steps = paced(&mut engine, packets);
+        let steps = run_in_real_time(&mut engine, packets);
         over.store(true, Ordering::Relaxed);
-        let took = beside.join().map_err(|_| "the adjustment died")?;
+        let took = adjuster.join().map_err(|_| "the adjusting thread panicked")?;
         Ok((steps?, took))
     })
 }
 
-fn paced(engine: &mut Engine, packets: &[FramePacket]) -> Result<Steps, String> {
+fn run_in_real_time(engine: &mut Engine, packets: &[FramePacket]) -> Result<Steps, String> {
     let start = Instant::now();
     let mut steps = Steps::default();
     for packet in packets {
         let due = start + Duration::from_secs_f64((packet.stamp - packets[0].stamp).max(0.0));
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        let before = on_processor_ms();
+        let before = thread_cpu_ms();
         let out = engine.on_packet(packet).map_err(|e| e.to_string())?;
-        let after = on_processor_ms();
+        let after = thread_cpu_ms();
         if let Some(cause) = out.died {
             return Err(cause);
         }
@@ -166,14 +166,14 @@ fn line(with: &Steps, without: &Steps) -> String {
     )
 }
 
-/// The pairs as a table in Markdown, all together last.
+/// The pairs as a table in Markdown, with the total in the last row.
 pub fn table(busy: &Busy) -> String {
     let mut t = format!("{} key frames, {} landmarks\n\n", busy.key_frames, busy.landmarks);
-    t += "| pair | whole adjustments, s each | frames | step ms with: p50 / p99 / max | without | ratio of p50 | of p99 | on the processor ms with | without | ratio of p50 | of p99 |\n";
+    t += "| pair | full adjustments, s each | frames | step ms with: p50 / p99 / max | without | ratio of p50 | of p99 | CPU ms with | without | ratio of p50 | of p99 |\n";
     t += "|---|---|---|---|---|---|---|---|---|---|---|\n";
     let mean = |s: &[f64]| s.iter().sum::<f64>() / s.len() as f64;
     let (mut took, mut with, mut without) = (Vec::new(), Steps::default(), Steps::default());
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     for (i, p) in busy.pairs.iter().enumerate() {
         let whole = format!("{}, {:.1}", p.adjusted_s.len(), mean(&p.adjusted_s));
         let _ = writeln!(t, "| {} | {whole} | {} |", i + 1, line(&p.with, &p.without));
@@ -190,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ratios_are_of_the_run_with_to_the_run_without() {
+    fn ratios_compare_with_to_without_adjustments() {
         let steps = |ms: f64| Steps { ms: vec![ms; 100], processor_ms: vec![ms / 2.0; 50] };
         let pair = Pair { adjusted_s: vec![1.0, 2.0], with: steps(12.0), without: steps(10.0) };
         let text = table(&Busy { key_frames: 3, landmarks: 4, pairs: vec![pair.clone(), pair] });

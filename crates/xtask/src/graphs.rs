@@ -1,9 +1,10 @@
-//! `graphs`: the pose graphs of the recordings, each from its odometry start: is the known optimum reached, how fast.
+//! `graphs`: solves the pose graphs of the recordings from odometry initialisation: is the known optimum reached, and
+//! how fast?
 //!
-//! Known are the global optima of SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, "SE-Sync", 2019, table 1, to four
-//! digits); the digits beyond are certified by `tools/compare_graphs.py`.
+//! The known values are the global optima of SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, "SE-Sync", 2019,
+//! table 1, to four digits); the digits beyond are certified by `tools/compare_graphs.py`.
 
-use crate::processor::on_processor_ms;
+use crate::processor::thread_cpu_ms;
 use cairn_solve::Report;
 use cairn_solve::g2o::{Graph, read};
 use cairn_solve::graph::{GraphConfig, Method, Metric, PoseGraph, Rigid, odometry_start};
@@ -11,12 +12,12 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::Instant;
 
-/// A graph and the least value of SE-Sync's objective on it.
+/// A graph and the minimum of SE-Sync's objective on it.
 #[derive(Clone, Copy, Debug)]
 pub struct Known {
-    /// Name of the file below `graphs/`, without its ending.
+    /// Name of the file in `graphs/`, without extension.
     pub name: &'static str,
-    /// The least value.
+    /// The minimum.
     pub optimum: f64,
 }
 
@@ -30,14 +31,14 @@ pub const KNOWN: [Known; 6] = [
     Known { name: "kitti_05", optimum: 276.514377003 },
 ];
 
-/// A graph that was solved.
+/// Result for one graph.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// Which.
+    /// The graph.
     pub known: Known,
-    /// Vertices and edges.
+    /// Numbers of vertices and edges.
     pub size: [usize; 2],
-    /// SE-Sync's objective where Levenberg-Marquardt ends that starts from odometry.
+    /// SE-Sync's objective reached by Levenberg-Marquardt from odometry initialisation.
     pub reached: f64,
     /// The default cost, by Gauss-Newton and by Levenberg-Marquardt.
     pub solved: [Solved; 2],
@@ -48,22 +49,22 @@ pub struct Row {
 pub struct Solved {
     /// Its report.
     pub report: Report,
-    /// Least wall time of the repetitions, ms.
+    /// Minimum wall time of the repetitions, ms.
     pub wall_ms: f64,
-    /// Mean time on the processor, ms; not a number where the system does not tell.
+    /// Mean CPU time, ms; NaN where the system does not report it.
     pub cpu_ms: f64,
 }
 
-/// Solves the graphs that are there, each `times` times.
+/// Solves the available graphs, each `times` times.
 ///
 /// # Errors
-/// When a file can not be read; the text names it.
+/// When a file cannot be read; the message names it.
 pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, String> {
     let mut rows = Vec::new();
     for known in KNOWN.iter().filter(|k| only.is_none_or(|o| k.name.contains(o))) {
         let path = data.join("graphs").join(format!("{}.g2o", known.name));
         if !path.exists() {
-            eprintln!("skipped: {} is not there", path.display());
+            eprintln!("skipped: {} does not exist", path.display());
             continue;
         }
         let failed = |why: String| format!("{}: {why}", path.display());
@@ -82,18 +83,18 @@ fn row<G: Rigid<D>, const D: usize>(known: Known, graph: &PoseGraph<G, D>, times
     odometry_start(&mut relaxed);
     let config = GraphConfig { metric: Metric::Chordal, ..GraphConfig::default() };
     let reached = 2.0 * relaxed.solve(&config, || false).cost_after;
-    // Not a number where the system does not say.
-    let processor = || on_processor_ms().unwrap_or(f64::NAN);
+    // NaN where the system does not report it.
+    let cpu_ms_now = || thread_cpu_ms().unwrap_or(f64::NAN);
     let solved = [Method::GaussNewton, Method::LevenbergMarquardt].map(|method| {
         let config = GraphConfig { method, ..GraphConfig::default() };
         let (mut wall_ms, mut cpu_ms, mut report) = (f64::INFINITY, 0.0, None);
         for _ in 0..times.max(1) {
             let mut graph = graph.clone();
-            let (wall, before) = (Instant::now(), processor());
+            let (wall, before) = (Instant::now(), cpu_ms_now());
             odometry_start(&mut graph);
             report = Some(graph.solve(&config, || false));
             wall_ms = wall_ms.min(wall.elapsed().as_secs_f64() * 1e3);
-            cpu_ms += (processor() - before) / times.max(1) as f64;
+            cpu_ms += (cpu_ms_now() - before) / times.max(1) as f64;
         }
         let empty = Report {
             iterations: 0,
@@ -108,7 +109,7 @@ fn row<G: Rigid<D>, const D: usize>(known: Known, graph: &PoseGraph<G, D>, times
 }
 
 impl Row {
-    /// How far above the known optimum, relative to it.
+    /// How far the reached value is above the known optimum, relative to the optimum.
     pub fn excess(&self) -> f64 {
         self.reached / self.known.optimum - 1.0
     }
@@ -117,7 +118,7 @@ impl Row {
 /// The table in Markdown.
 pub fn table(rows: &[Row]) -> String {
     let mut t = String::from(
-        "| graph | vertices, edges | known optimum | reached (relative difference) | default chi2 | steps GN / LM | ms GN / LM: wall | ms GN / LM: processor |\n|---|---|---|---|---|---|---|---|\n",
+        "| graph | vertices, edges | known optimum | reached (relative difference) | default chi2 | iterations GN / LM | ms GN / LM: wall | ms GN / LM: CPU |\n|---|---|---|---|---|---|---|---|\n",
     );
     for row in rows {
         let [gn, lm] = &row.solved;
@@ -142,34 +143,34 @@ pub fn table(rows: &[Row]) -> String {
     t
 }
 
-/// The whole page `docs/graphs.md`.
+/// The complete page `docs/graphs.md`.
 pub fn page(rows: &[Row]) -> String {
-    let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "a processor of unknown name".into());
-    format!("{HEAD}{}{TAIL}\nTimes here: {cpu}.\n", table(rows))
+    let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "an unknown processor".into());
+    format!("{HEAD}{}{TAIL}\nProcessor: {cpu}.\n", table(rows))
 }
 
 const HEAD: &str = "# Pose graphs
 
-`cargo run --release -p xtask -- graphs --write` writes this page from the g2o files below `graphs/` of the recordings
+`cargo run --release -p xtask -- graphs --write` writes this page from the g2o files in `graphs/` of the recordings
 (`CAIRN_DATA`, else `../shared/data` beside the checkout).
 
 ";
 
 const TAIL: &str = "
-Everything starts from odometry: poses chained along the measurements between neighbours. *Known optimum* is that of
-SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, 2019, whose table has its first four digits), and *reached* is where
-`cairn solve graph FILE --init odometry --cost se-sync` ends. `tools/compare_graphs.py` certifies it: the dual certificate
-matrix at our solution is positive semi-definite, so that no other poses are better.
+All solves start from odometry: poses chained along the measurements between neighbours. *Known optimum* is the optimum of
+SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, 2019, whose table has its first four digits), and *reached* is the
+value at which `cairn solve graph FILE --init odometry --cost se-sync` ends. `tools/compare_graphs.py` certifies it: the dual
+certificate matrix at our solution is positive semi-definite, so no other poses have a lower cost.
 
-*Default chi2* is the sum of squared whitened residuals with the file's whole information matrices (`cairn solve graph FILE`;
-twice its cost). In space the residual is the Lie logarithm, in the plane x, y and angle. The time is that of chaining the
-odometry, the symbolic analysis, and all steps until one promises less than 1e-9 of the cost, on one thread: the least wall
-time of the repetitions, which a busy machine lengthens, and the mean time that the thread was on the processor.
+*Default chi2* is the sum of squared whitened residuals with the full information matrices of the file (`cairn solve graph
+FILE`; twice its cost). In 3-D the residual is the Lie logarithm, in 2-D x, y and angle. The time includes chaining the
+odometry, the symbolic analysis, and all iterations until one is predicted to lower the cost by less than 1e-9 of it, on one
+thread: the minimum wall time of the repetitions, which other load on the machine increases, and the mean CPU time of the thread.
 
-## Beside other libraries
+## Comparison with other libraries
 
-`tools/compare_graphs.py` on the same files from the same start, one core of a machine that was busy with other work, so that
-time on the processor is told (ms, least of five; cairn's is that of the whole process, reading the file included):
+`tools/compare_graphs.py` on the same files from the same initial poses, on one core of a machine with other load, so CPU times
+are given (ms, minimum of five; for cairn of the whole process, including reading the file):
 
 | graph | cairn GN / LM | GTSAM 4.3 GN / LM | g2o 0.0.12 for Python (Eigen) GN |
 |---|---|---|---|
@@ -180,7 +181,8 @@ time on the processor is told (ms, least of five; cairn's is that of the whole p
 | intel | 11 / 11 | 39 / 58 | 15 |
 | kitti_05 | 12 / 14 | 42 / 59 | 13 |
 
-Quiet, cairn solves sphere2500 in 153 ms (`cargo bench -p cairn-solve --bench graph -- sphere`). In the plane g2o's
-Gauss-Newton ends at our cost to all nine decimals; its Levenberg-Marquardt stops early with the rule of the tool. In space GTSAM
-ends within 6e-8 of our cost, on parking-garage 3e-6 above it; its own error function agrees with ours at our poses within 4e-8.
+On an idle machine cairn solves sphere2500 in 153 ms (`cargo bench -p cairn-solve --bench graph -- sphere`). In 2-D g2o's
+Gauss-Newton reaches our cost to all nine decimals; its Levenberg-Marquardt stops early with the tool's stopping rule. In 3-D
+GTSAM ends within 6e-8 of our cost, on parking-garage 3e-6 above it; its own error function agrees with ours at our poses within
+4e-8.
 ";

@@ -1,4 +1,4 @@
-//! `halves`: the first half of a recording is mapped and saved, the second half is walked in the map that was loaded.
+//! `halves`: maps and saves the first half of a recording, then localizes the second half in the loaded map.
 
 use crate::recordings::Recording;
 use cairn_atlas::store::MapFile;
@@ -11,29 +11,29 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-/// What became of the second half.
+/// Result for one recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Halves {
     /// Name of the row.
     pub name: String,
-    /// Frames of the first half that have a pose, of all.
+    /// Frames of the first half with a pose, and all.
     pub mapped: [usize; 2],
     /// Bytes of the saved map.
     pub bytes: usize,
-    /// Frames of the second half that were recognised and have a pose, of all.
+    /// Frames of the second half that were localized, and all.
     pub found: [usize; 2],
-    /// Frame of the second half that was the first with a pose.
+    /// The first frame of the second half with a pose.
     pub first: Option<usize>,
-    /// RMSE of the second half's poses in the map of the first, which was aligned with the truth by itself, metres.
+    /// RMSE of the second half's positions in the map of the first, with the alignment of the first half, metres.
     pub off_m: f64,
-    /// The largest of them.
+    /// The largest error, metres.
     pub most_m: f64,
 }
 
-/// Maps the first half, saves, loads, and finds the second half in it.
+/// Maps the first half, saves and loads the map, and localizes the second half in it.
 ///
 /// # Errors
-/// When the recording can not be read, the map not be saved or not be loaded.
+/// When the recording cannot be read, or the map cannot be saved or loaded.
 pub fn run(data: &Path, recording: &Recording) -> Result<Halves, String> {
     let address = data.join(recording.folder);
     let mut source = open(&address.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
@@ -52,8 +52,8 @@ pub fn run(data: &Path, recording: &Recording) -> Result<Halves, String> {
     let at = |t: &Stamp| nearest(&truth, *t);
     let pairs = engine.trajectory().into_iter().filter_map(|(t, p)| Some((at(&t)?, p.translation)));
     let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
-    let without_scale = !engine.is_metric();
-    let true_from_map: Sim3 = umeyama(&target, &from, without_scale).map_err(|e| e.to_string())?;
+    let with_scale = !engine.is_metric();
+    let true_from_map: Sim3 = umeyama(&target, &from, with_scale).map_err(|e| e.to_string())?;
     let bytes = engine.to_save("xtask", BTreeMap::new()).write().map_err(|e| e.to_string())?;
     let file = MapFile::read(&bytes).map_err(|e| e.to_string())?;
     let (second, _) =
@@ -82,7 +82,7 @@ fn feed(engine: &mut Engine, packets: &[FramePacket]) -> Result<(), String> {
     Ok(())
 }
 
-/// The true place nearest in time, within 20 ms.
+/// The true position nearest in time, within 20 ms.
 fn nearest(truth: &BTreeMap<Stamp, Se3>, t: Stamp) -> Option<Vec3> {
     let (before, after) = (truth.range(..=t).next_back(), truth.range(t..).next());
     let gap = |other: &Stamp| (t - *other).abs();
@@ -90,14 +90,14 @@ fn nearest(truth: &BTreeMap<Stamp, Se3>, t: Stamp) -> Option<Vec3> {
     (gap(stamp) < 0.02).then_some(pose.translation)
 }
 
-/// All of them in a table.
+/// All results in a table.
 pub fn table(rows: &[Halves]) -> String {
     let mut t = String::from(
-        "| recording | first half: tracked | saved map MB | second half: found in it | first after frame | off m RMSE / max |\n|---|---|---|---|---|---|\n",
+        "| recording | first half: tracked | saved map MB | second half: localized | first at frame | error m RMSE / max |\n|---|---|---|---|---|---|\n",
     );
     for r in rows {
         let first = r.first.map_or("never".into(), |f| f.to_string());
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(
             t,
             "| {} | {} of {} | {:.2} | {} of {} | {first} | {:.3} / {:.3} |",

@@ -1,8 +1,9 @@
-//! How long a live picture takes: published by `ffmpeg` over RTMP to the listener, through the engine, to words.
+//! `live`: latency of a live image, published by `ffmpeg` over RTMP to the listener, through the engine, to
+//! announcements.
 //!
-//! Each picture carries its number as a row of dark and light blocks at its lower edge, so that the time from the moment
-//! it was handed to the publisher to the moment its pose is known needs no clock but this process's own. The walk goes
-//! out, and home with the camera looking back, again and again.
+//! Each image carries its number as a row of dark and light blocks at its lower edge, so that the time from handing it
+//! to the publisher to its pose is measured with the clock of this process alone. The walk goes out, and back with the
+//! camera looking backwards, again and again.
 
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::Percentiles;
@@ -23,45 +24,45 @@ use std::time::{Duration, Instant};
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
 const RATE_HZ: f64 = 30.0;
-/// Seconds of the way out.
+/// Seconds of the outbound walk.
 const OUT_S: f64 = 12.0;
-/// Bits of a picture's number, and pixels of a block.
+/// Bits of an image's number, and the size of a block in pixels.
 const BITS: usize = 20;
 const BLOCK: usize = 16;
 
-/// What was measured.
+/// The measured figures.
 #[derive(Debug, Serialize)]
 pub struct Live {
-    /// Pictures handed to the publisher.
+    /// Images handed to the publisher.
     pub published: usize,
-    /// How often the stream was lost and made again.
+    /// How often the stream was lost and restarted.
     pub reconnects: usize,
-    /// Pictures that reached the engine.
+    /// Images that reached the engine.
     pub taken: usize,
-    /// Pictures between the first and the last taken that did not reach the engine: overtaken, or older than 150 ms.
+    /// Images between the first and the last processed that were dropped: a newer one was there, or older than 150 ms.
     pub dropped: usize,
     /// Milliseconds from the publisher to the pose, minute by minute.
     pub pose_ms: Vec<Option<Percentiles>>,
     /// Milliseconds of the step alone.
     pub step_ms: Option<Percentiles>,
-    /// Milliseconds from a pose to the words it brought, as text.
+    /// Milliseconds from a pose to the announcement it triggers, as text.
     pub words_ms: Option<Percentiles>,
-    /// Milliseconds that espeak-ng takes to make a sentence, where it is installed.
+    /// Milliseconds espeak-ng needs to synthesise a sentence, if it is installed.
     pub speech_ms: Option<Percentiles>,
-    /// Words said.
+    /// Number of announcements.
     pub said: usize,
-    /// Peak memory of this process so far, minute by minute, with the rendered walk in it.
+    /// Peak memory of this process so far, minute by minute, including the rendered walk.
     pub peak_rss_mb: Vec<Option<f64>>,
     /// Key frames of the map, minute by minute.
     pub key_frames: Vec<usize>,
 }
 
-/// Measures for some minutes.
+/// Measures for `minutes`.
 ///
 /// # Errors
 /// When ffmpeg is missing, or nothing arrives.
 pub fn run(minutes: f64) -> Result<Live, String> {
-    let pictures = Arc::new(render()?);
+    let images = Arc::new(render()?);
     let port = TcpListener::bind("127.0.0.1:0")
         .and_then(|l| l.local_addr())
         .map_err(|e| format!("no free port: {e}"))?
@@ -70,9 +71,9 @@ pub fn run(minutes: f64) -> Result<Live, String> {
     let handed = Arc::new(Mutex::new(Vec::new()));
     let over = Arc::new(AtomicBool::new(false));
     let publisher = {
-        let (pictures, handed, over, url) =
-            (pictures.clone(), handed.clone(), over.clone(), format!("rtmp://{place}"));
-        std::thread::spawn(move || publish(&pictures, &url, &handed, &over))
+        let (images, handed, over, url) =
+            (images.clone(), handed.clone(), over.clone(), format!("rtmp://{place}"));
+        std::thread::spawn(move || publish(&images, &url, &handed, &over))
     };
     let rig = Rig::mono(camera());
     let options = OpenOptions { rig: Some(rig.clone()), ..OpenOptions::default() };
@@ -113,7 +114,7 @@ fn camera() -> Camera {
     Camera::pinhole(WIDTH, HEIGHT, 420.0, 420.0, 319.5, 239.5)
 }
 
-/// Out, and the same backwards.
+/// Renders the walk: out, and the same images in reverse order.
 fn render() -> Result<Vec<GrayImage>, String> {
     let config = SimConfig {
         sensor: SimSensor::Mono,
@@ -125,19 +126,19 @@ fn render() -> Result<Vec<GrayImage>, String> {
     let mut rig = LiveRig::new(&config).map_err(|e| e.to_string())?;
     let route = rig.world().routes().first().map(|w| w.points.clone()).unwrap_or_default();
     let motion = config.walker.motion(&route);
-    let mut pictures = Vec::new();
+    let mut images = Vec::new();
     for k in 0..(OUT_S * RATE_HZ) as usize {
         let t = k as f64 / RATE_HZ;
         let packet = rig.packet(Stamp::from_seconds(t), &motion.pose(t)).map_err(|e| e.to_string())?;
-        let image = packet.images.first().ok_or("the world gave no picture")?;
-        pictures.push(image.as_ref().clone());
+        let image = packet.images.first().ok_or("the world rendered no image")?;
+        images.push(image.as_ref().clone());
     }
-    let home: Vec<GrayImage> = pictures.iter().rev().cloned().collect();
-    pictures.extend(home);
-    Ok(pictures)
+    let back: Vec<GrayImage> = images.iter().rev().cloned().collect();
+    images.extend(back);
+    Ok(images)
 }
 
-/// Writes a number into the lower edge.
+/// Writes a number into the lower edge of an image.
 fn mark(image: &mut GrayImage, number: usize) {
     for y in HEIGHT - BLOCK..HEIGHT {
         let row = image.row_mut(y);
@@ -148,7 +149,7 @@ fn mark(image: &mut GrayImage, number: usize) {
     }
 }
 
-/// Reads it.
+/// Reads the number written by [`mark`].
 fn number_of(image: &GrayImage) -> Option<usize> {
     if (image.width(), image.height()) != (WIDTH, HEIGHT) {
         return None;
@@ -157,15 +158,15 @@ fn number_of(image: &GrayImage) -> Option<usize> {
     Some((0..BITS).filter(|bit| row[bit * BLOCK + BLOCK / 2] > 127).map(|bit| 1 << bit).sum())
 }
 
-/// Hands pictures to ffmpeg, 30 a second, and writes down when; gives how often it had to be started again.
+/// Hands images to ffmpeg, 30 per second, and stores the times; returns how often ffmpeg had to be restarted.
 fn publish(
-    pictures: &[GrayImage],
+    images: &[GrayImage],
     url: &str,
     handed: &Mutex<Vec<Instant>>,
     over: &AtomicBool,
 ) -> Result<usize, String> {
     let mut again = 0;
-    // The listener needs a moment.
+    // The listener needs some time to start.
     std::thread::sleep(Duration::from_millis(800));
     let mut child = publisher(url)?;
     let began = Instant::now();
@@ -175,12 +176,12 @@ fn publish(
         if over.load(Ordering::Relaxed) {
             break;
         }
-        let mut image = pictures[number % pictures.len()].clone();
+        let mut image = images[number % images.len()].clone();
         mark(&mut image, number);
         handed.lock().unwrap_or_else(PoisonError::into_inner).push(Instant::now());
         let wrote = child.stdin.as_mut().map(|pipe| pipe.write_all(image.data()));
         if !matches!(wrote, Some(Ok(()))) {
-            // The listener has hung up, as after a silence: like a phone, publish again.
+            // The listener has closed the connection, as after a pause: publish again, as a phone does.
             let _ = child.wait();
             again += 1;
             std::thread::sleep(Duration::from_millis(300));
@@ -205,7 +206,7 @@ fn publisher(url: &str) -> Result<Child, String> {
         .map_err(|e| format!("ffmpeg: {e}; install it (Debian, Ubuntu: apt install ffmpeg)"))
 }
 
-/// Holds the clock, and asks for the walk's commands.
+/// Measures the times and gives the commands of the walk.
 struct Stopwatch {
     handed: Arc<Mutex<Vec<Instant>>>,
     began: Option<Instant>,
@@ -216,9 +217,9 @@ struct Stopwatch {
     peak_rss_mb: Vec<Option<f64>>,
     key_frames: Vec<usize>,
     posed: Option<Instant>,
-    /// The number of the picture that was seen last.
+    /// The number of the last processed image.
     number: usize,
-    /// And first.
+    /// The number of the first processed image.
     first: Option<usize>,
     asked: usize,
 }
@@ -273,7 +274,7 @@ impl Face for Stopwatch {
         }
     }
 
-    /// Records the first way out; at each far end asks for guidance; ends when the time is over.
+    /// Records the first outbound walk; asks for guidance at each far end; quits when the time is over.
     fn asked(&mut self) -> Vec<Ask> {
         if self.began.is_some_and(|t| t.elapsed().as_secs_f64() > 60.0 * self.minutes) {
             return vec![Ask::Quit];
@@ -294,7 +295,7 @@ impl Face for Stopwatch {
     }
 }
 
-/// How long espeak-ng takes for a sentence.
+/// Time espeak-ng needs for a sentence.
 fn speech() -> Option<Percentiles> {
     let espeak = Espeak::find(SpeechConfig::default()).ok()?;
     let mut ms = Vec::new();
@@ -306,16 +307,16 @@ fn speech() -> Option<Percentiles> {
     Percentiles::of(&ms)
 }
 
-/// For people.
+/// The figures as text.
 pub fn table(live: &Live) -> String {
     let mut out = String::new();
     let line = |p: &Option<Percentiles>| match p {
         Some(p) => format!("p50 {:.1}, p95 {:.1}, p99 {:.1}, max {:.1} ms", p.p50, p.p95, p.p99, p.max),
-        None => "nothing".into(),
+        None => "no data".into(),
     };
     let _ = writeln!(
         out,
-        "pictures  {} published, {} taken, {} dropped as overtaken or older than 150 ms; {} reconnections",
+        "images    {} published, {} processed, {} dropped as outdated or older than 150 ms; {} reconnections",
         live.published, live.taken, live.dropped, live.reconnects
     );
     for (minute, ms) in live.pose_ms.iter().enumerate() {
@@ -330,8 +331,8 @@ pub fn table(live: &Live) -> String {
         );
     }
     let _ = writeln!(out, "step      {}", line(&live.step_ms));
-    let _ = writeln!(out, "words     {} said; pose to text: {}", live.said, line(&live.words_ms));
-    let _ = writeln!(out, "speech    a sentence by espeak-ng: {}", line(&live.speech_ms));
+    let _ = writeln!(out, "speech    {} announcements; pose to text: {}", live.said, line(&live.words_ms));
+    let _ = writeln!(out, "synthesis one sentence by espeak-ng: {}", line(&live.speech_ms));
     out
 }
 
@@ -340,7 +341,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_read_back() {
+    fn image_numbers_round_trip() {
         let mut image = GrayImage::new(WIDTH, HEIGHT);
         for number in [0, 1, 12_345, (1 << BITS) - 1] {
             mark(&mut image, number);

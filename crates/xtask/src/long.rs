@@ -1,5 +1,4 @@
-//! `long`: minutes of laps in one world. Once the map of the area is complete, a step must take no longer and memory
-//! grow no further.
+//! `long`: minutes of laps in one world. Once the map of the area is complete, step time and memory must stay constant.
 
 use crate::Sensor;
 use crate::memory::resident_mb;
@@ -9,30 +8,30 @@ use cairn_sensor::Source;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// What a minute of walking cost.
+/// Costs of one minute.
 #[derive(Clone, Debug, Serialize)]
 pub struct Minute {
-    /// Packets in it.
+    /// Number of packets.
     pub frames: usize,
-    /// Packets that were tracked.
+    /// Number of tracked packets.
     pub tracked: usize,
     /// Image to pose, milliseconds.
     pub step_ms: Percentiles,
-    /// The part of it from features to pose.
+    /// The part from features to pose.
     pub track_ms: Percentiles,
-    /// Mapping of a key frame.
+    /// Mapping of a key frame, milliseconds.
     pub map_ms: Percentiles,
-    /// Key frames that mapping took up.
+    /// Key frames processed by mapping.
     pub mapped: usize,
-    /// Resident memory at its end, megabytes.
+    /// Resident memory at the end of the minute, megabytes.
     pub resident_mb: f64,
-    /// Key frames in the map at its end.
+    /// Key frames in the map at the end of the minute.
     pub key_frames: usize,
-    /// Landmarks in the map at its end.
+    /// Landmarks in the map at the end of the minute.
     pub landmarks: usize,
 }
 
-/// Runs a source in lockstep, minute by minute of its own time; each minute is told on stderr as it ends.
+/// Runs a source in lockstep, minute by minute of its own time; each minute is printed on stderr as it ends.
 ///
 /// # Errors
 /// As [`crate::measure()`].
@@ -60,7 +59,7 @@ pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, Strin
         current.tracked += out.anchored.is_some() as usize;
     }
     engine.snapshot().check()?;
-    // What is left of a minute counts when it is a good part of one.
+    // The rest counts as a minute if it is longer than half of one.
     if current.step_ms.len() as f64 > 30.0 * source.info().rate_hz {
         minutes.push(current.close(&engine));
     }
@@ -110,7 +109,7 @@ fn line(m: &Minute) -> String {
 /// The minutes as a table in Markdown.
 pub fn table(minutes: &[Minute]) -> String {
     let mut t = String::from(
-        "| minute | tracked | step p50 ms | track p50 ms | key frames taken up | mapping p50 ms | resident MB | key frames | landmarks |\n|---|---|---|---|---|---|---|---|---|\n",
+        "| minute | tracked | step p50 ms | track p50 ms | key frames processed | mapping p50 ms | resident MB | key frames | landmarks |\n|---|---|---|---|---|---|---|---|---|\n",
     );
     for (i, m) in minutes.iter().enumerate() {
         let _ = writeln!(

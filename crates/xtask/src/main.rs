@@ -24,264 +24,267 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// The real recordings: ATE, coverage, step times, memory; each twice.
+    /// Real recordings: ATE, coverage, step times, memory; each runs twice.
     Accuracy {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
         #[arg(long)]
         data: Option<PathBuf>,
-        /// Only rows whose name holds this.
+        /// Only rows whose name contains this.
         #[arg(long)]
         only: Option<String>,
-        /// Runs of each.
+        /// Runs of each recording.
         #[arg(long, default_value_t = 2)]
         times: usize,
-        /// Write all figures as JSON here.
+        /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Write docs/accuracy.md.
+        /// Writes docs/accuracy.md.
         #[arg(long)]
         write: bool,
     },
-    /// Simulated walks: drift and coverage per world and sensor.
+    /// Simulated walks: drift and coverage by world and sensor.
     Walks {
-        /// Seeds from 0; the worlds take turns.
+        /// Number of seeds from 0; the worlds alternate.
         #[arg(long, default_value_t = 20)]
         seeds: u64,
-        /// Leave out the seeds before this one.
+        /// The first seed.
         #[arg(long, default_value_t = 0)]
         from: u64,
-        /// Worlds, with commas.
+        /// Worlds, separated by commas.
         #[arg(long, value_delimiter = ',')]
         worlds: Vec<WorldKind>,
-        /// Sensors, with commas.
+        /// Sensors, separated by commas.
         #[arg(long, value_delimiter = ',')]
         sensors: Vec<Sensor>,
-        /// Seconds of each walk.
+        /// Duration of each walk, seconds.
         #[arg(long, default_value_t = 40.0)]
         seconds: f64,
-        /// Every seed in every world.
+        /// Runs every seed in every world.
         #[arg(long)]
         all: bool,
-        /// Walks at a time.
+        /// Number of walks in parallel.
         #[arg(long, default_value_t = 1)]
         jobs: usize,
-        /// Write all figures as JSON here.
+        /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
     },
-    /// The pose graphs: known optima from the odometry start, times.
+    /// Pose graphs: known optima from odometry initialisation, times.
     Graphs {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
         #[arg(long)]
         data: Option<PathBuf>,
-        /// Only graphs whose name holds this.
+        /// Only graphs whose name contains this.
         #[arg(long)]
         only: Option<String>,
         /// Repetitions of each solve.
         #[arg(long, default_value_t = 15)]
         times: usize,
-        /// Write docs/graphs.md.
+        /// Writes docs/graphs.md.
         #[arg(long)]
         write: bool,
     },
-    /// Walks that come back: laps with closing and without, a black lens around a corner, rooms that look alike.
+    /// Walks with revisits: laps with and without loop closing, a covered camera around a corner, rooms that look
+    /// alike.
     Revisit {
-        /// laps, laps-open, dark, alike; with commas.
+        /// Trials, separated by commas.
         #[arg(long, value_delimiter = ',', value_enum)]
         trials: Vec<Trial>,
-        /// How many seeds.
+        /// Number of seeds.
         #[arg(long, default_value_t = 20)]
         seeds: u64,
-        /// The first of them.
+        /// The first seed.
         #[arg(long, default_value_t = 1)]
         from: u64,
-        /// Worlds, with commas; corridor, hall and street take turns else.
+        /// Worlds, separated by commas; by default corridor, hall and street alternate.
         #[arg(long, value_delimiter = ',')]
         worlds: Vec<WorldKind>,
-        /// Sensors, with commas.
+        /// Sensors, separated by commas.
         #[arg(long, value_delimiter = ',')]
         sensors: Vec<Sensor>,
-        /// Tell of every frame on stderr.
+        /// Prints every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
-        /// Settings in TOML that differ from the defaults.
+        /// Configuration entries in TOML that differ from the defaults.
         #[arg(long)]
         config: Option<PathBuf>,
     },
-    /// The first half of each recording is mapped and saved, the second half found in it.
+    /// Maps and saves the first half of each recording, and localizes the second half in it.
     Halves {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
         #[arg(long)]
         data: Option<PathBuf>,
     },
-    /// A map of one walk, and starts in its middle on another day: recall by distance and angle.
+    /// Relocalisation in a map of another day, from starts in its middle: recall by distance and angle.
     NextDay {
-        /// Seeds from 1; corridor, office, hall and street take turns.
+        /// Number of seeds from 1; corridor, office, hall and street alternate.
         #[arg(long, default_value_t = 4)]
         seeds: u64,
-        /// Sensors, with commas.
+        /// Sensors, separated by commas.
         #[arg(long, value_delimiter = ',')]
         sensors: Vec<Sensor>,
-        /// Starts of each day half a metre beside the way.
+        /// Starts per day half a metre beside the path.
         #[arg(long, default_value_t = 10)]
         starts: usize,
-        /// Starts of each day at each distance and angle of the curve.
+        /// Starts per day at each distance and angle of the table.
         #[arg(long, default_value_t = 2)]
         each: usize,
     },
-    /// Minutes of laps: step time, memory and map, minute by minute.
+    /// Long run of laps: step time, memory and map size, minute by minute.
     Long {
-        /// World.
+        /// The world.
         #[arg(long, default_value = "hall")]
         world: WorldKind,
-        /// Sensor.
+        /// The sensor.
         #[arg(long, default_value = "stereo")]
         sensor: Sensor,
-        /// Minutes.
+        /// Duration, minutes.
         #[arg(long, default_value_t = 10.0)]
         minutes: f64,
     },
-    /// How much a tracking step is slowed by the adjustment of a whole world beside it: threaded, paired, at the camera's pace.
+    /// How much full bundle adjustment of a map in parallel slows down tracking: threaded, in pairs of runs, in real
+    /// time.
     Busy {
         /// Pairs of runs.
         #[arg(long, default_value_t = 5)]
         pairs: usize,
-        /// Frames of each run.
+        /// Frames per run.
         #[arg(long, default_value_t = 400)]
         frames: usize,
-        /// Seed of the hall.
+        /// Seed of the world (a hall).
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Sensor.
+        /// The sensor.
         #[arg(long, default_value = "stereo")]
         sensor: Sensor,
     },
-    /// Saves and opens a large map: seconds, and bytes of each kind of part.
+    /// Saves and opens a large map: seconds, and bytes by kind of part.
     Store {
         /// Key frames.
         #[arg(long, default_value_t = 1000)]
         key_frames: usize,
-        /// Features of each.
+        /// Features per key frame.
         #[arg(long, default_value_t = 1000)]
         features: usize,
-        /// Times to save and open.
+        /// Repetitions.
         #[arg(long, default_value_t = 5)]
         times: usize,
-        /// Folder to save in; default the system's for temporary files.
+        /// Folder to save in; default the system's temporary folder.
         #[arg(long)]
         folder: Option<PathBuf>,
-        /// Write all figures as JSON here.
+        /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
     },
-    /// How well places are recognised: photographs with a loop matrix, worlds and recordings with true poses, costs.
+    /// Place recognition: photographs with a loop matrix, worlds and recordings with ground truth, costs.
     Places {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
         #[arg(long)]
         data: Option<PathBuf>,
-        /// Another vocabulary than the embedded one; may be given several times, for a comparison.
+        /// A vocabulary to use instead of the built-in one; may be given several times, to compare.
         #[arg(long)]
         vocab: Vec<PathBuf>,
         /// Only the photographs.
         #[arg(long)]
         loops: bool,
-        /// Tell of every pair that geometry looked at on stderr.
+        /// Prints every geometrically verified pair on stderr.
         #[arg(long, short)]
         verbose: bool,
-        /// Write docs/places.md.
+        /// Writes docs/places.md.
         #[arg(long)]
         write: bool,
     },
-    /// Real inertial sensors on real motion, true poses in place of an eye: drift, initialisation, time offset.
+    /// Real IMUs on real motion, ground-truth poses instead of a camera: drift, initialisation, time offset.
     Inertial {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
         #[arg(long)]
         data: Option<PathBuf>,
-        /// Only recordings whose name holds this.
+        /// Only recordings whose name contains this.
         #[arg(long)]
         only: Option<String>,
-        /// Only conditions whose name holds this.
+        /// Only conditions whose name contains this.
         #[arg(long)]
         condition: Option<String>,
-        /// Every so-many-th start.
+        /// Uses every n-th start.
         #[arg(long, default_value_t = 1)]
         every: usize,
-        /// Write all figures as JSON here.
+        /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Write docs/inertial.md.
+        /// Writes docs/inertial.md.
         #[arg(long)]
         write: bool,
     },
-    /// The whole engine with an inertial sensor: EuRoC MH_01, rooms around real motions with their real readings, a turn
-    /// before plain walls, a minute of standing, costs.
+    /// The whole engine with IMU: EuRoC MH_01, rendered rooms with real motion and real IMU data, a turn in front of
+    /// plain walls, one minute of standing, costs.
     VisualInertial {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
         #[arg(long)]
         data: Option<PathBuf>,
-        /// Which trials, with commas.
+        /// Trials, separated by commas.
         #[arg(long, value_delimiter = ',', value_enum, default_value = "recorded,semi-real,turn,rest,cost")]
         trials: Vec<visual_inertial::Trial>,
-        /// Only real motions whose name holds this.
+        /// Only real motions whose name contains this.
         #[arg(long)]
         only: Option<String>,
-        /// Only conditions whose name holds this ("as recorded", "half the rate", "20 ms", "lost", "bias").
+        /// Only conditions whose name contains this ("as recorded", "half the rate", "20 ms", "lost", "bias").
         #[arg(long)]
         condition: Option<String>,
-        /// Sensors, with commas; without it those of each trial. Without -imu the inertial sensor is left alone.
+        /// Sensors, separated by commas; by default those of each trial. Without -imu the IMU is not used.
         #[arg(long, value_delimiter = ',')]
         sensors: Vec<Sensor>,
-        /// So many seconds of each real motion; without it all of it with its readings as recorded, 20 s of it with worse ones.
+        /// Seconds of each real motion; by default all of it with IMU data as recorded, 20 s with degraded data.
         #[arg(long)]
         seconds: Option<f64>,
-        /// Seeds of the turns.
+        /// Number of seeds of the turns.
         #[arg(long, default_value_t = 20)]
         seeds: u64,
-        /// Leave out the seeds before this one.
+        /// The first seed.
         #[arg(long, default_value_t = 1)]
         from: u64,
-        /// Runs of each for the cost.
+        /// Runs of each configuration for the cost.
         #[arg(long, default_value_t = 3)]
         times: usize,
-        /// Settings in TOML that differ from the defaults.
+        /// Configuration entries in TOML that differ from the defaults.
         #[arg(long)]
         config: Option<PathBuf>,
-        /// Tell of every frame on stderr.
+        /// Prints every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
-        /// Write all figures as JSON here.
+        /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Write docs/visual-inertial.md.
+        /// Writes docs/visual-inertial.md.
         #[arg(long)]
         write: bool,
     },
-    /// A live stream: from the publisher over RTMP to the pose, and from the pose to words. Needs ffmpeg.
+    /// Latency of a live stream: from the publisher over RTMP to the pose, and from the pose to the announcement. Needs
+    /// ffmpeg.
     Live {
-        /// Minutes.
+        /// Duration, minutes.
         #[arg(long, default_value_t = 1.0)]
         minutes: f64,
-        /// Write all figures as JSON here.
+        /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
     },
-    /// One recording by its row's name, or any source with --sensor; prints JSON.
+    /// Runs one recording by the name of its row, or any source with --sensor; prints JSON.
     One {
         /// Name of a row, a folder, or sim:WORLD.
         source: String,
         /// Folder of the recordings.
         #[arg(long)]
         data: Option<PathBuf>,
-        /// Sensors of a source that is no row.
+        /// Sensors, if the source is not a row.
         #[arg(long, default_value = "stereo")]
         sensor: Sensor,
-        /// Packets at most.
+        /// Largest number of packets.
         #[arg(long, default_value_t = usize::MAX)]
         frames: usize,
-        /// Tell of every frame on stderr.
+        /// Prints every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
-        /// Settings in TOML that differ from the defaults.
+        /// Configuration entries in TOML that differ from the defaults.
         #[arg(long)]
         config: Option<PathBuf>,
     },
@@ -344,12 +347,12 @@ fn run(command: Command) -> Result<(), String> {
         Command::Revisit { trials, seeds, from, worlds, sensors, verbose, config } => {
             let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
             let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
-            let turns = [WorldKind::Corridor, WorldKind::Hall, WorldKind::Street];
+            let alternating = [WorldKind::Corridor, WorldKind::Hall, WorldKind::Street];
             for seed in from..from + seeds {
                 for trial in &trials {
                     let world = match (*trial, worlds.is_empty()) {
                         (Trial::Alike, true) => WorldKind::Office,
-                        (_, true) => turns[seed as usize % turns.len()],
+                        (_, true) => alternating[seed as usize % alternating.len()],
                         (_, false) => worlds[seed as usize % worlds.len()],
                     };
                     for sensor in &sensors {

@@ -1,4 +1,4 @@
-//! One source through the engine in lockstep: how good, how fast, how large, and a hash of every bit of the result.
+//! Runs the engine in lockstep over one source: accuracy, speed, size, and a hash of all bits of the result.
 
 use cairn_atlas::KeyFrameId;
 use cairn_engine::{Config, Engine, Joined, Runner, SensorMode};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
-/// Which sensors the engine is given.
+/// The sensors the engine uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sensor {
@@ -20,26 +20,26 @@ pub enum Sensor {
     Stereo,
     /// One camera and a depth sensor.
     Rgbd,
-    /// One camera and an inertial sensor.
+    /// One camera and an IMU.
     MonoImu,
-    /// Two cameras and an inertial sensor.
+    /// Two cameras and an IMU.
     StereoImu,
-    /// One camera, a depth sensor and an inertial sensor.
+    /// One camera, a depth sensor and an IMU.
     RgbdImu,
 }
 
 impl Sensor {
-    /// Those without an inertial sensor.
+    /// The modes without IMU.
     pub const ALL: [Self; 3] = [Self::Mono, Self::Stereo, Self::Rgbd];
-    /// Those with one.
+    /// The modes with IMU.
     pub const INERTIAL: [Self; 3] = [Self::MonoImu, Self::StereoImu, Self::RgbdImu];
 
-    /// Whether the inertial sensor is used.
+    /// Whether the IMU is used.
     pub fn is_inertial(self) -> bool {
         Self::INERTIAL.contains(&self)
     }
 
-    /// Its name, as in `sim:` addresses.
+    /// The name, as in `sim:` addresses.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mono => "mono",
@@ -51,7 +51,7 @@ impl Sensor {
         }
     }
 
-    /// The simulation's word for its eyes.
+    /// The corresponding sensor of the simulation, without IMU.
     pub fn simulated(self) -> SimSensor {
         match self.mode() {
             SensorMode::Mono => SimSensor::Mono,
@@ -60,7 +60,7 @@ impl Sensor {
         }
     }
 
-    /// The engine's word for it.
+    /// The corresponding mode of the engine, without IMU.
     pub fn mode(self) -> SensorMode {
         match self {
             Self::Mono | Self::MonoImu => SensorMode::Mono,
@@ -80,70 +80,70 @@ impl FromStr for Sensor {
     }
 }
 
-/// What is asked of a run.
+/// Options of a run.
 #[derive(Clone, Debug)]
 pub struct MeasureOptions {
     /// Sensors to use.
     pub sensor: Sensor,
-    /// Packets at most.
+    /// Largest number of packets.
     pub frames: usize,
-    /// True to tell of every frame on stderr.
+    /// Prints every frame on stderr.
     pub verbose: bool,
-    /// Settings of the engine.
+    /// Configuration of the engine.
     pub config: Config,
 }
 
 impl MeasureOptions {
-    /// A whole source with these sensors.
+    /// Options for a whole source with these sensors.
     pub fn new(sensor: Sensor) -> Self {
         Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
     }
 }
 
-/// What a run gave.
+/// Result of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Measured {
     /// Sensors used.
     pub sensor: Sensor,
-    /// Packets.
+    /// Number of packets.
     pub frames: usize,
-    /// Packets that have a pose in the final trajectory.
+    /// Packets with a pose in the final trajectory.
     pub tracked: usize,
-    /// Frames without a pose after the first with one: first and last of each run of them.
+    /// Stretches of frames without a pose after the first pose: first and last frame.
     pub lost: Vec<[usize; 2]>,
-    /// Frame that was the first with a pose.
+    /// The first frame with a pose.
     pub started: Option<usize>,
-    /// RMSE of the final trajectory against the truth after alignment, metres.
+    /// RMSE of the final trajectory against the ground truth after alignment, metres.
     pub ate_m: Option<f64>,
-    /// RMSE of the poses as they were told at the time.
+    /// The same of the live poses.
     pub live_ate_m: Option<f64>,
-    /// Whether lengths are metres: then scale is not aligned.
+    /// Whether the map is metric; then scale is not aligned.
     pub metric: bool,
-    /// Scale that the alignment found; where lengths are metres and scale is not aligned, what it would have found.
+    /// Scale by Sim3 alignment, also where the map is metric.
     pub scale: f64,
-    /// When the first pose with metres was told, seconds after the first frame.
+    /// Time of the first metric pose, seconds after the first frame.
     pub metric_s: Option<f64>,
-    /// What was found to be added to the stamps of the inertial sensor, milliseconds.
+    /// Estimated time offset to add to the IMU stamps, milliseconds.
     pub imu_offset_ms: f64,
-    /// Length of the true way, metres.
+    /// Length of the true path, metres.
     pub path_m: f64,
     /// Decoded image to pose, milliseconds.
     pub step_ms: Percentiles,
-    /// The part of it from features to pose.
+    /// The part from features to pose.
     pub track_ms: Percentiles,
     /// Mapping of a key frame, milliseconds.
     pub map_ms: Percentiles,
-    /// Worlds in the map at the end.
+    /// Number of maps at the end.
     pub worlds: usize,
-    /// Places seen again that were joined: loops and merges, and the candidates that were refused.
+    /// Loops closed.
     pub loops: usize,
-    /// Worlds merged.
+    /// Maps merged.
     pub merges: usize,
-    /// When places were joined, seconds after the first frame.
+    /// Times of loops and merges, seconds after the first frame.
     pub joined_s: Vec<f64>,
-    /// Candidates refused.
+    /// Candidates rejected.
     pub refused: usize,
-    /// Joined places that the truth says are not where the join puts them: metres off, for each.
+    /// Errors of false loops and merges (more than 0.5 m), metres.
     pub false_joins: Vec<f64>,
     /// Key frames in the map at the end.
     pub key_frames: usize,
@@ -161,7 +161,7 @@ impl Measured {
         self.tracked as f64 / self.frames.max(1) as f64
     }
 
-    /// ATE as a share of the way.
+    /// ATE as a share of the path length.
     pub fn drift(&self) -> Option<f64> {
         self.ate_m.map(|ate| ate / self.path_m)
     }
@@ -170,8 +170,8 @@ impl Measured {
 /// Runs a source to its end.
 ///
 /// # Errors
-/// When the source fails, the rig does not serve the sensors, a packet does not fit the rig, or the final map breaks
-/// one of its own rules.
+/// When the source fails, the rig does not have the sensors, a packet does not fit the rig, or the final map is
+/// inconsistent.
 pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Measured, String> {
     let rate_hz = source.info().rate_hz;
     let rig = source.rig().clone();
@@ -195,7 +195,7 @@ pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Meas
         }
         if options.verbose {
             eprintln!(
-                "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{} step off {:.3} m",
+                "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{} step error {:.3} m",
                 stamps.len(),
                 out.state,
                 out.evidence.features,
@@ -204,7 +204,7 @@ pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Meas
                 out.evidence.inliers,
                 engine.snapshot().key_frame_count(),
                 if out.map_ms.is_empty() { "" } else { " +" },
-                step_off(&truth, &mut before, packet.stamp, out.world_from_body.map(|p| p.se3)),
+                step_error(&truth, &mut before, packet.stamp, out.world_from_body.map(|p| p.se3)),
             );
         }
         if out.metric && metric_s.is_none() {
@@ -228,7 +228,7 @@ pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Meas
                         true => 1.0,
                         false => ate(&engine.comparable(truth), &engine.trajectory(), Align::Sim3)?.1,
                     };
-                    let off = misplaced(&engine, truth, metres, v.key_frame, v.candidate);
+                    let off = join_error(&engine, truth, metres, v.key_frame, v.candidate);
                     joined_s.push(packet.stamp - *stamps.first().unwrap_or(&packet.stamp));
                     false_joins.extend(off.filter(|off| *off > 0.5));
                 }
@@ -237,7 +237,7 @@ pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Meas
             if options.verbose {
                 match v.result {
                     Ok(a) => eprintln!("closed {:?} with {:?}: {a:?}", v.key_frame, v.candidate),
-                    Err(why) => eprintln!("refused {:?} with {:?}: {why}", v.key_frame, v.candidate),
+                    Err(why) => eprintln!("rejected {:?} with {:?}: {why}", v.key_frame, v.candidate),
                 }
             }
         }
@@ -285,8 +285,8 @@ pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Meas
     })
 }
 
-/// By how much the step since the frame before differs from the true one, metres; not a number where that is not known.
-fn step_off(
+/// Error of the motion since the previous frame, metres; NaN where it is unknown.
+fn step_error(
     truth: &BTreeMap<Stamp, Se3>,
     before: &mut Option<(Stamp, Se3)>,
     stamp: Stamp,
@@ -301,9 +301,9 @@ fn step_off(
     step().unwrap_or(f64::NAN)
 }
 
-/// By how many metres the place of one key frame in the eye frame of another differs from the truth; `metres` in a unit of the
-/// map.
-fn misplaced(
+/// Error of the position of one key frame in the camera frame of another, metres; `metres` is the length of the map's
+/// unit.
+fn join_error(
     engine: &Engine,
     truth: &[(Stamp, Se3)],
     metres: f64,
@@ -322,7 +322,7 @@ fn misplaced(
     Some((true_a_from_b.translation - a_from_b.translation * metres).norm())
 }
 
-/// RMSE and scale; nothing when there are too few poses for an alignment.
+/// RMSE and scale; no RMSE when there are too few poses for an alignment.
 fn ate(truth: &[(Stamp, Se3)], poses: &[(Stamp, Se3)], align: Align) -> Result<(Option<f64>, f64), String> {
     let trajectory = |poses: &[(Stamp, Se3)]| {
         Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect()).map_err(|e| e.to_string())
@@ -334,7 +334,7 @@ fn ate(truth: &[(Stamp, Se3)], poses: &[(Stamp, Se3)], align: Align) -> Result<(
     }
 }
 
-/// The first frame with a pose, and the runs of frames without one after it.
+/// The first frame with a pose, and the stretches without one after it.
 fn gaps(stamps: &[Stamp], poses: &[(Stamp, Se3)]) -> (Option<usize>, Vec<[usize; 2]>) {
     let have = |t: &Stamp| poses.binary_search_by_key(t, |p| p.0).is_ok();
     let started = stamps.iter().position(have);
@@ -351,7 +351,7 @@ fn gaps(stamps: &[Stamp], poses: &[(Stamp, Se3)]) -> (Option<usize>, Vec<[usize;
     (started, lost)
 }
 
-/// Length of the true way between the first and the last of these times.
+/// Length of the true path between the first and the last of these times.
 fn path_between(truth: &[(Stamp, Se3)], stamps: &[Stamp]) -> f64 {
     let (Some(first), Some(last)) = (stamps.first(), stamps.last()) else { return 0.0 };
     let inside: Vec<&Se3> = truth.iter().filter(|(t, _)| t >= first && t <= last).map(|(_, p)| p).collect();
@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hash_sees_the_last_bit() {
+    fn hash_depends_on_the_last_bit() {
         let one = [(Stamp(1), pose(1.0))];
         let other = [(Stamp(1), pose(1.0 + f64::EPSILON))];
         assert_eq!(hash(&one), hash(&one));
@@ -400,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn sensors_have_names() {
+    fn sensor_names_round_trip() {
         for s in Sensor::ALL {
             assert_eq!(s.name().parse::<Sensor>(), Ok(s));
         }

@@ -1,6 +1,6 @@
-//! Resident memory of this process at this moment, from `/proc` on Linux; `None` elsewhere.
+//! Current resident memory of this process, from `/proc` on Linux; `None` elsewhere.
 
-/// Megabytes of 10^6 bytes that are resident now (`VmRSS`).
+/// Current resident memory (`VmRSS`), megabytes of 10^6 bytes.
 pub fn resident_mb() -> Option<f64> {
     parse(&std::fs::read_to_string("/proc/self/status").ok()?)
 }
@@ -16,7 +16,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_the_kernels_text() {
+    fn status_is_parsed() {
         assert_eq!(parse("VmHWM:\t 9 kB\nVmRSS:\t  125000 kB\n"), Some(128.0));
         assert_eq!(parse("Name:\tx\n"), None);
     }

@@ -1,5 +1,5 @@
-//! `next-day`: a map is made on one walk, and someone starts in the middle of it on another day: in other light, beside
-//! the way, looking another way. How often, and how soon, is the place recognised?
+//! `next-day`: relocalisation in the map of an earlier walk, from starts in its middle: in different light, beside the
+//! path, looking in another direction. How often, and how soon, is the place recognised?
 
 use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
@@ -10,48 +10,48 @@ use cairn_solve::ransac::Rng;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Frames a second.
+/// Frames per second.
 const RATE_HZ: f64 = 12.0;
 /// Seconds of the first day's walk.
 const WALK_S: f64 = 45.0;
-/// Seconds within which the place should be known.
+/// Time within which the place should be recognised, seconds.
 const SOON_S: f64 = 2.0;
-/// A pose this far off does not count, metres.
+/// Largest error of a correct pose, metres.
 const RIGHT_M: f64 = 0.5;
 
-/// Metres beside the way.
+/// Lateral distances from the path, metres.
 pub const BESIDE_M: [f64; 4] = [0.0, 0.5, 1.0, 1.5];
-/// Degrees aside.
+/// Angles of the view to the side, degrees.
 pub const ASIDE_DEG: [f64; 5] = [0.0, 15.0, 30.0, 45.0, 60.0];
 
-/// What came of one start.
+/// Result of one start.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
-    /// Metres beside the way.
+    /// Lateral distance from the path, metres.
     pub beside_m: f64,
-    /// Degrees that the view is turned aside.
+    /// Angle of the view to the side, degrees.
     pub aside_deg: f64,
-    /// Seconds until a right pose was known.
+    /// Seconds until the first correct pose.
     pub known_s: Option<f64>,
-    /// Poses that were told and wrong.
+    /// Number of wrong poses.
     pub wrong: usize,
 }
 
-/// A map made on one day.
+/// A map of one walk.
 pub struct Day {
     config: SimConfig,
     source: SimSource,
     engine: Engine,
     sensor: Sensor,
-    /// From the map's frame to the true one.
+    /// From the map's frame to the ground-truth frame.
     true_from_map: Sim3,
 }
 
 impl Day {
-    /// Walks the first way of a world and maps it.
+    /// Maps the first route of a world.
     ///
     /// # Errors
-    /// When the world can not be walked or nothing was mapped.
+    /// When the world cannot be rendered or nothing was mapped.
     pub fn walk(world: WorldKind, sensor: Sensor, seed: u64) -> Result<Self, String> {
         let text = |e: SourceError| e.to_string();
         let mut config = SimConfig::new(world, seed);
@@ -80,10 +80,10 @@ impl Day {
         Ok(Self { config, source, engine, sensor, true_from_map })
     }
 
-    /// Starts on another day at `share` of the way, beside it and looking aside, in light `gamma`.
+    /// Starts again at `share` of the path, beside it and looking to the side, with image gamma `gamma`.
     ///
     /// # Errors
-    /// When the walk can not be rendered.
+    /// When the walk cannot be rendered.
     pub fn start(
         &self,
         share: f64,
@@ -95,7 +95,7 @@ impl Day {
         let truth = &self.source.info().truth;
         let frames = (SOON_S * RATE_HZ) as usize + 1;
         let first = (share * truth.len().saturating_sub(frames) as f64) as usize;
-        // The eye's right is +x; up in the world is +z.
+        // In the camera frame right is +x; in the world frame up is +z.
         let turn = So3::exp(&Vec3::new(0.0, 0.0, aside_deg.to_radians()));
         let poses: Vec<(Stamp, Se3)> = truth[first..(first + frames).min(truth.len())]
             .iter()
@@ -103,7 +103,7 @@ impl Day {
                 (*t, Se3::new(turn * p.rotation, p.translation + p.rotation * Vec3::new(beside_m, 0.0, 0.0)))
             })
             .collect();
-        // No one walks through walls or furniture.
+        // Poses inside walls or furniture are skipped.
         if !poses.iter().all(|(_, p)| self.source.world().clearance(p.translation.x, p.translation.y) > 0.25)
         {
             return Ok(None);
@@ -119,7 +119,7 @@ impl Day {
                 .map_err(|e| e.to_string())?;
         let mut engine = engine.localize_only();
         let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
-        let light: Vec<u8> =
+        let gamma_table: Vec<u8> =
             (0..=255u8).map(|v| (255.0 * (f64::from(v) / 255.0).powf(gamma)) as u8).collect();
         let mut outcome = Start { beside_m, aside_deg, known_s: None, wrong: 0 };
         let mut began = None;
@@ -129,11 +129,11 @@ impl Day {
                 std::sync::Arc::make_mut(image)
                     .data_mut()
                     .iter_mut()
-                    .for_each(|v| *v = light[usize::from(*v)]);
+                    .for_each(|v| *v = gamma_table[usize::from(*v)]);
             }
             let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
-            let (Some(told), Some(truth)) = (out.world_from_body, truth.get(&packet.stamp)) else { continue };
-            let off = (self.true_from_map * told.se3.translation - truth.translation).norm();
+            let (Some(pose), Some(truth)) = (out.world_from_body, truth.get(&packet.stamp)) else { continue };
+            let off = (self.true_from_map * pose.se3.translation - truth.translation).norm();
             match off < RIGHT_M {
                 true => outcome.known_s = outcome.known_s.or(Some(packet.stamp - began)),
                 false => outcome.wrong += 1,
@@ -143,7 +143,7 @@ impl Day {
     }
 }
 
-/// Starts of a day: the ordinary ones half a metre beside the way, and a grid for the curve.
+/// All starts of a day: ordinary ones half a metre beside the path, and a grid of distances and angles.
 ///
 /// # Errors
 /// As [`Day::start`].
@@ -152,7 +152,7 @@ pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<
     let mut found = Vec::new();
     let mut go = |beside: f64, aside: f64, wanted: usize| -> Result<(), String> {
         let mut done = 0;
-        // Where there is no room beside the way, another place is taken.
+        // Where there is no room beside the path, another place is tried.
         for _ in 0..10 * wanted {
             if done == wanted {
                 break;
@@ -177,10 +177,10 @@ pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<
     Ok(found)
 }
 
-/// Recall within two seconds by distance and angle.
+/// Recall within two seconds, by distance and angle.
 pub fn table(starts: &[Start]) -> String {
-    let mut t = String::from("| beside the way |");
-    // Writing to a string does not fail.
+    let mut t = String::from("| beside the path |");
+    // Writing to a string cannot fail.
     ASIDE_DEG.iter().for_each(|a| {
         let _ = write!(t, " {a:.0} deg |");
     });
@@ -203,7 +203,7 @@ pub fn table(starts: &[Start]) -> String {
     let wrong = starts.iter().filter(|s| s.wrong > 0).count();
     let _ = writeln!(
         t,
-        "half a metre beside, other light: {known} of {} starts known within {SOON_S} s; starts with a wrong pose: {wrong} of {}",
+        "half a metre beside, different light: {known} of {} starts relocalized within {SOON_S} s; starts with a wrong pose: {wrong} of {}",
         ordinary.len(),
         starts.len()
     );

@@ -1,8 +1,8 @@
-//! How long a thread has been on the processor, from `/proc` on Linux; `None` elsewhere. Other programs lengthen it less than
-//! they lengthen the time on a clock.
+//! CPU time of the calling thread, from `/proc` on Linux; `None` elsewhere. Other load on the machine affects it less
+//! than wall time.
 
-/// Milliseconds that the calling thread has run so far.
-pub fn on_processor_ms() -> Option<f64> {
+/// CPU time of the calling thread so far, milliseconds.
+pub fn thread_cpu_ms() -> Option<f64> {
     parse(&std::fs::read_to_string("/proc/thread-self/schedstat").ok()?)
 }
 
@@ -16,7 +16,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_the_kernels_text() {
+    fn schedstat_is_parsed() {
         assert_eq!(parse("155545530 485286161 59\n"), Some(155.54553));
         assert_eq!(parse(""), None);
     }

@@ -1,4 +1,4 @@
-//! The real recordings that accuracy is measured on, and what a reference system reaches on the same files.
+//! The real recordings used for accuracy, and the figures of a reference system on the same files.
 
 use crate::Sensor;
 use std::path::{Path, PathBuf};
@@ -8,22 +8,22 @@ use std::path::{Path, PathBuf};
 pub struct Recording {
     /// Name of the row.
     pub name: &'static str,
-    /// Folder below the data folder.
+    /// Folder in the data folder.
     pub folder: &'static str,
     /// Sensors used.
     pub sensor: Sensor,
-    /// What ORB-SLAM3 V1.0 reaches here.
+    /// Figures of ORB-SLAM3 V1.0.
     pub reference: Reference,
 }
 
-/// Figures of ORB-SLAM3 V1.0 on these files: two cores of the kind used here, quiet, fed in real time, three runs.
+/// Figures of ORB-SLAM3 V1.0 on these files: two cores of the same kind, otherwise idle, fed in real time, three runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Reference {
     /// ATE in metres, best and worst of the runs.
     pub ate_m: [f64; 2],
     /// Coverage.
     pub coverage: f64,
-    /// Image to pose, p50 and p99 in milliseconds, in words as they vary between runs.
+    /// Image to pose, p50 and p99 in milliseconds, as text with the range over the runs.
     pub step_ms: &'static str,
     /// Peak memory in MB.
     pub peak_mb: f64,
@@ -83,7 +83,7 @@ pub fn recording(name: &str) -> Option<Recording> {
     RECORDINGS.into_iter().find(|r| r.name == name)
 }
 
-/// Where recordings lie: `CAIRN_DATA`, else `../shared/data` beside the checkout.
+/// The folder of the recordings: `CAIRN_DATA`, else `../shared/data` beside the checkout.
 pub fn data_folder() -> PathBuf {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     std::env::var_os("CAIRN_DATA").map_or_else(|| Path::new(beside).to_path_buf(), PathBuf::from)

@@ -1,4 +1,4 @@
-//! `revisit`: walks that come back to where they were. Laps with closing and without; a lens that goes black around a
+//! `revisit`: walks that return to earlier places. Laps with and without loop closing; a camera covered around a
 //! corner; rooms that look alike.
 
 use crate::{MeasureOptions, Measured, Sensor, measure};
@@ -10,59 +10,59 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
 
-/// Frames a second.
+/// Frames per second.
 const RATE_HZ: f64 = 12.0;
-/// Seconds for which the lens is black.
+/// Seconds for which the camera is covered.
 const DARK_S: f64 = 5.0;
 
-/// What happens on the walk.
+/// The kind of walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
 pub enum Trial {
     /// Two laps.
     Laps,
-    /// The same with closing off.
+    /// Two laps with loop closing disabled.
     LapsOpen,
-    /// Two laps with a black lens around a corner of the first.
+    /// Two laps with the camera covered around a corner of the first.
     Dark,
     /// An office whose rooms look alike.
     Alike,
 }
 
-/// One walk.
+/// Configuration of one walk.
 #[derive(Clone, Copy, Debug)]
 pub struct Revisit {
-    /// What happens.
+    /// The kind of walk.
     pub trial: Trial,
-    /// Where.
+    /// The world.
     pub world: WorldKind,
-    /// What sees.
+    /// The sensors.
     pub sensor: Sensor,
     /// Seed of world and noise.
     pub seed: u64,
 }
 
-/// A walk and what came of it.
+/// Result of a walk.
 #[derive(Clone, Debug, Serialize)]
 pub struct Revisited {
-    /// What happened.
+    /// The kind of walk.
     pub trial: Trial,
     /// World.
     pub world: String,
     /// Seed.
     pub seed: u64,
-    /// When the lens was black, seconds after the first frame.
+    /// When the camera was covered, seconds after the first frame.
     pub dark_s: Option<[f64; 2]>,
-    /// When, after the dark, a place was first near that had been seen before it, seconds after the first frame.
+    /// When, after that, the camera first came near a place visited before it, seconds after the first frame.
     pub known_s: Option<f64>,
-    /// The run.
+    /// Figures of the run.
     pub measured: Measured,
 }
 
 impl Revisit {
-    /// What is seen on it.
+    /// The source with the rendered walk.
     ///
     /// # Errors
-    /// When the world does not serve.
+    /// When the world is unsuitable.
     pub fn source(&self) -> Result<SimSource, String> {
         let text = |e: SourceError| e.to_string();
         let mut sim = SimConfig::new(self.world, self.seed);
@@ -81,7 +81,7 @@ impl Revisit {
         SimSource::in_map(&sim, plain.world().clone()).map_err(text)
     }
 
-    /// Walks it.
+    /// Runs the engine on the walk.
     ///
     /// # Errors
     /// As [`measure()`].
@@ -99,13 +99,13 @@ impl Revisit {
     }
 }
 
-/// The closed way of a world, twice.
+/// The closed route of a world, twice.
 fn laps(source: &SimSource, world: WorldKind) -> Result<Vec<Vec2>, String> {
     let name = match world {
         WorldKind::Street => "block",
         _ => "loop",
     };
-    let route = source.world().route(name).ok_or(format!("sim:{world} has no way {name}"))?;
+    let route = source.world().route(name).ok_or(format!("sim:{world} has no route {name}"))?;
     Ok(route.points.iter().chain(&route.points[1..]).copied().collect())
 }
 
@@ -114,7 +114,7 @@ fn yaw(pose: &Se3) -> f64 {
     ahead.y.atan2(ahead.x)
 }
 
-/// Around the sharpest turn between a fifth and two fifths of the way.
+/// The time around the sharpest turn between one fifth and two fifths of the walk.
 fn around_a_corner(truth: &[(Stamp, Se3)]) -> Option<[f64; 2]> {
     let step = RATE_HZ as usize;
     let (a, b) = (truth.len() / 5, 2 * truth.len() / 5);
@@ -127,7 +127,7 @@ fn around_a_corner(truth: &[(Stamp, Se3)]) -> Option<[f64; 2]> {
     Some([middle - 0.5 * DARK_S, middle + 0.5 * DARK_S])
 }
 
-/// When, after the dark, the truth first stands within a metre and 20 degrees of where it was before the dark.
+/// When the true pose, after the dark, first comes within a metre and 20 degrees of one before the dark.
 fn back_at(truth: &[(Stamp, Se3)], dark: [f64; 2]) -> Option<f64> {
     let at = |i: usize| truth[i].0 - truth[0].0;
     let before: Vec<&Se3> = (0..truth.len()).filter(|i| at(*i) < dark[0]).map(|i| &truth[i].1).collect();
@@ -143,10 +143,10 @@ fn back_at(truth: &[(Stamp, Se3)], dark: [f64; 2]) -> Option<f64> {
         .map(at)
 }
 
-/// A source whose lens is black for a while.
+/// A source whose camera is covered for some time.
 pub(crate) struct Darkened {
     pub(crate) inner: SimSource,
-    /// From when to when, seconds after the first frame.
+    /// Start and end, seconds after the first frame.
     pub(crate) dark_s: Option<[f64; 2]>,
 }
 
@@ -177,17 +177,17 @@ impl Source for Darkened {
     }
 }
 
-/// One walk in a line.
+/// One walk as a line of text.
 pub fn line(r: &Revisited) -> String {
     let m = &r.measured;
     let mut text = format!("{:?} {} seed {} {}: ", r.trial, r.world, r.seed, m.sensor.name());
     text.push_str(&crate::walks::line(m));
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     if let (Some([from, to]), Some(known)) = (r.dark_s, r.known_s) {
         let after = m.joined_s.iter().find(|t| **t > to).map(|t| t - known);
         let _ = write!(
             text,
-            ", dark {from:.1}-{to:.1} s, known again at {known:.1} s, joined {after:.2?} s later"
+            ", covered {from:.1}-{to:.1} s, near a known place at {known:.1} s, joined {after:.2?} s later"
         );
     }
     text

@@ -1,4 +1,4 @@
-//! Saving and opening a large map: a corridor walked along, made up with plausible features, written and read back.
+//! `store`: saving and opening a large synthetic map: a walk along a corridor with plausible features.
 
 use cairn_atlas::store::{About, MapFile, Table};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Snapshot};
@@ -13,24 +13,24 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What saving and opening cost.
+/// Costs of saving and opening.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Stored {
     /// Key frames of the map.
     pub key_frames: usize,
     /// Landmarks of the map.
     pub landmarks: usize,
-    /// Observations of them.
+    /// Observations of the landmarks.
     pub observations: usize,
-    /// Megabytes of 10^6 bytes of the file.
+    /// Size of the file, megabytes of 10^6 bytes.
     pub file_mb: f64,
-    /// Seconds to save, to the disk and back from it, each time.
+    /// Seconds to save, including fsync, for each repetition.
     pub save_s: Vec<f64>,
-    /// Seconds to open, the file read from the system's cache, each time.
+    /// Seconds to open with the file in the system's cache, for each repetition.
     pub load_s: Vec<f64>,
-    /// Seconds of processor to save and to open, on average: what it takes where nothing else runs.
+    /// CPU seconds to save and to open, on average: independent of other load on the machine.
     pub processor_s: Option<[f64; 2]>,
-    /// Bytes stored and plain of each kind of part.
+    /// Stored and unpacked bytes by kind of part.
     pub parts: BTreeMap<String, [u64; 2]>,
 }
 
@@ -48,10 +48,10 @@ fn camera() -> RectifiedCamera {
     }
 }
 
-/// Numbers that look random and are the same every time.
-struct Dice(u64);
+/// A seeded pseudo-random generator (SplitMix64).
+struct SplitMix(u64);
 
-impl Dice {
+impl SplitMix {
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -59,8 +59,8 @@ impl Dice {
         z ^ (z >> 31)
     }
 
-    /// Between 0 and 1.
-    fn share(&mut self) -> f64 {
+    /// Uniform in [0, 1).
+    fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -70,7 +70,7 @@ impl Dice {
     }
 }
 
-/// A landmark that is still in view.
+/// A landmark that is still visible.
 struct InView {
     id: LandmarkId,
     position: Vec3,
@@ -78,17 +78,17 @@ struct InView {
     octave: u8,
 }
 
-/// A map of so many key frames with so many features each, walked along a bending corridor: landmarks between 1 and
-/// 15 m ahead, seen with half a pixel of noise and some altered bits of the descriptor until they leave the view or are
-/// overlooked, five times on average; nine of ten features show a landmark.
+/// A map of `key_frames` key frames with `features` features each, along a bending corridor: landmarks between 1 and 15
+/// m ahead, observed with half a pixel of noise and some flipped descriptor bits until they leave the view or are
+/// missed, five times on average; nine of ten features observe a landmark.
 pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
-    let (camera, mut dice) = (camera(), Dice(1));
+    let (camera, mut rng) = (camera(), SplitMix(1));
     let mut map = Snapshot::new();
     let mut in_view: Vec<InView> = Vec::new();
     let mut world_from_camera = Se3::identity();
     for i in 0..key_frames {
-        let distort = So3::exp(&Vec3::new(0.0, 0.05 * (i as f64 * 0.05).sin(), 0.0));
-        world_from_camera = world_from_camera * Se3::new(distort, Vec3::new(0.0, 0.0, 0.25));
+        let turn = So3::exp(&Vec3::new(0.0, 0.05 * (i as f64 * 0.05).sin(), 0.0));
+        world_from_camera = world_from_camera * Se3::new(turn, Vec3::new(0.0, 0.0, 0.25));
         let (mut frame, mut changes) = (Frame::default(), Vec::new());
         frame.stamp = Stamp(i as i64 * 250_000_000);
         let id = map.next_key_frame_id();
@@ -96,24 +96,24 @@ pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
             let Some([u, v, _]) = camera.project(&(world_from_camera.inverse() * l.position)) else {
                 return false;
             };
-            let seen = camera.contains(u, v) && dice.share() > 0.12 && frame.len() * 10 < features * 9;
-            if seen {
+            let visible = camera.contains(u, v) && rng.unit() > 0.12 && frame.len() * 10 < features * 9;
+            if visible {
                 let mut descriptor = l.descriptor;
                 (0..8).for_each(|_| {
-                    let bit = dice.next() as usize % 256;
+                    let bit = rng.next() as usize % 256;
                     descriptor[bit / 8] ^= 1 << (bit % 8);
                 });
                 let depth = (world_from_camera.inverse() * l.position).z;
                 changes.push(Change::Observe(l.id, id, frame.len() as u16));
-                add(&mut frame, &mut dice, &camera, [u, v], depth, l.octave, descriptor);
+                add(&mut frame, &mut rng, &camera, [u, v], depth, l.octave, descriptor);
             }
-            seen
+            visible
         });
         let mut next = map.next_landmark_id().index();
         while frame.len() < features {
-            let pixel = [752.0 * dice.share(), 480.0 * dice.share()];
+            let pixel = [752.0 * rng.unit(), 480.0 * rng.unit()];
             let (depth, octave, descriptor) =
-                (1.0 + 14.0 * dice.share().powi(2), (8.0 * dice.share().powi(2)) as u8, dice.descriptor());
+                (1.0 + 14.0 * rng.unit().powi(2), (8.0 * rng.unit().powi(2)) as u8, rng.descriptor());
             if frame.len() * 10 < features * 9
                 && let Some(landmark) = LandmarkId::from_index(next)
             {
@@ -124,43 +124,46 @@ pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
                 changes.push(Change::Observe(landmark, id, frame.len() as u16));
                 in_view.push(InView { id: landmark, position, descriptor, octave });
             }
-            add(&mut frame, &mut dice, &camera, pixel, depth, octave, descriptor);
+            add(&mut frame, &mut rng, &camera, pixel, depth, octave, descriptor);
         }
         frame.index(&camera);
         let parent = map.newest_key_frame().map(|k| k.id);
         let bag = Vocabulary::embedded().bag(&frame.descriptors);
-        let born = KeyFrame::new(id, Arc::new(frame), world_from_camera, parent).with_bag(Arc::new(bag));
-        changes.insert(0, Change::AddKeyFrame(Box::new(born)));
+        let key_frame = KeyFrame::new(id, Arc::new(frame), world_from_camera, parent).with_bag(Arc::new(bag));
+        changes.insert(0, Change::AddKeyFrame(Box::new(key_frame)));
         map = map.apply(&ChangeSet { base: map.version(), changes }).0;
     }
     map
 }
 
-/// Adds a feature at a pixel, half a pixel off.
+/// Adds a feature at a pixel with up to half a pixel of noise.
 fn add(
     frame: &mut Frame,
-    dice: &mut Dice,
+    rng: &mut SplitMix,
     camera: &RectifiedCamera,
     at: [f64; 2],
     depth: f64,
     octave: u8,
     descriptor: Descriptor,
 ) {
-    let px = at.map(|v| (v + dice.share() - 0.5) as f32);
-    // The lens moves what is far from the middle.
+    let px = at.map(|v| (v + rng.unit() - 0.5) as f32);
+    // Radial distortion of the raw pixel.
     let off = [px[0] - camera.cx as f32, px[1] - camera.cy as f32];
     let r2 = (off[0] * off[0] + off[1] * off[1]) / (camera.fx * camera.fx) as f32;
     frame.raw.push([px[0] - 0.28 * r2 * off[0], px[1] - 0.28 * r2 * off[1]]);
     frame.px.push(px);
     frame.octave.push(octave);
-    frame.angle.push((std::f64::consts::TAU * (dice.share() - 0.5)) as f32);
+    frame.angle.push((std::f64::consts::TAU * (rng.unit() - 0.5)) as f32);
     frame.descriptors.push(descriptor);
-    let measured = dice.share() < 0.6;
+    let measured = rng.unit() < 0.6;
     frame.depth.push(if measured { depth as f32 } else { f32::NAN });
     frame.right_x.push(if measured { px[0] - (camera.baseline_fx / depth) as f32 } else { f32::NAN });
 }
 
-/// Saves and opens such a map so many times in a folder, and checks that it comes back.
+/// Saves and opens such a map `times` times in a folder, and checks that it is read back.
+///
+/// # Errors
+/// When the folder or the file cannot be written or read, or a different map is read.
 pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> Result<Stored, String> {
     let map = corridor(key_frames, features);
     let about = About { program: "cairn xtask".into(), sensor: SensorMode::Stereo, camera: camera() };
@@ -202,7 +205,7 @@ fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> 
         if again.snapshot.key_frame_count() != stored.key_frames
             || again.snapshot.landmark_count() != stored.landmarks
         {
-            return Err("another map came back".into());
+            return Err("a different map was read back".into());
         }
     }
     stored.processor_s = processor.map(|sums| sums.map(|s| s / times.max(1) as f64));
@@ -216,10 +219,10 @@ fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> 
     Ok(stored)
 }
 
-/// The figures as a table.
+/// The figures as text.
 pub fn table(s: &Stored) -> String {
     let mut text = String::new();
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(
         text,
         "map       {} key frames, {} landmarks, {} observations",
@@ -237,14 +240,11 @@ pub fn table(s: &Stored) -> String {
     for (name, seconds) in [("save", &s.save_s), ("open", &s.load_s)] {
         let least = seconds.iter().copied().fold(f64::INFINITY, f64::min);
         let most = seconds.iter().copied().fold(0.0, f64::max);
-        let _ = writeln!(
-            text,
-            "{name:<10}{least:.3} s at least, {most:.3} s at most, of {} times",
-            seconds.len()
-        );
+        let _ =
+            writeln!(text, "{name:<10}min {least:.3} s, max {most:.3} s, of {} repetitions", seconds.len());
     }
     if let Some([save, open]) = s.processor_s {
-        let _ = writeln!(text, "processor {save:.3} s to save, {open:.3} s to open, on average");
+        let _ = writeln!(text, "CPU       {save:.3} s to save, {open:.3} s to open, on average");
     }
     text
 }

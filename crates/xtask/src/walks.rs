@@ -1,5 +1,5 @@
-//! `walks`: walkers in simulated worlds, seen by the engine through rendered images. Some walls are poor, some walks are
-//! blurred, in some a passer-by crosses the view; which, follows from the seed.
+//! `walks`: simulated walks with rendered images. Some have walls with little texture, some motion blur, in some a
+//! passer-by crosses the view, depending on the seed.
 
 use crate::{MeasureOptions, Measured, Sensor, measure};
 use cairn_sim::WorldKind;
@@ -9,35 +9,35 @@ use std::fmt::Write;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The worlds walked by default.
+/// The default worlds.
 pub const WORLDS: [WorldKind; 4] =
     [WorldKind::Corridor, WorldKind::Office, WorldKind::Hall, WorldKind::Street];
 
-/// Frames a second.
+/// Frames per second.
 const RATE_HZ: f64 = 15.0;
 
-/// One walk.
+/// Configuration of one walk.
 #[derive(Clone, Copy, Debug)]
 pub struct Walk {
-    /// Where.
+    /// The world.
     pub world: WorldKind,
-    /// What sees.
+    /// The sensors.
     pub sensor: Sensor,
-    /// Seed of world, noise and hardships.
+    /// Seed of world, noise and difficulties.
     pub seed: u64,
     /// Share of plain walls.
     pub poor: f64,
-    /// People who walk about.
+    /// Number of passers-by.
     pub passers: usize,
     /// Exposure time in milliseconds.
     pub blur_ms: f64,
 }
 
 impl Walk {
-    /// A walk with the hardships of its seed: of four, one has none, one poor walls, one a passer-by, one both; every
-    /// third is blurred.
+    /// A walk with the difficulties of its seed: of four, one has none, one plain walls, one a passer-by, one both;
+    /// every third is blurred.
     pub fn new(world: WorldKind, sensor: Sensor, seed: u64) -> Self {
-        // The worlds take turns with the seeds, so hardships follow the round.
+        // The worlds alternate with the seeds, so the difficulties depend on the round.
         let round = seed / 4;
         let poor = if round % 2 == 1 { 0.35 } else { 0.0 };
         let passers = (round / 2 % 2) as usize;
@@ -54,7 +54,7 @@ impl Walk {
         )
     }
 
-    /// Walks it.
+    /// Runs the engine on the walk.
     ///
     /// # Errors
     /// As [`measure()`].
@@ -65,23 +65,23 @@ impl Walk {
     }
 }
 
-/// A walk and what came of it.
+/// Result of a walk.
 #[derive(Clone, Debug, Serialize)]
 pub struct Walked {
     /// World.
     pub world: String,
     /// Seed.
     pub seed: u64,
-    /// The source's address: the same walk again with `one ADDRESS`.
+    /// The source's address: `one ADDRESS` repeats the walk.
     pub address: String,
-    /// The run.
+    /// Figures of the run.
     pub measured: Measured,
 }
 
-/// Walks all, `jobs` at a time; the results in the order of the walks, progress on stderr.
+/// Runs all walks, `jobs` in parallel; results in the order of the walks, progress on stderr.
 ///
 /// # Errors
-/// The first walk that failed, in their order.
+/// The first walk that failed, in order.
 pub fn run(walks: &[Walk], seconds: f64, jobs: usize) -> Result<Vec<Walked>, String> {
     let next = AtomicUsize::new(0);
     let results: Mutex<Vec<Option<Result<Walked, String>>>> = Mutex::new(vec![None; walks.len()]);
@@ -112,15 +112,15 @@ pub fn run(walks: &[Walk], seconds: f64, jobs: usize) -> Result<Vec<Walked>, Str
         });
     });
     let slots = results.into_inner().map_err(|_| "a walk panicked".to_string())?;
-    slots.into_iter().map(|s| s.unwrap_or_else(|| Err("a walk was not walked".into()))).collect()
+    slots.into_iter().map(|s| s.unwrap_or_else(|| Err("a walk was not run".into()))).collect()
 }
 
-/// One walk in a line.
+/// One walk as a line of text.
 pub fn line(m: &Measured) -> String {
     let ate = m.ate_m.map_or("none".into(), |a| format!("{a:.3} m"));
     let drift = m.drift().map_or("none".into(), |d| format!("{:.2} %", 100.0 * d));
     format!(
-        "ATE {ate} of {:.1} m ({drift}), coverage {:.3}, lost {:?}, from {:?}, scale {:.3}, step {:.1} ms, {} key frames, {} landmarks, {} worlds, {} loops, {} merges, {} refused, false {:?}",
+        "ATE {ate} of {:.1} m ({drift}), coverage {:.3}, lost {:?}, from {:?}, scale {:.3}, step {:.1} ms, {} key frames, {} landmarks, {} maps, {} loops, {} merges, {} rejected, false {:?}",
         m.path_m,
         m.coverage(),
         m.lost,
@@ -137,10 +137,10 @@ pub fn line(m: &Measured) -> String {
     )
 }
 
-/// Per world and sensor: drift and coverage, least, median and greatest.
+/// Drift and coverage by world and sensor: minimum, median and maximum.
 pub fn table(walked: &[Walked]) -> String {
     let mut t = String::from(
-        "| world | sensor | walks | ATE % of the way: min / median / max | coverage: min / median | lost after the start |\n|---|---|---|---|---|---|\n",
+        "| world | sensor | walks | ATE % of path length: min / median / max | coverage: min / median | tracking lost temporarily |\n|---|---|---|---|---|---|\n",
     );
     let mut groups: Vec<(String, Sensor)> = Vec::new();
     for w in walked {
@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn twenty_seeds_hold_every_hardship_in_every_world() {
+    fn seeds_cover_every_difficulty_in_every_world() {
         let walks: Vec<Walk> = (0..24).map(|s| Walk::new(WORLDS[s % 4], Sensor::Mono, s as u64)).collect();
         for world in WORLDS {
             let here: Vec<&Walk> = walks.iter().filter(|w| w.world == world).collect();

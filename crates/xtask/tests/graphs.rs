@@ -1,4 +1,4 @@
-//! Every pose graph of the recordings reaches its known optimum from the odometry start.
+//! Every pose graph of the recordings reaches its known optimum from odometry initialisation.
 
 use xtask::graphs::{KNOWN, run};
 use xtask::recordings::data_folder;
@@ -18,7 +18,7 @@ fn known_optima_are_reached_from_odometry() {
     for row in rows {
         let [gn, lm] = row.solved.map(|s| s.report.cost_after);
         println!("{}: {:.9}, {:+.1e} above; {gn:.9} {lm:.9}", row.known.name, row.reached, row.excess());
-        assert!(row.excess().abs() <= 1e-6, "{}: {} is known", row.known.name, row.known.optimum);
+        assert!(row.excess().abs() <= 1e-6, "{}: the known optimum is {}", row.known.name, row.known.optimum);
         assert!(
             (gn - lm).abs() <= 1e-6 * lm,
             "{}: Gauss-Newton and Levenberg-Marquardt differ",

@@ -1,10 +1,10 @@
-//! What the inertial crate reaches on real readings is held, at a few starts of two recordings; the whole table is in
-//! docs/inertial.md.
+//! Limits for initialisation and drift on real IMU data, at a few starts of two recordings; docs/inertial.md has the
+//! full table.
 
 use xtask::inertial::{Chosen, Figures, run};
 use xtask::recordings::data_folder;
 
-/// The recording's figures; says aloud when it is not there.
+/// The figures of a recording; prints "skipped" if it is missing.
 fn figures(recording: &str, condition: &str, every: usize) -> Option<Figures> {
     let chosen = Chosen { recording: Some(recording), condition: Some(condition), every };
     let found = run(&data_folder(), &chosen).expect("the recording is read").pop();
@@ -14,8 +14,8 @@ fn figures(recording: &str, condition: &str, every: usize) -> Option<Figures> {
     found
 }
 
-/// Part accepted; scale in percent at first, at 15 s (medians); gravity in degrees (median).
-fn holds(f: &Figures, accepted: f64, scale: [f64; 2], gravity: f64) {
+/// Checks limits: share accepted; scale error in percent at first and at 15 s (medians); gravity in degrees (median).
+fn check(f: &Figures, accepted: f64, scale: [f64; 2], gravity: f64) {
     for t in &f.tries {
         println!("{}: {t:?}", f.name);
         assert!(
@@ -34,30 +34,30 @@ fn holds(f: &Figures, accepted: f64, scale: [f64; 2], gravity: f64) {
 }
 
 #[test]
-fn initialisation_holds_on_a_quadrotor() {
+fn initialisation_on_a_quadrotor() {
     let Some(f) = figures("V1_02", "0.1 deg", 6) else { return };
-    holds(&f, 0.9, [3.0, 1.8], 1.0);
+    check(&f, 0.9, [3.0, 1.8], 1.0);
     let second = &f.drift[0];
     assert!(second.place_m[0] < 0.03 && second.turn_deg[0] < 0.15, "{second:?}");
 }
 
 #[test]
-fn initialisation_holds_in_a_hand_with_samples_lost() {
+fn initialisation_handheld_with_lost_samples() {
     let Some(f) = figures("tumvi_room1", "1 % lost", 4) else { return };
-    holds(&f, 0.7, [1.5, 0.8], 1.0);
+    check(&f, 0.7, [1.5, 0.8], 1.0);
 }
 
 #[test]
-fn an_offset_of_20_ms_is_recovered_to_a_millisecond() {
+fn time_offset_of_20_ms_is_estimated_within_a_millisecond() {
     let Some(f) = figures("V1_02", "20 ms, found first", 6) else { return };
     for t in &f.tries {
         assert!(t.offsets >= 5 && t.offset_ms[0] < 0.6 && t.offset_ms[1] < 1.5, "{:?}", t.offset_ms);
     }
-    holds(&f, 0.9, [4.0, 1.8], 1.2);
+    check(&f, 0.9, [4.0, 1.8], 1.2);
 }
 
 #[test]
-fn real_readings_raise_no_doubt() {
+fn real_imu_data_raise_no_warnings() {
     for name in xtask::inertial::data::NAMES {
         if !data_folder().join("imu-truth").join(name).exists() {
             println!("skipped: imu-truth/{name} is not in {}", data_folder().display());

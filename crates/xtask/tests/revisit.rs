@@ -1,5 +1,4 @@
-//! Coming back: a lens goes black around a corner, a new world begins, and the worlds merge when a place is known again;
-//! rooms that look alike are not taken for one another.
+//! The camera is covered around a corner: a new map begins, and the maps merge when a place is recognised again.
 
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -7,7 +6,7 @@ use xtask::Sensor;
 use xtask::revisit::{Revisit, Trial, line};
 
 #[test]
-fn a_black_lens_costs_neither_map_nor_way() {
+fn maps_merge_after_a_covered_camera() {
     let walk = Revisit { trial: Trial::Dark, world: WorldKind::Hall, sensor: Sensor::Mono, seed: 4 };
     let walked = walk.run(&Config::default(), false).expect("the walk runs");
     let (m, text) = (&walked.measured, line(&walked));

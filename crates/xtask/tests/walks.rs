@@ -1,4 +1,4 @@
-//! Short simulated walks hold their floors: tracked to the end, with little drift.
+//! Short simulated walks are tracked to the end with little drift.
 
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
@@ -21,10 +21,10 @@ fn short_walks_are_tracked_to_the_end() {
     }
 }
 
-/// Someone walks close ahead, slower than the eye, and fills most of what is near between plain walls. What has stood
-/// still for a while leads: without that the pose goes along with him, by more than half a metre.
+/// A person walks close ahead, slower than the camera, and covers most of the near landmarks between plain walls.
+/// Without static-landmark gating the pose follows that person by more than half a metre.
 #[test]
-fn the_pose_does_not_go_along_with_who_walks_ahead() {
+fn pose_does_not_follow_a_person_ahead() {
     for sensor in [Sensor::Stereo, Sensor::Rgbd] {
         let walk =
             Walk { poor: 0.35, passers: 1, blur_ms: 0.0, ..Walk::new(WorldKind::Corridor, sensor, 12) };

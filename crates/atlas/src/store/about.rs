@@ -1,4 +1,4 @@
-//! What a map was made with: program, sensors, camera; and whether another camera may go on with it.
+//! How a map was made: program, sensors, camera; and whether another camera may continue in it.
 
 use super::StoreError;
 use super::wire::{Decoder, Encoder};
@@ -6,25 +6,29 @@ use cairn_geometry::{Se3, So3, Vec3};
 use cairn_vision::{Octaves, RectifiedCamera, SensorMode};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-/// Pixels that the images of one ray may lie apart under two cameras that count as the same.
+/// Largest distance in pixels between the images of one ray under two cameras that count as equal.
 const SAME_PX: f64 = 0.5;
-/// Relative difference of two baselines that count as the same.
+/// Largest relative difference of two baselines that count as equal.
 const SAME_BASELINE: f64 = 0.005;
 
-/// What a map was made with.
+/// How a map was made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct About {
     /// The program that wrote the file, with its version.
     pub program: String,
     /// Sensors.
     pub sensor: SensorMode,
-    /// The ideal camera that all key frames are seen with.
+    /// The rectified camera of all key frames.
     pub camera: RectifiedCamera,
 }
 
 impl About {
-    /// Compares what made the map with what is to go on with it: an error in words when that would spoil the map,
-    /// else what differs a little, in words.
+    /// Compares this with the camera and sensors that are to continue in the map; returns descriptions of
+    /// small differences.
+    ///
+    /// # Errors
+    ///
+    /// A description of a difference that would corrupt the map.
     pub fn fits(
         &self,
         octaves: Octaves,
@@ -73,13 +77,14 @@ impl About {
         let (metres, degrees) = (arm.translation.norm(), arm.rotation.angle().to_degrees());
         if metres > 1e-6 || degrees > 1e-4 {
             notes.push(format!(
-                "the camera sits {metres:.3} m and {degrees:.2} degrees from where it sat on the body"
+                "the camera is mounted {metres:.3} m and {degrees:.2} degrees from where it was on the body"
             ));
         }
         Ok(notes)
     }
 
-    /// How far apart the two cameras see one ray, pixels, at worst over the corners and the middle of the view.
+    /// Largest distance in pixels between the images of one ray in the two cameras, over the corners and the
+    /// middle of the view.
     fn pixels_apart(&self, other: &RectifiedCamera) -> f64 {
         let e = &self.camera;
         let [x0, y0, x1, y1] = e.bounds;
@@ -110,23 +115,23 @@ impl About {
             0 => SensorMode::Mono,
             1 => SensorMode::Stereo,
             2 => SensorMode::Rgbd,
-            other => return Err(d.wrong(format!("sensor {other} is not known"))),
+            other => return Err(d.wrong(format!("sensor {other} is unknown"))),
         };
         let [fx, fy, cx, cy, baseline_fx, close_depth] = d.f64s()?;
         let bounds: [f64; 4] = d.f64s()?;
-        let body_from_camera = pose(d.f64s()?).ok_or_else(|| d.wrong("the camera's place is no pose"))?;
+        let body_from_camera = pose(d.f64s()?).ok_or_else(|| d.wrong("the camera's pose is invalid"))?;
         let camera = RectifiedCamera { fx, fy, cx, cy, baseline_fx, bounds, close_depth, body_from_camera };
         let finite = [fx, fy, cx, cy, baseline_fx, close_depth].iter().chain(&bounds).all(|v| v.is_finite());
-        let sound =
+        let valid =
             fx > 0.0 && fy > 0.0 && baseline_fx >= 0.0 && bounds[0] < bounds[2] && bounds[1] < bounds[3];
-        if !(finite && sound) {
-            return Err(d.wrong(format!("no camera is like this: {camera:?}")));
+        if !(finite && valid) {
+            return Err(d.wrong(format!("the camera is invalid: {camera:?}")));
         }
         Ok(Self { program, sensor, camera })
     }
 }
 
-/// What the command line calls the sensors.
+/// The name of a sensor mode on the command line.
 pub fn sensor_name(sensor: SensorMode) -> &'static str {
     match sensor {
         SensorMode::Mono => "mono",
@@ -135,14 +140,14 @@ pub fn sensor_name(sensor: SensorMode) -> &'static str {
     }
 }
 
-/// A pose as quaternion (x y z w) and translation, to the last bit.
+/// A pose as quaternion (x y z w) and translation, bit-exact.
 pub(super) fn numbers(pose: &Se3) -> [f64; 7] {
     let (q, t) = (pose.rotation.quaternion(), pose.translation);
     [q.i, q.j, q.k, q.w, t.x, t.y, t.z]
 }
 
-/// Back from the numbers; `None` where they are no pose. The quaternion is taken as it is, so that nothing moves by
-/// being saved.
+/// The pose from its numbers; `None` where they are invalid. The quaternion is not normalised, so that saving
+/// changes nothing.
 pub(super) fn pose([i, j, k, w, x, y, z]: [f64; 7]) -> Option<Se3> {
     let q = Quaternion::new(w, i, j, k);
     let pose = Se3::new(So3::from_quaternion(UnitQuaternion::new_unchecked(q)), Vec3::new(x, y, z));
@@ -168,7 +173,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn comes_back_as_written() {
+    fn round_trip() {
         let mut e = Encoder::default();
         about().encode(&mut e);
         let mut d = Decoder::new("about", &e.0);
@@ -181,7 +186,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn another_camera_is_refused_and_a_like_one_noted_with_numbers() {
+    fn other_camera_is_refused_and_similar_one_noted() {
         let octaves = Octaves { levels: 8, factor: 1.2 };
         let (a, mut camera) = (about(), about().camera);
         let fits = |camera: &RectifiedCamera| a.fits(octaves, SensorMode::Stereo, camera, octaves);
@@ -189,8 +194,11 @@ pub(super) mod tests {
         camera.fx += 0.1;
         assert!(fits(&camera).unwrap()[0].contains("0.071 px"), "{:?}", fits(&camera));
         camera.fx += 10.0;
-        let told = fits(&camera).unwrap_err();
-        assert!(told.contains("fx 450.00") && told.contains("460.10") && told.contains("7.2 px"), "{told}");
+        let message = fits(&camera).unwrap_err();
+        assert!(
+            message.contains("fx 450.00") && message.contains("460.10") && message.contains("7.2 px"),
+            "{message}"
+        );
         camera = about().camera;
         camera.baseline_fx = 54.0;
         assert!(fits(&camera).unwrap_err().contains("0.1000 m, this run has 0.1200 m"));

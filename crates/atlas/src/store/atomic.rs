@@ -1,8 +1,8 @@
-//! A file that is whole or as it was before, whatever happens meanwhile.
+//! Atomic file writes: a file has either its complete new content or its previous one.
 //!
-//! The new content goes into a neighbour, reaches the disk, and then takes the name; the folder is told to the disk
-//! too. On any error the neighbour is removed. One that a killed process left behind is removed by the next to save the
-//! same file: its owner held a lock on it that ends with the process.
+//! The new content goes into a temporary neighbour file, is synced to disk, and then renamed; the folder is
+//! synced too. On any error the neighbour is removed. One left behind by a killed process is removed by the
+//! next save of the same file: its owner held a lock on it that ends with the process.
 
 use super::StoreError;
 use std::ffi::{OsStr, OsString};
@@ -10,10 +10,10 @@ use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Tells apart what one process saves at the same time.
+/// Distinguishes files that one process saves at the same time.
 static COUNT: AtomicU32 = AtomicU32::new(0);
 
-/// Gives `path` the content that `write` makes, all of it or none.
+/// Writes what `write` produces to `path`, completely or not at all.
 pub(crate) fn write_whole<T>(
     path: &Path,
     write: impl FnOnce(&mut File) -> Result<T, StoreError>,
@@ -49,7 +49,7 @@ pub(crate) fn write_whole<T>(
     done
 }
 
-/// What the names of neighbours of `name` begin with.
+/// Prefix of the names of the neighbours of `name`.
 fn prefix(name: &OsStr) -> OsString {
     let mut prefix = OsString::from(".");
     prefix.push(name);
@@ -64,20 +64,20 @@ fn neighbour(folder: &Path, name: &OsStr) -> std::io::Result<(PathBuf, File)> {
         part.push(format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
         let part = folder.join(part);
         let file = match File::options().read(true).write(true).create_new(true).open(&part) {
-            // Left behind by an earlier process with the same number, on a file system without locks.
+            // Left behind by an earlier process with the same id, on a file system without locks.
             Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => continue,
             opened => opened?,
         };
         // Where there are no locks, nothing is removed either.
         let _ = file.lock();
-        // Between opening and locking, another who saves may have taken it for left behind.
+        // Between opening and locking, another process may have removed it as left behind.
         if part.exists() {
             return Ok((part, file));
         }
     }
 }
 
-/// Removes neighbours whose owner is gone.
+/// Removes neighbours whose owner has ended.
 fn remove_left_behind(folder: &Path, name: &OsStr) {
     let prefix = prefix(name);
     let Ok(entries) = std::fs::read_dir(folder) else { return };
@@ -99,7 +99,7 @@ fn sync_folder(folder: &Path) -> std::io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
-/// Elsewhere folders can not be opened; the rename is as lasting as the system makes it.
+/// Elsewhere folders cannot be opened; the rename is as durable as the system makes it.
 #[cfg(not(unix))]
 fn sync_folder(_: &Path) -> std::io::Result<()> {
     Ok(())
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_leaves_the_former_file_and_nothing_beside_it() {
+    fn error_keeps_the_previous_file_only() {
         let folder = folder("error");
         let path = folder.join("a.map");
         put(&path, "one").unwrap();
@@ -135,14 +135,14 @@ mod tests {
         assert!(error.is_err());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
-        let told = put(&folder.join("none/b.map"), "x").unwrap_err().to_string();
-        assert!(told.contains("none/b.map: cannot write"), "{told}");
+        let message = put(&folder.join("none/b.map"), "x").unwrap_err().to_string();
+        assert!(message.contains("none/b.map: cannot write"), "{message}");
         assert!(put(&folder, "x").unwrap_err().to_string().contains("it is a folder"));
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]
-    fn what_a_killed_process_left_is_removed_and_what_is_being_written_stays() {
+    fn stale_neighbours_are_removed_and_locked_ones_kept() {
         let folder = folder("left");
         let path = folder.join("a.map");
         let left = folder.join(".a.map.saving-999999999-0");

@@ -1,7 +1,7 @@
-//! The file's outer form: a header, a table of named parts, the parts, each compressed and checksummed.
+//! The container format: a header, a table of named parts, and the parts, each compressed and checksummed.
 //!
-//! All numbers are little-endian. Every byte of a file is guarded by a checksum, and no length is believed before it
-//! has been compared with the bytes there are.
+//! All numbers are little-endian. Every byte of a file is covered by a checksum, and no length is trusted
+//! before it has been compared with the bytes available.
 //!
 //! ```text
 //! header, 32 bytes, the same in every version:
@@ -14,15 +14,16 @@
 use super::StoreError;
 use std::io::{self, Seek, SeekFrom, Write};
 
-/// First bytes of a map file; the line ends tell a transfer that took it for text.
+/// First bytes of a map file; the line ends reveal a transfer in text mode.
 const MAGIC: [u8; 8] = *b"\x8ccairn\r\n";
 const HEADER: usize = 32;
 /// Bytes of a table entry besides the name.
 const ENTRY: usize = 2 + 1 + 8 + 8 + 4;
-/// What shrinks by more than this is stored as it is, so that no small file can ask for much memory.
-const MOST_RATIO: usize = 32;
-/// A block may be as long as this.
-const MOST_PLAIN: u64 = 1 << 31;
+/// A part that would shrink by more than this is stored uncompressed, so that no small file can ask for much
+/// memory.
+const MAX_RATIO: usize = 32;
+/// Longest part before compression, bytes.
+const MAX_PLAIN_BYTES: u64 = 1 << 31;
 
 /// How a part is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,8 +42,8 @@ struct Entry {
     crc: u32,
 }
 
-/// Writes parts one by one in the order that was announced; the header and the table come last, into the room that
-/// was left for them, so that a file that was not finished has no header at all.
+/// Writes parts one by one in the announced order; header and table are written last, into the room reserved
+/// for them, so that an unfinished file has no header at all.
 pub(crate) struct PartsWriter<'a, W: Write + Seek> {
     out: &'a mut W,
     version: u32,
@@ -51,11 +52,11 @@ pub(crate) struct PartsWriter<'a, W: Write + Seek> {
 }
 
 impl<'a, W: Write + Seek> PartsWriter<'a, W> {
-    /// Leaves room for the header and a table with these names.
+    /// Reserves room for the header and a table with these names.
     pub fn begin(out: &'a mut W, version: u32, names: Vec<String>) -> Result<Self, StoreError> {
         for (i, name) in names.iter().enumerate() {
             if name.is_empty() || name.len() > usize::from(u16::MAX) || names[..i].contains(name) {
-                return Err(StoreError::Unfit(format!("'{name}' can not be the name of a part")));
+                return Err(StoreError::Unfit(format!("'{name}' cannot be the name of a part")));
             }
         }
         let room = HEADER + names.iter().map(|n| ENTRY + n.len()).sum::<usize>();
@@ -68,11 +69,11 @@ impl<'a, W: Write + Seek> PartsWriter<'a, W> {
         let Some(name) = self.names.get(self.entries.len()).cloned() else {
             return Err(StoreError::Unfit("more parts than announced".into()));
         };
-        if plain.len() as u64 > MOST_PLAIN {
+        if plain.len() as u64 > MAX_PLAIN_BYTES {
             return Err(StoreError::Unfit(format!("part '{name}' has {} bytes", plain.len())));
         }
         let packed = lz4_flex::block::compress(plain);
-        let shrinks = packed.len() < plain.len() && plain.len() / MOST_RATIO <= packed.len();
+        let shrinks = packed.len() < plain.len() && plain.len() / MAX_RATIO <= packed.len();
         let (codec, stored) = if shrinks { (Codec::Lz4, &packed[..]) } else { (Codec::Plain, plain) };
         self.out.write_all(stored).map_err(writing)?;
         self.entries.push(Entry {
@@ -117,7 +118,7 @@ impl<'a, W: Write + Seek> PartsWriter<'a, W> {
     }
 }
 
-/// An error of a writer that has no path; whoever knows the path puts it in.
+/// An error of a writer that does not know its path; the caller fills it in.
 fn writing(source: io::Error) -> StoreError {
     StoreError::File { path: Default::default(), doing: "cannot write", source }
 }
@@ -132,7 +133,7 @@ pub(crate) struct Parts<'a> {
     entries: Vec<(Entry, &'a [u8])>,
 }
 
-/// What the table says of a part.
+/// The row of a part in the table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PartInfo {
     /// Its name.
@@ -144,12 +145,12 @@ pub struct PartInfo {
 }
 
 impl<'a> Parts<'a> {
-    /// Reads header and table and sees that the file is as long as it should be; `newest` is the latest format version
-    /// that can be read.
+    /// Reads header and table and checks that the length of the file is right; `newest` is the latest format
+    /// version that can be read.
     pub fn open(bytes: &'a [u8], newest: u32) -> Result<Self, StoreError> {
         let (parts, promised) = Self::find(bytes, newest)?;
         for (entry, stored) in &parts.entries {
-            whole(entry, stored)?;
+            check_length(entry, stored)?;
         }
         if promised != parts.bytes {
             let why = format!("it promises {promised} bytes, there are {}", parts.bytes);
@@ -158,14 +159,15 @@ impl<'a> Parts<'a> {
         Ok(parts)
     }
 
-    /// The same of a file that may be cut off or go on behind its end; with the length that the header promises.
+    /// The same for a file that may be truncated or have surplus bytes; also returns the length that the
+    /// header promises.
     pub fn find(bytes: &'a [u8], newest: u32) -> Result<(Self, u64), StoreError> {
         if bytes.is_empty() {
             return Err(StoreError::Foreign("it is empty".into()));
         }
         let start = &bytes[..bytes.len().min(MAGIC.len())];
         if start != &MAGIC[..start.len()] {
-            return Err(StoreError::Foreign("it begins with other bytes".into()));
+            return Err(StoreError::Foreign("it starts with other bytes".into()));
         }
         let damaged = |why: String| StoreError::part("header", why);
         let header: &[u8; HEADER] = bytes
@@ -173,7 +175,7 @@ impl<'a> Parts<'a> {
             .ok_or_else(|| damaged(format!("the file ends after {} of {HEADER} bytes", bytes.len())))?;
         let u32_at = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| header[at + i]));
         if crc32fast::hash(&header[..28]) != u32_at(28) {
-            return Err(damaged("its checksum does not fit: bytes were altered".into()));
+            return Err(damaged("its checksum does not match: bytes were altered".into()));
         }
         let version = u32_at(8);
         if version == 0 || version > newest {
@@ -186,7 +188,7 @@ impl<'a> Parts<'a> {
             StoreError::part("table", format!("the file ends after {have} of its {table_bytes} bytes"))
         })?;
         if crc32fast::hash(table) != u32_at(24) {
-            return Err(StoreError::part("table", "its checksum does not fit: bytes were altered"));
+            return Err(StoreError::part("table", "its checksum does not match: bytes were altered"));
         }
         let entries = read_table(table)?;
         let mut parts = Self { version, bytes: bytes.len() as u64, entries: Vec::new() };
@@ -232,29 +234,31 @@ impl<'a> Parts<'a> {
         Ok(plain)
     }
 
-    /// The same into a buffer that is used again.
+    /// The same into a reusable buffer.
     pub fn get_into(&self, name: &str, plain: &mut Vec<u8>) -> Result<(), StoreError> {
         let Some((entry, stored)) = self.entries.iter().find(|(e, _)| e.name == name) else {
             return Err(StoreError::part(name, "it is missing"));
         };
-        whole(entry, stored)?;
+        check_length(entry, stored)?;
         if crc32fast::hash(stored) != entry.crc {
-            return Err(StoreError::part(name, "its checksum does not fit: bytes were altered"));
+            return Err(StoreError::part(name, "its checksum does not match: bytes were altered"));
         }
         plain.clear();
         match entry.codec {
             Codec::Plain if entry.plain == entry.stored => plain.extend_from_slice(stored),
-            Codec::Lz4 if entry.plain <= MOST_PLAIN && entry.plain / MOST_RATIO as u64 <= entry.stored => {
+            Codec::Lz4
+                if entry.plain <= MAX_PLAIN_BYTES && entry.plain / MAX_RATIO as u64 <= entry.stored =>
+            {
                 plain.resize(entry.plain as usize, 0);
                 let unpacked = lz4_flex::block::decompress_into(stored, plain)
-                    .map_err(|e| StoreError::part(name, format!("it can not be unpacked: {e}")))?;
+                    .map_err(|e| StoreError::part(name, format!("it cannot be unpacked: {e}")))?;
                 if unpacked as u64 != entry.plain {
                     let why = format!("it unpacks to {unpacked} bytes, {} were promised", entry.plain);
                     return Err(StoreError::part(name, why));
                 }
             }
             _ => {
-                let why = format!("{} bytes can not unpack to the promised {}", entry.stored, entry.plain);
+                let why = format!("{} bytes cannot unpack to the promised {}", entry.stored, entry.plain);
                 return Err(StoreError::part(name, why));
             }
         }
@@ -262,8 +266,8 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// Refuses a part that is cut off.
-fn whole(entry: &Entry, stored: &[u8]) -> Result<(), StoreError> {
+/// Refuses a truncated part.
+fn check_length(entry: &Entry, stored: &[u8]) -> Result<(), StoreError> {
     if stored.len() as u64 == entry.stored {
         return Ok(());
     }
@@ -276,14 +280,14 @@ fn read_table(table: &[u8]) -> Result<Vec<Entry>, StoreError> {
     let mut rest = table;
     while !rest.is_empty() {
         let (entry, after) =
-            read_entry(rest).ok_or_else(|| StoreError::part("table", "an entry is no entry"))?;
+            read_entry(rest).ok_or_else(|| StoreError::part("table", "an entry is invalid"))?;
         entries.push(entry);
         rest = after;
     }
     let mut names: Vec<&str> = entries.iter().map(|e| e.name.as_str()).collect();
     names.sort_unstable();
     if let Some(twice) = names.windows(2).find(|w| w[0] == w[1]) {
-        return Err(StoreError::part("table", format!("part '{}' is there twice", twice[0])));
+        return Err(StoreError::part("table", format!("part '{}' is listed twice", twice[0])));
     }
     Ok(entries)
 }
@@ -324,7 +328,7 @@ mod tests {
         out.into_inner()
     }
 
-    /// Shrinks to a third.
+    /// Compresses to a third.
     fn even() -> Vec<u8> {
         (0..500u32).map(|i| (i / 8) as u8).collect()
     }
@@ -341,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_come_back_and_even_ones_shrink() {
+    fn parts_round_trip_and_compress() {
         let bytes = sample();
         let parts = Parts::open(&bytes, 1).unwrap();
         assert_eq!(parts.get("even").unwrap(), even());
@@ -358,26 +362,26 @@ mod tests {
     }
 
     #[test]
-    fn every_flipped_bit_is_told() {
+    fn every_flipped_bit_is_detected() {
         let whole = sample();
         for at in 0..whole.len() {
             for bit in 0..8 {
                 let mut bytes = whole.clone();
                 bytes[at] ^= 1 << bit;
-                let told = all(&bytes).expect_err("a flipped bit was not seen").to_string();
-                assert!(told.contains("part '") || told.contains("not a map"), "{told}");
+                let message = all(&bytes).expect_err("a flipped bit was not detected").to_string();
+                assert!(message.contains("part '") || message.contains("not a map"), "{message}");
             }
         }
     }
 
     #[test]
-    fn every_truncation_names_the_part_that_is_cut() {
+    fn truncation_names_the_part() {
         let whole = sample();
         let parts = Parts::open(&whole, 1).unwrap();
         let sizes: Vec<usize> = parts.infos().iter().map(|i| i.stored_bytes as usize).collect();
         let start = whole.len() - sizes.iter().sum::<usize>();
         for cut in 0..whole.len() {
-            let told = Parts::open(&whole[..cut], 1).unwrap_err().to_string();
+            let message = Parts::open(&whole[..cut], 1).unwrap_err().to_string();
             let expected = match cut {
                 0 => "not a map file: it is empty",
                 _ if cut < 32 => "part 'header'",
@@ -386,24 +390,24 @@ mod tests {
                 _ if cut < start + sizes[0] + 900 => "part 'zeros'",
                 _ => "part 'noise'",
             };
-            assert!(told.contains(expected), "cut at {cut}: {told}");
+            assert!(message.contains(expected), "cut at {cut}: {message}");
         }
         let longer = [&whole[..], b"more"].concat();
         assert!(Parts::open(&longer, 1).unwrap_err().to_string().contains("promises"));
     }
 
     #[test]
-    fn a_newer_version_is_told_with_both_numbers() {
+    fn newer_version_is_refused_with_both_numbers() {
         let mut bytes = sample();
         bytes[8] = 7;
         let crc = crc32fast::hash(&bytes[..28]);
         bytes[28..32].copy_from_slice(&crc.to_le_bytes());
-        let told = Parts::open(&bytes, 1).unwrap_err().to_string();
-        assert_eq!(told, "the map has format version 7, this program reads versions 1 to 1");
+        let message = Parts::open(&bytes, 1).unwrap_err().to_string();
+        assert_eq!(message, "the map has format version 7, this program reads versions 1 to 1");
     }
 
     #[test]
-    fn a_length_that_can_not_be_is_refused_before_memory_is_taken() {
+    fn impossible_length_is_refused_before_allocation() {
         // 'even' promises to unpack to 2^30 bytes, with all checksums mended.
         let mut bytes = sample();
         let at = 32 + 2 + 4 + 1;
@@ -413,13 +417,13 @@ mod tests {
         bytes[24..28].copy_from_slice(&crc.to_le_bytes());
         let crc = crc32fast::hash(&bytes[..28]);
         bytes[28..32].copy_from_slice(&crc.to_le_bytes());
-        let told = all(&bytes).unwrap_err().to_string();
-        assert!(told.contains("part 'even'") && told.contains("can not unpack"), "{told}");
+        let message = all(&bytes).unwrap_err().to_string();
+        assert!(message.contains("part 'even'") && message.contains("cannot unpack"), "{message}");
     }
 
     proptest! {
         #[test]
-        fn any_bytes_are_refused_without_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), keep in 0usize..40) {
+        fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), keep in 0usize..40) {
             let mut mixed = sample()[..keep].to_vec();
             mixed.extend(bytes);
             prop_assert!(all(&mixed).is_err());

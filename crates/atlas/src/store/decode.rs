@@ -1,7 +1,7 @@
-//! From the parts of a file to a map, versions 1 to 3; see `encode.rs` for what stands where.
+//! Decoding: from the parts of a file to a snapshot, versions 1 to 3; see `encode.rs` for the layout.
 //!
-//! A file may hold anything: every number is looked at before it is used, and what could not be a map is an error that
-//! names the part.
+//! A file may contain anything: every number is checked before it is used, and invalid content is an error
+//! that names the part.
 
 use super::about::{About, pose};
 use super::container::Parts;
@@ -20,12 +20,12 @@ use cairn_vision::{Descriptor, Frame, Octaves, RectifiedCamera};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Ids of key frames stay below this: some things count through all of them.
-const MOST_KEY_FRAMES: u32 = 1 << 24;
-/// Ids of landmarks stay below this.
-const MOST_LANDMARKS: u32 = 1 << 31;
+/// Largest index of a key frame: some code iterates over all indices.
+const MAX_KEY_FRAMES: u32 = 1 << 24;
+/// Largest index of a landmark.
+const MAX_LANDMARKS: u32 = 1 << 31;
 /// Features of one frame, at most.
-const MOST_FEATURES: u32 = 65_535;
+const MAX_FEATURES: u32 = 65_535;
 
 /// Counts from the part "about".
 struct Counts {
@@ -37,9 +37,10 @@ struct Counts {
 
 pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
     let (about, mut snapshot, counts) = read_about(parts)?;
-    // Each has features, and features hardly shrink: fewer bytes than this are no map, but take much memory.
+    // Each has features, which hardly compress: fewer bytes than this cannot be valid, but would take much
+    // memory.
     if counts.key_frames as u64 > 1000 + parts.bytes / 64 {
-        let why = format!("{} key frames can not be in {} bytes", counts.key_frames, parts.bytes);
+        let why = format!("{} key frames cannot be in {} bytes", counts.key_frames, parts.bytes);
         return Err(StoreError::part("about", why));
     }
     let (mut key_frames, features) = read_key_frames(parts, &snapshot, &counts)?;
@@ -58,14 +59,14 @@ pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
     read_gone(parts, &mut snapshot, &counts)?;
     for (l, pick) in landmarks.iter_mut().zip(picks) {
         derive(&snapshot, l, pick)
-            .ok_or_else(|| StoreError::part("landmarks", format!("{:?} can not be derived", l.id)))?;
+            .ok_or_else(|| StoreError::part("landmarks", format!("{:?} cannot be derived", l.id)))?;
     }
     for l in landmarks {
         snapshot.landmarks.insert(l.id.index(), l);
     }
-    for (map, tie) in snapshot.maps() {
-        if tie.is_some_and(|tie| snapshot.surviving_ancestor(tie.to).is_none()) {
-            return Err(StoreError::part("worlds", format!("{map:?} is tied to nobody")));
+    for (map, map_prior) in snapshot.maps() {
+        if map_prior.is_some_and(|map_prior| snapshot.surviving_ancestor(map_prior.to).is_none()) {
+            return Err(StoreError::part("worlds", format!("the prior of {map:?} refers to no key frame")));
         }
     }
     snapshot.check().map_err(|breach| StoreError::part("map", breach))?;
@@ -83,9 +84,9 @@ fn read_about(parts: &Parts) -> Result<(About, Snapshot, Counts), StoreError> {
     let mut d = Decoder::new("about", &bytes);
     let about = About::decode(&mut d)?;
     let octaves = Octaves { levels: d.u32()? as usize, factor: d.f64()? };
-    let sound = (1..=64).contains(&octaves.levels) && octaves.factor > 1.0 && octaves.factor <= 4.0;
-    if !sound {
-        return Err(d.wrong(format!("no pyramid is like this: {octaves:?}")));
+    let valid = (1..=64).contains(&octaves.levels) && octaves.factor > 1.0 && octaves.factor <= 4.0;
+    if !valid {
+        return Err(d.wrong(format!("the pyramid is invalid: {octaves:?}")));
     }
     let mut snapshot = Snapshot::with_octaves(octaves);
     snapshot.right_offset = d.f64()?;
@@ -94,7 +95,7 @@ fn read_about(parts: &Parts) -> Result<(About, Snapshot, Counts), StoreError> {
         return Err(d.wrong("the disparity offset is not finite"));
     }
     let (next_key_frame, next_landmark) = (d.u32()?, d.u32()?);
-    if next_key_frame > MOST_KEY_FRAMES || next_landmark > MOST_LANDMARKS {
+    if next_key_frame > MAX_KEY_FRAMES || next_landmark > MAX_LANDMARKS {
         return Err(
             d.wrong(format!("{next_key_frame} key frames and {next_landmark} landmarks are too many"))
         );
@@ -106,7 +107,7 @@ fn read_about(parts: &Parts) -> Result<(About, Snapshot, Counts), StoreError> {
     Ok((about, snapshot, counts))
 }
 
-/// Key frames without features, and how many features each has.
+/// Key frames without features, and the number of features of each.
 fn read_key_frames(
     parts: &Parts,
     snapshot: &Snapshot,
@@ -133,37 +134,37 @@ fn read_key_frames(
     for i in 0..n {
         let own = KeyFrameId::from_raw(ids[i]).filter(|own| own.index() < snapshot.next_key_frame);
         let rises = key_frames.last().is_none_or(|before| own > Some(before.id));
-        let own = own.filter(|_| rises).ok_or_else(|| wrong(i, "has no sound id"))?;
-        if features[i] > MOST_FEATURES {
+        let own = own.filter(|_| rises).ok_or_else(|| wrong(i, "has an invalid id"))?;
+        if features[i] > MAX_FEATURES {
             return Err(wrong(i, &format!("has {} features", features[i])));
         }
-        let at = pose(std::array::from_fn(|k| poses[k][i])).ok_or_else(|| wrong(i, "has no pose"))?;
+        let at = pose(std::array::from_fn(|k| poses[k][i])).ok_or_else(|| wrong(i, "has an invalid pose"))?;
         let parent = match parents[i].checked_sub(1) {
             Some(row) => Some(id(row).ok_or_else(|| wrong(i, "has an unknown parent"))?),
             None => None,
         };
         let frame = empty_frame(Stamp(stamps[i]));
         let mut k = KeyFrame::new(own, Arc::new(frame), at, parent);
-        k.map = MapId(id(maps[i]).ok_or_else(|| wrong(i, "is in an unknown world"))?);
+        k.map = MapId(id(maps[i]).ok_or_else(|| wrong(i, "is in an unknown map"))?);
         k.unit = units[i];
-        let its = &all_links[link_at..link_at + links[i] as usize];
-        k.links = its
+        let own_rows = &all_links[link_at..link_at + links[i] as usize];
+        k.links = own_rows
             .iter()
             .map(|row| id(*row))
             .collect::<Option<_>>()
-            .ok_or_else(|| wrong(i, "has a loop with nobody"))?;
+            .ok_or_else(|| wrong(i, "has a loop with an unknown key frame"))?;
         if !k.links.is_sorted_by(|a, b| a < b) {
             return Err(wrong(i, "has loops out of order"));
         }
         link_at += links[i] as usize;
         let span = neighbour_at..neighbour_at + covisible[i] as usize;
-        let its = neighbours[span.clone()].iter().zip(&shared[span.clone()]);
-        k.covisible = its
+        let own_rows = neighbours[span.clone()].iter().zip(&shared[span.clone()]);
+        k.covisible = own_rows
             .map(|(row, count)| {
                 id(*row).filter(|other| *other != own && *count > 0).map(|other| (other, *count))
             })
             .collect::<Option<_>>()
-            .ok_or_else(|| wrong(i, "shares with nobody"))?;
+            .ok_or_else(|| wrong(i, "has an invalid neighbour"))?;
         if !k.covisible.is_sorted_by_key(|(id, n)| (std::cmp::Reverse(*n), *id)) {
             return Err(wrong(i, "has neighbours out of order"));
         }
@@ -187,22 +188,22 @@ fn read_maps(
         let root = d.u32()?;
         let root =
             key_frames.get(root as usize).ok_or_else(|| d.wrong(format!("there is no root {root}")))?.id;
-        let tie = match d.u8()? {
+        let map_prior = match d.u8()? {
             0 => None,
             _ => {
-                let to = KeyFrameId::from_raw(d.u32()?).ok_or_else(|| d.wrong("a tie leads to nobody"))?;
-                let to_from_root = pose(d.f64s()?).ok_or_else(|| d.wrong("a tie is no pose"))?;
+                let to = KeyFrameId::from_raw(d.u32()?).ok_or_else(|| d.wrong("a prior has no key frame"))?;
+                let to_from_root = pose(d.f64s()?).ok_or_else(|| d.wrong("a prior has an invalid pose"))?;
                 let [sigma, sigma_rad] = d.f64s()?;
-                // Before version 3 nothing was kept of it: the unit of a map begun on the way was a rough guess.
+                // Version 2 does not say how well scale is known: the unit of a map begun on the way was a rough guess.
                 let [sigma_log_scale] = if parts.version >= 3 { d.f64s()? } else { [1.0] };
                 if !(sigma.is_finite() && sigma_rad.is_finite() && sigma_log_scale.is_finite()) {
-                    return Err(d.wrong("a tie is not finite"));
+                    return Err(d.wrong("a prior is not finite"));
                 }
                 Some(MapPrior { to, to_from_root, sigma, sigma_rad, sigma_log_scale })
             }
         };
-        if maps.insert(MapId(root), tie).is_some() {
-            return Err(d.wrong("a world is there twice"));
+        if maps.insert(MapId(root), map_prior).is_some() {
+            return Err(d.wrong("a map is listed twice"));
         }
     }
     d.end()?;
@@ -222,7 +223,7 @@ fn read_motion(
         let (root, times) = (d.u32()?, d.u32()?);
         let map = key_frames.get(root as usize).map(|k| MapId(k.id));
         let map = map.filter(|w| times > 0 && snapshot.maps.contains_key(w));
-        let map = map.ok_or_else(|| d.wrong(format!("row {root} is no world that was levelled")))?;
+        let map = map.ok_or_else(|| d.wrong(format!("row {root} is not a gravity-aligned map")))?;
         gravity_alignments.insert(map, times);
     }
     let n = d.u32()? as usize;
@@ -239,9 +240,9 @@ fn read_motion(
         let vector = |at: usize| Vec3::new(numbers[at][i], numbers[at + 1][i], numbers[at + 2][i]);
         let bias = Bias { gyro: vector(3), accel: vector(6) };
         let motion = InertialState { velocity: vector(0), bias, imu_factor: None };
-        let sound = (0..9).all(|at| numbers[at][i].is_finite());
-        let k = key_frames.get_mut(*row as usize).filter(|_| sound);
-        let wrong = || StoreError::part("motion", format!("the motion of row {row} can not be"));
+        let valid = (0..9).all(|at| numbers[at][i].is_finite());
+        let k = key_frames.get_mut(*row as usize).filter(|_| valid);
+        let wrong = || StoreError::part("motion", format!("the motion of row {row} is invalid"));
         k.ok_or_else(wrong)?.motion = Some(motion);
     }
     snapshot.gravity_alignments = Arc::new(gravity_alignments);
@@ -256,18 +257,18 @@ fn read_gone(parts: &Parts, snapshot: &mut Snapshot, counts: &Counts) -> Result<
         let (raw, parent) = (d.u32()?, d.u32()?);
         let rigid = pose(d.f64s()?);
         let scale = d.f64()?;
-        let sound = raw > before && (raw as usize) <= snapshot.next_key_frame && parent < raw;
+        let valid = raw > before && (raw as usize) <= snapshot.next_key_frame && parent < raw;
         let (Some(id), Some(parent), Some(rigid), true) =
-            (KeyFrameId::from_raw(raw), KeyFrameId::from_raw(parent), rigid, sound)
+            (KeyFrameId::from_raw(raw), KeyFrameId::from_raw(parent), rigid, valid)
         else {
-            return Err(d.wrong(format!("number {raw} can not be a removed key frame")));
+            return Err(d.wrong(format!("number {raw} cannot be a removed key frame")));
         };
         let here = Sim3::new(rigid.rotation, rigid.translation, scale);
-        let known = snapshot.key_frame(parent).is_some() || snapshot.gone.get(parent.index()).is_some();
+        let known = snapshot.key_frame(parent).is_some() || snapshot.removed.get(parent.index()).is_some();
         if !here.is_finite() || !known || snapshot.key_frame(id).is_some() {
-            return Err(d.wrong(format!("{id:?} hangs on nobody")));
+            return Err(d.wrong(format!("{id:?} has no parent")));
         }
-        snapshot.gone.insert(id.index(), (parent, here));
+        snapshot.removed.insert(id.index(), (parent, here));
         before = raw;
     }
     d.end()
@@ -290,17 +291,17 @@ fn read_landmarks(
     for i in 0..n {
         let next =
             raw.checked_add(steps[i]).filter(|next| *next > raw && *next as usize <= snapshot.next_landmark);
-        raw = next.ok_or_else(|| d.wrong(format!("row {i} has no sound id")))?;
+        raw = next.ok_or_else(|| d.wrong(format!("row {i} has an invalid id")))?;
         let position = Vec3::new(x[i], y[i], z[i]);
         let id = LandmarkId::from_raw(raw).filter(|_| position.iter().all(|v| v.is_finite()));
-        let id = id.ok_or_else(|| d.wrong(format!("row {i} has no place")))?;
+        let id = id.ok_or_else(|| d.wrong(format!("row {i} has an invalid position")))?;
         landmarks.push(Landmark::new(id, position));
     }
     d.end()?;
     Ok((landmarks, picks))
 }
 
-/// Gives the key frames their features; returns the landmark row (from 1) that each feature of all of them shows.
+/// Reads the features of the key frames; returns the landmark row (from 1) that each feature shows.
 fn read_features(
     parts: &Parts,
     camera: &RectifiedCamera,
@@ -326,7 +327,7 @@ fn read_features(
             return Err(d.wrong("a pixel is not finite"));
         }
         if octave.iter().any(|o| usize::from(*o) >= octaves.levels) {
-            return Err(d.wrong("a feature stands above the pyramid"));
+            return Err(d.wrong("the octave of a feature is outside the pyramid"));
         }
         d.end()?;
         let mut start = 0;
@@ -352,7 +353,8 @@ fn read_features(
     Ok(shown)
 }
 
-/// Gives the key frames their words: those of the file if this program has the vocabulary that made them, else its own.
+/// Reads the words of the key frames: those of the file if this program has the vocabulary that made them,
+/// else computes them.
 fn read_words(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {
     let bytes = parts.get("words")?;
     let mut d = Decoder::new("words", &bytes);
@@ -381,12 +383,12 @@ fn read_words(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreErr
             Bag::default()
         };
         let known = vocabulary.facts().nodes;
-        let sound = bag.words().last().is_none_or(|(word, _)| word.0 < known)
+        let valid = bag.words().last().is_none_or(|(word, _)| word.0 < known)
             && bag
                 .nodes()
                 .iter()
                 .all(|(node, feature)| *node < known && usize::from(*feature) < k.frame.len());
-        if !sound {
+        if !valid {
             return Err(d.wrong(format!("the words of {:?} are not in the vocabulary", k.id)));
         }
         k.bag = Arc::new(bag);
@@ -394,7 +396,8 @@ fn read_words(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreErr
     d.end()
 }
 
-/// Rising numbers from their differences; what does not fit in 32 bits comes out too small and is refused as not rising.
+/// Rising numbers from their differences; an overflow of 32 bits wraps around and is then refused as not
+/// rising.
 fn sums(steps: &[u32]) -> impl Iterator<Item = u32> {
     steps.iter().scan(0u32, |sum, step| {
         *sum = sum.wrapping_add(*step);
@@ -408,11 +411,11 @@ fn empty_frame(stamp: Stamp) -> Frame {
     frame
 }
 
-/// Ties key frames and landmarks to each other by what the features show.
+/// Connects key frames and landmarks by what the features show.
 fn observe(shown: &[u32], key_frames: &mut [KeyFrame], landmarks: &mut [Landmark]) -> Result<(), StoreError> {
     let mut counts = vec![0usize; landmarks.len()];
     for row in shown.iter().filter_map(|row| row.checked_sub(1)) {
-        let wrong = || StoreError::part("landmarks", format!("row {row} is shown, and not there"));
+        let wrong = || StoreError::part("landmarks", format!("row {row} is observed, but does not exist"));
         *counts.get_mut(row as usize).ok_or_else(wrong)? += 1;
     }
     for (l, count) in landmarks.iter_mut().zip(counts) {
@@ -420,13 +423,16 @@ fn observe(shown: &[u32], key_frames: &mut [KeyFrame], landmarks: &mut [Landmark
     }
     let mut rest = shown;
     for k in key_frames {
-        let (its, after) = rest.split_at(k.landmarks.len());
+        let (own_rows, after) = rest.split_at(k.landmarks.len());
         rest = after;
-        for (feature, (slot, row)) in k.landmarks.iter_mut().zip(its).enumerate() {
+        for (feature, (slot, row)) in k.landmarks.iter_mut().zip(own_rows).enumerate() {
             let Some(row) = row.checked_sub(1) else { continue };
             let l = &mut landmarks[row as usize];
             if l.observations.last().is_some_and(|o| o.key_frame == k.id) {
-                return Err(StoreError::part("landmarks", format!("{:?} is twice in {:?}", l.id, k.id)));
+                return Err(StoreError::part(
+                    "landmarks",
+                    format!("{:?} is observed twice in {:?}", l.id, k.id),
+                ));
             }
             *slot = Some(l.id);
             l.observations.push(Observation { key_frame: k.id, feature: feature as u16 });
@@ -435,7 +441,7 @@ fn observe(shown: &[u32], key_frames: &mut [KeyFrame], landmarks: &mut [Landmark
     Ok(())
 }
 
-/// What follows from the observations of a landmark.
+/// Derives what follows from the observations of a landmark.
 fn derive(snapshot: &Snapshot, l: &mut Landmark, pick: u32) -> Option<()> {
     l.descriptor = match pick {
         NO_PICK => snapshot.typical_descriptor(l)?,
@@ -458,7 +464,7 @@ mod tests {
     use cairn_geometry::Se3;
     use std::io::Cursor;
 
-    /// A map of one key frame of which some features show landmarks.
+    /// A map of one key frame, some features of which show landmarks.
     fn small() -> MapFile {
         let about = about();
         let mut frame = empty_frame(Stamp(7));
@@ -474,9 +480,10 @@ mod tests {
         }
         frame.index(&about.camera);
         let bag = Arc::new(Vocabulary::embedded().bag(&frame.descriptors));
-        let born = KeyFrame::new(KeyFrameId::FIRST, Arc::new(frame), Se3::identity(), None).with_bag(bag);
+        let key_frame =
+            KeyFrame::new(KeyFrameId::FIRST, Arc::new(frame), Se3::identity(), None).with_bag(bag);
         let changes = vec![
-            Change::AddKeyFrame(Box::new(born)),
+            Change::AddKeyFrame(Box::new(key_frame)),
             Change::AddLandmark(LandmarkId::FIRST, Vec3::new(0.0, 0.0, 3.0)),
             Change::Observe(LandmarkId::FIRST, KeyFrameId::FIRST, 5),
         ];
@@ -484,7 +491,7 @@ mod tests {
         MapFile { snapshot, about, attached: BTreeMap::new() }
     }
 
-    /// A file with one part put in another's place, all checksums right.
+    /// A file with one part changed, all checksums right.
     fn with_part(bytes: &[u8], name: &str, change: impl Fn(&mut Vec<u8>)) -> Vec<u8> {
         let parts = Parts::open(bytes, crate::store::VERSION).unwrap();
         let mut out = Cursor::new(Vec::new());
@@ -502,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn words_of_another_vocabulary_are_made_anew() {
+    fn words_of_another_vocabulary_are_recomputed() {
         let saved = small();
         let bytes = saved.write().unwrap();
         let other = with_part(&bytes, "words", |plain| {
@@ -511,13 +518,13 @@ mod tests {
             let end = plain.len();
             plain[end - 30..].fill(0);
         });
-        let again = MapFile::read(&other).unwrap();
+        let reloaded = MapFile::read(&other).unwrap();
         let (a, b) =
-            (again.snapshot.key_frames().next().unwrap(), saved.snapshot.key_frames().next().unwrap());
+            (reloaded.snapshot.key_frames().next().unwrap(), saved.snapshot.key_frames().next().unwrap());
         assert!(!b.bag.is_empty() && a.bag == b.bag);
-        let found = again.snapshot.places().query(&b.bag, 1, |_| true);
+        let found = reloaded.snapshot.places().query(&b.bag, 1, |_| true);
         assert!(found.len() == 1 && found[0].1 > 0.999, "{found:?}");
-        // The same damage to words of this vocabulary is told.
+        // The same damage to words of this vocabulary is refused.
         let wrong = with_part(&bytes, "words", |plain| {
             let end = plain.len();
             plain[end - 30..].fill(0xff);
@@ -526,14 +533,15 @@ mod tests {
     }
 
     #[test]
-    fn counts_that_can_not_be_take_no_memory() {
+    fn impossible_counts_do_not_allocate() {
         let bytes = small().write().unwrap();
-        // The count of key frames, of landmarks, and of features of the first key frame, as large as can be.
+        // The counts of key frames, of landmarks, and of features of the first key frame, as large as
+        // possible.
         let about = Parts::open(&bytes, crate::store::VERSION).unwrap().get("about").unwrap().len();
         for (part, at) in [("about", about - 16), ("about", about - 12), ("key frames", 12)] {
             let wrong = with_part(&bytes, part, |plain| plain[at..at + 4].fill(0xff));
-            let told = MapFile::read(&wrong).unwrap_err().to_string();
-            assert!(told.contains("part '"), "{told}");
+            let message = MapFile::read(&wrong).unwrap_err().to_string();
+            assert!(message.contains("part '"), "{message}");
         }
     }
 }

@@ -1,21 +1,23 @@
-//! From a map to the parts of a file, version 3. `decode.rs` is the other side; the two are read together.
+//! Encoding: from a snapshot to the parts of a file, version 3. `decode.rs` is the inverse; read the two
+//! together.
 //!
-//! Parts hold columns (see `wire.rs`). Key frames and landmarks name each other by row: the place in their part, which
-//! is their order of birth. A row that may be missing is counted from 1, and 0 is nobody.
+//! Parts hold columns (see `wire.rs`). Key frames and landmarks refer to each other by row: the index in
+//! their part, which is in order of creation. A row that may be missing is counted from 1, and 0 means none.
 //!
 //! | part | what |
 //! |---|---|
-//! | about | what the map was made with; counts; calibration |
-//! | worlds | roots and ties |
+//! | about | how the map was made; counts; calibration |
+//! | worlds | roots of the maps and their priors |
 //! | key frames | poses, units, parents, loops, covisible neighbours |
-//! | motion | since version 2: which worlds are level; velocities and biases of key frames that have a motion |
-//! | gone | where removed key frames hang |
+//! | motion | since version 2: which maps are gravity-aligned; velocities and biases of key frames that have
+//! an inertial state |
+//! | gone | parents of removed key frames, and their poses there |
 //! | landmarks | ids, positions, and which observation gave the descriptor |
 //! | words | words of each key frame, by the vocabulary that made them |
-//! | features 0, 1, .. | features and what they show, of 64 key frames each |
+//! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
 //!
-//! Words are taken as they are when this program has the vocabulary that made them, else made anew.
-//! Observations, normals, ranges and descriptors of landmarks follow from these when a map is opened.
+//! Words are used as stored when this program has the vocabulary that made them, else computed again.
+//! Observations, normals, ranges and descriptors of landmarks are derived from these when a map is loaded.
 
 use super::about::{About, numbers};
 use super::container::PartsWriter;
@@ -30,8 +32,8 @@ pub(super) const CHUNK: usize = 64;
 /// No observation has the landmark's descriptor.
 pub(super) const NO_PICK: u32 = u32::MAX;
 
-/// Rows of living key frames and landmarks. Ids are looked up among the living: a table by index of birth would grow with all
-/// that ever lived.
+/// Rows of existing key frames and landmarks, looked up by binary search: a table by index would grow with
+/// all that ever existed.
 struct Rows {
     key_frames: Vec<KeyFrameId>,
     landmarks: Vec<LandmarkId>,
@@ -39,17 +41,17 @@ struct Rows {
 
 impl Rows {
     fn new(snapshot: &Snapshot) -> Self {
-        // Both come in the order of birth.
+        // Both are in order of creation.
         let key_frames = snapshot.key_frames().map(|k| k.id).collect();
         Self { key_frames, landmarks: snapshot.landmarks().map(|l| l.id).collect() }
     }
 
-    /// Zero for what is gone.
+    /// Zero for a removed key frame.
     fn key_frame(&self, id: KeyFrameId) -> u32 {
         self.key_frames.binary_search(&id).map_or(0, |row| row as u32)
     }
 
-    /// Zero for what is gone.
+    /// Zero for a removed landmark.
     fn landmark(&self, id: LandmarkId) -> u32 {
         self.landmarks.binary_search(&id).map_or(0, |row| row as u32)
     }
@@ -66,7 +68,7 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     let mut parts = PartsWriter::begin(out, super::VERSION, names)?;
     parts.put(&about(&file.about, snapshot))?;
     parts.put(&maps(snapshot, &rows))?;
-    parts.put(&hung(&key_frames, &rows))?;
+    parts.put(&key_frame_columns(&key_frames, &rows))?;
     parts.put(&motion(snapshot, &key_frames, &rows))?;
     parts.put(&gone(snapshot))?;
     parts.put(&landmarks(snapshot))?;
@@ -92,7 +94,7 @@ fn about(about: &About, snapshot: &Snapshot) -> Vec<u8> {
         snapshot.next_landmark,
         snapshot.key_frames.len(),
         snapshot.landmarks.len(),
-        snapshot.gone.len(),
+        snapshot.removed.len(),
         snapshot.maps.len(),
     ] {
         e.u32(n as u32);
@@ -102,19 +104,19 @@ fn about(about: &About, snapshot: &Snapshot) -> Vec<u8> {
 
 fn maps(snapshot: &Snapshot, rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
-    for (map, tie) in snapshot.maps() {
+    for (map, map_prior) in snapshot.maps() {
         e.u32(rows.key_frame(map.root()));
-        e.u8(u8::from(tie.is_some()));
-        if let Some(tie) = tie {
-            e.u32(tie.to.raw());
-            e.f64s(&numbers(&tie.to_from_root));
-            e.f64s(&[tie.sigma, tie.sigma_rad, tie.sigma_log_scale]);
+        e.u8(u8::from(map_prior.is_some()));
+        if let Some(map_prior) = map_prior {
+            e.u32(map_prior.to.raw());
+            e.f64s(&numbers(&map_prior.to_from_root));
+            e.f64s(&[map_prior.sigma, map_prior.sigma_rad, map_prior.sigma_log_scale]);
         }
     }
     e.0
 }
 
-fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
+fn key_frame_columns(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
     let mut column = |value: &dyn Fn(&KeyFrame) -> u32| {
         e.column_u32(&key_frames.iter().map(|k| value(k)).collect::<Vec<_>>());
@@ -138,7 +140,7 @@ fn hung(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     e.0
 }
 
-/// What was felt between key frames is not kept: the next session has readings of its own.
+/// IMU factors are not saved: the next session has readings of its own.
 fn motion(snapshot: &Snapshot, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
     e.u32(snapshot.gravity_alignments.len() as u32);
@@ -162,7 +164,7 @@ fn motion_numbers(m: &InertialState) -> [f64; 9] {
 
 fn gone(snapshot: &Snapshot) -> Vec<u8> {
     let mut e = Encoder::default();
-    for (index, (parent, parent_from_it)) in snapshot.gone.iter() {
+    for (index, (parent, parent_from_it)) in snapshot.removed.iter() {
         e.u32(index as u32 + 1);
         e.u32(parent.raw());
         let rigid = cairn_geometry::Se3::new(parent_from_it.rotation, parent_from_it.translation);
@@ -174,7 +176,7 @@ fn gone(snapshot: &Snapshot) -> Vec<u8> {
 
 fn landmarks(snapshot: &Snapshot) -> Vec<u8> {
     let mut e = Encoder::default();
-    // Ids rise: their differences are small.
+    // Ids are rising: their differences are small.
     let mut id_steps = Vec::new();
     steps(snapshot.landmarks().map(|l| l.id.raw()), &mut id_steps);
     e.column_u32(&id_steps);
@@ -197,7 +199,7 @@ fn words(key_frames: &[&KeyFrame]) -> Vec<u8> {
     let bags = || key_frames.iter().map(|k| &k.bag);
     e.column_u32(&bags().map(|b| b.words().len() as u32).collect::<Vec<_>>());
     e.column_u32(&bags().map(|b| b.nodes().len() as u32).collect::<Vec<_>>());
-    // Words and nodes rise within a key frame: their differences are small.
+    // Words and nodes are rising within a key frame: their differences are small.
     let (mut word_steps, mut node_steps) = (Vec::new(), Vec::new());
     for bag in bags() {
         steps(bag.words().iter().map(|(word, _)| word.0), &mut word_steps);

@@ -1,25 +1,25 @@
-//! Why a map file could not be written or read, in words that name the file, the part and the cure.
+//! Errors of writing and reading map files; messages name the file, the part and the reason.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a map could not be saved or opened.
+/// Why a map could not be saved or loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The system refused.
+    /// A file operation failed.
     #[error("{}: {doing}: {source}", path.display())]
     File {
         /// Which file or folder.
         path: PathBuf,
-        /// What was being done.
+        /// The operation.
         doing: &'static str,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// The bytes are no map of ours.
+    /// The bytes are not a Cairn map.
     #[error("not a map file: {0}")]
     Foreign(String),
-    /// A later program wrote it.
+    /// A newer program wrote it.
     #[error("the map has format version {found}, this program reads versions 1 to {known}")]
     Version {
         /// Version of the file.
@@ -27,16 +27,16 @@ pub enum StoreError {
         /// Latest version that this program knows.
         known: u32,
     },
-    /// A part is cut off, altered, or does not say what it should.
+    /// A part is truncated, damaged or invalid.
     #[error("part '{part}': {why}")]
     Part {
-        /// Name of the part; "header" and "table" for what stands before the parts.
+        /// Name of the part; "header" and "table" for what comes before the parts.
         part: String,
         /// What is wrong.
         why: String,
     },
-    /// What is to be written can not be.
-    #[error("the map can not be saved: {0}")]
+    /// The map cannot be written.
+    #[error("the map cannot be saved: {0}")]
     Unfit(String),
 }
 

@@ -1,9 +1,9 @@
-//! Maps on disk: one file for a whole map, with whatever else hangs on it.
+//! Saved maps: one file for all maps of an atlas, with whatever data is attached.
 //!
-//! A file is written whole or not at all (`atomic.rs`), in named parts that are compressed and checksummed
-//! (`container.rs`), each a set of columns (`wire.rs`). [`MapFile::read`] takes any bytes: what is no sound map is an
-//! error that names the part, never a panic, and no length in the file is believed before it is compared with the bytes
-//! there are. The same map always gives the same bytes.
+//! A file is written completely or not at all (`atomic.rs`), in named parts that are compressed and
+//! checksummed (`container.rs`), each a set of columns (`wire.rs`). [`MapFile::read`] accepts any bytes: an
+//! invalid map is an error that names the part, never a panic, and no length in the file is trusted before it
+//! is compared with the bytes available. The same map always gives the same bytes.
 
 mod about;
 mod atomic;
@@ -25,27 +25,31 @@ use std::path::Path;
 
 /// The format version that is written; versions from 1 to this are read.
 pub const VERSION: u32 = 3;
-/// What the names of parts begin with that hang on the map and mean nothing to it.
+/// Prefix of the names of attached parts, which mean nothing to the map.
 const ATTACHED: &str = "attached/";
 
-/// What a file holds: a map, what it was made with, and what hangs on it.
+/// The content of a file: the maps, how they were made, and attached data.
 #[derive(Clone, Debug)]
 pub struct MapFile {
-    /// The map with all its worlds.
+    /// The snapshot with all its maps.
     pub snapshot: Snapshot,
-    /// What it was made with.
+    /// How it was made.
     pub about: About,
-    /// Bytes of others by name, recorded ways for one; kept as they are.
+    /// Attached data by name, recorded routes for example; kept as they are.
     pub attached: BTreeMap<String, Vec<u8>>,
 }
 
-/// Looks at each part of a file by itself, also of one that is cut off or damaged: what the table says of it, and what is
-/// wrong with it. An error when not even the table can be read.
+/// Checks each part of a file by itself, also of one that is truncated or damaged: its row in the table, and
+/// what is wrong with it.
+///
+/// # Errors
+///
+/// [`StoreError`] when not even the table can be read.
 pub fn inspect(bytes: &[u8]) -> Result<Vec<(PartInfo, Option<StoreError>)>, StoreError> {
     Ok(Parts::find(bytes, VERSION)?.0.inspected())
 }
 
-/// What a file says of itself without being unpacked.
+/// The table of contents of a file, read without unpacking the parts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
     /// Format version.
@@ -57,7 +61,11 @@ pub struct Table {
 }
 
 impl Table {
-    /// Reads header and table; the parts are not looked at, only that the file is as long as they are together.
+    /// Reads header and table; the parts are not checked, only that the length of the file is right.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError`] when header or table are damaged, or the length differs.
     pub fn read(bytes: &[u8]) -> Result<Self, StoreError> {
         let parts = Parts::open(bytes, VERSION)?;
         Ok(Self { version: parts.version, bytes: bytes.len() as u64, parts: parts.infos() })
@@ -65,25 +73,42 @@ impl Table {
 }
 
 impl MapFile {
-    /// Reads a map from the bytes of a file. What comes back obeys all rules of a map ([`Snapshot::check`]).
+    /// Reads a map from the bytes of a file. The result satisfies all invariants ([`Snapshot::check`]).
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError`] naming the damaged or invalid part, or the unknown version.
     pub fn read(bytes: &[u8]) -> Result<Self, StoreError> {
         decode::read(&Parts::open(bytes, VERSION)?)
     }
 
-    /// Opens a file.
+    /// Loads a file.
+    ///
+    /// # Errors
+    ///
+    /// As [`MapFile::read`], or when the file cannot be read.
     pub fn load(path: &Path) -> Result<Self, StoreError> {
         let bytes = std::fs::read(path).map_err(StoreError::file(path, "cannot read"))?;
         Self::read(&bytes)
     }
 
-    /// The bytes of a file.
+    /// The bytes of the file.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError::Unfit`] when a name or a part cannot be stored.
     pub fn write(&self) -> Result<Vec<u8>, StoreError> {
         let mut out = Cursor::new(Vec::new());
         encode::write(self, &mut out)?;
         Ok(out.into_inner())
     }
 
-    /// Writes a file, whole or not at all: on any error what was there before is still there. Returns its bytes.
+    /// Writes a file, completely or not at all: on any error the previous file is still there. Returns the
+    /// file's size in bytes.
+    ///
+    /// # Errors
+    ///
+    /// As [`MapFile::write`], or when the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<u64, StoreError> {
         let failed = || StoreError::file(path, "cannot write");
         atomic::write_whole(path, |file| {

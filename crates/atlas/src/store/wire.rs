@@ -1,7 +1,7 @@
-//! Numbers in the bytes of a part: little-endian, columns rather than rows.
+//! Encoding of numbers in a part: little-endian, in columns rather than rows.
 //!
-//! A column of numbers of several bytes is laid down as planes, first all lowest bytes, last all highest: the high
-//! bytes of coordinates are nearly alike, and what is alike and adjacent is what block compression shrinks.
+//! A column of multi-byte numbers is stored as planes, first all lowest bytes, last all highest: the high
+//! bytes of coordinates are nearly equal, and block compression shrinks equal adjacent bytes.
 
 use super::StoreError;
 
@@ -30,7 +30,7 @@ impl Encoder {
         values.iter().for_each(|v| self.f64(*v));
     }
 
-    /// Length and bytes; cut off at 65,535 of them.
+    /// Length and bytes; truncated to 65,535 of them.
     pub fn text(&mut self, text: &str) {
         let end = (0..=text.len().min(usize::from(u16::MAX))).rev().find(|i| text.is_char_boundary(*i));
         let text = &text[..end.unwrap_or(0)];
@@ -63,7 +63,7 @@ impl Encoder {
     }
 }
 
-/// Reads the bytes of a part; whatever is missing or left over is an error that names the part.
+/// Reads the bytes of a part; missing or surplus bytes are an error that names the part.
 #[derive(Debug)]
 pub(crate) struct Decoder<'a> {
     part: &'a str,
@@ -154,7 +154,7 @@ impl<'a> Decoder<'a> {
         Ok(self.column_i64(n)?.into_iter().map(|bits| f64::from_bits(bits as u64)).collect())
     }
 
-    /// Nothing may be left.
+    /// Checks that no bytes are left.
     pub fn end(self) -> Result<(), StoreError> {
         match self.rest.len() {
             0 => Ok(()),
@@ -170,7 +170,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn columns_come_back(a in prop::collection::vec(any::<u32>(), 0..40), b in prop::collection::vec(any::<u64>(), 0..40), text in ".{0,20}") {
+        fn columns_round_trip(a in prop::collection::vec(any::<u32>(), 0..40), b in prop::collection::vec(any::<u64>(), 0..40), text in ".{0,20}") {
             let (floats, doubles): (Vec<f32>, Vec<f64>) =
                 (a.iter().map(|v| f32::from_bits(*v)).collect(), b.iter().map(|v| f64::from_bits(*v)).collect());
             let mut e = Encoder::default();
@@ -190,9 +190,9 @@ mod tests {
     }
 
     #[test]
-    fn too_few_and_too_many_bytes_are_told() {
-        let told = Decoder::new("it", &[1, 2, 3]).column_u32(usize::MAX / 2).unwrap_err().to_string();
-        assert!(told.contains("part 'it'"), "{told}");
+    fn missing_and_surplus_bytes_are_errors() {
+        let message = Decoder::new("it", &[1, 2, 3]).column_u32(usize::MAX / 2).unwrap_err().to_string();
+        assert!(message.contains("part 'it'"), "{message}");
         assert!(Decoder::new("it", &[1, 2, 3]).u32().unwrap_err().to_string().contains("3 bytes where 4"));
         assert!(Decoder::new("it", &[1]).end().unwrap_err().to_string().contains("too many"));
     }

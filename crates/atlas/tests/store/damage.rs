@@ -1,46 +1,50 @@
-//! Whatever happens to a file is told, and never a panic.
+//! Any damage to a file is detected, and never a panic.
 
 use crate::history::{Dice, file};
 use cairn_atlas::store::{MapFile, inspect};
 
 #[test]
-fn every_flipped_byte_is_told() {
+fn every_flipped_byte_is_detected() {
     let whole = file(3, 4, 6).write().unwrap();
     assert!(MapFile::read(&whole).is_ok());
     for at in 0..whole.len() {
         for flip in [0x01, 0x80, 0xff] {
             let mut bytes = whole.clone();
             bytes[at] ^= flip;
-            let told = MapFile::read(&bytes).expect_err("it was not seen").to_string();
-            assert!(told.contains("part '") || told.starts_with("not a map file"), "{told}");
+            let message = MapFile::read(&bytes).expect_err("it was not seen").to_string();
+            assert!(message.contains("part '") || message.starts_with("not a map file"), "{message}");
         }
     }
 }
 
 #[test]
-fn every_truncation_is_told() {
+fn every_truncation_is_detected() {
     let whole = file(3, 4, 6).write().unwrap();
     for cut in 0..whole.len() {
-        let told = MapFile::read(&whole[..cut]).expect_err("it was not seen").to_string();
-        assert!(told.contains("part '") || told.starts_with("not a map file: it is empty"), "{told}");
+        let message = MapFile::read(&whole[..cut]).expect_err("it was not seen").to_string();
+        assert!(
+            message.contains("part '") || message.starts_with("not a map file: it is empty"),
+            "{message}"
+        );
     }
 }
 
 #[test]
-fn parts_of_a_damaged_file_are_told_one_by_one() {
+fn damaged_parts_are_listed() {
     let mut bytes = file(3, 4, 6).write().unwrap();
     assert!(inspect(&bytes).unwrap().iter().all(|(_, wrong)| wrong.is_none()));
     bytes.truncate(bytes.len() - 3);
     let last = bytes.len() - 200;
     bytes[last] ^= 4;
-    let told: Vec<(String, bool)> =
+    let message: Vec<(String, bool)> =
         inspect(&bytes).unwrap().into_iter().map(|(part, wrong)| (part.name, wrong.is_some())).collect();
-    let wrong: Vec<&str> = told.iter().filter(|(_, wrong)| *wrong).map(|(name, _)| name.as_str()).collect();
-    assert_eq!(wrong, ["features 0", "attached/way/home"], "{told:?}");
+    let wrong: Vec<&str> =
+        message.iter().filter(|(_, wrong)| *wrong).map(|(name, _)| name.as_str()).collect();
+    assert_eq!(wrong, ["features 0", "attached/way/home"], "{message:?}");
 }
 
-/// Puts right all checksums of a file, so that what was altered is not told by them.
-fn mended(mut bytes: Vec<u8>) -> Vec<u8> {
+/// Recomputes all checksums of a file, so that altered content is not detected by them.
+fn with_valid_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     let u32_at = |b: &[u8], at: usize| u32::from_le_bytes(std::array::from_fn(|i| b[at + i]));
     let table_end = 32 + u32_at(&bytes, 12) as usize;
     let (mut at, mut part) = (32, table_end);
@@ -59,27 +63,27 @@ fn mended(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// With the checksums put right, an altered byte is a sound map of other numbers, or told; never a panic, and a map
-/// that comes back obeys the rules.
+/// With recomputed checksums, an altered byte gives either a valid map of other numbers or an error; never a
+/// panic, and a map that is read satisfies the invariants.
 #[test]
-fn what_slips_past_the_checksums_is_no_panic_either() {
+fn altered_content_with_valid_checksums_never_panics() {
     let whole = file(5, 5, 6).write().unwrap();
-    assert_eq!(mended(whole.clone()), whole);
+    assert_eq!(with_valid_checksums(whole.clone()), whole);
     let table_end = 32 + u32::from_le_bytes(std::array::from_fn(|i| whole[12 + i])) as usize;
     let mut dice = Dice(7);
-    let (mut sound, mut refused) = (0, 0);
+    let (mut valid, mut refused) = (0, 0);
     for at in table_end..whole.len() {
         for _ in 0..4 {
             let mut bytes = whole.clone();
             bytes[at] = dice.roll(256) as u8;
-            match MapFile::read(&mended(bytes)) {
+            match MapFile::read(&with_valid_checksums(bytes)) {
                 Ok(read) => {
                     assert_eq!(read.snapshot.check(), Ok(()));
-                    sound += 1;
+                    valid += 1;
                 }
                 Err(_) => refused += 1,
             }
         }
     }
-    assert!(sound > 100 && refused > 100, "{sound} sound, {refused} refused: the test does not test");
+    assert!(valid > 100 && refused > 100, "{valid} valid, {refused} refused: too few to test anything");
 }

@@ -1,4 +1,4 @@
-//! One file a format version, kept for good: it still opens.
+//! One file per format version, kept for good: each can still be loaded.
 
 use crate::history::{file, same};
 use cairn_atlas::store::{MapFile, Table, VERSION};
@@ -9,20 +9,21 @@ fn fixture(version: u32) -> PathBuf {
     PathBuf::from(format!("{}/tests/store/fixtures/v{version}.map", env!("CARGO_MANIFEST_DIR")))
 }
 
-/// Run once when a version is new: `cargo test -p cairn-atlas --test store -- --ignored writes_the_fixture`.
+/// Run once for a new version: `cargo test -p cairn-atlas --test store -- --ignored writes_the_fixture`.
 #[test]
 #[ignore = "writes the fixture of this version"]
 fn writes_the_fixture() {
     let path = fixture(VERSION);
     assert!(!path.exists(), "{} is kept for good", path.display());
-    // The first small history that has all there is: several worlds, a tie, a level one, loops, removed key frames.
-    let rich = |f: &MapFile| {
-        f.snapshot.maps().any(|(_, tie)| tie.is_some())
+    // The first small history that has everything: several maps, a prior, a gravity-aligned map, loops,
+    // removed key frames.
+    let has_everything = |f: &MapFile| {
+        f.snapshot.maps().any(|(_, prior)| prior.is_some())
             && f.snapshot.maps().any(|(map, _)| f.snapshot.is_gravity_aligned(map))
             && f.snapshot.removed_key_frame_count() > 0
             && f.snapshot.key_frames().any(|k| !k.links.is_empty())
     };
-    let saved = (0..1000).map(|seed| file(seed, 10, 12)).find(rich).unwrap();
+    let saved = (0..1000).map(|seed| file(seed, 10, 12)).find(has_everything).unwrap();
     saved.save(&path).unwrap();
     same(&MapFile::load(&path).unwrap().snapshot, &saved.snapshot, "the fixture");
 }
@@ -45,7 +46,7 @@ fn version_1_opens() {
     assert_eq!(counts, (7, 3, 29));
     let observations: usize = snapshot.landmarks().map(|l| l.observations.len()).sum();
     assert_eq!((observations, snapshot.maps().count()), (38, 3));
-    assert_eq!(snapshot.maps().filter(|(_, tie)| tie.is_some()).count(), 2);
+    assert_eq!(snapshot.maps().filter(|(_, prior)| prior.is_some()).count(), 2);
     assert!(snapshot.key_frames().any(|k| !k.links.is_empty()));
     let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
     near(snapshot.right_offset(), 0.510_328_292_846_679_7);
@@ -66,8 +67,9 @@ fn version_2_opens() {
     let opened = MapFile::load(&fixture(2)).unwrap();
     let snapshot = &opened.snapshot;
     let counts = (snapshot.key_frame_count(), snapshot.removed_key_frame_count(), snapshot.landmark_count());
-    let level: Vec<bool> = snapshot.maps().map(|(map, _)| snapshot.is_gravity_aligned(map)).collect();
-    assert_eq!((counts, level), ((9, 1, 34), vec![true, false]));
+    let gravity_aligned: Vec<bool> =
+        snapshot.maps().map(|(map, _)| snapshot.is_gravity_aligned(map)).collect();
+    assert_eq!((counts, gravity_aligned), ((9, 1, 34), vec![true, false]));
     let moving: Vec<_> = snapshot.key_frames().filter_map(|k| k.motion.as_ref()).collect();
     let last = moving.last().unwrap();
     assert_eq!(

@@ -1,4 +1,4 @@
-//! Small maps with a history: key frames of several worlds, merges, loops, removals, fused landmarks.
+//! Small snapshots with a history: several maps, merges, loops, removals, fused landmarks.
 
 use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{
@@ -26,7 +26,7 @@ pub fn camera() -> RectifiedCamera {
     }
 }
 
-/// Numbers that look random and are the same every time.
+/// A seeded pseudo-random number generator.
 pub struct Dice(pub u64);
 
 impl Dice {
@@ -68,7 +68,7 @@ fn frame(dice: &mut Dice, features: usize) -> Arc<Frame> {
     Arc::new(frame)
 }
 
-/// A map after `steps` steps of a history.
+/// A snapshot after `steps` steps of a history.
 pub fn snapshot(seed: u64, steps: usize, features: usize) -> Snapshot {
     let (mut dice, mut snapshot) = (Dice(seed), Snapshot::new());
     for _ in 0..steps {
@@ -87,12 +87,12 @@ fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change> {
     let parent = parent.filter(|_| dice.roll(8) > 0);
     let frame = frame(dice, features);
     let bag = Vocabulary::embedded().bag(&frame.descriptors);
-    let mut born = KeyFrame::new(new, frame, dice.pose(), parent).with_bag(Arc::new(bag));
+    let mut key_frame = KeyFrame::new(new, frame, dice.pose(), parent).with_bag(Arc::new(bag));
     if dice.roll(2) == 0 {
         let bias = Bias { gyro: 0.01 * dice.vector(), accel: 0.1 * dice.vector() };
-        born.motion = Some(InertialState { velocity: dice.vector(), bias, imu_factor: None });
+        key_frame.motion = Some(InertialState { velocity: dice.vector(), bias, imu_factor: None });
     }
-    let mut changes = vec![Change::AddKeyFrame(Box::new(born)), Change::Calibrate(dice.real())];
+    let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame)), Change::Calibrate(dice.real())];
     let next = snapshot.next_landmark_id().index();
     for i in 0..features / 3 {
         let id = LandmarkId::from_index(next + i).unwrap();
@@ -121,14 +121,14 @@ fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change> {
         changes.push(Change::AlignGravity(maps[dice.roll(maps.len())], turn));
     }
     if let [into, .., from] = maps[..] {
-        let tie = MapPrior {
+        let prior = MapPrior {
             to: a,
             to_from_root: dice.pose(),
             sigma: 0.5,
             sigma_rad: 0.125,
             sigma_log_scale: 0.25,
         };
-        changes.push(Change::MapPrior(from, tie));
+        changes.push(Change::MapPrior(from, prior));
         if dice.roll(4) == 0 {
             let at = dice.pose();
             let into_from = Sim3::new(at.rotation, at.translation, 1.0 + 0.2 * dice.real());
@@ -138,32 +138,34 @@ fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change> {
     changes
 }
 
-/// The same with what belongs to a file.
+/// The same as the content of a file.
 pub fn file(seed: u64, steps: usize, features: usize) -> MapFile {
     let about = About { program: "cairn test".into(), sensor: SensorMode::Stereo, camera: camera() };
     let attached = BTreeMap::from([("way/home".to_owned(), b"{\"format\":1}\n".repeat(3))]);
     MapFile { snapshot: snapshot(seed, steps, features), about, attached }
 }
 
-/// All of a map that can be seen, in words, the features with their lookup grid among them.
-pub fn told(snapshot: &Snapshot) -> String {
+/// Everything visible of a snapshot as text, including the features with their lookup grid.
+pub fn described(snapshot: &Snapshot) -> String {
     let key_frames: Vec<String> = snapshot.key_frames().map(|k| format!("{k:?}")).collect();
     let landmarks: Vec<String> = snapshot.landmarks().map(|l| format!("{l:?}")).collect();
-    let maps: Vec<_> = snapshot.maps().map(|(id, tie)| (id, tie, snapshot.is_gravity_aligned(id))).collect();
-    let hung: Vec<_> = (0..snapshot.next_key_frame_id().index())
+    let maps: Vec<_> =
+        snapshot.maps().map(|(id, prior)| (id, prior, snapshot.is_gravity_aligned(id))).collect();
+    let ancestors: Vec<_> = (0..snapshot.next_key_frame_id().index())
         .map(|i| snapshot.surviving_ancestor(KeyFrameId::from_index(i).unwrap()))
         .collect();
     let next = (snapshot.next_key_frame_id(), snapshot.next_landmark_id());
     let places: Vec<_> =
         snapshot.key_frames().map(|k| snapshot.places().query(&k.bag, 9, |_| true)).collect();
-    let all = (places, snapshot.version(), snapshot.octaves(), snapshot.right_offset(), next, maps, hung);
+    let all =
+        (places, snapshot.version(), snapshot.octaves(), snapshot.right_offset(), next, maps, ancestors);
     format!("{all:?}\n{}\n{}", key_frames.join("\n"), landmarks.join("\n"))
 }
 
-/// Two maps are the same in all that can be seen; tells no more than the first difference.
+/// Asserts that two snapshots are equal in everything visible; reports only the first difference.
 #[track_caller]
 pub fn same(a: &Snapshot, b: &Snapshot, what: &str) {
-    let (a, b) = (told(a), told(b));
+    let (a, b) = (described(a), described(b));
     if let Some((x, y)) = a.lines().zip(b.lines()).find(|(x, y)| x != y) {
         let at = x.bytes().zip(y.bytes()).take_while(|(x, y)| x == y).count().saturating_sub(60);
         let end = |line: &str| line.chars().skip(at).take(160).collect::<String>();

@@ -1,6 +1,7 @@
-//! Map files: what is saved comes back to the last bit, what is damaged is told, what was there stays.
+//! Map files: saved maps round-trip bit for bit, damage is detected, and a failed save keeps the previous
+//! file.
 
-mod beside;
+mod combine;
 mod damage;
 mod fixtures;
 mod history;

@@ -1,4 +1,4 @@
-//! What is saved comes back to the last bit.
+//! Saved maps round-trip bit for bit.
 
 use crate::history::{camera, file, same};
 use cairn_atlas::store::{About, MapFile, Table};
@@ -7,30 +7,33 @@ use cairn_vision::SensorMode;
 use std::collections::BTreeMap;
 
 #[test]
-fn any_history_comes_back_to_the_last_bit_and_goes_on_alike() {
-    let (mut maps, mut gone) = (0, 0);
+fn any_history_round_trips() {
+    let (mut maps, mut removed) = (0, 0);
     for seed in 0..60 {
         let saved = file(seed, 3 + seed as usize % 20, 12);
         let bytes = saved.write().unwrap();
-        let again = MapFile::read(&bytes).unwrap();
-        same(&again.snapshot, &saved.snapshot, &format!("seed {seed}"));
-        assert_eq!((&again.about, &again.attached), (&saved.about, &saved.attached));
-        assert_eq!(again.write().unwrap(), bytes, "the same map, other bytes");
-        // What follows is the same too: everything that a change looks at has come back.
+        let reloaded = MapFile::read(&bytes).unwrap();
+        same(&reloaded.snapshot, &saved.snapshot, &format!("seed {seed}"));
+        assert_eq!((&reloaded.about, &reloaded.attached), (&saved.about, &saved.attached));
+        assert_eq!(reloaded.write().unwrap(), bytes, "the same map gave other bytes");
+        // A further change gives the same result: everything that it depends on has been restored.
         let changes =
             vec![Change::MoveKeyFrame(saved.snapshot.key_frames().last().unwrap().id, Default::default())];
         let next = |snapshot: &Snapshot| {
             snapshot.apply(&ChangeSet { base: snapshot.version(), changes: changes.clone() }).0
         };
-        same(&next(&again.snapshot), &next(&saved.snapshot), "a change later");
+        same(&next(&reloaded.snapshot), &next(&saved.snapshot), "a change later");
         maps += usize::from(saved.snapshot.maps().count() > 1);
-        gone += usize::from(saved.snapshot.next_key_frame_id().index() > saved.snapshot.key_frame_count());
+        removed += usize::from(saved.snapshot.next_key_frame_id().index() > saved.snapshot.key_frame_count());
     }
-    assert!(maps > 10 && gone > 10, "{maps} maps with worlds, {gone} with removed key frames: too few");
+    assert!(
+        maps > 10 && removed > 10,
+        "{maps} with several maps, {removed} with removed key frames: too few"
+    );
 }
 
 #[test]
-fn more_key_frames_than_one_part_holds_come_back() {
+fn several_feature_parts_round_trip() {
     let saved = file(1, 150, 9);
     let bytes = saved.write().unwrap();
     let table = Table::read(&bytes).unwrap();
@@ -40,9 +43,9 @@ fn more_key_frames_than_one_part_holds_come_back() {
 }
 
 #[test]
-fn an_empty_map_comes_back() {
+fn empty_map_round_trips() {
     let about = About { program: String::new(), sensor: SensorMode::Mono, camera: camera() };
     let saved = MapFile { snapshot: Snapshot::new(), about, attached: BTreeMap::new() };
-    let again = MapFile::read(&saved.write().unwrap()).unwrap();
-    same(&again.snapshot, &saved.snapshot, "nothing");
+    let reloaded = MapFile::read(&saved.write().unwrap()).unwrap();
+    same(&reloaded.snapshot, &saved.snapshot, "nothing");
 }

@@ -1,9 +1,9 @@
-//! Killed, or without room: the former file still opens.
+//! Saving when the process is killed or the disk is full: the previous file can still be loaded.
 //!
-//! The processes that are killed and those that run out of room are this test program itself, started with the name of
-//! one ignored test and the path to save to.
+//! The processes that are killed and those that run out of room are this test program itself, started with
+//! the name of one ignored test and the path to save to.
 
-use crate::history::{Dice, file, told};
+use crate::history::{Dice, described, file};
 use cairn_atlas::store::MapFile;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -18,7 +18,7 @@ fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// What the number `n` of the files saved in a loop holds.
+/// File number `n` of those saved in a loop.
 fn numbered(n: u64) -> MapFile {
     let mut saved = file(n % 3, 40, 60);
     saved.attached.insert("number".into(), n.to_le_bytes().into());
@@ -34,7 +34,7 @@ fn this_test(name: &str) -> Vec<String> {
     [&program, name, "--exact", "--ignored", "--nocapture", "--test-threads=1"].map(String::from).into()
 }
 
-/// The child that is killed: says so before its first save, then saves on and on.
+/// The child that is killed: it signals before its first save, then saves in a loop.
 #[test]
 #[ignore = "started by others of this file"]
 fn child_saves_in_a_loop() {
@@ -49,11 +49,11 @@ fn child_saves_in_a_loop() {
 }
 
 #[test]
-fn a_process_killed_at_any_moment_of_saving_leaves_a_file_that_opens() {
+fn killed_process_leaves_a_loadable_file() {
     let folder = folder("kill");
     let path = folder.join("a.map");
     let ready = path.with_extension("ready");
-    let expected: Vec<String> = (0..3).map(|n| told(&numbered(n).snapshot)).collect();
+    let expected: Vec<String> = (0..3).map(|n| described(&numbered(n).snapshot)).collect();
     let mut dice = Dice(11);
     let (mut left, mut saves) = (0, 0);
     for round in 0..50 {
@@ -74,19 +74,22 @@ fn a_process_killed_at_any_moment_of_saving_leaves_a_file_that_opens() {
         child.wait().unwrap();
         std::fs::remove_file(&ready).unwrap();
         let opened = MapFile::load(&path).unwrap_or_else(|e| panic!("killed in round {round}: {e}"));
-        assert!(told(&opened.snapshot) == expected[number(&opened) as usize % 3], "another map was opened");
+        assert!(
+            described(&opened.snapshot) == expected[number(&opened) as usize % 3],
+            "another map was opened"
+        );
         saves += number(&opened);
-        left += beside(&folder);
+        left += other_files(&folder);
     }
-    println!("killed 50 times after {saves} whole saves, {left} times with a file half written");
-    assert!(left >= 5, "killed only {left} times while it was writing: the test does not test");
+    println!("killed 50 times after {saves} complete saves, {left} times with a file half written");
+    assert!(left >= 5, "killed only {left} times while it was writing: too few to test anything");
     numbered(0).save(&path).unwrap();
-    assert_eq!(beside(&folder), 0, "what the killed left behind is still there");
+    assert_eq!(other_files(&folder), 0, "files left behind are still there");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
 /// Files in the folder besides the map.
-fn beside(folder: &Path) -> usize {
+fn other_files(folder: &Path) -> usize {
     std::fs::read_dir(folder).unwrap().count() - 1
 }
 
@@ -99,7 +102,8 @@ fn child_has_no_room() {
     println!("told: {error}");
 }
 
-/// Runs a shell line in which `"$@"` saves; gives what was told, and what the line printed after it if it went well.
+/// Runs a shell line in which `"$@"` saves; returns the error message, and what the line printed after it if
+/// it succeeded.
 fn without_room(line: &str, path: &Path) -> Option<(String, Option<String>)> {
     let output = Command::new("sh")
         .args(["-c", line, "sh"])
@@ -109,48 +113,52 @@ fn without_room(line: &str, path: &Path) -> Option<(String, Option<String>)> {
         .output()
         .ok()?;
     let text = String::from_utf8_lossy(&output.stdout);
-    let told = text.lines().find_map(|l| l.split_once("told: "))?.1.to_owned();
+    let message = text.lines().find_map(|l| l.split_once("told: "))?.1.to_owned();
     let after = text.rsplit_once("test result").map(|(_, after)| after.to_owned());
-    Some((told, after.filter(|_| output.status.success())))
+    Some((message, after.filter(|_| output.status.success())))
 }
 
 #[cfg(unix)]
 #[test]
-fn without_room_the_error_is_clear_and_the_former_file_is_whole() {
+fn file_size_limit_keeps_the_previous_file() {
     let folder = folder("room");
     let path = folder.join("a.map");
     numbered(0).save(&path).unwrap();
     let before = std::fs::read(&path).unwrap();
     // Files of at most 16 blocks of 512 or 1024 bytes; the signal that comes with it is ignored.
-    let (told, _) = without_room("trap '' XFSZ; ulimit -f 16; exec \"$@\"", &path).expect("an error is told");
-    assert!(told.contains("a.map: cannot write") && told.contains("File too large"), "{told}");
+    let (message, _) =
+        without_room("trap '' XFSZ; ulimit -f 16; exec \"$@\"", &path).expect("an error is reported");
+    assert!(message.contains("a.map: cannot write") && message.contains("File too large"), "{message}");
     assert_eq!(std::fs::read(&path).unwrap(), before);
-    assert_eq!(beside(&folder), 0, "something half written stayed");
+    assert_eq!(other_files(&folder), 0, "a half-written file stayed");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_told_and_the_former_file_is_whole() {
+fn full_disk_keeps_the_previous_file() {
     let folder = folder("disk");
     let path = folder.join("a.map");
     numbered(0).save(&path).unwrap();
     let before = std::fs::metadata(&path).unwrap().len();
-    // A file system of its own with room for one map and a half; what is in it is looked at from within.
+    // A separate file system with room for one and a half maps, inspected from inside.
     let line = format!(
         "exec unshare -rm sh -c 'cp \"$FOLDER/a.map\" \"$FOLDER.copy\" && mount -t tmpfs -o size={}k none \"$FOLDER\" && \
          cp \"$FOLDER.copy\" \"$FOLDER/a.map\" && \"$@\" && cmp \"$FOLDER.copy\" \"$FOLDER/a.map\" && echo \"only $(ls -A \"$FOLDER\")\"' sh \"$@\"",
         before * 3 / 2 / 1024
     );
-    let told = without_room(&line, &path);
+    let outcome = without_room(&line, &path);
     let _ = std::fs::remove_file(folder.with_extension("copy"));
-    match told {
-        Some((told, after)) => {
-            assert!(told.contains("a.map: cannot write") && told.contains("No space left"), "{told}");
-            let after = after.expect("the former file is as it was");
+    match outcome {
+        Some((message, after)) => {
+            assert!(
+                message.contains("a.map: cannot write") && message.contains("No space left"),
+                "{message}"
+            );
+            let after = after.expect("the previous file is unchanged");
             assert_eq!(after.trim_end().lines().last(), Some("only a.map"), "{after}");
         }
-        None => println!("skipped: no file system of its own may be mounted here"),
+        None => println!("skipped: a separate file system cannot be mounted here"),
     }
     std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -1,16 +1,20 @@
-//! `cairn config`: the whole default configuration, with a comment at each entry.
+//! `cairn config`: the complete default configuration, with a comment for each entry.
 
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_engine::Config;
 
-/// The whole default configuration as TOML, with a comment at each entry.
+/// Prints the complete default configuration as TOML, with a comment for each entry.
 ///
-/// Save what you change to a file and give it to `cairn run --config FILE`; what a file leaves out keeps its default.
+/// Put the entries you want to change into a file and pass it with `cairn run --config FILE`; entries that the file
+/// leaves out keep their defaults.
 #[derive(clap::Args)]
 pub struct Arguments {}
 
-/// Prints it.
+/// Prints the default configuration.
+///
+/// # Errors
+/// When stdout cannot be written.
 pub fn run(_: &Arguments, output: &Output) -> Result<(), Failure> {
     output.result(&Config::default(), |_| Config::default_toml().to_owned())
 }

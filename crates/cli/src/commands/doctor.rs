@@ -1,11 +1,11 @@
-//! `cairn doctor`: what this machine has and lacks, and what each lack costs.
+//! `cairn doctor`: what this machine has and lacks, and what is affected by each missing item.
 
 use crate::failure::Failure;
 use crate::output::Output;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What this machine has and lacks.
+/// Checks this machine: processor, memory, optional programs and test recordings.
 #[derive(clap::Args)]
 pub struct Arguments {}
 
@@ -22,14 +22,14 @@ struct Report {
     data: Data,
 }
 
-/// An instruction set that a hot path has a version for.
+/// An instruction set that some inner loop has a version for.
 #[derive(Serialize)]
 struct Feature {
     name: &'static str,
     present: bool,
 }
 
-/// A program that may be started beside Cairn; nothing needs it unless `used_for` is wanted.
+/// An external program that Cairn may start; needed only for `used_for`.
 #[derive(Serialize)]
 struct Program {
     name: &'static str,
@@ -45,7 +45,10 @@ struct Data {
     recordings: Vec<String>,
 }
 
-/// Looks around and prints a table or JSON.
+/// Inspects the machine and prints a table or JSON.
+///
+/// # Errors
+/// When stdout cannot be written.
 pub fn run(_: &Arguments, output: &Output) -> Result<(), Failure> {
     let (memory_mb, memory_available_mb) = memory();
     let report = Report {
@@ -82,11 +85,14 @@ fn table(report: &Report) -> String {
     };
     lines.push(("memory".to_owned(), memory));
     for feature in &report.cpu_features {
-        let state = if feature.present { "yes" } else { "no: other loops, slower" };
+        let state = if feature.present { "yes" } else { "no: slower code is used instead" };
         lines.push((format!("cpu {}", feature.name), state.to_owned()));
     }
     if report.cpu_features.is_empty() {
-        lines.push(("cpu".to_owned(), "plain loops: none faster is written for this processor".to_owned()));
+        lines.push((
+            "cpu".to_owned(),
+            "portable code: there is no SIMD version for this processor".to_owned(),
+        ));
     }
     for program in &report.programs {
         let state = match &program.path {
@@ -97,7 +103,7 @@ fn table(report: &Report) -> String {
     }
     let data = &report.data;
     let recordings = match (data.present, data.recordings.is_empty()) {
-        (false, _) => "none here: tests on recordings are skipped; set CAIRN_DATA".to_owned(),
+        (false, _) => "not found: tests on recordings are skipped; set CAIRN_DATA".to_owned(),
         (true, true) => "the folder is empty".to_owned(),
         (true, false) => data.recordings.join(" "),
     };
@@ -106,7 +112,7 @@ fn table(report: &Report) -> String {
     lines.iter().map(|(name, state)| format!("{name:width$}  {state}\n")).collect()
 }
 
-/// The instruction sets that some loop has a version for; every loop has a plain one as well.
+/// The instruction sets that some loop has a version for; every loop also has a scalar one.
 #[cfg(target_arch = "x86_64")]
 fn cpu_features() -> Vec<Feature> {
     macro_rules! features {
@@ -120,7 +126,7 @@ fn cpu_features() -> Vec<Feature> {
     Vec::new()
 }
 
-/// Total and available memory in megabytes, where `/proc/meminfo` tells.
+/// Total and available memory in megabytes, where `/proc/meminfo` exists.
 fn memory() -> (Option<u64>, Option<u64>) {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     (meminfo(&text, "MemTotal:"), meminfo(&text, "MemAvailable:"))
@@ -163,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn meminfo_is_read_in_megabytes() {
+    fn meminfo_is_converted_to_megabytes() {
         let text = "MemTotal:        8000000 kB\nMemFree: 1 kB\n";
         assert_eq!(meminfo(text, "MemTotal:"), Some(7812));
         assert_eq!(meminfo(text, "MemAvailable:"), None);
@@ -171,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn programs_are_found_on_the_path_given() {
+    fn programs_are_found_on_the_given_path() {
         let folder = std::env::temp_dir().join(format!("cairn-doctor-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(folder.join(format!("ffmpeg{}", std::env::consts::EXE_SUFFIX)), "").unwrap();

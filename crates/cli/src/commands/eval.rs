@@ -1,4 +1,4 @@
-//! `cairn eval`: how far an estimated trajectory is from its reference.
+//! `cairn eval`: the error of an estimated trajectory against a reference.
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -7,37 +7,40 @@ use cairn_eval::{
 };
 use std::path::PathBuf;
 
-/// Absolute and relative error of a trajectory, and how much of the reference it covers.
+/// Compares a trajectory with its ground truth: absolute (ATE) and relative (RPE) error, and coverage.
 ///
-/// Files in TUM, KITTI or EuRoC form, found by looking, or the folder of a data set with its truth. The figures
-/// agree with evo's.
+/// Reads files in TUM, KITTI or EuRoC format (detected automatically), or the folder of a data set with its ground
+/// truth. The figures agree with those of evo.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The truth.
+    /// The ground truth.
     reference: PathBuf,
-    /// What is to be judged.
+    /// The trajectory to evaluate.
     estimate: PathBuf,
-    /// How the estimate is laid onto the reference: none, se3 or sim3.
+    /// How the estimate is aligned to the reference: none, se3 or sim3.
     #[arg(long, default_value = "se3", value_name = "HOW")]
     align: Align,
-    /// Greatest difference in time of two poses that are compared, in seconds.
+    /// Largest time difference between two poses that are compared, in seconds.
     #[arg(long, default_value_t = EvalOptions::default().max_difference_s, value_name = "S")]
     max_difference: f64,
-    /// Distance of the poses of the relative error, as 1f (frames), 0.5m or 2s.
+    /// Distance between the two poses of the relative error, such as 1f (frames), 0.5m or 2s.
     #[arg(long, default_value_t = Delta::default(), value_name = "DISTANCE")]
     delta: Delta,
-    /// All pairs at that distance, not only those that follow each other.
+    /// Uses all pairs at that distance, not only consecutive ones.
     #[arg(long)]
     all_pairs: bool,
 }
 
-/// Compares the two and prints the figures.
+/// Compares the two trajectories and prints the figures.
+///
+/// # Errors
+/// When a file cannot be read, or the trajectories cannot be associated or aligned.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let load = |path: &PathBuf| {
         load_trajectory(path).map_err(|e| {
             let place = e.line.map_or_else(String::new, |line| format!(", line {line}"));
             let hint =
-                "give a trajectory in TUM, KITTI or EuRoC form, or the folder of a data set with its truth";
+                "give a trajectory in TUM, KITTI or EuRoC format, or the folder of a data set with its ground truth";
             Failure::new(format!("{}{place}", e.file), e.reason, hint)
         })
     };
@@ -62,12 +65,12 @@ fn explain(error: EvalError, arguments: &Arguments) -> Failure {
                 "no pose is within {max_difference_s} s of a pose of {} (it spans {estimate_span}, the reference {reference_span})",
                 arguments.reference.display()
             ),
-            "give two trajectories of one clock, or widen the search with --max-difference",
+            "give two trajectories with the same clock, or allow more with --max-difference",
         ),
         EvalError::Alignment(why) => Failure::new(
             estimate,
-            format!("can not be aligned: {why}"),
-            "compare it as it is with --align none",
+            format!("cannot be aligned: {why}"),
+            "compare it without alignment: --align none",
         ),
         EvalError::Option(why) => Failure::new("eval", why, "see cairn eval --help"),
     }
@@ -75,11 +78,11 @@ fn explain(error: EvalError, arguments: &Arguments) -> Failure {
 
 fn text(e: &Evaluation) -> String {
     let align = match e.align {
-        Align::None => "as it is".to_owned(),
+        Align::None => "not aligned".to_owned(),
         Align::Se3 => "aligned by SE3".to_owned(),
         Align::Sim3 => format!("aligned by Sim3, scale {:.6}", e.scale),
     };
-    let drift = e.drift().map_or_else(String::new, |d| format!(" ({:.3} % of the way)", 100.0 * d));
+    let drift = e.drift().map_or_else(String::new, |d| format!(" ({:.3} % of the path)", 100.0 * d));
     let mut lines = vec![
         format!("poses     {} of {} reference poses", e.estimate_poses, e.reference_poses),
         format!("pairs     {}, {align}, over {:.3} m", e.pairs, e.path_m),

@@ -1,4 +1,4 @@
-//! One file for each command: its arguments, and what it prints.
+//! One file per command: its arguments and its output.
 
 pub mod config;
 pub mod doctor;

@@ -1,4 +1,4 @@
-//! `cairn rig`: what a calibration file says, whether it can be, and the same rig as Cairn's own TOML.
+//! `cairn rig`: shows and checks a calibration file, and converts it to Cairn's own TOML.
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -9,7 +9,7 @@ use cairn_sources::ImuWatch;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Calibration files: cameras, lenses, where they sit, IMU.
+/// Checks and converts calibration files (cameras, lenses, extrinsics, IMU).
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -21,18 +21,18 @@ enum Command {
     Check(Check),
 }
 
-/// Reads a rig, refuses what can not be, and says what it is.
+/// Reads a calibration, rejects impossible values, warns about unlikely ones, and prints a summary.
 ///
-/// Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, KITTI calib.txt, or a
-/// folder that holds one of them.
+/// Reads Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, KITTI calib.txt, or a
+/// folder that contains one of them.
 #[derive(clap::Args)]
 struct Check {
     /// The calibration file.
     file: PathBuf,
-    /// A recording made with this rig: its image sizes, and what its IMU reads, are checked too.
+    /// A recording made with this rig: its image sizes and IMU data are checked too.
     #[arg(long, value_name = "SOURCE")]
     with: Option<String>,
-    /// Seconds of that recording to look at.
+    /// How many seconds of that recording to check.
     #[arg(long, default_value_t = 30.0, value_name = "SECONDS")]
     seconds: f64,
     /// Writes the rig as Cairn's own TOML.
@@ -51,7 +51,7 @@ struct Report {
     imu: Option<ImuReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     readings: Option<ReadingsReport>,
-    /// What can be but hardly is.
+    /// Possible but unlikely values.
     warnings: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     written: Option<PathBuf>,
@@ -66,13 +66,13 @@ struct ReadingsReport {
     missing_percent: f64,
     longest_step_s: f64,
     rest_s: f64,
-    /// Mean norm of the accelerometer at rest, m/s^2; none where it never rests.
+    /// Mean norm of the accelerometer at rest, m/s^2; `None` if it is never at rest.
     rest_norm: Option<f64>,
     median_norm: f64,
     fastest_rad_s: f64,
-    /// Mean seconds from an image to the last sample that came with it; a sample after the image makes it positive.
+    /// Mean time from an image to the last IMU sample delivered with it, seconds; positive if the sample is later.
     sample_after_image_s: Option<f64>,
-    /// Images without a sample at or after them.
+    /// Images without an IMU sample at or after them.
     images_without: usize,
 }
 
@@ -84,11 +84,11 @@ struct CameraReport {
     centre_px: [f64; 2],
     distortion: &'static str,
     coefficients: Vec<f64>,
-    /// Angles between the rays of opposite sides of the image, through its middle; none where there is no ray.
+    /// Angles between the rays of opposite sides of the image, through its centre; `None` where a pixel has no ray.
     field_of_view_deg: [Option<f64>; 2],
-    /// Pixels of a 33 x 33 grid that have a ray, of all.
+    /// Share of the pixels of a 33 x 33 grid that have a ray.
     rays: f64,
-    /// Greatest distance between a pixel of that grid and its ray's projection.
+    /// Largest distance between a pixel of that grid and the projection of its ray.
     round_trip_px: f64,
     position_m: [f64; 3],
 }
@@ -118,6 +118,9 @@ struct ImuReport {
 }
 
 /// Runs the subcommand.
+///
+/// # Errors
+/// When the calibration or the recording cannot be read or is invalid, or the output cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let Command::Check(check) = &arguments.command;
     let rig = cairn_sources::read_rig(&check.file)?;
@@ -132,7 +135,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     output.result(&Report { readings, warnings, written: check.write.clone(), ..report(&rig) }, text)
 }
 
-/// Looks at a recording with the rig: a wrong resolution is refused when it is opened.
+/// Reads a recording with the rig; a wrong resolution is rejected when it is opened.
 fn readings(
     source: &str,
     rig: &Rig,
@@ -236,7 +239,7 @@ fn text(r: &Report) -> String {
     for c in &r.cameras {
         let [w, h] = c.resolution;
         let [across, down] = c.field_of_view_deg.map(|a| a.map_or("no ray".into(), |a| format!("{a:.1}")));
-        // Adding zero makes a negative zero a plain one.
+        // Adding zero turns a negative zero into a positive one.
         let [x, y, z] = c.position_m.map(|v| v + 0.0);
         lines.push(format!("{}  {w}x{h}, field of view {across} x {down} deg", c.name));
         lines.push(format!(
@@ -244,9 +247,9 @@ fn text(r: &Report) -> String {
             c.focal_px[0], c.focal_px[1], c.centre_px[0], c.centre_px[1]
         ));
         lines.push(format!("  distortion {} {:?}", c.distortion, c.coefficients));
-        lines.push(format!("  at {x:.4} {y:.4} {z:.4} m in the body"));
+        lines.push(format!("  at {x:.4} {y:.4} {z:.4} m in the body frame"));
         lines.push(format!(
-            "  rays for {:.1} % of the image, round trip within {:.1e} px",
+            "  rays for {:.1} % of the image, unproject-project error at most {:.1e} px",
             100.0 * c.rays,
             c.round_trip_px
         ));
@@ -258,32 +261,32 @@ fn text(r: &Report) -> String {
         let registered =
             if d.registered { "registered to the first camera" } else { "with its own projection" };
         lines.push(format!(
-            "depth  {}x{}, {} m a unit, {registered}",
+            "depth  {}x{}, {} m per unit, {registered}",
             d.resolution[0], d.resolution[1], d.metres_per_unit
         ));
     }
     if let Some(i) = &r.imu {
         lines.push(format!(
-            "imu  {} Hz, {:+.6} s to the images' clock (t_imu + offset = t_image)",
+            "imu  {} Hz, {:+.6} s offset to the image clock (t_imu + offset = t_image)",
             i.rate_hz,
             i.offset_s + 0.0
         ));
-        lines.push(format!("  gyro {:e} rad/s/sqrt(Hz), walk {:e}", i.gyro_noise, i.gyro_walk));
-        lines.push(format!("  accel {:e} m/s^2/sqrt(Hz), walk {:e}", i.accel_noise, i.accel_walk));
+        lines.push(format!("  gyro {:e} rad/s/sqrt(Hz), random walk {:e}", i.gyro_noise, i.gyro_walk));
+        lines.push(format!("  accel {:e} m/s^2/sqrt(Hz), random walk {:e}", i.accel_noise, i.accel_walk));
     }
     if let Some(f) = &r.readings {
         lines
             .push(format!("recording  {} images; {} IMU samples in {:.1} s", f.images, f.samples, f.seconds));
         if f.samples > 0 {
             lines.push(format!(
-                "  {:.1} Hz, {:.2} % missing, {:.3} s without one at most",
+                "  {:.1} Hz, {:.2} % missing, longest gap {:.3} s",
                 f.rate_hz, f.missing_percent, f.longest_step_s
             ));
             let rest = f.rest_norm.map_or("never at rest".into(), |n| {
                 format!("at rest for {:.1} s with {n:.3} m/s^2", f.rest_s)
             });
             lines.push(format!(
-                "  {rest}; {:.3} m/s^2 in the middle; turns by {:.2} rad/s at most",
+                "  {rest}; median {:.3} m/s^2; turns at most {:.2} rad/s",
                 f.median_norm, f.fastest_rad_s
             ));
         }

@@ -1,6 +1,6 @@
-//! `cairn route`: what is in a recorded way, what cleaning makes of it, and a picture of both.
+//! `cairn route`: summary of a recorded route, the result of cleaning it, and a drawing of both.
 //!
-//! The record itself is never changed. Poses are taken as they were recorded.
+//! The file itself is never changed. Poses are used as they were recorded.
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -14,7 +14,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Recorded ways: length and turns, before and after cleaning; a picture.
+/// Inspects recorded routes: length and turns, before and after cleaning, and a drawing.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -23,32 +23,32 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Points, time, length, gaps, and the length after cleaning.
+    /// Shows points, duration, length, gaps, and the length after cleaning.
     Info(One),
-    /// The cleaned way: its corners, what was cut, and the turns on the way home.
+    /// Shows the cleaned route: its corners, the detours cut out, and the turns on the return.
     Clean(One),
-    /// Draws the way as recorded and as cleaned, seen from above, as SVG.
+    /// Draws the route as recorded and as cleaned, seen from above, as SVG.
     Show(Show),
 }
 
-/// A recorded way.
+/// A recorded route.
 #[derive(clap::Args)]
 struct One {
-    /// The recorded way.
+    /// The recorded route.
     route: PathBuf,
 }
 
-/// A recorded way and its picture.
+/// A recorded route and where to write its drawing.
 #[derive(clap::Args)]
 struct Show {
-    /// The recorded way.
+    /// The recorded route.
     route: PathBuf,
-    /// The picture; without it, SVG on stdout.
+    /// Writes the drawing here; otherwise SVG goes to stdout.
     #[arg(long, value_name = "OUT.svg")]
     out: Option<PathBuf>,
 }
 
-/// What `show` did: the picture or where it went.
+/// Result of `show`: the drawing or the file it was written to.
 #[derive(Serialize)]
 struct Shown {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -59,13 +59,16 @@ struct Shown {
 }
 
 /// Runs the subcommand.
+///
+/// # Errors
+/// When the route cannot be read or cleaned, or the drawing cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     match &arguments.command {
         Command::Info(one) => output.result(&load(&one.route)?.info, info_text),
         Command::Clean(one) => {
             let surveyed = load(&one.route)?;
             let cleaned = cleaned(&surveyed).map_err(|why| {
-                Failure::new(one.route.display().to_string(), why, "record a way of some metres")
+                Failure::new(one.route.display().to_string(), why, "record a route of at least some metres")
             })?;
             output.result(&cleaned, |c| cleaned_text(c, &surveyed.info))
         }
@@ -103,11 +106,11 @@ fn load(path: &Path) -> Result<Surveyed, Failure> {
             RouteError::Line { line, why } => Failure::new(
                 format!("{shown}, line {line}"),
                 why,
-                "remove that line, or record the way again",
+                "remove that line, or record the route again",
             ),
             RouteError::Header(why) => Failure::new(
                 shown,
-                format!("not a recorded way: {why}"),
+                format!("not a recorded route: {why}"),
                 "give a file that cairn run --record wrote",
             ),
         }
@@ -123,7 +126,7 @@ struct Cleaned {
     after_m: f64,
     corners: Vec<[f64; 3]>,
     cuts: Vec<CutReport>,
-    /// What there is to do on the way home, in its order.
+    /// Manoeuvres on the return, in order.
     home: Vec<TurnReport>,
 }
 
@@ -136,7 +139,7 @@ struct CutReport {
 
 #[derive(Serialize)]
 struct TurnReport {
-    /// Metres from where the way home begins.
+    /// Metres from the start of the return.
     at_m: f64,
     /// Positive to the left.
     turn_deg: f64,
@@ -168,7 +171,7 @@ fn cleaned(surveyed: &Surveyed) -> Result<Cleaned, String> {
     })
 }
 
-/// The way seen from above.
+/// The route seen from above.
 fn plan(drawing: &RouteDrawing, info: &RouteInfo) -> Plan {
     let points = |line: &[[f64; 2]]| line.iter().map(|p| Vec2::new(p[0], p[1])).collect::<Vec<_>>();
     let (recorded, cleaned) = (points(&drawing.recorded), points(&drawing.cleaned));
@@ -183,7 +186,7 @@ fn plan(drawing: &RouteDrawing, info: &RouteInfo) -> Plan {
         ..cairn_eval::PlanLine::default()
     };
     Plan {
-        title: format!("A way of {:.1} m, cleaned to {:.1} m", info.length_m, info.cleaned_m),
+        title: format!("A route of {:.1} m, cleaned to {:.1} m", info.length_m, info.cleaned_m),
         description: format!(
             "Seen from above: {} turns, {} detours cut out, {} stairs; recorded from {}.",
             info.turns, info.cuts, info.stairs, info.source
@@ -199,26 +202,26 @@ fn plan(drawing: &RouteDrawing, info: &RouteInfo) -> Plan {
 }
 
 fn info_text(i: &RouteInfo) -> String {
-    let unit = if i.metric { "m" } else { "m (a guess from the pace: the scale is not known)" };
+    let unit = if i.metric { "m" } else { "m (estimated from the walking speed: the scale is unknown)" };
     let mut text = String::new();
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "source    {}", i.source);
-    // Adding zero makes the negative zero of an empty sum a plain one.
+    // Adding zero turns the negative zero of an empty sum into a positive one.
     let _ = writeln!(text, "points    {} in {:.1} s", i.points, i.duration_s);
     let _ = writeln!(
         text,
-        "length    {:.2} {unit}, of it {:.2} bridged, {:.2} gaps",
+        "length    {:.2} {unit}, of which {:.2} bridged, {:.2} gaps",
         i.length_m,
         i.bridged_m + 0.0,
         i.gap_m + 0.0
     );
     let _ = writeln!(
         text,
-        "cleaned   {:.2} m, {} cut out, {} turns, {} stairs, at most {:.2} m from the record",
+        "cleaned   {:.2} m, {} detours cut out, {} turns, {} stairs, at most {:.2} m from the recording",
         i.cleaned_m, i.cuts, i.turns, i.stairs, i.largest_distance_m
     );
     if i.torn {
-        let _ = writeln!(text, "torn      the last line was not written whole and was left out");
+        let _ = writeln!(text, "torn      the last line was incomplete and was ignored");
     }
     text
 }
@@ -227,14 +230,14 @@ fn cleaned_text(c: &Cleaned, info: &RouteInfo) -> String {
     let mut text = String::new();
     let _ = writeln!(text, "length    {:.2} m recorded, {:.2} m cleaned", c.before_m, c.after_m);
     if !c.metric {
-        let _ = writeln!(text, "scale     not known: lengths are a guess from the pace");
+        let _ = writeln!(text, "scale     unknown: lengths are estimated from the walking speed");
     }
     for cut in &c.cuts {
         let [x, y, z] = cut.from;
         let _ = writeln!(text, "cut       {:.2} m at {x:.2} {y:.2} {z:.2}", cut.saved_m);
     }
     let _ = writeln!(text, "corners   {}", c.corners.len());
-    let _ = writeln!(text, "home      {} places in {:.2} m", c.home.len(), info.cleaned_m);
+    let _ = writeln!(text, "return    {} manoeuvres in {:.2} m", c.home.len(), info.cleaned_m);
     for turn in &c.home {
         let side = if turn.turn_deg >= 0.0 { "left" } else { "right" };
         let stairs = turn.stairs.map_or_else(String::new, |s| format!(", stairs {s}"));

@@ -1,4 +1,4 @@
-//! `cairn sim`: writes a simulated sequence with its truth as a folder in a well-known layout.
+//! `cairn sim`: writes a simulated sequence with ground truth as a folder in a standard layout.
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -9,17 +9,17 @@ use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Writes a simulated sequence with exact truth, in EuRoC form, or with depth in TUM form.
+/// Writes a simulated recording with exact ground truth, in the EuRoC layout or (RGB-D) the TUM layout.
 #[derive(clap::Args)]
 #[command(after_long_help = keys())]
 pub struct Arguments {
-    /// The world, with its keys: corridor, or "office?seed=3&sensor=rgbd".
+    /// The simulated world with its options, such as corridor or "office?seed=3&sensor=rgbd".
     #[arg(value_name = "WORLD")]
     world: String,
-    /// The folder to write; new or empty.
+    /// The folder to write; must be new or empty.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// The layout; without it TUM for a world seen with depth, else EuRoC.
+    /// The layout; by default TUM for RGB-D, else EuRoC.
     #[arg(long, value_enum, value_name = "LAYOUT")]
     layout: Option<Layout>,
 }
@@ -27,9 +27,9 @@ pub struct Arguments {
 #[derive(Clone, Copy, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 enum Layout {
-    /// mav0/cam0, cam1, imu0 and the truth of the body.
+    /// mav0/cam0, cam1, imu0 and the ground truth of the body.
     Euroc,
-    /// rgb, depth, accelerometer and the truth of the camera.
+    /// rgb, depth, accelerometer and the ground truth of the camera.
     Tum,
 }
 
@@ -43,21 +43,24 @@ struct Written {
     length_m: f64,
 }
 
-/// The worlds and their keys, for `--help`.
+/// The worlds and their options, for `--help`.
 fn keys() -> String {
     let worlds: Vec<&str> = WorldKind::ALL.iter().map(|k| k.name()).collect();
     let keys: Vec<String> = SimConfig::KEYS.iter().map(|(k, what)| format!("  {k:<12}{what}")).collect();
-    format!("Worlds: {}\nKeys (WORLD?key=value&key=value):\n{}", worlds.join(", "), keys.join("\n"))
+    format!("Worlds: {}\nOptions (WORLD?key=value&key=value):\n{}", worlds.join(", "), keys.join("\n"))
 }
 
-/// Renders and writes.
+/// Renders and writes the sequence.
+///
+/// # Errors
+/// When the world is unknown or the folder cannot be written.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let address = if a.world.starts_with("sim:") { a.world.clone() } else { format!("sim:{}", a.world) };
     let source = open(&address, OpenOptions::default())?;
     let layout = a.layout.unwrap_or(if source.rig().depth.is_some() { Layout::Tum } else { Layout::Euroc });
     let info = source.info().clone();
     let progress = Progress::new(info.frames);
-    let mut source = Validator { source, progress, given: 0 };
+    let mut source = CountingSource { source, progress, given: 0 };
     let frames = match layout {
         Layout::Euroc => write_euroc(&a.out, &mut source)?,
         Layout::Tum => write_tum(&a.out, &mut source)?,
@@ -84,14 +87,14 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     })
 }
 
-/// A source whose packets move the progress bar.
-struct Validator {
+/// A source that advances the progress bar with each packet.
+struct CountingSource {
     source: Box<dyn Source>,
     progress: Progress,
     given: usize,
 }
 
-impl Source for Validator {
+impl Source for CountingSource {
     fn info(&self) -> &SourceInfo {
         self.source.info()
     }

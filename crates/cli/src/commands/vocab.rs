@@ -1,4 +1,4 @@
-//! `cairn vocab`: trains a vocabulary of visual words, tells what is in one, reads those of others.
+//! `cairn vocab`: trains and inspects vocabularies of visual words, and imports those of DBoW2.
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -12,7 +12,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// Trains, inspects and imports vocabularies of visual words.
+/// Trains, inspects and imports vocabularies of visual words (used for place recognition).
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -21,15 +21,15 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Learns a vocabulary from images; the same images and seed give the same file.
+    /// Trains a vocabulary on images; the same images and seed give the same file.
     Train(Train),
-    /// What is in a vocabulary file, after checking it; without a file, the one in this program.
+    /// Checks a vocabulary file and shows what is in it; without a file, the built-in vocabulary.
     Info {
-        /// The file.
+        /// The vocabulary file.
         #[arg(value_name = "FILE")]
         file: Option<PathBuf>,
     },
-    /// Makes a vocabulary file of one in DBoW2's text form.
+    /// Converts a vocabulary in DBoW2's text format.
     Import {
         /// The text file.
         #[arg(value_name = "DBOW2.txt")]
@@ -42,57 +42,60 @@ enum Command {
 
 #[derive(clap::Args)]
 struct Train {
-    /// JPEG or PNG files, or folders of them (searched to the bottom, in the order of their names).
+    /// JPEG or PNG files, or folders of them (searched recursively, in order of their names).
     #[arg(value_name = "IMAGES", required = true)]
     images: Vec<PathBuf>,
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Children of a node.
+    /// Children per node.
     #[arg(long, default_value_t = TrainConfig::default().branching)]
     branching: u32,
     /// Levels below the root.
     #[arg(long, default_value_t = TrainConfig::default().depth)]
     depth: u32,
-    /// Seed.
+    /// Seed of the clustering.
     #[arg(long, default_value_t = TrainConfig::default().seed)]
     seed: u64,
-    /// Rounds of each clustering, at most.
+    /// Largest number of iterations of each clustering.
     #[arg(long, default_value_t = TrainConfig::default().rounds)]
     rounds: u32,
-    /// The level whose nodes are kept for matching; without it the first that has at least 64.
+    /// The level whose nodes are indexed for matching; by default the first with at least 64 nodes.
     #[arg(long)]
     index_level: Option<u32>,
-    /// Features of an image, at most.
+    /// Largest number of features per image.
     #[arg(long, default_value_t = OrbConfig::default().features)]
     features: usize,
 }
 
-/// What is told of a vocabulary.
+/// Summary of a vocabulary.
 #[derive(Serialize)]
-struct Told {
+struct Summary {
     file: PathBuf,
     bytes: usize,
     #[serde(flatten)]
     facts: VocabularyFacts,
-    /// After training: mean distance of a descriptor to its word's centre, bits.
+    /// After training: mean distance of a descriptor to the centre of its word, bits.
     #[serde(skip_serializing_if = "Option::is_none")]
     mean_distance: Option<f64>,
 }
 
-/// Does what is asked.
+/// Runs the subcommand.
+///
+/// # Errors
+/// When a file cannot be read or written, is damaged, or training is impossible with these images.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     match &a.command {
         Command::Train(a) => train_images(a, output),
         Command::Info { file } => match file {
             Some(path) => {
                 let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
-                let cure = "make it again with `cairn vocab train` or `cairn vocab import`";
+                let cure = "create it again with `cairn vocab train` or `cairn vocab import`";
                 let vocabulary = Vocabulary::open(bytes)
                     .map_err(|e| Failure::new(path.display().to_string(), e.to_string(), cure))?;
-                tell(path, &vocabulary, None, output)
+                print_summary(path, &vocabulary, None, output)
             }
-            None => tell(Path::new("(embedded)"), Vocabulary::embedded(), None, output),
+            None => print_summary(Path::new("(embedded)"), Vocabulary::embedded(), None, output),
         },
         Command::Import { text, out } => {
             let file = File::open(text).map_err(|e| unreadable(text, &e))?;
@@ -100,12 +103,12 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
                 Dbow2Error::Read(e) => unreadable(text, &e),
                 e => {
                     let cure =
-                        "give a whole text vocabulary as DBoW2 writes it for 32-byte binary descriptors";
+                        "give a complete text vocabulary as DBoW2 writes it for 32-byte binary descriptors";
                     Failure::new(text.display().to_string(), e.to_string(), cure)
                 }
             })?;
             write_bytes_whole(out, vocabulary.bytes())?;
-            tell(out, &vocabulary, None, output)
+            print_summary(out, &vocabulary, None, output)
         }
     }
 }
@@ -122,7 +125,7 @@ fn train_images(a: &Train, output: &Output) -> Result<(), Failure> {
                 extractor.extract(&image, &mut features);
                 images.push(features.descriptors.clone());
             }
-            Err(why) => progress.warn(&format!("left out: {why}")),
+            Err(why) => progress.warn(&format!("skipped: {why}")),
         }
         progress.step(i + 1);
     }
@@ -136,13 +139,13 @@ fn train_images(a: &Train, output: &Output) -> Result<(), Failure> {
     };
     let trained = train(&images, &config).map_err(|e| {
         let what = format!("{} images", images.len());
-        Failure::new(what, e.to_string(), "give more or other images, or other numbers")
+        Failure::new(what, e.to_string(), "give more or different images, or other parameters")
     })?;
     write_bytes_whole(&a.out, trained.vocabulary.bytes())?;
-    tell(&a.out, &trained.vocabulary, Some(trained.mean_distance), output)
+    print_summary(&a.out, &trained.vocabulary, Some(trained.mean_distance), output)
 }
 
-/// The files given, and those below the folders given, in the order of their names.
+/// The given files and those below the given folders, in order of their names.
 fn image_files(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut found = Vec::new();
     for path in given {
@@ -167,7 +170,7 @@ fn gather(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Failure> {
         let is_image = path
             .extension()
             .is_some_and(|e| ["jpg", "jpeg", "png"].iter().any(|known| e.eq_ignore_ascii_case(known)));
-        // A link may lead round in a circle: only what lies here itself is followed.
+        // Symbolic links to folders are not followed: they may form a cycle.
         if entry.file_type().is_ok_and(|t| t.is_dir()) {
             gather(&path, found)?;
         } else if is_image {
@@ -178,21 +181,21 @@ fn gather(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Failure> {
 }
 
 fn unreadable(path: &Path, e: &std::io::Error) -> Failure {
-    Failure::new(path.display().to_string(), e.to_string(), "check that it exists and may be read")
+    Failure::new(path.display().to_string(), e.to_string(), "check that it exists and is readable")
 }
 
-fn tell(
+fn print_summary(
     file: &Path,
     vocabulary: &Vocabulary,
     mean_distance: Option<f64>,
     output: &Output,
 ) -> Result<(), Failure> {
     let facts = *vocabulary.facts();
-    let told = Told { file: file.to_path_buf(), bytes: vocabulary.bytes().len(), facts, mean_distance };
-    output.result(&told, |t| {
+    let summary = Summary { file: file.to_path_buf(), bytes: vocabulary.bytes().len(), facts, mean_distance };
+    output.result(&summary, |t| {
         let f = &t.facts;
         let mut text = format!(
-            "{}: {} words in {} nodes, branching {}, depth {}, matched at level {}, {:.2} MB, checksum {:08x}\n",
+            "{}: {} words in {} nodes, branching {}, depth {}, indexed at level {}, {:.2} MB, checksum {:08x}\n",
             t.file.display(),
             f.words,
             f.nodes,
@@ -206,7 +209,7 @@ fn tell(
             text += &format!("trained on {} descriptors of {} images, seed {}\n", f.descriptors, f.images, f.seed);
         }
         if let Some(bits) = t.mean_distance {
-            text += &format!("mean distance to the word: {bits:.1} bits\n");
+            text += &format!("mean distance to the word centre: {bits:.1} bits\n");
         }
         text
     })

@@ -1,6 +1,7 @@
-//! The camera of the demo: images rendered from where the walker truly is, and the session that sees nothing else.
+//! The camera of the demo: renders images from the walker's true pose and feeds them, and nothing else, to the session.
 //!
-//! In: the camera's true pose, frame by frame, and commands. Out: what is said. The truth is kept aside for the figures.
+//! In: the camera's true pose, frame by frame, and commands. Out: the announcements. The ground truth is stored only
+//! for the figures.
 
 use crate::failure::Failure;
 use cairn_atlas::Snapshot;
@@ -15,24 +16,25 @@ use std::io;
 use std::path::Path;
 use std::time::Instant;
 
-/// A rig, a session, and what is measured on the way.
+/// A rendered rig, a session, and the measurements taken during the run.
 pub struct DemoCamera {
     live: LiveRig,
     session: Session,
     /// True poses of the camera, one for each frame.
     pub truth: Trajectory,
-    /// Milliseconds of each frame: "render", "see", "track", "step" (image to pose), "map" (of each key frame).
+    /// Milliseconds of each frame: "render", "see" (feature extraction), "track", "step" (image to pose), and "map"
+    /// (for each key frame).
     pub times: StageTimes,
     /// Milliseconds from image to pose of each frame.
     pub step_ms: Vec<f64>,
-    /// Stretches without a pose after the first one: seconds at which they begin, and frames.
+    /// Stretches without a pose after the first pose: start time in seconds, and number of frames.
     pub lost: Vec<(f64, usize)>,
     /// Whether the last frame had a pose; `None` before the first pose.
-    seeing: Option<bool>,
+    tracked: Option<bool>,
 }
 
 impl DemoCamera {
-    /// DemoCamera in a world; the sensors of the setting are the sensors of the engine.
+    /// Starts a session in a simulated world, with the sensors of the configuration.
     pub fn new(config: &SimConfig, source: String) -> Result<Self, Failure> {
         let live = LiveRig::new(config)?;
         let mode = match config.sensor {
@@ -42,19 +44,19 @@ impl DemoCamera {
         };
         let engine = Engine::new(live.rig(), mode, config.rate_hz, Runner::Lockstep, &Config::default())
             .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
-        let walk = SessionConfig { source, record_to: Some("way".into()), ..SessionConfig::default() };
+        let walk = SessionConfig { source, record_to: Some("route".into()), ..SessionConfig::default() };
         Ok(Self {
             live,
-            session: Session::new(engine, walk).on_disk(Box::new(Nowhere)),
+            session: Session::new(engine, walk).on_disk(Box::new(NullDisk)),
             truth: Trajectory::new(),
             times: StageTimes::new(),
             step_ms: Vec::new(),
             lost: Vec::new(),
-            seeing: None,
+            tracked: None,
         })
     }
 
-    /// Looks once; gives the words that begin now, in order.
+    /// Renders and processes one frame; returns the announcements that start now, in order.
     pub fn see(&mut self, stamp: Stamp, world_from_camera: &Se3) -> Result<Vec<Said>, Failure> {
         let begin = Instant::now();
         let packet = self.live.packet(stamp, world_from_camera)?;
@@ -62,27 +64,27 @@ impl DemoCamera {
         self.truth.push(stamp.0, *world_from_camera).map_err(|e| bug(e.to_string()))?;
         let output = self.session.on_packet(&packet).map_err(bug)?;
         if let Some(why) = &output.died {
-            return Err(bug(format!("mapping died: {why}")));
+            return Err(bug(format!("mapping has stopped: {why}")));
         }
         self.note(&output);
         Ok(self.said())
     }
 
-    /// Asks for something; gives the words that begin now.
+    /// Gives a command; returns the announcements that start now.
     pub fn ask(&mut self, command: &Command) -> Result<Vec<Said>, Failure> {
         self.session.command(command).map_err(bug)?;
         Ok(self.said())
     }
 
     fn said(&mut self) -> Vec<Said> {
-        let words = |event| match event {
+        let announcement = |event| match event {
             Event::Said(said) => Some(said),
             Event::Sound(_) => None,
         };
-        self.session.events().into_iter().filter_map(words).collect()
+        self.session.events().into_iter().filter_map(announcement).collect()
     }
 
-    /// The walk.
+    /// The session.
     pub fn session(&self) -> &Session {
         &self.session
     }
@@ -95,28 +97,28 @@ impl DemoCamera {
         for ms in &output.map_ms {
             self.times.add_ms("map", *ms);
         }
-        let seeing = output.anchored.is_some();
-        match (self.seeing, seeing) {
+        let tracked = output.anchored.is_some();
+        match (self.tracked, tracked) {
             (Some(true), false) => self.lost.push((output.stamp.seconds(), 1)),
             (Some(false), false) => self.lost.iter_mut().last().into_iter().for_each(|l| l.1 += 1),
             _ => {}
         }
-        if seeing || self.seeing.is_some() {
-            self.seeing = Some(seeing);
+        if tracked || self.tracked.is_some() {
+            self.tracked = Some(tracked);
         }
     }
 
-    /// The world that is seen.
+    /// The simulated world.
     pub fn world(&self) -> &cairn_sim::World {
         self.live.world()
     }
 
-    /// The map that the engine has made so far.
+    /// A snapshot of the engine's map.
     pub fn snapshot(&self) -> std::sync::Arc<Snapshot> {
         self.session.engine().snapshot()
     }
 
-    /// Poses of the camera for every tracked frame, as the map sees them now.
+    /// Poses of the camera for every tracked frame, with all corrections of the map so far.
     pub fn estimate(&mut self) -> Result<Trajectory, Failure> {
         for ms in self.session.engine_mut().finish().map_ms {
             self.times.add_ms("map", ms);
@@ -131,22 +133,22 @@ fn bug(why: String) -> Failure {
     Failure::new("the demo", why, "report this with the command line")
 }
 
-/// The way is kept in memory; the report writes it when the demo is over.
-struct Nowhere;
+/// A disk that stores nothing: the route stays in memory, the report writes it at the end of the demo.
+struct NullDisk;
 
-impl Disk for Nowhere {
+impl Disk for NullDisk {
     fn create(&self, _: &Path) -> io::Result<Box<dyn Medium>> {
-        Ok(Box::new(Nowhere))
+        Ok(Box::new(NullDisk))
     }
 }
 
-impl Medium for Nowhere {
+impl Medium for NullDisk {
     fn cut(&mut self, _: u64) -> io::Result<()> {
         Ok(())
     }
 }
 
-impl io::Write for Nowhere {
+impl io::Write for NullDisk {
     fn write(&mut self, data: &[u8]) -> io::Result<usize> {
         Ok(data.len())
     }
@@ -156,7 +158,7 @@ impl io::Write for Nowhere {
     }
 }
 
-impl Durable for Nowhere {
+impl Durable for NullDisk {
     fn make_durable(&mut self) -> io::Result<()> {
         Ok(())
     }

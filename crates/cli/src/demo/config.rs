@@ -1,11 +1,11 @@
-//! What one demo is: the world, the camera, the walker.
+//! The configuration of one demo: the world, the camera, the walker.
 
 use cairn_geometry::Se3;
 use cairn_guide::Facing;
 use cairn_sensor::Camera;
 use cairn_sim::{SimConfig, SimSensor, Walker, WorldKind};
 
-/// Frames a second.
+/// Frames per second.
 const RATE_HZ: f64 = 20.0;
 
 /// One demo.
@@ -13,16 +13,16 @@ const RATE_HZ: f64 = 20.0;
 pub struct DemoConfig {
     /// The world and its sensors.
     pub sim: SimConfig,
-    /// How the walker goes home.
+    /// How the walker faces on the return.
     pub facing: Facing,
-    /// Metres of the way that are walked; all of it without.
+    /// Metres of the route that are walked; `None` for all of it.
     pub metres: Option<f64>,
-    /// Of the world, the noise of the sensors and the walker.
+    /// Seed of the world, the sensor noise and the walker.
     pub seed: u64,
 }
 
 impl DemoConfig {
-    /// The demo of a seed: the camera is the body, on the chest at 1.3 m, looking 5 degrees down.
+    /// The demo with a given seed. The body frame is the camera's: on the chest at 1.3 m, pitched 5 degrees down.
     pub fn new(seed: u64, facing: Facing, sensor: SimSensor, metres: Option<f64>) -> Self {
         let sim = SimConfig {
             sensor,
@@ -30,14 +30,14 @@ impl DemoConfig {
             camera: Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5),
             rate_hz: RATE_HZ,
             body_from_camera: Se3::identity(),
-            // Who walks without seeing takes corners with care.
+            // A blind walker turns corners slowly.
             walker: Walker { turn_rate: 0.8, ..Walker::default() },
             ..SimConfig::new(WorldKind::Demo, seed)
         };
         Self { sim, facing, metres, seed }
     }
 
-    /// What the way is recorded from, for its file.
+    /// The name of the source, written into the route's file.
     pub fn source(&self) -> String {
         format!("sim:{}?seed={}", self.sim.world, self.seed)
     }
@@ -48,7 +48,7 @@ impl DemoConfig {
     }
 }
 
-/// The facing as it is written on the command line.
+/// The facing as spelled on the command line.
 pub fn facing_name(facing: Facing) -> &'static str {
     match facing {
         Facing::Home => "home",
@@ -57,7 +57,7 @@ pub fn facing_name(facing: Facing) -> &'static str {
     }
 }
 
-/// The sensor as it is written on the command line.
+/// The sensor as spelled on the command line.
 pub fn sensor_name(sensor: SimSensor) -> &'static str {
     match sensor {
         SimSensor::Mono => "mono",

@@ -1,6 +1,7 @@
-//! The way home: the session gets the images and nothing else, the walker hears the words and nothing else.
+//! The return: the session gets only the images, the walker only the announcements.
 //!
-//! Each frame: an image from where the walker truly is, a step of the session, words, a step of the walker. Walls hold the walker up, as they do.
+//! Each frame: an image from the walker's true pose, a step of the session, announcements, a step of the walker. Walls
+//! block the walker.
 
 use super::body::Body;
 use super::camera::DemoCamera;
@@ -14,52 +15,55 @@ use cairn_sensor::Stamp;
 use cairn_session::{Command, ReferencePath, Said};
 use std::f64::consts::PI;
 
-/// Seconds that it takes to turn the camera round on the chest.
+/// Seconds it takes to turn the camera round on the chest.
 const TURN_CAMERA_S: f64 = 4.0;
-/// The walk is over when the walker has stood so long after the words of arrival, seconds.
-const STANDS_S: f64 = 2.0;
+/// The demo ends when the walker has stood still this long after arrival was announced, seconds.
+const STANDING_S: f64 = 2.0;
 
-/// Something that was said.
+/// One announcement.
 #[derive(Clone, Debug)]
 pub struct Spoken {
-    /// Seconds from the first frame of the way out.
+    /// Seconds since the first frame of the outbound walk.
     pub t_s: f64,
-    /// The words.
+    /// Its text.
     pub words: String,
-    /// Where the walker truly was, metres.
+    /// The walker's true position, metres.
     pub at: Vec2,
-    /// Whether it broke off what was being said.
+    /// Whether it interrupted the previous announcement.
     pub interrupts: bool,
 }
 
-/// What came of it.
-pub struct CameHome {
-    /// What was said.
+/// Result of the return.
+pub struct Return {
+    /// The announcements.
     pub said: Vec<Spoken>,
-    /// Where the walker truly went, metres.
+    /// The walker's true path, metres.
     pub path: Vec<Vec2>,
-    /// The guide said that the end is reached.
+    /// Whether the guide announced arrival.
     pub arrived: bool,
-    /// The way after cleaning, as the map had it at the end.
+    /// The cleaned route, placed by the map at the end.
     pub cleaned: CleanedRoute,
-    /// Turns on the route home.
+    /// Number of turns on the return.
     pub turns: usize,
-    /// Seconds from the beginning of guidance to its end.
+    /// Seconds from the start of guidance to its end.
     pub took_s: f64,
-    /// How often the walker was held up by a wall or a thing: frames.
-    pub held_up: usize,
+    /// Number of frames in which a wall or an obstacle blocked the walker.
+    pub blocked: usize,
 }
 
-/// Brings the walker home.
-pub fn come_home(
+/// Guides the walker back to the start.
+///
+/// # Errors
+/// When the session or the renderer fails, or the recorded route is too short to plan on.
+pub fn walk_back(
     camera: &mut DemoCamera,
     out: &WalkedOut,
     config: &DemoConfig,
     progress: &Progress,
-) -> Result<CameHome, Failure> {
+) -> Result<Return, Failure> {
     let dt = config.step_s();
-    let (stands, heading) = out.stands;
-    let mut body = Body::new(config, stands, heading);
+    let (place, heading) = out.turning_point;
+    let mut body = Body::new(config, place, heading);
     let mut now = out.end;
     if config.facing == Facing::Back {
         now = turn_camera(camera, &mut body, now, dt)?;
@@ -68,46 +72,46 @@ pub fn come_home(
     let planned = reference_path(camera, &out.route, now);
     let plan = planned
         .plan()
-        .map_err(|e| Failure::new("the way home", e.to_string(), "walk farther: --metres 10 at the least"))?;
+        .map_err(|e| Failure::new("the return", e.to_string(), "walk farther: at least --metres 10"))?;
     let length_m = plan.length();
-    let mut home = CameHome {
+    let mut home = Return {
         said: Vec::new(),
         path: vec![body.place()],
         arrived: false,
         cleaned: planned.cleaned,
         turns: plan.maneuvers().len(),
         took_s: 0.0,
-        held_up: 0,
+        blocked: 0,
     };
     let mut said = camera.ask(&Command::Guide { facing: Some(config.facing), again: false })?;
     home.hear(&mut body, &said);
     let slowest = if config.facing == Facing::Backwards { 0.08 } else { 0.2 };
     let limit_s = 90.0 + length_m / slowest;
-    let mut stood_s = 0.0;
-    while now - began < limit_s && stood_s < STANDS_S {
+    let mut standing_s = 0.0;
+    while now - began < limit_s && standing_s < STANDING_S {
         now = now.plus_seconds(dt);
         let pose = body.step(camera.world(), dt, now);
         said = camera.see(now, &pose)?;
         home.hear(&mut body, &said);
         home.path.push(body.place());
         home.arrived = camera.session().has_arrived();
-        stood_s = if home.arrived && body.walker.is_standing() { stood_s + dt } else { 0.0 };
+        standing_s = if home.arrived && body.walker.is_standing() { standing_s + dt } else { 0.0 };
         let along_m = camera.session().status().guiding.map_or(length_m, |g| g.along_m);
         progress.step(50 + (50.0 * along_m / length_m) as usize);
     }
     home.took_s = now - began;
-    home.held_up = body.held_up;
+    home.blocked = body.blocked;
     home.cleaned = reference_path(camera, &out.route, now).cleaned;
     Ok(home)
 }
 
-/// The way as the map has it now, as the session goes by it.
+/// The route placed by the current map, as the session follows it.
 fn reference_path(camera: &DemoCamera, route: &Route, now: Stamp) -> ReferencePath {
     ReferencePath::new(&camera.snapshot(), route, Travel::Home, now)
 }
 
-impl CameHome {
-    /// The walker hears, and it is written down where he truly stands.
+impl Return {
+    /// Gives announcements to the walker and logs them with the walker's true position.
     fn hear(&mut self, body: &mut Body, said: &[Said]) {
         for said in said {
             body.walker.hear(&said.text, said.stamp);
@@ -121,7 +125,7 @@ impl CameHome {
     }
 }
 
-/// The walker stands and turns the camera round on his chest, at an even rate with a soft start and end.
+/// The walker stands still and turns the camera round on the chest, with a smooth start and end.
 fn turn_camera(camera: &mut DemoCamera, body: &mut Body, from: Stamp, dt: f64) -> Result<Stamp, Failure> {
     let mut now = from;
     while now - from < TURN_CAMERA_S {
@@ -135,7 +139,7 @@ fn turn_camera(camera: &mut DemoCamera, body: &mut Body, from: Stamp, dt: f64) -
     Ok(now)
 }
 
-/// Points of the cleaned way on the floor of the world, given what carries map points there.
-pub fn on_floor(points: &[Vec3], place: impl Fn(&Vec3) -> Vec3) -> Vec<Vec2> {
+/// Points of a route projected onto the floor plan; `place` maps points from the map frame to the world frame.
+pub fn to_floor_plan(points: &[Vec3], place: impl Fn(&Vec3) -> Vec3) -> Vec<Vec2> {
     points.iter().map(|p| place(p).xy()).collect()
 }

@@ -1,8 +1,9 @@
-//! `cairn demo`: the main job on an embedded world. A walker goes out, the engine sees rendered images, the way is
-//! recorded and cleaned; then a walker who hears only the announced words comes home, again through rendered images.
+//! `cairn demo`: the main use case in a simulated world. A walker goes out, the engine gets rendered images, the route
+//! is recorded and cleaned; then a simulated walker who gets only the announcements returns, again with rendered
+//! images.
 //!
-//! The guide gets only what the engine says. Which way is up it learns from the walk itself (`Ground::of_walk`): the
-//! map begins at the first camera and knows no gravity. The truth of the simulation is used for the figures alone.
+//! The guide gets only the engine's output. The up direction is estimated from the walk itself (`Ground::of_walk`): the
+//! map starts at the first camera and is not gravity-aligned. Ground truth is used only for the figures.
 
 mod body;
 mod camera;
@@ -21,42 +22,43 @@ use clap::ValueEnum;
 use config::DemoConfig;
 use std::path::PathBuf;
 
-/// A walker goes out through an embedded world and is guided home by words.
+/// Simulates a walk out and a guided return, and reports how it went.
 ///
-/// Walks about 40 m with three turns, records and cleans the way, and brings a simulated walker home who hears only
-/// what is announced. Prints what was said and the figures, and writes a report that opens in any browser.
+/// Walks about 40 m with three turns through a built-in simulated world, records and cleans the route, and guides a
+/// simulated walker back who gets nothing but the announcements. Prints the announcements and the figures, and writes a
+/// report that opens in any browser.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// How the walker goes home.
+    /// How the walker faces on the return.
     #[arg(long, value_enum, default_value = "home")]
     facing: FacingArgument,
-    /// What the engine sees with.
+    /// Which sensor the engine uses.
     #[arg(long, value_enum, default_value = "stereo")]
     sensor: SensorArgument,
-    /// Seed of the world, of the sensors' noise and of the walker.
+    /// Seed of the world, the sensor noise and the walker.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Runs so many seeds from --seed on, and prints a table of them.
+    /// Runs N seeds, starting with --seed, and prints a table.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: Option<u64>,
-    /// Walks only so much of the way out, in metres.
+    /// Walks only the first M metres of the route (5 to 1000).
     #[arg(long, value_name = "M", value_parser = metres)]
     metres: Option<f64>,
-    /// The folder for report, transcript, way and trajectories.
+    /// The folder for the report, the transcript, the route and the trajectories.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
 }
 
-/// The three ways back.
+/// How the walker faces on the return.
 #[derive(Clone, Copy, ValueEnum)]
 enum FacingArgument {
-    /// Turns round and walks with the camera ahead.
+    /// The walker turns round and walks with the camera facing ahead.
     Home,
-    /// Turns the camera round on the chest: it looks back while the walker goes forwards.
+    /// The walker turns the camera round on the chest: it looks back while the walker walks forwards.
     Back,
-    /// Walks backwards, the camera as on the way out.
+    /// The walker walks backwards, the camera as on the way out.
     Backwards,
-    /// All three, with --seeds.
+    /// All three, one after the other; needs --seeds.
     All,
 }
 
@@ -64,14 +66,14 @@ enum FacingArgument {
 enum SensorArgument {
     /// Two cameras.
     Stereo,
-    /// One camera and depth.
+    /// One camera with depth (RGB-D).
     Rgbd,
 }
 
 fn metres(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(m) if (5.0..=1000.0).contains(&m) => Ok(m),
-        _ => Err("must be a number of metres from 5".into()),
+        _ => Err("must be a number of metres from 5 to 1000".into()),
     }
 }
 
@@ -97,7 +99,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         (None, [facing]) => report::run(&config(arguments.seed, *facing), &arguments.out, output),
         (None, _) => Err(Failure::new(
             "--facing all",
-            "is for many demos",
+            "needs --seeds",
             "add --seeds N, or choose one of home, back, backwards",
         )),
     }

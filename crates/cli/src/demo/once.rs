@@ -1,8 +1,8 @@
-//! One demo from the first frame to the figures.
+//! One demo, from the first frame to the figures.
 
 use super::camera::DemoCamera;
 use super::config::{DemoConfig, facing_name, sensor_name};
-use super::home::{CameHome, Spoken, come_home, on_floor};
+use super::home::{Return, Spoken, to_floor_plan, walk_back};
 use super::out::walk_out;
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -12,11 +12,11 @@ use cairn_guide::Route;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Arrived means: within this of where the walker set out, metres.
+/// Largest distance to the start that counts as arrived, metres.
 const ARRIVAL_M: f64 = 1.0;
 
-/// Landmarks are drawn when so many key frames see them.
-const SHOWN_BY: usize = 3;
+/// Landmarks are drawn when at least this many key frames observe them.
+const MIN_OBSERVATIONS_SHOWN: usize = 3;
 
 /// The figures of a demo.
 #[derive(Clone, Debug, Serialize)]
@@ -24,42 +24,42 @@ pub struct Figures {
     pub seed: u64,
     pub facing: &'static str,
     pub sensor: &'static str,
-    /// The guide said so, and the walker truly stands within a metre of where he set out.
+    /// The guide announced arrival and the walker's true position is within a metre of the start.
     pub arrived: bool,
-    /// True distance from the walker to where he set out.
+    /// True distance of the walker from the start.
     pub arrival_error_m: f64,
-    /// The guide said that the way has ended.
+    /// Whether the guide announced arrival.
     pub told_arrival: bool,
-    /// Metres truly walked on the way out.
+    /// True length of the outbound walk, metres.
     pub walked_out_m: f64,
-    /// Length of the way as recorded, with the gait in it.
+    /// Length of the route as recorded, with the sway of the gait in it.
     pub recorded_m: f64,
     /// Length after cleaning.
     pub cleaned_m: f64,
-    /// Turns on the way home.
+    /// Number of turns on the return.
     pub turns: usize,
-    /// Metres truly walked on the way home.
+    /// True length of the return, metres.
     pub walked_home_m: f64,
-    /// Seconds of the way home.
+    /// Duration of the return.
     pub home_s: f64,
-    /// Frames in which a wall or a thing held the walker up.
+    /// Number of frames in which a wall or an obstacle blocked the walker.
     pub held_up: usize,
-    /// Root mean square of the distances to the truth, out and home, after SE3 alignment.
+    /// Root mean square of the distances to the ground truth, out and back, after SE3 alignment.
     pub ate_m: f64,
     /// Share of frames with a pose.
     pub coverage: f64,
     pub frames: usize,
-    /// Seconds at which tracking was lost, and for how many frames.
+    /// When tracking was lost (seconds), and for how many frames.
     pub lost: Vec<(f64, usize)>,
     pub keyframes: usize,
     pub landmarks: usize,
-    /// Milliseconds from image to pose.
+    /// Milliseconds from image to pose, per frame.
     pub ms: Option<Percentiles>,
     pub stages: Stages,
     pub peak_rss_mb: Option<f64>,
-    /// Seconds of the walk.
+    /// Simulated time of the whole walk.
     pub walk_s: f64,
-    /// Seconds that the demo took.
+    /// Wall-clock time of the demo.
     pub wall_s: f64,
     pub said: Vec<Line>,
 }
@@ -67,16 +67,16 @@ pub struct Figures {
 /// One line of the transcript.
 #[derive(Clone, Debug, Serialize)]
 pub struct Line {
-    /// Seconds from the first frame of the way out.
+    /// Seconds since the first frame of the outbound walk.
     pub t_s: f64,
     pub words: String,
-    /// Where the walker truly was, metres in the world.
+    /// The walker's true position, metres in the world frame.
     pub at: [f64; 2],
-    /// It broke off what was being said.
+    /// Whether it interrupted the previous announcement.
     pub interrupts: bool,
 }
 
-/// Everything that a report draws on.
+/// Everything the report needs.
 pub struct Demo {
     pub figures: Figures,
     pub evaluation: Evaluation,
@@ -86,28 +86,31 @@ pub struct Demo {
     pub step_ms: Vec<f64>,
     /// Walls of the world, metres.
     pub walls: Vec<[Vec2; 2]>,
-    /// Landmarks that several key frames see, laid onto the world, metres.
+    /// Landmarks observed by several key frames, aligned to the world frame, metres.
     pub landmarks: Vec<Vec2>,
-    /// The recorded way laid onto the world.
+    /// The recorded route, aligned to the world frame.
     pub recorded: Vec<Vec2>,
-    /// The cleaned way laid onto the world.
+    /// The cleaned route, aligned to the world frame.
     pub cleaned: Vec<Vec2>,
-    /// Where the walker truly went on the way home.
+    /// The walker's true path on the return.
     pub path_home: Vec<Vec2>,
-    /// Where he set out.
+    /// Where the walk started.
     pub start: Vec2,
-    /// Where he turned back.
+    /// Where the walker turned back.
     pub far_end: Vec2,
 }
 
-/// Walks out and home.
+/// Runs the walk out and the return.
+///
+/// # Errors
+/// When the session or the renderer fails, nothing was recorded, or the trajectory cannot be evaluated.
 pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
     let begin = Instant::now();
     let progress = Progress::new(Some(100));
     let mut camera = DemoCamera::new(&config.sim, config.source())?;
     let out = walk_out(&mut camera, config, &progress)?;
     let start = camera.world().routes().first().and_then(|w| w.points.first()).copied().unwrap_or_default();
-    let home = come_home(&mut camera, &out, config, &progress)?;
+    let home = walk_back(&mut camera, &out, config, &progress)?;
     drop(progress);
     let estimate = camera.estimate()?;
     let options = EvalOptions { align: Align::Se3, max_difference_s: 1e-6, ..EvalOptions::default() };
@@ -119,7 +122,7 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
     let recorded: Vec<Vec3> = (out.route.resolve(|a| cairn_session::standing(&map, a)).iter())
         .map(|p| p.frame_from_camera.translation)
         .collect();
-    let last = home.path.last().copied().unwrap_or(out.stands.0);
+    let last = home.path.last().copied().unwrap_or(out.turning_point.0);
     let arrival_error_m = (last - start).norm();
     let figures = Figures {
         seed: config.seed,
@@ -134,7 +137,7 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         turns: home.turns,
         walked_home_m: home.path.windows(2).map(|w| (w[1] - w[0]).norm()).sum(),
         home_s: home.took_s,
-        held_up: home.held_up,
+        held_up: home.blocked,
         ate_m: evaluation.ate_m.rmse,
         coverage: evaluation.coverage,
         frames: camera.truth.len(),
@@ -148,20 +151,20 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         wall_s: begin.elapsed().as_secs_f64(),
         said: home.said.iter().map(line).collect(),
     };
-    let CameHome { cleaned, path, .. } = home;
+    let Return { cleaned, path, .. } = home;
     Ok(Demo {
         figures,
         estimate,
         step_ms: std::mem::take(&mut camera.step_ms),
         walls: camera.world().plan().iter().map(|(a, b)| [*a, *b]).collect(),
-        landmarks: (map.landmarks().filter(|l| l.observations.len() >= SHOWN_BY))
+        landmarks: (map.landmarks().filter(|l| l.observations.len() >= MIN_OBSERVATIONS_SHOWN))
             .map(|l| place(&l.position).xy())
             .collect(),
-        recorded: on_floor(&recorded, place),
-        cleaned: on_floor(&cleaned.points, place),
+        recorded: to_floor_plan(&recorded, place),
+        cleaned: to_floor_plan(&cleaned.points, place),
         path_home: path,
         start,
-        far_end: out.stands.0,
+        far_end: out.turning_point.0,
         route: out.route,
         truth: std::mem::take(&mut camera.truth),
         evaluation,

@@ -1,4 +1,4 @@
-//! The way out: a walker goes along a way of the world, the session looks and keeps the way.
+//! The outbound walk: a walker follows a route of the simulated world and the session records it.
 
 use super::camera::DemoCamera;
 use super::config::DemoConfig;
@@ -9,19 +9,19 @@ use cairn_guide::{Ground, Route, RouteHeader};
 use cairn_sensor::Stamp;
 use cairn_session::Command;
 
-/// What the way out left behind.
+/// Result of the outbound walk.
 pub struct WalkedOut {
-    /// The way as it was recorded; its header holds the direction up that the walk itself told.
+    /// The recorded route; its header holds the up direction estimated from the walk.
     pub route: Route,
     /// Time of the last frame.
     pub end: Stamp,
-    /// Where the walker truly stands now, metres, and where he faces, radians.
-    pub stands: (Vec2, f64),
-    /// Metres truly walked, the gait left out.
+    /// The walker's true position (metres) and heading (radians) at the end.
+    pub turning_point: (Vec2, f64),
+    /// True length walked in metres, without the sway of the gait.
     pub walked_m: f64,
 }
 
-/// The corners of the way, of at most so many metres.
+/// The corners of a route, cut off after `metres`.
 pub fn corners(points: &[Vec2], metres: Option<f64>) -> Vec<Vec2> {
     let mut left = metres.unwrap_or(f64::INFINITY);
     let mut out: Vec<Vec2> = points.first().copied().into_iter().collect();
@@ -37,7 +37,10 @@ pub fn corners(points: &[Vec2], metres: Option<f64>) -> Vec<Vec2> {
     out
 }
 
-/// Walks out and records.
+/// Walks out and records the route.
+///
+/// # Errors
+/// When the session or the renderer fails, or tracking never started.
 pub fn walk_out(
     camera: &mut DemoCamera,
     config: &DemoConfig,
@@ -56,10 +59,10 @@ pub fn walk_out(
         progress.step((50.0 * t / motion.end()) as usize);
     }
     let nothing =
-        || Failure::new("the way out", "tracking never began, nothing was recorded", "try another --seed");
+        || Failure::new("the walk", "tracking never started, so nothing was recorded", "try another --seed");
     camera.ask(&Command::Stop).map_err(|_| nothing())?;
     let mut route = camera.session().route().cloned().ok_or_else(nothing)?;
-    // The map begins at the first camera and knows no gravity; the walk tells which way is up.
+    // The map starts at the first camera and is not gravity-aligned: the up direction is estimated from the walk.
     let poses: Vec<Se3> = route.points.iter().map(|p| p.odom_from_camera).collect();
     let ground = Ground::of_walk(&poses).ok_or_else(nothing)?;
     route.header = RouteHeader::new(true, &ground, config.source());
@@ -67,7 +70,7 @@ pub fn walk_out(
         [.., a, b] => (b - a).y.atan2((b - a).x),
         _ => 0.0,
     };
-    let stands = (corners.last().copied().unwrap_or_default(), heading);
+    let turning_point = (corners.last().copied().unwrap_or_default(), heading);
     let walked_m = corners.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
-    Ok(WalkedOut { route, end: stamp, stands, walked_m })
+    Ok(WalkedOut { route, end: stamp, turning_point, walked_m })
 }

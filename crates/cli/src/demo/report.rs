@@ -1,4 +1,4 @@
-//! What a demo leaves: text on the terminal, files in its folder, and a page that opens in any browser.
+//! Output of a demo: text on the terminal, files in its folder, and a page that opens in any browser.
 
 use super::config::DemoConfig;
 use super::once::{Demo, Figures, once};
@@ -12,7 +12,10 @@ use cairn_geometry::Vec2;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Runs one demo, prints it and writes its files.
+/// Runs one demo, prints its result and writes its files.
+///
+/// # Errors
+/// When the demo fails, the walker did not arrive, or a file cannot be written.
 pub fn run(config: &DemoConfig, folder: &Path, output: &Output) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|e| {
         Failure::new(folder.display().to_string(), e.to_string(), "choose another folder with --out")
@@ -27,8 +30,8 @@ pub fn run(config: &DemoConfig, folder: &Path, output: &Output) -> Result<(), Fa
         return output.result(f, text);
     }
     output.text(&text(f))?;
-    let why = format!("the walker did not come home: {:.2} m from where the walk began", f.arrival_error_m);
-    Err(Failure::new("the demo", why, format!("see {} for where it went wrong", report.display())))
+    let why = format!("the walker did not get back: {:.2} m from the start", f.arrival_error_m);
+    Err(Failure::new("the demo", why, format!("see {} for what happened", report.display())))
 }
 
 fn write_files(demo: &Demo, plan: &Figure, folder: &Path) -> Result<(), Failure> {
@@ -40,8 +43,8 @@ fn write_files(demo: &Demo, plan: &Figure, folder: &Path) -> Result<(), Failure>
     write_whole(&folder.join("transcript.txt"), &transcript(&demo.figures))?;
     write_whole(&folder.join("truth.tum"), &to_tum(&demo.truth))?;
     write_whole(&folder.join("estimate.tum"), &to_tum(&demo.estimate))?;
-    let route = folder.join("way.jsonl");
-    // A way on disk is never written over; the one of an earlier demo in this folder makes room.
+    let route = folder.join("demo.route");
+    // A recorded route is never overwritten; one left by an earlier demo in this folder is removed first.
     let fail = |e: std::io::Error| {
         Failure::new(route.display().to_string(), e.to_string(), "choose another folder with --out")
     };
@@ -51,11 +54,11 @@ fn write_files(demo: &Demo, plan: &Figure, folder: &Path) -> Result<(), Failure>
     demo.route.save(&route).map_err(fail)
 }
 
-/// What was said, a line each with its time.
+/// The announcements, one line each with its time.
 fn transcript(f: &Figures) -> String {
     let mut text = String::new();
     for line in &f.said {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "{:>3}:{:04.1}  {}", (line.t_s / 60.0) as i64, line.t_s % 60.0, line.words);
     }
     text
@@ -67,14 +70,14 @@ fn summary(f: &Figures) -> String {
         let _ = writeln!(text, "{name:<10} {value}");
     };
     row(
-        "way",
+        "route",
         format!(
             "{:.1} m walked out, {:.1} m recorded, {:.1} m cleaned, {} turns",
             f.walked_out_m, f.recorded_m, f.cleaned_m, f.turns
         ),
     );
     row(
-        "home",
+        "return",
         format!(
             "{}, {:.1} m in {:.0} s, {} announcements",
             f.facing,
@@ -85,16 +88,12 @@ fn summary(f: &Figures) -> String {
     );
     row(
         "arrival",
-        format!(
-            "{}, {:.2} m from where the walk began",
-            if f.arrived { "yes" } else { "no" },
-            f.arrival_error_m
-        ),
+        format!("{}, {:.2} m from the start", if f.arrived { "yes" } else { "no" }, f.arrival_error_m),
     );
     row(
         "ATE",
         format!(
-            "{:.4} m RMSE over {:.1} m out and home, SE3; coverage {:.4} of {} frames",
+            "{:.4} m RMSE over {:.1} m out and back, aligned by SE3; coverage {:.4} of {} frames",
             f.ate_m,
             f.walked_out_m + f.walked_home_m,
             f.coverage,
@@ -108,7 +107,7 @@ fn summary(f: &Figures) -> String {
         row("step", format!("{ms} ms from image to pose, {}", f.sensor));
     }
     if let Some(ms) = f.stages.get("map") {
-        row("mapping", format!("{ms} ms for a key frame"));
+        row("mapping", format!("{ms} ms per key frame"));
     }
     let memory = f.peak_rss_mb.map_or("unknown".into(), |m| format!("{m:.0} MB"));
     row("map", format!("{} key frames, {} landmarks; peak memory {memory}", f.keyframes, f.landmarks));
@@ -120,20 +119,20 @@ fn plan(demo: &Demo) -> Figure {
     let f = &demo.figures;
     let mut lines = vec![
         PlanLine {
-            label: "way as recorded".into(),
+            label: "route as recorded".into(),
             points: demo.recorded.clone(),
             tone: Tone::Truth,
             broad: true,
             ..PlanLine::default()
         },
         PlanLine {
-            label: "cleaned".into(),
+            label: "cleaned route".into(),
             points: demo.cleaned.clone(),
             tone: Tone::First,
             ..PlanLine::default()
         },
         PlanLine {
-            label: "way home, as walked".into(),
+            label: "return, as walked".into(),
             points: demo.path_home.clone(),
             tone: Tone::Second,
             arrows: true,
@@ -145,11 +144,11 @@ fn plan(demo: &Demo) -> Figure {
     let events = events.map(|(k, line)| Event { number: k + 1, at: Vec2::from(line.at), tone: Tone::Second });
     let marker = |label: &str, at| Marker { label: label.into(), at, tone: Tone::Third };
     let plan = Plan {
-        title: format!("Out and home, seed {}, {}", f.seed, f.facing),
+        title: format!("Out and back, seed {}, {}", f.seed, f.facing),
         description: format!(
-            "Corridors seen from above. The recorded way of {:.1} m with {} turns leads from the start to the far \
-             end; the way home leads back beside it and ends {:.2} m from the start. Numbers show where something \
-             was said; the words are in the transcript.",
+            "Corridors seen from above. The recorded route of {:.1} m with {} turns leads from the start to the far \
+             end; the return path runs beside it and ends {:.2} m from the start. Numbers mark the places of the \
+             announcements listed in the transcript.",
             f.recorded_m, f.turns, f.arrival_error_m
         ),
         walls: demo.walls.clone(),
@@ -164,22 +163,22 @@ fn plan(demo: &Demo) -> Figure {
 
 fn page(demo: &Demo, plan: &Figure) -> String {
     let f = &demo.figures;
-    let came = if f.arrived { "came home" } else { "did not come home" };
+    let outcome = if f.arrived { "was guided back" } else { "did not get back" };
     let lead = format!(
-        "A walker went {:.0} m out and {came}, {:.2} m from where the walk began, hearing only the words below.",
+        "A walker went {:.0} m out and {outcome}, ending {:.2} m from the start, with only the announcements below.",
         f.walked_out_m, f.arrival_error_m
     );
     let mut page =
-        Page::new(&format!("Out and home: {}, {} camera, seed {}", f.facing, f.sensor, f.seed), &lead);
-    page.heading("In short");
+        Page::new(&format!("Out and back: {}, {} camera, seed {}", f.facing, f.sensor, f.seed), &lead);
+    page.heading("Summary");
     let number = |v: Option<f64>, digits: usize, unit: &str| {
         v.map_or("unknown".to_owned(), |v| format!("{v:.digits$} {unit}"))
     };
     page.facts(&[
         ("Arrival error", &format!("{:.2} m", f.arrival_error_m)),
-        ("Way out", &format!("{:.1} m", f.walked_out_m)),
-        ("Cleaned way", &format!("{:.1} m, {} turns", f.cleaned_m, f.turns)),
-        ("Way home", &format!("{:.1} m", f.walked_home_m)),
+        ("Outbound walk", &format!("{:.1} m", f.walked_out_m)),
+        ("Cleaned route", &format!("{:.1} m, {} turns", f.cleaned_m, f.turns)),
+        ("Return", &format!("{:.1} m", f.walked_home_m)),
         ("ATE, RMSE", &format!("{:.4} m", f.ate_m)),
         ("Coverage", &format!("{:.4}", f.coverage)),
         ("Step, median", &number(f.ms.map(|ms| ms.p50), 1, "ms")),
@@ -188,13 +187,13 @@ fn page(demo: &Demo, plan: &Figure) -> String {
         ("Landmarks", &f.landmarks.to_string()),
         ("Peak memory", &number(f.peak_rss_mb, 0, "MB")),
     ]);
-    page.heading("The way");
+    page.heading("The route");
     page.figure(
         plan,
-        "Walls of the world in grey lines, landmarks of the map as dots. The map, the recorded and the cleaned way \
-         are laid onto the world by aligning the whole trajectory; the way home is where the walker truly went.",
+        "Walls of the world as grey lines, landmarks of the map as dots. The map, the recorded and the cleaned route \
+         are placed in the world by aligning the whole trajectory; the return is the walker's true path.",
     );
-    page.heading("What was said");
+    page.heading("Announcements");
     let said: Vec<Said> = (f.said.iter().enumerate())
         .map(|(k, line)| Said {
             number: Some(k + 1),
@@ -203,26 +202,26 @@ fn page(demo: &Demo, plan: &Figure) -> String {
             note: if line.interrupts { "interrupts".into() } else { String::new() },
         })
         .collect();
-    page.transcript("Times count from the first frame of the way out.", &said);
-    page.heading("How well it saw");
+    page.transcript("Times count from the first frame of the outbound walk.", &said);
+    page.heading("Accuracy");
     page.figure(
-        &error_over_time("Error of the position", &demo.evaluation),
-        "Distance of each pose to the truth, out and home, after aligning the whole trajectory.",
+        &error_over_time("Position error", &demo.evaluation),
+        "Distance of each pose to the ground truth, out and back, after aligning the whole trajectory.",
     );
     for (t, frames) in &f.lost {
         page.paragraph(&format!("Tracking was lost at {t:.1} s for {frames} frames."));
     }
-    page.heading("What it cost");
-    page.figure(&times_over_frames("Step", &demo.step_ms), "From the image to the pose, frame by frame.");
+    page.heading("Cost");
+    page.figure(&times_over_frames("Step", &demo.step_ms), "Time from image to pose, frame by frame.");
     let rows = f.stages.0.iter().map(|(name, p)| {
         let cells = [p.p50, p.p95, p.p99, p.max].map(|v| format!("{v:.2}"));
         std::iter::once(name.clone()).chain(cells).collect()
     });
     let rows: Vec<Vec<String>> = rows.collect();
-    page.table("Milliseconds of each stage", &["stage", "p50", "p95", "p99", "max"], &rows);
+    page.table("Milliseconds per stage", &["stage", "p50", "p95", "p99", "max"], &rows);
     page.paragraph(&format!(
-        "The whole demo took {:.1} s for {:.0} s of walking; rendering the images is part of that, and no part of \
-         the step.",
+        "The whole demo took {:.1} s for {:.0} s of walking; this includes rendering the images, which is not part \
+         of the step.",
         f.wall_s, f.walk_s
     ));
     page.finish()

@@ -1,4 +1,4 @@
-//! Many seeds, one after the other: a table of how each came home.
+//! Many demos with different seeds, one after the other, as a table.
 
 use super::config::DemoConfig;
 use super::once::{Figures, once};
@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use serde::Serialize;
 
-/// What came of all of them.
+/// The results of all runs.
 #[derive(Serialize)]
 struct Tally {
     runs: usize,
@@ -17,7 +17,7 @@ struct Tally {
     each: Vec<Figures>,
 }
 
-/// Half are at most the median.
+/// Median and maximum of a figure.
 #[derive(Serialize)]
 struct Spread {
     median: f64,
@@ -33,11 +33,14 @@ impl Spread {
     }
 }
 
-/// Runs all, tells each as it ends; fails when one did not arrive.
-pub fn run(settings: impl Iterator<Item = DemoConfig>, output: &Output) -> Result<(), Failure> {
+/// Runs all demos and prints a row as each ends.
+///
+/// # Errors
+/// When a demo fails or a walker did not arrive.
+pub fn run(configs: impl Iterator<Item = DemoConfig>, output: &Output) -> Result<(), Failure> {
     let mut each = Vec::new();
     output.text(HEAD)?;
-    for config in settings {
+    for config in configs {
         let figures = once(&config)?.figures;
         output.text(&row(&figures))?;
         each.push(figures);
@@ -54,16 +57,20 @@ pub fn run(settings: impl Iterator<Item = DemoConfig>, output: &Output) -> Resul
         return output.result(&tally, summary);
     }
     output.text(&summary(&tally))?;
-    let why = format!("{} of {} walkers came home", tally.arrived, tally.runs);
-    Err(Failure::new("the demo", why, "run cairn demo --seed N for one that did not, and see its report"))
+    let why = format!("{} of {} walkers arrived", tally.arrived, tally.runs);
+    Err(Failure::new(
+        "the demo",
+        why,
+        "run cairn demo --seed N with a seed that failed and look at its report",
+    ))
 }
 
-const HEAD: &str = "seed  facing     arrived  error m  way m  home m  said  /100 m  ATE m   coverage  lost  ms p50   p99  wall s";
+const HEAD: &str = "seed  facing     arrived  error m  route m  back m  said  /100 m  ATE m   coverage  lost  ms p50   p99  wall s";
 
 fn row(f: &Figures) -> String {
     let (p50, p99) = f.ms.map_or((0.0, 0.0), |ms| (ms.p50, ms.p99));
     format!(
-        "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>5.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
+        "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>7.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
         f.seed,
         f.facing,
         if f.arrived { "yes" } else { "no" },
@@ -81,7 +88,7 @@ fn row(f: &Figures) -> String {
     )
 }
 
-/// The last lines: all, and each way back by itself.
+/// The last lines: all runs together, then each facing by itself.
 fn summary(tally: &Tally) -> String {
     let mut lines = Vec::new();
     lines.push(line("all", &tally.each));
@@ -98,7 +105,7 @@ fn line(name: &str, each: &[Figures]) -> String {
     let error = Spread::of(each.iter().map(|f| f.arrival_error_m));
     let ate = Spread::of(each.iter().map(|f| f.ate_m));
     format!(
-        "{name}: {} of {} arrived within 1 m; arrival error median {:.2}, max {:.2} m; ATE median {:.4}, max {:.4} m; at most {:.0} s each",
+        "{name}: {} of {} arrived within 1 m; arrival error median {:.2}, max {:.2} m; ATE median {:.4}, max {:.4} m; at most {:.0} s per run",
         each.iter().filter(|f| f.arrived).count(),
         each.len(),
         error.median,

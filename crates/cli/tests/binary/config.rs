@@ -3,7 +3,7 @@
 use crate::{cairn, json, stdout};
 
 #[test]
-fn config_prints_every_entry_with_a_comment_and_the_same_as_json() {
+fn config_prints_every_entry_with_comments_and_as_json() {
     let text = stdout(&cairn(&["config"]));
     let value = json(&cairn(&["config", "--json"]));
     let levels = &value["front_end"]["orb"]["levels"];

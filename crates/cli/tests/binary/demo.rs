@@ -1,8 +1,8 @@
-//! The demo on a shortened way, by the whole line: images, map, way, words, walker.
+//! The demo on a shortened route, end to end: images, map, route, announcements, walker.
 
 use super::{cairn, fails, folder, json, stderr, stdout};
 
-/// Rendering and tracking some hundred frames takes minutes without optimisation.
+/// Rendering and tracking several hundred frames takes minutes without optimisation.
 fn too_slow() -> bool {
     let slow = cfg!(debug_assertions);
     if slow {
@@ -12,7 +12,7 @@ fn too_slow() -> bool {
 }
 
 #[test]
-fn a_walker_comes_home_by_words_and_the_report_shows_it() {
+fn walker_is_guided_back_and_report_lists_announcements() {
     if too_slow() {
         return;
     }
@@ -29,29 +29,29 @@ fn a_walker_comes_home_by_words_and_the_report_shows_it() {
     assert!(number("ate_m") < 0.2 && number("coverage") > 0.99, "{result:#}");
     let said: Vec<&str> =
         result["said"].as_array().unwrap().iter().filter_map(|line| line["words"].as_str()).collect();
-    assert!(said[0].starts_with("The way has stops."), "nobody looked the other way yet: {said:?}");
+    assert!(said[0].contains("not seen from this direction"), "nobody looked the other way yet: {said:?}");
     assert!(said[1].contains("Turn around") && said.iter().any(|w| w.contains("Turn right now")), "{said:?}");
     assert_eq!(said.last(), Some(&"Stop. You have arrived. Guidance ends."));
 
     let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
     let report = read("report.html");
-    assert!(said.iter().all(|words| report.contains(words)), "every word stands in the report");
+    assert!(said.iter().all(|words| report.contains(words)), "the report lists every announcement");
     assert!(report.contains("<svg") && !report.contains("<script") && !report.contains("src="));
     assert!(read("plan.svg").contains("</svg>"));
     assert_eq!(read("transcript.txt").lines().count(), said.len());
 
-    // The files say what the figures say.
+    // The written files agree with the figures.
     let path = |name: &str| out.join(name).to_str().unwrap().to_owned();
-    let judged = json(&cairn(&["eval", &path("truth.tum"), &path("estimate.tum"), "--json"]));
-    let ate_m = judged["ate_m"]["rmse"].as_f64().unwrap();
+    let evaluated = json(&cairn(&["eval", &path("truth.tum"), &path("estimate.tum"), "--json"]));
+    let ate_m = evaluated["ate_m"]["rmse"].as_f64().unwrap();
     assert!((ate_m - number("ate_m")).abs() < 1e-6, "{ate_m}");
-    let route = stdout(&cairn(&["way", "info", &path("way.jsonl")]));
+    let route = stdout(&cairn(&["route", "info", &path("demo.route")]));
     assert!(route.contains("1 turns"), "{route}");
     std::fs::remove_dir_all(out).unwrap();
 }
 
 #[test]
-fn a_folder_that_cannot_be_and_a_way_that_is_none_are_told() {
+fn impossible_folder_and_wrong_arguments_are_errors() {
     let file = folder("demo-file").join("file");
     std::fs::write(&file, "").unwrap();
     fails(&["demo", "--out", file.join("inside").to_str().unwrap()], &["inside", "--out"]);

@@ -4,7 +4,7 @@ use crate::{cairn, json, stderr, stdout};
 use std::process::Command;
 
 #[test]
-fn doctor_tells_the_same_in_text_and_json() {
+fn doctor_text_and_json_agree() {
     let text = cairn(&["doctor"]);
     assert_eq!(text.status.code(), Some(0), "{}", stderr(&text));
     assert!(stdout(&text).contains("cores"), "{}", stdout(&text));
@@ -14,7 +14,7 @@ fn doctor_tells_the_same_in_text_and_json() {
 }
 
 #[test]
-fn doctor_names_the_data_folder_it_was_given() {
+fn doctor_reports_the_given_data_folder() {
     let output = Command::new(env!("CARGO_BIN_EXE_cairn"))
         .args(["doctor", "--json"])
         .env("CAIRN_DATA", "/nowhere/at/all")

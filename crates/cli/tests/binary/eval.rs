@@ -2,7 +2,7 @@
 
 use crate::{cairn, fails, folder, json, stdout};
 
-/// A square of five poses a side, in TUM form, moved by `x` and with its last pose off by `off`.
+/// A square with five poses per side in TUM format, shifted by `x`, its last pose displaced by `off`.
 fn square(x: f64, off: f64) -> String {
     let mut text = String::from("# t x y z qx qy qz qw\n");
     for i in 0..20 {
@@ -35,7 +35,7 @@ fn eval_prints_figures_in_text_and_json() {
 }
 
 #[test]
-fn eval_tells_what_is_wrong_with_a_file() {
+fn eval_reports_errors_in_files() {
     let folder = folder("eval-wrong");
     let write = |name: &str, text: &str| {
         let path = folder.join(name);

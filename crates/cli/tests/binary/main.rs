@@ -1,4 +1,4 @@
-//! The binary as a user meets it: exit codes, one-line errors that name the cure, JSON that is JSON.
+//! The binary as a user sees it: exit codes, one-line errors with a hint, valid JSON.
 
 mod config;
 mod demo;
@@ -36,7 +36,7 @@ fn json(output: &Output) -> Value {
 }
 
 #[test]
-fn wrong_usage_is_code_2_and_help_is_code_0() {
+fn wrong_usage_exits_with_2_and_help_with_0() {
     for wrong in [&[][..], &["fly"], &["doctor", "--wings"]] {
         let output = cairn(wrong);
         assert_eq!(output.status.code(), Some(2), "{wrong:?}");
@@ -50,7 +50,7 @@ fn wrong_usage_is_code_2_and_help_is_code_0() {
 }
 
 #[test]
-fn every_command_in_the_help_has_help_with_json() {
+fn every_listed_command_has_help_and_json() {
     let help = stdout(&cairn(&["--help"]));
     let listed =
         help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
@@ -70,7 +70,7 @@ fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// Code 1, nothing on stdout, and one line on stderr that names the file, holds these words, and ends in a hint.
+/// Asserts exit code 1, nothing on stdout, and one line on stderr that contains these words and a hint.
 #[track_caller]
 fn fails(arguments: &[&str], words: &[&str]) {
     let output = cairn(arguments);

@@ -1,15 +1,15 @@
-//! `cairn map`, and the maps of `cairn run`.
+//! `cairn map`, and saving and loading maps with `cairn run`.
 
 use crate::{cairn, fails, folder, json, stderr, stdout};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A second and a half of the demo world, small: what a test has time for.
+/// 1.5 s of the demo world at low resolution, to keep tests short.
 const WORLD: &str = "sim:demo?duration=1.5&resolution=320x240&sensor=rgbd";
 
-/// Runs through the world and saves the map; the path of the map.
-fn mapped(folder: &Path, name: &str, more: &[&str]) -> String {
+/// Runs on the simulated world and saves the map; returns the path of the map.
+fn save_map(folder: &Path, name: &str, more: &[&str]) -> String {
     let path = folder.join(name).to_str().unwrap().to_owned();
     let arguments = [&["run", WORLD, "--map-out", &path][..], more].concat();
     let output = cairn(&arguments);
@@ -18,11 +18,11 @@ fn mapped(folder: &Path, name: &str, more: &[&str]) -> String {
 }
 
 #[test]
-fn a_saved_map_is_told_checked_exported_and_walked_in_again() {
+fn saved_map_info_check_export_and_relocalization() {
     let folder = folder("map");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let route = path("home.route");
-    let map = mapped(&folder, "a.map", &["--record", &route]);
+    let map = save_map(&folder, "a.map", &["--record", &route]);
     assert_eq!(stdout(&cairn(&["map", "check", &map])).lines().count(), 1);
 
     let info = json(&cairn(&["map", "info", &map, "--json"]))["maps"][0].clone();
@@ -31,9 +31,9 @@ fn a_saved_map_is_told_checked_exported_and_walked_in_again() {
     assert!(key_frames >= 2 && landmarks > 100 && info["maps"].as_array().unwrap().len() == 1, "{info}");
     assert_eq!(info["routes"][0]["name"], "home", "{info}");
     let recorded = json(&cairn(&["route", "info", &route, "--json"]));
-    assert_eq!(info["routes"][0]["points"], recorded["points"], "the way is in the map");
+    assert_eq!(info["routes"][0]["points"], recorded["points"], "the route is saved in the map");
     let text = stdout(&cairn(&["map", "info", &map]));
-    assert!(text.contains("made with rgbd") && text.contains("way       home"), "{text}");
+    assert!(text.contains("made with rgbd") && text.contains("route     home"), "{text}");
 
     let (points, trajectory) = (path("points.ply"), path("key.tum"));
     let done = cairn(&["map", "export", &map, "--points", &points, "--trajectory", &trajectory, "--json"]);
@@ -59,28 +59,28 @@ fn a_saved_map_is_told_checked_exported_and_walked_in_again() {
     );
     assert!(again["tracked"].as_u64().unwrap() >= 30, "the place was not recognised: {again}");
     assert!(again["accuracy"]["ate_m"]["rmse"].as_f64().unwrap() < 0.02, "{again}");
-    assert_eq!(std::fs::read(&map).unwrap(), before, "only looked at");
+    assert_eq!(std::fs::read(&map).unwrap(), before, "the map is unchanged");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]
-fn what_does_not_fit_a_map_is_told() {
+fn mismatching_and_damaged_maps_are_reported() {
     let folder = folder("map-wrong");
-    let map = mapped(&folder, "a.map", &["--frames", "5"]);
+    let map = save_map(&folder, "a.map", &["--frames", "5"]);
     let other = "sim:demo?duration=1&resolution=640x480&sensor=rgbd";
     fails(&["run", other, "--map-in", &map], &["a.map", "another camera", "px apart"]);
     fails(&["run", WORLD, "--map-in", &map, "--sensor", "mono"], &["a.map", "made with rgbd"]);
     fails(&["run", WORLD, "--map-in", "/no/such.map"], &["/no/such.map", "check the path"]);
     fails(&["run", WORLD, "--map-out", "/no/such/a.map"], &["make the folder first"]);
-    fails(&["map", "export", &map], &["nothing is to be written"]);
-    fails(&["map", "export", &map, "--points", "x.ply", "--world", "7"], &["no world 7", "these: [0]"]);
+    fails(&["map", "export", &map], &["nothing to write"]);
+    fails(&["map", "export", &map, "--points", "x.ply", "--map", "7"], &["no map 7", "these: [0]"]);
     for wrong in
         [&["run", WORLD, "--localize-only"][..], &["map", "info"], &["map", "merge", &map, "--out", "x"]]
     {
         assert_eq!(cairn(wrong).status.code(), Some(2), "{wrong:?}");
     }
 
-    // Damaged: the part is named, by every command, and the parts that are whole too.
+    // Damaged: every command names the part, and check also lists the intact ones.
     let mut bytes = std::fs::read(&map).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 0x10;
@@ -101,14 +101,14 @@ fn what_does_not_fit_a_map_is_told() {
 }
 
 #[test]
-fn two_sessions_stand_in_one_file_each_with_its_way() {
+fn merged_file_has_both_maps_and_routes() {
     let folder = folder("map-merge");
     let route = |n: &str| folder.join(n).join("home.route").to_str().unwrap().to_owned();
     for n in ["one", "two"] {
         std::fs::create_dir(folder.join(n)).unwrap();
     }
-    let a = mapped(&folder, "a.map", &["--record", &route("one")]);
-    let b = mapped(&folder, "b.map", &["--record", &route("two"), "--frames", "25"]);
+    let a = save_map(&folder, "a.map", &["--record", &route("one")]);
+    let b = save_map(&folder, "b.map", &["--record", &route("two"), "--frames", "25"]);
     let both = folder.join("both.map").to_str().unwrap().to_owned();
     let merged = json(&cairn(&["map", "merge", &a, &b, "--out", &both, "--json"]));
     assert_eq!((&merged["maps"], &merged["routes"]), (&2.into(), &2.into()), "{merged}");
@@ -118,7 +118,7 @@ fn two_sessions_stand_in_one_file_each_with_its_way() {
     for what in ["key_frames", "landmarks", "observations"] {
         assert_eq!(count(0, what) + count(1, what), count(2, what), "{what}");
     }
-    // The second way hangs on the key frames of the second map: it is as long as it was.
+    // The second route is anchored to the key frames of the second map, so its length is unchanged.
     let length = |i: usize, route: usize| of(i, "routes")[route]["length_m"].as_f64().unwrap();
     assert_eq!(of(2, "routes")[1]["name"], "home-2");
     assert!((length(2, 1) - length(1, 0)).abs() < 1e-6 && length(1, 0) > 0.3, "{infos}");
@@ -130,27 +130,27 @@ fn two_sessions_stand_in_one_file_each_with_its_way() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// The record with every key frame's number far beyond those of a map.
-fn hung_elsewhere(text: &str) -> String {
+/// The route with every key frame number far beyond those of the map.
+fn anchored_elsewhere(text: &str) -> String {
     text.replace("\"seq\":", "\"seq\":4000")
 }
 
 #[test]
-fn a_record_goes_on_in_the_map_it_hangs_on() {
+fn recording_continues_in_the_map_of_the_route() {
     let folder = folder("map-record");
     let route = folder.join("walk.route").to_str().unwrap().to_owned();
-    let map = mapped(&folder, "a.map", &["--record", &route, "--frames", "15"]);
+    let map = save_map(&folder, "a.map", &["--record", &route, "--frames", "15"]);
     let points = |route: &str| json(&cairn(&["route", "info", route, "--json"]))["points"].as_u64().unwrap();
     let before = points(&route);
-    let on = mapped(&folder, "b.map", &["--map-in", &map, "--record", &route, "--start", "0.8"]);
+    let on = save_map(&folder, "b.map", &["--map-in", &map, "--record", &route, "--start", "0.8"]);
     assert!(points(&route) > before, "nothing was added to {before} points");
     assert_eq!(
         json(&cairn(&["map", "info", &on, "--json"]))["maps"][0]["routes"][0]["points"],
         points(&route)
     );
-    // A record of elsewhere is not touched.
+    // A route of another map is left unchanged.
     let text = std::fs::read_to_string(&route).unwrap();
-    let far = hung_elsewhere(&text);
+    let far = anchored_elsewhere(&text);
     std::fs::write(&route, &far).unwrap();
     fails(
         &["run", WORLD, "--map-in", &map, "--record", &route],
@@ -160,9 +160,9 @@ fn a_record_goes_on_in_the_map_it_hangs_on() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// A run that would last long, when what is waited for has come.
+/// Starts a long run and returns when `ready` holds.
 #[cfg(unix)]
-fn running(more: &[&str], came: impl Fn() -> bool) -> std::process::Child {
+fn running(more: &[&str], ready: impl Fn() -> bool) -> std::process::Child {
     let world = "sim:demo?duration=600&resolution=320x240&sensor=rgbd";
     let mut child = Command::new(env!("CARGO_BIN_EXE_cairn"))
         .args([&["run", world][..], more].concat())
@@ -171,9 +171,9 @@ fn running(more: &[&str], came: impl Fn() -> bool) -> std::process::Child {
         .spawn()
         .unwrap();
     let began = Instant::now();
-    while !came() {
+    while !ready() {
         let runs = began.elapsed() < Duration::from_secs(60) && child.try_wait().unwrap().is_none();
-        assert!(runs, "it does not run");
+        assert!(runs, "the run ended or took too long");
         std::thread::sleep(Duration::from_millis(20));
     }
     child
@@ -181,7 +181,7 @@ fn running(more: &[&str], came: impl Fn() -> bool) -> std::process::Child {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupted_run_saves_its_map_and_way() {
+fn interrupted_run_saves_map_and_route() {
     let folder = folder("map-interrupt");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let (map, route) = (path("a.map"), path("walk.route"));
@@ -200,7 +200,7 @@ fn an_interrupted_run_saves_its_map_and_way() {
 
 #[cfg(unix)]
 #[test]
-fn a_killed_run_leaves_the_map_of_a_moment_before() {
+fn killed_run_leaves_the_last_saved_map() {
     let folder = folder("map-kill");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let (map, route) = (path("a.map"), path("walk.route"));
@@ -210,7 +210,7 @@ fn a_killed_run_leaves_the_map_of_a_moment_before() {
     child.wait().unwrap();
     let info = json(&cairn(&["map", "info", &map, "--json"]));
     assert!(info["maps"][0]["key_frames"].as_u64().unwrap() >= 1, "{info}");
-    // The record goes on in that map, although its last points hang on key frames that were not saved.
+    // Recording continues in that map, although the last points are anchored to key frames that were not saved.
     let points = || json(&cairn(&["route", "info", &route, "--json"]))["points"].as_u64().unwrap();
     let before = points();
     let stamps = || std::fs::read_to_string(&route).unwrap().lines().filter(|l| l.contains("\"t\":")).count();

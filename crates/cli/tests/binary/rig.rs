@@ -18,7 +18,7 @@ body_from_camera = { translation_m = [0.12, 0.0, 0.0] }
 "#;
 
 #[test]
-fn rig_check_says_what_a_rig_is_and_writes_it_back() {
+fn rig_check_summarises_and_rewrites_a_rig() {
     let folder = folder("rig");
     let (path, copy) = (folder.join("rig.toml"), folder.join("copy.toml"));
     std::fs::write(&path, RIG).unwrap();
@@ -36,7 +36,7 @@ fn rig_check_says_what_a_rig_is_and_writes_it_back() {
 }
 
 #[test]
-fn rig_check_refuses_what_can_not_be() {
+fn rig_check_rejects_impossible_rigs() {
     let folder = folder("rig-wrong");
     let write = |name: &str, text: &str| {
         let path = folder.join(name);
@@ -68,7 +68,7 @@ accel_walk = 3.0e-3
 ";
 
 #[test]
-fn rig_check_doubts_an_imu_that_can_hardly_be() {
+fn rig_check_warns_about_unlikely_imu_parameters() {
     let folder = folder("rig-imu");
     let write = |name: &str, from: &str, to: &str| {
         let path = folder.join(name);
@@ -97,7 +97,7 @@ fn rig_check_doubts_an_imu_that_can_hardly_be() {
 }
 
 #[test]
-fn rig_check_looks_at_a_recording() {
+fn rig_check_examines_a_recording() {
     let folder = folder("rig-with");
     let out = folder.join("walk");
     let made = cairn(&[
@@ -129,7 +129,7 @@ fn rig_check_looks_at_a_recording() {
     std::fs::write(&path, scaled.collect::<String>()).unwrap();
     let bad = json(&check(rig))["warnings"].to_string();
     assert!(bad.contains("is it in degrees?") && bad.contains("is it in g?"), "{bad}");
-    // Another clock.
+    // IMU stamps from another clock.
     let moved = text.lines().map(|line| match line.split_once(',') {
         Some((stamp, rest)) if !line.starts_with('#') => {
             format!("{},{rest}\n", stamp.parse::<i64>().unwrap() + 90_000_000_000)

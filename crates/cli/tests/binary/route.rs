@@ -2,7 +2,7 @@
 
 use crate::{cairn, fails, folder, json, stderr, stdout};
 
-/// A way east, into a dead end to the north and back, and on east; as `cairn run --record` writes it.
+/// A route east, into a dead end to the north and back, and on east, as `cairn run --record` writes it.
 fn recorded_route() -> String {
     let leg =
         |n: i32, at: &dyn Fn(f64) -> [f64; 2]| (0..n).map(|i| at(0.1 * f64::from(i))).collect::<Vec<_>>();
@@ -24,17 +24,17 @@ fn recorded_route() -> String {
 }
 
 #[test]
-fn way_tells_what_cleaning_does() {
-    let folder = folder("way");
+fn route_commands_show_the_effect_of_cleaning() {
+    let folder = folder("route");
     let (route, picture) = (folder.join("walk.route"), folder.join("walk.svg"));
     std::fs::write(&route, recorded_route()).unwrap();
     let (route, picture) = (route.to_str().unwrap(), picture.to_str().unwrap());
     let info = json(&cairn(&["route", "info", route, "--json"]));
     assert!((info["length_m"].as_f64().unwrap() - 28.9).abs() < 0.2, "{info}");
-    assert!((info["cleaned_m"].as_f64().unwrap() - 20.9).abs() < 0.5, "the dead end goes: {info}");
+    assert!((info["cleaned_m"].as_f64().unwrap() - 20.9).abs() < 0.5, "the dead end is cut out: {info}");
     let cleaned = json(&cairn(&["route", "clean", route, "--json"]));
     assert_eq!(cleaned["cuts"].as_array().unwrap().len(), 1, "{cleaned}");
-    // On the way out the last corner bends right, so on the way home it bends left.
+    // The last corner turns right on the way out, so it turns left on the return.
     let home = cleaned["home"].as_array().unwrap();
     assert!(home.len() == 1 && (home[0]["turn_deg"].as_f64().unwrap() - 90.0).abs() < 10.0, "{cleaned}");
     let text = stdout(&cairn(&["route", "clean", route]));
@@ -47,8 +47,8 @@ fn way_tells_what_cleaning_does() {
 }
 
 #[test]
-fn way_tells_what_is_wrong_with_a_file() {
-    let folder = folder("way-wrong");
+fn invalid_route_files_are_reported() {
+    let folder = folder("route-wrong");
     let write = |name: &str, text: &str| {
         let path = folder.join(name);
         std::fs::write(&path, text).unwrap();
@@ -56,15 +56,18 @@ fn way_tells_what_is_wrong_with_a_file() {
     };
     let good = recorded_route();
     fails(&["route", "info", "/no/walk.route"], &["/no/walk.route"]);
-    fails(&["route", "info", &write("empty.route", "")], &["empty.route", "not a recorded way"]);
-    fails(&["route", "show", &write("other.route", "{\"a\": 1}\n")], &["other.route", "not a recorded way"]);
+    fails(&["route", "info", &write("empty.route", "")], &["empty.route", "not a recorded route"]);
+    fails(
+        &["route", "show", &write("other.route", "{\"a\": 1}\n")],
+        &["other.route", "not a recorded route"],
+    );
     fails(
         &["route", "clean", &write("broken.route", &good.replacen("\"t\":100000000,", "", 1))],
         &["broken.route, line 3"],
     );
     let still: String = good.lines().take(2).map(|line| format!("{line}\n")).collect();
     fails(&["route", "clean", &write("still.route", &still)], &["still.route", "at least 2"]);
-    // A crash tears at most the last line: that is told, not refused.
+    // A crash truncates at most the last line: that is reported, not an error.
     let torn = json(&cairn(&["route", "info", &write("torn.route", &good[..good.len() - 20]), "--json"]));
     assert_eq!(torn["torn"], true);
     std::fs::remove_dir_all(&folder).unwrap();

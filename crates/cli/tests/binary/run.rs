@@ -2,11 +2,11 @@
 
 use crate::{cairn, fails, folder, json, stderr, stdout};
 
-/// A second and a half of the demo world, small: what a test has time for.
+/// 1.5 s of the demo world at low resolution, to keep tests short.
 const WORLD: &str = "sim:demo?duration=1.5&resolution=320x240&sensor=rgbd";
 
 #[test]
-fn run_writes_all_that_was_asked_for_and_twice_the_same() {
+fn run_writes_results_deterministically() {
     let folder = folder("run");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let run = |n: &str| {
@@ -14,7 +14,7 @@ fn run_writes_all_that_was_asked_for_and_twice_the_same() {
             (path(&format!("{n}.tum")), path(&format!("{n}-live.tum")), path(&format!("{n}.route")));
         let output = cairn(&["run", WORLD, "--trajectory", &a, "--live-trajectory", &b, "--record", &c]);
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-        assert!(output.stderr.is_empty(), "no bar where there is no terminal: {}", stderr(&output));
+        assert!(output.stderr.is_empty(), "no progress bar without a terminal: {}", stderr(&output));
         let text = stdout(&output);
         assert!(
             text.contains("frames    31, 31 tracked (coverage 1.000)") && text.contains("truth     ATE"),
@@ -23,17 +23,17 @@ fn run_writes_all_that_was_asked_for_and_twice_the_same() {
         [a, b, c].map(|file| std::fs::read_to_string(file).unwrap())
     };
     let first = run("first");
-    assert_eq!(first, run("second"), "lockstep gives the same bits");
+    assert_eq!(first, run("second"), "lockstep is bit-identical");
     assert_eq!(first[0].lines().filter(|l| !l.starts_with('#')).count(), 31);
     let info = json(&cairn(&["route", "info", &path("first.route"), "--json"]));
     assert!(info["points"].as_u64().unwrap() >= 5 && info["metric"] == true, "{info}");
     fails(&["run", WORLD, "--record", &path("first.route")], &["first.route", "never overwritten"]);
-    assert_eq!(std::fs::read_to_string(path("first.route")).unwrap(), first[2], "the record is still whole");
+    assert_eq!(std::fs::read_to_string(path("first.route")).unwrap(), first[2], "the route is unchanged");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]
-fn run_reports_in_json_and_as_a_page() {
+fn run_reports_as_json_and_html() {
     let folder = folder("run-report");
     let (report, page) = (folder.join("report.json"), folder.join("report.html"));
     let (report, page) = (report.to_str().unwrap(), page.to_str().unwrap());
@@ -53,7 +53,7 @@ fn run_reports_in_json_and_as_a_page() {
     assert_eq!(
         shown["config"],
         json(&cairn(&["config", "--json"])),
-        "the whole configuration is in the report"
+        "the report contains the complete configuration"
     );
     let page = std::fs::read_to_string(page).unwrap();
     assert!(page.starts_with("<!DOCTYPE html>") && page.contains("Trajectory") && page.contains("</html>"));
@@ -69,7 +69,7 @@ fn run_in_real_time_accounts_for_every_frame() {
 }
 
 #[test]
-fn run_takes_settings_and_refuses_wrong_ones() {
+fn run_reads_config_and_rejects_invalid_entries() {
     let folder = folder("run-config");
     let write = |name: &str, text: &str| {
         let path = folder.join(name);
@@ -89,12 +89,12 @@ fn run_takes_settings_and_refuses_wrong_ones() {
 }
 
 #[test]
-fn run_tells_what_is_wrong_with_a_source_before_it_works() {
+fn run_rejects_invalid_sources_and_arguments() {
     let folder = folder("run-wrong");
     let empty = folder.to_str().unwrap();
     fails(&["run", "/no/recording"], &["/no/recording", "does not exist"]);
-    fails(&["run", empty], &["no recording of a kind that is known"]);
-    // Without the program, what is missing is named rather than the address.
+    fails(&["run", empty], &["not a recording of a known kind"]);
+    // Without ffmpeg the error names the missing program instead of the address.
     let ffmpeg = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
     fails(&["run", "rtsp://camera"], &[if ffmpeg { "rtsp:" } else { "apt install ffmpeg" }]);
     fails(&["run", "sim:moon"], &["no world \"moon\""]);
@@ -113,8 +113,8 @@ fn run_tells_what_is_wrong_with_a_source_before_it_works() {
 }
 
 #[test]
-fn run_without_any_pose_is_a_failure_with_its_reason() {
-    // A mono start needs motion: two frames have next to none.
+fn run_without_any_pose_fails_with_the_reason() {
+    // Monocular initialisation needs motion, and two frames have almost none.
     let folder = folder("run-none");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let (tum, route, report) = (path("a.tum"), path("a.route"), path("a.json"));
@@ -122,12 +122,12 @@ fn run_without_any_pose_is_a_failure_with_its_reason() {
     let run = ["run", WORLD, "--sensor", "mono", "--frames", "2"];
     fails(&[&run[..], &files[..]].concat(), &["no frame got a pose", "the start has"]);
     let left: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
-    assert_eq!(left, ["a.json"], "the report tells it; there is no trajectory and no way");
+    assert_eq!(left, ["a.json"], "only the report is written, no trajectory and no route");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]
-fn run_skips_a_damaged_image_and_says_so() {
+fn run_skips_and_reports_a_damaged_image() {
     let folder = folder("run-damaged");
     let recording = folder.join("recording");
     let out = recording.to_str().unwrap();
@@ -147,7 +147,7 @@ fn run_skips_a_damaged_image_and_says_so() {
 }
 
 #[test]
-fn a_run_in_real_time_is_replayed_and_its_events_are_told() {
+fn realtime_run_is_replayed_and_events_are_written() {
     let folder = folder("run-journal");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let (journal, live, again) = (path("a.journal"), path("live.tum"), path("again.tum"));
@@ -161,47 +161,46 @@ fn a_run_in_real_time_is_replayed_and_its_events_are_told() {
     assert!(stderr(&output).contains("frames equal bit for bit, and the map"), "{}", stderr(&output));
     let read = |path: &str| std::fs::read_to_string(path).unwrap();
     assert_eq!(read(&live), read(&again));
-    // The first world is born with its root; versions only rise.
+    // The first map is created with its root; versions only increase.
     let lines: Vec<serde_json::Value> =
         read(&events).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(
-        (&lines[0]["event"], &lines[0]["world"], &lines[0]["tie"]),
-        (&"world".into(), &0.into(), &().into())
+        (&lines[0]["event"], &lines[0]["map"], &lines[0]["map_prior"]),
+        (&"map_created".into(), &0.into(), &().into())
     );
     assert!(lines.iter().any(|l| l["event"] == "born" && l["key_frames"][0]["id"] == 0), "{lines:?}");
     let versions: Vec<u64> = lines.iter().filter_map(|l| l["version"].as_u64()).collect();
     assert!(versions.is_sorted() && lines.iter().all(|l| l["stamp_ns"].is_i64()), "{lines:?}");
-    // What was written by another run, or what is no journal, is told.
+    // A journal of another run and a file that is not a Cairn journal are rejected.
     fails(
         &["run", "sim:demo?duration=1&seed=5", "--replay", &journal],
         &["a.journal", "the journal is of", "options"],
     );
-    fails(&["run", WORLD, "--replay", &live], &["live.tum", "no journal"]);
+    fails(&["run", WORLD, "--replay", &live], &["live.tum", "not a Cairn journal"]);
     assert_eq!(cairn(&["run", WORLD, "--journal", &journal]).status.code(), Some(2), "needs --realtime");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
 /// The lines of `--status`, without their prefix.
-fn standing(output: &std::process::Output) -> Vec<String> {
+fn status_lines(output: &std::process::Output) -> Vec<String> {
     stderr(output).lines().filter_map(|l| l.strip_prefix("status: ")).map(str::to_owned).collect()
 }
 
-/// The phase of a line.
+/// The phase in a status line.
 fn phase(line: &str) -> &str {
     line.split([' ', ';']).nth(2).unwrap()
 }
 
 #[test]
-fn status_tells_a_walk_without_an_inertial_sensor() {
+fn status_of_a_run_without_imu() {
     let world = "sim:demo?sensor=stereo&resolution=320x240&duration=2.3&rate=10";
     let output = cairn(&["run", world, "--status", "--json"]);
-    let lines = standing(&output);
+    let lines = status_lines(&output);
     let phases: Vec<&str> = lines.iter().map(|l| phase(l)).collect();
     assert_eq!(phases, ["LOADING_VOCAB", "WAIT_FRAMES", "TRACKING", "TRACKING", "TRACKING"], "{lines:?}");
     assert!(
-        lines[2].starts_with(
-            "0.000 s TRACKING; pose 1 valid; map 0 initialised; 0 points; event: world 0 begins"
-        )
+        lines[2]
+            .starts_with("0.000 s TRACKING; pose 1 valid; map 0 initialised; 0 points; event: map 0 begins")
     );
     assert!(lines[4].starts_with("2.000 s TRACKING; pose 21 valid; map 0 initialised; "), "{lines:?}");
     assert!(lines.iter().all(|l| !l.contains("IMU") && !l.contains('\x1b')), "{lines:?}");
@@ -213,15 +212,15 @@ fn status_tells_a_walk_without_an_inertial_sensor() {
 }
 
 #[test]
-fn status_tells_what_an_inertial_sensor_waits_for_and_when_it_knows() {
+fn status_of_imu_initialisation() {
     let world = "sim:demo?sensor=mono-imu&resolution=480x360&duration=11&rate=10";
     let output = cairn(&["run", world, "--status", "--json"]);
-    let lines = standing(&output);
+    let lines = status_lines(&output);
     let first = |name: &str| lines.iter().position(|l| phase(l) == name);
     let (motion, tracking) = (first("WAIT_MOTION"), first("TRACKING"));
     assert!(motion.is_some() && first("INITIALIZING").is_some() && motion < tracking, "{lines:#?}");
     assert!(lines.iter().any(|l| l.contains("waits for") && l.contains(": failed)")), "{lines:#?}");
-    assert!(lines.iter().any(|l| l.contains("event: world 0 is level")), "{lines:#?}");
+    assert!(lines.iter().any(|l| l.contains("event: map 0 is gravity-aligned")), "{lines:#?}");
     assert!(lines[tracking.unwrap()].contains("map 0 initialised"), "{lines:#?}");
     let report = json(&output);
     let (standing, imu) = (&report["standing"], &report["standing"]["imu"]);

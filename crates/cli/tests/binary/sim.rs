@@ -3,7 +3,7 @@
 use crate::{cairn, fails, folder, json, stderr, stdout};
 
 #[test]
-fn sim_writes_both_layouts_which_run_reads_back() {
+fn sim_writes_both_layouts_and_run_reads_them() {
     let folder = folder("sim");
     for (sensor, layout) in [("stereo-imu", "euroc"), ("rgbd", "tum")] {
         let out = folder.join(layout);
@@ -19,7 +19,7 @@ fn sim_writes_both_layouts_which_run_reads_back() {
 }
 
 #[test]
-fn sim_leaves_nothing_half_written() {
+fn sim_leaves_nothing_behind_on_failure() {
     let folder = folder("sim-wrong");
     let out = folder.join("out");
     let out = out.to_str().unwrap();
@@ -36,7 +36,7 @@ fn sim_leaves_nothing_half_written() {
 }
 
 #[test]
-fn the_help_of_sim_names_worlds_and_keys() {
+fn sim_help_lists_worlds_and_options() {
     let help = cairn(&["sim", "--help"]);
     assert!(help.stderr.is_empty(), "{}", stderr(&help));
     let help = stdout(&help);

@@ -2,7 +2,7 @@
 
 use crate::{cairn, fails, folder, json, stdout};
 
-/// A square with a diagonal, in the plane; the vertices are off.
+/// A square in the plane with inaccurate vertices.
 const SQUARE: &str = "\
 VERTEX_SE2 0 0 0 0
 VERTEX_SE2 1 1.1 0.1 1.6
@@ -30,7 +30,7 @@ const BUNDLE: &str = "\
 ";
 
 #[test]
-fn graphs_are_solved_by_every_way() {
+fn graphs_are_solved_by_every_method() {
     let folder = folder("solve-graph");
     let (file, out) = (folder.join("square.g2o"), folder.join("out.g2o"));
     std::fs::write(&file, SQUARE).unwrap();
@@ -42,21 +42,22 @@ fn graphs_are_solved_by_every_way() {
         &["--init", "chordal", "--robust", "huber", "--robust-width", "5"],
         &["--out", out],
     ] {
-        let told = json(&cairn(&[&["solve", "graph", file, "--json"], more].concat()));
-        let (before, after) = (told["cost_before"].as_f64().unwrap(), told["cost_after"].as_f64().unwrap());
-        assert!(after <= before && told["stop"] == "converged", "{more:?}: {told}");
+        let solved = json(&cairn(&[&["solve", "graph", file, "--json"], more].concat()));
+        let (before, after) =
+            (solved["cost_before"].as_f64().unwrap(), solved["cost_after"].as_f64().unwrap());
+        assert!(after <= before && solved["stop"] == "converged", "{more:?}: {solved}");
         assert_eq!(
-            (&told["vertices"], &told["edges"], &told["dimensions"]),
+            (&solved["vertices"], &solved["edges"], &solved["dimensions"]),
             (&4.into(), &4.into(), &2.into())
         );
         assert!(
-            told["seconds"].as_f64().unwrap() > 0.0 && told["iterations"].as_u64().unwrap() > 0,
-            "{told}"
+            solved["seconds"].as_f64().unwrap() > 0.0 && solved["iterations"].as_u64().unwrap() > 0,
+            "{solved}"
         );
         costs.push(after);
     }
     assert!(costs.iter().all(|c| (c - costs[0]).abs() < 1e-6 * costs[0]), "{costs:?}");
-    // What was written is solved already.
+    // The written graph is already solved.
     let again = json(&cairn(&["solve", "graph", out, "--json"]));
     assert!((again["cost_before"].as_f64().unwrap() - costs[0]).abs() < 1e-9 * costs[0], "{again}");
     let text = stdout(&cairn(&["solve", "graph", file]));
@@ -74,10 +75,10 @@ fn bundles_are_adjusted() {
     std::fs::write(&file, BUNDLE).unwrap();
     let (file, out) = (file.to_str().unwrap(), out.to_str().unwrap());
     for more in [&["--out", out][..], &["--huber", "2"]] {
-        let told = json(&cairn(&[&["solve", "bundle", file, "--json"], more].concat()));
-        assert!(told["rms_after_px"].as_f64() < told["rms_before_px"].as_f64(), "{told}");
+        let solved = json(&cairn(&[&["solve", "bundle", file, "--json"], more].concat()));
+        assert!(solved["rms_after_px"].as_f64() < solved["rms_before_px"].as_f64(), "{solved}");
         assert_eq!(
-            (&told["cameras"], &told["points"], &told["observations"]),
+            (&solved["cameras"], &solved["points"], &solved["observations"]),
             (&2.into(), &3.into(), &6.into())
         );
     }
@@ -87,7 +88,7 @@ fn bundles_are_adjusted() {
 }
 
 #[test]
-fn what_is_wrong_with_a_file_is_told() {
+fn invalid_files_are_reported() {
     let folder = folder("solve-wrong");
     let write = |name: &str, text: &[u8]| {
         let path = folder.join(name);

@@ -3,7 +3,7 @@
 use crate::{cairn, folder, json, stderr, stdout};
 
 #[test]
-fn vocab_learns_from_images_and_the_same_images_give_the_same_file() {
+fn vocab_training_is_deterministic() {
     let folder = folder("vocab-train");
     let path = |name: &str| folder.join(name).display().to_string();
     let images = path("images");
@@ -14,10 +14,10 @@ fn vocab_learns_from_images_and_the_same_images_give_the_same_file() {
         let shape = ["--branching", "6", "--depth", "3", "--seed", seed];
         cairn(&[&["vocab", "train", &images, "--out", &out, "--json"][..], &shape].concat())
     };
-    let told = json(&train("a.voc", "4"));
-    assert_eq!(told["images"].as_u64(), Some(7));
-    assert!(told["descriptors"].as_u64() > Some(1000), "{told}");
-    assert!(told["words"].as_u64() > Some(100) && told["depth"] == 3, "{told}");
+    let result = json(&train("a.voc", "4"));
+    assert_eq!(result["images"].as_u64(), Some(7));
+    assert!(result["descriptors"].as_u64() > Some(1000), "{result}");
+    assert!(result["words"].as_u64() > Some(100) && result["depth"] == 3, "{result}");
     train("b.voc", "4");
     train("c.voc", "5");
     let bytes = |name: &str| std::fs::read(path(name)).unwrap();
@@ -25,7 +25,7 @@ fn vocab_learns_from_images_and_the_same_images_give_the_same_file() {
     assert_ne!(bytes("a.voc"), bytes("c.voc"));
 
     let info = json(&cairn(&["vocab", "info", &path("a.voc"), "--json"]));
-    assert_eq!(info["checksum"], told["checksum"]);
+    assert_eq!(info["checksum"], result["checksum"]);
     let mut broken = bytes("a.voc");
     broken[2000] ^= 1;
     std::fs::write(path("broken.voc"), broken).unwrap();
@@ -35,13 +35,13 @@ fn vocab_learns_from_images_and_the_same_images_give_the_same_file() {
 }
 
 #[test]
-fn vocab_info_without_a_file_tells_of_the_embedded_one() {
+fn vocab_info_without_a_file_shows_the_built_in_one() {
     let text = stdout(&cairn(&["vocab", "info"]));
     assert!(text.contains("words") && text.contains("trained on"), "{text}");
 }
 
 #[test]
-fn vocab_import_reads_dbow2_and_names_the_line_that_is_wrong() {
+fn vocab_import_reads_dbow2_and_reports_the_invalid_line() {
     let folder = folder("vocab-import");
     let (text, out) = (folder.join("v.txt"), folder.join("v.voc"));
     let arguments = ["vocab", "import", text.to_str().unwrap(), "--out", out.to_str().unwrap(), "--json"];
@@ -56,14 +56,14 @@ fn vocab_import_reads_dbow2_and_names_the_line_that_is_wrong() {
         line(1, 1, 3, 2.0),
     ];
     std::fs::write(&text, good.concat()).unwrap();
-    let told = json(&cairn(&arguments));
+    let result = json(&cairn(&arguments));
     assert_eq!(
-        (told["words"].as_u64(), told["nodes"].as_u64(), told["depth"].as_u64()),
+        (result["words"].as_u64(), result["nodes"].as_u64(), result["depth"].as_u64()),
         (Some(3), Some(5), Some(2))
     );
     assert_eq!(
         json(&cairn(&["vocab", "info", out.to_str().unwrap(), "--json"]))["checksum"],
-        told["checksum"]
+        result["checksum"]
     );
 
     std::fs::remove_file(&out).unwrap();
@@ -71,5 +71,5 @@ fn vocab_import_reads_dbow2_and_names_the_line_that_is_wrong() {
     let failed = cairn(&arguments);
     assert_eq!(failed.status.code(), Some(1));
     assert!(stderr(&failed).contains("line 5") && stderr(&failed).contains("300"), "{}", stderr(&failed));
-    assert!(!out.exists(), "something half-written was left");
+    assert!(!out.exists(), "an incomplete file was left behind");
 }

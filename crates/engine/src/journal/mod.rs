@@ -1,14 +1,15 @@
-//! The journal of a threaded run: what is needed to have the same poses again, bit for bit, on one thread.
+//! The journal of a threaded run: what is needed to reproduce its poses, bit for bit, on one thread.
 //!
-//! A frame's pose follows from what the eye saw, the map version that tracking had and whether mapping was idle; the map
-//! versions follow from when mapping was told to stop, which places closing looked at, and the order of commits. All that a
-//! thread's timing decides is written here; all else is computed again. The form is told in `docs/events.md`.
+//! A frame's pose follows from its features, the map version that tracking used and whether mapping was idle;
+//! the map versions follow from when mapping was told to stop, which places closing compared, and the order
+//! of commits. Everything that depends on the timing of threads is written here; all else is computed again.
+//! The format is specified in `docs/events.md`.
 
 mod read;
 mod write;
 
 pub use read::{Journal, JournalError};
-pub(crate) use write::Scribe;
+pub(crate) use write::JournalWriter;
 
 use crate::Config;
 use crate::digest::Digest;
@@ -16,28 +17,28 @@ use cairn_atlas::Snapshot;
 use cairn_sensor::{Rig, Stamp};
 use cairn_vision::SensorMode;
 
-/// Version of the form.
+/// Version of the format.
 pub(crate) const FORMAT: u32 = 1;
 
-/// What a journal belongs to. A replay with anything else can not give the same poses.
+/// The run that a journal belongs to. A replay with anything else cannot give the same poses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Header {
     /// Name of the source.
     pub source: String,
-    /// Sensors, and whether the map was only looked at.
+    /// Sensor mode, and whether the run only localised.
     pub sensor: String,
-    /// Nominal rate of frames: the bits of the number in Hz.
+    /// Nominal frame rate: the bits of the number in Hz.
     pub rate_hz: u64,
-    /// The calibration, in words.
+    /// The calibration, as text.
     pub rig: String,
-    /// The settings as JSON.
+    /// The configuration as JSON.
     pub config: String,
-    /// Version and digest of the map that the run began in.
+    /// Version and digest of the map that the run started in.
     pub snapshot: [u64; 2],
 }
 
 impl Header {
-    /// What stands before a source and a map are known.
+    /// The part that is known before the source and the map are.
     pub(crate) fn of(mode: SensorMode, rate_hz: f64, rig: &Rig, config: &Config) -> Self {
         Self {
             sensor: format!("{mode:?}"),
@@ -48,7 +49,7 @@ impl Header {
         }
     }
 
-    /// The whole.
+    /// The complete header.
     pub(crate) fn with(&self, source: &str, localize_only: bool, snapshot: &Snapshot) -> Self {
         let mut digest = Digest::default();
         digest.snapshot(snapshot);
@@ -57,45 +58,49 @@ impl Header {
         Self { source: source.to_owned(), sensor, snapshot, ..self.clone() }
     }
 
-    /// The first thing in which another run differs, in words.
+    /// A description of the first difference to another run.
     pub(crate) fn differs(&self, run: &Self) -> Option<String> {
         if self.source != run.source {
-            return Some(format!("the journal is of the source {}, this is {}", self.source, run.source));
+            return Some(format!("the journal is of source {}, this run is of {}", self.source, run.source));
         }
         if self.sensor != run.sensor {
-            return Some(format!("the journal is of sensors {}, these are {}", self.sensor, run.sensor));
+            return Some(format!("the journal is of sensors {}, this run uses {}", self.sensor, run.sensor));
         }
         if self.rate_hz != run.rate_hz {
             let [a, b] = [self.rate_hz, run.rate_hz].map(f64::from_bits);
-            return Some(format!("the journal is of {a} frames a second, these are {b}"));
+            return Some(format!("the journal is of {a} frames per second, this run has {b}"));
         }
-        let facts = [("calibration", &self.rig, &run.rig), ("settings", &self.config, &run.config)];
+        let facts = [("calibration", &self.rig, &run.rig), ("configuration", &self.config, &run.config)];
         for (what, a, b) in facts {
             if let Some(at) = a.bytes().zip(b.bytes()).position(|(a, b)| a != b) {
                 let around =
                     |text: &str| text.chars().skip(at.saturating_sub(30)).take(50).collect::<String>();
-                return Some(format!("other {what}: '{}' there, '{}' here", around(a), around(b)));
+                return Some(format!(
+                    "different {what}: '{}' in the journal, '{}' here",
+                    around(a),
+                    around(b)
+                ));
             }
             if a.len() != b.len() {
-                return Some(format!("other {what}"));
+                return Some(format!("different {what}"));
             }
         }
-        (self.snapshot != run.snapshot).then(|| "the run began in another map (--map-in)".into())
+        (self.snapshot != run.snapshot).then(|| "the run started in another map (--map-in)".into())
     }
 }
 
-/// One line of a journal after its head.
+/// One line of a journal after its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Record {
     /// A frame that tracking took.
     Frame(FrameRecord),
-    /// Mapping worked off the next offer of tracking; it asked so many times whether to stop before it was told yes,
-    /// or was never told (`None`).
+    /// Mapping processed the next request of tracking; it asked so often whether to stop before the answer
+    /// was yes, or it never was (`None`).
     KeyFrameRequest {
-        /// Answers that said no before the one that said yes.
+        /// Number of answers "no" before the first "yes".
         stop_after: Option<u64>,
     },
-    /// Closing took up a job.
+    /// Closing started a job.
     Job(JobRecord),
     /// The changes of this job were committed.
     Closed {
@@ -111,30 +116,30 @@ pub enum Record {
     },
 }
 
-/// What tracking had when it took a frame, and the digest of what it made of it.
+/// The inputs of tracking for a frame, and the digest of its result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameRecord {
     /// Time of the frame.
     pub stamp: Stamp,
-    /// Version of the map that it saw.
+    /// Version of the map that was used.
     pub version: u64,
     /// Whether mapping was idle.
     pub idle: bool,
-    /// Version of the map in which tracking stood after a start, where this frame was one.
+    /// Version of the map after this frame created one, if it did.
     pub map_created: Option<u64>,
     /// Digest of state and pose.
     pub digest: u64,
 }
 
-/// A job of closing; jobs are numbered as mapping asks for them, those that were passed over are absent.
+/// A closing job; jobs are numbered as mapping requests them, skipped ones are absent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct JobRecord {
     /// Its number.
     pub number: u64,
-    /// Version of the map that it was given.
+    /// Version of the map it ran on.
     pub version: u64,
-    /// Whether a whole world was adjusted; else a place was looked for.
+    /// Whether a map was adjusted as a whole; else a place was searched.
     pub whole: bool,
-    /// Key frame whose place was looked for, or root of the world: place in the order of birth.
+    /// The key frame whose place was searched, or the root of the map, as an index in order of creation.
     pub key_frame: u64,
 }

@@ -1,4 +1,4 @@
-//! Reads journals: any bytes give a journal, as far as it is whole, or an error that tells why there is none.
+//! Reads journals: any bytes give a journal, as far as it is intact, or an error that says why not.
 
 use super::{FORMAT, FrameRecord, Header, JobRecord, Record};
 use cairn_sensor::Stamp;
@@ -6,19 +6,19 @@ use cairn_sensor::Stamp;
 /// A journal that was read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Journal {
-    /// What it belongs to.
+    /// The run it belongs to.
     pub header: Header,
-    /// What happened, in order.
+    /// The records, in order.
     pub records: Vec<Record>,
-    /// Why it ends before the run did; `None` when it is whole.
+    /// Why it ends before the run did; `None` when it is complete.
     pub cut: Option<String>,
 }
 
-/// Why bytes are no journal.
+/// Why bytes cannot be read as a journal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum JournalError {
-    /// It does not begin as a journal does.
-    #[error("is no journal of cairn")]
+    /// It does not start like a journal.
+    #[error("is not a Cairn journal")]
     Foreign,
     /// It is of another version.
     #[error("is a journal of version {found}; this program reads version {FORMAT}")]
@@ -26,7 +26,7 @@ pub enum JournalError {
         /// The version it names.
         found: u64,
     },
-    /// It ends or is damaged before the first frame can be known.
+    /// It ends or is damaged within its header.
     #[error("line {line}: {why}")]
     Head {
         /// Line, counted from one.
@@ -37,16 +37,20 @@ pub enum JournalError {
 }
 
 impl Journal {
-    /// Reads a journal. From the first line on that is damaged or unfinished nothing is believed; what stands before it
-    /// is given, and `cut` tells.
+    /// Reads a journal. Reading stops at the first damaged or unfinished line; the records before it are
+    /// returned, and `cut` gives the reason.
+    ///
+    /// # Errors
+    ///
+    /// [`JournalError`] when the bytes are not a journal, are of another version, or the header is damaged.
     pub fn read(bytes: &[u8]) -> Result<Self, JournalError> {
         let mut lines = bytes.split_inclusive(|b| *b == b'\n').enumerate();
         let mut head = |name: &'static str| -> Result<(usize, String), JournalError> {
             let (at, line) = lines.next().map_or((0, None), |(at, line)| (at + 1, Some(line)));
             let fail = |why: &str| JournalError::Head { line: at, why: why.to_owned() };
-            let payload = payload(line.ok_or_else(|| fail("it ends in its head"))?).map_err(fail)?;
+            let payload = payload(line.ok_or_else(|| fail("it ends within its header"))?).map_err(fail)?;
             let rest = payload.strip_prefix(name).and_then(|rest| rest.strip_prefix(' '));
-            Ok((at, rest.ok_or_else(|| fail("it is not what stands there in a head"))?.to_owned()))
+            Ok((at, rest.ok_or_else(|| fail("it is not the expected header line"))?.to_owned()))
         };
         let version = head("cairn-journal").map_err(|_| JournalError::Foreign)?.1;
         let found: u64 = version.parse().map_err(|_| JournalError::Foreign)?;
@@ -56,14 +60,14 @@ impl Journal {
         let bad = |line: usize, why: &str| JournalError::Head { line, why: why.to_owned() };
         let mut text = |name| {
             let (at, json) = head(name)?;
-            serde_json::from_str::<String>(&json).map_err(|_| bad(at, "it is no text"))
+            serde_json::from_str::<String>(&json).map_err(|_| bad(at, "it is not a JSON string"))
         };
         let (source, sensor, rig, config) = (text("source")?, text("sensor")?, text("rig")?, text("config")?);
         let mut numbers = |name| {
             let (at, words) = head(name)?;
             let numbers: Option<Vec<u64>> =
                 words.split(' ').map(|w| u64::from_str_radix(w, 16).ok()).collect();
-            numbers.ok_or_else(|| bad(at, "it is no number"))
+            numbers.ok_or_else(|| bad(at, "it is not a number"))
         };
         let (rate, snapshot) = (numbers("rate")?, numbers("map")?);
         let ([rate_hz], [map_version, map_digest]) = (rate.as_slice(), snapshot.as_slice()) else {
@@ -73,7 +77,7 @@ impl Journal {
             Header { source, sensor, rig, config, rate_hz: *rate_hz, snapshot: [*map_version, *map_digest] };
         let (mut records, mut cut) = (Vec::new(), None);
         for (at, line) in lines {
-            let record = payload(line).and_then(|text| record(text).ok_or("it tells nothing known"));
+            let record = payload(line).and_then(|text| record(text).ok_or("it is not a known record"));
             match record {
                 Ok(record) => records.push(record),
                 Err(why) => {
@@ -83,7 +87,7 @@ impl Journal {
             }
         }
         if cut.is_none() && !matches!(records.last(), Some(Record::End { .. })) {
-            cut = Some("it has no end: the run was broken off".into());
+            cut = Some("it has no end record: the run was interrupted".into());
         }
         Ok(Self { header, records, cut })
     }
@@ -98,13 +102,13 @@ impl Journal {
     }
 }
 
-/// What stands behind the checksum of a line.
+/// The text after the checksum of a line.
 fn payload(line: &[u8]) -> Result<&str, &'static str> {
     let line = line.strip_suffix(b"\n").ok_or("it is unfinished")?;
-    let text = std::str::from_utf8(line).map_err(|_| "it is no text")?;
+    let text = std::str::from_utf8(line).map_err(|_| "it is not UTF-8")?;
     let (sum, payload) = text.split_once(' ').ok_or("it has no checksum")?;
     let whole = sum.len() == 8 && u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(payload.as_bytes()));
-    if whole { Ok(payload) } else { Err("its checksum does not fit") }
+    if whole { Ok(payload) } else { Err("its checksum does not match") }
 }
 
 fn record(text: &str) -> Option<Record> {
@@ -118,16 +122,16 @@ fn record(text: &str) -> Option<Record> {
         "1" => Some(true),
         _ => None,
     };
-    let perhaps = |w: &str| if w == "-" { Some(None) } else { number(w).map(Some) };
+    let optional = |w: &str| if w == "-" { Some(None) } else { number(w).map(Some) };
     Some(match (name, words.as_slice()) {
         ("frame", [stamp, version, idle, map_created, digest]) => Record::Frame(FrameRecord {
             stamp: Stamp(stamp.parse().ok()?),
             version: number(version)?,
             idle: flag(idle)?,
-            map_created: perhaps(map_created)?,
+            map_created: optional(map_created)?,
             digest: hex(digest)?,
         }),
-        ("offer", [stop_after]) => Record::KeyFrameRequest { stop_after: perhaps(stop_after)? },
+        ("offer", [stop_after]) => Record::KeyFrameRequest { stop_after: optional(stop_after)? },
         ("job", [number_, version, whole, key_frame]) => Record::Job(JobRecord {
             number: number(number_)?,
             version: number(version)?,

@@ -5,25 +5,25 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Takes the lines of all threads in the order in which things happen; takes nothing until it is given a sink.
+/// Writes the records of all threads in the order of events; does nothing until it has a sink.
 #[derive(Clone, Default)]
-pub(crate) struct Scribe(Arc<Mutex<Option<Sink>>>);
+pub(crate) struct JournalWriter(Arc<Mutex<Option<Sink>>>);
 
 struct Sink {
     to: Box<dyn Write + Send>,
     failed: Option<String>,
 }
 
-impl Scribe {
-    /// Begins a journal.
-    pub fn begin(&self, to: Box<dyn Write + Send>, header: &Header) {
+impl JournalWriter {
+    /// Starts a journal.
+    pub fn start(&self, to: Box<dyn Write + Send>, header: &Header) {
         let mut sink = Sink { to, failed: None };
         sink.write(&header.to_text());
         sink.flush();
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(sink);
     }
 
-    /// Writes one line; with a frame all that stands before it reaches the sink.
+    /// Writes one line; a frame or the end also flushes the sink.
     pub fn write(&self, record: &Record) {
         if let Some(sink) = self.0.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
             sink.write(&record.to_line());
@@ -33,7 +33,7 @@ impl Scribe {
         }
     }
 
-    /// Why nothing more could be written, if so.
+    /// Why writing failed, if it did.
     pub fn failed(&self) -> Option<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref()?.failed.clone()
     }
@@ -58,7 +58,7 @@ fn line(payload: &str) -> String {
 }
 
 impl Header {
-    /// The lines a journal begins with.
+    /// The header lines of a journal.
     pub fn to_text(&self) -> String {
         let mut text = line(&format!("cairn-journal {FORMAT}"));
         let facts = [
@@ -80,9 +80,9 @@ impl Header {
 impl Record {
     /// The line of a record, with its checksum.
     pub fn to_line(&self) -> String {
-        let perhaps = |n: &Option<u64>| n.map_or("-".to_owned(), |n| n.to_string());
+        let optional = |n: &Option<u64>| n.map_or("-".to_owned(), |n| n.to_string());
         let mut text = String::new();
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = match self {
             Self::Frame(f) => write!(
                 text,
@@ -90,10 +90,10 @@ impl Record {
                 f.stamp.0,
                 f.version,
                 u8::from(f.idle),
-                perhaps(&f.map_created),
+                optional(&f.map_created),
                 f.digest
             ),
-            Self::KeyFrameRequest { stop_after } => write!(text, "offer {}", perhaps(stop_after)),
+            Self::KeyFrameRequest { stop_after } => write!(text, "offer {}", optional(stop_after)),
             Self::Job(j) => {
                 write!(text, "job {} {} {} {}", j.number, j.version, u8::from(j.whole), j.key_frame)
             }
@@ -135,14 +135,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn round_trip() {
         let (header, records, text) = journal();
         let read = Journal::read(text.as_bytes()).unwrap();
         assert_eq!((read.header, read.records, read.cut), (header, records, None));
     }
 
     #[test]
-    fn cut_anywhere_it_is_read_as_far_as_it_goes() {
+    fn truncated_journal_is_read_up_to_the_cut() {
         let (header, records, text) = journal();
         let head = header.to_text().len();
         for end in 0..text.len() {
@@ -151,7 +151,7 @@ mod tests {
                     assert!(end >= head && read.cut.is_some());
                     assert_eq!(read.records, records[..read.records.len()]);
                     let whole = text[head..end].matches('\n').count();
-                    assert_eq!(read.records.len(), whole, "every whole line counts");
+                    assert_eq!(read.records.len(), whole, "every complete line counts");
                 }
                 Err(_) => assert!(end < head),
             }
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flipped_bit_anywhere_is_found() {
+    fn any_flipped_bit_is_detected() {
         let (_, records, text) = journal();
         for at in 0..text.len() {
             let mut bytes = text.clone().into_bytes();
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn other_versions_and_other_files_are_told() {
+    fn other_versions_and_formats_are_refused() {
         let later = line("cairn-journal 2");
         assert_eq!(Journal::read(later.as_bytes()), Err(JournalError::Version { found: 2 }));
         for foreign in ["", "\n", "frame 1 2 3", "%PDF"] {

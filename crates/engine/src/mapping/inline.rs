@@ -1,4 +1,4 @@
-//! Mapping and closing one after the other, in step with tracking.
+//! Mapping and closing inline, in step with tracking.
 
 use super::{Done, take, text_of};
 use cairn_atlas::{Atlas, KeyFrameId};
@@ -7,7 +7,7 @@ use cairn_tracking::KeyFrameRequest;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
-/// The stages and the atlas that they write.
+/// The stages and the atlas they write to.
 pub(crate) struct Inline {
     pub mapper: Mapper,
     pub closer: Closer,
@@ -15,7 +15,7 @@ pub(crate) struct Inline {
 }
 
 impl Inline {
-    /// Maps an offer and closes after it.
+    /// Processes a request, and runs closing after it.
     pub fn submit(&mut self, request: &KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
         let Self { mapper, closer, atlas } = self;
         let start = Instant::now();
@@ -31,7 +31,7 @@ impl Inline {
         })
     }
 
-    /// Settles the whole map.
+    /// Runs the final bundle adjustment of all maps.
     pub fn final_adjustment(&mut self, done: &mut Done) {
         if let Err(cause) = catch_unwind(AssertUnwindSafe(|| self.mapper.final_adjustment(&mut self.atlas))) {
             done.died = Some(text_of(&cause));
@@ -39,7 +39,7 @@ impl Inline {
     }
 }
 
-/// Closing after a key frame, in step with it.
+/// Runs closing for a key frame, and the adjustment of the whole map after it.
 fn close_inline(closer: &mut Closer, atlas: &mut Atlas, id: Option<KeyFrameId>, done: &mut Done) {
     let Some(id) = id else { return };
     let start = Instant::now();

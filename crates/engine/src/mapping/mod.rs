@@ -1,4 +1,4 @@
-//! Mapping and closing, run inline (lockstep), on threads of their own, or as a journal tells (replay).
+//! Mapping and closing: inline (lockstep), on their own threads, or replayed from a journal.
 
 mod inline;
 mod replay;
@@ -10,7 +10,7 @@ use crate::journal::{FrameRecord, Header, Journal, Record};
 use cairn_atlas::{Atlas, ImuSegment, KeyFrameId, LandmarkId, MapPrior, Snapshot, Subscription};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::Attempt;
-use cairn_mapping::{Begin, Closer, Mapper, Submitted, Verdict};
+use cairn_mapping::{Closer, MapStart, Mapper, Submitted, Verdict};
 use cairn_sensor::Stamp;
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, RelocationPrior};
 use inline::Inline;
@@ -19,28 +19,28 @@ use std::io::Write;
 use std::sync::Arc;
 use threaded::Threaded;
 
-/// How the stages are driven.
+/// How the stages run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Runner {
-    /// One after the other: bit-identical from run to run, whatever the machine does beside.
+    /// One after the other: bit-identical from run to run, independent of the load of the machine.
     #[default]
     Lockstep,
-    /// Mapping on its own thread, tracking never waits for it.
+    /// Mapping and closing on their own threads; tracking never waits for them.
     Threaded,
 }
 
-/// What mapping and closing have done since they were last asked.
+/// The work that mapping and closing have finished since they were last polled.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Done {
     /// Milliseconds of each key frame in mapping.
     pub ms: Vec<f64>,
-    /// Milliseconds of each key frame in closing, and of each adjustment of a whole world.
+    /// Milliseconds of each key frame in closing, and of each adjustment of a whole map.
     pub close_ms: Vec<f64>,
-    /// What closing said of the places it compared.
+    /// Verdicts of closing.
     pub verdicts: Vec<Verdict>,
-    /// How gravity, scale and biases were sought last.
+    /// The last attempt to initialise gravity, scale and biases.
     pub attempt: Option<Attempt>,
-    /// Why a stage died, if one did.
+    /// Why a stage failed, if one did.
     pub died: Option<String>,
 }
 
@@ -54,7 +54,7 @@ impl Done {
     }
 }
 
-/// Mapping and closing, wherever they run.
+/// Mapping and closing, in one of the three forms.
 pub(crate) enum Mapping {
     Inline(Box<Inline>),
     Thread(Threaded),
@@ -70,22 +70,22 @@ impl Mapping {
         }
     }
 
-    /// Writes what threads decide from now on; nothing else decides anything in lockstep.
+    /// Journals the decisions of the threads from now on; in lockstep there is nothing to write.
     pub fn write_journal(&self, to: Box<dyn Write + Send>, header: &Header) {
         if let Self::Thread(thread) = self {
-            thread.scribe.begin(to, header);
+            thread.journal.start(to, header);
         }
     }
 
-    /// Why the journal is not whole, if so.
+    /// Why the journal is incomplete, if so.
     pub fn journal_failed(&self) -> Option<String> {
         match self {
-            Self::Thread(thread) => thread.scribe.failed(),
+            Self::Thread(thread) => thread.journal.failed(),
             _ => None,
         }
     }
 
-    /// Lets a journal decide what threads decided; `None` where there are threads.
+    /// Replays the decisions in a journal; `None` where there are threads.
     pub fn replay(self, journal: Journal) -> Option<Self> {
         match self {
             Self::Inline(inline) => Some(Self::Replay(Box::new(Replay::new(*inline, journal)))),
@@ -93,20 +93,20 @@ impl Mapping {
         }
     }
 
-    /// How far a replay has come, where it is one.
+    /// Progress of a replay, where this is one.
     pub fn replayed(&self) -> Option<&Replayed> {
         match self {
-            Self::Replay(replay) => Some(&replay.told),
+            Self::Replay(replay) => Some(&replay.progress),
             _ => None,
         }
     }
 
-    /// The map for a frame, and whether a key frame offered now would be taken up at once.
-    pub fn look(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
+    /// The snapshot for a frame, and whether a key frame requested now would be processed at once.
+    pub fn snapshot_for(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
         match self {
             Self::Inline(inline) => (inline.atlas.latest().clone(), true),
             Self::Thread(thread) => (thread.reader.latest(), thread.idle()),
-            Self::Replay(replay) => replay.look(stamp, done),
+            Self::Replay(replay) => replay.snapshot_for(stamp, done),
         }
     }
 
@@ -118,7 +118,7 @@ impl Mapping {
         }
     }
 
-    /// The stream of changes from now on; `None` when mapping is gone.
+    /// The stream of changes from now on; `None` when mapping has failed.
     pub fn subscribe(&mut self) -> Option<Subscription> {
         match self {
             Self::Inline(inline) => Some(inline.atlas.subscribe()),
@@ -135,8 +135,8 @@ impl Mapping {
         }
     }
 
-    /// Hands over an offer. A start is waited for and answered with the key frame the eye stands at; later key
-    /// frames are answered when mapping runs inline.
+    /// Submits a request. When it starts a map, this waits for the result and returns the frame's key frame;
+    /// later key frames are returned only when mapping runs inline.
     pub fn submit(&mut self, request: KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
         match self {
             Self::Inline(inline) => inline.submit(&request, done),
@@ -145,7 +145,7 @@ impl Mapping {
         }
     }
 
-    /// The map after a start was answered.
+    /// The snapshot after a map was created.
     pub fn after_start(&mut self, done: &mut Done) -> Arc<Snapshot> {
         match self {
             Self::Replay(replay) => replay.after_start(done),
@@ -153,32 +153,32 @@ impl Mapping {
         }
     }
 
-    /// What became of a frame goes into the journal, or is compared with it.
-    pub fn tell(&mut self, frame: &FrameRecord) {
+    /// Writes the result of a frame to the journal, or compares it in a replay.
+    pub fn record_frame(&mut self, frame: &FrameRecord) {
         match self {
             Self::Inline(_) => {}
-            Self::Thread(thread) => thread.scribe.write(&Record::Frame(*frame)),
+            Self::Thread(thread) => thread.journal.write(&Record::Frame(*frame)),
             Self::Replay(replay) => replay.compare(frame),
         }
     }
 
-    /// The run has ended with this map: it goes into the journal, or is compared with it.
-    pub fn tell_end(&mut self, version: u64, digest: u64) {
+    /// Writes the final map to the journal, or compares it in a replay.
+    pub fn record_end(&mut self, version: u64, digest: u64) {
         match self {
             Self::Inline(_) => {}
-            Self::Thread(thread) => thread.scribe.write(&Record::End { version, digest }),
+            Self::Thread(thread) => thread.journal.write(&Record::End { version, digest }),
             Self::Replay(replay) => replay.compare_end(version, digest),
         }
     }
 
-    /// Collects what mapping has done meanwhile.
+    /// Collects the work finished meanwhile.
     pub fn poll(&self, into: &mut Done) {
         if let Self::Thread(thread) = self {
             thread.poll(into);
         }
     }
 
-    /// Lets mapping end what it was given and settle the whole map, and waits for it.
+    /// Lets mapping finish its work and the final bundle adjustment, and waits for it.
     pub fn finish(&mut self, into: &mut Done) {
         match self {
             Self::Inline(inline) => inline.final_adjustment(into),
@@ -196,11 +196,11 @@ fn take(
 ) -> (Option<KeyFrameId>, Option<Attempt>) {
     let id = match request {
         KeyFrameRequest::First { frame, relocation_prior, imu } => {
-            Some(mapper.start(atlas, frame, &begin(relocation_prior, imu, true)))
+            Some(mapper.start(atlas, frame, &map_start(relocation_prior, imu, true)))
         }
         KeyFrameRequest::Pair { first, second, first_from_second, points, relocation_prior, imu } => {
-            let begin = begin(relocation_prior, imu, false);
-            mapper.start_pair(atlas, first, second, *first_from_second, points, &begin)
+            let map_start = map_start(relocation_prior, imu, false);
+            mapper.start_pair(atlas, first, second, *first_from_second, points, &map_start)
         }
         KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale } => {
             let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
@@ -222,28 +222,29 @@ fn take(
     (id, None)
 }
 
-/// Where a world begins: at a place believed in a former world, or as the first.
-fn begin(relocation_prior: &Option<RelocationPrior>, imu: &Option<ImuSegment>, metric: bool) -> Begin {
-    let begin = relocation_prior.map_or(Begin::default(), |a| Begin {
-        world_from_camera: a.anchored.world_from_camera,
-        tie: Some(MapPrior {
-            to: a.anchored.reference,
-            to_from_root: a.anchored.reference_from_camera,
-            sigma: a.sigma,
-            sigma_rad: a.sigma_rad,
-            sigma_log_scale: a.sigma_log_scale,
+/// The initial state of a map: at the prior pose in the previous map, or as the first one.
+fn map_start(relocation_prior: &Option<RelocationPrior>, imu: &Option<ImuSegment>, metric: bool) -> MapStart {
+    let map_start = relocation_prior.map_or(MapStart::default(), |prior| MapStart {
+        world_from_camera: prior.anchored.world_from_camera,
+        map_prior: Some(MapPrior {
+            to: prior.anchored.reference,
+            to_from_root: prior.anchored.reference_from_camera,
+            sigma: prior.sigma,
+            sigma_rad: prior.sigma_rad,
+            sigma_log_scale: prior.sigma_log_scale,
         }),
-        pace: a.pace,
-        level: metric && a.level,
-        ..Begin::default()
+        speed: prior.speed,
+        gravity_aligned: metric && prior.gravity_aligned,
+        ..MapStart::default()
     });
-    // The first world begins nearly upright, where that is felt.
+    // The first map starts nearly upright, where the IMU shows the up direction.
     let up = imu.as_ref().and_then(|s| s.up).filter(|_| relocation_prior.is_none());
-    let world_from_camera = up.map_or(begin.world_from_camera, |up| Se3::new(upright(&up), Vec3::zeros()));
-    Begin { imu: imu.clone(), world_from_camera, ..begin }
+    let world_from_camera =
+        up.map_or(map_start.world_from_camera, |up| Se3::new(upright(&up), Vec3::zeros()));
+    MapStart { imu: imu.clone(), world_from_camera, ..map_start }
 }
 
-/// The smallest turn that takes a direction to the z axis.
+/// The smallest rotation that takes a direction to the z axis.
 fn upright(up: &Vec3) -> So3 {
     let axis = up.cross(&Vec3::z());
     match axis.try_normalize(1e-9) {

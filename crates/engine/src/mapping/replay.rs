@@ -1,9 +1,9 @@
-//! Mapping and closing on one thread, as a journal tells that threads did: each frame sees the version of the map that it
-//! saw then.
+//! Replay of a journal: mapping and closing on one thread, with the timing decisions of the recorded run, so
+//! that each frame sees the same map version as then.
 //!
-//! When a frame needs a version that is not there yet, what mapping did next is done again until it is. Closing's jobs
-//! are done as soon as they are given, which is before anyone asks for what came of them; their changes wait until the
-//! journal says that they were committed.
+//! When a frame needs a version that does not exist yet, the recorded steps of the mapping thread are
+//! executed until it does. Closing jobs run as soon as they are queued, before their results are needed;
+//! their changes wait until the journal says that they were committed.
 
 use super::inline::Inline;
 use super::threaded::{Job, commit};
@@ -18,62 +18,62 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// How far a replay has come.
+/// Progress of a replay.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Replayed {
-    /// Frames whose state and pose are the same, bit for bit.
+    /// Frames whose state and pose are equal, bit for bit.
     pub equal: usize,
     /// Frames in the journal.
     pub of: usize,
-    /// Whether the map at the end was compared too, and was the same.
+    /// Whether the final map was compared too, and was equal.
     pub map_equal: bool,
-    /// Why it goes no further, if so.
+    /// Why the replay stopped, if it did.
     pub stopped: Option<Stopped>,
 }
 
-/// Why a replay goes no further.
+/// Why a replay stopped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Stopped {
-    /// The journal ends here, before the run did; in words.
+    /// The journal ends here, before the run did, for this reason.
     Cut(String),
-    /// Something came out otherwise than in the journal.
+    /// A result differs from the journal.
     Differs {
-        /// At this frame; none when it was after the last.
+        /// The frame; `None` after the last one.
         stamp: Option<Stamp>,
-        /// What.
+        /// What differs.
         what: String,
     },
 }
 
-/// What the keeper of the map did.
+/// A recorded step of the mapping thread.
 #[derive(Clone, Copy)]
-enum Kept {
+enum Step {
     KeyFrameRequest(Option<u64>),
     Closed(u64),
 }
 
-/// What tracking has given mapping that is not worked off yet.
-enum Given {
-    Seen(Vec<(LandmarkId, bool)>),
+/// Input from tracking that mapping has not processed yet.
+enum Input {
+    Visibility(Vec<(LandmarkId, bool)>),
     KeyFrameRequest(Box<KeyFrameRequest>),
 }
 
-/// The stages with the journal that drives them.
+/// The stages with the journal that controls them.
 pub(crate) struct Replay {
     pub stages: Inline,
-    /// The map that was handed out last.
+    /// The snapshot that was handed out last.
     pub current: Arc<Snapshot>,
-    pub told: Replayed,
+    pub progress: Replayed,
     frames: VecDeque<FrameRecord>,
-    kept: VecDeque<Kept>,
+    steps: VecDeque<Step>,
     jobs: BTreeMap<u64, JobRecord>,
     end: Option<(u64, u64)>,
     cut: Option<String>,
-    /// What came last of an offer that was worked off.
+    /// The key frame of the last request that was processed.
     answer: Option<KeyFrameId>,
-    given: VecDeque<Given>,
+    inputs: VecDeque<Input>,
     closed: VecDeque<(u64, Arc<Snapshot>, Closed)>,
-    /// Every version that a frame may still ask for.
+    /// Every version that a frame may still need.
     versions: VecDeque<Arc<Snapshot>>,
     asked: u64,
 }
@@ -81,13 +81,13 @@ pub(crate) struct Replay {
 impl Replay {
     pub fn new(mut stages: Inline, journal: Journal) -> Self {
         stages.atlas.keep_versions();
-        let (mut frames, mut kept) = (VecDeque::new(), VecDeque::new());
+        let (mut frames, mut steps) = (VecDeque::new(), VecDeque::new());
         let (mut jobs, mut end) = (BTreeMap::new(), None);
         for record in journal.records {
             match record {
                 Record::Frame(frame) => frames.push_back(frame),
-                Record::KeyFrameRequest { stop_after } => kept.push_back(Kept::KeyFrameRequest(stop_after)),
-                Record::Closed { job } => kept.push_back(Kept::Closed(job)),
+                Record::KeyFrameRequest { stop_after } => steps.push_back(Step::KeyFrameRequest(stop_after)),
+                Record::Closed { job } => steps.push_back(Step::Closed(job)),
                 Record::Job(job) => {
                     jobs.insert(job.number, job);
                 }
@@ -96,25 +96,25 @@ impl Replay {
         }
         Self {
             current: stages.atlas.latest().clone(),
-            told: Replayed { of: frames.len(), ..Replayed::default() },
+            progress: Replayed { of: frames.len(), ..Replayed::default() },
             stages,
             frames,
-            kept,
+            steps,
             jobs,
             end,
             cut: journal.cut,
             answer: None,
-            given: VecDeque::new(),
+            inputs: VecDeque::new(),
             closed: VecDeque::new(),
             versions: VecDeque::new(),
             asked: 0,
         }
     }
 
-    pub fn look(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
+    pub fn snapshot_for(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
         let idle = match self.frames.front().copied() {
             Some(frame) if frame.stamp == stamp => {
-                self.reach(frame.version, done);
+                self.advance_to(frame.version, done);
                 frame.idle
             }
             Some(_) => {
@@ -130,85 +130,88 @@ impl Replay {
     }
 
     pub fn note(&mut self, seen: Vec<(LandmarkId, bool)>) {
-        self.given.push_back(Given::Seen(seen));
+        self.inputs.push_back(Input::Visibility(seen));
     }
 
     pub fn submit(&mut self, request: KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
         let starting = !matches!(request, KeyFrameRequest::Next { .. });
-        self.given.push_back(Given::KeyFrameRequest(Box::new(request)));
+        self.inputs.push_back(Input::KeyFrameRequest(Box::new(request)));
         self.answer = None;
-        // A start was waited for. Where nothing more was kept, mapping had died and nobody answered.
-        let open = |given: &VecDeque<Given>| given.iter().any(|g| matches!(g, Given::KeyFrameRequest(_)));
-        while starting && open(&self.given) && self.go_on(done) {}
-        self.answer.filter(|_| starting && !open(&self.given))
+        // A map start was waited for. Where no step is left, mapping had failed and gave no answer.
+        let pending =
+            |inputs: &VecDeque<Input>| inputs.iter().any(|input| matches!(input, Input::KeyFrameRequest(_)));
+        while starting && pending(&self.inputs) && self.run_next_step(done) {}
+        self.answer.filter(|_| starting && !pending(&self.inputs))
     }
 
     pub fn after_start(&mut self, done: &mut Done) -> Arc<Snapshot> {
         match self.frames.front().and_then(|frame| frame.map_created) {
-            Some(version) => self.reach(version, done),
-            None => self.stop("the journal knows of no start here"),
+            Some(version) => self.advance_to(version, done),
+            None => self.stop("the journal has no map start here"),
         }
         self.current.clone()
     }
 
     /// Compares a frame with the journal's.
     pub fn compare(&mut self, frame: &FrameRecord) {
-        let Some(theirs) = self.frames.front().filter(|_| self.told.stopped.is_none()) else { return };
+        let Some(theirs) = self.frames.front().filter(|_| self.progress.stopped.is_none()) else { return };
         if theirs == frame {
-            self.told.equal += 1;
+            self.progress.equal += 1;
             self.frames.pop_front();
         } else {
             self.stop("state or pose differ from the journal");
         }
     }
 
-    /// Works off what is left and settles the map as the run did.
+    /// Executes the remaining steps and the final bundle adjustment as the run did.
     pub fn finish(&mut self, done: &mut Done) {
-        while self.told.stopped.is_none() && self.go_on(done) {}
-        if self.told.stopped.is_none() && self.end.is_some() && self.frames.is_empty() {
+        while self.progress.stopped.is_none() && self.run_next_step(done) {}
+        if self.progress.stopped.is_none() && self.end.is_some() && self.frames.is_empty() {
             self.stages.final_adjustment(done);
             self.current = self.stages.atlas.latest().clone();
         }
     }
 
-    /// Compares the map that the run ended with.
+    /// Compares the final map.
     pub fn compare_end(&mut self, version: u64, digest: u64) {
         match self.end {
             _ if !self.frames.is_empty() => {
                 self.stop("the source has no such frame, or was not played to its end")
             }
-            Some(end) if end == (version, digest) => self.told.map_equal = self.told.stopped.is_none(),
+            Some(end) if end == (version, digest) => {
+                self.progress.map_equal = self.progress.stopped.is_none()
+            }
             _ => self.stop("the map at the end differs"),
         }
     }
 
-    /// Notes why it ends here; the first reason counts.
+    /// Records why the replay stops; the first reason counts.
     fn stop(&mut self, what: &str) {
-        if self.told.stopped.is_some() {
+        if self.progress.stopped.is_some() {
             return;
         }
         let stamp = self.frames.front().map(|frame| frame.stamp);
-        self.told.stopped = Some(match &self.cut {
-            // All that is there was the same.
+        self.progress.stopped = Some(match &self.cut {
+            // Everything up to the end of the journal was equal.
             Some(cut) if stamp.is_none() => Stopped::Cut(cut.clone()),
             _ => Stopped::Differs { stamp, what: what.to_owned() },
         });
     }
 
-    /// Hands out a version of the map, which must be the one that was handed out last or a later one.
-    fn reach(&mut self, version: u64, done: &mut Done) {
-        while self.stages.atlas.latest().version() < version && self.told.stopped.is_none() {
-            if self.go_on(done) {
+    /// Advances to a version of the map, which must be the current one or a later one.
+    fn advance_to(&mut self, version: u64, done: &mut Done) {
+        while self.stages.atlas.latest().version() < version && self.progress.stopped.is_none() {
+            if self.run_next_step(done) {
                 continue;
             }
             match self.cut.clone() {
-                Some(cut) if self.kept.is_empty() => {
-                    self.told.stopped.get_or_insert(Stopped::Cut(cut));
+                Some(cut) if self.steps.is_empty() => {
+                    self.progress.stopped.get_or_insert(Stopped::Cut(cut));
                 }
                 _ => self.stop("the map has fewer versions than in the journal"),
             }
         }
-        self.keep();
+        self.collect_versions();
         while self.versions.front().is_some_and(|snapshot| snapshot.version() < version) {
             self.versions.pop_front();
         }
@@ -218,16 +221,18 @@ impl Replay {
         }
     }
 
-    fn keep(&mut self) {
-        self.versions.extend(self.stages.atlas.kept());
+    fn collect_versions(&mut self) {
+        self.versions.extend(self.stages.atlas.kept_versions());
     }
 
-    /// Does again what the keeper of the map did next; false when there is nothing more.
-    fn go_on(&mut self, done: &mut Done) -> bool {
-        let Some(kept) = self.kept.pop_front().filter(|_| self.told.stopped.is_none()) else { return false };
-        match kept {
-            Kept::KeyFrameRequest(stop_after) => self.take_request(stop_after, done),
-            Kept::Closed(number) => match self.closed.pop_front().filter(|(n, ..)| *n == number) {
+    /// Executes the next recorded step of the mapping thread; false when there is none.
+    fn run_next_step(&mut self, done: &mut Done) -> bool {
+        let Some(step) = self.steps.pop_front().filter(|_| self.progress.stopped.is_none()) else {
+            return false;
+        };
+        match step {
+            Step::KeyFrameRequest(stop_after) => self.take_request(stop_after, done),
+            Step::Closed(number) => match self.closed.pop_front().filter(|(n, ..)| *n == number) {
                 Some((_, base, closed)) => {
                     if let Some(whole) = commit(&mut self.stages.atlas, &base, closed) {
                         self.close(whole, done);
@@ -236,17 +241,17 @@ impl Replay {
                 None => self.stop("closing made other changes than in the journal"),
             },
         }
-        self.keep();
+        self.collect_versions();
         true
     }
 
-    /// Maps the next offer; mapping is told to stop when it was told then.
+    /// Processes the next request; mapping is told to stop at the same point as in the run.
     fn take_request(&mut self, stop_after: Option<u64>, done: &mut Done) {
         let request = loop {
-            match self.given.pop_front() {
-                Some(Given::Seen(seen)) => self.stages.mapper.note(&seen),
-                Some(Given::KeyFrameRequest(request)) => break request,
-                None => return self.stop("mapping took a key frame that tracking has not offered"),
+            match self.inputs.pop_front() {
+                Some(Input::Visibility(seen)) => self.stages.mapper.note(&seen),
+                Some(Input::KeyFrameRequest(request)) => break request,
+                None => return self.stop("mapping took a key frame that tracking did not request"),
             }
         };
         let start = Instant::now();
@@ -256,8 +261,8 @@ impl Replay {
             stop_after.is_some_and(|n| asked > n)
         };
         let Inline { mapper, atlas, .. } = &mut self.stages;
-        let taken = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &request, stop)));
-        let id = taken.map(|(id, attempt)| {
+        let outcome = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &request, stop)));
+        let id = outcome.map(|(id, attempt)| {
             done.attempt = attempt.or(done.attempt.take());
             id
         });
@@ -271,18 +276,18 @@ impl Replay {
         }
     }
 
-    /// Gives closing a job, which it does at once if it did it then.
+    /// Runs a closing job now, if closing ran it in the recorded run.
     fn close(&mut self, job: Job, done: &mut Done) {
         let number = self.asked;
         self.asked += 1;
-        let Some(then) = self.jobs.remove(&number) else { return };
-        if job.record(number) != then {
+        let Some(recorded) = self.jobs.remove(&number) else { return };
+        if job.record(number) != recorded {
             return self.stop("closing was given another key frame than in the journal");
         }
         let start = Instant::now();
-        let worked = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.stages.closer)));
+        let outcome = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.stages.closer)));
         done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
-        match worked {
+        match outcome {
             Ok((snapshot, mut closed)) => {
                 done.verdicts.append(&mut closed.verdicts);
                 if !closed.changes.is_empty() {

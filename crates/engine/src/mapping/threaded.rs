@@ -1,8 +1,8 @@
-//! Mapping and closing on threads of their own.
+//! Mapping and closing on their own threads.
 
 use super::{Done, take, text_of};
 use crate::background;
-use crate::journal::{JobRecord, Record, Scribe};
+use crate::journal::{JobRecord, JournalWriter, Record};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, MapId, Reader, Snapshot, Subscription};
 use cairn_mapping::{Closed, Closer, Mapper};
 use cairn_tracking::KeyFrameRequest;
@@ -13,30 +13,30 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// What the mapping thread is sent.
+/// Messages to the mapping thread.
 enum Message {
-    Seen(Vec<(LandmarkId, bool)>),
+    Visibility(Vec<(LandmarkId, bool)>),
     KeyFrameRequest(Box<KeyFrameRequest>, SyncSender<Option<KeyFrameId>>),
-    /// The closing job of this number has made changes on a map that may be older by now.
+    /// The closing job of this number has produced changes on a snapshot that may be outdated by now.
     Closed(u64, Arc<Snapshot>, Closed),
-    /// Someone wants to hear of every change.
+    /// A subscription to all changes.
     Subscribe(SyncSender<Subscription>),
-    /// Nothing more will come: end closing, and settle the map if asked to.
+    /// The run has ended: finish closing, and run the final bundle adjustment if asked to.
     End {
         final_adjustment: bool,
     },
 }
 
-/// What closing is given to do.
+/// A job for closing.
 pub(super) enum Job {
-    /// Look for the place of a key frame.
+    /// Recognise the place of a key frame.
     Place(Arc<Snapshot>, KeyFrameId),
-    /// Adjust a world as a whole.
+    /// Adjust a map as a whole.
     Whole(Arc<Snapshot>, MapId),
 }
 
 impl Job {
-    /// The job with its number as a journal tells it.
+    /// The journal record of the job with this number.
     pub fn record(&self, number: u64) -> JobRecord {
         let (snapshot, whole, id) = match self {
             Self::Place(snapshot, id) => (snapshot, false, *id),
@@ -45,7 +45,7 @@ impl Job {
         JobRecord { number, version: snapshot.version(), whole, key_frame: id.index() as u64 }
     }
 
-    /// Does it; the map that it was done on goes with the changes.
+    /// Runs the job; returns the snapshot it ran on along with the changes.
     pub fn work(self, closer: &mut Closer) -> (Arc<Snapshot>, Closed) {
         match self {
             Self::Place(snapshot, id) => {
@@ -60,7 +60,8 @@ impl Job {
     }
 }
 
-/// Commits what closing made on an older map; the world to be adjusted as a whole after it, if there is one.
+/// Commits the changes of closing on an older snapshot; returns the job that adjusts the map as a whole after
+/// it, if due.
 pub(super) fn commit(atlas: &mut Atlas, base: &Snapshot, closed: Closed) -> Option<Job> {
     atlas.commit_since(base, closed.changes);
     let snapshot = atlas.latest();
@@ -71,29 +72,36 @@ pub(super) fn commit(atlas: &mut Atlas, base: &Snapshot, closed: Closed) -> Opti
     Some(Job::Whole(snapshot.clone(), joined.map))
 }
 
-/// Tracking's end of the threads.
+/// Tracking's side of the threads.
 pub(crate) struct Threaded {
     to: Option<Sender<Message>>,
     pub reader: Reader,
     waiting: Arc<AtomicUsize>,
     done: Receiver<Done>,
     handle: Option<JoinHandle<()>>,
-    pub scribe: Scribe,
+    pub journal: JournalWriter,
 }
 
 impl Threaded {
     pub fn spawn(mapper: Mapper, closer: Closer, atlas: Atlas) -> Self {
         let reader = atlas.reader();
         let (to, from) = channel::<Message>();
-        let (tell, done) = channel();
+        let (results, done) = channel();
         let waiting = Arc::new(AtomicUsize::new(0));
-        let scribe = Scribe::default();
-        let closing = spawn_closing(closer, to.clone(), tell.clone(), scribe.clone());
-        let waits = waiting.clone();
-        let keeper = Keeper { mapper, atlas, waiting: waits, tell, closing, jobs: 0, scribe: scribe.clone() };
+        let journal = JournalWriter::default();
+        let closing = spawn_closing(closer, to.clone(), results.clone(), journal.clone());
+        let thread = MappingThread {
+            mapper,
+            atlas,
+            waiting: waiting.clone(),
+            results,
+            closing,
+            jobs: 0,
+            journal: journal.clone(),
+        };
         let handle =
-            std::thread::Builder::new().name("cairn-mapping".into()).spawn(move || keeper.work(from)).ok();
-        Self { to: Some(to), reader, waiting, done, handle, scribe }
+            std::thread::Builder::new().name("cairn-mapping".into()).spawn(move || thread.work(from)).ok();
+        Self { to: Some(to), reader, waiting, done, handle, journal }
     }
 
     pub fn idle(&self) -> bool {
@@ -102,7 +110,7 @@ impl Threaded {
 
     pub fn note(&self, seen: Vec<(LandmarkId, bool)>) {
         if let Some(to) = &self.to {
-            let _ = to.send(Message::Seen(seen));
+            let _ = to.send(Message::Visibility(seen));
         }
     }
 
@@ -114,7 +122,7 @@ impl Threaded {
         if starting { answer.recv().ok().flatten() } else { None }
     }
 
-    /// Waits for what mapping has in hand.
+    /// Waits for the work mapping has in hand.
     pub fn subscribe(&self) -> Option<Subscription> {
         let (reply, answer) = sync_channel(1);
         self.to.as_ref()?.send(Message::Subscribe(reply)).ok()?;
@@ -146,19 +154,19 @@ impl Drop for Threaded {
     }
 }
 
-/// The thread that alone may write: mapping, and what closing hands back.
-struct Keeper {
+/// The thread that alone may write to the atlas: it runs mapping, and commits the changes of closing.
+struct MappingThread {
     mapper: Mapper,
     atlas: Atlas,
     waiting: Arc<AtomicUsize>,
-    tell: Sender<Done>,
+    results: Sender<Done>,
     closing: Closing,
-    /// Jobs asked for so far, those that closing passed over among them.
+    /// Jobs requested so far, including those that closing skipped.
     jobs: u64,
-    scribe: Scribe,
+    journal: JournalWriter,
 }
 
-impl Keeper {
+impl MappingThread {
     fn work(mut self, from: Receiver<Message>) {
         while let Ok(message) = from.recv() {
             let end = match message {
@@ -166,7 +174,7 @@ impl Keeper {
                 _ => None,
             };
             if end.is_some() {
-                // What closing still has in hand is waited for.
+                // Wait for what closing still has in hand.
                 self.end_closing();
             }
             let handled = catch_unwind(AssertUnwindSafe(|| {
@@ -177,7 +185,7 @@ impl Keeper {
                 }
             }));
             if let Err(cause) = &handled {
-                let _ = self.tell.send(Done { died: Some(text_of(cause)), ..Done::default() });
+                let _ = self.results.send(Done { died: Some(text_of(cause)), ..Done::default() });
             }
             if end.is_some() || handled.is_err() {
                 return;
@@ -187,11 +195,11 @@ impl Keeper {
 
     fn handle(&mut self, message: Message) {
         match message {
-            Message::Seen(seen) => self.mapper.note(&seen),
+            Message::Visibility(seen) => self.mapper.note(&seen),
             Message::KeyFrameRequest(request, reply) => {
                 let start = Instant::now();
-                // The one in hand counts as waiting: more than one means that another has come. Once it is to stop
-                // it stays so.
+                // The request in hand counts as waiting: more than one means that another has arrived. Once
+                // `stop` has returned true it stays so.
                 let (waiting, mut asked, mut stop_after) = (&self.waiting, 0, None);
                 let stop = || {
                     if stop_after.is_none() && waiting.load(Ordering::Relaxed) > 1 {
@@ -203,11 +211,11 @@ impl Keeper {
                 let mut id = catch_unwind(AssertUnwindSafe(|| {
                     take(&mut self.mapper, &mut self.atlas, &request, stop)
                 }));
-                self.scribe.write(&Record::KeyFrameRequest { stop_after });
+                self.journal.write(&Record::KeyFrameRequest { stop_after });
                 self.waiting.fetch_sub(1, Ordering::Relaxed);
                 let ms = vec![start.elapsed().as_secs_f64() * 1e3];
                 let attempt = id.as_mut().ok().and_then(|(_, attempt)| attempt.take());
-                let _ = self.tell.send(Done { ms, attempt, ..Done::default() });
+                let _ = self.results.send(Done { ms, attempt, ..Done::default() });
                 let (id, _) = id.unwrap_or_else(|cause| std::panic::resume_unwind(cause));
                 let _ = reply.try_send(id);
                 if let Some(id) = id {
@@ -216,7 +224,7 @@ impl Keeper {
             }
             Message::Closed(job, base, closed) => {
                 let whole = commit(&mut self.atlas, &base, closed);
-                self.scribe.write(&Record::Closed { job });
+                self.journal.write(&Record::Closed { job });
                 if let Some(whole) = whole {
                     self.job(whole);
                 }
@@ -243,22 +251,27 @@ impl Keeper {
     }
 }
 
-impl Drop for Keeper {
+impl Drop for MappingThread {
     fn drop(&mut self) {
         self.end_closing();
     }
 }
 
-/// Where closing takes its jobs, numbered, and its thread.
+/// The queue of numbered closing jobs, and the closing thread.
 type Closing = (Option<Sender<(u64, Job)>>, Option<JoinHandle<()>>);
 
-/// The thread that looks for places and adjusts whole worlds.
-fn spawn_closing(mut closer: Closer, to: Sender<Message>, tell: Sender<Done>, scribe: Scribe) -> Closing {
+/// Starts the thread that recognises places and adjusts whole maps.
+fn spawn_closing(
+    mut closer: Closer,
+    to: Sender<Message>,
+    results: Sender<Done>,
+    journal: JournalWriter,
+) -> Closing {
     let (jobs, from) = channel::<(u64, Job)>();
     let work = move || {
         background();
         while let Ok(mut job) = from.recv() {
-            // The newest is the one that matters: places that were passed meanwhile are passed over.
+            // Only the newest place matters: older ones that queued up meanwhile are skipped.
             for newer in from.try_iter() {
                 if matches!(newer.1, Job::Whole(..)) || matches!(job.1, Job::Place(..)) {
                     job = newer;
@@ -266,13 +279,13 @@ fn spawn_closing(mut closer: Closer, to: Sender<Message>, tell: Sender<Done>, sc
             }
             let start = Instant::now();
             let (number, job) = job;
-            scribe.write(&Record::Job(job.record(number)));
+            journal.write(&Record::Job(job.record(number)));
             let result = catch_unwind(AssertUnwindSafe(|| job.work(&mut closer)));
             let close_ms = vec![start.elapsed().as_secs_f64() * 1e3];
             match result {
                 Ok((snapshot, mut closed)) => {
                     let verdicts = std::mem::take(&mut closed.verdicts);
-                    let _ = tell.send(Done { close_ms, verdicts, ..Done::default() });
+                    let _ = results.send(Done { close_ms, verdicts, ..Done::default() });
                     if !closed.changes.is_empty()
                         && to.send(Message::Closed(number, snapshot, closed)).is_err()
                     {
@@ -281,7 +294,7 @@ fn spawn_closing(mut closer: Closer, to: Sender<Message>, tell: Sender<Done>, sc
                 }
                 Err(cause) => {
                     let died = Some(text_of(&cause).replace("mapping", "closing"));
-                    let _ = tell.send(Done { close_ms, died, ..Done::default() });
+                    let _ = results.send(Done { close_ms, died, ..Done::default() });
                     return;
                 }
             }

@@ -1,8 +1,8 @@
-//! How the engine stands, for people: a phase, the numbers behind it, and what is waited for.
+//! The status of the engine, for people: a phase, the numbers behind it, and what is waited for.
 //!
-//! The phases are told apart by what a frame found; nothing here decides anything. Several may seem to hold at once: the
-//! first that holds of ERROR, LOST, COASTING, RESETTING, WAIT_IMU, WAIT_MOTION, INITIALIZING, TRACKING is told. The pose
-//! may be known in any of the last five: [`Status::valid`] says so.
+//! The phases follow from the result of a frame; nothing here decides anything. Where several apply, the
+//! first of ERROR, LOST, COASTING, RESETTING, WAIT_IMU, WAIT_MOTION, INITIALIZING, TRACKING is reported. The
+//! pose may be known in any of the last five: see [`Status::valid`].
 
 #[cfg(test)]
 mod tests;
@@ -11,7 +11,7 @@ mod words;
 
 use cairn_inertial::Gate;
 use serde::Serialize;
-pub(crate) use watch::{Seen, Watch};
+pub(crate) use watch::{FrameResult, StatusTracker};
 
 /// What the engine is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -20,32 +20,35 @@ pub enum Phase {
     /// There is no engine yet: the vocabulary is opened and checked.
     #[default]
     LoadingVocab,
-    /// No picture has come yet, or none for a second (told by whoever knows the time, such as a session).
+    /// No image has arrived yet, or none for a second (reported by whoever knows the time, such as a
+    /// session).
     WaitFrames,
-    /// The inertial sensor is to be used, scale and gravity are not known here, and no reading has come for half a second.
+    /// The IMU is to be used, scale and gravity are not known here, and no reading has arrived for half a
+    /// second.
     WaitImu,
-    /// One camera before its first map: what is seen is the same as before, but the camera has not moved enough aside.
-    /// Or, with an inertial sensor, scale and gravity are not known here, and the last try to find them lacked
-    /// excitation, baseline, or certainty of scale. In the latter case the pose is valid and mapping goes on by eye.
+    /// One camera before its first map: there are enough matches, but the camera has not moved far enough
+    /// sideways. Or, with an IMU, scale and gravity are not known here, and the last attempt to initialise
+    /// them lacked excitation, baseline, or certainty of scale; in this case the pose is valid and visual
+    /// mapping goes on.
     WaitMotion,
-    /// There is too little to see to begin a map; or scale and gravity are being sought, and nothing lacks that moving
-    /// would mend first. In the latter case the pose is valid and mapping goes on by eye.
+    /// There are too few points to start a map; or scale and gravity are being initialised, and nothing is
+    /// lacking that motion would provide. In the latter case the pose is valid and visual mapping goes on.
     Initializing,
-    /// The pose is known by what is seen; where the inertial sensor is used, scale and gravity are known too.
+    /// The pose is tracked visually; where the IMU is used, scale and gravity are known too.
     Tracking,
-    /// Too little is seen; the inertial sensor carries the pose.
+    /// Too few visual matches; the IMU carries the pose.
     Coasting,
-    /// The pose is not known; the place is sought in the map.
+    /// The pose is not known; relocalisation is searching the map.
     Lost,
-    /// The frame at which a new world begins beside the others, since the place was not recognised. Nothing is thrown
-    /// away.
+    /// The frame at which a new map is created while others exist, since the place was not recognised.
+    /// Nothing is thrown away.
     Resetting,
-    /// The picture could not be taken; or a stage has died, and tracking goes on with the map there is.
+    /// The image could not be processed; or a stage has failed, and tracking goes on with the map as it is.
     Error,
 }
 
 impl Phase {
-    /// All in the order in which they usually come.
+    /// All phases in the order in which they usually occur.
     pub const ALL: [Self; 10] = [
         Self::LoadingVocab,
         Self::WaitFrames,
@@ -79,37 +82,37 @@ impl Phase {
 /// What is waited for, with its numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wait {
-    /// Points to begin a map with: features with depth, or matches between two views.
+    /// Points to start a map: features with depth, or matches between two views.
     Points {
         /// Found.
         have: usize,
         /// Needed.
         need: usize,
     },
-    /// The camera to move aside: so many matches between two views do not tell the motion yet.
+    /// Sideways motion of the camera: the matches between two views do not determine the motion yet.
     Parallax {
         /// Matches.
         matches: usize,
     },
-    /// A reading of the inertial sensor: seconds since the last, where there ever was one.
+    /// An IMU reading: seconds since the last, if there ever was one.
     Reading {
-        /// Seconds before the picture.
+        /// Seconds before the image.
         silent_s: Option<f64>,
     },
-    /// Enough key frames for the first try to find scale and gravity.
+    /// Enough key frames for the first attempt to initialise scale and gravity.
     FirstTry,
-    /// A test that the last try failed.
+    /// A test that the last initialisation failed.
     Gate(Gate),
-    /// Enough to see again, while the inertial sensor carries the pose.
+    /// Visual matches, while the IMU carries the pose.
     Sight {
-        /// Seconds since the pose was last seen.
+        /// Seconds since the last visually tracked pose.
         since_s: f64,
-        /// Standard deviation of the place, metres.
+        /// Standard deviation of the position, metres.
         sigma: f64,
     },
-    /// A place that is recognised: matches that agreed at the best candidate.
+    /// Relocalisation: inlier matches of the best candidate.
     Place {
-        /// Agreed.
+        /// Inliers.
         have: usize,
         /// Needed.
         need: usize,
@@ -122,18 +125,18 @@ impl Serialize for Wait {
     }
 }
 
-/// Something that has happened. Worlds are named after their eldest key frame, by its place in the order of birth.
+/// An event. A map is named after its oldest key frame, by that key frame's index in order of creation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum StatusEvent {
-    /// A world begins.
-    World {
+    /// A map was created.
+    MapCreated {
         /// Its name.
         map: usize,
-        /// Whether there are others beside it.
-        beside: bool,
+        /// Whether there are other maps already.
+        others: bool,
     },
-    /// Two worlds are one; the younger's name goes.
+    /// Two maps were merged; the younger's name is retired.
     Merge {
         /// The younger.
         from: usize,
@@ -142,71 +145,73 @@ pub enum StatusEvent {
     },
     /// A loop was closed.
     Loop {
-        /// The key frame that saw a place again.
+        /// The key frame that shows a place again.
         key_frame: usize,
-        /// The one that had seen it before.
-        again: usize,
+        /// The earlier key frame of that place.
+        earlier: usize,
     },
-    /// Scale and gravity of a world are known.
-    AlignGravity {
-        /// The world.
+    /// Scale and gravity of a map are known.
+    GravityAligned {
+        /// The map.
         map: usize,
-        /// Metres in a unit of length before.
+        /// Metres per unit of length before.
         scale: f64,
         /// Relative standard deviation of the scale.
         sigma: f64,
     },
-    /// A lost pose is known again.
-    Found {
-        /// Seconds without it.
+    /// Tracking was lost and has been recovered.
+    Relocalised {
+        /// Seconds without a pose.
         after_s: f64,
     },
 }
 
-/// What came of the inertial sensor.
+/// The state of the IMU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ImuStatus {
-    /// Readings that came with the last packet, made-up ones too.
+    /// Readings in the last packet, synthesised ones included.
     pub batch: usize,
-    /// Milliseconds from the newest real reading to the picture: positive where readings lag behind; `None` before
-    /// the first.
+    /// Milliseconds from the newest real reading to the image: positive where readings lag behind; `None`
+    /// before the first.
     pub lag_ms: Option<f64>,
-    /// Readings made up so far because no real one had come in time ([`cairn_sensor::ImuSample::is_synthesised`]).
+    /// Readings synthesised so far because no real one had arrived in time
+    /// ([`cairn_sensor::ImuSample::is_synthesised`]).
     pub synthesised: usize,
-    /// Holes of more than two and a half periods between readings, so far.
+    /// Gaps of more than two and a half periods between readings, so far.
     pub gaps: usize,
     /// The longest of them, seconds.
     pub longest_gap_s: f64,
 }
 
-/// How the engine stands after a packet.
+/// The status of the engine after a packet.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Status {
-    /// What it is doing.
+    /// The phase.
     pub phase: Phase,
     /// Seconds since the first packet, in the source's clock.
     pub t_s: f64,
     /// Packets so far.
     pub frames: u64,
-    /// Number of the last pose, from 1; 0 before the first. It stays while there is none.
+    /// Number of the last pose, from 1; 0 before the first. It is kept while there is no pose.
     pub sequence: u64,
     /// Whether the last packet has a pose.
     pub valid: bool,
-    /// The world of the last pose (its map), named after its eldest key frame by its place in the order of birth.
+    /// The map of the last pose, named after its oldest key frame by that key frame's index in order of
+    /// creation.
     pub map: Option<usize>,
-    /// Whether there is a world, and its scale and gravity are known where the inertial sensor is to find them.
+    /// Whether there is a map, and its scale and gravity are known where an IMU is to provide them.
     pub initialised: bool,
     /// Whether lengths there are metres.
     pub metric: bool,
-    /// Points that agree with the pose; 0 at the frame a world begins with.
+    /// Inlier points of the pose; 0 at the frame that creates a map.
     pub points: usize,
-    /// The inertial sensor, where it is used.
+    /// The IMU, where it is used.
     pub imu: Option<ImuStatus>,
-    /// What is waited for; nothing where nothing is. Serialised as words.
+    /// What is waited for, if anything. Serialised as text.
     pub waits: Vec<Wait>,
-    /// What happened at the last packet.
+    /// Events at the last packet.
     pub events: Vec<StatusEvent>,
-    /// All tests of the last try to find scale and gravity here, passed and failed.
+    /// All tests of the last attempt to initialise scale and gravity here, passed and failed.
     pub gates: Vec<Gate>,
     /// What is wrong, in [`Phase::Error`].
     pub error: Option<String>,

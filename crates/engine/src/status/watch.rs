@@ -1,4 +1,4 @@
-//! From what became of each packet to the status after it.
+//! Derives the status from the result of each packet.
 
 use super::{ImuStatus, Phase, Status, StatusEvent, Wait};
 use cairn_atlas::{MapId, Snapshot};
@@ -7,47 +7,47 @@ use cairn_mapping::{Joined, Verdict};
 use cairn_sensor::{ImuSample, Stamp};
 use cairn_tracking::State;
 
-/// Readings are missing when none has come for so long, seconds.
+/// Readings are missing when none has arrived for so long, seconds.
 const SILENT_S: f64 = 0.5;
-/// A hole is longer than so many periods, as [`cairn_sensor::ImuGap`] has it.
+/// A gap is longer than so many periods, as in [`cairn_sensor::ImuGap`].
 const GAP_PERIODS: f64 = 2.5;
 
-/// What became of a packet.
-pub(crate) struct Seen<'a> {
+/// The result of a packet.
+pub(crate) struct FrameResult<'a> {
     pub stamp: Stamp,
     pub imu: &'a [ImuSample],
     pub state: State,
-    /// The world of the pose, where there is one, and whether its scale and gravity are known.
+    /// The map of the pose, if there is one, and whether its scale and gravity are known.
     pub map: Option<(MapId, bool)>,
     pub metric: bool,
-    /// Whether a world begins here, and whether there are others.
+    /// Whether a map is created here, and whether there are others.
     pub map_created: bool,
-    pub beside: bool,
+    pub others: bool,
     pub points: usize,
     pub attempt: Option<&'a Attempt>,
     pub verdicts: &'a [Verdict],
-    /// A stage has died, now or before.
+    /// Why a stage has failed, now or before.
     pub died: Option<&'a str>,
     /// Whether the map may change.
     pub mapping: bool,
 }
 
-/// Follows the packets.
+/// Tracks the status over the packets.
 #[derive(Debug)]
-pub(crate) struct Watch {
+pub(crate) struct StatusTracker {
     status: Status,
     depth: bool,
-    /// Seconds between readings, where the inertial sensor is used.
+    /// Seconds between readings, where the IMU is used.
     period_s: Option<f64>,
     first: Option<Stamp>,
     /// The newest real reading.
     reading: Option<Stamp>,
-    /// Since when the pose is lost.
+    /// Time at which tracking was lost.
     lost: Option<Stamp>,
 }
 
-impl Watch {
-    /// Before the first packet. `depth`: one picture is enough to begin with.
+impl StatusTracker {
+    /// The status before the first packet. `depth`: one frame is enough to start a map.
     pub fn new(depth: bool, period_s: Option<f64>, snapshot: &Snapshot) -> Self {
         let imu = period_s.map(|_| ImuStatus::default());
         let metric = depth
@@ -61,116 +61,118 @@ impl Watch {
         &self.status
     }
 
-    /// The packet could not be taken by the eye.
+    /// Reports a packet that the front end refused.
     pub fn refuse(&mut self, stamp: Stamp, imu: &[ImuSample], why: String) {
-        self.arrive(stamp, imu);
+        self.update_readings(stamp, imu);
         let s = &mut self.status;
         (s.phase, s.valid, s.points, s.error) = (Phase::Error, false, 0, Some(why));
         s.waits.clear();
     }
 
-    /// The packet was taken.
-    pub fn see(&mut self, seen: &Seen) {
-        self.arrive(seen.stamp, seen.imu);
-        self.place(seen);
-        self.happen(seen);
-        let (phase, waits) = self.judge(seen);
-        let error = seen.died.map(str::to_owned);
+    /// Updates the status with the result of a packet.
+    pub fn update(&mut self, result: &FrameResult) {
+        self.update_readings(result.stamp, result.imu);
+        self.update_map(result);
+        self.collect_events(result);
+        let (phase, waits) = self.phase_and_waits(result);
+        let error = result.died.map(str::to_owned);
         self.status = Status { phase, waits, error, ..std::mem::take(&mut self.status) };
     }
 
-    /// Time and readings.
-    fn arrive(&mut self, stamp: Stamp, imu: &[ImuSample]) {
+    /// Updates time and readings.
+    fn update_readings(&mut self, stamp: Stamp, imu: &[ImuSample]) {
         let s = &mut self.status;
         s.t_s = stamp - *self.first.get_or_insert(stamp);
         s.frames += 1;
         s.events.clear();
-        let (Some(told), Some(period_s)) = (&mut s.imu, self.period_s) else { return };
-        told.batch = imu.len();
+        let (Some(status), Some(period_s)) = (&mut s.imu, self.period_s) else { return };
+        status.batch = imu.len();
         for sample in imu {
             if sample.is_synthesised() {
-                told.synthesised += 1;
+                status.synthesised += 1;
                 continue;
             }
-            let hole_s = self.reading.map_or(0.0, |before| sample.stamp - before);
-            if hole_s > GAP_PERIODS * period_s {
-                told.gaps += 1;
-                told.longest_gap_s = told.longest_gap_s.max(hole_s);
+            let gap_s = self.reading.map_or(0.0, |before| sample.stamp - before);
+            if gap_s > GAP_PERIODS * period_s {
+                status.gaps += 1;
+                status.longest_gap_s = status.longest_gap_s.max(gap_s);
             }
             self.reading = self.reading.max(Some(sample.stamp));
         }
-        told.lag_ms = self.reading.map(|newest| (stamp - newest) * 1e3);
+        status.lag_ms = self.reading.map(|newest| (stamp - newest) * 1e3);
     }
 
-    /// The pose and its world.
-    fn place(&mut self, seen: &Seen) {
+    /// Updates the pose and its map.
+    fn update_map(&mut self, result: &FrameResult) {
         let s = &mut self.status;
-        s.valid = seen.map.is_some();
+        s.valid = result.map.is_some();
         s.sequence += u64::from(s.valid);
-        s.points = seen.points;
-        let Some((map, level)) = seen.map else { return };
+        s.points = result.points;
+        let Some((map, gravity_aligned)) = result.map else { return };
         let map = name(map);
-        if s.map != Some(map) && !level {
+        if s.map != Some(map) && !gravity_aligned {
             s.gates.clear();
         }
         s.map = Some(map);
-        s.metric = seen.metric;
-        s.initialised = level || self.period_s.is_none();
+        s.metric = result.metric;
+        s.initialised = gravity_aligned || self.period_s.is_none();
     }
 
-    /// What happened.
-    fn happen(&mut self, seen: &Seen) {
+    /// Collects the events.
+    fn collect_events(&mut self, result: &FrameResult) {
         let s = &mut self.status;
         let lost_since = self.lost;
-        self.lost = match seen.state {
-            State::Lost { .. } => lost_since.or(Some(seen.stamp)),
+        self.lost = match result.state {
+            State::Lost { .. } => lost_since.or(Some(result.stamp)),
             _ => None,
         };
-        match (seen.map_created, s.map, lost_since) {
-            (true, Some(map), _) => s.events.push(StatusEvent::World { map, beside: seen.beside }),
+        match (result.map_created, s.map, lost_since) {
+            (true, Some(map), _) => s.events.push(StatusEvent::MapCreated { map, others: result.others }),
             (false, _, Some(since)) if s.valid => {
-                s.events.push(StatusEvent::Found { after_s: seen.stamp - since });
+                s.events.push(StatusEvent::Relocalised { after_s: result.stamp - since });
             }
             _ => {}
         }
-        if let Some(attempt) = seen.attempt {
+        if let Some(attempt) = result.attempt {
             s.gates.clone_from(&attempt.gates);
             if let (Some(found), Some(map)) = (attempt.accepted(), s.map) {
                 let (scale, sigma) = (if self.depth { 1.0 } else { found.scale }, found.scale_sigma);
-                s.events.push(StatusEvent::AlignGravity { map, scale, sigma });
+                s.events.push(StatusEvent::GravityAligned { map, scale, sigma });
             }
         }
-        let joined = seen.verdicts.iter().filter_map(|v| Some((v.result.ok()?.joined, v)));
+        let joined = result.verdicts.iter().filter_map(|v| Some((v.result.ok()?.joined, v)));
         s.events.extend(joined.map(|(joined, v)| match joined {
             Joined::Merge { from, into } => StatusEvent::Merge { from: name(from), into: name(into) },
-            Joined::Loop => StatusEvent::Loop { key_frame: v.key_frame.index(), again: v.candidate.index() },
+            Joined::Loop => {
+                StatusEvent::Loop { key_frame: v.key_frame.index(), earlier: v.candidate.index() }
+            }
         }));
     }
 
     /// The phase, and what is waited for in it.
-    fn judge(&self, seen: &Seen) -> (Phase, Vec<Wait>) {
-        let silent_s = self.reading.map(|newest| seen.stamp - newest);
+    fn phase_and_waits(&self, result: &FrameResult) -> (Phase, Vec<Wait>) {
+        let silent_s = self.reading.map(|newest| result.stamp - newest);
         let silent = self.period_s.is_some() && silent_s.is_none_or(|s| s > SILENT_S);
         let silence = || (Phase::WaitImu, vec![Wait::Reading { silent_s }]);
-        let (phase, waits) = match seen.state {
+        let (phase, waits) = match result.state {
             State::Lost { inliers, need } => (Phase::Lost, vec![Wait::Place { have: inliers, need }]),
             State::Coasting { since_s, sigma } => (Phase::Coasting, vec![Wait::Sight { since_s, sigma }]),
-            State::Tracking if seen.map_created && seen.beside => (Phase::Resetting, Vec::new()),
+            State::Tracking if result.map_created && result.others => (Phase::Resetting, Vec::new()),
             State::Starting { .. } if silent => silence(),
             State::Starting { have, need } if !self.depth && have > 0 && have >= need => {
                 (Phase::WaitMotion, vec![Wait::Parallax { matches: have }])
             }
             State::Starting { have, need } => (Phase::Initializing, vec![Wait::Points { have, need }]),
-            State::Tracking if self.status.initialised || !seen.mapping => (Phase::Tracking, Vec::new()),
+            State::Tracking if self.status.initialised || !result.mapping => (Phase::Tracking, Vec::new()),
             State::Tracking if silent => silence(),
-            State::Tracking => self.sought(),
+            State::Tracking => self.initialisation(),
         };
-        // What is waited for is worth to be told also when something is wrong.
-        (if seen.died.is_some() { Phase::Error } else { phase }, waits)
+        // What is waited for is reported also in the error phase.
+        (if result.died.is_some() { Phase::Error } else { phase }, waits)
     }
 
-    /// Scale and gravity are not known: what the last try lacked.
-    fn sought(&self) -> (Phase, Vec<Wait>) {
+    /// Scale and gravity are not known: what the last attempt lacked.
+    fn initialisation(&self) -> (Phase, Vec<Wait>) {
         let failed = || self.status.gates.iter().filter(|g| !g.passed);
         let moving = |kind| matches!(kind, GateKind::Excitation | GateKind::Baseline | GateKind::ScaleSigma);
         let waits: Vec<Wait> = failed().copied().map(Wait::Gate).collect();

@@ -1,4 +1,4 @@
-//! A status in words: a line for a terminal, a sentence for a walker.
+//! A status in words: a line for a terminal, a sentence for the person holding the camera.
 
 use super::{ImuStatus, Phase, Status, StatusEvent, Wait};
 use std::fmt;
@@ -12,18 +12,18 @@ impl fmt::Display for Phase {
 impl fmt::Display for Wait {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Points { have, need } => write!(f, "points to begin with, {have} of {need}"),
+            Self::Points { have, need } => write!(f, "points to start a map ({have} of {need})"),
             Self::Parallax { matches } => {
-                write!(f, "the camera to move aside, {matches} matches tell no motion yet")
+                write!(f, "sideways camera motion ({matches} matches, too little parallax yet)")
             }
-            Self::Reading { silent_s: Some(s) } => write!(f, "an IMU reading, none for {s:.1} s"),
-            Self::Reading { silent_s: None } => f.write_str("an IMU reading, none yet"),
-            Self::FirstTry => f.write_str("key frames to find scale and gravity with"),
+            Self::Reading { silent_s: Some(s) } => write!(f, "an IMU reading (none for {s:.1} s)"),
+            Self::Reading { silent_s: None } => f.write_str("an IMU reading (none so far)"),
+            Self::FirstTry => f.write_str("enough key frames to initialise scale and gravity"),
             Self::Gate(gate) => write!(f, "{gate}"),
             Self::Sight { since_s, sigma } => {
-                write!(f, "enough to see, none for {since_s:.2} s, place known to {sigma:.3} m")
+                write!(f, "visual matches (none for {since_s:.2} s, position known to {sigma:.3} m)")
             }
-            Self::Place { have, need } => write!(f, "a place that is known, {have} of {need} matches"),
+            Self::Place { have, need } => write!(f, "relocalisation ({have} of {need} matches)"),
         }
     }
 }
@@ -31,16 +31,22 @@ impl fmt::Display for Wait {
 impl fmt::Display for StatusEvent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::World { map, beside: false } => write!(f, "world {map} begins"),
-            Self::World { map, beside: true } => write!(f, "world {map} begins beside the others"),
-            Self::Merge { from, into } => write!(f, "world {from} is merged into {into}"),
-            Self::Loop { key_frame, again } => {
-                write!(f, "a loop is closed between key frames {again} and {key_frame}")
+            Self::MapCreated { map, others: false } => write!(f, "map {map} is created"),
+            Self::MapCreated { map, others: true } => {
+                write!(f, "map {map} is created, earlier maps are kept")
             }
-            Self::AlignGravity { map, scale, sigma } => {
-                write!(f, "world {map} is level, {scale:.4} m in a unit to {:.1} percent", 100.0 * sigma)
+            Self::Merge { from, into } => write!(f, "map {from} is merged into map {into}"),
+            Self::Loop { key_frame, earlier } => {
+                write!(f, "a loop is closed between key frames {earlier} and {key_frame}")
             }
-            Self::Found { after_s } => write!(f, "found again after {after_s:.2} s"),
+            Self::GravityAligned { map, scale, sigma } => {
+                write!(
+                    f,
+                    "map {map} is gravity-aligned, {scale:.4} m per unit to {:.1} percent",
+                    100.0 * sigma
+                )
+            }
+            Self::Relocalised { after_s } => write!(f, "relocalised after {after_s:.2} s"),
         }
     }
 }
@@ -50,7 +56,7 @@ impl fmt::Display for ImuStatus {
         write!(f, "IMU {} readings", self.batch)?;
         match self.lag_ms {
             Some(ms) => write!(f, ", lag {ms:.1} ms")?,
-            None => f.write_str(", none ever")?,
+            None => f.write_str(", none so far")?,
         }
         write!(f, ", {} synthesised", self.synthesised)?;
         if self.gaps > 0 {
@@ -60,7 +66,7 @@ impl fmt::Display for ImuStatus {
     }
 }
 
-/// One line; the order of its parts stays.
+/// One line; the order of its parts is fixed.
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.3} s {}", self.t_s, self.phase)?;
@@ -91,34 +97,34 @@ impl fmt::Display for Status {
 }
 
 impl Status {
-    /// The phase in a sentence or two, for whoever holds the camera.
+    /// The phase in a sentence or two, for the person holding the camera.
     pub fn words(&self) -> String {
         match (self.phase, self.waits.first()) {
             (Phase::LoadingVocab, _) => "Getting ready.".into(),
-            (Phase::WaitFrames, _) if self.frames == 0 => "Waiting for the first picture.".into(),
-            (Phase::WaitFrames, _) => "No picture comes.".into(),
-            (Phase::WaitImu, _) => "The motion sensor does not answer.".into(),
+            (Phase::WaitFrames, _) if self.frames == 0 => "Waiting for the first camera image.".into(),
+            (Phase::WaitFrames, _) => "No image from the camera.".into(),
+            (Phase::WaitImu, _) => "The motion sensor is not responding.".into(),
             (Phase::WaitMotion | Phase::Initializing, Some(Wait::Points { have, need })) => {
-                format!("Looking for a start: {have} of {need} points. Move the camera sideways.")
+                format!("Starting up: {have} of {need} points found. Move the camera sideways.")
             }
             (Phase::WaitMotion, Some(Wait::Parallax { .. })) => {
-                "Looking for a start: the points are there. Move the camera sideways.".into()
+                "Starting up: enough points found. Move the camera sideways.".into()
             }
             (Phase::WaitMotion, _) => {
-                "Tracking by sight. Lengths are not known yet: move the camera to and fro, and up and down."
+                "Tracking by camera. Distances are not known yet: move the camera back and forth, and up and down."
                     .into()
             }
-            (Phase::Initializing, _) => "Tracking by sight. Lengths are not known yet.".into(),
+            (Phase::Initializing, _) => "Tracking by camera. Distances are not known yet.".into(),
             (Phase::Tracking, _) => "Tracking.".into(),
             (Phase::Coasting, Some(Wait::Sight { since_s, sigma })) => {
-                format!("Going by the motion sensor for {since_s:.1} s, to {sigma:.2} m.")
+                format!("Tracking by motion sensor for {since_s:.1} s, accurate to {sigma:.2} m.")
             }
-            (Phase::Coasting, _) => "Going by the motion sensor.".into(),
+            (Phase::Coasting, _) => "Tracking by motion sensor.".into(),
             (Phase::Lost, Some(Wait::Place { have, need })) => {
                 format!("Tracking is lost: {have} of {need} matches.")
             }
             (Phase::Lost, _) => "Tracking is lost.".into(),
-            (Phase::Resetting, _) => "Tracking was lost and goes on in a new map beside the old one.".into(),
+            (Phase::Resetting, _) => "Tracking was lost. A new map has been started, and the old one is kept.".into(),
             (Phase::Error, _) => match &self.error {
                 Some(error) => format!("Something is wrong: {error}."),
                 None => "Something is wrong.".into(),

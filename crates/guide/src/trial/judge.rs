@@ -1,4 +1,4 @@
-//! Judges a trial by the truth: where the walker really was and which way the words sent him.
+//! Judges a trial by ground truth: where the walker really was and to which side the words sent him.
 
 use super::{STEP_S, TrialConfig, guide_config};
 use crate::announcer::Utterance;
@@ -19,34 +19,34 @@ use std::f64::consts::PI;
 pub struct Said {
     /// Seconds from the start.
     pub t: f64,
-    /// Metres along the way home, truly.
+    /// True distance along the way home, metres.
     pub along_m: f64,
     /// The words.
     pub text: String,
-    /// Where the walker truly was, metres.
+    /// True position, x in metres.
     pub x: f64,
-    /// Likewise.
+    /// True position, y in metres.
     pub y: f64,
-    /// The words sent to the wrong side.
+    /// The words sent the walker to the wrong side.
     pub wrong_side: bool,
 }
 
-/// What came of a trial.
+/// The result of a trial.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
-    /// The guide said that the way has ended.
+    /// The guide said that the route has ended.
     pub arrived: bool,
-    /// Metres from the walker to the end of the way, truly.
+    /// True distance from the walker to the end of the route, metres.
     pub error_m: f64,
-    /// How often the walker was off the path for 2 s, truly.
+    /// How many times the walker was truly off the path for 2 s.
     pub off_path: usize,
     /// Directions to the wrong side.
     pub wrong_side: usize,
-    /// Metres of the way home.
+    /// Length of the way home, metres.
     pub length_m: f64,
-    /// Seconds it took.
+    /// Duration in seconds.
     pub seconds: f64,
-    /// What was said.
+    /// The utterances.
     pub said: Vec<Said>,
     /// Utterances by kind of cue.
     pub kinds: BTreeMap<&'static str, usize>,
@@ -55,7 +55,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// The transcript as text, a line each.
+    /// The transcript as text, one utterance a line.
     pub fn transcript(&self) -> String {
         let line = |s: &Said| {
             let flag = if s.wrong_side { "  [wrong side]" } else { "" };
@@ -106,12 +106,12 @@ impl Tally {
         self.arrived as f64 / self.trials.max(1) as f64
     }
 
-    /// Off-path events in 50 m.
+    /// Off-path events per 50 m.
     pub fn off_path_per_50_m(&self) -> f64 {
         50.0 * self.off_path as f64 / self.metres.max(1e-9)
     }
 
-    /// Utterances in 100 m.
+    /// Utterances per 100 m.
     pub fn said_per_100_m(&self) -> f64 {
         100.0 * self.said as f64 / self.metres.max(1e-9)
     }
@@ -154,15 +154,15 @@ impl Judge {
         self.plan.length()
     }
 
-    fn heading_kind(&self, walker: &Walker) -> Heading {
+    fn true_heading(&self, walker: &Walker) -> Heading {
         let (x, y, heading) = walker.pose();
         let course = if self.facing == Facing::Backwards { wrap(heading + PI) } else { heading };
         Heading { position: Vec2::new(x, y), height: 1.3, heading, course }
     }
 
-    /// `place_m`: how far along the guide takes the walker to be.
+    /// `place_m`: the guide's own estimate of the distance along the route.
     pub fn see(&mut self, walker: &Walker, cue: Option<&Cue>, place_m: Option<f64>, now: Stamp) {
-        let at = self.matcher.update(&self.plan, &self.heading_kind(walker).position, now);
+        let at = self.matcher.update(&self.plan, &self.true_heading(walker).position, now);
         self.at = Some(at);
         self.place_m = place_m;
         self.off_s = if at.cross_m.abs() > self.off_m { self.off_s + STEP_S } else { 0.0 };
@@ -183,26 +183,25 @@ impl Judge {
     }
 
     pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) {
-        let heading_kind = self.heading_kind(walker);
+        let truth = self.true_heading(walker);
         let along_m = self.at.map_or(0.0, |m| m.along_m);
-        // Where two legs lie within reach of each other, the words may be meant for either.
+        // Where two legs lie within reach of each other, the words may refer to either.
         let there = self.place_m.filter(|m| {
-            (self.plan.point_at(*m) - heading_kind.position).norm() <= self.off_m
-                && (*m - along_m).abs() > 1.0
+            (self.plan.point_at(*m) - truth.position).norm() <= self.off_m && (*m - along_m).abs() > 1.0
         });
         let wrong_side = side_of(&said.text).is_some_and(|side| {
-            [Some(along_m), there].into_iter().flatten().all(|m| self.wrong(side, &heading_kind, m))
+            [Some(along_m), there].into_iter().flatten().all(|m| self.wrong(side, &truth, m))
         });
         self.outcome.wrong_side += usize::from(wrong_side);
         if let Some(kind) = &self.last_kind {
             *self.outcome.kinds.entry(name(kind)).or_default() += 1;
         }
-        let (x, y) = (heading_kind.position.x, heading_kind.position.y);
+        let (x, y) = (truth.position.x, truth.position.y);
         self.outcome.said.push(Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side });
     }
 
-    /// Whether the words send the walker away from the way, by the truth.
-    fn wrong(&self, side: Side, heading_kind: &Heading, along_m: f64) -> bool {
+    /// Whether the words truly send the walker away from the route.
+    fn wrong(&self, side: Side, truth: &Heading, along_m: f64) -> bool {
         let limit = 20.0_f64.to_radians();
         let against = |needed: f64, limit: f64| match side {
             Side::Left => needed < -limit,
@@ -211,23 +210,23 @@ impl Judge {
         match self.last_kind {
             Some(CueKind::StepAside(_)) => {
                 let foot = self.plan.point_at(along_m);
-                against(heading_kind.to_left(&foot), 0.1)
+                against(truth.to_left(&foot), 0.1)
             }
             Some(CueKind::TurnNow { .. }) => {
-                // One of the corners here must turn that way, seen from how the walker stands.
+                // One of the corners here must turn that route, seen from the walker's heading.
                 let here = |m: &&crate::Maneuver| {
                     m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0
                 };
                 !self.plan.maneuvers().iter().filter(here).any(|m| {
-                    let needed = heading_kind.turn_to(m.exit_heading);
+                    let needed = truth.turn_to(m.exit_heading);
                     // From 150 degrees on both sides lead there.
                     !against(needed, limit) || needed.abs() >= 150.0_f64.to_radians()
                 })
             }
-            // Away from the way, whether one looks one metre ahead along it or three.
+            // Away from the route at look-ahead distances of both one and three metres.
             _ => [1.0, 3.0].iter().all(|ahead| {
                 let target = self.plan.point_at((along_m + ahead).min(self.plan.length()));
-                let needed = heading_kind.turn_to(heading_of(&(target - heading_kind.position)));
+                let needed = truth.turn_to(heading_of(&(target - truth.position)));
                 against(needed, limit) && needed.abs() < 150.0_f64.to_radians()
             }),
         }
@@ -235,7 +234,7 @@ impl Judge {
 
     pub fn finish(mut self, walker: &Walker, arrived: bool) -> Outcome {
         self.outcome.arrived = arrived;
-        self.outcome.error_m = (self.heading_kind(walker).position - self.plan.end()).norm();
+        self.outcome.error_m = (self.true_heading(walker).position - self.plan.end()).norm();
         self.outcome
     }
 }
@@ -274,7 +273,7 @@ mod tests {
     use cairn_geometry::Vec3;
 
     #[test]
-    fn directions_to_the_wrong_side_and_time_off_the_path_are_seen() {
+    fn judge_counts_wrong_sides_and_off_path_events() {
         let corners = [Vec3::zeros(), Vec3::new(10.0, 0.0, 0.0), Vec3::new(10.0, 10.0, 0.0)];
         let plan = ManeuverPlan::new(&corners, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
         let config = TrialConfig {

@@ -1,5 +1,5 @@
-//! Trials on poses: a way is walked out and recorded, cleaned, and a simulated walker who hears only the
-//! words is brought home; truth is kept apart from what the guide is given.
+//! Trials on poses: a route is walked out, recorded and cleaned, and a simulated walker who reacts only to the spoken
+//! words is guided home. Ground truth is kept apart from the guide's input.
 
 mod judge;
 mod noise;
@@ -26,20 +26,20 @@ use judge::Judge;
 /// Seconds between steps of a trial.
 pub const STEP_S: f64 = 0.05;
 
-/// How a trial is done.
+/// Config of a trial.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrialConfig {
-    /// How the walker goes.
+    /// How the camera is mounted relative to the walker.
     pub facing: Facing,
-    /// Home right after the way out, or the same way again another day.
+    /// Home right after the way out, or the same route again another day.
     pub travel: Travel,
-    /// What the poses suffer.
+    /// The noise added to the poses.
     pub noise: Noise,
     /// Width of the corridor in metres: off the path is half of it, the warning two thirds of that.
     pub corridor_m: f64,
     /// Whether detours are cut before guidance.
     pub cut_detours: bool,
-    /// For the walker, the recording and the noise.
+    /// Seed of the walker, the recording and the noise.
     pub seed: u64,
 }
 
@@ -51,7 +51,7 @@ pub fn camera_pose(x: f64, y: f64, heading: f64, tilt_down: f64) -> Se3 {
     Se3::new(So3::from_matrix(&level) * tilt, Vec3::new(x, y, 1.3))
 }
 
-/// The settings of the guide for a corridor of this width.
+/// The guide's config for a corridor of this width.
 pub fn guide_config(facing: Facing, corridor_m: f64) -> GuideConfig {
     let off_m = 0.5 * corridor_m;
     GuideConfig {
@@ -63,7 +63,7 @@ pub fn guide_config(facing: Facing, corridor_m: f64) -> GuideConfig {
     }
 }
 
-/// Walks `line` out, records and cleans it, and brings a walker along it. Metres on the ground plane.
+/// Walks `line` out, records and cleans it, and guides a walker along it. Metres on the ground plane.
 pub fn run(line: &[Vec2], config: &TrialConfig) -> Outcome {
     let route = walk_out(line, config.noise, config.seed);
     let placed = route.resolve(|_| None);
@@ -82,20 +82,20 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
         ManeuverPlan::from_route(&moved, config.travel, &ground, &ManeuverPlanConfig::default())
     };
     let Ok(plan) = route_in(&Se3::identity()) else { return Outcome::default() };
-    let stands = match config.travel {
+    let start = match config.travel {
         Travel::Home => route.points.last(),
         Travel::Again => route.points.first(),
     };
-    let Some(stands) = stands else { return Outcome::default() };
+    let Some(start) = start else { return Outcome::default() };
     let mut judge = Judge::new(plan.clone(), config);
     let guide_config = guide_config(config.facing, config.corridor_m);
     let Ok(mut guide) = Guide::new(plan, ground, guide_config) else { return Outcome::default() };
     let mut voice = Announcer::new(AnnouncerConfig::default());
     let phrases = PhraseConfig::default();
     let mut noise = PoseNoise::new(config.noise, config.seed);
-    let at = stands.odom_from_camera.translation;
-    // Facing as on the way out. Another day the walker is set down at the start as somebody put him there.
-    let facing = ground.heading(&stands.odom_from_camera).unwrap_or(0.0)
+    let at = start.odom_from_camera.translation;
+    // Facing as on the way out. Another day the walker starts with an arbitrary heading.
+    let facing = ground.heading(&start.odom_from_camera).unwrap_or(0.0)
         + if config.travel == Travel::Again { 2.4 * ((config.seed % 7) as f64 / 3.0 - 1.0) } else { 0.0 };
     let mut walker = Walker::new(config.seed, (at.x, at.y, facing));
 
@@ -138,11 +138,11 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
     judge.finish(&walker, guide.state() == crate::GuideState::Arrived)
 }
 
-/// What the guide is given at one instant.
+/// The guide's input at one instant.
 pub(crate) struct Reading {
     pub stamp: Stamp,
     pub odom_from_camera: Se3,
     pub confidence: Confidence,
-    /// The smooth frame against the world, when the map was corrected just now.
+    /// The odom frame relative to the world, when the map was corrected just now.
     pub corrected: Option<Se3>,
 }

@@ -1,4 +1,4 @@
-//! What happens to poses between the truth and the guide: noise, drift, corrections, losses.
+//! Errors between the true poses and the guide's input: noise, drift, corrections, losses.
 
 use super::Reading;
 use crate::random::Random;
@@ -6,17 +6,17 @@ use crate::route::Confidence;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::Stamp;
 
-/// How bad the poses are.
+/// The level of pose errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Noise {
     /// Exact.
     None,
-    /// White noise of 2 cm and half a degree; drift of 0.5 % of the way and 0.1 degrees a metre, put right
-    /// by a correction each 10 m; once or twice in 100 m tracking is lost or the camera silent for 1 to 3 s.
+    /// White noise of 2 cm and half a degree; drift of 0.5 % of the distance and 0.1 degrees a metre, removed
+    /// by a correction every 10 m; once or twice in 100 m tracking is lost or the camera silent for 1 to 3 s.
     Usual,
 }
 
-/// Makes readings from true poses.
+/// Makes noisy readings from true poses.
 pub struct PoseNoise {
     noise: Noise,
     random: Random,
@@ -31,7 +31,7 @@ pub struct PoseNoise {
 }
 
 impl PoseNoise {
-    /// Seeded noise.
+    /// Noise from a seed.
     pub fn new(noise: Noise, seed: u64) -> Self {
         let mut random = Random::new(seed ^ 0xA015E);
         let outage_at_m = random.uniform(10.0, 90.0);
@@ -72,7 +72,7 @@ impl PoseNoise {
         self.walked_m += step;
         let at = world_from_camera.translation;
         let twist = So3::exp(&(Vec3::z() * self.drift.z * step));
-        // Drift turns the smooth frame about the walker, and shifts it.
+        // Drift rotates the odom frame about the walker, and shifts it.
         let about = Se3::new(twist, at - twist * at + Vec3::new(self.drift.x, self.drift.y, 0.0) * step);
         self.odom_from_world = self.odom_from_world * about;
         let corrected = (self.walked_m - self.corrected_at_m > 10.0).then_some(self.odom_from_world);

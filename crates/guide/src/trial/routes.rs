@@ -1,4 +1,4 @@
-//! Random ways, and how a sighted recording of one looks.
+//! Random routes, and their simulated recording by a sighted person.
 
 use super::noise::Noise;
 use super::{STEP_S, camera_pose};
@@ -9,7 +9,7 @@ use crate::route::{Anchor, Confidence, Route};
 use cairn_geometry::{Pose, Se3, So3, Vec2, Vec3};
 use cairn_sensor::Stamp;
 
-/// A way of 20 to 150 m with 3 to 12 turns (no more than one each 5 m), each segment at least 2.5 m; with
+/// A route of 20 to 150 m with 3 to 12 turns (no more than one each 5 m), each segment at least 2.5 m; with
 /// `crossing` it crosses itself, else it keeps 3 m from itself.
 pub fn random_route(seed: u64, crossing: bool) -> Vec<Vec2> {
     let mut random = Random::new(seed.wrapping_mul(0x9E37_79B9) ^ 0x5ACED);
@@ -81,8 +81,8 @@ fn keeps_away(line: &[Vec2]) -> bool {
         .all(|(i, (p, a))| points[i..].iter().all(|(q, b)| b - a < 8.0 || (p - q).norm() > 3.0))
 }
 
-/// Somebody walks the line at 1 m/s with the camera on the chest, swaying up to 15 cm and rounding
-/// corners, and the recorder runs.
+/// Simulates a person who walks the line at 1 m/s with the camera on the chest, swaying up to 15 cm and rounding
+/// corners, with the recorder running.
 pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
     let mut random = Random::new(seed ^ 0x0DD);
     let mut recorder = Recorder::new(RecorderConfig::default(), true, &Ground::z_up(), "simulated walk");
@@ -108,7 +108,7 @@ pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
         let u = (b - a) / span;
         let aim = a + u * (along + 0.6).min(span) + Vec2::new(-u.y, u.x) * sway;
         let turn = wrap(heading_of(&(aim - p)) - heading);
-        // People turn on the spot where the way bends sharply.
+        // People turn on the spot where the route bends sharply.
         heading += turn.clamp(-1.6 * STEP_S, 1.6 * STEP_S);
         if turn.abs() < 0.6 {
             p += direction(heading) * STEP_S;
@@ -130,7 +130,7 @@ pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
             confidence: Confidence::Good,
             quality: 1.0,
         };
-        // Into memory only: there is no disk to fail.
+        // Recorded into memory: there is no disk to fail.
         let _ = recorder.observe(&input);
     }
     recorder.finish().0

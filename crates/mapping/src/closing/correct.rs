@@ -1,4 +1,4 @@
-//! Corrections: a world is moved into another, landmarks seen again are joined.
+//! Corrections: a map is merged into another, and landmarks seen again are fused.
 
 use super::draft::Draft;
 use crate::fuse::{around, fuse_into};
@@ -7,20 +7,21 @@ use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::Sim3;
 use cairn_vision::RectifiedCamera;
 
-/// Neighbours of a key frame in which the landmarks of the earlier visit are sought.
+/// Neighbours of a key frame in which the landmarks of the earlier visit are searched.
 const FUSED: usize = 12;
 
-/// Moves a younger world into an older one; `there_from_here` leads from the key frame's world to the earlier one's.
+/// Merges a younger map into an older one; `there_from_here` transforms from the key frame's map to the
+/// earlier one's.
 pub(super) fn merge(draft: &mut Draft, here: &KeyFrame, old: KeyFrameId, there_from_here: &Sim3) {
     let snapshot = draft.snapshot();
     let Some(there) = snapshot.key_frame(old).map(|k| k.map) else { return };
-    let (from, into, into_from, meeting) = if here.map > there {
+    let (from, into, into_from, meeting_point) = if here.map > there {
         (here.map, there, *there_from_here, old)
     } else {
         (there, here.map, there_from_here.inverse(), here.id)
     };
-    // Parents are older than their children: up the tree from where the worlds meet, until that is so.
-    let mut parent = meeting;
+    // Parents are older than their children: go up the tree from where the maps meet, until that holds.
+    let mut parent = meeting_point;
     while parent >= from.root() {
         match snapshot.key_frame(parent).and_then(|k| k.parent) {
             Some(older) => parent = older,
@@ -30,12 +31,12 @@ pub(super) fn merge(draft: &mut Draft, here: &KeyFrame, old: KeyFrameId, there_f
     draft.push(vec![Change::Merge { from, into, into_from, parent }, Change::Link(here.id, old)]);
 }
 
-/// Joins the landmarks seen again: those of the key frame become the earlier ones, and around it the earlier ones are
-/// sought where they must be.
+/// Fuses the landmarks seen again: those of the key frame become the earlier ones, and the earlier ones are
+/// searched in the key frames around it.
 pub(super) fn fuse(draft: &mut Draft, camera: &RectifiedCamera, here: KeyFrameId, place: &Recognised) {
     let same = place.landmarks.iter().enumerate().filter_map(|(i, l)| Some((i, (*l)?)));
-    let joined = join(draft.snapshot(), here, same);
-    draft.push(joined);
+    let fused = fuse_matches(draft.snapshot(), here, same);
+    draft.push(fused);
     let mut theirs: Vec<LandmarkId> = std::iter::once(place.old)
         .chain(around(draft.snapshot(), place.old, FUSED / 2))
         .filter_map(|id| draft.snapshot().key_frame(id))
@@ -51,7 +52,7 @@ pub(super) fn fuse(draft: &mut Draft, camera: &RectifiedCamera, here: KeyFrameId
     }
 }
 
-fn join(
+fn fuse_matches(
     snapshot: &Snapshot,
     here: KeyFrameId,
     same: impl Iterator<Item = (usize, LandmarkId)>,

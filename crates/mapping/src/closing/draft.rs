@@ -1,9 +1,9 @@
-//! A map on which changes are tried one after the other, so that later ones build on earlier ones; all are handed back
-//! as one list.
+//! A draft of the map on which changes are tried one after the other, so that later ones build on earlier
+//! ones; all are returned as one list.
 
 use cairn_atlas::{Change, ChangeSet, Snapshot};
 
-/// The map so far and what was done to it.
+/// The draft so far and the changes that led to it.
 pub(super) struct Draft {
     snapshot: Snapshot,
     changes: Vec<Change>,
@@ -14,7 +14,7 @@ impl Draft {
         Self { snapshot: snapshot.clone(), changes: Vec::new() }
     }
 
-    /// The map with all changes so far.
+    /// The snapshot with all changes so far.
     pub fn snapshot(&self) -> &Snapshot {
         &self.snapshot
     }

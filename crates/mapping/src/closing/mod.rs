@@ -1,16 +1,16 @@
-//! Closing: places that were seen before are recognised, loops are closed, worlds are merged.
+//! Loop closing and map merging: places seen before are recognised, loops are closed, maps are merged.
 //!
-//! In: a snapshot of the map and a key frame in it. Out: changes made on that snapshot, and a verdict on each candidate
-//! with its numbers. Nothing is forced: what fails a check is refused and told.
+//! In: a snapshot and one of its key frames. Out: changes made on that snapshot, and a verdict on each
+//! candidate with its numbers. Nothing is forced: what fails a check is refused and reported.
 
+mod candidates;
 mod correct;
 mod draft;
 mod relax;
 mod relocation_prior;
-mod seek;
 
-use crate::grow::median_depth;
 use crate::inertial::InertialConfig;
+use crate::triangulation::median_depth;
 use cairn_adjust::{
     ImuModel, InertialWindow, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, recognise,
 };
@@ -20,29 +20,30 @@ use cairn_sensor::ImuSensor;
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
 use relax::relax;
-use relocation_prior::relocation_prior;
+use relocation_prior::prior_displacement;
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// Scale that may have been lost between two visits of one world, and between two worlds, as a logarithm.
-const MOST_SCALE: [f64; 2] = [0.7, 2.5];
+/// Largest logarithm of the scale change between two visits of one map, and between two maps.
+const MAX_LOG_SCALE: [f64; 2] = [0.7, 2.5];
 
-/// How far two visits may differ on where down is, radians.
-const MOST_TILT_RAD: f64 = 0.09;
+/// Largest angle between the gravity directions of two visits, radians.
+const MAX_TILT_RAD: f64 = 0.09;
 
-/// How to close.
+/// Configuration of loop closing and map merging.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CloserConfig {
-    /// Whether loops are closed and worlds merged at all.
+    /// Whether loops are closed and maps merged at all.
     pub enabled: bool,
-    /// Places compared for each key frame, at most.
+    /// Candidate places compared for each key frame, at most.
     pub candidates: usize,
-    /// Matches that must agree.
+    /// Inlier matches needed.
     pub need: usize,
-    /// The drift that is plausible, as a share of the way between the two visits, with metric scale and without.
+    /// The plausible drift as a share of the distance travelled between the two visits, with metric scale and
+    /// without.
     pub drift: [f64; 2],
-    /// Key frames up to which a world is adjusted as a whole after a loop.
+    /// Largest map, in key frames, that is adjusted as a whole after a loop.
     pub whole_key_frames: usize,
 }
 
@@ -55,7 +56,7 @@ impl Default for CloserConfig {
 /// Why a candidate was refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Refusal {
-    /// It does not look like the place, or its geometry does not fit.
+    /// The appearance or the geometry does not match.
     MatchFailure(MatchFailure),
     /// Too few points have a depth on both sides, or those depths do not agree on one scale.
     Scale {
@@ -63,22 +64,22 @@ pub enum Refusal {
         points: usize,
         /// Median of the scale.
         median: f64,
-        /// Spread of it: median absolute deviation of the logarithm.
+        /// Its spread: median absolute deviation of the logarithm.
         spread: f64,
     },
-    /// Both places know where down is, and do not agree on it.
+    /// Both maps are gravity-aligned, and their gravity directions disagree.
     Tilt {
-        /// By how much they differ, radians.
+        /// Angle between them, radians.
         tilt_rad: f64,
     },
-    /// The map would have to be off by more than it can have drifted.
+    /// The correction is larger than the plausible drift.
     Drift {
-        /// By how much it would have to be off, units of the map.
+        /// The correction, map units.
         off: f64,
-        /// What is plausible after the way between.
+        /// The plausible drift over the distance travelled in between, map units.
         plausible: f64,
     },
-    /// It fits, and waits for another key frame that says the same.
+    /// It fits, and waits for confirmation by another key frame.
     Alone,
 }
 
@@ -90,85 +91,85 @@ impl fmt::Display for Refusal {
                 write!(f, "{points} points give a scale of {median:.3} with a spread of {spread:.3}")
             }
             Self::Tilt { tilt_rad } => {
-                write!(f, "down would be off by {:.1} degrees", tilt_rad.to_degrees())
+                write!(f, "the gravity directions differ by {:.1} degrees", tilt_rad.to_degrees())
             }
             Self::Drift { off, plausible } => {
-                write!(f, "the map would be off by {off:.2}, {plausible:.2} is plausible")
+                write!(f, "the correction would be {off:.2}, at most {plausible:.2} is plausible")
             }
-            Self::Alone => write!(f, "waits for a second key frame that says the same"),
+            Self::Alone => write!(f, "waits for confirmation by a second key frame"),
         }
     }
 }
 
-/// What a place seen again leads to.
+/// The result of recognising a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Joined {
-    /// A loop in one world was closed.
+    /// A loop in one map was closed.
     Loop,
-    /// Two worlds became one.
+    /// Two maps became one.
     Merge {
-        /// The younger, whose name goes.
+        /// The younger, whose id is retired.
         from: MapId,
         /// The older.
         into: MapId,
     },
 }
 
-/// A candidate that was looked at closely.
+/// A candidate that was verified, and the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
     /// The key frame.
     pub key_frame: KeyFrameId,
     /// The earlier key frame that may show the same place.
     pub candidate: KeyFrameId,
-    /// What came of it.
+    /// The numbers when accepted, or why it was refused.
     pub result: Result<Accepted, Refusal>,
 }
 
-/// The numbers of a place recognised.
+/// The numbers of an accepted candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accepted {
-    /// What it led to.
+    /// What was joined.
     pub joined: Joined,
-    /// Landmarks of the earlier visit that agree.
+    /// Landmarks of the earlier visit that are inliers.
     pub inliers: usize,
-    /// Of so many that should be in view.
+    /// Landmarks of the earlier visit that should be in view.
     pub expected: usize,
-    /// How far the key frame was off, units of the map.
+    /// Distance by which the key frame was corrected, map units.
     pub off: f64,
-    /// By how much, radians.
+    /// Angle by which it was corrected, radians.
     pub off_rad: f64,
-    /// Length there for each length here.
+    /// Length in the earlier map for each length here.
     pub scale: f64,
 }
 
-/// What closing has to say of a key frame.
+/// The result of closing for one key frame.
 #[derive(Clone, Debug, Default)]
 pub struct Closed {
-    /// To commit, made on the snapshot that was given.
+    /// The changes to commit, made on the given snapshot.
     pub changes: Vec<Change>,
-    /// Of each candidate.
+    /// The verdict on each candidate.
     pub verdicts: Vec<Verdict>,
-    /// A key frame in the world that was joined and should be adjusted as a whole when there is time.
+    /// A key frame of the map that was corrected and should be adjusted as a whole when there is time.
     pub joined: Option<KeyFrameId>,
 }
 
-/// What drifts, and so may be corrected.
+/// The degrees of freedom that drift, and so may be corrected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freedom {
-    /// Place and heading: down and scale are known.
+    /// Position and heading: gravity and scale are known.
     AlignGravity,
-    /// Place and direction.
+    /// Position and orientation.
     Metric,
-    /// Place, direction and scale.
+    /// Position, orientation and scale.
     Similar,
 }
 
-/// Where a key frame stands, with the down that its own world knows.
-fn level(here: &KeyFrame, world_from_here: &Sim3) -> Result<Sim3, Refusal> {
+/// The recognised pose of a key frame, with roll and pitch taken from its own gravity-aligned map.
+fn with_gravity_of(here: &KeyFrame, world_from_here: &Sim3) -> Result<Sim3, Refusal> {
     let turn = world_from_here.rotation * here.world_from_camera.rotation.inverse();
     let tilt_rad = (turn * Vec3::z()).angle(&Vec3::z());
-    if tilt_rad > MOST_TILT_RAD {
+    if tilt_rad > MAX_TILT_RAD {
         return Err(Refusal::Tilt { tilt_rad });
     }
     let heading = YawPose::split(&Se3::new(turn, Vec3::zeros())).0.rotation();
@@ -176,12 +177,12 @@ fn level(here: &KeyFrame, world_from_here: &Sim3) -> Result<Sim3, Refusal> {
     Ok(Sim3::new(rotation, world_from_here.translation, world_from_here.scale))
 }
 
-/// A place seen again that waits for a second opinion.
+/// A recognised place that waits for confirmation.
 #[derive(Clone, Copy, Debug)]
 struct Hypothesis {
     key_frame: KeyFrameId,
     old: KeyFrameId,
-    /// Moves what is believed to where the earlier visit puts it.
+    /// Correction from the current estimate to the pose by the earlier visit.
     shift: Sim3,
 }
 
@@ -191,28 +192,29 @@ pub struct Closer {
     camera: RectifiedCamera,
     config: CloserConfig,
     window: WindowConfig,
-    /// The inertial sensor, and the key frames up to which a world is adjusted as a whole with what was felt.
+    /// The IMU, and the largest map in key frames that is adjusted as a whole with IMU factors.
     imu: Option<(ImuModel, usize)>,
     pending: Option<Hypothesis>,
 }
 
 impl Closer {
-    /// A closer for one eye; `window` is how mapping adjusts its windows.
+    /// A closer for a camera; `window` is the configuration of mapping's windows.
     pub fn new(camera: RectifiedCamera, config: CloserConfig, window: WindowConfig) -> Self {
         Self { camera, config, window, imu: None, pending: None }
     }
 
-    /// The same with an inertial sensor; `imu_from_camera` in metres.
+    /// Adds an IMU; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
         let imu = ImuModel { imu_from_camera, noise: sensor.noise.times([config.noise_times; 2]) };
         Self { imu: Some((imu, config.whole_key_frames)), ..self }
     }
 
-    /// Looks whether a key frame shows a place that was seen before, and joins what is the same.
+    /// Checks whether a key frame shows a place seen before, and closes the loop or merges the maps if so.
     pub fn step(&mut self, snapshot: &Snapshot, id: KeyFrameId) -> Closed {
         let mut closed = Closed::default();
         let Some(here) = snapshot.key_frame(id).filter(|_| self.config.enabled) else { return closed };
-        for old in seek::candidates(snapshot, here, self.reach(snapshot, here), self.config.candidates) {
+        for old in candidates::candidates(snapshot, here, self.reach(snapshot, here), self.config.candidates)
+        {
             let judged = self.judge(snapshot, here, old);
             let result = match judged {
                 Ok((place, world_from_here)) => {
@@ -231,7 +233,7 @@ impl Closer {
         closed
     }
 
-    /// All checks of one candidate; the place and where the key frame stands there.
+    /// Runs all checks of one candidate; returns the recognised place and the pose of the key frame there.
     fn judge(
         &mut self,
         snapshot: &Snapshot,
@@ -247,7 +249,7 @@ impl Closer {
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
         if self.freedom(snapshot, here, old) == Freedom::AlignGravity {
-            world_from_here = level(here, &world_from_here)?;
+            world_from_here = with_gravity_of(here, &world_from_here)?;
         }
         let shift = world_from_here * Sim3::from(here.world_from_camera).inverse();
         let plausible = self.plausible(snapshot, here, old);
@@ -255,14 +257,14 @@ impl Closer {
         let there = snapshot.key_frame(old).map_or(here.map, |k| k.map);
         let same_map = there == here.map;
         let plausible =
-            if same_map { plausible } else { plausible + relocation_prior(snapshot, here, there, scale) };
+            if same_map { plausible } else { plausible + prior_displacement(snapshot, here, there, scale) };
         if off > plausible {
             return Err(Refusal::Drift { off, plausible });
         }
-        // A small correction, well within the drift, is no news; a large one, or a merge, is asked twice.
-        let small = same_map && off < 0.2 * plausible;
-        let seconded = self.pending.is_some_and(|p| self.agrees(snapshot, &p, here, old, &shift));
-        if !small && !seconded {
+        // A small correction, well within the drift, needs no confirmation; a large one, or a merge, does.
+        let is_small = same_map && off < 0.2 * plausible;
+        let confirmed = self.pending.is_some_and(|p| self.agrees(snapshot, &p, here, old, &shift));
+        if !is_small && !confirmed {
             self.pending = Some(Hypothesis { key_frame: here.id, old, shift });
             return Err(Refusal::Alone);
         }
@@ -270,19 +272,19 @@ impl Closer {
         Ok((place, world_from_here))
     }
 
-    /// What may be off between two visits.
+    /// The degrees of freedom that may have drifted between two visits.
     fn freedom(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> Freedom {
-        let level = snapshot
+        let gravity_aligned = snapshot
             .key_frame(old)
             .is_some_and(|k| snapshot.is_gravity_aligned(k.map) && snapshot.is_gravity_aligned(here.map));
-        match (level, self.camera.has_depth()) {
+        match (gravity_aligned, self.camera.has_depth()) {
             (true, _) => Freedom::AlignGravity,
             (false, true) => Freedom::Metric,
             (false, false) => Freedom::Similar,
         }
     }
 
-    /// How near a key frame must be believed to be looked at for its place alone.
+    /// Distance within which a key frame is a candidate for its estimated position alone.
     fn reach(&self, snapshot: &Snapshot, here: &KeyFrame) -> f64 {
         match self.camera.has_depth() {
             true => self.camera.close_depth / 3.0,
@@ -290,7 +292,7 @@ impl Closer {
         }
     }
 
-    /// Length in the earlier world for each length here, by the depths of the points that both know.
+    /// Length in the earlier map for each length here, by the depths of the points known in both.
     fn scale(&self, snapshot: &Snapshot, here: &KeyFrame, place: &Recognised) -> Result<f64, Refusal> {
         let (camera_from_here, camera_from_there) =
             (here.world_from_camera.inverse(), place.world_from_camera.inverse());
@@ -304,13 +306,13 @@ impl Closer {
         let (median, spread) = median_and_spread(&mut logs);
         let metric = self.freedom(snapshot, here, place.old) != Freedom::Similar;
         let merging = snapshot.key_frame(place.old).is_some_and(|k| k.map != here.map);
-        let most = MOST_SCALE[usize::from(merging)];
+        let most = MAX_LOG_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };
         if points < self.config.need / 4 {
-            // With depth, a view that shares no points yet still has its scale.
+            // With depth, a view that shares no points yet has a known scale all the same.
             return if metric { Ok(1.0) } else { Err(refusal) };
         }
-        // What the inertial sensor told of scale is good to some percent.
+        // A scale estimated with the IMU is good to some percent.
         let most_metric = if self.camera.has_depth() { 0.1 } else { 0.2 };
         match metric {
             true if median.abs() < most_metric => Ok(1.0),
@@ -319,23 +321,24 @@ impl Closer {
         }
     }
 
-    /// How far a key frame may be off after the way since an earlier one.
+    /// The plausible drift of a key frame over the distance travelled since an earlier one.
     fn plausible(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> f64 {
-        // In order of birth: from one world to the next the tie leads on.
+        // In order of creation: the map prior leads from one map to the next.
         let since: Vec<Se3> = snapshot
             .key_frames()
             .filter(|k| k.id >= old.min(here.id) && k.id <= here.id.max(old))
             .map(|k| k.world_from_camera)
             .collect();
-        let way: f64 = since.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum();
+        let travelled: f64 = since.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).sum();
         let [with, without] = self.config.drift;
         match self.freedom(snapshot, here, old) != Freedom::Similar {
-            true => 0.5 + with * way,
-            false => 0.3 * median_depth(snapshot, here).unwrap_or(0.0) + without * way,
+            true => 0.5 + with * travelled,
+            false => 0.3 * median_depth(snapshot, here).unwrap_or(0.0) + without * travelled,
         }
     }
 
-    /// Whether an earlier hypothesis said the same: another key frame, near this one in time, was to be moved alike.
+    /// Whether the pending hypothesis agrees: another key frame, near this one in time, needs the same
+    /// correction.
     fn agrees(
         &self,
         snapshot: &Snapshot,
@@ -360,7 +363,7 @@ impl Closer {
             && (shift.scale / p.shift.scale).ln().abs() < 0.15
     }
 
-    /// Joins what is the same: the worlds or the two ends of the loop, then the landmarks, then adjusts around.
+    /// Closes the loop or merges the maps, then fuses the landmarks, then adjusts around the key frame.
     fn join(
         &self,
         snapshot: &Snapshot,
@@ -376,11 +379,11 @@ impl Closer {
         let there = snapshot.key_frame(place.old).map_or(here.map, |k| k.map);
         let joined = if there == here.map {
             let freedom = self.freedom(snapshot, here, place.old);
-            let metre = match freedom {
+            let metre_in_map_units = match freedom {
                 Freedom::Similar => 0.25 * median_depth(snapshot, here).unwrap_or(0.0),
                 _ => 1.0,
             };
-            draft.push(relax(snapshot, here, place.old, world_from_here, metre, freedom));
+            draft.push(relax(snapshot, here, place.old, world_from_here, metre_in_map_units, freedom));
             draft.push(vec![Change::Link(here.id, place.old)]);
             Joined::Loop
         } else {
@@ -389,10 +392,10 @@ impl Closer {
             Joined::Merge { from, into }
         };
         correct::fuse(&mut draft, &self.camera, here.id, place);
-        let weld =
+        let config =
             WindowConfig { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
-        if let Some(window) = Window::around(draft.snapshot(), &self.camera, here.id, &weld) {
-            draft.push(window.solve(&weld, || false).changes.changes);
+        if let Some(window) = Window::around(draft.snapshot(), &self.camera, here.id, &config) {
+            draft.push(window.solve(&config, || false).changes.changes);
         }
         let accepted = Accepted {
             joined,
@@ -405,7 +408,8 @@ impl Closer {
         (draft.into_changes(), accepted)
     }
 
-    /// Adjusts a world as a whole. `stop` is asked before each step; nothing is handed back when it said true.
+    /// Adjusts a map as a whole. `stop` is stop_requested before each step; when it returned true, no changes are
+    /// returned.
     pub fn adjust_whole(
         &self,
         snapshot: &Snapshot,
@@ -418,21 +422,21 @@ impl Closer {
         }
         let window = WindowConfig { iterations: [10, 10], ..self.window };
         let mut stopped = false;
-        let asked = || {
+        let stop_requested = || {
             stopped |= stop();
             stopped
         };
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
         let imu = imu.map(|(imu, _)| InertialWindow::whole(snapshot, &self.camera, &imu, map));
-        let final_result = match imu.filter(|w| w.links() > 0) {
-            Some(imu) => imu.solve(&window, asked),
-            None => Window::whole(snapshot, &self.camera, map).solve(&window, asked),
+        let result = match imu.filter(|w| w.links() > 0) {
+            Some(imu) => imu.solve(&window, stop_requested),
+            None => Window::whole(snapshot, &self.camera, map).solve(&window, stop_requested),
         };
-        if stopped { Vec::new() } else { final_result.changes.changes }
+        if stopped { Vec::new() } else { result.changes.changes }
     }
 }
 
-/// Median and median absolute deviation; zeros for nothing.
+/// Median and median absolute deviation; zeros for an empty slice.
 fn median_and_spread(values: &mut [f64]) -> (f64, f64) {
     if values.is_empty() {
         return (0.0, 0.0);

@@ -1,6 +1,6 @@
-//! The graph of a world's key frames, relaxed when a loop is closed: the drift since the earlier visit is spread over
-//! all that hangs together (the essential graph of Mur-Artal et al. 2015, section VII-D, with similarities after Strasdat,
-//! Montiel & Davison, "Scale drift-aware large scale monocular SLAM", RSS 2010).
+//! Pose graph optimisation of a map when a loop is closed: the drift since the earlier visit is distributed
+//! over the connected key frames (the essential graph of Mur-Artal et al. 2015, section VII-D, with
+//! similarities after Strasdat, Montiel & Davison, "Scale drift-aware large scale monocular SLAM", RSS 2010).
 
 use super::Freedom;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};
@@ -10,33 +10,34 @@ use cairn_solve::graph::{GraphConfig, PoseGraph};
 use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
 use std::collections::BTreeMap;
 
-/// Key frames that share this many landmarks hold each other.
-const STRONG: u32 = 80;
-/// A metre weighs as much as this many radians, or as this part of scale: what a step of a walk is wrong by.
+/// Key frames that share this many landmarks are connected by an edge.
+const MIN_SHARED: u32 = 80;
+/// Standard deviation in radians, or as a part of scale, that weighs as much as one metre: the typical error
+/// of a step of a walk.
 const RADIANS_PER_METRE: f64 = 0.25;
 
-/// A tie between two key frames: by index, with what the map says of it or a loop corrects it to.
-pub(super) struct MapPrior {
+/// An edge between two key frames: by index, with their relative pose in the map, or as corrected by a loop.
+pub(super) struct Edge {
     pub a: usize,
     pub b: usize,
     pub a_from_b: Sim3,
 }
 
-/// What moves when key frame `here` belongs at `world_from_here` in sight of `old`.
+/// The changes when loop closing puts key frame `here` at `world_from_here`, in view of `old`.
 pub(super) fn relax(
     snapshot: &Snapshot,
     here: &KeyFrame,
     old: KeyFrameId,
     world_from_here: &Sim3,
-    metre: f64,
+    metre_in_map_units: f64,
     freedom: Freedom,
 ) -> Vec<Change> {
     let chain: Vec<&KeyFrame> = snapshot.key_frames_of(here.map).collect();
     let slots: BTreeMap<KeyFrameId, usize> = chain.iter().enumerate().map(|(i, k)| (k.id, i)).collect();
     let poses: Vec<Se3> = chain.iter().map(|k| k.world_from_camera).collect();
-    let mut ties = Vec::new();
+    let mut edges = Vec::new();
     for (b, k) in chain.iter().enumerate() {
-        let strong = k.covisible.iter().take_while(|(_, n)| *n >= STRONG).map(|(id, _)| *id);
+        let strong = k.covisible.iter().take_while(|(_, n)| *n >= MIN_SHARED).map(|(id, _)| *id);
         let mut to: Vec<KeyFrameId> = k
             .parent
             .into_iter()
@@ -47,25 +48,27 @@ pub(super) fn relax(
         to.sort_unstable();
         to.dedup();
         for a in to.iter().filter_map(|id| slots.get(id).copied()) {
-            ties.push(MapPrior { a, b, a_from_b: (poses[a].inverse() * poses[b]).into() });
+            edges.push(Edge { a, b, a_from_b: (poses[a].inverse() * poses[b]).into() });
         }
     }
     let (Some(a), Some(b)) = (slots.get(&old).copied(), slots.get(&here.id).copied()) else {
         return Vec::new();
     };
-    ties.push(MapPrior { a, b, a_from_b: Sim3::from(poses[a]).inverse() * *world_from_here });
-    let relaxed: Vec<Sim3> = match freedom {
-        Freedom::AlignGravity => upright(&poses, &ties, metre),
-        Freedom::Metric => solve::<Se3, 6>(&poses, &ties, metre, |s| Se3::new(s.rotation, s.translation))
-            .into_iter()
-            .map(Sim3::from)
-            .collect(),
-        Freedom::Similar => solve::<Sim3, 7>(&poses, &ties, metre, |s| *s),
+    edges.push(Edge { a, b, a_from_b: Sim3::from(poses[a]).inverse() * *world_from_here });
+    let optimised: Vec<Sim3> = match freedom {
+        Freedom::AlignGravity => optimise_four_dof(&poses, &edges, metre_in_map_units),
+        Freedom::Metric => {
+            solve::<Se3, 6>(&poses, &edges, metre_in_map_units, |s| Se3::new(s.rotation, s.translation))
+                .into_iter()
+                .map(Sim3::from)
+                .collect()
+        }
+        Freedom::Similar => solve::<Sim3, 7>(&poses, &edges, metre_in_map_units, |s| *s),
     };
     let mut shifts: BTreeMap<KeyFrameId, Sim3> = BTreeMap::new();
     let mut changes = Vec::new();
-    for ((k, before), after) in chain.iter().zip(&poses).zip(&relaxed) {
-        shifts.insert(k.id, *after * Sim3::from(*before).inverse());
+    for ((k, old_pose), after) in chain.iter().zip(&poses).zip(&optimised) {
+        shifts.insert(k.id, *after * Sim3::from(*old_pose).inverse());
         changes.push(Change::MoveKeyFrame(k.id, Se3::new(after.rotation, after.translation)));
         if freedom == Freedom::Similar {
             changes.push(Change::Scale(k.id, after.scale));
@@ -79,27 +82,27 @@ pub(super) fn relax(
     changes
 }
 
-/// Relaxes a chain of poses whose roll and pitch are known: four degrees of freedom each (Qin, Li, Shen, "VINS-Mono", TRO
-/// 2018, section VIII-C).
-fn upright(poses: &[Se3], ties: &[MapPrior], metre: f64) -> Vec<Sim3> {
+/// Optimises the poses of a gravity-aligned map, roll and pitch of which are known: four degrees of freedom
+/// each (Qin, Li, Shen, "VINS-Mono", TRO 2018, section VIII-C).
+fn optimise_four_dof(poses: &[Se3], edges: &[Edge], metre_in_map_units: f64) -> Vec<Sim3> {
     let split: Vec<(YawPose, So3)> = poses.iter().map(YawPose::split).collect();
     let levels: Vec<Se3> = split.iter().map(|(level, _)| level.tilted(&So3::identity())).collect();
-    let between = |t: &MapPrior| {
+    let between = |t: &Edge| {
         let a_from_b = Se3::new(t.a_from_b.rotation, t.a_from_b.translation);
         let level = YawPose::between(&split[t.a].1, &a_from_b, &split[t.b].1);
-        MapPrior { a_from_b: level.tilted(&So3::identity()).into(), ..*t }
+        Edge { a_from_b: level.tilted(&So3::identity()).into(), ..*t }
     };
-    let ties: Vec<MapPrior> = ties.iter().map(between).collect();
+    let edges: Vec<Edge> = edges.iter().map(between).collect();
     let lift = |s: &Sim3| YawPose::split(&Se3::new(s.rotation, s.translation)).0;
-    let relaxed = solve::<YawPose, 4>(&levels, &ties, metre, lift);
-    relaxed.iter().zip(&split).map(|(level, (_, tilt))| level.tilted(tilt).into()).collect()
+    let optimised = solve::<YawPose, 4>(&levels, &edges, metre_in_map_units, lift);
+    optimised.iter().zip(&split).map(|(level, (_, tilt))| level.tilted(tilt).into()).collect()
 }
 
-/// Relaxes a chain of poses, the first of which stays, under ties.
+/// Optimises poses under edges; the first stays fixed.
 pub(super) fn solve<G: LieGroup<D> + Copy, const D: usize>(
     poses: &[Se3],
-    ties: &[MapPrior],
-    metre: f64,
+    edges: &[Edge],
+    metre_in_map_units: f64,
     lift: impl Fn(&Sim3) -> G,
 ) -> Vec<G>
 where
@@ -111,12 +114,12 @@ where
     }
     let mut information = SMatrix::<f64, D, D>::zeros();
     for i in 0..D {
-        let sigma = if i < 3 { metre } else { RADIANS_PER_METRE };
+        let sigma = if i < 3 { metre_in_map_units } else { RADIANS_PER_METRE };
         information[(i, i)] = 1.0 / (sigma * sigma);
     }
-    for tie in ties {
-        // What makes no sense as an edge is left out: the rest still holds together.
-        let _ = graph.add_edge(tie.a, tie.b, lift(&tie.a_from_b), &information, Loss::Squared);
+    for edge in edges {
+        // An edge with invalid values is left out: the others still connect the graph.
+        let _ = graph.add_edge(edge.a, edge.b, lift(&edge.a_from_b), &information, Loss::Squared);
     }
     let config = GraphConfig { iterations: 20, tolerance: 1e-6, ..GraphConfig::default() };
     graph.solve(&config, || false);
@@ -128,9 +131,9 @@ mod tests {
     use super::*;
     use cairn_geometry::{So2, Vec3};
 
-    /// A square walked with a small error in each step, told of where it ended.
+    /// A circle walked with a small error in each step, and a loop edge to its true end.
     #[test]
-    fn a_walk_that_drifted_comes_home_and_its_start_stays() {
+    fn loop_edge_corrects_drift_and_keeps_first_pose() {
         let step =
             |error: f64| Se3::new(So3::exp(&Vec3::new(0.0, 0.157 + error, 0.0)), Vec3::new(error, 0.0, 0.5));
         let walk = |error: f64| {
@@ -141,27 +144,32 @@ mod tests {
             poses
         };
         let (truth, drifted) = (walk(0.0), walk(0.002));
-        let mut ties: Vec<MapPrior> = (0..40)
-            .map(|a| MapPrior { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+        let mut edges: Vec<Edge> = (0..40)
+            .map(|a| Edge { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
             .collect();
-        ties.push(MapPrior { a: 0, b: 40, a_from_b: truth[40].into() });
+        edges.push(Edge { a: 0, b: 40, a_from_b: truth[40].into() });
         let error = |poses: &[Se3]| -> f64 {
             poses.iter().zip(&truth).map(|(a, b)| (a.translation - b.translation).norm()).sum::<f64>() / 41.0
         };
-        let rigid = solve::<Se3, 6>(&drifted, &ties, 1.0, |s| Se3::new(s.rotation, s.translation));
-        let similar: Vec<Se3> = solve::<Sim3, 7>(&drifted, &ties, 1.0, |s| *s)
+        let rigid = solve::<Se3, 6>(&drifted, &edges, 1.0, |s| Se3::new(s.rotation, s.translation));
+        let similar: Vec<Se3> = solve::<Sim3, 7>(&drifted, &edges, 1.0, |s| *s)
             .iter()
             .map(|s| Se3::new(s.rotation, s.translation))
             .collect();
-        for relaxed in [rigid, similar] {
-            assert_eq!(relaxed[0], truth[0]);
-            assert!(error(&relaxed) < 0.3 * error(&drifted), "{} of {}", error(&relaxed), error(&drifted));
+        for optimised in [rigid, similar] {
+            assert_eq!(optimised[0], truth[0]);
+            assert!(
+                error(&optimised) < 0.3 * error(&drifted),
+                "{} of {}",
+                error(&optimised),
+                error(&drifted)
+            );
         }
     }
 
-    /// A square walked upright, with an eye that looks along the way and is tilted: only headings drift, and come back.
+    /// A circle walked upright with a tilted camera: only the headings drift, and are corrected.
     #[test]
-    fn what_knows_down_keeps_it() {
+    fn four_dof_keeps_gravity_direction() {
         let tilt = So3::exp(&Vec3::new(-1.4, 0.1, 0.05));
         let step = |error: f64| YawPose::new(So2::exp(0.157 + error), Vec3::new(0.5, 0.0, 0.001));
         let walk = |error: f64| -> Vec<Se3> {
@@ -172,27 +180,28 @@ mod tests {
             level.iter().map(|l| l.tilted(&tilt)).collect()
         };
         let (truth, drifted) = (walk(0.0), walk(0.002));
-        let mut ties: Vec<MapPrior> = (0..40)
-            .map(|a| MapPrior { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+        let mut edges: Vec<Edge> = (0..40)
+            .map(|a| Edge { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
             .collect();
-        // The loop is measured with an error of direction that gravity contradicts.
+        // The loop edge has an error of tilt that contradicts gravity.
         let off = Se3::new(So3::exp(&Vec3::new(0.02, 0.02, 0.0)), Vec3::zeros());
-        ties.push(MapPrior { a: 0, b: 40, a_from_b: (truth[0].inverse() * truth[40] * off).into() });
-        let relaxed = upright(&drifted, &ties, 1.0);
+        edges.push(Edge { a: 0, b: 40, a_from_b: (truth[0].inverse() * truth[40] * off).into() });
+        let optimised = optimise_four_dof(&drifted, &edges, 1.0);
         let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
             (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0
         };
-        let (before, after) = (error(&|i| drifted[i].translation), error(&|i| relaxed[i].translation));
+        let (before, after) = (error(&|i| drifted[i].translation), error(&|i| optimised[i].translation));
         assert!(after < 0.3 * before, "{after} of {before}");
         let up = |r: &So3| r.inverse() * Vec3::z();
-        for (r, d) in relaxed.iter().zip(&drifted) {
+        for (r, d) in optimised.iter().zip(&drifted) {
             assert!((up(&r.rotation) - up(&d.rotation)).norm() < 1e-9);
         }
     }
 
-    /// Each step of a circle is seen a little smaller than the one before; told that, the last comes back to the first.
+    /// Each step of a circle is estimated a little smaller than the one before; with a loop edge of the true
+    /// scale, the last pose returns to the truth.
     #[test]
-    fn scale_that_drifted_comes_back() {
+    fn loop_edge_corrects_scale_drift() {
         let step = Se3::new(So3::exp(&Vec3::new(0.0, 0.157, 0.0)), Vec3::new(0.0, 0.0, 0.5));
         let mut drifted = vec![Se3::identity()];
         let mut truth = drifted.clone();
@@ -201,16 +210,16 @@ mod tests {
             drifted.push(drifted[i as usize] * smaller);
             truth.push(truth[i as usize] * step);
         }
-        let mut ties: Vec<MapPrior> = (0..40)
-            .map(|a| MapPrior { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
+        let mut edges: Vec<Edge> = (0..40)
+            .map(|a| Edge { a, b: a + 1, a_from_b: (drifted[a].inverse() * drifted[a + 1]).into() })
             .collect();
         let end = Sim3::new(truth[40].rotation, truth[40].translation, 1.0 / 0.99_f64.powi(40));
-        ties.push(MapPrior { a: 0, b: 40, a_from_b: end });
-        let relaxed = solve::<Sim3, 7>(&drifted, &ties, 1.0, |s| *s);
+        edges.push(Edge { a: 0, b: 40, a_from_b: end });
+        let optimised = solve::<Sim3, 7>(&drifted, &edges, 1.0, |s| *s);
         let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
             (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0
         };
-        let (before, after) = (error(&|i| drifted[i].translation), error(&|i| relaxed[i].translation));
+        let (before, after) = (error(&|i| drifted[i].translation), error(&|i| optimised[i].translation));
         assert!(after < 0.1 * before, "{after} of {before}");
     }
 }

@@ -6,24 +6,24 @@
 
 use super::positive::positive_on;
 
-/// The polynomial model as a rational one.
+/// Coefficients of the polynomial model as those of the rational model.
 pub fn extended(c: &[f64; 5]) -> [f64; 8] {
     [c[0], c[1], c[2], c[3], c[4], 0.0, 0.0, 0.0]
 }
 
-/// The bent point; `None` past the fold.
+/// The distorted point; `None` where the model has folded over.
 pub fn apply(c: &[f64; 8], m: [f64; 2]) -> Option<[f64; 2]> {
     let at = distort(c, m);
     (at.determinant() > 0.0 && before_fold(c, m)).then_some(at.value)
 }
 
-/// The point that bends to `target`, on the sheet that holds the centre; `None` where there is none.
+/// The point that is distorted to `target`, on the branch connected to the centre; `None` where there is none.
 pub fn invert(c: &[f64; 8], target: [f64; 2]) -> Option<[f64; 2]> {
     let accept = |m: &[f64; 2]| distort(c, *m).determinant() > 0.0 && before_fold(c, *m);
     if let Some(m) = newton(c, target, target).filter(accept) {
         return Some(m);
     }
-    // Near the fold Newton may jump onto another sheet: walk there from the centre, where the model is the identity.
+    // Near the fold Newton may jump to another branch: continuation from the centre, where the model is the identity.
     let mut m = [0.0, 0.0];
     for step in 1..=16 {
         let t = step as f64 / 16.0;
@@ -49,10 +49,11 @@ impl Distorted {
 fn distort(c: &[f64; 8], [x, y]: [f64; 2]) -> Distorted {
     let [k1, k2, p1, p2, k3, k4, k5, k6] = *c;
     let s = x * x + y * y;
-    let over = 1.0 + s * (k1 + s * (k2 + s * k3));
-    let under = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)));
-    let radial = over * under;
-    let slope = (k1 + s * (2.0 * k2 + s * 3.0 * k3) - radial * (k4 + s * (2.0 * k5 + s * 3.0 * k6))) * under;
+    let numerator = 1.0 + s * (k1 + s * (k2 + s * k3));
+    let inverse_denominator = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)));
+    let radial = numerator * inverse_denominator;
+    let slope = (k1 + s * (2.0 * k2 + s * 3.0 * k3) - radial * (k4 + s * (2.0 * k5 + s * 3.0 * k6)))
+        * inverse_denominator;
     Distorted {
         value: [
             x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x),
@@ -64,7 +65,7 @@ fn distort(c: &[f64; 8], [x, y]: [f64; 2]) -> Distorted {
     }
 }
 
-/// Newton's method with halved steps while the error grows; `None` when it does not reach 1e-10 of the target.
+/// Newton's method with step halving while the error grows; `None` when it does not converge to 1e-10 of the target.
 fn newton(c: &[f64; 8], target: [f64; 2], start: [f64; 2]) -> Option<[f64; 2]> {
     let error = |at: &Distorted| [target[0] - at.value[0], target[1] - at.value[1]];
     let unit = 1.0 + target[0] * target[0] + target[1] * target[1];
@@ -97,7 +98,7 @@ fn newton(c: &[f64; 8], target: [f64; 2], start: [f64; 2]) -> Option<[f64; 2]> {
     (cost < 1e-20 * unit).then_some(m)
 }
 
-/// True while the radial part grows all the way from the centre: `d(r R) / dr > 0` on `[0, r]`, and no pole.
+/// True when the radial part is strictly increasing from the centre on: `d(r R) / dr > 0` on `[0, r]`, without a pole.
 fn before_fold(c: &[f64; 8], [x, y]: [f64; 2]) -> bool {
     let [k1, k2, _, _, k3, k4, k5, k6] = *c;
     let s = x * x + y * y;
@@ -105,12 +106,12 @@ fn before_fold(c: &[f64; 8], [x, y]: [f64; 2]) -> bool {
         return positive_on(&[1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3], s);
     }
     // (N / D) + 2 s (N' D - N D') / D^2 > 0, times D^2; the term s^(i+j) of N D carries 1 + 2 (i - j).
-    let (over, under) = ([1.0, k1, k2, k3], [1.0, k4, k5, k6]);
+    let (numerator, denominator) = ([1.0, k1, k2, k3], [1.0, k4, k5, k6]);
     let mut p = [0.0; 7];
     for i in 0..4 {
         for j in 0..4 {
-            p[i + j] += over[i] * under[j] * (1.0 + 2.0 * (i as f64 - j as f64));
+            p[i + j] += numerator[i] * denominator[j] * (1.0 + 2.0 * (i as f64 - j as f64));
         }
     }
-    positive_on(&under, s) && positive_on(&p, s)
+    positive_on(&denominator, s) && positive_on(&p, s)
 }

@@ -1,8 +1,8 @@
-//! Lenses: how a ray bends before it meets the sensor.
+//! Lens models: the mapping between rays and normalised image coordinates.
 //!
-//! A lens maps a point of the camera frame to *normalised* sensor coordinates (those that the focal
-//! lengths and the principal point turn into pixels) and back. Past the place where a model folds over
-//! itself two rays share one pixel; there a lens answers `None` in both directions.
+//! A lens maps a point in the camera frame to *normalised* image coordinates (those that the focal lengths and the
+//! principal point convert to pixels) and back. Beyond the radius where a model folds over, two rays share one pixel;
+//! there a lens returns `None` in both directions.
 
 mod brown_conrady;
 mod fisheye;
@@ -11,18 +11,18 @@ mod positive;
 use crate::RigError;
 use cairn_geometry::Vec3;
 
-/// Lens distortion, with the coefficients of the model's usual order.
+/// Lens distortion, with the coefficients in the usual order of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Distortion {
-    /// A perfect pinhole.
+    /// An ideal pinhole.
     None,
-    /// Brown-Conrady, `[k1, k2, p1, p2, k3]`: bends the undistorted ray (Brown 1971; OpenCV's default).
+    /// Brown-Conrady, `[k1, k2, p1, p2, k3]`: distorts the undistorted point (Brown 1971; OpenCV's default).
     RadialTangential([f64; 5]),
     /// Brown-Conrady with a rational radial part, `[k1, k2, p1, p2, k3, k4, k5, k6]` (OpenCV's
     /// `CALIB_RATIONAL_MODEL`: numerator `k1..k3`, denominator `k4..k6`).
     Rational([f64; 8]),
-    /// The same polynomial as [`Distortion::RadialTangential`] but bending the *distorted* point into the
-    /// ray: what RealSense cameras call inverse Brown-Conrady.
+    /// The same polynomial as [`Distortion::RadialTangential`] but mapping the *distorted*
+    /// point to the undistorted one: the "inverse Brown-Conrady" model of RealSense cameras.
     InverseRadialTangential([f64; 5]),
     /// Equidistant fisheye, `[k1, k2, k3, k4]` (Kannala and Brandt 2006, as OpenCV and Kalibr use it).
     Equidistant([f64; 4]),
@@ -30,9 +30,9 @@ pub enum Distortion {
     Fov(f64),
     /// Double sphere (Usenko, Demmel and Cremers 2018).
     DoubleSphere {
-        /// Distance of the two spheres' centres.
+        /// Distance between the centres of the two spheres.
         xi: f64,
-        /// Where between the spheres the plane lies, 0 to 1.
+        /// Position of the projection plane between the spheres, 0 to 1.
         alpha: f64,
     },
 }
@@ -63,14 +63,14 @@ impl Distortion {
         }
     }
 
-    /// Normalised sensor coordinates of a point in the camera frame; `None` where the lens has no image of it.
+    /// Normalised image coordinates of a point in the camera frame; `None` where the lens has no image of it.
     pub(crate) fn distort(&self, p: &Vec3) -> Option<[f64; 2]> {
         match self {
             Self::Equidistant(k) => return fisheye::equidistant_distort(k, p),
             Self::DoubleSphere { xi, alpha } => return fisheye::double_sphere_distort(*xi, *alpha, p),
             _ => {}
         }
-        // The other models start from the image plane, which only points in front have a place on.
+        // The other models are defined on the image plane, onto which only points in front of the camera project.
         if p.z <= 1e-9 {
             return None;
         }
@@ -84,7 +84,7 @@ impl Distortion {
         }
     }
 
-    /// The direction (of any length) that normalised sensor coordinates look along; `None` where there is none.
+    /// The direction (of any length) of normalised image coordinates; `None` where there is none.
     pub(crate) fn undistort(&self, m: [f64; 2]) -> Option<Vec3> {
         let plane = |m: [f64; 2]| Vec3::new(m[0], m[1], 1.0);
         match self {
@@ -100,18 +100,18 @@ impl Distortion {
         }
     }
 
-    /// Refuses coefficients that can not be a lens.
+    /// Checks that the coefficients are valid for the model.
     pub(crate) fn validate(&self) -> Result<(), RigError> {
         if let Some(v) = self.coefficients().iter().find(|v| !v.is_finite()) {
             return Err(RigError(format!("a {} distortion coefficient is {v}", self.name())));
         }
         match self {
             Self::Fov(w) if !(0.0..std::f64::consts::PI).contains(w) => {
-                Err(RigError(format!("fov: w is {w}, it must lie in 0 to pi radians")))
+                Err(RigError(format!("fov: w is {w}, it must be from 0 to pi radians")))
             }
-            Self::DoubleSphere { xi, alpha } if !(*xi > -1.0 && (0.0..=1.0).contains(alpha)) => {
-                Err(RigError(format!("double sphere: xi {xi} must be above -1 and alpha {alpha} in 0 to 1")))
-            }
+            Self::DoubleSphere { xi, alpha } if !(*xi > -1.0 && (0.0..=1.0).contains(alpha)) => Err(
+                RigError(format!("double sphere: xi {xi} must be above -1 and alpha {alpha} from 0 to 1")),
+            ),
             _ => Ok(()),
         }
     }

@@ -1,7 +1,7 @@
-//! Is a polynomial positive on a whole interval? Tells whether a radial model has folded over.
+//! Tests whether a polynomial is positive on a whole interval, to detect where a radial model folds over.
 //!
 //! Bernstein form (Farouki 2012, "The Bernstein polynomial basis", section 4): a polynomial lies within
-//! the hull of its Bernstein coefficients, so all positive proves it; otherwise the interval is halved.
+//! the convex hull of its Bernstein coefficients, so positive coefficients prove it; otherwise the interval is halved.
 
 /// True when `sum c[i] * s^i > 0` for every `s` in `[0, end]`; `N` coefficients, at most 7.
 pub fn positive_on<const N: usize>(c: &[f64; N], end: f64) -> bool {
@@ -16,9 +16,9 @@ pub fn positive_on<const N: usize>(c: &[f64; N], end: f64) -> bool {
         }
     }
     if lowest > 0.0 {
-        return true; // even with all negative terms at their largest
+        return true; // even with all negative terms at their maximum
     }
-    halves_positive(&bernstein(&scaled), 0)
+    subdivide(&bernstein(&scaled), 0)
 }
 
 /// From powers of `u` on `[0, 1]` to Bernstein coefficients: `b_j = sum_{i<=j} C(j,i) / C(n,i) a_i`.
@@ -35,8 +35,9 @@ fn bernstein<const N: usize>(a: &[f64; N]) -> [f64; N] {
     b
 }
 
-/// De Casteljau's halving, until proven or a coefficient at an end (a value of the polynomial) is not positive.
-fn halves_positive<const N: usize>(b: &[f64; N], depth: usize) -> bool {
+/// De Casteljau subdivision, until positivity is proven or an end coefficient (a value of the polynomial) is not
+/// positive.
+fn subdivide<const N: usize>(b: &[f64; N], depth: usize) -> bool {
     if !(b[0] > 0.0 && b[N - 1] > 0.0) {
         return false;
     }
@@ -44,7 +45,7 @@ fn halves_positive<const N: usize>(b: &[f64; N], depth: usize) -> bool {
         return true;
     }
     if depth == 24 {
-        return false; // touches zero as nearly as numbers can tell
+        return false; // zero up to rounding
     }
     let (mut left, mut right) = ([0.0; N], *b);
     for (k, l) in left.iter_mut().enumerate() {
@@ -53,7 +54,7 @@ fn halves_positive<const N: usize>(b: &[f64; N], depth: usize) -> bool {
             right[i] = 0.5 * (right[i] + right[i + 1]);
         }
     }
-    halves_positive(&left, depth + 1) && halves_positive(&right, depth + 1)
+    subdivide(&left, depth + 1) && subdivide(&right, depth + 1)
 }
 
 #[cfg(test)]

@@ -1,44 +1,45 @@
-//! The ordered merge: streams of images, depth and IMU, each with its own rate and delay, become instants in order.
+//! The ordered merge: synchronises streams of images, depth and IMU, each with its own rate and delay.
 //!
-//! In go single images, depth images and IMU samples as they arrive; out come [`Merged`] instants whose stamps rise
-//! strictly. An instant is complete when every camera has its image, the depth image is there or can not come any
-//! more, and an IMU sample at or after it has come. What is missing is waited for no longer than
-//! [`MergeConfig::wait_s`]: then a camera's instant is dropped, depth is left out, and the IMU sample is made up by
-//! holding the last one, at most one period long and marked by its [`ImuSample::noise_scale`].
+//! Input: single images, depth images and IMU samples as they arrive. Output: [`Merged`] sets with strictly increasing
+//! stamps. A set is complete when every camera has its image, the depth image has arrived or cannot arrive any more,
+//! and an IMU sample at or after the image has arrived. Missing data is waited for no longer than
+//! [`MergeConfig::wait_s`]: after that a set without all camera images is dropped, depth is left out, and the IMU
+//! sample is synthesised by holding the last one, for at most one period and marked by its [`ImuSample::noise_scale`].
 //!
-//! Nothing here knows a thread or a clock: time is the newest stamp that any stream has shown, or what the caller
-//! says with [`Merge::advance`].
+//! The merge uses no thread and no clock: the current time is the newest stamp of any stream, or the time passed to
+//! [`Merge::advance`].
 
-mod lane;
+mod queue;
 
 use crate::{ImuSample, Stamp};
-use lane::Lane;
-pub use lane::{Dropped, Why};
+use queue::StreamQueue;
+pub use queue::{Dropped, Why};
 
-/// Noise of a made-up sample against a real one. Held for one period of 5 ms at the 10 rad/s^2 of a hand in motion the
-/// rate is wrong by 0.05 rad/s, some twenty times the white noise of a MEMS gyroscope; most motion is slower.
-const HELD_NOISE: f64 = 10.0;
+/// Noise of a synthesised sample relative to a real one. Holding a sample for one period of 5 ms, at the 10 rad/s^2 of
+/// a moving hand, gives a rate error of 0.05 rad/s, some twenty times the white noise of a MEMS gyroscope; most motion
+/// is slower.
+const HELD_NOISE_SCALE: f64 = 10.0;
 
-/// IMU samples older than this before the newest are given up when no image comes, seconds.
-const MOST_PENDING_S: f64 = 60.0;
+/// IMU samples older than this relative to the newest are discarded when no image arrives, seconds.
+const MAX_PENDING_S: f64 = 60.0;
 
-/// Which streams there are and how long they may let each other wait.
+/// Which streams exist and how long they wait for each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeConfig {
-    /// Cameras whose images make up an instant; at least one.
+    /// Number of cameras whose images make up a set; at least one.
     pub cameras: usize,
-    /// Whether depth images come.
+    /// True with a stream of depth images.
     pub depth: bool,
-    /// The period of the IMU in seconds, where there is one.
+    /// Period of the IMU in seconds; `None` without an IMU.
     pub imu_period_s: Option<f64>,
     /// Seconds to add to an IMU stamp to get the image clock: `t_imu + offset = t_image`.
     pub imu_offset_s: f64,
-    /// Images (and depth) at most so far apart belong to one instant, seconds.
+    /// Maximum time difference of images (and depth) of the same set, seconds.
     pub same_instant_s: f64,
-    /// An instant waits so long for what it lacks, seconds of the streams' time; infinite for recordings, where each
-    /// stream tells its end.
+    /// How long a set waits for missing data, seconds of stream time; infinite for recordings, where the end of each
+    /// stream is known.
     pub wait_s: f64,
-    /// IMU samples are kept for so long before the first image, seconds.
+    /// How long before the first image IMU samples are kept, seconds.
     pub lead_s: f64,
 }
 
@@ -56,10 +57,10 @@ impl Default for MergeConfig {
     }
 }
 
-/// A stream, as [`Merge::end`] and [`Merge::lacks`] name it.
+/// Names a stream, for [`Merge::end`] and [`Merge::lacks`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
-    /// A camera by its place in the rig.
+    /// A camera by its index in the rig.
     Camera(usize),
     /// The depth sensor.
     Depth,
@@ -67,61 +68,62 @@ pub enum Stream {
     Imu,
 }
 
-/// All sensors at one instant.
+/// The synchronised data of all sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merged<I, D> {
     /// Time of the first camera's image.
     pub stamp: Stamp,
     /// One image per camera.
     pub images: Vec<I>,
-    /// The depth image of this instant, if there is one.
+    /// The depth image of this set, if any.
     pub depth: Option<D>,
     /// See [`crate::FramePacket::imu`].
     pub imu: Vec<ImuSample>,
 }
 
-/// Two IMU samples with a hole between them, of more than two and a half periods.
+/// A gap between two IMU samples of more than two and a half periods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImuGap {
-    /// The last sample before it.
+    /// The last sample before the gap.
     pub from: Stamp,
-    /// The first after it.
+    /// The first sample after the gap.
     pub to: Stamp,
 }
 
-/// What the merge had to do without.
+/// Counts of dropped, missing and synthesised data.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MergeCounts {
-    /// IMU samples whose time went backwards, was repeated or jumped ahead, or whose numbers were not finite.
+    /// IMU samples dropped because their time went backwards, was repeated or jumped ahead, or a number was not finite.
     pub imu_dropped: usize,
-    /// IMU samples given up because no image came for a minute.
+    /// IMU samples discarded because no image came for a minute.
     pub imu_given_up: usize,
-    /// Holes in the IMU's stream.
+    /// Gaps in the IMU stream.
     pub imu_gaps: usize,
-    /// The longest of them, seconds.
+    /// Longest gap in the IMU stream, seconds.
     pub longest_imu_gap_s: f64,
-    /// Instants whose last IMU sample was made up.
+    /// Sets whose last IMU sample was synthesised.
     pub synthesised: usize,
-    /// Instants without an IMU sample at or after the image, real or made up.
+    /// Sets without an IMU sample at or after the image, real or synthesised.
     pub without_imu: usize,
-    /// Images whose time did not go forward.
+    /// Images dropped because of their time stamp.
     pub images_dropped: usize,
-    /// Images without a partner in the other cameras.
+    /// Images dropped because another camera had no image of the same time.
     pub unpaired: usize,
-    /// Depth images that belong to no instant, or whose time did not go forward.
+    /// Depth images without images of the same time, or dropped because of their time stamp.
     pub depth_dropped: usize,
 }
 
-/// The merge; see the head of this module.
+/// The merge; see the documentation of this module.
 pub struct Merge<I, D> {
     config: MergeConfig,
-    cameras: Vec<Lane<I>>,
-    depth: Lane<D>,
-    imu: Lane<ImuSample>,
-    /// The last real sample that was given.
+    cameras: Vec<StreamQueue<I>>,
+    depth: StreamQueue<D>,
+    imu: StreamQueue<ImuSample>,
+    /// The last real IMU sample that was returned.
     last_imu: Option<ImuSample>,
+    /// The current time: the newest stamp, or the time given to [`Merge::advance`].
     now: Option<Stamp>,
-    any_given: bool,
+    any_returned: bool,
     counts: MergeCounts,
 }
 
@@ -130,47 +132,47 @@ impl<I, D> Merge<I, D> {
     pub fn new(config: MergeConfig) -> Self {
         Self {
             config,
-            cameras: (0..config.cameras.max(1)).map(|_| Lane::new(false)).collect(),
-            depth: Lane::new(!config.depth),
-            imu: Lane::new(config.imu_period_s.is_none()),
+            cameras: (0..config.cameras.max(1)).map(|_| StreamQueue::new(false)).collect(),
+            depth: StreamQueue::new(!config.depth),
+            imu: StreamQueue::new(config.imu_period_s.is_none()),
             last_imu: None,
             now: None,
-            any_given: false,
+            any_returned: false,
             counts: MergeCounts::default(),
         }
     }
 
-    /// What had to be done without so far.
+    /// Counts of dropped, missing and synthesised data so far.
     pub fn counts(&self) -> &MergeCounts {
         &self.counts
     }
 
-    /// Takes an image of a camera, by its place in the rig.
+    /// Adds an image of a camera, by its index in the rig.
     ///
     /// # Errors
-    /// What was dropped for it: itself, or one before it that it proves wrong.
+    /// The item that was dropped: this one, or a previous one that it proves wrong.
     pub fn push_image(&mut self, camera: usize, stamp: Stamp, image: I) -> Result<(), Dropped> {
         let result = match self.cameras.get_mut(camera) {
-            Some(lane) => lane.push(stamp, image),
+            Some(stream) => stream.push(stamp, image),
             None => Err(Dropped { stamp, why: Why::Unknown }),
         };
         self.counts.images_dropped += result.is_err() as usize;
-        self.see(self.cameras.get(camera).and_then(Lane::last));
+        self.advance_to(self.cameras.get(camera).and_then(StreamQueue::last));
         result.map(|_| ())
     }
 
-    /// Takes a depth image.
+    /// Adds a depth image.
     ///
     /// # Errors
     /// As [`Merge::push_image`].
     pub fn push_depth(&mut self, stamp: Stamp, depth: D) -> Result<(), Dropped> {
         let result = self.depth.push(stamp, depth);
         self.counts.depth_dropped += result.is_err() as usize;
-        self.see(self.depth.last());
+        self.advance_to(self.depth.last());
         result.map(|_| ())
     }
 
-    /// Takes an IMU sample, stamped by the IMU's clock; tells of a hole before it.
+    /// Adds an IMU sample, stamped by the IMU's clock; returns the gap before it, if any.
     ///
     /// # Errors
     /// As [`Merge::push_image`].
@@ -183,8 +185,8 @@ impl<I, D> Merge<I, D> {
             false => Err(Dropped { stamp, why: Why::NotFinite }),
         };
         self.counts.imu_dropped += result.is_err() as usize;
-        self.see(self.imu.last());
-        self.forget_old();
+        self.advance_to(self.imu.last());
+        self.discard_old_imu();
         let most = 2.5 * self.config.imu_period_s.unwrap_or(f64::INFINITY);
         let gap = result?.map(|(from, to)| ImuGap { from, to }).filter(|g| g.to - g.from > most);
         if let Some(g) = gap {
@@ -194,12 +196,12 @@ impl<I, D> Merge<I, D> {
         Ok(gap)
     }
 
-    /// Says that a stream has ended: nothing waits for it any more.
+    /// Marks a stream as ended: nothing waits for it any more.
     pub fn end(&mut self, stream: Stream) {
         match stream {
             Stream::Camera(i) => {
-                if let Some(lane) = self.cameras.get_mut(i) {
-                    lane.end();
+                if let Some(stream) = self.cameras.get_mut(i) {
+                    stream.end();
                 }
             }
             Stream::Depth => self.depth.end(),
@@ -207,19 +209,19 @@ impl<I, D> Merge<I, D> {
         }
     }
 
-    /// Says what time it is in the images' clock, so that waiting ends although no stream moves.
+    /// Sets the current time in the image clock, so that waiting ends even when no stream delivers data.
     pub fn advance(&mut self, now: Stamp) {
-        self.see(Some(now));
-        self.cameras.iter_mut().for_each(|lane| lane.confirm(now));
+        self.advance_to(Some(now));
+        self.cameras.iter_mut().for_each(|stream| stream.confirm(now));
         self.depth.confirm(now);
         self.imu.confirm(now);
     }
 
-    /// What the next instant lacks; `None` when [`Merge::pop`] would give it.
+    /// The stream that the next set is waiting for; `None` when [`Merge::pop`] would return the set.
     pub fn lacks(&mut self) -> Option<Stream> {
         self.drop_unpaired();
-        let Some(stamp) = self.front() else {
-            let empty = self.cameras.iter().position(|lane| lane.queue.is_empty());
+        let Some(stamp) = self.next_stamp() else {
+            let empty = self.cameras.iter().position(|stream| stream.items.is_empty());
             return Some(Stream::Camera(empty.unwrap_or(0)));
         };
         let late = self.is_late(stamp);
@@ -232,65 +234,72 @@ impl<I, D> Merge<I, D> {
         (!late && !self.imu.ended && !imu_passed).then_some(Stream::Imu)
     }
 
-    /// The next instant, when it is complete or has waited long enough.
+    /// The next set, when it is complete or has waited long enough.
     pub fn pop(&mut self) -> Option<Merged<I, D>> {
         if self.lacks().is_some() {
             return None;
         }
-        let stamp = self.front()?;
-        let taken = self.cameras.iter_mut().filter_map(|lane| lane.queue.pop_front());
+        let stamp = self.next_stamp()?;
+        let taken = self.cameras.iter_mut().filter_map(|stream| stream.items.pop_front());
         let images = taken.map(|(_, image)| image).collect();
         let depth = self.depth_at(stamp);
         let imu = if self.config.imu_period_s.is_some() { self.imu_until(stamp) } else { Vec::new() };
-        self.any_given = true;
+        self.any_returned = true;
         Some(Merged { stamp, images, depth, imu })
     }
 
-    fn see(&mut self, stamp: Option<Stamp>) {
+    /// Advances the current time.
+    fn advance_to(&mut self, stamp: Option<Stamp>) {
         self.now = self.now.max(stamp);
     }
 
+    /// True when a set of this time has waited long enough.
     fn is_late(&self, stamp: Stamp) -> bool {
         self.now.is_some_and(|now| now - stamp > self.config.wait_s)
     }
 
-    /// The stamp of the next instant, when every camera has an image for it.
-    fn front(&self) -> Option<Stamp> {
-        let all = self.cameras.iter().all(|lane| !lane.queue.is_empty());
-        self.cameras.first().filter(|_| all)?.queue.front().map(|(stamp, _)| *stamp)
+    /// The stamp of the next set, when every camera has an image for it.
+    fn next_stamp(&self) -> Option<Stamp> {
+        let all = self.cameras.iter().all(|stream| !stream.items.is_empty());
+        self.cameras.first().filter(|_| all)?.items.front().map(|(stamp, _)| *stamp)
     }
 
-    /// Drops images for which another camera has no partner and can not have one any more.
+    /// Drops images for which another camera has no image of the same time and cannot get one any more.
     fn drop_unpaired(&mut self) {
         loop {
             let fronts = || {
-                let front = |(i, lane): (usize, &Lane<I>)| lane.queue.front().map(|(stamp, _)| (*stamp, i));
+                let front = |(i, stream): (usize, &StreamQueue<I>)| {
+                    stream.items.front().map(|(stamp, _)| (*stamp, i))
+                };
                 self.cameras.iter().enumerate().filter_map(front)
             };
             let (Some((newest, _)), Some((oldest, camera))) = (fronts().max(), fronts().min()) else {
                 return;
             };
-            let hopeless =
-                self.cameras.iter().any(|lane| lane.queue.is_empty() && (lane.ended || self.is_late(newest)));
-            if !hopeless && newest - oldest <= self.config.same_instant_s {
+            let never_complete = self
+                .cameras
+                .iter()
+                .any(|stream| stream.items.is_empty() && (stream.ended || self.is_late(newest)));
+            if !never_complete && newest - oldest <= self.config.same_instant_s {
                 return;
             }
-            self.cameras[camera].queue.pop_front();
+            self.cameras[camera].items.pop_front();
             self.counts.unpaired += 1;
         }
     }
 
-    /// The nearest depth image within the tolerance; those before it are dropped.
+    /// The nearest depth image within the tolerance; earlier ones are dropped.
     fn depth_at(&mut self, stamp: Stamp) -> Option<D> {
         let tolerance = self.config.same_instant_s;
-        while let Some((at, _)) = self.depth.queue.front() {
-            let off = *at - stamp;
-            if off > tolerance {
+        while let Some((at, _)) = self.depth.items.front() {
+            let difference = *at - stamp;
+            if difference > tolerance {
                 return None;
             }
-            let nearer = self.depth.queue.get(1).is_some_and(|(next, _)| (*next - stamp).abs() < off.abs());
-            let (_, depth) = self.depth.queue.pop_front()?;
-            if off >= -tolerance && !nearer {
+            let nearer =
+                self.depth.items.get(1).is_some_and(|(next, _)| (*next - stamp).abs() < difference.abs());
+            let (_, depth) = self.depth.items.pop_front()?;
+            if difference >= -tolerance && !nearer {
                 return Some(depth);
             }
             self.counts.depth_dropped += 1;
@@ -298,24 +307,24 @@ impl<I, D> Merge<I, D> {
         None
     }
 
-    /// Samples up to the first at or after the stamp; where there is none, the last is held for at most a period.
+    /// Samples up to the first at or after the stamp; without one, the last sample is held for at most a period.
     fn imu_until(&mut self, stamp: Stamp) -> Vec<ImuSample> {
         let mut out = Vec::new();
-        if !self.any_given {
+        if !self.any_returned {
             let lead_s = self.config.lead_s;
-            while self.imu.queue.front().is_some_and(|(s, _)| stamp - *s > lead_s) {
-                self.imu.queue.pop_front();
+            while self.imu.items.front().is_some_and(|(s, _)| stamp - *s > lead_s) {
+                self.imu.items.pop_front();
             }
         }
         while self.last_imu.is_none_or(|last| last.stamp < stamp) {
-            let Some((_, sample)) = self.imu.queue.pop_front() else { break };
+            let Some((_, sample)) = self.imu.items.pop_front() else { break };
             out.push(sample);
             self.last_imu = Some(sample);
         }
         match self.last_imu {
             Some(last) if last.stamp >= stamp => {}
             Some(last) if stamp - last.stamp <= self.config.imu_period_s.unwrap_or(0.0) => {
-                out.push(ImuSample { stamp, noise_scale: HELD_NOISE, ..last });
+                out.push(ImuSample { stamp, noise_scale: HELD_NOISE_SCALE, ..last });
                 self.counts.synthesised += 1;
             }
             _ => self.counts.without_imu += 1,
@@ -323,10 +332,11 @@ impl<I, D> Merge<I, D> {
         out
     }
 
-    fn forget_old(&mut self) {
+    /// Discards pending IMU samples that are too old.
+    fn discard_old_imu(&mut self) {
         let Some(newest) = self.imu.last() else { return };
-        while self.imu.queue.front().is_some_and(|(s, _)| newest - *s > MOST_PENDING_S) {
-            self.imu.queue.pop_front();
+        while self.imu.items.front().is_some_and(|(s, _)| newest - *s > MAX_PENDING_S) {
+            self.imu.items.pop_front();
             self.counts.imu_given_up += 1;
         }
     }

@@ -1,4 +1,4 @@
-//! A session looked at: how things stand, in numbers, in words, and as lines to draw.
+//! Views of a session: its status in numbers and in words, and polylines to draw.
 
 use super::Session;
 use crate::recording::Recording;
@@ -10,7 +10,7 @@ use cairn_guide::{Facing, GuideState};
 use std::path::PathBuf;
 
 impl Session {
-    /// How things stand.
+    /// The present status.
     pub fn status(&self) -> Status {
         let mut s = self.status.clone();
         let name = |path: &Option<PathBuf>| {
@@ -45,13 +45,13 @@ impl Session {
         s
     }
 
-    /// How the engine stands, with what only the session knows: that no picture comes, or that the engine is no more.
+    /// The engine's status, combined with what only the session knows: missing pictures, or an engine that failed.
     pub fn standing(&self) -> cairn_engine::Status {
         let mut s = self.engine.status().clone();
         s.t_s = self.since_start(self.now);
         let beyond = match &self.dead {
             Some(_) => Some(Phase::Error),
-            None => self.gone_told.then_some(Phase::WaitFrames),
+            None => self.picture_loss_announced.then_some(Phase::WaitFrames),
         };
         if let Some(phase) = beyond {
             (s.phase, s.valid, s.error) = (phase, false, self.dead.clone());
@@ -61,7 +61,7 @@ impl Session {
         s
     }
 
-    /// Lines and points to draw; at most `most` landmarks.
+    /// Polylines and points to draw; at most `most` landmarks.
     pub fn view(&self, most: usize) -> View {
         let map = self.engine.snapshot();
         let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
@@ -90,7 +90,7 @@ impl Session {
         }
     }
 
-    /// The camera: place, then the axes right, down and forward, in the map's frame.
+    /// The camera: position, then the axes right, down and forward, in the map's frame.
     pub fn camera(&self) -> Option<[[f32; 3]; 4]> {
         let (_, pose) = self.pose?;
         let single = |v: Vec3| [v.x as f32, v.y as f32, v.z as f32];
@@ -98,7 +98,7 @@ impl Session {
         Some([single(pose.translation), axis(Vec3::x()), axis(Vec3::y()), axis(Vec3::z())])
     }
 
-    pub(super) fn in_words(&self) -> String {
+    pub(super) fn status_words(&self) -> String {
         let s = self.status();
         let mut words = s.words.clone();
         if let Some(r) = &s.recording {

@@ -1,10 +1,10 @@
-//! A disk whose room can change, for tests: beside the code and from outside.
+//! A disk whose free space can change, for unit and integration tests.
 
 use super::{Durable, Medium};
 use std::io;
 use std::sync::{Arc, Mutex};
 
-/// What is on it, and for how many bytes there is room.
+/// Its content, and its capacity in bytes.
 #[derive(Clone, Default)]
 pub struct Small(pub Arc<Mutex<(Vec<u8>, usize)>>);
 

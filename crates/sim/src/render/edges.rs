@@ -1,4 +1,4 @@
-//! Where faces meet in a pixel: eight samples of which face is nearest, each face shaded once.
+//! Anti-aliasing where faces meet in a pixel: eight samples of which face is nearest, each face shaded once.
 //!
 //! The sample pattern is the eight-rooks pattern usual for multisampling.
 
@@ -10,7 +10,7 @@ use crate::texture::Texture;
 const SAMPLES: usize = 8;
 const DX: [f32; SAMPLES] = [0.0625, -0.0625, 0.3125, -0.1875, -0.3125, -0.4375, 0.1875, 0.4375];
 const DY: [f32; SAMPLES] = [-0.1875, 0.1875, 0.0625, -0.3125, 0.3125, -0.0625, 0.4375, -0.4375];
-/// Faces that may meet in one pixel.
+/// Maximum number of faces in one pixel.
 const MOST: usize = 6;
 
 /// Smooths every pixel that has another face beside, above or below it; `out` is 256 times the grey level.
@@ -40,7 +40,7 @@ pub(crate) fn smooth(seen: &Visibility, setups: &[Setup], textures: &[&Texture],
     }
 }
 
-/// The mean over the samples that some face covers; `None` where only one face is near.
+/// The mean over the samples that a face covers; `None` where only one face is near.
 #[inline(always)]
 fn pixel(seen: &Visibility, setups: &[Setup], textures: &[&Texture], x: usize, y: usize) -> Option<u16> {
     let mut ids = [0u32; MOST];
@@ -89,7 +89,7 @@ fn pixel(seen: &Visibility, setups: &[Setup], textures: &[&Texture], x: usize, y
         }
         if n > 0 {
             let s = &setups[id as usize - 1];
-            // Shaded at the middle of its own samples, so that it is not read outside its edges.
+            // Shaded at the centroid of its own samples, so that the face is not sampled outside its edges.
             let (px, py) = (f64::from(xf + mx / n as f32), f64::from(yf + my / n as f32));
             sum += n * u32::from(shade_one(s, textures[s.texture], px, py));
             covered += n;

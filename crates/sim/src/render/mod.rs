@@ -1,4 +1,4 @@
-//! The renderer: which face is seen where (a buffer of faces and inverse depths), then one textured lookup per
+//! The renderer: visibility (a buffer of faces and inverse depths), then one textured lookup per
 //! pixel, then finer sampling where two faces meet.
 //!
 //! Everything about a flat face is a linear function of the pixel: with the face's frame `M = [along down origin]`

@@ -30,7 +30,7 @@ impl Visibility {
         }
     }
 
-    /// Forgets everything.
+    /// Clears the buffers.
     pub fn clear(&mut self) {
         self.inverse_depth.fill(0.0);
         self.face.fill(0);
@@ -90,7 +90,7 @@ impl Visibility {
     }
 }
 
-/// The least whole number that is not below `v`, brought into `0..=limit`.
+/// `v` rounded up to a whole number, clamped to `0..=limit`.
 #[inline(always)]
 fn ceil_in(v: f64, limit: usize) -> usize {
     let v = v.clamp(-1.0, limit as f64 + 1.0);
@@ -99,7 +99,7 @@ fn ceil_in(v: f64, limit: usize) -> usize {
     up.clamp(0, limit as i64) as usize
 }
 
-/// Keeps the nearer of what is there and a face with linear inverse depth.
+/// Keeps the nearer of the present content and a face with linear inverse depth.
 #[inline(always)]
 fn span(depths: &mut [f32], faces: &mut [u32], base: f32, step: f32, id: u32) {
     for (i, (z, f)) in depths.iter_mut().zip(faces.iter_mut()).enumerate() {

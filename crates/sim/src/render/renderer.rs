@@ -1,4 +1,4 @@
-//! The renderer's face to the world: a camera, its buffers, one image at a time.
+//! The renderer's public interface: a camera, its buffers, one image at a time.
 
 use super::passes;
 use super::raster::Visibility;
@@ -9,7 +9,7 @@ use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, RigError};
 use std::sync::Arc;
 
-/// Draws a world as one pinhole camera sees it, on one core; holds buffers between images.
+/// Renders a world for one pinhole camera, on one core; keeps buffers between images.
 pub struct Renderer {
     world: Arc<World>,
     camera: Camera,
@@ -22,7 +22,7 @@ impl Renderer {
     /// For a camera without distortion.
     ///
     /// # Errors
-    /// When the camera is not one, has a distortion, or is larger than 4096 pixels on a side.
+    /// When the camera is not a pinhole, has distortion, or is larger than 4096 pixels on a side.
     pub fn new(world: &Arc<World>, camera: Camera) -> Result<Self, RigError> {
         camera.validate()?;
         if camera.distortion != Distortion::None {
@@ -44,23 +44,23 @@ impl Renderer {
         })
     }
 
-    /// The camera that is drawn for.
+    /// The camera.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// The world that is drawn.
+    /// The world.
     pub fn world(&self) -> &Arc<World> {
         &self.world
     }
 
-    /// Draws the world without passers-by; see [`Renderer::render_with`].
+    /// Renders the world without passers-by; see [`Renderer::render_with`].
     pub fn render(&mut self, world_from_camera: &Se3, image: &mut GrayImage, depth: Option<&mut DepthImage>) {
         self.render_with(world_from_camera, &[], image, depth);
     }
 
-    /// Draws the world with passers-by. The images take the camera's size; depth is along the optical axis at the
-    /// pixel's centre, in millimetres, 0 where nothing is or where it is past 65.535 m.
+    /// Renders the world with passers-by. The images take the camera's size; depth is along the optical axis at the
+    /// pixel's centre, in millimetres, 0 where there is no surface or it is farther than 65.535 m.
     pub fn render_with(
         &mut self,
         world_from_camera: &Se3,
@@ -78,7 +78,7 @@ impl Renderer {
         }
     }
 
-    /// Draws and returns 256 times the grey level of each pixel.
+    /// Renders and returns 256 times the grey level of each pixel.
     pub(crate) fn draw(&mut self, world_from_camera: &Se3, figures: &[Figure]) -> &[u16] {
         let view = View::new(&self.camera, world_from_camera);
         self.setups.clear();
@@ -91,7 +91,7 @@ impl Renderer {
         &self.grey
     }
 
-    /// The depth of what was drawn last, in millimetres.
+    /// The depth of the last image, in millimetres.
     pub(crate) fn depth(&self, depth: &mut DepthImage) {
         depth.resize(self.camera.width, self.camera.height);
         for (o, q) in depth.data_mut().iter_mut().zip(&self.seen.inverse_depth) {

@@ -21,7 +21,7 @@ fn log2(x: f32) -> f32 {
     ((bits >> 23) as i32 - 127) as f32 + mantissa * (1.0 + 0.34 * (1.0 - mantissa))
 }
 
-/// How to filter around one place: derived from the footprint of a pixel on the texture.
+/// The filter at one place, derived from the footprint of a pixel on the texture.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Filter {
     level: usize,
@@ -42,15 +42,15 @@ impl Filter {
         let root = (diff * diff + b * b).sqrt();
         let major = (half + root).max(1e-12).sqrt();
         let minor = (half - root).max(0.0).sqrt();
-        // Rounded, not up: a pixel a little longer than wide is blurred a little instead of read twice.
+        // Rounded to nearest: a slightly elongated footprint is blurred a little instead of sampled twice.
         let ratio = major / minor.max(1.0);
         let taps = ((ratio + 0.5) as i32).clamp(1, MAX_TAPS);
-        // A bilinear lookup reaches about one texel: taps one texel of the level apart leave no holes.
+        // A bilinear lookup covers about one texel: taps spaced by one texel of the level leave no gaps.
         let width = minor.max(major / taps as f32).max(1.0);
         let last = texture.levels.len() - 1;
         let lod = log2(width);
         let (mut level, mut next) = (lod as usize, (lod.fract() * WEIGHT_ONE as f32) as i32);
-        // The last sixteenth on each side is not worth a second level.
+        // A last sixteenth on either side is not worth a second level.
         if next > WEIGHT_ONE - WEIGHT_ONE / 16 {
             (level, next) = (level + 1, 0);
         }

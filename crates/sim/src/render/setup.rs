@@ -1,4 +1,4 @@
-//! What is linear in the pixel for one face seen by one camera.
+//! The linear functions of the pixel for one face seen by one camera.
 
 use crate::world::Face;
 use cairn_geometry::{Mat3, Se3, Vec3};
@@ -12,7 +12,7 @@ pub(crate) fn at(p: &Plane, x: f64, y: f64) -> f64 {
     p[0] * x + p[1] * y + p[2]
 }
 
-/// The nearest depth that is drawn, in metres.
+/// The near plane, in metres.
 pub(crate) const NEAR_M: f64 = 0.04;
 
 /// A face ready to be drawn.
@@ -23,27 +23,28 @@ pub(crate) struct Setup {
     pub u: Plane,
     /// Second texture coordinate over depth.
     pub v: Plane,
-    /// Signed distance in pixels from each edge, positive inside; single precision, the fourth repeats the third for triangles.
+    /// Signed distance in pixels from each edge, positive inside; single precision, the fourth repeats the third for
+    /// triangles.
     pub edges: [[f32; 3]; 4],
-    /// The polygon in the image after the near cut, and how many corners it has.
+    /// The polygon in the image after clipping at the near plane.
     pub outline: [(f64, f64); 8],
     /// Corners in `outline`.
     pub corners: usize,
-    /// Which texture.
+    /// Index of the texture.
     pub texture: usize,
 }
 
-/// The camera as the setup needs it.
+/// The camera in the form that the setup needs.
 pub(crate) struct View {
     rotation: Mat3,
     translation: Vec3,
     camera: Camera,
-    /// Inward unit normals of the four sides of what is seen.
+    /// Inward unit normals of the four sides of the view frustum.
     sides: [Vec3; 4],
 }
 
 impl View {
-    /// From where the camera is; the lens must be a pinhole.
+    /// From a pinhole camera and its pose.
     pub fn new(camera: &Camera, world_from_camera: &Se3) -> Self {
         let inverse = world_from_camera.inverse();
         let ray = |x: f64, y: f64| Vec3::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0);
@@ -54,7 +55,7 @@ impl View {
         Self { rotation: inverse.rotation.matrix(), translation: inverse.translation, camera: *camera, sides }
     }
 
-    /// What is linear for this face, or `None` when it is not seen.
+    /// The linear functions of this face, or `None` when it is not visible.
     pub fn setup(&self, face: &Face) -> Option<Setup> {
         let centre = self.rotation * face.centre + self.translation;
         if centre.z < -face.radius || self.sides.iter().any(|n| n.dot(&centre) < -face.radius) {
@@ -96,7 +97,7 @@ impl View {
         })
     }
 
-    /// Cuts at the near plane and projects (Sutherland and Hodgman 1974).
+    /// Clips at the near plane and projects (Sutherland and Hodgman 1974).
     fn outline(&self, corners: &[Vec3]) -> Option<([(f64, f64); 8], usize)> {
         let mut out = [(0.0, 0.0); 8];
         let mut count = 0;

@@ -5,7 +5,7 @@ use super::sample::{BLOCK, Filter};
 use super::setup::{Plane, Setup, at};
 use crate::texture::Texture;
 
-/// The grey where nothing is seen.
+/// The grey level where there is no surface.
 const NOTHING: u16 = 200 << 8;
 
 /// Shades the whole image into 256 times the grey level.
@@ -65,7 +65,7 @@ fn footprint(setup: &Setup, texture: &Texture, u: f32, v: f32, q: f32) -> Filter
     Filter::new(texture, d(&setup.u, 0, u), d(&setup.v, 0, v), d(&setup.u, 1, u), d(&setup.v, 1, v))
 }
 
-/// The grey of up to [`BLOCK`] places of unlike faces is asked one at a time here: 256 times the grey of one
+/// Shading of a single place, for pixels where several faces meet: 256 times the grey level of one
 /// face at one place of the image.
 #[inline(always)]
 pub(crate) fn shade_one(setup: &Setup, texture: &Texture, x: f64, y: f64) -> u16 {

@@ -1,4 +1,4 @@
-//! Where a checkerboard's corners come to lie, and that both builds of the passes agree.
+//! Tests: the image positions of a checkerboard's corners, and equality of both builds of the passes.
 
 use super::setup::{Setup, View};
 use super::{Renderer, passes, raster::Visibility};
@@ -32,15 +32,15 @@ fn board(texels_per_square: usize) -> World {
     world
 }
 
-/// The camera at a place, looking at the middle of the board with a roll.
-fn look(from: Vec3, roll: f64) -> Se3 {
+/// The camera at a place, facing the middle of the board with a roll.
+fn camera_pose(from: Vec3, roll: f64) -> Se3 {
     let forward = (Vec3::new(3.0, 0.0, 0.8) - from).normalize();
     let right = forward.cross(&Vec3::z()).normalize();
     let m = nalgebra::Matrix3::from_columns(&[right, forward.cross(&right), forward]);
     Se3::new(So3::from_matrix(&m) * So3::exp(&Vec3::new(0.0, 0.0, roll)), from)
 }
 
-/// The saddle point near a guess: where the gradients around are at right angles to the way there (Förstner 1987).
+/// The saddle point near a guess: where the gradients around are perpendicular to the direction to it (Förstner 1987).
 fn saddle(image: &GrayImage, guess: Vec2) -> Option<Vec2> {
     let mut at = guess;
     for _ in 0..12 {
@@ -63,9 +63,9 @@ fn saddle(image: &GrayImage, guess: Vec2) -> Option<Vec2> {
 }
 
 #[test]
-fn landmarks_come_to_lie_where_the_camera_projects_them() {
+fn rendered_corners_match_projection() {
     let (mut image, mut depth) = (GrayImage::new(1, 1), DepthImage::new(1, 1));
-    // Enlarged, as they are, and reduced by mip levels and several taps.
+    // Magnified, at scale, and minified by mip levels and several taps.
     for texels in [16, 50, 400] {
         let world = Arc::new(board(texels));
         let mut renderer = Renderer::new(&world, camera()).unwrap();
@@ -76,7 +76,7 @@ fn landmarks_come_to_lie_where_the_camera_projects_them() {
             (Vec3::new(0.6, -1.3, 0.4), -0.7),
             (Vec3::new(0.2, 0.4, 1.9), 1.3),
         ] {
-            let pose = look(from, roll);
+            let pose = camera_pose(from, roll);
             renderer.render(&pose, &mut image, Some(&mut depth));
             for i in 1..8 {
                 for j in 1..8 {
@@ -105,9 +105,9 @@ fn landmarks_come_to_lie_where_the_camera_projects_them() {
 }
 
 #[test]
-fn wide_and_narrow_vectors_give_the_same_bytes() {
+fn avx2_and_portable_builds_agree() {
     let world = World::build(WorldKind::Office, 4, &WorldOptions { detail: 0.3, ..Default::default() });
-    let view = View::new(&camera(), &look(Vec3::new(1.2, 1.2, 1.3), 0.05));
+    let view = View::new(&camera(), &camera_pose(Vec3::new(1.2, 1.2, 1.3), 0.05));
     let setups: Vec<Setup> = world.faces.iter().filter_map(|f| view.setup(f)).collect();
     let textures: Vec<&Texture> = world.textures.iter().collect();
     let (mut a, mut b) = (Visibility::new(640, 480), Visibility::new(640, 480));

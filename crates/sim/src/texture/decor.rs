@@ -1,4 +1,4 @@
-//! Things on a surface: pictures, notices, doors, windows, shelves of books, dirt.
+//! Decoration of a surface: pictures, notices, doors, windows, bookshelves, dirt.
 
 use super::Canvas;
 use crate::random::Random;
@@ -7,7 +7,7 @@ use crate::random::Random;
 pub(crate) struct Decor;
 
 impl Decor {
-    /// A picture in a frame or on paper: areas, discs, triangles and strokes of unlike size and tone.
+    /// A picture in a frame or on paper: areas, discs, triangles and strokes of varying size and tone.
     pub fn picture(c: &mut Canvas<'_>, r: &mut Random, x: f32, y: f32, w: f32, h: f32) {
         let paper = if r.chance(0.6) { r.rangef(195.0, 245.0) } else { r.rangef(25.0, 90.0) };
         c.rect(x + 0.008, y + 0.01, w, h, 60.0, 0.5);
@@ -104,7 +104,7 @@ impl Decor {
         }
     }
 
-    /// A shut door standing on the lower edge of the canvas.
+    /// A closed door standing on the lower edge of the canvas.
     pub fn door(c: &mut Canvas<'_>, r: &mut Random, x: f32, w: f32, h: f32) {
         let y = c.height_m() - h;
         let leaf = r.rangef(70.0, 170.0);
@@ -142,7 +142,7 @@ impl Decor {
         c.rect(x - 0.05, y - 0.05, w + 0.1, h + 0.1, bar, 1.0);
         c.rect(x, y, w, h, pane, 1.0);
         for _ in 0..3 + r.below(4) {
-            // What shines or stands behind the glass.
+            // Reflections, or things behind the glass.
             let (bw, bh) = (w * r.rangef(0.05, 0.3), h * r.rangef(0.1, 0.6));
             let tone = (pane + r.rangef(-60.0, 60.0)).clamp(10.0, 250.0);
             c.rect(x + r.rangef(0.0, 1.0) * (w - bw), y + h - bh, bw, bh, tone, 0.8);

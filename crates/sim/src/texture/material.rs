@@ -8,7 +8,7 @@ use crate::random::lattice;
 pub(crate) enum Material {
     /// Painted wall with stains and specks.
     Plaster(f32),
-    /// A wall with next to nothing to see.
+    /// A wall with almost no texture.
     Plain(f32),
     /// Bricks 24 by 7.5 cm.
     Brick(f32),
@@ -26,7 +26,7 @@ pub(crate) enum Material {
     Board(f32),
     /// Ceiling panels of 0.6 m.
     Panels(f32),
-    /// Wallpaper with a repeated sign.
+    /// Wallpaper with a repeated motif.
     Paper(f32),
     /// Sky with clouds.
     Sky,
@@ -139,7 +139,7 @@ impl Material {
                     let column = whole(shifted / s);
                     let (dx, dy) = (shifted - column * s - s / 2.0, fy - row * s - s / 2.0);
                     let r = (dx * dx + dy * dy).sqrt();
-                    // Faded and stained unlike from sign to sign, so that no two are the same.
+                    // Faded and stained differently from motif to motif, so that no two are the same.
                     let ink = 70.0 * lattice(seed, column as i64, row as i64) - 14.0;
                     let ring = (r - 0.3 * s).abs() - 0.06 * s;
                     let dot = r - 0.1 * s;

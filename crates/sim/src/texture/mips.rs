@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn halving_keeps_the_mean_and_the_odd_edge() {
+    fn halving_keeps_mean_and_odd_edge() {
         let t = Texture::new(3, 2, &[10, 20, 30, 30, 40, 50]);
         assert_eq!(t.levels.len(), 3);
         let l1 = &t.levels[1];

@@ -1,11 +1,11 @@
-//! Tiles of value noise over several octaves, made once per world and combined at unlike periods so that no
-//! two places look alike.
+//! Tiles of value noise over several octaves, made once per world and combined at different periods so that no
+//! two places look the same.
 //!
 //! Source: lattice noise with smooth interpolation, as in Perlin, "An image synthesizer" (1985).
 
 use crate::random::lattice;
 
-/// Tiles of unlike period, values about -127..127.
+/// Tiles of different periods, values about -127..127.
 pub(crate) struct Noise {
     fine: Tile<512>,
     other: Tile<418>,

@@ -1,4 +1,4 @@
-//! What an inertial sensor reads on a moving body: exact values, white noise, wandering biases.
+//! The readings of an IMU on a moving body: exact values, white noise, bias random walk.
 //!
 //! Source: discrete noise from densities as in Crassidis, "Sigma-point Kalman filtering for integrated GPS and
 //! inertial navigation" (2006), eq. 4-6: white noise `sigma / sqrt(dt)`, bias step `sigma_walk * sqrt(dt)`.
@@ -11,14 +11,14 @@ use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 /// Gravity along -z of the world.
 pub const GRAVITY_M_S2: f64 = 9.81;
 
-/// The simulated inertial sensor.
+/// The config of the simulated IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuConfig {
     /// Samples a second.
     pub rate_hz: f64,
     /// Noise densities (default: ADIS16448 as in EuRoC).
     pub noise: ImuNoise,
-    /// False gives exact readings; the rig still tells the densities.
+    /// False gives exact readings; the rig still states the densities.
     pub noisy: bool,
 }
 
@@ -30,13 +30,13 @@ impl Default for ImuConfig {
 }
 
 impl ImuConfig {
-    /// As the rig tells it; the sensor sits at the body's origin.
+    /// The sensor as stated in the rig; it is at the body's origin.
     pub(crate) fn sensor(&self) -> ImuSensor {
         ImuSensor { body_from_imu: Se3::identity(), rate_hz: self.rate_hz, noise: self.noise, offset_s: 0.0 }
     }
 }
 
-/// Gives samples one after the other.
+/// Generates samples one after the other.
 pub(crate) struct ImuSim {
     config: ImuConfig,
     random: Random,

@@ -1,4 +1,4 @@
-//! How a body moves through a world: smooth motions, walkers, inertial readings.
+//! The motion of a body through a world: smooth motions, walkers, IMU readings.
 
 mod imu;
 mod motion;

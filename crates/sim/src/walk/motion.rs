@@ -14,7 +14,7 @@ type Row = SVector<f64, 7>;
 /// The body at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct BodyState {
-    /// Where it is.
+    /// Its pose.
     pub world_from_body: Se3,
     /// Velocity in the world, m/s.
     pub velocity: Vec3,
@@ -24,7 +24,7 @@ pub struct BodyState {
     pub rate: Vec3,
 }
 
-/// A motion that can be asked at any time; before its start and after its end the body stands at the ends.
+/// A motion that can be evaluated at any time; before its start and after its end the body stays at the end poses.
 #[derive(Clone, Debug)]
 pub struct Motion {
     curve: Curve,
@@ -36,7 +36,7 @@ pub struct Motion {
 enum Curve {
     /// Quintic B-spline with control points `dt` apart; four times continuously differentiable.
     Uniform { first: f64, dt: f64, control: Vec<Row> },
-    /// Natural cubic spline through given rows; twice continuously differentiable.
+    /// Natural cubic spline through the given rows; twice continuously differentiable.
     Through { times: Vec<f64>, rows: Vec<Row>, second: Vec<Row> },
 }
 
@@ -45,7 +45,7 @@ fn row(pose: &Se3) -> Row {
     Row::from([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
 }
 
-/// Chooses of each quaternion and its negative the one nearer to the one before.
+/// Selects the sign of each quaternion that is nearer to the previous one.
 fn same_sign(rows: &mut [Row]) {
     for i in 1..rows.len() {
         let before = rows[i - 1];
@@ -62,7 +62,7 @@ impl Motion {
     pub(crate) fn sampled(start: f64, dt: f64, poses: &[Se3]) -> Self {
         let mut control: Vec<Row> = poses.iter().map(row).collect();
         same_sign(&mut control);
-        // Two more at each end, so that the motion begins and ends at the given poses.
+        // Two more at each end, so that the motion starts and ends at the given poses.
         if let (Some(&a), Some(&z)) = (control.first(), control.last()) {
             control.splice(0..0, [a; 3]);
             control.extend([z; 3]);
@@ -74,7 +74,7 @@ impl Motion {
     /// Through given body poses in time.
     ///
     /// # Errors
-    /// Fewer than three poses, times that do not increase, numbers that are not finite.
+    /// Fewer than three poses, times that do not increase, values that are not finite.
     pub fn through(poses: &[(Stamp, Se3)]) -> Result<Self, SourceError> {
         let fail = |why: String| {
             Err(SourceError::new("trajectory", why, "give at least three poses in increasing time"))
@@ -85,7 +85,7 @@ impl Motion {
         for (i, w) in poses.windows(2).enumerate() {
             if w[1].0 <= w[0].0 {
                 return fail(format!(
-                    "pose {} at {} s is not after the one before at {} s",
+                    "pose {} at {} s is not later than the previous one at {} s",
                     i + 1,
                     w[1].0,
                     w[0].0
@@ -93,7 +93,7 @@ impl Motion {
             }
         }
         if let Some(i) = poses.iter().position(|p| !p.1.is_finite()) {
-            return fail(format!("pose {i} holds a number that is not finite"));
+            return fail(format!("pose {i} has a value that is not finite"));
         }
         let origin = poses[0].0;
         let times: Vec<f64> = poses.iter().map(|p| p.0 - origin).collect();
@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quintic_weights_sum_to_one_and_their_derivatives_agree() {
+    fn quintic_weights_and_derivatives() {
         for u in [0.0, 0.3, 0.99] {
             let (b, d1, d2) = quintic(u);
             assert!((b.iter().sum::<f64>() - 1.0).abs() < 1e-12);

@@ -1,13 +1,13 @@
-//! Reads inertial readings as recordings have them: `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]`, `#` starts a comment.
+//! Reads IMU recordings: `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]`, `#` starts a comment.
 
 use cairn_geometry::Vec3;
 use cairn_sensor::{ImuSample, SourceError, Stamp};
 use std::path::Path;
 
-/// The readings of a file in their order, in the body's frame.
+/// The readings of a file in their order, in the body frame.
 ///
 /// # Errors
-/// Names the file and the line when it can not be read, a line holds other than seven numbers, a time does not increase, or
+/// Names the file and the line when it cannot be read, a line does not hold seven numbers, a time does not increase, or
 /// there are fewer than ten readings.
 pub fn read_readings(path: &Path) -> Result<Vec<ImuSample>, SourceError> {
     const CURE: &str = "write seven numbers a line: time in ns, gyro xyz in rad/s, accel xyz in m/s^2";

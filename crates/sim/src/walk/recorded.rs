@@ -1,11 +1,13 @@
-//! A recorded motion with the readings that were taken on it: the camera's poses made smooth, and put into the readings' clock.
+//! A recorded motion with its recorded IMU readings: the camera's poses smoothed and transformed to the readings'
+//! clock.
 //!
-//! In: measured body poses (markers, a tracker: noisy, with holes, by a clock of their own) and the real readings. Out: a
-//! [`Motion`] that can be asked at any time, and how well the two agree. What is faster than a fraction of a second comes from
-//! the readings, what is slower from the poses: the readings are summed up over the whole recording, the difference to the
-//! poses is slow, and is smoothed by robust local quadratics (Cleveland, "Robust locally weighted regression", 1979). A bias,
-//! gravity's direction and the accelerometer's zero are all in that slow difference. So are errors of the readings that are
-//! slower than the windows below: those remain, which is the point of it.
+//! Input: measured body poses (markers, a tracker: noisy, with gaps, with a clock of their own) and the real readings.
+//! Output: a [`Motion`] that can be evaluated at any time, and how well the two agree. What is faster than a fraction
+//! of a second comes from the readings, what is slower from the poses: the readings are integrated over the whole
+//! recording, the difference to the poses is slow, and is smoothed by robust local quadratics (Cleveland, "Robust
+//! locally weighted regression", 1979). A bias, the direction of gravity and the accelerometer's zero offset are all
+//! in that slow difference. So are errors of the readings that are slower than the windows below: those remain, which
+//! is intended.
 
 use super::Motion;
 use cairn_geometry::{Mat3, Se3, So3, Vec3};
@@ -14,43 +16,43 @@ use nalgebra::{SMatrix, SVector};
 
 /// Standard deviation of the window for rotations, seconds.
 const TURN_WINDOW_S: f64 = 1.0;
-/// Of the window for places.
+/// Standard deviation of the window for positions, seconds.
 const PLACE_WINDOW_S: f64 = 0.15;
-/// Poses are compared with the gyroscope over so long for clock and axes.
+/// Poses are compared with the gyroscope over this time to find the clock offset and the axes.
 const STEP_S: f64 = 0.2;
-/// How often poses that lie far from what was smoothed are weighed down.
+/// How many times poses that lie far from the smoothed ones are weighted down.
 const ROBUST_ROUNDS: usize = 2;
-/// How often clock and axes are found again after smoothing.
+/// How many times clock offset and axes are estimated again after smoothing.
 const CLOCK_ROUNDS: usize = 3;
-/// Over so long poses and readings are compared in the end: about from image to image.
+/// Interval over which poses and readings are compared in the end: about that of the images.
 const COMPARE_S: f64 = 0.05;
-/// At most so much is believed of a clock that is off, seconds.
+/// The largest clock offset that is accepted, seconds.
 const MOST_OFFSET_S: f64 = 0.1;
 const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -super::GRAVITY_M_S2);
 
 /// How well measured poses and readings agree, before and after smoothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agreement {
-    /// Seconds that were added to the poses' stamps.
+    /// Seconds added to the poses' stamps.
     pub offset_s: f64,
-    /// Angle between the poses' body and the readings' axes that was taken out, radians.
+    /// Angle of the removed misalignment between the poses' body frame and the readings' axes, radians.
     pub misaligned_rad: f64,
     /// The gyroscope's mean bias, rad/s.
     pub gyro_bias: Vec3,
-    /// How far the poses turn otherwise than the gyroscope without its mean bias over 50 ms, root mean square in radians: as
-    /// measured, smoothed.
+    /// Difference between the poses' rotation and the gyroscope's without its mean bias over 50 ms, root mean square in
+    /// radians: as measured, smoothed.
     pub turn_rms: [f64; 2],
     /// Acceleration of the poses against the accelerometer's, likewise, m/s^2.
     pub acceleration_rms: [f64; 2],
-    /// How far smoothing moved a pose: root mean square and most, metres.
+    /// How far smoothing moved a pose: root mean square and maximum, metres.
     pub moved_m: [f64; 2],
-    /// How far it turned a pose, radians.
+    /// How far it rotated a pose, likewise, radians.
     pub turned_rad: [f64; 2],
-    /// The longest hole in the poses, which the readings bridge, seconds.
+    /// The longest gap in the poses, which the readings bridge, seconds.
     pub longest_hole_s: f64,
 }
 
-/// The motion as it is rendered.
+/// The motion that is rendered.
 pub(crate) struct Recorded {
     /// Time 0 is `epoch`.
     pub motion: Motion,
@@ -58,7 +60,7 @@ pub(crate) struct Recorded {
     pub agreement: Agreement,
 }
 
-/// Poses as they were measured, corrected and with times in seconds.
+/// Measured poses, corrected and with times in seconds.
 struct Measured {
     times: Vec<f64>,
     poses: Vec<Se3>,
@@ -80,7 +82,7 @@ impl Recorded {
         let inside = |t: Stamp| t - first.stamp > MOST_OFFSET_S && last.stamp - t > MOST_OFFSET_S;
         let poses: Vec<_> = poses.iter().filter(|(t, _)| inside(*t)).copied().collect();
         if poses.len() < 20 || poses[poses.len() - 1].0 - poses[0].0 < 2.0 {
-            return fail("they have less than two seconds in common");
+            return fail("they overlap by less than two seconds");
         }
         let raw = Motion::through(&poses)?;
         let times: Vec<f64> = readings.iter().map(|s| s.stamp - first.stamp).collect();
@@ -90,11 +92,11 @@ impl Recorded {
             poses: poses.iter().map(|p| p.1).collect(),
         };
         let Some(mut clock) = Clock::find(&measured, &sums) else {
-            return fail("the readings turn otherwise than the poses");
+            return fail("the readings rotate differently from the poses");
         };
         let mut measured = clock.correct(measured);
         let mut smooth = Smooth::of(&measured, &times, readings, &clock.bias);
-        // Against poses without noise the clock is found better.
+        // With the noise of the poses removed, the clock offset is found more accurately.
         for _ in 0..CLOCK_ROUNDS {
             let poses = Measured { times: times[smooth.range.clone()].to_vec(), poses: smooth.poses.clone() };
             let Some(left) = Clock::find(&poses, &sums) else { break };
@@ -122,7 +124,7 @@ impl Recorded {
     }
 }
 
-/// Poses made smooth, at each reading of a range.
+/// Smoothed poses, at each reading of a range.
 struct Smooth {
     range: std::ops::Range<usize>,
     poses: Vec<Se3>,
@@ -140,7 +142,7 @@ impl Smooth {
     }
 }
 
-/// The gyroscope's readings summed up from the first one on.
+/// The gyroscope's readings integrated from the first one on.
 struct Sums<'a> {
     times: &'a [f64],
     gyro: Vec<Vec3>,
@@ -157,7 +159,7 @@ impl<'a> Sums<'a> {
         Self { times, gyro: readings.iter().map(|s| s.gyro).collect(), rotations }
     }
 
-    /// Index of the reading before a time and how far on it is to the next, 0 to 1.
+    /// Index of the reading before a time and the fraction of the way to the next, 0 to 1.
     fn place(&self, t: f64) -> (usize, f64) {
         let i = self.times.partition_point(|v| *v <= t).clamp(1, self.times.len() - 1);
         (i - 1, ((t - self.times[i - 1]) / (self.times[i] - self.times[i - 1])).clamp(0.0, 1.0))
@@ -176,7 +178,7 @@ impl<'a> Sums<'a> {
     }
 }
 
-/// What lies between the poses and the readings: clock, axes, mean bias.
+/// The differences between the poses and the readings: clock offset, axes, mean bias.
 struct Clock {
     offset_s: f64,
     misaligned: Vec3,
@@ -184,9 +186,9 @@ struct Clock {
 }
 
 impl Clock {
-    /// Linear least squares over steps between poses. Where the readings sum up to `D` over a step of `h` seconds, between rates
-    /// `w0` and `w1`, the poses turn by `D` and then by
-    /// `offset (w1 - D'w0) + (misaligned - D'misaligned) - h Jr bias`. Steps that jump are weighed down (Huber).
+    /// Linear least squares over steps between poses. Where the readings integrate to `D` over a step of `h` seconds,
+    /// between rates `w0` and `w1`, the poses rotate by `D` and then by
+    /// `offset (w1 - D'w0) + (misaligned - D'misaligned) - h Jr bias`. Steps that jump are weighted down (Huber).
     fn find(m: &Measured, sums: &Sums) -> Option<Self> {
         let mut steps: Vec<(SMatrix<f64, 3, 7>, Vec3)> = Vec::new();
         let mut i = 0;
@@ -198,14 +200,14 @@ impl Clock {
             let (t0, t1) = (m.times[i], m.times[j]);
             if t1 - t0 < 2.0 * STEP_S {
                 let turned = sums.rotation(t0).inverse() * sums.rotation(t1);
-                let seen = m.poses[i].rotation.inverse() * m.poses[j].rotation;
+                let by_poses = m.poses[i].rotation.inverse() * m.poses[j].rotation;
                 let back = turned.inverse();
                 let mut row = SMatrix::<f64, 3, 7>::zeros();
                 row.fixed_view_mut::<3, 1>(0, 0).copy_from(&(sums.rate(t1) - back * sums.rate(t0)));
                 row.fixed_view_mut::<3, 3>(0, 1).copy_from(&(Mat3::identity() - back.matrix()));
                 let of_bias = So3::right_jacobian(&turned.log()) * -(t1 - t0);
                 row.fixed_view_mut::<3, 3>(0, 4).copy_from(&of_bias);
-                steps.push((row, (back * seen).log()));
+                steps.push((row, (back * by_poses).log()));
             }
             i = j;
         }
@@ -231,11 +233,11 @@ impl Clock {
             misaligned: x.fixed_rows::<3>(1).into_owned(),
             bias: x.fixed_rows::<3>(4).into_owned(),
         };
-        // Half a radian and a tenth of a second are no small corrections of a linear model any more.
+        // Half a radian and a tenth of a second are too large as corrections of a linear model.
         (found.offset_s.abs() < MOST_OFFSET_S && found.misaligned.norm() < 0.5).then_some(found)
     }
 
-    /// What this one left, found after it, added.
+    /// The composition with what was found after this one.
     fn then(&self, left: &Self) -> Self {
         let misaligned = (So3::exp(&self.misaligned) * So3::exp(&left.misaligned)).log();
         Self { offset_s: self.offset_s + left.offset_s, misaligned, bias: left.bias }
@@ -249,7 +251,7 @@ impl Clock {
     }
 }
 
-/// Weights of values against what was smoothed from them: Tukey's, none beyond six times the median distance.
+/// Tukey weights of residuals: zero beyond six times the median distance.
 fn tukey(off: &[f64]) -> Vec<f64> {
     let mut sorted = off.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -257,13 +259,13 @@ fn tukey(off: &[f64]) -> Vec<f64> {
     off.iter().map(|v| (1.0 - (v / most).powi(2)).max(0.0).powi(2)).collect()
 }
 
-/// At each reading: the gyroscope's sum turned by the smoothed difference to the poses.
+/// At each reading: the gyroscope's integral rotated by the smoothed difference to the poses.
 fn smooth_rotations(m: &Measured, sums: &Sums, range: std::ops::Range<usize>) -> Vec<So3> {
     let windows = Windows::new(&m.times, TURN_WINDOW_S);
     let off: Vec<So3> =
         m.times.iter().zip(&m.poses).map(|(t, p)| p.rotation * sums.rotation(*t).inverse()).collect();
     let smoothed = |t: f64, weights: &[f64]| {
-        // Logarithms are taken about a difference nearby that is believed.
+        // Logarithms are taken about a nearby difference with full weight.
         let after = m.times.partition_point(|v| *v < t).min(off.len() - 1);
         let near = (after..off.len()).chain((0..after).rev()).find(|k| weights[*k] > 0.3).unwrap_or(after);
         let value = |k: usize| (off[k] * off[near].inverse()).log();
@@ -277,7 +279,7 @@ fn smooth_rotations(m: &Measured, sums: &Sums, range: std::ops::Range<usize>) ->
     range.map(|i| smoothed(sums.times[i], &weights) * sums.rotations[i]).collect()
 }
 
-/// At each reading: the twice summed accelerometer moved by the smoothed difference to the poses.
+/// At each reading: the twice integrated accelerometer moved by the smoothed difference to the poses.
 fn smooth_places(m: &Measured, times: &[f64], readings: &[ImuSample], rotations: &[So3]) -> Vec<Vec3> {
     let force = |i: usize| rotations[i] * readings[i].accel + GRAVITY;
     let (mut summed, mut velocity) = (vec![Vec3::zeros()], Vec3::zeros());
@@ -293,13 +295,13 @@ fn smooth_places(m: &Measured, times: &[f64], readings: &[ImuSample], rotations:
     };
     let windows = Windows::new(&m.times, PLACE_WINDOW_S);
     let off: Vec<Vec3> = m.times.iter().zip(&m.poses).map(|(t, p)| p.translation - at(*t)).collect();
-    // Trackers of places do not jump as those of rotations do.
+    // Position measurements do not jump as rotations do.
     let weights = vec![1.0; off.len()];
     let smoothed = |t: f64| local_quadratic(&m.times, |k| off[k], &weights, t, windows.at(t));
     times.iter().zip(&summed).map(|(t, s)| s + smoothed(*t)).collect()
 }
 
-/// Windows that grow where there are holes, without a jump from one instant to the next.
+/// Windows that grow where there are gaps, continuously in time.
 struct Windows {
     least_s: f64,
     holes: Vec<[f64; 2]>,
@@ -325,7 +327,7 @@ fn local_quadratic(
     t: f64,
     sigma: f64,
 ) -> Vec3 {
-    // Farther out a weight is below 4e-4, and a pose more or less is not felt.
+    // Farther away a weight is below 4e-4, and a pose more or less has no effect.
     let from = times.partition_point(|v| *v < t - 4.0 * sigma);
     let to = times.partition_point(|v| *v <= t + 4.0 * sigma);
     let (mut normal, mut right) = (Mat3::zeros(), Mat3::zeros());
@@ -358,9 +360,9 @@ fn agreement(
         for (t, s) in times.iter().zip(readings) {
             let state = motion.state(t - shift);
             let next = (t + COMPARE_S).min(times[times.len() - 1]);
-            let seen = state.world_from_body.rotation.inverse() * motion.pose(next - shift).rotation;
-            let felt = sums.rotation(*t).inverse() * sums.rotation(next);
-            turn += (felt.inverse() * seen).angle().powi(2);
+            let by_poses = state.world_from_body.rotation.inverse() * motion.pose(next - shift).rotation;
+            let by_gyro = sums.rotation(*t).inverse() * sums.rotation(next);
+            turn += (by_gyro.inverse() * by_poses).angle().powi(2);
             let force = state.world_from_body.rotation * s.accel + GRAVITY;
             acceleration += (state.acceleration - force).norm_squared();
         }
@@ -398,9 +400,10 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// Ten seconds in a hand: exact readings at 200 Hz, poses at 120 Hz with noise, a hole, a clock that is off and axes askew.
+    /// Ten seconds hand-held: exact readings at 200 Hz, poses at 120 Hz with noise, a gap, a clock offset and
+    /// misaligned axes.
     #[test]
-    fn noise_a_hole_a_clock_and_askew_axes_are_taken_out() {
+    fn recovers_noise_gap_clock_offset_and_misalignment() {
         let pose = |t: f64| {
             let turn = So3::exp(&Vec3::new(0.3 * (2.1 * t).sin(), 0.4 * (1.3 * t).cos(), 0.5 * t));
             Se3::new(turn, Vec3::new((0.9 * t).sin(), 0.6 * (1.7 * t).cos(), 0.2 * (3.0 * t).sin()))

@@ -1,4 +1,4 @@
-//! The gait of a body that is moved by hand: in come places frame by frame, out come camera poses that bob.
+//! The gait of a body that is moved by the caller: from positions frame by frame to camera poses that bob.
 
 use super::Walker;
 use cairn_geometry::{Se3, Vec2};
@@ -13,7 +13,7 @@ pub struct Stride {
     strength: f64,
 }
 
-/// Seconds in which the gait grows when a walker sets out, and dies away when he stands.
+/// Seconds in which the gait grows when the walker starts, and fades when he stops.
 const SETTLES_S: f64 = 0.25;
 
 impl Stride {

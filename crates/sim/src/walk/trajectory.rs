@@ -1,4 +1,4 @@
-//! Reads a trajectory in TUM form: `t x y z qx qy qz qw`, seconds and metres, `#` starts a comment.
+//! Reads a trajectory in TUM format: `t x y z qx qy qz qw`, seconds and metres, `#` starts a comment.
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{SourceError, Stamp};
@@ -7,7 +7,7 @@ use std::path::Path;
 /// The poses of a file in their order.
 ///
 /// # Errors
-/// Names the file and the line when it can not be read, has other than eight numbers on a line, or no pose.
+/// Names the file and the line when it cannot be read, a line does not hold eight numbers, or there is no pose.
 pub fn read_tum(path: &Path) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|e| {

@@ -1,19 +1,19 @@
-//! What goes wrong with an inertial sensor's stream: a slower rate, a wrong clock, lost samples, biases that jump.
+//! Faults of an IMU stream: a lower rate, a clock offset, lost samples, bias jumps.
 
 use crate::random::Random;
 use cairn_geometry::Vec3;
 use cairn_sensor::ImuSample;
 
-/// The troubles of a stream of readings, simulated or recorded; the default is none.
+/// The faults of a stream of readings, simulated or recorded; the default is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuTroubles {
-    /// Each reading given is the mean of so many, stamped in their middle, as a sensor gives them that is set to that rate.
+    /// Each output reading is the mean of this many, stamped in their middle, as from a sensor set to that rate.
     pub mean_of: usize,
-    /// What would have to be added to the stamps as they are given: `t_imu + offset = t_image`. The rig does not tell it.
+    /// What has to be added to the stamps: `t_imu + offset = t_image`. The rig does not state it.
     pub offset_s: f64,
-    /// Part of the readings that are lost, 0 to 1.
+    /// Share of the readings that are lost, 0 to 1.
     pub lost: f64,
-    /// Seconds between jumps of both biases; 0: they do not jump.
+    /// Seconds between jumps of both biases; 0: no jumps.
     pub bias_steps_s: f64,
     /// Size of a jump on each axis, one standard deviation: rad/s and m/s^2.
     pub bias_step: [f64; 2],
@@ -25,7 +25,7 @@ impl Default for ImuTroubles {
     }
 }
 
-/// Lets readings through one by one, as the troubles have it.
+/// Passes readings one by one, with the faults applied.
 pub(crate) struct Troubled {
     troubles: ImuTroubles,
     random: Random,
@@ -40,7 +40,7 @@ impl Troubled {
         Self { troubles, random: Random::new(seed, 0x7B0B), pending, bias, next_step: None }
     }
 
-    /// The reading that is given when this one was taken, if any.
+    /// The reading that is output after this one, if any.
     pub fn pass(&mut self, sample: ImuSample) -> Option<ImuSample> {
         let t = self.troubles;
         if t.bias_steps_s > 0.0 {
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn each_trouble_does_what_it_says() {
+    fn imu_faults_are_applied() {
         assert_eq!(
             through(ImuTroubles::default())[7],
             ImuSample::new(Stamp(35_000_000), Vec3::x() * 7.0, Vec3::z() * 9.81)

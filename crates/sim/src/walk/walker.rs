@@ -8,7 +8,7 @@ use super::Motion;
 use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
 
-/// How a walker goes along a way.
+/// The pace and gait of a walker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walker {
     /// Metres a second on straight legs.
@@ -19,7 +19,7 @@ pub struct Walker {
     pub pitch_down: f64,
     /// Size of the gait: 1 is a usual one (vertical motion of 2.6 cm from top to bottom), 0 glides.
     pub gait: f64,
-    /// Radians by which the camera looks to the left of where the walker goes: pi looks back.
+    /// Angle in radians by which the camera looks to the left of the walking direction: pi looks back.
     pub look: f64,
     /// Turning rate in radians a second.
     pub turn_rate: f64,
@@ -63,7 +63,7 @@ const SMOOTH_PLACE_S: f64 = 0.36;
 const SMOOTH_HEADING_S: f64 = 0.24;
 
 impl Walker {
-    /// The body's motion along a polyline from time 0; empty and single-point ways stand still for a second.
+    /// The body's motion along a polyline from time 0; for empty and single-point routes it stands still for a second.
     pub fn motion(&self, points: &[Vec2]) -> Motion {
         let plan = self.plan(points);
         let total = plan.nodes.last().map_or(1.0, |n| n.0);
@@ -89,13 +89,13 @@ impl Walker {
         Motion::sampled(0.0, 1.0 / RATE_HZ, &poses)
     }
 
-    /// Steps a second at a pace in m/s: of 0.55 to 0.7 m, the rate grows with the square root of the pace.
+    /// Steps a second at a pace in m/s: step lengths of 0.55 to 0.7 m, the rate grows with the square root of the pace.
     pub fn steps_per_s(pace: f64) -> f64 {
         1.75 * pace.max(0.0).sqrt()
     }
 
-    /// The body (camera: x right, y down, z forward) at a place with its gait, for walkers whose way is not known
-    /// ahead. `heading` is where the walker goes, radians from x; `phase` is the angle of the steps, 2 pi for each
+    /// The body (camera: x right, y down, z forward) at a place with its gait, for walkers whose route is not known
+    /// in advance. `heading` is the walking direction, radians from x; `phase` is the angle of the steps, 2 pi for each
     /// (see [`Walker::steps_per_s`]); `strength` goes from 0 at rest to 1 at a usual pace.
     pub fn body(&self, at: Vec2, heading: f64, phase: f64, strength: f64) -> Se3 {
         let strength = self.gait * strength;
@@ -129,7 +129,7 @@ impl Walker {
         let mut heading = direction(0);
         let mut t = self.rest_s;
         let mut nodes = vec![(0.0, first, heading), (t, first, heading)];
-        // What of the leg was already walked while turning at its start.
+        // The part of the leg that was already walked while turning at its start.
         let mut walked = 0.0;
         for i in 0..corners.len() - 1 {
             let (a, b) = (corners[i], corners[i + 1]);
@@ -202,7 +202,7 @@ pub(crate) fn facing(heading: f64) -> So3 {
 /// An angle brought into -pi..pi.
 fn wrap(a: f64) -> f64 {
     let w = (a + PI).rem_euclid(TAU) - PI;
-    // A turn about goes to the left.
+    // A turn around goes to the left.
     if w <= -PI + 1e-9 { PI } else { w }
 }
 
@@ -226,7 +226,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn turns_about_on_the_spot_and_bobs() {
+    fn turns_around_on_the_spot_and_bobs() {
         let route = [Vec2::new(0.0, 0.0), Vec2::new(6.0, 0.0), Vec2::new(0.0, 0.0)];
         let motion = Walker::default().motion(&route);
         let (mut turned, mut low, mut high, mut fastest) = (0.0, 9.0f64, 0.0f64, 0.0f64);
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn looks_back_when_told() {
+    fn camera_facing_back() {
         let route = [Vec2::new(0.0, 0.0), Vec2::new(3.0, 4.0)];
         let back = Walker { look: PI, ..Walker::default() }.motion(&route);
         let s = back.state(3.0);

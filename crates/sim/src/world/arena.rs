@@ -1,4 +1,4 @@
-//! One room with nothing in its middle: walls hung up to the ceiling, a floor with much to see, furniture along the walls.
+//! One empty room: walls covered with pictures up to the ceiling, a textured floor, furniture along the walls.
 
 use super::NamedRoute;
 use super::build::Builder;
@@ -7,7 +7,7 @@ use super::furniture::Piece;
 use super::plan::{self, Dress, Room};
 use crate::texture::Material;
 
-/// A room of the size that the options say.
+/// A room of the size in the options.
 pub(super) fn build(b: &mut Builder) {
     let [w, d, height] = b.options.size_m.unwrap_or([10.0, 8.0, 4.0]);
     let walls = [Material::Brick(120.0), Material::Plaster(160.0), Material::Paper(165.0)];

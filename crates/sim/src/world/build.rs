@@ -1,4 +1,4 @@
-//! The builder that worlds are made with: painted quads and boxes, lights, obstacles, ways.
+//! The builder that worlds are made with: painted quads and boxes, lights, obstacles, routes.
 
 use super::plan::{Footprint, distance_to_segment};
 use super::{Face, NamedRoute, WorldOptions};
@@ -48,12 +48,12 @@ pub(crate) struct Lamp {
     pub at: Vec3,
     /// How bright it is.
     pub power: f32,
-    /// The room `[x0, y0, x1, y1]` whose walls keep its light in, where there are such.
+    /// The room `[x0, y0, x1, y1]` whose walls contain its light, if any.
     pub room: Option<[f64; 4]>,
 }
 
 impl Lamp {
-    /// True when walls do not stand between the lamp and a surface with this middle.
+    /// True when no wall stands between the lamp and a surface with this middle.
     fn reaches(&self, p: &Vec3) -> bool {
         // A little more than half a wall's thickness: the jambs of doors belong to both sides.
         let slack = 0.081;
@@ -63,7 +63,7 @@ impl Lamp {
     }
 }
 
-/// A world in the making.
+/// A world under construction.
 pub(crate) struct Builder {
     /// What the user asked for.
     pub options: WorldOptions,
@@ -71,13 +71,13 @@ pub(crate) struct Builder {
     pub faces: Vec<Face>,
     /// Their textures.
     pub textures: Vec<Texture>,
-    /// Rectangles `[x0, y0, x1, y1]` where one can be.
+    /// Rectangles `[x0, y0, x1, y1]` of walkable floor.
     pub areas: Vec<[f64; 4]>,
-    /// Things one can not be in.
+    /// Obstacles.
     pub footprints: Vec<Footprint>,
-    /// Lines to draw.
+    /// Segments of the floor plan.
     pub plan: Vec<(Vec2, Vec2)>,
-    /// Ways.
+    /// Routes.
     pub routes: Vec<NamedRoute>,
     /// Lamps.
     pub lights: Vec<Lamp>,
@@ -140,7 +140,7 @@ impl Builder {
         self.random = Random::new(self.seed, stream);
     }
 
-    /// Paints a rectangle, lights it, keeps it, and gives its texture and texels per metre.
+    /// Paints and lights a rectangle, stores it, and returns its texture and texels per metre.
     pub fn paint(
         &mut self,
         frame: [Vec3; 3],
@@ -198,7 +198,7 @@ impl Builder {
         self.polygon(frame, corners, texel, paint);
     }
 
-    /// A painted convex polygon, corners clockwise in the frame, each with positive coordinates.
+    /// A painted convex polygon, corners clockwise in the frame, all with positive coordinates.
     pub fn polygon(
         &mut self,
         frame: [Vec3; 3],
@@ -212,7 +212,7 @@ impl Builder {
         self.faces.push(Face::new(frame, corners, texture, texels_per_m));
     }
 
-    /// A box whose sides are painted one by one; the bottom only where it hangs.
+    /// A box whose sides are painted one by one; the bottom only where it hangs above the floor.
     pub fn block(&mut self, block: &Block, paint: impl Fn(Which, &mut Canvas<'_>, &mut Random)) {
         let middle = Vec3::new(block.at.x, block.at.y, block.base + block.size.z / 2.0);
         for (which, (frame, w, h)) in sides(&middle, &turned(block.yaw), &block.size) {
@@ -228,15 +228,15 @@ impl Builder {
         }
     }
 
-    /// Notes that something stands here, for walkers and for the plan.
-    pub fn stands(&mut self, at: Vec2, half: Vec2, yaw: f64) {
+    /// Registers an obstacle, for walkers and for the floor plan.
+    pub fn add_obstacle(&mut self, at: Vec2, half: Vec2, yaw: f64) {
         let f = Footprint { centre: at, half, yaw };
         let k = f.corners();
         self.plan.extend((0..4).map(|i| (k[i], k[(i + 1) % 4])));
         self.footprints.push(f);
     }
 
-    /// True when a thing here leaves `margin` metres to every way and to every other thing, and stays inside.
+    /// True when a thing here leaves `margin` metres to every route and to every other thing, and stays inside.
     pub fn has_room(&self, at: Vec2, half: Vec2, yaw: f64, margin: f64) -> bool {
         let f = Footprint { centre: at, half, yaw };
         let corners = f.corners();

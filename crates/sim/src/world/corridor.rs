@@ -1,4 +1,4 @@
-//! Corridors: a ring with a branch, and the demo's way with three turns.
+//! Corridors: a ring with a branch, and the demo's route with three turns.
 
 use super::NamedRoute;
 use super::build::Builder;
@@ -28,7 +28,7 @@ pub(super) fn hallway(r: &mut Random, area: [f64; 4], stream: u64) -> Room {
     }
 }
 
-/// Puts furniture along walls wherever it leaves room for the ways.
+/// Puts furniture along walls wherever it leaves room for the routes.
 pub(super) fn line_walls(
     b: &mut Builder,
     area: [f64; 4],
@@ -122,6 +122,6 @@ pub(super) fn demo(b: &mut Builder) {
     both.extend(out.points.iter().rev().skip(1));
     b.routes.push(NamedRoute { name: "out-and-home".into(), points: both });
     plan::build(b, &rooms);
-    // Whoever walks by ear strays: three quarters of a metre stay free on each side.
+    // People who walk by spoken directions stray: three quarters of a metre stay free on each side.
     furnish(b, &rooms, 0.72);
 }

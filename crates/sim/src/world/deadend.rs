@@ -1,4 +1,4 @@
-//! A straight corridor that ends in plain walls: who turns about there sees nothing on the way round.
+//! A straight corridor that ends in plain walls: a camera that turns around there sees no texture during the turn.
 
 use super::NamedRoute;
 use super::build::Builder;
@@ -9,12 +9,12 @@ use crate::texture::Material;
 
 /// Length of the way out, metres.
 const OUT_M: f64 = 20.0;
-/// Where the way begins.
+/// Where the route starts.
 const START_M: f64 = 1.5;
 /// How much of the corridor's end is plain, metres before the turn.
 const PLAIN_M: f64 = 4.0;
 
-/// A corridor of 2.4 m with a way of 20 m out and home again.
+/// A corridor of 2.4 m with a route of 20 m out and home again.
 pub(super) fn build(b: &mut Builder) {
     let k = 2.4;
     let turn = START_M + OUT_M;

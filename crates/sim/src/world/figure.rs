@@ -14,11 +14,11 @@ pub(crate) struct Wardrobe {
 /// A figure at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figure {
-    /// Which clothes.
+    /// Index of the clothes.
     pub clothes: usize,
-    /// Where it stands, metres.
+    /// Position on the floor, metres.
     pub at: Vec2,
-    /// Which way it looks, radians from x.
+    /// Its heading, radians from x.
     pub heading: f64,
     /// Angle of the swing, radians.
     pub swing: f64,
@@ -31,9 +31,9 @@ pub struct Passer {
     pub line: Vec<Vec2>,
     /// Metres a second.
     pub speed: f64,
-    /// Where on the line it is at time 0, metres.
+    /// Its position on the line at time 0, metres.
     pub start: f64,
-    /// Which clothes.
+    /// Index of the clothes.
     pub clothes: usize,
 }
 

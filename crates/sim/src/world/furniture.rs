@@ -43,9 +43,9 @@ impl Piece {
         }
     }
 
-    /// Puts it down; its front looks along `yaw`.
+    /// Places it; its front faces along `yaw`.
     pub fn place(self, b: &mut Builder, at: Vec2, yaw: f64, ceiling: f64) {
-        b.stands(at, self.half(), yaw);
+        b.add_obstacle(at, self.half(), yaw);
         let put = Put { at, yaw };
         match self {
             Piece::Desk => desk(b, put),
@@ -61,7 +61,7 @@ impl Piece {
     }
 }
 
-/// Where a piece stands.
+/// The pose of a piece.
 #[derive(Clone, Copy)]
 struct Put {
     at: Vec2,
@@ -96,7 +96,7 @@ fn desk(b: &mut Builder, p: Put) {
         wood(b, &p.part(x, y, 0.0, [0.06, 0.06, 0.7], 0.0), tone - 50.0);
     }
     wood(b, &p.part(-0.33, 0.0, 0.3, [0.03, 1.4, 0.4], 0.0), tone - 20.0);
-    // The screen stands at the back and looks along -x, towards the chair's side or away, by chance.
+    // The screen is at the back and faces along -x, towards the chair's side or away, at random.
     let side = b.random.range(-0.35, 0.35);
     let turn = b.random.range(-0.4, 0.4);
     wood(b, &p.part(-0.15, side, 0.74, [0.05, 0.1, 0.12], turn), 40.0);

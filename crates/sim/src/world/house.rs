@@ -1,4 +1,4 @@
-//! What stands in a street: houses, trees, poles, cars, hedges.
+//! The objects in a street: houses, trees, poles, cars, hedges.
 
 use super::build::{Block, Builder, Which, turned};
 use crate::texture::{Decor, Material};
@@ -6,7 +6,7 @@ use cairn_geometry::{Vec2, Vec3};
 
 /// A house with a gable roof; its front (the side with the door) looks along its own +x.
 pub(super) fn house(b: &mut Builder, at: Vec2, size: Vec3, yaw: f64) {
-    b.stands(at, Vec2::new(size.x / 2.0, size.y / 2.0), yaw);
+    b.add_obstacle(at, Vec2::new(size.x / 2.0, size.y / 2.0), yaw);
     let wall = match b.random.below(3) {
         0 => Material::Brick(b.random.rangef(95.0, 140.0)),
         1 => Material::Plaster(b.random.rangef(150.0, 200.0)),
@@ -83,7 +83,7 @@ fn roof(b: &mut Builder, at: Vec2, size: Vec3, yaw: f64) {
 
 /// A tree: a trunk and a crown of turned boxes.
 pub(super) fn tree(b: &mut Builder, at: Vec2) {
-    b.stands(at, Vec2::new(0.16, 0.16), 0.0);
+    b.add_obstacle(at, Vec2::new(0.16, 0.16), 0.0);
     let height = b.random.range(2.0, 2.8);
     let yaw = b.random.range(0.0, 1.5);
     let trunk = Block { at, base: 0.0, size: Vec3::new(0.28, 0.28, height), yaw, texel: 0.006 };
@@ -108,7 +108,7 @@ pub(super) fn tree(b: &mut Builder, at: Vec2) {
 
 /// A lamp post with a sign.
 pub(super) fn pole(b: &mut Builder, at: Vec2, yaw: f64) {
-    b.stands(at, Vec2::new(0.07, 0.07), yaw);
+    b.add_obstacle(at, Vec2::new(0.07, 0.07), yaw);
     let post = Block { at, base: 0.0, size: Vec3::new(0.12, 0.12, 4.6), yaw, texel: 0.006 };
     b.block(&post, |_, c, r| {
         Material::Board(105.0).coat(c);
@@ -128,7 +128,7 @@ pub(super) fn pole(b: &mut Builder, at: Vec2, yaw: f64) {
 
 /// A parked car along its own x.
 pub(super) fn car(b: &mut Builder, at: Vec2, yaw: f64) {
-    b.stands(at, Vec2::new(2.1, 0.88), yaw);
+    b.add_obstacle(at, Vec2::new(2.1, 0.88), yaw);
     let paint = b.random.rangef(40.0, 215.0);
     let body = Block { at, base: 0.18, size: Vec3::new(4.2, 1.76, 0.68), yaw, texel: 0.008 };
     b.block(&body, |which, c, r| {
@@ -183,7 +183,7 @@ pub(super) fn car(b: &mut Builder, at: Vec2, yaw: f64) {
 pub(super) fn hedge(b: &mut Builder, from: Vec2, to: Vec2) {
     let d = to - from;
     let (at, yaw) = ((from + to) / 2.0, d.y.atan2(d.x));
-    b.stands(at, Vec2::new(d.norm() / 2.0, 0.25), yaw);
+    b.add_obstacle(at, Vec2::new(d.norm() / 2.0, 0.25), yaw);
     let size = Vec3::new(d.norm(), 0.5, b.random.range(0.8, 1.2));
     b.block(&Block { at, base: 0.0, size, yaw, texel: 0.01 }, |_, c, _| Material::Leaves(105.0).coat(c));
 }

@@ -1,4 +1,4 @@
-//! Worlds: textured flat faces, what stands where, and ways that can be walked.
+//! Worlds: textured flat faces, obstacles, and routes that can be walked.
 
 mod arena;
 mod build;
@@ -25,7 +25,7 @@ use plan::Footprint;
 use std::fmt;
 use std::str::FromStr;
 
-/// Which world.
+/// The kind of world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorldKind {
     /// A ring of corridors with doors, notices and a side branch.
@@ -36,11 +36,11 @@ pub enum WorldKind {
     Hall,
     /// Houses along a road, with trees, poles, cars and sky.
     Street,
-    /// Corridors with three turns, about 40 m of way.
+    /// Corridors with three turns, about 40 m of route.
     Demo,
-    /// One room with nothing in its middle, of any size: around a motion that knows nothing of furniture.
+    /// One empty room of any size: for a motion that was not planned around furniture.
     Arena,
-    /// A straight corridor whose end is plain, to turn about there.
+    /// A straight corridor with a plain end, for turning around there.
     DeadEnd,
 }
 
@@ -86,10 +86,10 @@ impl FromStr for WorldKind {
     }
 }
 
-/// What may differ between worlds of one kind and seed.
+/// Variants of worlds of one kind and seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WorldOptions {
-    /// Share of walls (0 to 1) that are plain, with next to nothing to see.
+    /// Share of walls (0 to 1) that are plain, with almost no texture.
     pub poor_walls: f64,
     /// Rooms of the office that look alike.
     pub look_alike: bool,
@@ -155,29 +155,29 @@ impl World {
         self.seed
     }
 
-    /// Named ways that can be walked; the first is the usual one.
+    /// Named routes that can be walked; the first is the usual one.
     pub fn routes(&self) -> &[NamedRoute] {
         &self.routes
     }
 
-    /// A way by name.
+    /// A route by name.
     pub fn route(&self, name: &str) -> Option<&NamedRoute> {
         self.routes.iter().find(|w| w.name == name)
     }
 
-    /// Walls and outlines of furniture seen from above, as segments in metres, to draw.
+    /// Floor plan: walls and outlines of furniture seen from above, as segments in metres.
     pub fn plan(&self) -> &[(Vec2, Vec2)] {
         &self.plan
     }
 
-    /// True where someone can stand: inside the world and inside no thing.
+    /// True where someone can stand: inside the world and outside all obstacles.
     pub fn is_free(&self, x: f64, y: f64) -> bool {
         let p = Vec2::new(x, y);
         self.areas.iter().any(|a| x >= a[0] && y >= a[1] && x <= a[2] && y <= a[3])
             && !self.footprints.iter().any(|f| f.distance(&p) <= 0.0)
     }
 
-    /// Metres to the nearest wall or thing; 0 where nobody can stand.
+    /// Metres to the nearest wall or obstacle; 0 where no one can stand.
     pub fn clearance(&self, x: f64, y: f64) -> f64 {
         if !self.is_free(x, y) {
             return 0.0;

@@ -91,7 +91,7 @@ pub(super) fn build(b: &mut Builder) {
     line_walls(b, [0.0, 0.0, length, k], &[Piece::Plant, Piece::Cabinet, Piece::Shelf], 10, 0.5, 2.6);
 }
 
-/// Furniture along the walls and in the middle, clear of the ways and of what is to be kept free.
+/// Furniture along the walls and in the middle, clear of the routes and of places that must stay free.
 fn furnish(b: &mut Builder, room: &Room, keep: NamedRoute) {
     b.routes.push(keep);
     b.stream(room.stream ^ 0xF00D);
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn rooms_look_alike_only_where_asked() {
+    fn rooms_look_alike_only_with_the_option() {
         let (same, other) = (difference(true), difference(false));
         assert!(same < 1.0, "{same} grey levels between rooms that look alike");
         assert!(other > 15.0, "{other} grey levels between rooms that do not");

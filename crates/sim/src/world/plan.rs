@@ -1,4 +1,4 @@
-//! Rooms as rectangles: the cells between all their lines become walls, floors and ceilings.
+//! Rooms as rectangles: the cells between all their edges become walls, floors and ceilings.
 //!
 //! Where a higher room meets a lower one (a door in its wall), the wall above the lower one remains.
 
@@ -24,7 +24,7 @@ pub(crate) enum Dress {
     Bare,
 }
 
-/// A rectangle of floor with a height and a look.
+/// A rectangle of floor with a height and an appearance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Room {
     /// `[x0, y0, x1, y1]` in metres.
@@ -35,13 +35,13 @@ pub(crate) struct Room {
     pub wall: Material,
     /// Coat of the floor.
     pub floor: Material,
-    /// What hangs on the walls.
+    /// The decoration of the walls.
     pub dress: Dress,
     /// Stream of randomness; rooms of one stream look alike.
     pub stream: u64,
 }
 
-/// A thing's outline on the floor: a turned rectangle.
+/// The outline of an obstacle on the floor: a rotated rectangle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Footprint {
     /// Middle.
@@ -149,7 +149,7 @@ fn slab(b: &mut Builder, room: &Room) {
     });
 }
 
-/// Walls across one axis: between neighbouring cells of unlike height, in runs.
+/// Walls across one axis: between neighbouring cells of different height, in runs.
 fn walls(b: &mut Builder, rooms: &[Room], axis: usize, other: usize) {
     let lines = |k: usize| {
         let mut v: Vec<f64> = rooms.iter().flat_map(|r| [r.area[k], r.area[k + 2]]).collect();
@@ -212,7 +212,7 @@ fn wall(
     let frame = [Vec3::new(start.x, start.y, room.height), right, -Vec3::z()];
     let corner = (room.area[0] * 7.0 + line * 13.0 + from * 3.0) as i64 as u64;
     let local = ((line - room.area[axis]) * 8.0).round() as i64 as u64;
-    // Rooms of one stream look alike: the place in the room counts, not the place in the world.
+    // Rooms of one stream look alike: the position in the room counts, not the position in the world.
     let place = if room.stream < 1 << 32 {
         local ^ (up as u64) << 8 ^ ((to - from) * 10.0).round() as u64
     } else {

@@ -1,4 +1,4 @@
-//! A way that can be walked.
+//! A named route through a world.
 
 use cairn_geometry::Vec2;
 
@@ -22,7 +22,7 @@ impl NamedRoute {
         self.points.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
     }
 
-    /// The same corners the other way round.
+    /// The same corners in reverse order.
     pub fn reversed(&self, name: &str) -> Self {
         Self { name: name.into(), points: self.points.iter().rev().copied().collect() }
     }

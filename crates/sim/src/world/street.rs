@@ -90,7 +90,7 @@ fn ground(b: &mut Builder, length: f64) {
 /// Hills all round at 200 m and clouds above.
 fn horizon(b: &mut Builder, length: f64) {
     b.stream(0x5C);
-    // The sky is not lit: it is the light.
+    // The sky is not lit: it is the light source.
     let (ambient, sun) = (std::mem::replace(&mut b.ambient, 1.0), b.sun.take());
     let (mid, far, high) = (length / 2.0, 200.0 + length / 2.0, 46.0);
     for k in 0..4 {

@@ -8,14 +8,14 @@ use cairn_sensor::{ImuSensor, RigCamera, Source, SourceError};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Writes the rest of a source and returns how many frames it had. The truth is that of the body.
+/// Writes the rest of a source and returns how many frames it had. The ground truth is that of the body.
 ///
 /// # Errors
 /// When the target is not empty, the source fails or has a depth sensor (the layout has no place for one), or
 /// writing fails; then nothing is left behind.
 pub fn write_euroc(target: &Path, source: &mut dyn Source) -> Result<usize, SourceError> {
     if source.rig().depth.is_some() {
-        let why = "the EuRoC layout holds no depth images";
+        let why = "the EuRoC layout has no depth images";
         return Err(SourceError::new(
             &source.info().name,
             why,

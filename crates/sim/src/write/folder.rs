@@ -1,11 +1,12 @@
-//! A folder that appears only when it is complete: it is filled under another name beside its place and then renamed.
+//! A folder that appears only when it is complete: it is filled under a temporary name beside its target and then
+//! renamed.
 
 use cairn_sensor::{DepthImage, GrayImage, SourceError};
 use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// A folder in the making; dropped without [`Folder::finish`] it leaves nothing behind.
+/// A folder under construction; dropped without [`Folder::finish`] it leaves nothing behind.
 pub(super) struct Folder {
     target: PathBuf,
     part: PathBuf,
@@ -17,12 +18,12 @@ pub(super) fn fail(path: &Path, e: impl std::fmt::Display) -> SourceError {
     SourceError::new(
         path.display().to_string(),
         e.to_string(),
-        "check the path, the rights and the space left",
+        "check the path, the permissions and the free space",
     )
 }
 
 impl Folder {
-    /// Starts; the target must not exist or be empty.
+    /// Starts; the target must not exist or must be empty.
     pub fn begin(target: &Path) -> Result<Self, SourceError> {
         if let Ok(mut entries) = fs::read_dir(target) {
             if entries.next().is_some() {
@@ -48,24 +49,24 @@ impl Folder {
         Ok(Self { target: target.into(), part, done: false })
     }
 
-    /// A subfolder, made.
+    /// Creates a subfolder.
     pub fn folder(&self, name: &str) -> Result<(), SourceError> {
         let path = self.part.join(name);
         fs::create_dir_all(&path).map_err(|e| fail(&path, e))
     }
 
-    /// A text file.
+    /// Writes a text file.
     pub fn text(&self, name: &str, text: &str) -> Result<(), SourceError> {
         let path = self.part.join(name);
         fs::write(&path, text).map_err(|e| fail(&path, e))
     }
 
-    /// An eight-bit image.
+    /// Writes an eight-bit image.
     pub fn gray(&self, name: &str, image: &GrayImage) -> Result<(), SourceError> {
         self.png(name, image.width(), image.height(), png::BitDepth::Eight, image.data())
     }
 
-    /// A sixteen-bit image.
+    /// Writes a sixteen-bit image.
     pub fn depth(&self, name: &str, image: &DepthImage) -> Result<(), SourceError> {
         let bytes: Vec<u8> = image.data().iter().flat_map(|v| v.to_be_bytes()).collect();
         self.png(name, image.width(), image.height(), png::BitDepth::Sixteen, &bytes)
@@ -94,10 +95,10 @@ impl Folder {
         out.flush().map_err(|e| fail(&path, e))
     }
 
-    /// Gives the folder its name.
+    /// Renames the folder to its target.
     pub fn finish(mut self) -> Result<(), SourceError> {
         if self.target.exists() {
-            // Only an empty folder goes: the call refuses any other.
+            // Removes only an empty folder: the call refuses any other.
             fs::remove_dir(&self.target).map_err(|e| fail(&self.target, e))?;
         }
         fs::rename(&self.part, &self.target).map_err(|e| fail(&self.target, e))?;
@@ -109,7 +110,7 @@ impl Folder {
 impl Drop for Folder {
     fn drop(&mut self) {
         if !self.done {
-            // Nothing more can be done where even this fails.
+            // There is no remedy where even this fails.
             let _ = fs::remove_dir_all(&self.part);
         }
     }

@@ -1,5 +1,6 @@
 //! The TUM RGB-D layout: `rgb/*.png`, `depth/*.png` (5000 units a metre), `rgb.txt`, `depth.txt`, `groundtruth.txt`,
-//! `accelerometer.txt`; and `camchain.yaml` (Kalibr) with the camera's numbers, which the layout itself has no place for.
+//! `accelerometer.txt`; and `camchain.yaml` (Kalibr) with the camera's numbers, which the layout itself has no place
+//! for.
 //!
 //! Source: Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012), and its file formats.
 
@@ -11,8 +12,8 @@ use std::path::Path;
 /// Units a metre in the depth images of this layout.
 const UNITS_PER_M: f64 = 5000.0;
 
-/// Writes the rest of an RGB-D source and returns how many frames it had. The truth is that of the first camera, as
-/// in the data set.
+/// Writes the rest of an RGB-D source and returns how many frames it had. The ground truth is that of the first camera,
+/// as in the data set.
 ///
 /// # Errors
 /// When the target is not empty, the source fails or has no registered depth, or writing fails; then nothing is
@@ -74,7 +75,7 @@ pub fn write_tum(target: &Path, source: &mut dyn Source) -> Result<usize, Source
     Ok(frames)
 }
 
-/// Depth in other units; what does not fit becomes 0.
+/// Depth in other units; values out of range become 0.
 fn scaled(depth: &DepthImage, scale: f64) -> DepthImage {
     let mut out = depth.clone();
     for d in out.data_mut() {

@@ -1,31 +1,31 @@
-//! What an address of video means, and how `ffmpeg` is asked for it.
+//! Video addresses, and the `ffmpeg` arguments for them.
 
 use cairn_sensor::SourceError;
 use std::ffi::OsString;
 use std::path::Path;
 
-/// Ends of file names that are taken for video.
+/// File name extensions taken for video.
 const VIDEO: [&str; 10] = ["mp4", "mkv", "mov", "webm", "avi", "mjpeg", "mjpg", "y4m", "ts", "flv"];
 
-/// An address, understood.
+/// A parsed address.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Address {
     /// As the user wrote it.
     pub shown: String,
-    /// The program and what it is told before `-i`.
+    /// Arguments before `-i`.
     pub before: Vec<OsString>,
-    /// What stands after `-i`.
+    /// The argument after `-i`.
     pub input: OsString,
-    /// Comes as it happens.
+    /// Whether the source is live.
     pub live: bool,
-    /// We wait for someone to send, as long as it takes.
+    /// Whether we listen for a sender, for as long as it takes.
     pub listens: bool,
-    /// The name that must be published, where we listen.
+    /// The stream name that must be published, where we listen.
     pub name: Option<String>,
 }
 
 impl Address {
-    /// What the text means; `None` when it is no video, an error when it is one that can not be.
+    /// Parses an address; `None` when it is not video, an error when it is invalid.
     pub fn of(text: &str) -> Option<Result<Self, SourceError>> {
         let make = |before: &[&str], input: String, live, listens| Self {
             shown: text.to_owned(),
@@ -53,7 +53,9 @@ impl Address {
         if let Some(number) = text.strip_prefix("camera:") {
             return Some(match number.parse::<u32>() {
                 Ok(n) => Ok(make(&["-f", "v4l2"], format!("/dev/video{n}"), true, false)),
-                Err(_) => Err(SourceError::new(text, "names no camera", "write camera:0 for the first")),
+                Err(_) => {
+                    Err(SourceError::new(text, "is not a camera number", "write camera:0 for the first"))
+                }
             });
         }
         if text.starts_with("/dev/video") {
@@ -61,13 +63,13 @@ impl Address {
         }
         let path = Path::new(text);
         let end = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase())?;
-        // "file:" keeps a name with a colon, or one that begins with a dash, from meaning something else.
+        // "file:" keeps a name with a colon, or one that starts with a dash, from being misinterpreted.
         (path.is_file() && VIDEO.contains(&end.as_str()))
             .then(|| Ok(make(&[], format!("file:{text}"), false, false)))
     }
 }
 
-/// Checks `HOST:PORT/NAME`; gives the name.
+/// Checks `HOST:PORT/NAME`; returns the name.
 fn listener(rest: &str) -> Result<&str, String> {
     let (place, name) = rest.split_once('/').ok_or("has no name after the port")?;
     let (host, port) = place.rsplit_once(':').ok_or("has no port")?;
@@ -76,11 +78,11 @@ fn listener(rest: &str) -> Result<&str, String> {
     }
     match port.parse::<u16>() {
         Ok(p) if p > 0 => Ok(name),
-        _ => Err(format!("\"{port}\" is no port")),
+        _ => Err(format!("\"{port}\" is not a port")),
     }
 }
 
-/// What the user should be told before such a source is opened, which may take as long as nobody sends.
+/// A message for the user before such a source is opened, which may take until someone sends.
 pub fn waiting_for(source: &str) -> Option<String> {
     match Address::of(source)? {
         Ok(a) if a.listens => Some(format!("waiting for video at {}", a.input.to_string_lossy())),
@@ -93,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kinds_are_found_by_looking() {
+    fn kinds_are_detected() {
         let of = |text: &str| Address::of(text).unwrap().unwrap();
         let listen = of("rtmp-listen://0.0.0.0:1935/cairn");
         assert!(listen.live && listen.listens);
@@ -108,13 +110,13 @@ mod tests {
     }
 
     #[test]
-    fn listeners_that_can_not_be_are_told() {
+    fn invalid_addresses_are_refused() {
         for (wrong, why) in [
             ("rtmp-listen://host/name", "no port"),
             ("rtmp-listen://host:1935", "no name"),
-            ("rtmp-listen://host:70000/name", "is no port"),
+            ("rtmp-listen://host:70000/name", "is not a port"),
             ("rtmp-listen://:1935/name", "is empty"),
-            ("camera:front", "names no camera"),
+            ("camera:front", "is not a camera number"),
         ] {
             let error = Address::of(wrong).unwrap().unwrap_err().to_string();
             assert!(error.contains(why), "{wrong}: {error}");

@@ -1,7 +1,9 @@
-//! The `ffmpeg` child: gray pictures from its standard output, their times from what its `showinfo` filter says.
+//! The `ffmpeg` child process: gray images from its standard output, their times from the log of its
+//! `showinfo` filter.
 //!
-//! The pipe carries YUV4MPEG2 (<https://wiki.multimedia.cx/index.php/YUV4MPEG2>): a line with the size, then `FRAME` and
-//! the rows. That form has no times; `showinfo` tells each on standard error, in the same order.
+//! The pipe carries YUV4MPEG2 (<https://wiki.multimedia.cx/index.php/YUV4MPEG2>): a line with the size, then
+//! `FRAME` and the rows. That format has no times; `showinfo` prints each on standard error, in the same
+//! order.
 
 use super::address::Address;
 use cairn_sensor::{GrayImage, SourceError};
@@ -13,34 +15,34 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// No camera that this is for has longer sides.
-const LONGEST_SIDE: usize = 16_384;
-/// How long a picture waits for its time, which was sent before it.
-const TIME_IS_LATE: Duration = Duration::from_millis(100);
-/// Lines of the child's complaints that are kept.
-const KEPT_LINES: usize = 8;
+/// Longest supported image side, pixels.
+const MAX_SIDE: usize = 16_384;
+/// How long an image waits for its time, which was sent before it.
+const TIME_TIMEOUT: Duration = Duration::from_millis(100);
+/// Error lines of the child that are kept.
+const MAX_ERROR_LINES: usize = 8;
 
-/// What is said when someone published another name than ours.
-pub(super) const STRANGER: &str = "a sender with another name was refused";
+/// Message when a sender published another stream name than ours.
+pub(super) const WRONG_NAME: &str = "a sender with another stream name was refused";
 
-/// What to start.
+/// The command to start.
 #[derive(Clone, Debug)]
-pub(super) struct Recipe {
+pub(super) struct ChildCommand {
     program: OsString,
     arguments: Vec<OsString>,
-    /// The name that senders must publish, where we listen.
+    /// The stream name that senders must publish, where we listen.
     name: Option<String>,
 }
 
-impl Recipe {
-    /// `ffmpeg` for an address; `more` stands before the output.
+impl ChildCommand {
+    /// `ffmpeg` for an address; `more` are arguments before the output.
     pub fn ffmpeg(address: &Address, more: &[OsString]) -> Self {
         let mut arguments: Vec<OsString> =
             ["-nostdin", "-hide_banner", "-nostats", "-loglevel", "info"].map(OsString::from).into();
         if address.live {
             let low = ["-fflags", "nobuffer", "-flags", "low_delay", "-analyzeduration", "0"];
             arguments.extend(low.map(OsString::from));
-            // One thread: several would each hold a picture back.
+            // One thread: with several, each would delay by one image.
             arguments.extend(["-threads", "1"].map(OsString::from));
         }
         arguments.extend(address.before.iter().cloned());
@@ -53,48 +55,48 @@ impl Recipe {
         Self { program: "ffmpeg".into(), arguments, name: address.name.clone() }
     }
 
-    /// Any program that speaks the same way: for tests.
+    /// Any shell script with the same output, for tests.
     #[cfg(test)]
     pub fn shell(script: &str) -> Self {
         Self { program: "sh".into(), arguments: vec!["-c".into(), script.into()], name: None }
     }
 
-    /// As one that listens for a name.
+    /// The same, listening for a stream name.
     #[cfg(test)]
     pub fn named(self, name: &str) -> Self {
         Self { name: Some(name.into()), ..self }
     }
 }
 
-/// A running child that can be ended from another thread.
+/// A running child that can be stopped from another thread.
 #[derive(Clone, Default)]
 pub(super) struct Handle(Arc<Mutex<Option<Child>>>);
 
 impl Handle {
-    /// Ends the child, if there is one; its pipes close.
+    /// Stops the child, if there is one; its pipes close.
     pub fn end(&self) {
         if let Some(mut child) = self.0.lock().unwrap_or_else(PoisonError::into_inner).take() {
-            // It may be gone already.
+            // It may have ended already.
             let _ = child.kill();
             let _ = child.wait();
         }
     }
 }
 
-/// Pictures of one run of the child.
+/// The images of one run of the child.
 pub(super) struct Feed {
     handle: Handle,
-    pictures: BufReader<ChildStdout>,
+    output: BufReader<ChildStdout>,
     times: Receiver<f64>,
-    complaints: Arc<Mutex<VecDeque<String>>>,
+    errors: Arc<Mutex<VecDeque<String>>>,
 }
 
 impl Feed {
-    /// Starts the child; it can be ended by `handle` from now on.
-    pub fn start(recipe: &Recipe, handle: &Handle) -> Result<Self, SourceError> {
-        let program = recipe.program.to_string_lossy().into_owned();
-        let mut child = Command::new(&recipe.program)
-            .args(&recipe.arguments)
+    /// Starts the child; from now on it can be stopped by `handle`.
+    pub fn start(command: &ChildCommand, handle: &Handle) -> Result<Self, SourceError> {
+        let program = command.program.to_string_lossy().into_owned();
+        let mut child = Command::new(&command.program)
+            .args(&command.arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -102,82 +104,78 @@ impl Feed {
             .map_err(|e| match e.kind() {
                 ErrorKind::NotFound => SourceError::new(
                     program.clone(),
-                    "is not installed, and opens video for Cairn",
+                    "is not installed; Cairn needs it to open video",
                     "install it (Debian, Ubuntu: apt install ffmpeg)",
                 ),
                 _ => SourceError::new(program.clone(), e.to_string(), "check that it can be started"),
             })?;
         let (Some(out), Some(err)) = (child.stdout.take(), child.stderr.take()) else {
-            return Err(SourceError::new(program, "gave no pipes", "try again"));
+            return Err(SourceError::new(program, "could not be connected by pipes", "try again"));
         };
-        let (tell, times) = channel();
-        let complaints = Arc::new(Mutex::new(VecDeque::new()));
-        let lines = complaints.clone();
+        let (times_to, times) = channel();
+        let errors = Arc::new(Mutex::new(VecDeque::new()));
+        let lines = errors.clone();
         *handle.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(child);
-        let (name, ends) = (recipe.name.clone(), handle.clone());
+        let (name, stopper) = (command.name.clone(), handle.clone());
         std::thread::Builder::new()
             .name("cairn-video-log".into())
             .spawn(move || {
-                if listen(err, &tell, &lines, name.as_deref()) {
-                    ends.end();
+                if listen(err, &times_to, &lines, name.as_deref()) {
+                    stopper.end();
                 }
             })
             .map_err(|e| {
                 handle.end();
-                SourceError::new(program, format!("no thread for its log ({e})"), "close programs")
+                SourceError::new(program, format!("no thread for its log ({e})"), "close other programs")
             })?;
-        Ok(Self {
-            handle: handle.clone(),
-            pictures: BufReader::with_capacity(1 << 16, out),
-            times,
-            complaints,
-        })
+        Ok(Self { handle: handle.clone(), output: BufReader::with_capacity(1 << 16, out), times, errors })
     }
 
-    /// Reads the head of the stream: width, height, pictures a second. `None` when the stream ended before it.
-    pub fn head(&mut self) -> Option<([usize; 2], f64)> {
+    /// Reads the header of the stream: width, height, images per second. `None` when the stream ended before
+    /// it.
+    pub fn header(&mut self) -> Option<([usize; 2], f64)> {
         let mut line = Vec::new();
-        // A head is short; what is longer is none.
-        self.pictures.by_ref().take(4096).read_until(b'\n', &mut line).ok()?;
-        parse_head(std::str::from_utf8(&line).ok()?)
+        // A header is short; longer data is not one.
+        self.output.by_ref().take(4096).read_until(b'\n', &mut line).ok()?;
+        parse_header(std::str::from_utf8(&line).ok()?)
     }
 
-    /// The next picture and its time in seconds where that is known; `None` at the end.
-    pub fn picture(&mut self, [width, height]: [usize; 2]) -> Option<(GrayImage, Option<f64>)> {
+    /// The next image and its time in seconds where that is known; `None` at the end.
+    pub fn next_image(&mut self, [width, height]: [usize; 2]) -> Option<(GrayImage, Option<f64>)> {
         let mut line = Vec::new();
-        self.pictures.by_ref().take(4096).read_until(b'\n', &mut line).ok()?;
+        self.output.by_ref().take(4096).read_until(b'\n', &mut line).ok()?;
         if !line.starts_with(b"FRAME") {
             return None;
         }
         let mut data = vec![0; width * height];
-        self.pictures.read_exact(&mut data).ok()?;
-        let time = self.times.recv_timeout(TIME_IS_LATE).ok();
+        self.output.read_exact(&mut data).ok()?;
+        let time = self.times.recv_timeout(TIME_TIMEOUT).ok();
         GrayImage::from_vec(width, height, data).map(|image| (image, time))
     }
 
-    /// Ends the child and says what it complained of last.
+    /// Stops the child and returns its last error message.
     pub fn end(self) -> String {
-        // Let it say its last words when it is ending by itself.
+        // Give it time to print its last messages when it is ending by itself.
         std::thread::sleep(Duration::from_millis(50));
         self.handle.end();
-        let complaints = self.complaints.lock().unwrap_or_else(PoisonError::into_inner);
-        complaints.back().cloned().unwrap_or_else(|| "the stream ended".into())
+        let errors = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
+        errors.back().cloned().unwrap_or_else(|| "the stream ended".into())
     }
 }
 
-/// Reads the child's log: times of pictures, and the last complaints. True when it must end: who sends, sends another
-/// name than the one we listen for.
+/// Reads the child's log: times of images, and the last errors. True when it must be stopped, because the
+/// sender publishes another stream name than the one we listen for.
 fn listen(
     log: ChildStderr,
-    tell: &Sender<f64>,
-    complaints: &Mutex<VecDeque<String>>,
+    times_to: &Sender<f64>,
+    errors: &Mutex<VecDeque<String>>,
     name: Option<&str>,
 ) -> bool {
     let keep = |text: &str| {
-        let mut kept = complaints.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.push_back(text.to_owned());
-        while kept.len() > KEPT_LINES {
-            kept.pop_front();
+        let mut lines = errors.lock().unwrap_or_else(PoisonError::into_inner);
+        lines.push_back(text.to_owned());
+        while lines.len() > MAX_ERROR_LINES {
+            lines.pop_front();
         }
     };
     let mut log = BufReader::new(log);
@@ -192,28 +190,28 @@ fn listen(
         let text = text.trim();
         if text.contains("showinfo") {
             if let Some(time) = parse_time(text) {
-                let _ = tell.send(time);
+                let _ = times_to.send(time);
             }
-        } else if name.is_some_and(|name| is_stranger(text, name)) {
-            keep(STRANGER);
+        } else if name.is_some_and(|name| has_wrong_name(text, name)) {
+            keep(WRONG_NAME);
             return true;
-        } else if is_complaint(text) {
+        } else if is_error(text) {
             keep(text);
         }
     }
 }
 
-/// ffmpeg's listener takes whoever comes and tells in its log that the name was another. Of `APP/KEY` both are compared;
-/// of `APP` alone it always misses the key.
-fn is_stranger(line: &str, name: &str) -> bool {
+/// ffmpeg's listener accepts any sender and reports in its log that the name was another. Of `APP/KEY` both
+/// are compared; for `APP` alone it always reports a missing key.
+fn has_wrong_name(line: &str, name: &str) -> bool {
     if line.contains("App field don't match up") {
         return true;
     }
-    let Some((_, told)) = line.split_once("Unexpected stream ") else { return false };
-    told.split_once(", expecting").is_some_and(|(sent, _)| !sent.is_empty() || name.contains('/'))
+    let Some((_, report)) = line.split_once("Unexpected stream ") else { return false };
+    report.split_once(", expecting").is_some_and(|(sent, _)| !sent.is_empty() || name.contains('/'))
 }
 
-fn is_complaint(line: &str) -> bool {
+fn is_error(line: &str) -> bool {
     const SIGNS: [&str; 9] =
         ["rror", "ailed", "nvalid", "No such", "refused", "imed out", "not found", "denied", "in use"];
     SIGNS.iter().any(|s| line.contains(s))
@@ -227,7 +225,7 @@ fn parse_time(line: &str) -> Option<f64> {
 }
 
 /// `YUV4MPEG2 W640 H480 F30:1 ...`
-fn parse_head(line: &str) -> Option<([usize; 2], f64)> {
+fn parse_header(line: &str) -> Option<([usize; 2], f64)> {
     let mut parts = line.split_whitespace();
     if parts.next() != Some("YUV4MPEG2") {
         return None;
@@ -246,8 +244,8 @@ fn parse_head(line: &str) -> Option<([usize; 2], f64)> {
             _ => {}
         }
     }
-    let sides = 16..=LONGEST_SIDE;
-    // Streams that do not know their rate tell wild numbers.
+    let sides = 16..=MAX_SIDE;
+    // Streams of unknown rate report arbitrary numbers.
     let rate = if (1.0..=240.0).contains(&rate) { rate } else { 30.0 };
     (sides.contains(&width) && sides.contains(&height)).then_some(([width, height], rate))
 }
@@ -257,16 +255,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn heads_and_times_are_read() {
-        let head = "YUV4MPEG2 W854 H480 F30000:1001 Ip A1:1 Cmono XYSCSS=MONO\n";
-        let ([w, h], rate) = parse_head(head).unwrap();
+    fn headers_and_times_are_parsed() {
+        let header = "YUV4MPEG2 W854 H480 F30000:1001 Ip A1:1 Cmono XYSCSS=MONO\n";
+        let ([w, h], rate) = parse_header(header).unwrap();
         assert_eq!([w, h], [854, 480]);
         assert!((rate - 29.97).abs() < 0.01);
-        assert_eq!(parse_head("YUV4MPEG2 W64 H48 F1000:1\n").unwrap().1, 30.0);
+        assert_eq!(parse_header("YUV4MPEG2 W64 H48 F1000:1\n").unwrap().1, 30.0);
         for wrong in
             ["", "RIFF", "YUV4MPEG2 W0 H48 F30:1", "YUV4MPEG2 W64 H48 F30", "YUV4MPEG2 W64 H48 C420jpeg"]
         {
-            assert!(parse_head(wrong).is_none(), "{wrong}");
+            assert!(parse_header(wrong).is_none(), "{wrong}");
         }
         let line = "[Parsed_showinfo_1 @ 0x5] n:   3 pts:   3000 pts_time:0.1     duration:  1000 fmt:gray";
         assert_eq!(parse_time(line), Some(0.1));
@@ -274,14 +272,15 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_program_says_what_to_install() {
-        let recipe = Recipe { program: "no-such-program-of-cairn".into(), arguments: Vec::new(), name: None };
-        let error = Feed::start(&recipe, &Handle::default()).err().unwrap().to_string();
+    fn missing_program_says_what_to_install() {
+        let command =
+            ChildCommand { program: "no-such-program-of-cairn".into(), arguments: Vec::new(), name: None };
+        let error = Feed::start(&command, &Handle::default()).err().unwrap().to_string();
         assert!(error.contains("is not installed") && error.contains("apt install ffmpeg"), "{error}");
     }
 
     #[test]
-    fn pictures_come_with_their_times_and_complaints_are_kept() {
+    fn images_have_times_and_errors_are_kept() {
         let script = r#"
             echo 'YUV4MPEG2 W16 H16 F25:1 Cmono'
             for t in 0.5 0.75; do
@@ -289,31 +288,34 @@ mod tests {
                 echo FRAME; head -c 256 /dev/zero
             done
             echo 'Connection refused' >&2"#;
-        let mut feed = Feed::start(&Recipe::shell(script), &Handle::default()).unwrap();
-        let (size, rate) = feed.head().unwrap();
+        let mut feed = Feed::start(&ChildCommand::shell(script), &Handle::default()).unwrap();
+        let (size, rate) = feed.header().unwrap();
         assert_eq!((size, rate), ([16, 16], 25.0));
-        assert_eq!(feed.picture(size).unwrap().1, Some(0.5));
-        assert_eq!(feed.picture(size).unwrap().1, Some(0.75));
-        assert!(feed.picture(size).is_none());
+        assert_eq!(feed.next_image(size).unwrap().1, Some(0.5));
+        assert_eq!(feed.next_image(size).unwrap().1, Some(0.75));
+        assert!(feed.next_image(size).is_none());
         assert_eq!(feed.end(), "Connection refused");
     }
 
     #[test]
-    fn who_publishes_another_name_is_sent_away() {
-        // As ffmpeg 5.1 writes it, for APP, for APP/KEY, and for the right name without a key.
+    fn sender_with_another_name_is_refused() {
+        // As ffmpeg 5.1 prints it, for APP, for APP/KEY, and for the right name without a key.
         let app = "[rtmp @ 0x55a320b59180] App field don't match up: other <-> cairn";
         let key = "[rtmp @ 0x555b334c4180] Unexpected stream wrong, expecting secret";
         let none = "[rtmp @ 0x561e9ede1180] Unexpected stream , expecting cairn";
         assert!(
-            is_stranger(app, "cairn") && is_stranger(key, "live/secret") && is_stranger(none, "live/secret")
+            has_wrong_name(app, "cairn")
+                && has_wrong_name(key, "live/secret")
+                && has_wrong_name(none, "live/secret")
         );
         assert!(
-            !is_stranger(none, "cairn") && !is_stranger("Input #0, flv, from 'rtmp://h/cairn':", "cairn")
+            !has_wrong_name(none, "cairn")
+                && !has_wrong_name("Input #0, flv, from 'rtmp://h/cairn':", "cairn")
         );
-        let recipe = Recipe::shell(&format!("echo \"{app}\" >&2; exec sleep 20")).named("cairn");
-        let began = std::time::Instant::now();
-        let mut feed = Feed::start(&recipe, &Handle::default()).unwrap();
-        assert!(feed.head().is_none() && began.elapsed() < Duration::from_secs(10));
-        assert_eq!(feed.end(), STRANGER);
+        let command = ChildCommand::shell(&format!("echo \"{app}\" >&2; exec sleep 20")).named("cairn");
+        let started = std::time::Instant::now();
+        let mut feed = Feed::start(&command, &Handle::default()).unwrap();
+        assert!(feed.header().is_none() && started.elapsed() < Duration::from_secs(10));
+        assert_eq!(feed.end(), WRONG_NAME);
     }
 }

@@ -1,7 +1,7 @@
-//! A video file as a [`Source`]: every picture in order, at the times the file tells.
+//! A video file as a [`Source`]: every image in order, at the times in the file.
 
 use super::address::Address;
-use super::child::{Feed, Handle, Recipe};
+use super::child::{ChildCommand, Feed, Handle};
 use super::rig_for;
 use crate::open::OpenOptions;
 use crate::prefetch::Prefetch;
@@ -16,7 +16,7 @@ struct VideoFile {
     handle: Handle,
     feed: Option<Feed>,
     size: [usize; 2],
-    given: usize,
+    delivered: usize,
     last: Option<Stamp>,
     skipped: Vec<String>,
 }
@@ -31,9 +31,9 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
         more.extend(["-frames:v".into(), frames.to_string().into()]);
     }
     let handle = Handle::default();
-    let mut feed = Feed::start(&Recipe::ffmpeg(address, &more), &handle)?;
-    let Some((size, rate_hz)) = feed.head() else {
-        return Err(SourceError::new(&address.shown, feed.end(), "give a file with a picture track"));
+    let mut feed = Feed::start(&ChildCommand::ffmpeg(address, &more), &handle)?;
+    let Some((size, rate_hz)) = feed.header() else {
+        return Err(SourceError::new(&address.shown, feed.end(), "give a file with a video track"));
     };
     let (rig, assumed) = rig_for(&address.shown, size, options.rig.clone())?;
     let info = SourceInfo {
@@ -44,7 +44,7 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
         assumed,
     };
     let feed = Some(feed);
-    let file = VideoFile { info, rig, handle, feed, size, given: 0, last: None, skipped: Vec::new() };
+    let file = VideoFile { info, rig, handle, feed, size, delivered: 0, last: None, skipped: Vec::new() };
     Ok(Box::new(Prefetch::start(file)?))
 }
 
@@ -59,24 +59,24 @@ impl Source for VideoFile {
 
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         loop {
-            let begin = Instant::now();
+            let start = Instant::now();
             let Some(feed) = &mut self.feed else { return Ok(None) };
-            let Some((image, time)) = feed.picture(self.size) else {
+            let Some((image, time)) = feed.next_image(self.size) else {
                 let why = self.feed.take().map(Feed::end).unwrap_or_default();
-                if self.given == 0 {
-                    return Err(SourceError::new(&self.info.name, why, "give a file with a picture track"));
+                if self.delivered == 0 {
+                    return Err(SourceError::new(&self.info.name, why, "give a file with a video track"));
                 }
                 return Ok(None);
             };
-            let number = self.given;
-            self.given += 1;
+            let number = self.delivered;
+            self.delivered += 1;
             let stamp = Stamp::from_seconds(time.unwrap_or(number as f64 / self.info.rate_hz));
             if self.last.is_some_and(|last| stamp <= last) {
-                self.skipped.push(format!("picture {number}: its time {stamp} does not go forward"));
+                self.skipped.push(format!("image {number}: its time {stamp} does not increase"));
                 continue;
             }
             self.last = Some(stamp);
-            let decode_ms = begin.elapsed().as_secs_f64() * 1e3;
+            let decode_ms = start.elapsed().as_secs_f64() * 1e3;
             let images = vec![Arc::new(image)];
             return Ok(Some(FramePacket { stamp, images, depth: None, imu: Vec::new(), decode_ms }));
         }

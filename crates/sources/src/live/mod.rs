@@ -1,7 +1,7 @@
-//! Video that comes as it happens, and video files: everything that the `ffmpeg` program can open, through a child process.
+//! Live video and video files: everything that the `ffmpeg` program can open, through a child process.
 //!
-//! In: an address. Out: a [`Source`] with one camera. Nothing of ffmpeg is linked; pictures come as gray rows over a
-//! pipe. Live streams give the newest picture, forget what is too old, and come back by themselves.
+//! In: an address. Out: a [`Source`] with one camera. ffmpeg is not linked; images come as gray rows over a
+//! pipe. Live streams deliver the newest image, drop images that are too old, and reconnect by themselves.
 
 mod address;
 mod child;
@@ -17,12 +17,12 @@ use crate::open::OpenOptions;
 use address::Address;
 use cairn_sensor::{Camera, Rig, Source, SourceError};
 
-/// Whether a source comes as it happens, so that nothing may pace it.
+/// Whether a source is live, so that it must not be paced.
 pub fn is_live(source: &str) -> bool {
     matches!(Address::of(source), Some(Ok(address)) if address.live)
 }
 
-/// Opens the address if it is one of video: `None` for what is none.
+/// Opens the address if it is video; `None` if it is not.
 pub fn open(source: &str, options: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
     let address = Address::of(source)?;
     Some(address.and_then(|address| open_video(&address, options)))
@@ -39,16 +39,16 @@ fn open_video(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source
         return file::open(address, options);
     }
     if options.start_s > 0.0 {
-        let cure = "leave --start out: what is live begins now";
-        return Err(SourceError::new(&address.shown, "a live stream has no place to start at", cure));
+        let cure = "leave --start out: a live stream starts now";
+        return Err(SourceError::new(&address.shown, "a live stream has no start position", cure));
     }
     Ok(Box::new(stream::Stream::open(address, options.rig.clone(), options.frames)?))
 }
 
-/// The rig for pictures of this size: the given one, which must fit, else a guess, which is told in words.
+/// The rig for images of this size: the given one, which must fit, else a guess, with a description of it.
 ///
-/// Without a calibration the focal length is taken as 0.7 of the longer side (a horizontal view of 71 degrees, as most
-/// phones film), and the middle of the picture as the principal point.
+/// Without a calibration the focal length is taken as 0.7 of the longer side (a horizontal field of view of
+/// 71 degrees, as most phones film), and the centre of the image as the principal point.
 fn rig_for(
     shown: &str,
     [width, height]: [usize; 2],
@@ -64,14 +64,14 @@ fn rig_for(
         Some(c) if [c.camera.width, c.camera.height] == [width, height] => Ok((rig, None)),
         Some(c) => {
             let (w, h) = (c.camera.width, c.camera.height);
-            let why = format!("gives pictures of {width}x{height}, the rig is for {w}x{h}");
+            let why = format!("has images of {width}x{height}, the rig is for {w}x{h}");
             Err(SourceError::new(shown, why, "set the camera to that size, or give its own --rig"))
         }
         None => Err(SourceError::new(shown, "the rig has no camera", "give a rig with one camera")),
     }
 }
 
-/// What a camera of which nothing is known probably looks like.
+/// A guess for an unknown camera: focal length 0.7 of the longer side, no distortion.
 pub fn guessed(width: usize, height: usize) -> Camera {
     let f = 0.7 * width.max(height) as f64;
     Camera::pinhole(width, height, f, f, 0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0))

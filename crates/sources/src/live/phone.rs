@@ -1,7 +1,7 @@
-//! A phone whose browser sends pictures and motion: what comes in at the port goes out as packets, the newest first.
+//! A phone whose browser sends images and motion data through a port; packets come out, newest first.
 //!
-//! In: JPEGs and motion samples with the page's own times. Out: a [`Source`]. Pictures are decoded only when asked for,
-//! so that those overtaken cost nothing.
+//! In: JPEGs and motion samples with the page's own times. Out: a [`Source`]. Images are decoded only when
+//! requested, so that overtaken ones cost nothing.
 
 use super::rig_for;
 use crate::decode::gray_jpeg;
@@ -14,17 +14,17 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// More waiting motion than this is forgotten: the page sends it, but no pictures.
-const MOST_MOTION: usize = 2000;
-/// A picture waits so long for motion at or after it: the page sends it in parcels of a few readings.
-const WAITS: Duration = Duration::from_millis(60);
-/// No phone's page sends larger pictures.
-const MOST_BYTES: usize = 8 << 20;
+/// Motion samples kept while no images arrive; older ones are dropped.
+const MAX_MOTION: usize = 2000;
+/// How long an image waits for motion data at or after it: the page sends it in batches of a few readings.
+const MOTION_TIMEOUT: Duration = Duration::from_millis(60);
+/// Largest accepted JPEG, bytes.
+const MAX_BYTES: usize = 8 << 20;
 
-/// One reading of a phone's motion sensors, in the axes of its picture: x right, y down, z into the scene.
+/// One reading of a phone's motion sensors, in the axes of its image: x right, y down, z into the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// The page's time in milliseconds, in the clock of its pictures.
+    /// The page's time in milliseconds, in the clock of its images.
     pub ms: f64,
     /// Angular rate in rad/s.
     pub gyro: Vec3,
@@ -41,7 +41,7 @@ struct State {
     closed: bool,
 }
 
-/// Where pictures and motion come in; clones are the same port.
+/// The entry for images and motion data; clones refer to the same port.
 #[derive(Clone, Default)]
 pub struct PhonePort(Arc<(Mutex<State>, Condvar)>);
 
@@ -50,9 +50,9 @@ impl PhonePort {
         self.0.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a JPEG and the page's time in milliseconds. What is no picture is refused later, and told.
+    /// Takes a JPEG and the page's time in milliseconds. Invalid data is refused later, and reported.
     pub fn picture(&self, ms: f64, jpeg: Vec<u8>) {
-        if !ms.is_finite() || jpeg.len() > MOST_BYTES {
+        if !ms.is_finite() || jpeg.len() > MAX_BYTES {
             return;
         }
         let mut s = self.lock();
@@ -66,14 +66,14 @@ impl PhonePort {
             |m: &Motion| m.ms.is_finite() && m.gyro.iter().chain(m.accel.iter()).all(|v| v.is_finite());
         let mut s = self.lock();
         s.motion.extend(samples.into_iter().filter(finite));
-        while s.motion.len() > MOST_MOTION {
+        while s.motion.len() > MAX_MOTION {
             s.motion.pop_front();
         }
         self.0.1.notify_all();
     }
 
-    /// The motion that has come since it was asked for last; waits for it, but no longer than until an instant. Empty then, and
-    /// when no more will come.
+    /// The motion data since the last call; waits for some until the given instant. Empty after that, and
+    /// when the port is closed.
     fn motion_before(&self, until: Instant) -> VecDeque<Motion> {
         let mut s = self.lock();
         loop {
@@ -85,18 +85,18 @@ impl PhonePort {
         }
     }
 
-    /// No more will come: the source ends.
+    /// Closes the port: the source ends.
     pub fn close(&self) {
         self.lock().closed = true;
         self.0.1.notify_all();
     }
 
-    /// Why the last picture was refused, once.
+    /// Why the last image was refused; reported once.
     pub fn refused(&self) -> Option<String> {
         self.lock().refused.take()
     }
 
-    /// Waits for a picture; `None` when the port is closed.
+    /// Waits for an image; `None` when the port is closed.
     fn wait(&self) -> Option<(f64, Vec<u8>, Instant)> {
         let mut s = self.lock();
         loop {
@@ -119,16 +119,17 @@ pub struct PhoneSource {
     first: Option<(f64, Vec<u8>, Instant)>,
     last: Option<Stamp>,
     merge: Merge<Arc<GrayImage>, ()>,
-    /// Nanoseconds to add to the page's time, so that stamps rise when the page begins anew.
+    /// Nanoseconds to add to the page's time, so that stamps increase when the page is reloaded.
     offset: i64,
     skipped: Vec<String>,
 }
 
 impl PhoneSource {
-    /// Waits for the first picture, which tells the size; `rig` must fit it, and is guessed where there is none.
+    /// Waits for the first image, which gives the size; `rig` must fit it, and is guessed where there is
+    /// none.
     ///
     /// # Errors
-    /// When the picture can not be read or the rig does not fit; when the port was closed before.
+    /// When the image cannot be read or the rig does not fit; when the port was closed before.
     pub fn open(port: &PhonePort, rig: Option<Rig>) -> Result<Self, SourceError> {
         const NAME: &str = "the page's camera";
         let first = port.wait();
@@ -138,14 +139,17 @@ impl PhoneSource {
         let (mut rig, mut assumed) = rig_for(NAME, [image.width(), image.height()], rig)?;
         if !given && !port.lock().motion.is_empty() {
             rig.imu = Some(phone_imu());
-            assumed =
-                assumed.map(|camera| camera + "; a cheap inertial sensor of 60 Hz in the camera's axes");
+            assumed = assumed.map(|camera| camera + "; a low-cost IMU of 60 Hz in the camera's axes");
         }
-        // What comes in has the page's clock already, so nothing is left to add.
+        // The data has the page's clock already, so no offset is left.
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
         let imu_period_s = rig.imu.as_ref().map(|imu| 1.0 / imu.rate_hz);
-        let config =
-            MergeConfig { imu_period_s, imu_offset_s, wait_s: WAITS.as_secs_f64(), ..Default::default() };
+        let config = MergeConfig {
+            imu_period_s,
+            imu_offset_s,
+            wait_s: MOTION_TIMEOUT.as_secs_f64(),
+            ..Default::default()
+        };
         let info = SourceInfo { name: NAME.into(), frames: None, rate_hz: 20.0, truth: Vec::new(), assumed };
         Ok(Self {
             port: port.clone(),
@@ -159,7 +163,7 @@ impl PhoneSource {
         })
     }
 
-    /// The stamp of a page's time, later than the one before.
+    /// The stamp for a time of the page, later than the previous one.
     fn stamp(&mut self, ms: f64) -> Stamp {
         let plain = (ms * 1e6) as i64;
         let stamp = Stamp(plain.saturating_add(self.offset));
@@ -174,19 +178,20 @@ impl PhoneSource {
         stamp
     }
 
-    /// The picture with the motion since the one before; waits for motion at or after it, for [`WAITS`] at most.
+    /// The image with the motion data since the previous one; waits for motion at or after it, for
+    /// [`MOTION_TIMEOUT`] at most.
     fn merged(&mut self, stamp: Stamp, image: GrayImage, decode_ms: impl Fn() -> f64) -> Option<FramePacket> {
         if let Err(dropped) = self.merge.push_image(0, stamp, Arc::new(image)) {
-            self.refuse(format!("{dropped}, picture dropped"));
+            self.refuse(format!("{dropped}, image dropped"));
             return None;
         }
-        // The page's clock goes on while it sends no pictures: that is no jump.
+        // The page's clock runs on while it sends no images: that is not a jump.
         self.merge.advance(stamp);
-        let until = Instant::now() + WAITS;
+        let until = Instant::now() + MOTION_TIMEOUT;
         while self.merge.lacks() == Some(Stream::Imu) {
             let motion = self.port.motion_before(until);
             if motion.is_empty() {
-                self.merge.advance(stamp.plus_seconds(1.01 * WAITS.as_secs_f64()));
+                self.merge.advance(stamp.plus_seconds(1.01 * MOTION_TIMEOUT.as_secs_f64()));
                 break;
             }
             for m in motion {
@@ -194,7 +199,7 @@ impl PhoneSource {
                 if let Err(dropped) = self.merge.push_imu(ImuSample::new(at, m.gyro, m.accel))
                     && self.merge.counts().imu_dropped == 1
                 {
-                    self.skipped.push(format!("motion at {dropped}, dropped (told once)"));
+                    self.skipped.push(format!("motion at {dropped}, dropped (reported once)"));
                 }
             }
         }
@@ -217,7 +222,7 @@ impl PhoneSource {
     }
 }
 
-/// A phone's inertial sensor as browsers give it: 60 Hz, noise of a cheap one, mounted in the camera's axes.
+/// A phone's IMU as browsers provide it: 60 Hz, noise of a low-cost sensor, in the camera's axes.
 fn phone_imu() -> ImuSensor {
     let noise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
     ImuSensor { body_from_imu: Se3::identity(), rate_hz: 60.0, noise, offset_s: 0.0 }
@@ -232,11 +237,11 @@ impl Source for PhoneSource {
         &self.rig
     }
 
-    /// Waits for a picture, for as long as the page sends none.
+    /// Waits for an image, for as long as the page sends none.
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         let camera = self.rig.cameras.first().map_or([0, 0], |c| [c.camera.width, c.camera.height]);
         loop {
-            let Some((ms, jpeg, came)) = self.first.take().or_else(|| self.port.wait()) else {
+            let Some((ms, jpeg, arrived)) = self.first.take().or_else(|| self.port.wait()) else {
                 return Ok(None);
             };
             let image = match gray_jpeg(&jpeg) {
@@ -244,7 +249,7 @@ impl Source for PhoneSource {
                 Ok(image) => {
                     let ([w, h], (iw, ih)) = (camera, (image.width(), image.height()));
                     self.refuse(format!(
-                        "the picture is {iw}x{ih} now, it was {w}x{h}: hold the phone as before"
+                        "the image is {iw}x{ih} now, it was {w}x{h}: hold the phone as before"
                     ));
                     continue;
                 }
@@ -254,7 +259,7 @@ impl Source for PhoneSource {
                 }
             };
             let stamp = self.stamp(ms);
-            if let Some(packet) = self.merged(stamp, image, || came.elapsed().as_secs_f64() * 1e3) {
+            if let Some(packet) = self.merged(stamp, image, || arrived.elapsed().as_secs_f64() * 1e3) {
                 return Ok(Some(packet));
             }
         }
@@ -269,8 +274,8 @@ impl Source for PhoneSource {
 mod tests {
     use super::*;
 
-    /// A gray JPEG of 16x16, made by hand: one 8x8 block with its DC alone in each of four units would do; here the
-    /// smallest baseline file, all of one gray.
+    /// The smallest baseline JPEG of a given side, all of one gray, built by hand: a DC coefficient alone in
+    /// each 8x8 block.
     fn jpeg(side: u8) -> Vec<u8> {
         let mut f = vec![0xff, 0xd8, 0xff, 0xdb, 0, 67, 0];
         f.extend([1; 64]);
@@ -293,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_and_motion_come_out_as_packets_in_rising_time() {
+    fn images_and_motion_become_packets_in_increasing_time() {
         let port = PhonePort::default();
         port.motion((0..20).map(|k| sample(1000.0 + 10.0 * k as f64)));
         port.picture(1050.0, jpeg(16));
@@ -303,15 +308,15 @@ mod tests {
         assert_eq!(first.stamp, Stamp(1_050_000_000));
         assert_eq!(first.imu.last().unwrap().stamp, Stamp(1_050_000_000));
         assert_eq!(first.imu.len(), 6);
-        // Overtaken: only the newest comes out.
+        // Overtaken: only the newest is delivered.
         port.picture(1080.0, jpeg(16));
         port.picture(1100.0, jpeg(16));
         let second = source.next_packet().unwrap().unwrap();
         assert_eq!((second.stamp, second.imu.len()), (Stamp(1_100_000_000), 5));
-        // The page begins anew with an earlier clock: stamps rise all the same.
+        // The page is reloaded with an earlier clock: stamps increase all the same.
         port.picture(5.0, jpeg(16));
         assert!(source.next_packet().unwrap().unwrap().stamp > second.stamp);
-        // A pause of the page is no jump; motion that comes a little later than its picture is waited for.
+        // A pause of the page is not a jump; motion that arrives a little later than its image is waited for.
         let last = 5.0 + 3000.0;
         port.picture(last, jpeg(16));
         let late = port.clone();
@@ -322,10 +327,11 @@ mod tests {
         let packet = source.next_packet().unwrap().unwrap();
         sender.join().unwrap();
         assert!(packet.imu.last().unwrap().stamp >= packet.stamp, "{packet:?}");
-        // Motion that never comes is made up for a period at most, and marked; without any the picture comes all the same.
+        // Motion that never arrives is synthesised for at most one period, and marked; without any the image
+        // is delivered all the same.
         port.picture(last + 15.0, jpeg(16));
-        let made_up = source.next_packet().unwrap().unwrap();
-        assert!(made_up.imu.last().unwrap().is_synthesised(), "{made_up:?}");
+        let synthesised = source.next_packet().unwrap().unwrap();
+        assert!(synthesised.imu.last().unwrap().is_synthesised(), "{synthesised:?}");
         port.picture(last + 500.0, jpeg(16));
         assert!(source.next_packet().unwrap().unwrap().imu.iter().all(|s| !s.is_synthesised()));
         port.close();
@@ -333,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_another_size_and_rubbish_are_refused_and_told() {
+    fn wrong_size_and_invalid_data_are_refused_and_reported() {
         let port = PhonePort::default();
         port.picture(1.0, jpeg(16));
         let mut source = PhoneSource::open(&port, None).unwrap();

@@ -1,38 +1,38 @@
-//! One place for the newest picture: what is overtaken is counted and forgotten.
+//! A slot for the newest image: overtaken images are counted and dropped.
 
 use cairn_sensor::{GrayImage, SourceError, Stamp};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// A picture and when it came.
-pub(super) struct Picture {
+/// An image and its time of arrival.
+pub(super) struct LiveImage {
     pub stamp: Stamp,
     pub image: GrayImage,
-    /// When the moment it shows would have arrived without delay: its age counts from here.
-    pub born: Instant,
+    /// When it would have arrived without delay: its age counts from here.
+    pub on_time: Instant,
 }
 
 /// What the threads of a stream share.
 #[derive(Default)]
 pub(super) struct State {
-    pub newest: Option<Picture>,
-    /// Size and rate of the first picture.
+    pub newest: Option<LiveImage>,
+    /// Size and rate of the first image.
     pub known: Option<([usize; 2], f64)>,
-    /// Why there will be nothing more.
+    /// Why the stream has failed for good.
     pub failed: Option<SourceError>,
-    /// The reader is gone: end.
+    /// The source was dropped: end.
     pub closing: bool,
-    /// When the child was started, and when it last gave a picture.
+    /// When the child was started, and when it last delivered an image.
     pub started: Option<Instant>,
-    pub heard: Option<Instant>,
-    /// Pictures overtaken, and too old when they were asked for.
+    pub last_image: Option<Instant>,
+    /// Images overtaken, and images too old when requested.
     pub overtaken: usize,
     pub stale: usize,
-    /// What happened to the stream, for people.
+    /// Events of the stream, for people.
     pub lines: Vec<String>,
 }
 
-/// The state with its alarm.
+/// The state with its condition variable.
 #[derive(Default)]
 pub(super) struct Slot {
     state: Mutex<State>,
@@ -40,27 +40,27 @@ pub(super) struct Slot {
 }
 
 impl Slot {
-    /// Looks; a thread that panicked with the state in hand does not matter.
+    /// Locks the state; a thread that panicked while holding it does not matter.
     pub fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes the state and wakes who waits.
+    /// Changes the state and wakes the waiting threads.
     pub fn change<T>(&self, f: impl FnOnce(&mut State) -> T) -> T {
         let out = f(&mut self.lock());
         self.changed.notify_all();
         out
     }
 
-    /// Puts a picture where the reader finds it.
-    pub fn put(&self, picture: Picture) {
+    /// Stores a new image for the reader.
+    pub fn put(&self, image: LiveImage) {
         self.change(|s| {
-            s.heard = Some(Instant::now());
-            s.overtaken += usize::from(s.newest.replace(picture).is_some());
+            s.last_image = Some(Instant::now());
+            s.overtaken += usize::from(s.newest.replace(image).is_some());
         });
     }
 
-    /// Waits until `ready` gives something, or the time is over.
+    /// Waits until `ready` returns something, or the time limit is reached.
     pub fn wait<T>(
         &self,
         limit: Option<Duration>,

@@ -1,30 +1,31 @@
-//! A live stream as a [`Source`]: the newest picture wins, silence ends a connection, and a lost one is made again.
+//! A live stream as a [`Source`]: the newest image wins, silence ends a connection, and a lost one is
+//! re-established.
 //!
-//! Two threads: one reads the child and makes it anew when it ends, one watches that it does not fall silent. Times
-//! are the stream's own, laid onto this machine's clock where the connection begins.
+//! Two threads: one reads the child and restarts it when it ends, one stops it when it falls silent. Times
+//! are the stream's own, mapped to this machine's clock at the start of the connection.
 
 use super::address::Address;
-use super::child::{Feed, Handle, Recipe, STRANGER};
+use super::child::{ChildCommand, Feed, Handle, WRONG_NAME};
 use super::rig_for;
-use super::slot::{Picture, Slot, State};
+use super::slot::{LiveImage, Slot, State};
 use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// How long a stream may take to give its first picture,
-const OPENS_WITHIN: Duration = Duration::from_secs(5);
-/// and each later one.
-const READS_WITHIN: Duration = Duration::from_secs(1);
-/// A picture older than this is dropped, not given.
+/// How long a stream may take to deliver its first image.
+const OPEN_TIMEOUT: Duration = Duration::from_secs(5);
+/// How long it may take for each later one.
+const READ_TIMEOUT: Duration = Duration::from_secs(1);
+/// An image older than this is dropped.
 const TOO_OLD: Duration = Duration::from_millis(150);
-/// Rest before a connection is made again, growing to
-const REST: Duration = Duration::from_millis(100);
-/// this.
-const LONGEST_REST: Duration = Duration::from_secs(2);
-/// The least delay is looked for among so many pictures: the network's usual delay is no age.
+/// Initial delay before a connection is retried.
+const RETRY_DELAY: Duration = Duration::from_millis(100);
+/// Largest delay before a retry.
+const MAX_RETRY_DELAY: Duration = Duration::from_secs(2);
+/// Images over which the smallest delay is taken: the usual delay of the network does not count as age.
 const DELAYS: usize = 300;
-/// Jumps of the stream's own time larger than this begin a new count, seconds.
+/// Jumps of the stream's own time larger than this restart the mapping to the machine's clock, seconds.
 const JUMP_S: f64 = 5.0;
 
 /// A live stream.
@@ -39,14 +40,15 @@ pub(super) struct Stream {
 }
 
 impl Stream {
-    /// Opens the stream and waits for its first picture: five seconds, or, where we listen, for as long as nobody sends.
+    /// Opens the stream and waits for its first image: five seconds, or, where we listen, until someone
+    /// sends.
     pub fn open(address: &Address, rig: Option<Rig>, frames: Option<usize>) -> Result<Self, SourceError> {
-        Self::start(&address.shown, Recipe::ffmpeg(address, &[]), address.listens, rig, frames)
+        Self::start(&address.shown, ChildCommand::ffmpeg(address, &[]), address.listens, rig, frames)
     }
 
     fn start(
         shown: &str,
-        recipe: Recipe,
+        command: ChildCommand,
         listens: bool,
         rig: Option<Rig>,
         frames: Option<usize>,
@@ -73,25 +75,25 @@ impl Stream {
             })
         };
         let (s, h, name) = (slot.clone(), handle.clone(), shown.to_owned());
-        stream.threads.push(spawn("cairn-video", Box::new(move || read(&name, &recipe, listens, &s, &h)))?);
+        stream.threads.push(spawn("cairn-video", Box::new(move || read(&name, &command, listens, &s, &h)))?);
         let (s, h) = (slot.clone(), handle);
-        stream.threads.push(spawn("cairn-video-watch", Box::new(move || watch(listens, &s, &h)))?);
-        // A listener that can not listen fails at once; one that can waits.
-        let limit = (!listens).then_some(OPENS_WITHIN + Duration::from_millis(500));
+        stream.threads.push(spawn("cairn-video-watch", Box::new(move || stop_when_silent(listens, &s, &h)))?);
+        // A listener that cannot listen fails at once; one that can waits.
+        let limit = (!listens).then_some(OPEN_TIMEOUT + Duration::from_millis(500));
         let first = slot.wait(limit, |s| match (&s.failed, s.known) {
             (Some(e), _) => Some(Err(SourceError::new(&e.what, &e.why, &e.cure))),
             (None, Some(known)) => Some(Ok(known)),
             (None, None) => None,
         });
         let late =
-            || SourceError::new(shown, "gave no picture within 5 s", "check the address, and that it sends");
+            || SourceError::new(shown, "sent no image within 5 s", "check the address, and that it sends");
         let (size, rate_hz) = first.unwrap_or_else(|| Err(late()))?;
         (stream.rig, stream.info.assumed) = rig_for(shown, size, rig)?;
         stream.info.rate_hz = rate_hz;
         Ok(stream)
     }
 
-    /// Lines of the threads, and one with the counts, which is kept last.
+    /// Takes over the lines of the threads, and adds one with the counts, which stays last.
     fn note(&mut self) {
         let (lines, overtaken, stale) = {
             let mut s = self.slot.lock();
@@ -109,7 +111,7 @@ impl Stream {
     }
 }
 
-const COUNTS: &str = "pictures left out: ";
+const COUNTS: &str = "images dropped: ";
 
 impl Source for Stream {
     fn info(&self) -> &SourceInfo {
@@ -120,13 +122,13 @@ impl Source for Stream {
         &self.rig
     }
 
-    /// Waits for a picture; while the stream is gone, until it is back.
+    /// Waits for an image; while the connection is lost, until it is back.
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         if self.left == Some(0) {
             return Ok(None);
         }
-        let picture = self.slot.wait(None, |s| match (s.newest.take(), &s.failed) {
-            (Some(p), _) if p.born.elapsed() > TOO_OLD => {
+        let image = self.slot.wait(None, |s| match (s.newest.take(), &s.failed) {
+            (Some(p), _) if p.on_time.elapsed() > TOO_OLD => {
                 s.stale += 1;
                 None
             }
@@ -135,11 +137,11 @@ impl Source for Stream {
             (None, None) => None,
         });
         self.note();
-        let Some(picture) = picture.transpose()? else { return Ok(None) };
+        let Some(image) = image.transpose()? else { return Ok(None) };
         self.left = self.left.map(|n| n - 1);
-        let decode_ms = picture.born.elapsed().as_secs_f64() * 1e3;
-        let images = vec![Arc::new(picture.image)];
-        Ok(Some(FramePacket { stamp: picture.stamp, images, depth: None, imu: Vec::new(), decode_ms }))
+        let decode_ms = image.on_time.elapsed().as_secs_f64() * 1e3;
+        let images = vec![Arc::new(image.image)];
+        Ok(Some(FramePacket { stamp: image.stamp, images, depth: None, imu: Vec::new(), decode_ms }))
     }
 
     fn skipped(&self) -> &[String] {
@@ -157,115 +159,115 @@ impl Drop for Stream {
     }
 }
 
-/// The reading thread: connections, one after the other.
-fn read(shown: &str, recipe: &Recipe, listens: bool, slot: &Slot, handle: &Handle) {
+/// The reading thread: one connection after the other.
+fn read(shown: &str, command: &ChildCommand, listens: bool, slot: &Slot, handle: &Handle) {
     let mut size: Option<[usize; 2]> = None;
     let mut last = Stamp(i64::MIN);
-    let mut rest = REST;
-    let (mut tried, mut gone) = (0, false);
+    let mut retry_delay = RETRY_DELAY;
+    let (mut tried, mut was_lost) = (0, false);
     while !slot.lock().closing {
         tried += 1;
-        slot.change(|s| (s.started, s.heard) = (Some(Instant::now()), None));
-        let mut feed = match Feed::start(recipe, handle) {
+        slot.change(|s| (s.started, s.last_image) = (Some(Instant::now()), None));
+        let mut feed = match Feed::start(command, handle) {
             Ok(feed) => feed,
             Err(e) => return slot.change(|s| s.failed = Some(e)),
         };
-        // Closed between the two: the child just started must go as well.
+        // Closed between the two: the child just started must be stopped as well.
         if slot.lock().closing {
             handle.end();
         }
         let mut clock = Clock::default();
-        let mut given = 0;
-        if let Some((found, rate)) = feed.head() {
+        let mut delivered = 0;
+        if let Some((found, rate)) = feed.header() {
             if *size.get_or_insert(found) != found {
-                let why = format!("now gives pictures of {}x{}", found[0], found[1]);
-                let cure = "let it send the size it began with, or start anew";
+                let why = format!("now sends images of {}x{}", found[0], found[1]);
+                let cure = "let it send the initial size, or start again";
                 return slot.change(|s| s.failed = Some(SourceError::new(shown, why, cure)));
             }
-            while let Some((image, time)) = feed.picture(found) {
-                let (stamp, born) = clock.stamp(time, Instant::now(), last);
-                (last, given, rest) = (stamp, given + 1, REST);
-                slot.put(Picture { stamp, image, born });
+            while let Some((image, time)) = feed.next_image(found) {
+                let (stamp, on_time) = clock.stamp(time, Instant::now(), last);
+                (last, delivered, retry_delay) = (stamp, delivered + 1, RETRY_DELAY);
+                slot.put(LiveImage { stamp, image, on_time });
                 slot.change(|s| {
                     s.known.get_or_insert((found, rate));
-                    if std::mem::take(&mut gone) {
-                        s.lines.push(format!("the stream is back after {tried} tries"));
+                    if std::mem::take(&mut was_lost) {
+                        s.lines.push(format!("the stream is back after {tried} attempts"));
                     }
                 });
                 tried = 0;
             }
         }
         let why = feed.end();
-        slot.change(|s| ended(shown, s, listens, given, &why, &mut gone));
-        if slot.wait(Some(rest), |s| (s.closing || s.failed.is_some()).then_some(())).is_some() {
+        slot.change(|s| ended(shown, s, listens, delivered, &why, &mut was_lost));
+        if slot.wait(Some(retry_delay), |s| (s.closing || s.failed.is_some()).then_some(())).is_some() {
             return;
         }
-        rest = if listens { REST } else { (2 * rest).min(LONGEST_REST) };
+        retry_delay = if listens { RETRY_DELAY } else { (2 * retry_delay).min(MAX_RETRY_DELAY) };
     }
 }
 
-/// A connection has ended: before the first picture ever that is a failure, afterwards it is made again.
-fn ended(shown: &str, s: &mut State, listens: bool, given: usize, why: &str, gone: &mut bool) {
+/// Handles the end of a connection: before the very first image that is a failure, afterwards it is retried.
+fn ended(shown: &str, s: &mut State, listens: bool, delivered: usize, why: &str, was_lost: &mut bool) {
     let quick = s.started.is_some_and(|t| t.elapsed() < Duration::from_secs(2));
     if s.closing {
-    } else if why == STRANGER {
-        s.lines.push(format!("{STRANGER}; publish to the name of {shown}"));
+    } else if why == WRONG_NAME {
+        s.lines.push(format!("{WRONG_NAME}; publish to the name in {shown}"));
     } else if s.known.is_none() && (!listens || quick) {
         let cure = match listens {
-            true => "choose another port, or end the program that has it",
+            true => "choose another port, or stop the program that uses it",
             false => "check the address, and that it sends",
         };
         s.failed = Some(SourceError::new(shown, why, cure));
-    } else if given > 0 {
-        *gone = true;
-        s.lines.push(format!("the stream is gone ({why}); waiting for it"));
+    } else if delivered > 0 {
+        *was_lost = true;
+        s.lines.push(format!("the stream is lost ({why}); reconnecting"));
     }
 }
 
-/// The watching thread: ends the child when it is silent for too long.
-fn watch(listens: bool, slot: &Slot, handle: &Handle) {
+/// The watchdog thread: stops the child when it is silent for too long.
+fn stop_when_silent(listens: bool, slot: &Slot, handle: &Handle) {
     while slot
         .wait(Some(Duration::from_millis(100)), |s| (s.closing || s.failed.is_some()).then_some(()))
         .is_none()
     {
         let silent = {
             let s = slot.lock();
-            match (s.heard, s.started) {
-                (Some(t), _) => t.elapsed() > READS_WITHIN,
-                (None, Some(t)) => !listens && t.elapsed() > OPENS_WITHIN,
+            match (s.last_image, s.started) {
+                (Some(t), _) => t.elapsed() > READ_TIMEOUT,
+                (None, Some(t)) => !listens && t.elapsed() > OPEN_TIMEOUT,
                 (None, None) => false,
             }
         };
         if silent {
-            slot.change(|s| (s.started, s.heard) = (None, None));
+            slot.change(|s| (s.started, s.last_image) = (None, None));
             handle.end();
         }
     }
 }
 
-/// Lays the stream's own times onto this machine's clock.
+/// Maps the stream's own times to this machine's clock.
 #[derive(Default)]
 struct Clock {
-    /// The stream's time and the stamp that a count began with.
-    began: Option<(f64, Stamp)>,
+    /// The stream's time and the stamp at which the mapping started.
+    started_at: Option<(f64, Stamp)>,
     last: f64,
-    /// Delays of late, seconds: arrival less stamp.
+    /// Recent delays in seconds: arrival minus stamp.
     delays: std::collections::VecDeque<f64>,
 }
 
 impl Clock {
-    /// Stamp of a picture, later than `after`, and when it would have come without delay.
+    /// The stamp of an image, later than `after`, and when it would have arrived without delay.
     fn stamp(&mut self, time: Option<f64>, now: Instant, after: Stamp) -> (Stamp, Instant) {
         let arrived = unix_now();
         let stamp = match time {
             None => arrived,
             Some(t) => {
-                if self.began.is_none() || t < self.last || t - self.last > JUMP_S {
-                    self.began = Some((t, arrived));
+                if self.started_at.is_none() || t < self.last || t - self.last > JUMP_S {
+                    self.started_at = Some((t, arrived));
                     self.delays.clear();
                 }
                 self.last = t;
-                self.began.map_or(arrived, |(t0, stamp)| stamp.plus_seconds(t - t0))
+                self.started_at.map_or(arrived, |(t0, stamp)| stamp.plus_seconds(t - t0))
             }
         };
         let delay = arrived - stamp;
@@ -280,7 +282,7 @@ impl Clock {
     }
 }
 
-/// Now, as time since 1970: a way that is recorded tells when it was walked.
+/// Now, as time since 1970, so that a recorded route knows when it was walked.
 fn unix_now() -> Stamp {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     Stamp(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
@@ -291,20 +293,21 @@ mod tests {
     use super::*;
 
     fn open(script: &str, listens: bool) -> Result<Stream, SourceError> {
-        Stream::start("test", Recipe::shell(script), listens, None, None)
+        Stream::start("test", ChildCommand::shell(script), listens, None, None)
     }
 
-    /// `pictures` of 16x16, one each `every_s` seconds; what comes before and after is the caller's.
-    fn sends(pictures: usize, every_s: f64) -> String {
+    /// A script that sends `images` images of 16x16, one every `every_s` seconds; the caller adds what
+    /// comes before and after.
+    fn sends(images: usize, every_s: f64) -> String {
         format!(
-            "echo 'YUV4MPEG2 W16 H16 F25:1 Cmono'; for k in $(seq 1 {pictures}); do \
+            "echo 'YUV4MPEG2 W16 H16 F25:1 Cmono'; for k in $(seq 1 {images}); do \
              echo \"showinfo pts_time:$(echo $k | awk '{{print $1 * {every_s}}}')\" >&2; echo FRAME; \
              head -c 256 /dev/zero; sleep {every_s}; done"
         )
     }
 
     #[test]
-    fn the_newest_picture_wins_and_what_is_too_old_is_dropped() {
+    fn newest_image_wins_and_old_ones_are_dropped() {
         let mut stream = open(&format!("{}; exec sleep 5", sends(40, 0.05)), false).unwrap();
         assert_eq!(stream.rig().cameras[0].camera.width, 16);
         let first = stream.next_packet().unwrap().unwrap();
@@ -313,27 +316,27 @@ mod tests {
         let next = stream.next_packet().unwrap().unwrap();
         assert!(next.stamp - first.stamp > 0.3, "{} s later only", next.stamp - first.stamp);
         assert!(next.decode_ms < 151.0, "{} ms old", next.decode_ms);
-        // It does not wait for the end of the stream; how soon it answers depends on what else the machine does.
+        // It does not wait for the end of the stream; how soon it answers depends on the load of the machine.
         assert!(asked.elapsed().as_secs_f64() < 1.5, "{:?}", asked.elapsed());
         let counts = stream.skipped().last().cloned().unwrap_or_default();
         assert!(counts.contains("overtaken"), "{counts}");
     }
 
     #[test]
-    fn a_lost_stream_is_told_and_comes_back_with_rising_stamps() {
-        // Each connection gives five pictures and ends.
+    fn lost_stream_reconnects_with_increasing_stamps() {
+        // Each connection sends five images and ends.
         let mut stream = open(&sends(5, 0.02), false).unwrap();
         let mut stamps = Vec::new();
         for _ in 0..12 {
             stamps.push(stream.next_packet().unwrap().unwrap().stamp);
         }
         assert!(stamps.windows(2).all(|w| w[0] < w[1]), "{stamps:?}");
-        let told = stream.skipped().join("\n");
-        assert!(told.contains("the stream is gone") && told.contains("is back"), "{told}");
+        let lines = stream.skipped().join("\n");
+        assert!(lines.contains("the stream is lost") && lines.contains("is back"), "{lines}");
     }
 
     #[test]
-    fn a_stream_that_falls_silent_is_made_anew_within_two_seconds() {
+    fn silent_stream_is_restarted_within_two_seconds() {
         let mut stream = open(&format!("{}; exec sleep 60", sends(2, 0.02)), false).unwrap();
         let first = stream.next_packet().unwrap().unwrap().stamp;
         let asked = Instant::now();
@@ -345,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_open_says_why() {
+    fn failure_to_open_says_why() {
         let error = open("echo 'rtmp: Connection refused' >&2; exit 1", false).err().unwrap().to_string();
         assert!(error.contains("Connection refused") && error.contains("check the address"), "{error}");
         let error = open("echo 'bind: Address already in use' >&2", true).err().unwrap().to_string();
@@ -353,17 +356,17 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_delay_is_no_age_but_more_is() {
+    fn only_delay_beyond_the_usual_counts_as_age() {
         let mut clock = Clock::default();
         let now = Instant::now();
         let (a, _) = clock.stamp(Some(10.0), now, Stamp(0));
-        // The stream's time stands nearly still while ours goes on: the picture is late.
+        // The stream's time advances little while ours goes on: the image is late.
         std::thread::sleep(Duration::from_millis(60));
-        let (b, born) = clock.stamp(Some(10.01), now, a);
+        let (b, on_time) = clock.stamp(Some(10.01), now, a);
         assert!((b - a - 0.01).abs() < 1e-6);
-        assert!(now - born > Duration::from_millis(40), "{:?}", now - born);
-        // A jump begins anew, and stamps rise all the same.
-        let (c, born) = clock.stamp(Some(0.0), now, b);
-        assert!(c > b && now - born < Duration::from_millis(5));
+        assert!(now - on_time > Duration::from_millis(40), "{:?}", now - on_time);
+        // A jump restarts the mapping, and stamps increase all the same.
+        let (c, on_time) = clock.stamp(Some(0.0), now, b);
+        assert!(c > b && now - on_time < Duration::from_millis(5));
     }
 }

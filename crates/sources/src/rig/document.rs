@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 
 /// A YAML file.
 pub struct Document {
-    /// Where it lies.
+    /// Its path.
     pub path: PathBuf,
-    /// All that is in it.
+    /// Its content.
     pub root: Node,
 }
 
 impl Document {
-    /// From a file's text.
+    /// Parses a file's text.
     pub fn parse(path: &Path, text: &str) -> Result<Self, SourceError> {
         match yaml::parse(text) {
             Ok(root) => Ok(Self { path: path.to_owned(), root }),
@@ -29,7 +29,7 @@ impl Document {
         SourceError::new(place(&self.path, line), why, "correct the calibration file")
     }
 
-    /// The value of a key that must be there.
+    /// The value of a required key.
     pub fn need<'a>(&self, node: &'a Node, key: &str) -> Result<&'a Node, SourceError> {
         let line = if std::ptr::eq(node, &self.root) { 0 } else { node.line };
         node.get(key).ok_or_else(|| self.error(line, format!("{key} is missing")))
@@ -44,7 +44,7 @@ impl Document {
             .ok_or_else(|| self.error(node.line, format!("\"{text}\" is not a finite number")))
     }
 
-    /// A finite number under a key that must be there.
+    /// A finite number under a required key.
     pub fn need_number(&self, node: &Node, key: &str) -> Result<f64, SourceError> {
         self.number(self.need(node, key)?)
     }
@@ -63,7 +63,7 @@ impl Document {
             .map_err(|_| self.error(node.line, format!("{what} needs {N} numbers, here are {count}")))
     }
 
-    /// A matrix in row order: `{rows, cols, data}` whose counts agree, a list of rows, or a plain list.
+    /// A matrix in row order: `{rows, cols, data}` with matching counts, a list of rows, or a plain list.
     pub fn matrix(&self, node: &Node, what: &str) -> Result<Vec<f64>, SourceError> {
         if let Value::Map(_) = node.value {
             let count = self.need_number(node, "rows")? * self.need_number(node, "cols")?;
@@ -97,7 +97,7 @@ impl Document {
     }
 }
 
-/// Sixteen numbers in row order as a rigid transform, or what is wrong with them.
+/// Sixteen numbers in row order as a rigid transform, or a description of what is wrong.
 pub fn rigid(m: &[f64], what: &str) -> Result<Se3, String> {
     if m.len() != 16 {
         return Err(format!("{what} needs 4x4 numbers, here are {}", m.len()));
@@ -147,7 +147,7 @@ fn distortion(name: &str, c: &[f64]) -> Result<Distortion, String> {
     }
 }
 
-/// A lens by its name in Cairn's own files; the same names as in the others are understood.
+/// A lens by its name in Cairn's own files; the names of the other formats are accepted too.
 pub fn lens(name: &str, c: &[f64]) -> Result<Distortion, String> {
     distortion(name, c)
 }

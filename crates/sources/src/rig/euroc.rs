@@ -6,7 +6,7 @@ use crate::text::read_text;
 use cairn_sensor::{Rig, RigCamera, SourceError};
 use std::path::Path;
 
-/// All of a folder with `cam0/sensor.yaml`, and `cam1` and `imu0` where they are.
+/// The rig of a folder with `cam0/sensor.yaml`, and `cam1` and `imu0` where present.
 pub fn folder(root: &Path) -> Result<Rig, SourceError> {
     let mut cameras = Vec::new();
     for name in ["cam0", "cam1"] {
@@ -26,7 +26,7 @@ pub fn folder(root: &Path) -> Result<Rig, SourceError> {
     Ok(Rig { cameras, depth: None, imu })
 }
 
-/// One camera's file as a rig of its own; the body stays the file's body.
+/// One camera's file as a rig; the body is the file's body frame.
 pub fn single(doc: &Document) -> Result<Rig, SourceError> {
     Ok(Rig { cameras: vec![camera(doc, "cam0")?], depth: None, imu: None })
 }

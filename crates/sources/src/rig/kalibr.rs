@@ -1,4 +1,5 @@
-//! Kalibr camera chains and IMU files (also EuRoC's `sensor.yaml`, which has the same parts under other names).
+//! Kalibr camera chains and IMU files (also EuRoC's `sensor.yaml`, which has the same content under other
+//! names).
 
 use super::document::Document;
 use super::yaml::Node;
@@ -7,22 +8,23 @@ use cairn_geometry::Se3;
 use cairn_sensor::{Camera, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
 use std::path::{Path, PathBuf};
 
-/// The rig of a camera chain; the IMU's noise comes from `imu` or, without it, from the one IMU file beside the chain.
+/// The rig of a camera chain; the IMU's noise comes from `imu` or, without it, from the single IMU file next
+/// to the chain.
 ///
-/// With `T_cam_imu` (camera from IMU) or `T_imu_cam` the body is the IMU; without, the first camera, and
-/// `T_cn_cnm1` (camera from the camera before) places the others.
+/// With `T_cam_imu` (camera from IMU) or `T_imu_cam` the body is the IMU; otherwise it is the first camera,
+/// and `T_cn_cnm1` (camera from previous camera) places the others.
 pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
     let mut cameras: Vec<RigCamera> = Vec::new();
-    let (mut shift_s, mut sees_imu) = (0.0, false);
+    let (mut shift_s, mut has_imu) = (0.0, false);
     for i in 0.. {
         let name = format!("cam{i}");
         let Some(node) = doc.root.get(&name) else { break };
         let camera = camera(doc, node)?;
         let body_from_camera = if let Some(t) = node.get("T_cam_imu") {
-            sees_imu = true;
+            has_imu = true;
             doc.transform(t, "T_cam_imu")?.inverse()
         } else if let Some(t) = node.get("T_imu_cam") {
-            sees_imu = true;
+            has_imu = true;
             doc.transform(t, "T_imu_cam")?
         } else if let Some(before) = cameras.last() {
             let t = doc.need(node, "T_cn_cnm1")?;
@@ -38,15 +40,17 @@ pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
     if cameras.is_empty() {
         return Err(doc.error(0, "has no cam0"));
     }
-    let imu = match imu.filter(|_| sees_imu).or_else(|| sees_imu.then(|| imu_beside(&doc.path)).flatten()) {
-        Some(path) => {
-            let mut sensor = imu_file(&path)?;
-            // Kalibr: t_imu = t_cam + shift.
-            sensor.offset_s = -shift_s;
-            Some(sensor)
-        }
-        None => None,
-    };
+    let imu =
+        match imu.filter(|_| has_imu).or_else(|| has_imu.then(|| neighbouring_imu_file(&doc.path)).flatten())
+        {
+            Some(path) => {
+                let mut sensor = imu_file(&path)?;
+                // Kalibr: t_imu = t_cam + shift.
+                sensor.offset_s = -shift_s;
+                Some(sensor)
+            }
+            None => None,
+        };
     Ok(Rig { cameras, depth: None, imu })
 }
 
@@ -65,13 +69,13 @@ pub fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
     let name = node.get("distortion_model").and_then(Node::text).unwrap_or("none");
     let ([fx, fy, cx, cy], distortion) = match model.text().unwrap_or_default() {
         "pinhole" => (doc.array::<4>(intrinsics, "intrinsics of a pinhole")?, lens(name)?),
-        // In some files the lens is folded into the model's name.
+        // In some files the lens model is part of the camera model's name.
         joint @ ("pinhole-equi" | "pinhole-radtan" | "pinhole-fov") => {
             (doc.array::<4>(intrinsics, "intrinsics of a pinhole")?, lens(&joint["pinhole-".len()..])?)
         }
         "ds" => {
             let [xi, alpha, fx, fy, cx, cy] = doc.array::<6>(intrinsics, "intrinsics of ds")?;
-            lens(name)?; // only "none" can stand beside it
+            lens(name)?; // only "none" is valid with it
             ([fx, fy, cx, cy], Distortion::DoubleSphere { xi, alpha })
         }
         other => {
@@ -84,7 +88,7 @@ pub fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
     Ok(camera)
 }
 
-/// An IMU file: under `imu0`, or flat as Kalibr takes it in.
+/// An IMU file: under `imu0`, or flat as Kalibr reads it.
 pub fn imu_file(path: &Path) -> Result<ImuSensor, SourceError> {
     let doc = Document::parse(path, &read_text(path)?)?;
     let node = doc.root.get("imu0").unwrap_or(&doc.root);
@@ -111,8 +115,9 @@ pub fn imu(doc: &Document, node: &Node, rate_key: &str) -> Result<ImuSensor, Sou
     })
 }
 
-/// The one YAML file beside the chain that is an IMU's by name; `None` when there is none or more than one.
-fn imu_beside(chain: &Path) -> Option<PathBuf> {
+/// The single YAML file next to the chain that is an IMU's by its name; `None` when there is none or more
+/// than one.
+fn neighbouring_imu_file(chain: &Path) -> Option<PathBuf> {
     let mut found =
         std::fs::read_dir(chain.parent()?).ok()?.filter_map(|e| Some(e.ok()?.path())).filter(|p| {
             let name = p.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();

@@ -5,10 +5,10 @@ use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, Rig, RigCamera, SourceError};
 use std::path::Path;
 
-/// Projections `P0:` to `P3:` as they stand in the file, with their line; absent ones are `None`.
+/// Projections `P0:` to `P3:` as in the file, with their line; `None` for absent ones.
 pub type Projections = [Option<(usize, [f64; 12])>; 4];
 
-/// Reads the `P` lines; other lines (`Tr:`) are passed over.
+/// Reads the `P` lines; other lines (`Tr:`) are ignored.
 pub fn projections(path: &Path) -> Result<Projections, SourceError> {
     let text = read_text(path)?;
     let mut out = [None; 4];
@@ -36,8 +36,8 @@ pub fn projections(path: &Path) -> Result<Projections, SourceError> {
     Ok(out)
 }
 
-/// The rig of two of the cameras (`[0, 1]` gray or `[2, 3]` colour); the body is camera 0 of the file, whose poses
-/// the truth gives: `P = K [I | t]`, so a camera sits at `-K^-1 P[:, 3]`.
+/// The rig of two of the cameras (`[0, 1]` gray or `[2, 3]` colour); the body is camera 0 of the file, whose
+/// poses the ground truth gives: `P = K [I | t]`, so a camera is at `-K^-1 P[:, 3]`.
 pub fn rig(path: &Path, all: &Projections, which: &[usize], size: [usize; 2]) -> Result<Rig, SourceError> {
     let mut cameras = Vec::new();
     for &i in which {

@@ -1,4 +1,4 @@
-//! Rig files of all kinds, found by looking.
+//! Rig files of all kinds; the kind is detected.
 
 mod document;
 mod euroc;
@@ -18,14 +18,22 @@ use cairn_sensor::{Rig, SourceError};
 use document::Document;
 use std::path::{Path, PathBuf};
 
-/// Reads a rig: a file of Cairn's own (`.toml`), an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file
-/// beside it), ORB-SLAM settings, a KITTI `calib.txt` beside its images, a folder that holds one of these, or the name
-/// of a rig that is known (see [`named_rig`]).
+/// Reads a rig: Cairn's own `.toml`, an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file next to
+/// it), ORB-SLAM settings, a KITTI `calib.txt` next to its images, a folder that contains one of these, or a
+/// known name (see [`named_rig`]).
+///
+/// # Errors
+///
+/// [`SourceError`] naming file and line, when there is no rig file of a known kind or its content is invalid.
 pub fn read_rig(path: impl AsRef<Path>) -> Result<Rig, SourceError> {
     read_rig_for(path, None)
 }
 
-/// As [`read_rig`], with the size of the images, `[width, height]`, for files that do not tell it.
+/// As [`read_rig`], with the image size, `[width, height]`, for files that do not state it.
+///
+/// # Errors
+///
+/// As [`read_rig`].
 pub fn read_rig_for(path: impl AsRef<Path>, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let path = path.as_ref();
     if let Some(named) = path.to_str().and_then(named_rig).filter(|_| !path.exists()) {
@@ -38,12 +46,17 @@ pub fn read_rig_for(path: impl AsRef<Path>, size: Option<[usize; 2]>) -> Result<
     Ok(rig)
 }
 
-/// The rig as a file of Cairn's own.
+/// The rig as text in Cairn's own format.
+///
+/// # Errors
+///
+/// [`SourceError`] when it cannot be written as TOML.
 pub fn write_rig(rig: &Rig) -> Result<String, SourceError> {
     own::write(rig)
 }
 
-/// The rig file of a data set folder, if it has one that is not the data set's own: `rig.toml`, or a Kalibr chain.
+/// The rig file of a data set folder, if it has one besides the data set's own: `rig.toml`, or a Kalibr
+/// chain.
 pub fn file_in(folder: &Path) -> Option<PathBuf> {
     const NAMES: [&str; 6] = [
         "rig.toml",
@@ -89,7 +102,7 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
-            "is no rig file that is known (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, KITTI calib.txt)",
+            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, KITTI calib.txt)",
             line_cure,
         )
     };
@@ -104,7 +117,7 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     } else if orbslam::is_settings(&doc.root) {
         orbslam::rig(&doc, size)
     } else if doc.root.get("imu0").is_some() || doc.root.get("gyroscope_noise_density").is_some() {
-        Err(unknown("this one is an IMU's: give the camera chain, the IMU file beside it is found"))
+        Err(unknown("this is an IMU file: give the camera chain, the IMU file next to it is found"))
     } else {
         Err(unknown("give one of these"))
     }
@@ -120,8 +133,8 @@ fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError>
         None => crate::kitti::image_size(folder, which[0]).map_err(|why| {
             SourceError::new(
                 path.display().to_string(),
-                format!("does not tell the size of the images ({why})"),
-                "keep it beside image_0, or write a rig.toml",
+                format!("does not state the size of the images ({why})"),
+                "keep it next to image_0, or write a rig.toml",
             )
         })?,
     };

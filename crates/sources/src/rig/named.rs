@@ -1,8 +1,8 @@
-//! Rigs that are known by name: cameras that come without a calibration of their own.
+//! Rigs known by name: cameras that come without a calibration file.
 
 use cairn_sensor::{Camera, Rig};
 
-/// A rig with what else should be set for it.
+/// A rig with a matching number of features.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedRig {
     /// The rig.
@@ -14,10 +14,10 @@ pub struct NamedRig {
 /// The names that [`named_rig`] knows, and what they stand for.
 pub const NAMED_RIGS: [(&str, &str); 1] = [(
     "phone-854x480",
-    "a phone's stream of 854x480 pixels: focal length 600, middle at 427, 240; 2000 features",
+    "a phone's stream of 854x480 pixels: focal length 600, principal point 427, 240; 2000 features",
 )];
 
-/// The rig of a name, `None` for a name that is not known.
+/// The rig of a name; `None` for an unknown name.
 pub fn named_rig(name: &str) -> Option<NamedRig> {
     match name {
         "phone-854x480" => {
@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_name_that_is_told_gives_a_rig_that_can_be() {
+    fn every_listed_name_gives_a_valid_rig() {
         for (name, _) in NAMED_RIGS {
             named_rig(name).unwrap().rig.validate().unwrap();
             assert_eq!(crate::read_rig(name).unwrap(), named_rig(name).unwrap().rig);

@@ -1,4 +1,4 @@
-//! ORB-SLAM settings files: OpenCV FileStorage with names of the versions 1.0 and before.
+//! ORB-SLAM settings files: OpenCV FileStorage with the key names of version 1.0 and earlier.
 
 use super::document::Document;
 use super::yaml::Node;
@@ -6,7 +6,7 @@ use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
 use nalgebra::Matrix3;
 
-/// The rig; `size` is used where the file names no resolution.
+/// The rig; `size` is used where the file has no resolution.
 ///
 /// `RGBD.DepthMapFactor` makes it an RGB-D rig, `Camera2.*` or `RIGHT.*` a stereo rig, `Stereo.b` or `Camera.bf`
 /// alone a rectified stereo rig. The body is the IMU where `IMU.T_b_c1` (`Tbc`) is given, else the first camera.
@@ -38,7 +38,7 @@ pub fn rig(doc: &Document, size: Option<[usize; 2]>) -> Result<Rig, SourceError>
     Ok(Rig { cameras, depth, imu: reader.imu()? })
 }
 
-/// True when a file has the names of such settings.
+/// True when a file has the keys of such settings.
 pub fn is_settings(root: &Node) -> bool {
     ["Camera.type", "Camera1.fx", "Camera.fx"].iter().any(|key| root.get(key).is_some())
 }
@@ -66,7 +66,7 @@ impl<'a> Reader<'a> {
     }
 
     fn first_camera(&self) -> Result<Camera, SourceError> {
-        // Before version 1.0 raw stereo images had their own matrices, and Camera.* meant the rectified ones.
+        // Before version 1.0 raw stereo images had their own matrices, and Camera.* were the rectified ones.
         match self.doc.root.get("LEFT.K") {
             Some(_) => self.matrix_camera("LEFT"),
             None if self.doc.root.get("Camera1.fx").is_some() => self.camera("Camera1"),
@@ -113,7 +113,7 @@ impl<'a> Reader<'a> {
         Ok(camera)
     }
 
-    /// The second camera and its place in the first one's frame, if the file has one.
+    /// The second camera and its pose in the first one's frame, if the file has one.
     fn second_camera(&self, first: &Camera) -> Result<Option<(Camera, Se3)>, SourceError> {
         let along_x = |baseline: f64| Se3::new(So3::identity(), Vec3::new(baseline, 0.0, 0.0));
         let doc = self.doc;
@@ -158,8 +158,8 @@ impl<'a> Reader<'a> {
         Ok(camera)
     }
 
-    /// Left from right, out of the rotations that rectify both: `x_rect = R x`, and in the rectified frame
-    /// the right camera stands `-P[0][3] / P[0][0]` along x.
+    /// Left from right, from the rotations that rectify both: `x_rect = R x`, and in the rectified frame the
+    /// right camera is at `-P[0][3] / P[0][0]` along x.
     fn rectified_extrinsics(&self) -> Result<Se3, SourceError> {
         let rotation = |key: &str| -> Result<So3, SourceError> {
             let node = self.doc.need(&self.doc.root, key)?;
@@ -185,7 +185,7 @@ impl<'a> Reader<'a> {
             .map_err(|_| self.doc.error(node.line, format!("{what} needs 3x3 numbers, here are {count}")))
     }
 
-    /// The IMU, when its place and its noise are given.
+    /// The IMU, when its pose and its noise are given.
     fn imu(&self) -> Result<Option<ImuSensor>, SourceError> {
         let doc = self.doc;
         let placed = self.any(&["IMU.T_b_c1", "Tbc"]).is_some();

@@ -1,4 +1,4 @@
-//! Cairn's own rig files, in TOML; the crate's README shows one.
+//! Cairn's own rig files, in TOML; the crate's README has an example.
 
 use super::document::lens;
 use crate::text::{place, read_text};
@@ -100,7 +100,7 @@ pub fn read(path: &Path) -> Result<Rig, SourceError> {
     build(file).map_err(|why| SourceError::new(path.display().to_string(), why, "correct the rig file"))
 }
 
-/// A rig as such a file.
+/// The text of such a file.
 pub fn write(rig: &Rig) -> Result<String, SourceError> {
     let file = RigFile {
         cameras: rig.cameras.iter().map(camera_file).collect(),
@@ -182,7 +182,7 @@ fn pose(file: &PoseFile) -> Result<Se3, String> {
     if norm.is_nan() || (norm - 1.0).abs() > 1e-2 {
         return Err(format!("rotation_xyzw has the norm {norm}, a unit quaternion has 1"));
     }
-    let rotation = So3::from_xyzw(x, y, z, w).ok_or("rotation_xyzw is no rotation")?;
+    let rotation = So3::from_xyzw(x, y, z, w).ok_or("rotation_xyzw is not a rotation")?;
     Ok(Se3::new(rotation, Vec3::new(tx, ty, tz)))
 }
 

@@ -1,19 +1,20 @@
-//! A tolerant reader of the YAML that calibration files are written in.
+//! A tolerant parser for the YAML of calibration files.
 //!
-//! Block mappings and sequences, flow sequences over several lines, scalars, comments, tags. Beyond YAML,
-//! what OpenCV's FileStorage writes and people edit: `%YAML:1.0` without `---`, `data:[` without a blank,
-//! numbers without commas between them, tabs. Not read: anchors, block scalars, flow mappings (kept as text).
+//! Supported: block mappings and sequences, flow sequences over several lines, scalars, comments, tags.
+//! Beyond YAML, what OpenCV's FileStorage writes and people edit: `%YAML:1.0` without `---`, `data:[` without
+//! a blank, numbers without commas between them, tabs. Not supported: anchors, block scalars, flow mappings
+//! (kept as text).
 
-/// A value and the line it began on.
+/// A value and the line it starts on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
     /// Line in the file, from 1.
     pub line: usize,
-    /// What stands there.
+    /// The value.
     pub value: Value,
 }
 
-/// What a node holds.
+/// The value of a node.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// Nothing after the key.
@@ -26,11 +27,11 @@ pub enum Value {
     Map(Vec<(String, Node)>),
 }
 
-/// What is wrong, and on which line.
-pub type Wrong = (usize, String);
+/// A line and what is wrong there.
+pub type ParseError = (usize, String);
 
-/// Deeper nesting than any calibration has.
-const DEEPEST: usize = 24;
+/// Largest nesting depth; no calibration has more.
+const MAX_DEPTH: usize = 24;
 
 impl Node {
     /// The value of a key, if this is a mapping that has it.
@@ -58,8 +59,8 @@ impl Node {
     }
 }
 
-/// Reads a whole file.
-pub fn parse(text: &str) -> Result<Node, Wrong> {
+/// Parses a whole file.
+pub fn parse(text: &str) -> Result<Node, ParseError> {
     let lines = logical_lines(text)?;
     let Some(first) = lines.first() else { return Ok(Node { line: 1, value: Value::Null }) };
     let mut reader = Reader { at: 0, lines: &lines };
@@ -70,14 +71,14 @@ pub fn parse(text: &str) -> Result<Node, Wrong> {
     }
 }
 
-/// A line without comment, with open brackets joined to the lines that close them.
+/// A line without comment; lines with open brackets are joined to the lines that close them.
 struct Line {
     line: usize,
     indent: usize,
     text: String,
 }
 
-fn logical_lines(text: &str) -> Result<Vec<Line>, Wrong> {
+fn logical_lines(text: &str) -> Result<Vec<Line>, ParseError> {
     let mut lines: Vec<Line> = Vec::new();
     let mut open = 0i32;
     for (i, raw) in text.lines().enumerate() {
@@ -125,7 +126,7 @@ fn without_comment(line: &str) -> &str {
     line
 }
 
-/// Opened less closed brackets outside of quotes.
+/// Opened minus closed brackets outside of quotes.
 fn brackets(text: &str) -> i32 {
     let mut quote = None;
     let mut open = 0;
@@ -148,10 +149,10 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// The mapping or sequence whose lines stand at `indent`.
-    fn block(&mut self, indent: usize, depth: usize) -> Result<Node, Wrong> {
+    /// The mapping or sequence of the lines at `indent`.
+    fn block(&mut self, indent: usize, depth: usize) -> Result<Node, ParseError> {
         let line = self.lines[self.at].line;
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err((line, "is nested too deeply".into()));
         }
         let value = if dash(&self.lines[self.at].text).is_some() {
@@ -162,7 +163,7 @@ impl Reader<'_> {
         Ok(Node { line, value })
     }
 
-    fn items(&mut self, indent: usize, depth: usize) -> Result<Vec<Node>, Wrong> {
+    fn items(&mut self, indent: usize, depth: usize) -> Result<Vec<Node>, ParseError> {
         let mut items = Vec::new();
         while let Some(l) = self.lines.get(self.at).filter(|l| l.indent == indent) {
             let Some(rest) = dash(&l.text) else { break };
@@ -172,11 +173,11 @@ impl Reader<'_> {
         Ok(items)
     }
 
-    fn entries(&mut self, indent: usize, depth: usize) -> Result<Vec<(String, Node)>, Wrong> {
+    fn entries(&mut self, indent: usize, depth: usize) -> Result<Vec<(String, Node)>, ParseError> {
         let mut entries: Vec<(String, Node)> = Vec::new();
         while let Some(l) = self.lines.get(self.at).filter(|l| l.indent == indent) {
             let Some((key, rest)) = key_value(&l.text) else {
-                return Err((l.line, format!("\"{}\" is no \"key: value\"", l.text)));
+                return Err((l.line, format!("\"{}\" is not \"key: value\"", l.text)));
             };
             self.at += 1;
             let node = self.value(rest, l.line, indent, depth, true)?;
@@ -191,7 +192,7 @@ impl Reader<'_> {
         Ok(entries)
     }
 
-    /// What follows a key or a dash: on the same line, or as a block below.
+    /// The value after a key or a dash: on the same line, or as a block below.
     fn value(
         &mut self,
         rest: &str,
@@ -199,13 +200,13 @@ impl Reader<'_> {
         indent: usize,
         depth: usize,
         keyed: bool,
-    ) -> Result<Node, Wrong> {
+    ) -> Result<Node, ParseError> {
         let rest = without_tag(rest);
         if !rest.is_empty() {
             return inline(rest, line);
         }
         let below = self.lines.get(self.at).filter(|l| {
-            // A sequence may stand under its key without indentation.
+            // A sequence may follow its key without indentation.
             l.indent > indent || (keyed && l.indent == indent && dash(&l.text).is_some())
         });
         match below {
@@ -238,7 +239,7 @@ fn without_tag(text: &str) -> &str {
     text
 }
 
-fn inline(text: &str, line: usize) -> Result<Node, Wrong> {
+fn inline(text: &str, line: usize) -> Result<Node, ParseError> {
     if !text.starts_with('[') {
         return Ok(Node { line, value: Value::Scalar(unquoted(text)) });
     }
@@ -247,9 +248,9 @@ fn inline(text: &str, line: usize) -> Result<Node, Wrong> {
     if rest.trim().is_empty() { Ok(list) } else { Err((line, format!("\"{}\" follows a list", rest.trim()))) }
 }
 
-/// The rest of a flow sequence whose bracket is already read.
-fn flow(rest: &mut &str, line: usize, depth: usize) -> Result<Node, Wrong> {
-    if depth > DEEPEST {
+/// The rest of a flow sequence whose opening bracket has been read.
+fn flow(rest: &mut &str, line: usize, depth: usize) -> Result<Node, ParseError> {
+    if depth > MAX_DEPTH {
         return Err((line, "is nested too deeply".into()));
     }
     let mut items = Vec::new();
@@ -303,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn reads_what_opencv_writes() {
+    fn parses_opencv_files() {
         let text = "%YAML:1.0\r\n# head\nFile.version: \"1.0\"\nCamera.fps: 20 # hertz\n\
             T: !!opencv-matrix\n   rows: 2\n   cols: 2\n   dt: f\n   data:[1. 2.,\n      3, # why\n   4e-1]\nlast:5\n";
         let root = parse(text).unwrap();
@@ -317,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn reads_what_kalibr_writes() {
+    fn parses_kalibr_files() {
         let text = "cam0:\n  T:\n  - [1.0, 0.0]\n  - [0.0, 1.0]\n  cam_overlaps: []\n  nested: [[1, 2], [3]]\n  \
             topic: /cam0/image_raw\nlist:\n-\n  a: 1\n- b\n";
         let root = parse(text).unwrap();
@@ -332,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn tells_the_line_of_what_it_can_not_read() {
+    fn errors_name_the_line() {
         assert_eq!(parse("a: 1\nnonsense\n").unwrap_err().0, 2);
         assert_eq!(parse("a: [1, 2\nb: 3\n").unwrap_err().0, 1);
         assert_eq!(parse("a: 1]\n").unwrap_err().0, 1);

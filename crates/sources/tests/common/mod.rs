@@ -1,4 +1,4 @@
-//! What the tests share: a folder that vanishes, images made on the spot, the data folder.
+//! Shared test helpers: temporary folders, generated images, the data folder.
 #![allow(dead_code)] // each test file uses its own part
 
 use cairn_geometry::{Se3, So3, Vec3};
@@ -45,7 +45,7 @@ impl Drop for Folder {
     }
 }
 
-/// A path in the data folder; tells aloud when it is not there.
+/// A path in the data folder; prints "skipped" when it is missing.
 pub fn data(name: &str) -> Option<PathBuf> {
     let folder = std::env::var("CAIRN_DATA")
         .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into());
@@ -53,7 +53,7 @@ pub fn data(name: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    println!("skipped: {} is not here", path.display());
+    println!("skipped: {} is missing", path.display());
     None
 }
 
@@ -75,14 +75,14 @@ pub fn gray_png(width: u32, height: u32, start: u8) -> Vec<u8> {
     png(width, height, png::ColorType::Grayscale, png::BitDepth::Eight, &data)
 }
 
-/// A 16-bit gray PNG of one value, but another in its first pixel.
+/// A 16-bit gray PNG of one value, with another in its first pixel.
 pub fn depth_png(width: u32, height: u32, first: u16, value: u16) -> Vec<u8> {
     let mut data = first.to_be_bytes().to_vec();
     data.extend((1..width * height).flat_map(|_| value.to_be_bytes()));
     png(width, height, png::ColorType::Grayscale, png::BitDepth::Sixteen, &data)
 }
 
-/// A rig with unregistered depth, as a Kinect has it.
+/// A rig with unregistered depth, like a Kinect's.
 pub fn rgbd_rig() -> Rig {
     let mut rig = Rig::mono(Camera::pinhole(8, 6, 7.0, 7.5, 4.0, 3.0));
     rig.cameras[0].body_from_camera =

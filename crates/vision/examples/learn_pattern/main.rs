@@ -1,4 +1,4 @@
-//! Learns the descriptor's tests and prints the file `src/orb/pattern.rs`:
+//! Learns the descriptor's binary tests and prints the source file `src/orb/pattern.rs`:
 //! `cargo run --release -p cairn-vision --example learn_pattern > crates/vision/src/orb/pattern.rs`.
 
 mod learn;

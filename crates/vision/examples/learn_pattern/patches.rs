@@ -1,14 +1,15 @@
-//! Pairs of views of the same corner: blurred values at all points of the pattern's disc, each in the corner's own direction.
+//! Pairs of views of the same corner: blurred values at all points of the pattern's disc, rotated to the corner's
+//! orientation.
 
 use super::scene::{Rng, SIDE, Scene};
 
 /// Radius of the pattern in pixels.
 pub const RADIUS: i32 = 15;
-/// Pixels of an image's edge in which no corner is sought.
+/// Width in pixels of the image border in which no corner is detected.
 const BORDER: usize = 24;
 const IMAGE: usize = 256;
 
-/// The pattern's disc: all points a test may use.
+/// The pattern's disc: all points that a test may compare.
 pub fn disc() -> Vec<[i8; 2]> {
     let all = (-RADIUS..=RADIUS).flat_map(|y| (-RADIUS..=RADIUS).map(move |x| [x, y]));
     all.filter(|[x, y]| x * x + y * y <= RADIUS * RADIUS).map(|p| p.map(|c| c as i8)).collect()
@@ -20,7 +21,7 @@ pub struct Patches {
     pub views: [Vec<Vec<u8>>; 2],
 }
 
-/// Looks at `scenes` scenes twice each.
+/// Renders two views of each of `scenes` scenes and collects the corners visible in both.
 pub fn collect(scenes: u64) -> Patches {
     let points = disc();
     let mut views = [vec![Vec::new(); points.len()], vec![Vec::new(); points.len()]];
@@ -30,7 +31,7 @@ pub fn collect(scenes: u64) -> Patches {
         let half = IMAGE as f64 / 2.0 - 0.5;
         let first =
             View::new(scene.image(IMAGE, &mut rng, |x, y| [x - half + SIDE / 2.0, y - half + SIDE / 2.0]));
-        // The second view is turned, scaled as levels leave it open, and slightly sheared.
+        // The second view is rotated, scaled by up to the ratio of neighbouring pyramid levels, and slightly sheared.
         let ([c, s], scale, shear) = (rng.direction(), rng.real(0.87, 1.15), rng.real(-0.12, 0.12));
         let to_scene = [[c / scale, (shear * c - s) / scale], [s / scale, (shear * s + c) / scale]];
         let second = View::new(scene.image(IMAGE, &mut rng, |x, y| {
@@ -40,7 +41,7 @@ pub fn collect(scenes: u64) -> Patches {
         let det = to_scene[0][0] * to_scene[1][1] - to_scene[0][1] * to_scene[1][0];
         for [x, y] in first.corners() {
             let (dx, dy) = (x as f64 - half, y as f64 - half);
-            // Found again half a pixel off.
+            // Half a pixel of localisation noise.
             let u = (to_scene[1][1] * dx - to_scene[0][1] * dy) / det + half + 0.5 * rng.normal();
             let v = (to_scene[0][0] * dy - to_scene[1][0] * dx) / det + half + 0.5 * rng.normal();
             let inside = |c: f64| c.round() >= BORDER as f64 && c.round() < (IMAGE - BORDER) as f64;
@@ -67,13 +68,14 @@ impl View {
         self.image[y * IMAGE + x] as f64
     }
 
-    /// The strongest place of each cell of 14 pixels, by the smaller eigenvalue of the structure tensor.
+    /// The strongest corner of each cell of 14 x 14 pixels, by the smaller eigenvalue of the structure tensor (Shi and
+    /// Tomasi 1994).
     fn corners(&self) -> Vec<[usize; 2]> {
         let mut out = vec![];
         for y0 in (BORDER..IMAGE - BORDER - 14).step_by(14) {
             for x0 in (BORDER..IMAGE - BORDER - 14).step_by(14) {
-                let places = (0..14 * 14).map(|i| [x0 + i % 14, y0 + i / 14]);
-                let best = places
+                let pixels = (0..14 * 14).map(|i| [x0 + i % 14, y0 + i / 14]);
+                let best = pixels
                     .map(|[x, y]| (self.strength(x, y), [x, y]))
                     .fold((0.0, [0, 0]), |a, b| if b.0 > a.0 { b } else { a });
                 if best.0 > 2000.0 {
@@ -96,7 +98,7 @@ impl View {
         (a + c) / 2.0 - ((a - c) * (a - c) / 4.0 + b * b).sqrt()
     }
 
-    /// Appends the blurred values around a corner, turned by its intensity centroid.
+    /// Appends the blurred values around a corner, rotated by its intensity centroid angle.
     fn sample(&self, x: usize, y: usize, points: &[[i8; 2]], out: &mut [Vec<u8>]) {
         let (mut m10, mut m01) = (0.0, 0.0);
         for &[dx, dy] in points {
@@ -114,7 +116,7 @@ impl View {
     }
 }
 
-/// Gaussian of 7 x 7, sigma 2, as the extractor's; edges replicated.
+/// The extractor's Gaussian blur (7 x 7, sigma 2) with replicated edges.
 fn blur(image: &[u8]) -> Vec<u8> {
     const KERNEL: [u32; 7] = [9, 17, 24, 28, 24, 17, 9];
     let pass = |source: &[u8], step: [isize; 2]| -> Vec<u8> {

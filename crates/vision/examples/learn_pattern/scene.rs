@@ -1,9 +1,9 @@
-//! Images to learn from, all made here from a seed: "dead leaves" with rough surfaces.
+//! Synthetic training images, rendered from a seed: the "dead leaves" model with textured surfaces.
 //!
-//! Shapes of random tone that hide each other, with sizes after a power law, have the edge and corner statistics of
-//! photographs (Lee, Mumford and Huang, "Occlusion models for natural images", IJCV 2001); each carries value noise whose
-//! octaves fall in strength as they rise in frequency (a 1/f spectrum). Only operations that every machine rounds alike
-//! are used (no sine, no logarithm), so the images are the same everywhere.
+//! Shapes of random brightness that occlude each other, with sizes from a power law, have the edge and corner
+//! statistics of photographs (Lee, Mumford and Huang, "Occlusion models for natural images", IJCV 2001); each carries
+//! value noise whose amplitude falls as its frequency rises (a 1/f spectrum). Only operations that round identically on
+//! every machine are used (no sine, no logarithm), so the images are the same everywhere.
 
 /// A small seeded generator (xorshift64*).
 pub struct Rng(u64);
@@ -29,12 +29,12 @@ impl Rng {
         from + (to - from) * (self.bits() as f64 / 4294967296.0)
     }
 
-    /// About normal, deviation 1: the sum of twelve uniform numbers.
+    /// Approximately normal with standard deviation 1: the sum of twelve uniform numbers.
     pub fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.real(0.0, 1.0)).sum::<f64>() - 6.0
     }
 
-    /// A direction: cosine and sine.
+    /// A random direction: cosine and sine.
     pub fn direction(&mut self) -> [f64; 2] {
         loop {
             let (x, y) = (self.real(-1.0, 1.0), self.real(-1.0, 1.0));
@@ -56,7 +56,7 @@ struct Leaf {
     grain: f64,
 }
 
-/// A plane full of leaves, front ones first.
+/// A plane covered by leaves, front to back.
 pub struct Scene {
     leaves: Vec<Leaf>,
     salt: u64,
@@ -88,7 +88,7 @@ impl Scene {
         Self { leaves, salt: seed }
     }
 
-    /// A square image of `side` pixels, four samples each; `scene_from_image` maps pixels into the plane.
+    /// A square image of `side` pixels with four samples per pixel; `scene_from_image` maps pixels to the plane.
     pub fn image(
         &self,
         side: usize,
@@ -130,7 +130,7 @@ impl Leaf {
     }
 }
 
-/// Which leaves can cover a place, front ones first.
+/// The leaves that can cover each cell of the plane, front to back.
 struct Buckets(Vec<Vec<u32>>);
 
 const BUCKET: f64 = 16.0;
@@ -157,7 +157,7 @@ impl Buckets {
     }
 }
 
-/// Value noise of four octaves, each twice as fine and half as strong; about -1 to 1.
+/// Value noise of four octaves, each of twice the frequency and half the amplitude; about -1 to 1.
 fn roughness(p: [f64; 2], grain: f64, salt: u64) -> f64 {
     let mut sum = 0.0;
     for octave in 0..4u64 {

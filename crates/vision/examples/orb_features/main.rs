@@ -1,7 +1,7 @@
-//! Writes the ORB features of gray images to one file, for comparisons with other extractors.
+//! Writes the ORB features of gray images to one file, to compare with other extractors.
 //!
 //! `orb_features FEATURES OUT IN.pgm...`: for each image a little-endian u32 count, then for each feature
-//! x, y, angle, response (f32), level (u32) and 32 bytes of descriptor.
+//! x, y, angle, response (f32), level (u32) and the 32 bytes of the descriptor.
 
 use cairn_vision::{Features, OrbConfig, OrbExtractor};
 use std::error::Error;

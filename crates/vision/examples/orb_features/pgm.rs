@@ -1,8 +1,8 @@
-//! Eight-bit gray images from binary PGM.
+//! Reads 8-bit gray images in binary PGM format.
 
 use cairn_sensor::GrayImage;
 
-/// A binary PGM without comments.
+/// Reads a binary PGM (P5, maximum 255) without comments; `None` for anything else.
 pub fn read(bytes: &[u8]) -> Option<GrayImage> {
     let mut at = 0;
     let mut word = || {

@@ -1,22 +1,22 @@
-//! The words of one image.
+//! The bag-of-words vector of one image.
 
 use super::VocabularyError;
 
-/// A word of a vocabulary: the number of its leaf among all nodes.
+/// A word of a vocabulary: the index of its leaf among all nodes of the tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct WordId(pub u32);
 
-/// The words of one image with their weights, and which feature passed which node.
+/// The bag-of-words vector of one image (words and weights) and its direct index (the node of each feature).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bag {
-    /// Rising by word; weights above zero, sum 1.
+    /// Sorted by word; weights are positive and sum to 1.
     words: Vec<(WordId, f32)>,
-    /// Node and feature, rising.
+    /// Node and feature index, sorted.
     nodes: Vec<(u32, u16)>,
 }
 
 impl Bag {
-    /// From rising words with weights of any scale (those without weight are left out) and nodes in any order.
+    /// From sorted words with weights of any scale (words of weight zero are dropped) and nodes in any order.
     pub(super) fn new(words: Vec<(WordId, f64)>, mut nodes: Vec<(u32, u16)>) -> Self {
         let sum: f64 = words.iter().map(|(_, w)| *w).sum();
         let scaled = words.into_iter().map(|(word, w)| (word, (w / sum) as f32));
@@ -25,35 +25,35 @@ impl Bag {
         Self { words, nodes }
     }
 
-    /// A bag from what [`Bag::words`] and [`Bag::nodes`] gave, for reading it back from a file.
+    /// A bag from the values of [`Bag::words`] and [`Bag::nodes`], for loading one from a file.
     ///
     /// # Errors
-    /// When the words or nodes do not rise, or a weight is not one.
+    /// When the words or nodes are not strictly sorted, or a weight is not in `0 < weight <= 1`.
     pub fn from_parts(words: Vec<(WordId, f32)>, nodes: Vec<(u32, u16)>) -> Result<Self, VocabularyError> {
-        let rising = words.windows(2).all(|w| w[0].0 < w[1].0) && nodes.windows(2).all(|n| n[0] < n[1]);
-        if !rising || !words.iter().all(|(_, w)| *w > 0.0 && *w <= 1.0) {
+        let sorted = words.windows(2).all(|w| w[0].0 < w[1].0) && nodes.windows(2).all(|n| n[0] < n[1]);
+        if !sorted || !words.iter().all(|(_, w)| *w > 0.0 && *w <= 1.0) {
             return Err(VocabularyError::Content("a bag of words"));
         }
         Ok(Self { words, nodes })
     }
 
-    /// The words, rising, with their weights, which sum to 1.
+    /// The words in rising order with their weights, which sum to 1.
     pub fn words(&self) -> &[(WordId, f32)] {
         &self.words
     }
 
-    /// Node and feature, rising: the features that passed one node stand side by side.
+    /// The direct index: node and feature index, sorted, so that the features below one node are contiguous.
     pub fn nodes(&self) -> &[(u32, u16)] {
         &self.nodes
     }
 
-    /// True when there is no word.
+    /// True when the bag has no words.
     pub fn is_empty(&self) -> bool {
         self.words.is_empty()
     }
 
-    /// How alike two images are, 0 to 1: `1 - |v - w| / 2` in the L1 norm (Galvez-Lopez and Tardos 2012, equation 2), which
-    /// for weights that sum to 1 is the sum of the lesser weight of each common word.
+    /// L1 similarity score of two images, 0 to 1: `1 - |v - w| / 2` (Galvez-Lopez and Tardos 2012, equation 2). For
+    /// weights that sum to 1 it equals the sum over the common words of the smaller weight.
     pub fn similarity(&self, other: &Bag) -> f64 {
         let (mut i, mut j, mut sum) = (0, 0, 0.0);
         while let (Some((a, v)), Some((b, w))) = (self.words.get(i), other.words.get(j)) {

@@ -1,28 +1,28 @@
-//! Reads vocabularies in the text form that DBoW2's users exchange: a line `k L scoring weighting`, then one line a
-//! node, `parent is_leaf d0 .. d31 weight`; nodes are counted from 1 in the order of their lines, 0 is the root.
+//! Imports vocabularies in the DBoW2 text format: a line `k L scoring weighting`, then one line per node,
+//! `parent is_leaf d0 .. d31 weight`; nodes are numbered from 1 in the order of their lines, 0 is the root.
 //!
-//! Only what this program can use is taken: 32-byte binary descriptors, scores in the L1 norm (0), weights by
-//! tf-idf (0).
+//! Only the variant that this crate can use is accepted: 32-byte binary descriptors, L1 scoring (0), tf-idf weighting
+//! (0).
 
-use super::build::{Head, Tree};
-use super::format::{MOST_BRANCHING, MOST_DEPTH, MOST_NODES};
+use super::build::{Header, Tree};
+use super::format::{MAX_BRANCHING, MAX_DEPTH, MAX_NODES};
 use super::{Vocabulary, VocabularyError};
 use crate::Descriptor;
 use std::fmt;
 use std::io::{BufRead, Read};
 use std::str::{FromStr, SplitAsciiWhitespace};
 
-/// No line of such a file is longer.
-const LONGEST_LINE: u64 = 4096;
+/// Longest accepted line in bytes.
+const MAX_LINE: u64 = 4096;
 
-/// Why a text is no vocabulary.
+/// Why a text is not a valid DBoW2 vocabulary.
 #[derive(Debug)]
 pub enum Dbow2Error {
-    /// It could not be read.
+    /// Reading the text failed.
     Read(std::io::Error),
-    /// A line, counted from 1, is not what it should be.
+    /// A line (numbered from 1) is invalid.
     Line(usize, String),
-    /// Each line is right, their whole is not.
+    /// Every line is valid, but the resulting tree is not.
     Whole(VocabularyError),
 }
 
@@ -38,7 +38,7 @@ impl fmt::Display for Dbow2Error {
 
 impl std::error::Error for Dbow2Error {}
 
-/// One node as its line has it.
+/// One node as parsed from its line.
 struct Line {
     parent: u32,
     leaf: bool,
@@ -46,19 +46,19 @@ struct Line {
     weight: f32,
 }
 
-/// Reads a text line by line and makes a vocabulary of it, whose bytes are our own form.
+/// Parses a DBoW2 text and converts it to a vocabulary in this crate's own file format.
 ///
 /// # Errors
-/// Names the line and what is wrong with it.
+/// When the text cannot be read or is invalid; the error names the line and what is wrong with it.
 pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
     let mut buffer = Vec::new();
     let mut number = 0;
     let mut next = |buffer: &mut Vec<u8>| -> Result<Option<usize>, Dbow2Error> {
         buffer.clear();
         number += 1;
-        let n = (&mut text).take(LONGEST_LINE).read_until(b'\n', buffer).map_err(Dbow2Error::Read)?;
-        if n as u64 == LONGEST_LINE {
-            return Err(Dbow2Error::Line(number, format!("longer than {LONGEST_LINE} bytes")));
+        let n = (&mut text).take(MAX_LINE).read_until(b'\n', buffer).map_err(Dbow2Error::Read)?;
+        if n as u64 == MAX_LINE {
+            return Err(Dbow2Error::Line(number, format!("longer than {MAX_LINE} bytes")));
         }
         Ok((n > 0).then_some(number))
     };
@@ -67,7 +67,7 @@ pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
     }
     let [branching, depth] = header(&buffer).map_err(|why| Dbow2Error::Line(1, why))?;
     let mut lines: Vec<Line> = Vec::new();
-    // Levels below the root, and how many children each node has; the root's first.
+    // Depth below the root and number of children of each node, starting with the root.
     let (mut level, mut children) = (vec![0u8], vec![0u32]);
     while let Some(number) = next(&mut buffer)? {
         if buffer.trim_ascii().is_empty() {
@@ -77,7 +77,7 @@ pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
         let line = node(&buffer).map_err(fail)?;
         let parent = line.parent as usize;
         if parent > lines.len() {
-            return Err(fail(format!("the parent {parent} comes later, or never")));
+            return Err(fail(format!("the parent {parent} is not defined before this line")));
         }
         if parent > 0 && lines[parent - 1].leaf {
             return Err(fail(format!("the parent {parent} is a leaf")));
@@ -86,28 +86,28 @@ pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
         if children[parent] > branching {
             return Err(fail(format!("more than {branching} children of {parent}")));
         }
-        let here = level[parent] + 1;
-        if u32::from(here) > depth {
+        let node_level = level[parent] + 1;
+        if u32::from(node_level) > depth {
             return Err(fail(format!("deeper than {depth} levels")));
         }
-        if lines.len() + 2 > MOST_NODES as usize {
-            return Err(fail(format!("more than {MOST_NODES} nodes")));
+        if lines.len() + 2 > MAX_NODES as usize {
+            return Err(fail(format!("more than {MAX_NODES} nodes")));
         }
-        level.push(here);
+        level.push(node_level);
         children.push(0);
         lines.push(line);
     }
     if let Some(i) = (0..lines.len()).find(|i| !lines[*i].leaf && children[i + 1] == 0) {
-        let why = format!("node {} of the tree is no leaf and has no children: the file is cut off", i + 1);
+        let why = format!("node {} is not a leaf but has no children: the file is cut off", i + 1);
         return Err(Dbow2Error::Line(number, why));
     }
-    let head = Head { branching, ..Head::default() };
-    let bytes = tree(&lines, &children).to_bytes(&head);
+    let file_header = Header { branching, ..Header::default() };
+    let bytes = tree(&lines, &children).to_bytes(&file_header);
     let bytes = bytes.ok_or_else(|| Dbow2Error::Line(2, "there are no nodes".into()))?;
     Vocabulary::open(bytes).map_err(Dbow2Error::Whole)
 }
 
-/// Branching and depth.
+/// Parses the first line: branching and depth.
 fn header(line: &[u8]) -> Result<[u32; 2], String> {
     let text = std::str::from_utf8(line).map_err(|_| "not text".to_string())?;
     let mut words = text.split_ascii_whitespace();
@@ -118,25 +118,26 @@ fn header(line: &[u8]) -> Result<[u32; 2], String> {
     if words.next().is_some() {
         return Err("expected \"k L scoring weighting\"".into());
     }
-    if !(1..=MOST_BRANCHING).contains(&branching) || !(1..=MOST_DEPTH).contains(&depth) {
+    if !(1..=MAX_BRANCHING).contains(&branching) || !(1..=MAX_DEPTH).contains(&depth) {
         return Err(format!("branching {branching} and depth {depth} are out of range"));
     }
     if (scoring, weighting) != (0, 0) {
         return Err(format!(
-            "scoring {scoring} and weighting {weighting}; only 0 (L1) and 0 (tf-idf) are known"
+            "scoring {scoring} and weighting {weighting}; only 0 (L1) and 0 (tf-idf) are supported"
         ));
     }
     Ok([branching, depth])
 }
 
+/// Parses the line of a node.
 fn node(line: &[u8]) -> Result<Line, String> {
     let text = std::str::from_utf8(line).map_err(|_| "not text".to_string())?;
     let mut words = text.split_ascii_whitespace();
     let parent = number(&mut words, "the parent")?;
-    let leaf = match number::<u8>(&mut words, "the leaf mark")? {
+    let leaf = match number::<u8>(&mut words, "the leaf flag")? {
         0 => false,
         1 => true,
-        other => return Err(format!("the leaf mark is {other}, not 0 or 1")),
+        other => return Err(format!("the leaf flag is {other}, not 0 or 1")),
     };
     let mut descriptor = [0; 32];
     for byte in &mut descriptor {
@@ -144,22 +145,23 @@ fn node(line: &[u8]) -> Result<Line, String> {
     }
     let weight: f32 = number(&mut words, "the weight")?;
     if words.next().is_some() {
-        return Err("more than parent, leaf mark, 32 bytes and weight".into());
+        return Err("unexpected text after parent, leaf flag, 32 bytes and weight".into());
     }
     if !(weight >= 0.0 && weight.is_finite()) {
-        return Err(format!("the weight {weight}"));
+        return Err(format!("the weight {weight} is negative or not finite"));
     }
     Ok(Line { parent, leaf, descriptor, weight })
 }
 
+/// Parses the next word of a line.
 fn number<T: FromStr>(words: &mut SplitAsciiWhitespace, what: &str) -> Result<T, String> {
     let word = words.next().ok_or_else(|| format!("{what} is missing"))?;
-    word.parse().map_err(|_| format!("{what}: \"{word}\" is no number that fits"))
+    word.parse().map_err(|_| format!("{what}: \"{word}\" is not a number in range"))
 }
 
-/// The nodes level by level.
+/// Reorders the nodes level by level (breadth first).
 fn tree(lines: &[Line], children: &[u32]) -> Tree {
-    // Children of each node side by side, in the order of their lines.
+    // Groups the children of each node, in the order of their lines.
     let mut starts: Vec<usize> = Vec::with_capacity(children.len() + 1);
     let mut sum = 0;
     for n in children {
@@ -167,10 +169,10 @@ fn tree(lines: &[Line], children: &[u32]) -> Tree {
         sum += *n as usize;
     }
     starts.push(sum);
-    let mut place = starts.clone();
+    let mut next_slot = starts.clone();
     let mut of_parent = vec![0usize; lines.len()];
     for (i, line) in lines.iter().enumerate() {
-        let at = &mut place[line.parent as usize];
+        let at = &mut next_slot[line.parent as usize];
         of_parent[*at] = i + 1;
         *at += 1;
     }

@@ -1,25 +1,25 @@
-//! The file of a vocabulary: what the bytes mean, and the check that they mean it.
+//! The vocabulary file format and its validation.
 //!
-//! All numbers little-endian. A head of 64 bytes, then three arrays over the nodes, which stand in the order of a walk
-//! level by level, so that the children of a node lie side by side and those of the next node follow:
+//! All numbers are little-endian. A header of 64 bytes is followed by three arrays over the nodes in breadth-first
+//! order, so that the children of a node are contiguous and followed by those of the next node:
 //!
-//! | at | what |
+//! | offset | content |
 //! |---|---|
 //! | 0 | `CAIRNVOC` |
 //! | 8 | version, u32: 1 |
-//! | 12 | CRC-32 (IEEE) of all that follows, u32 |
-//! | 16 | children of a node at most, u32 |
-//! | 20 | levels below the root, u32 |
-//! | 24 | nodes with the root, u32 |
-//! | 28 | words (leaves), u32 |
-//! | 32 | level whose nodes a bag keeps for each feature, u32 |
-//! | 36 | images trained on, u32; 0 where not known |
-//! | 40 | descriptors trained on, u64 |
-//! | 48 | seed of the training, u64 |
+//! | 12 | CRC-32 (IEEE) of everything that follows, u32 |
+//! | 16 | branching: maximum number of children of a node, u32 |
+//! | 20 | depth: levels below the root, u32 |
+//! | 24 | number of nodes including the root, u32 |
+//! | 28 | number of words (leaves), u32 |
+//! | 32 | level of the direct index, u32 |
+//! | 36 | number of training images, u32; 0 if unknown |
+//! | 40 | number of training descriptors, u64; 0 if unknown |
+//! | 48 | training seed, u64 |
 //! | 56 | zero, 8 bytes |
-//! | 64 | centres: nodes times 32 bytes; the root's is zero |
-//! | .. | first child of each node, u32, and one more entry: node `n` has the children `first[n]..first[n + 1]` |
-//! | .. | weight of each node, f32: for a word its inverse document frequency, else zero |
+//! | 64 | centres: 32 bytes per node; the root's is zero |
+//! | .. | first child of each node, u32, plus one final entry: node `n` has the children `first[n]..first[n + 1]` |
+//! | .. | weight of each node, f32: the inverse document frequency of a word, zero for inner nodes |
 
 use super::vocabulary::VocabularyFacts;
 use crate::Descriptor;
@@ -27,54 +27,54 @@ use std::fmt;
 
 pub(super) const MAGIC: [u8; 8] = *b"CAIRNVOC";
 pub(super) const VERSION: u32 = 1;
-pub(super) const HEAD: usize = 64;
-/// Children of a node, levels and nodes at most: far more than is of use.
-pub(super) const MOST_BRANCHING: u32 = 4096;
-pub(super) const MOST_DEPTH: u32 = 16;
-pub(super) const MOST_NODES: u32 = 1 << 26;
+pub(super) const HEADER_BYTES: usize = 64;
+/// Limits on branching, depth and node count, far above any useful size: they bound the work on a corrupt file.
+pub(super) const MAX_BRANCHING: u32 = 4096;
+pub(super) const MAX_DEPTH: u32 = 16;
+pub(super) const MAX_NODES: u32 = 1 << 26;
 
-/// Why bytes are no vocabulary.
+/// Why bytes are not a valid vocabulary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum VocabularyError {
-    /// Does not begin with the magic of a vocabulary.
+    /// Does not begin with the magic bytes of a vocabulary.
     NotAVocabulary,
-    /// Written by a later program.
+    /// Unsupported format version.
     Version(u32),
-    /// The length is not what the head says.
+    /// The length does not match the header.
     Length {
-        /// Bytes there are.
+        /// Actual length in bytes.
         found: usize,
-        /// Bytes there should be.
+        /// Length in bytes that follows from the header.
         expected: usize,
     },
-    /// Some byte is not what was written.
+    /// The checksum does not match: the file was altered.
     Checksum,
-    /// The checksum is right, and yet the content makes no sense.
+    /// The checksum matches, but the content is inconsistent.
     Content(&'static str),
 }
 
 impl fmt::Display for VocabularyError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotAVocabulary => write!(f, "this is no vocabulary (it does not begin with CAIRNVOC)"),
+            Self::NotAVocabulary => write!(f, "not a vocabulary file (it does not begin with CAIRNVOC)"),
             Self::Version(v) => {
-                write!(f, "the vocabulary has version {v}, this program reads version {VERSION}")
+                write!(f, "the vocabulary has format version {v}, only version {VERSION} is supported")
             }
             Self::Length { found, expected } => {
                 write!(
                     f,
-                    "the vocabulary has {found} bytes, its head asks for {expected}: it is cut off or damaged"
+                    "the vocabulary has {found} bytes, its header requires {expected}: it is cut off or damaged"
                 )
             }
-            Self::Checksum => write!(f, "the vocabulary is damaged (its checksum does not fit)"),
-            Self::Content(what) => write!(f, "the vocabulary makes no sense: {what}"),
+            Self::Checksum => write!(f, "the vocabulary is damaged (its checksum does not match)"),
+            Self::Content(what) => write!(f, "the vocabulary is inconsistent: {what}"),
         }
     }
 }
 
 impl std::error::Error for VocabularyError {}
 
-/// The arrays, as they lie in the bytes.
+/// The arrays of the file, borrowed from its bytes.
 #[derive(Clone, Copy)]
 pub(super) struct Arrays<'a> {
     pub centres: &'a [Descriptor],
@@ -83,9 +83,9 @@ pub(super) struct Arrays<'a> {
 }
 
 impl<'a> Arrays<'a> {
-    /// The arrays of so many nodes; `bytes` must have the length for it.
+    /// The arrays for a number of nodes; `bytes` must have the matching [`file_length`].
     pub fn of(bytes: &'a [u8], nodes: usize) -> Self {
-        let (centres, rest) = bytes[HEAD..].split_at(nodes * 32);
+        let (centres, rest) = bytes[HEADER_BYTES..].split_at(nodes * 32);
         let (first, weights) = rest.split_at((nodes + 1) * 4);
         Self { centres: centres.as_chunks().0, first: first.as_chunks().0, weights: weights.as_chunks().0 }
     }
@@ -112,14 +112,14 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
 }
 
-/// Bytes of a vocabulary of so many nodes.
-pub(super) fn length(nodes: u32) -> usize {
-    HEAD + nodes as usize * 40 + 4
+/// Length in bytes of a vocabulary file with this number of nodes.
+pub(super) fn file_length(nodes: u32) -> usize {
+    HEADER_BYTES + nodes as usize * 40 + 4
 }
 
-/// The head, once all of the file is known to be sound: every number that quantising relies on is checked here.
+/// Validates the whole file and returns its header: every number that quantisation relies on is checked here.
 pub(super) fn check(bytes: &[u8]) -> Result<VocabularyFacts, VocabularyError> {
-    if bytes.len() < HEAD || bytes[..8] != MAGIC {
+    if bytes.len() < HEADER_BYTES || bytes[..8] != MAGIC {
         return Err(VocabularyError::NotAVocabulary);
     }
     let version = u32_at(bytes, 8);
@@ -137,10 +137,10 @@ pub(super) fn check(bytes: &[u8]) -> Result<VocabularyFacts, VocabularyError> {
         seed: u64_at(bytes, 48),
         checksum: u32_at(bytes, 12),
     };
-    if facts.nodes < 2 || facts.nodes > MOST_NODES {
-        return Err(VocabularyError::Content("the count of nodes"));
+    if facts.nodes < 2 || facts.nodes > MAX_NODES {
+        return Err(VocabularyError::Content("the number of nodes"));
     }
-    let expected = length(facts.nodes);
+    let expected = file_length(facts.nodes);
     if bytes.len() != expected {
         return Err(VocabularyError::Length { found: bytes.len(), expected });
     }
@@ -151,11 +151,11 @@ pub(super) fn check(bytes: &[u8]) -> Result<VocabularyFacts, VocabularyError> {
     Ok(facts)
 }
 
-/// The tree is one, and as large as its head says.
+/// Checks that the nodes form a tree of the size that the header gives.
 fn content(a: &Arrays, facts: &VocabularyFacts) -> Result<(), &'static str> {
     let nodes = facts.nodes as usize;
-    if facts.branching > MOST_BRANCHING {
-        return Err("the children of a node");
+    if facts.branching > MAX_BRANCHING {
+        return Err("the number of children of a node");
     }
     if a.children(0).start != 1 || a.children(nodes - 1).end != nodes {
         return Err("nodes without a parent");
@@ -164,9 +164,9 @@ fn content(a: &Arrays, facts: &VocabularyFacts) -> Result<(), &'static str> {
     for n in 0..nodes {
         let children = a.children(n);
         if children.start > children.end || children.len() > facts.branching as usize {
-            return Err("the children of a node");
+            return Err("the number of children of a node");
         }
-        // A way down always ends, because it only goes on to later nodes.
+        // Every descent ends, because children always come after their parent.
         if !children.is_empty() && children.start <= n {
             return Err("a node that is its own descendant");
         }
@@ -176,9 +176,9 @@ fn content(a: &Arrays, facts: &VocabularyFacts) -> Result<(), &'static str> {
         }
     }
     if words != facts.words {
-        return Err("the count of words");
+        return Err("the number of words");
     }
-    // The children of the nodes of one level are the next level, side by side.
+    // The children of the nodes of one level are the next level, contiguous.
     let (mut level, mut depth) = (0..1, 0);
     loop {
         level = a.children(level.start).start..a.children(level.end - 1).end;
@@ -186,12 +186,12 @@ fn content(a: &Arrays, facts: &VocabularyFacts) -> Result<(), &'static str> {
             break;
         }
         depth += 1;
-        if depth > MOST_DEPTH {
-            return Err("the count of levels");
+        if depth > MAX_DEPTH {
+            return Err("the number of levels");
         }
     }
     if depth != facts.depth || facts.index_level > depth {
-        return Err("the count of levels");
+        return Err("the number of levels");
     }
     Ok(())
 }

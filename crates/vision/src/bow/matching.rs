@@ -1,15 +1,15 @@
-//! Which feature of one image is which of another: only features that passed the same node are compared
-//! (the direct index of Galvez-Lopez and Tardos 2012, section III-A).
+//! Feature matching between two images through the direct index: only features below the same node of the vocabulary
+//! tree are compared (Galvez-Lopez and Tardos 2012, section III-A).
 
 use super::Bag;
 use crate::{Descriptor, best_two};
 
-/// When two features are taken for one.
+/// Thresholds of [`match_through_nodes`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeMatchConfig {
-    /// Bits that may differ.
+    /// Maximum Hamming distance in bits.
     pub max_distance: u32,
-    /// The nearest must differ in less than this share of the bits of the second nearest.
+    /// Ratio test: the nearest distance must be below this fraction of the second nearest.
     pub ratio: f64,
 }
 
@@ -19,19 +19,19 @@ impl Default for NodeMatchConfig {
     }
 }
 
-/// One image: its bag and the descriptors that it was made of.
-pub type Seen<'a> = (&'a Bag, &'a [Descriptor]);
+/// One image: its bag and the descriptors it was computed from.
+pub type BowImage<'a> = (&'a Bag, &'a [Descriptor]);
 
-/// Pairs of features, `[first, second]`, rising by the first, each feature at most once. Only features that the two
-/// filters let pass take part. Bags of different vocabularies give nonsense, but no panic.
+/// Matched features, `[first, second]`, sorted by the first; each feature occurs at most once. Only features accepted
+/// by the two filters take part. Bags of different vocabularies give meaningless matches, but no panic.
 pub fn match_through_nodes(
-    first: Seen,
-    second: Seen,
+    first: BowImage,
+    second: BowImage,
     config: &NodeMatchConfig,
     allow_first: impl Fn(usize) -> bool,
     allow_second: impl Fn(usize) -> bool,
 ) -> Vec<[usize; 2]> {
-    // For each feature of the second the nearest of the first that chose it: (distance, feature).
+    // For each feature of the second image, the nearest feature of the first that chose it: (distance, feature).
     let mut taken: Vec<Option<(u32, usize)>> = vec![None; second.1.len()];
     let mut candidates: Vec<u32> = Vec::new();
     let mut rest = second.0.nodes();
@@ -47,9 +47,10 @@ pub fn match_through_nodes(
         for i in group.iter().map(|(_, i)| usize::from(*i)).filter(|i| allow_first(*i)) {
             let Some(descriptor) = first.1.get(i) else { continue };
             let best = best_two(descriptor, second.1, &candidates);
-            let alone = f64::from(best.distance) < config.ratio * f64::from(best.second);
+            let distinct = f64::from(best.distance) < config.ratio * f64::from(best.second);
             let Some(slot) = taken.get_mut(best.index as usize) else { continue };
-            if best.distance <= config.max_distance && alone && slot.is_none_or(|s| (best.distance, i) < s) {
+            if best.distance <= config.max_distance && distinct && slot.is_none_or(|s| (best.distance, i) < s)
+            {
                 *slot = Some((best.distance, i));
             }
         }

@@ -1,28 +1,29 @@
-//! Training: descriptors are split again and again into `k` clusters under the Hamming distance.
+//! Vocabulary training: hierarchical clustering of descriptors into `k` clusters per node under the Hamming distance.
 //!
-//! Clusters by k-majority (Grana, Borghesani, Manfredi, Cucchiara, "A fast approach for integrating ORB descriptors in the
-//! bag of words model", 2013): a centre holds in each bit what most of its members hold. Started by k-means++ (Arthur
-//! and Vassilvitskii 2007). Seeded; the same images in the same order give the same bytes.
+//! Clustering is k-majority (Grana, Borghesani, Manfredi, Cucchiara, "A fast approach for integrating ORB descriptors
+//! in the bag of words model", 2013): each bit of a centre is the majority of its members. Initialised by k-means++
+//! (Arthur and Vassilvitskii 2007). Deterministic: the same images in the same order with the same seed give the same
+//! bytes.
 
-use super::build::{Head, Tree};
-use super::format::{MOST_BRANCHING, MOST_DEPTH};
+use super::build::{Header, Tree};
+use super::format::{MAX_BRANCHING, MAX_DEPTH};
 use super::{Vocabulary, VocabularyError};
 use crate::{Descriptor, best_two_of, hamming};
 use cairn_solve::ransac::Rng;
 use std::fmt;
 
-/// What is asked of the training.
+/// Configuration of the training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrainConfig {
-    /// Children of a node (2 to 4096).
+    /// Maximum number of children of a node (2 to 4096).
     pub branching: u32,
     /// Levels below the root (1 to 16).
     pub depth: u32,
-    /// Seed.
+    /// Random seed.
     pub seed: u64,
-    /// Rounds of each clustering, at most.
+    /// Maximum number of iterations of each clustering.
     pub rounds: u32,
-    /// The level whose nodes a bag keeps; without it the first that has at least 64.
+    /// Level of the direct index; `None` chooses the first level with at least 64 nodes.
     pub index_level: Option<u32>,
 }
 
@@ -32,25 +33,25 @@ impl Default for TrainConfig {
     }
 }
 
-/// Why there is no vocabulary.
+/// Why training failed.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TrainError {
     /// Branching or depth is out of range.
-    Setting(&'static str),
-    /// There is nothing to split: fewer than two different descriptors.
+    Config(&'static str),
+    /// Fewer than two different descriptors: nothing to split.
     TooLittle,
-    /// More than can be numbered.
+    /// More descriptors, images or nodes than the file format can number.
     TooMuch,
-    /// What was made can not be opened.
+    /// The trained vocabulary does not pass validation.
     Broken(VocabularyError),
 }
 
 impl fmt::Display for TrainError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Setting(what) => write!(f, "{what}"),
+            Self::Config(what) => write!(f, "{what}"),
             Self::TooLittle => write!(f, "the images have fewer than two different descriptors"),
-            Self::TooMuch => write!(f, "more descriptors or words than can be numbered"),
+            Self::TooMuch => write!(f, "more descriptors, images or words than the format can number"),
             Self::Broken(e) => write!(f, "{e}"),
         }
     }
@@ -58,35 +59,35 @@ impl fmt::Display for TrainError {
 
 impl std::error::Error for TrainError {}
 
-/// A trained vocabulary and how it went.
+/// A trained vocabulary and its quantisation error.
 #[derive(Clone, Debug)]
 pub struct Trained {
-    /// The vocabulary, ready for use; its bytes are its file.
+    /// The vocabulary, ready for use; its bytes are the file to save.
     pub vocabulary: Vocabulary,
-    /// Mean distance of a training descriptor to the centre of its word, bits.
+    /// Mean Hamming distance in bits of a training descriptor to the centre of its word.
     pub mean_distance: f64,
 }
 
-/// Trains on images, each given by the descriptors of its features.
+/// Trains a vocabulary on images, each given by the descriptors of its features.
 ///
 /// # Errors
-/// When the setting is out of range or there is too little to learn from.
+/// When the configuration is out of range, or there are too few or too many descriptors.
 pub fn train(images: &[Vec<Descriptor>], config: &TrainConfig) -> Result<Trained, TrainError> {
-    if !(2..=MOST_BRANCHING).contains(&config.branching) {
-        return Err(TrainError::Setting("branching must be 2 to 4096"));
+    if !(2..=MAX_BRANCHING).contains(&config.branching) {
+        return Err(TrainError::Config("branching must be 2 to 4096"));
     }
-    if !(1..=MOST_DEPTH).contains(&config.depth) {
-        return Err(TrainError::Setting("depth must be 1 to 16"));
+    if !(1..=MAX_DEPTH).contains(&config.depth) {
+        return Err(TrainError::Config("depth must be 1 to 16"));
     }
     let all: Vec<Descriptor> = images.iter().flatten().copied().collect();
     if u32::try_from(all.len()).is_err() || u32::try_from(images.len()).is_err() {
         return Err(TrainError::TooMuch);
     }
-    let mut tree = grow(all, config);
+    let mut tree = build_tree(all, config);
     if tree.centres.len() < 2 {
         return Err(TrainError::TooLittle);
     }
-    let head = Head {
+    let header = Header {
         branching: config.branching,
         index_level: config.index_level,
         images: images.len() as u32,
@@ -94,16 +95,16 @@ pub fn train(images: &[Vec<Descriptor>], config: &TrainConfig) -> Result<Trained
         seed: config.seed,
     };
     let open = |tree: &Tree| {
-        let bytes = tree.to_bytes(&head).ok_or(TrainError::TooMuch)?;
+        let bytes = tree.to_bytes(&header).ok_or(TrainError::TooMuch)?;
         Vocabulary::open(bytes).map_err(TrainError::Broken)
     };
     let unweighted = open(&tree)?;
-    let mean_distance = weigh(&mut tree, &unweighted, images);
+    let mean_distance = set_weights(&mut tree, &unweighted, images);
     Ok(Trained { vocabulary: open(&tree)?, mean_distance })
 }
 
-/// Splits level by level; `all` is reordered so that the members of a node lie side by side.
-fn grow(mut all: Vec<Descriptor>, config: &TrainConfig) -> Tree {
+/// Builds the tree level by level; `all` is reordered so that the members of a node are contiguous.
+fn build_tree(mut all: Vec<Descriptor>, config: &TrainConfig) -> Tree {
     let mut tree = Tree { centres: vec![[0; 32]], first: Vec::new(), weights: Vec::new() };
     let everything = 0..all.len();
     let mut members = vec![everything];
@@ -131,9 +132,10 @@ fn grow(mut all: Vec<Descriptor>, config: &TrainConfig) -> Tree {
     tree
 }
 
-/// Clusters of some descriptors, which are reordered cluster by cluster: centres and sizes. None, when all are one.
+/// Clusters some descriptors, which are reordered cluster by cluster; returns centres and sizes, both empty when all
+/// descriptors are equal.
 fn split(some: &mut [Descriptor], config: &TrainConfig, rng: &mut Rng) -> (Vec<Descriptor>, Vec<usize>) {
-    let mut centres = seeds(some, config.branching as usize, rng);
+    let mut centres = initial_centres(some, config.branching as usize, rng);
     if centres.len() < 2 {
         return (Vec::new(), Vec::new());
     }
@@ -150,7 +152,7 @@ fn split(some: &mut [Descriptor], config: &TrainConfig, rng: &mut Rng) -> (Vec<D
         }
         majority(some, &owner, &mut centres);
     }
-    // The centres moved last: who belongs where is settled with what will be asked later.
+    // The centres moved in the last step: members are assigned once more to the final centres, as quantisation will do.
     let mut sizes = vec![0; centres.len()];
     let mut keyed: Vec<(u32, Descriptor)> =
         some.iter().map(|d| (best_two_of(d, &centres).index, *d)).collect();
@@ -159,13 +161,14 @@ fn split(some: &mut [Descriptor], config: &TrainConfig, rng: &mut Rng) -> (Vec<D
         *slot = *d;
         sizes[*c as usize] += 1;
     }
-    // A centre without members is no word.
-    let kept = centres.into_iter().zip(sizes).filter(|(_, n)| *n > 0);
-    kept.unzip()
+    // Centres without members are dropped.
+    let non_empty = centres.into_iter().zip(sizes).filter(|(_, n)| *n > 0);
+    non_empty.unzip()
 }
 
-/// First centres: each next one is drawn with a chance that grows with the square of its distance to those before.
-fn seeds(some: &[Descriptor], k: usize, rng: &mut Rng) -> Vec<Descriptor> {
+/// Initial centres (k-means++): each next one is drawn with probability proportional to its squared distance to the
+/// nearest centre so far.
+fn initial_centres(some: &[Descriptor], k: usize, rng: &mut Rng) -> Vec<Descriptor> {
     let mut centres: Vec<Descriptor> = Vec::with_capacity(k);
     if some.is_empty() {
         return centres;
@@ -195,7 +198,8 @@ fn seeds(some: &[Descriptor], k: usize, rng: &mut Rng) -> Vec<Descriptor> {
     centres
 }
 
-/// Each centre becomes what most of its members hold, bit by bit; at a tie the bit stays, as does a centre without any.
+/// Sets each bit of each centre to the majority of its members; at a tie the bit stays, as does a centre without
+/// members.
 fn majority(some: &[Descriptor], owner: &[u32], centres: &mut [Descriptor]) {
     let mut ones = vec![[0u32; 256]; centres.len()];
     let mut sizes = vec![0u32; centres.len()];
@@ -221,9 +225,10 @@ fn majority(some: &[Descriptor], owner: &[u32], centres: &mut [Descriptor]) {
     }
 }
 
-/// Inverse document frequencies, `ln(images / images that show the word)`; gives the mean distance to the word's centre.
-fn weigh(tree: &mut Tree, vocabulary: &Vocabulary, images: &[Vec<Descriptor>]) -> f64 {
-    let mut shown = vec![0u32; tree.centres.len()];
+/// Sets the inverse document frequencies, `ln(images / images that contain the word)`; returns the mean distance of a
+/// descriptor to the centre of its word.
+fn set_weights(tree: &mut Tree, vocabulary: &Vocabulary, images: &[Vec<Descriptor>]) -> f64 {
+    let mut images_with = vec![0u32; tree.centres.len()];
     let (mut distance, mut count) = (0u64, 0u64);
     for image in images {
         let mut words: Vec<u32> = Vec::with_capacity(image.len());
@@ -235,11 +240,11 @@ fn weigh(tree: &mut Tree, vocabulary: &Vocabulary, images: &[Vec<Descriptor>]) -
         }
         words.sort_unstable();
         words.dedup();
-        words.iter().for_each(|w| shown[*w as usize] += 1);
+        words.iter().for_each(|w| images_with[*w as usize] += 1);
     }
     for n in 0..tree.centres.len() {
         if tree.first[n] == tree.first[n + 1] {
-            tree.weights[n] = (images.len() as f64 / f64::from(shown[n].max(1))).ln() as f32;
+            tree.weights[n] = (images.len() as f64 / f64::from(images_with[n].max(1))).ln() as f32;
         }
     }
     distance as f64 / count.max(1) as f64

@@ -1,4 +1,4 @@
-//! The vocabulary: a checked view of its file, and the way of descriptors down its tree.
+//! The vocabulary: a validated view of its file, and quantisation of descriptors by descending its tree.
 
 use super::bag::Bag;
 use super::format::{self, Arrays};
@@ -7,30 +7,30 @@ use crate::{Descriptor, best_two_of};
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
-/// What a vocabulary is.
+/// Header of a vocabulary: size, origin and checksum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct VocabularyFacts {
-    /// Children of a node, at most.
+    /// Maximum number of children of a node.
     pub branching: u32,
     /// Levels below the root.
     pub depth: u32,
-    /// Nodes with the root.
+    /// Number of nodes including the root.
     pub nodes: u32,
-    /// Leaves.
+    /// Number of words (leaves).
     pub words: u32,
-    /// The level whose nodes a bag keeps for each feature; the root's is 0.
+    /// Level of the direct index, whose node a bag keeps for each feature; the root is level 0.
     pub index_level: u32,
-    /// Images it was trained on; 0 where that is not known.
+    /// Number of training images; 0 if unknown.
     pub images: u32,
-    /// Descriptors it was trained on; 0 where that is not known.
+    /// Number of training descriptors; 0 if unknown.
     pub descriptors: u64,
-    /// Seed of the training.
+    /// Training seed.
     pub seed: u64,
-    /// CRC-32 of the file: bags of vocabularies that differ in it can not be compared.
+    /// CRC-32 of the file: bags of vocabularies with different checksums cannot be compared.
     pub checksum: u32,
 }
 
-/// A tree of words over binary descriptors; see the module's page.
+/// A vocabulary tree over binary descriptors; see the [module documentation](super).
 #[derive(Clone)]
 pub struct Vocabulary {
     bytes: Cow<'static, [u8]>,
@@ -43,25 +43,25 @@ impl std::fmt::Debug for Vocabulary {
     }
 }
 
-/// Where it came from is written in `vocabulary/PROVENANCE.md`.
+/// Its origin is documented in `vocabulary/PROVENANCE.md`.
 static EMBEDDED: &[u8] = include_bytes!("../../vocabulary/cairn.voc");
 
 impl Vocabulary {
-    /// Uses the bytes of a vocabulary file as they are: borrowed for good (embedded, mapped) or owned.
+    /// Opens the bytes of a vocabulary file in place, either borrowed (`'static`: embedded or mapped) or owned.
     ///
     /// # Errors
-    /// When they are no vocabulary of this version, or not whole.
+    /// When the bytes are not a vocabulary of the supported version, or are truncated or damaged.
     pub fn open(bytes: impl Into<Cow<'static, [u8]>>) -> Result<Self, VocabularyError> {
         let bytes = bytes.into();
         let facts = format::check(&bytes)?;
         Ok(Self { bytes, facts })
     }
 
-    /// The vocabulary that is part of this program; checked at the first call.
+    /// The vocabulary embedded in this crate; validated on the first call.
     pub fn embedded() -> &'static Self {
         static OPENED: OnceLock<Vocabulary> = OnceLock::new();
         OPENED
-            .get_or_init(|| Self::open(EMBEDDED).expect("the embedded vocabulary is whole: a test holds it"))
+            .get_or_init(|| Self::open(EMBEDDED).expect("the embedded vocabulary is valid, as a test checks"))
     }
 
     /// Size, origin and checksum.
@@ -74,20 +74,20 @@ impl Vocabulary {
         &self.bytes
     }
 
-    /// The word of a descriptor.
+    /// Quantises a descriptor to its word.
     pub fn word(&self, descriptor: &Descriptor) -> WordId {
         let (word, _) = self.descend(&self.arrays(), descriptor);
         WordId(word)
     }
 
-    /// How rare a word is: the logarithm of the share of images that do not show it; zero for what is no word.
+    /// Inverse document frequency of a word, `ln(images / images that contain it)`; zero for an id that is not a word.
     pub fn weight(&self, word: WordId) -> f32 {
         let node = word.0 as usize;
         if node < self.facts.nodes as usize { self.arrays().weight(node) } else { 0.0 }
     }
 
-    /// The words of an image (at most 65,535 features; what is beyond is left out), weighted by term frequency and
-    /// inverse document frequency and scaled to the sum 1, with the node of each feature.
+    /// The bag of an image (at most 65,535 features; the rest is ignored): words weighted by tf-idf and normalised to
+    /// sum 1, with the direct index of the features.
     pub fn bag(&self, descriptors: &[Descriptor]) -> Bag {
         let arrays = self.arrays();
         let mut words = Vec::with_capacity(descriptors.len());
@@ -105,8 +105,8 @@ impl Vocabulary {
         Bag::new(weighted.collect(), nodes)
     }
 
-    /// The leaf where a descriptor ends, and the node it passes at the level of the index (or the leaf, where that
-    /// comes first).
+    /// The leaf that a descriptor reaches, and the node it passes at the level of the direct index (or the leaf, if it
+    /// is reached first).
     #[inline]
     fn descend(&self, arrays: &Arrays, descriptor: &Descriptor) -> (u32, u32) {
         let (mut node, mut passed) = (0, 0);

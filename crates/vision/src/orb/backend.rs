@@ -1,21 +1,21 @@
-//! Which instructions the hot loops use; found once, at run time.
+//! Instruction set of the hot loops, detected at run time.
 
-/// Instruction set of the hot loops. All give the same bits.
+/// Instruction set of the hot loops. All give bit-identical results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
-    /// Plain Rust, any machine.
+    /// Portable Rust.
     Scalar,
-    /// 256-bit integer instructions of x86-64.
+    /// 256-bit integer instructions (AVX2) of x86-64.
     Avx2,
 }
 
 impl Backend {
-    /// The fastest that this machine has.
+    /// The fastest backend available on this machine.
     pub fn detect() -> Self {
         if Self::Avx2.available() { Self::Avx2 } else { Self::Scalar }
     }
 
-    /// True when this machine can run it.
+    /// True when this machine supports it.
     pub fn available(self) -> bool {
         match self {
             Self::Scalar => true,

@@ -1,4 +1,4 @@
-//! Gaussian blur of 7 x 7 pixels, sigma 2, before the descriptor's comparisons.
+//! Gaussian blur of 7 x 7 pixels, sigma 2, applied before the descriptor's comparisons.
 
 use super::Backend;
 use cairn_sensor::GrayImage;
@@ -10,10 +10,10 @@ pub(super) const MARGIN: usize = 3;
 /// Bytes that vector code may read or write beyond a row of scratch.
 const SLACK: usize = 64;
 
-/// A blurred image with readable slack behind its last pixel; reused from level to level.
+/// A blurred image with readable padding after its last pixel; reused from level to level.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Blurred {
-    /// Rows without gaps, then slack.
+    /// Contiguous rows, then padding.
     data: Vec<u8>,
     width: usize,
     scratch: Vec<u8>,
@@ -48,7 +48,7 @@ impl Blurred {
         }
     }
 
-    /// All pixels, row after row, then at least four more bytes.
+    /// All pixels row by row, followed by at least four more bytes.
     pub(super) fn data(&self) -> &[u8] {
         &self.data
     }
@@ -68,18 +68,18 @@ fn replicate(scratch: &mut [u8], w: usize) {
 /// Vertical pass, from column `from` on.
 pub(super) fn columns(rows: [&[u8]; 7], out: &mut [u8], from: usize) {
     for x in from..rows[0].len() {
-        out[x] = weigh(rows.map(|r| r[x]));
+        out[x] = weighted_sum(rows.map(|r| r[x]));
     }
 }
 
-/// Horizontal pass: output pixel `x` lies in the middle of scratch `x` to `x + 6`.
+/// Horizontal pass: output pixel `x` is computed from scratch pixels `x` to `x + 6`.
 pub(super) fn row(scratch: &[u8], out: &mut [u8]) {
     for (out, p) in out.iter_mut().zip(scratch.windows(7)) {
-        *out = weigh(std::array::from_fn(|k| p[k]));
+        *out = weighted_sum(std::array::from_fn(|k| p[k]));
     }
 }
 
-fn weigh(p: [u8; 7]) -> u8 {
+fn weighted_sum(p: [u8; 7]) -> u8 {
     let p = p.map(|v| v as u32);
     let k = KERNEL.map(|v| v as u32);
     let sum = (p[0] + p[6]) * k[0] + (p[1] + p[5]) * k[1] + (p[2] + p[4]) * k[2] + p[3] * k[3];
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kernel_is_the_gaussian() {
+    fn kernel_is_gaussian() {
         let exact: Vec<f64> = (-3..=3).map(|x| (-(x * x) as f64 / 8.0).exp()).collect();
         let total: f64 = exact.iter().sum();
         for (k, e) in KERNEL.iter().zip(&exact) {
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_image_stays() {
+    fn constant_image_is_unchanged() {
         let image = GrayImage::from_vec(41, 37, vec![255; 41 * 37]).unwrap();
         let mut b = Blurred::default();
         b.run(&image, Backend::detect());

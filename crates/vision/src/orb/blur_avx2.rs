@@ -1,4 +1,4 @@
-//! AVX2 twin of [`super::blur`]: the same bits.
+//! AVX2 version of [`super::blur`], bit-identical.
 #![allow(unsafe_code)]
 
 use super::blur::KERNEL;
@@ -8,7 +8,7 @@ use std::arch::x86_64::*;
 pub(super) fn columns(rows: [&[u8]; 7], out: &mut [u8]) {
     let n = rows[0].len();
     assert!(rows.iter().all(|r| r.len() == n) && out.len() >= n && is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there; all blocks of 32 end at n at most.
+    // SAFETY: AVX2 is available; all blocks of 32 end at n at most.
     unsafe { columns_avx2(rows, out) };
     super::blur::columns(rows, out, n / 32 * 32);
 }
@@ -23,7 +23,7 @@ fn pair(a: u8, b: u8) -> i16 {
 unsafe fn columns_avx2(rows: [&[u8]; 7], out: &mut [u8]) {
     let weight = |k: usize| _mm256_set1_epi16(pair(KERNEL[k], KERNEL[k]));
     let (k0, k1, k2) = (weight(0), weight(1), weight(2));
-    // The middle row's partner is a row of ones, weighted with what rounds.
+    // The middle row is paired with a row of ones, whose weight is the rounding term.
     let (k3, one) = (_mm256_set1_epi16(pair(KERNEL[3], 64)), _mm256_set1_epi8(1));
     for x in (0..rows[0].len() / 32 * 32).step_by(32) {
         // SAFETY: x + 32 <= length of every row.
@@ -44,11 +44,11 @@ fn sum_and_shift(parts: [__m256i; 4]) -> __m256i {
     _mm256_srli_epi16(_mm256_add_epi16(_mm256_add_epi16(a, b), _mm256_add_epi16(c, d)), 7)
 }
 
-/// Horizontal pass: `n` output pixels, of which `x` lies in the middle of scratch `x` to `x + 6`. Both slices have at
-/// least 32 bytes of slack behind, which `out` loses.
+/// Horizontal pass: `n` output pixels, where pixel `x` is computed from scratch pixels `x` to `x + 6`. Both slices need
+/// at least 32 bytes of padding at the end, which are overwritten in `out`.
 pub(super) fn row(scratch: &[u8], out: &mut [u8], n: usize) {
     assert!(scratch.len() >= n + 38 && out.len() >= n + 31 && is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there; the last block starts at n - 1 at most, reads to n + 37 and writes to n + 30.
+    // SAFETY: AVX2 is available; the last block starts at n - 1 at most, reads to n + 37 and writes to n + 30.
     unsafe { row_avx2(scratch, out, n) }
 }
 
@@ -62,7 +62,7 @@ unsafe fn row_avx2(scratch: &[u8], out: &mut [u8], n: usize) {
     for x in (0..n).step_by(32) {
         // SAFETY: see `row`.
         let load = |at: usize| unsafe { _mm256_loadu_si256(scratch.as_ptr().add(at) as *const __m256i) };
-        // Pairs of neighbours add up where they stand: pixels at even places, then at odd ones.
+        // Neighbouring pairs are summed in place: first for even pixels, then for odd ones.
         let part = |at: usize, k: usize| _mm256_maddubs_epi16(load(at + 2 * k), weights[k]);
         let sum = |at: usize| {
             let outer = _mm256_add_epi16(part(at, 0), part(at, 3));

@@ -1,4 +1,4 @@
-//! Steered BRIEF: Rublee et al. 2011, section 4; the tests are our own (see [`super::pattern`]).
+//! Steered BRIEF (Rublee et al. 2011, section 4) with a test pattern learned for this project (see [`super::pattern`]).
 
 use super::Backend;
 use super::pattern::PATTERN;
@@ -7,7 +7,7 @@ use crate::Descriptor;
 /// One bit per test: is the blurred image darker at the first point than at the second?
 ///
 /// `data` is the blurred level, `centre` the index of the keypoint's pixel in it, at least [`super::BORDER`] from
-/// every edge, with four readable bytes behind the last pixel; `direction` is cosine and sine in 1/16384ths.
+/// every edge, with four readable bytes behind the last pixel; `direction` is cosine and sine in units of 1/16384.
 pub(super) fn describe(
     data: &[u8],
     stride: usize,
@@ -30,12 +30,12 @@ pub(super) fn describe(
     out
 }
 
-/// Where a point of the pattern falls once turned, as a distance in the image's data.
+/// Offset in the image data of a rotated pattern point.
 fn offset([x, y]: [i8; 2], [c, s]: [i16; 2], stride: usize) -> isize {
     let (x, y, c, s) = (x as i32, y as i32, c as i32, s as i32);
-    let turned_x = (x * c - y * s + 8192) >> 14;
-    let turned_y = (x * s + y * c + 8192) >> 14;
-    turned_y as isize * stride as isize + turned_x as isize
+    let rotated_x = (x * c - y * s + 8192) >> 14;
+    let rotated_y = (x * s + y * c + 8192) >> 14;
+    rotated_y as isize * stride as isize + rotated_x as isize
 }
 
 #[cfg(test)]
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_pattern_stays_in_its_disc_however_turned() {
+    fn pattern_points_lie_in_the_disc() {
         for &[x0, y0, x1, y1] in PATTERN.iter() {
             for [x, y] in [[x0, y0], [x1, y1]] {
                 assert!((x as i32).pow(2) + (y as i32).pow(2) <= 15 * 15);
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn turning_by_a_right_angle_is_exact() {
+    fn rotation_by_right_angles_is_exact() {
         assert_eq!(offset([3, -5], [16384, 0], 100), -5 * 100 + 3);
         assert_eq!(offset([3, -5], [0, 16384], 100), 3 * 100 + 5);
         assert_eq!(offset([3, -5], [-16384, 0], 100), 5 * 100 - 3);

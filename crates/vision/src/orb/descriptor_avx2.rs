@@ -1,4 +1,4 @@
-//! AVX2 twin of [`super::descriptor`]: eight tests at a time, the same bits.
+//! AVX2 version of [`super::descriptor`]: eight tests at a time, bit-identical.
 #![allow(unsafe_code)]
 
 use super::BORDER;
@@ -6,7 +6,7 @@ use super::pattern::PATTERN;
 use crate::Descriptor;
 use std::arch::x86_64::*;
 
-/// Points of the pattern, eight tests in a row: x and y of the first points, then of the second.
+/// Points of the pattern in groups of eight tests: x and y of the first points, then of the second.
 static POINTS: [[[i16; 16]; 2]; 32] = points();
 
 const fn points() -> [[[i16; 16]; 2]; 32] {
@@ -28,7 +28,7 @@ pub(super) fn describe(data: &[u8], stride: usize, centre: usize, direction: [i1
     let reach = (BORDER - 1) * stride + BORDER - 1;
     assert!(stride <= i16::MAX as usize && is_x86_feature_detected!("avx2"));
     assert!(centre >= reach && centre + reach + 4 <= data.len());
-    // SAFETY: AVX2 is there; turned points lie at most 15 from the centre in x and y, so every read of four bytes
+    // SAFETY: AVX2 is available; rotated points lie at most 15 from the centre in x and y, so every read of four bytes
     // begins at centre - reach or later and ends at centre + reach + 4 or earlier.
     unsafe { describe_avx2(data, stride, centre, direction) }
 }
@@ -49,7 +49,7 @@ unsafe fn describe_avx2(data: &[u8], stride: usize, centre: usize, [c, s]: [i16;
             // SAFETY: the table's row is 32 bytes long.
             let p = unsafe { _mm256_loadu_si256(points.as_ptr() as *const __m256i) };
             let x = _mm256_srai_epi32(_mm256_add_epi32(_mm256_madd_epi16(p, to_x), round), 14);
-            // y belongs into the upper halves: 16 up and 14 down is 2 up.
+            // y goes into the upper 16 bits: 16 up for the position and 14 down for the scale is 2 up.
             let y = _mm256_slli_epi32(_mm256_add_epi32(_mm256_madd_epi16(p, to_y), round), 2);
             let offset = _mm256_madd_epi16(_mm256_blend_epi16(x, y, 0b1010_1010), to_offset);
             // SAFETY: see `describe`.

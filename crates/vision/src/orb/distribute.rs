@@ -1,24 +1,25 @@
-//! Even spread: which corners of a level become features.
+//! Spatial distribution: selects the corners of a level that become features.
 //!
-//! Every corner is worth `score^4 / (1 + rank)`, where `rank` is how many stronger corners its cell of a fine
-//! grid holds, and the worthiest stay; the strongest corner of each cell of a coarse grid stays at any rate. So a textured place gives several features before a
-//! poor one gives its first, but cannot take them all. Measured on real recordings (`tools/compare_orb.py`), this
-//! gives as many matches as taking the strongest of the level, spread over a fifth more of the image; strict
-//! sharing among cells loses a quarter of the matches.
+//! Every corner gets the priority `score^4 / (1 + rank)`, where `rank` is the number of stronger corners in its cell of
+//! a fine grid, and those of highest priority are kept; the strongest corner of each cell of a coarse grid is always
+//! kept. So a textured region gives several features before a weakly textured one gives its first, but cannot take them
+//! all. Measured on real recordings (`tools/compare_orb.py`), this gives as many matches as taking the strongest
+//! corners of the level, spread over a fifth more of the image; an equal share for every cell loses a quarter of the
+//! matches.
 
 use super::BORDER;
 use super::fast::Corner;
 
-/// Features that a fine cell of the spread holds when corners are everywhere.
+/// Mean number of features per fine cell when corners are everywhere.
 const PER_FINE_CELL: f64 = 2.0;
-/// Features that a coarse cell holds, one of which it is sure of.
+/// Mean number of features per coarse cell, of which one is guaranteed.
 const PER_COARSE_CELL: f64 = 8.0;
 
-/// Scratch of [`distribute`], reused.
+/// Buffers of [`distribute`], reused.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     keys: Vec<u64>,
-    sure: Vec<u32>,
+    guaranteed: Vec<u32>,
 }
 
 struct Grid {
@@ -41,7 +42,7 @@ impl Grid {
     }
 }
 
-/// Keeps at most `wanted` corners, spread over the level.
+/// Keeps at most `wanted` corners, distributed over the level.
 pub(super) fn distribute(
     corners: &mut Vec<Corner>,
     width: usize,
@@ -58,14 +59,14 @@ pub(super) fn distribute(
     let area = ((width - 2 * BORDER) * (height - 2 * BORDER)) as f64;
     let grid = |per_cell: f64| Grid::new(width, height, (area * per_cell / wanted as f64).sqrt());
     let (fine, coarse) = (grid(PER_FINE_CELL), grid(PER_COARSE_CELL));
-    strongest(corners, &coarse, &mut scratch.sure);
-    // Cell, then strength, then reading order.
+    strongest(corners, &coarse, &mut scratch.guaranteed);
+    // Sort by cell, then decreasing strength, then reading order.
     let key = |i: usize, c: &Corner| (fine.cell(c) as u64) << 40 | (255 - c.score as u64) << 32 | i as u64;
     let keys = &mut scratch.keys;
     keys.clear();
     keys.extend(corners.iter().enumerate().map(|(i, c)| key(i, c)));
     keys.sort_unstable();
-    // Now worth in 36 bits (greatest first), then reading order in 28.
+    // Then by priority (36 bits, highest first), then reading order (28 bits).
     let (mut cell, mut rank) = (u64::MAX, 0u64);
     for k in keys.iter_mut() {
         let (this, index) = (*k >> 40, *k & 0xffff_ffff);
@@ -73,12 +74,12 @@ pub(super) fn distribute(
         cell = this;
         let corner = &corners[index as usize];
         let score = corner.score as u64;
-        let worth = if scratch.sure[coarse.cell(corner)] as u64 == index {
-            MOST - 255 + score
+        let priority = if scratch.guaranteed[coarse.cell(corner)] as u64 == index {
+            MAX_PRIORITY - 255 + score
         } else {
             16 * score.pow(4) / (1 + rank)
         };
-        *k = (MOST - worth) << 28 | index;
+        *k = (MAX_PRIORITY - priority) << 28 | index;
     }
     keys.select_nth_unstable(wanted - 1);
     keys.truncate(wanted);
@@ -93,8 +94,8 @@ pub(super) fn distribute(
     corners.truncate(wanted);
 }
 
-/// More than any corner is worth: 36 bits of ones.
-const MOST: u64 = (1 << 36) - 1;
+/// Higher than any computed priority: 36 bits of ones.
+const MAX_PRIORITY: u64 = (1 << 36) - 1;
 
 /// Index of the strongest corner (the first of equals) of each cell.
 fn strongest(corners: &[Corner], grid: &Grid, out: &mut Vec<u32>) {
@@ -108,8 +109,8 @@ fn strongest(corners: &[Corner], grid: &Grid, out: &mut Vec<u32>) {
     }
 }
 
-/// Shares `total` features among levels: each level's share shrinks with its scale (as its side does), and what a level
-/// cannot use goes to the others.
+/// Divides `total` features among the levels: the share of a level decreases with its scale (as its side length does),
+/// and what a level cannot use goes to the others.
 pub(super) fn shares(available: &[usize], total: usize, factor: f64, given: &mut [usize]) {
     given.fill(0);
     let mut left = total.min(available.iter().sum());
@@ -120,7 +121,7 @@ pub(super) fn shares(available: &[usize], total: usize, factor: f64, given: &mut
         let round = left;
         for l in 0..given.len() {
             if left > 0 && open(given, l) {
-                // At least one, so that every round ends with less to give.
+                // At least one, so that every round makes progress.
                 let part = ((round as f64 * weight(l) / sum).floor() as usize).max(1);
                 let part = part.min(available[l] - given[l]).min(left);
                 given[l] += part;
@@ -135,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_give_all_that_can_be_used_and_no_more() {
+    fn shares_use_the_whole_budget() {
         let shares = |available: &[usize], total| {
             let mut given = vec![7; available.len()];
             super::shares(available, total, 1.2, &mut given);
@@ -151,8 +152,8 @@ mod tests {
     }
 
     #[test]
-    fn a_poor_corner_of_the_image_is_not_starved() {
-        // A thousand strong corners at left, one weak at right.
+    fn weak_corner_in_an_empty_region_is_kept() {
+        // A thousand strong corners on the left, one weak corner on the right.
         let mut corners: Vec<Corner> =
             (0..1000).map(|i| Corner { x: 20 + i % 40, y: 20 + (i / 40) * 3, score: 200 }).collect();
         corners.push(Corner { x: 600, y: 400, score: 9 });

@@ -1,4 +1,4 @@
-//! One image in, features out; owns every buffer that is needed between.
+//! The ORB extractor: runs all stages on one image and owns their buffers.
 
 use super::blur::Blurred;
 use super::distribute::{self, distribute, shares};
@@ -8,19 +8,19 @@ use super::{Backend, Pyramid, descriptor, orientation, subpixel};
 use crate::Descriptor;
 use cairn_sensor::GrayImage;
 
-/// What is asked of the extractor.
+/// Configuration of the extractor.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OrbConfig {
-    /// Features per image, at most.
+    /// Maximum number of features per image.
     pub features: usize,
     /// Pyramid levels (1 to 16).
     pub levels: usize,
     /// Ratio between neighbouring levels (1.05 to 1.6).
     pub factor: f64,
-    /// FAST threshold, in gray levels, where corners abound.
+    /// FAST threshold in gray levels, used in cells with strong corners.
     pub fast_high: u8,
-    /// FAST threshold where nothing passes the high one.
+    /// FAST threshold in gray levels for cells where nothing passes the high one.
     pub fast_low: u8,
 }
 
@@ -33,7 +33,7 @@ impl Default for OrbConfig {
 /// Features of one image, struct of arrays: every vector has the same length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Features {
-    /// Where, in pixels of the full image; sub-pixel, the centre of a pixel is a whole number.
+    /// Sub-pixel positions in pixels of the full image; pixel centres are at integer coordinates.
     pub raw: Vec<[f32; 2]>,
     /// Pyramid level.
     pub octave: Vec<u8>,
@@ -56,7 +56,7 @@ impl Features {
         self.raw.is_empty()
     }
 
-    /// Forgets all features and keeps the memory.
+    /// Removes all features and keeps the allocated memory.
     pub fn clear(&mut self) {
         self.raw.clear();
         self.octave.clear();
@@ -66,33 +66,33 @@ impl Features {
     }
 }
 
-/// Finds ORB features; reuse it from image to image, for its buffers.
+/// Extracts ORB features; reuse one from image to image to reuse its buffers.
 #[derive(Clone, Debug)]
 pub struct OrbExtractor {
     config: OrbConfig,
     backend: Backend,
     pyramid: Pyramid,
-    /// Per level.
+    /// Corners of each level.
     corners: Vec<Vec<Corner>>,
     fast: fast::Scratch,
-    spread: distribute::Scratch,
+    distribution: distribute::Scratch,
     blurred: Blurred,
-    /// Cosine and sine of each feature.
+    /// Cosine and sine of the orientation of each feature, in units of 1/16384.
     directions: Vec<[i16; 2]>,
 }
 
-/// Levels, at most.
-const MOST_LEVELS: usize = 16;
+/// Maximum number of levels.
+const MAX_LEVELS: usize = 16;
 
 impl OrbExtractor {
-    /// An extractor with the fastest loops of this machine. Values outside their range are moved to its nearest end.
+    /// An extractor with the fastest backend of this machine. Values out of range are clamped.
     pub fn new(config: OrbConfig) -> Self {
         Self::with_backend(config, Backend::detect())
     }
 
-    /// An extractor with chosen loops, for tests and benches; falls back to what this machine has.
+    /// An extractor with a given backend, for tests and benches; falls back to scalar if it is not available.
     pub fn with_backend(config: OrbConfig, backend: Backend) -> Self {
-        let levels = config.levels.clamp(1, MOST_LEVELS);
+        let levels = config.levels.clamp(1, MAX_LEVELS);
         let pyramid = Pyramid::new(levels, config.factor);
         let config = OrbConfig {
             levels,
@@ -106,13 +106,13 @@ impl OrbExtractor {
             pyramid,
             corners: vec![Vec::new(); levels],
             fast: fast::Scratch::default(),
-            spread: distribute::Scratch::default(),
+            distribution: distribute::Scratch::default(),
             blurred: Blurred::default(),
             directions: Vec::new(),
         }
     }
 
-    /// The setting in use.
+    /// The configuration in use, after clamping.
     pub fn config(&self) -> &OrbConfig {
         &self.config
     }
@@ -122,28 +122,28 @@ impl OrbExtractor {
         &self.pyramid
     }
 
-    /// Replaces `out` by the features of `image`, level after level, each in reading order.
+    /// Replaces `out` by the features of `image`, level by level, in reading order within a level.
     ///
-    /// An image too small for a patch (32 pixels or less on a side) has none.
+    /// An image too small for a patch (32 pixels or less on a side) gives no features.
     pub fn extract(&mut self, image: &GrayImage, out: &mut Features) {
         for stage in Stage::ALL {
             self.run(stage, image, out);
         }
     }
 
-    /// One step of [`OrbExtractor::extract`], which runs all in order; by itself only for benches.
+    /// One stage of [`OrbExtractor::extract`], which runs all in order; public only for benches.
     #[doc(hidden)]
     pub fn run(&mut self, stage: Stage, image: &GrayImage, out: &mut Features) {
         match stage {
-            Stage::Shrink => self.pyramid.build(image, self.backend),
+            Stage::Downsample => self.pyramid.build(image, self.backend),
             Stage::Detect => self.detect(),
             Stage::Select => self.select(),
-            Stage::Place => self.place(out),
+            Stage::Refine => self.refine(out),
             Stage::Describe => self.describe(out),
         }
     }
 
-    /// Corners of all levels.
+    /// Detects the corners of all levels.
     fn detect(&mut self) {
         let thresholds = [self.config.fast_low, self.config.fast_high];
         for (level, found) in self.pyramid.levels().iter().zip(&mut self.corners) {
@@ -151,23 +151,23 @@ impl OrbExtractor {
         }
     }
 
-    /// Which corners stay.
+    /// Selects the corners that become features.
     fn select(&mut self) {
         let levels = self.pyramid.levels();
-        let mut available = [0usize; MOST_LEVELS];
+        let mut available = [0usize; MAX_LEVELS];
         for (n, found) in available.iter_mut().zip(&self.corners[..levels.len()]) {
             *n = found.len();
         }
-        let mut given = [0usize; MOST_LEVELS];
+        let mut given = [0usize; MAX_LEVELS];
         let n = levels.len();
         shares(&available[..n], self.config.features, self.config.factor, &mut given[..n]);
         for ((level, found), wanted) in levels.iter().zip(&mut self.corners).zip(given) {
-            distribute(found, level.width(), level.height(), wanted, &mut self.spread);
+            distribute(found, level.width(), level.height(), wanted, &mut self.distribution);
         }
     }
 
-    /// All about the features but their descriptors.
-    fn place(&mut self, out: &mut Features) {
+    /// Sub-pixel position, orientation and the other attributes of the features, except their descriptors.
+    fn refine(&mut self, out: &mut Features) {
         out.clear();
         self.directions.clear();
         for (level, (image, corners)) in self.pyramid.levels().iter().zip(&self.corners).enumerate() {
@@ -184,6 +184,7 @@ impl OrbExtractor {
         }
     }
 
+    /// Descriptors of the features.
     fn describe(&mut self, out: &mut Features) {
         out.descriptors.clear();
         let mut directions = self.directions.iter();
@@ -201,23 +202,23 @@ impl OrbExtractor {
     }
 }
 
-/// The steps of the extraction.
+/// The stages of the extraction.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Pyramid.
-    Shrink,
-    /// FAST corners and their thresholds.
+    /// Scale pyramid.
+    Downsample,
+    /// FAST corners.
     Detect,
-    /// Even spread.
+    /// Spatial distribution.
     Select,
-    /// Sub-pixel place and orientation.
-    Place,
+    /// Sub-pixel position and orientation.
+    Refine,
     /// Blur and descriptors.
     Describe,
 }
 
 impl Stage {
-    /// In order.
-    pub const ALL: [Self; 5] = [Self::Shrink, Self::Detect, Self::Select, Self::Place, Self::Describe];
+    /// All stages in order.
+    pub const ALL: [Self; 5] = [Self::Downsample, Self::Detect, Self::Select, Self::Refine, Self::Describe];
 }

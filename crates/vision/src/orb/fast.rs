@@ -1,19 +1,19 @@
 //! FAST-9 corners: Rosten and Drummond, "Machine learning for high-speed corner detection", ECCV 2006.
 //!
-//! A pixel's score is the largest `s` for which nine neighbours in a row, of the sixteen on the circle of
-//! radius three, are all at least `s` brighter, or all at least `s` darker; it is a corner for a threshold below `s`.
-//! Scores are computed densely (zero at or below the threshold), and a corner is kept where its
-//! score is the greatest of its 3 x 3 neighbours, the first of equals in reading order.
+//! A pixel's score is the largest `s` for which nine contiguous pixels, of the sixteen on the circle of radius three,
+//! are all at least `s` brighter or all at least `s` darker; it is a corner for thresholds below `s`. Scores are
+//! computed densely (zero at or below the threshold) and non-maximum suppression keeps a corner where its score is the
+//! greatest of its 3 x 3 neighbourhood, the first of equals in reading order.
 //!
-//! The image is cut into cells of 32 x 32 pixels with two thresholds: a cell with a corner above the high one keeps only such
-//! corners; a poorer cell keeps what passes the low one. Once a row of a cell gave a strong corner, the rows below
-//! are searched with the high threshold only, which is most of the work saved.
+//! The image is divided into cells of 32 x 32 pixels with two thresholds: a cell with a corner above the high threshold
+//! keeps only such corners; another cell keeps all that pass the low one. Once a row of a cell has a strong corner, the
+//! rows below are searched with the high threshold only, which saves most of the work.
 
 use super::fast_score::score_row;
 use super::{BORDER, Backend};
 use cairn_sensor::GrayImage;
 
-/// A corner of one level.
+/// A corner on one pyramid level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Corner {
     pub(super) x: u16,
@@ -22,12 +22,12 @@ pub(super) struct Corner {
     pub(super) score: u8,
 }
 
-/// Side of a cell in pixels; vector code works on as many columns at once.
+/// Side of a cell in pixels; vector code processes this many columns at once.
 pub(super) const CELL: usize = 32;
-/// The first column and row with a score: one before the first corner, so that suppression sees its neighbours.
+/// The first column and row with a score: one before the first corner, for non-maximum suppression.
 const FIRST: usize = BORDER - 1;
 
-/// Scratch of [`corners`]: three rows of scores, as far as suppression looks, and the thresholds of a row of cells.
+/// Buffers of [`corners`]: the three rows of scores that suppression needs, and the thresholds of a row of cells.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     rows: [Vec<u8>; 3],
@@ -55,7 +55,7 @@ pub(super) fn corners(
     let thresholds = &mut scratch.thresholds;
     thresholds.clear();
     thresholds.resize((end[0] - FIRST).div_ceil(CELL), low);
-    let mut of_cells = 0;
+    let mut row_start = 0;
     for y in FIRST..end[1] {
         let new_cells = (y - FIRST).is_multiple_of(CELL);
         if new_cells {
@@ -74,28 +74,28 @@ pub(super) fn corners(
         };
         peaks(rows.map(|r| r.as_slice()), y - 1, FIRST + 1, end[0] - 1, out, backend);
         if new_cells {
-            // Those were the last of the row of cells above.
-            keep_strong(out, of_cells, high, thresholds);
+            // The row of cells above is complete.
+            keep_strong(out, row_start, high, thresholds);
             thresholds.fill(low);
-            of_cells = out.len();
+            row_start = out.len();
         } else {
-            raise(&out[before..], high, thresholds);
+            raise_thresholds(&out[before..], high, thresholds);
         }
     }
-    keep_strong(out, of_cells, high, thresholds);
+    keep_strong(out, row_start, high, thresholds);
 }
 
-/// Sets the high threshold in the cells of strong corners.
-fn raise(corners: &[Corner], high: u8, thresholds: &mut [u8]) {
+/// Sets the high threshold in cells with a strong corner.
+fn raise_thresholds(corners: &[Corner], high: u8, thresholds: &mut [u8]) {
     for c in corners.iter().filter(|c| c.score > high) {
         thresholds[(c.x as usize - FIRST) / CELL] = high;
     }
 }
 
-/// Of the corners from `from` on, all in one row of cells, drops the weak ones where a cell has a strong one.
+/// From the corners starting at `from`, all in one row of cells, drops the weak ones of cells that have a strong one.
 fn keep_strong(corners: &mut Vec<Corner>, from: usize, high: u8, thresholds: &mut [u8]) {
     thresholds.fill(0);
-    raise(&corners[from..], high, thresholds);
+    raise_thresholds(&corners[from..], high, thresholds);
     let mut kept = from;
     for i in from..corners.len() {
         let c = corners[i];
@@ -107,7 +107,7 @@ fn keep_strong(corners: &mut Vec<Corner>, from: usize, high: u8, thresholds: &mu
     corners.truncate(kept);
 }
 
-/// Keeps the peaks of the middle of three rows of scores.
+/// Non-maximum suppression: appends the local maxima of the middle of three rows of scores.
 fn peaks(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>, backend: Backend) {
     #[cfg(target_arch = "x86_64")]
     if backend == Backend::Avx2 {
@@ -133,8 +133,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weak_corners_yield_to_a_strong_one_of_their_cell() {
-        // Bright squares on black, their corners well apart; the weak ones are 12 bright.
+    fn strong_corner_suppresses_weak_ones_of_its_cell() {
+        // Bright squares on black with well separated corners; the weak ones have brightness 12.
         let mut image = GrayImage::new(160, 100);
         for (x0, y0, tone) in
             [(20, 20, 100), (34, 20, 12), (20, 34, 12), (100, 20, 12), (60, 60, 12), (72, 72, 90)]
@@ -147,7 +147,7 @@ mod tests {
         corners(&image, [7, 20], &mut Scratch::default(), &mut out, Backend::detect());
         let has = |x: u16, y: u16| out.iter().any(|c| c.x.abs_diff(x + 3) < 5 && c.y.abs_diff(y + 3) < 5);
         assert!(has(20, 20) && has(72, 72) && has(100, 20), "{out:?}");
-        // Found after the strong one, and before it.
+        // Weak corners below the strong one, and above it.
         assert!(!has(34, 20) && !has(20, 34) && !has(60, 60), "{out:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! AVX2 twin of [`super::fast`] and [`super::fast_score`]: 32 pixels at a time, the same bits.
+//! AVX2 version of [`super::fast`] and [`super::fast_score`]: 32 pixels at a time, bit-identical.
 #![allow(unsafe_code)]
 
 use super::BORDER;
@@ -14,8 +14,8 @@ pub(super) fn score_row(image: &GrayImage, y: usize, x0: usize, thresholds: &[u8
     assert!(w > 2 * BORDER && h > 2 * BORDER, "image smaller than a patch");
     assert!(x0 >= 3 && end <= w + CELL && y >= 3 && y + BORDER <= h && out.len() >= end);
     assert!(is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there. The first block reads from x0 - 3 >= 0 in row y - 3 >= 0 on; the last reads up to column
-    // end + 3 <= w + 35 in row y + 3 <= h - 13, that is, before the end of row h - 11. Writes end at `end`.
+    // SAFETY: AVX2 is available. The first block reads from x0 - 3 >= 0 in row y - 3 >= 0 on; the last reads up to
+    // column end + 3 <= w + 35 in row y + 3 <= h - 13, that is, before the end of row h - 11. Writes end at `end`.
     unsafe { score_row_avx2(image, y, x0, thresholds, out) }
 }
 
@@ -34,13 +34,13 @@ unsafe fn score_row_avx2(image: &GrayImage, y: usize, x0: usize, thresholds: &[u
     }
 }
 
-/// Scores, without threshold, of the five pixels from `x` on in row `y`.
+/// Scores, without threshold, of the five pixels starting at `x` in row `y`.
 pub(super) fn five_scores(image: &GrayImage, x: usize, y: usize) -> [u8; 5] {
     let (w, h) = (image.width(), image.height());
     assert!(x >= 3 && x + 34 <= w + BORDER + 2 && y >= 3 && y + BORDER - 2 <= h && w > 2 * BORDER);
     assert!(is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there; reads begin at x - 3 >= 0 in row y - 3 >= 0 and end at x + 34 <= w + 18 in row y + 3 <=
-    // h - 11, that is, before the end of row h - 10.
+    // SAFETY: AVX2 is available; reads begin at x - 3 >= 0 in row y - 3 >= 0 and end at x + 34 <= w + 18 in row y + 3
+    // <= h - 11, that is, before the end of row h - 10.
     let s = unsafe { five_scores_avx2(image, x, y) };
     [s[0], s[1], s[2], s[3], s[4]]
 }
@@ -60,7 +60,7 @@ unsafe fn five_scores_avx2(image: &GrayImage, x: usize, y: usize) -> [u8; 32] {
     out
 }
 
-/// Scores of the 32 pixels from `centre` on.
+/// Scores of the 32 pixels starting at `centre`.
 ///
 /// # Safety
 /// AVX2 must be available; 32 bytes must be readable at `centre` and at each offset from it.
@@ -68,12 +68,13 @@ unsafe fn five_scores_avx2(image: &GrayImage, x: usize, y: usize) -> [u8; 32] {
 #[inline]
 unsafe fn score_block(centre: *const u8, offsets: &[isize; 16], limit: __m256i) -> __m256i {
     let zero = _mm256_setzero_si256();
-    // SAFETY: as this function asks of its caller.
+    // SAFETY: guaranteed by the caller.
     let at = |k: usize| unsafe { _mm256_loadu_si256(centre.offset(offsets[k]) as *const __m256i) };
-    // SAFETY: likewise.
+    // SAFETY: guaranteed by the caller.
     let c = unsafe { _mm256_loadu_si256(centre as *const __m256i) };
 
-    // Nine in a row hold two neighbours of the four compass points, and two of the four between: both bound the score.
+    // Nine contiguous pixels contain two adjacent ones of the four compass points and two of the four diagonals: both
+    // bound the score.
     let bound = |a, b, c4, d| {
         let most = _mm256_min_epu8(_mm256_max_epu8(a, c4), _mm256_max_epu8(b, d));
         let least = _mm256_max_epu8(_mm256_min_epu8(a, c4), _mm256_min_epu8(b, d));
@@ -102,7 +103,7 @@ macro_rules! arcs {
         #[target_feature(enable = "avx2")]
         #[inline]
         fn $name(p: &[__m256i; 16]) -> __m256i {
-            // Pairs that start at odd places, then fours, then eights.
+            // Runs of two from odd positions, then of four, then of eight.
             let two: [__m256i; 8] = std::array::from_fn(|i| $within(p[2 * i + 1], p[(2 * i + 2) & 15]));
             let four: [__m256i; 8] = std::array::from_fn(|i| $within(two[i], two[(i + 1) & 7]));
             let mut best = None;
@@ -119,14 +120,14 @@ macro_rules! arcs {
         }
     };
 }
-arcs!(brightest, _mm256_min_epu8, _mm256_max_epu8, "Greatest over the arcs of nine of the least in each.");
-arcs!(darkest, _mm256_max_epu8, _mm256_min_epu8, "Least over the arcs of nine of the greatest in each.");
+arcs!(brightest, _mm256_min_epu8, _mm256_max_epu8, "Maximum over the arcs of nine of the minimum in each.");
+arcs!(darkest, _mm256_max_epu8, _mm256_min_epu8, "Minimum over the arcs of nine of the maximum in each.");
 
-/// Peaks of the middle of three rows of scores; rows are readable 31 beyond `x1`.
+/// Non-maximum suppression in the middle of three rows of scores; rows are readable 31 bytes beyond `x1`.
 pub(super) fn peaks(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>) {
     assert!(x0 >= 1 && rows.iter().all(|r| r.len() >= x1 + 32));
     assert!(is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there; blocks start at x0 - 1 >= 0 and the last, at x1 - 1 at most, reads to x1 + 31.
+    // SAFETY: AVX2 is available; blocks start at x0 - 1 >= 0 and the last, at x1 - 1 at most, reads to x1 + 31.
     unsafe { peaks_avx2(rows, y, x0, x1, out) }
 }
 

@@ -1,4 +1,4 @@
-//! FAST scores in plain Rust: of one pixel, of a row, and of the neighbourhood of a corner. See [`super::fast`].
+//! FAST scores in portable Rust: of a row, and of the neighbourhood of a corner. See [`super::fast`].
 
 use super::Backend;
 use super::fast::CELL;
@@ -24,8 +24,8 @@ pub(super) const CIRCLE: [[isize; 2]; 16] = [
     [-1, -3],
 ];
 
-/// Scores of a row from column `x0` on, [`CELL`] columns for each of the thresholds; all at least three from every
-/// edge but those of the last cell, which may reach beyond the row. `out` is indexed by column.
+/// Scores of a row from column `x0`, [`CELL`] columns per threshold. All columns must be at least three from every
+/// edge, except that the last cell may extend beyond the row. `out` is indexed by column.
 pub(super) fn score_row(
     image: &GrayImage,
     y: usize,
@@ -42,7 +42,7 @@ pub(super) fn score_row(
     for (cell, &threshold) in thresholds.iter().enumerate() {
         for half in 0..CELL / LANES {
             let x = x0 + cell * CELL + half * LANES;
-            // Nothing is asked for beyond the row.
+            // Columns beyond the row are skipped.
             if x + 3 < image.width() {
                 out[x..x + LANES].copy_from_slice(&score_block(image, x, y, threshold).0);
             }
@@ -50,7 +50,7 @@ pub(super) fn score_row(
     }
 }
 
-/// Scores of the 5 x 5 pixels around a place at least [`super::BORDER`] from the edge, row by row, with no threshold.
+/// Scores, without threshold, of the 5 x 5 pixels around a pixel at least [`super::BORDER`] from the edge, row by row.
 pub(super) fn scores_around(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [[u8; 5]; 5] {
     let mut out = [[0; 5]; 5];
     for (v, out) in out.iter_mut().enumerate() {
@@ -67,7 +67,7 @@ pub(super) fn scores_around(image: &GrayImage, x: usize, y: usize, backend: Back
     out
 }
 
-/// Pixels that are worked on together; loops over them become vector instructions on most machines.
+/// Pixels processed together; compilers vectorise the loops over them.
 const LANES: usize = 16;
 
 #[derive(Clone, Copy)]
@@ -90,7 +90,7 @@ impl Lanes {
     }
 
     #[inline(always)]
-    fn less(self, other: Self) -> Self {
+    fn minus(self, other: Self) -> Self {
         self.with(other, u8::saturating_sub)
     }
 
@@ -111,19 +111,20 @@ fn score_block(image: &GrayImage, x: usize, y: usize, threshold: u8) -> Lanes {
     };
     let ring = |k: usize| at(CIRCLE[k][0], CIRCLE[k][1]);
     let centre = at(0, 0);
-    // Nine in a row hold two neighbours of the four compass points, and two of the four between: both bound the score.
+    // Nine contiguous pixels contain two adjacent ones of the four compass points and two of the four diagonals: both
+    // bound the score.
     let bound = |first: usize| {
         let [a, b, c, d] = [0, 4, 8, 12].map(|k| ring(first + k));
         let most = a.max(c).min(b.max(d));
         let least = a.min(c).max(b.min(d));
-        most.less(centre).max(centre.less(least))
+        most.minus(centre).max(centre.minus(least))
     };
     let compass = bound(0);
     if !compass.any_above(threshold) || !compass.min(bound(2)).any_above(threshold) {
         return Lanes([0; LANES]);
     }
     let p: [Lanes; 16] = std::array::from_fn(ring);
-    // Runs of two, four and eight from every odd place, then the two arcs of nine that share each run of eight.
+    // Runs of two, four and eight from every odd position, then the two arcs of nine that share each run of eight.
     let runs = |within: fn(Lanes, Lanes) -> Lanes, across: fn(Lanes, Lanes) -> Lanes| {
         let two: [Lanes; 8] = std::array::from_fn(|i| within(p[2 * i + 1], p[(2 * i + 2) & 15]));
         let four: [Lanes; 8] = std::array::from_fn(|i| within(two[i], two[(i + 1) & 7]));
@@ -131,7 +132,7 @@ fn score_block(image: &GrayImage, x: usize, y: usize, threshold: u8) -> Lanes {
             |i: usize| within(within(four[i], four[(i + 2) & 7]), across(p[2 * i], p[(2 * i + 9) & 15]));
         (1..8).fold(nine(0), |best, i| across(best, nine(i)))
     };
-    let score = runs(Lanes::min, Lanes::max).less(centre).max(centre.less(runs(Lanes::max, Lanes::min)));
+    let score = runs(Lanes::min, Lanes::max).minus(centre).max(centre.minus(runs(Lanes::max, Lanes::min)));
     Lanes(score.0.map(|s| if s > threshold { s } else { 0 }))
 }
 
@@ -139,7 +140,7 @@ fn score_block(image: &GrayImage, x: usize, y: usize, threshold: u8) -> Lanes {
 mod tests {
     use super::*;
 
-    /// Straight from the definition: the greatest threshold, plus one, at which nine in a row pass.
+    /// Directly from the definition: the greatest threshold, plus one, at which nine contiguous pixels pass.
     fn by_definition(image: &GrayImage, x: usize, y: usize) -> u8 {
         let centre = image.at(x, y) as i32;
         let ring = CIRCLE
@@ -151,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn scores_are_those_of_the_definition() {
+    fn scores_match_the_definition() {
         let (w, h) = (70, 40);
         let mut state = 3u32;
         let mut next = |i: usize| {

@@ -1,24 +1,24 @@
-//! Distances between descriptors, and the nearest two of many.
+//! Hamming distances between descriptors, and the two nearest of many.
 
 use crate::Descriptor;
 
-/// The nearest of some candidates and how far the next one is.
+/// The nearest candidate and the distance of the second nearest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BestTwo {
-    /// Index of the nearest (the first of equals); `u32::MAX` where there was no candidate.
+    /// Index of the nearest (the first of equals); `u32::MAX` without candidates.
     pub index: u32,
-    /// Its distance in bits; `u32::MAX` where there was no candidate.
+    /// Its distance in bits; `u32::MAX` without candidates.
     pub distance: u32,
-    /// Distance of the second nearest in bits; `u32::MAX` where there were fewer than two.
+    /// Distance of the second nearest in bits; `u32::MAX` with fewer than two candidates.
     pub second: u32,
 }
 
 impl BestTwo {
-    /// Nothing seen yet.
+    /// No candidate yet.
     pub const NONE: Self = Self { index: u32::MAX, distance: u32::MAX, second: u32::MAX };
 
     #[inline(always)]
-    fn offer(&mut self, index: u32, distance: u32) {
+    fn update(&mut self, index: u32, distance: u32) {
         if distance < self.distance {
             self.second = self.distance;
             (self.index, self.distance) = (index, distance);
@@ -38,7 +38,7 @@ pub fn hamming(a: &Descriptor, b: &Descriptor) -> u32 {
     distance(a, b)
 }
 
-/// The nearest two of `among[i]` for each `i` of `candidates`, in the order given; indices outside are passed over.
+/// The two nearest of `among[i]` for each `i` in `candidates`, in the order given; indices out of range are skipped.
 pub fn best_two(query: &Descriptor, among: &[Descriptor], candidates: &[u32]) -> BestTwo {
     #[cfg(target_arch = "x86_64")]
     if let Some(best) = super::hamming_x86::nearest(query, among, candidates.len(), |k| candidates[k]) {
@@ -47,7 +47,7 @@ pub fn best_two(query: &Descriptor, among: &[Descriptor], candidates: &[u32]) ->
     nearest(query, among, candidates.iter().copied())
 }
 
-/// The nearest two of all of `among`.
+/// The two nearest of all of `among`.
 pub fn best_two_of(query: &Descriptor, among: &[Descriptor]) -> BestTwo {
     #[cfg(target_arch = "x86_64")]
     if let Some(best) = super::hamming_x86::nearest(query, among, among.len(), |k| k as u32) {
@@ -56,7 +56,7 @@ pub fn best_two_of(query: &Descriptor, among: &[Descriptor]) -> BestTwo {
     nearest(query, among, 0..among.len() as u32)
 }
 
-/// The plain search, compiled again by vector twins with more instructions.
+/// The portable search; also compiled with more instructions enabled in `hamming_x86`.
 #[inline(always)]
 pub(super) fn nearest(
     query: &Descriptor,
@@ -66,7 +66,7 @@ pub(super) fn nearest(
     let mut best = BestTwo::NONE;
     for i in candidates {
         if let Some(d) = among.get(i as usize) {
-            best.offer(i, distance(query, d));
+            best.update(i, distance(query, d));
         }
     }
     best
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_counts_of_bits() {
+    fn hamming_counts_differing_bits() {
         assert_eq!(hamming(&[0; 32], &[255; 32]), 256);
         for pair in descriptors(100).windows(2) {
             assert_eq!(hamming(&pair[0], &pair[1]), plain(&pair[0], &pair[1]));
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_two_are_those_of_a_plain_search() {
+    fn best_two_matches_a_sorted_search() {
         let among = descriptors(301);
         for query in descriptors(350).iter().skip(280) {
             for n in [0, 1, 2, 3, 7, 8, 9, 100, 301] {
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equals_the_first_in_the_order_given_wins() {
+    fn first_of_equal_candidates_wins() {
         let mut among = descriptors(40);
         among[7] = among[30];
         among[12] = among[30];
@@ -142,13 +142,13 @@ mod tests {
     }
 
     #[test]
-    fn each_kernel_that_this_machine_has_agrees_with_the_plain_one() {
+    fn all_kernels_agree_with_the_scalar_one() {
         #[cfg(target_arch = "x86_64")]
         {
             let among = descriptors(203);
             for (k, kernel) in super::super::hamming_x86::kernels().into_iter().enumerate() {
                 for (q, query) in descriptors(300).iter().enumerate().skip(200) {
-                    // Some indices lie outside.
+                    // Some indices are out of range.
                     let list: Vec<u32> = (0..q as u32 * 3).map(|i| i * 91 % 230).collect();
                     for n in [0, 1, 2, 3, 4, 5, 17, 63, list.len()] {
                         let found = kernel(query, &among, &list[..n]);
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_outside_are_passed_over() {
+    fn indices_out_of_range_are_skipped() {
         let among = descriptors(3);
         let best = best_two(&among[1], &among, &[9, 1, u32::MAX, 3]);
         assert_eq!(best, BestTwo { index: 1, distance: 0, second: u32::MAX });

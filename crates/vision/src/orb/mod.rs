@@ -1,12 +1,12 @@
-//! ORB features: corners that are found again, and 256 bits that tell them apart.
+//! ORB features: oriented multi-scale FAST corners with 256-bit binary descriptors.
 //!
-//! In: one gray image. Out: [`Features`], struct of arrays, at most as many as asked, spread over the image.
-//! The steps, each in its file: [`pyramid`](Pyramid) (levels at a fixed ratio), `fast` (FAST-9 corners,
-//! Rosten and Drummond 2006, score and non-maximum suppression), `distribute` (even spread), `subpixel`
-//! (where in the pixel the corner is), `orientation` (intensity centroid), `blur` and `descriptor` (steered
+//! Input: one gray image. Output: [`Features`], a struct of arrays, distributed over the image.
+//! The stages, each in its file: [`pyramid`](Pyramid) (levels at a fixed ratio), `fast` (FAST-9 corners,
+//! Rosten and Drummond 2006, score and non-maximum suppression), `distribute` (spatial distribution), `subpixel`
+//! (sub-pixel refinement), `orientation` (intensity centroid), `blur` and `descriptor` (steered
 //! BRIEF; both after Rublee et al., "ORB: an efficient alternative to SIFT or SURF", ICCV 2011).
 //!
-//! Every hot loop exists twice: plain Rust, and AVX2 chosen at run time; the two give the same bits.
+//! Every hot loop exists twice: portable Rust, and AVX2 selected at run time; the two are bit-identical.
 
 mod backend;
 mod blur;
@@ -44,6 +44,6 @@ pub use extractor::{Features, OrbConfig, OrbExtractor};
 pub use hamming::{BestTwo, best_two, best_two_of, hamming};
 pub use pyramid::Pyramid;
 
-/// Pixels of a level, next to its edge, in which no feature is sought: the radius of the descriptor's and
-/// the orientation's patch, and one.
+/// Width in pixels of the border of a level in which no feature is detected: the radius of the descriptor and
+/// orientation patch, plus one.
 pub(crate) const BORDER: usize = 16;

@@ -6,11 +6,12 @@ use cairn_sensor::GrayImage;
 /// Radius of the disc in pixels.
 pub(super) const RADIUS: usize = 15;
 
-/// Half width of the disc in the row `dy` from its centre: the largest `x` with `x^2 + dy^2 <= RADIUS^2`, for `dy` 0 to 15.
+/// Half width of the disc in the row `dy` from its centre: the largest `x` with `x^2 + dy^2 <= RADIUS^2`, for `dy` 0 to
+/// 15.
 pub(super) const HALF_WIDTH: [usize; RADIUS + 1] =
     [15, 14, 14, 14, 14, 14, 13, 13, 12, 12, 11, 10, 9, 7, 5, 0];
 
-/// First moments `[m10, m01]` of the disc around a pixel at least [`RADIUS`] from the edge (16 for vector code).
+/// First moments `[m10, m01]` of the disc around a pixel at least [`RADIUS`] from the edge (at least 16 for AVX2).
 pub(super) fn moments(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [i32; 2] {
     #[cfg(target_arch = "x86_64")]
     if backend == Backend::Avx2 {
@@ -31,7 +32,8 @@ pub(super) fn moments(image: &GrayImage, x: usize, y: usize, backend: Backend) -
     [m10, m01]
 }
 
-/// Cosine and sine of a direction in 1/16384ths; only correctly rounded operations, so the same everywhere.
+/// Cosine and sine of a direction in units of 1/16384; uses only correctly rounded operations, so the result is the
+/// same on every machine.
 pub(super) fn direction([m10, m01]: [i32; 2]) -> [i16; 2] {
     if m10 == 0 && m01 == 0 {
         return [16384, 0];
@@ -46,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_widths_are_those_of_the_disc() {
+    fn half_widths_match_the_disc() {
         for (dy, &half) in HALF_WIDTH.iter().enumerate() {
             assert!(half * half + dy * dy <= RADIUS * RADIUS);
             assert!((half + 1) * (half + 1) + dy * dy > RADIUS * RADIUS);
@@ -54,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ramp_points_uphill() {
+    fn ramp_orientation_is_its_gradient() {
         let (w, h) = (64, 64);
         for (ax, ay) in [(1.0f64, 0.0), (0.0, 1.0), (-1.0, 0.5), (0.3, -1.0)] {
             let data = (0..w * h)

@@ -1,11 +1,11 @@
-//! AVX2 twin of [`super::orientation`]: the same numbers.
+//! AVX2 version of [`super::orientation`], identical results.
 #![allow(unsafe_code)]
 
 use super::orientation::{HALF_WIDTH, RADIUS};
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 
-/// For each distance from the middle row: all ones where a pixel of the 32 from 16 left of the centre is in the disc.
+/// For each distance from the middle row: all ones for pixels in the disc, of the 32 starting 16 left of the centre.
 static MASK: [[u8; 32]; RADIUS + 1] = masks();
 
 const fn masks() -> [[u8; 32]; RADIUS + 1] {
@@ -37,7 +37,7 @@ static WEIGHT: [i8; 32] = {
 pub(super) fn moments(image: &GrayImage, x: usize, y: usize) -> [i32; 2] {
     let (w, h) = (image.width(), image.height());
     assert!(x >= 16 && y >= 16 && x + 16 <= w && y + 16 <= h && is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there; columns x - 16 to x + 15 of rows y - 15 to y + 15 are inside.
+    // SAFETY: AVX2 is available; columns x - 16 to x + 15 of rows y - 15 to y + 15 are inside.
     unsafe { moments_avx2(image, x, y) }
 }
 

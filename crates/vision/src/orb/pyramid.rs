@@ -6,7 +6,8 @@ use cairn_sensor::GrayImage;
 
 /// An image and its smaller copies; one pixel of level `l` is `factor^l` pixels of the image wide.
 ///
-/// Pixel centres are whole numbers at every level: level position `x` is `(x + 0.5) * factor^l - 0.5` in the image.
+/// Pixel centres are at integer coordinates on every level: position `x` on level `l` is `(x + 0.5) * factor^l - 0.5`
+/// in the image.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     factor: f64,
@@ -16,14 +17,14 @@ pub struct Pyramid {
 }
 
 impl Pyramid {
-    /// An empty pyramid of at most `levels` levels (at least one), neighbours `factor` (1.05 to 1.6) apart.
+    /// An empty pyramid of at most `levels` levels (at least one) with a ratio of `factor` (clamped to 1.05 to 1.6).
     pub fn new(levels: usize, factor: f64) -> Self {
         let factor = if factor.is_finite() { factor.clamp(1.05, 1.6) } else { 1.2 };
         let levels = vec![GrayImage::new(0, 0); levels.max(1)];
         Self { factor, levels, used: 0, plans: Vec::new() }
     }
 
-    /// Fills the levels from an image. Levels too small to hold a feature are left out, but never level 0.
+    /// Fills the levels from an image. Levels too small for a feature are omitted, but never level 0.
     pub fn build(&mut self, image: &GrayImage, backend: Backend) {
         self.levels[0].resize(image.width(), image.height());
         self.levels[0].data_mut().copy_from_slice(image.data());
@@ -60,13 +61,13 @@ impl Pyramid {
         self.factor.powi(level as i32)
     }
 
-    /// A position in the image, of a position in `level`.
+    /// Converts a position on `level` to a position in the image.
     pub fn to_image(&self, level: usize, at: [f32; 2]) -> [f32; 2] {
         let scale = self.scale(level);
         at.map(|c| ((c as f64 + 0.5) * scale - 0.5) as f32)
     }
 
-    /// A position in `level`, of a position in the image.
+    /// Converts a position in the image to a position on `level`.
     pub fn to_level(&self, level: usize, at: [f32; 2]) -> [f32; 2] {
         let scale = self.scale(level);
         at.map(|c| ((c as f64 + 0.5) / scale - 0.5) as f32)

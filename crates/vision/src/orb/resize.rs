@@ -1,7 +1,7 @@
-//! Shrinking an image by a fixed ratio a little above one, with a triangle filter as wide as the ratio.
+//! Downsampling an image by a fixed ratio slightly above one, with a triangle filter as wide as the ratio.
 //!
-//! Destination pixel `i` looks at source position `(i + 0.5) * ratio - 0.5`: pixel centres stay where they are,
-//! whatever the rounding of the sizes. Weights are 1/128ths; rows are combined first, then columns.
+//! Destination pixel `i` samples source position `(i + 0.5) * ratio - 0.5`, so positions are preserved whatever the
+//! rounding of the sizes. Weights are in units of 1/128; rows are combined first, then columns.
 
 use super::Backend;
 use cairn_sensor::GrayImage;
@@ -18,7 +18,7 @@ pub(super) struct Tap {
     pub(super) weights: [u8; TAPS],
 }
 
-/// What is known before the pixels are: taps of both axes and scratch.
+/// A resize plan, independent of the pixel values: taps of both axes and a scratch row.
 #[derive(Clone, Debug)]
 pub(super) struct Resize {
     source: [usize; 2],
@@ -30,7 +30,7 @@ pub(super) struct Resize {
 }
 
 impl Resize {
-    /// Plans the shrinking of `source` (width, height) by `ratio` (1 to 2, both excluded); both sizes at least 8.
+    /// Plans the downsampling of `source` (width, height; both at least 8) by `ratio` (between 1 and 2, exclusive).
     pub(super) fn new(source: [usize; 2], ratio: f64) -> Self {
         let size = source.map(|n| shrunk(n, ratio));
         let columns = taps(source[0], size[0], ratio);
@@ -45,12 +45,12 @@ impl Resize {
         }
     }
 
-    /// True when this plan is for images of that size.
+    /// True when this plan is for images of this size.
     pub(super) fn fits(&self, image: &GrayImage) -> bool {
         self.source == [image.width(), image.height()]
     }
 
-    /// Writes the smaller image.
+    /// Writes the downsampled image to `out`.
     pub(super) fn run(&mut self, source: &GrayImage, out: &mut GrayImage, backend: Backend) {
         out.resize(self.columns.len(), self.rows.len());
         for (y, tap) in self.rows.iter().enumerate() {
@@ -85,7 +85,7 @@ pub(super) fn combine_columns(row: &[u8], columns: &[Tap], out: &mut [u8], from:
     }
 }
 
-/// Size of an axis after shrinking.
+/// Length of an axis after downsampling.
 pub(super) fn shrunk(n: usize, ratio: f64) -> usize {
     (n as f64 / ratio).floor() as usize
 }
@@ -101,10 +101,10 @@ fn tap(centre: f64, source: usize, ratio: f64) -> Tap {
         std::array::from_fn(|k| (1.0 - ((start + k) as f64 - centre).abs() / ratio).max(0.0));
     let total: f64 = raw.iter().sum();
     let mut weights = raw.map(|w| ((w / total * 128.0).round() as u8).min(127));
-    // What rounding took or gave goes to the heaviest tap.
+    // The rounding error is added to the largest tap.
     let sum: i32 = weights.iter().map(|&w| w as i32).sum();
-    let heaviest = (0..TAPS).max_by_key(|&k| weights[k]).unwrap_or(0);
-    weights[heaviest] = (weights[heaviest] as i32 + 128 - sum).clamp(0, 127) as u8;
+    let largest = (0..TAPS).max_by_key(|&k| weights[k]).unwrap_or(0);
+    weights[largest] = (weights[largest] as i32 + 128 - sum).clamp(0, 127) as u8;
     Tap { start, weights }
 }
 
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_sum_to_one_and_stay_inside() {
+    fn weights_sum_to_one_and_stay_in_range() {
         for ratio in [1.05, 1.2, 1.41, 1.6] {
             for n in [33usize, 47, 480, 752] {
                 for t in taps(n, shrunk(n, ratio), ratio) {
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ramp_stays_a_ramp_at_the_same_place() {
+    fn ramp_is_preserved_in_place() {
         let (w, h) = (240, 100);
         let mut image = GrayImage::new(w, h);
         for y in 0..h {

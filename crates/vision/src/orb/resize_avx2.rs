@@ -1,20 +1,20 @@
-//! AVX2 twin of [`super::resize`]: the same bits.
+//! AVX2 version of [`super::resize`], bit-identical.
 #![allow(unsafe_code)]
 
 use super::resize::{TAPS, Tap};
 use std::arch::x86_64::*;
 
-/// Sixteen destination pixels: each half of eight is drawn from sixteen neighbouring source pixels.
+/// Sixteen destination pixels: each half of eight is computed from sixteen consecutive source pixels.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
     /// First source pixel of each half.
     base: [usize; 2],
-    /// For taps 0 and 1, then 2 and 3: which source byte goes where, and its weight.
+    /// For taps 0 and 1, then 2 and 3: the source byte of each position, and its weight.
     pick: [[u8; 32]; 2],
     weights: [[u8; 32]; 2],
 }
 
-/// Blocks for all full sixteens of columns; `None` when the ratio spreads eight pixels over more than sixteen.
+/// Blocks for all full groups of sixteen columns; `None` when the ratio maps eight pixels to more than sixteen.
 pub(super) fn plan(columns: &[Tap]) -> Option<Vec<Block>> {
     columns.chunks_exact(16).map(block).collect()
 }
@@ -39,7 +39,7 @@ fn block(taps: &[Tap]) -> Option<Block> {
 pub(super) fn combine_rows(rows: [&[u8]; TAPS], weights: [u8; TAPS], out: &mut [u8]) {
     let n = rows[0].len();
     assert!(rows.iter().all(|r| r.len() == n) && out.len() >= n && is_x86_feature_detected!("avx2"));
-    // SAFETY: AVX2 is there; all blocks of 32 end at n at most.
+    // SAFETY: AVX2 is available; all blocks of 32 end at n at most.
     unsafe { combine_rows_avx2(rows, weights, out) };
     super::resize::combine_rows(rows, weights, out, n / 32 * 32);
 }
@@ -76,7 +76,7 @@ unsafe fn combine_rows_avx2(rows: [&[u8]; TAPS], weights: [u8; TAPS], out: &mut 
 pub(super) fn combine_columns(row: &[u8], blocks: &[Block], columns: &[Tap], out: &mut [u8]) {
     assert!(out.len() >= blocks.len() * 16 && is_x86_feature_detected!("avx2"));
     assert!(blocks.iter().all(|b| b.base[0].max(b.base[1]) + 16 <= row.len()));
-    // SAFETY: AVX2 is there; every block reads sixteen bytes from its bases and writes its own sixteen.
+    // SAFETY: AVX2 is available; every block reads sixteen bytes from its bases and writes its own sixteen.
     unsafe { combine_columns_avx2(row, blocks, out) };
     super::resize::combine_columns(row, columns, out, blocks.len() * 16);
 }

@@ -1,13 +1,13 @@
-//! Where in its pixel a corner is: the peak of the paraboloid that fits the FAST scores around it.
+//! Sub-pixel refinement of a corner: the peak of the paraboloid fitted to the FAST scores around it.
 //!
-//! Scores of 5 x 5 pixels, smoothed by (1, 2, 1) in both axes, are fitted by least squares over 3 x 3. Scores are
-//! ragged (they are minima and maxima), hence the smoothing: fitting one parabola per axis to
-//! the bare scores leaves 5 to 15 % more epipolar error. All sums are whole numbers; one division ends it.
+//! Scores of 5 x 5 pixels, smoothed by (1, 2, 1) in both axes, are fitted by least squares over 3 x 3. Scores are not
+//! smooth (they are minima and maxima), hence the filter: fitting one parabola per axis to the unfiltered scores gives
+//! 5 to 15 % more epipolar error. All sums are integers, with one division at the end.
 
-/// The farthest that the peak may lie from the pixel's centre on an axis.
-const FARTHEST: f32 = 0.75;
+/// Maximum offset of the peak from the pixel's centre on each axis.
+const MAX_OFFSET: f32 = 0.75;
 
-/// Offset of the peak from the pixel's centre, of the scores around it, row by row.
+/// Offset of the peak from the pixel's centre, given the scores around it, row by row; zero without a maximum.
 pub(super) fn peak(scores: &[[u8; 5]; 5]) -> [f32; 2] {
     let [[a, b, c], [d, e, f], [g, h, i]] = smooth(scores);
     // Normal equations of z = .. + gx x + gy y + xx x^2 / 2 + yy y^2 / 2 + xy x y, times 12.
@@ -21,7 +21,7 @@ pub(super) fn peak(scores: &[[u8; 5]; 5]) -> [f32; 2] {
     if det <= 0 || xx >= 0 {
         return [0.0, 0.0];
     }
-    let at = |n: i64| ((n as f64 / det as f64) as f32).clamp(-FARTHEST, FARTHEST);
+    let at = |n: i64| ((n as f64 / det as f64) as f32).clamp(-MAX_OFFSET, MAX_OFFSET);
     [at(xy * gy - yy * gx), at(xy * gx - xx * gy)]
 }
 
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_top_of_a_paraboloid_is_found() {
+    fn finds_the_peak_of_a_paraboloid() {
         for [x, y] in [[0.0, 0.0], [0.3, -0.2], [-0.45, 0.5], [0.1, 0.7]] {
             let height = |u: usize, v: usize| {
                 let (dx, dy) = (u as f64 - 2.0 - x, v as f64 - 2.0 - y);
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ridge_or_a_plain_moves_nothing() {
+    fn ridge_or_constant_gives_no_offset() {
         assert_eq!(peak(&[[9; 5]; 5]), [0.0, 0.0]);
         assert_eq!(peak(&[[1, 5, 9, 5, 1]; 5]), [0.0, 0.0]);
     }

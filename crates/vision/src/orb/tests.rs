@@ -1,9 +1,9 @@
-//! What the extractor promises, on images made here.
+//! Tests of the whole extractor on synthetic images.
 
 use super::*;
 use cairn_sensor::GrayImage;
 
-/// A small seeded generator (xorshift64*), so that every run sees the same images.
+/// A small seeded generator (xorshift64*), so that every run uses the same images.
 struct Rng(u64);
 
 impl Rng {
@@ -20,7 +20,7 @@ fn noise(w: usize, h: usize, seed: u64) -> GrayImage {
     GrayImage::from_vec(w, h, (0..w * h).map(|_| rng.next() as u8).collect()).unwrap()
 }
 
-/// A smooth scene of overlapping soft-edged boxes, defined at real positions; boxes by the cells they can reach.
+/// A continuous scene of overlapping boxes with soft edges; boxes are indexed by the cells they can cover.
 struct Scene(Vec<Vec<[f64; 7]>>);
 
 const CELL: f64 = 32.0;
@@ -85,7 +85,7 @@ fn default(image: &GrayImage) -> Features {
 }
 
 #[test]
-fn vector_and_scalar_loops_give_the_same_bits() {
+fn avx2_and_scalar_are_bit_identical() {
     if !Backend::Avx2.available() {
         println!("skipped: this machine has no AVX2");
         return;
@@ -95,7 +95,7 @@ fn vector_and_scalar_loops_give_the_same_bits() {
         images.push(noise(w, h, (w * h) as u64));
     }
     images.push(Scene::new(5).image(320, 240, |x, y| [x, y]));
-    // Nothing but the ends of the range: saturation in every difference.
+    // Only 0 and 255: every difference saturates.
     let mut hard = noise(190, 150, 3);
     hard.data_mut().iter_mut().for_each(|v| *v = if *v < 110 { 0 } else { 255 });
     images.push(hard);
@@ -116,7 +116,7 @@ fn vector_and_scalar_loops_give_the_same_bits() {
 }
 
 #[test]
-fn images_without_room_or_texture_give_nothing_and_no_panic() {
+fn small_or_flat_images_give_no_features() {
     for (w, h) in [(0, 0), (1, 1), (7, 300), (32, 32), (32, 640), (640, 31)] {
         assert!(default(&noise(w, h, 1)).is_empty(), "{w} x {h}");
     }
@@ -130,7 +130,7 @@ fn images_without_room_or_texture_give_nothing_and_no_panic() {
 }
 
 #[test]
-fn the_count_is_what_was_asked_and_never_more() {
+fn feature_count_respects_the_limit() {
     let image = Scene::new(1).image(640, 480, |x, y| [x, y]);
     for features in [1, 7, 100, 333, 1000] {
         let n = extract(&image, OrbConfig { features, ..OrbConfig::default() }, Backend::detect()).len();
@@ -139,7 +139,7 @@ fn the_count_is_what_was_asked_and_never_more() {
 }
 
 #[test]
-fn an_extractor_used_before_gives_the_same_as_a_new_one() {
+fn reused_extractor_equals_a_new_one() {
     let (a, b) = (Scene::new(1).image(320, 240, |x, y| [x, y]), noise(200, 300, 9));
     let mut used = OrbExtractor::new(OrbConfig::default());
     let mut out = Features::default();
@@ -150,7 +150,7 @@ fn an_extractor_used_before_gives_the_same_as_a_new_one() {
 }
 
 #[test]
-fn a_dim_image_still_gives_its_corners() {
+fn low_contrast_image_gives_corners() {
     let mut image = Scene::new(2).image(320, 240, |x, y| [x, y]);
     image.data_mut().iter_mut().for_each(|v| *v = 100 + *v / 12);
     let found = default(&image);
@@ -159,8 +159,8 @@ fn a_dim_image_still_gives_its_corners() {
 }
 
 #[test]
-fn features_spread_over_the_image() {
-    // Contrast falls from left to right by sixteen times.
+fn features_are_distributed_over_the_image() {
+    // Contrast falls by a factor of sixteen from left to right.
     let mut image = Scene::new(3).image(640, 480, |x, y| [x, y]);
     for y in 0..480 {
         for (x, v) in image.row_mut(y).iter_mut().enumerate() {
@@ -175,22 +175,22 @@ fn features_spread_over_the_image() {
         (cells.iter().filter(|&&n| n > 0).count(), *cells.iter().max().unwrap())
     };
     let spread = default(&image).raw;
-    // The same budget for the strongest corners of all, wherever they are.
+    // For comparison: the same number of the strongest corners, wherever they are.
     let all = extract(&image, OrbConfig { features: 100_000, ..OrbConfig::default() }, Backend::detect());
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|&a, &b| all.response[b].total_cmp(&all.response[a]));
     let strongest: Vec<_> = order.iter().take(spread.len()).map(|&i| all.raw[i]).collect();
     let ((here, most), (there, most_there)) = (filled(&spread), filled(&strongest));
     println!(
-        "of 48 cells {here} hold a feature (at most {most}); of the strongest alone {there} ({most_there})"
+        "{here} of 48 cells have a feature (at most {most}); taking the strongest corners only: {there} ({most_there})"
     );
     assert!(here >= 40 && here >= there + 8, "{here} {there}");
     assert!(most < most_there, "{most} {most_there}");
 }
 
-/// Share of the features of `a` that `b` has, at the place that `b_from_a` says, with a descriptor near enough to be
-/// the best match; and the median error of those places in pixels.
-fn found_again(
+/// Repeatability: the share of features of `a` whose best descriptor match in `b` lies at the position given by
+/// `b_from_a`, and the median error of those positions in pixels.
+fn repeatability(
     a: &Features,
     b: &Features,
     b_from_a: impl Fn([f32; 2]) -> [f64; 2],
@@ -215,7 +215,7 @@ fn found_again(
 }
 
 #[test]
-fn features_are_found_again_after_turning_and_scaling() {
+fn features_repeat_after_rotation_and_scaling() {
     let scene = Scene::new(4);
     let (w, h) = (480, 480);
     let reference = default(&scene.image(w, h, |x, y| [x + 60.0, y + 60.0]));
@@ -229,8 +229,8 @@ fn features_are_found_again_after_turning_and_scaling() {
     ] {
         let (s, c) = degrees.to_radians().sin_cos();
         let centre = 239.5;
-        // Image pixel to scene, and the way back for reference pixels.
-        let turned = scene.image(w, h, |x, y| {
+        // Image pixel to scene, and the inverse for reference pixels.
+        let rotated = scene.image(w, h, |x, y| {
             let (x, y) = ((x - centre) / scale, (y - centre) / scale);
             [c * x - s * y + centre + 60.0, s * x + c * y + centre + 60.0]
         });
@@ -238,9 +238,9 @@ fn features_are_found_again_after_turning_and_scaling() {
             let (x, y) = ((p[0] as f64 - centre) * scale, (p[1] as f64 - centre) * scale);
             [c * x + s * y + centre, -s * x + c * y + centre]
         };
-        let (share, error) = found_again(&reference, &default(&turned), there, [w as f64, h as f64]);
+        let (share, error) = repeatability(&reference, &default(&rotated), there, [w as f64, h as f64]);
         println!(
-            "turned {degrees}, scaled {scale}: {:.1} % found again, median error {error:.3} px",
+            "rotated {degrees}, scaled {scale}: {:.1} % repeated, median error {error:.3} px",
             share * 100.0
         );
         assert!(share > least, "{degrees} {scale}: {share}");
@@ -249,15 +249,15 @@ fn features_are_found_again_after_turning_and_scaling() {
 }
 
 #[test]
-fn angles_turn_with_the_image() {
+fn orientations_rotate_with_the_image() {
     let scene = Scene::new(4);
-    // A quarter turn keeps the pixel grid of level 0; that of other levels begins at the left and at the top.
+    // A rotation by 90 degrees preserves the pixel grid of level 0, but not those of other levels.
     let one = OrbConfig { levels: 1, ..OrbConfig::default() };
     let a = extract(&scene.image(320, 320, |x, y| [x, y]), one, Backend::detect());
     let b = extract(&scene.image(320, 320, |x, y| [319.0 - y, x]), one, Backend::detect());
     let mut checked = 0;
     for (p, angle) in a.raw.iter().zip(&a.angle) {
-        // Scene (x, y) shows at (y, 319 - x).
+        // Scene position (x, y) appears at (y, 319 - x).
         let q = [p[1], 319.0 - p[0]];
         if let Some(j) = b.raw.iter().position(|r| (r[0] - q[0]).hypot(r[1] - q[1]) < 0.05) {
             let turn = (b.angle[j] - angle + std::f32::consts::FRAC_PI_2).sin();

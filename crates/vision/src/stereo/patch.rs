@@ -1,18 +1,18 @@
-//! The left patch of an alignment: its pixels on whole positions, and how they change along the epipolar line.
+//! The left patch of an alignment: its pixels at integer positions and its derivative along the epipolar line.
 
 use super::warp::Warp;
 use cairn_sensor::GrayImage;
 
-/// Half the side of the patch in pixels of its level.
+/// Half side of the patch in pixels of its level.
 pub(super) const RADIUS: i32 = 4;
-/// Its side.
+/// Side of the patch in pixels.
 pub(super) const SIDE: usize = 2 * RADIUS as usize + 1;
-/// Its pixels.
+/// Number of pixels of the patch.
 pub(super) const AREA: usize = SIDE * SIDE;
-/// Its pixels, rounded up for vector code; those beyond [`AREA`] have weight zero in a [`Fit`].
+/// Number of pixels rounded up for vector code; those beyond [`AREA`] have weight zero in a [`Fit`].
 pub(super) const PADDED: usize = 96;
 
-/// Pixel values of a patch, row after row.
+/// Pixel values of a patch, row by row.
 pub(super) type Patch = [f32; PADDED];
 
 /// A left patch with its gradients.
@@ -22,18 +22,20 @@ pub(super) struct Template {
     gradient_y: Patch,
 }
 
-/// What stays the same over the steps of one alignment.
+/// Quantities that are constant over the iterations of one alignment.
 pub(super) struct Fit {
-    /// The patch without its mean.
+    /// The patch with its mean removed.
     pub contrast: Patch,
+    /// Sum of squares of `contrast`.
     pub contrast_energy: f32,
-    /// Derivative by the shift, made orthogonal to a change of offset and of gain.
+    /// Derivative with respect to the shift, made orthogonal to changes of offset and gain.
     pub slope: Patch,
+    /// Sum of squares of `slope`.
     pub slope_energy: f32,
 }
 
 impl Template {
-    /// Cuts the patch around a whole position; `None` at the image's edge.
+    /// Cuts the patch around an integer position; `None` at the image border.
     pub(super) fn cut(image: &GrayImage, centre: [f64; 2]) -> Option<Self> {
         let (w, h) = (image.width() as i32, image.height() as i32);
         let (cx, cy) = (centre[0] as i32, centre[1] as i32);
@@ -58,12 +60,12 @@ impl Template {
         Some(t)
     }
 
-    /// Derivatives along the epipolar line; `None` without contrast or without texture along it.
+    /// Computes the derivative along the epipolar line; `None` without contrast or without texture along the line.
     pub(super) fn prepare(&self, warp: &Warp) -> Option<Fit> {
         let mut contrast = self.value;
         centre(&mut contrast);
         let contrast_energy = dot(&contrast, &contrast);
-        // A contrast of one gray level is noise.
+        // A contrast of one gray level or less is noise.
         if contrast_energy < AREA as f32 {
             return None;
         }
@@ -82,7 +84,7 @@ impl Template {
     }
 }
 
-/// One for each pixel of the patch, zero in the padding.
+/// One for each pixel of the patch and zero in the padding.
 static ONES: Patch = {
     let mut ones = [0.0; PADDED];
     let mut k = 0;
@@ -93,7 +95,7 @@ static ONES: Patch = {
     ones
 };
 
-/// Takes the mean from all pixels of the patch; the padding becomes zero.
+/// Subtracts the mean from all pixels of the patch; the padding becomes zero.
 fn centre(patch: &mut Patch) {
     let mean = dot(patch, &ONES) / AREA as f32;
     for (v, one) in patch.iter_mut().zip(&ONES) {
@@ -101,13 +103,13 @@ fn centre(patch: &mut Patch) {
     }
 }
 
-/// Sum of squares about the mean.
+/// Sum of squared deviations from the mean.
 pub(super) fn energy(mut patch: Patch) -> f32 {
     centre(&mut patch);
     dot(&patch, &patch)
 }
 
-/// Inner product in sixteen fixed lanes, so that it vectorises and always rounds alike.
+/// Inner product accumulated in sixteen fixed lanes, so that it vectorises with identical rounding everywhere.
 pub(super) fn dot(a: &Patch, b: &Patch) -> f32 {
     let mut lanes = [0.0f32; 16];
     for (x, y) in a.as_chunks::<16>().0.iter().zip(b.as_chunks::<16>().0) {

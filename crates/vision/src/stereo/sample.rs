@@ -1,22 +1,24 @@
-//! Bilinear samples of a warped patch, positions in 1/65536 pixel; plain Rust here, AVX2 beside it, the same bits.
+//! Bilinear sampling of a warped patch with positions in 1/65536 pixel; portable Rust here, AVX2 in `sample_avx2`,
+//! bit-identical.
 
 use super::patch::{PADDED, Patch, RADIUS, SIDE};
 use crate::orb::Backend;
 use cairn_sensor::GrayImage;
 
-/// Where a patch is sampled: its centre and the steps of one column and one row, in 1/65536 pixel.
+/// Sample positions of a patch: its centre and the steps per column and row, in 1/65536 pixel.
 #[derive(Clone, Copy)]
 pub(super) struct Lattice {
     pub x: i32,
     pub y: i32,
-    /// x by column, x by row, y by column, y by row.
+    /// x per column, x per row, y per column, y per row.
     pub step: [i32; 4],
 }
 
 impl Lattice {
-    /// `None` when a sample (or the three pixels to the right of it, which vector code reads) leaves the image.
+    /// `None` when a sample (or the three pixels to its right, which vector code reads) is outside the image.
     fn new(image: &GrayImage, centre: [f64; 2], affine: &[f32; 4]) -> Option<Self> {
-        // Positions must fit 16.16 with room: levels are at most 16,000 pixels wide, warps at most fourfold.
+        // Positions must fit 16.16 fixed point with a margin: levels are at most 16,000 pixels wide, warps at most
+        // fourfold.
         let fits = |v: f64| (0.0..16_000.0).contains(&v);
         if !(fits(centre[0]) && fits(centre[1]) && affine.iter().all(|v| v.abs() < 2.0)) {
             return None;
@@ -34,7 +36,7 @@ impl Lattice {
     }
 }
 
-/// Samples the patch around `centre`; `None` where it leaves the image.
+/// Samples the patch around `centre`; `None` where it is partly outside the image.
 pub(super) fn sample(
     image: &GrayImage,
     centre: [f64; 2],
@@ -49,11 +51,11 @@ pub(super) fn sample(
         return Some(());
     }
     let _ = backend;
-    plain(image, &lattice, out);
+    sample_scalar(image, &lattice, out);
     Some(())
 }
 
-fn plain(image: &GrayImage, l: &Lattice, out: &mut Patch) {
+fn sample_scalar(image: &GrayImage, l: &Lattice, out: &mut Patch) {
     let data = image.data();
     let stride = image.width();
     let [a, b, c, d] = l.step;
@@ -76,7 +78,7 @@ fn plain(image: &GrayImage, l: &Lattice, out: &mut Patch) {
             py += c;
         }
     }
-    // What vector code leaves in the padding.
+    // The value that vector code writes to the padding.
     out[SIDE * SIDE..PADDED].fill(value(l.x, l.y));
 }
 
@@ -90,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn both_backends_give_the_same_bits() {
+    fn backends_are_bit_identical() {
         let mut rng = Rng::new(51);
         if !Backend::Avx2.available() {
             println!("skipped: no AVX2 on this machine");
@@ -117,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ramp_is_sampled_exactly() {
+    fn ramp_is_sampled_exactly() {
         let data = (0..40 * 40).map(|i| (2 * (i % 40) + 3 * (i / 40)) as u8).collect();
         let image = GrayImage::from_vec(40, 40, data).unwrap();
         let mut out = [0.0; PADDED];

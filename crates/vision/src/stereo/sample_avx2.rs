@@ -1,4 +1,4 @@
-//! AVX2 twin of [`super::sample`]: eight samples at a time by gathered loads, the same bits.
+//! AVX2 version of [`super::sample`]: eight samples at a time with gathered loads, bit-identical.
 #![allow(unsafe_code)]
 
 use super::patch::{AREA, PADDED, Patch, RADIUS, SIDE};
@@ -6,8 +6,8 @@ use super::sample::Lattice;
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 
-/// Column and row of each sample from the centre; zero in the padding.
-static PLACES: [[i32; PADDED]; 2] = {
+/// Column and row of each sample relative to the centre; zero in the padding.
+static OFFSETS: [[i32; PADDED]; 2] = {
     let mut out = [[0; PADDED]; 2];
     let mut k = 0;
     while k < AREA {
@@ -18,7 +18,7 @@ static PLACES: [[i32; PADDED]; 2] = {
     out
 };
 
-/// Samples a lattice that [`Lattice::new`] has found inside the image.
+/// Samples a lattice that [`Lattice::new`] has checked to be inside the image.
 pub(super) fn sample(image: &GrayImage, lattice: &Lattice, out: &mut Patch) {
     let [a, b, c, d] = lattice.step;
     let reach_x = RADIUS * (a.abs() + b.abs());
@@ -30,7 +30,7 @@ pub(super) fn sample(image: &GrayImage, lattice: &Lattice, out: &mut Patch) {
             && ((lattice.x + reach_x) >> 16) + 4 <= image.width() as i32
             && ((lattice.y + reach_y) >> 16) + 2 <= image.height() as i32
     );
-    // SAFETY: AVX2 is there; each sample is at least four pixels from the right edge and two from the lower one.
+    // SAFETY: AVX2 is available; each sample is at least four pixels from the right edge and two from the lower one.
     unsafe { sample_avx2(image, lattice, out) }
 }
 
@@ -42,7 +42,7 @@ unsafe fn sample_avx2(image: &GrayImage, lattice: &Lattice, out: &mut Patch) {
     let (x, y) = (_mm256_set1_epi32(lattice.x), _mm256_set1_epi32(lattice.y));
     let stride = _mm256_set1_epi32(image.width() as i32);
     let upper = image.data().as_ptr() as *const i32;
-    // SAFETY: there is a second row.
+    // SAFETY: the image has a second row, as `sample` asserts.
     let lower = unsafe { image.data().as_ptr().add(image.width()) } as *const i32;
     // The first two bytes of each 32 bits as two 16-bit numbers.
     let pairs = _mm256_setr_epi8(
@@ -55,8 +55,8 @@ unsafe fn sample_avx2(image: &GrayImage, lattice: &Lattice, out: &mut Patch) {
         // SAFETY: k + 8 is at most the length of both tables.
         let (i, j) = unsafe {
             (
-                _mm256_loadu_si256(PLACES[0].as_ptr().add(k) as *const __m256i),
-                _mm256_loadu_si256(PLACES[1].as_ptr().add(k) as *const __m256i),
+                _mm256_loadu_si256(OFFSETS[0].as_ptr().add(k) as *const __m256i),
+                _mm256_loadu_si256(OFFSETS[1].as_ptr().add(k) as *const __m256i),
             )
         };
         let px = _mm256_add_epi32(x, _mm256_add_epi32(_mm256_mullo_epi32(i, a), _mm256_mullo_epi32(j, b)));

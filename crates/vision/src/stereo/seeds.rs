@@ -1,29 +1,30 @@
-//! Matched features by place, so that those without a match can try the disparities around them.
+//! Disparity seeds: matched features in a grid, so that features without a match can try the disparities of neighbours.
 
-use super::Found;
+use super::StereoMatch;
 
-/// Side of a cell in rectified pixels; neighbours are sought in the 3 x 3 cells around a feature.
+/// Side of a cell in rectified pixels; neighbours are searched in the 3 x 3 cells around a feature.
 const CELL: f32 = 32.0;
-/// Different disparities that are tried, at most.
-pub(super) const TRIED: usize = 3;
+/// Maximum number of different disparities to try.
+pub(super) const MAX_SEEDS: usize = 3;
 
-/// A grid of features with their disparities.
+/// A grid of matched features with their disparities.
 #[derive(Clone, Debug, Default)]
 pub(super) struct DisparitySeeds {
     origin: [f32; 2],
     columns: usize,
     rows: usize,
-    /// Start of each cell in `items`; one more than cells.
+    /// Start of each cell in `items`, plus one final entry.
     starts: Vec<u32>,
+    /// x, y and disparity, sorted by cell.
     items: Vec<[f32; 3]>,
 }
 
 impl DisparitySeeds {
-    /// Takes the features of `found` that have a depth.
-    pub(super) fn fill(&mut self, px: &[[f32; 2]], found: &[Found], depth: &[f32]) {
-        let lent = || found.iter().filter(|f| depth[f.left as usize] > 0.0);
+    /// Fills the grid with the features of `found` that have a depth.
+    pub(super) fn fill(&mut self, px: &[[f32; 2]], found: &[StereoMatch], depth: &[f32]) {
+        let with_depth = || found.iter().filter(|f| depth[f.left as usize] > 0.0);
         let mut bounds = [f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
-        for [x, y] in lent().map(|f| px[f.left as usize]) {
+        for [x, y] in with_depth().map(|f| px[f.left as usize]) {
             bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x), bounds[3].max(y)];
         }
         self.starts.clear();
@@ -41,7 +42,7 @@ impl DisparitySeeds {
             ((p[1] - origin[1]) / CELL) as usize * columns + ((p[0] - origin[0]) / CELL) as usize
         };
         self.starts.resize(self.columns * self.rows + 1, 0);
-        for f in lent() {
+        for f in with_depth() {
             self.starts[cell(px[f.left as usize]) + 1] += 1;
         }
         for c in 1..self.starts.len() {
@@ -49,7 +50,7 @@ impl DisparitySeeds {
         }
         self.items.resize(self.starts[self.starts.len() - 1] as usize, [0.0; 3]);
         // Filling moves each start to the end of its cell, which is the start of the next: shifted back below.
-        for f in lent() {
+        for f in with_depth() {
             let p = px[f.left as usize];
             let slot = &mut self.starts[cell(p)];
             self.items[*slot as usize] = [p[0], p[1], f.disparity];
@@ -59,9 +60,9 @@ impl DisparitySeeds {
         self.starts[0] = 0;
     }
 
-    /// Disparities of the nearest features, nearest first, each at least `apart` from those before.
+    /// Disparities of the nearest features, nearest first, each at least `apart` from the previous ones.
     pub(super) fn near(&self, [u, v]: [f32; 2], apart: f32) -> impl Iterator<Item = f32> {
-        let mut best = [(f32::INFINITY, f32::NAN); 2 * TRIED];
+        let mut best = [(f32::INFINITY, f32::NAN); 2 * MAX_SEEDS];
         let column = ((u - self.origin[0]) / CELL).floor() as i64;
         let row = ((v - self.origin[1]) / CELL).floor() as i64;
         let columns = (column - 1).max(0)..(column + 2).min(self.columns as i64).max(0);
@@ -81,11 +82,11 @@ impl DisparitySeeds {
                 }
             }
         }
-        let mut chosen = [f32::NAN; TRIED];
+        let mut chosen = [f32::NAN; MAX_SEEDS];
         let mut count = 0;
         for (_, disparity) in best {
             let new = chosen[..count].iter().all(|c: &f32| (c - disparity).abs() >= apart);
-            if count < TRIED && disparity.is_finite() && new {
+            if count < MAX_SEEDS && disparity.is_finite() && new {
                 chosen[count] = disparity;
                 count += 1;
             }

@@ -1,4 +1,4 @@
-//! How a small patch of the left image looks in the right one: an affine map, and the way disparity moves it.
+//! The local affine warp of a patch from the left image to the right one, and its motion with disparity.
 
 use crate::rectify::Rectifier;
 use cairn_geometry::Vec2;
@@ -8,19 +8,19 @@ use super::patch::RADIUS;
 
 /// The local affine map from a left level to the right one.
 pub(super) struct Warp {
-    /// Right level position at the first disparity.
+    /// Right level position at the initial disparity.
     origin: [f64; 2],
-    /// Motion of the right position for one pixel (of the level) of disparity.
+    /// Motion of the right position per pixel (of the level) of disparity.
     direction: [f64; 2],
     /// The same motion, mapped back into the left level.
     pub direction_left: [f32; 2],
-    /// Right offset of a left offset, row by row.
+    /// Matrix from left offsets to right offsets, row by row.
     pub affine: [f32; 4],
 }
 
 impl Warp {
-    /// Around a whole position of a left level whose pixels are `scale` image pixels wide, at a disparity in rectified
-    /// pixels; `None` where either lens has no image.
+    /// Linearised around an integer position on a left level whose pixels are `scale` image pixels wide, at a disparity
+    /// in rectified pixels; `None` where either lens cannot project the patch.
     pub(super) fn new(
         left: &Rectifier,
         right: &Rectifier,
@@ -43,7 +43,7 @@ impl Warp {
             let p = left.rectify([(raw[0] + dx) as f32, (raw[1] + dy) as f32])?;
             Some(Vec2::new(p[0] as f64, p[1] as f64))
         };
-        // Derivatives over the patch's own extent.
+        // Central differences over the extent of the patch.
         let h = RADIUS as f64 * scale;
         let middle = rectify(0.0, 0.0)?;
         let rectified_from_left = Matrix2::from_columns(&[

@@ -1,4 +1,4 @@
-//! Essential matrices from five rays.
+//! Essential matrices from five ray pairs.
 //!
 //! Nister, "An efficient solution to the five-point relative pose problem" (PAMI 2004): the four-dimensional null
 //! space of the epipolar equations, ten cubic constraints, elimination to a polynomial of degree ten, its real roots.
@@ -103,8 +103,8 @@ fn add_cubic(out: &mut Cubic, a: &Quadratic, b: &Linear) {
     }
 }
 
-/// At most ten essential matrices `E` with `second' * E * first = 0` for five pairs of rays (of any length; unit is
-/// best). Calls `visit` with each, of unit Frobenius norm over the square root of two; none for degenerate rays.
+/// Calls `visit` with each of the at most ten essential matrices `E` with `second' * E * first = 0` for five pairs of
+/// rays (of any length; unit length is best). Their Frobenius norm is the square root of two. None for degenerate rays.
 pub fn five_point(first: &[Vec3; 5], second: &[Vec3; 5], mut visit: impl FnMut(Mat3)) {
     let mut rows = [[0.0; 9]; 5];
     for (row, (a, b)) in rows.iter_mut().zip(first.iter().zip(second)) {
@@ -129,7 +129,7 @@ pub fn five_point(first: &[Vec3; 5], second: &[Vec3; 5], mut visit: impl FnMut(M
             }
         }
         m *= std::f64::consts::SQRT_2 / m.norm();
-        // About one in a hundred samples is so badly conditioned that rounding spoils the root; also drops NaN.
+        // About one in a hundred samples is so badly conditioned that rounding corrupts the root; also drops NaN.
         let square = m * m.transpose();
         if (square * m - m * (0.5 * square.trace())).norm() < 1e-3 {
             visit(m);
@@ -173,7 +173,7 @@ fn constraints(e: &[[Linear; 3]; 3]) -> [Cubic; 10] {
     out
 }
 
-/// Gauss-Jordan on the first ten columns with partial pivoting.
+/// Gauss-Jordan elimination of the first ten columns with partial pivoting.
 fn eliminate(mut a: [Cubic; 10]) -> Option<[Cubic; 10]> {
     for c in 0..10 {
         let pivot = (c..10).max_by(|&i, &j| a[i][c].abs().total_cmp(&a[j][c].abs()))?;
@@ -199,9 +199,10 @@ fn eliminate(mut a: [Cubic; 10]) -> Option<[Cubic; 10]> {
 /// A polynomial in z, rising powers.
 type InZ = [f64; 5];
 
-/// The 3x3 matrix of polynomials in z that annuls (x, y, 1), and its determinant (Nister's equations 13 to 25).
+/// The 3x3 matrix of polynomials in z whose null vector is (x, y, 1), and its determinant (Nister's equations 13 to
+/// 25).
 fn hidden_variable(a: &[Cubic; 10]) -> ([[InZ; 3]; 3], [f64; 11]) {
-    // Rows of x^2 z and x^2, y^2 z and y^2, xyz and xy: the first less z times the second.
+    // Rows of x^2 z and x^2, y^2 z and y^2, xyz and xy: the first minus z times the second.
     let b: [[InZ; 3]; 3] = [[4, 5], [6, 7], [8, 9]].map(|[with_z, without]| {
         let (p, q) = (&a[with_z], &a[without]);
         let three = |at: usize| {
@@ -230,7 +231,7 @@ fn hidden_variable(a: &[Cubic; 10]) -> ([[InZ; 3]; 3], [f64; 11]) {
     (b, determinant)
 }
 
-/// x and y for a root z: the direction that two rows of the matrix leave free, of the pair of rows that tell it best.
+/// x and y for a root z: the null vector of the matrix, as the cross product of the best conditioned pair of rows.
 fn back_substitute(b: &[[InZ; 3]; 3], z: f64) -> Option<[f64; 2]> {
     let rows =
         b.map(|row| Vec3::from(row.map(|p: InZ| p.iter().rev().fold(0.0, |sum, c| sum * z + c))).normalize());
@@ -252,7 +253,7 @@ mod tests {
     use cairn_solve::ransac::Rng;
 
     #[test]
-    fn one_of_the_solutions_is_the_truth() {
+    fn true_motion_is_among_the_solutions() {
         let mut rng = Rng::new(11);
         let (mut missed, mut solutions) = (0, 0);
         for trial in 0..500 {
@@ -260,7 +261,7 @@ mod tests {
                 So3::exp(&(Vec3::new(rng.normal(), rng.normal(), rng.normal()) * 0.2)),
                 Vec3::new(rng.normal(), rng.normal(), rng.normal()).normalize(),
             );
-            // Every other world is a plane.
+            // Every other scene is a plane.
             let p: [Vec3; 5] = std::array::from_fn(|_| {
                 let (x, y) = (rng.range(-1.0, 1.0), rng.range(-1.0, 1.0));
                 let z = if trial % 2 == 0 { rng.range(3.0, 9.0) } else { 5.0 + 0.8 * x - 0.5 * y };
@@ -289,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_rays_give_nothing_wrong() {
+    fn degenerate_rays_give_no_solution() {
         five_point(&[Vec3::z(); 5], &[Vec3::z(); 5], |_| panic!("one ray five times"));
         five_point(&[Vec3::repeat(f64::NAN); 5], &[Vec3::z(); 5], |_| panic!("not a number"));
     }

@@ -1,10 +1,10 @@
-//! Homographies: from four points, and the motions that one stands for.
+//! Homographies: estimation from four points, and decomposition into motions.
 
 use crate::roots::null_space;
 use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
 
 /// The homography of four point pairs, `second ~ H * first`, by the normalised direct linear transform (Hartley and
-/// Zisserman 2004, algorithm 4.2); `None` when three points are in line or nearly.
+/// Zisserman 2004, algorithm 4.2); `None` when three points are (nearly) collinear.
 pub fn four_point(first: &[Vec2; 4], second: &[Vec2; 4]) -> Option<Mat3> {
     let (t1, t2) = (normalisation(first)?, normalisation(second)?);
     let mut rows = [[0.0; 9]; 8];
@@ -17,14 +17,14 @@ pub fn four_point(first: &[Vec2; 4], second: &[Vec2; 4]) -> Option<Mat3> {
     }
     let [h] = null_space::<8, 9, 1>(rows)?;
     let h = Mat3::from_row_slice(&h);
-    // Three points in line make it singular.
+    // Three collinear points make it singular.
     if h.determinant().abs() < 1e-6 {
         return None;
     }
     Some(t2.try_inverse()? * h * t1)
 }
 
-/// Moves the centroid to the origin and the mean distance to the square root of two.
+/// Similarity that moves the centroid to the origin and scales the mean distance from it to the square root of two.
 fn normalisation(points: &[Vec2; 4]) -> Option<Mat3> {
     let centre = points.iter().sum::<Vec2>() / 4.0;
     let spread = points.iter().map(|p| (p - centre).norm()).sum::<f64>() / 4.0;
@@ -32,12 +32,13 @@ fn normalisation(points: &[Vec2; 4]) -> Option<Mat3> {
     s.is_finite().then(|| Mat3::new(s, 0.0, -s * centre.x, 0.0, s, -s * centre.y, 0.0, 0.0, 1.0))
 }
 
-/// The four motions `second_from_first` (unit translation) that a homography of unit-focal image points may stand for,
-/// with the camera on one side of the plane in both views; `None` for a homography without parallax.
+/// The four motions `second_from_first` (unit translation) that are consistent with a homography of image points at
+/// unit focal length, with the camera on the same side of the plane in both views; `None` for a homography without
+/// parallax.
 ///
 /// Faugeras and Lustman, "Motion and structure from motion in a piecewise planar environment" (1988), the case d' = d2.
 pub fn motions(h: &Mat3) -> Option<[Se3; 4]> {
-    // The determinant is positive when the plane is not crossed, so U * V' is a rotation.
+    // The determinant is positive when the camera does not cross the plane, so U * V' is a rotation.
     let svd = (h * h.determinant().signum()).svd(true, true);
     let (u, vt) = (svd.u?, svd.v_t?);
     let (d1, d2, d3) = (svd.singular_values[0], svd.singular_values[1], svd.singular_values[2]);
@@ -65,7 +66,7 @@ mod tests {
     use cairn_solve::ransac::Rng;
 
     #[test]
-    fn plane_gives_homography_and_homography_the_motion() {
+    fn homography_of_a_plane_gives_the_motion() {
         let mut rng = Rng::new(21);
         for _ in 0..300 {
             let v = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
@@ -97,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn no_plane_no_homography() {
+    fn degenerate_points_give_no_homography() {
         let line: [Vec2; 4] = std::array::from_fn(|k| Vec2::new(k as f64, 2.0 * k as f64));
         assert!(four_point(&line, &line).is_none());
         assert!(four_point(&[Vec2::zeros(); 4], &line).is_none());

@@ -1,9 +1,9 @@
-//! Starting from two views of one camera: the motion between them and the points both see, up to scale.
+//! Two-view initialisation of a single camera: the relative motion and the points visible in both views, up to scale.
 //!
-//! A homography (plane, or rotation) and an essential matrix (anything else) are sought side by side in the same seeded
-//! samples; the motions that either stands for then compete on all matches, each refined, and the winner must be alone,
-//! in front of both eyes, and have parallax. After Mur-Artal et al. 2015 (ORB-SLAM), section IV, with five-point
-//! essential matrices (the camera is calibrated) and a refinement of five unknowns.
+//! A homography (plane, or pure rotation) and an essential matrix (anything else) are estimated from the same seeded
+//! RANSAC samples. The motions of both models are refined and compared on all matches; the winner must be unambiguous,
+//! have its points in front of both cameras, and have parallax. After Mur-Artal et al. 2015 (ORB-SLAM), section IV,
+//! with five-point essential matrices (the camera is calibrated) and a refinement over five unknowns.
 
 mod five_point;
 mod homography;
@@ -22,24 +22,25 @@ use cairn_solve::ransac::{Rng, iterations};
 use score::{CHI2_1, CHI2_2, Match};
 use std::fmt;
 
-/// What is asked of the start.
+/// Configuration of the two-view initialisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwoViewConfig {
-    /// Samples drawn, at most.
+    /// Maximum number of RANSAC samples.
     pub iterations: usize,
     /// Standard deviation of a keypoint in pixels.
     pub sigma_px: f64,
-    /// Triangulated points needed.
+    /// Minimum number of triangulated points.
     pub min_points: usize,
-    /// Of the matches on their epipolar lines, the share that must be in front of both eyes or too far to tell.
+    /// Of the matches on their epipolar lines, the fraction that must be in front of both cameras or too far away to
+    /// decide.
     pub min_front_share: f64,
-    /// Least parallax of the result in degrees: half of the points, or fifty, must have it.
+    /// Minimum parallax of the result in degrees: half of the points, or fifty, must have at least this.
     pub min_parallax_deg: f64,
-    /// Least parallax of a single point in degrees.
+    /// Minimum parallax of a single point in degrees.
     pub point_parallax_deg: f64,
-    /// A second motion with more than this share of the winner's score makes the start ambiguous.
+    /// A different motion with more than this fraction of the winner's score makes the result ambiguous.
     pub ambiguity: f64,
-    /// Ratio of scores, `S_H / (S_H + S_F)`, above which the scene is told to be a plane (or without parallax).
+    /// Ratio of scores, `S_H / (S_H + S_F)`, above which the scene is reported as planar (or without parallax).
     pub homography_ratio: f64,
 }
 
@@ -58,23 +59,23 @@ impl Default for TwoViewConfig {
     }
 }
 
-/// Which model explains the matches.
+/// Which model explains the matches better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TwoViewModel {
-    /// A plane, or little parallax.
+    /// A planar scene, or low parallax.
     Homography,
     /// Points at many depths.
     Essential,
 }
 
-/// Two views and what they see.
+/// Result of a two-view initialisation.
 #[derive(Clone, Debug)]
 pub struct TwoView {
     /// The motion; its translation has length one.
     pub second_from_first: Se3,
-    /// For each match its point in the first eye's frame, in units of the translation.
+    /// For each match its point in the first camera's frame, in units of the translation, if triangulated.
     pub points: Vec<Option<Vec3>>,
-    /// Parallax that half of the points, or fifty, have at least.
+    /// Parallax in degrees that half of the points, or fifty, exceed.
     pub parallax_deg: f64,
     /// Which model explained the matches better.
     pub model: TwoViewModel,
@@ -83,39 +84,39 @@ pub struct TwoView {
 }
 
 impl TwoView {
-    /// How many matches have a point.
+    /// Number of triangulated matches.
     pub fn point_count(&self) -> usize {
         self.points.iter().flatten().count()
     }
 }
 
-/// Why two views were refused.
+/// Why two views were rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TwoViewReason {
-    /// Fewer matches than points needed.
+    /// Fewer matches than the minimum number of points.
     TooFewMatches,
     /// No model explains enough matches.
     TooFewInliers,
-    /// The rays are too nearly parallel: the camera turned or stood still, or all is far.
+    /// Too little parallax: pure rotation, no motion, or a distant scene.
     LowParallax,
-    /// Two different motions explain the matches about equally well.
+    /// Two different motions explain the matches almost equally well.
     Ambiguous,
-    /// Too few points stand in front of both eyes.
+    /// Too few points are in front of both cameras.
     TooFewPoints,
 }
 
-/// Two views that do not make a start, with the numbers that say why; what was not reached is zero.
+/// A rejected pair of views, with the numbers that explain why; values of stages not reached are zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwoViewRejected {
-    /// Why.
+    /// The reason.
     pub reason: TwoViewReason,
     /// Matches given.
     pub matches: usize,
-    /// Matches that obey the best motion.
+    /// Inliers of the best motion.
     pub inliers: usize,
     /// Triangulated points of the best motion.
     pub points: usize,
-    /// Score of the best other motion over the best motion's.
+    /// Score of the best different motion relative to the best motion.
     pub other_share: f64,
     /// Parallax of the best motion in degrees.
     pub parallax_deg: f64,
@@ -128,13 +129,15 @@ impl fmt::Display for TwoViewRejected {
         let Self { matches, inliers, points, other_share, parallax_deg, .. } = self;
         match self.reason {
             TwoViewReason::TooFewMatches => write!(f, "too few matches: {matches}"),
-            TwoViewReason::TooFewInliers => write!(f, "{inliers} of {matches} matches obey one motion"),
-            TwoViewReason::LowParallax => write!(f, "parallax of {parallax_deg:.2} degrees is too little"),
+            TwoViewReason::TooFewInliers => {
+                write!(f, "only {inliers} of {matches} matches are consistent with one motion")
+            }
+            TwoViewReason::LowParallax => write!(f, "the parallax of {parallax_deg:.2} degrees is too low"),
             TwoViewReason::Ambiguous => {
-                write!(f, "two motions fit, the second {:.0} % as well as the first", other_share * 100.0)
+                write!(f, "ambiguous: a second motion scores {:.0} % of the first", other_share * 100.0)
             }
             TwoViewReason::TooFewPoints => {
-                write!(f, "{points} points of {inliers} matches that obey the motion")
+                write!(f, "only {points} points triangulated from {inliers} inliers")
             }
         }
     }
@@ -142,21 +145,25 @@ impl fmt::Display for TwoViewRejected {
 
 impl std::error::Error for TwoViewRejected {}
 
-/// A motion and what it makes of the matches.
+/// A motion and its support by the matches.
 struct Candidate {
     motion: Se3,
     points: Vec<Option<Vec3>>,
     count: usize,
-    /// What its inliers add (equation 2 of the paper): near matches count more.
+    /// Sum over its inliers (equation 2 of the paper): smaller errors count more.
     score: f64,
     inliers: usize,
-    /// Matches on their epipolar lines, wherever they meet.
+    /// Matches on their epipolar lines, regardless of depth.
     on_lines: usize,
     parallax_deg: f64,
 }
 
-/// Finds the motion between two views from matched rectified pixels (`first[i]` and `second[i]` are one point), or says
-/// why there is none to be had. The same seed gives the same answer.
+/// Estimates the motion between two views from matched rectified pixels (`first[i]` and `second[i]` are one point). The
+/// same seed gives the same result.
+///
+/// # Errors
+/// When the views do not determine a unique motion with enough points; [`TwoViewRejected`] holds the reason and
+/// numbers.
 pub fn two_view(
     camera: &RectifiedCamera,
     first: &[[f32; 2]],
@@ -179,7 +186,7 @@ pub fn two_view(
     }
     let focal = (camera.fx * camera.fy).sqrt();
     let sigma = config.sigma_px / focal;
-    let matches = on_unit_plane(camera, first, second);
+    let matches = normalised_matches(camera, first, second);
     let best = search(&matches, sigma, config, seed);
     rejected.homography_ratio = best.ratio();
     rejected.reason = TwoViewReason::TooFewInliers;
@@ -192,7 +199,7 @@ pub fn two_view(
     rejected.points = winner.count;
     rejected.other_share = other / winner.score.max(f64::MIN_POSITIVE);
     rejected.parallax_deg = winner.parallax_deg;
-    // Noise alone looks like this much parallax.
+    // Parallax that noise alone can cause.
     let noise_deg = (3.0 * std::f64::consts::SQRT_2 * sigma).to_degrees();
     rejected.reason = if winner.inliers < config.min_points {
         TwoViewReason::TooFewInliers
@@ -218,14 +225,14 @@ pub fn two_view(
     Err(rejected)
 }
 
-/// Different essential matrices that are followed up.
-const FOLLOWED: usize = 4;
-/// Essential matrices (of norm root two) nearer than this are one.
+/// Number of different essential matrices that are refined.
+const KEPT_ESSENTIALS: usize = 4;
+/// Essential matrices (of norm root two) closer than this are treated as the same.
 const SAME_ESSENTIAL: f64 = 0.25;
-/// Matches, at most, on which a motion is judged at first.
-const FIRST_LOOK: usize = 150;
+/// Maximum number of matches in the first evaluation of a motion.
+const FIRST_MATCHES: usize = 150;
 
-/// The best models of each kind.
+/// The best models of both kinds.
 struct Best {
     homography: Option<Mat3>,
     homography_score: f64,
@@ -233,14 +240,14 @@ struct Best {
     essentials: Vec<(f64, Mat3)>,
 }
 
-/// Draws samples of five; the first four of each make a homography.
+/// RANSAC over samples of five matches; the first four of each also give a homography.
 fn search(matches: &[Match], sigma: f64, config: &TwoViewConfig, seed: u64) -> Best {
-    // Scores want points whose standard deviation is one.
+    // The scores expect coordinates with unit standard deviation.
     let scaled: Vec<Match> = matches.iter().map(|m| m.map(|c| c / sigma)).collect();
     let to_unit = Mat3::from_diagonal(&Vec3::new(sigma, sigma, 1.0));
     let from_unit = Mat3::from_diagonal(&Vec3::new(1.0 / sigma, 1.0 / sigma, 1.0));
     let mut best =
-        Best { homography: None, homography_score: 0.0, essentials: Vec::with_capacity(FOLLOWED + 1) };
+        Best { homography: None, homography_score: 0.0, essentials: Vec::with_capacity(KEPT_ESSENTIALS + 1) };
     let mut rng = Rng::with_stream(seed, 2);
     let mut limit = config.iterations;
     let mut done = 0;
@@ -267,7 +274,7 @@ fn search(matches: &[Match], sigma: f64, config: &TwoViewConfig, seed: u64) -> B
         five_point(&rays(0), &rays(2), |e| {
             let f = to_unit * e * to_unit;
             let s = score::fundamental(&f, &scaled);
-            if best.offer(s, e) {
+            if best.insert(s, e) {
                 let share = score::fundamental_inliers(&f, &scaled) as f64 / scaled.len() as f64;
                 limit = iterations(share, 5, 0.9999, config.iterations).max(config.iterations.min(30));
             }
@@ -282,9 +289,9 @@ impl Best {
         self.homography_score / (self.homography_score + essential).max(f64::MIN_POSITIVE)
     }
 
-    /// Keeps an essential matrix if it is among the best, one of each kind; true when it is the best of all.
-    fn offer(&mut self, score: f64, e: Mat3) -> bool {
-        if self.essentials.len() == FOLLOWED && score <= self.essentials[FOLLOWED - 1].0 {
+    /// Keeps an essential matrix if it is among the best distinct ones; true when it is the best of all.
+    fn insert(&mut self, score: f64, e: Mat3) -> bool {
+        if self.essentials.len() == KEPT_ESSENTIALS && score <= self.essentials[KEPT_ESSENTIALS - 1].0 {
             return false;
         }
         let near = |o: &Mat3| (o - e).norm().min((o + e).norm()) < SAME_ESSENTIAL;
@@ -294,28 +301,28 @@ impl Best {
         self.essentials.retain(|(_, o)| !near(o));
         let at = self.essentials.partition_point(|(s, _)| *s >= score);
         self.essentials.insert(at, (score, e));
-        self.essentials.truncate(FOLLOWED);
+        self.essentials.truncate(KEPT_ESSENTIALS);
         at == 0
     }
 
-    /// The motions of all models, refined and judged; those with far fewer inliers than the best are left out early.
+    /// The motions of all models, refined and evaluated; those with far fewer inliers than the best are dropped early.
     fn candidates(&self, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> Vec<Candidate> {
-        let stride = matches.len().div_ceil(FIRST_LOOK);
-        let some: Vec<Match> = matches.iter().step_by(stride).copied().collect();
+        let stride = matches.len().div_ceil(FIRST_MATCHES);
+        let subset: Vec<Match> = matches.iter().step_by(stride).copied().collect();
         let from_homography = self.homography.as_ref().and_then(homography_motions).into_iter().flatten();
         let from_essential = self.essentials.iter().filter_map(|e| essential_motions(&e.1)).flatten();
-        // Looser at first: a model of five noisy points is not exact.
-        let judged: Vec<Candidate> = from_homography
+        // With a looser threshold at first: a model from five noisy points is not exact.
+        let evaluated: Vec<Candidate> = from_homography
             .chain(from_essential)
-            .map(|motion| judge(motion, &some, 2.0 * sigma, config))
+            .map(|motion| evaluate(motion, &subset, 2.0 * sigma, config))
             .collect();
-        let most = judged.iter().map(|c| c.inliers).max().unwrap_or(0);
-        judged
+        let max_inliers = evaluated.iter().map(|c| c.inliers).max().unwrap_or(0);
+        evaluated
             .into_iter()
-            .filter(|c| c.inliers * 2 >= most)
+            .filter(|c| c.inliers * 2 >= max_inliers)
             .map(|c| {
                 let motion = refine::refine(&c.motion, matches, sigma);
-                judge(motion, matches, sigma, config)
+                evaluate(motion, matches, sigma, config)
             })
             .collect()
     }
@@ -331,7 +338,7 @@ fn take_best(candidates: &mut Vec<Candidate>) -> Option<Candidate> {
     (!candidates.is_empty()).then(|| candidates.swap_remove(best))
 }
 
-/// More than two degrees of rotation or ten of direction apart.
+/// True when two motions differ by more than two degrees in rotation or ten degrees in direction of translation.
 fn differ(a: &Se3, b: &Se3) -> bool {
     (a.rotation.inverse() * b.rotation).angle() > 2f64.to_radians()
         || a.translation.dot(&b.translation) < 10f64.to_radians().cos()
@@ -341,7 +348,7 @@ fn differ(a: &Se3, b: &Se3) -> bool {
 pub fn essential_motions(e: &Mat3) -> Option<[Se3; 4]> {
     let svd = e.svd(true, true);
     let (mut u, mut vt) = (svd.u?, svd.v_t?);
-    // Columns of vanishing singular value are free in sign: make both rotations.
+    // The sign of the columns of the zero singular value is free: chosen so that both matrices are rotations.
     let (sign_u, sign_v) = (u.determinant().signum(), vt.determinant().signum());
     u.column_mut(2).scale_mut(sign_u);
     vt.row_mut(2).scale_mut(sign_v);
@@ -352,9 +359,9 @@ pub fn essential_motions(e: &Mat3) -> Option<[Se3; 4]> {
     all.iter().all(Se3::is_finite).then_some(all)
 }
 
-/// Triangulates all matches under a motion: inliers obey it (near both lines, and either in front of both eyes or too far
-/// to tell), points have parallax besides.
-fn judge(motion: Se3, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> Candidate {
+/// Triangulates all matches under a motion. Inliers are close to both epipolar lines and either in front of both
+/// cameras or too far away to decide; matches with parallax also get a point.
+fn evaluate(motion: Se3, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> Candidate {
     let e = essential(&motion);
     let inverse = motion.rotation.inverse();
     let (line, pixel) = (CHI2_1 * sigma * sigma, CHI2_2 * sigma * sigma);
@@ -368,13 +375,13 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> 
         }
         on_lines += 1;
         let (a, b) = (Vec2::new(m[0], m[1]), Vec2::new(m[2], m[3]));
-        let turned = inverse * b.push(1.0);
-        let parallax = a.push(1.0).cross(&turned).norm().atan2(a.push(1.0).dot(&turned)).to_degrees();
+        let in_first = inverse * b.push(1.0);
+        let parallax = a.push(1.0).cross(&in_first).norm().atan2(a.push(1.0).dot(&in_first)).to_degrees();
         let [ca, cb] = correct(&e, &a, &b);
-        let moved = (ca - a).norm_squared().max((cb - b).norm_squared());
-        let met = midpoint(&motion, &ca.push(1.0), &cb.push(1.0));
-        let in_front = met.is_some_and(|p| p.z > 0.0 && (motion * p).z > 0.0);
-        if moved > pixel || !in_front && parallax > config.point_parallax_deg {
+        let correction = (ca - a).norm_squared().max((cb - b).norm_squared());
+        let intersection = midpoint(&motion, &ca.push(1.0), &cb.push(1.0));
+        let in_front = intersection.is_some_and(|p| p.z > 0.0 && (motion * p).z > 0.0);
+        if correction > pixel || !in_front && parallax > config.point_parallax_deg {
             continue;
         }
         inliers += 1;
@@ -382,7 +389,7 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> 
         if in_front {
             parallaxes.push(parallax);
             if parallax > config.point_parallax_deg {
-                *point = met;
+                *point = intersection;
             }
         }
     }
@@ -395,8 +402,8 @@ fn judge(motion: Se3, matches: &[Match], sigma: f64, config: &TwoViewConfig) -> 
     Candidate { motion, points, count, score: total, inliers, on_lines, parallax_deg }
 }
 
-/// Matches of pixels as matches on the plane one unit ahead.
-fn on_unit_plane(camera: &RectifiedCamera, first: &[[f32; 2]], second: &[[f32; 2]]) -> Vec<Match> {
+/// Converts matches of pixels to normalised image coordinates (z = 1).
+fn normalised_matches(camera: &RectifiedCamera, first: &[[f32; 2]], second: &[[f32; 2]]) -> Vec<Match> {
     let unit = |p: [f32; 2]| camera.unproject(p, 1.0).xy();
     let pair = |(&a, &b)| {
         let (a, b) = (unit(a), unit(b));

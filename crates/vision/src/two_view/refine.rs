@@ -1,17 +1,18 @@
-//! The motion that explains its matches best: five unknowns, Sampson's approximation of the reprojection error.
+//! Nonlinear refinement of a relative motion: five unknowns, Sampson error (a first-order approximation of the
+//! reprojection error).
 
 use super::score::Match;
 use crate::triangulate::essential;
 use cairn_geometry::{Mat3, Se3, So3, Vec3, hat};
 use nalgebra::{SMatrix, SVector};
 
-/// Residuals beyond this many standard deviations count linearly (Huber 1964).
+/// Huber loss: residuals beyond this many standard deviations count linearly (Huber 1964).
 const HUBER: f64 = 1.5;
-/// Residuals beyond this do not count at all.
+/// Residuals beyond this many standard deviations have no influence.
 const GATE: f64 = 2.5;
 const STEPS: usize = 12;
 
-/// Gauss-Newton with Levenberg's damping over rotation and direction of translation; `matches` are unit-focal image points,
+/// Levenberg-Marquardt over rotation and direction of translation; `matches` are image points at unit focal length,
 /// `sigma` their standard deviation. The result has unit translation.
 pub(super) fn refine(start: &Se3, matches: &[Match], sigma: f64) -> Se3 {
     let mut best = Se3::new(start.rotation, start.translation.normalize());
@@ -26,11 +27,11 @@ pub(super) fn refine(start: &Se3, matches: &[Match], sigma: f64) -> Se3 {
         let tangent = tangent(&best.translation);
         let rotation = best.rotation * So3::exp(&Vec3::new(step[0], step[1], step[2]));
         let translation = (best.translation + tangent[0] * step[3] + tangent[1] * step[4]).normalize();
-        let tried = Se3::new(rotation, translation);
-        let next = linearise(&tried, matches, sigma);
+        let trial = Se3::new(rotation, translation);
+        let next = linearise(&trial, matches, sigma);
         if next.cost < system.cost {
             let gain = system.cost - next.cost;
-            (best, system) = (tried, next);
+            (best, system) = (trial, next);
             damping = (damping * 0.1).max(1e-9);
             if gain < 1e-6 * system.cost {
                 break;
@@ -51,7 +52,7 @@ struct System {
     cost: f64,
 }
 
-/// Two unit vectors across a unit vector.
+/// Two orthonormal vectors perpendicular to a unit vector.
 fn tangent(t: &Vec3) -> [Vec3; 2] {
     let other = if t.x.abs() < 0.6 { Vec3::x() } else { Vec3::y() };
     let a = t.cross(&other).normalize();
@@ -62,7 +63,7 @@ fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> System {
     let e = essential(motion);
     let rotation = motion.rotation.matrix();
     let [b1, b2] = tangent(&motion.translation);
-    let by: [Mat3; 5] = [
+    let derivatives: [Mat3; 5] = [
         e * hat(&Vec3::x()),
         e * hat(&Vec3::y()),
         e * hat(&Vec3::z()),
@@ -85,7 +86,7 @@ fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> System {
         let weight = if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
         s.cost += if r.abs() <= HUBER { r * r } else { HUBER * (2.0 * r.abs() - HUBER) };
         let mut j = SVector::<f64, 5>::zeros();
-        for (k, d) in by.iter().enumerate() {
+        for (k, d) in derivatives.iter().enumerate() {
             let (d2, d1) = (d * a, d.tr_mul(&b));
             let d_square = line2.xy().dot(&d2.xy()) + line1.xy().dot(&d1.xy());
             j[k] = b.dot(&d2) / root - r * d_square / square;
@@ -102,7 +103,7 @@ mod tests {
     use cairn_solve::ransac::Rng;
 
     #[test]
-    fn gradient_is_that_of_the_cost() {
+    fn gradient_matches_the_cost() {
         let mut rng = Rng::new(31);
         let t = Se3::new(So3::exp(&Vec3::new(0.05, -0.1, 0.02)), Vec3::new(0.8, 0.1, -0.3).normalize());
         let matches: Vec<Match> = (0..40)

@@ -1,15 +1,15 @@
-//! How well a model explains matches: truncated scores of both directions, comparable between models.
+//! Model scores: truncated symmetric transfer errors, comparable between homography and fundamental matrix.
 //!
 //! Mur-Artal, Montiel, Tardos, "ORB-SLAM: a versatile and accurate monocular SLAM system" (2015), equations 2 and 3.
 
 use cairn_geometry::Mat3;
 
-/// 95 % of a chi-square with one degree of freedom (distance to a line).
+/// 95 % quantile of chi-square with one degree of freedom (distance to a line).
 pub(super) const CHI2_1: f64 = 3.84;
-/// 95 % of a chi-square with two degrees of freedom (distance to a point); also what a perfect match scores.
+/// 95 % quantile of chi-square with two degrees of freedom (distance to a point); also the score of a perfect match.
 pub(super) const CHI2_2: f64 = 5.99;
 
-/// A match: first x and y, second x and y, in pixels over their standard deviation or any unit of which that is one.
+/// A match: first x and y, second x and y. Scores expect units in which the standard deviation is one.
 pub(super) type Match = [f64; 4];
 
 /// Score of a fundamental matrix, `second' * F * first = 0`.
@@ -17,7 +17,7 @@ pub(super) fn fundamental(f: &Mat3, matches: &[Match]) -> f64 {
     matches.iter().map(|m| line_distances(f, m).map(|d| benefit(d, CHI2_1)).iter().sum::<f64>()).sum()
 }
 
-/// How many matches lie within both lines' bounds.
+/// Number of matches within the threshold of both epipolar lines.
 pub(super) fn fundamental_inliers(f: &Mat3, matches: &[Match]) -> usize {
     matches.iter().filter(|m| line_distances(f, m).iter().all(|&d| d < CHI2_1)).count()
 }
@@ -32,7 +32,7 @@ pub(super) fn homography(h: &Mat3, inverse: &Mat3, matches: &[Match]) -> f64 {
         .sum()
 }
 
-/// Squared distances of the second point to the first's line and of the first to the second's.
+/// Squared distances of the second point to the epipolar line of the first, and of the first to that of the second.
 #[inline(always)]
 pub(super) fn line_distances(f: &Mat3, &[x, y, u, v]: &Match) -> [f64; 2] {
     let a = f.m11 * x + f.m12 * y + f.m13;
@@ -53,7 +53,7 @@ fn transfer(h: &Mat3, [x, y]: [f64; 2], [u, v]: [f64; 2]) -> f64 {
     (px - u) * (px - u) + (py - v) * (py - v)
 }
 
-/// What one distance adds: `CHI2_2` less its square, nothing beyond the bound (or for NaN).
+/// Score of one squared distance: `CHI2_2 - d2` below the bound, zero above it (or for NaN).
 #[inline(always)]
 fn benefit(d2: f64, bound: f64) -> f64 {
     if d2 < bound { CHI2_2 - d2 } else { 0.0 }

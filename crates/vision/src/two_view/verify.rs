@@ -1,41 +1,42 @@
-//! Whether two images can show one rigid scene at all: how many matches obey one motion, and how unlikely that is by chance.
+//! Geometric verification: whether two images can show the same rigid scene, by how many matches are consistent with
+//! one motion and how unlikely that is by chance.
 //!
-//! The number that decides is the expected count of motions that as many matches would obey if they were random, after
-//! Moisan and Stival, "A probabilistic criterion to detect rigid point matches between two images and estimate the
-//! fundamental matrix" (2004), equation 12, for one fixed bound instead of the best of all.
+//! The criterion is the expected number of motions that as many random matches would be consistent with (a contrario),
+//! after Moisan and Stival, "A probabilistic criterion to detect rigid point matches between two images and estimate
+//! the fundamental matrix" (2004), equation 12, for one fixed threshold instead of the best of all.
 
 use super::refine::refine;
 use super::score::{self, CHI2_1};
-use super::{TwoViewConfig, essential_motions, on_unit_plane, search};
+use super::{TwoViewConfig, essential_motions, normalised_matches, search};
 use crate::RectifiedCamera;
 use crate::triangulate::essential;
 use cairn_geometry::{Mat3, Vec3};
 
-/// What geometry says of the matches of two images.
+/// Result of the geometric verification of two images.
 #[derive(Clone, Debug)]
 pub struct Verified {
-    /// Which matches obey the best motion.
+    /// For each match, whether it is an inlier of the best motion.
     pub inliers: Vec<bool>,
-    /// Logarithm to base 10 of the number of false alarms: how many motions one may expect to be obeyed by so many of these
-    /// matches if each were random. Below zero it is unlikely, at -10 out of the question.
+    /// log10 of the number of false alarms: the expected number of motions with as many inliers if all matches were
+    /// random. Below 0 a chance agreement is unlikely, below -10 practically impossible.
     pub log10_false_alarms: f64,
 }
 
 impl Verified {
-    /// How many matches obey the motion.
+    /// Number of inliers.
     pub fn count(&self) -> usize {
         self.inliers.iter().filter(|i| **i).count()
     }
 }
 
-/// Matches that an essential matrix is made of.
+/// Matches in a minimal sample for an essential matrix.
 const SAMPLE: usize = 5;
-/// Essential matrices that a sample gives, at most.
+/// Maximum number of essential matrices per sample.
 const MODELS: f64 = 10.0;
 
-/// Seeks the motion that most matches obey (`first[i]` and `second[i]` are one point, rectified pixels). MatchFailure
-/// [`super::two_view`] it needs no parallax: a camera that only turned, or stands where it stood before, passes. `None` for
-/// fewer than eight matches. The same seed gives the same answer.
+/// Finds the motion with the most inliers (`first[i]` and `second[i]` are one point, in rectified pixels). Unlike
+/// [`super::two_view`] it needs no parallax: pure rotation or an unchanged pose also passes. `None` for fewer than
+/// eight matches. The same seed gives the same result.
 pub fn verify_two_views(
     camera: &RectifiedCamera,
     first: &[[f32; 2]],
@@ -48,34 +49,34 @@ pub fn verify_two_views(
         return None;
     }
     let sigma = config.sigma_px / (camera.fx * camera.fy).sqrt();
-    let matches = on_unit_plane(camera, first, second);
+    let matches = normalised_matches(camera, first, second);
     let best = search(&matches, sigma, config, seed);
-    let obey = |e: &Mat3| -> Vec<bool> {
+    let inliers_of = |e: &Mat3| -> Vec<bool> {
         let bound = CHI2_1 * sigma * sigma;
         matches.iter().map(|m| score::line_distances(e, m).iter().all(|&d| d < bound)).collect()
     };
     let count = |i: &Vec<bool>| i.iter().filter(|i| **i).count();
     let refined = best.essentials.iter().filter_map(|(_, e)| essential_motions(e)).map(|motions| {
-        // The four motions of one matrix have the same lines.
+        // The four motions of one essential matrix have the same epipolar lines.
         essential(&refine(&motions[0], &matches, sigma))
     });
     let all = best.essentials.iter().map(|(_, e)| *e).chain(refined);
     let mut inliers = vec![false; n];
-    for found in all.map(|e| obey(&e)) {
+    for found in all.map(|e| inliers_of(&e)) {
         if count(&found) > count(&inliers) {
             inliers = found;
         }
     }
     let [x0, y0, x1, y1] = camera.bounds;
     let (width, height) = (x1 - x0, y1 - y0);
-    // A random point lies near a line with the chance of the strip along the diagonal.
-    let strip = 2.0 * CHI2_1.sqrt() * config.sigma_px * Vec3::new(width, height, 0.0).norm();
-    let chance = (strip / (width * height)).clamp(1e-9, 1.0);
-    Some(Verified { log10_false_alarms: log10_false_alarms(n, count(&inliers), chance), inliers })
+    // A random point is close to a line with at most the probability of the strip along the image diagonal.
+    let strip_area = 2.0 * CHI2_1.sqrt() * config.sigma_px * Vec3::new(width, height, 0.0).norm();
+    let probability = (strip_area / (width * height)).clamp(1e-9, 1.0);
+    Some(Verified { log10_false_alarms: log10_false_alarms(n, count(&inliers), probability), inliers })
 }
 
-/// `models (n - 5) C(n, k) C(k, 5) chance^(k - 5)`, as a logarithm.
-fn log10_false_alarms(n: usize, k: usize, chance: f64) -> f64 {
+/// `models (n - 5) C(n, k) C(k, 5) probability^(k - 5)`, as a logarithm.
+fn log10_false_alarms(n: usize, k: usize, probability: f64) -> f64 {
     if k <= SAMPLE {
         return (MODELS * n as f64).log10();
     }
@@ -86,7 +87,7 @@ fn log10_false_alarms(n: usize, k: usize, chance: f64) -> f64 {
         + ((n - SAMPLE) as f64).log10()
         + choose(n, k)
         + choose(k, SAMPLE)
-        + (k - SAMPLE) as f64 * chance.log10()
+        + (k - SAMPLE) as f64 * probability.log10()
 }
 
 #[cfg(test)]
@@ -108,7 +109,7 @@ mod tests {
         }
     }
 
-    /// Matches of a scene seen from two places, some of them wrong.
+    /// Matches of a scene in two views: `right` correct ones followed by `wrong` random ones.
     fn matches(motion: &Se3, right: usize, wrong: usize, seed: u64) -> [Vec<[f32; 2]>; 2] {
         let (camera, mut rng) = (camera(), Rng::new(seed));
         let (mut a, mut b) = (Vec::new(), Vec::new());
@@ -130,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn one_scene_is_believed_with_any_motion_and_random_matches_never() {
+    fn rigid_scenes_pass_and_random_matches_fail() {
         let config = TwoViewConfig::default();
         let motions = [
             Se3::new(So3::exp(&Vec3::new(0.02, 0.1, -0.03)), Vec3::new(0.5, 0.1, 0.3)),

@@ -1,4 +1,4 @@
-//! What the tests share: a small world of textured planes with exact truth, and readers of recordings.
+//! Shared by the tests: a simulated scene of textured planes with exact ground truth, and readers of recordings.
 #![allow(dead_code)]
 
 pub mod recordings;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use zune_jpeg::zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
-/// A folder of recordings, or `None` after saying that the test is skipped.
+/// The folder of a recording, or `None` after printing that the test is skipped.
 pub fn folder(name: &str) -> Option<PathBuf> {
     let root = std::env::var_os("CAIRN_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
@@ -37,13 +37,13 @@ pub fn depth_png(path: &Path) -> Arc<DepthImage> {
     Arc::new(DepthImage::from_vec(info.width as usize, info.height as usize, data).unwrap())
 }
 
-/// The numbers of a text file.
+/// All numbers in a text file.
 pub fn numbers(path: &Path) -> Vec<f64> {
     let text = std::fs::read_to_string(path).unwrap();
     text.split_whitespace().filter_map(|t| t.parse().ok()).collect()
 }
 
-/// Files of a folder by name.
+/// Files of a folder with a given suffix, sorted by name.
 pub fn listing(path: &Path, ending: &str) -> Vec<PathBuf> {
     let mut all: Vec<PathBuf> = std::fs::read_dir(path).unwrap().map(|e| e.unwrap().path()).collect();
     all.retain(|p| p.to_string_lossy().ends_with(ending));
@@ -105,8 +105,8 @@ pub fn kitti_rig() -> Rig {
     Rig { cameras: vec![at("cam0", 0.0), at("cam1", 379.8145 / 707.0912)], depth: None, imu: None }
 }
 
-/// The Kinect of `7scenes-kitchen`: one camera for colour and depth as published, or two as they are (the place of the
-/// colour camera was measured on the recording's own depth and colour edges). The body is the depth camera.
+/// The Kinect of `7scenes-kitchen`: one camera for colour and depth as published, or the two real cameras (the pose of
+/// the colour camera was estimated from the depth and colour edges of the recording). The body is the depth camera.
 pub fn kitchen_rig(registered: bool) -> Rig {
     let depth = Camera::pinhole(640, 480, 585.0, 585.0, 320.0, 240.0);
     let mut rig = Rig::mono(depth);
@@ -125,7 +125,7 @@ pub fn kitchen_rig(registered: bool) -> Rig {
     rig
 }
 
-/// Left and right image and the true `world_from_body`.
+/// Left and right image and the ground-truth `world_from_body`.
 pub type Shot = (PathBuf, PathBuf, Se3);
 
 /// All of `kitti-a`; the body is the left camera.
@@ -134,11 +134,11 @@ pub fn kitti_shots() -> Option<Vec<Shot>> {
     let truth = numbers(&path.join("poses.txt"));
     let pairs =
         listing(&path.join("image_0"), ".jpg").into_iter().zip(listing(&path.join("image_1"), ".jpg"));
-    let place = |m: &[f64]| m.try_into().map(rigid).unwrap();
-    Some(pairs.zip(truth.chunks_exact(12)).map(|((l, r), m)| (l, r, place(m))).collect())
+    let pose = |m: &[f64]| m.try_into().map(rigid).unwrap();
+    Some(pairs.zip(truth.chunks_exact(12)).map(|((l, r), m)| (l, r, pose(m))).collect())
 }
 
-/// The pairs of `euroc-mh01` that have a truth within 3 ms; the body is the IMU.
+/// The pairs of `euroc-mh01` with a ground-truth pose within 3 ms; the body is the IMU.
 pub fn euroc_shots() -> Option<Vec<Shot>> {
     let mav = folder("euroc-mh01")?.join("mav0");
     let text = std::fs::read_to_string(mav.join("state_groundtruth_estimate0/data.csv")).unwrap();

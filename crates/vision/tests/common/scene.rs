@@ -1,10 +1,10 @@
-//! A world of textured rectangles, seen by ray casting through any calibrated camera, with exact depth.
+//! A scene of textured rectangles, rendered by ray casting through any calibrated camera, with exact depth.
 
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, Distortion, GrayImage, Rig, RigCamera};
 use cairn_solve::ransac::Rng;
 
-/// A rectangle: a corner and two edges, with a texture of its own.
+/// A rectangle, given by a corner and two edges, with its own texture.
 pub struct Rectangle {
     corner: Vec3,
     /// Unit vectors along the edges, their lengths, and the normal.
@@ -12,7 +12,7 @@ pub struct Rectangle {
     lengths: [f64; 2],
     normal: Vec3,
     seed: u64,
-    /// Metres of the largest patches of the texture.
+    /// Size in metres of the largest patches of the texture.
     grain: f64,
 }
 
@@ -54,7 +54,7 @@ impl Scene {
         Self(all)
     }
 
-    /// Distance along a ray (in units of its length) and brightness of what it meets.
+    /// Distance along a ray (in units of its length) and brightness of the first surface it hits.
     pub fn cast(&self, origin: &Vec3, ray: &Vec3) -> Option<(f64, f64)> {
         let mut best: Option<(f64, f64, f64, &Rectangle)> = None;
         for r in &self.0 {
@@ -71,14 +71,14 @@ impl Scene {
         best.map(|(t, a, b, r)| (t, texture(a, b, r.grain, r.seed)))
     }
 
-    /// The image of a camera: 3 x 3 rays a pixel, then gain, offset and noise in gray levels.
-    pub fn render(&self, camera: &Camera, world_from_camera: &Se3, look: &Exposure) -> GrayImage {
-        let mut rng = Rng::with_stream(look.seed, 77);
+    /// The image of a camera: 3 x 3 rays per pixel, then gain, offset and noise in gray levels.
+    pub fn render(&self, camera: &Camera, world_from_camera: &Se3, exposure: &Exposure) -> GrayImage {
+        let mut rng = Rng::with_stream(exposure.seed, 77);
         let mut image = GrayImage::new(camera.width, camera.height);
         const N: usize = 3;
         for y in 0..camera.height {
             for x in 0..camera.width {
-                // Rays of the sub-pixels by the local linear map of the bearing: exact enough within one pixel.
+                // Sub-pixel rays by linear interpolation of the bearing: accurate enough within one pixel.
                 let at = |dx: f64, dy: f64| {
                     let b = camera.unproject(&Vec2::new(x as f64 + dx, y as f64 + dy)).unwrap();
                     world_from_camera.rotation * (b / b.z)
@@ -93,7 +93,8 @@ impl Scene {
                         sum += self.cast(&world_from_camera.translation, &ray).map_or(20.0, |h| h.1);
                     }
                 }
-                let value = sum / (N * N) as f64 * look.gain + look.offset + look.noise * rng.normal();
+                let value =
+                    sum / (N * N) as f64 * exposure.gain + exposure.offset + exposure.noise * rng.normal();
                 image.row_mut(y)[x] = value.round().clamp(0.0, 255.0) as u8;
             }
         }
@@ -115,12 +116,12 @@ pub struct Exposure {
     pub seed: u64,
 }
 
-/// Patches of three sizes with sharp borders, so that there are corners at all scales.
+/// Patches of three sizes with sharp edges, so that there are corners at all scales.
 fn texture(u: f64, v: f64, grain: f64, seed: u64) -> f64 {
     let mut value = 128.0;
     for (k, weight) in [(1.0, 50.0), (0.45, 35.0), (0.2, 25.0)] {
         let size = grain * k;
-        // Rows of cells are shifted and cells have odd widths: no two places look alike.
+        // Rows of cells are shifted by random offsets, so that no two places have the same texture.
         let row = (v / size).floor();
         let shift = hash(row as i64, 0, seed ^ 0x51) * size;
         let column = ((u + shift) / size).floor();
@@ -138,7 +139,7 @@ fn hash(a: i64, b: i64, seed: u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// A pair like a drone's: strong lenses, cameras a degree off parallel, baseline 0.11 m.
+/// A pair as on a drone: strong distortion, cameras a degree off parallel, baseline 0.11 m.
 pub fn lens_pair() -> Rig {
     let camera = |f: [f64; 4], d: [f64; 4]| Camera {
         distortion: Distortion::RadialTangential([d[0], d[1], d[2], d[3], 0.0]),
@@ -150,7 +151,7 @@ pub fn lens_pair() -> Rig {
     pair(cam0, cam1, right)
 }
 
-/// A pair like a car's: rectified already, baseline 0.12 m here so that the room suits it.
+/// A pair as on a car: already rectified; the baseline of 0.12 m suits the room.
 pub fn pinhole_pair() -> Rig {
     let camera = Camera::pinhole(640, 400, 460.0, 460.0, 319.0, 201.0);
     pair(camera, camera, Se3::new(So3::identity(), Vec3::new(0.12, 0.0, 0.0)))

@@ -1,4 +1,4 @@
-// The page: one web socket, what it tells on the screen, and what the walker asks for.
+// The page: its web socket, the status on the screen, and the commands.
 import { Camera } from './camera.js';
 import { Senses } from './senses.js';
 import { Picture, MapView } from './view.js';
@@ -6,7 +6,7 @@ import { Picture, MapView } from './view.js';
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
 const watchOnly = new URLSearchParams(location.search).has('watch');
-// Who hears nothing for this long while guided stops: the machine sends states ten times a second.
+// Without a message for this long under guidance, the page says stop: the server sends a status ten times a second.
 const SILENT_MS = 1500;
 
 const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
@@ -41,7 +41,7 @@ function connect() {
     else picture.draw(event.data);
   };
   socket.onclose = () => {
-    lost('The connection to the machine is lost.');
+    lost('The connection is lost.');
     $('link').textContent = 'Not connected. Trying again.';
     me = null;
     control(null);
@@ -70,7 +70,7 @@ function hello({ id, camera }) {
   me = id;
   rest = 300;
   ownCamera = camera === '';
-  $('link').textContent = ownCamera ? 'Connected.' : `Connected; the walk sees with ${camera}.`;
+  $('link').textContent = ownCamera ? 'Connected.' : `Connected; the camera is ${camera}.`;
   if (told) senses.say({ text: 'Connected again.', priority: 2 });
   told = false;
 }
@@ -130,7 +130,7 @@ function status(s) {
   const { waits, imu, initialised } = s.engine;
   set('s-phase', waits.length ? `${s.phase}, waits for ${waits.join(', ')}` : s.phase);
   set('s-imu', imu
-    ? `${initialised ? '' : 'scale and gravity not known, '}${imu.batch} readings a picture, ${imu.synthesised} made up, ${imu.gaps} gaps`
+    ? `${initialised ? '' : 'scale and gravity not known, '}${imu.batch} readings a picture, ${imu.synthesised} interpolated, ${imu.gaps} gaps`
     : 'not used');
   set('s-recording', s.recording
     ? `${s.recording.points} points, ${s.recording.length.toFixed(1)} ${s.metric ? 'metres' : 'units'}, ${s.recording.file}`
@@ -140,21 +140,21 @@ function status(s) {
   set('s-guiding', s.guiding
     ? `${s.guiding.facing}, ${s.guiding.state}, ${s.guiding.along_m.toFixed(1)} of ${s.guiding.length_m.toFixed(1)}${s.metric ? ' metres' : ''}`
     : 'none');
-  set('s-scale', s.metric ? 'metres' : 'not known: no distances are told');
-  set('s-map', `${s.key_frames} key frames, ${s.landmarks} landmarks`);
-  // The picture's time is this page's own when the picture is.
+  set('s-scale', s.metric ? 'metres' : 'not known, so no distances are said');
+  set('s-map', `${s.key_frames} keyframes, ${s.landmarks} landmarks`);
+  // The picture's time is in this page's clock only when the picture is its own.
   const age = camera.running ? performance.timeOrigin + performance.now() - s.frame_ms : NaN;
   const delay = age >= 0 && age < 10000 ? `; picture to state ${age.toFixed(0)} ms` : '';
-  set('s-time', `${clock(s.t_s)}, ${s.step_ms.toFixed(1)} ms a picture${delay}, ${s.dropped} left out`);
+  set('s-time', `${clock(s.t_s)}, ${s.step_ms.toFixed(1)} ms a picture${delay}, ${s.dropped} dropped`);
   map.camera(s);
 }
 
-// Text is only touched when it changes, so that a screen reader's place is kept.
+// Text is only set when it changes, so that a screen reader keeps its place.
 function set(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
 }
 
-// What the machine can not say any more, the page says itself.
+// What the server cannot say any more, the page says itself.
 function lost(why) {
   if (told || me === null && heard === 0) return;
   told = true;
@@ -164,7 +164,7 @@ function lost(why) {
 }
 
 setInterval(() => {
-  if (me !== null && guiding && performance.now() - heard > SILENT_MS) lost('The machine does not answer.');
+  if (me !== null && guiding && performance.now() - heard > SILENT_MS) lost('The computer does not answer.');
 }, 300);
 
 function command(line) {
@@ -199,7 +199,7 @@ $('camera').addEventListener('click', async () => {
   try {
     await camera.start();
   } catch (error) {
-    did({ ok: false, text: `the camera can not be had (${error.name}). Allow it in the browser and try again.` });
+    did({ ok: false, text: `the camera is not available (${error.name}). Allow it in the browser and try again.` });
     return;
   }
   $('own').hidden = false;
@@ -224,4 +224,4 @@ $('light').addEventListener('click', () => $('darkness').close());
 document.addEventListener('visibilitychange', want);
 
 if (token) connect();
-else $('link').textContent = 'The key is missing: open the page by the code or the address on the terminal.';
+else $('link').textContent = 'The key is missing: open the page with the code or the address shown on the terminal.';

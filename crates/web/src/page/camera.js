@@ -1,10 +1,10 @@
 // The phone's camera and motion sensors: JPEGs with their time, and motion in the picture's axes.
 
-// The longer side of what is sent, pixels; the quality of the JPEG; pictures a second at most.
+// The longer side of a sent picture in pixels; the JPEG quality; pictures a second at most.
 const LONGER = 640;
 const QUALITY = 0.8;
 const MOST_A_SECOND = 20;
-// Motion is sent in parcels, each of so many readings: pictures wait for it, so they are small.
+// Motion is sent in batches of this many readings: pictures wait for it, so they are small.
 const PARCEL = 2;
 
 export class Camera {
@@ -28,7 +28,7 @@ export class Camera {
     this.next();
   }
 
-  // The screen may be dark, but the phone must not sleep.
+  // The screen may be dark, but the phone must not go to sleep.
   async stayAwake() {
     if (document.visibilityState !== 'visible' || !navigator.wakeLock) return;
     this.lock = await navigator.wakeLock.request('screen').catch(() => null);
@@ -45,7 +45,7 @@ export class Camera {
     }
   }
 
-  // One picture: drawn, coded, sent; left out when the one before is not away yet.
+  // One picture: drawn, encoded, sent; dropped when the previous one is not sent yet.
   shoot(at) {
     if (this.busy() || this.coding > 1 || at - this.last < 900 / MOST_A_SECOND) return;
     const { videoWidth: w, videoHeight: h } = this.video;
@@ -73,7 +73,7 @@ export class Camera {
     if (!a || !g || a.x === null || g.alpha === null) return;
     const turn = ((screen.orientation?.angle ?? 0) * Math.PI) / 180;
     const [c, s] = [Math.cos(turn), Math.sin(turn)];
-    // Apple's phones tell gravity with the other sign than the standard.
+    // Apple's phones report gravity with the opposite sign of the standard.
     const sign = /iPhone|iPad|iPod/.test(navigator.userAgent) ? -1 : 1;
     const axes = (x, y, z) => [c * x + s * y, -(c * y - s * x), -z];
     const rad = Math.PI / 180;

@@ -1,6 +1,6 @@
-// Ears and skin: the browser's own voice, a screen reader's live regions, short sounds, vibration.
+// Output for ears and touch: the browser's own voice, a screen reader's live regions, short sounds, vibration.
 
-// Short sounds, made by code: waves of [frequency in Hz, begin and length in s, loudness].
+// Synthesised earcons: tones of [frequency in Hz, start and duration in s, amplitude].
 const SOUNDS = {
   'on-course': [[880, 0, 0.05, 0.15]],
   'off-course': [[330, 0, 0.12, 0.4], [262, 0.14, 0.16, 0.4]],
@@ -9,7 +9,7 @@ const SOUNDS = {
   arrival: [[523, 0, 0.15, 0.4], [659, 0.16, 0.15, 0.4], [784, 0.32, 0.3, 0.4]],
   stop: [[196, 0, 0.18, 0.6], [196, 0.25, 0.18, 0.6]],
 };
-// Milliseconds of shaking and rest. Left is two short, right is three, around is one long; stop can not be mistaken.
+// Milliseconds of vibration and pause. Left is two short, right is three, around is one long; stop is unmistakable.
 const SHAKES = { left: [80, 80, 80], right: [80, 80, 80, 80, 80], around: [500], stop: [300, 100, 300, 100, 300], arrival: [100, 60, 100, 60, 400] };
 
 export class Senses {
@@ -22,7 +22,7 @@ export class Senses {
     if (name === 'told' && value !== 'voice') window.speechSynthesis?.cancel();
   }
 
-  // Browsers are silent until something was touched.
+  // Browsers play no sound until the user has touched the page.
   wake() {
     if (!this.audio) {
       try {
@@ -41,7 +41,7 @@ export class Senses {
     else if (typeof turn_rad === 'number' && priority === 1) this.shake(Math.abs(turn_rad) > 2.6 ? 'around' : turn_rad > 0 ? 'left' : 'right');
     if (this.told === 'reader') {
       const region = priority <= 1 ? this.urgent : this.polite;
-      // The same words twice must be a change, or they are not read.
+      // A repeated text must still be a change, or it is not read.
       region.textContent = region.textContent === text ? `${text}\u00a0` : text;
     } else if (this.told === 'voice' && window.speechSynthesis) {
       if (interrupts || priority === 0) speechSynthesis.cancel();
@@ -55,7 +55,7 @@ export class Senses {
     if (this.vibrate && navigator.vibrate && navigator.userActivation?.hasBeenActive !== false) navigator.vibrate(SHAKES[name]);
   }
 
-  // A sound from its side: bearing in radians, positive to the left.
+  // An earcon from its direction: bearing in radians, positive to the left.
   sound(name, bearing) {
     if (!this.sounds || !this.audio || this.told === 'silent' || this.volume === 0) return;
     const pan = this.audio.createStereoPanner();

@@ -1,4 +1,4 @@
-// For eyes: the picture with its features, and map and way in three dimensions on a plain canvas.
+// What is drawn: the picture with its features, and the map with the route in three dimensions, on plain canvases.
 
 const LITTLE = true;
 
@@ -7,7 +7,7 @@ export class Picture {
     this.canvas = canvas;
   }
 
-  // Kind, width, height, count, a byte of rest; pairs of coordinates; gray rows.
+  // Kind, width, height, count, a padding byte; pairs of coordinates; gray rows.
   draw(buffer) {
     const data = new DataView(buffer);
     if (data.byteLength < 8 || data.getUint8(0) !== 1) return;
@@ -73,13 +73,13 @@ export class MapView {
     this.draw();
   }
 
-  // The same in words, for those who do not see it.
+  // The same in words, for people who do not see it.
   camera({ key_frames, landmarks, recording, guiding, metric }) {
     const parts = [key_frames ? `A map of ${key_frames} places and ${landmarks} points.` : 'There is no map yet.'];
-    if (recording && metric) parts.push(`The recorded way is ${Math.round(recording.length)} metres long.`);
-    if (guiding) parts.push(`The walker is ${Math.round((100 * guiding.along_m) / (guiding.length_m || 1))} percent along the way.`);
+    if (recording && metric) parts.push(`The recorded route is ${Math.round(recording.length)} metres long.`);
+    if (guiding) parts.push(`The walker is ${Math.round((100 * guiding.along_m) / (guiding.length_m || 1))} percent along the route.`);
     const text = parts.join(' ');
-    // Not with every step: text that changes all the time can not be read.
+    // Not with every status: text that changes all the time cannot be read.
     const now = performance.now();
     if (text !== this.words.textContent && now - (this.told ?? -1e9) > 5000) {
       this.told = now;
@@ -87,7 +87,7 @@ export class MapView {
     }
   }
 
-  // Axes of the drawing: up is up, yaw turns about it, pitch leans from the side view to the one from above.
+  // Axes of the drawing: gravity is down, yaw turns about it, pitch tilts from the side view to the view from above.
   axes() {
     const up = unit(this.view.up);
     const side = unit(cross(up, Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]));
@@ -128,7 +128,7 @@ export class MapView {
       ctx.setLineDash([]);
     };
     line(view.recorded, '#8fb4ff', 5);
-    line(view.route, '#ffd479', 3, [8, 5]);
+    line(view.plan, '#ffd479', 3, [8, 5]);
     ctx.fillStyle = '#7be0a0';
     for (const p of view.key_frames) {
       const [x, y] = at(p);
@@ -137,7 +137,7 @@ export class MapView {
     if (view.camera) this.arrow(ctx, at, view.camera, 22 / scale);
   }
 
-  // The camera: a wedge that opens where it looks.
+  // The camera: a wedge that opens in its viewing direction.
   arrow(ctx, at, [place, side, , ahead], size) {
     const to = (s, a) => place.map((v, i) => v + size * (s * side[i] + a * ahead[i]));
     ctx.beginPath();

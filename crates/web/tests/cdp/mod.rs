@@ -30,14 +30,14 @@ pub struct Tab {
 }
 
 impl Browser {
-    /// Starts the browser; its camera shows the video. `None` where there is none.
+    /// Starts the browser; its camera shows the video. `None` where it is not installed.
     pub fn start(folder: &Path, video: &Path) -> Option<Self> {
         let program = std::env::var("CHROMIUM").unwrap_or_else(|_| "chromium".into());
         let mut child = Command::new(program)
             .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--mute-audio", "--no-first-run"])
             .args(["--remote-debugging-port=0", "--ignore-certificate-errors", "--disable-dev-shm-usage"])
             .args(["--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream"])
-            // Pages that are not in front go on as if they were.
+            // Pages in the background run as if they were in front.
             .args(["--disable-renderer-backgrounding", "--disable-backgrounding-occluded-windows"])
             .args(["--disable-background-timer-throttling", "--disable-background-networking"])
             .arg(format!("--use-file-for-fake-video-capture={}", video.display()))
@@ -49,7 +49,7 @@ impl Browser {
             .ok()?;
         let mut lines = BufReader::new(child.stderr.take()?).lines().map_while(Result::ok);
         let url = lines.find_map(|l| l.strip_prefix("DevTools listening on ").map(str::to_owned))?;
-        // What it says later must be read, or it would wait.
+        // Its later output must be read, or it would block.
         std::thread::spawn(move || lines.for_each(drop));
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let socket = runtime.block_on(async {
@@ -87,7 +87,7 @@ impl Browser {
         answer["result"].clone()
     }
 
-    /// Opens a page of a size.
+    /// Opens a page of the given size.
     pub fn open(&mut self, url: &str, [width, height]: [u32; 2]) -> Tab {
         let target =
             self.ask(None, "Target.createTarget", json!({ "url": "about:blank", "newWindow": true }));
@@ -104,7 +104,7 @@ impl Browser {
         tab
     }
 
-    /// Closes a page as if its phone had died.
+    /// Closes a page as if its phone had failed.
     pub fn close(&mut self, tab: &Tab) {
         self.ask(None, "Target.closeTarget", json!({ "targetId": tab.target }));
     }
@@ -124,13 +124,13 @@ impl Browser {
         answer["result"]["value"].clone()
     }
 
-    /// The text of an element, line by line; nothing where there is no such element.
+    /// The text of an element, line by line; empty where there is no such element.
     pub fn text(&mut self, tab: &Tab, element: &str) -> String {
         let find = format!("document.querySelector({})?.innerText ?? ''", json!(element));
         self.eval(tab, &find).as_str().unwrap_or_default().to_owned()
     }
 
-    /// Clicks an element; it must be there and shown.
+    /// Clicks an element; it must exist and be shown.
     pub fn click(&mut self, tab: &Tab, element: &str) {
         let click = format!(
             "(() => {{ const e = document.querySelector({0}); if (!e || e.hidden) throw new Error({0} + ' is not there'); \
@@ -166,7 +166,7 @@ impl Browser {
         std::fs::write(path, from_base64(answer["data"].as_str().unwrap())).unwrap();
     }
 
-    /// What axe-core finds, as JSON: the rule and the elements.
+    /// The findings of axe-core, as JSON: the rule and the elements.
     pub fn axe(&mut self, tab: &Tab, axe: &str) -> String {
         self.eval(tab, &format!("{axe}; 0"));
         let run = "axe.run({ runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice'] })\

@@ -1,19 +1,19 @@
-//! Whole recordings of a real inertial sensor with true poses, without images.
+//! Complete recordings of real IMUs with ground truth, without images.
 
 use cairn_geometry::{Se3, So3, Trajectory, Vec3};
 use cairn_inertial::{Bias, ImuBuffer, Preintegrated};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use std::path::Path;
 
-/// Folders below `imu-truth`, and which sensor they are of.
+/// Folders in `imu-truth`.
 pub const NAMES: [&str; 5] = ["MH_03_medium", "V1_02_medium", "V2_01_easy", "tumvi_room1", "tumvi_room3"];
 
-/// The ADIS16448 of EuRoC, as its data sheet has it.
+/// The ADIS16448 of EuRoC, by its data sheet.
 const EUROC: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
-/// The BMI160 of TUM-VI, as its calibration has it.
+/// The BMI160 of TUM-VI, by its calibration.
 const TUMVI: ImuNoise = ImuNoise { gyro: 1.6e-4, gyro_walk: 2.2e-5, accel: 2.8e-3, accel_walk: 8.6e-4 };
 
-/// Where EuRoC's left camera sits, which stands for the eye of all.
+/// The extrinsics of EuRoC's left camera, used for all recordings.
 pub fn imu_from_camera() -> Se3 {
     let q = So3::from_xyzw(-0.007_707_18, 0.010_499_32, 0.701_752_8, 0.712_301_5).unwrap_or(So3::identity());
     Se3::new(q, Vec3::new(-0.021_640_1, -0.064_677, 0.009_810_7))
@@ -23,7 +23,7 @@ pub fn imu_from_camera() -> Se3 {
 pub struct Motion {
     /// Its folder.
     pub name: &'static str,
-    /// The sensor; its frame is the body's.
+    /// The sensor; its frame is the body frame.
     pub sensor: ImuSensor,
     /// All its samples.
     pub samples: Vec<ImuSample>,
@@ -32,10 +32,10 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Reads a recording of [`NAMES`] below the data folder.
+    /// Reads a recording of [`NAMES`] from the data folder.
     ///
     /// # Errors
-    /// When a file is missing or not what it should be.
+    /// When a file is missing or invalid.
     pub fn read(data: &Path, name: &'static str) -> Result<Self, String> {
         let folder = data.join("imu-truth").join(name);
         let samples = cairn_sources::read_imu(folder.join("imu.csv")).map_err(|e| e.to_string())?;
@@ -46,12 +46,12 @@ impl Motion {
         Ok(Self { name, sensor, samples, truth })
     }
 
-    /// The true pose at an instant, where there are poses within 50 ms around it.
+    /// The true pose at an instant, if there are poses within 50 ms around it.
     pub fn pose(&self, stamp: Stamp) -> Option<Se3> {
         self.truth.at_within(stamp.0, 50_000_000)
     }
 
-    /// The first and the last true stamp.
+    /// The first and the last stamp of the ground truth.
     pub fn span(&self) -> (Stamp, Stamp) {
         let stamps = self.truth.stamps_ns();
         (Stamp(stamps.first().copied().unwrap_or(0)), Stamp(stamps.last().copied().unwrap_or(0)))
@@ -65,7 +65,7 @@ impl Motion {
     }
 }
 
-/// Sums from stamp to stamp; `None` where readings are missing.
+/// Preintegrated IMU data from stamp to stamp; `None` if samples are missing.
 pub fn links(buffer: &ImuBuffer, bias: Bias, stamps: &[Stamp]) -> Option<Vec<Preintegrated>> {
     stamps.windows(2).map(|w| buffer.preintegrate(bias, w[0], w[1]).ok()).collect()
 }

@@ -1,28 +1,28 @@
-//! How far the readings alone carry: predictions over seconds from known states, against the true poses.
+//! Drift of pure IMU prediction over seconds from known states, compared with ground truth.
 
 use super::data::Motion;
 use super::reference::Reference;
 use cairn_geometry::Vec3;
 use serde::Serialize;
 
-/// Errors after some seconds without an eye.
+/// Errors after some seconds without camera.
 #[derive(Clone, Debug, Serialize)]
 pub struct Drift {
     /// Recording.
     pub name: &'static str,
-    /// How long.
+    /// Duration of the prediction, seconds.
     pub seconds: f64,
-    /// Starts.
+    /// Number of starts.
     pub tries: usize,
-    /// Error of the place, metres: median and 95 %.
+    /// Position error, metres: median and 95th percentile.
     pub place_m: [f64; 2],
-    /// Error of the rotation, degrees: median and 95 %.
+    /// Rotation error, degrees: median and 95th percentile.
     pub turn_deg: [f64; 2],
-    /// Root mean square of the place's error over what the covariance says, per axis; 1 is consistent.
+    /// Root mean square of the position error over its standard deviation, per axis; 1 is consistent.
     pub place_over_sigma: f64,
 }
 
-/// Over these seconds.
+/// The durations, seconds.
 pub const SECONDS: [f64; 3] = [1.0, 5.0, 10.0];
 
 /// Starts at every second key frame of the reference.
@@ -48,16 +48,16 @@ pub fn measure(motion: &Motion, reference: &Reference) -> Vec<Drift> {
             name: motion.name,
             seconds,
             tries,
-            place_m: middle_and_most(&mut places),
-            turn_deg: middle_and_most(&mut turns),
+            place_m: median_and_p95(&mut places),
+            turn_deg: median_and_p95(&mut turns),
             place_over_sigma: (square / tries.max(1) as f64).sqrt(),
         }
     };
     SECONDS.map(over).to_vec()
 }
 
-/// Median and 95 % of values; NaN where there are none.
-pub fn middle_and_most(values: &mut [f64]) -> [f64; 2] {
+/// Median and 95th percentile of values; NaN if there are none.
+pub fn median_and_p95(values: &mut [f64]) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let at = |part: f64| {
         let i = (part * values.len() as f64).ceil() as usize;

@@ -1,4 +1,4 @@
-//! `inertial`: what real inertial sensors give on real motion, with the true poses in place of an eye: drift without one,
+//! `inertial`: real IMUs on real motion, with ground-truth poses in place of a camera: drift of pure IMU prediction,
 //! and initialisation at many times under several conditions.
 
 pub mod data;
@@ -19,33 +19,34 @@ use tries::{CONDITIONS, Tried};
 pub struct Figures {
     /// Recording.
     pub name: &'static str,
-    /// Offset between truth and readings as found on the whole recording, ms; none where it turns too little.
+    /// Time offset between ground truth and IMU estimated on the whole recording, ms; `None` where it rotates too
+    /// little.
     pub own_offset_ms: Option<f64>,
-    /// Rotation between the truth's body and the sensor, degrees.
+    /// Rotation between the ground truth's body frame and the sensor, degrees.
     pub own_rotation_deg: Option<f64>,
-    /// Angle between gravity and the truth's -z, degrees.
+    /// Angle between gravity and the -z axis of the ground truth, degrees.
     pub gravity_tilt_deg: f64,
-    /// Drift without an eye.
+    /// Drift of pure IMU prediction.
     pub drift: Vec<Drift>,
     /// Initialisation.
     pub tries: Vec<Tried>,
 }
 
-/// What is measured.
+/// Selection of what is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Chosen<'a> {
-    /// Only recordings whose name holds this.
+    /// Only recordings whose name contains this.
     pub recording: Option<&'a str>,
-    /// Only conditions whose name holds this.
+    /// Only conditions whose name contains this.
     pub condition: Option<&'a str>,
-    /// Every so-many-th start.
+    /// Uses every n-th start.
     pub every: usize,
 }
 
-/// Measures; what is missing is told on stderr.
+/// Measures; missing recordings are reported on stderr.
 ///
 /// # Errors
-/// When a recording that is there can not be read.
+/// When an existing recording cannot be read.
 pub fn run(data: &Path, chosen: &Chosen) -> Result<Vec<Figures>, String> {
     let holds = |name: &str, part: Option<&str>| part.is_none_or(|p| name.contains(p));
     let mut out = Vec::new();
@@ -76,14 +77,14 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Vec<Figures>, String> {
 /// The figures as tables in Markdown.
 pub fn tables(figures: &[Figures]) -> String {
     let mut t = String::from(
-        "| recording | truth to IMU ms | truth to IMU deg | gravity off -z deg |\n|---|---|---|---|\n",
+        "| recording | truth to IMU ms | truth to IMU deg | gravity to -z deg |\n|---|---|---|---|\n",
     );
     let or = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.2}"));
     for f in figures {
         let (offset, rotation) = (or(f.own_offset_ms), or(f.own_rotation_deg));
         let _ = writeln!(t, "| {} | {offset} | {rotation} | {:.2} |", f.name, f.gravity_tilt_deg);
     }
-    t += "\n| recording | over s | starts | place m p50 / p95 | turn deg p50 / p95 | place error / sigma |\n|---|---|---|---|---|---|\n";
+    t += "\n| recording | duration s | starts | position m p50 / p95 | rotation deg p50 / p95 | position error / sigma |\n|---|---|---|---|---|---|\n";
     for d in figures.iter().flat_map(|f| &f.drift) {
         let _ = writeln!(
             t,
@@ -133,29 +134,30 @@ pub fn page(figures: &[Figures]) -> String {
     format!("{HEAD}\n{}", tables(figures))
 }
 
-const HEAD: &str = "# What the inertial sensors give
+const HEAD: &str = "# IMU drift and initialisation
 
-Real sensors on real motion (EuRoC: a quadrotor's ADIS16448; TUM-VI: a hand's BMI160), without images: the true poses, made
-worse, stand in place of an eye. `cargo run --release -p xtask -- inertial --write` prints and writes this page.
+Real sensors on real motion (EuRoC: an ADIS16448 on a quadrotor; TUM-VI: a handheld BMI160), without images: ground-truth
+poses with added noise replace the camera. `cargo run --release -p xtask -- inertial --write` prints and writes this page.
 
-How it is measured. Gravity, biases and velocities that count as true come from the exact poses at their true scale, in windows
-of 20 s (`reference.rs`). The first table says how well truth and sensor agree by themselves: the clocks of V1_02 drift by
-2 ms within the recording. *Drift* starts from a true state and predicts by the readings alone; its errors are some times what
-the data sheets' noise explains, which is why initialisation multiplies that noise by five at least, and by what is left over.
+How it is measured. The reference values of gravity, biases and velocities are estimated from the exact poses at their true
+scale, in windows of 20 s (`reference.rs`). The first table shows how well ground truth and sensor agree: the clocks of V1_02
+drift by 2 ms within the recording. *Drift* starts from a reference state and predicts with IMU samples alone; its errors are
+several times what the noise of the data sheets explains, which is why initialisation multiplies that noise by at least five, and
+by a factor fitted to the residuals.
 
-*Tries*: from every other second on, key frames at 4 Hz with white noise on each rotation (0.1 degrees an axis where nothing
-else is said) and place (0.5 % of the median step and a millimetre), in a map with axes and a unit of its own. Tries go on with
-ever more key frames, from 1.5 s on, until every gate is passed or 15 s have gone; a start within which the truth has a hole is
-left out. *Wrong* counts first estimates with a scale off by more than 5 %. Scale errors are told at the first estimate, and
-again with 5 s and with 15 s of key frames, where they are accepted then. *Error / sigma* is the first scale's error over what
-it says of itself. *Offset*: found from ten seconds of rotations at 20 Hz, against what the same seconds without noise give;
-and where it is not found first, the readings stand 20 ms off. Bias steps: both biases jump every ten seconds by 3 mrad/s and
-0.05 m/s^2 an axis. Half the rate: the means of pairs, as a sensor gives them that is set to that rate, or every second sample
-as it is. *Noise times*: what is left over, laid to the gyroscope and to the accelerometer.
+*Initialisation*: starting every two seconds, key frames at 4 Hz with white noise on each rotation (0.1 degrees per axis unless
+stated otherwise) and position (0.5 % of the median step plus one millimetre), in a map with its own axes and unit of length.
+Attempts continue with more and more key frames, from 1.5 s on, until every gate is passed or 15 s are over; starts with a gap in
+the ground truth are left out. *Wrong* counts first estimates with a scale error above 5 %. Scale errors are given for the first
+estimate, and again with 5 s and with 15 s of key frames where these are accepted. *Error / sigma* is the error of the first
+scale divided by its own standard deviation. *Offset*: estimated from ten seconds of rotations at 20 Hz and compared with the
+estimate from the same seconds without noise; where it is not estimated first, the IMU stamps are wrong by 20 ms. Bias steps: both
+biases jump every ten seconds by 3 mrad/s and 0.05 m/s^2 per axis. Half the rate: the means of pairs, as from a sensor configured
+to that rate, or every second sample unchanged. *Noise times*: the factor fitted to the residuals, for gyroscope and accelerometer.
 
-What is weak: a quadrotor that moves slowly (V2_01) or stands gives little to find scale from, and first estimates of 2 to
-5 s are good to a few percent only, a little worse than they say; on V1_02 some 1.2 % of scale remains after 15 s in all
-windows alike. Every second sample of a trembling quadrotor folds the tremble into the motion: thirty times the data sheet's
-noise, and no scale worth the name within 15 s; the sensor's own filter must see to that. An unknown offset of 20 ms is
-mostly refused, by the gyroscope's noise that it looks like; it is to be found first.
+Limitations: a quadrotor that moves slowly (V2_01) or hovers gives little information about scale, and first estimates from 2 to
+5 s are accurate to a few percent only, slightly worse than their standard deviations claim; on V1_02 a scale error of about 1.2 %
+remains after 15 s in all windows. Taking every second sample of a vibrating quadrotor aliases the vibration into the motion: thirty
+times the noise of the data sheet, and no usable scale within 15 s; the sensor's own low-pass filter must prevent that. An unknown
+offset of 20 ms is mostly rejected, because it looks like gyroscope noise; it must be estimated first.
 ";

@@ -1,5 +1,5 @@
-//! What a recording's true poses and readings say together: gravity, biases and velocities, from poses without noise at
-//! their true scale, window by window. Tries are compared with it, and drift starts from it.
+//! Reference values of a recording: gravity, biases and velocities, estimated from IMU data and noise-free poses at
+//! their true scale, window by window. Initialisations are compared with them, and drift starts from them.
 
 use super::data::{Motion, links};
 use cairn_geometry::{Se3, Vec3};
@@ -9,25 +9,25 @@ use cairn_inertial::{
 };
 use cairn_sensor::Stamp;
 
-/// Seconds of a window; the biases are constant over it.
+/// Duration of a window, seconds; the biases are constant in it.
 const WINDOW_S: f64 = 20.0;
-/// Seconds between its key frames.
+/// Seconds between the key frames of a window.
 const STEP_S: f64 = 0.25;
 
-/// What is taken as true besides the poses.
+/// Reference values besides the poses.
 pub struct Reference {
-    /// In the truth's world, m/s^2.
+    /// Gravity in the ground-truth frame, m/s^2.
     pub gravity: Vec3,
-    /// Per window: when it begins, the biases in it, and the weighted squared residual for each degree of freedom.
+    /// For each window: its start, its biases, and the weighted squared residual per degree of freedom.
     pub windows: Vec<(Stamp, Bias, f64)>,
     /// States at key frames.
     pub states: Vec<(Stamp, NavState)>,
-    /// Offset and rotation between truth and readings, as they are found on the whole recording.
+    /// Time offset and rotation between ground truth and IMU, estimated on the whole recording.
     pub clock: Option<TimeOffset>,
 }
 
 impl Reference {
-    /// From a recording.
+    /// Estimates the reference values of a recording.
     pub fn of(motion: &Motion) -> Self {
         let buffer = motion.buffer();
         let (first, last) = motion.span();
@@ -62,8 +62,9 @@ impl Reference {
         Self { gravity, windows, states, clock }
     }
 
-    /// The true pose at a key frame of the reference: the place as it was measured; the rotation smoothed by the gyroscope, as
-    /// that of the markers jumps by half a degree at times (TUM-VI). The readings' accelerations have no part in it.
+    /// The true pose at a key frame of the reference: the measured position, and the rotation smoothed with the
+    /// gyroscope, because that of the markers sometimes jumps by half a degree (TUM-VI). The accelerometer is not used
+    /// for it.
     pub fn pose(&self, motion: &Motion, at: Stamp) -> Option<Se3> {
         let near = self.states.partition_point(|(t, _)| *t < at.plus_seconds(-1e-4));
         let (stamp, state) = self.states.get(near)?;

@@ -1,8 +1,8 @@
-//! Initialisation tried at many times of a recording: true poses at the rate of key frames with noise, in a world that
-//! stands askew and has a unit of its own, as a map of one camera has.
+//! Initialisation at many times of a recording: true poses with noise at key frame rate, in a frame with arbitrary
+//! orientation and unit of length, like a monocular map.
 
 use super::data::{Motion, imu_from_camera, links};
-use super::drift::middle_and_most;
+use super::drift::median_and_p95;
 use super::reference::Reference;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{
@@ -16,44 +16,45 @@ use std::collections::BTreeMap;
 
 /// Seconds between key frames.
 const KEY_FRAME_S: f64 = 0.25;
-/// Seconds between images, where the offset is sought.
+/// Seconds between images for estimating the offset.
 const IMAGE_S: f64 = 0.05;
-/// Seconds of images that the offset is sought in.
+/// Seconds of images for estimating the offset.
 const OFFSET_S: f64 = 10.0;
-/// Tries give up after so many seconds.
+/// Attempts stop after this time, seconds.
 const MOST_S: f64 = 15.0;
 /// Seconds between starts.
 const START_S: f64 = 2.0;
 
-/// How many samples there are.
+/// The sampling of the IMU data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rate {
-    /// As they were recorded.
+    /// As recorded.
     Whole,
-    /// Every second one as it is, with all that trembles faster than half the new rate in it.
+    /// Every second sample unchanged, with aliasing of vibrations above half the new rate.
     Every2nd,
-    /// The means of pairs, as a sensor gives them that is set to that rate.
+    /// The means of pairs, as from a sensor configured to that rate.
     Pairs,
 }
 
-/// What is made worse than it was.
+/// How the data are degraded.
 #[derive(Clone, Copy, Debug)]
 pub struct Condition {
     /// Name of the row.
     pub name: &'static str,
-    /// Standard deviation of a seen rotation, degrees, each axis.
+    /// Standard deviation of a camera rotation, degrees, per axis.
     pub rotation_deg: f64,
-    /// Of a seen place: this part of the median step between key frames, and a millimetre, each axis.
+    /// Standard deviation of a camera position: this fraction of the median step between key frames, plus a millimetre,
+    /// per axis.
     pub place_part: f64,
-    /// Half the samples only.
+    /// Sampling of the IMU.
     pub rate: Rate,
-    /// Part of the samples that are lost.
+    /// Fraction of samples lost.
     pub lost: f64,
-    /// How far the images' clock is ahead: `t_imu + offset = t_image`.
+    /// Offset of the image clock: `t_imu + offset = t_image`.
     pub offset_s: f64,
-    /// Whether the offset is found and taken out first.
+    /// Whether the offset is estimated and corrected first.
     pub corrects: bool,
-    /// Both biases jump by a random step every ten seconds: rad/s and m/s^2, each axis.
+    /// Random steps of both biases every ten seconds: rad/s and m/s^2, per axis.
     pub bias_step: [f64; 2],
 }
 
@@ -89,35 +90,35 @@ pub struct Tried {
     pub name: &'static str,
     /// Condition.
     pub condition: &'static str,
-    /// Starts.
+    /// Number of starts.
     pub starts: usize,
-    /// Starts that led to a metric estimate within fifteen seconds.
+    /// Starts with an accepted metric estimate within fifteen seconds.
     pub accepted: usize,
-    /// Of those, with the scale wrong by more than a twentieth at first.
+    /// Of those, with an initial scale error above 5 %.
     pub wrong: usize,
-    /// Seconds to the first estimate: median and 95 %.
+    /// Seconds to the first estimate: median and 95th percentile.
     pub first_s: [f64; 2],
-    /// Error of the scale in percent at the first estimate, with 5 s and with 15 s of key frames.
+    /// Scale error in percent at the first estimate, with 5 s and with 15 s of key frames.
     pub scale_percent: [[f64; 2]; 3],
-    /// Root mean square of the first scale's error over its own sigma.
+    /// Root mean square of the first scale's error over its standard deviation.
     pub scale_over_sigma: f64,
     /// Error of gravity's direction at the first estimate, degrees.
     pub gravity_deg: [f64; 2],
-    /// Errors of the biases at the first estimate, rad/s and m/s^2.
+    /// Error of the gyroscope bias at the first estimate, rad/s.
     pub gyro_bias: [f64; 2],
-    /// Likewise.
+    /// Error of the accelerometer bias at the first estimate, m/s^2.
     pub accel_bias: [f64; 2],
-    /// Noise as it was fitted, in times the data sheet's: medians for gyroscope and accelerometer.
+    /// Fitted noise as a multiple of the data sheet's: medians for gyroscope and accelerometer.
     pub noise_times: [f64; 2],
-    /// Error of the offset, ms: median and most of those found; and how many were found.
+    /// Error of the offset, ms: median and maximum of those found.
     pub offset_ms: [f64; 2],
-    /// Offsets found.
+    /// Number of offsets found.
     pub offsets: usize,
-    /// What stopped those that were never accepted: how often each gate was failed at the end.
+    /// How often each gate failed in the last attempt of starts that were never accepted.
     pub stopped: BTreeMap<String, usize>,
 }
 
-/// What one start gave.
+/// Result of one start.
 #[derive(Default)]
 struct Start {
     first: Option<(f64, Errors)>,
@@ -135,10 +136,10 @@ struct Errors {
     noise: [f64; 2],
 }
 
-/// All starts of a recording under a condition.
+/// Runs all starts of a recording under a condition.
 pub fn measure(motion: &Motion, reference: &Reference, condition: &Condition, every: usize) -> Tried {
     let (first, last) = motion.span();
-    let (samples, steps) = worsened(motion, condition);
+    let (samples, steps) = degraded(motion, condition);
     let mut sensor = motion.sensor.clone();
     sensor.rate_hz /= if condition.rate == Rate::Whole { 1.0 } else { 2.0 };
     let mut starts = Vec::new();
@@ -147,7 +148,7 @@ pub fn measure(motion: &Motion, reference: &Reference, condition: &Condition, ev
         starts.push(from);
         from = from.plus_seconds(START_S);
     }
-    // Where the truth has a hole there is nothing to try.
+    // Starts with a gap in the ground truth are left out.
     let whole = |from: &Stamp| Case::times(*from).iter().all(|t| reference.pose(motion, *t).is_some());
     starts.retain(whole);
     let run = |(i, from): (usize, &Stamp)| {
@@ -155,16 +156,16 @@ pub fn measure(motion: &Motion, reference: &Reference, condition: &Condition, ev
         case.start(*from, i as u64)
     };
     let results: Vec<Start> = starts.iter().enumerate().step_by(every.max(1)).map(run).collect();
-    told(motion.name, condition.name, &results)
+    summary(motion.name, condition.name, &results)
 }
 
-fn told(name: &'static str, condition: &'static str, results: &[Start]) -> Tried {
+fn summary(name: &'static str, condition: &'static str, results: &[Start]) -> Tried {
     let firsts = || results.iter().filter_map(|s| s.first.as_ref());
     let of =
-        |f: &dyn Fn(&Errors) -> f64| middle_and_most(&mut firsts().map(|(_, e)| f(e)).collect::<Vec<_>>());
+        |f: &dyn Fn(&Errors) -> f64| median_and_p95(&mut firsts().map(|(_, e)| f(e)).collect::<Vec<_>>());
     let at = |k: usize| {
         let values = results.iter().filter_map(|s| s.at[k].as_ref());
-        middle_and_most(&mut values.map(|e| e.scale_percent.abs()).collect::<Vec<_>>())
+        median_and_p95(&mut values.map(|e| e.scale_percent.abs()).collect::<Vec<_>>())
     };
     let n = firsts().count();
     let mut offsets: Vec<f64> = results.iter().filter_map(|s| s.offset_ms).collect();
@@ -172,28 +173,28 @@ fn told(name: &'static str, condition: &'static str, results: &[Start]) -> Tried
     for kind in results.iter().flat_map(|s| &s.stopped) {
         *stopped.entry(format!("{kind:?}")).or_insert(0) += 1;
     }
-    let middle = middle_and_most(&mut offsets)[0];
+    let median = median_and_p95(&mut offsets)[0];
     Tried {
         name,
         condition,
         starts: results.len(),
         accepted: n,
         wrong: firsts().filter(|(_, e)| e.scale_percent.abs() > 5.0).count(),
-        first_s: middle_and_most(&mut firsts().map(|(s, _)| *s).collect::<Vec<_>>()),
+        first_s: median_and_p95(&mut firsts().map(|(s, _)| *s).collect::<Vec<_>>()),
         scale_percent: [of(&|e| e.scale_percent.abs()), at(0), at(1)],
         scale_over_sigma: (firsts().map(|(_, e)| e.over_sigma.powi(2)).sum::<f64>() / n.max(1) as f64).sqrt(),
         gravity_deg: of(&|e| e.gravity_deg),
         gyro_bias: of(&|e| e.gyro),
         accel_bias: of(&|e| e.accel),
         noise_times: [of(&|e| e.noise[0])[0], of(&|e| e.noise[1])[0]],
-        offset_ms: [middle, offsets.last().copied().unwrap_or(f64::NAN)],
+        offset_ms: [median, offsets.last().copied().unwrap_or(f64::NAN)],
         offsets: offsets.len(),
         stopped,
     }
 }
 
-/// The samples as the condition has them, and the biases that were added by time.
-fn worsened(motion: &Motion, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias)>) {
+/// The samples under the condition, and the added biases by time.
+fn degraded(motion: &Motion, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias)>) {
     let mut rng = Rng::with_stream(7, 1);
     let mut added = Bias::default();
     let mut steps = Vec::new();
@@ -231,7 +232,7 @@ struct Case<'a> {
 }
 
 impl Case<'_> {
-    /// One start: the offset first where it is asked for, then tries with ever more key frames.
+    /// One start: first the offset if the condition corrects it, then attempts with more and more key frames.
     fn start(&self, from: Stamp, stream: u64) -> Start {
         let mut rng = Rng::with_stream(3, stream);
         let c = self.condition;
@@ -251,14 +252,15 @@ impl Case<'_> {
             let near = self.near(from, from.plus_seconds(OFFSET_S));
             let find =
                 |poses: &[_]| time_offset(poses, near, &camera.rotation, &OffsetConfig::default()).ok();
-            // The recording's own clocks drift by milliseconds: what the exact poses of these seconds give is right.
+            // The clocks of the recording drift by milliseconds: the estimate from exact poses of these seconds is the
+            // reference.
             let exact = find(&seen(0.0));
             if let (Some(found), Some(exact)) = (find(&seen(sigma)), exact) {
                 out.offset_ms = Some((found.offset_s - exact.offset_s).abs() * 1e3);
                 corrected = found.offset_s;
             }
         }
-        // A map with a unit and axes of its own.
+        // A map with its own unit of length and axes.
         let unit = rng.range(-1.5, 1.5).exp();
         let turn = So3::exp(&vector(&mut rng, 1.0));
         let Some((poses, place_sigma)) = self.poses(from, unit, &turn, &mut rng) else { return out };
@@ -298,7 +300,7 @@ impl Case<'_> {
         out
     }
 
-    /// When the key frames of a start are taken.
+    /// The times of the key frames of a start.
     fn times(from: Stamp) -> Vec<Stamp> {
         (0..=(MOST_S / KEY_FRAME_S) as usize).map(|k| from.plus_seconds(KEY_FRAME_S * k as f64)).collect()
     }
@@ -309,7 +311,7 @@ impl Case<'_> {
         &self.samples[a..b]
     }
 
-    /// Key frames with noise, and the standard deviation of a place in metres.
+    /// Key frames with noise, and the standard deviation of a position in metres.
     fn poses(&self, from: Stamp, unit: f64, turn: &So3, rng: &mut Rng) -> Option<(Vec<SeenPose>, f64)> {
         let c = self.condition;
         let times: Vec<Stamp> = (0..=(MOST_S / KEY_FRAME_S) as usize)
@@ -320,7 +322,7 @@ impl Case<'_> {
         let truth = truth?;
         let mut steps: Vec<f64> =
             truth.windows(2).map(|w| (w[1].translation - w[0].translation).norm()).collect();
-        let sigma = c.place_part * middle_and_most(&mut steps)[0] + 0.001;
+        let sigma = c.place_part * median_and_p95(&mut steps)[0] + 0.001;
         let poses = times.iter().zip(&truth).map(|(t, camera)| {
             let rotation = *turn * camera.rotation * So3::exp(&vector(rng, c.rotation_deg.to_radians()));
             let place = *turn * (camera.translation + vector(rng, sigma)) / unit;

@@ -1,11 +1,11 @@
-//! Photographs of a walk with a matrix that says which of them show one place: precision and recall of the words alone,
-//! and of what geometry confirms.
+//! Photographs of a walk with a matrix of those that show the same place: precision and recall with words alone and
+//! with geometric verification.
 //!
 //! The matrix is 84x84, its rows the later photograph: white where the earlier one of the column shows the same place
-//! (two before to two after in the lap before). Next neighbours in time are not marked; so each photograph is asked for the
-//! ones at least [`APART`] before it.
+//! (two before to two after in the lap before). Temporal neighbours are not marked, so each photograph is compared with
+//! those at least [`APART`] before it.
 
-use super::{Seen, extractor};
+use super::{View, extractor};
 use cairn_geometry::Se3;
 use cairn_sources::read_gray;
 use cairn_vision::bow::{NodeMatchConfig, Vocabulary, match_through_nodes};
@@ -14,50 +14,50 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Photographs nearer in time than this are not asked for: the nearest pair in the matrix is 38 apart.
+/// Photographs closer than this in the sequence are not compared: the closest pair in the matrix is 38 apart.
 pub const APART: usize = 20;
-/// Candidates by words that geometry looks at.
+/// Candidates by words that are verified geometrically.
 pub const CANDIDATES: usize = 10;
 
-/// What makes a pair accepted.
+/// Thresholds for accepting a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Gate {
-    /// Matches that obey the motion, at least.
+    /// Minimum number of inlier matches.
     pub inliers: usize,
-    /// Of the matches, the share that does, at least.
+    /// Minimum share of inliers among the matches.
     pub share: f64,
-    /// Logarithm of the false alarms, at most.
+    /// Maximum logarithm of the expected number of false alarms.
     pub log10_false_alarms: f64,
 }
 
 impl Default for Gate {
-    /// The count is set on these photographs: of pairs outside the matrix none has more than 52.
+    /// The number of inliers is tuned on these photographs: no pair outside the matrix has more than 52.
     fn default() -> Self {
         Self { inliers: 55, share: 0.3, log10_false_alarms: -12.0 }
     }
 }
 
-/// A pair of photographs that geometry looked at.
+/// A geometrically verified pair of photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pair {
-    /// The later, from 0.
+    /// The later photograph, counted from 0.
     pub query: usize,
-    /// The earlier.
+    /// The earlier photograph.
     pub earlier: usize,
-    /// Likeness of the bags.
+    /// Similarity of the bags of words.
     pub score: f64,
-    /// Matches through nodes.
+    /// Matches through the nodes of the vocabulary.
     pub matches: usize,
-    /// Matches that obey the motion.
+    /// Inlier matches.
     pub inliers: usize,
-    /// Logarithm of the false alarms.
+    /// Logarithm of the expected number of false alarms.
     pub log10_false_alarms: f64,
-    /// Whether the matrix has it.
+    /// Whether the pair is in the matrix.
     pub truth: bool,
 }
 
 impl Pair {
-    /// Whether it passes the gate.
+    /// Whether it passes the thresholds.
     pub fn accepted(&self, gate: &Gate) -> bool {
         self.inliers >= gate.inliers
             && self.inliers as f64 >= gate.share * self.matches as f64
@@ -65,22 +65,22 @@ impl Pair {
     }
 }
 
-/// The photographs, the matrix, and the focal length they were found to have.
+/// The photographs, the matrix, and the estimated camera.
 pub struct Walk {
-    /// In order.
-    pub seen: Vec<Seen>,
+    /// The photographs, in order.
+    pub views: Vec<View>,
     /// `truth[query][earlier]`.
     pub truth: Vec<Vec<bool>>,
-    /// The camera assumed.
+    /// The assumed camera.
     pub camera: RectifiedCamera,
-    /// Focal lengths tried, as shares of the width, with the matches of next neighbours that obey a motion.
+    /// Focal lengths tried, as fractions of the width, with the inlier matches of consecutive photographs.
     pub focals: Vec<(f64, usize)>,
 }
 
-/// Reads folder `loops`; `None` where it is missing.
+/// Reads the folder `loops`; `None` if it is missing.
 ///
 /// # Errors
-/// When it is there and can not be read.
+/// When it exists and cannot be read.
 pub fn read(data: &Path, vocabulary: &Vocabulary) -> Result<Option<Walk>, String> {
     let folder = data.join("loops");
     if !folder.exists() {
@@ -90,21 +90,21 @@ pub fn read(data: &Path, vocabulary: &Vocabulary) -> Result<Option<Walk>, String
     let bytes = std::fs::read(&matrix).map_err(|e| format!("{}: {e}", matrix.display()))?;
     let truth = gray_bmp(&bytes).map_err(|e| format!("{}: {e}", matrix.display()))?;
     let mut extractor = extractor();
-    let mut seen = Vec::new();
+    let mut views = Vec::new();
     let mut size = [0; 2];
     for i in 1..=truth.len() {
         let image = read_gray(&folder.join(format!("samples/{i}.jpg")))?;
         size = [image.width(), image.height()];
-        seen.push(Seen::of(&mut extractor, &image, vocabulary));
+        views.push(View::of(&mut extractor, &image, vocabulary));
     }
     let focals: Vec<(f64, usize)> = [0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5]
-        .map(|share| (share, neighbours_that_agree(&seen, &camera(size, share))))
+        .map(|share| (share, neighbour_inliers(&views, &camera(size, share))))
         .to_vec();
     let best = focals.iter().fold((0.0, 0), |best, f| if f.1 > best.1 { *f } else { best });
-    Ok(Some(Walk { seen, truth, camera: camera(size, best.0), focals }))
+    Ok(Some(Walk { views, truth, camera: camera(size, best.0), focals }))
 }
 
-/// A pinhole with its centre in the middle of the image.
+/// A pinhole with its principal point at the image centre.
 fn camera([width, height]: [usize; 2], focal_share: f64) -> RectifiedCamera {
     let (w, h) = (width as f64, height as f64);
     RectifiedCamera {
@@ -119,13 +119,14 @@ fn camera([width, height]: [usize; 2], focal_share: f64) -> RectifiedCamera {
     }
 }
 
-/// The focal length is not known: the one under which photographs taken one after another agree best is taken.
-fn neighbours_that_agree(seen: &[Seen], camera: &RectifiedCamera) -> usize {
-    seen.windows(2).map(|w| verify(&w[1], &w[0], camera, 0).1).sum()
+/// Inlier matches of consecutive photographs; the unknown focal length is chosen to maximise them.
+fn neighbour_inliers(views: &[View], camera: &RectifiedCamera) -> usize {
+    views.windows(2).map(|w| verify(&w[1], &w[0], camera, 0).1).sum()
 }
 
-/// Matches through nodes that turned alike, how many of them obey one motion, and how likely that is by chance.
-fn verify(a: &Seen, b: &Seen, camera: &RectifiedCamera, seed: u64) -> (usize, usize, f64) {
+/// The number of matches with consistent rotation, the number of inliers of one motion, and the logarithm of its
+/// expected false alarms.
+fn verify(a: &View, b: &View, camera: &RectifiedCamera, seed: u64) -> (usize, usize, f64) {
     let (fa, fb) = (&a.features, &b.features);
     let pairs = match_through_nodes(
         (&a.bag, &fa.descriptors),
@@ -134,8 +135,8 @@ fn verify(a: &Seen, b: &Seen, camera: &RectifiedCamera, seed: u64) -> (usize, us
         |_| true,
         |_| true,
     );
-    let turned = pairs.into_iter().map(|[i, j]| ([i, j], fb.angle[j] - fa.angle[i])).collect();
-    let pairs = consistent_rotation(turned);
+    let with_rotation = pairs.into_iter().map(|[i, j]| ([i, j], fb.angle[j] - fa.angle[i])).collect();
+    let pairs = consistent_rotation(with_rotation);
     let first: Vec<[f32; 2]> = pairs.iter().map(|p| fa.raw[p[0]]).collect();
     let second: Vec<[f32; 2]> = pairs.iter().map(|p| fb.raw[p[1]]).collect();
     let config = TwoViewConfig { sigma_px: SIGMA_PX, ..TwoViewConfig::default() };
@@ -144,16 +145,16 @@ fn verify(a: &Seen, b: &Seen, camera: &RectifiedCamera, seed: u64) -> (usize, us
     (pairs.len(), inliers, alarms)
 }
 
-/// Standard deviation of a keypoint, pixels: the lens is not known, and its distortion not taken out.
+/// Standard deviation of a keypoint, pixels: the lens is unknown and its distortion is not corrected.
 const SIGMA_PX: f64 = 1.5;
 
 impl Walk {
-    /// Every pair that is asked for, with its likeness, the matrix' word and the rank among those of its query.
-    pub fn likenesses(&self) -> Vec<(f64, bool, usize)> {
+    /// Every compared pair: similarity, whether it is in the matrix, and its rank among those of its query.
+    pub fn similarities(&self) -> Vec<(f64, bool, usize)> {
         let mut all = Vec::new();
-        for query in APART..self.seen.len() {
+        for query in APART..self.views.len() {
             let mut row: Vec<(f64, bool)> = (0..=query - APART)
-                .map(|j| (self.seen[query].bag.similarity(&self.seen[j].bag), self.truth[query][j]))
+                .map(|j| (self.views[query].bag.similarity(&self.views[j].bag), self.truth[query][j]))
                 .collect();
             row.sort_by(|a, b| b.0.total_cmp(&a.0));
             all.extend(row.into_iter().enumerate().map(|(rank, (s, t))| (s, t, rank)));
@@ -162,19 +163,19 @@ impl Walk {
         all
     }
 
-    /// The best candidates of each photograph, looked at by geometry.
+    /// The best candidates of each photograph, verified geometrically.
     pub fn verified(&self, candidates: usize) -> Vec<Pair> {
         let mut pairs = Vec::new();
-        for query in APART..self.seen.len() {
+        for query in APART..self.views.len() {
             let mut row: Vec<(f64, usize)> = (0..=query - APART)
-                .map(|j| (self.seen[query].bag.similarity(&self.seen[j].bag), j))
+                .map(|j| (self.views[query].bag.similarity(&self.views[j].bag), j))
                 .filter(|(s, _)| *s > 0.0)
                 .collect();
             row.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
             for &(score, earlier) in row.iter().take(candidates) {
-                let seed = (query * self.seen.len() + earlier) as u64;
+                let seed = (query * self.views.len() + earlier) as u64;
                 let (matches, inliers, log10_false_alarms) =
-                    verify(&self.seen[query], &self.seen[earlier], &self.camera, seed);
+                    verify(&self.views[query], &self.views[earlier], &self.camera, seed);
                 let truth = self.truth[query][earlier];
                 pairs.push(Pair { query, earlier, score, matches, inliers, log10_false_alarms, truth });
             }
@@ -182,13 +183,13 @@ impl Walk {
         pairs
     }
 
-    /// How many photographs the earlier one of a pair is away from the nearest that the matrix has for the query.
+    /// Distance in the sequence from the earlier photograph of a pair to the nearest one marked for the query.
     pub fn steps_from_truth(&self, pair: &Pair) -> usize {
         let marked = self.truth[pair.query].iter().enumerate().filter(|(_, t)| **t);
-        marked.map(|(j, _)| j.abs_diff(pair.earlier)).min().unwrap_or(self.seen.len())
+        marked.map(|(j, _)| j.abs_diff(pair.earlier)).min().unwrap_or(self.views.len())
     }
 
-    /// All pairs of the matrix, counted from 0.
+    /// All pairs in the matrix, counted from 0.
     pub fn true_pairs(&self) -> BTreeSet<(usize, usize)> {
         let rows = self.truth.iter().enumerate();
         rows.flat_map(|(i, row)| row.iter().enumerate().filter(|(_, t)| **t).map(move |(j, _)| (i, j)))
@@ -196,7 +197,8 @@ impl Walk {
     }
 }
 
-/// White pixels of an uncompressed bitmap of eight bits a pixel, top row first (the file has them the other way round).
+/// White pixels of an uncompressed bitmap with eight bits per pixel, top row first (the file stores the bottom row
+/// first).
 fn gray_bmp(bytes: &[u8]) -> Result<Vec<Vec<bool>>, String> {
     let word =
         |at: usize| -> Option<i32> { Some(i32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?)) };
@@ -205,7 +207,7 @@ fn gray_bmp(bytes: &[u8]) -> Result<Vec<Vec<bool>>, String> {
         return Err("not an uncompressed bitmap".into());
     };
     if bits & 0xffff != 8 || !(1..=4096).contains(&width) || !(1..=4096).contains(&height) || start < 0 {
-        return Err("not a bitmap of eight bits a pixel".into());
+        return Err("not a bitmap with eight bits per pixel".into());
     }
     let (width, height, start) = (width as usize, height as usize, start as usize);
     let stride = width.next_multiple_of(4);

@@ -1,4 +1,4 @@
-//! How well places are recognised: on photographs with a loop matrix, and by true poses on worlds and recordings.
+//! `places`: place recognition on photographs with a loop matrix, and by ground-truth poses on worlds and recordings.
 
 pub mod loops;
 pub mod page;
@@ -11,17 +11,17 @@ use cairn_vision::bow::{Bag, Vocabulary};
 use cairn_vision::{Descriptor, Features, OrbConfig, OrbExtractor};
 use std::path::{Path, PathBuf};
 
-/// One image as places know it.
+/// The features and the bag of words of one image.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct View {
     /// Its features.
     pub features: Features,
-    /// Its words.
+    /// Its bag of words.
     pub bag: Bag,
 }
 
-impl Seen {
-    /// Looks at an image.
+impl View {
+    /// Extracts features and words.
     pub fn of(extractor: &mut OrbExtractor, image: &GrayImage, vocabulary: &Vocabulary) -> Self {
         let mut features = Features::default();
         extractor.extract(image, &mut features);
@@ -30,12 +30,12 @@ impl Seen {
     }
 }
 
-/// The extractor that all of this uses: the one of mapping by default.
+/// The feature extractor, with its default configuration.
 pub fn extractor() -> OrbExtractor {
     OrbExtractor::new(OrbConfig::default())
 }
 
-/// Worlds that are asked, with seeds that no vocabulary was trained on; each is walked twice.
+/// The worlds, with seeds that no vocabulary was trained on; each is walked twice.
 const WORLDS: [&str; 6] = [
     "sim:corridor?seed=3",
     "sim:corridor?seed=8&poor=0.5",
@@ -44,18 +44,18 @@ const WORLDS: [&str; 6] = [
     "sim:hall?seed=5",
     "sim:street?seed=6",
 ];
-/// The two walks: what is added to the world.
+/// The two walks, as options of the world.
 const WALKS: [&str; 2] = [
     "&way=long&sensor=mono&rate=1&duration=100",
     "&way=long&sensor=mono&rate=1&duration=100&height=1.6&look=12&pitch=9&speed=1.1&exposure=0.4&noise=5&passers=4",
 ];
-/// Recordings that are asked; they have true poses.
+/// The recordings; they have ground truth.
 const RECORDINGS: [&str; 2] = ["7scenes-kitchen", "euroc-mh01"];
 
-/// The figures of each vocabulary (the embedded one where none is named), as text.
+/// The figures of each vocabulary (the built-in one if none is named), as text.
 ///
 /// # Errors
-/// When something that is there can not be read.
+/// When an existing input cannot be read.
 pub fn run(data: &Path, vocabularies: &[PathBuf], only_loops: bool, verbose: bool) -> Result<String, String> {
     let mut views = Vec::new();
     if !only_loops {
@@ -112,7 +112,7 @@ pub fn run(data: &Path, vocabularies: &[PathBuf], only_loops: bool, verbose: boo
         }
         let recalls: Vec<recall::Recall> = views.iter().map(|v| v.recall(vocabulary)).collect();
         let frames: Vec<Vec<Descriptor>> =
-            walk.iter().flat_map(|w| w.seen.iter().map(|s| s.features.descriptors.clone())).collect();
+            walk.iter().flat_map(|w| w.views.iter().map(|s| s.features.descriptors.clone())).collect();
         let times = vocabularies.is_empty().then(|| times::measure(&frames));
         text += &page::tables(&page::Figures {
             walk: walk.as_ref(),

@@ -1,4 +1,4 @@
-//! `docs/places.md`.
+//! Tables of `docs/places.md`.
 
 use super::loops::{self, Gate, Pair, Walk};
 use super::recall::{ALIKE_DEG, NEAR_M, PARTED_S, Recall};
@@ -8,43 +8,43 @@ use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-/// Inliers of SIFT that no unmarked pair has: a pair of the matrix with as many overlaps enough to be verified at all. See
-/// [`overlap`].
+/// A number of SIFT inliers that no unmarked pair reaches: marked pairs with at least as many overlap enough to be
+/// verified at all. See [`overlap`].
 pub const ENOUGH: usize = 30;
-/// A harder question: with as many, SIFT also takes pairs that are not marked.
+/// A harder criterion: with this threshold SIFT also accepts pairs that are not marked.
 pub const SOME: usize = 20;
 
-/// Inliers that SIFT features and a fundamental matrix find in each pair of the loop matrix (`tools/loops_overlap.py`), by
-/// later and earlier photograph from 0.
+/// Inliers found with SIFT features and a fundamental matrix in each pair of the loop matrix
+/// (`tools/loops_overlap.py`), keyed by later and earlier photograph, counted from 0.
 pub fn overlap() -> BTreeMap<(usize, usize), usize> {
     let lines = include_str!("overlap.txt").lines().filter(|l| !l.starts_with('#'));
     let numbers = lines.map(|l| l.split(' ').filter_map(|n| n.parse().ok()).collect::<Vec<usize>>());
     numbers.filter(|n| n.len() == 3 && n[0] > 0 && n[1] > 0).map(|n| ((n[0] - 1, n[1] - 1), n[2])).collect()
 }
 
-/// What is accepted and what should be.
+/// Accepted pairs compared with the ground truth.
 #[derive(Clone, Debug, Serialize)]
 pub struct Verdict {
     /// The gate.
     pub gate: Gate,
     /// Pairs accepted.
     pub accepted: usize,
-    /// Of these, those in the matrix.
+    /// Accepted pairs that are in the matrix.
     pub right: usize,
-    /// Pairs accepted that the matrix does not have: later and earlier, from 1, and inliers.
+    /// Accepted pairs that are not in the matrix: later and earlier photograph, counted from 1, and inliers.
     pub wrong: Vec<(usize, usize, usize)>,
     /// Pairs of the matrix.
     pub all: usize,
     /// Pairs of the matrix that overlap enough.
     pub enough: usize,
-    /// Of these, those accepted.
+    /// Pairs with enough overlap that are accepted.
     pub enough_accepted: usize,
-    /// Of these, those that were among the candidates by words.
+    /// Pairs with enough overlap that are among the candidates by words.
     pub enough_candidates: usize,
 }
 
 impl Verdict {
-    /// Judges pairs that geometry looked at.
+    /// Evaluates geometrically verified pairs.
     pub fn of(walk: &Walk, pairs: &[Pair], gate: Gate, enough: usize) -> Self {
         let overlap = overlap();
         let enough: BTreeSet<(usize, usize)> =
@@ -67,22 +67,22 @@ impl Verdict {
         }
     }
 
-    /// Share of the accepted pairs that the matrix has.
+    /// Share of the accepted pairs that are in the matrix.
     pub fn precision(&self) -> f64 {
         self.right as f64 / self.accepted.max(1) as f64
     }
 
-    /// Share of the pairs of enough overlap that are accepted.
+    /// Share of the pairs with enough overlap that are accepted.
     pub fn recall(&self) -> f64 {
         self.enough_accepted as f64 / self.enough.max(1) as f64
     }
 }
 
-/// Recall at 100 % precision, and the mean precision over all recalls, of the words alone.
+/// Recall at 100 % precision, and the mean precision over all recalls, with words alone.
 pub fn words_alone(walk: &Walk) -> [f64; 2] {
     let total = walk.true_pairs().len() as f64;
     let (mut right, mut clean, mut area) = (0.0, None, 0.0);
-    for (k, (_, truth, _)) in walk.likenesses().iter().enumerate() {
+    for (k, (_, truth, _)) in walk.similarities().iter().enumerate() {
         if *truth {
             right += 1.0;
             area += right / (k + 1) as f64;
@@ -93,13 +93,13 @@ pub fn words_alone(walk: &Walk) -> [f64; 2] {
     [clean.unwrap_or(right) / total, area / total]
 }
 
-/// Everything that is told.
+/// Everything the tables show.
 pub struct Figures<'a> {
-    /// The photographs, where they are there.
+    /// The photographs, if available.
     pub walk: Option<&'a Walk>,
-    /// Words and geometry on them.
+    /// Their geometrically verified pairs.
     pub pairs: &'a [Pair],
-    /// By true poses.
+    /// Recall by ground-truth poses.
     pub recalls: &'a [Recall],
     /// Costs.
     pub times: Option<&'a Times>,
@@ -112,26 +112,26 @@ pub fn tables(f: &Figures) -> String {
     let mut t = String::new();
     if let Some(walk) = f.walk {
         let [clean, mean] = words_alone(walk);
-        let likenesses = walk.likenesses();
+        let similarities = walk.similarities();
         let share = |below: usize| {
-            let found = likenesses.iter().filter(|(_, truth, rank)| *truth && *rank < below).count();
+            let found = similarities.iter().filter(|(_, truth, rank)| *truth && *rank < below).count();
             100.0 * found as f64 / walk.true_pairs().len() as f64
         };
         let _ = writeln!(t, "### Photographs of a walk (`loops`)\n");
         let _ = writeln!(
             t,
-            "Words alone: recall {:.1} % at 100 % precision, mean precision {:.3}; of the marked pairs {:.1} % are among the first 5 \
-             candidates of their query, {:.1} % among the first 10, {:.1} % among the first 20.\n",
+            "Words alone: recall {:.1} % at 100 % precision, mean precision {:.3}; of the marked pairs {:.1} % are among the top 5 \
+             candidates of their query, {:.1} % among the top 10, {:.1} % among the top 20.\n",
             100.0 * clean,
             mean,
             share(5),
             share(10),
             share(20)
         );
-        let _ = writeln!(t, "With geometry, {} candidates each:\n", loops::CANDIDATES);
+        let _ = writeln!(t, "With geometric verification, {} candidates each:\n", loops::CANDIDATES);
         let _ = writeln!(
             t,
-            "| inliers at least | accepted | precision | recall, enough overlap | some overlap | all marked pairs |\n|---|---|---|---|---|---|"
+            "| minimum inliers | accepted | precision | recall, enough overlap | some overlap | all marked pairs |\n|---|---|---|---|---|---|"
         );
         let chosen = Gate::default();
         for inliers in [20, 30, 40, 50, 55, 60, 80] {
@@ -157,8 +157,8 @@ pub fn tables(f: &Figures) -> String {
         };
         let _ = writeln!(
             t,
-            "\nAccepted and not marked at {} inliers: {}. Most inliers of an unmarked pair: {}; of one at least 7 photographs \
-             beside the marked ones: {}.\n",
+            "\nAccepted but not marked with at least {} inliers: {}. Most inliers of an unmarked pair: {}; of one at least 7 \
+             photographs away from the marked ones: {}.\n",
             chosen.inliers,
             v.wrong.len(),
             most(0),
@@ -167,14 +167,14 @@ pub fn tables(f: &Figures) -> String {
         let focal: Vec<String> = walk.focals.iter().map(|(s, n)| format!("{s}: {n}")).collect();
         let _ = writeln!(
             t,
-            "Focal length as a share of the width, and matches of next neighbours that agree under it: {}.\n",
+            "Focal length as a fraction of the image width, and inlier matches of consecutive photographs with it: {}.\n",
             focal.join(", ")
         );
     }
     if !f.recalls.is_empty() {
         let _ = writeln!(
             t,
-            "### By true poses, words alone\n\n| source | views | queries | recall@1 | recall@5 |\n|---|---|---|---|---|"
+            "### Evaluation by ground-truth poses, words alone\n\n| source | views | queries | recall@1 | recall@5 |\n|---|---|---|---|---|"
         );
         for r in f.recalls {
             let _ =
@@ -184,33 +184,33 @@ pub fn tables(f: &Figures) -> String {
         let _ = writeln!(t, "| mean | | | {:.3} | {:.3} |\n", mean(|r| r.at_1), mean(|r| r.at_5));
         let _ = writeln!(
             t,
-            "One place: within {NEAR_M} m and {ALIKE_DEG} degrees, at least {PARTED_S} s apart in time.\n"
+            "The same place means: within {NEAR_M} m and {ALIKE_DEG} degrees, at least {PARTED_S} s apart in time.\n"
         );
     }
     if let Some(c) = f.times {
-        let _ = writeln!(t, "### Costs\n\n| what | ms |\n|---|---|");
+        let _ = writeln!(t, "### Costs\n\n| operation | ms |\n|---|---|");
         for (what, ms) in [
-            ("the embedded vocabulary is checked and ready", c.open_ms),
-            ("words of 1,000 descriptors", c.bag_ms),
-            ("one more key frame for an index of 1,000", c.insert_ms),
-            ("the best ten of 1,000 key frames", c.query_ms),
-            ("comparison of two bags", c.similarity_ms),
+            ("check and open the built-in vocabulary", c.open_ms),
+            ("bag of words of 1,000 descriptors", c.bag_ms),
+            ("add a key frame to an index of 1,000", c.insert_ms),
+            ("query the best ten of 1,000 key frames", c.query_ms),
+            ("compare two bags of words", c.similarity_ms),
         ] {
             let _ = writeln!(t, "| {what} | {ms:.3} |");
         }
-        let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "a processor of unknown name".into());
-        let _ = writeln!(t, "\nThe least of 20 to 100 repetitions, {cpu}.\n");
+        let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "an unknown processor".into());
+        let _ = writeln!(t, "\nMinimum of 20 to 100 repetitions, {cpu}.\n");
     }
     let v = f.facts;
     let _ = writeln!(
         t,
-        "Vocabulary: branching {}, depth {}, {} words, matched at level {}, checksum {:08x}.",
+        "Vocabulary: branching {}, depth {}, {} words, indexed at level {}, checksum {:08x}.",
         v.branching, v.depth, v.words, v.index_level, v.checksum
     );
     t
 }
 
-/// The whole page around the tables.
+/// The complete page around the tables.
 pub fn page(tables: &str) -> String {
     format!("{}{tables}", include_str!("page.md"))
 }

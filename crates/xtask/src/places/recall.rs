@@ -1,52 +1,53 @@
-//! Recall of the words alone by true poses: of the views asked for, how many find one of the same place among the best.
+//! Recall of words alone by ground-truth poses: the share of queries with a view of the same place among the best
+//! candidates.
 //!
-//! A view is the same place when it stands within [`NEAR_M`] and looks within [`ALIKE_DEG`] of where the query does. Views
-//! nearer in time than [`PARTED_S`] are not asked for, nor, where there are two walks, views of the query's own; a query
-//! that then has nothing to find does not count.
+//! Two views show the same place if they are within [`NEAR_M`] and [`ALIKE_DEG`] of each other. Views closer in time
+//! than [`PARTED_S`] are not candidates, nor, if there are two walks, views of the query's own walk; queries without
+//! any view of the same place do not count.
 
-use super::{Seen, extractor};
+use super::{View, extractor};
 use cairn_geometry::Se3;
 use cairn_sensor::{Source, Stamp};
 use cairn_vision::bow::Vocabulary;
 use serde::Serialize;
 
-/// Metres between two views of one place, at most.
+/// Largest distance between two views of the same place, metres.
 pub const NEAR_M: f64 = 1.0;
-/// Degrees between two views of one place, at most.
+/// Largest angle between two views of the same place, degrees.
 pub const ALIKE_DEG: f64 = 20.0;
-/// Seconds between two views that are compared, at least.
+/// Smallest time between two compared views, seconds.
 pub const PARTED_S: f64 = 5.0;
 
-/// What was found.
+/// Recall on one source.
 #[derive(Clone, Debug, Serialize)]
 pub struct Recall {
     /// The source.
     pub name: String,
-    /// Views.
+    /// Number of views.
     pub views: usize,
-    /// Views that have something to find.
+    /// Number of views with another view of the same place.
     pub queries: usize,
-    /// Of these, the share whose best candidate is the same place.
+    /// Share of queries whose best candidate is the same place.
     pub at_1: f64,
-    /// Of these, the share that has the same place among the best five.
+    /// Share of queries with the same place among the best five.
     pub at_5: f64,
 }
 
-/// The views of a source, one each `every_s`, with where the camera truly stood.
+/// The views of a source, one every `every_s`, with their true poses.
 pub struct Views {
     /// The source.
     pub name: String,
     features: Vec<cairn_vision::Features>,
     at: Vec<(Stamp, Se3)>,
-    /// How many of them belong to the first walk.
+    /// Number of views of the first walk.
     first: usize,
 }
 
 impl Views {
-    /// Looks at a source to its end.
+    /// Reads a source to its end.
     ///
     /// # Errors
-    /// When it fails.
+    /// When the source fails.
     pub fn read(name: &str, source: &mut dyn Source, every_s: f64) -> Result<Self, String> {
         let truth = source.info().truth.clone();
         let body_from_camera =
@@ -73,19 +74,19 @@ impl Views {
         Ok(views)
     }
 
-    /// Adds a second walk in the same world, in which the views of the first are looked for, and the other way round.
+    /// Adds a second walk in the same world; views of one walk are then compared with those of the other.
     pub fn with(mut self, other: Self) -> Self {
         self.features.extend(other.features);
         self.at.extend(other.at);
         self
     }
 
-    /// Asks for every view.
+    /// Queries every view.
     pub fn recall(&self, vocabulary: &Vocabulary) -> Recall {
-        let seen: Vec<Seen> = self
+        let views: Vec<View> = self
             .features
             .iter()
-            .map(|f| Seen { bag: vocabulary.bag(&f.descriptors), features: f.clone() })
+            .map(|f| View { bag: vocabulary.bag(&f.descriptors), features: f.clone() })
             .collect();
         let walk = |i: usize| i < self.first;
         let apart = |i: usize, j: usize| {
@@ -97,10 +98,10 @@ impl Views {
             between.translation.norm() <= NEAR_M && between.rotation.angle() <= ALIKE_DEG.to_radians()
         };
         let (mut queries, mut first, mut five) = (0, 0, 0);
-        for i in 0..seen.len() {
-            let mut row: Vec<(f64, usize)> = (0..seen.len())
+        for i in 0..views.len() {
+            let mut row: Vec<(f64, usize)> = (0..views.len())
                 .filter(|j| apart(i, *j))
-                .map(|j| (seen[i].bag.similarity(&seen[j].bag), j))
+                .map(|j| (views[i].bag.similarity(&views[j].bag), j))
                 .collect();
             if !row.iter().any(|(_, j)| same(i, *j)) {
                 continue;
@@ -111,6 +112,6 @@ impl Views {
             five += usize::from(row.iter().take(5).any(|(_, j)| same(i, *j)));
         }
         let share = |n: usize| n as f64 / f64::from((queries as u32).max(1));
-        Recall { name: self.name.clone(), views: seen.len(), queries, at_1: share(first), at_5: share(five) }
+        Recall { name: self.name.clone(), views: views.len(), queries, at_1: share(first), at_5: share(five) }
     }
 }

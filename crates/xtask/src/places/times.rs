@@ -1,4 +1,4 @@
-//! What places cost: opening the vocabulary, finding the words of a frame, keeping and asking the index.
+//! Costs of place recognition: opening the vocabulary, computing bags of words, inserting into and querying the index.
 
 use cairn_atlas::{KeyFrameId, PlaceIndex};
 use cairn_solve::ransac::Rng;
@@ -8,28 +8,28 @@ use serde::Serialize;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Milliseconds, the least of many repetitions each.
+/// Milliseconds, each the minimum of many repetitions.
 #[derive(Clone, Debug, Serialize)]
 pub struct Times {
-    /// Checking the embedded bytes, before first use.
+    /// Checking and opening the built-in vocabulary.
     pub open_ms: f64,
-    /// Bag of 1,000 descriptors.
+    /// Bag of words of 1,000 descriptors.
     pub bag_ms: f64,
-    /// One more key frame for an index of 1,000, of which another version is held.
+    /// Adding a key frame to an index of 1,000 of which another version is still in use.
     pub insert_ms: f64,
-    /// The best ten of an index of 1,000 key frames.
+    /// Querying the best ten of an index of 1,000 key frames.
     pub query_ms: f64,
-    /// Comparison of two bags.
+    /// Comparing two bags of words.
     pub similarity_ms: f64,
 }
 
 /// Measures; `frames` are descriptors of real images.
 pub fn measure(frames: &[Vec<Descriptor>]) -> Times {
     let vocabulary = Vocabulary::embedded();
-    let open_ms = least(20, || Vocabulary::open(vocabulary.bytes().to_vec()));
+    let open_ms = minimum(20, || Vocabulary::open(vocabulary.bytes().to_vec()));
     let all: Vec<Descriptor> = frames.iter().flatten().copied().collect();
     let mut rng = Rng::new(7);
-    // A thousand key frames that share words as frames of one building do: mixtures of the real ones.
+    // A thousand key frames that share words as frames of one building do: mixtures of real ones.
     let mut mixture = || -> Vec<Descriptor> {
         let from = rng.below(all.len().max(1) as u32) as usize;
         (0..1000).map(|k| all[(from + k + rng.below(300) as usize) % all.len()]).collect()
@@ -45,18 +45,18 @@ pub fn measure(frames: &[Vec<Descriptor>]) -> Times {
     }
     Times {
         open_ms,
-        bag_ms: least(100, || vocabulary.bag(&first)),
-        insert_ms: least(100, || {
+        bag_ms: minimum(100, || vocabulary.bag(&first)),
+        insert_ms: minimum(100, || {
             let mut next = index.clone();
             next.insert(ids[1000], &bags[1000]);
             next
         }),
-        query_ms: least(100, || index.query(&bags[1000], 10, |_| true)),
-        similarity_ms: least(100, || bags[0].similarity(&bags[1])),
+        query_ms: minimum(100, || index.query(&bags[1000], 10, |_| true)),
+        similarity_ms: minimum(100, || bags[0].similarity(&bags[1])),
     }
 }
 
-fn least<T>(times: usize, mut what: impl FnMut() -> T) -> f64 {
+fn minimum<T>(times: usize, mut what: impl FnMut() -> T) -> f64 {
     let once = |_| {
         let began = Instant::now();
         black_box(what());

@@ -1,5 +1,5 @@
-//! `visual-inertial`: the whole engine with an inertial sensor. A real recording; rooms around real motions with their real
-//! readings; a turn about before plain walls; a minute of standing still; what it costs.
+//! `visual-inertial`: the whole engine with an IMU. A real recording; rendered rooms with real motion and real IMU
+//! data; turning round in front of plain walls; one minute of standing still; cost.
 
 pub mod connect;
 mod ran;
@@ -8,7 +8,7 @@ mod semi_real;
 mod walked;
 
 use crate::Sensor;
-use ran::{Asked, Figures, HEAD, row};
+use ran::{Figures, HEAD, RunOptions, row};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -18,36 +18,36 @@ use std::path::Path;
 pub enum Trial {
     /// EuRoC MH_01.
     Recorded,
-    /// Rooms around real motions.
+    /// Rendered rooms with real motion and real IMU data.
     SemiReal,
-    /// 20 m out, a turn about before plain walls, 20 m home.
+    /// 20 m out, turning round in front of plain walls, 20 m back.
     Turn,
     /// A minute of standing still.
     Rest,
-    /// Times with the inertial sensor and without.
+    /// Times with and without IMU.
     Cost,
 }
 
-/// What is measured.
+/// Selection of what is measured.
 #[derive(Clone, Debug)]
 pub struct Chosen {
-    /// Which trials.
+    /// The trials.
     pub trials: Vec<Trial>,
-    /// Only semi-real recordings whose name holds this.
+    /// Only semi-real recordings whose name contains this.
     pub only: Option<String>,
-    /// Only conditions whose name holds this.
+    /// Only conditions whose name contains this.
     pub condition: Option<String>,
-    /// Sensors; each trial has some of its own where none are named.
+    /// Sensors; if empty, each trial uses its own.
     pub sensors: Vec<Sensor>,
-    /// Seconds of each semi-real motion; none: whole as recorded, less with worse readings.
+    /// Seconds of each semi-real motion; `None`: all of it as recorded, 20 s with degraded IMU data.
     pub seconds: Option<f64>,
     /// Seeds of the turns.
     pub seeds: std::ops::RangeInclusive<u64>,
-    /// Runs of each for the cost.
+    /// Runs of each configuration for the cost.
     pub times: usize,
-    /// Settings of the engine.
+    /// Configuration of the engine.
     pub config: cairn_engine::Config,
-    /// Tell of every frame on stderr.
+    /// Print every frame on stderr.
     pub verbose: bool,
 }
 
@@ -62,36 +62,40 @@ pub struct Measured {
     costs: Vec<recorded::Cost>,
 }
 
-/// Measures; progress and what is missing on stderr.
+/// Measures; progress and missing recordings are reported on stderr.
 ///
 /// # Errors
 /// When a run fails.
 pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
-    let asked = |usual: &[Sensor]| -> Vec<Asked> {
+    let options = |usual: &[Sensor]| -> Vec<RunOptions> {
         let sensors = if chosen.sensors.is_empty() { usual } else { &chosen.sensors };
-        let of =
-            |s: &Sensor| Asked { config: chosen.config.clone(), verbose: chosen.verbose, ..Asked::new(*s) };
+        let of = |s: &Sensor| RunOptions {
+            config: chosen.config.clone(),
+            verbose: chosen.verbose,
+            ..RunOptions::new(*s)
+        };
         sensors.iter().map(of).collect()
     };
     let mut out = Measured::default();
     for trial in &chosen.trials {
         match trial {
             Trial::Recorded => {
-                out.recorded = recorded::measure(data, &asked(&[Sensor::MonoImu, Sensor::StereoImu]))?
+                out.recorded = recorded::measure(data, &options(&[Sensor::MonoImu, Sensor::StereoImu]))?
             }
-            Trial::SemiReal => semi_real(data, chosen, &asked(&Sensor::INERTIAL), &mut out)?,
+            Trial::SemiReal => semi_real(data, chosen, &options(&Sensor::INERTIAL), &mut out)?,
             Trial::Turn => {
                 for seed in chosen.seeds.clone() {
-                    for asked in asked(&[Sensor::MonoImu]) {
-                        let turn = walked::turn(seed, &asked)?;
+                    for options in options(&[Sensor::MonoImu]) {
+                        let turn = walked::turn(seed, &options)?;
                         eprint!("{}", row(&turn.figures));
                         out.turns.push(turn);
                     }
                 }
             }
             Trial::Rest => {
-                for (asked, dark) in asked(&Sensor::INERTIAL).iter().flat_map(|a| [(a, false), (a, true)]) {
-                    let rest = walked::rest(1, asked, dark)?;
+                for (options, dark) in options(&Sensor::INERTIAL).iter().flat_map(|a| [(a, false), (a, true)])
+                {
+                    let rest = walked::rest(1, options, dark)?;
                     eprint!("{}", row(&rest.figures));
                     out.rests.push(rest);
                 }
@@ -106,7 +110,7 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
     Ok(out)
 }
 
-fn semi_real(data: &Path, chosen: &Chosen, asked: &[Asked], out: &mut Measured) -> Result<(), String> {
+fn semi_real(data: &Path, chosen: &Chosen, options: &[RunOptions], out: &mut Measured) -> Result<(), String> {
     let only = |name: &str| chosen.only.as_ref().is_none_or(|part| name.contains(part.as_str()));
     for motion in semi_real::MOTIONS.iter().filter(|m| only(m.name)) {
         if !data.join("imu-truth").join(motion.name).exists() {
@@ -114,40 +118,44 @@ fn semi_real(data: &Path, chosen: &Chosen, asked: &[Asked], out: &mut Measured) 
             continue;
         }
         let (checked, rows) =
-            semi_real::measure(data, motion, asked, chosen.condition.as_deref(), chosen.seconds)?;
+            semi_real::measure(data, motion, options, chosen.condition.as_deref(), chosen.seconds)?;
         out.checked.push(checked);
         out.semi_real.extend(rows);
     }
     Ok(())
 }
 
-/// The figures as tables in Markdown; what was not run is left out.
+/// The figures as tables in Markdown; trials that were not run are left out.
 pub fn tables(m: &Measured) -> String {
     let mut t = String::new();
     let or = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.3}"));
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     if !m.recorded.is_empty() {
         let _ = write!(t, "\n## EuRoC MH_01\n\n{HEAD}");
         m.recorded.iter().for_each(|r| t += &row(&r.figures));
         for r in &m.recorded {
-            let [told, truth, off] = r.still_m.map_or([None; 3], |w| w.map(Some));
+            let [live, truth, relative] = r.still_m.map_or([None; 3], |w| w.map(Some));
             let _ = write!(
                 t,
-                "\n{}: in the last 5 s the poses told wander {} m, the truth {} m, the one from the other {} m.\n",
+                "\n{}: in the last 5 s the live poses move by {} m, the ground truth by {} m, and one relative to the other by {} m.\n",
                 r.figures.sensors,
-                or(told),
+                or(live),
                 or(truth),
-                or(off)
+                or(relative)
             );
         }
     }
     if !m.semi_real.is_empty() {
-        let _ = write!(t, "\n## Rooms around real motions\n\n{}\n{HEAD}", checks(&m.checked));
+        let _ = write!(
+            t,
+            "\n## Rendered rooms with real motion and real IMU data\n\n{}\n{HEAD}",
+            checks(&m.checked)
+        );
         m.semi_real.iter().for_each(|f| t += &row(f));
         let _ = write!(t, "\n{}", means(&m.semi_real));
     }
     if !m.turns.is_empty() {
-        t += "\n## A turn about before plain walls\n\n| turn s | seed | sensors | worlds | begun again | end m final / told | s without a pose from the turn on | coverage | scale error % |\n|---|---|---|---|---|---|---|---|---|\n";
+        t += "\n## Turning round in front of plain walls\n\n| turn s | seed | sensors | maps | resets | end error m final / live | s without a pose from the turn on | coverage | scale error % |\n|---|---|---|---|---|---|---|---|---|\n";
         for r in &m.turns {
             let f = &r.figures;
             let _ = writeln!(
@@ -167,16 +175,16 @@ pub fn tables(m: &Measured) -> String {
         }
         let good =
             m.turns.iter().filter(|r| r.figures.worlds == 1 && r.end_m[0].is_some_and(|e| e <= 0.5)).count();
-        let _ = write!(t, "\nOne world and the end within 0.5 m: {good} of {}.\n", m.turns.len());
+        let _ = write!(t, "\nOne map and an end error within 0.5 m: {good} of {}.\n", m.turns.len());
     }
     if !m.rests.is_empty() {
-        t += "\n## A minute of standing still\n\n| sensors | lens | wanders m | covered | resets | scale error % |\n|---|---|---|---|---|---|\n";
+        t += "\n## One minute of standing still\n\n| sensors | camera | moves m | coverage | resets | scale error % |\n|---|---|---|---|---|---|\n";
         for r in &m.rests {
-            let lens = if r.dark { "black" } else { "open" };
+            let camera = if r.dark { "covered" } else { "open" };
             let (f, wanders) = (&r.figures, or(r.wanders_m));
             let _ = writeln!(
                 t,
-                "| {} | {lens} | {wanders} | {:.3} | {} | {} |",
+                "| {} | {camera} | {wanders} | {:.3} | {} | {} |",
                 f.sensors,
                 r.covered,
                 f.resets,
@@ -185,7 +193,7 @@ pub fn tables(m: &Measured) -> String {
         }
     }
     if !m.costs.is_empty() {
-        t += "\n## What it costs\n\n| sensors | image to pose ms without / with | more % | features to pose ms without / with | more % |\n|---|---|---|---|---|\n";
+        t += "\n## Cost\n\n| sensors | image to pose ms without / with IMU | increase % | features to pose ms without / with IMU | increase % |\n|---|---|---|---|---|\n";
         let more = |v: [f64; 2]| format!("{:.2} / {:.2} | {:+.1}", v[0], v[1], 100.0 * (v[1] / v[0] - 1.0));
         for c in &m.costs {
             let _ = writeln!(t, "| {} | {} | {} |", c.sensor, more(c.step_ms), more(c.track_ms));
@@ -196,7 +204,7 @@ pub fn tables(m: &Measured) -> String {
 
 fn checks(list: &[semi_real::Checked]) -> String {
     let mut t = String::from(
-        "| motion | clock ms | axes deg | poses to gyro over 50 ms deg, measured / rendered | to accel m/s^2 | moved mm rms / most | turned deg rms / most | longest hole s | scale by exact poses off % |\n|---|---|---|---|---|---|---|---|---|\n",
+        "| motion | clock ms | axes deg | poses to gyro over 50 ms deg, measured / rendered | to accel m/s^2 | moved mm rms / max | rotated deg rms / max | longest gap s | scale error with exact poses % |\n|---|---|---|---|---|---|---|---|---|\n",
     );
     for c in list {
         let _ = writeln!(
@@ -221,7 +229,7 @@ fn checks(list: &[semi_real::Checked]) -> String {
     t
 }
 
-/// Means over the motions, for each kind of sensors and condition.
+/// Means over the motions, for each sensor mode and condition.
 fn means(rows: &[Figures]) -> String {
     let condition = |f: &Figures| f.name.split_once(", ").map_or(String::new(), |n| n.1.to_owned());
     let mut kinds: Vec<(String, String)> = Vec::new();
@@ -232,7 +240,7 @@ fn means(rows: &[Figures]) -> String {
         }
     }
     let mut t = String::from(
-        "| sensors | condition | motions | mean ATE m | in metres | least coverage | resets | greatest scale error % | greatest offset off ms |\n|---|---|---|---|---|---|---|---|---|\n",
+        "| sensors | condition | motions | mean ATE m | metric | min coverage | resets | max scale error % | max offset error ms |\n|---|---|---|---|---|---|---|---|---|\n",
     );
     let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     for (sensors, name) in kinds {
@@ -261,34 +269,33 @@ pub fn page(m: &Measured) -> String {
     format!("{INTRODUCTION}\n{}", tables(m))
 }
 
-const INTRODUCTION: &str = "# Eyes with an inertial sensor
+const INTRODUCTION: &str = "# Visual-inertial SLAM
 
-`cargo run --release -p xtask -- visual-inertial --write` prints and writes this page. Recordings are looked for in
-`CAIRN_DATA`, else in `../shared/data` beside the checkout. Lockstep, default configuration.
+`cargo run --release -p xtask -- visual-inertial --write` prints and writes this page. Recordings are read from
+`CAIRN_DATA`, else from `../shared/data` beside the checkout. Lockstep, default configuration.
 
-ATE is the RMSE of the final trajectory after turning and moving it onto the truth, without scale; in brackets after a
-similarity, whose scale against 1 is the scale error. Where the engine has no metres at the end there is neither. *First
-metres*: from the first frame to the first pose told while lengths are metres. *Resets*: worlds begun after the first. *Worlds*:
-how many hold poses at the end. *Offset off*: the time offset that the engine found (0 where it
-found none) against the true one.
+ATE is the RMSE of the final trajectory after SE3 alignment with the ground truth, without scale; in brackets after Sim3
+alignment, whose deviation of scale from 1 is the scale error. Both are missing where the map is not metric at the end. *First
+metric pose*: time from the first frame to the first metric pose. *Resets*: maps started after the first. *Maps*: how many contain
+poses at the end. *Offset error*: error of the time offset that the engine estimated (0 where it estimated none).
 
-*Standing still* at the end of MH_01: the greatest distance of the poses told in the last 5 s from the first of them; the same
-of the truth, which moves a little; and of the one against the other, when all poses told are laid on the truth.
+*Standing still* at the end of MH_01: the largest distance of the live poses in the last 5 s from the first of them; the same
+for the ground truth, which moves a little; and for one relative to the other, after aligning all live poses with the ground truth.
 
-*Rooms around real motions*: the true poses of five recordings are made smooth and laid into the clock and the axes of the
-readings taken on them (the first table: how far the poses turn otherwise than the gyroscope from image to image, before and
-after), a room is rendered around them as three kinds of cameras see it, and the real readings come with the images: as
-recorded, the whole motion; and 20 s of it as means of pairs; stamped 20 ms early or late, which the rig does not say; with one
-in a hundred lost; with both biases jumping every 10 s by 3 mrad/s and 0.05 m/s^2 an axis.
+*Rendered rooms with real motion*: the ground-truth poses of five recordings are smoothed and transformed to the clock and axes of
+the IMU data recorded with them (the first table: the rotation between poses and gyroscope from image to image, before and
+after), a room is rendered around them for three kinds of cameras, and the real IMU data come with the images: the complete
+motion as recorded; and 20 s of it as means of pairs; stamped 20 ms early or late, which the rig does not declare; with one sample
+in a hundred lost; with both biases jumping every 10 s by 3 mrad/s and 0.05 m/s^2 per axis.
 
-What one eye can know of scale, the accelerometer bounds: *scale by exact poses* is how far the scale is off that the same readings
-give (`cairn_inertial::initialise`) when the true poses of the whole stretch stand in place of the eye's.
+The accelerometer limits the accuracy of scale with one camera: *scale error with exact poses* is the error of the scale that the
+same IMU data give (`cairn_inertial::initialise`) with the true poses of the whole stretch instead of the camera's.
 
-*The turn*: a walker goes 20 m down a corridor, turns about on the spot within 2 to 4 s where walls and end are plain, and comes
-home facing home; simulated readings with the noise of an ADIS16448. The end is told when the way out is laid on the truth.
+*Turning round*: a walker goes 20 m down a corridor, turns round on the spot within 2 to 4 s where walls and end are plain, and
+walks back; simulated IMU data with the noise of an ADIS16448. The end error is measured after aligning the outbound walk.
 
-*A minute of standing*, after 12 m of walking, with the lens open, and black from 1.5 s on: how far the poses told go from the
-first of that minute.
+*One minute of standing*, after 12 m of walking, with the camera open, and covered from 1.5 s on: how far the live poses move from
+the first of that minute.
 
-*What it costs*: medians of the quietest of several runs of MH_01, with and without taking turns.
+*Cost*: medians of the fastest of several runs of MH_01; runs with and without IMU alternate.
 ";

@@ -1,4 +1,5 @@
-//! One source through the engine, and what the trials ask of it: metres without help, worlds begun, time to the first metre.
+//! Runs the engine over one source and computes the figures of the trials: metric accuracy, maps, time to the first
+//! metric pose.
 
 use super::connect;
 use crate::Sensor;
@@ -10,78 +11,78 @@ use cairn_sensor::{Source, Stamp};
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// What is asked of a run.
+/// Options of a run.
 #[derive(Clone, Debug)]
-pub struct Asked {
+pub struct RunOptions {
     /// Sensors.
     pub sensor: Sensor,
-    /// Packets at most.
+    /// Largest number of packets.
     pub frames: usize,
-    /// True to tell of every frame on stderr.
+    /// Prints every frame on stderr.
     pub verbose: bool,
-    /// Settings of the engine.
+    /// Configuration of the engine.
     pub config: Config,
 }
 
-impl Asked {
-    /// A whole source.
+impl RunOptions {
+    /// Options for a whole source.
     pub fn new(sensor: Sensor) -> Self {
         Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
     }
 }
 
-/// A run.
+/// The result of a run.
 pub struct Ran {
-    /// Every packet's stamp.
+    /// The stamps of all packets.
     pub stamps: Vec<Stamp>,
-    /// True poses of what the poses below tell.
+    /// Ground-truth poses of the same body as the poses below.
     pub truth: Vec<(Stamp, Se3)>,
-    /// Poses as the map has them at the end.
+    /// Final poses, with all corrections of the map.
     pub poses: Vec<(Stamp, Se3)>,
-    /// As they were told at the time, from the first in metres on where there are metres.
+    /// Live poses; from the first metric one on, if there is one.
     pub live: Vec<(Stamp, Se3)>,
-    /// When each world was begun: the first one is the start.
+    /// When each map was created; the first is the start.
     pub map_created: Vec<Stamp>,
-    /// Worlds in which final poses stand.
+    /// Number of maps that contain final poses.
     pub pose_maps: usize,
-    /// When the first pose was told in metres.
+    /// Time of the first metric pose.
     pub metric_at: Option<Stamp>,
-    /// Whether lengths were metres at the end.
+    /// Whether the map is metric at the end.
     pub metric: bool,
-    /// Features of each frame to its pose, milliseconds.
+    /// Milliseconds from features to pose, per frame.
     pub track_ms: Vec<f64>,
-    /// Decoded image to pose.
+    /// Milliseconds from decoded image to pose, per frame.
     pub step_ms: Vec<f64>,
-    /// Time offset of the inertial sensor, as the engine found it.
+    /// Time offset of the IMU as estimated by the engine.
     pub offset_s: Option<f64>,
 }
 
 /// The figures of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figures {
-    /// What was run, for people.
+    /// Name of the run, for the table.
     pub name: String,
     /// Sensors.
     pub sensors: String,
     /// Packets.
     pub frames: usize,
-    /// Length of the true way, metres.
+    /// Length of the true path, metres.
     pub path_m: f64,
-    /// RMSE after turning and moving, without scale; none where lengths are no metres.
+    /// RMSE after SE3 alignment; `None` where the map is not metric.
     pub ate_m: Option<f64>,
-    /// RMSE after a similarity.
+    /// RMSE after Sim3 alignment.
     pub ate_sim3_m: Option<f64>,
-    /// How far the scale of that similarity is from 1, percent; none where lengths are no metres.
+    /// Deviation of that Sim3's scale from 1, percent; `None` where the map is not metric.
     pub scale_percent: Option<f64>,
     /// Share of the packets that have a pose at the end.
     pub coverage: f64,
-    /// Seconds from the first frame to the first pose in metres.
+    /// Seconds from the first frame to the first metric pose.
     pub metric_s: Option<f64>,
-    /// Worlds begun after the first: what others call resets.
+    /// Maps started after the first one.
     pub resets: usize,
-    /// Worlds in which the final poses stand.
+    /// Number of maps that contain final poses.
     pub worlds: usize,
-    /// Error of the time offset, ms; of none where the engine has found none; nothing without an inertial sensor.
+    /// Error of the time offset, ms (of an offset of zero where the engine estimated none); `None` without IMU.
     pub offset_ms: Option<f64>,
     /// Features to pose, milliseconds.
     pub track_ms: Percentiles,
@@ -93,25 +94,25 @@ pub struct Figures {
 ///
 /// # Errors
 /// When the source or the engine fails.
-pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
+pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String> {
     let rig = source.rig().clone();
-    let mut engine = connect::engine(&rig, asked.sensor, source.info().rate_hz, &asked.config)?;
+    let mut engine = connect::engine(&rig, options.sensor, source.info().rate_hz, &options.config)?;
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
     let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
-    while stamps.len() < asked.frames {
+    while stamps.len() < options.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
         if let Some(cause) = out.died {
             return Err(format!("frame {}: {cause}", stamps.len()));
         }
-        if asked.verbose {
+        if options.verbose {
             eprintln!(
                 "{:4} {:?} matched {} inliers {}{}",
                 stamps.len(),
                 out.state,
                 out.evidence.matched,
                 out.evidence.inliers,
-                if out.metric { "" } else { " no metres" }
+                if out.metric { "" } else { " not metric" }
             );
             if let Some(attempt) = &out.attempt {
                 let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
@@ -119,8 +120,8 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
                 eprintln!("initialising: {} {found:?}", gates.join("; "));
             }
         }
-        for (world, _) in engine.snapshot().maps() {
-            if known.insert(world) {
+        for (map, _) in engine.snapshot().maps() {
+            if known.insert(map) {
                 map_created.push(packet.stamp);
             }
         }
@@ -140,38 +141,38 @@ pub fn run(source: &mut dyn Source, asked: &Asked) -> Result<Ran, String> {
     Ok(Ran {
         truth,
         poses: engine.trajectory(),
-        live: metres(engine.live_trajectory(), metric_at),
+        live: since_metric(engine.live_trajectory(), metric_at),
         map_created,
         pose_maps: pose_maps(&engine),
         metric_at,
         metric: engine.is_metric(),
         track_ms,
         step_ms,
-        offset_s: connect::offset_s(&engine, asked.sensor),
+        offset_s: connect::offset_s(&engine, options.sensor),
         stamps,
     })
 }
 
-fn metres(mut poses: Vec<(Stamp, Se3)>, metric_at: Option<Stamp>) -> Vec<(Stamp, Se3)> {
+fn since_metric(mut poses: Vec<(Stamp, Se3)>, metric_at: Option<Stamp>) -> Vec<(Stamp, Se3)> {
     poses.retain(|(t, _)| metric_at.is_none_or(|at| *t >= at));
     poses
 }
 
-/// In how many worlds the poses of all frames stand.
+/// Number of maps that contain the poses of all frames.
 fn pose_maps(engine: &Engine) -> usize {
     let map = engine.snapshot();
     let anchored = engine.log().frames().iter().filter_map(|f| f.anchored);
-    let worlds: BTreeSet<MapId> =
+    let maps: BTreeSet<MapId> =
         anchored.filter_map(|p| Some(map.key_frame(map.surviving_ancestor(p.reference)?.0)?.map)).collect();
-    worlds.len()
+    maps.len()
 }
 
 impl Ran {
-    /// The figures; `true_offset_s` is what the readings' stamps are off by.
+    /// The figures; `true_offset_s` is the true error of the IMU stamps.
     ///
     /// # Errors
-    /// When the truth's times do not rise.
-    pub fn figures(&self, name: &str, asked: &Asked, true_offset_s: f64) -> Result<Figures, String> {
+    /// When the times of the ground truth do not increase.
+    pub fn figures(&self, name: &str, options: &RunOptions, true_offset_s: f64) -> Result<Figures, String> {
         let (first, last) = (self.stamps.first().copied(), self.stamps.last().copied());
         let path: f64 = self.truth.windows(2).map(|w| (w[1].1.translation - w[0].1.translation).norm()).sum();
         let rigid = ate(&self.truth, &self.poses, Align::Se3)?.filter(|_| self.metric);
@@ -180,7 +181,7 @@ impl Ran {
         let tracked = self.poses.iter().filter(|(t, _)| inside(t)).count();
         Ok(Figures {
             name: name.into(),
-            sensors: asked.sensor.name().into(),
+            sensors: options.sensor.name().into(),
             frames: self.stamps.len(),
             path_m: path,
             ate_m: rigid.map(|r| r.0),
@@ -196,12 +197,12 @@ impl Ran {
         })
     }
 
-    /// Between two instants, at most, metres: how far the poses told at the time go from the first of them; how far the truth
-    /// does; and how far the one's going is from the other's, when all poses told are laid on the truth. None without a pose
+    /// Largest movement between two instants, metres: of the live poses from the first of them; of the ground truth;
+    /// and of one relative to the other, after aligning all live poses with the ground truth. `None` without a pose
     /// there.
     ///
     /// # Errors
-    /// When the truth's times do not rise.
+    /// When the times of the ground truth do not increase.
     pub fn wanders(&self, from: Stamp, to: Stamp) -> Result<Option<[f64; 3]>, String> {
         let farthest = |places: &[Vec3]| {
             let first = *places.first()?;
@@ -223,29 +224,29 @@ impl Ran {
             .collect();
         let all = [farthest(&plain(inside(&self.live))), farthest(&plain(truth)), farthest(&off)];
         Ok(match all {
-            [Some(told), Some(truth), Some(off)] => Some([told, truth, off]),
+            [Some(live), Some(truth), Some(relative)] => Some([live, truth, relative]),
             _ => None,
         })
     }
 
-    /// Where the last pose told stands against the truth, metres, when the poses told up to an instant are laid on the truth
-    /// without scale (with, where lengths are no metres).
+    /// Error of the last pose, metres, after aligning the poses up to an instant with the ground truth by SE3 (Sim3
+    /// where the map is not metric).
     ///
     /// # Errors
-    /// When the truth's times do not rise.
-    pub fn end_error(&self, laid_until: Stamp, poses: &[(Stamp, Se3)]) -> Result<Option<f64>, String> {
-        let begin: Vec<(Stamp, Se3)> = poses.iter().filter(|(t, _)| *t <= laid_until).copied().collect();
+    /// When the times of the ground truth do not increase.
+    pub fn end_error(&self, aligned_until: Stamp, poses: &[(Stamp, Se3)]) -> Result<Option<f64>, String> {
+        let begin: Vec<(Stamp, Se3)> = poses.iter().filter(|(t, _)| *t <= aligned_until).copied().collect();
         let align = if self.metric { Align::Se3 } else { Align::Sim3 };
         let (Some((t, last)), Some(found)) = (poses.last(), evaluated(&self.truth, &begin, align)?) else {
             return Ok(None);
         };
-        let laid = found.reference_from_estimate * last.translation;
+        let aligned = found.reference_from_estimate * last.translation;
         let truth = self.truth.iter().min_by(|a, b| (a.0 - *t).abs().total_cmp(&(b.0 - *t).abs()));
-        Ok(truth.map(|(_, p)| (laid - p.translation).norm()))
+        Ok(truth.map(|(_, p)| (aligned - p.translation).norm()))
     }
 }
 
-/// RMSE and scale after an alignment; none with too few poses.
+/// RMSE and scale after alignment; `None` with too few poses.
 fn ate(truth: &[(Stamp, Se3)], poses: &[(Stamp, Se3)], align: Align) -> Result<Option<(f64, f64)>, String> {
     Ok(evaluated(truth, poses, align)?.map(|e| (e.ate_m.rmse, e.scale)))
 }
@@ -262,10 +263,10 @@ fn evaluated(
     Ok(evaluate(&trajectory(truth)?, &trajectory(poses)?, &options).ok())
 }
 
-/// Head of [`row`]'s table.
-pub const HEAD: &str = "| what | sensors | ATE m, SE3 without scale (after Sim3) | scale error % | coverage | first metres s | resets | worlds | offset off ms | track p50 ms |\n|---|---|---|---|---|---|---|---|---|---|\n";
+/// Header of the table of [`row`]s.
+pub const HEAD: &str = "| run | sensors | ATE m, SE3 without scale (after Sim3) | scale error % | coverage | first metric pose s | resets | maps | offset error ms | track p50 ms |\n|---|---|---|---|---|---|---|---|---|---|\n";
 
-/// One line of the table.
+/// One row of the table.
 pub fn row(f: &Figures) -> String {
     let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     format!(

@@ -1,6 +1,6 @@
-//! EuRoC MH_01: metres, the first of them, and standing still at the end; and what the inertial sensor costs.
+//! EuRoC MH_01: metric accuracy, the first metric pose, standstill at the end; and the cost of the IMU.
 
-use super::ran::{Asked, Figures, run};
+use super::ran::{Figures, RunOptions, run};
 use crate::Sensor;
 use cairn_engine::SensorMode;
 use cairn_eval::Percentiles;
@@ -8,51 +8,51 @@ use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
 use std::path::Path;
 
-/// It stands still for so long at its end, seconds.
+/// Duration of the standstill at its end, seconds.
 const STILL_S: f64 = 5.0;
 
-/// The recording with some sensors.
+/// Result for the recording with one sensor mode.
 #[derive(Clone, Debug, Serialize)]
 pub struct Recorded {
-    /// As of every run.
+    /// The figures of the run.
     pub figures: Figures,
-    /// In the last five seconds, metres: how far the poses told at the time wander, the truth, and the one from the other.
+    /// Movement in the last five seconds, metres: live poses, ground truth, and one relative to the other.
     pub still_m: Option<[f64; 3]>,
 }
 
-/// What tracking takes with the inertial sensor and without.
+/// Times with and without IMU.
 #[derive(Clone, Debug, Serialize)]
 pub struct Cost {
     /// Cameras.
     pub sensor: String,
-    /// Without and with: median of the quietest run, milliseconds a frame.
+    /// Image to pose without and with IMU: median of the fastest run, milliseconds.
     pub step_ms: [f64; 2],
-    /// The part of it from features to pose.
+    /// The part from features to pose.
     pub track_ms: [f64; 2],
 }
 
-fn once(data: &Path, asked: &Asked) -> Result<Recorded, String> {
+fn once(data: &Path, options: &RunOptions) -> Result<Recorded, String> {
     let folder = data.join("euroc-mh01");
     let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
-    let ran = run(source.as_mut(), asked)?;
+    let ran = run(source.as_mut(), options)?;
     let last = ran.stamps.last().copied().unwrap_or_default();
     let still_m = ran.wanders(last.plus_seconds(-STILL_S), last)?;
-    Ok(Recorded { figures: ran.figures("euroc-mh01", asked, 0.0)?, still_m })
+    Ok(Recorded { figures: ran.figures("euroc-mh01", options, 0.0)?, still_m })
 }
 
-/// Mono and stereo with the inertial sensor; none where the recording is not there.
+/// Mono and stereo with IMU; empty if the recording is missing.
 ///
 /// # Errors
 /// When a run fails.
-pub fn measure(data: &Path, asked: &[Asked]) -> Result<Vec<Recorded>, String> {
+pub fn measure(data: &Path, options: &[RunOptions]) -> Result<Vec<Recorded>, String> {
     if !data.join("euroc-mh01").exists() {
         eprintln!("skipped: euroc-mh01 is not in {}", data.display());
         return Ok(Vec::new());
     }
-    asked.iter().filter(|a| a.sensor.mode() != SensorMode::Rgbd).map(|a| once(data, a)).collect()
+    options.iter().filter(|a| a.sensor.mode() != SensorMode::Rgbd).map(|a| once(data, a)).collect()
 }
 
-/// Runs with and without take turns, so that whatever else the machine does meets both.
+/// Alternates runs with and without IMU, so that other load on the machine affects both.
 ///
 /// # Errors
 /// When a run fails.
@@ -63,7 +63,7 @@ pub fn cost(data: &Path, pair: [Sensor; 2], times: usize) -> Result<Option<Cost>
     let mut best = [[f64::INFINITY; 2]; 2];
     for _ in 0..times.max(1) {
         for (which, sensor) in pair.into_iter().enumerate() {
-            let f = once(data, &Asked::new(sensor))?.figures;
+            let f = once(data, &RunOptions::new(sensor))?.figures;
             let p50 = |p: &Percentiles| p.p50;
             best[0][which] = best[0][which].min(p50(&f.step_ms));
             best[1][which] = best[1][which].min(p50(&f.track_ms));

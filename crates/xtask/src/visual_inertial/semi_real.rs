@@ -1,6 +1,6 @@
-//! Rooms rendered around real motions, with the real readings of their inertial sensors, as they are and made worse.
+//! Rooms rendered around real motions, with the real IMU data, as recorded and degraded.
 
-use super::ran::{Asked, Figures, run};
+use super::ran::{Figures, RunOptions, run};
 use crate::Sensor;
 use crate::inertial::data::links;
 use cairn_geometry::{Se3, So3, Vec3};
@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A recording, where its stretch begins (in motion), and its sensor.
+/// A recording, the start of the stretch used (in motion), and its sensor.
 pub struct Motion {
     /// Folder below `imu-truth`.
     pub name: &'static str,
@@ -20,7 +20,7 @@ pub struct Motion {
     tumvi: bool,
 }
 
-/// All of them.
+/// All recordings.
 pub const MOTIONS: [Motion; 5] = [
     Motion { name: "MH_03_medium", start_s: 18.0, tumvi: false },
     Motion { name: "V1_02_medium", start_s: 3.0, tumvi: false },
@@ -29,18 +29,18 @@ pub const MOTIONS: [Motion; 5] = [
     Motion { name: "tumvi_room3", start_s: 3.0, tumvi: true },
 ];
 
-/// Seconds of a motion whose readings are made worse.
-const WORSE_S: f64 = 20.0;
+/// Seconds of a motion used with degraded IMU data.
+const DEGRADED_S: f64 = 20.0;
 
-/// Seconds between the key frames from whose true poses scale is found.
+/// Seconds between the key frames for scale from exact poses.
 const STEP_S: f64 = 0.25;
 
-/// What is made worse.
+/// How the IMU data are degraded.
 #[derive(Clone, Copy, Debug)]
 pub struct Condition {
     /// Name of the row.
     pub name: &'static str,
-    /// What goes wrong.
+    /// The degradation.
     pub troubles: ImuTroubles,
 }
 
@@ -57,27 +57,27 @@ pub fn conditions() -> [Condition; 6] {
     ]
 }
 
-/// How well poses and readings of a recording agree, as rendered.
+/// Agreement of poses and IMU data of a recording, as rendered.
 #[derive(Clone, Debug, Serialize)]
 pub struct Checked {
     /// Recording.
     pub name: String,
-    /// Milliseconds added to the poses' clock, degrees taken out of their axes.
+    /// Correction of the poses' clock in milliseconds.
     pub clock_ms: f64,
-    /// Likewise.
+    /// Correction of the poses' axes in degrees.
     pub axes_deg: f64,
-    /// Poses against the gyroscope over 50 ms, degrees: as measured, as rendered.
+    /// Difference of poses and gyroscope over 50 ms, degrees: as measured, as rendered.
     pub turn_deg: [f64; 2],
-    /// Against the accelerometer, m/s^2, likewise.
+    /// Difference to the accelerometer, m/s^2: as measured, as rendered.
     pub acceleration: [f64; 2],
-    /// How far smoothing moved poses, millimetres, and turned them, degrees: root mean square, most.
+    /// How far smoothing moved the poses, millimetres: RMS, max.
     pub moved_mm: [f64; 2],
-    /// Likewise.
+    /// How far smoothing rotated the poses, degrees: RMS, max.
     pub turned_deg: [f64; 2],
-    /// The longest hole in the poses, seconds.
+    /// The longest gap in the poses, seconds.
     pub hole_s: f64,
-    /// What the readings alone make of scale, the rendered poses standing in place of one eye: how far it is from 1, percent,
-    /// and its standard deviation.
+    /// Scale estimated from the IMU data and the exact rendered poses: deviation from 1, and standard deviation,
+    /// percent.
     pub exact_scale: [f64; 2],
 }
 
@@ -97,7 +97,7 @@ impl Checked {
     }
 }
 
-/// Scale by the readings alone, from key frames at the true poses of what `source` will show.
+/// Scale error from IMU data with key frames at the exact poses that `source` renders.
 fn exact_scale(data: &Path, motion: &Motion, source: &SimSource, seconds: f64) -> Result<[f64; 2], String> {
     let readings = crate::inertial::data::Motion::read(data, motion.name)?;
     let stamps: Vec<Stamp> =
@@ -105,14 +105,15 @@ fn exact_scale(data: &Path, motion: &Motion, source: &SimSource, seconds: f64) -
     let pose = |t: &Stamp| source.motion().pose(*t - source.epoch());
     let poses: Vec<SeenPose> =
         stamps.iter().map(|t| SeenPose { stamp: *t, world_from_camera: pose(t) }).collect();
-    let links = links(&readings.buffer(), Bias::default(), &stamps).ok_or("readings are missing")?;
+    let links = links(&readings.buffer(), Bias::default(), &stamps).ok_or("IMU samples are missing")?;
     let seen = Seen { poses: &poses, rotation_sigma: 1e-3, position_sigma: 1e-3 };
-    let tried = initialise(&seen, &links, &Se3::identity(), Scale::Free, &InitialiseConfig::default());
-    let found = tried.found.ok_or("scale is not found from true poses")?;
+    let attempt = initialise(&seen, &links, &Se3::identity(), Scale::Free, &InitialiseConfig::default());
+    let found = attempt.found.ok_or("initialisation with exact poses failed")?;
     Ok([100.0 * (found.scale - 1.0).abs(), 100.0 * found.scale_sigma])
 }
 
-/// The setting of a recording: its sensor's data sheet, a camera where its own sat, a room around it.
+/// Configuration for a recording: noise from the sensor's data sheet, a camera at the pose of the real one, a room
+/// around it.
 pub fn config(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64>) -> SimConfig {
     let folder = data.join("imu-truth").join(motion.name);
     let noise = match motion.tumvi {
@@ -132,7 +133,7 @@ pub fn config(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64>
     }
 }
 
-/// Where the left cameras of the two data sets sit on the sensor, as their calibrations have it.
+/// The extrinsics of the left cameras of the two data sets, from their calibrations.
 fn body_from_camera(tumvi: bool) -> Se3 {
     let (q, p) = match tumvi {
         true => (
@@ -147,14 +148,14 @@ fn body_from_camera(tumvi: bool) -> Se3 {
     Se3::new(turn, Vec3::new(p[0], p[1], p[2]))
 }
 
-/// Runs one recording under the conditions whose name holds a part; progress on stderr.
+/// Runs one recording under the conditions whose name contains `condition`; progress on stderr.
 ///
 /// # Errors
-/// When a file is not what it should be, or a run fails.
+/// When a file is invalid or a run fails.
 pub fn measure(
     data: &Path,
     motion: &Motion,
-    asked: &[Asked],
+    options: &[RunOptions],
     condition: Option<&str>,
     seconds: Option<f64>,
 ) -> Result<(Checked, Vec<Figures>), String> {
@@ -162,10 +163,10 @@ pub fn measure(
     let mut checked = None;
     let mut rows = Vec::new();
     for condition in conditions().iter().filter(|c| condition.is_none_or(|part| c.name.contains(part))) {
-        for asked in asked {
-            let worse = condition.troubles != ImuTroubles::default();
-            let seconds = seconds.or(worse.then_some(WORSE_S));
-            let mut config = config(data, motion, asked.sensor, seconds);
+        for options in options {
+            let degraded = condition.troubles != ImuTroubles::default();
+            let seconds = seconds.or(degraded.then_some(DEGRADED_S));
+            let mut config = config(data, motion, options.sensor, seconds);
             config.troubles = condition.troubles;
             let source = match &world {
                 Some(world) => SimSource::in_map(&config, world.clone()),
@@ -178,12 +179,12 @@ pub fn measure(
                 let exact = exact_scale(data, motion, &source, seconds.unwrap_or(span).min(span))?;
                 checked = source.agreement().map(|a| Checked::of(motion.name, a, exact));
             }
-            let ran = run(&mut source as &mut dyn Source, asked)?;
+            let ran = run(&mut source as &mut dyn Source, options)?;
             let name = format!("{}, {}", motion.name, condition.name);
-            let figures = ran.figures(&name, asked, condition.troubles.offset_s)?;
+            let figures = ran.figures(&name, options, condition.troubles.offset_s)?;
             eprint!("{}", super::ran::row(&figures));
             rows.push(figures);
         }
     }
-    Ok((checked.ok_or("nothing was asked for")?, rows))
+    Ok((checked.ok_or("no condition matches")?, rows))
 }

@@ -1,6 +1,7 @@
-//! Simulated walkers: a turn about before plain walls, and a minute of standing still, with eyes open and without.
+//! Simulated walkers: turning round in front of plain walls, and one minute of standing still, with the camera open and
+//! covered.
 
-use super::ran::{Asked, Figures, run};
+use super::ran::{Figures, RunOptions, run};
 use crate::revisit::Darkened;
 use cairn_geometry::Vec2;
 use cairn_sensor::{Source, Stamp};
@@ -8,31 +9,31 @@ use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
 use serde::Serialize;
 use std::f64::consts::PI;
 
-/// A walk out, a turn, and home.
+/// Result of a walk out, a turn, and the walk back.
 #[derive(Clone, Debug, Serialize)]
 pub struct Turn {
-    /// As of every run.
+    /// The figures of the run.
     pub figures: Figures,
     /// Seed.
     pub seed: u64,
-    /// Seconds that the turn takes.
+    /// Duration of the turn, seconds.
     pub turn_s: f64,
-    /// The last pose against the truth, when the way out is laid on the truth, metres: in the final map, as told at the time.
+    /// Error of the last pose after aligning the outbound walk with the ground truth, metres: final pose, live pose.
     pub end_m: [Option<f64>; 2],
-    /// Seconds without a pose told between the begin of the turn and the end.
+    /// Seconds without a live pose from the start of the turn to the end.
     pub blind_s: f64,
 }
 
-/// A minute of standing still.
+/// Result of one minute of standing still.
 #[derive(Clone, Debug, Serialize)]
 pub struct Rest {
-    /// As of every run.
+    /// The figures of the run.
     pub figures: Figures,
-    /// Whether the lens was black meanwhile.
+    /// Whether the camera was covered.
     pub dark: bool,
-    /// How far the poses told at the time wander within the minute, metres; none without any.
+    /// Largest movement of the live poses within the minute, metres; `None` without poses.
     pub wanders_m: Option<f64>,
-    /// Share of the minute's packets with a pose told.
+    /// Share of the minute's packets with a live pose.
     pub covered: f64,
 }
 
@@ -41,14 +42,14 @@ const TURNS: u64 = 20;
 /// Seconds of standing still.
 const REST_S: f64 = 60.0;
 
-/// Walks 20 m out, turns about in 2 to 4 s and walks home.
+/// Walks 20 m out, turns round in 2 to 4 s and walks back.
 ///
 /// # Errors
 /// When the run fails.
-pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
+pub fn turn(seed: u64, options: &RunOptions) -> Result<Turn, String> {
     let turn_s = 2.0 + 2.0 * (seed.saturating_sub(1) % TURNS) as f64 / (TURNS - 1) as f64;
     let mut config = SimConfig::new(WorldKind::DeadEnd, seed);
-    config.sensor = asked.sensor.simulated();
+    config.sensor = options.sensor.simulated();
     config.walker.turn_rate = PI / turn_s;
     config.walker.speed = 1.0;
     let mut source = SimSource::new(&config).map_err(|e| e.to_string())?;
@@ -56,15 +57,15 @@ pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
     let rate = |t: Stamp, source: &SimSource| source.motion().state(t - truth[0].0).rate.norm();
     let turning = truth.iter().map(|p| p.0).find(|t| *t - truth[0].0 > 5.0 && rate(*t, &source) > 0.4);
     let turning = turning.ok_or("the walker never turns")?;
-    let ran = run(&mut source as &mut dyn Source, asked)?;
-    let told = ran.live.iter().filter(|(t, _)| *t >= turning).count();
+    let ran = run(&mut source as &mut dyn Source, options)?;
+    let live = ran.live.iter().filter(|(t, _)| *t >= turning).count();
     let all = ran.stamps.iter().filter(|t| **t >= turning).count();
     Ok(Turn {
-        figures: ran.figures(&format!("turn in {turn_s:.1} s, seed {seed}"), asked, 0.0)?,
+        figures: ran.figures(&format!("turn in {turn_s:.1} s, seed {seed}"), options, 0.0)?,
         seed,
         turn_s,
         end_m: [ran.end_error(turning, &ran.poses)?, ran.end_error(turning, &ran.live)?],
-        blind_s: (all - told.min(all)) as f64 / config.rate_hz,
+        blind_s: (all - live.min(all)) as f64 / config.rate_hz,
     })
 }
 
@@ -72,9 +73,9 @@ pub fn turn(seed: u64, asked: &Asked) -> Result<Turn, String> {
 ///
 /// # Errors
 /// When the run fails.
-pub fn rest(seed: u64, asked: &Asked, dark: bool) -> Result<Rest, String> {
+pub fn rest(seed: u64, options: &RunOptions, dark: bool) -> Result<Rest, String> {
     let mut config = SimConfig::new(WorldKind::Hall, seed);
-    config.sensor = asked.sensor.simulated();
+    config.sensor = options.sensor.simulated();
     config.walker.rest_s = REST_S + 1.0;
     config.start_s = REST_S;
     let plain = SimSource::new(&config).map_err(|e| e.to_string())?;
@@ -84,22 +85,22 @@ pub fn rest(seed: u64, asked: &Asked, dark: bool) -> Result<Rest, String> {
     let truth = &inner.info().truth;
     let end = truth.last().ok_or("no frames")?.0;
     let (first, from) = (truth[0].0, end.plus_seconds(-REST_S));
-    // The last look around takes a second and a half.
+    // The walker still looks around for the first 1.5 s.
     let dark_s = dark.then(|| [from - first + 1.5, f64::INFINITY]);
     let mut source = Darkened { inner, dark_s };
-    let ran = run(&mut source as &mut dyn Source, asked)?;
+    let ran = run(&mut source as &mut dyn Source, options)?;
     let count = |list: &mut dyn Iterator<Item = Stamp>| list.filter(|t| *t >= from).count() as f64;
-    let told = count(&mut ran.live.iter().map(|p| p.0));
-    let name = if dark { "a minute of standing, lens black" } else { "a minute of standing" };
+    let live = count(&mut ran.live.iter().map(|p| p.0));
+    let name = if dark { "one minute of standing, camera covered" } else { "one minute of standing" };
     Ok(Rest {
-        figures: ran.figures(name, asked, 0.0)?,
+        figures: ran.figures(name, options, 0.0)?,
         dark,
         wanders_m: ran.wanders(from, end)?.map(|w| w[0]),
-        covered: told / count(&mut ran.stamps.iter().copied()).max(1.0),
+        covered: live / count(&mut ran.stamps.iter().copied()).max(1.0),
     })
 }
 
-/// The first metres of a way.
+/// The first `most` metres of a route.
 fn cut(route: &[Vec2], most: f64) -> Vec<Vec2> {
     let (mut out, mut left) = (route.first().copied().into_iter().collect::<Vec<_>>(), most);
     for w in route.windows(2) {

@@ -1,4 +1,4 @@
-//! `cairn map check`.
+//! `cairn map check`: reads every part of saved maps and checks them for consistency.
 
 use super::{bytes_of, failed};
 use crate::failure::Failure;
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 struct Checked {
     file: PathBuf,
     good: bool,
-    /// Why it is not good.
+    /// What is wrong, if anything.
     #[serde(skip_serializing_if = "Option::is_none")]
     why: Option<String>,
     parts: Vec<PartReport>,
@@ -29,13 +29,16 @@ struct PartReport {
     why: Option<String>,
 }
 
-/// All files, in their order.
+/// All files, in the order given.
 #[derive(Serialize)]
 struct AllChecked {
     maps: Vec<Checked>,
 }
 
-/// Checks the maps; fails when one of them is not good.
+/// Checks the maps.
+///
+/// # Errors
+/// When one of them cannot be read, is damaged or inconsistent.
 pub fn run(files: &[PathBuf], output: &Output) -> Result<(), Failure> {
     let mut all = AllChecked { maps: files.iter().map(|path| check(path)).collect::<Result<_, _>>()? };
     match all.maps.iter_mut().find_map(|c| c.failure.take()) {
@@ -69,15 +72,15 @@ fn check(path: &Path) -> Result<Checked, Failure> {
 fn text(all: &AllChecked) -> String {
     let mut text = String::new();
     for c in &all.maps {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = match &c.why {
-            None => writeln!(text, "good      {}: {} parts, all rules hold", c.file.display(), c.parts.len()),
+            None => writeln!(text, "good      {}: {} parts, all consistent", c.file.display(), c.parts.len()),
             Some(why) => writeln!(text, "bad       {}: {why}", c.file.display()),
         };
         if !c.good {
             for p in &c.parts {
-                let said = p.why.as_deref().unwrap_or("whole");
-                let _ = writeln!(text, "  {:<20}{:>12} bytes  {said}", p.name, p.bytes);
+                let state = p.why.as_deref().unwrap_or("whole");
+                let _ = writeln!(text, "  {:<20}{:>12} bytes  {state}", p.name, p.bytes);
             }
         }
     }

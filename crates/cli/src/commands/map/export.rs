@@ -1,6 +1,6 @@
-//! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded ways as files.
+//! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded routes as files.
 
-use super::{WAY, open};
+use super::{ROUTE_PREFIX, open};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::MapFile;
@@ -13,30 +13,30 @@ use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Writes the landmarks of a world as points (PLY), its key frames as a trajectory (TUM), and the ways in the map as files.
+/// Exports landmarks as points (PLY), key frames as a trajectory (TUM), and recorded routes as files.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The saved map.
     file: PathBuf,
-    /// Landmarks with the direction they were seen along and by how many key frames.
+    /// Writes the landmarks, with mean viewing direction and number of observing key frames.
     #[arg(long, value_name = "OUT.ply")]
     points: Option<PathBuf>,
-    /// Where the body was at each key frame.
+    /// Writes the pose of the body at each key frame.
     #[arg(long, value_name = "OUT.tum")]
     trajectory: Option<PathBuf>,
-    /// Each recorded way as a file; one that exists is refused.
+    /// Writes each recorded route to a file in this folder; existing files are not overwritten.
     #[arg(long, alias = "ways", value_name = "DIR")]
     routes: Option<PathBuf>,
-    /// Which world, by the number of its root; without it, the one with the most key frames.
+    /// Which map of the file, by the number of its root key frame; by default the one with the most key frames.
     #[arg(long, alias = "world", value_name = "ROOT")]
     map: Option<usize>,
 }
 
 #[derive(Serialize)]
 struct Exported {
-    /// Number of its root.
+    /// Number of its root key frame.
     map: usize,
-    /// Other worlds in the file.
+    /// Other maps in the file.
     others: Vec<usize>,
     landmarks: usize,
     key_frames: usize,
@@ -47,22 +47,25 @@ struct Exported {
     routes: Vec<PathBuf>,
 }
 
-/// Writes what was asked for.
+/// Writes the requested files.
+///
+/// # Errors
+/// When nothing is requested, the map cannot be read, or a file cannot be written.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let shown = a.file.display().to_string();
     if a.points.is_none() && a.trajectory.is_none() && a.routes.is_none() {
         return Err(Failure::new(
             shown,
-            "nothing is to be written",
-            "give --points OUT.ply, --trajectory OUT.tum or --ways DIR",
+            "nothing to write was requested",
+            "give --points OUT.ply, --trajectory OUT.tum or --routes DIR",
         ));
     }
     let file = open(&a.file)?;
     let roots: Vec<usize> = file.snapshot.maps().map(|(id, _)| id.root().index()).collect();
     let map = map(&file, a.map).ok_or_else(|| {
         let (why, hint) = match a.map {
-            Some(root) => (format!("it has no world {root}"), format!("it has these: {roots:?}")),
-            None => ("the map is empty".to_owned(), "give a map with key frames".to_owned()),
+            Some(root) => (format!("it has no map {root}"), format!("it has these: {roots:?}")),
+            None => ("the file is empty".to_owned(), "give a map with key frames".to_owned()),
         };
         Failure::new(shown, why, hint)
     })?;
@@ -91,7 +94,7 @@ fn map(file: &MapFile, root: Option<usize>) -> Option<MapId> {
     let mut maps = file.snapshot.maps().map(|(id, _)| id);
     match root {
         Some(root) => maps.find(|id| id.root().index() == root),
-        // Of equal ones the eldest.
+        // The oldest of equally large ones.
         None => maps.min_by_key(|id| (std::cmp::Reverse(file.snapshot.key_frames_of(*id).count()), *id)),
     }
 }
@@ -106,7 +109,7 @@ fn landmarks(file: &MapFile, map: MapId) -> Vec<&Landmark> {
 
 fn ply(landmarks: &[&Landmark]) -> String {
     let mut text = String::from("ply\nformat ascii 1.0\n");
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "element vertex {}", landmarks.len());
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
         let _ = writeln!(text, "property float {name}");
@@ -114,26 +117,30 @@ fn ply(landmarks: &[&Landmark]) -> String {
     text += "property uint observations\nend_header\n";
     for l in landmarks {
         let (p, n) = (l.position, l.normal);
-        let seen = l.observations.len();
-        let _ = writeln!(text, "{:.5} {:.5} {:.5} {:.4} {:.4} {:.4} {seen}", p.x, p.y, p.z, n.x, n.y, n.z);
+        let observations = l.observations.len();
+        let _ = writeln!(
+            text,
+            "{:.5} {:.5} {:.5} {:.4} {:.4} {:.4} {observations}",
+            p.x, p.y, p.z, n.x, n.y, n.z
+        );
     }
     text
 }
 
-/// Each way in a new file named after it.
+/// Writes each route to a new file named after it.
 fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut written = Vec::new();
     for (name, bytes) in &file.attached {
-        let Some(name) = name.strip_prefix(WAY) else { continue };
-        // A name from a file is no path to follow.
+        let Some(name) = name.strip_prefix(ROUTE_PREFIX) else { continue };
+        // A name stored in a map must not be used as a path.
         let plain = Path::new(name).file_name().and_then(|n| n.to_str()) == Some(name);
         let path = folder.join(format!("{name}.route"));
-        let made = match plain {
+        let created = match plain {
             true => File::options().write(true).create_new(true).open(&path),
-            false => Err(std::io::Error::other("the name of the way is no name of a file")),
+            false => Err(std::io::Error::other("the name of the route is not a valid file name")),
         };
-        made.and_then(|mut out| out.write_all(bytes)).map_err(|e| {
-            let hint = "give a folder that exists and has no ways of these names";
+        created.and_then(|mut out| out.write_all(bytes)).map_err(|e| {
+            let hint = "give an existing folder without routes of these names";
             Failure::new(path.display().to_string(), e.to_string(), hint)
         })?;
         written.push(path);
@@ -141,7 +148,7 @@ fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> 
     Ok(written)
 }
 
-/// The key frames in the order of time; of two of one time, as several sessions may have, the elder.
+/// The key frames in order of time; of two with the same time, as several sessions may have, the older one.
 fn trajectory(file: &MapFile, map: MapId) -> Trajectory {
     let camera = &file.about.camera;
     let metric = file.snapshot.is_metric_in(map, camera);
@@ -151,16 +158,16 @@ fn trajectory(file: &MapFile, map: MapId) -> Trajectory {
     poses.sort_by_key(|(t, _)| *t);
     let mut trajectory = Trajectory::new();
     for (t, pose) in poses {
-        // Refused is what is not later than the one before.
+        // A pose that is not later than the previous one is rejected and left out.
         let _ = trajectory.push(t, pose);
     }
     trajectory
 }
 
 fn text(e: &Exported) -> String {
-    let mut text = format!("world     {}: {} landmarks, {} key frames\n", e.map, e.landmarks, e.key_frames);
+    let mut text = format!("map       {}: {} landmarks, {} key frames\n", e.map, e.landmarks, e.key_frames);
     if !e.others.is_empty() {
-        let _ = writeln!(text, "others    {:?}: each has a frame of its own; --world chooses", e.others);
+        let _ = writeln!(text, "others    {:?}: each has its own frame; choose one with --map", e.others);
     }
     for path in [&e.points, &e.trajectory].into_iter().flatten().chain(&e.routes) {
         let _ = writeln!(text, "written   {}", path.display());

@@ -1,6 +1,6 @@
-//! `cairn map info`.
+//! `cairn map info`: summary of saved maps.
 
-use super::{WAY, bytes_of, failed};
+use super::{ROUTE_PREFIX, bytes_of, failed};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::{MapFile, Table, sensor_name};
@@ -19,13 +19,13 @@ struct Info {
     sensor: &'static str,
     metric: bool,
     camera: Camera,
-    /// What is to be added to every measured right x, as the map has found it.
+    /// Correction added to every measured right-image x coordinate, as estimated by the map.
     right_offset_px: f64,
     key_frames: usize,
     removed_key_frames: usize,
     landmarks: usize,
     observations: usize,
-    maps: Vec<World>,
+    maps: Vec<MapReport>,
     routes: Vec<RouteReport>,
     parts: Vec<Part>,
 }
@@ -38,23 +38,23 @@ struct Camera {
 }
 
 #[derive(Serialize)]
-struct World {
-    /// Number of its eldest key frame.
+struct MapReport {
+    /// Number of its root, the oldest key frame.
     root: usize,
     key_frames: usize,
     landmarks: usize,
-    /// Least and greatest coordinates of the key frames' eyes.
+    /// Smallest and largest coordinates of the key frames' camera centres.
     bounds: [[f64; 3]; 2],
     /// Seconds of the first and the last key frame, in the clock of the source.
     from_s: f64,
     to_s: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    tie: Option<TieReport>,
+    map_prior: Option<MapPriorReport>,
 }
 
-/// How a world hangs on a former one until they are merged.
+/// The prior on a map's pose relative to an earlier one, until they are merged.
 #[derive(Serialize)]
-struct TieReport {
+struct MapPriorReport {
     key_frame: usize,
     sigma: f64,
     sigma_deg: f64,
@@ -65,7 +65,7 @@ struct RouteReport {
     name: String,
     bytes: usize,
     points: usize,
-    /// Where its key frames are now.
+    /// Length with the current poses of its key frames.
     length_m: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     damaged: Option<String>,
@@ -78,13 +78,16 @@ struct Part {
     unpacked: u64,
 }
 
-/// All files, in their order.
+/// All files, in the order given.
 #[derive(Serialize)]
 struct Infos {
     maps: Vec<Info>,
 }
 
-/// Tells what is in the maps.
+/// Prints a summary of the maps.
+///
+/// # Errors
+/// When a file cannot be read, is not a map or is damaged.
 pub fn run(files: &[PathBuf], output: &Output) -> Result<(), Failure> {
     let maps = files.iter().map(|path| info(path)).collect::<Result<_, _>>()?;
     output.result(&Infos { maps }, |all| all.maps.iter().map(text).collect::<Vec<_>>().join("\n"))
@@ -98,7 +101,7 @@ fn info(path: &Path) -> Result<Info, Failure> {
     let routes = file
         .attached
         .iter()
-        .filter_map(|(name, bytes)| Some(route(name.strip_prefix(WAY)?, bytes, snapshot)));
+        .filter_map(|(name, bytes)| Some(route(name.strip_prefix(ROUTE_PREFIX)?, bytes, snapshot)));
     let part = |p: &cairn_atlas::store::PartInfo| Part {
         name: p.name.clone(),
         bytes: p.stored_bytes,
@@ -127,7 +130,7 @@ fn info(path: &Path) -> Result<Info, Failure> {
     })
 }
 
-fn map(snapshot: &Snapshot, id: MapId) -> World {
+fn map(snapshot: &Snapshot, id: MapId) -> MapReport {
     let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     let mut span = [f64::INFINITY, f64::NEG_INFINITY];
     for k in snapshot.key_frames_of(id) {
@@ -142,18 +145,18 @@ fn map(snapshot: &Snapshot, id: MapId) -> World {
     let here = |l: &cairn_atlas::Landmark| {
         l.observations.first().and_then(|o| snapshot.key_frame(o.key_frame)).is_some_and(|k| k.map == id)
     };
-    let tie = snapshot.maps().find(|(other, _)| *other == id).and_then(|(_, tie)| tie);
-    World {
+    let prior = snapshot.maps().find(|(other, _)| *other == id).and_then(|(_, prior)| prior);
+    MapReport {
         root: id.root().index(),
         key_frames: snapshot.key_frames_of(id).count(),
         landmarks: snapshot.landmarks().filter(|l| here(l)).count(),
         bounds,
         from_s: span[0],
         to_s: span[1],
-        tie: tie.map(|tie| TieReport {
-            key_frame: tie.to.index(),
-            sigma: tie.sigma,
-            sigma_deg: tie.sigma_rad.to_degrees(),
+        map_prior: prior.map(|prior| MapPriorReport {
+            key_frame: prior.to.index(),
+            sigma: prior.sigma,
+            sigma_deg: prior.sigma_rad.to_degrees(),
         }),
     }
 }
@@ -177,30 +180,30 @@ fn route(name: &str, bytes: &[u8], snapshot: &Snapshot) -> RouteReport {
 fn text(i: &Info) -> String {
     let mut text = String::new();
     let unit = if i.metric { "m" } else { "units" };
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "file      {}, {:.3} MB", i.file.display(), i.bytes as f64 / 1e6);
     let _ = writeln!(text, "written   by {}, format {}", i.program, i.format);
     let [fx, fy] = i.camera.focal_px;
     let baseline = match (i.camera.baseline_m > 0.0, i.metric) {
         (true, _) => format!(", baseline {:.4} m, right x {:+.3} px", i.camera.baseline_m, i.right_offset_px),
-        (false, true) => ", metric by its inertial sensor".to_owned(),
+        (false, true) => ", metric scale from the IMU".to_owned(),
         (false, false) => ", without metric scale".to_owned(),
     };
     let _ = writeln!(text, "made with {}, focal length {fx:.2} {fy:.2} px{baseline}", i.sensor);
     let _ = writeln!(
         text,
-        "map       {} key frames ({} removed), {} landmarks, {} observations",
+        "total     {} key frames ({} removed), {} landmarks, {} observations",
         i.key_frames, i.removed_key_frames, i.landmarks, i.observations
     );
-    for w in &i.maps {
-        let [a, b] = w.bounds;
+    for m in &i.maps {
+        let [a, b] = m.bounds;
         let _ = writeln!(
             text,
-            "world     {}: {} key frames, {} landmarks, {:.1} s, x {:.2} to {:.2}, y {:.2} to {:.2}, z {:.2} to {:.2} {unit}",
-            w.root,
-            w.key_frames,
-            w.landmarks,
-            w.to_s - w.from_s,
+            "map       {}: {} key frames, {} landmarks, {:.1} s, x {:.2} to {:.2}, y {:.2} to {:.2}, z {:.2} to {:.2} {unit}",
+            m.root,
+            m.key_frames,
+            m.landmarks,
+            m.to_s - m.from_s,
             a[0],
             b[0],
             a[1],
@@ -208,21 +211,21 @@ fn text(i: &Info) -> String {
             a[2],
             b[2]
         );
-        if let Some(tie) = &w.tie {
+        if let Some(prior) = &m.map_prior {
             let _ = writeln!(
                 text,
-                "          tied to key frame {} within {:.2} {unit} and {:.0} degrees",
-                tie.key_frame, tie.sigma, tie.sigma_deg
+                "          prior relative to key frame {}, standard deviation {:.2} {unit} and {:.0} degrees",
+                prior.key_frame, prior.sigma, prior.sigma_deg
             );
         }
     }
-    for w in &i.routes {
-        let _ = match &w.damaged {
-            Some(why) => writeln!(text, "way       {}: {why}", w.name),
-            None => writeln!(text, "way       {}: {} points, {:.2} {unit}", w.name, w.points, w.length_m),
+    for r in &i.routes {
+        let _ = match &r.damaged {
+            Some(why) => writeln!(text, "route     {}: {why}", r.name),
+            None => writeln!(text, "route     {}: {} points, {:.2} {unit}", r.name, r.points, r.length_m),
         };
     }
-    // The many parts of features are one line.
+    // The many parts with features are summed up in one line.
     let (features, others): (Vec<&Part>, Vec<&Part>) =
         i.parts.iter().partition(|p| p.name.starts_with("features "));
     for p in others {

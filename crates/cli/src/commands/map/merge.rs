@@ -1,7 +1,7 @@
-//! `cairn map merge`: several sessions in one file. The worlds stand beside each other; where they meet is found when a
-//! place is recognised in a later run.
+//! `cairn map merge`: several saved maps in one file. They stay separate, unaligned maps; a later run joins them when
+//! it recognises a place.
 
-use super::{WAY, failed, open};
+use super::{ROUTE_PREFIX, failed, open};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::Shift;
@@ -11,9 +11,9 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Puts several maps of one camera into one file, with the ways recorded in them.
+/// Puts several saved maps of the same camera, with their recorded routes, into one file.
 ///
-/// The worlds stand beside each other unaligned; they are joined when a place is recognised in a later run.
+/// The maps stay separate and unaligned; a later run joins them when it recognises a place that they share.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The saved maps.
@@ -32,11 +32,14 @@ struct Merged {
     landmarks: usize,
     maps: usize,
     routes: usize,
-    /// What is worth knowing, in words.
+    /// Notes for the user.
     notes: Vec<String>,
 }
 
 /// Merges the files.
+///
+/// # Errors
+/// When a file cannot be read or written, or the maps are of different cameras.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let Some((first, others)) = a.files.split_first() else { return Ok(()) };
     let mut into = open(first)?;
@@ -51,7 +54,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         key_frames: into.snapshot.key_frame_count(),
         landmarks: into.snapshot.landmark_count(),
         maps: into.snapshot.maps().count(),
-        routes: into.attached.keys().filter(|name| name.starts_with(WAY)).count(),
+        routes: into.attached.keys().filter(|name| name.starts_with(ROUTE_PREFIX)).count(),
         notes,
     };
     output.result(&merged, text)
@@ -62,14 +65,16 @@ fn add(into: &mut MapFile, other: MapFile, path: &Path, notes: &mut Vec<String>)
     let (a, b) = (&other.about, &into.about);
     let octaves = (other.snapshot.octaves(), into.snapshot.octaves());
     let fits = b.fits(octaves.1, a.sensor, &a.camera, octaves.0).map_err(|why| {
-        let hint = "only maps of one camera can stand in one file";
-        Failure::new(&shown, format!("does not go with the first: {why}"), hint)
+        let hint = "only maps made with the same camera can be put into one file";
+        Failure::new(&shown, format!("does not fit the first map: {why}"), hint)
     })?;
     notes.extend(fits.into_iter().map(|note| format!("{shown}: {note}")));
     let offsets = (into.snapshot.right_offset(), other.snapshot.right_offset());
     if (offsets.0 - offsets.1).abs() > 0.05 {
         let (kept, left) = offsets;
-        notes.push(format!("{shown}: right x was {left:+.3} px off, the first map's {kept:+.3} px are kept"));
+        notes.push(format!(
+            "{shown}: right-image offset {left:+.3} px replaced by the first map's {kept:+.3} px"
+        ));
     }
     let (snapshot, shift) = into
         .snapshot
@@ -77,7 +82,8 @@ fn add(into: &mut MapFile, other: MapFile, path: &Path, notes: &mut Vec<String>)
         .map_err(|why| Failure::new(&shown, why, "save the maps in several files"))?;
     into.snapshot = snapshot;
     for (name, bytes) in other.attached {
-        let bytes = if name.starts_with(WAY) { shifted(&bytes, &shift, &shown, &name)? } else { bytes };
+        let bytes =
+            if name.starts_with(ROUTE_PREFIX) { shifted(&bytes, &shift, &shown, &name)? } else { bytes };
         let mut free = name.clone();
         let mut n = 2;
         while into.attached.contains_key(&free) {
@@ -89,24 +95,24 @@ fn add(into: &mut MapFile, other: MapFile, path: &Path, notes: &mut Vec<String>)
     Ok(())
 }
 
-/// A way that hangs on the same key frames under their new numbers.
+/// A route anchored to the same key frames under their new numbers.
 fn shifted(bytes: &[u8], shift: &Shift, shown: &str, name: &str) -> Result<Vec<u8>, Failure> {
-    let wrong = |why: String| Failure::new(shown, format!("{name}: {why}"), "record the way again");
+    let wrong = |why: String| Failure::new(shown, format!("{name}: {why}"), "record the route again");
     let mut route = Route::read(bytes).map_err(|e| wrong(e.to_string()))?;
     for point in &mut route.points {
         let seq = u32::try_from(point.anchor.seq as usize + shift.key_frames);
-        point.anchor.seq = seq.map_err(|_| wrong("there are not enough numbers for key frames".into()))?;
+        point.anchor.seq = seq.map_err(|_| wrong("the number of a key frame is too large".into()))?;
     }
     route.to_bytes().map_err(|e| wrong(e.to_string()))
 }
 
 fn text(m: &Merged) -> String {
     let mut text = String::new();
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "written   {}, {:.3} MB", m.out.display(), m.bytes as f64 / 1e6);
     let _ = writeln!(
         text,
-        "map       {} key frames, {} landmarks, {} worlds, {} ways",
+        "total     {} key frames, {} landmarks, {} maps, {} routes",
         m.key_frames, m.landmarks, m.maps, m.routes
     );
     for note in &m.notes {

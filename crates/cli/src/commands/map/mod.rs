@@ -1,4 +1,4 @@
-//! `cairn map`: what is in saved maps, whether they are whole, their points and key frames for others, several in one.
+//! `cairn map`: inspects, checks, exports and merges saved maps.
 
 mod check;
 mod export;
@@ -10,7 +10,7 @@ use crate::output::Output;
 use cairn_atlas::store::{MapFile, StoreError};
 use std::path::{Path, PathBuf};
 
-/// Saved maps: what is in them, whether they are whole; export, and several sessions in one file.
+/// Inspects, checks, exports and merges saved maps.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -19,9 +19,9 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Key frames, landmarks, worlds, ways, what it was made with, and bytes of each part.
+    /// Shows maps, key frames, landmarks, routes, the sensor, and the size of each part of the file.
     Info(Files),
-    /// Reads every part and checks the rules of a map; names what is damaged.
+    /// Reads every part, checks the map for consistency, and names damaged parts.
     Check(Files),
     Export(export::Arguments),
     Merge(merge::Arguments),
@@ -35,10 +35,13 @@ struct Files {
     files: Vec<PathBuf>,
 }
 
-/// What the names of attached recorded ways begin with.
-pub const WAY: &str = "way/";
+/// Prefix of the names of routes attached to a map.
+pub const ROUTE_PREFIX: &str = "way/";
 
 /// Runs the subcommand.
+///
+/// # Errors
+/// When a file cannot be read, is damaged or cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     match &arguments.command {
         Command::Info(a) => info::run(&a.files, output),
@@ -49,6 +52,9 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
 }
 
 /// Opens a saved map.
+///
+/// # Errors
+/// When the file cannot be read, is not a map or is damaged.
 pub fn open(path: &Path) -> Result<MapFile, Failure> {
     MapFile::load(path).map_err(|e| failed(path, &e))
 }
@@ -57,7 +63,7 @@ fn bytes_of(path: &Path) -> Result<Vec<u8>, Failure> {
     std::fs::read(path).map_err(|e| Failure::new(path.display().to_string(), e.to_string(), "check the path"))
 }
 
-/// What went wrong with a map file, and what to do.
+/// The failure for an error of a map file, with what to do.
 pub fn failed(path: &Path, error: &StoreError) -> Failure {
     let shown = path.display().to_string();
     match error {
@@ -65,20 +71,21 @@ pub fn failed(path: &Path, error: &StoreError) -> Failure {
             Failure::new(shown, source.to_string(), "check the path")
         }
         StoreError::File { doing, source, .. } => {
-            let hint =
-                "check that its folder exists, may be written, and has room; what was there before still is";
+            let hint = "check that its folder is there and writable, and that the disk has room; an older file there is unchanged";
             Failure::new(shown, format!("{doing}: {source}"), hint)
         }
         StoreError::Foreign(_) => {
             Failure::new(shown, error.to_string(), "give a file that cairn run --map-out wrote")
         }
-        StoreError::Version { .. } => {
-            Failure::new(shown, error.to_string(), "open it with the cairn that wrote it, or a newer one")
-        }
+        StoreError::Version { .. } => Failure::new(
+            shown,
+            error.to_string(),
+            "open it with the version of cairn that wrote it, or a newer one",
+        ),
         StoreError::Part { .. } => {
-            let hint = "the file is damaged: take a copy; cairn map check tells which parts are whole";
+            let hint = "the file is damaged: use a backup; cairn map check shows which parts are intact";
             Failure::new(shown, error.to_string(), hint)
         }
-        StoreError::Unfit(_) => Failure::new(shown, error.to_string(), "report it with the recording"),
+        StoreError::Unfit(_) => Failure::new(shown, error.to_string(), "report this with the recording"),
     }
 }

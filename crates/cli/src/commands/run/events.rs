@@ -1,4 +1,4 @@
-//! `--events`: what happens to the map, a line of JSON each; the form is told in docs/events.md.
+//! `--events`: the changes of the map as lines of JSON; docs/events.md describes the format.
 
 use crate::failure::Failure;
 use cairn_atlas::{Change, KeyFrameId, MapPrior, Mirror, Published, Subscription};
@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// The file of events, with a mirror of the map that is kept by the stream alone.
+/// The file of events, with a mirror of the map that is kept up to date by the stream alone.
 pub struct Events {
     path: PathBuf,
     to: BufWriter<File>,
@@ -21,21 +21,24 @@ pub struct Events {
 }
 
 impl Events {
-    /// Begins the file where one is asked for.
+    /// Creates the file if one is requested.
+    ///
+    /// # Errors
+    /// When the file cannot be created or mapping is not running.
     pub fn begin(path: Option<&Path>, engine: &mut Engine) -> Result<Option<Self>, Failure> {
         let Some(path) = path else { return Ok(None) };
         let fail = |why: String| Failure::new(path.display().to_string(), why, "name another file");
         let to = BufWriter::new(File::create(path).map_err(|e| fail(e.to_string()))?);
-        let from = engine.subscribe().ok_or_else(|| fail("mapping does not run".into()))?;
+        let from = engine.subscribe().ok_or_else(|| fail("mapping is not running".into()))?;
         let mirror = Mirror::of(&from.start);
         Ok(Some(Self { path: path.to_owned(), to, from, mirror, failed: None }))
     }
 
-    /// Writes what has happened up to a frame.
+    /// Writes everything that has happened up to a frame.
     pub fn write(&mut self, stamp: Stamp, verdicts: &[Verdict]) {
         let mut lines: Vec<Value> = verdicts.iter().map(verdict).collect();
         while let Ok(published) = self.from.changes.try_recv() {
-            lines.extend(told(&published, &mut self.mirror));
+            lines.extend(commit_lines(&published, &mut self.mirror));
         }
         if lines.is_empty() || self.failed.is_some() {
             return;
@@ -50,10 +53,13 @@ impl Events {
         self.failed = self.to.write_all(text.as_bytes()).and_then(|()| self.to.flush()).err();
     }
 
-    /// What went wrong while writing, if anything did.
+    /// Closes the file.
+    ///
+    /// # Errors
+    /// The first failure of writing.
     pub fn end(self) -> Result<(), Failure> {
         let Some(e) = self.failed else { return Ok(()) };
-        Err(Failure::new(self.path.display().to_string(), e.to_string(), "make room on the disk"))
+        Err(Failure::new(self.path.display().to_string(), e.to_string(), "free some space on the disk"))
     }
 }
 
@@ -67,7 +73,7 @@ fn pose(p: &Se3) -> Value {
     json!({ "position": [t.x, t.y, t.z], "quaternion": [q.x, q.y, q.z, q.w] })
 }
 
-fn tie(t: &MapPrior) -> Value {
+fn map_prior(t: &MapPrior) -> Value {
     let mut value = pose(&t.to_from_root);
     value["key_frame"] = id(t.to).into();
     value["sigma"] = t.sigma.into();
@@ -75,28 +81,28 @@ fn tie(t: &MapPrior) -> Value {
     value
 }
 
-/// Where key frames are now.
-fn standing(ids: &BTreeSet<KeyFrameId>, mirror: &Mirror) -> Vec<Value> {
+/// The current poses of key frames.
+fn current_poses(ids: &BTreeSet<KeyFrameId>, mirror: &Mirror) -> Vec<Value> {
     let of = |k: &KeyFrameId| {
         let m = mirror.key_frame(*k)?;
         let mut value = pose(&m.world_from_camera);
         value["id"] = id(*k).into();
-        value["world"] = id(m.map.root()).into();
+        value["map"] = id(m.map.root()).into();
         value["unit"] = m.unit.into();
         Some(value)
     };
     ids.iter().filter_map(of).collect()
 }
 
-/// The lines of one commit; the mirror is brought up to it.
-fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
+/// The lines of one commit; also applies the commit to the mirror.
+fn commit_lines(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
     let (mut born, mut moved) = (BTreeSet::new(), BTreeSet::new());
     let mut lines = Vec::new();
-    let ties: Vec<_> = published
+    let priors: Vec<_> = published
         .changes
         .iter()
         .filter_map(|c| match c {
-            Change::MapPrior(map, tie) => Some((map.root(), tie)),
+            Change::MapPrior(map, prior) => Some((map.root(), prior)),
             _ => None,
         })
         .collect();
@@ -105,12 +111,12 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
             Change::AddKeyFrame(k) => {
                 born.insert(k.id);
                 if k.parent.is_none() {
-                    let tied = ties.iter().find(|(root, _)| *root == k.id).map(|(_, t)| tie(t));
-                    lines.push(json!({ "event": "world", "world": id(k.id), "tie": tied }));
+                    let prior = priors.iter().find(|(root, _)| *root == k.id).map(|(_, p)| map_prior(p));
+                    lines.push(json!({ "event": "map_created", "map": id(k.id), "map_prior": prior }));
                 }
             }
-            Change::MapPrior(map, t) if !born.contains(&map.root()) => {
-                lines.push(json!({ "event": "tie", "world": id(map.root()), "tie": tie(t) }));
+            Change::MapPrior(map, p) if !born.contains(&map.root()) => {
+                lines.push(json!({ "event": "map_prior", "map": id(map.root()), "map_prior": map_prior(p) }));
             }
             Change::MoveKeyFrame(k, _) => {
                 moved.insert(*k);
@@ -130,12 +136,12 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
                 line["parent"] = id(*parent).into();
                 lines.push(line);
             }
-            Change::AlignGravity(map, level_from_world) => {
+            Change::AlignGravity(map, aligned_from_map) => {
                 moved.extend(mirror.key_frames().filter(|(_, k)| k.map == *map).map(|(k, _)| k));
-                let mut line = pose(&Se3::new(level_from_world.rotation, level_from_world.translation));
-                line["event"] = "level".into();
-                line["world"] = id(map.root()).into();
-                line["scale"] = level_from_world.scale.into();
+                let mut line = pose(&Se3::new(aligned_from_map.rotation, aligned_from_map.translation));
+                line["event"] = "gravity_aligned".into();
+                line["map"] = id(map.root()).into();
+                line["scale"] = aligned_from_map.scale.into();
                 lines.push(line);
             }
             _ => {}
@@ -153,9 +159,9 @@ fn told(published: &Published, mirror: &mut Mirror) -> Vec<Value> {
     mirror.take(published);
     moved.retain(|k| !born.contains(k));
     for (event, ids) in [("born", &born), ("moved", &moved)] {
-        let standing = standing(ids, mirror);
-        if !standing.is_empty() {
-            lines.push(json!({ "event": event, "key_frames": standing }));
+        let poses = current_poses(ids, mirror);
+        if !poses.is_empty() {
+            lines.push(json!({ "event": event, "key_frames": poses }));
         }
     }
     lines.iter_mut().for_each(|line| line["version"] = published.version.into());

@@ -1,4 +1,5 @@
-//! Eyes and ears of `cairn run`: counts frames, hands words to a voice, takes commands from the terminal.
+//! The interface between `cairn run` and its session: counts frames, passes announcements to a voice, reads commands
+//! from the terminal.
 
 use super::events::Events;
 use super::interrupt::Interrupt;
@@ -15,14 +16,14 @@ use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, 
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// How words are told.
+/// How announcements are given.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Say {
     /// Lines of text.
     Text,
-    /// Aloud.
+    /// Spoken aloud.
     Speech,
-    /// Into a file.
+    /// Spoken into a WAV file.
     Wav(PathBuf),
     /// Not at all.
     None,
@@ -45,7 +46,10 @@ impl FromStr for Say {
 }
 
 impl Say {
-    /// The voice; where the result is JSON, text goes to stderr.
+    /// The voice; if the result is JSON, announcements as text go to stderr.
+    ///
+    /// # Errors
+    /// When the speech program is missing or the WAV file cannot be created.
     pub fn voice(&self, config: SpeechConfig, json: bool) -> Result<Box<dyn Voice>, Failure> {
         let fail = |e: VoiceError| Failure::new("voice", e.why, e.cure);
         let espeak = || Espeak::find(config).map_err(fail);
@@ -59,9 +63,9 @@ impl Say {
     }
 }
 
-/// The face of a run.
+/// Callbacks of a run.
 pub struct RunFace<'t, 'a> {
-    /// Counts.
+    /// Counts and times.
     pub tally: &'t mut Tally,
     progress: Progress,
     status: Option<StatusLines>,
@@ -71,12 +75,12 @@ pub struct RunFace<'t, 'a> {
     events: &'t mut Option<Events>,
     interrupt: Interrupt,
     interrupted: bool,
-    /// The journal that is replayed goes no further.
+    /// The replay has reached the end of its journal or a difference.
     replay_stopped: bool,
 }
 
 impl<'t, 'a> RunFace<'t, 'a> {
-    /// A face that has seen nothing yet.
+    /// Callbacks for a run of `frames` frames, where that is known.
     pub fn new(
         tally: &'t mut Tally,
         frames: Option<usize>,
@@ -86,7 +90,7 @@ impl<'t, 'a> RunFace<'t, 'a> {
         events: &'t mut Option<Events>,
         status: Option<StatusLines>,
     ) -> Self {
-        // Lines and a bar would tear each other.
+        // Status lines and a progress bar would disturb each other.
         let progress = if status.is_some() { Progress::hidden() } else { Progress::new(frames) };
         Self {
             tally,
@@ -102,10 +106,10 @@ impl<'t, 'a> RunFace<'t, 'a> {
         }
     }
 
-    /// Waits for the last words; what saves the map is left to be ended.
+    /// Waits until the last announcement has been given; returns the saver, which still has to be ended.
     pub fn end(mut self) -> (Saver<'a>, Result<(), Failure>) {
-        let spoken = self.voice.end().map_err(|e| Failure::new("voice", e.why, e.cure));
-        (self.saver, spoken)
+        let voice_ended = self.voice.end().map_err(|e| Failure::new("voice", e.why, e.cure));
+        (self.saver, voice_ended)
     }
 }
 
@@ -128,13 +132,13 @@ impl Face for RunFace<'_, '_> {
                     events.write(done.stamp, &done.verdicts);
                 }
             }
-            Err(why) => self.tally.unseen(packet, why),
+            Err(why) => self.tally.rejected(packet, why),
         }
-        let standing = session.standing();
+        let status = session.standing();
         if let Some(lines) = &mut self.status {
-            lines.tell(&standing);
+            lines.update(&status);
         }
-        self.tally.stood.add(standing);
+        self.tally.status.add(status);
         self.replay_stopped = session.engine().replayed().is_some_and(|r| r.stopped.is_some());
         self.progress.step(self.tally.frames);
     }
@@ -148,16 +152,16 @@ impl Face for RunFace<'_, '_> {
     fn passed(&mut self, session: &Session) {
         self.voice.pass(session.elapsed_s());
         if let Some(lines) = &mut self.status {
-            lines.tell(&session.standing());
+            lines.update(&session.standing());
         }
-        self.saver.now_and_then(session, |text| self.progress.warn(text));
+        self.saver.save_if_due(session, |text| self.progress.warn(text));
     }
 
     fn asked(&mut self) -> Vec<Command> {
         let (mut commands, mistakes) = self.terminal.asked();
         mistakes.iter().for_each(|why| self.progress.warn(why));
-        if self.interrupt.asked() && !std::mem::replace(&mut self.interrupted, true) {
-            self.progress.warn("interrupted: the run ends here; once more to stop at once");
+        if self.interrupt.requested() && !std::mem::replace(&mut self.interrupted, true) {
+            self.progress.warn("interrupted: finishing the run; press Ctrl-C again to stop at once");
             commands.push(Command::Quit);
         }
         commands.extend(self.replay_stopped.then_some(Command::Quit));

@@ -1,4 +1,4 @@
-//! `--journal` and `--replay`.
+//! `--journal` and `--replay`: writing and replaying the journal of a real-time run.
 
 use super::Arguments;
 use crate::failure::Failure;
@@ -6,7 +6,10 @@ use cairn_engine::{Engine, Journal, Stopped};
 use std::fs::File;
 use std::io::BufWriter;
 
-/// The journal of --replay.
+/// Reads the journal given by --replay.
+///
+/// # Errors
+/// When the file cannot be read or is not a journal.
 pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
     let Some(path) = &a.replay else { return Ok(None) };
     let fail = |why: String| {
@@ -17,7 +20,10 @@ pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
     Journal::read(&bytes).map(Some).map_err(|e| fail(e.to_string()))
 }
 
-/// The engine, as it is to go on: writing a journal, or as one tells.
+/// Lets the engine write a journal or replay one, as the arguments say.
+///
+/// # Errors
+/// When the journal cannot be created, or belongs to another source or other options.
 pub fn engine(
     a: &Arguments,
     engine: Engine,
@@ -27,37 +33,40 @@ pub fn engine(
     if let Some(path) = &a.journal {
         let shown = path.display().to_string();
         let file = File::create(path)
-            .map_err(|e| Failure::new(shown, e.to_string(), "check that its folder may be written"))?;
+            .map_err(|e| Failure::new(shown, e.to_string(), "check that its folder is writable"))?;
         engine.write_journal(source, Box::new(BufWriter::new(file)));
     }
     let (Some(journal), Some(path)) = (journal, &a.replay) else { return Ok(engine) };
     engine.replay(source, journal).map_err(|why| {
-        let hint = "replay with the source and the options of the run that wrote it";
+        let hint = "replay with the same source and options as the run that wrote it";
         Failure::new(path.display().to_string(), why, hint)
     })
 }
 
-/// Whether the journal is whole, or what was replayed came out the same.
+/// Checks that the journal was written completely, or that the replay matched.
+///
+/// # Errors
+/// When writing the journal failed, or the replay differs from it.
 pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
     if let (Some(path), Some(why)) = (&a.journal, engine.journal_failed()) {
-        return Err(Failure::new(path.display().to_string(), why, "make room on the disk"));
+        return Err(Failure::new(path.display().to_string(), why, "free some space on the disk"));
     }
-    let (Some(path), Some(told)) = (&a.replay, engine.replayed()) else { return Ok(()) };
+    let (Some(path), Some(replay)) = (&a.replay, engine.replayed()) else { return Ok(()) };
     let shown = path.display().to_string();
-    match &told.stopped {
+    match &replay.stopped {
         None => eprintln!(
             "replay: {} of {} frames equal bit for bit{}",
-            told.equal,
-            told.of,
-            if told.map_equal { ", and the map" } else { "" }
+            replay.equal,
+            replay.of,
+            if replay.map_equal { ", and the map" } else { "" }
         ),
         Some(Stopped::Cut(why)) => eprintln!(
-            "warning: {shown}: cut off at {why}; {} of its {} frames were replayed, all equal",
-            told.equal, told.of
+            "warning: {shown}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
+            replay.equal, replay.of
         ),
         Some(Stopped::Differs { stamp, what }) => {
             let at = stamp.map_or("after the last frame".into(), |s| format!("frame at {s}"));
-            let why = format!("{at}: {what}; the {} frames before are equal", told.equal);
+            let why = format!("{at}: {what}; the {} frames before are equal", replay.equal);
             let hint =
                 "the same program, source and options on the same kind of processor give the same bits";
             return Err(Failure::new(shown, why, hint));

@@ -1,7 +1,7 @@
-//! The map that a run begins in and the one it leaves.
+//! Opening the map of --map-in and saving the map of --map-out.
 
 use super::Arguments;
-use crate::commands::map::{WAY, failed, open};
+use crate::commands::map::{ROUTE_PREFIX, failed, open};
 use crate::failure::Failure;
 use cairn_atlas::store::{MapFile, StoreError};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
@@ -14,7 +14,10 @@ use std::time::{Duration, Instant};
 
 const CHOOSE: &str = "choose another --sensor, or give a calibration with --rig";
 
-/// The map of --map-in.
+/// Opens the map of --map-in.
+///
+/// # Errors
+/// When it cannot be read, is damaged or empty.
 pub fn opened(a: &Arguments) -> Result<Option<MapFile>, Failure> {
     let Some(path) = &a.map_in else { return Ok(None) };
     let file = open(path)?;
@@ -23,13 +26,16 @@ pub fn opened(a: &Arguments) -> Result<Option<MapFile>, Failure> {
         return Err(Failure::new(
             shown,
             "the map is empty",
-            "give a map with key frames, or leave --map-in out",
+            "give a map with key frames, or leave out --map-in",
         ));
     }
     Ok(Some(file))
 }
 
-/// The engine, in the map that was opened if there is one.
+/// The engine, started in the opened map if there is one.
+///
+/// # Errors
+/// When the rig does not fit the sensor mode or the map.
 pub fn engine(
     a: &Arguments,
     file: Option<&MapFile>,
@@ -39,33 +45,35 @@ pub fn engine(
     runner: Runner,
     config: &Config,
 ) -> Result<Engine, Failure> {
-    let unfit = |why: String| Failure::new(&a.source, why, CHOOSE);
+    let unsuitable = |why: String| Failure::new(&a.source, why, CHOOSE);
     let (Some(file), Some(path)) = (file, &a.map_in) else {
-        return Engine::new(rig, mode, rate_hz, runner, config).map_err(|e| unfit(e.to_string()));
+        return Engine::new(rig, mode, rate_hz, runner, config).map_err(|e| unsuitable(e.to_string()));
     };
     let shown = path.display().to_string();
     let opened = Engine::in_map(rig, mode, rate_hz, runner, config, file);
     let (engine, notes) = opened.map_err(|e| match e {
-        OpenMapError::Rig(e) => unfit(e.to_string()),
-        OpenMapError::Camera(why) => Failure::new(&shown, why, "use the camera and the --sensor of the map"),
+        OpenMapError::Rig(e) => unsuitable(e.to_string()),
+        OpenMapError::Camera(why) => {
+            Failure::new(&shown, why, "use the camera and --sensor the map was made with")
+        }
     })?;
     notes.iter().for_each(|note| eprintln!("warning: {shown}: {note}"));
     Ok(if a.localize_only { engine.localize_only() } else { engine })
 }
 
-/// Saves the map where --map-out says, now and then and at the end.
+/// Saves the map to --map-out, periodically and at the end.
 pub struct Saver<'a> {
     to: Option<&'a Path>,
     every: Duration,
-    /// What hung on the map of --map-in.
+    /// The attachments of the map of --map-in.
     attached: BTreeMap<String, Vec<u8>>,
     last: Instant,
-    /// The save at work, on a thread of its own: the run does not wait for the disk.
+    /// The save in progress, on its own thread: the run does not wait for the disk.
     work: Option<JoinHandle<Result<u64, StoreError>>>,
 }
 
 impl<'a> Saver<'a> {
-    /// As the arguments say; what hung on the map of --map-in goes along.
+    /// Configured by the arguments; the attachments of the map of --map-in are kept.
     pub fn new(a: &'a Arguments, before: Option<MapFile>) -> Self {
         Self {
             to: a.map_out.as_deref(),
@@ -76,8 +84,8 @@ impl<'a> Saver<'a> {
         }
     }
 
-    /// Begins to save when it is time and the last save is done. What goes wrong is told, and tried again.
-    pub fn now_and_then(&mut self, session: &Session, warn: impl Fn(&str)) {
+    /// Starts a save if one is due and the previous one is done. Failures are reported and retried.
+    pub fn save_if_due(&mut self, session: &Session, warn: impl Fn(&str)) {
         let Some(path) = self.to else { return };
         if self.last.elapsed() < self.every || self.work.as_ref().is_some_and(|work| !work.is_finished()) {
             return;
@@ -92,27 +100,30 @@ impl<'a> Saver<'a> {
             std::thread::Builder::new().name("cairn-save".into()).spawn(move || file.save(&path)).ok();
     }
 
-    /// Saves what there is at the end. A map without a key frame is not saved.
+    /// Saves the final map. A map without a key frame is not saved.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
     pub fn end(mut self, session: &Session) -> Result<(), Failure> {
         let Some(path) = self.to else { return Ok(()) };
-        // What it could not do is tried once more here.
+        // If that save failed, the one below is the retry.
         drop(self.work.take().map(JoinHandle::join));
         let Some(file) = self.file(session) else {
-            eprintln!("warning: {}: not written, the map is empty", path.display());
+            eprintln!("warning: {}: not written because the map is empty", path.display());
             return Ok(());
         };
         file.save(path).map(drop).map_err(|e| failed(path, &e))
     }
 
-    /// The map of this moment with all that hangs on it; `None` while it is empty.
+    /// The current map with its attachments; `None` while it is empty.
     fn file(&self, session: &Session) -> Option<MapFile> {
         let mut attached = self.attached.clone();
         for (path, route) in session.recorded().filter(|(_, route)| !route.points.is_empty()) {
             let stem = path.and_then(Path::file_stem);
             let name = stem.map_or_else(|| "in memory".into(), |s| s.to_string_lossy().into_owned());
-            // Bytes in memory: there is nothing that could refuse them.
+            // Serialising to memory does not fail.
             if let Ok(bytes) = route.to_bytes() {
-                attached.insert(format!("{WAY}{name}"), bytes);
+                attached.insert(format!("{ROUTE_PREFIX}{name}"), bytes);
             }
         }
         let file = session.engine().to_save(concat!("cairn ", env!("CARGO_PKG_VERSION")), attached);

@@ -1,4 +1,4 @@
-//! `cairn run`: SLAM on any source; trajectories, a recorded way, a report in JSON and as a page.
+//! `cairn run`: SLAM on any source; writes trajectories, maps, routes, and a report as JSON and HTML.
 
 mod arguments;
 mod events;
@@ -36,9 +36,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use tally::Tally;
 
-/// Runs the engine over the source, then writes what was asked for. `began` is when the process started.
+/// Runs the engine over the source, then writes the requested results. `began` is when the process started.
+///
+/// # Errors
+/// When an input cannot be used, the run fails or gives no pose, or a result cannot be written.
 pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
-    targets_can_be_written(a)?;
+    check_targets(a)?;
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
     let mut script = a.script.as_deref().map_or_else(|| Ok(Script::default()), read_script)?;
     let live = is_live(&a.source);
@@ -50,8 +53,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     if live && (a.journal.is_some() || a.replay.is_some()) {
         return Err(Failure::new(
             &a.source,
-            "what is live can not be replayed",
-            "record it and run the recording",
+            "a live source cannot be replayed",
+            "record it first and run the recording",
         ));
     }
     let replayed = journal::opened(a)?;
@@ -61,12 +64,12 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let rig = source.rig().clone();
     config.inertial.enabled = sensor.has_imu();
     if sensor.has_imu() && rig.imu.is_none() {
-        let why = format!("--sensor {} asks for an inertial sensor, the rig has none", sensor.name());
-        return Err(Failure::new(&a.source, why, "give a rig with an IMU by --rig, or leave -imu out"));
+        let why = format!("--sensor {} needs an IMU, but the rig has none", sensor.name());
+        return Err(Failure::new(&a.source, why, "give a rig with an IMU using --rig, or leave out -imu"));
     }
     let mut status = a.status.then(StatusLines::default);
     if let Some(lines) = &mut status {
-        lines.tell(&Status::default());
+        lines.update(&Status::default());
     }
     let runner = if a.realtime || live { Runner::Threaded } else { Runner::Lockstep };
     let rate_hz = source.info().rate_hz;
@@ -76,7 +79,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut events = Events::begin(a.events.as_deref(), &mut engine)?;
     let mut session = Session::new(engine, session_config(a, live));
     if let Some(lines) = &mut status {
-        lines.tell(&session.standing());
+        lines.update(&session.standing());
     }
     begin(&mut session, a, map_in.as_ref())?;
     let mut tally = Tally::new(began);
@@ -89,7 +92,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let (driven, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())
-            .map_err(|e| Failure::new(&a.source, e.to_string(), "close other programs"))?;
+            .map_err(|e| Failure::new(&a.source, e.to_string(), "close other programs and try again"))?;
         let driven = drive_live(&mut session, &inbox, &mut script, &mut face);
         inbox.close();
         face.tally.dropped = inbox.dropped();
@@ -109,7 +112,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         let driven = drive_lockstep(&mut session, &mut *source, &mut script, &mut face);
         (driven, source.skipped().to_vec())
     };
-    let (saver, spoken) = face.end();
+    let (saver, voice_ended) = face.end();
     let finished = session.engine_mut().finish();
     tally.after(&finished);
     let events = events.map_or(Ok(()), |mut events| {
@@ -117,20 +120,20 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         events.write(last, &finished.verdicts);
         events.end()
     });
-    let told = journal::end(a, session.engine());
+    let journal_ended = journal::end(a, session.engine());
     warn_of_skipped(&skipped);
-    let closed = session.close().map_err(|why| Failure::new("recording", why, "make room on the disk"));
-    // The map is saved however the run has ended; the first thing that went wrong is told.
+    let closed = session.close().map_err(|why| Failure::new("recording", why, "free some space on the disk"));
+    // The map is saved however the run ended; the first failure is reported.
     let saved = saver.end(&session);
     driven?;
-    spoken.and(closed).and(saved).and(events).and(told)?;
+    voice_ended.and(closed).and(saved).and(events).and(journal_ended)?;
     let engine = session.engine();
     let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
     report.accuracy = tally::accuracy(&truth, engine);
     write_reports(a, engine, &report, &tally)?;
     if report.tracked == 0 {
-        let why = tally.last_state.clone().unwrap_or_else(|| "it gave no frame".into());
+        let why = tally.last_state.clone().unwrap_or_else(|| "it has no frames".into());
         return Err(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
     }
     write_trajectories(a, &rig, engine)?;
@@ -142,7 +145,7 @@ fn session_config(a: &Arguments, live: bool) -> SessionConfig {
         folder: a.routes.clone(),
         record_to: a.record.clone(),
         source: a.source.clone(),
-        // Whoever names a file or guides along another way says for himself what is recorded.
+        // With --record, --guide or --script the user decides what is recorded.
         auto_record: (live && a.record.is_none() && a.guide.is_none() && a.script.is_none())
             .then_some(AUTO_RECORD),
         facing: a.facing.facing(),
@@ -152,27 +155,28 @@ fn session_config(a: &Arguments, live: bool) -> SessionConfig {
     }
 }
 
-/// A live walk is recorded by itself after so many tracked frames.
+/// A live run is recorded automatically after this many tracked frames.
 const AUTO_RECORD: usize = 100;
 
-/// What the arguments ask for before the first frame.
+/// Starts recording and guidance as the arguments ask, before the first frame.
 fn begin(session: &mut Session, a: &Arguments, map: Option<&MapFile>) -> Result<(), Failure> {
     if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map) {
         session.resume_recording(route::resume(path, map)?, path);
     } else if a.record.is_some() {
-        let map_created = session.command(&Command::Record);
-        map_created.map_err(|why| Failure::new("recording", why, "give another --record"))?;
-        // Nobody asked to hear that.
+        let started = session.command(&Command::Record);
+        started.map_err(|why| Failure::new("recording", why, "give another --record"))?;
+        // The announcement "Recording" is discarded: the user asked for it on the command line.
         session.events();
     }
     let Some(path) = &a.guide else { return Ok(()) };
-    let wanted = [
+    let commands = [
         Command::Load(Some(path.clone())),
         Command::Guide { facing: Some(a.facing.facing()), again: !a.back },
     ];
-    for command in &wanted {
+    for command in &commands {
         session.command(command).map_err(|why| {
-            let hint = "guide along a way of this run with --script, or load its map";
+            let hint =
+                "load its map with --map-in, or use --script to guide along a route recorded in this run";
             Failure::new(path.display().to_string(), why, hint)
         })?;
     }
@@ -187,10 +191,9 @@ fn read_script(path: &Path) -> Result<Script, Failure> {
         .map_err(|e| Failure::new(format!("{shown}, line {}", e.line), e.why, "see cairn run --help"))
 }
 
-const NO_POSE: &str =
-    "check the calibration (cairn rig check), give a longer stretch, or let the camera see more texture";
+const NO_POSE: &str = "check the calibration (cairn rig check), use a longer part of the recording, or show the camera more texture";
 
-/// The source with what is wanted of it: what --sensor names, what the map was made with, or all it has.
+/// Opens the source and chooses its sensors: those of --sensor, those the map was made with, or all it has.
 fn open_source(
     a: &Arguments,
     config: &mut Config,
@@ -198,13 +201,13 @@ fn open_source(
 ) -> Result<(Box<dyn Source>, Sensor), Failure> {
     let options = |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames };
     let given = a.rig.as_deref().map(|path| rig_of(path, config)).transpose()?;
-    if let Some(waits) = waiting_for(&a.source) {
-        eprintln!("{waits}");
+    if let Some(message) = waiting_for(&a.source) {
+        eprintln!("{message}");
     }
     let source = open(&a.source, options(given))?;
     let of_map = |map: &MapFile| Sensor::with(map.about.sensor, source.rig().imu.is_some());
     let sensor = a.sensor.or(map.map(of_map)).unwrap_or_else(|| Sensor::of(source.rig()));
-    // A world renders what its own address says, and video has one camera.
+    // A simulated world renders the sensors in its address, and a live source has one camera.
     let fewer = sensor.only(source.rig()).filter(|_| !a.source.starts_with("sim:") && !is_live(&a.source));
     match fewer {
         Some(rig) => {
@@ -215,18 +218,22 @@ fn open_source(
     }
 }
 
+/// Reads a configuration file; entries it leaves out keep their defaults.
+///
+/// # Errors
+/// When the file cannot be read or an entry is unknown or invalid.
 pub fn read_config(path: &Path) -> Result<Config, Failure> {
     let shown = path.display().to_string();
     let text = std::fs::read_to_string(path)
         .map_err(|e| Failure::new(&shown, e.to_string(), "check the path, or see cairn config"))?;
     Config::from_toml(&text).map_err(|e| {
         let place = e.line.map_or_else(|| shown.clone(), |line| format!("{shown}, line {line}"));
-        Failure::new(place, e.why, "cairn config prints every entry with its meaning")
+        Failure::new(place, e.why, "run cairn config to see every entry with its meaning")
     })
 }
 
-/// Finds out before the work rather than after it that a result could not be written.
-fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
+/// Checks before the run that every result can be written.
+fn check_targets(a: &Arguments) -> Result<(), Failure> {
     let targets = [
         &a.trajectory,
         &a.live_trajectory,
@@ -247,16 +254,16 @@ fn targets_can_be_written(a: &Arguments) -> Result<(), Failure> {
             return Err(Failure::new(path.display().to_string(), "is a folder", "name a file"));
         }
     }
-    // One that is there is gone on with if it hangs on the map that is opened.
-    let gone_on_with = |route: &&PathBuf| a.map_in.is_some() && route.exists();
-    let Some(route) = a.record.as_ref().filter(|route| !gone_on_with(route)) else { return Ok(()) };
-    // Made and removed again: so a folder that may not be written is found out too.
-    let made =
+    // An existing route is continued if it was recorded in the opened map.
+    let continued = |route: &&PathBuf| a.map_in.is_some() && route.exists();
+    let Some(route) = a.record.as_ref().filter(|route| !continued(route)) else { return Ok(()) };
+    // Created and removed again, to detect a folder that is not writable.
+    let created =
         File::options().write(true).create_new(true).open(route).and_then(|_| std::fs::remove_file(route));
-    made.map_err(|e| {
+    created.map_err(|e| {
         let hint = match e.kind() {
-            std::io::ErrorKind::AlreadyExists => "a record is never overwritten: give another name",
-            _ => "check that its folder may be written and has room",
+            std::io::ErrorKind::AlreadyExists => "a recorded route is never overwritten: give another name",
+            _ => "check that its folder is writable and the disk has room",
         };
         Failure::new(route.display().to_string(), e.to_string(), hint)
     })
@@ -268,7 +275,7 @@ fn warn_of_skipped(skipped: &[String]) {
         eprintln!("warning: skipped: {line}");
     }
     if skipped.len() > SHOWN {
-        eprintln!("warning: skipped: and {} more, all in the report", skipped.len() - SHOWN);
+        eprintln!("warning: skipped: and {} more", skipped.len() - SHOWN);
     }
 }
 
@@ -290,9 +297,9 @@ fn write_trajectories(a: &Arguments, rig: &Rig, engine: &Engine) -> Result<(), F
         };
         let moved =
             poses.into_iter().map(|(t, world_from_body)| (t.0, world_from_body * body_from)).collect();
-        // The engine gives each frame once and in order.
+        // The engine returns each frame once and in order.
         Trajectory::from_unsorted(moved)
-            .map_err(|e| Failure::new("trajectory", e.to_string(), "report it with the recording"))
+            .map_err(|e| Failure::new("trajectory", e.to_string(), "report this with the recording"))
     };
     if let Some(path) = &a.trajectory {
         write_whole(path, &to_tum(&of_frame(engine.trajectory())?))?;

@@ -8,12 +8,12 @@ use cairn_eval::{
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::Stamp;
 
-/// The page: what came out, against the truth where there is one, what it cost, what it was set to.
+/// The page: results, comparison with ground truth where there is one, cost, and configuration.
 pub fn of(r: &RunReport, tally: &Tally, world_from_body: &[(Stamp, Se3)]) -> String {
     let lead = format!("{} of {} frames have a pose.", r.tracked, r.frames);
     let mut page = Page::new(&format!("{}, {}", r.source, r.sensor), &lead);
     let number = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.2} {unit}"));
-    page.heading("In short");
+    page.heading("Summary");
     let ate = r.accuracy.as_ref().map(|e| format!("{:.4} m", e.ate_m.rmse));
     let (coverage, keyframes, landmarks) =
         (format!("{:.3}", r.coverage), r.keyframes.to_string(), r.landmarks.to_string());
@@ -32,37 +32,33 @@ pub fn of(r: &RunReport, tally: &Tally, world_from_body: &[(Stamp, Se3)]) -> Str
     }
     page.facts(&facts);
 
-    page.heading("Where it went");
+    page.heading("Trajectory");
     match &r.accuracy {
         Some(e) => {
-            page.figure(&trajectory_view("Trajectory", e), "The estimate laid onto the truth.");
-            page.figure(&error_over_time("Error", e), "Distance of each pose to the truth.");
+            page.figure(&trajectory_view("Trajectory", e), "The estimate aligned to the ground truth.");
+            page.figure(&error_over_time("Error", e), "Distance of each pose to the ground truth.");
         }
         None => page.figure(&plan(world_from_body).figure(), "Every tracked frame, corrected at the end."),
     }
 
-    page.heading("What it cost");
-    page.figure(&times_over_frames("Step", &tally.step_ms), "From the decoded image to the pose.");
-    page.figure(&times_histogram("Steps", &tally.step_ms), "How often a step took how long.");
+    page.heading("Cost");
+    page.figure(&times_over_frames("Step", &tally.step_ms), "Time from the decoded image to the pose.");
+    page.figure(&times_histogram("Steps", &tally.step_ms), "Distribution of the times of a step.");
     let rows = r.stages.0.iter().map(|(name, p)| {
         let cells = [p.p50, p.p95, p.p99, p.max].map(|v| format!("{v:.2}"));
         std::iter::once(name.clone()).chain(cells).collect()
     });
-    page.table(
-        "Milliseconds of each stage",
-        &["stage", "p50", "p95", "p99", "max"],
-        &rows.collect::<Vec<_>>(),
-    );
+    page.table("Milliseconds per stage", &["stage", "p50", "p95", "p99", "max"], &rows.collect::<Vec<_>>());
 
     if !r.lost.is_empty() {
-        page.heading("Where it was lost");
+        page.heading("Tracking losses");
         let rows: Vec<Vec<String>> =
             r.lost.iter().map(|l| vec![format!("{:.3}", l.t), l.reason.clone()]).collect();
         page.table("Times and reasons", &["time [s]", "reason"], &rows);
     }
-    page.heading("Settings");
+    page.heading("Configuration");
     let config = serde_json::to_string_pretty(&r.config).unwrap_or_default();
-    page.folded("The whole configuration", &config);
+    page.folded("The complete configuration", &config);
     page.finish()
 }
 

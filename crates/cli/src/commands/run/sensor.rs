@@ -3,25 +3,25 @@
 use cairn_engine::SensorMode;
 use cairn_sensor::Rig;
 
-/// Which of a rig's sensors are used.
+/// Which sensors of a rig are used.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Sensor {
-    /// The first camera; the scale stays unknown.
+    /// The first camera only; the scale stays unknown.
     Mono,
     /// The first two cameras.
     Stereo,
     /// The first camera and the depth sensor.
     Rgbd,
-    /// The first camera and the inertial sensor, which tells scale and gravity.
+    /// The first camera and the IMU, which makes scale and gravity known.
     MonoImu,
-    /// The first two cameras and the inertial sensor.
+    /// The first two cameras and the IMU.
     StereoImu,
-    /// The first camera, the depth sensor and the inertial sensor.
+    /// The first camera, the depth sensor and the IMU.
     RgbdImu,
 }
 
 impl Sensor {
-    /// Its eyes.
+    /// The camera mode, without the IMU.
     pub fn mode(self) -> SensorMode {
         match self {
             Self::Mono | Self::MonoImu => SensorMode::Mono,
@@ -30,12 +30,12 @@ impl Sensor {
         }
     }
 
-    /// Whether the inertial sensor is used.
+    /// Whether the IMU is used.
     pub fn has_imu(self) -> bool {
         matches!(self, Self::MonoImu | Self::StereoImu | Self::RgbdImu)
     }
 
-    /// The eyes of a mode, with the inertial sensor or without.
+    /// A camera mode with or without the IMU.
     pub fn with(mode: SensorMode, has_imu: bool) -> Self {
         match (mode, has_imu) {
             (SensorMode::Mono, false) => Self::Mono,
@@ -47,7 +47,7 @@ impl Sensor {
         }
     }
 
-    /// As the command line names it.
+    /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mono => "mono",
@@ -59,7 +59,7 @@ impl Sensor {
         }
     }
 
-    /// All that a rig has.
+    /// All sensors of a rig.
     pub fn of(rig: &Rig) -> Self {
         let mode = match (&rig.depth, rig.cameras.len()) {
             (Some(_), _) => SensorMode::Rgbd,
@@ -69,8 +69,8 @@ impl Sensor {
         Self::with(mode, rig.imu.is_some())
     }
 
-    /// The rig without the cameras and the depth that are not asked for, so that they are not even read; `None`
-    /// when nothing is left out.
+    /// The rig without the cameras and depth that are not used, so that they are not even read; `None` if
+    /// nothing is left out.
     pub fn only(self, rig: &Rig) -> Option<Rig> {
         let cameras = if self.mode() == SensorMode::Stereo { 2 } else { 1 };
         let depth = rig.depth.is_some() && self.mode() != SensorMode::Rgbd;

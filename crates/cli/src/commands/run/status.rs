@@ -1,67 +1,67 @@
-//! `--status`: how it stands, a line on stderr; and what the report tells of it.
+//! `--status`: status lines on stderr; and the summary of the status in the report.
 
 use cairn_engine::{Phase, Status, StatusEvent};
 use cairn_eval::{GateStanding, ImuStanding, RunReport, StatusSummary};
 use std::io::Write;
 
-/// A line is told at least so often, seconds of the source's time.
-const EVERY_S: f64 = 1.0;
+/// Longest time between two status lines, seconds of the source's time.
+const INTERVAL_S: f64 = 1.0;
 
-/// Whole lines, one below the other, so that a screen reader can follow.
+/// Prints complete lines, one below the other, so that a screen reader can follow.
 #[derive(Default)]
 pub struct StatusLines {
-    told: Option<Status>,
+    printed: Option<Status>,
 }
 
 impl StatusLines {
-    /// A line, when something has changed or a second has passed.
-    pub fn tell(&mut self, status: &Status) {
-        if self.told.as_ref().is_some_and(|told| !is_news(told, status)) {
+    /// Prints a line if something has changed or a second has passed.
+    pub fn update(&mut self, status: &Status) {
+        if self.printed.as_ref().is_some_and(|printed| !is_news(printed, status)) {
             return;
         }
-        // Where nobody listens any more, the run goes on.
+        // If stderr is closed, the run continues.
         let _ = writeln!(std::io::stderr().lock(), "status: {status}");
-        self.told = Some(status.clone());
+        self.printed = Some(status.clone());
     }
 }
 
-fn is_news(told: &Status, now: &Status) -> bool {
-    let what = |s: &Status| (s.phase, s.map, s.initialised, s.valid);
-    let happened = now.frames > told.frames && !now.events.is_empty();
-    happened || what(told) != what(now) || now.t_s - told.t_s >= EVERY_S
+fn is_news(printed: &Status, now: &Status) -> bool {
+    let key = |s: &Status| (s.phase, s.map, s.initialised, s.valid);
+    let happened = now.frames > printed.frames && !now.events.is_empty();
+    happened || key(printed) != key(now) || now.t_s - printed.t_s >= INTERVAL_S
 }
 
-/// Adds up how a run stands, frame by frame.
+/// Accumulates the status of a run, frame by frame.
 #[derive(Default)]
-pub struct Stood {
-    standing: StatusSummary,
+pub struct StatusTally {
+    summary: StatusSummary,
     last: Option<Status>,
-    /// Worlds begun beside others.
+    /// Maps started after the first one.
     pub resets: usize,
 }
 
-impl Stood {
-    /// After a frame.
+impl StatusTally {
+    /// Adds the status after a frame.
     pub fn add(&mut self, status: Status) {
         if let Some(last) = &self.last {
-            let seconds = self.standing.seconds.entry(last.phase.name().to_owned()).or_default();
+            let seconds = self.summary.seconds.entry(last.phase.name().to_owned()).or_default();
             *seconds += status.t_s - last.t_s;
         }
         if status.valid && status.metric {
-            self.standing.first_metric_pose_s.get_or_insert(status.t_s);
+            self.summary.first_metric_pose_s.get_or_insert(status.t_s);
         }
         for event in &status.events {
             match event {
-                StatusEvent::World { beside: true, .. } => self.resets += 1,
-                StatusEvent::Found { .. } => self.standing.found += 1,
+                StatusEvent::MapCreated { others: true, .. } => self.resets += 1,
+                StatusEvent::Relocalised { .. } => self.summary.found += 1,
                 _ => {}
             }
         }
         self.last = Some(status);
     }
 
-    /// What the report tells.
-    pub fn standing(&self) -> StatusSummary {
+    /// The summary for the report.
+    pub fn summary(&self) -> StatusSummary {
         let imu = self.last.as_ref().and_then(|s| Some((s, s.imu?))).map(|(s, imu)| ImuStanding {
             synthesised: imu.synthesised,
             gaps: imu.gaps,
@@ -69,7 +69,7 @@ impl Stood {
             initialised: s.initialised,
             gates: s.gates.iter().map(gate).collect(),
         });
-        StatusSummary { imu, ..self.standing.clone() }
+        StatusSummary { imu, ..self.summary.clone() }
     }
 }
 
@@ -92,14 +92,14 @@ pub fn text(r: &RunReport) -> String {
     };
     if let Some(imu) = &r.standing.imu {
         let metric = r.standing.first_metric_pose_s;
-        let first = metric.map_or("no pose in metres".into(), |s| format!("in metres after {s:.2} s"));
-        let (made_up, gaps) = (imu.synthesised, imu.gaps);
-        text += &format!("inertial  {first}, {made_up} readings synthesised, {gaps} gaps\n");
+        let first = metric.map_or("no metric pose".into(), |s| format!("metric after {s:.2} s"));
+        let (synthesised, gaps) = (imu.synthesised, imu.gaps);
+        text += &format!("IMU       {first}, {synthesised} readings synthesised, {gaps} gaps\n");
         if !imu.initialised {
             let failed: Vec<&str> =
                 imu.gates.iter().filter(|g| !g.passed).map(|g| g.words.as_str()).collect();
             text += &match failed.is_empty() {
-                true => "  lacks   key frames for a first try\n".to_owned(),
+                true => "  lacks   key frames for a first initialisation attempt\n".to_owned(),
                 false => format!("  lacks   {}\n", failed.join(", ")),
             };
         }

@@ -1,6 +1,6 @@
-//! Counts and times of a run, frame by frame, and what becomes of them: the report and its text.
+//! Counts and times of a run, frame by frame; the report and its text.
 
-use super::status::{self, Stood};
+use super::status::{self, StatusTally};
 use cairn_engine::{Config, Engine, Finished, Joined, Output, State, Verdict};
 use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
 use cairn_geometry::{Se3, Trajectory};
@@ -8,30 +8,30 @@ use cairn_sensor::{FramePacket, Stamp};
 use std::fmt::{Display, Write};
 use std::time::Instant;
 
-/// What happened so far.
+/// Counts so far.
 pub struct Tally {
     began: Instant,
     /// Frames that reached the engine.
     pub frames: usize,
-    /// Frames that were overtaken before they could be taken.
+    /// Frames dropped because the engine was busy.
     pub dropped: usize,
-    /// Decoded image to pose in milliseconds, frame by frame.
+    /// Milliseconds from decoded image to pose, frame by frame.
     pub step_ms: Vec<f64>,
     stages: StageTimes,
     lost: Vec<Lost>,
     first_pose_s: Option<f64>,
     tracking: bool,
-    /// In words, why the last frame has no pose; `None` when it has one.
+    /// Why the last frame has no pose; `None` when it has one.
     pub last_state: Option<String>,
-    unseen: Vec<String>,
+    rejected: Vec<String>,
     loops: usize,
     merges: usize,
-    /// How it stood.
-    pub stood: Stood,
+    /// The status over time.
+    pub status: StatusTally,
 }
 
 impl Tally {
-    /// Counts from the start of the process.
+    /// An empty tally; `began` is when the process started.
     pub fn new(began: Instant) -> Self {
         Self {
             began,
@@ -43,22 +43,22 @@ impl Tally {
             first_pose_s: None,
             tracking: false,
             last_state: None,
-            unseen: Vec::new(),
+            rejected: Vec::new(),
             loops: 0,
             merges: 0,
-            stood: Stood::default(),
+            status: StatusTally::default(),
         }
     }
 
-    /// A frame that the engine took.
+    /// Adds a frame that the engine processed.
     pub fn frame(&mut self, packet: &FramePacket, done: &Output) {
         self.frames += 1;
         self.step_ms.push(done.extract_ms + done.track_ms);
         self.stages.add_ms("decode", packet.decode_ms);
         self.stages.add_ms("see", done.extract_ms);
         self.stages.add_ms("track", done.track_ms);
-        self.finished(done.map_ms.iter().copied());
-        self.closed(&done.close_ms, &done.verdicts);
+        self.add_mapping(done.map_ms.iter().copied());
+        self.add_closing(&done.close_ms, &done.verdicts);
         if done.world_from_body.is_some() && self.first_pose_s.is_none() {
             self.first_pose_s = Some(self.began.elapsed().as_secs_f64());
         }
@@ -68,7 +68,7 @@ impl Tally {
         self.last_state = match done.state {
             State::Tracking | State::Coasting { .. } => None,
             State::Starting { have, need } => Some(format!("the start has {have} of {need} points")),
-            State::Lost { inliers, need } => Some(format!("{inliers} matches agree, {need} are needed")),
+            State::Lost { inliers, need } => Some(format!("{inliers} inlier matches, {need} are needed")),
         };
         if let (State::Lost { .. }, true, Some(reason)) = (done.state, self.tracking, &self.last_state) {
             self.lost.push(Lost { t: done.stamp.seconds(), reason: reason.clone() });
@@ -76,26 +76,26 @@ impl Tally {
         self.tracking = matches!(done.state, State::Tracking | State::Coasting { .. });
     }
 
-    /// A frame that the eye refused.
-    pub fn unseen(&mut self, packet: &FramePacket, why: &impl Display) {
+    /// Adds a frame that feature extraction rejected.
+    pub fn rejected(&mut self, packet: &FramePacket, why: &impl Display) {
         self.frames += 1;
         self.last_state = Some(why.to_string());
-        self.unseen.push(format!("{}: {why}", packet.stamp));
+        self.rejected.push(format!("{}: {why}", packet.stamp));
     }
 
-    /// Milliseconds of key frames that mapping finished.
-    fn finished(&mut self, map_ms: impl IntoIterator<Item = f64>) {
+    /// Adds the times of key frames that mapping finished.
+    fn add_mapping(&mut self, map_ms: impl IntoIterator<Item = f64>) {
         map_ms.into_iter().for_each(|ms| self.stages.add_ms("map", ms));
     }
 
-    /// What was done after the last frame.
+    /// Adds the work done after the last frame.
     pub fn after(&mut self, finished: &Finished) {
-        self.finished(finished.map_ms.iter().copied());
-        self.closed(&finished.close_ms, &finished.verdicts);
+        self.add_mapping(finished.map_ms.iter().copied());
+        self.add_closing(&finished.close_ms, &finished.verdicts);
     }
 
-    /// Milliseconds of closing, and what it has joined.
-    fn closed(&mut self, close_ms: &[f64], verdicts: &[Verdict]) {
+    /// Adds the times of loop closing, and the loops and merges it made.
+    fn add_closing(&mut self, close_ms: &[f64], verdicts: &[Verdict]) {
         close_ms.iter().for_each(|ms| self.stages.add_ms("close", *ms));
         for accepted in verdicts.iter().filter_map(|v| v.result.ok()) {
             match accepted.joined {
@@ -105,16 +105,16 @@ impl Tally {
         }
     }
 
-    /// The report so far; the source and the sensor are not known here.
+    /// The report so far, without source and sensor, which are not known here.
     pub fn report(&self, engine: &Engine, config: &Config, skipped: &[String]) -> RunReport {
         let snapshot = engine.snapshot();
         let mut report = RunReport {
             version: env!("CARGO_PKG_VERSION").into(),
-            skipped: skipped.len() + self.unseen.len(),
+            skipped: skipped.len() + self.rejected.len(),
             dropped: self.dropped,
             lost: self.lost.clone(),
-            resets: self.stood.resets,
-            standing: self.stood.standing(),
+            resets: self.status.resets,
+            standing: self.status.summary(),
             maps: snapshot.maps().count(),
             loops: self.loops,
             merges: self.merges,
@@ -132,14 +132,15 @@ impl Tally {
     }
 }
 
-/// The configuration as `cairn config --json` prints it: by way of text, so that 0.8 in single precision stays 0.8.
+/// The configuration as `cairn config --json` prints it: converted through text, so that 0.8 in single precision stays
+/// 0.8.
 fn as_printed(config: &Config) -> serde_json::Value {
-    // A configuration holds nothing that JSON can not.
+    // Everything in a configuration can be written as JSON.
     let text = serde_json::to_string(config).unwrap_or_default();
     serde_json::from_str(&text).unwrap_or_default()
 }
 
-/// The comparison with the source's own truth, where it has one that can be compared: by Sim3 where lengths are no metres.
+/// The comparison with the source's ground truth, where it has one: aligned by Sim3 where the scale is not metric.
 pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<Evaluation> {
     let trajectory = |poses: &[(Stamp, Se3)]| {
         Trajectory::from_unsorted(poses.iter().map(|(t, pose)| (t.0, *pose)).collect()).ok()
@@ -153,7 +154,7 @@ pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<Evaluation> {
 /// The report as a table for people.
 pub fn text(r: &RunReport, realtime: bool) -> String {
     let mut text = String::new();
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "source    {}, {}", r.source, r.sensor);
     let dropped = if realtime { format!(", {} dropped", r.dropped) } else { String::new() };
     let _ = writeln!(
@@ -163,7 +164,7 @@ pub fn text(r: &RunReport, realtime: bool) -> String {
     );
     let _ = writeln!(
         text,
-        "map       {} key frames, {} landmarks, {} worlds, {} loops, {} merges",
+        "map       {} key frames, {} landmarks, {} maps, {} loops, {} merges",
         r.keyframes, r.landmarks, r.maps, r.loops, r.merges
     );
     if let Some(ms) = &r.ms {
@@ -175,7 +176,7 @@ pub fn text(r: &RunReport, realtime: bool) -> String {
     let number = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.2} {unit}"));
     let _ = writeln!(
         text,
-        "cost      first pose after {}, {:.2} s in all, {} of processor, {} at most",
+        "cost      first pose after {}, {:.2} s in total, {} of CPU time, peak memory {}",
         number(r.first_pose_s, "s"),
         r.wall_s,
         number(r.cpu_s, "s"),
@@ -188,7 +189,7 @@ pub fn text(r: &RunReport, realtime: bool) -> String {
         };
         let _ = writeln!(
             text,
-            "truth     ATE {:.4} m RMSE ({align}) over {:.2} m, {} pairs, largest {:.4} m",
+            "truth     ATE {:.4} m RMSE ({align}) over {:.2} m, {} pairs, max {:.4} m",
             e.ate_m.rmse, e.path_m, e.pairs, e.ate_m.max
         );
     }

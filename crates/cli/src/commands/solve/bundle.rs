@@ -1,4 +1,4 @@
-//! `cairn solve bundle`: a bundle adjustment problem in BAL text.
+//! `cairn solve bundle`: solves a bundle adjustment problem in BAL format.
 
 use super::{positive, stop_name, text_of};
 use crate::failure::Failure;
@@ -10,28 +10,28 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Adjusts the cameras and points of a BAL file, each camera with its own focal length and radial distortion.
+/// Bundle adjustment of a BAL file; each camera has its own focal length and radial distortion.
 ///
-/// The cost is half the sum of the losses of squared reprojection errors in pixels.
+/// The cost is half the sum of the (robust) losses of the squared reprojection errors in pixels.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The problem, in BAL form (Bundle Adjustment in the Large), unpacked.
+    /// The problem in BAL (Bundle Adjustment in the Large) format, uncompressed.
     file: PathBuf,
-    /// Huber's loss with this width in pixels, so that far outliers pull less.
+    /// Uses the Huber loss with this width in pixels, to reduce the weight of outliers.
     #[arg(long, value_name = "W", value_parser = positive)]
     huber: Option<f64>,
-    /// Steps at most.
+    /// Largest number of iterations.
     #[arg(long, default_value_t = BalConfig::default().iterations, value_name = "N")]
     iterations: usize,
-    /// Done when a step promises to lower the cost by less than this part of it.
+    /// Converged when a step is predicted to lower the cost by less than this fraction.
     #[arg(long, default_value_t = BalConfig::default().tolerance, value_name = "PART", value_parser = positive)]
     tolerance: f64,
-    /// Write the adjusted problem here, in BAL form.
+    /// Writes the adjusted problem here, in BAL format.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
 
-/// What is printed.
+/// The printed result.
 #[derive(Serialize)]
 struct Solved {
     cameras: usize,
@@ -40,21 +40,25 @@ struct Solved {
     huber: Option<f64>,
     cost_before: f64,
     cost_after: f64,
-    /// Root of the mean squared reprojection error, without the loss.
+    /// Root mean square reprojection error, without the robust loss.
     rms_before_px: f64,
     rms_after_px: f64,
     iterations: usize,
     stop: &'static str,
-    /// Of solving, without reading and writing.
+    /// Time of solving, without reading and writing.
     seconds: f64,
 }
 
+/// Reads, solves and prints.
+///
+/// # Errors
+/// When the file is invalid, the solver makes no progress, or the result cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.file.display().to_string();
     let text = text_of(&arguments.file, "BAL")?;
     let mut bal = bal::read(&text).map_err(|e| {
         let hint =
-            "give a BAL problem: counts, observations, nine numbers of each camera, three of each point";
+            "give a BAL problem: counts, observations, nine numbers for each camera, three for each point";
         Failure::new(format!("{name}, line {}", e.line), e.reason, hint)
     })?;
     drop(text);
@@ -78,8 +82,8 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     if !report.cost_before.is_finite() {
         return Err(Failure::new(
             &name,
-            "a point lies in the plane of a camera that sees it, so the cost at the start is not finite",
-            "leave out that observation, or start from other values",
+            "a point has zero depth in a camera that observes it, so the initial cost is not finite",
+            "remove that observation, or start from other values",
         ));
     }
     if report.stop == Stop::NoDescent && report.cost_after >= report.cost_before && report.cost_before > 1e-12
@@ -88,7 +92,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         return Err(Failure::new(
             &name,
             why,
-            "it may be solved already; else try a robust loss with --huber",
+            "it may be solved already; otherwise try a robust loss with --huber",
         ));
     }
     if let Some(out) = &arguments.out {
@@ -107,10 +111,10 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         stop: stop_name(report.stop),
         seconds,
     };
-    output.result(&solved, told)
+    output.result(&solved, summary)
 }
 
-fn told(s: &Solved) -> String {
+fn summary(s: &Solved) -> String {
     [
         format!("bundle      {} cameras, {} points, {} observations", s.cameras, s.points, s.observations),
         format!("cost        {:.9} before, {:.9} after", s.cost_before, s.cost_after),

@@ -1,4 +1,4 @@
-//! `cairn solve graph`: a pose graph in g2o text.
+//! `cairn solve graph`: solves a pose graph in g2o format.
 
 use super::{positive, stop_name, text_of};
 use crate::failure::Failure;
@@ -13,39 +13,39 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Finds the poses that agree best with the relative measurements of a g2o file.
+/// Optimizes a pose graph: finds the poses that best fit the relative measurements of a g2o file.
 ///
-/// Poses in the plane (VERTEX_SE2, EDGE_SE2) or in space (VERTEX_SE3:QUAT, EDGE_SE3:QUAT); FIX holds vertices, and where
-/// none is fixed the first is held. The cost is half the sum of the losses of squared whitened residuals; chi2 is twice
-/// that.
+/// Poses are 2-D (VERTEX_SE2, EDGE_SE2) or 3-D (VERTEX_SE3:QUAT, EDGE_SE3:QUAT). FIX keeps vertices fixed; if there is
+/// none, the first vertex is fixed. The cost is half the sum of the (robust) losses of the squared whitened residuals;
+/// chi2 is twice that.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The graph, in g2o form.
+    /// The graph in g2o format.
     file: PathBuf,
-    /// How steps are found: gn (Gauss-Newton) or lm (Levenberg-Marquardt).
+    /// The method: gn (Gauss-Newton) or lm (Levenberg-Marquardt).
     #[arg(long, default_value = "lm", value_name = "HOW")]
     method: MethodName,
-    /// Where poses start: file, odometry (chained along the edges) or chordal (linear relaxation). Without it: the file's
-    /// values, or odometry where the file has none.
+    /// Initial poses: file, odometry (chained along the edges) or chordal (linear relaxation). By default the values in
+    /// the file, or odometry if it has none.
     #[arg(long, value_name = "WHERE")]
     init: Option<Init>,
-    /// A loss that lets far outliers go: none, huber or cauchy.
+    /// Robust loss against outliers: none, huber or cauchy.
     #[arg(long, default_value = "none", value_name = "LOSS")]
     robust: Robust,
-    /// Width of that loss in standard deviations.
+    /// Width of the robust loss in standard deviations.
     #[arg(long, default_value_t = 1.0, value_name = "W", value_parser = positive)]
     robust_width: f64,
-    /// What is minimised: geodesic (the group's coordinates), chordal (translation and 2 sin(angle/2)), or se-sync
-    /// (chordal, with the information matrices made isotropic as in the SE-Sync papers; chi2 is their objective).
+    /// The cost: geodesic (Lie logarithm; x, y and angle in 2-D), chordal (translation and 2 sin(angle/2)), or se-sync
+    /// (chordal, with isotropic information matrices as in the SE-Sync papers; chi2 is then their objective).
     #[arg(long, default_value = "geodesic", value_name = "WHAT")]
     cost: Cost,
-    /// Steps at most.
+    /// Largest number of iterations.
     #[arg(long, default_value_t = GraphConfig::default().iterations, value_name = "N")]
     iterations: usize,
-    /// Done when a step promises to lower the cost by less than this part of it.
+    /// Converged when a step is predicted to lower the cost by less than this fraction.
     #[arg(long, default_value_t = GraphConfig::default().tolerance, value_name = "PART", value_parser = positive)]
     tolerance: f64,
-    /// Write the solved graph here, in g2o form.
+    /// Writes the optimized graph here, in g2o format.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -81,7 +81,7 @@ enum Cost {
     SeSync,
 }
 
-/// What is printed.
+/// The printed result.
 #[derive(Serialize)]
 struct Solved {
     vertices: usize,
@@ -100,11 +100,15 @@ struct Solved {
     /// Edges within the 95 % bound of their residual.
     inliers: usize,
     stop: &'static str,
-    /// Of start and solving, without reading and writing.
+    /// Time of initialisation and solving, without reading and writing.
     seconds: f64,
     unknown: BTreeMap<String, usize>,
 }
 
+/// Reads, solves and prints.
+///
+/// # Errors
+/// When the file is invalid, the solver makes no progress, or the result cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.file.display().to_string();
     let text = text_of(&arguments.file, "g2o")?;
@@ -116,11 +120,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         )
     })?;
     if arguments.init == Some(Init::File) && !file.has_values {
-        return Err(Failure::new(
-            &name,
-            "has no vertices to start from",
-            "start with --init odometry or chordal",
-        ));
+        return Err(Failure::new(&name, "has no vertices to start from", "use --init odometry or chordal"));
     }
     let init = arguments.init.unwrap_or(if file.has_values { Init::File } else { Init::Odometry });
     let mut solved = match &mut file.graph {
@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     if let Some(out) = &arguments.out {
         cairn_eval::write_whole(out, &g2o::write(&file))?;
     }
-    output.result(&solved, told)
+    output.result(&solved, summary)
 }
 
 fn solve<G: Rigid<D>, const D: usize>(
@@ -167,8 +167,8 @@ fn solve<G: Rigid<D>, const D: usize>(
         Init::File => {}
         Init::Odometry => odometry_start(graph),
         Init::Chordal => chordal_start(graph).map_err(|_| {
-            let why = "the edges do not determine every pose, so there is no chordal start";
-            (why.to_owned(), "start with --init odometry, or give edges with positive definite information")
+            let why = "the edges do not determine every pose, so there is no chordal initialisation";
+            (why.to_owned(), "use --init odometry, or give edges with positive definite information")
         })?,
     }
     let progress = Progress::new(None);
@@ -181,7 +181,7 @@ fn solve<G: Rigid<D>, const D: usize>(
     let seconds = began.elapsed().as_secs_f64();
     drop(progress);
     check(&report)?;
-    // What is written keeps the measurements as they were.
+    // The output file keeps the original measurements.
     for (edge, original) in graph.edges_mut().iter_mut().zip(original.edges()) {
         edge.information = original.information;
     }
@@ -206,11 +206,11 @@ fn solve<G: Rigid<D>, const D: usize>(
     })
 }
 
-/// A solve that went nowhere is a failure.
+/// Rejects a solution without progress.
 fn check(report: &Report) -> Result<(), (String, &'static str)> {
     if !report.cost_before.is_finite() {
         return Err((
-            "the cost at the start is not finite".into(),
+            "the initial cost is not finite".into(),
             "the numbers are too large: check poses and information matrices",
         ));
     }
@@ -226,7 +226,7 @@ fn check(report: &Report) -> Result<(), (String, &'static str)> {
     Ok(())
 }
 
-fn told(s: &Solved) -> String {
+fn summary(s: &Solved) -> String {
     let kind = if s.dimensions == 2 { "in the plane" } else { "in space" };
     let mut lines = vec![
         format!("graph       {} vertices {kind} ({} fixed), {} edges", s.vertices, s.fixed, s.edges),
@@ -237,7 +237,7 @@ fn told(s: &Solved) -> String {
         format!("time        {:.3} s", s.seconds),
     ];
     for (tag, count) in &s.unknown {
-        lines.push(format!("note        {count} lines of {tag} were not read"));
+        lines.push(format!("note        {count} lines of {tag} were ignored"));
     }
     lines.join("\n")
 }

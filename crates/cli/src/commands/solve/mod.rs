@@ -1,4 +1,4 @@
-//! `cairn solve`: the solver in the open, on files of the field.
+//! `cairn solve`: runs the solver on files in standard formats.
 
 mod bundle;
 mod graph;
@@ -9,7 +9,7 @@ use cairn_solve::Stop;
 use clap::Subcommand;
 use std::path::Path;
 
-/// Pose graphs and bundle adjustment on files: the same solver that closing loops uses.
+/// Solves pose graphs (g2o) and bundle adjustment problems (BAL) with the solver that SLAM uses.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -22,7 +22,10 @@ enum Problem {
     Bundle(bundle::Arguments),
 }
 
-/// Solves, and prints the costs before and after.
+/// Solves the problem and prints the cost before and after.
+///
+/// # Errors
+/// When the file cannot be read or is invalid, the solver makes no progress, or the result cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     match &arguments.problem {
         Problem::Graph(arguments) => graph::run(arguments, output),
@@ -30,22 +33,22 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     }
 }
 
-/// The text of a file.
+/// Reads a text file.
 fn text_of(path: &Path, form: &str) -> Result<String, Failure> {
     let name = path.display().to_string();
     let bytes = std::fs::read(path)
-        .map_err(|e| Failure::new(&name, e.to_string(), format!("give a file in {form} form")))?;
+        .map_err(|e| Failure::new(&name, e.to_string(), format!("give a file in {form} format")))?;
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         Failure::new(
             &name,
-            format!("is no text (byte {at} is not UTF-8)"),
-            format!("give a file in {form} form"),
+            format!("is not text (byte {at} is not UTF-8)"),
+            format!("give a file in {form} format"),
         )
     })
 }
 
-/// The reason in a word.
+/// Why the solver stopped.
 fn stop_name(stop: Stop) -> &'static str {
     match stop {
         Stop::Converged => "converged",
@@ -56,7 +59,7 @@ fn stop_name(stop: Stop) -> &'static str {
     }
 }
 
-/// A positive, finite number.
+/// Parses a positive, finite number.
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() && v > 0.0 => Ok(v),

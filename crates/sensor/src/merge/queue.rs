@@ -1,33 +1,33 @@
-//! One stream on its way into the merge: strictly rising in time, with a single wrong stamp found out.
+//! The queue of one sensor stream: strictly increasing stamps, with detection of single wrong stamps.
 
 use crate::Stamp;
 use std::collections::VecDeque;
 use std::fmt;
 
-/// A step ahead that is longer than this, in seconds, is believed only when what follows bears it out.
+/// A forward jump of more than this, in seconds, is accepted only when the following stamps confirm it.
 const JUMP_S: f64 = 1.0;
 
-/// Why something was dropped.
+/// Why an item was dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// Earlier than one before it.
+    /// Its time is earlier than that of a previous item.
     Backwards,
-    /// The same time as one before it.
+    /// Its time is the same as that of a previous item.
     Repeated,
-    /// So far ahead that those after it show it to be wrong.
+    /// Its time was far ahead and the following items showed it to be wrong.
     JumpsAhead,
-    /// It holds a number that is not finite.
+    /// It contains a number that is not finite.
     NotFinite,
-    /// There is no such stream.
+    /// The stream does not exist.
     Unknown,
 }
 
-/// What was dropped: it, or one before it that it proved wrong.
+/// A dropped item: the pushed one, or a previous one that it proved wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dropped {
-    /// Its time, in the image clock.
+    /// Time of the dropped item, in the image clock.
     pub stamp: Stamp,
-    /// Why.
+    /// Reason.
     pub why: Why,
 }
 
@@ -44,29 +44,33 @@ impl fmt::Display for Dropped {
     }
 }
 
-/// A stream's items in order.
-pub struct Lane<T> {
-    /// Accepted and not yet taken.
-    pub queue: VecDeque<(Stamp, T)>,
-    /// No more will come.
+/// Queue of one stream, in order of time.
+pub struct StreamQueue<T> {
+    /// Items accepted and not yet taken.
+    pub items: VecDeque<(Stamp, T)>,
+    /// True when no more items will come.
     pub ended: bool,
+    /// The newest accepted stamp.
     last: Option<Stamp>,
-    /// Far ahead of the last, not believed yet.
+    /// An item far ahead of the last one, not confirmed yet.
     suspect: Option<(Stamp, T)>,
 }
 
-impl<T> Lane<T> {
-    /// Empty; one that has ended from the start belongs to a sensor that is not there.
+impl<T> StreamQueue<T> {
+    /// An empty queue; `ended` from the start for a sensor that does not exist.
     pub fn new(ended: bool) -> Self {
-        Self { queue: VecDeque::new(), ended, last: None, suspect: None }
+        Self { items: VecDeque::new(), ended, last: None, suspect: None }
     }
 
-    /// The newest stamp that was believed.
+    /// The newest accepted stamp.
     pub fn last(&self) -> Option<Stamp> {
         self.last
     }
 
-    /// Takes an item; gives the longest step `(from, to)` in time that was accepted by it.
+    /// Adds an item; returns the longest time step `(from, to)` accepted with it.
+    ///
+    /// # Errors
+    /// The item that was dropped: this one, or a previous one that it proves wrong.
     pub fn push(&mut self, stamp: Stamp, item: T) -> Result<Option<(Stamp, Stamp)>, Dropped> {
         let fail = |stamp, why| Err(Dropped { stamp, why });
         match self.last {
@@ -75,16 +79,16 @@ impl<T> Lane<T> {
             _ => {}
         }
         let mut step = None;
-        if let Some((ahead, held)) = self.suspect.take() {
+        if let Some((ahead, suspect)) = self.suspect.take() {
             if stamp < ahead {
                 self.accept(stamp, item);
                 return fail(ahead, Why::JumpsAhead);
             }
             if stamp == ahead {
-                self.suspect = Some((ahead, held));
+                self.suspect = Some((ahead, suspect));
                 return fail(stamp, Why::Repeated);
             }
-            step = self.accept(ahead, held);
+            step = self.accept(ahead, suspect);
         }
         if self.last.is_some_and(|last| stamp - last > JUMP_S) {
             self.suspect = Some((stamp, item));
@@ -94,20 +98,20 @@ impl<T> Lane<T> {
         Ok(step.or(next))
     }
 
-    /// The stream has ended: what was held back is believed.
+    /// Marks the end of the stream: an unconfirmed item is accepted.
     pub fn end(&mut self) {
         self.ended = true;
-        self.believe();
+        self.accept_suspect();
     }
 
-    /// The clock says `now`: what lies before it is no jump.
+    /// Confirms an unconfirmed item up to the time `now`.
     pub fn confirm(&mut self, now: Stamp) {
         if self.suspect.as_ref().is_some_and(|(stamp, _)| *stamp <= now) {
-            self.believe();
+            self.accept_suspect();
         }
     }
 
-    fn believe(&mut self) {
+    fn accept_suspect(&mut self) {
         if let Some((stamp, item)) = self.suspect.take() {
             self.accept(stamp, item);
         }
@@ -116,7 +120,7 @@ impl<T> Lane<T> {
     fn accept(&mut self, stamp: Stamp, item: T) -> Option<(Stamp, Stamp)> {
         let step = self.last.map(|last| (last, stamp));
         self.last = Some(stamp);
-        self.queue.push_back((stamp, item));
+        self.items.push_back((stamp, item));
         step
     }
 }

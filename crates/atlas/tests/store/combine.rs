@@ -1,4 +1,4 @@
-//! Two maps in one file: each is what it was, under other ids.
+//! Two snapshots combined: each keeps its content under other ids.
 
 use crate::history::{same, snapshot};
 use cairn_atlas::store::MapFile;
@@ -6,7 +6,7 @@ use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_vision::Octaves;
 
 #[test]
-fn each_map_is_what_it_was_and_both_are_one() {
+fn combined_snapshot_contains_both() {
     for seed in 0..20 {
         let (a, b) = (snapshot(seed, 12, 12), snapshot(seed + 100, 9, 12));
         let (both, shift) = a.beside(&b).unwrap();
@@ -16,13 +16,13 @@ fn each_map_is_what_it_was_and_both_are_one() {
         assert_eq!(both.maps().count(), a.maps().count() + b.maps().count());
         for k in a.key_frames() {
             assert_eq!(format!("{k:?}"), format!("{:?}", both.key_frame(k.id).unwrap()));
-            let alike = both.places().query(&k.bag, 1, |_| true);
-            assert!(alike[0].1 > 0.999, "its own place is not found: {alike:?}");
+            let similar = both.places().query(&k.bag, 1, |_| true);
+            assert!(similar[0].1 > 0.999, "its own place is not found: {similar:?}");
         }
         for index in 0..b.next_key_frame_id().index() {
             let id = KeyFrameId::from_index(index).unwrap();
             let here = both.world_from_here(shift.key_frame(id).unwrap());
-            assert_eq!(here, b.world_from_here(id), "living and removed ones stand where they stood");
+            assert_eq!(here, b.world_from_here(id), "existing and removed ones keep their poses");
         }
         for l in b.landmarks() {
             let moved = both.landmark(shift.landmark(l.id).unwrap()).unwrap();
@@ -38,7 +38,7 @@ fn each_map_is_what_it_was_and_both_are_one() {
 }
 
 #[test]
-fn maps_of_other_octaves_do_not_stand_beside_each_other() {
+fn different_octaves_are_refused() {
     let other = Snapshot::with_octaves(Octaves { levels: 4, factor: 1.5 });
     assert!(Snapshot::new().beside(&other).unwrap_err().contains("levels: 4"));
 }

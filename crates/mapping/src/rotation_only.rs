@@ -1,35 +1,35 @@
-//! Landmarks for an eye without depth that turns on the spot: there is no parallax, so new features are matched by
-//! rotation alone (the infinite homography; Hartley & Zisserman, section 13.4) and get the depth of what is known beside
-//! them. They hold the orientation at once; their depth is found by adjustment when there is parallax.
-
-use crate::grow::median_depth;
+//! Landmarks for a monocular camera that rotates on the spot: there is no parallax, so new features are
+//! matched by rotation alone (the infinite homography; Hartley & Zisserman, section 13.4) and get the depth
+//! of the known landmarks next to them. They constrain the orientation at once; their depth is found by
+//! adjustment when there is parallax.
 use crate::insert::NewLandmarks;
+use crate::triangulation::median_depth;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::Vec3;
 use cairn_vision::{RectifiedCamera, Target, consistent_rotation, search};
 
-/// A key frame without depth that shows fewer landmarks than this share of its features is running out of them.
+/// A key frame without depth that shows fewer landmarks than this share of its features needs new ones.
 const FEW: f64 = 0.2;
-/// Key frames looked at.
+/// Key frames searched, at most.
 const NEIGHBOURS: usize = 3;
-/// Bits that may differ.
+/// Largest Hamming distance of a match, bits.
 const TIGHT: u32 = 50;
-/// The nearest must be this much nearer than the second.
+/// Ratio test: the best distance must be below this share of the second best.
 const RATIO: f64 = 0.8;
-/// Half the search window in pixels of the level.
+/// Half the search window in pixels at the pyramid level.
 const RADIUS: f64 = 5.0;
-/// Baseline against depth up to which rotation alone says where a feature goes.
+/// Ratio of baseline to depth up to which rotation alone predicts where a feature moves.
 const ON_THE_SPOT: f64 = 0.02;
 
-/// New landmarks of a key frame that is running out of them while the eye turns.
-pub(crate) fn hold_orientation(
+/// Creates landmarks of a key frame that shows too few of them while the camera rotates.
+pub(crate) fn landmarks_by_rotation(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
     centre: KeyFrameId,
     new_landmarks: &mut NewLandmarks,
 ) -> Vec<Change> {
     let Some(here) = snapshot.key_frame(centre) else { return Vec::new() };
-    let mut shown: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
+    let mut matched: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
     let few = (FEW * here.frame.len() as f64) as usize;
     let depths = known_depths(snapshot, here);
     let mut changes = Vec::new();
@@ -39,7 +39,7 @@ pub(crate) fn hold_orientation(
     let Some(median) = median_depth(snapshot, here) else { return changes };
     let before = here.covisible.iter().map(|(id, _)| *id).take(NEIGHBOURS);
     for id in before {
-        if shown.iter().filter(|s| **s).count() >= few {
+        if matched.iter().filter(|s| **s).count() >= few {
             break;
         }
         let Some(there) = snapshot.key_frame(id) else { continue };
@@ -47,10 +47,10 @@ pub(crate) fn hold_orientation(
         if there_from_here.translation.norm() > ON_THE_SPOT * median {
             continue;
         }
-        for (i, j) in match_by_rotation(snapshot, camera, here, there, &shown) {
-            let z = depth_beside(&depths, here.frame.px[i]).unwrap_or(median);
+        for (i, j) in match_by_rotation(snapshot, camera, here, there, &matched) {
+            let z = depth_nearby(&depths, here.frame.px[i]).unwrap_or(median);
             let Some(landmark) = new_landmarks.id() else { return changes };
-            shown[i] = true;
+            matched[i] = true;
             changes.push(Change::AddLandmark(
                 landmark,
                 here.world_from_camera * camera.unproject(here.frame.px[i], z),
@@ -65,15 +65,15 @@ pub(crate) fn hold_orientation(
 /// Pixel and depth of each landmark that a key frame shows.
 fn known_depths(snapshot: &Snapshot, k: &KeyFrame) -> Vec<([f32; 2], f64)> {
     let camera_from_world = k.world_from_camera.inverse();
-    let shown = k.landmarks.iter().zip(&k.frame.px).filter_map(|(id, px)| {
+    let depths = k.landmarks.iter().zip(&k.frame.px).filter_map(|(id, px)| {
         let z = (camera_from_world * snapshot.landmark((*id)?)?.position).z;
         (z > 0.0).then_some((*px, z))
     });
-    shown.collect()
+    depths.collect()
 }
 
 /// Median depth of the three landmarks nearest in the image.
-fn depth_beside(depths: &[([f32; 2], f64)], px: [f32; 2]) -> Option<f64> {
+fn depth_nearby(depths: &[([f32; 2], f64)], px: [f32; 2]) -> Option<f64> {
     let mut near: Vec<(f32, f64)> =
         depths.iter().map(|([x, y], z)| ((x - px[0]).hypot(y - px[1]), *z)).collect();
     if near.len() < 3 {
@@ -84,19 +84,19 @@ fn depth_beside(depths: &[([f32; 2], f64)], px: [f32; 2]) -> Option<f64> {
     Some(near[1].1)
 }
 
-/// Pairs of free features that lie where rotation alone takes them and look alike.
+/// Pairs of unmatched features that lie where rotation alone predicts them and have matching descriptors.
 fn match_by_rotation(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
     here: &KeyFrame,
     there: &KeyFrame,
-    shown: &[bool],
+    matched: &[bool],
 ) -> Vec<(usize, usize)> {
     let octaves = snapshot.octaves();
-    let turn = there.world_from_camera.rotation.inverse() * here.world_from_camera.rotation;
+    let rotation = there.world_from_camera.rotation.inverse() * here.world_from_camera.rotation;
     let mut owner: Vec<Option<(usize, u32)>> = vec![None; there.frame.len()];
-    for i in (0..here.frame.len()).filter(|i| !shown[*i]) {
-        let ray: Vec3 = turn * camera.unproject(here.frame.px[i], 1.0);
+    for i in (0..here.frame.len()).filter(|i| !matched[*i]) {
+        let ray: Vec3 = rotation * camera.unproject(here.frame.px[i], 1.0);
         let Some([u, v, _]) = camera.project(&ray).filter(|[u, v, _]| camera.contains(*u, *v)) else {
             continue;
         };
@@ -109,16 +109,17 @@ fn match_by_rotation(
             descriptor: &here.frame.descriptors[i],
         };
         let Some(found) = search(&there.frame, &target, |j| there.landmarks[j].is_none()) else { continue };
-        let clear = (found.distance as f64) < RATIO * found.second as f64;
-        if found.distance <= TIGHT && clear && owner[found.feature].is_none_or(|(_, d)| found.distance < d) {
+        let distinct = (found.distance as f64) < RATIO * found.second as f64;
+        if found.distance <= TIGHT && distinct && owner[found.feature].is_none_or(|(_, d)| found.distance < d)
+        {
             owner[found.feature] = Some((i, found.distance));
         }
     }
-    let turned = owner
+    let angle_changes = owner
         .iter()
         .enumerate()
         .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), here.frame.angle[i] - there.frame.angle[j])));
-    let mut matches = consistent_rotation(turned.collect());
+    let mut matches = consistent_rotation(angle_changes.collect());
     matches.sort_unstable();
     matches
 }

@@ -1,4 +1,5 @@
-//! New landmarks from two views: features that show nothing yet are matched along epipolar lines and triangulated.
+//! New landmarks from two views: features without a landmark are matched along epipolar lines and
+//! triangulated.
 //!
 //! Source: Mur-Artal, Montiel, Tardós, "ORB-SLAM" (2015), section VI-C; epipolar geometry after Hartley & Zisserman.
 
@@ -9,18 +10,18 @@ use cairn_geometry::{Mat3, Se3, Vec3, hat};
 use cairn_solve::{CHI2_2, CHI2_3};
 use cairn_vision::{Frame, Octaves, RectifiedCamera, hamming};
 
-/// Bits that may differ between two views of a point.
+/// Largest Hamming distance between two views of a point, bits.
 const TIGHT: u32 = 50;
-/// Cosine of the least angle between two rays that are triangulated (about 1.1 degrees).
+/// Cosine of the smallest angle between two rays that are triangulated (about 1.1 degrees).
 const LEAST_PARALLAX_COS: f64 = 0.9998;
 
-/// Key frames felt before that are looked at.
-const FELT_BEFORE: usize = 4;
-/// Metres between two views that are enough where nothing is known of their depth.
+/// Earlier key frames along the IMU factors that are searched too.
+const EARLIER_IN_CHAIN: usize = 4;
+/// Baseline in metres that is sufficient where no depth is known.
 const UNKNOWN_DEPTH_BASELINE_M: f64 = 0.05;
 
-/// New landmarks of `centre` with its best `neighbours`.
-pub(crate) fn grow(
+/// Creates landmarks of `centre` with its best `neighbours`.
+pub(crate) fn create_landmarks(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
     centre: KeyFrameId,
@@ -32,7 +33,7 @@ pub(crate) fn grow(
     let mut changes = Vec::new();
     let mut taken: Vec<bool> = here.landmarks.iter().map(Option::is_some).collect();
     let shared = here.covisible.iter().map(|(id, _)| *id).take(neighbours);
-    for (nth, id) in shared.chain(before_in_chain(snapshot, here)).enumerate() {
+    for (nth, id) in shared.chain(earlier_in_chain(snapshot, here)).enumerate() {
         if nth > 0 && stop() {
             break;
         }
@@ -40,7 +41,7 @@ pub(crate) fn grow(
         if !wide_enough(snapshot, camera, here, there) {
             continue;
         }
-        for (i, j) in match_along_lines(camera, snapshot.octaves(), here, there, &taken) {
+        for (i, j) in match_along_epipolar_lines(camera, snapshot.octaves(), here, there, &taken) {
             let Some(point) = triangulate(snapshot, camera, here, i, there, j) else { continue };
             let Some(landmark) = new_landmarks.id() else { return changes };
             taken[i] = true;
@@ -52,8 +53,8 @@ pub(crate) fn grow(
     changes
 }
 
-/// Whether two views stand far enough apart: more than the eye's own baseline, or, without one, a hundredth of
-/// the scene's depth.
+/// Whether the baseline between two views is wide enough: more than the camera's own stereo baseline, or,
+/// without one, a hundredth of the scene's depth.
 fn wide_enough(snapshot: &Snapshot, camera: &RectifiedCamera, here: &KeyFrame, there: &KeyFrame) -> bool {
     let baseline = (here.world_from_camera.translation - there.world_from_camera.translation).norm();
     if camera.has_depth() {
@@ -65,17 +66,17 @@ fn wide_enough(snapshot: &Snapshot, camera: &RectifiedCamera, here: &KeyFrame, t
     }
 }
 
-/// Key frames since which another was felt, that share no landmark with it: where the inertial sensor has carried the eye
-/// past a view without any, the next points begin between them.
-fn before_in_chain(snapshot: &Snapshot, here: &KeyFrame) -> Vec<KeyFrameId> {
+/// Earlier key frames along the IMU factors that share no landmark with this one: where the IMU has carried
+/// the pose across views without any, new landmarks start between them.
+fn earlier_in_chain(snapshot: &Snapshot, here: &KeyFrame) -> Vec<KeyFrameId> {
     let before = |k: &KeyFrame| Some(k.motion.as_ref()?.imu_factor.as_ref()?.since);
     let chain = std::iter::successors(before(here), |id| snapshot.key_frame(*id).and_then(before));
-    let level = snapshot.is_gravity_aligned(here.map);
-    let alone = |id: &KeyFrameId| here.covisible.iter().all(|(shared, _)| shared != id);
-    chain.take(if level { FELT_BEFORE } else { 0 }).filter(alone).collect()
+    let gravity_aligned = snapshot.is_gravity_aligned(here.map);
+    let unconnected = |id: &KeyFrameId| here.covisible.iter().all(|(shared, _)| shared != id);
+    chain.take(if gravity_aligned { EARLIER_IN_CHAIN } else { 0 }).filter(unconnected).collect()
 }
 
-/// Median depth of what a key frame shows, in map units.
+/// Median depth of the landmarks that a key frame observes, in map units; `None` without any.
 pub(crate) fn median_depth(snapshot: &Snapshot, k: &KeyFrame) -> Option<f64> {
     let camera_from_world = k.world_from_camera.inverse();
     let mut depths: Vec<f64> = k
@@ -93,8 +94,9 @@ pub(crate) fn median_depth(snapshot: &Snapshot, k: &KeyFrame) -> Option<f64> {
     Some(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Pairs of free features, one of each key frame, that lie on each other's epipolar line and look alike.
-fn match_along_lines(
+/// Pairs of unmatched features, one of each key frame, that lie on each other's epipolar line and have
+/// matching descriptors.
+fn match_along_epipolar_lines(
     camera: &RectifiedCamera,
     octaves: Octaves,
     here: &KeyFrame,
@@ -137,9 +139,9 @@ fn match_along_lines(
                 continue;
             }
             let j = free[k];
-            let deep = here.frame.has_depth(i) || there.frame.has_depth(j);
-            if let (Some([eu, ev, _]), false) = (epipole, deep) {
-                // Next to the epipole a pair says nothing about depth.
+            let has_depth = here.frame.has_depth(i) || there.frame.has_depth(j);
+            if let (Some([eu, ev, _]), false) = (epipole, has_depth) {
+                // Next to the epipole a pair constrains no depth.
                 let (du, dv) = (eu - *x as f64, ev - *y as f64);
                 if du * du + dv * dv < 100.0 * octaves.scale(there.frame.octave[j]) {
                     continue;
@@ -155,17 +157,17 @@ fn match_along_lines(
             owner[j] = Some((i, distance));
         }
     }
-    let turned: Vec<((usize, usize), f32)> = owner
+    let angle_changes: Vec<((usize, usize), f32)> = owner
         .iter()
         .enumerate()
         .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), here.frame.angle[i] - there.frame.angle[j])))
         .collect();
-    let mut matches = cairn_vision::consistent_rotation(turned);
+    let mut matches = cairn_vision::consistent_rotation(angle_changes);
     matches.sort_unstable();
     matches
 }
 
-/// The point that two features show, where it is well placed and agrees with both views.
+/// The point that two features show, where it is well conditioned and agrees with both views.
 fn triangulate(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -213,7 +215,8 @@ fn triangulate(
         (chi2 < if mr.is_nan() { CHI2_2 } else { CHI2_3 }).then(|| q.norm())
     };
     let (da, db) = (distance(here, i)?, distance(there, j)?);
-    // A point looks smaller from farther away: the ratio of distances and that of the levels tell the same story.
+    // A point looks smaller from farther away: the ratio of distances must agree with that of the pyramid
+    // scales.
     let by_range = db / da;
     let by_level = octaves.scale(here.frame.octave[i]) / octaves.scale(there.frame.octave[j]);
     let slack = 1.5 * octaves.factor;
@@ -226,7 +229,7 @@ fn intersect(world_from_a: &Se3, xa: &Vec3, world_from_b: &Se3, xb: &Vec3) -> Op
     let mut g = Vec3::zeros();
     for (pose, x) in [(world_from_a, xa), (world_from_b, xb)] {
         let r = pose.rotation.matrix();
-        // Eye axes in the world: columns of r. Row k of the projection: r.column(k) . (p - centre).
+        // Camera axes in the world: columns of r. Row k of the projection: r.column(k) . (p - centre).
         let (rx, ry, rz) = (r.column(0), r.column(1), r.column(2));
         for row in [rz * x.x - rx, rz * x.y - ry] {
             h += row * row.transpose();

@@ -1,15 +1,15 @@
-//! Which earlier key frames may show the place that a key frame shows.
+//! Candidates for a place recognition: earlier key frames that may show the same place as a key frame.
 
 use crate::fuse::around;
 use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::Vec3;
 use std::collections::BTreeSet;
 
-/// How alike by words a place must be, as a share of how alike the best neighbour is.
-const ALIKE: f64 = 0.3;
+/// Smallest bag-of-words similarity of a candidate, as a share of that of the best neighbour.
+const MIN_SIMILARITY: f64 = 0.3;
 
-/// Key frames that are no neighbours and may show the same place: first those that stand near and look the same way,
-/// then those of any world that look most alike by their words, one of each group of neighbours.
+/// Key frames that are no neighbours and may show the same place: first those nearby that face the same way,
+/// then those of any map that are most similar by bag of words, one of each group of neighbours.
 pub(super) fn candidates(snapshot: &Snapshot, here: &KeyFrame, reach: f64, limit: usize) -> Vec<KeyFrameId> {
     let mut known: BTreeSet<KeyFrameId> = around(snapshot, here.id, 20).into_iter().collect();
     known.extend(here.covisible.iter().map(|(id, _)| *id));
@@ -26,7 +26,9 @@ pub(super) fn candidates(snapshot: &Snapshot, here: &KeyFrame, reach: f64, limit
     let neighbours = here.covisible.iter().take(5).filter_map(|(id, _)| snapshot.key_frame(*id));
     let usual = neighbours.map(|k| k.bag.similarity(&here.bag)).fold(0.0, f64::max);
     let (left, all) = (limit.saturating_sub(found.len()), usize::MAX);
-    let alike = snapshot.places_like(&here.bag, left, all, &found, |id| !known.contains(&id));
-    found.extend(alike.into_iter().filter(|(_, alike)| *alike >= ALIKE * usual).map(|(id, _)| id));
+    let similar = snapshot.places_like(&here.bag, left, all, &found, |id| !known.contains(&id));
+    found.extend(
+        similar.into_iter().filter(|(_, similarity)| *similarity >= MIN_SIMILARITY * usual).map(|(id, _)| id),
+    );
     found
 }

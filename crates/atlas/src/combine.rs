@@ -1,9 +1,9 @@
-//! Two maps in one: the worlds of the second stand beside those of the first until a place is recognised.
+//! Combining two snapshots: the maps of the second are added, unaligned, until a place is recognised.
 
 use crate::{KeyFrameId, LandmarkId, MapId, MapPrior, Observation, Snapshot};
 use std::sync::Arc;
 
-/// How ids of a map were shifted to stand beside those of another.
+/// How ids were shifted when a snapshot was added to another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shift {
     /// Added to the index of every key frame.
@@ -29,19 +29,22 @@ impl Shift {
 }
 
 impl Snapshot {
-    /// This map with all worlds of another beside its own, unaligned: what the other holds keeps its order and gets
-    /// ids behind those of this map. The disparity offset stays that of this map. An error in words when the key frames
-    /// have different octaves or there are not enough ids.
+    /// This snapshot with all maps of another added, unaligned: what the other holds keeps its order and gets
+    /// ids after those of this one. The disparity correction stays that of this snapshot.
+    ///
+    /// # Errors
+    ///
+    /// A description, when the octaves differ or there are not enough ids.
     pub fn beside(&self, other: &Snapshot) -> Result<(Snapshot, Shift), String> {
         if self.octaves != other.octaves {
             return Err(format!("one map has {:?}, the other {:?}", self.octaves, other.octaves));
         }
         let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark };
-        let snapshot = self.joined(other, &shift).ok_or("there are not enough ids for both maps")?;
+        let snapshot = self.combined(other, &shift).ok_or("there are not enough ids for both maps")?;
         Ok((snapshot, shift))
     }
 
-    fn joined(&self, other: &Snapshot, shift: &Shift) -> Option<Snapshot> {
+    fn combined(&self, other: &Snapshot, shift: &Shift) -> Option<Snapshot> {
         let mut snapshot = self.clone();
         snapshot.version = self.version.max(other.version) + 1;
         snapshot.next_key_frame = shift.key_frames + other.next_key_frame;
@@ -80,16 +83,16 @@ impl Snapshot {
             }
             snapshot.landmarks.insert(l.id.index(), l);
         }
-        for (index, (parent, parent_from_it)) in other.gone.iter() {
-            snapshot.gone.insert(index + shift.key_frames, (shift.key_frame(*parent)?, *parent_from_it));
+        for (index, (parent, parent_from_it)) in other.removed.iter() {
+            snapshot.removed.insert(index + shift.key_frames, (shift.key_frame(*parent)?, *parent_from_it));
         }
         let maps = Arc::make_mut(&mut snapshot.maps);
-        for (map, tie) in other.maps() {
-            let tie = match tie {
-                Some(tie) => Some(MapPrior { to: shift.key_frame(tie.to)?, ..*tie }),
+        for (map, map_prior) in other.maps() {
+            let map_prior = match map_prior {
+                Some(map_prior) => Some(MapPrior { to: shift.key_frame(map_prior.to)?, ..*map_prior }),
                 None => None,
             };
-            maps.insert(shift.map(map)?, tie);
+            maps.insert(shift.map(map)?, map_prior);
         }
         let gravity_alignments = Arc::make_mut(&mut snapshot.gravity_alignments);
         for (map, times) in other.gravity_alignments.iter() {

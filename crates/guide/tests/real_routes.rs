@@ -10,7 +10,7 @@ fn folder() -> PathBuf {
         .join("walks/arkit")
 }
 
-/// The walk's points; a step that nobody walks in half a second is a gap.
+/// The walk's points; a step too long for half a second of walking is a gap.
 fn load(path: &std::path::Path) -> Vec<(Vec3, bool)> {
     let value: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
     let mut line: Vec<(Vec3, bool)> = Vec::new();
@@ -49,7 +49,7 @@ fn real_walks_are_cleaned_on_walked_ground() {
                 record.len(),
                 route.points.len(),
             );
-            assert!(far <= 0.31, "{far} m from the recorded way");
+            assert!(far <= 0.31, "{far} m from the recorded route");
             assert!(route.after_m <= route.before_m);
             assert_eq!(route.points[route.points.len() - 1], points[points.len() - 1]);
             for cut in &route.cuts {
