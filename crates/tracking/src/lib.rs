@@ -6,6 +6,7 @@ mod local_map;
 mod lost;
 mod match_last;
 mod recover;
+mod rotation;
 mod scale;
 mod start;
 mod state;

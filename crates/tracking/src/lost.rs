@@ -47,7 +47,8 @@ impl Tracker {
         let Some((predicted, anchored)) =
             good.and_then(|predicted| Some((predicted.clone(), self.predicted_pose(snapshot, &predicted)?)))
         else {
-            return self.lose(frame, inliers);
+            let turned = self.track_rotation(&frame, snapshot);
+            return turned.unwrap_or_else(|| self.lose(frame, inliers));
         };
         self.lost = false;
         self.lost_frames += 1;
@@ -132,6 +133,9 @@ impl Tracker {
     }
 
     fn relocation_prior(&self, frame: &Frame, snapshot: &Snapshot) -> Option<RelocationPrior> {
+        if let Some(prior) = self.rotation_prior(frame.stamp, snapshot) {
+            return Some(prior);
+        }
         let last = self.last.as_ref()?;
         let predicted = self.inertial.as_ref().and_then(|i| i.predict(frame.stamp));
         if let Some(predicted) = predicted.filter(|f| f.world_from_camera.is_finite()) {

@@ -185,10 +185,36 @@ impl Tracker {
             self.unsupported.clear();
             return;
         }
+        self.keep_unsupported(stamp, anchored);
+    }
+
+    /// Keeps a pose without support of scale.
+    pub(crate) fn keep_unsupported(&mut self, stamp: Stamp, anchored: AnchoredPose) {
         if self.unsupported.len() == UNSUPPORTED {
             self.unsupported.pop_front();
         }
         self.unsupported.push_back((stamp, anchored));
+    }
+
+    /// Standard deviation of the position of a walker who has turned on the spot for so long, in the map's unit.
+    pub(crate) fn on_the_spot_sigma(&self, seconds: f64) -> f64 {
+        (ON_THE_SPOT_M[0] + ON_THE_SPOT_M[1] * seconds) * self.metre_in_map_units()
+    }
+
+    /// The prior of a map that begins with a frame whose orientation was carried through a turn by rotation alone.
+    pub(crate) fn rotation_prior(&self, stamp: Stamp, snapshot: &Snapshot) -> Option<RelocationPrior> {
+        let (since, _) = *self.unsupported.front()?;
+        let (_, placed) = *self.unsupported.iter().find(|(at, _)| *at == stamp)?;
+        let (reference, _) = snapshot.surviving_ancestor(placed.reference)?;
+        let world_from_camera = snapshot.resolve(placed.reference, &placed.reference_from_camera)?;
+        Some(RelocationPrior {
+            anchored: anchored_at(snapshot, reference, world_from_camera)?,
+            sigma: self.on_the_spot_sigma(stamp - since),
+            sigma_rad: TURNED_RAD,
+            speed: self.typical_speed(),
+            sigma_log_scale: self.sigma_log_scale(),
+            gravity_aligned: false,
+        })
     }
 
     /// A new map with a unit of length of its own, once two views since scale lost its support have parallax: the way on
@@ -201,19 +227,7 @@ impl Tracker {
         let request = self.starter.step(&self.camera, &frame, self.features).ok()?;
         let mut request = self.with_imu_segment(request);
         if let KeyFrameRequest::Pair { first, relocation_prior, .. } = &mut request {
-            let (since, _) = *self.unsupported.front()?;
-            let (_, placed) = *self.unsupported.iter().find(|(stamp, _)| *stamp == first.stamp)?;
-            let (reference, _) = snapshot.surviving_ancestor(placed.reference)?;
-            let world_from_camera = snapshot.resolve(placed.reference, &placed.reference_from_camera)?;
-            let turned_s = first.stamp - since;
-            *relocation_prior = Some(RelocationPrior {
-                anchored: anchored_at(snapshot, reference, world_from_camera)?,
-                sigma: (ON_THE_SPOT_M[0] + ON_THE_SPOT_M[1] * turned_s) * self.metre_in_map_units(),
-                sigma_rad: TURNED_RAD,
-                speed: self.typical_speed(),
-                sigma_log_scale: self.sigma_log_scale(),
-                gravity_aligned: false,
-            });
+            *relocation_prior = Some(self.rotation_prior(first.stamp, snapshot)?);
         }
         Some(request)
     }

@@ -25,6 +25,14 @@ pub enum State {
         /// Standard deviation of the position, metres.
         sigma: f64,
     },
+    /// The map has lost its matches, but the frames differ by a rotation alone: the orientation is tracked, the position is
+    /// that of the last known pose.
+    RotationOnly {
+        /// Seconds since the last visually tracked pose.
+        since_s: f64,
+        /// Standard deviation of the position, in the map's unit.
+        sigma: f64,
+    },
     /// The pose is not known: `inliers` matches agreed where `need` are needed.
     Lost {
         /// Matches that agreed.
