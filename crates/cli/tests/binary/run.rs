@@ -199,8 +199,9 @@ fn status_of_a_run_without_imu() {
     let phases: Vec<&str> = lines.iter().map(|l| phase(l)).collect();
     assert_eq!(phases, ["LOADING_VOCAB", "WAIT_FRAMES", "TRACKING", "TRACKING", "TRACKING"], "{lines:?}");
     assert!(
-        lines[2]
-            .starts_with("0.000 s TRACKING; pose 1 valid; map 0 initialised; 0 points; event: map 0 is created")
+        lines[2].starts_with(
+            "0.000 s TRACKING; pose 1 valid; map 0 initialised; 0 points; event: map 0 is created"
+        )
     );
     assert!(lines[4].starts_with("2.000 s TRACKING; pose 21 valid; map 0 initialised; "), "{lines:?}");
     assert!(lines.iter().all(|l| !l.contains("IMU") && !l.contains('\x1b')), "{lines:?}");
