@@ -1,5 +1,6 @@
 //! Applying a change set: from one snapshot to the next, with all derived data brought up to date.
 
+use crate::change::scaling_about;
 use crate::{
     Applied, Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId,
     Observation, Snapshot,
@@ -115,6 +116,13 @@ impl Snapshot {
                 self.transform_map(*map, *map, aligned_from_world, dirty)?;
                 *Arc::make_mut(&mut self.gravity_alignments).entry(*map).or_insert(0) += 1;
             }
+            Change::Rescale(map, factor) => {
+                let root = positive(*factor).then(|| self.key_frame(map.root()))??;
+                let by = scaling_about(&root.world_from_camera.translation, *factor);
+                self.maps.contains_key(map).then_some(())?;
+                self.transform_map(*map, *map, &by, dirty)?;
+                *Arc::make_mut(&mut self.rescalings).entry(*map).or_insert(0) += 1;
+            }
             Change::MoveLandmark(id, position) => {
                 let l = finite(position).then(|| self.landmarks.get_mut(id.index()))??;
                 l.position = *position;
@@ -130,7 +138,8 @@ impl Snapshot {
                     self.surviving_ancestor(map_prior.to).and_then(|(id, _)| self.key_frame(id))?.map;
                 let valid = map_prior.to_from_root.is_finite()
                     && map_prior.sigma.is_finite()
-                    && map_prior.sigma_rad.is_finite();
+                    && map_prior.sigma_rad.is_finite()
+                    && map_prior.sigma_log_scale.is_finite();
                 if earlier == *map || !valid {
                     return None;
                 }

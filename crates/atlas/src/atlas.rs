@@ -2,7 +2,7 @@
 
 use crate::rebase::rebase;
 use crate::stream::Subscribers;
-use crate::{Applied, Change, Snapshot, Subscription};
+use crate::{Applied, Change, MapId, Snapshot, Subscription};
 use arc_swap::ArcSwap;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -84,16 +84,16 @@ impl Atlas {
     }
 
     /// Applies changes that were made on an older snapshot: what has been moved or created since moves along.
-    /// Where a map has been gravity-aligned since, all of them are dropped: their coordinates are in a frame
+    /// Where a map has been gravity-aligned or rescaled since, all of them are dropped: their coordinates are in a frame
     /// that no longer exists.
     pub fn commit_since(&mut self, base: &Snapshot, changes: Vec<Change>) -> Applied {
         if base.version() == self.latest.version() {
             return self.commit(changes);
         }
-        let alignments = |snapshot: &Snapshot| {
-            snapshot.maps().map(|(w, _)| (w, snapshot.gravity_alignments.get(&w).copied())).collect()
-        };
-        let (before, now): (BTreeMap<_, _>, BTreeMap<_, _>) = (alignments(base), alignments(&self.latest));
+        let times = |counts: &BTreeMap<MapId, u32>, map| counts.get(&map).copied();
+        let frame = |s: &Snapshot, map| (times(&s.gravity_alignments, map), times(&s.rescalings, map));
+        let frames = |s: &Snapshot| s.maps().map(|(map, _)| (map, frame(s, map))).collect();
+        let (before, now): (BTreeMap<_, _>, BTreeMap<_, _>) = (frames(base), frames(&self.latest));
         if before.iter().any(|(map, times)| now.get(map).is_some_and(|t| t != times)) {
             return Applied { done: 0, dropped: changes.len() };
         }

@@ -1,7 +1,7 @@
 //! Changes to a snapshot, as data.
 
 use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior};
-use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
 
 /// One change.
@@ -25,6 +25,9 @@ pub enum Change {
     /// Gravity and scale of a map are known, or known better: everything in it is transformed by this, and
     /// from now on its lengths are metres and its z axis points up.
     AlignGravity(MapId, Sim3),
+    /// Lengths in a map are multiplied by this about its root: its unit of length is better known than it was.
+    /// The map does not become metric by it.
+    Rescale(MapId, f64),
     /// Sets the position of a landmark.
     MoveLandmark(LandmarkId, Vec3),
     /// Adds an observation: a feature of a key frame shows this landmark (and no other).
@@ -75,4 +78,9 @@ pub struct Applied {
     /// Changes that were left out, because they name something that no longer exists or violate a rule of the
     /// map.
     pub dropped: usize,
+}
+
+/// Scaling by `factor` about a point that stays.
+pub(crate) fn scaling_about(centre: &Vec3, factor: f64) -> Sim3 {
+    Sim3::new(So3::identity(), centre * (1.0 - factor), factor)
 }

@@ -30,4 +30,7 @@ pub struct MapPrior {
     pub sigma: f64,
     /// Standard deviation of that orientation, radians.
     pub sigma_rad: f64,
+    /// Standard deviation of the natural logarithm of the scale between the two maps: 0 where both are metric, about 0.15
+    /// where the walking pace says how long the younger map's unit is.
+    pub sigma_log_scale: f64,
 }

@@ -1,5 +1,6 @@
 //! A mirror of the key frames of an atlas, kept up to date by the stream of changes alone.
 
+use crate::change::scaling_about;
 use crate::{Change, KeyFrameId, MapId, MapPrior, Published, Snapshot};
 use cairn_geometry::{Se3, Sim3};
 use std::collections::BTreeMap;
@@ -91,6 +92,14 @@ impl Mirror {
                     for k in self.key_frames.values_mut().filter(|k| k.map == *map) {
                         k.world_from_camera = aligned_from_world.transform_pose(&k.world_from_camera);
                         k.unit *= aligned_from_world.scale;
+                    }
+                }
+                Change::Rescale(map, factor) => {
+                    let Some(root) = self.key_frames.get(&map.root()) else { continue };
+                    let by = scaling_about(&root.world_from_camera.translation, *factor);
+                    for k in self.key_frames.values_mut().filter(|k| k.map == *map) {
+                        k.world_from_camera = by.transform_pose(&k.world_from_camera);
+                        k.unit *= by.scale;
                     }
                 }
                 Change::RemoveKeyFrame(id) => {

@@ -19,6 +19,8 @@ pub struct Snapshot {
     pub(crate) maps: Arc<BTreeMap<MapId, Option<MapPrior>>>,
     /// How often each map was gravity-aligned; maps that never were have no entry.
     pub(crate) gravity_alignments: Arc<BTreeMap<MapId, u32>>,
+    /// How often the unit of length of each map was changed.
+    pub(crate) rescalings: Arc<BTreeMap<MapId, u32>>,
     pub(crate) places: PlaceIndex,
     pub(crate) right_offset: f64,
     pub(crate) imu_offset: f64,
@@ -48,6 +50,7 @@ impl Snapshot {
             removed: Arena::default(),
             maps: Arc::default(),
             gravity_alignments: Arc::default(),
+            rescalings: Arc::default(),
             places: PlaceIndex::default(),
             right_offset: 0.0,
             imu_offset: 0.0,

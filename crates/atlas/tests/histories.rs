@@ -74,7 +74,8 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (k.clone(), prop_oneof![Just(0.0), Just(f64::NAN), 0.2..4.0])
             .prop_map(|(k, factor)| Step::Plain(Change::Scale(key_frame_id(k), factor))),
         1 => (k.clone(), k.clone(), any::<i8>(), any::<i8>()).prop_map(|(map, to, a, b)| {
-            let prior = MapPrior { to: key_frame_id(to), to_from_root: pose(a, b), sigma: 1.0, sigma_rad: 0.1 };
+            let to_from_root = pose(a, b);
+            let prior = MapPrior { to: key_frame_id(to), to_from_root, sigma: 1.0, sigma_rad: 0.1, sigma_log_scale: 0.2 };
             Step::Plain(Change::MapPrior(MapId(key_frame_id(map)), prior))
         }),
         3 => (k.clone(), k.clone(), k.clone(), any::<i8>(), any::<i8>(), prop_oneof![1 => Just(-1.0), 5 => 0.3..3.0]).prop_map(
@@ -95,6 +96,8 @@ fn step() -> impl Strategy<Value = Step> {
                 Step::Plain(Change::AlignGravity(MapId(key_frame_id(map)), by))
             }
         ),
+        1 => (k.clone(), prop_oneof![1 => Just(0.0), 1 => Just(f64::NAN), 4 => 0.3..3.0])
+            .prop_map(|(map, factor)| Step::Plain(Change::Rescale(MapId(key_frame_id(map)), factor))),
         2 => (k, any::<i8>(), any::<i8>(), poor.clone()).prop_map(|(k, a, b, poor)| {
             let mut at = pose(a, b);
             if poor {
@@ -265,7 +268,7 @@ proptest! {
         // The late changes add nothing: the ids may be taken meanwhile. Nor do they gravity-align a map: the
         // writer does that at once.
         let adds = |c: &Change| {
-            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..))
+            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..) | Change::Rescale(..))
         };
         let mut late: Vec<Change> = changes(&base, &late).into_iter().filter(|c| !adds(c)).collect();
         // Everything is moved, as by a loop closure: each key frame differently.
@@ -285,7 +288,7 @@ proptest! {
         now.push(Change::AddKeyFrame(Box::new(KeyFrame::new(id, frame(9), pose(b, a), parent))));
         atlas.commit(now);
         let before = atlas.latest().clone();
-        let aligned = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::AlignGravity(..))));
+        let aligned = meanwhile.iter().any(|s| matches!(s, Step::Plain(Change::AlignGravity(..) | Change::Rescale(..))));
         atlas.commit_since(&base, late);
         let after = atlas.latest().clone();
         prop_assert_eq!(after.check(), Ok(()));
@@ -340,7 +343,7 @@ proptest! {
         // Then changes that were made on an older snapshot and are rebased.
         let base = atlas.latest().clone();
         let adds = |c: &Change| {
-            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..))
+            matches!(c, Change::AddKeyFrame(_) | Change::AddLandmark(..) | Change::AlignGravity(..) | Change::Rescale(..))
         };
         let now = changes(&base, &meanwhile);
         atlas.commit(now);

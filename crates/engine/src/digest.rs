@@ -62,6 +62,11 @@ impl Digest {
                 self.f64(sigma);
                 [3, 0, 0]
             }
+            State::RotationOnly { since_s, sigma } => {
+                self.f64(since_s);
+                self.f64(sigma);
+                [4, 0, 0]
+            }
         };
         numbers.iter().for_each(|n| self.u64(*n as u64));
     }

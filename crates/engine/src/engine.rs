@@ -5,8 +5,9 @@ use crate::digest::Digest;
 use crate::journal::{FrameRecord, Header, Journal};
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
+use crate::scale::{Scale, ScaleStretch, map_of, scale_of, stretches};
 use crate::status::{FrameResult, Status, StatusTracker};
-use cairn_atlas::{KeyFrameId, MapId, Snapshot, Subscription};
+use cairn_atlas::{KeyFrameId, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_inertial::Attempt;
 use cairn_mapping::{Closer, Mapper, Verdict};
@@ -48,6 +49,8 @@ pub struct Output {
     /// Whether lengths are metres in the map of the pose: always with depth, else once the IMU has been
     /// initialised.
     pub metric: bool,
+    /// What is known of the unit of length of the pose.
+    pub scale: Option<Scale>,
     /// The last attempt to initialise gravity, scale and biases, if there was one.
     pub attempt: Option<Attempt>,
     /// The evidence for the pose.
@@ -181,7 +184,19 @@ impl Engine {
         self.mapping.poll(&mut done);
         let snapshot = self.snapshot();
         let metric = tracked.pose.is_some() && (gravity_aligned || self.front_end.model().has_depth());
-        self.log.push(Logged { stamp: tracked.stamp, state: tracked.state, anchored: tracked.pose, metric });
+        let scale_supported = tracked.scale_supported;
+        self.log.push(Logged {
+            stamp: tracked.stamp,
+            state: tracked.state,
+            anchored: tracked.pose,
+            metric,
+            scale_supported,
+        });
+        let depth = self.front_end.model().has_depth();
+        let scale = tracked
+            .pose
+            .and_then(|p| map_of(&snapshot, p.reference))
+            .map(|map| Scale { metric, ..scale_of(&snapshot, map, depth, scale_supported) });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
         self.status_tracker.update(&FrameResult {
@@ -207,6 +222,7 @@ impl Engine {
             state: tracked.state,
             world_from_body: tracked.pose.map(|p| self.body(&p.world_from_camera, metric)),
             metric,
+            scale,
             attempt: done.attempt,
             anchored: tracked.pose,
             evidence: tracked.evidence,
@@ -317,6 +333,18 @@ impl Engine {
             || map_of(snapshot, reference).is_some_and(|w| snapshot.is_gravity_aligned(w))
     }
 
+    /// The stretches of the run in one unit of length, in order of time, as the map knows them now. Lengths of two
+    /// stretches that are not metric are comparable only as well as their `sigma_log` says.
+    pub fn scale_stretches(&self) -> Vec<ScaleStretch> {
+        let snapshot = self.mapping.latest();
+        let depth = self.front_end.model().has_depth();
+        let scale = |f: &Logged| {
+            let map = map_of(&snapshot, f.anchored?.reference)?;
+            Some((f.stamp, scale_of(&snapshot, map, depth, f.scale_supported)))
+        };
+        stretches(self.log.frames().iter().filter_map(scale))
+    }
+
     /// Ground truth in the form of [`Engine::trajectory`]: without metric scale, at the first camera's
     /// position.
     pub fn comparable(&self, truth: &[(Stamp, Se3)]) -> Vec<(Stamp, Se3)> {
@@ -365,25 +393,50 @@ impl Engine {
 
     /// The pose of the body in every tracked frame, in the latest map.
     pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
-        let snapshot = self.mapping.latest();
-        let pose_of = |f: &Logged| {
-            let p = f.anchored?;
-            let pose = snapshot.resolve(p.reference, &p.reference_from_camera)?;
-            Some((f.stamp, self.body(&pose, self.is_metric_at(&snapshot, p.reference)).se3))
-        };
-        self.log.frames().iter().filter_map(pose_of).collect()
+        self.poses(PoseTime::Corrected).map(|(t, pose, metric)| (t, self.body(&pose, metric).se3)).collect()
     }
 
     /// The pose of the body in every tracked frame, as estimated at the time.
     pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
-        let pose_of = |f: &Logged| Some((f.stamp, self.body(&f.anchored?.world_from_camera, f.metric).se3));
-        self.log.frames().iter().filter_map(pose_of).collect()
+        self.poses(PoseTime::Live).map(|(t, pose, metric)| (t, self.body(&pose, metric).se3)).collect()
+    }
+
+    /// The pose of something mounted on the body (`body_from_mounted`, metres) in every tracked frame: the first camera,
+    /// for instance. Without metric scale the body is given at the first camera's position ([`Engine::trajectory`]), and a
+    /// lever arm in metres cannot be added to it: then only the orientation is that of the mounted thing, the position is
+    /// the first camera's.
+    pub fn mounted_trajectory(&self, body_from_mounted: &Se3, time: PoseTime) -> Vec<(Stamp, Se3)> {
+        let pose_of = |(t, pose, metric): (Stamp, Se3, bool)| {
+            let body = self.body(&pose, metric).se3;
+            let arm = if metric { body_from_mounted.translation } else { Vec3::zeros() };
+            (t, Se3::new(body.rotation * body_from_mounted.rotation, body * arm))
+        };
+        self.poses(time).map(pose_of).collect()
+    }
+
+    /// Time, `world_from_camera` and whether lengths are metres, of every tracked frame.
+    fn poses(&self, time: PoseTime) -> impl Iterator<Item = (Stamp, Se3, bool)> + '_ {
+        let snapshot = self.mapping.latest();
+        self.log.frames().iter().filter_map(move |f| {
+            let p = f.anchored?;
+            Some(match time {
+                PoseTime::Live => (f.stamp, p.world_from_camera, f.metric),
+                PoseTime::Corrected => {
+                    let pose = snapshot.resolve(p.reference, &p.reference_from_camera)?;
+                    (f.stamp, pose, self.is_metric_at(&snapshot, p.reference))
+                }
+            })
+        })
     }
 }
 
-/// The map of a key frame, or the map it has been merged into.
-fn map_of(snapshot: &Snapshot, reference: KeyFrameId) -> Option<MapId> {
-    snapshot.surviving_ancestor(reference).and_then(|(id, _)| snapshot.key_frame(id)).map(|k| k.map)
+/// Which estimate of a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PoseTime {
+    /// As it was estimated at the time.
+    Live,
+    /// As the latest map corrects it.
+    Corrected,
 }
 
 /// The pose of a key frame, anchored to itself.

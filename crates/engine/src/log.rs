@@ -14,6 +14,8 @@ pub struct Logged {
     pub anchored: Option<AnchoredPose>,
     /// Whether its lengths were metres at the time.
     pub metric: bool,
+    /// Whether the unit of length rested on anything at the time (see [`crate::Scale::supported`]).
+    pub scale_supported: bool,
 }
 
 /// All frames so far.

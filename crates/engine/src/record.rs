@@ -26,7 +26,7 @@ pub fn record_input(output: &Output) -> RecordInput {
         anchor: Anchor { robot: 0, seq: anchored.reference.index() as u32 },
         anchor_from_camera: anchored.reference_from_camera,
         confidence: match output.state {
-            State::Coasting { .. } => Confidence::Low,
+            State::Coasting { .. } | State::RotationOnly { .. } => Confidence::Low,
             _ => Confidence::Good,
         },
         // The first frame of a map has no matches yet; its depth or its two views are its evidence.

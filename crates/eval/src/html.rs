@@ -231,7 +231,7 @@ mod tests {
         page.table(
             "Stages",
             &["stage", "p50"],
-            &[vec!["see".into(), "3.1".into()], vec!["track".into(), "-".into()]],
+            &[vec!["extract".into(), "3.1".into()], vec!["track".into(), "-".into()]],
         );
         page.heading("Three");
         page.transcript(

@@ -32,7 +32,7 @@ pub use percentiles::{Percentiles, StageTimes, Stages};
 pub use plan::{Event, Marker, Plan, PlanLine};
 pub use read::{Format, KITTI_STEP_NS, TrajectoryFile, parse_trajectory};
 pub use relative::Delta;
-pub use report::{Lost, RunReport};
+pub use report::{LiveReport, Lost, RunReport, ScaleReport};
 pub use statistics::Statistics;
 pub use status_summary::{GateStanding, ImuStanding, StatusSummary};
 pub use svg::{Figure, Tone};

@@ -79,7 +79,7 @@ impl StageTimes {
     }
 }
 
-/// Percentiles by stage, in order; in JSON an object `{"see": {"p50": ..}, ..}`.
+/// Percentiles by stage, in order; in JSON an object `{"extract": {"p50": ..}, ..}`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stages(pub Vec<(String, Percentiles)>);
 
@@ -140,13 +140,13 @@ mod tests {
     fn stages_keep_their_order_through_json() {
         let mut times = StageTimes::new();
         for ms in [1.0, 3.0] {
-            times.add_ms("see", ms);
+            times.add_ms("extract", ms);
             times.add("track", Duration::from_millis(2));
             times.add_ms("map", ms * 2.0);
         }
         let stages = times.summary();
         let json = serde_json::to_string(&stages).unwrap();
-        assert!(json.starts_with(r#"{"see":{"p50":2.0,"#), "{json}");
+        assert!(json.starts_with(r#"{"extract":{"p50":2.0,"#), "{json}");
         assert_eq!(serde_json::from_str::<Stages>(&json).unwrap(), stages);
         assert_eq!(times.samples("map"), [2.0, 6.0]);
         assert_eq!(stages.get("track").unwrap().max, 2.0);

@@ -17,6 +17,42 @@ pub struct Lost {
     pub reason: String,
 }
 
+/// A stretch of a run in one unit of length.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ScaleReport {
+    /// The map whose unit it is, named after its oldest keyframe.
+    pub map: usize,
+    /// Time of its first and last pose, seconds of the source's clock.
+    pub from_s: f64,
+    /// As `from_s`.
+    pub to_s: f64,
+    /// Poses in it.
+    pub poses: usize,
+    /// Whether lengths are metres.
+    pub metric: bool,
+    /// Standard deviation of the logarithm of its scale against the first map.
+    pub sigma_log: f64,
+    /// False where for a part of it the unit of length rested on nothing: a turn on the spot with one camera.
+    pub supported: bool,
+    /// ATE (RMSE) of this stretch alone, metres: aligned by SE3 where metric, else by Sim3. `None` without ground truth.
+    pub ate_m: Option<f64>,
+    /// Metres per unit of length by the ground truth: 1 where scale is right. `None` without ground truth.
+    pub metres_per_unit: Option<f64>,
+}
+
+/// How good the poses were at the time they were given.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LiveReport {
+    /// ATE (RMSE) of the live trajectory, metres, with the alignment of the whole run.
+    pub ate_m: f64,
+    /// By how much the error changes from one pose to the next, metres: 99 of 100 are below this.
+    pub jump_p99_m: f64,
+    /// The largest such change.
+    pub jump_max_m: f64,
+    /// Changes of more than 0.1 m.
+    pub jumps: usize,
+}
+
 /// Results and resource usage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunReport {
@@ -36,6 +72,12 @@ pub struct RunReport {
     /// Packets skipped because they were damaged.
     #[serde(default)]
     pub skipped: usize,
+    /// Stretches of the run in one unit of length, in order of time.
+    #[serde(default)]
+    pub scale: Vec<ScaleReport>,
+    /// The trajectory as it was estimated at the time, against the ground truth, if there is one.
+    #[serde(default)]
+    pub live: Option<LiveReport>,
     /// Losses of tracking.
     pub lost: Vec<Lost>,
     /// Number of new maps started because the place was not recognised. Existing maps are kept.
@@ -117,7 +159,7 @@ mod tests {
         report.set_frames(400, 398);
         report.set_usage(3.5);
         report.ms = Percentiles::of(&[1.0, 2.0]);
-        report.stages.0.push(("see".into(), Percentiles { p50: 1.0, p95: 2.0, p99: 3.0, max: 4.0 }));
+        report.stages.0.push(("extract".into(), Percentiles { p50: 1.0, p95: 2.0, p99: 3.0, max: 4.0 }));
         report.lost.push(Lost { t: 1.5, reason: "9 inliers, 15 needed".into() });
         report.standing.seconds.insert("TRACKING".into(), 2.5);
         report.config = serde_json::json!({"features": 1000});
@@ -150,7 +192,7 @@ mod tests {
             assert!(value.get(name).is_some(), "{name} is missing");
         }
         assert_eq!(value["coverage"], 0.995);
-        assert_eq!(value["stages"]["see"]["p99"], 3.0);
+        assert_eq!(value["stages"]["extract"]["p99"], 3.0);
         assert_eq!(value["lost"][0]["reason"], "9 inliers, 15 needed");
         assert_eq!(serde_json::from_str::<RunReport>(&json).unwrap(), report);
     }

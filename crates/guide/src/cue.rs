@@ -28,6 +28,8 @@ pub enum StopReason {
     Obstacle,
     /// The ground ahead was not seen.
     UnknownGround,
+    /// The pose is in a unit of length that is not comparable with the route's: distances along it would be guesses.
+    ScaleUncertain,
     /// A part of the system has stopped working.
     StageDied,
 }

@@ -328,6 +328,7 @@ fn reason_words(reason: StopReason) -> &'static str {
         StopReason::PoseStale => "No picture from the camera.",
         StopReason::Obstacle => "Something is in the way.",
         StopReason::UnknownGround => "I cannot see the ground ahead.",
+        StopReason::ScaleUncertain => "I cannot judge distances here.",
         StopReason::StageDied => "Part of the guide stopped working.",
     }
 }

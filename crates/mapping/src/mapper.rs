@@ -9,7 +9,9 @@ use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::rotation_only::landmarks_by_rotation;
 use crate::triangulation::create_landmarks;
 use cairn_adjust::{Window, WindowConfig};
-use cairn_atlas::{Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior};
+use cairn_atlas::{
+    Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Attempt;
 use cairn_sensor::ImuSensor;
@@ -89,6 +91,11 @@ pub struct Submitted<'a> {
     pub reference_from_camera: Se3,
     /// The IMU data that belongs to it.
     pub imu: Option<&'a ImuSegment>,
+    /// Whether nothing supports scale: it only carries the orientation on, and no landmark is triangulated from it.
+    pub orientation_only: bool,
+    /// The factor by which the lengths of its map are multiplied first, and the standard deviation of the logarithm
+    /// of the map's scale against the previous map after that.
+    pub rescale: Option<(f64, f64)>,
 }
 
 /// The result of one mapping step.
@@ -221,7 +228,11 @@ impl Mapper {
         submitted: &Submitted,
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
-        let Submitted { frame, landmarks, reference, reference_from_camera, imu } = *submitted;
+        let Submitted { frame, landmarks, reference, reference_from_camera, imu, .. } = *submitted;
+        if let Some((factor, sigma_log_scale)) = submitted.rescale {
+            let changes = rescaled(atlas.latest(), reference, factor, sigma_log_scale);
+            atlas.commit(changes);
+        }
         let depth = self.camera.has_depth();
         let snapshot = atlas.latest().clone();
         let (parent, _) = snapshot.surviving_ancestor(reference)?;
@@ -244,18 +255,20 @@ impl Mapper {
         self.recent_landmarks.admit(&new_landmarks.ids, id);
         let mut created = new_landmarks.ids.len();
 
-        let snapshot = atlas.latest().clone();
-        let mut new_landmarks = NewLandmarks::after(&snapshot);
-        atlas.commit(create_landmarks(
-            &snapshot,
-            &self.camera,
-            id,
-            self.config.grow_neighbours,
-            &mut new_landmarks,
-            &mut stop,
-        ));
-        self.recent_landmarks.admit(&new_landmarks.ids, id);
-        created += new_landmarks.ids.len();
+        if !submitted.orientation_only {
+            let snapshot = atlas.latest().clone();
+            let mut new_landmarks = NewLandmarks::after(&snapshot);
+            atlas.commit(create_landmarks(
+                &snapshot,
+                &self.camera,
+                id,
+                self.config.grow_neighbours,
+                &mut new_landmarks,
+                &mut stop,
+            ));
+            self.recent_landmarks.admit(&new_landmarks.ids, id);
+            created += new_landmarks.ids.len();
+        }
         if !depth {
             let mut new_landmarks = NewLandmarks::after(atlas.latest());
             let oriented = landmarks_by_rotation(atlas.latest(), &self.camera, id, &mut new_landmarks);
@@ -264,6 +277,9 @@ impl Mapper {
             created += new_landmarks.ids.len();
         }
 
+        if submitted.orientation_only {
+            return Some(Mapped { key_frame: id, created, adjustment: None, attempt: None });
+        }
         let mut adjustment = None;
         if !stop() {
             self.fuse(atlas, id);
@@ -338,6 +354,15 @@ impl Mapper {
         theirs.dedup();
         atlas.commit(fuse_into(&snapshot, &self.camera, &theirs, here));
     }
+}
+
+/// Changes that multiply a map's lengths by a factor, and say how well its scale is known after that.
+fn rescaled(snapshot: &Snapshot, reference: KeyFrameId, factor: f64, sigma_log_scale: f64) -> Vec<Change> {
+    let map = snapshot.surviving_ancestor(reference).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map));
+    let Some(map) = map else { return Vec::new() };
+    let prior = snapshot.maps().find(|(id, _)| *id == map).and_then(|(_, prior)| prior.copied());
+    let prior = prior.map(|prior| Change::MapPrior(map, MapPrior { sigma_log_scale, ..prior }));
+    [Change::Rescale(map, factor)].into_iter().chain(prior).collect()
 }
 
 /// The motion of a key frame without an IMU factor to an earlier one.

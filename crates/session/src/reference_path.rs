@@ -1,7 +1,7 @@
 //! A recorded route as a reference path in the current map: it follows when the map is corrected.
 
 use crate::ready::readiness;
-use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_guide::{
     Anchor, CleanConfig, CleanedRoute, Facing, Ground, ManeuverPlan, ManeuverPlanConfig, ManeuverPlanError,
@@ -9,6 +9,7 @@ use cairn_guide::{
 };
 use cairn_sensor::Stamp;
 use cairn_vision::RectifiedCamera;
+use std::collections::BTreeSet;
 
 /// The reference path is rebuilt when a recorded point has moved by more than this, metres.
 const MOVED_M: f64 = 0.05;
@@ -50,6 +51,14 @@ impl ReferencePath {
     /// [`ManeuverPlanError`] for a cleaned route that is not usable, such as one with a single point.
     pub fn plan(&self) -> Result<ManeuverPlan, ManeuverPlanError> {
         ManeuverPlan::from_route(&self.cleaned, self.travel, &self.ground, &ManeuverPlanConfig::default())
+    }
+
+    /// Whether a map holds any of a route's points: then poses in it are in the route's unit of length.
+    pub fn is_in(&self, snapshot: &Snapshot, route: &Route, map: MapId) -> bool {
+        let anchors: BTreeSet<u32> = route.points.iter().map(|p| p.anchor.seq).collect();
+        let key_frames = anchors.into_iter().filter_map(|seq| KeyFrameId::from_index(seq as usize));
+        let mut alive = key_frames.filter_map(|id| snapshot.surviving_ancestor(id));
+        alive.any(|(id, _)| snapshot.key_frame(id).is_some_and(|k| k.map == map))
     }
 
     /// The scale of the map was initialised: the reference path is rebuilt at the next check.

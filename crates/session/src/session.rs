@@ -11,7 +11,7 @@ use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::recording::{Recording, latest, next_path, tracked};
 use crate::reference_path::ReferencePath;
 use crate::status::Status;
-use cairn_engine::{Engine, Output, record_input};
+use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
 use cairn_guide::{
     Announcer, AnnouncerConfig, Confidence, Cue, Facing, Guide, GuideConfig, GuideInput, GuideState,
@@ -63,6 +63,12 @@ const PICTURE_TIMEOUT_S: f64 = 1.0;
 /// The first words of guidance wait at most this long for other utterances to end, seconds.
 const FIRST_WORDS_WAIT_S: f64 = 12.0;
 
+/// Turning about on the spot takes at most this long, seconds: so long one camera may rest on the lengths before.
+const TURN_ABOUT_S: f64 = 8.0;
+/// What helps one camera without metric scale after a turn on the spot.
+const SCALE_HELP: &str =
+    "Since we turned I cannot judge distances. Turn back and walk backwards, or let the camera face back.";
+
 /// A route that can be walked.
 struct RouteAtHand {
     route: Route,
@@ -91,6 +97,9 @@ pub struct Session {
     frame: Option<Stamp>,
     pose: Option<(Stamp, Se3)>,
     confidence: Confidence,
+    /// What is known of the unit of length of the last pose, and since when it rests on nothing.
+    scale: Option<Scale>,
+    unsupported: Option<Stamp>,
     recording: Option<Recording>,
     auto_recorded: bool,
     /// Finished recordings of this session, with their files.
@@ -102,6 +111,7 @@ pub struct Session {
     pushed: Option<(String, Option<f64>)>,
     events: VecDeque<Event>,
     picture_loss_announced: bool,
+    uncertain_scale_announced: bool,
     arrived: bool,
     dead: Option<String>,
     status: Status,
@@ -121,6 +131,8 @@ impl Session {
             frame: None,
             pose: None,
             confidence: Confidence::Lost,
+            scale: None,
+            unsupported: None,
             recording: None,
             auto_recorded: false,
             recorded: Vec::new(),
@@ -130,6 +142,7 @@ impl Session {
             pushed: None,
             events: VecDeque::new(),
             picture_loss_announced: false,
+            uncertain_scale_announced: false,
             arrived: false,
             dead: None,
             status,
@@ -190,6 +203,11 @@ impl Session {
         if tracked(&seen) {
             self.pose = Some((seen.stamp, seen.odom_from_camera.se3));
         }
+        if output.scale.is_some() {
+            self.scale = output.scale;
+        }
+        let rests_on_nothing = self.scale.is_some_and(|s| !s.supported);
+        self.unsupported = self.unsupported.or(Some(packet.stamp)).filter(|_| rests_on_nothing);
         self.update_status(&output);
         if output.anchored.is_some() {
             // The pose of the frame that initialises the scale is still in the previous unit.
@@ -483,8 +501,24 @@ impl Session {
         Ok(words)
     }
 
+    /// Why the unit of length of the last pose forbids directions along the route, if it does: it is of another map than the
+    /// route, begun where nothing carried scale over, or it has rested on nothing for longer than turning about takes.
+    fn scale_hazard(&self) -> Option<StopReason> {
+        let (scale, guiding) = (self.scale.filter(|s| !s.metric)?, self.guiding.as_ref()?);
+        let held = self.route.as_ref()?;
+        let other_map = !guiding.reference_path.is_in(&self.engine.snapshot(), &held.route, scale.map);
+        let too_long = self.unsupported.is_some_and(|since| self.now - since > TURN_ABOUT_S);
+        (other_map || too_long).then_some(StopReason::ScaleUncertain)
+    }
+
     /// A step of the guide, with the last pose.
     fn guide(&mut self, now: Stamp) {
+        let hazard = self.dead.as_ref().map(|_| StopReason::StageDied).or_else(|| self.scale_hazard());
+        let uncertain = hazard == Some(StopReason::ScaleUncertain);
+        if uncertain && !self.uncertain_scale_announced {
+            self.say(SCALE_HELP, Priority::High);
+        }
+        self.uncertain_scale_announced = uncertain;
         let speaking = self.voice.is_speaking(now);
         let (Some(guiding), Some((pose_stamp, pose))) = (&mut self.guiding, self.pose) else { return };
         // The first words of guidance do not cut off the answer to the command, and are not dropped because of it.
@@ -504,7 +538,7 @@ impl Session {
             odom_from_camera: Pose::<Odom, Camera>::new(in_metres),
             confidence: self.confidence,
             speed: None,
-            hazard: self.dead.as_ref().map(|_| StopReason::StageDied),
+            hazard,
         };
         let cue = guiding.guide.step(&input);
         let ahead = bearing_of_route(guiding, &in_metres);

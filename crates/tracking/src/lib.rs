@@ -6,6 +6,8 @@ mod local_map;
 mod lost;
 mod match_last;
 mod recover;
+mod rotation;
+mod scale;
 mod start;
 mod state;
 mod static_landmarks;

@@ -2,6 +2,7 @@
 //! bridged by the motion model, and after that a new map begins at the last known pose, with a relocation
 //! prior.
 
+use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
 use crate::tracker::{Last, Tracker, anchored_at};
 use cairn_atlas::{KeyFrameId, Snapshot};
@@ -20,6 +21,9 @@ const DRIFT_M: f64 = 2.0;
 const BLANK_S: f64 = 1.0;
 /// Seconds between key frames while coasting.
 const COAST_KEY_FRAME_S: f64 = 0.25;
+
+/// Standard deviation of the logarithm of a new map's scale where not even a walking speed is known.
+const NO_PACE_SIGMA: f64 = 1.0;
 
 impl Tracker {
     /// Whether the pose predicted by the IMU is still accurate enough to coast with.
@@ -43,7 +47,8 @@ impl Tracker {
         let Some((predicted, anchored)) =
             good.and_then(|predicted| Some((predicted.clone(), self.predicted_pose(snapshot, &predicted)?)))
         else {
-            return self.lose(frame, inliers);
+            let turned = self.track_rotation(&frame, snapshot);
+            return turned.unwrap_or_else(|| self.lose(frame, inliers));
         };
         self.lost = false;
         self.lost_frames += 1;
@@ -62,7 +67,15 @@ impl Tracker {
             self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
             self.since_key_frame = 0;
             let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
-            KeyFrameRequest::Next { frame: frame.clone(), landmarks, anchored, imu }
+            let (orientation_only, rescale) = (false, None);
+            KeyFrameRequest::Next {
+                frame: frame.clone(),
+                landmarks,
+                anchored,
+                imu,
+                orientation_only,
+                rescale,
+            }
         });
         Tracked {
             stamp: frame.stamp,
@@ -71,6 +84,7 @@ impl Tracker {
             evidence: Evidence { features: frame.len(), inliers, ..Evidence::default() },
             request,
             earlier: Vec::new(),
+            scale_supported: true,
             seen: Vec::new(),
         }
     }
@@ -119,6 +133,9 @@ impl Tracker {
     }
 
     fn relocation_prior(&self, frame: &Frame, snapshot: &Snapshot) -> Option<RelocationPrior> {
+        if let Some(prior) = self.rotation_prior(frame.stamp, snapshot) {
+            return Some(prior);
+        }
         let last = self.last.as_ref()?;
         let predicted = self.inertial.as_ref().and_then(|i| i.predict(frame.stamp));
         if let Some(predicted) = predicted.filter(|f| f.world_from_camera.is_finite()) {
@@ -133,6 +150,7 @@ impl Tracker {
                 sigma,
                 sigma_rad,
                 speed: self.typical_speed(),
+                sigma_log_scale: self.sigma_log_scale(),
                 gravity_aligned: true,
             });
         }
@@ -151,12 +169,13 @@ impl Tracker {
             sigma,
             sigma_rad,
             speed: self.typical_speed(),
+            sigma_log_scale: self.sigma_log_scale(),
             gravity_aligned: false,
         })
     }
 
-    /// About one metre_in_map_units in the map's unit: without metric scale it is estimated from the speed so far.
-    fn metre_in_map_units(&self) -> f64 {
+    /// About one metre in the map's unit: without metric scale it is estimated from the speed so far.
+    pub(crate) fn metre_in_map_units(&self) -> f64 {
         if self.camera.has_depth() { 1.0 } else { self.typical_speed().unwrap_or(1.0) / UNTRACKED_SPEED_M_S }
     }
 
@@ -187,14 +206,19 @@ impl Tracker {
                 + DRIFT_M * self.metre_in_map_units()
     }
 
-    /// Typical speed in motion: the upper third of the last seconds, since turns and stops are slower.
-    fn typical_speed(&self) -> Option<f64> {
-        let mut speeds: Vec<f64> = self.speeds.iter().copied().collect();
-        let third = 2 * speeds.len() / 3;
-        if speeds.len() < 10 {
-            return None;
+    /// Typical walking speed, in the map's unit per second.
+    pub(crate) fn typical_speed(&self) -> Option<f64> {
+        self.pace.walking().map(|(speed, _)| speed)
+    }
+
+    /// How badly the scale of a map that begins now is known against the previous one: the standard deviation of its
+    /// logarithm.
+    pub(crate) fn sigma_log_scale(&self) -> f64 {
+        match (self.camera.has_depth(), self.typical_speed()) {
+            (true, _) => 0.0,
+            (false, Some(_)) => PACE_SIGMA[0],
+            (false, None) => NO_PACE_SIGMA,
         }
-        Some(*speeds.select_nth_unstable_by(third, f64::total_cmp).1).filter(|speed| *speed > 0.0)
     }
 
     /// Bridges a blank view: once there is something with depth again, it enters the map at the pose that the
@@ -216,7 +240,14 @@ impl Tracker {
         self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
         self.since_key_frame = 0;
         let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
-        Some(KeyFrameRequest::Next { frame, landmarks, anchored, imu })
+        Some(KeyFrameRequest::Next {
+            frame,
+            landmarks,
+            anchored,
+            imu,
+            orientation_only: false,
+            rescale: None,
+        })
     }
 
     /// Whether the last view had run out of features, as in front of a blank wall.
@@ -236,6 +267,7 @@ impl Tracker {
             evidence,
             request: None,
             earlier: Vec::new(),
+            scale_supported: !self.scale_support.is_lost(),
             seen: Vec::new(),
         }
     }

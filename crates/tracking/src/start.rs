@@ -83,34 +83,46 @@ impl Starter {
 
     /// Matches fine-level features of the first frame around where they were last seen.
     fn matches(&mut self, first: &Frame, frame: &Frame) -> Vec<(usize, usize)> {
-        let mut owner: Vec<Option<(usize, u32)>> = vec![None; frame.len()];
-        for i in (0..first.len()).filter(|i| first.octave[*i] <= FINE) {
-            let octave = first.octave[i];
-            let target = Target {
-                pixel: self.trail[i],
-                right_x: f32::NAN,
-                radius: 100.0,
-                octaves: [octave.saturating_sub(1), octave + 1],
-                descriptor: &first.descriptors[i],
-            };
-            if let Some(f) = search(frame, &target, |_| true)
-                && f.distance <= 50
-                && (f.distance as f64) < 0.9 * f.second as f64
-                && owner[f.feature].is_none_or(|(_, d)| f.distance < d)
-            {
-                owner[f.feature] = Some((i, f.distance));
-            }
-        }
-        let angle_changes = owner
-            .iter()
-            .enumerate()
-            .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), first.angle[i] - frame.angle[j])));
-        let matches = consistent_rotation(angle_changes.collect());
+        let expected: Vec<Option<[f32; 2]>> = self.trail.iter().copied().map(Some).collect();
+        let matches = match_around(first, frame, &expected, 100.0);
         for (i, j) in &matches {
             self.trail[*i] = frame.px[*j];
         }
         matches
     }
+}
+
+/// Matches fine-level features of one frame within a radius of where each is expected in another.
+pub(crate) fn match_around(
+    first: &Frame,
+    frame: &Frame,
+    expected: &[Option<[f32; 2]>],
+    radius: f32,
+) -> Vec<(usize, usize)> {
+    let mut owner: Vec<Option<(usize, u32)>> = vec![None; frame.len()];
+    for i in (0..first.len()).filter(|i| first.octave[*i] <= FINE) {
+        let Some(pixel) = expected[i] else { continue };
+        let octave = first.octave[i];
+        let target = Target {
+            pixel,
+            right_x: f32::NAN,
+            radius,
+            octaves: [octave.saturating_sub(1), octave + 1],
+            descriptor: &first.descriptors[i],
+        };
+        if let Some(f) = search(frame, &target, |_| true)
+            && f.distance <= 50
+            && (f.distance as f64) < 0.9 * f.second as f64
+            && owner[f.feature].is_none_or(|(_, d)| f.distance < d)
+        {
+            owner[f.feature] = Some((i, f.distance));
+        }
+    }
+    let angle_changes = owner
+        .iter()
+        .enumerate()
+        .filter_map(|(j, o)| o.map(|(i, _)| ((i, j), first.angle[i] - frame.angle[j])));
+    consistent_rotation(angle_changes.collect())
 }
 
 type Pair = (cairn_geometry::Se3, Vec<(u16, u16, Vec3)>);

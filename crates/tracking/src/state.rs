@@ -25,6 +25,14 @@ pub enum State {
         /// Standard deviation of the position, metres.
         sigma: f64,
     },
+    /// The map has lost its matches, but the frames differ by a rotation alone: the orientation is tracked, the position is
+    /// that of the last known pose.
+    RotationOnly {
+        /// Seconds since the last visually tracked pose.
+        since_s: f64,
+        /// Standard deviation of the position, in the map's unit.
+        sigma: f64,
+    },
     /// The pose is not known: `inliers` matches agreed where `need` are needed.
     Lost {
         /// Matches that agreed.
@@ -78,6 +86,8 @@ pub struct RelocationPrior {
     /// Speed of the camera there, in the previous map's unit per second: sets the scale of a new map that has
     /// no metric scale.
     pub speed: Option<f64>,
+    /// Standard deviation of the logarithm of the new map's scale against the previous one's.
+    pub sigma_log_scale: f64,
     /// Whether the orientation comes from a gravity-aligned map, so that a new map with depth is
     /// gravity-aligned from the start.
     pub gravity_aligned: bool,
@@ -120,6 +130,11 @@ pub enum KeyFrameRequest {
         anchored: AnchoredPose,
         /// The IMU data that belongs to it.
         imu: Option<ImuSegment>,
+        /// Whether nothing supports scale: the key frame only carries the orientation on.
+        orientation_only: bool,
+        /// The factor by which the map's lengths are to be multiplied first, and the standard deviation of the
+        /// logarithm of its scale against the previous map after that.
+        rescale: Option<(f64, f64)>,
     },
 }
 
@@ -138,6 +153,8 @@ pub struct Tracked {
     pub request: Option<KeyFrameRequest>,
     /// Poses of frames from before the initialisation, found once there was a map: time and pose.
     pub earlier: Vec<(Stamp, AnchoredPose)>,
+    /// False while the unit of length rests on nothing: no depth, no IMU, no landmark with parallax.
+    pub scale_supported: bool,
     /// Landmarks that should have been in view, each with whether it was matched as an inlier.
     pub seen: Vec<(LandmarkId, bool)>,
 }

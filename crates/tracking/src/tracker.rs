@@ -5,6 +5,7 @@ use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
+use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::start::Starter;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, State, Tracked};
 use cairn_adjust::{Located, RecogniseConfig, locate, recognise};
@@ -57,8 +58,6 @@ const MIN_INLIERS_WITH_IMU: usize = 15;
 /// Seconds without a pose up to which matches are still searched around the pose predicted by the motion
 /// model.
 const BRIDGE_S: f64 = 0.6;
-/// Frames whose speeds are remembered.
-const SPEED_HISTORY: usize = 90;
 /// Needed to relocalise: seed matches by appearance that agree, and the share of expected landmarks that
 /// agree in the end.
 const RECOGNISE_SEED: usize = 12;
@@ -88,7 +87,13 @@ pub struct Tracker {
     /// frames had a pose.
     pub(crate) velocity: Option<SVector<f64, 6>>,
     /// Speeds of the last frames, map units per second.
-    pub(crate) speeds: VecDeque<f64>,
+    pub(crate) pace: Pace,
+    /// What scale rests on, where neither depth nor an IMU gives it.
+    pub(crate) scale_support: ScaleSupport,
+    /// A map whose unit of length was guessed from the walking speed.
+    pub(crate) pace_comparison: Option<PaceComparison>,
+    /// Poses since scale lost its support, for the frame with which a new map begins.
+    pub(crate) unsupported: VecDeque<(Stamp, AnchoredPose)>,
     /// The key frame to which the last pose was anchored, and its unit of length at that time.
     unit: Option<(KeyFrameId, f64)>,
     pub(crate) lost: bool,
@@ -117,7 +122,10 @@ impl Tracker {
             local: LocalMap::default(),
             last: None,
             velocity: None,
-            speeds: VecDeque::new(),
+            pace: Pace::default(),
+            scale_support: ScaleSupport::default(),
+            pace_comparison: None,
+            unsupported: VecDeque::new(),
             unit: None,
             lost: false,
             lost_frames: 0,
@@ -142,6 +150,7 @@ impl Tracker {
         self.lost = false;
         self.lost_frames = 0;
         self.velocity = None;
+        self.start_pace(snapshot, k);
         self.located = Some(k.frame.stamp);
         self.map_created = Some(k.frame.stamp);
         self.since_key_frame = 0;
@@ -179,6 +188,8 @@ impl Tracker {
         if self.lost && mapping {
             tracked.request =
                 self.bridge(frame.clone(), snapshot).or_else(|| self.begin_new_map(frame, snapshot));
+        } else if self.scale_support.is_lost() && mapping {
+            tracked.request = self.begin_with_own_scale(frame, snapshot).or(tracked.request);
         } else if !self.lost {
             self.starter = Starter::default();
         }
@@ -232,6 +243,7 @@ impl Tracker {
             evidence,
             request,
             earlier: Vec::new(),
+            scale_supported: true,
             seen: Vec::new(),
         }
     }
@@ -334,7 +346,7 @@ impl Tracker {
         if let Some(v) = &mut self.velocity {
             v.fixed_rows_mut::<3>(0).scale_mut(now / before);
         }
-        self.speeds.iter_mut().for_each(|s| *s *= now / before);
+        self.pace.rescale(now / before);
         self.unit = Some((id, now));
     }
 
@@ -519,13 +531,11 @@ impl Tracker {
             ),
             _ => None,
         };
-        if let Some(v) = &self.velocity {
-            if self.speeds.len() == SPEED_HISTORY {
-                self.speeds.pop_front();
-            }
-            self.speeds.push_back(v.fixed_rows::<3>(0).norm());
+        if let Some(v) = self.velocity.filter(|_| !self.scale_support.is_lost()) {
+            self.pace.push(v.fixed_rows::<3>(0).norm());
         }
         self.unit = snapshot.world_from_here(anchored.reference).map(|here| (anchored.reference, here.scale));
+        self.watch_scale(frame.stamp, snapshot, &matches, anchored);
         self.lost = false;
         self.lost_frames = 0;
         self.located = Some(frame.stamp);
@@ -552,6 +562,8 @@ impl Tracker {
                 landmarks: matches.landmarks.clone(),
                 anchored,
                 imu,
+                orientation_only: self.scale_support.is_lost(),
+                rescale: self.due_rescale(snapshot, reference),
             }
         });
         let found: std::collections::BTreeSet<LandmarkId> =
@@ -568,6 +580,7 @@ impl Tracker {
             evidence,
             request,
             earlier: Vec::new(),
+            scale_supported: !self.scale_support.is_lost(),
             seen,
         }
     }

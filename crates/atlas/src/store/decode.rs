@@ -1,4 +1,4 @@
-//! Decoding: from the parts of a file to a snapshot, versions 1 and 2; see `encode.rs` for the layout.
+//! Decoding: from the parts of a file to a snapshot, versions 1 to 3; see `encode.rs` for the layout.
 //!
 //! A file may contain anything: every number is checked before it is used, and invalid content is an error
 //! that names the part.
@@ -194,10 +194,12 @@ fn read_maps(
                 let to = KeyFrameId::from_raw(d.u32()?).ok_or_else(|| d.wrong("a prior has no key frame"))?;
                 let to_from_root = pose(d.f64s()?).ok_or_else(|| d.wrong("a prior has an invalid pose"))?;
                 let [sigma, sigma_rad] = d.f64s()?;
-                if !(sigma.is_finite() && sigma_rad.is_finite()) {
+                // Version 2 does not say how well scale is known: the unit of a map begun on the way was a rough guess.
+                let [sigma_log_scale] = if parts.version >= 3 { d.f64s()? } else { [1.0] };
+                if !(sigma.is_finite() && sigma_rad.is_finite() && sigma_log_scale.is_finite()) {
                     return Err(d.wrong("a prior is not finite"));
                 }
-                Some(MapPrior { to, to_from_root, sigma, sigma_rad })
+                Some(MapPrior { to, to_from_root, sigma, sigma_rad, sigma_log_scale })
             }
         };
         if maps.insert(MapId(root), map_prior).is_some() {

@@ -1,4 +1,4 @@
-//! Encoding: from a snapshot to the parts of a file, version 2. `decode.rs` is the inverse; read the two
+//! Encoding: from a snapshot to the parts of a file, version 3. `decode.rs` is the inverse; read the two
 //! together.
 //!
 //! Parts hold columns (see `wire.rs`). Key frames and landmarks refer to each other by row: the index in
@@ -110,7 +110,7 @@ fn maps(snapshot: &Snapshot, rows: &Rows) -> Vec<u8> {
         if let Some(map_prior) = map_prior {
             e.u32(map_prior.to.raw());
             e.f64s(&numbers(&map_prior.to_from_root));
-            e.f64s(&[map_prior.sigma, map_prior.sigma_rad]);
+            e.f64s(&[map_prior.sigma, map_prior.sigma_rad, map_prior.sigma_log_scale]);
         }
     }
     e.0

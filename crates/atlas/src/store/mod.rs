@@ -24,7 +24,7 @@ use std::io::{BufWriter, Cursor, Seek, SeekFrom};
 use std::path::Path;
 
 /// The format version that is written; versions from 1 to this are read.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Prefix of the names of attached parts, which mean nothing to the map.
 const ATTACHED: &str = "attached/";
 

@@ -121,7 +121,13 @@ fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change> {
         changes.push(Change::AlignGravity(maps[dice.roll(maps.len())], turn));
     }
     if let [into, .., from] = maps[..] {
-        let prior = MapPrior { to: a, to_from_root: dice.pose(), sigma: 0.5, sigma_rad: 0.125 };
+        let prior = MapPrior {
+            to: a,
+            to_from_root: dice.pose(),
+            sigma: 0.5,
+            sigma_rad: 0.125,
+            sigma_log_scale: 0.25,
+        };
         changes.push(Change::MapPrior(from, prior));
         if dice.roll(4) == 0 {
             let at = dice.pose();

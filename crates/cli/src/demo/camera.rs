@@ -22,7 +22,7 @@ pub struct DemoCamera {
     session: Session,
     /// True poses of the camera, one for each frame.
     pub truth: Trajectory,
-    /// Milliseconds of each frame: "render", "see" (feature extraction), "track", "step" (image to pose), and "map"
+    /// Milliseconds of each frame: "render", "extract" (feature extraction), "track", "step" (image to pose), and "map"
     /// (for each key frame).
     pub times: StageTimes,
     /// Milliseconds from image to pose of each frame.
@@ -90,7 +90,7 @@ impl DemoCamera {
     }
 
     fn note(&mut self, output: &Output) {
-        self.times.add_ms("see", output.extract_ms);
+        self.times.add_ms("extract", output.extract_ms);
         self.times.add_ms("track", output.track_ms);
         self.times.add_ms("step", output.extract_ms + output.track_ms);
         self.step_ms.push(output.extract_ms + output.track_ms);

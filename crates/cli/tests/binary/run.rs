@@ -46,7 +46,7 @@ fn run_reports_as_json_and_html() {
         (&shown["frames"], &shown["tracked"], &shown["sensor"]),
         (&20.into(), &20.into(), &"rgbd".into())
     );
-    for stage in ["decode", "see", "track", "map"] {
+    for stage in ["decode", "extract", "track", "map"] {
         assert!(shown["stages"][stage]["p99"].as_f64().is_some_and(|ms| ms >= 0.0), "{stage}: {shown}");
     }
     assert!(shown["accuracy"]["ate_m"]["rmse"].as_f64().unwrap() < 0.02, "{shown}");

@@ -202,10 +202,19 @@ fn take(
             let map_start = map_start(relocation_prior, imu, false);
             mapper.start_pair(atlas, first, second, *first_from_second, points, &map_start)
         }
-        KeyFrameRequest::Next { frame, landmarks, anchored, imu } => {
+        KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale } => {
             let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
             let imu = imu.as_ref();
-            let submitted = Submitted { frame, landmarks, reference, reference_from_camera, imu };
+            let (orientation_only, rescale) = (*orientation_only, *rescale);
+            let submitted = Submitted {
+                frame,
+                landmarks,
+                reference,
+                reference_from_camera,
+                imu,
+                orientation_only,
+                rescale,
+            };
             let mapped = mapper.step(atlas, &submitted, stop);
             return mapped.map_or((None, None), |m| (Some(m.key_frame), m.attempt));
         }
@@ -222,6 +231,7 @@ fn map_start(relocation_prior: &Option<RelocationPrior>, imu: &Option<ImuSegment
             to_from_root: prior.anchored.reference_from_camera,
             sigma: prior.sigma,
             sigma_rad: prior.sigma_rad,
+            sigma_log_scale: prior.sigma_log_scale,
         }),
         speed: prior.speed,
         gravity_aligned: metric && prior.gravity_aligned,

@@ -110,6 +110,11 @@ pub enum Wait {
         /// Standard deviation of the position, metres.
         sigma: f64,
     },
+    /// Steps to the side or forwards: only the rotation of the camera is tracked, its position is held.
+    Translation {
+        /// Seconds since the last visually tracked pose.
+        since_s: f64,
+    },
     /// Relocalisation: inlier matches of the best candidate.
     Place {
         /// Inliers.

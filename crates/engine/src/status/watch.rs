@@ -157,6 +157,7 @@ impl StatusTracker {
         let (phase, waits) = match result.state {
             State::Lost { inliers, need } => (Phase::Lost, vec![Wait::Place { have: inliers, need }]),
             State::Coasting { since_s, sigma } => (Phase::Coasting, vec![Wait::Sight { since_s, sigma }]),
+            State::RotationOnly { since_s, .. } => (Phase::Coasting, vec![Wait::Translation { since_s }]),
             State::Tracking if result.map_created && result.others => (Phase::Resetting, Vec::new()),
             State::Starting { .. } if silent => silence(),
             State::Starting { have, need } if !self.depth && have > 0 && have >= need => {

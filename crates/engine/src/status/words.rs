@@ -23,6 +23,9 @@ impl fmt::Display for Wait {
             Self::Sight { since_s, sigma } => {
                 write!(f, "visual matches (none for {since_s:.2} s, position known to {sigma:.3} m)")
             }
+            Self::Translation { since_s } => {
+                write!(f, "translation of the camera (only rotation is tracked for {since_s:.2} s)")
+            }
             Self::Place { have, need } => write!(f, "relocalisation ({have} of {need} matches)"),
         }
     }
@@ -118,6 +121,9 @@ impl Status {
             (Phase::Tracking, _) => "Tracking.".into(),
             (Phase::Coasting, Some(Wait::Sight { since_s, sigma })) => {
                 format!("Tracking by motion sensor for {since_s:.1} s, accurate to {sigma:.2} m.")
+            }
+            (Phase::Coasting, Some(Wait::Translation { since_s })) => {
+                format!("Tracking rotation only for {since_s:.1} s. The position is not known until the camera moves on.")
             }
             (Phase::Coasting, _) => "Tracking by motion sensor.".into(),
             (Phase::Lost, Some(Wait::Place { have, need })) => {

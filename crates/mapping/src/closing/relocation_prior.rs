@@ -52,6 +52,8 @@ mod tests {
             to_from_root: Se3::identity(),
             sigma: 0.5,
             sigma_rad: 0.1,
+            sigma_log_scale: 0.0,
+            sigma_log_scale: 0.0,
         };
         let bound = |atlas: &Atlas, scale: f64| {
             let snapshot = atlas.latest();

@@ -19,7 +19,7 @@ use crate::terminal::Terminal;
 pub use arguments::Arguments;
 use arguments::Whose;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Journal, Runner, Status};
+use cairn_engine::{Config, Engine, Journal, PoseTime, Runner, Status};
 use cairn_eval::{RunReport, to_tum, write_whole};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_guide::{AnnouncerConfig, PhraseConfig};
@@ -131,6 +131,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
     report.accuracy = tally::accuracy(&truth, engine);
+    report.live = tally::live(&truth, engine);
+    report.scale = tally::scale(&truth, engine);
     write_reports(a, engine, &report, &tally)?;
     if report.tracked == 0 {
         let why = tally.last_state.clone().unwrap_or_else(|| "it has no frames".into());
@@ -290,22 +292,21 @@ fn write_reports(a: &Arguments, engine: &Engine, report: &RunReport, tally: &Tal
 }
 
 fn write_trajectories(a: &Arguments, rig: &Rig, engine: &Engine) -> Result<(), Failure> {
-    let of_frame = |poses: Vec<(Stamp, Se3)>| {
-        let body_from = match a.frame {
-            Whose::Body => Se3::identity(),
-            Whose::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
-        };
-        let moved =
-            poses.into_iter().map(|(t, world_from_body)| (t.0, world_from_body * body_from)).collect();
+    let body_from = match a.frame {
+        Whose::Body => Se3::identity(),
+        Whose::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
+    };
+    let poses = |time: PoseTime| {
+        let poses = engine.mounted_trajectory(&body_from, time).into_iter();
         // The engine returns each frame once and in order.
-        Trajectory::from_unsorted(moved)
+        Trajectory::from_unsorted(poses.map(|(t, pose)| (t.0, pose)).collect())
             .map_err(|e| Failure::new("trajectory", e.to_string(), "report this with the recording"))
     };
     if let Some(path) = &a.trajectory {
-        write_whole(path, &to_tum(&of_frame(engine.trajectory())?))?;
+        write_whole(path, &to_tum(&poses(PoseTime::Corrected)?))?;
     }
     if let Some(path) = &a.live_trajectory {
-        write_whole(path, &to_tum(&of_frame(engine.live_trajectory())?))?;
+        write_whole(path, &to_tum(&poses(PoseTime::Live)?))?;
     }
     Ok(())
 }

@@ -1,8 +1,11 @@
 //! Counts and times of a run, frame by frame; the report and its text.
 
 use super::status::{self, StatusTally};
-use cairn_engine::{Config, Engine, Finished, Joined, Output, State, Verdict};
-use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
+use cairn_engine::{Config, Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};
+use cairn_eval::{
+    Align, EvalOptions, Evaluation, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport,
+    StageTimes, evaluate,
+};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, Stamp};
 use std::fmt::{Display, Write};
@@ -55,7 +58,7 @@ impl Tally {
         self.frames += 1;
         self.step_ms.push(done.extract_ms + done.track_ms);
         self.stages.add_ms("decode", packet.decode_ms);
-        self.stages.add_ms("see", done.extract_ms);
+        self.stages.add_ms("extract", done.extract_ms);
         self.stages.add_ms("track", done.track_ms);
         self.add_mapping(done.map_ms.iter().copied());
         self.add_closing(&done.close_ms, &done.verdicts);
@@ -66,14 +69,14 @@ impl Tally {
             self.lost.push(Lost { t: done.stamp.seconds(), reason: cause.clone() });
         }
         self.last_state = match done.state {
-            State::Tracking | State::Coasting { .. } => None,
+            State::Tracking | State::Coasting { .. } | State::RotationOnly { .. } => None,
             State::Starting { have, need } => Some(format!("the start has {have} of {need} points")),
             State::Lost { inliers, need } => Some(format!("{inliers} inlier matches, {need} are needed")),
         };
         if let (State::Lost { .. }, true, Some(reason)) = (done.state, self.tracking, &self.last_state) {
             self.lost.push(Lost { t: done.stamp.seconds(), reason: reason.clone() });
         }
-        self.tracking = matches!(done.state, State::Tracking | State::Coasting { .. });
+        self.tracking = done.world_from_body.is_some();
     }
 
     /// Adds a frame that feature extraction rejected.
@@ -142,13 +145,57 @@ fn as_printed(config: &Config) -> serde_json::Value {
 
 /// The comparison with the source's ground truth, where it has one: aligned by Sim3 where the scale is not metric.
 pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<Evaluation> {
-    let trajectory = |poses: &[(Stamp, Se3)]| {
-        Trajectory::from_unsorted(poses.iter().map(|(t, pose)| (t.0, *pose)).collect()).ok()
-    };
-    let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
-    let options = EvalOptions { align, ..EvalOptions::default() };
     let (reference, estimate) = (trajectory(&engine.comparable(truth))?, trajectory(&engine.trajectory())?);
-    evaluate(&reference, &estimate, &options).ok()
+    evaluate(&reference, &estimate, &options(engine.is_metric())).ok()
+}
+
+fn options(metric: bool) -> EvalOptions {
+    EvalOptions { align: if metric { Align::Se3 } else { Align::Sim3 }, ..EvalOptions::default() }
+}
+
+fn trajectory(poses: &[(Stamp, Se3)]) -> Option<Trajectory> {
+    Trajectory::from_unsorted(poses.iter().map(|(t, pose)| (t.0, *pose)).collect()).ok()
+}
+
+/// A jump of the live trajectory worth counting, metres.
+const JUMP_M: f64 = 0.1;
+
+/// The trajectory as it was estimated at the time, against the ground truth.
+pub fn live(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<LiveReport> {
+    let (reference, estimate) =
+        (trajectory(&engine.comparable(truth))?, trajectory(&engine.live_trajectory())?);
+    let e = evaluate(&reference, &estimate, &options(engine.is_metric())).ok()?;
+    let error = |p: &PairError| p.estimate - p.reference;
+    let changes: Vec<f64> = e.errors.windows(2).map(|w| (error(&w[1]) - error(&w[0])).norm()).collect();
+    let steps = Percentiles::of(&changes)?;
+    let jumps = changes.iter().filter(|step| **step > JUMP_M).count();
+    Some(LiveReport { ate_m: e.ate_m.rmse, jump_p99_m: steps.p99, jump_max_m: steps.max, jumps })
+}
+
+/// The stretches of the run in one unit of length, each compared with the ground truth by itself.
+pub fn scale(truth: &[(Stamp, Se3)], engine: &Engine) -> Vec<ScaleReport> {
+    let reference = trajectory(&engine.comparable(truth));
+    let poses = engine.trajectory();
+    let report = |s: ScaleStretch| {
+        let own: Vec<(Stamp, Se3)> =
+            poses.iter().filter(|(t, _)| (s.from..=s.to).contains(t)).copied().collect();
+        let compared = reference.as_ref().zip(trajectory(&own));
+        let sim3 = compared.as_ref().and_then(|(r, e)| evaluate(r, e, &options(false)).ok());
+        let se3 = compared.and_then(|(r, e)| evaluate(r, &e, &options(true)).ok());
+        let ate_m = if s.scale.metric { &se3 } else { &sim3 };
+        ScaleReport {
+            map: s.scale.map.root().index(),
+            from_s: s.from.seconds(),
+            to_s: s.to.seconds(),
+            poses: s.poses,
+            metric: s.scale.metric,
+            sigma_log: s.scale.sigma_log,
+            supported: s.scale.supported,
+            ate_m: ate_m.as_ref().map(|e| e.ate_m.rmse),
+            metres_per_unit: sim3.map(|e| e.scale),
+        }
+    };
+    engine.scale_stretches().into_iter().map(report).collect()
 }
 
 /// The report as a table for people.
@@ -192,6 +239,27 @@ pub fn text(r: &RunReport, realtime: bool) -> String {
             "truth     ATE {:.4} m RMSE ({align}) over {:.2} m, {} pairs, max {:.4} m",
             e.ate_m.rmse, e.path_m, e.pairs, e.ate_m.max
         );
+    }
+    if let Some(live) = &r.live {
+        let _ = writeln!(
+            text,
+            "live      ATE {:.4} m; error changes by at most {:.3} m from pose to pose (p99 {:.4} m, {} above {JUMP_M} m)",
+            live.ate_m, live.jump_max_m, live.jump_p99_m, live.jumps
+        );
+    }
+    for s in r.scale.iter().filter(|_| r.scale.len() > 1 || r.scale.iter().any(|s| !s.metric)) {
+        let known = match (s.metric, s.sigma_log) {
+            (true, _) => "metres".to_owned(),
+            (false, sigma) if sigma > 0.0 => {
+                format!("unit of its own, known to {:.0} % by the pace", 100.0 * sigma)
+            }
+            _ => "unit of its own".to_owned(),
+        };
+        let against = s.ate_m.zip(s.metres_per_unit);
+        let against = against
+            .map_or_else(String::new, |(ate, m)| format!("; ATE {ate:.4} m, {m:.4} m per unit by the truth"));
+        let _ =
+            writeln!(text, "scale     {:.2} to {:.2} s, map {}: {known}{against}", s.from_s, s.to_s, s.map);
     }
     text += &status::text(r);
     for lost in &r.lost {

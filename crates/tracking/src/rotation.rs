@@ -1,0 +1,189 @@
+//! A single camera that turns on the spot and has lost its map: rotation goes on from frame to frame.
+//!
+//! Between two frames without parallax the bearings of a point differ by the camera's rotation alone (the infinite
+//! homography; Hartley & Zisserman, section 13.4). It is found by RANSAC over pairs of bearings and refined over all
+//! inliers by the closed form of Wahba's problem (Markley 1988, singular value decomposition). The position is held; once
+//! there is parallax the model no longer fits, and that is noticed by the share of inliers.
+
+use crate::start::match_around;
+use crate::state::{AnchoredPose, Evidence, State, Tracked};
+use crate::tracker::{Last, Tracker, anchored_at};
+use cairn_atlas::Snapshot;
+use cairn_geometry::{Mat3, Se3, So3, Vec3};
+use cairn_solve::ransac::Rng;
+use cairn_vision::{Frame, RectifiedCamera};
+use nalgebra::SVector;
+use std::sync::Arc;
+
+/// Seconds between two frames up to which one is tracked from the other.
+const GAP_S: f64 = 0.3;
+/// Seconds for which rotation alone may carry the pose.
+const LONGEST_S: f64 = 8.0;
+/// Half of the search window around where the rotation before leads, pixels; the second where that finds too little.
+const RADII: [f32; 2] = [30.0, 90.0];
+/// Matches that must agree, and the share of all that must.
+const NEED: usize = 30;
+const SHARE: f64 = 0.6;
+/// Pixels within which a match agrees: corners of the fine levels, and the parallax of a camera held off the axis.
+const AGREE_PX: f64 = 3.0;
+/// Samples of two matches.
+const SAMPLES: usize = 60;
+
+impl Tracker {
+    /// Carries the orientation on when the map has lost its matches: the frame's pose by rotation alone, at the position
+    /// of the last known pose. None when the frames do not differ by a rotation.
+    pub(crate) fn track_rotation(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot) -> Option<Tracked> {
+        let last = self.last.as_ref().filter(|_| !self.camera.has_depth())?;
+        let elapsed = frame.stamp - last.frame.stamp;
+        let since_s = frame.stamp - self.located?;
+        if !(0.0 < elapsed && elapsed <= GAP_S) || since_s > LONGEST_S {
+            return None;
+        }
+        let turning = self.velocity.map_or_else(Vec3::zeros, |v| v.fixed_rows::<3>(3).into_owned());
+        let guess = So3::exp(&(turning * elapsed));
+        let (turn, inliers, matched) = rotation_between(&self.camera, &last.frame, frame, &guess)?;
+        let pose = &last.anchored.world_from_camera;
+        let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
+        let anchored = anchored_at(snapshot, reference, Se3::new(pose.rotation * turn, pose.translation))?;
+        self.lost = true;
+        self.lost_frames += 1;
+        let mut velocity = SVector::<f64, 6>::zeros();
+        velocity.fixed_rows_mut::<3>(3).copy_from(&(turn.log() / elapsed));
+        self.velocity = Some(velocity);
+        self.last = Some(Last { frame: frame.clone(), landmarks: vec![None; frame.len()], anchored });
+        self.keep_unsupported(frame.stamp, anchored);
+        let sigma = self.on_the_spot_sigma(since_s);
+        Some(self.rotating(frame, anchored, State::RotationOnly { since_s, sigma }, inliers, matched))
+    }
+
+    fn rotating(
+        &self,
+        frame: &Frame,
+        anchored: AnchoredPose,
+        state: State,
+        inliers: usize,
+        matched: usize,
+    ) -> Tracked {
+        Tracked {
+            stamp: frame.stamp,
+            state,
+            pose: Some(anchored),
+            evidence: Evidence { features: frame.len(), expected: 0, matched, inliers },
+            request: None,
+            earlier: Vec::new(),
+            scale_supported: false,
+            seen: Vec::new(),
+        }
+    }
+}
+
+/// `first_from_second` of two frames that differ by a rotation near `guess`, with the matches that agree and all there are.
+fn rotation_between(
+    camera: &RectifiedCamera,
+    first: &Frame,
+    second: &Frame,
+    guess: &So3,
+) -> Option<(So3, usize, usize)> {
+    let expected: Vec<Option<[f32; 2]>> = (first.px.iter())
+        .map(|px| {
+            let [u, v, _] = camera.project(&(guess.inverse() * camera.unproject(*px, 1.0)))?;
+            camera.contains(u, v).then_some([u as f32, v as f32])
+        })
+        .collect();
+    let mut matches = Vec::new();
+    for radius in RADII {
+        matches = match_around(first, second, &expected, radius);
+        if matches.len() >= 2 * NEED {
+            break;
+        }
+    }
+    let bearing = |px: [f32; 2]| camera.unproject(px, 1.0).normalize();
+    let pairs: Vec<(Vec3, Vec3)> =
+        matches.iter().map(|(i, j)| (bearing(first.px[*i]), bearing(second.px[*j]))).collect();
+    let (rotation, inliers) = ransac(&pairs, AGREE_PX / camera.fx, second.stamp.0 as u64)?;
+    let enough = inliers >= NEED && inliers as f64 >= SHARE * pairs.len() as f64;
+    enough.then_some((rotation, inliers, pairs.len()))
+}
+
+/// The rotation that takes second bearings to first ones for most pairs, within an angle; with their count.
+fn ransac(pairs: &[(Vec3, Vec3)], within_rad: f64, seed: u64) -> Option<(So3, usize)> {
+    if pairs.len() < 3 {
+        return None;
+    }
+    let mut rng = Rng::new(seed);
+    let agree = |r: &So3| -> Vec<usize> {
+        (0..pairs.len()).filter(|i| (pairs[*i].0 - *r * pairs[*i].1).norm() < within_rad).collect()
+    };
+    let mut best: Vec<usize> = Vec::new();
+    for _ in 0..SAMPLES {
+        let (a, b) = (rng.below(pairs.len() as u32) as usize, rng.below(pairs.len() as u32) as usize);
+        let Some(r) = wahba([a, b].iter().map(|i| &pairs[*i]).filter(|_| a != b)) else { continue };
+        let agreeing = agree(&r);
+        if agreeing.len() > best.len() {
+            best = agreeing;
+        }
+    }
+    for _ in 0..2 {
+        let refined = wahba(best.iter().map(|i| &pairs[*i]))?;
+        best = agree(&refined);
+    }
+    let rotation = wahba(best.iter().map(|i| &pairs[*i]))?;
+    Some((rotation, best.len()))
+}
+
+/// The rotation that takes the second of each pair to the first with the least squared error.
+fn wahba<'a>(pairs: impl Iterator<Item = &'a (Vec3, Vec3)>) -> Option<So3> {
+    let (mut sum, mut count) = (Mat3::zeros(), 0);
+    for (a, b) in pairs {
+        sum += a * b.transpose();
+        count += 1;
+    }
+    let svd = sum.try_svd(true, true, 1e-12, 100)?;
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    // Two bearings fix a rotation when they differ.
+    if count < 2 || svd.singular_values[1] < 1e-4 {
+        return None;
+    }
+    let handed = Mat3::from_diagonal(&Vec3::new(1.0, 1.0, (u * v_t).determinant().signum()));
+    Some(So3::from_matrix(&(u * handed * v_t)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bearings(count: usize) -> Vec<Vec3> {
+        (0..count)
+            .map(|k| Vec3::new((k as f64 * 0.7).sin() * 0.5, (k as f64 * 1.3).cos() * 0.4, 1.0).normalize())
+            .collect()
+    }
+
+    #[test]
+    fn rotation_is_found_among_outliers() {
+        let turn = So3::exp(&Vec3::new(0.01, -0.06, 0.02));
+        let pairs: Vec<(Vec3, Vec3)> = (bearings(100).into_iter().enumerate())
+            .map(|(k, b)| (if k % 4 == 0 { Vec3::new(b.y, b.x, b.z) } else { turn * b }, b))
+            .collect();
+        let (found, inliers) = ransac(&pairs, 0.005, 3).unwrap();
+        assert!((found.inverse() * turn).angle() < 1e-9, "{found:?}");
+        assert!((75..85).contains(&inliers), "{inliers}");
+    }
+
+    #[test]
+    fn parallax_is_no_rotation() {
+        let moved = Vec3::new(0.3, 0.0, 0.0);
+        // Points at 1 to 4 m, seen 0.3 m to the side.
+        let pairs: Vec<(Vec3, Vec3)> = (bearings(100).into_iter().enumerate())
+            .map(|(k, b)| (b, (b * (1.0 + (k % 7) as f64 * 0.5) - moved).normalize()))
+            .collect();
+        let found = ransac(&pairs, 0.005, 3);
+        assert!(found.is_none_or(|(_, inliers)| inliers < 60), "{found:?}");
+    }
+
+    #[test]
+    fn one_bearing_fixes_nothing() {
+        let b = Vec3::z();
+        assert!(wahba([(b, b), (b, b)].iter()).is_none());
+        assert!(ransac(&[], 0.01, 1).is_none());
+    }
+}

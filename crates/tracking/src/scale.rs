@@ -1,0 +1,352 @@
+//! What a single camera knows of scale from frame to frame: whether it still rests on landmarks with parallax, and how
+//! fast the walker goes.
+//!
+//! While the camera turns on the spot there is no parallax. New landmarks then have a depth that was only assumed, and a
+//! map that goes on from them alone takes its unit of length from that assumption. So scale counts as supported only
+//! while enough of the tracked landmarks have parallax between key frames from before.
+
+use crate::match_last::Matches;
+use crate::state::{AnchoredPose, KeyFrameRequest, RelocationPrior};
+use crate::tracker::{Tracker, anchored_at};
+use cairn_atlas::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, Snapshot};
+use cairn_sensor::Stamp;
+use cairn_vision::Frame;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// Rays to a landmark that differ by more than this cosine (1.15 degrees) have parallax: the bound of triangulation.
+const PARALLAX_COS: f64 = 0.9998;
+/// Fewer tracked landmarks with parallax than this do not support scale,
+const FEW: usize = 12;
+/// when they are also fewer than this share of all,
+const FEW_SHARE: f64 = 0.25;
+/// for so many frames running.
+const FEW_FRAMES: usize = 3;
+/// So many support it again.
+const ENOUGH: usize = 25;
+
+/// Watches what scale rests on. Only for maps whose unit of length neither depth nor an inertial sensor gives.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ScaleSupport {
+    /// Frames running with too few landmarks with parallax, and the key frame that was next when they began.
+    few: Option<(usize, KeyFrameId)>,
+}
+
+impl ScaleSupport {
+    /// Takes the landmarks that agree with the pose of a frame. Once too few of them have parallax, only key frames from
+    /// before count, since later ones stand where an assumed depth puts them.
+    pub fn update(&mut self, snapshot: &Snapshot, landmarks: &[Option<LandmarkId>]) {
+        let next = snapshot.next_key_frame_id();
+        let before = self.few.map_or(next, |(_, before)| before);
+        let tracked = landmarks.iter().flatten().filter_map(|id| snapshot.landmark(*id));
+        let (mut all, mut supporting) = (0, 0);
+        for landmark in tracked {
+            all += 1;
+            supporting += usize::from(has_parallax(snapshot, landmark, before));
+        }
+        let few = supporting < FEW && (supporting as f64) < FEW_SHARE * all as f64;
+        self.few = match self.few {
+            Some((frames, before)) if self.is_lost() && supporting < ENOUGH => Some((frames + 1, before)),
+            Some((frames, before)) if few => Some((frames + 1, before)),
+            None if few => Some((1, next)),
+            _ => None,
+        };
+    }
+
+    /// Whether scale rests on nothing any more.
+    pub fn is_lost(&self) -> bool {
+        self.few.is_some_and(|(frames, _)| frames >= FEW_FRAMES)
+    }
+}
+
+/// Whether key frames older than `before` see a landmark from directions that differ.
+fn has_parallax(snapshot: &Snapshot, landmark: &Landmark, before: KeyFrameId) -> bool {
+    let rays = landmark.observations.iter().take_while(|o| o.key_frame < before).filter_map(|o| {
+        let k = snapshot.key_frame(o.key_frame)?;
+        (landmark.position - k.world_from_camera.translation).try_normalize(1e-12)
+    });
+    let mut first = None;
+    for ray in rays {
+        match first {
+            None => first = Some(ray),
+            Some(first) if ray.dot(&first) < PARALLAX_COS => return true,
+            Some(_) => {}
+        }
+    }
+    false
+}
+
+/// Poses kept while scale has no support.
+const UNSUPPORTED: usize = 600;
+
+/// Frames whose speeds are kept: half a minute at 20 Hz.
+const KEPT: usize = 600;
+/// Fewer frames of walking say nothing of the pace.
+const LEAST: usize = 10;
+
+/// How fast the walker goes when he walks, in the map's unit a second.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Pace {
+    speeds: VecDeque<f64>,
+}
+
+impl Pace {
+    /// The speed of one more frame.
+    pub fn push(&mut self, speed: f64) {
+        if self.speeds.len() == KEPT {
+            self.speeds.pop_front();
+        }
+        self.speeds.push_back(speed);
+    }
+
+    /// Lengths are so many times what they were.
+    pub fn rescale(&mut self, factor: f64) {
+        self.speeds.iter_mut().for_each(|s| *s *= factor);
+    }
+
+    /// The mean speed of the frames in which he walked, and how many these are. Standing and turning on the spot do not
+    /// count: only speeds above half of the fast ones (the ninth decile) do.
+    pub fn walking(&self) -> Option<(f64, usize)> {
+        let mut sorted: Vec<f64> = self.speeds.iter().copied().filter(|s| s.is_finite()).collect();
+        if sorted.len() < LEAST {
+            return None;
+        }
+        sorted.sort_unstable_by(f64::total_cmp);
+        let fast = sorted[sorted.len() * 9 / 10];
+        let walked = &sorted[sorted.partition_point(|s| *s <= 0.5 * fast)..];
+        let mean = walked.iter().sum::<f64>() / walked.len() as f64;
+        (walked.len() >= LEAST && mean > 0.0).then_some((mean, walked.len()))
+    }
+}
+
+/// Seconds of walking in a map after which its unit of length is set by the pace, and set again.
+const COMPARED_S: [f64; 2] = [3.0, 10.0];
+/// Standard deviation of the logarithm of scale before the first comparison, and after each: an assumption of how well a
+/// walker keeps his pace from one stretch to the next. The first moment after a stop says little.
+pub(crate) const PACE_SIGMA: [f64; 3] = [0.5, 0.2, 0.15];
+
+/// A map whose unit of length was guessed from the walker's pace in the map before, to be compared as he walks on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PaceComparison {
+    /// The map, named when it had just begun.
+    pub map: MapId,
+    /// The pace that he had before, in the unit that the map took over.
+    pub pace: f64,
+    /// Comparisons done.
+    pub done: usize,
+}
+
+impl PaceComparison {
+    /// By how much lengths in the map have to change, and the standard deviation of the logarithm of scale after that; once
+    /// enough was walked.
+    pub fn due(&mut self, pace: &Pace, rate_hz: f64) -> Option<(f64, f64)> {
+        let (now, frames) = pace.walking()?;
+        if (frames as f64) < COMPARED_S.get(self.done)? * rate_hz {
+            return None;
+        }
+        self.done += 1;
+        Some((self.pace / now, PACE_SIGMA[self.done]))
+    }
+}
+
+/// Place of a walker who turns on the spot: standard deviation in metres, and metres more for each second.
+const ON_THE_SPOT_M: [f64; 2] = [0.3, 0.2];
+/// Standard deviation of a direction carried on by rotation alone, radians.
+const TURNED_RAD: f64 = 0.1;
+
+impl Tracker {
+    /// A map has just been created: nothing is known of the pace in it, and where its unit of length was guessed from the
+    /// pace before, that pace is kept for comparison.
+    pub(crate) fn start_pace(&mut self, snapshot: &Snapshot, root: &KeyFrame) {
+        self.scale_support = ScaleSupport::default();
+        self.unsupported.clear();
+        let guessed = !self.camera.has_depth() && !snapshot.is_gravity_aligned(root.map);
+        let prior = snapshot.maps().find(|(id, _)| *id == root.map).is_some_and(|(_, prior)| prior.is_some());
+        self.pace_comparison = (self.typical_speed().filter(|_| guessed && prior))
+            .map(|pace| PaceComparison { map: root.map, pace, done: 0 });
+        self.pace = Pace::default();
+    }
+
+    /// Looks what scale rests on at a frame whose pose is known.
+    pub(crate) fn watch_scale(
+        &mut self,
+        stamp: Stamp,
+        snapshot: &Snapshot,
+        matches: &Matches,
+        anchored: AnchoredPose,
+    ) {
+        let map = map_of(snapshot, anchored.reference);
+        if self.camera.has_depth() || map.is_some_and(|map| snapshot.is_gravity_aligned(map)) {
+            self.scale_support = ScaleSupport::default();
+        } else {
+            self.scale_support.update(snapshot, &matches.landmarks);
+        }
+        if !self.scale_support.is_lost() {
+            self.unsupported.clear();
+            return;
+        }
+        self.keep_unsupported(stamp, anchored);
+    }
+
+    /// Keeps a pose without support of scale.
+    pub(crate) fn keep_unsupported(&mut self, stamp: Stamp, anchored: AnchoredPose) {
+        if self.unsupported.len() == UNSUPPORTED {
+            self.unsupported.pop_front();
+        }
+        self.unsupported.push_back((stamp, anchored));
+    }
+
+    /// Standard deviation of the position of a walker who has turned on the spot for so long, in the map's unit.
+    pub(crate) fn on_the_spot_sigma(&self, seconds: f64) -> f64 {
+        (ON_THE_SPOT_M[0] + ON_THE_SPOT_M[1] * seconds) * self.metre_in_map_units()
+    }
+
+    /// The prior of a map that begins with a frame whose orientation was carried through a turn by rotation alone.
+    pub(crate) fn rotation_prior(&self, stamp: Stamp, snapshot: &Snapshot) -> Option<RelocationPrior> {
+        let (since, _) = *self.unsupported.front()?;
+        let (_, placed) = *self.unsupported.iter().find(|(at, _)| *at == stamp)?;
+        let (reference, _) = snapshot.surviving_ancestor(placed.reference)?;
+        let world_from_camera = snapshot.resolve(placed.reference, &placed.reference_from_camera)?;
+        Some(RelocationPrior {
+            anchored: anchored_at(snapshot, reference, world_from_camera)?,
+            sigma: self.on_the_spot_sigma(stamp - since),
+            sigma_rad: TURNED_RAD,
+            speed: self.typical_speed(),
+            sigma_log_scale: self.sigma_log_scale(),
+            gravity_aligned: false,
+        })
+    }
+
+    /// A new map with a unit of length of its own, once two views since scale lost its support have parallax: the way on
+    /// is not measured by the assumed depths that carried orientation through the turn.
+    pub(crate) fn begin_with_own_scale(
+        &mut self,
+        frame: Arc<Frame>,
+        snapshot: &Snapshot,
+    ) -> Option<KeyFrameRequest> {
+        let request = self.starter.step(&self.camera, &frame, self.features).ok()?;
+        let mut request = self.with_imu_segment(request);
+        if let KeyFrameRequest::Pair { first, relocation_prior, .. } = &mut request {
+            *relocation_prior = Some(self.rotation_prior(first.stamp, snapshot)?);
+        }
+        Some(request)
+    }
+
+    /// Once enough was walked in a map whose unit was guessed: by how much its lengths have to change.
+    pub(crate) fn due_rescale(&mut self, snapshot: &Snapshot, reference: KeyFrameId) -> Option<(f64, f64)> {
+        let comparison = self.pace_comparison.as_mut()?;
+        if map_of(snapshot, reference) != Some(comparison.map) || snapshot.is_gravity_aligned(comparison.map)
+        {
+            self.pace_comparison = None;
+            return None;
+        }
+        comparison.due(&self.pace, self.rate_hz)
+    }
+}
+
+/// The map that a key frame is in, or what became of it.
+fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
+    snapshot.surviving_ancestor(id).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_atlas::{Change, ChangeSet};
+    use cairn_geometry::{Se3, So3, Vec3};
+    use cairn_vision::Frame;
+    use std::sync::Arc;
+
+    /// Key frames at these places, all of which see 30 points 4 m ahead.
+    fn seen_from(places: &[f64]) -> (Snapshot, Vec<Option<LandmarkId>>) {
+        let count = 30;
+        let mut changes = Vec::new();
+        let id = |n: usize| KeyFrameId::from_index(n).unwrap();
+        let landmark = |n: usize| LandmarkId::from_index(n).unwrap();
+        let mut frame = Frame::default();
+        frame.px = vec![[0.0; 2]; count];
+        frame.descriptors = vec![[0; 32]; count];
+        frame.octave = vec![0; count];
+        frame.angle = vec![0.0; count];
+        frame.depth = vec![f32::NAN; count];
+        frame.right_x = vec![f32::NAN; count];
+        for (n, x) in places.iter().enumerate() {
+            let at = Se3::new(So3::identity(), Vec3::new(*x, 0.0, 0.0));
+            let parent = (n > 0).then(|| id(n - 1));
+            changes.push(Change::AddKeyFrame(Box::new(KeyFrame::new(
+                id(n),
+                Arc::new(frame.clone()),
+                at,
+                parent,
+            ))));
+        }
+        for l in 0..count {
+            changes.push(Change::AddLandmark(landmark(l), Vec3::new(0.1 * l as f64, 0.0, 4.0)));
+            changes.extend((0..places.len()).map(|n| Change::Observe(landmark(l), id(n), l as u16)));
+        }
+        let snapshot = Snapshot::new().apply(&ChangeSet { base: 0, changes }).0;
+        (snapshot, (0..count).map(|l| Some(landmark(l))).collect())
+    }
+
+    #[test]
+    fn scale_is_supported_by_parallax_alone() {
+        let mut support = ScaleSupport::default();
+        let (snapshot, landmarks) = seen_from(&[0.0, 0.3]);
+        (0..5).for_each(|_| support.update(&snapshot, &landmarks));
+        assert!(!support.is_lost());
+        // Turned on the spot: the camera moves by a centimetre at 4 m.
+        let (snapshot, landmarks) = seen_from(&[0.0, 0.01, 0.0]);
+        support.update(&snapshot, &landmarks);
+        assert!(!support.is_lost(), "one frame is no reason");
+        (0..3).for_each(|_| support.update(&snapshot, &landmarks));
+        assert!(support.is_lost());
+    }
+
+    #[test]
+    fn key_frames_placed_by_assumed_depth_do_not_support_scale() {
+        let mut support = ScaleSupport::default();
+        let (turned, landmarks) = seen_from(&[0.0, 0.01]);
+        (0..3).for_each(|_| support.update(&turned, &landmarks));
+        // He walks on, and a third key frame sees the same points with parallax.
+        let (walked, landmarks) = seen_from(&[0.0, 0.01, 0.5]);
+        support.update(&walked, &landmarks);
+        assert!(support.is_lost());
+        // Landmarks with parallax from before come into view again.
+        let (back, landmarks) = seen_from(&[0.0, 0.5]);
+        support.update(&back, &landmarks);
+        assert!(!support.is_lost());
+    }
+
+    #[test]
+    fn pace_leaves_out_standing_and_turning() {
+        let mut pace = Pace::default();
+        (0..200).for_each(|k| pace.push(0.9 + 0.2 * f64::from(k % 3)));
+        (0..150).for_each(|_| pace.push(0.05));
+        let (mean, frames) = pace.walking().unwrap();
+        assert!((mean - 1.1).abs() < 0.02 && frames == 200, "{mean} {frames}");
+        pace.rescale(2.0);
+        assert!((pace.walking().unwrap().0 - 2.2).abs() < 0.04);
+    }
+
+    #[test]
+    fn a_map_is_rescaled_twice_by_the_pace() {
+        let map = MapId(KeyFrameId::FIRST);
+        let mut comparison = PaceComparison { map, pace: 1.2, done: 0 };
+        let mut pace = Pace::default();
+        let mut found = Vec::new();
+        for _ in 0..400 {
+            pace.push(0.4);
+            if let Some((factor, sigma)) = comparison.due(&pace, 20.0) {
+                pace.rescale(factor);
+                found.push((factor, sigma));
+            }
+            // In the new unit he goes on as he did.
+            let factor: f64 = found.iter().map(|(f, _)| f).product();
+            let last = pace.speeds.back_mut().unwrap();
+            *last = 0.4 * factor;
+        }
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!((found[0].0 - 3.0).abs() < 1e-9 && (found[1].0 - 1.0).abs() < 1e-9, "{found:?}");
+        assert!(found[0].1 > found[1].1);
+    }
+}
