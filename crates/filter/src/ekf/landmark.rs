@@ -22,6 +22,8 @@ pub(crate) struct Record {
     pub rejected: usize,
     /// Log odds that it is gone: what missing it so often says.
     pub absence: f64,
+    /// What the robot had travelled when it last counted as missed, in metres.
+    pub missed_at_m: f64,
     pub confirmed: bool,
 }
 

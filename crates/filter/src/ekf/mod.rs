@@ -16,6 +16,7 @@ mod region;
 mod tiles;
 mod upkeep;
 
+pub use crate::covariance::Form;
 pub use config::{Association, EkfConfig, Linearisation};
 pub use landmark::{FilterError, Landmark, LandmarkId, Verdict};
 

@@ -59,6 +59,7 @@ impl EkfSlam {
             seen: 1,
             rejected: 0,
             absence: 0.0,
+            missed_at_m: 0.0,
             confirmed: label.is_some() || self.config.confirm_sightings <= 1,
         });
         id
@@ -90,7 +91,8 @@ impl EkfSlam {
     pub(super) fn count_missed(&mut self, robot: usize, sightings: &[Sighting], taken: &[LandmarkId]) {
         sightings.iter().for_each(|s| self.reach.learn(s));
         let pose = self.active.value(self.robots[robot].place);
-        let (range_m, bearing_rad) = (0.8 * self.reach.range_m, 0.8 * self.reach.bearing_rad);
+        let (range_m, bearing_rad) = (0.5 * self.reach.range_m, 0.8 * self.reach.bearing_rad);
+        let travelled_m = self.robots[robot].travelled_m;
         let mut gone = Vec::new();
         for (k, record) in self.landmarks.iter_mut().enumerate() {
             let Some(place) = record.place else { continue };
@@ -99,7 +101,10 @@ impl EkfSlam {
                 continue;
             }
             let at = expected(Kind::RangeBearing, &pose, &self.active.value(place));
-            if at.x < range_m && at.y.abs() < bearing_rad {
+            // Misses from nearly one place are one miss: what stands between is the same.
+            let again = record.confirmed && travelled_m - record.missed_at_m < self.config.delayed_spacing_m;
+            if at.x < range_m && at.y.abs() < bearing_rad && !again {
+                record.missed_at_m = travelled_m;
                 self.reach.missed += f64::from(u8::from(record.confirmed));
                 record.absence += self.reach.miss();
                 if record.absence > if record.confirmed { CONFIRMED } else { PROVISIONAL } {

@@ -1,21 +1,21 @@
 //! Recorded runs of wheeled robots: controls and sightings in order of time, and surveyed landmarks where there are any.
 
-
+mod csv;
 mod error;
-
+mod find;
 mod lines;
 mod mrclam;
-
+mod plaza;
 mod steps;
+mod victoria;
 
-
-
+pub use csv::{CSV_FORMAT, parse_csv};
 pub use error::LogError;
-
+pub use find::{Format, load};
 pub use mrclam::parse_mrclam;
-
+pub use plaza::parse_plaza;
 pub use steps::{Noise, Sighting, Step, Target};
-
+pub use victoria::parse_victoria;
 
 use cairn_geometry::{Se2, Vec2};
 use nalgebra::{Matrix2, Matrix3};

@@ -62,15 +62,15 @@ impl Noise {
     pub fn mrclam() -> Self {
         Self {
             velocity: VelocityModel {
-                speed: 0.001,
-                speed_by_speed: 0.14,
-                speed_by_turn: 0.06,
-                turn: 0.0002,
+                speed: 0.0035,
+                speed_by_speed: 0.07,
+                speed_by_turn: 0.02,
+                turn: 0.005,
                 turn_by_speed: 0.03,
-                turn_by_turn: 0.09,
+                turn_by_turn: 0.1,
             },
-            range_m: 0.3,
-            range_by_range: 0.15,
+            range_m: 0.1,
+            range_by_range: 0.08,
             bearing_rad: 0.015,
             sighting_delay_s: 0.2,
             ..Self::plaza()
