@@ -30,7 +30,7 @@ pub struct BatchConfig {
 
 impl Default for BatchConfig {
     fn default() -> Self {
-        Self { loss: Loss::Cauchy(2.0), iterations: 50, tolerance: 1e-7 }
+        Self { loss: Loss::Cauchy(1.6), iterations: 50, tolerance: 1e-7 }
     }
 }
 

@@ -4,7 +4,7 @@
 use crate::batch::{BatchConfig, BatchReport, Smoothed, smooth};
 use crate::chi2;
 use crate::ekf::{Association, EkfConfig, EkfSlam, FilterError, Landmark, LandmarkId, Verdict};
-use crate::log::{Log, Step, Target};
+use crate::log::{Log, Noise, Step, Target};
 use crate::measure::MeasurementError;
 use cairn_geometry::{Se2, Vec2, Vec3, umeyama};
 use nalgebra::{Matrix2, Matrix3, Vector3};
@@ -61,8 +61,8 @@ pub struct Snapshot {
 pub struct Run {
     /// The robot's name.
     pub robot: String,
-    /// What the filter was given.
-    pub steps: Vec<Step>,
+    /// When the poses are, in seconds from the start of the log.
+    pub times_s: Vec<f64>,
     /// Live poses (x m, y m, angle rad) at the steps.
     pub poses: Vec<Vector3<f64>>,
     /// Landmarks at the end.
@@ -126,7 +126,7 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
         nis_within_95: tally.within / tally.judged.max(1.0),
         recoveries: filter.recoveries(),
         filter_ms,
-        steps,
+        times_s: steps.iter().map(|s| s.time_s).collect(),
         poses,
         snapshots,
     })
@@ -204,10 +204,19 @@ impl Run {
         best.into_iter().map(|(name, (_, position))| (name, position)).collect()
     }
 
-    /// Smooths the whole run, from the filter's estimates.
-    pub fn smoothed(&self, config: &BatchConfig) -> (Smoothed, BatchReport) {
+    /// Smooths the whole run with the log's noise for that, from the filter's estimates. Sightings count for the landmark
+    /// of their label.
+    ///
+    /// # Errors
+    /// As [`run`].
+    pub fn smoothed(&self, log: &Log, robot: usize, config: &BatchConfig) -> Result<(Smoothed, BatchReport), RunError> {
+        let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
+        // The same instants: sightings are moved by the same delay.
+        let noise = Noise { sighting_delay_s: log.noise.sighting_delay_s, ..log.smoothing_noise };
+        let mut steps = recorded.steps(&noise, &[])?;
+        steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
         let start = Smoothed { poses: vec![self.poses.clone()], landmarks: self.named() };
-        smooth(std::slice::from_ref(&self.steps), start, config)
+        Ok(smooth(&[steps], start, config))
     }
 }
 

@@ -70,6 +70,16 @@ impl Joseph {
         self.symmetrise();
     }
 
+    pub fn shear(&mut self, d: &[f64], at: usize) {
+        let n = self.n;
+        let own = self.p[at * n..(at + 1) * n].to_vec();
+        let variance = own[at];
+        for (j, column) in self.p.chunks_exact_mut(n).enumerate() {
+            let (by_d, by_own) = (own[j] + variance * d[j], d[j]);
+            column.iter_mut().zip(d).zip(&own).for_each(|((v, d), o)| *v += by_d * d + by_own * o);
+        }
+    }
+
     pub fn augment(&mut self, g: &Rows, noise: &Matrix3<f64>) {
         let (n, m) = (self.n, self.n + g.rows);
         let cross = self.cross(g);

@@ -118,6 +118,13 @@ impl Covariance {
         }
     }
 
+    /// Adds `d` times the variable `at` to all: `P = (I + d e^T) P (I + d e^T)^T`, where `d` is zero at `at` itself.
+    ///
+    /// In the root form `at` is the third variable: the heading of the first pose.
+    pub fn shear(&mut self, d: &[f64], at: usize) {
+        both!(self, c => c.shear(d, at));
+    }
+
     /// Appends as many variables (2 or 3) as `g` has rows: `G` times what there is, plus noise of their own.
     pub fn augment(&mut self, g: &Rows, noise: &Matrix3<f64>) {
         both!(self, c => c.augment(g, noise));

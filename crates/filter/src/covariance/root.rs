@@ -146,6 +146,17 @@ impl SquareRoot {
         }
     }
 
+    pub fn shear(&mut self, d: &[f64], at: usize) {
+        let own: Vec<f64> = (0..=at).map(|k| self.columns[k][at - k]).collect();
+        for (k, (column, own)) in self.columns.iter_mut().zip(&own).enumerate() {
+            column[at + 1 - k..].iter_mut().zip(&d[at + 1..]).for_each(|(v, d)| *v += d * own);
+        }
+        // What is above the variable, its pose's place, is rotated back into shape.
+        let first = at - 2;
+        let f = Matrix3::new(1.0, 0.0, d[first], 0.0, 1.0, d[first + 1], 0.0, 0.0, 1.0);
+        self.predict(first, &f, &Matrix3::zeros());
+    }
+
     pub fn augment(&mut self, g: &Rows, noise: &Matrix3<f64>) {
         let seen = self.seen(g);
         for (column, seen) in self.columns.iter_mut().zip(&seen) {

@@ -79,6 +79,13 @@ fn motions_updates_growth_and_removal_are_those_of_dense_algebra() {
             assert!((dense(&c) - &after).norm() < 1e-9 * expected.norm(), "{form:?}");
         }
         let p = dense(&c);
+        let d: Vec<f64> = (0..n).map(|k| if k == 2 { 0.0 } else { number(k) }).collect();
+        let mut shear = DMatrix::identity(n, n);
+        shear.column_mut(2).iter_mut().zip(&d).for_each(|(s, d)| *s += d);
+        c.shear(&d, 2);
+        let expected = &shear * &p * shear.transpose();
+        assert!((dense(&c) - &expected).norm() < 1e-9 * expected.norm());
+        let p = expected;
         c.remove(5, 2);
         let kept = p.clone().remove_rows(5, 2).remove_columns(5, 2);
         assert!((dense(&c) - kept).norm() < 1e-10 * p.norm());

@@ -3,6 +3,7 @@
 use super::passive::Deferred;
 use crate::angle::wrap;
 use crate::covariance::{Covariance, Form, Rows};
+use super::config::Linearisation;
 use crate::measure::{Measurement, jacobians};
 use crate::motion::Motion;
 use nalgebra::{Matrix3, Vector3};
@@ -35,6 +36,9 @@ impl Linear {
     }
 }
 
+/// Where the heading of the first robot stands.
+pub(crate) const HEADING: usize = 2;
+
 #[derive(Clone, Debug)]
 pub(crate) struct Active {
     pub x: Vec<f64>,
@@ -44,13 +48,20 @@ pub(crate) struct Active {
     pub covariance: Covariance,
     /// What the part left behind has still to be told; `None` while everything is active.
     pub deferred: Option<Deferred>,
-    first_estimates: bool,
+    linearisation: Linearisation,
+    /// Which variables are angles.
+    pub angles: Vec<bool>,
 }
 
 impl Active {
-    pub fn new(form: Form, first_estimates: bool) -> Self {
+    pub fn new(form: Form, linearisation: Linearisation) -> Self {
         let covariance = Covariance::new(form);
-        Self { x: Vec::new(), first: Vec::new(), covariance, deferred: None, first_estimates }
+        Self { x: Vec::new(), first: Vec::new(), covariance, deferred: None, linearisation, angles: Vec::new() }
+    }
+
+    /// Whether corrections turn errors.
+    pub fn is_invariant(&self) -> bool {
+        self.linearisation == Linearisation::Invariant
     }
 
     pub fn size(&self) -> usize {
@@ -63,7 +74,7 @@ impl Active {
 
     /// Where Jacobians by this variable are taken.
     pub fn linearised_at(&self, place: Place) -> Vector3<f64> {
-        Self::of(if self.first_estimates { &self.first } else { &self.x }, place)
+        Self::of(if self.linearisation == Linearisation::First { &self.first } else { &self.x }, place)
     }
 
     fn of(values: &[f64], place: Place) -> Vector3<f64> {
@@ -89,6 +100,7 @@ impl Active {
         }
         self.x.extend(pose.iter());
         self.first.extend(pose.iter());
+        self.angles.extend([false, false, true]);
         place
     }
 
@@ -99,6 +111,7 @@ impl Active {
         self.grow(&Rows { rows: 3, blocks: vec![(pose.at, 3, Matrix3::identity())] }, &Matrix3::zeros());
         self.x.extend(value.iter());
         self.first.extend(first.iter());
+        self.angles.extend([false, false, true]);
         place
     }
 
@@ -108,6 +121,7 @@ impl Active {
         self.grow(g, noise);
         self.x.extend(value);
         self.first.extend(value);
+        self.angles.extend([false, false]);
         place
     }
 
@@ -122,6 +136,7 @@ impl Active {
         self.covariance.remove(place.at, place.size);
         self.x.drain(place.at..place.at + place.size);
         self.first.drain(place.at..place.at + place.size);
+        self.angles.drain(place.at..place.at + place.size);
         if let Some(deferred) = &mut self.deferred {
             deferred.remove(place.at, place.size);
         }
@@ -210,18 +225,42 @@ impl Active {
     pub fn update(&mut self, l: &Linear) -> bool {
         let (n, rows) = (self.size(), l.h.rows);
         let Some(inverse) = l.s.cholesky().map(|c| c.inverse()) else { return false };
-        let mut gain = vec![0.0; n * rows];
+        let (mut gain, mut moved) = (vec![0.0; n * rows], vec![0.0; n]);
         for (r, gain) in gain.chunks_exact_mut(n).enumerate() {
             for (k, cross) in l.cross.chunks_exact(n).enumerate() {
                 let by = inverse[(k, r)];
                 gain.iter_mut().zip(cross).for_each(|(g, c)| *g += by * c);
             }
-            self.x.iter_mut().zip(&*gain).for_each(|(x, g)| *x += g * l.innovation[r]);
+            moved.iter_mut().zip(&*gain).for_each(|(m, g)| *m += g * l.innovation[r]);
         }
+        self.x.iter_mut().zip(&moved).for_each(|(x, m)| *x += m);
         self.covariance.update(&l.h, &l.cross, &gain, &l.noise);
         if let Some(deferred) = &mut self.deferred {
             deferred.update(&l.h, &gain, &inverse, &l.innovation);
         }
+        if self.linearisation == Linearisation::Invariant {
+            self.turn_errors(&moved);
+        }
         true
+    }
+
+    /// After a correction that moved the state so: in the invariant filter the error of every position is its own plus
+    /// the heading's error times the position turned by a right angle; where the position moved, the covariance in plain
+    /// coordinates follows. Then `H` at the latest estimates is blind to what cannot be observed.
+    fn turn_errors(&mut self, moved: &[f64]) {
+        let mut d = vec![0.0; moved.len()];
+        let mut i = 0;
+        while i < d.len() {
+            if self.angles[i] {
+                i += 1;
+            } else {
+                (d[i], d[i + 1]) = (-moved[i + 1], moved[i]);
+                i += 2;
+            }
+        }
+        self.covariance.shear(&d, HEADING);
+        if let Some(deferred) = &mut self.deferred {
+            deferred.shear(&d, HEADING);
+        }
     }
 }

@@ -21,8 +21,11 @@ pub enum Linearisation {
     /// At the latest estimates: the textbook filter. It believes to have observed its heading, and is overconfident.
     Latest,
     /// At the first estimates (Huang, Mourikis, Roumeliotis 2010): global position and heading stay unobservable.
-    #[default]
     First,
+    /// At the latest estimates, with errors that turn with the heading's (the invariant filter of Barrau and Bonnabel, "An
+    /// EKF-SLAM algorithm with consistency properties", 2015): as consistent, and more exact after large corrections.
+    #[default]
+    Invariant,
 }
 
 /// Settings of the filter.
@@ -58,8 +61,8 @@ impl Default for EkfConfig {
             form: Form::Joseph,
             linearisation: Linearisation::First,
             association: Association::Known,
-            gate_probability: 0.99,
-            new_probability: 0.9999,
+            gate_probability: 0.999,
+            new_probability: 0.999_99,
             confirm_sightings: 3,
             recovery_fraction: 0.5,
             recovery_window: 10,

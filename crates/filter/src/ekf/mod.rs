@@ -69,7 +69,7 @@ impl EkfSlam {
     /// Knows nothing yet.
     pub fn new(config: EkfConfig) -> Self {
         Self {
-            active: Active::new(config.form, config.linearisation == Linearisation::First),
+            active: Active::new(config.form, config.linearisation),
             robots: Vec::new(),
             landmarks: Vec::new(),
             by_label: BTreeMap::new(),

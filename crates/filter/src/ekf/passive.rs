@@ -5,9 +5,10 @@
 //! at the start, `psi`, the information gained about them, and `theta`, what it moved. With `W = P_BA` at the start:
 //! `P_AB = phi W^T`, `P_BB -= W psi W^T`, `x_B += W theta`. They grow with the region, not with the map.
 
-use super::active::{Active, Place};
+use super::active::{Active, HEADING, Place};
 use super::tiles::Tiles;
 use crate::covariance::{Covariance, Form, Rows};
+use std::collections::BTreeSet;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
 
 /// Updates over which a subtraction from the passive part is spread.
@@ -59,6 +60,13 @@ impl Deferred {
         }
     }
 
+    pub fn shear(&mut self, d: &[f64], at: usize) {
+        let own = self.phi[at].clone();
+        for (row, by) in self.phi.iter_mut().zip(d) {
+            row.iter_mut().zip(&own).for_each(|(p, o)| *p += by * o);
+        }
+    }
+
     /// By a measurement with this gain (by columns), inverse innovation covariance and innovation.
     pub fn update(&mut self, h: &Rows, gain: &[f64], inverse: &Matrix3<f64>, innovation: &Vector3<f64>) {
         let seen = self.seen(h);
@@ -98,15 +106,21 @@ pub(crate) struct Passive {
     /// Rows of the region that is active against everything, as they were when it became so: `W`.
     cross: DMatrix<f64>,
     free: Vec<usize>,
+    /// First numbers of all landmarks.
+    landmarks: BTreeSet<usize>,
 }
 
 impl Passive {
     /// Room for a variable of this size; that of a landmark that is gone is used again.
     pub fn allot(&mut self, size: usize) -> usize {
         if let (2, Some(store)) = (size, self.free.pop()) {
+            self.landmarks.insert(store);
             return store;
         }
         let store = self.x.len();
+        if size == 2 {
+            self.landmarks.insert(store);
+        }
         self.x.resize(store + size, 0.0);
         self.first.resize(store + size, 0.0);
         self.covariance.reserve(self.x.len());
@@ -115,6 +129,7 @@ impl Passive {
 
     /// Gives back the room of a landmark.
     pub fn release(&mut self, store: usize) {
+        self.landmarks.remove(&store);
         self.free.push(store);
     }
 
@@ -138,6 +153,9 @@ impl Passive {
             self.x.iter_mut().zip(moved.iter()).for_each(|(x, m)| *x += m);
             let left = &cross * &deferred.psi;
             self.covariance.subtract(left, cross);
+            if active.is_invariant() {
+                self.turn_errors(&moved, &numbers, active, &mut rows);
+            }
         }
         let matrix = active.covariance.matrix();
         let size = active.size();
@@ -148,6 +166,24 @@ impl Passive {
             }
         }
         self.covariance.write(&stored, &rows);
+    }
+
+    /// What [`Active`] does after each correction, for the passive part at once: it moved by so much since it was left.
+    fn turn_errors(&mut self, moved: &DVector<f64>, numbers: &[(usize, usize)], active: &Active, rows: &mut DMatrix<f64>) {
+        let Some(heading) = numbers.iter().position(|(at, _)| *at == HEADING) else { return };
+        let mut d = DVector::zeros(moved.len());
+        // Robots are always active: what is passive are landmarks, two numbers each.
+        for store in self.landmarks.iter().filter(|s| !numbers.iter().any(|(_, n)| n == *s)) {
+            (d[*store], d[store + 1]) = (-moved[store + 1], moved[*store]);
+        }
+        let own = rows.column(heading).into_owned();
+        let variance = active.covariance.at(HEADING, HEADING);
+        for (k, (at, _)) in numbers.iter().enumerate() {
+            rows.column_mut(k).axpy(active.covariance.at(HEADING, *at), &d, 1.0);
+        }
+        let right = DMatrix::from_columns(&[own.clone(), d.clone()]);
+        let left = -DMatrix::from_columns(&[d.clone(), own + d * variance]);
+        self.covariance.subtract(left, right);
     }
 
     /// Makes these variables the active ones, in this order; gives their places.
@@ -166,6 +202,7 @@ impl Passive {
         }
         active.covariance = Covariance::from_matrix(form, n, matrix);
         active.x = numbers.iter().map(|k| self.x[*k]).collect();
+        active.angles = places.iter().flat_map(|p| (0..p.size).map(|k| k == 2)).collect();
         active.first = numbers.iter().map(|k| self.first[*k]).collect();
         active.deferred = Some(Deferred::new(n));
         places

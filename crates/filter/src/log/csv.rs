@@ -34,6 +34,8 @@ pub fn parse_csv(file: &str, text: &str) -> Result<Log, LogError> {
         surveyed: BTreeMap::new(),
         truth: Vec::new(),
         noise: Noise::plaza(),
+        smoothing_noise: Noise::plaza(),
+        gate_probability: 0.999,
         notes: Vec::new(),
     };
     let (mut entries, mut last) = (Vec::new(), f64::NEG_INFINITY);
@@ -53,6 +55,7 @@ pub fn parse_csv(file: &str, text: &str) -> Result<Log, LogError> {
     if entries.is_empty() {
         return Err(LogError::whole(file, "holds no event of a robot (velocity, travel, range_bearing, ...)"));
     }
+    log.smoothing_noise = log.noise;
     log.robots.push(RobotLog { name: "robot".into(), entries });
     Ok(log)
 }

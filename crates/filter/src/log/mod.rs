@@ -32,8 +32,12 @@ pub struct Log {
     pub surveyed: BTreeMap<u32, Vec2>,
     /// True poses of the first robot, where the log has them.
     pub truth: Vec<(f64, Se2)>,
-    /// The noise that suits its robots and sensors.
+    /// The noise that suits its robots and sensors, for filtering.
     pub noise: Noise,
+    /// The same for robust smoothing, which bears narrow bearings with far outliers.
+    pub smoothing_noise: Noise,
+    /// The gate that suits its labels ([`crate::ekf::EkfConfig::gate_probability`]).
+    pub gate_probability: f64,
     /// What was found and mended or left out while reading, for people.
     pub notes: Vec<String>,
 }

@@ -45,7 +45,7 @@ pub fn parse_mrclam(
     for entry in logs.iter_mut().flat_map(|r| &mut r.entries) {
         entry.time_s -= start;
     }
-    Ok(Log { name: "MRCLAM".into(), robots: logs, surveyed, truth: Vec::new(), noise: Noise::mrclam(), notes })
+    Ok(Log { name: "MRCLAM".into(), robots: logs, surveyed, truth: Vec::new(), noise: Noise::mrclam(), smoothing_noise: Noise::mrclam_smoothing(), gate_probability: 0.999, notes })
 }
 
 fn parse_barcodes((file, text): File<'_>) -> Result<BTreeMap<u32, u32>, LogError> {

@@ -44,6 +44,8 @@ pub fn parse_plaza(odometry: (&str, &str), ranges: (&str, &str)) -> Result<Log, 
         surveyed: BTreeMap::new(),
         truth: Vec::new(),
         noise: Noise::plaza(),
+        smoothing_noise: Noise::plaza(),
+        gate_probability: 0.999,
         notes,
     })
 }
