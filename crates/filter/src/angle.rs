@@ -22,7 +22,9 @@ mod tests {
             let angle = f64::from(k) * 0.0137;
             let wrapped = wrap(angle);
             assert!(wrapped > -PI && wrapped <= PI, "{angle}");
-            assert!((wrapped.sin() - angle.sin()).abs() < 1e-12 && (wrapped.cos() - angle.cos()).abs() < 1e-12);
+            assert!(
+                (wrapped.sin() - angle.sin()).abs() < 1e-12 && (wrapped.cos() - angle.cos()).abs() < 1e-12
+            );
         }
         assert_eq!(wrap(-PI), PI);
         assert_eq!(wrap(PI), PI);

@@ -181,7 +181,9 @@ impl Graph {
 
     fn add_sighting(&mut self, observer: usize, target: usize, measurement: Measurement) {
         let rows = measurement.kind().rows();
-        let Some(inverse) = measurement.covariance().fixed_view::<3, 3>(0, 0).into_owned().cholesky() else { return };
+        let Some(inverse) = measurement.covariance().fixed_view::<3, 3>(0, 0).into_owned().cholesky() else {
+            return;
+        };
         let inverse = inverse.inverse();
         let information = Matrix3::from_fn(|i, j| if i < rows && j < rows { inverse[(i, j)] } else { 0.0 });
         self.sightings.push(Seen { observer, target, measurement, information });
@@ -225,19 +227,37 @@ impl Normal {
         self.cost = 0.0;
         for o in &graph.odometry {
             let (residual, by_from, by_to) = odometry_residual(&values[o.from], &values[o.to], &o.measured);
-            self.add(analysis, [(o.from, &by_from), (o.to, &by_to)], &residual, &o.information, Loss::Squared);
+            self.add(
+                analysis,
+                [(o.from, &by_from), (o.to, &by_to)],
+                &residual,
+                &o.information,
+                Loss::Squared,
+            );
         }
         for s in &graph.sightings {
             let (observer, target) = (&values[s.observer], &values[s.target]);
-            let Some((by_observer, by_target)) = jacobians(s.measurement.kind(), observer, target) else { continue };
+            let Some((by_observer, by_target)) = jacobians(s.measurement.kind(), observer, target) else {
+                continue;
+            };
             // The innovation is measured less expected: the residual's sign is the other way.
             let residual = -s.measurement.innovation(observer, target);
-            self.add(analysis, [(s.observer, &by_observer), (s.target, &by_target)], &residual, &s.information, loss);
+            self.add(
+                analysis,
+                [(s.observer, &by_observer), (s.target, &by_target)],
+                &residual,
+                &s.information,
+                loss,
+            );
         }
         // The first pose is held; what a landmark's block is padded with has nothing to say.
         self.diagonal[0] += Matrix3::identity() * 1e12;
         for block in &mut self.diagonal {
-            (0..3).filter(|k| block[(*k, *k)] == 0.0).collect::<Vec<_>>().into_iter().for_each(|k| block[(k, k)] = 1.0);
+            (0..3)
+                .filter(|k| block[(*k, *k)] == 0.0)
+                .collect::<Vec<_>>()
+                .into_iter()
+                .for_each(|k| block[(k, k)] = 1.0);
         }
     }
 
@@ -286,13 +306,16 @@ impl System {
     fn step(&mut self, lambda: f64) -> Option<(Vec<Vector3<f64>>, f64)> {
         let damp = |m: &Matrix3<f64>| m + Matrix3::from_diagonal(&m.diagonal()) * lambda;
         let diagonal: Vec<f64> = self.normal.diagonal.iter().flat_map(|m| damp(m).data.0).flatten().collect();
-        let off_diagonal: Vec<f64> = self.normal.off_diagonal.iter().flat_map(|m| m.data.0).flatten().collect();
+        let off_diagonal: Vec<f64> =
+            self.normal.off_diagonal.iter().flat_map(|m| m.data.0).flatten().collect();
         self.factor.factor(&diagonal, &off_diagonal).ok()?;
         let mut step: Vec<f64> = self.normal.gradient.iter().flat_map(|g| g.data.0[0]).map(|v| -v).collect();
         self.factor.solve(&mut step);
         let step: Vec<Vector3<f64>> = step.chunks_exact(3).map(Vector3::from_column_slice).collect();
         let promise = step.iter().zip(&self.normal.gradient).zip(&self.normal.diagonal);
-        let promise = promise.map(|((s, g), h)| 0.5 * s.dot(&(lambda * h.diagonal().component_mul(s) - g))).sum::<f64>();
+        let promise = promise
+            .map(|((s, g), h)| 0.5 * s.dot(&(lambda * h.diagonal().component_mul(s) - g)))
+            .sum::<f64>();
         promise.is_finite().then_some((step, promise))
     }
 }

@@ -81,7 +81,12 @@ impl Measurement {
     ///
     /// # Errors
     /// For what is not finite, a negative range, and deviations that are not positive.
-    pub fn range_bearing(range_m: f64, bearing_rad: f64, range_deviation: f64, bearing_deviation: f64) -> Result<Self, MeasurementError> {
+    pub fn range_bearing(
+        range_m: f64,
+        bearing_rad: f64,
+        range_deviation: f64,
+        bearing_deviation: f64,
+    ) -> Result<Self, MeasurementError> {
         not_negative(range_m)?;
         Self::new(Kind::RangeBearing, [range_m, bearing_rad, 0.0], [range_deviation, bearing_deviation, 1.0])
     }
@@ -117,7 +122,10 @@ impl Measurement {
     ///
     /// # Errors
     /// As [`Measurement::position`].
-    pub fn relative_pose(observer_from_target: &Se2, covariance: &Matrix3<f64>) -> Result<Self, MeasurementError> {
+    pub fn relative_pose(
+        observer_from_target: &Se2,
+        covariance: &Matrix3<f64>,
+    ) -> Result<Self, MeasurementError> {
         let t = observer_from_target;
         let value = Vector3::new(t.translation.x, t.translation.y, t.rotation.log());
         Self::with_covariance(Kind::RelativePose, value, *covariance)
@@ -131,7 +139,11 @@ impl Measurement {
         Self::with_covariance(kind, value.into(), covariance)
     }
 
-    fn with_covariance(kind: Kind, mut value: Vector3<f64>, covariance: Matrix3<f64>) -> Result<Self, MeasurementError> {
+    fn with_covariance(
+        kind: Kind,
+        mut value: Vector3<f64>,
+        covariance: Matrix3<f64>,
+    ) -> Result<Self, MeasurementError> {
         if !value.iter().all(|v| v.is_finite()) {
             return Err(MeasurementError::NotFinite);
         }
@@ -228,13 +240,16 @@ pub fn expected(kind: Kind, observer: &Vector3<f64>, target: &Vector3<f64>) -> V
 
 /// Derivatives of what is measured by the observer's pose and by the target; `None` where the two stand in one place and
 /// the derivative is not defined.
-pub fn jacobians(kind: Kind, observer: &Vector3<f64>, target: &Vector3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+pub fn jacobians(
+    kind: Kind,
+    observer: &Vector3<f64>,
+    target: &Vector3<f64>,
+) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
     let d = target.xy() - observer.xy();
     let (s, c) = observer.z.sin_cos();
     let r2 = d.norm_squared();
     let needs_direction = matches!(kind, Kind::RangeBearing | Kind::Range | Kind::Bearing);
-    // Written so that NaN is refused too.
-    if needs_direction && !(r2 > NEAR_M * NEAR_M) {
+    if needs_direction && (r2.is_nan() || r2 <= NEAR_M * NEAR_M) {
         return None;
     }
     let r = r2.sqrt();
@@ -262,7 +277,8 @@ pub fn jacobians(kind: Kind, observer: &Vector3<f64>, target: &Vector3<f64>) -> 
 mod tests {
     use super::*;
 
-    const KINDS: [Kind; 5] = [Kind::RangeBearing, Kind::Range, Kind::Bearing, Kind::Position, Kind::RelativePose];
+    const KINDS: [Kind; 5] =
+        [Kind::RangeBearing, Kind::Range, Kind::Bearing, Kind::Position, Kind::RelativePose];
 
     #[test]
     fn jacobians_are_those_of_differences() {
@@ -270,12 +286,15 @@ mod tests {
         for kind in KINDS {
             for k in 0..200 {
                 let v = |n: usize| ((k * 7 + n) as f64 * 1.37).sin() * 3.0;
-                let (observer, target) = (Vector3::new(v(0), v(1), v(2)), Vector3::new(v(3) + 5.0, v(4), v(5)));
+                let (observer, target) =
+                    (Vector3::new(v(0), v(1), v(2)), Vector3::new(v(3) + 5.0, v(4), v(5)));
                 let (by_observer, by_target) = jacobians(kind, &observer, &target).unwrap();
                 for j in 0..3 {
                     let step = Vector3::from_fn(|r, _| if r == j { h } else { 0.0 });
-                    let mut a = expected(kind, &(observer + step), &target) - expected(kind, &(observer - step), &target);
-                    let mut b = expected(kind, &observer, &(target + step)) - expected(kind, &observer, &(target - step));
+                    let mut a = expected(kind, &(observer + step), &target)
+                        - expected(kind, &(observer - step), &target);
+                    let mut b = expected(kind, &observer, &(target + step))
+                        - expected(kind, &observer, &(target - step));
                     if let Some(row) = kind.angle_row() {
                         (a[row], b[row]) = (wrap(a[row]), wrap(b[row]));
                     }

@@ -144,16 +144,17 @@ pub fn along_arc(way_m: f64, turn_rad: f64, control: &Matrix2<f64>) -> Motion {
 
 /// `sin(t) / t` and `(1 - cos(t)) / t`.
 fn arc(t: f64) -> [f64; 2] {
-    if t.abs() < 1e-4 { [1.0 - t * t / 6.0, 0.5 * t - t * t * t / 24.0] } else { [t.sin() / t, (1.0 - t.cos()) / t] }
+    if t.abs() < 1e-4 {
+        [1.0 - t * t / 6.0, 0.5 * t - t * t * t / 24.0]
+    } else {
+        [t.sin() / t, (1.0 - t.cos()) / t]
+    }
 }
 
 fn arc_jacobian(way: f64, t: f64) -> Matrix3x2<f64> {
     let [a, b] = arc(t);
-    let [da, db] = if t.abs() < 1e-4 {
-        [-t / 3.0, 0.5 - t * t / 8.0]
-    } else {
-        [(t.cos() - a) / t, (t.sin() - b) / t]
-    };
+    let [da, db] =
+        if t.abs() < 1e-4 { [-t / 3.0, 0.5 - t * t / 8.0] } else { [(t.cos() - a) / t, (t.sin() - b) / t] };
     Matrix3x2::new(a, way * da, b, way * db, 0.0, 1.0)
 }
 
@@ -188,7 +189,8 @@ mod tests {
 
     #[test]
     fn odometry_has_the_derivative_of_differences() {
-        let (model, h) = (OdometryModel { turn_by_turn: 0.0, turn_by_way: 0.0, way_by_way: 0.0, way_by_turn: 0.0 }, 1e-6);
+        let (model, h) =
+            (OdometryModel { turn_by_turn: 0.0, turn_by_way: 0.0, way_by_way: 0.0, way_by_turn: 0.0 }, 1e-6);
         let at = |u: [f64; 3]| model.motion(u[0], u[1], u[2]).before_from_after;
         let u = [0.4, 1.3, -2.0];
         let v = OdometryModel::jacobian(u[0], u[1]);
@@ -202,13 +204,21 @@ mod tests {
 
     #[test]
     fn composing_has_the_derivative_of_differences() {
-        let first = Motion { before_from_after: Se2::from_xy_angle(0.5, -0.2, 2.0), covariance: Matrix3::identity() };
-        let next = Motion { before_from_after: Se2::from_xy_angle(0.3, 0.8, 2.5), covariance: Matrix3::zeros() };
+        let first =
+            Motion { before_from_after: Se2::from_xy_angle(0.5, -0.2, 2.0), covariance: Matrix3::identity() };
+        let next =
+            Motion { before_from_after: Se2::from_xy_angle(0.3, 0.8, 2.5), covariance: Matrix3::zeros() };
         let h = 1e-6;
         let moved = |m: &Se2, d: Vector3<f64>| {
             Se2::from_xy_angle(m.translation.x + d.x, m.translation.y + d.y, m.rotation.log() + d.z)
         };
-        for (one, two) in [(first, next), (Motion { covariance: Matrix3::zeros(), ..first }, Motion { covariance: Matrix3::identity(), ..next })] {
+        for (one, two) in [
+            (first, next),
+            (
+                Motion { covariance: Matrix3::zeros(), ..first },
+                Motion { covariance: Matrix3::identity(), ..next },
+            ),
+        ] {
             let mut j = Matrix3::zeros();
             for k in 0..3 {
                 let d = Vector3::from_fn(|r, _| if r == k { h } else { 0.0 });
@@ -228,11 +238,18 @@ mod tests {
     #[test]
     fn noise_does_not_depend_on_how_time_is_cut() {
         let model = VelocityModel {
-            speed: 0.05, speed_by_speed: 0.1, speed_by_turn: 0.02, turn: 0.03, turn_by_speed: 0.1, turn_by_turn: 0.2,
+            speed: 0.05,
+            speed_by_speed: 0.1,
+            speed_by_turn: 0.02,
+            turn: 0.03,
+            turn_by_speed: 0.1,
+            turn_by_turn: 0.2,
         };
         let whole = model.motion(0.3, 0.4, 1.0);
         let parts = (0..500).fold(Motion::identity(), |m, _| m.then(&model.motion(0.3, 0.4, 1.0 / 500.0)));
-        assert!((coordinates(&whole.before_from_after) - coordinates(&parts.before_from_after)).norm() < 1e-9);
+        assert!(
+            (coordinates(&whole.before_from_after) - coordinates(&parts.before_from_after)).norm() < 1e-9
+        );
         // One control for the whole second moves the noise to where the arc is linearised: equal to second order.
         let scale = whole.covariance.norm();
         assert!((whole.covariance - parts.covariance).norm() < 0.3 * scale);

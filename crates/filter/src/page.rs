@@ -25,7 +25,11 @@ pub fn page(
         poses.iter().step_by(every).map(|p| json!([round(p.x), round(p.y)])).collect()
     };
     let survey: Vec<Value> = map_from_survey.map_or_else(Vec::new, |t| {
-        surveyed.iter().map(|(name, p)| (name, *t * *p)).map(|(name, p)| json!([round(p.x), round(p.y), name])).collect()
+        surveyed
+            .iter()
+            .map(|(name, p)| (name, *t * *p))
+            .map(|(name, p)| json!([round(p.x), round(p.y), name]))
+            .collect()
     });
     let data = json!({
         "path": path(&run.poses),
@@ -48,7 +52,15 @@ fn frame(snapshot: &Snapshot, run: &Run) -> Value {
     let landmark = |l: &Landmark| {
         let [long, short, angle] = ellipse_95(&l.covariance);
         let name = l.label.or_else(|| run.names.get(&l.id).copied());
-        json!([round(l.position.x), round(l.position.y), round(long), round(short), round(angle), name, l.confirmed])
+        json!([
+            round(l.position.x),
+            round(l.position.y),
+            round(long),
+            round(short),
+            round(angle),
+            name,
+            l.confirmed
+        ])
     };
     let own: Matrix2<f64> = snapshot.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let [long, short, angle] = ellipse_95(&own);
@@ -80,7 +92,8 @@ mod tests {
 
     #[test]
     fn holds_the_run_and_escapes_what_is_given() {
-        let log = parse_csv("a", "0,velocity,1,0\n1,range_bearing,4,2,0.5\n2,range_bearing,4,1.3,0.9\n").unwrap();
+        let log =
+            parse_csv("a", "0,velocity,1,0\n1,range_bearing,4,2,0.5\n2,range_bearing,4,1.3,0.9\n").unwrap();
         let run = run(&log, 0, &EkfConfig::default()).unwrap();
         let facts = [("robot".to_owned(), "</script><b>".to_owned())];
         let html = page("<run>", &facts, &run, &log.surveyed, None, None);

@@ -110,7 +110,13 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
         poses.push(pose);
         if k % every == 0 || k + 1 == steps.len() {
             let began = Instant::now();
-            snapshots.push(Snapshot { time_s: step.time_s, step: k, pose, covariance, landmarks: filter.landmarks() });
+            snapshots.push(Snapshot {
+                time_s: step.time_s,
+                step: k,
+                pose,
+                covariance,
+                landmarks: filter.landmarks(),
+            });
             snapshot_ms += began.elapsed().as_secs_f64() * 1e3;
         }
     }
@@ -195,7 +201,9 @@ impl Run {
     pub fn named(&self) -> BTreeMap<u32, Vec2> {
         let mut best: BTreeMap<u32, (usize, Vec2)> = BTreeMap::new();
         for landmark in self.landmarks.iter().filter(|l| l.confirmed) {
-            let Some(name) = landmark.label.or_else(|| self.names.get(&landmark.id).copied()) else { continue };
+            let Some(name) = landmark.label.or_else(|| self.names.get(&landmark.id).copied()) else {
+                continue;
+            };
             let entry = best.entry(name).or_insert((0, landmark.position));
             if landmark.seen > entry.0 {
                 *entry = (landmark.seen, landmark.position);
@@ -209,7 +217,12 @@ impl Run {
     ///
     /// # Errors
     /// As [`run`].
-    pub fn smoothed(&self, log: &Log, robot: usize, config: &BatchConfig) -> Result<(Smoothed, BatchReport), RunError> {
+    pub fn smoothed(
+        &self,
+        log: &Log,
+        robot: usize,
+        config: &BatchConfig,
+    ) -> Result<(Smoothed, BatchReport), RunError> {
         let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
         // The same instants: sightings are moved by the same delay.
         let noise = Noise { sighting_delay_s: log.noise.sighting_delay_s, ..log.smoothing_noise };
@@ -255,7 +268,8 @@ mod tests {
     #[test]
     fn alignment_undoes_a_rigid_motion() {
         let moved = Se2::from_xy_angle(3.0, -1.0, 2.5);
-        let source: BTreeMap<u32, Vec2> = (0..6).map(|k| (k, Vec2::new(f64::from(k), f64::from(k * k)))).collect();
+        let source: BTreeMap<u32, Vec2> =
+            (0..6).map(|k| (k, Vec2::new(f64::from(k), f64::from(k * k)))).collect();
         let target: BTreeMap<u32, Vec2> = source.iter().map(|(k, p)| (*k, moved * *p)).collect();
         let (transform, rmse, pairs) = align(&target, &source).unwrap();
         assert!(rmse < 1e-12 && pairs == 6 && (transform.inverse() * moved).translation.norm() < 1e-12);

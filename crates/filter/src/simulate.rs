@@ -148,15 +148,20 @@ impl World {
 
     fn seen(&self, pose: &Vector3<f64>, landmarks: &[Vec2], dice: &mut Dice) -> Vec<Sighting> {
         let distance = |p: &Vec2| (p - pose.xy()).norm();
-        let mut near: Vec<usize> =
-            (0..landmarks.len()).filter(|k| (0.5..self.reach_m).contains(&distance(&landmarks[*k]))).collect();
+        let mut near: Vec<usize> = (0..landmarks.len())
+            .filter(|k| (0.5..self.reach_m).contains(&distance(&landmarks[*k])))
+            .collect();
         near.sort_by(|a, b| distance(&landmarks[*a]).total_cmp(&distance(&landmarks[*b])));
         near.truncate(self.most);
         let measured = |k: usize, dice: &mut Dice| {
             let z = expected(self.kind, pose, &landmarks[k].push(0.0));
             match self.kind {
-                Kind::Range => Measurement::range((z.x + self.range_m * dice.normal()).max(0.0), self.range_m),
-                Kind::Bearing => Measurement::bearing(z.x + self.bearing_rad * dice.normal(), self.bearing_rad),
+                Kind::Range => {
+                    Measurement::range((z.x + self.range_m * dice.normal()).max(0.0), self.range_m)
+                }
+                Kind::Bearing => {
+                    Measurement::bearing(z.x + self.bearing_rad * dice.normal(), self.bearing_rad)
+                }
                 _ => {
                     let polar = expected(Kind::RangeBearing, pose, &landmarks[k].push(0.0));
                     let range = (polar.x + self.range_m * dice.normal()).max(0.0);
@@ -165,7 +170,8 @@ impl World {
                 }
             }
         };
-        let sighting = |k| Some(Sighting { target: Target::Landmark(k as u32), measurement: measured(k, dice).ok()? });
+        let sighting =
+            |k| Some(Sighting { target: Target::Landmark(k as u32), measurement: measured(k, dice).ok()? });
         near.into_iter().filter_map(sighting).collect()
     }
 }

@@ -53,6 +53,12 @@ impl SquareRoot {
         seen
     }
 
+    /// Variance of one row, without forming the matrix.
+    #[cfg(test)]
+    pub fn variance_of(&self, h: &Rows) -> f64 {
+        self.seen(h).iter().map(|s| s[0] * s[0]).sum()
+    }
+
     pub fn cross(&self, h: &Rows) -> Vec<f64> {
         let n = self.size();
         let seen = self.seen(h);

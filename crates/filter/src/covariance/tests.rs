@@ -65,8 +65,11 @@ fn motions_updates_growth_and_removal_are_those_of_dense_algebra() {
             assert!((dense(&c) - &expected).norm() < 1e-9 * expected.norm(), "{form:?}");
 
             let rows = 1 + round % 3;
-            let cut = |m: Matrix3<f64>, w: usize| Matrix3::from_fn(|i, j| if i < rows && j < w { m[(i, j)] } else { 0.0 });
-            let blocks = vec![(at, 3, cut(random3(round), 3)), (3 + 2 * (round % 4), 2, cut(random3(round + 9), 2))];
+            let cut = |m: Matrix3<f64>, w: usize| {
+                Matrix3::from_fn(|i, j| if i < rows && j < w { m[(i, j)] } else { 0.0 })
+            };
+            let blocks =
+                vec![(at, 3, cut(random3(round), 3)), (3 + 2 * (round % 4), 2, cut(random3(round + 9), 2))];
             let h = Rows { rows, blocks };
             let (r, w) = (spread(round + 3), wide(n, &h));
             let noise = DMatrix::from_fn(rows, rows, |i, j| r[(i, j)]);
@@ -95,16 +98,19 @@ fn motions_updates_growth_and_removal_are_those_of_dense_algebra() {
 }
 
 #[test]
-fn the_root_stays_right_where_the_matrix_loses_its_digits() {
-    // A very exact measurement of a very uncertain state: 1e-8 beside 1e8, the variance after it is 1e-16.
-    let start = Matrix3::from_diagonal_element(1e16);
+fn the_root_stays_right_where_the_plain_update_loses_its_digits() {
+    // A very exact measurement of very uncertain variables: of the sum, 1e-8 remains beside 1e8. The textbook's
+    // P - K H P keeps no digit of it; the root does.
+    let start = Matrix3::from_diagonal_element(1e8);
     let h = Rows { rows: 1, blocks: vec![(0, 3, Matrix3::new(1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))] };
     let noise = Matrix3::from_diagonal_element(1e-8);
+    let (sum, s) = (Matrix3::from_row_slice(&[1.0; 9]), 3e8 + 1e-8);
+    let textbook: f64 = (start - start * sum * start / s).sum();
+    assert!((textbook - 1e-8).abs() > 1e-9, "{textbook:e}: the test shows nothing");
     let mut c = Covariance::from_matrix(Form::SquareRoot, 3, start.as_slice().to_vec());
     c.update(&h, &[], &[], &noise);
+    // The variance of the sum from the root itself: |S^T h|^2.
     let Covariance::SquareRoot(root) = &c else { panic!("a root stays a root") };
-    let sum = root.cross(&h);
-    let variance: f64 = sum.iter().sum();
-    assert!(variance >= 0.0, "{variance}");
-    assert!((0..3).all(|k| c.at(k, k) > 0.0));
+    let variance = root.variance_of(&h);
+    assert!((variance - 1e-8).abs() < 1e-12, "{variance:e}");
 }

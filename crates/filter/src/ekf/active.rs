@@ -1,9 +1,9 @@
 //! The part of the state that every motion and measurement touches: poses and near landmarks, with their covariance.
 
+use super::config::Linearisation;
 use super::passive::Deferred;
 use crate::angle::wrap;
 use crate::covariance::{Covariance, Form, Rows};
-use super::config::Linearisation;
 use crate::measure::{Measurement, jacobians};
 use crate::motion::Motion;
 use nalgebra::{Matrix3, Vector3};
@@ -56,7 +56,14 @@ pub(crate) struct Active {
 impl Active {
     pub fn new(form: Form, linearisation: Linearisation) -> Self {
         let covariance = Covariance::new(form);
-        Self { x: Vec::new(), first: Vec::new(), covariance, deferred: None, linearisation, angles: Vec::new() }
+        Self {
+            x: Vec::new(),
+            first: Vec::new(),
+            covariance,
+            deferred: None,
+            linearisation,
+            angles: Vec::new(),
+        }
     }
 
     /// Whether corrections turn errors.

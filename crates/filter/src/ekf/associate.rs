@@ -54,7 +54,8 @@ impl EkfSlam {
             if let Some(c) = chosen[n].map(|c| &within[n][c]) {
                 // The state moved since: linearised again, the pairing stands.
                 let place = self.record(c.id).and_then(|r| r.place);
-                let linear = place.and_then(|p| self.active.linear(self.robots[robot].place, p, &sighting.measurement));
+                let linear = place
+                    .and_then(|p| self.active.linear(self.robots[robot].place, p, &sighting.measurement));
                 if linear.is_some_and(|l| self.active.update(&l)) {
                     verdicts[k] = Verdict::Taken { landmark: Some(c.id), nis: c.nis, dof: c.h.rows };
                     taken.push(c.id);
@@ -78,7 +79,9 @@ impl EkfSlam {
         let (observer, m) = (self.robots[robot].place, &sighting.measurement);
         let mut found = Vec::new();
         for record in &self.landmarks {
-            let Some((h, innovation)) = record.place.and_then(|p| self.active.rows(observer, p, m)) else { continue };
+            let Some((h, innovation)) = record.place.and_then(|p| self.active.rows(observer, p, m)) else {
+                continue;
+            };
             let rows = h.rows;
             let s = self.active.between(&h, &h) + m.covariance();
             let s = Matrix3::from_fn(|i, j| if i < rows && j < rows { s[(i, j)] } else { f64::from(i == j) });
@@ -101,7 +104,9 @@ impl EkfSlam {
 
 /// Each sighting its most likely landmark, the likeliest pair first, each landmark once.
 fn nearest(candidates: &[Vec<Candidate>]) -> Vec<Option<usize>> {
-    let of = |(n, c): (usize, &Vec<Candidate>)| c.iter().enumerate().map(move |(k, c)| (c.cost, n, k)).collect::<Vec<_>>();
+    let of = |(n, c): (usize, &Vec<Candidate>)| {
+        c.iter().enumerate().map(move |(k, c)| (c.cost, n, k)).collect::<Vec<_>>()
+    };
     let mut pairs: Vec<(f64, usize, usize)> = candidates.iter().enumerate().flat_map(of).collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut chosen = vec![None; candidates.len()];
@@ -171,7 +176,11 @@ impl<'a> Search<'a> {
                 break;
             }
             self.tried += 1;
-            let used = self.chosen.iter().enumerate().any(|(m, c)| c.is_some_and(|c| self.candidates[m][c].id == candidates[k].id));
+            let used = self
+                .chosen
+                .iter()
+                .enumerate()
+                .any(|(m, c)| c.is_some_and(|c| self.candidates[m][c].id == candidates[k].id));
             if used {
                 continue;
             }

@@ -17,12 +17,13 @@ use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Measurements kept of a landmark; then the oldest makes room.
+/// Measurements kept of a landmark; then the one nearest to its neighbour makes room, so that the baseline grows.
 const MOST: usize = 12;
 /// By so much the second best place must be less likely (twice the logarithm of the ratio: about 1 in 400).
 const MARGIN: f64 = 12.0;
-/// The landmark's deviation must be below this part of its distance, so that its linearisation holds.
-const SHARPNESS: f64 = 0.2;
+/// The landmark's deviation must be below this part of its distance, so that its linearisation holds: with 0.2, bearings
+/// alone gave landmarks whose error was eleven of their deviations.
+const SHARPNESS: f64 = 0.05;
 /// Directions, and depths, from which a place is sought.
 const STARTS: usize = 24;
 
@@ -89,7 +90,10 @@ impl EkfSlam {
         let waiting = self.delayed.waiting.entry(label).or_default();
         waiting.push((key, *m));
         if waiting.len() > MOST {
-            waiting.remove(0);
+            let at = |k: usize| self.delayed.poses.get(&waiting[k].0).map_or(0.0, |kept| kept.travelled_m);
+            let gap = |k: &usize| (at(*k) - at(k - 1)).abs();
+            let closest = (1..MOST).min_by(|a, b| gap(a).total_cmp(&gap(b)));
+            waiting.remove(closest.unwrap_or(0));
         }
         let list: Vec<(Place, Measurement)> =
             waiting.iter().filter_map(|(key, m)| Some((self.delayed.poses.get(key)?.place, *m))).collect();
@@ -131,14 +135,18 @@ impl EkfSlam {
                 .iter()
                 .enumerate()
                 .map(|(k, (place, _))| {
-                    let of = |i: usize, j: usize| (0..count).map(|l| scale(i, l) * by_poses[(first + l, 3 * k + j)]).sum();
+                    let of = |i: usize, j: usize| {
+                        (0..count).map(|l| scale(i, l) * by_poses[(first + l, 3 * k + j)]).sum()
+                    };
                     (place.at, 3, Matrix3::from_fn(|i, j| if i < count { of(i, j) } else { 0.0 }))
                 })
                 .collect(),
         };
         let rest: Vec<(Rows, f64)> = (2..m).map(|k| (rows(k, 1, &|_, _| 1.0), residual[k])).collect();
         let unit = Matrix3::identity();
-        let nis = rest.iter().filter_map(|(h, r)| self.active.linear_rows(h.clone(), Vector3::new(*r, 0.0, 0.0), unit).nis());
+        let nis = rest
+            .iter()
+            .filter_map(|(h, r)| self.active.linear_rows(h.clone(), Vector3::new(*r, 0.0, 0.0), unit).nis());
         if nis.sum::<f64>() > chi2::quantile(0.999, m - 2) {
             return None;
         }
@@ -182,7 +190,9 @@ fn linearised(
 /// The one place that fits the measurements; `None` while there are two.
 fn sought(poses: &[Vector3<f64>], list: &[(Place, Measurement)]) -> Option<Found> {
     let (pose, (_, last)) = (poses.last()?, list.last()?);
-    let along = |angle: f64, depth: f64| pose.xy() + Vec2::new((pose.z + angle).cos(), (pose.z + angle).sin()) * depth;
+    let along = |angle: f64, depth: f64| {
+        pose.xy() + Vec2::new((pose.z + angle).cos(), (pose.z + angle).sin()) * depth
+    };
     let reach = poses.iter().map(|p| (p - pose).xy().norm()).fold(0.0, f64::max);
     let starts = (0..STARTS).map(|k| match last.kind() {
         Kind::Bearing => along(last.value().x, reach * 0.2 * 1.3_f64.powi(k as i32)),
@@ -203,7 +213,8 @@ fn descend(poses: &[Vector3<f64>], list: &[(Place, Measurement)], start: Vec2) -
     let (_, mut b, mut r) = linearised(poses, list, at)?;
     for _ in 0..30 {
         let (h, g) = (b.tr_mul(&b), b.tr_mul(&r));
-        let damped = Matrix2::new(h[(0, 0)] * (1.0 + lambda), h[(0, 1)], h[(1, 0)], h[(1, 1)] * (1.0 + lambda));
+        let damped =
+            Matrix2::new(h[(0, 0)] * (1.0 + lambda), h[(0, 1)], h[(1, 0)], h[(1, 1)] * (1.0 + lambda));
         let step = damped.try_inverse()? * Vec2::new(g[0], g[1]);
         let Some((_, next_b, next_r)) = linearised(poses, list, at + step) else { break };
         if next_r.norm_squared() < r.norm_squared() {

@@ -88,7 +88,11 @@ impl EkfSlam {
     ///
     /// # Errors
     /// When pose or covariance are not finite, or the covariance is not symmetric and positive semi-definite.
-    pub fn add_robot(&mut self, world_from_body: &Se2, covariance: &Matrix3<f64>) -> Result<usize, FilterError> {
+    pub fn add_robot(
+        &mut self,
+        world_from_body: &Se2,
+        covariance: &Matrix3<f64>,
+    ) -> Result<usize, FilterError> {
         let t = world_from_body;
         let pose = Vector3::new(t.translation.x, t.translation.y, t.rotation.log());
         let symmetric = (covariance - covariance.transpose()).amax() <= 1e-9 * covariance.amax();

@@ -8,8 +8,8 @@
 use super::active::{Active, HEADING, Place};
 use super::tiles::Tiles;
 use crate::covariance::{Covariance, Form, Rows};
-use std::collections::BTreeSet;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
+use std::collections::BTreeSet;
 
 /// Updates over which a subtraction from the passive part is spread.
 const SPREAD: usize = 20;
@@ -142,7 +142,8 @@ impl Passive {
         let mut rows = DMatrix::zeros(n, numbers.len());
         if let Some(deferred) = active.deferred.take() {
             // The store may have grown; what is new was active only.
-            let mut cross = std::mem::replace(&mut self.cross, DMatrix::zeros(0, 0)).resize_vertically(n, 0.0);
+            let mut cross =
+                std::mem::replace(&mut self.cross, DMatrix::zeros(0, 0)).resize_vertically(n, 0.0);
             for &store in &stored {
                 cross.row_mut(store).fill(0.0);
             }
@@ -169,7 +170,13 @@ impl Passive {
     }
 
     /// What [`Active`] does after each correction, for the passive part at once: it moved by so much since it was left.
-    fn turn_errors(&mut self, moved: &DVector<f64>, numbers: &[(usize, usize)], active: &Active, rows: &mut DMatrix<f64>) {
+    fn turn_errors(
+        &mut self,
+        moved: &DVector<f64>,
+        numbers: &[(usize, usize)],
+        active: &Active,
+        rows: &mut DMatrix<f64>,
+    ) {
         let Some(heading) = numbers.iter().position(|(at, _)| *at == HEADING) else { return };
         let mut d = DVector::zeros(moved.len());
         // Robots are always active: what is passive are landmarks, two numbers each.
@@ -219,8 +226,8 @@ impl Passive {
         let mut covariance = Matrix2::from_fn(|i, j| self.covariance.at(store + i, store + j));
         if let Some(deferred) = active.deferred.as_ref().filter(|_| store + 1 < self.cross.nrows()) {
             let rows = self.cross.rows(store, 2);
-            value += &rows * &deferred.theta;
-            covariance -= &rows * &deferred.psi * rows.transpose();
+            value += rows * &deferred.theta;
+            covariance -= rows * &deferred.psi * rows.transpose();
         }
         (value, covariance)
     }

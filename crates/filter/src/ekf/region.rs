@@ -55,7 +55,8 @@ impl EkfSlam {
         let Target::Landmark(label) = sighting.target else { return None };
         let id = self.by_label.get(&label)?;
         let k = self.landmarks.binary_search_by_key(id, |r| r.id).ok()?;
-        (self.config.association == super::Association::Known && self.landmarks[k].place.is_none()).then_some(k)
+        (self.config.association == super::Association::Known && self.landmarks[k].place.is_none())
+            .then_some(k)
     }
 
     fn lay_region(&mut self, seen: &[usize]) {
@@ -101,7 +102,8 @@ impl EkfSlam {
         passive.close(&mut self.active, &members);
         let robots = self.robots.iter().filter_map(|r| Some((r.store?, 3)));
         let landmarks = self.landmarks.iter().zip(near).filter(|(_, near)| **near);
-        let wanted: Vec<(usize, usize)> = robots.chain(landmarks.filter_map(|(r, _)| Some((r.store?, 2)))).collect();
+        let wanted: Vec<(usize, usize)> =
+            robots.chain(landmarks.filter_map(|(r, _)| Some((r.store?, 2)))).collect();
         let mut places = passive.open(&mut self.active, self.config.form, &wanted).into_iter();
         for (robot, place) in self.robots.iter_mut().zip(&mut places) {
             robot.place = place;

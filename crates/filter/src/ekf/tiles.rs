@@ -96,7 +96,8 @@ impl Tiles {
         for (k, &number) in numbers.iter().enumerate() {
             for c in 0..values.nrows() {
                 let (row, column) = (number.max(c), number.min(c));
-                self.tiles[index(row / EDGE, column / EDGE)].values[(row % EDGE, column % EDGE)] = values[(c, k)];
+                self.tiles[index(row / EDGE, column / EDGE)].values[(row % EDGE, column % EDGE)] =
+                    values[(c, k)];
             }
             for owed in self.owed.iter_mut().filter(|o| number < o.left.nrows()) {
                 owed.left.row_mut(number).fill(0.0);

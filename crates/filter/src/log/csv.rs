@@ -53,7 +53,10 @@ pub fn parse_csv(file: &str, text: &str) -> Result<Log, LogError> {
         }
     }
     if entries.is_empty() {
-        return Err(LogError::whole(file, "holds no event of a robot (velocity, travel, range_bearing, ...)"));
+        return Err(LogError::whole(
+            file,
+            "holds no event of a robot (velocity, travel, range_bearing, ...)",
+        ));
     }
     log.smoothing_noise = log.noise;
     log.robots.push(RobotLog { name: "robot".into(), entries });
@@ -77,7 +80,8 @@ impl Row<'_> {
         let (file, line) = (self.file, self.line);
         let event = match kind {
             "velocity" => {
-                let [speed_m_s, turn_rad_s] = numbers(file, line, words, ["forward velocity", "angular velocity"])?;
+                let [speed_m_s, turn_rad_s] =
+                    numbers(file, line, words, ["forward velocity", "angular velocity"])?;
                 Event::Velocity { speed_m_s, turn_rad_s }
             }
             "travel" => {
@@ -132,7 +136,11 @@ impl Row<'_> {
             _ => {
                 let [x, y, deviation] = numbers(file, line, words, ["x", "y", "deviation"])?;
                 if deviation <= 0.0 {
-                    return Err(LogError::at(file, line, format!("the deviation of {deviation} m is not positive")));
+                    return Err(LogError::at(
+                        file,
+                        line,
+                        format!("the deviation of {deviation} m is not positive"),
+                    ));
                 }
                 Reading::Position(Vec2::new(x, y), Matrix2::identity() * deviation * deviation)
             }

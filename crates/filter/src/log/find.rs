@@ -29,7 +29,10 @@ pub fn load(path: &Path, robot: Option<u32>) -> Result<(Format, Log), LogError> 
     if path.is_dir() {
         return match path.join("Barcodes.dat").is_file() {
             true => Ok((Format::Mrclam, load_mrclam(path, robot)?)),
-            false => Err(LogError::whole(&name, "a folder without Barcodes.dat is no log that is known (MRCLAM has one)")),
+            false => Err(LogError::whole(
+                &name,
+                "a folder without Barcodes.dat is no log that is known (MRCLAM has one)",
+            )),
         };
     }
     if let Some((odometry, ranges)) = plaza_pair(path) {
@@ -66,14 +69,18 @@ fn load_mrclam(folder: &Path, robot: Option<u32>) -> Result<Log, LogError> {
     let there = |r: &u32| robot.is_some() || file(format!("Robot{r}_Odometry.dat")).is_file();
     let mut texts = Vec::new();
     for r in wanted.filter(there) {
-        let (odometry, seen) = (file(format!("Robot{r}_Odometry.dat")), file(format!("Robot{r}_Measurement.dat")));
+        let (odometry, seen) =
+            (file(format!("Robot{r}_Odometry.dat")), file(format!("Robot{r}_Measurement.dat")));
         let texts_of = (text(&odometry)?, text(&seen)?);
         texts.push((r, odometry.display().to_string(), seen.display().to_string(), texts_of));
     }
     if texts.is_empty() {
         return Err(LogError::whole(&folder.display().to_string(), "holds no RobotN_Odometry.dat"));
     }
-    let robots: Vec<_> = texts.iter().map(|(r, o, m, (ot, mt))| (*r, (o.as_str(), ot.as_str()), (m.as_str(), mt.as_str()))).collect();
+    let robots: Vec<_> = texts
+        .iter()
+        .map(|(r, o, m, (ot, mt))| (*r, (o.as_str(), ot.as_str()), (m.as_str(), mt.as_str())))
+        .collect();
     let (barcodes, survey) = (file("Barcodes.dat".into()), file("Landmark_Groundtruth.dat".into()));
     let barcode_text = text(&barcodes)?;
     let survey_text = if survey.is_file() { Some(text(&survey)?) } else { None };

@@ -16,7 +16,11 @@ pub fn numbers<const N: usize>(
     }
     match words.next() {
         None => Ok(values),
-        Some(more) => Err(LogError::at(file, line, format!("{:?} is more than the {N} values expected", cut(more.as_ref())))),
+        Some(more) => Err(LogError::at(
+            file,
+            line,
+            format!("{:?} is more than the {N} values expected", cut(more.as_ref())),
+        )),
     }
 }
 

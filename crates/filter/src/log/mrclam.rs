@@ -10,7 +10,8 @@ use cairn_geometry::Vec2;
 use std::collections::BTreeMap;
 
 /// Where data set 1 has landmarks 11 and 17, to the millimetre.
-const SWAPPED: [(u32, [f64; 2]); 2] = [(11, [3.150_719_99, 2.382_948_71]), (17, [0.035_961_56, -2.843_966_26])];
+const SWAPPED: [(u32, [f64; 2]); 2] =
+    [(11, [3.150_719_99, 2.382_948_71]), (17, [0.035_961_56, -2.843_966_26])];
 
 /// A name and the text of a file.
 pub type File<'a> = (&'a str, &'a str);
@@ -30,7 +31,8 @@ pub fn parse_mrclam(
     let mut notes = Vec::new();
     let mut surveyed = survey.map(parse_survey).transpose()?.unwrap_or_default();
     mend(&mut surveyed, &mut notes);
-    let place: BTreeMap<u32, usize> = robots.iter().enumerate().map(|(k, (number, ..))| (*number, k)).collect();
+    let place: BTreeMap<u32, usize> =
+        robots.iter().enumerate().map(|(k, (number, ..))| (*number, k)).collect();
     let mut logs = Vec::new();
     for (number, odometry, sightings) in robots {
         let mut entries = parse_odometry(*odometry)?;
@@ -45,14 +47,24 @@ pub fn parse_mrclam(
     for entry in logs.iter_mut().flat_map(|r| &mut r.entries) {
         entry.time_s -= start;
     }
-    Ok(Log { name: "MRCLAM".into(), robots: logs, surveyed, truth: Vec::new(), noise: Noise::mrclam(), smoothing_noise: Noise::mrclam_smoothing(), gate_probability: 0.999, notes })
+    Ok(Log {
+        name: "MRCLAM".into(),
+        robots: logs,
+        surveyed,
+        truth: Vec::new(),
+        noise: Noise::mrclam(),
+        smoothing_noise: Noise::mrclam_smoothing(),
+        gate_probability: 0.999,
+        notes,
+    })
 }
 
 fn parse_barcodes((file, text): File<'_>) -> Result<BTreeMap<u32, u32>, LogError> {
     let mut subject_of = BTreeMap::new();
     for (line, content) in content(text) {
         let [subject, barcode] = numbers(file, line, content.split_whitespace(), ["subject", "barcode"])?;
-        let (subject, barcode) = (label(file, line, subject, "subject")?, label(file, line, barcode, "barcode")?);
+        let (subject, barcode) =
+            (label(file, line, subject, "subject")?, label(file, line, barcode, "barcode")?);
         if subject_of.insert(barcode, subject).is_some() {
             return Err(LogError::at(file, line, format!("barcode {barcode} is there twice")));
         }
@@ -128,7 +140,10 @@ fn parse_sightings(
             },
             Some(landmark) => Target::Landmark(*landmark),
         };
-        entries.push(Entry { time_s, event: Event::Seen { target, reading: Reading::RangeBearing(range, bearing) } });
+        entries.push(Entry {
+            time_s,
+            event: Event::Seen { target, reading: Reading::RangeBearing(range, bearing) },
+        });
     }
     if absent > 0 {
         notes.push(format!("{file}: {absent} sightings of robots that were not loaded"));

@@ -103,7 +103,10 @@ mod tests {
         assert_eq!(wrong(""), "v: holds no ODOMETRY");
         assert!(wrong("LANDMARK 0 2 5 1 0.4 0\n").starts_with("v, line 1: yy is missing"));
         assert!(wrong(&TEXT.replace("5 1", "nan 1")).starts_with("v, line 2: x is \"nan\""));
-        assert!(wrong(&TEXT.replace("LANDMARK 1", "LANDMARK 7")).contains("begins at pose 7, but the last pose is 1"));
+        assert!(
+            wrong(&TEXT.replace("LANDMARK 1", "LANDMARK 7"))
+                .contains("begins at pose 7, but the last pose is 1")
+        );
         assert!(wrong(&TEXT.replace("0.4 0 0.4", "0.4 0 -0.4")).contains("not positive"));
         assert!(wrong("EDGE 1 2\n").contains("neither ODOMETRY nor LANDMARK"));
     }
