@@ -92,7 +92,8 @@ pub struct Run {
 pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError> {
     let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
     let began = Instant::now();
-    let mut steps = recorded.steps(&log.noise, &[])?;
+    let labelled = config.association == Association::Known;
+    let mut steps = recorded.steps(if labelled { &log.noise } else { &log.unlabelled_noise }, &[])?;
     let mut filter = EkfSlam::new(*config);
     // The start is the frame of the map: known, but for what rounding needs.
     let id = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
@@ -121,11 +122,12 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
         }
     }
     let filter_ms = began.elapsed().as_secs_f64() * 1e3 - snapshot_ms;
+    tally.join(filter.joined());
     let (names, wrong) = tally.names();
     Ok(Run {
         robot: recorded.name.clone(),
         landmarks: filter.landmarks(),
-        wrong_associations: wrong.filter(|_| config.association != Association::Known),
+        wrong_associations: wrong.filter(|_| !labelled),
         names,
         counts: tally.counts,
         nis_per_dof: tally.nis / tally.dof.max(1.0),
@@ -178,6 +180,19 @@ impl Tally {
             };
             if let (Some(landmark), Target::Landmark(label)) = (landmark, sighting.target) {
                 *self.votes.entry(landmark).or_default().entry(label).or_default() += 1;
+            }
+        }
+    }
+
+    /// The votes of landmarks that turned out to be one count together.
+    fn join(&mut self, joined: &BTreeMap<LandmarkId, LandmarkId>) {
+        for id in joined.keys() {
+            let mut to = *id;
+            while let Some(next) = joined.get(&to) {
+                to = *next;
+            }
+            for (label, n) in self.votes.remove(id).unwrap_or_default() {
+                *self.votes.entry(to).or_default().entry(label).or_default() += n;
             }
         }
     }

@@ -59,7 +59,7 @@ impl EkfSlam {
                 if linear.is_some_and(|l| self.active.update(&l)) {
                     verdicts[k] = Verdict::Taken { landmark: Some(c.id), nis: c.nis, dof: c.h.rows };
                     taken.push(c.id);
-                    self.was_seen(c.id);
+                    self.was_seen(robot, c.id);
                 }
             } else if let Some(verdict) = self.none_of(&candidates[n]) {
                 verdicts[k] = verdict;
@@ -71,6 +71,7 @@ impl EkfSlam {
             }
         }
         self.count_missed(robot, sightings, &taken);
+        self.join_twins(&taken);
         verdicts
     }
 

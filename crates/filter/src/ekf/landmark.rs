@@ -24,6 +24,9 @@ pub(crate) struct Record {
     pub absence: f64,
     /// What the robot had travelled when it last counted as missed, in metres.
     pub missed_at_m: f64,
+    /// Views from different places, and what the robot had travelled at the last.
+    pub views: usize,
+    pub viewed_at_m: f64,
     pub confirmed: bool,
 }
 

@@ -62,6 +62,8 @@ pub struct EkfSlam {
     delayed: Delayed,
     region: Option<Region>,
     reach: Reach,
+    /// Landmarks that turned out to be one with another, and that other.
+    joined: BTreeMap<LandmarkId, LandmarkId>,
     recoveries: usize,
 }
 
@@ -78,6 +80,7 @@ impl EkfSlam {
             delayed: Delayed::default(),
             region: config.local_radius_m.map(Region::new),
             reach: Reach::default(),
+            joined: BTreeMap::new(),
             recoveries: 0,
             config,
         }
@@ -164,7 +167,7 @@ impl EkfSlam {
         };
         let verdict = self.gated(robot, &linear, Some(id));
         match verdict {
-            Verdict::Taken { .. } => self.was_seen(id),
+            Verdict::Taken { .. } => self.was_seen(robot, id),
             _ => self.was_rejected(id),
         }
         verdict
@@ -229,6 +232,11 @@ impl EkfSlam {
 
     fn record(&self, id: LandmarkId) -> Option<&Record> {
         self.landmarks.binary_search_by_key(&id, |r| r.id).ok().map(|k| &self.landmarks[k])
+    }
+
+    /// Landmarks that turned out to be one with another, and that other.
+    pub fn joined(&self) -> &BTreeMap<LandmarkId, LandmarkId> {
+        &self.joined
     }
 
     /// How often the filter had to widen a pose because many sightings were rejected.

@@ -1,10 +1,12 @@
 //! Founding landmarks, confirming them, and dropping those that should be seen and are not.
 
-use super::active::Place;
+use super::active::{Linear, Place};
 use super::landmark::{LandmarkId, Record, Verdict};
 use super::{EkfSlam, MOVED};
+use crate::covariance::Rows;
 use crate::log::Sighting;
 use crate::measure::{Kind, expected};
+use nalgebra::{Matrix3, Vector3};
 
 /// Log odds of absence at which a provisional landmark is dropped (1 in 20 that it is there after all),
 const PROVISIONAL: f64 = 3.0;
@@ -60,19 +62,25 @@ impl EkfSlam {
             rejected: 0,
             absence: 0.0,
             missed_at_m: 0.0,
+            views: 1,
+            viewed_at_m: self.robots.first().map_or(0.0, |r| r.travelled_m),
             confirmed: label.is_some() || self.config.confirm_sightings <= 1,
         });
         id
     }
 
-    pub(super) fn was_seen(&mut self, id: LandmarkId) {
-        let confirm = self.config.confirm_sightings;
+    pub(super) fn was_seen(&mut self, robot: usize, id: LandmarkId) {
+        let (confirm, travelled_m) = (self.config.confirm_sightings, self.robots[robot].travelled_m);
         if let Ok(k) = self.landmarks.binary_search_by_key(&id, |r| r.id) {
             let record = &mut self.landmarks[k];
             record.seen += 1;
             record.rejected = 0;
             record.absence = 0.0;
-            record.confirmed |= record.seen >= confirm;
+            // Sightings from nearly one place err alike: they are one view.
+            if travelled_m - record.viewed_at_m >= self.config.delayed_spacing_m {
+                (record.views, record.viewed_at_m) = (record.views + 1, travelled_m);
+            }
+            record.confirmed |= record.views >= confirm;
         }
     }
 
@@ -113,6 +121,44 @@ impl EkfSlam {
             }
         }
         gone.into_iter().rev().for_each(|k| self.drop_landmark(k));
+    }
+
+    /// Joins a landmark that was just seen with another that stands in the same place: within the gate of it, with no
+    /// third in between, and never seen beside it.
+    pub(super) fn join_twins(&mut self, taken: &[LandmarkId]) {
+        for &id in taken {
+            let Some(own) = self.record(id).filter(|r| r.confirmed).and_then(|r| Some((r.place?, r.seen)))
+            else {
+                continue;
+            };
+            let near: Vec<(usize, Linear)> = self
+                .landmarks
+                .iter()
+                .enumerate()
+                .filter(|(_, r)| r.id != id)
+                .filter_map(|(k, r)| Some((k, self.apart(own.0, r.place?))))
+                .filter(|(_, l)| l.nis().is_some_and(|nis| nis <= self.gates[2]))
+                .collect();
+            let [(other, linear)] = near.as_slice() else { continue };
+            if taken.contains(&self.landmarks[*other].id) || !self.active.update(linear) {
+                continue;
+            }
+            let (keep, lose) = (self.landmarks.binary_search_by_key(&id, |r| r.id), *other);
+            let Ok(keep) = keep else { continue };
+            let (keep, lose) = if self.landmarks[lose].seen > own.1 { (lose, keep) } else { (keep, lose) };
+            self.landmarks[keep].seen += self.landmarks[lose].seen;
+            let gone = self.landmarks[lose].id;
+            self.joined.insert(gone, self.landmarks[keep].id);
+            self.drop_landmark(lose);
+        }
+    }
+
+    /// The measurement that two landmarks are one: their difference is zero.
+    fn apart(&self, a: Place, b: Place) -> Linear {
+        let unit = |sign: f64| Matrix3::from_diagonal(&Vector3::new(sign, sign, 0.0));
+        let h = Rows { rows: 2, blocks: vec![(a.at, 2, unit(1.0)), (b.at, 2, unit(-1.0))] };
+        let difference = self.active.value(b) - self.active.value(a);
+        self.active.linear_rows(h, difference, Matrix3::identity() * 1e-6)
     }
 
     fn drop_landmark(&mut self, k: usize) {

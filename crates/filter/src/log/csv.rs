@@ -34,6 +34,7 @@ pub fn parse_csv(file: &str, text: &str) -> Result<Log, LogError> {
         surveyed: BTreeMap::new(),
         truth: Vec::new(),
         noise: Noise::plaza(),
+        unlabelled_noise: Noise::plaza(),
         smoothing_noise: Noise::plaza(),
         gate_probability: 0.999,
         notes: Vec::new(),
@@ -58,7 +59,7 @@ pub fn parse_csv(file: &str, text: &str) -> Result<Log, LogError> {
             "holds no event of a robot (velocity, travel, range_bearing, ...)",
         ));
     }
-    log.smoothing_noise = log.noise;
+    (log.smoothing_noise, log.unlabelled_noise) = (log.noise, log.noise);
     log.robots.push(RobotLog { name: "robot".into(), entries });
     Ok(log)
 }

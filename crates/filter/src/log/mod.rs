@@ -34,6 +34,8 @@ pub struct Log {
     pub truth: Vec<(f64, Se2)>,
     /// The noise that suits its robots and sensors, for filtering.
     pub noise: Noise,
+    /// The same where labels are not used: as likely as the innovations make it, so that gates mean what they say.
+    pub unlabelled_noise: Noise,
     /// The same for robust smoothing, which bears narrow bearings with far outliers.
     pub smoothing_noise: Noise,
     /// The gate that suits its labels ([`crate::ekf::EkfConfig::gate_probability`]).

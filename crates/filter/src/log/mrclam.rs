@@ -53,6 +53,7 @@ pub fn parse_mrclam(
         surveyed,
         truth: Vec::new(),
         noise: Noise::mrclam(),
+        unlabelled_noise: Noise::mrclam_unlabelled(),
         smoothing_noise: Noise::mrclam_smoothing(),
         gate_probability: 0.999,
         notes,

@@ -80,6 +80,25 @@ impl Noise {
         }
     }
 
+    /// For the robots of MRCLAM where labels are not used: near the noise under which the innovations of data set 1 are most
+    /// likely.
+    pub fn mrclam_unlabelled() -> Self {
+        Self {
+            velocity: VelocityModel {
+                speed: 0.0227,
+                speed_by_speed: 0.2255,
+                speed_by_turn: 0.0996,
+                turn: 0.0143,
+                turn_by_speed: 0.1176,
+                turn_by_turn: 0.357,
+            },
+            range_m: 0.0256,
+            range_by_range: 0.0292,
+            bearing_rad: 0.0081,
+            ..Self::mrclam()
+        }
+    }
+
     /// For the robots of MRCLAM, smoothed robustly.
     pub fn mrclam_smoothing() -> Self {
         Self {

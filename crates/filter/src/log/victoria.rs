@@ -64,6 +64,7 @@ pub fn parse_victoria(file: &str, text: &str) -> Result<Log, LogError> {
         surveyed: BTreeMap::new(),
         truth: Vec::new(),
         noise,
+        unlabelled_noise: noise,
         smoothing_noise: noise,
         // Its landmarks were matched with care: what does not fit tells of the odometry.
         gate_probability: 1.0,
