@@ -32,6 +32,7 @@ enum Command {
     Demo(demo::Arguments),
     Run(Box<commands::run::Arguments>),
     Eval(commands::eval::Arguments),
+    Ekf(commands::ekf::Arguments),
     Sim(commands::sim::Arguments),
     Map(commands::map::Arguments),
     #[command(alias = "way")]
@@ -61,6 +62,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Demo(arguments) => demo::run(&arguments, output),
         Command::Run(arguments) => commands::run::run(&arguments, output, began),
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
+        Command::Ekf(arguments) => commands::ekf::run(&arguments, output),
         Command::Sim(arguments) => commands::sim::run(&arguments, output),
         Command::Map(arguments) => commands::map::run(&arguments, output),
         Command::Route(arguments) => commands::route::run(&arguments, output),

@@ -2,6 +2,7 @@
 
 pub mod config;
 pub mod doctor;
+pub mod ekf;
 pub mod eval;
 pub mod map;
 pub mod plan;

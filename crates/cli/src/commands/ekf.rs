@@ -1,0 +1,211 @@
+//! `cairn ekf`: EKF-SLAM on a recorded run of a wheeled robot.
+
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_filter::batch::BatchConfig;
+use cairn_filter::ekf::{Association, EkfConfig};
+use cairn_filter::log::{CSV_FORMAT, Log, load};
+use cairn_filter::page::page;
+use cairn_filter::run::{Run, align, position_rmse, run as run_filter};
+use cairn_geometry::Se2;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Maps landmarks with a Kalman filter from odometry and sightings, and compares with smoothing and a survey.
+///
+/// LOG is an MRCLAM folder, a file of ODOMETRY and LANDMARK lines (Victoria Park), one of a pair _DR.txt and _TD.txt
+/// (Plaza), or a .csv.
+#[derive(clap::Args)]
+#[command(after_long_help = format!("The csv:\n{CSV_FORMAT}"))]
+pub struct Arguments {
+    /// The recorded run.
+    log: PathBuf,
+    /// Of a log of several robots only this one.
+    #[arg(long, value_name = "NUMBER")]
+    robot: Option<u32>,
+    /// How sightings find their landmarks: by their labels, or without them.
+    #[arg(long, value_enum, default_value = "known", value_name = "HOW")]
+    associate: Associate,
+    /// Part of the true sightings that the gate lets through; without it what suits the log.
+    #[arg(long, value_name = "PART", value_parser = part)]
+    gate: Option<f64>,
+    /// Keep landmarks within so many metres active and the rest passive.
+    #[arg(long, value_name = "M", value_parser = metres)]
+    local: Option<f64>,
+    /// Write a page that replays the run (of several robots the first).
+    #[arg(long, value_name = "HTML")]
+    out: Option<PathBuf>,
+    /// Replace the page if there is one.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+#[derive(Clone, Copy, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+enum Associate {
+    /// By their labels.
+    Known,
+    /// Each to the nearest.
+    Nearest,
+    /// All of an instant together (JCBB).
+    Joint,
+}
+
+#[derive(Serialize)]
+struct Mapped {
+    log: String,
+    associate: Associate,
+    gate_probability: f64,
+    notes: Vec<String>,
+    robots: Vec<Robot>,
+}
+
+#[derive(Serialize)]
+struct Robot {
+    name: String,
+    poses: usize,
+    landmarks: usize,
+    taken: usize,
+    rejected: usize,
+    recoveries: usize,
+    /// Mean normalised innovation squared for each degree of freedom; 1 is right.
+    nis_per_dof: f64,
+    nis_within_95: f64,
+    wrong_associations: Option<f64>,
+    /// Against the survey, after a rigid alignment.
+    landmark_rmse_m: Option<f64>,
+    smoothed_landmark_rmse_m: Option<f64>,
+    /// Against smoothing, each aligned to the survey, else the filter's landmarks to the smoothed ones.
+    position_rmse_m: Option<f64>,
+    landmarks_to_smoothed_m: Option<f64>,
+    filter_ms: f64,
+}
+
+fn part(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if value > 0.0 && value <= 1.0 { Ok(value) } else { Err("must be above 0 and at most 1".into()) }
+}
+
+fn metres(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("must be above 0".into()) }
+}
+
+/// Filters, judges, prints.
+pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
+    if let Some(out) = a.out.as_ref().filter(|out| out.exists() && !a.overwrite) {
+        return Err(Failure::new(
+            out.display().to_string(),
+            "is there already",
+            "give another name, or --overwrite",
+        ));
+    }
+    let (_, log) = load(&a.log, a.robot).map_err(|e| {
+        let place = e.line.map_or_else(String::new, |line| format!(", line {line}"));
+        Failure::new(
+            format!("{}{place}", e.file),
+            e.reason,
+            "see cairn ekf --help for the logs that are read",
+        )
+    })?;
+    let config = EkfConfig {
+        association: match a.associate {
+            Associate::Known => Association::Known,
+            Associate::Nearest => Association::Nearest,
+            Associate::Joint => Association::Joint,
+        },
+        gate_probability: a.gate.unwrap_or(log.gate_probability),
+        local_radius_m: a.local,
+        ..EkfConfig::default()
+    };
+    let mut robots = Vec::new();
+    for k in 0..log.robots.len() {
+        robots.push(judge(&log, k, &config, a.out.as_deref().filter(|_| k == 0))?);
+    }
+    let (notes, gate_probability) = (log.notes.clone(), config.gate_probability);
+    let mapped = Mapped { log: log.name, associate: a.associate, gate_probability, notes, robots };
+    output.result(&mapped, text)
+}
+
+fn judge(log: &Log, k: usize, config: &EkfConfig, out: Option<&Path>) -> Result<Robot, Failure> {
+    let failed = |why: String| Failure::new(&log.robots[k].name, why, "check the noise of the log");
+    let found = run_filter(log, k, config).map_err(|e| failed(e.to_string()))?;
+    let (smooth, _) = found.smoothed(log, k, &BatchConfig::default()).map_err(|e| failed(e.to_string()))?;
+    let named = found.named();
+    let (survey, smooth_survey) = (align(&log.surveyed, &named), align(&log.surveyed, &smooth.landmarks));
+    let onto = align(&smooth.landmarks, &named);
+    let transforms = match (&survey, &smooth_survey) {
+        (Some((a, ..)), Some((b, ..))) => Some((*a, *b)),
+        _ => onto.map(|(t, ..)| (t, Se2::identity())),
+    };
+    let robot = Robot {
+        name: found.robot.clone(),
+        poses: found.poses.len(),
+        landmarks: found.landmarks.iter().filter(|l| l.confirmed).count(),
+        taken: found.counts.taken,
+        rejected: found.counts.rejected,
+        recoveries: found.recoveries,
+        nis_per_dof: found.nis_per_dof,
+        nis_within_95: found.nis_within_95,
+        wrong_associations: found.wrong_associations,
+        landmark_rmse_m: survey.map(|s| s.1),
+        smoothed_landmark_rmse_m: smooth_survey.map(|s| s.1),
+        position_rmse_m: transforms.map(|(a, b)| position_rmse(&found.poses, &a, &smooth.poses[0], &b)),
+        landmarks_to_smoothed_m: onto.map(|o| o.1),
+        filter_ms: found.filter_ms,
+    };
+    if let Some(out) = out {
+        write_page(out, log, &found, &robot, survey.map(|s| s.0.inverse()), &smooth.poses[0])?;
+    }
+    Ok(robot)
+}
+
+fn write_page(
+    out: &Path,
+    log: &Log,
+    found: &Run,
+    robot: &Robot,
+    map_from_survey: Option<Se2>,
+    smoothed: &[cairn_geometry::Vec3],
+) -> Result<(), Failure> {
+    let facts: Vec<(String, String)> =
+        rows(robot).into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+    let title = format!("{}, {}", log.name, found.robot);
+    let html = page(&title, &facts, found, &log.surveyed, map_from_survey.as_ref(), Some(smoothed));
+    Ok(cairn_eval::write_whole(out, &html)?)
+}
+
+fn rows(r: &Robot) -> Vec<(&'static str, String)> {
+    let cm = |v: Option<f64>| v.map(|m| format!("{:.1} cm", 100.0 * m));
+    let mut rows = vec![
+        ("sightings", format!("{} taken, {} rejected, {} recoveries", r.taken, r.rejected, r.recoveries)),
+        ("landmarks", format!("{} from {} poses", r.landmarks, r.poses)),
+        (
+            "NIS",
+            format!("{:.2} a degree of freedom, {:.1} % within 95 %", r.nis_per_dof, 100.0 * r.nis_within_95),
+        ),
+    ];
+    let optional = [
+        ("survey", cm(r.landmark_rmse_m).map(|v| format!("landmarks {v} RMSE"))),
+        (
+            "smoothed",
+            cm(r.smoothed_landmark_rmse_m).map(|v| format!("landmarks {v} RMSE against the survey")),
+        ),
+        ("position", cm(r.position_rmse_m).map(|v| format!("{v} RMSE live against smoothing"))),
+        ("map", cm(r.landmarks_to_smoothed_m).map(|v| format!("{v} RMSE against smoothing"))),
+        ("wrong", r.wrong_associations.map(|w| format!("{:.1} % of the associations", 100.0 * w))),
+    ];
+    rows.extend(optional.into_iter().filter_map(|(name, value)| Some((name, value?))));
+    rows.push(("time", format!("{:.0} ms", r.filter_ms)));
+    rows
+}
+
+fn text(m: &Mapped) -> String {
+    let mut lines = vec![m.log.clone()];
+    for r in &m.robots {
+        lines.push(r.name.clone());
+        lines.extend(rows(r).iter().map(|(name, value)| format!("  {name:<10}{value}")));
+    }
+    lines.extend(m.notes.iter().map(|note| format!("note: {note}")));
+    lines.join("\n")
+}

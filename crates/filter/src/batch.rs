@@ -1,0 +1,356 @@
+//! Smoothing: all poses and landmarks of a log at once, by robust nonlinear least squares on a sparse Cholesky.
+//!
+//! What is minimised is half the sum of squared whitened odometry residuals and of the losses of squared whitened sightings
+//! (Dellaert and Kaess, "Square root SAM", IJRR 2006), by Levenberg-Marquardt (Madsen, Nielsen, Tingleff 2004, 3.2). The
+//! first pose of the first robot is held. Blocks of landmarks are padded to three, so that one block size serves all.
+
+use crate::angle::wrap;
+use crate::log::{Step, Target};
+use crate::measure::{Measurement, jacobians};
+use cairn_geometry::Vec2;
+use cairn_solve::Loss;
+use cairn_solve::sparse::{Analysis, Factor};
+use nalgebra::{Matrix3, Vector3};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Variances below this (m^2, rad^2) are lifted to it: a robot that stands still has no odometry noise at all.
+const LEAST_VARIANCE: f64 = 1e-10;
+
+/// How to smooth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BatchConfig {
+    /// Loss of a whitened sighting.
+    pub loss: Loss,
+    /// Steps at most.
+    pub iterations: usize,
+    /// Done when a step lowers the cost by less than this part of it.
+    pub tolerance: f64,
+}
+
+impl Default for BatchConfig {
+    fn default() -> Self {
+        Self { loss: Loss::Cauchy(1.6), iterations: 50, tolerance: 1e-7 }
+    }
+}
+
+/// A smoothed run, or the start of one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Smoothed {
+    /// Poses (x m, y m, angle rad) of each robot at its steps.
+    pub poses: Vec<Vec<Vector3<f64>>>,
+    /// Landmarks by label, in metres.
+    pub landmarks: BTreeMap<u32, Vec2>,
+}
+
+/// How smoothing went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BatchReport {
+    /// Steps tried.
+    pub iterations: usize,
+    /// Cost before.
+    pub cost_before: f64,
+    /// Cost after.
+    pub cost_after: f64,
+    /// Whether the cost stopped falling before the iterations ran out.
+    pub converged: bool,
+    /// Sightings used: those of targets that the start knows.
+    pub sightings: usize,
+}
+
+/// Lowers the cost from `start`, whose poses stand at the steps of each robot; landmarks that it lacks are left out. A robot
+/// is seen where its steps hold the instant of the sighting.
+///
+/// The best state found is returned, whatever ended the descent.
+pub fn smooth(steps: &[Vec<Step>], start: Smoothed, config: &BatchConfig) -> (Smoothed, BatchReport) {
+    let graph = Graph::new(steps, &start);
+    let mut now = graph.pack(&start);
+    let mut system = System::new(&graph);
+    let mut trial = system.normal.clone();
+    system.normal.fill(&graph, &system.analysis, &now, config.loss);
+    let cost_before = system.normal.cost;
+    let mut report = BatchReport {
+        iterations: 0,
+        cost_before,
+        cost_after: cost_before,
+        converged: false,
+        sightings: graph.sightings.len(),
+    };
+    let (mut lambda, mut growth) = (1e-6, 2.0);
+    while report.iterations < config.iterations && lambda < 1e10 && cost_before.is_finite() {
+        report.iterations += 1;
+        let Some((step, promise)) = system.step(lambda) else {
+            (lambda, growth) = (lambda * growth, growth * 2.0);
+            continue;
+        };
+        let next: Vec<Vector3<f64>> = now.iter().zip(&step).map(|(v, s)| v + s).collect();
+        trial.fill(&graph, &system.analysis, &next, config.loss);
+        let gain = system.normal.cost - trial.cost;
+        if gain > 0.0 {
+            let small = gain < config.tolerance * system.normal.cost;
+            now = next;
+            std::mem::swap(&mut system.normal, &mut trial);
+            let factor = 1.0 - (2.0 * gain / promise - 1.0).powi(3);
+            (lambda, growth) = (lambda * factor.clamp(0.1, 2.0), 2.0);
+            if small {
+                report.converged = true;
+                break;
+            }
+        } else if promise < config.tolerance * system.normal.cost {
+            report.converged = true;
+            break;
+        } else {
+            (lambda, growth) = (lambda * growth, growth * 2.0);
+        }
+    }
+    report.cost_after = system.normal.cost;
+    (graph.unpack(&start, &now), report)
+}
+
+struct Odometry {
+    from: usize,
+    to: usize,
+    measured: Vector3<f64>,
+    information: Matrix3<f64>,
+}
+
+struct Seen {
+    observer: usize,
+    target: usize,
+    measurement: Measurement,
+    information: Matrix3<f64>,
+}
+
+/// Variables by number: poses robot after robot, then landmarks by label.
+struct Graph {
+    first_of: Vec<usize>,
+    landmarks: Vec<u32>,
+    count: usize,
+    odometry: Vec<Odometry>,
+    sightings: Vec<Seen>,
+}
+
+impl Graph {
+    fn new(steps: &[Vec<Step>], start: &Smoothed) -> Self {
+        let mut first_of = Vec::new();
+        let mut poses = 0;
+        for robot in steps {
+            first_of.push(poses);
+            poses += robot.len();
+        }
+        let landmarks: Vec<u32> = start.landmarks.keys().copied().collect();
+        let count = poses + landmarks.len();
+        let mut graph = Self { first_of, landmarks, count, odometry: Vec::new(), sightings: Vec::new() };
+        for (robot, robot_steps) in steps.iter().enumerate() {
+            for (k, step) in robot_steps.iter().enumerate() {
+                let at = graph.first_of[robot] + k;
+                if k > 0 {
+                    graph.add_odometry(at, step);
+                }
+                for sighting in &step.sightings {
+                    let target = graph.target(steps, sighting.target, step.time_s, poses);
+                    if let Some(target) = target {
+                        graph.add_sighting(at, target, sighting.measurement);
+                    }
+                }
+            }
+        }
+        graph
+    }
+
+    fn target(&self, steps: &[Vec<Step>], target: Target, time_s: f64, poses: usize) -> Option<usize> {
+        match target {
+            Target::Landmark(label) => Some(poses + self.landmarks.binary_search(&label).ok()?),
+            Target::Robot(other) => {
+                let steps = steps.get(other)?;
+                let k = steps.binary_search_by(|s| s.time_s.total_cmp(&time_s)).ok()?;
+                Some(self.first_of[other] + k)
+            }
+            Target::Unlabelled => None,
+        }
+    }
+
+    fn add_odometry(&mut self, to: usize, step: &Step) {
+        let t = &step.motion.before_from_after;
+        let measured = Vector3::new(t.translation.x, t.translation.y, t.rotation.log());
+        let covariance = step.motion.covariance + Matrix3::identity() * LEAST_VARIANCE;
+        if let Some(cholesky) = covariance.cholesky() {
+            self.odometry.push(Odometry { from: to - 1, to, measured, information: cholesky.inverse() });
+        }
+    }
+
+    fn add_sighting(&mut self, observer: usize, target: usize, measurement: Measurement) {
+        let rows = measurement.kind().rows();
+        let Some(inverse) = measurement.covariance().fixed_view::<3, 3>(0, 0).into_owned().cholesky() else {
+            return;
+        };
+        let inverse = inverse.inverse();
+        let information = Matrix3::from_fn(|i, j| if i < rows && j < rows { inverse[(i, j)] } else { 0.0 });
+        self.sightings.push(Seen { observer, target, measurement, information });
+    }
+
+    fn pairs(&self) -> impl Iterator<Item = (usize, usize)> {
+        let odometry = self.odometry.iter().map(|o| (o.from, o.to));
+        odometry.chain(self.sightings.iter().map(|s| (s.observer, s.target)))
+    }
+
+    fn pack(&self, start: &Smoothed) -> Vec<Vector3<f64>> {
+        let poses = start.poses.iter().flatten().copied();
+        poses.chain(start.landmarks.values().map(|p| p.push(0.0))).collect()
+    }
+
+    fn unpack(&self, start: &Smoothed, values: &[Vector3<f64>]) -> Smoothed {
+        let mut rest = values.iter().copied();
+        let pose = |mut v: Vector3<f64>| {
+            v.z = wrap(v.z);
+            v
+        };
+        let poses = start.poses.iter().map(|r| rest.by_ref().take(r.len()).map(pose).collect()).collect();
+        Smoothed { poses, landmarks: self.landmarks.iter().copied().zip(rest.map(|v| v.xy())).collect() }
+    }
+}
+
+/// Normal equations with the blocks of the pattern.
+#[derive(Clone)]
+struct Normal {
+    diagonal: Vec<Matrix3<f64>>,
+    off_diagonal: Vec<Matrix3<f64>>,
+    gradient: Vec<Vector3<f64>>,
+    cost: f64,
+}
+
+impl Normal {
+    fn fill(&mut self, graph: &Graph, analysis: &Analysis, values: &[Vector3<f64>], loss: Loss) {
+        self.diagonal.fill(Matrix3::zeros());
+        self.off_diagonal.fill(Matrix3::zeros());
+        self.gradient.fill(Vector3::zeros());
+        self.cost = 0.0;
+        for o in &graph.odometry {
+            let (residual, by_from, by_to) = odometry_residual(&values[o.from], &values[o.to], &o.measured);
+            self.add(
+                analysis,
+                [(o.from, &by_from), (o.to, &by_to)],
+                &residual,
+                &o.information,
+                Loss::Squared,
+            );
+        }
+        for s in &graph.sightings {
+            let (observer, target) = (&values[s.observer], &values[s.target]);
+            let Some((by_observer, by_target)) = jacobians(s.measurement.kind(), observer, target) else {
+                continue;
+            };
+            // The innovation is measured less expected: the residual's sign is the other way.
+            let residual = -s.measurement.innovation(observer, target);
+            self.add(
+                analysis,
+                [(s.observer, &by_observer), (s.target, &by_target)],
+                &residual,
+                &s.information,
+                loss,
+            );
+        }
+        // The first pose is held; what a landmark's block is padded with has nothing to say.
+        self.diagonal[0] += Matrix3::identity() * 1e12;
+        for block in &mut self.diagonal {
+            (0..3)
+                .filter(|k| block[(*k, *k)] == 0.0)
+                .collect::<Vec<_>>()
+                .into_iter()
+                .for_each(|k| block[(k, k)] = 1.0);
+        }
+    }
+
+    fn add(
+        &mut self,
+        analysis: &Analysis,
+        [(a, by_a), (b, by_b)]: [(usize, &Matrix3<f64>); 2],
+        residual: &Vector3<f64>,
+        information: &Matrix3<f64>,
+        loss: Loss,
+    ) {
+        let weighted = information * residual;
+        let (cost, weight) = loss.of(residual.dot(&weighted));
+        self.cost += 0.5 * cost;
+        let (wa, wb) = (information * by_a * weight, information * by_b * weight);
+        self.diagonal[a] += by_a.tr_mul(&wa);
+        self.diagonal[b] += by_b.tr_mul(&wb);
+        self.gradient[a] += by_a.tr_mul(&weighted) * weight;
+        self.gradient[b] += by_b.tr_mul(&weighted) * weight;
+        if let Some(pair) = analysis.pair(a, b) {
+            // Row greater than column.
+            self.off_diagonal[pair] += if a > b { by_a.tr_mul(&wb) } else { by_b.tr_mul(&wa) };
+        }
+    }
+}
+
+struct System {
+    analysis: Arc<Analysis>,
+    factor: Factor,
+    normal: Normal,
+}
+
+impl System {
+    fn new(graph: &Graph) -> Self {
+        let analysis = Arc::new(Analysis::new(graph.count, 3, graph.pairs()));
+        let normal = Normal {
+            diagonal: vec![Matrix3::zeros(); graph.count],
+            off_diagonal: vec![Matrix3::zeros(); analysis.pairs().len()],
+            gradient: vec![Vector3::zeros(); graph.count],
+            cost: 0.0,
+        };
+        Self { factor: Factor::new(Arc::clone(&analysis)), analysis, normal }
+    }
+
+    /// The damped step, and by how much the linear model lowers the cost; `None` when the system is singular.
+    fn step(&mut self, lambda: f64) -> Option<(Vec<Vector3<f64>>, f64)> {
+        let damp = |m: &Matrix3<f64>| m + Matrix3::from_diagonal(&m.diagonal()) * lambda;
+        let diagonal: Vec<f64> = self.normal.diagonal.iter().flat_map(|m| damp(m).data.0).flatten().collect();
+        let off_diagonal: Vec<f64> =
+            self.normal.off_diagonal.iter().flat_map(|m| m.data.0).flatten().collect();
+        self.factor.factor(&diagonal, &off_diagonal).ok()?;
+        let mut step: Vec<f64> = self.normal.gradient.iter().flat_map(|g| g.data.0[0]).map(|v| -v).collect();
+        self.factor.solve(&mut step);
+        let step: Vec<Vector3<f64>> = step.chunks_exact(3).map(Vector3::from_column_slice).collect();
+        let promise = step.iter().zip(&self.normal.gradient).zip(&self.normal.diagonal);
+        let promise = promise
+            .map(|((s, g), h)| 0.5 * s.dot(&(lambda * h.diagonal().component_mul(s) - g)))
+            .sum::<f64>();
+        promise.is_finite().then_some((step, promise))
+    }
+}
+
+/// Expected less measured motion in the frame before it, and its derivatives by the two poses.
+fn odometry_residual(
+    from: &Vector3<f64>,
+    to: &Vector3<f64>,
+    measured: &Vector3<f64>,
+) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
+    let (s, c) = from.z.sin_cos();
+    let d = to - from;
+    let local = Vector3::new(c * d.x + s * d.y, c * d.y - s * d.x, 0.0);
+    let residual = Vector3::new(local.x - measured.x, local.y - measured.y, wrap(d.z - measured.z));
+    let by_from = Matrix3::new(-c, -s, local.y, s, -c, -local.x, 0.0, 0.0, -1.0);
+    let by_to = Matrix3::new(c, s, 0.0, -s, c, 0.0, 0.0, 0.0, 1.0);
+    (residual, by_from, by_to)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn odometry_has_the_derivative_of_differences() {
+        let (from, to) = (Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.5, 2.7, -2.9));
+        let measured = Vector3::new(0.3, 0.1, 0.2);
+        let (_, by_from, by_to) = odometry_residual(&from, &to, &measured);
+        let h = 1e-6;
+        for k in 0..3 {
+            let step = Vector3::from_fn(|i, _| if i == k { h } else { 0.0 });
+            let at = |from, to| odometry_residual(&from, &to, &measured).0;
+            let a = (at(from + step, to) - at(from - step, to)) / (2.0 * h);
+            let b = (at(from, to + step) - at(from, to - step)) / (2.0 * h);
+            assert!((by_from.column(k) - a).norm() < 1e-7 && (by_to.column(k) - b).norm() < 1e-7);
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! Which landmark a sighting without a label is of.
+//!
+//! Nearest neighbour: by the likelihood of the innovation, each landmark at most once (Bar-Shalom, Li, Kirubarajan 2001).
+//! Joint compatibility branch and bound: Neira and Tardos, "Data association in stochastic mapping using the joint
+//! compatibility test", IEEE TRA 17(6), 2001.
+
+use super::active::Active;
+use super::landmark::{LandmarkId, Verdict};
+use super::{Association, EkfSlam};
+use crate::chi2;
+use crate::covariance::Rows;
+use crate::log::{Sighting, Target};
+use nalgebra::{Matrix3, Vector3};
+
+/// Pairings that are tried at most in one search; the best so far is taken then.
+const MOST_PAIRINGS: usize = 20_000;
+
+/// A sighting that might be of a landmark.
+#[derive(Clone, Debug)]
+struct Candidate {
+    id: LandmarkId,
+    h: Rows,
+    innovation: Vector3<f64>,
+    noise: Matrix3<f64>,
+    nis: f64,
+    /// Twice the negative logarithm of the likelihood, but for a constant.
+    cost: f64,
+}
+
+impl EkfSlam {
+    pub(super) fn observe_unlabelled(&mut self, robot: usize, sightings: &[Sighting]) -> Vec<Verdict> {
+        let mut verdicts = vec![Verdict::Unusable; sightings.len()];
+        let mut usable = Vec::new();
+        for (k, sighting) in sightings.iter().enumerate() {
+            match sighting.target {
+                Target::Robot(other) => verdicts[k] = self.observe_robot(robot, other, sighting),
+                _ if self.within_reach(sighting) => usable.push(k),
+                _ => {}
+            }
+        }
+        let candidates: Vec<Vec<Candidate>> =
+            usable.iter().map(|k| self.candidates(robot, &sightings[*k])).collect();
+        let within: Vec<Vec<Candidate>> = candidates
+            .iter()
+            .map(|of| of.iter().filter(|c| c.nis <= self.gates[c.h.rows]).cloned().collect())
+            .collect();
+        let chosen = match self.config.association {
+            Association::Joint => Search::new(&self.active, &within, self.config.gate_probability).run(),
+            _ => nearest(&within),
+        };
+        let mut taken = Vec::new();
+        for (n, &k) in usable.iter().enumerate() {
+            let sighting = &sightings[k];
+            if let Some(c) = chosen[n].map(|c| &within[n][c]) {
+                // The state moved since: linearised again, the pairing stands.
+                let place = self.record(c.id).and_then(|r| r.place);
+                let linear = place
+                    .and_then(|p| self.active.linear(self.robots[robot].place, p, &sighting.measurement));
+                if linear.is_some_and(|l| self.active.update(&l)) {
+                    verdicts[k] = Verdict::Taken { landmark: Some(c.id), nis: c.nis, dof: c.h.rows };
+                    taken.push(c.id);
+                    self.was_seen(robot, c.id);
+                }
+            } else if let Some(verdict) = self.none_of(&candidates[n]) {
+                verdicts[k] = verdict;
+            } else {
+                verdicts[k] = self.found(robot, sighting, None);
+                if let Verdict::New { landmark } = verdicts[k] {
+                    taken.push(landmark);
+                }
+            }
+        }
+        self.count_missed(robot, sightings, &taken);
+        self.join_twins(&taken);
+        verdicts
+    }
+
+    /// All landmarks that are not far outside, by number.
+    fn candidates(&self, robot: usize, sighting: &Sighting) -> Vec<Candidate> {
+        let (observer, m) = (self.robots[robot].place, &sighting.measurement);
+        let mut found = Vec::new();
+        for record in &self.landmarks {
+            let Some((h, innovation)) = record.place.and_then(|p| self.active.rows(observer, p, m)) else {
+                continue;
+            };
+            let rows = h.rows;
+            let s = self.active.between(&h, &h) + m.covariance();
+            let s = Matrix3::from_fn(|i, j| if i < rows && j < rows { s[(i, j)] } else { f64::from(i == j) });
+            let innovation = Vector3::from_fn(|i, _| if i < rows { innovation[i] } else { 0.0 });
+            let Some(cholesky) = s.cholesky() else { continue };
+            let nis = innovation.dot(&cholesky.solve(&innovation));
+            let cost = nis + cholesky.determinant().ln();
+            found.push(Candidate { id: record.id, h, innovation, noise: *m.covariance(), nis, cost });
+        }
+        found
+    }
+
+    /// Why a sighting that was not matched founds no landmark; `None` when it does.
+    fn none_of(&self, candidates: &[Candidate]) -> Option<Verdict> {
+        let nearest = candidates.iter().min_by(|a, b| a.nis.total_cmp(&b.nis))?;
+        let wide = chi2::quantile(self.config.new_probability, nearest.h.rows);
+        (nearest.nis <= wide).then_some(Verdict::Ambiguous { nis: nearest.nis })
+    }
+}
+
+/// Each sighting its most likely landmark, the likeliest pair first, each landmark once.
+fn nearest(candidates: &[Vec<Candidate>]) -> Vec<Option<usize>> {
+    let of = |(n, c): (usize, &Vec<Candidate>)| {
+        c.iter().enumerate().map(move |(k, c)| (c.cost, n, k)).collect::<Vec<_>>()
+    };
+    let mut pairs: Vec<(f64, usize, usize)> = candidates.iter().enumerate().flat_map(of).collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut chosen = vec![None; candidates.len()];
+    let mut used: Vec<LandmarkId> = Vec::new();
+    for (_, n, k) in pairs {
+        let id = candidates[n][k].id;
+        if chosen[n].is_none() && !used.contains(&id) {
+            chosen[n] = Some(k);
+            used.push(id);
+        }
+    }
+    chosen
+}
+
+/// The search for the largest jointly compatible set; of equally large ones the most compatible.
+struct Search<'a> {
+    active: &'a Active,
+    candidates: &'a [Vec<Candidate>],
+    probability: f64,
+    /// Of the set under way: chosen candidates, rows of the Cholesky factor of its innovation covariance, whitened
+    /// innovation.
+    chosen: Vec<Option<usize>>,
+    factor: Vec<Vec<f64>>,
+    white: Vec<f64>,
+    bounds: Vec<f64>,
+    best: Vec<Option<usize>>,
+    best_pairs: usize,
+    best_nis: f64,
+    tried: usize,
+}
+
+impl<'a> Search<'a> {
+    fn new(active: &'a Active, candidates: &'a [Vec<Candidate>], probability: f64) -> Self {
+        let best = vec![None; candidates.len()];
+        Self {
+            active,
+            candidates,
+            probability,
+            chosen: Vec::new(),
+            factor: Vec::new(),
+            white: Vec::new(),
+            bounds: vec![0.0],
+            best,
+            best_pairs: 0,
+            best_nis: f64::INFINITY,
+            tried: 0,
+        }
+    }
+
+    fn run(mut self) -> Vec<Option<usize>> {
+        self.descend(0, 0, 0.0);
+        self.best
+    }
+
+    fn descend(&mut self, n: usize, pairs: usize, nis: f64) {
+        if n == self.candidates.len() {
+            if pairs > self.best_pairs || (pairs == self.best_pairs && nis < self.best_nis) {
+                (self.best, self.best_pairs, self.best_nis) = (self.chosen.clone(), pairs, nis);
+            }
+            return;
+        }
+        let candidates = &self.candidates[n];
+        let mut order: Vec<usize> = (0..candidates.len()).collect();
+        order.sort_by(|a, b| candidates[*a].nis.total_cmp(&candidates[*b].nis));
+        for k in order {
+            if self.tried >= MOST_PAIRINGS {
+                break;
+            }
+            self.tried += 1;
+            let used = self
+                .chosen
+                .iter()
+                .enumerate()
+                .any(|(m, c)| c.is_some_and(|c| self.candidates[m][c].id == candidates[k].id));
+            if used {
+                continue;
+            }
+            let rows = self.factor.len();
+            if let Some(more) = self.extend(&candidates[k]) {
+                let total = nis + more;
+                if total <= self.bound(self.factor.len()) {
+                    self.chosen.push(Some(k));
+                    self.descend(n + 1, pairs + 1, total);
+                    self.chosen.pop();
+                }
+            }
+            self.factor.truncate(rows);
+            self.white.truncate(rows);
+        }
+        // Left out, if the rest can still be as many.
+        let left = self.candidates.len() - n - 1;
+        if pairs + left >= self.best_pairs.max(1) || self.best_pairs == 0 {
+            self.chosen.push(None);
+            self.descend(n + 1, pairs, nis);
+            self.chosen.pop();
+        }
+    }
+
+    /// Adds the rows of a pairing to the factor; gives what it adds to the joint NIS.
+    fn extend(&mut self, c: &Candidate) -> Option<f64> {
+        let own = self.active.between(&c.h, &c.h) + c.noise;
+        let others: Vec<&Candidate> =
+            self.chosen.iter().enumerate().filter_map(|(m, k)| k.map(|k| &self.candidates[m][k])).collect();
+        let across: Vec<(usize, Matrix3<f64>)> =
+            others.iter().map(|o| (o.h.rows, self.active.between(&c.h, &o.h))).collect();
+        let mut added = 0.0;
+        for i in 0..c.h.rows {
+            let shared = across.iter().flat_map(|(rows, m)| (0..*rows).map(move |j| m[(i, j)]));
+            let mut row: Vec<f64> = shared.chain((0..=i).map(|j| own[(i, j)])).collect();
+            let last = row.len() - 1;
+            for j in 0..last {
+                let known: f64 = row[..j].iter().zip(&self.factor[j]).map(|(a, b)| a * b).sum();
+                row[j] = (row[j] - known) / self.factor[j][j];
+            }
+            let pivot = row[last] - row[..last].iter().map(|v| v * v).sum::<f64>();
+            if pivot.is_nan() || pivot <= 0.0 {
+                return None;
+            }
+            row[last] = pivot.sqrt();
+            let known: f64 = row[..last].iter().zip(&self.white).map(|(a, b)| a * b).sum();
+            let white = (c.innovation[i] - known) / row[last];
+            added += white * white;
+            self.white.push(white);
+            self.factor.push(row);
+        }
+        Some(added)
+    }
+
+    fn bound(&mut self, dof: usize) -> f64 {
+        while self.bounds.len() <= dof {
+            self.bounds.push(chi2::quantile(self.probability, self.bounds.len()));
+        }
+        self.bounds[dof]
+    }
+}

@@ -1,0 +1,256 @@
+//! EKF-SLAM in the plane: poses of robots and landmarks in one Gaussian.
+//!
+//! Source: Smith, Self, Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990); Dissanayake et al.
+//! (2001). The parts: `active` predicts and updates, `associate` finds landmarks, `delayed` places those that one
+//! measurement does not determine, `upkeep` confirms and drops, `recover` comes back when many are rejected, `region` keeps
+//! the far part of the map passive.
+
+mod active;
+mod associate;
+mod config;
+mod delayed;
+mod landmark;
+mod passive;
+mod recover;
+mod region;
+mod tiles;
+mod upkeep;
+
+pub use crate::covariance::Form;
+pub use config::{Association, EkfConfig, Linearisation};
+pub use landmark::{FilterError, Landmark, LandmarkId, Verdict};
+
+use crate::log::{Sighting, Target};
+use crate::motion::Motion;
+use active::{Active, Linear, Place};
+use cairn_geometry::Se2;
+use delayed::Delayed;
+use landmark::Record;
+use nalgebra::{Matrix3, Vector3};
+use recover::Recent;
+use region::Region;
+use std::collections::BTreeMap;
+use upkeep::Reach;
+
+/// A landmark that was rejected so often in a row, while the rest is taken, is not where it was; it is founded anew.
+const MOVED: usize = 15;
+
+/// A robot of the state.
+#[derive(Clone, Debug)]
+struct Robot {
+    place: Place,
+    store: Option<usize>,
+    recent: Recent,
+    /// How far it travelled, in metres.
+    travelled_m: f64,
+    /// Motions so far.
+    moves: usize,
+}
+
+/// The filter.
+#[derive(Clone, Debug)]
+pub struct EkfSlam {
+    config: EkfConfig,
+    active: Active,
+    robots: Vec<Robot>,
+    /// By rising number.
+    landmarks: Vec<Record>,
+    by_label: BTreeMap<u32, LandmarkId>,
+    next_id: u32,
+    /// Chi-square bounds by degrees of freedom.
+    gates: [f64; 4],
+    delayed: Delayed,
+    region: Option<Region>,
+    reach: Reach,
+    /// Landmarks that turned out to be one with another, and that other.
+    joined: BTreeMap<LandmarkId, LandmarkId>,
+    recoveries: usize,
+}
+
+impl EkfSlam {
+    /// Knows nothing yet.
+    pub fn new(config: EkfConfig) -> Self {
+        Self {
+            active: Active::new(config.form, config.linearisation),
+            robots: Vec::new(),
+            landmarks: Vec::new(),
+            by_label: BTreeMap::new(),
+            next_id: 0,
+            gates: [0, 1, 2, 3].map(|dof| config.gate(dof)),
+            delayed: Delayed::default(),
+            region: config.local_radius_m.map(Region::new),
+            reach: Reach::default(),
+            joined: BTreeMap::new(),
+            recoveries: 0,
+            config,
+        }
+    }
+
+    /// A robot begins at this pose, with the covariance of (x, y, angle) in the world, independent of what is known so
+    /// far. Gives its number.
+    ///
+    /// # Errors
+    /// When pose or covariance are not finite, or the covariance is not symmetric and positive semi-definite.
+    pub fn add_robot(
+        &mut self,
+        world_from_body: &Se2,
+        covariance: &Matrix3<f64>,
+    ) -> Result<usize, FilterError> {
+        let t = world_from_body;
+        let pose = Vector3::new(t.translation.x, t.translation.y, t.rotation.log());
+        let symmetric = (covariance - covariance.transpose()).amax() <= 1e-9 * covariance.amax();
+        let valid = pose.iter().chain(covariance.iter()).all(|v| v.is_finite())
+            && symmetric
+            && covariance.symmetric_eigenvalues().min() >= -1e-12 * covariance.amax();
+        if !valid {
+            return Err(FilterError::NotFinite);
+        }
+        let place = self.active.add_pose(&pose, covariance);
+        let recent = Recent::new(self.config.recovery_window);
+        self.robots.push(Robot { place, store: None, recent, travelled_m: 0.0, moves: 0 });
+        Ok(self.robots.len() - 1)
+    }
+
+    /// A robot moved.
+    ///
+    /// # Errors
+    /// For a robot that there is not, and a motion that is not finite; nothing is changed then.
+    pub fn predict(&mut self, robot: usize, motion: &Motion) -> Result<(), FilterError> {
+        let known = self.robots.get_mut(robot).ok_or(FilterError::NoRobot(robot))?;
+        if !motion.is_valid() {
+            return Err(FilterError::NotFinite);
+        }
+        known.travelled_m += motion.before_from_after.translation.norm();
+        known.moves += 1;
+        known.recent.moved(&motion.covariance);
+        self.active.predict(known.place, motion);
+        Ok(())
+    }
+
+    /// What a robot sees at one instant; a verdict on each sighting, in their order.
+    ///
+    /// # Errors
+    /// For a robot that there is not.
+    pub fn observe(&mut self, robot: usize, sightings: &[Sighting]) -> Result<Vec<Verdict>, FilterError> {
+        if robot >= self.robots.len() {
+            return Err(FilterError::NoRobot(robot));
+        }
+        self.keep_near_active(sightings);
+        let labelled = self.config.association == Association::Known;
+        let verdicts = if labelled {
+            sightings.iter().map(|s| self.observe_labelled(robot, s)).collect()
+        } else {
+            self.observe_unlabelled(robot, sightings)
+        };
+        if let Some(region) = &mut self.region {
+            region.settle();
+        }
+        Ok(verdicts)
+    }
+
+    fn observe_labelled(&mut self, robot: usize, sighting: &Sighting) -> Verdict {
+        let m = &sighting.measurement;
+        let label = match sighting.target {
+            Target::Landmark(label) => label,
+            Target::Robot(other) => return self.observe_robot(robot, other, sighting),
+            Target::Unlabelled => return Verdict::Unusable,
+        };
+        let Some(&id) = self.by_label.get(&label) else {
+            return match m.kind().determines() {
+                true => self.found(robot, sighting, Some(label)),
+                false => self.observe_delayed(robot, label, m),
+            };
+        };
+        let place = self.record(id).and_then(|r| r.place);
+        let Some(linear) = place.and_then(|to| self.active.linear(self.robots[robot].place, to, m)) else {
+            return Verdict::Unusable;
+        };
+        let verdict = self.gated(robot, &linear, Some(id));
+        match verdict {
+            Verdict::Taken { .. } => self.was_seen(robot, id),
+            _ => self.was_rejected(id),
+        }
+        verdict
+    }
+
+    fn observe_robot(&mut self, robot: usize, other: usize, sighting: &Sighting) -> Verdict {
+        let places = (self.robots[robot].place, self.robots.get(other).map(|r| r.place));
+        let (from, Some(to)) = places else { return Verdict::Unusable };
+        if robot == other {
+            return Verdict::Unusable;
+        }
+        match self.active.linear(from, to, &sighting.measurement) {
+            Some(linear) => self.gated(robot, &linear, None),
+            None => Verdict::Unusable,
+        }
+    }
+
+    /// Updates by what is within its gate, or what recovery lets in.
+    fn gated(&mut self, robot: usize, linear: &Linear, landmark: Option<LandmarkId>) -> Verdict {
+        let Some(nis) = linear.nis() else { return Verdict::Unusable };
+        let (dof, gate) = (linear.h.rows, self.gates[linear.h.rows]);
+        let taken = Verdict::Taken { landmark, nis, dof };
+        let rejected = nis > gate;
+        self.robots[robot].recent.judged(rejected);
+        if !rejected {
+            return if self.active.update(linear) { taken } else { Verdict::Unusable };
+        }
+        match self.recover(robot, linear, gate) {
+            true => taken,
+            false => Verdict::Rejected { nis, gate },
+        }
+    }
+
+    /// The pose of a robot as (x m, y m, angle rad), and its covariance.
+    pub fn pose(&self, robot: usize) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let place = self.robots.get(robot)?.place;
+        Some((self.active.value(place), self.active.block(place, place)))
+    }
+
+    /// All landmarks by rising number, provisional ones too.
+    pub fn landmarks(&self) -> Vec<Landmark> {
+        self.landmarks.iter().filter_map(|r| self.estimate(r)).collect()
+    }
+
+    /// The landmark with this label.
+    pub fn labelled(&self, label: u32) -> Option<Landmark> {
+        self.estimate(self.record(*self.by_label.get(&label)?)?)
+    }
+
+    fn estimate(&self, record: &Record) -> Option<Landmark> {
+        let (position, covariance) = match (record.place, record.store, &self.region) {
+            (Some(place), ..) => {
+                let covariance = self.active.block(place, place).fixed_view::<2, 2>(0, 0).into_owned();
+                (self.active.value(place).xy(), covariance)
+            }
+            (None, Some(store), Some(region)) => region.landmark(&self.active, store),
+            _ => return None,
+        };
+        let Record { id, label, seen, confirmed, .. } = *record;
+        Some(Landmark { id, label, position, covariance, seen, confirmed })
+    }
+
+    fn record(&self, id: LandmarkId) -> Option<&Record> {
+        self.landmarks.binary_search_by_key(&id, |r| r.id).ok().map(|k| &self.landmarks[k])
+    }
+
+    /// Landmarks that turned out to be one with another, and that other.
+    pub fn joined(&self) -> &BTreeMap<LandmarkId, LandmarkId> {
+        &self.joined
+    }
+
+    /// How often the filter had to widen a pose because many sightings were rejected.
+    pub fn recoveries(&self) -> usize {
+        self.recoveries
+    }
+
+    /// Numbers in the active part of the state.
+    pub fn active_size(&self) -> usize {
+        self.active.size()
+    }
+
+    /// Whole active covariance, by columns, and the state; for tests of consistency.
+    pub fn active_state(&self) -> (&[f64], Vec<f64>) {
+        (&self.active.x, self.active.covariance.matrix())
+    }
+}

@@ -1,0 +1,234 @@
+//! The part of the map that is left alone while the robot is elsewhere, and what it is to be told when it is back.
+//!
+//! Source: Guivant and Nebot (2001), equations of the compressed filter. While a region is active its covariance `P_AA`
+//! is updated as usual; of the rest only three small matrices are kept: `phi`, what became of the errors that were active
+//! at the start, `psi`, the information gained about them, and `theta`, what it moved. With `W = P_BA` at the start:
+//! `P_AB = phi W^T`, `P_BB -= W psi W^T`, `x_B += W theta`. They grow with the region, not with the map.
+
+use super::active::{Active, HEADING, Place};
+use super::tiles::Tiles;
+use crate::covariance::{Covariance, Form, Rows};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
+use std::collections::BTreeSet;
+
+/// Updates over which a subtraction from the passive part is spread.
+const SPREAD: usize = 20;
+
+/// What the passive part has still to be told.
+#[derive(Clone, Debug)]
+pub(crate) struct Deferred {
+    /// Active size now by active size at the start, by rows: rows come and go with variables.
+    phi: Vec<Vec<f64>>,
+    psi: DMatrix<f64>,
+    theta: DVector<f64>,
+}
+
+impl Deferred {
+    fn new(n: usize) -> Self {
+        let unit = |i: usize| (0..n).map(|j| f64::from(i == j)).collect();
+        Self { phi: (0..n).map(unit).collect(), psi: DMatrix::zeros(n, n), theta: DVector::zeros(n) }
+    }
+
+    /// `H phi`, by rows.
+    fn seen(&self, h: &Rows) -> Vec<Vec<f64>> {
+        let mut seen = vec![vec![0.0; self.theta.len()]; h.rows];
+        for (at, width, values) in &h.blocks {
+            for k in 0..*width {
+                for (r, seen) in seen.iter_mut().enumerate() {
+                    let by = values[(r, k)];
+                    seen.iter_mut().zip(&self.phi[at + k]).for_each(|(s, p)| *s += by * p);
+                }
+            }
+        }
+        seen
+    }
+
+    pub fn augment(&mut self, g: &Rows) {
+        let rows = self.seen(g);
+        self.phi.extend(rows);
+    }
+
+    pub fn remove(&mut self, at: usize, size: usize) {
+        self.phi.drain(at..at + size);
+    }
+
+    pub fn predict(&mut self, at: usize, f: &Matrix3<f64>) {
+        let rows: [Vec<f64>; 3] = std::array::from_fn(|k| std::mem::take(&mut self.phi[at + k]));
+        for i in 0..3 {
+            let of = |c: usize| (0..3).map(|k| f[(i, k)] * rows[k][c]).sum();
+            self.phi[at + i] = (0..rows[0].len()).map(of).collect();
+        }
+    }
+
+    pub fn shear(&mut self, d: &[f64], at: usize) {
+        let own = self.phi[at].clone();
+        for (row, by) in self.phi.iter_mut().zip(d) {
+            row.iter_mut().zip(&own).for_each(|(p, o)| *p += by * o);
+        }
+    }
+
+    /// By a measurement with this gain (by columns), inverse innovation covariance and innovation.
+    pub fn update(&mut self, h: &Rows, gain: &[f64], inverse: &Matrix3<f64>, innovation: &Vector3<f64>) {
+        let seen = self.seen(h);
+        let n = self.phi.len();
+        for r in 0..h.rows {
+            // A row of S^-1 H phi.
+            let mut weighted = vec![0.0; self.theta.len()];
+            for (k, seen) in seen.iter().enumerate() {
+                weighted.iter_mut().zip(seen).for_each(|(w, s)| *w += inverse[(r, k)] * s);
+            }
+            for (j, by) in weighted.iter().enumerate() {
+                self.theta[j] += by * innovation[r];
+                self.psi.column_mut(j).iter_mut().zip(&seen[r]).for_each(|(p, s)| *p += by * s);
+            }
+        }
+        for (r, seen) in seen.iter().enumerate() {
+            for (row, by) in self.phi.iter_mut().zip(&gain[r * n..(r + 1) * n]) {
+                row.iter_mut().zip(seen).for_each(|(p, s)| *p -= by * s);
+            }
+        }
+    }
+}
+
+/// A variable of the map: where it stands among the active ones, and its numbers in the passive store.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Member {
+    pub place: Place,
+    pub store: usize,
+}
+
+/// The passive part of the state.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Passive {
+    covariance: Tiles,
+    x: Vec<f64>,
+    first: Vec<f64>,
+    /// Rows of the region that is active against everything, as they were when it became so: `W`.
+    cross: DMatrix<f64>,
+    free: Vec<usize>,
+    /// First numbers of all landmarks.
+    landmarks: BTreeSet<usize>,
+}
+
+impl Passive {
+    /// Room for a variable of this size; that of a landmark that is gone is used again.
+    pub fn allot(&mut self, size: usize) -> usize {
+        if let (2, Some(store)) = (size, self.free.pop()) {
+            self.landmarks.insert(store);
+            return store;
+        }
+        let store = self.x.len();
+        if size == 2 {
+            self.landmarks.insert(store);
+        }
+        self.x.resize(store + size, 0.0);
+        self.first.resize(store + size, 0.0);
+        self.covariance.reserve(self.x.len());
+        store
+    }
+
+    /// Gives back the room of a landmark.
+    pub fn release(&mut self, store: usize) {
+        self.landmarks.remove(&store);
+        self.free.push(store);
+    }
+
+    /// Takes back what was active; `members` are all its variables.
+    pub fn close(&mut self, active: &mut Active, members: &[Member]) {
+        let n = self.x.len();
+        let numbers: Vec<(usize, usize)> =
+            members.iter().flat_map(|m| (0..m.place.size).map(|k| (m.place.at + k, m.store + k))).collect();
+        let stored: Vec<usize> = numbers.iter().map(|(_, store)| *store).collect();
+        let mut rows = DMatrix::zeros(n, numbers.len());
+        if let Some(deferred) = active.deferred.take() {
+            // The store may have grown; what is new was active only.
+            let mut cross =
+                std::mem::replace(&mut self.cross, DMatrix::zeros(0, 0)).resize_vertically(n, 0.0);
+            for &store in &stored {
+                cross.row_mut(store).fill(0.0);
+            }
+            let width = deferred.theta.len();
+            let phi = DMatrix::from_fn(width, numbers.len(), |c, k| deferred.phi[numbers[k].0][c]);
+            rows.gemm(1.0, &cross, &phi, 0.0);
+            let moved = &cross * &deferred.theta;
+            self.x.iter_mut().zip(moved.iter()).for_each(|(x, m)| *x += m);
+            let left = &cross * &deferred.psi;
+            self.covariance.subtract(left, cross);
+            if active.is_invariant() {
+                self.turn_errors(&moved, &numbers, active, &mut rows);
+            }
+        }
+        let matrix = active.covariance.matrix();
+        let size = active.size();
+        for (k, &(at, store)) in numbers.iter().enumerate() {
+            (self.x[store], self.first[store]) = (active.x[at], active.first[at]);
+            for &(other, to) in &numbers {
+                rows[(to, k)] = matrix[at * size + other];
+            }
+        }
+        self.covariance.write(&stored, &rows);
+    }
+
+    /// What [`Active`] does after each correction, for the passive part at once: it moved by so much since it was left.
+    fn turn_errors(
+        &mut self,
+        moved: &DVector<f64>,
+        numbers: &[(usize, usize)],
+        active: &Active,
+        rows: &mut DMatrix<f64>,
+    ) {
+        let Some(heading) = numbers.iter().position(|(at, _)| *at == HEADING) else { return };
+        let mut d = DVector::zeros(moved.len());
+        // Robots are always active: what is passive are landmarks, two numbers each.
+        for store in self.landmarks.iter().filter(|s| !numbers.iter().any(|(_, n)| n == *s)) {
+            (d[*store], d[store + 1]) = (-moved[store + 1], moved[*store]);
+        }
+        let own = rows.column(heading).into_owned();
+        let variance = active.covariance.at(HEADING, HEADING);
+        for (k, (at, _)) in numbers.iter().enumerate() {
+            rows.column_mut(k).axpy(active.covariance.at(HEADING, *at), &d, 1.0);
+        }
+        let right = DMatrix::from_columns(&[own.clone(), d.clone()]);
+        let left = -DMatrix::from_columns(&[d.clone(), own + d * variance]);
+        self.covariance.subtract(left, right);
+    }
+
+    /// Makes these variables the active ones, in this order; gives their places.
+    pub fn open(&mut self, active: &mut Active, form: Form, members: &[(usize, usize)]) -> Vec<Place> {
+        let mut places = Vec::with_capacity(members.len());
+        let mut numbers = Vec::new();
+        for &(store, size) in members {
+            places.push(Place { at: numbers.len(), size });
+            numbers.extend(store..store + size);
+        }
+        let n = numbers.len();
+        self.cross = self.covariance.rows(&numbers, self.x.len());
+        let mut matrix = Vec::with_capacity(n * n);
+        for column in 0..n {
+            matrix.extend(numbers.iter().map(|row| self.cross[(*row, column)]));
+        }
+        active.covariance = Covariance::from_matrix(form, n, matrix);
+        active.x = numbers.iter().map(|k| self.x[*k]).collect();
+        active.angles = places.iter().flat_map(|p| (0..p.size).map(|k| k == 2)).collect();
+        active.first = numbers.iter().map(|k| self.first[*k]).collect();
+        active.deferred = Some(Deferred::new(n));
+        places
+    }
+
+    /// Does a part of the postponed work.
+    pub fn settle(&mut self) {
+        self.covariance.settle(self.covariance.backlog().div_ceil(SPREAD));
+    }
+
+    /// Estimate and covariance of a passive landmark as they are by now.
+    pub fn landmark(&self, active: &Active, store: usize) -> (Vector2<f64>, Matrix2<f64>) {
+        let mut value = Vector2::new(self.x[store], self.x[store + 1]);
+        let mut covariance = Matrix2::from_fn(|i, j| self.covariance.at(store + i, store + j));
+        if let Some(deferred) = active.deferred.as_ref().filter(|_| store + 1 < self.cross.nrows()) {
+            let rows = self.cross.rows(store, 2);
+            value += rows * &deferred.theta;
+            covariance -= rows * &deferred.psi * rows.transpose();
+        }
+        (value, covariance)
+    }
+}

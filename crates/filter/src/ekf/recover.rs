@@ -1,0 +1,75 @@
+//! When many sightings are rejected the robot is not where the filter believes: its pose is widened until they fit.
+
+use super::EkfSlam;
+use super::active::Linear;
+use nalgebra::Matrix3;
+use std::collections::VecDeque;
+
+/// What became of the last sightings, and how uncertain motion was meanwhile.
+#[derive(Clone, Debug)]
+pub(crate) struct Recent {
+    window: usize,
+    rejected: VecDeque<bool>,
+    /// Largest position and angle variance that motion added since something was taken.
+    position: f64,
+    angle: f64,
+}
+
+impl Recent {
+    pub fn new(window: usize) -> Self {
+        Self { window: window.max(1), rejected: VecDeque::new(), position: 0.0, angle: 0.0 }
+    }
+
+    pub fn moved(&mut self, covariance: &Matrix3<f64>) {
+        self.position += covariance[(0, 0)].max(covariance[(1, 1)]);
+        self.angle += covariance[(2, 2)];
+    }
+
+    pub fn judged(&mut self, rejected: bool) {
+        self.rejected.push_back(rejected);
+        if self.rejected.len() > self.window {
+            self.rejected.pop_front();
+        }
+        if !rejected {
+            (self.position, self.angle) = (0.0, 0.0);
+        }
+    }
+
+    fn fraction(&self) -> f64 {
+        self.rejected.iter().filter(|r| **r).count() as f64 / self.window as f64
+    }
+}
+
+impl EkfSlam {
+    /// Takes a sighting that was rejected, where so many are that the pose must be wrong: noise in the shape of the
+    /// pose's own covariance and of the motion since, doubled until the sighting is as likely as one expects (its NIS at
+    /// its mean, the degrees of freedom, or within the gate where that is narrower). False when it is not time for that.
+    pub(super) fn recover(&mut self, robot: usize, linear: &Linear, gate: f64) -> bool {
+        let known = &self.robots[robot];
+        if known.recent.fraction() < self.config.recovery_fraction {
+            return false;
+        }
+        let (place, recent) = (known.place, &known.recent);
+        let motion = Matrix3::from_diagonal(&[recent.position, recent.position, recent.angle].into());
+        let shape = self.active.block(place, place) + motion;
+        let Some((_, _, by_pose)) = linear.h.blocks.iter().find(|b| b.0 == place.at) else { return false };
+        let seen = by_pose * shape * by_pose.transpose();
+        let (mut scale, limit) = (0.25, gate.min(linear.h.rows as f64));
+        let fits = loop {
+            let wider = Linear { s: linear.s + seen * scale, ..linear.clone() };
+            match wider.nis() {
+                Some(nis) if nis <= limit => break true,
+                Some(_) if scale < 1e6 => scale *= 2.0,
+                _ => break false,
+            }
+        };
+        if !fits {
+            return false;
+        }
+        self.active.inflate(place, &(shape * scale));
+        let again = self.active.linear_rows(linear.h.clone(), linear.innovation, linear.noise);
+        self.recoveries += 1;
+        self.robots[robot].recent.rejected.clear();
+        self.active.update(&again)
+    }
+}

@@ -1,0 +1,272 @@
+//! From a log to what filters and smoothers take: between two instants with sightings one motion, then the sightings.
+
+use super::{Entry, Event, Reading, RobotLog};
+use crate::measure::{Measurement, MeasurementError};
+use crate::motion::{Motion, VelocityModel, along_arc};
+use nalgebra::Matrix2;
+
+/// What is seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Target {
+    /// A landmark with a label that can be read (a barcode, a radio's number).
+    Landmark(u32),
+    /// Another robot, by its place in the list.
+    Robot(usize),
+    /// A landmark without a name.
+    Unlabelled,
+}
+
+/// One thing seen at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// Of what.
+    pub target: Target,
+    /// What is measured.
+    pub measurement: Measurement,
+}
+
+/// A motion, and what is seen at its end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Seconds from the start of the log, at the end of the motion.
+    pub time_s: f64,
+    /// Since the step before.
+    pub motion: Motion,
+    /// What is seen then; may be empty.
+    pub sightings: Vec<Sighting>,
+}
+
+/// Noise of a robot's odometry and of its sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Of velocities.
+    pub velocity: VelocityModel,
+    /// Deviation of a way travelled: for each square root of a metre, in sqrt(m).
+    pub way: f64,
+    /// Deviation of a turn for each square root of a metre travelled, in rad/sqrt(m).
+    pub turn_by_way: f64,
+    /// Deviation of a turn for each square root of a radian turned, in sqrt(rad).
+    pub turn: f64,
+    /// Deviation of a range: this, in metres,
+    pub range_m: f64,
+    /// and this for each metre.
+    pub range_by_range: f64,
+    /// Deviation of a bearing in radians.
+    pub bearing_rad: f64,
+    /// Covariances that a log gives for its relative motions are multiplied by this.
+    pub relative_scale: f64,
+    /// Sightings are stamped so much too late, in seconds.
+    pub sighting_delay_s: f64,
+}
+
+impl Noise {
+    /// For the robots of MRCLAM: found on data set 1, by the error of the landmarks over robots 1 to 3 together. The delay is
+    /// the one under which the innovations are most likely.
+    pub fn mrclam() -> Self {
+        Self {
+            velocity: VelocityModel {
+                speed: 0.0035,
+                speed_by_speed: 0.07,
+                speed_by_turn: 0.02,
+                turn: 0.005,
+                turn_by_speed: 0.03,
+                turn_by_turn: 0.1,
+            },
+            range_m: 0.1,
+            range_by_range: 0.08,
+            bearing_rad: 0.015,
+            sighting_delay_s: 0.2,
+            ..Self::plaza()
+        }
+    }
+
+    /// For the robots of MRCLAM where labels are not used: near the noise under which the innovations of data set 1 are most
+    /// likely.
+    pub fn mrclam_unlabelled() -> Self {
+        Self {
+            velocity: VelocityModel {
+                speed: 0.0227,
+                speed_by_speed: 0.2255,
+                speed_by_turn: 0.0996,
+                turn: 0.0143,
+                turn_by_speed: 0.1176,
+                turn_by_turn: 0.357,
+            },
+            range_m: 0.0256,
+            range_by_range: 0.0292,
+            bearing_rad: 0.0081,
+            ..Self::mrclam()
+        }
+    }
+
+    /// For the robots of MRCLAM, smoothed robustly.
+    pub fn mrclam_smoothing() -> Self {
+        Self {
+            velocity: VelocityModel {
+                speed: 0.001,
+                speed_by_speed: 0.14,
+                speed_by_turn: 0.064,
+                turn: 0.0001,
+                turn_by_speed: 0.0285,
+                turn_by_turn: 0.087,
+            },
+            range_m: 0.325,
+            range_by_range: 0.18,
+            bearing_rad: 0.005,
+            ..Self::mrclam()
+        }
+    }
+
+    /// For the mower of Plaza 1.
+    pub fn plaza() -> Self {
+        Self {
+            velocity: VelocityModel {
+                speed: 0.05,
+                speed_by_speed: 0.05,
+                speed_by_turn: 0.0,
+                turn: 0.02,
+                turn_by_speed: 0.0,
+                turn_by_turn: 0.05,
+            },
+            way: 0.05,
+            turn_by_way: 0.005,
+            turn: 0.02,
+            range_m: 0.6,
+            range_by_range: 0.0,
+            bearing_rad: 0.05,
+            relative_scale: 1.0,
+            sighting_delay_s: 0.0,
+        }
+    }
+
+    /// A reading with its noise.
+    ///
+    /// # Errors
+    /// When the reading or the noise is none.
+    pub fn measurement(&self, reading: &Reading) -> Result<Measurement, MeasurementError> {
+        let range_deviation = |range: f64| self.range_m + self.range_by_range * range;
+        match *reading {
+            Reading::RangeBearing(range, bearing) => {
+                Measurement::range_bearing(range, bearing, range_deviation(range), self.bearing_rad)
+            }
+            Reading::Range(range) => Measurement::range(range, range_deviation(range)),
+            Reading::Bearing(bearing) => Measurement::bearing(bearing, self.bearing_rad),
+            Reading::Position(p, covariance) => Measurement::position(p.x, p.y, &covariance),
+        }
+    }
+
+    fn travel(&self, way_m: f64, turn_rad: f64) -> Motion {
+        let way = self.way * self.way * way_m.abs();
+        let turn = self.turn_by_way * self.turn_by_way * way_m.abs() + self.turn * self.turn * turn_rad.abs();
+        along_arc(way_m, turn_rad, &Matrix2::new(way, 0.0, 0.0, turn))
+    }
+}
+
+impl RobotLog {
+    /// The steps of this robot: one for each instant with sightings and for each of `cuts` (rising times in seconds), and
+    /// one at the end.
+    ///
+    /// # Errors
+    /// When a reading with this noise is no measurement.
+    pub fn steps(&self, noise: &Noise, cuts: &[f64]) -> Result<Vec<Step>, MeasurementError> {
+        let (steps, motion) = (Vec::new(), Motion::identity());
+        let mut builder = Builder { noise, steps, motion, velocity: None, now: None, accounted: 0.0 };
+        // Three streams by rising time: controls, sightings (moved back by their delay), cuts.
+        let (mut controls, mut seen): (Vec<&Entry>, Vec<&Entry>) = (Vec::new(), Vec::new());
+        for entry in &self.entries {
+            if matches!(entry.event, Event::Seen { .. }) { seen.push(entry) } else { controls.push(entry) }
+        }
+        let (mut controls, mut seen, mut cuts) =
+            (controls.into_iter().peekable(), seen.into_iter().peekable(), cuts.iter().copied().peekable());
+        loop {
+            let control = controls.peek().map_or(f64::INFINITY, |e| e.time_s);
+            let sighting = seen.peek().map_or(f64::INFINITY, |e| e.time_s - noise.sighting_delay_s);
+            let cut = cuts.peek().copied().unwrap_or(f64::INFINITY);
+            let time_s = control.min(sighting).min(cut);
+            if time_s == f64::INFINITY {
+                break;
+            }
+            builder.advance(time_s);
+            // A control that ends now belongs before what is seen now.
+            if control == time_s {
+                controls.next().into_iter().for_each(|e| builder.control(&e.event));
+            } else if cut == time_s {
+                cuts.next();
+                builder.step(time_s);
+            } else if let Some(Entry { event: Event::Seen { target, reading }, .. }) = seen.next() {
+                let measurement = noise.measurement(reading)?;
+                builder.step(time_s).sightings.push(Sighting { target: *target, measurement });
+            }
+        }
+        if let Some(time_s) = builder.now {
+            builder.step(time_s);
+        }
+        Ok(builder.steps)
+    }
+}
+
+struct Builder<'a> {
+    noise: &'a Noise,
+    steps: Vec<Step>,
+    /// Since the last step, up to `accounted`.
+    motion: Motion,
+    velocity: Option<(f64, f64)>,
+    now: Option<f64>,
+    accounted: f64,
+}
+
+impl Builder<'_> {
+    fn advance(&mut self, time_s: f64) {
+        if self.now.is_none() {
+            self.accounted = time_s;
+        }
+        self.now = Some(time_s);
+    }
+
+    /// What was driven at the velocity given last. An arc is exact for any duration, so that it waits until the velocity
+    /// changes or a step is due: drivers repeat themselves many times a second.
+    fn account(&mut self) {
+        let now = self.now.unwrap_or(self.accounted);
+        let elapsed = now - self.accounted;
+        if let Some((speed, turn)) = self.velocity.filter(|_| elapsed > 0.0) {
+            self.motion = self.motion.then(&self.noise.velocity.motion(speed, turn, elapsed));
+        }
+        self.accounted = now;
+    }
+
+    fn control(&mut self, event: &Event) {
+        match event {
+            Event::Velocity { speed_m_s, turn_rad_s } => {
+                let given = Some((*speed_m_s, *turn_rad_s));
+                if given != self.velocity {
+                    self.account();
+                    self.velocity = given;
+                }
+            }
+            Event::Travel { way_m, turn_rad } => {
+                self.account();
+                self.motion = self.motion.then(&self.noise.travel(*way_m, *turn_rad));
+            }
+            Event::Relative { before_from_after, covariance } => {
+                self.account();
+                let next = Motion {
+                    before_from_after: *before_from_after,
+                    covariance: covariance * self.noise.relative_scale,
+                };
+                self.motion = self.motion.then(&next);
+            }
+            Event::Seen { .. } => {}
+        }
+    }
+
+    /// The step at this instant; a new one where there is none.
+    fn step(&mut self, time_s: f64) -> &mut Step {
+        if self.steps.last().is_none_or(|s| s.time_s < time_s) {
+            self.account();
+            let motion = std::mem::replace(&mut self.motion, Motion::identity());
+            self.steps.push(Step { time_s, motion, sightings: Vec::new() });
+        }
+        let last = self.steps.len() - 1;
+        &mut self.steps[last]
+    }
+}

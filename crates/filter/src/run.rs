@@ -1,0 +1,301 @@
+//! One robot's log through the filter: what became of its sightings, how well it knew what it did not know, and how it
+//! compares with smoothing and with a survey.
+
+use crate::batch::{BatchConfig, BatchReport, Smoothed, smooth};
+use crate::chi2;
+use crate::ekf::{Association, EkfConfig, EkfSlam, FilterError, Landmark, LandmarkId, Verdict};
+use crate::log::{Log, Noise, Step, Target};
+use crate::measure::MeasurementError;
+use cairn_geometry::{Se2, Vec2, Vec3, umeyama};
+use nalgebra::{Matrix2, Matrix3, Vector3};
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Snapshots kept for a replay, at most.
+const SNAPSHOTS: usize = 240;
+
+/// What cannot be run.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum RunError {
+    /// There is no such robot in the log.
+    #[error("the log has no robot {0}")]
+    NoRobot(usize),
+    /// A sighting with the log's noise is no measurement.
+    #[error("a sighting can not be used: {0}")]
+    Measurement(#[from] MeasurementError),
+    /// A motion of the log is none.
+    #[error("a motion can not be used: {0}")]
+    Filter(#[from] FilterError),
+}
+
+/// What became of the sightings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Corrected the state.
+    pub taken: usize,
+    /// Founded a landmark.
+    pub new: usize,
+    /// Outside the gate, or ambiguous.
+    pub rejected: usize,
+    /// Kept for a landmark that could not be placed yet, or could not be used.
+    pub waiting: usize,
+}
+
+/// The state at an instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    /// Seconds from the start of the log.
+    pub time_s: f64,
+    /// Number of the step.
+    pub step: usize,
+    /// Pose (x m, y m, angle rad).
+    pub pose: Vector3<f64>,
+    /// Its covariance.
+    pub covariance: Matrix3<f64>,
+    /// Landmarks with their covariance.
+    pub landmarks: Vec<Landmark>,
+}
+
+/// A finished run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// The robot's name.
+    pub robot: String,
+    /// When the poses are, in seconds from the start of the log.
+    pub times_s: Vec<f64>,
+    /// Live poses (x m, y m, angle rad) at the steps.
+    pub poses: Vec<Vector3<f64>>,
+    /// Landmarks at the end.
+    pub landmarks: Vec<Landmark>,
+    /// The label that most sightings of a landmark have, for judging where labels are not used.
+    pub names: BTreeMap<LandmarkId, u32>,
+    /// What became of the sightings.
+    pub counts: Counts,
+    /// Mean of the normalised innovation squared, for each degree of freedom: 1 when the noise is right.
+    pub nis_per_dof: f64,
+    /// Part of the innovations taken or rejected that are within their 95 % bound.
+    pub nis_within_95: f64,
+    /// Part of the associations that are not to the landmark of their label; `None` where labels were used or absent.
+    pub wrong_associations: Option<f64>,
+    /// How often the pose had to be widened.
+    pub recoveries: usize,
+    /// Preparing the steps and filtering, without reading and snapshots, in milliseconds.
+    pub filter_ms: f64,
+    /// For a replay.
+    pub snapshots: Vec<Snapshot>,
+}
+
+/// Runs one robot of a log, from the origin.
+///
+/// # Errors
+/// For a robot that the log does not have, and entries that no filter can use.
+pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError> {
+    let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
+    let began = Instant::now();
+    let labelled = config.association == Association::Known;
+    let mut steps = recorded.steps(if labelled { &log.noise } else { &log.unlabelled_noise }, &[])?;
+    let mut filter = EkfSlam::new(*config);
+    // The start is the frame of the map: known, but for what rounding needs.
+    let id = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
+    // Only one robot is in the state.
+    steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
+    let mut tally = Tally::default();
+    let (mut poses, mut snapshots) = (Vec::with_capacity(steps.len()), Vec::new());
+    let every = steps.len().div_ceil(SNAPSHOTS).max(1);
+    let mut snapshot_ms = 0.0;
+    for (k, step) in steps.iter().enumerate() {
+        filter.predict(id, &step.motion)?;
+        let verdicts = filter.observe(id, &step.sightings)?;
+        tally.count(step, &verdicts);
+        let (pose, covariance) = filter.pose(id).ok_or(RunError::NoRobot(robot))?;
+        poses.push(pose);
+        if k % every == 0 || k + 1 == steps.len() {
+            let began = Instant::now();
+            snapshots.push(Snapshot {
+                time_s: step.time_s,
+                step: k,
+                pose,
+                covariance,
+                landmarks: filter.landmarks(),
+            });
+            snapshot_ms += began.elapsed().as_secs_f64() * 1e3;
+        }
+    }
+    let filter_ms = began.elapsed().as_secs_f64() * 1e3 - snapshot_ms;
+    tally.join(filter.joined());
+    let (names, wrong) = tally.names();
+    Ok(Run {
+        robot: recorded.name.clone(),
+        landmarks: filter.landmarks(),
+        wrong_associations: wrong.filter(|_| !labelled),
+        names,
+        counts: tally.counts,
+        nis_per_dof: tally.nis / tally.dof.max(1.0),
+        nis_within_95: tally.within / tally.judged.max(1.0),
+        recoveries: filter.recoveries(),
+        filter_ms,
+        times_s: steps.iter().map(|s| s.time_s).collect(),
+        poses,
+        snapshots,
+    })
+}
+
+#[derive(Default)]
+struct Tally {
+    counts: Counts,
+    nis: f64,
+    dof: f64,
+    within: f64,
+    judged: f64,
+    /// Sightings of each landmark by label.
+    votes: BTreeMap<LandmarkId, BTreeMap<u32, usize>>,
+}
+
+impl Tally {
+    fn count(&mut self, step: &Step, verdicts: &[Verdict]) {
+        for (sighting, verdict) in step.sightings.iter().zip(verdicts) {
+            let landmark = match *verdict {
+                Verdict::Taken { landmark, nis, dof } => {
+                    self.counts.taken += 1;
+                    self.nis += nis;
+                    self.dof += dof as f64;
+                    self.judged += 1.0;
+                    // Cheap for the degrees of freedom that there are.
+                    self.within += f64::from(u8::from(chi2::cumulative(nis, dof) <= 0.95));
+                    landmark
+                }
+                Verdict::New { landmark } => {
+                    self.counts.new += 1;
+                    Some(landmark)
+                }
+                Verdict::Rejected { .. } | Verdict::Ambiguous { .. } => {
+                    self.counts.rejected += 1;
+                    self.judged += 1.0;
+                    None
+                }
+                Verdict::Waiting { .. } | Verdict::Unusable => {
+                    self.counts.waiting += 1;
+                    None
+                }
+            };
+            if let (Some(landmark), Target::Landmark(label)) = (landmark, sighting.target) {
+                *self.votes.entry(landmark).or_default().entry(label).or_default() += 1;
+            }
+        }
+    }
+
+    /// The votes of landmarks that turned out to be one count together.
+    fn join(&mut self, joined: &BTreeMap<LandmarkId, LandmarkId>) {
+        for id in joined.keys() {
+            let mut to = *id;
+            while let Some(next) = joined.get(&to) {
+                to = *next;
+            }
+            for (label, n) in self.votes.remove(id).unwrap_or_default() {
+                *self.votes.entry(to).or_default().entry(label).or_default() += n;
+            }
+        }
+    }
+
+    /// The name of each landmark, and the part of the sightings that have another.
+    fn names(&self) -> (BTreeMap<LandmarkId, u32>, Option<f64>) {
+        let (mut names, mut right, mut all) = (BTreeMap::new(), 0, 0);
+        for (id, votes) in &self.votes {
+            if let Some((label, most)) = votes.iter().max_by_key(|(_, n)| **n) {
+                names.insert(*id, *label);
+                right += most;
+                all += votes.values().sum::<usize>();
+            }
+        }
+        (names, (all > 0).then(|| 1.0 - f64::from(right as u32) / f64::from(all as u32)))
+    }
+}
+
+impl Run {
+    /// Confirmed landmarks by name; of several with one name the one seen most.
+    pub fn named(&self) -> BTreeMap<u32, Vec2> {
+        let mut best: BTreeMap<u32, (usize, Vec2)> = BTreeMap::new();
+        for landmark in self.landmarks.iter().filter(|l| l.confirmed) {
+            let Some(name) = landmark.label.or_else(|| self.names.get(&landmark.id).copied()) else {
+                continue;
+            };
+            let entry = best.entry(name).or_insert((0, landmark.position));
+            if landmark.seen > entry.0 {
+                *entry = (landmark.seen, landmark.position);
+            }
+        }
+        best.into_iter().map(|(name, (_, position))| (name, position)).collect()
+    }
+
+    /// Smooths the whole run with the log's noise for that, from the filter's estimates. Sightings count for the landmark
+    /// of their label.
+    ///
+    /// # Errors
+    /// As [`run`].
+    pub fn smoothed(
+        &self,
+        log: &Log,
+        robot: usize,
+        config: &BatchConfig,
+    ) -> Result<(Smoothed, BatchReport), RunError> {
+        let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
+        // The same instants: sightings are moved by the same delay.
+        let noise = Noise { sighting_delay_s: log.noise.sighting_delay_s, ..log.smoothing_noise };
+        let mut steps = recorded.steps(&noise, &[])?;
+        steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
+        let start = Smoothed { poses: vec![self.poses.clone()], landmarks: self.named() };
+        Ok(smooth(&[steps], start, config))
+    }
+}
+
+/// Lays landmarks onto others of the same names without scaling: the transform onto `target`, the root mean square of
+/// what remains in metres, and the number of pairs. `None` for fewer than three pairs or pairs in a line.
+pub fn align(target: &BTreeMap<u32, Vec2>, source: &BTreeMap<u32, Vec2>) -> Option<(Se2, f64, usize)> {
+    let pairs: Vec<(Vec3, Vec3)> =
+        source.iter().filter_map(|(name, p)| Some((target.get(name)?.push(0.0), p.push(0.0)))).collect();
+    let (to, from): (Vec<Vec3>, Vec<Vec3>) = pairs.into_iter().unzip();
+    let found = umeyama(&to, &from, false).ok()?;
+    let x = found.rotation * Vec3::x();
+    let transform = Se2::from_xy_angle(found.translation.x, found.translation.y, x.y.atan2(x.x));
+    let sum: f64 = to.iter().zip(&from).map(|(t, f)| (t.xy() - transform * f.xy()).norm_squared()).sum();
+    Some((transform, (sum / to.len() as f64).sqrt(), to.len()))
+}
+
+/// Root mean square distance of positions, each list laid out by its own transform, in metres.
+pub fn position_rmse(a: &[Vector3<f64>], a_to: &Se2, b: &[Vector3<f64>], b_to: &Se2) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| (*a_to * a.xy() - *b_to * b.xy()).norm_squared()).sum();
+    (sum / a.len().min(b.len()).max(1) as f64).sqrt()
+}
+
+/// Half axes (m) and direction (rad) of the ellipse that holds a Gaussian in the plane with 95 %.
+pub fn ellipse_95(covariance: &Matrix2<f64>) -> [f64; 3] {
+    let (a, b, c) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
+    let (mean, half) = (0.5 * (a + c), (0.25 * (a - c) * (a - c) + b * b).sqrt());
+    let scale = chi2::quantile(0.95, 2);
+    let axis = |variance: f64| (scale * variance.max(0.0)).sqrt();
+    [axis(mean + half), axis(mean - half), 0.5 * (2.0 * b).atan2(a - c)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn alignment_undoes_a_rigid_motion() {
+        let moved = Se2::from_xy_angle(3.0, -1.0, 2.5);
+        let source: BTreeMap<u32, Vec2> =
+            (0..6).map(|k| (k, Vec2::new(f64::from(k), f64::from(k * k)))).collect();
+        let target: BTreeMap<u32, Vec2> = source.iter().map(|(k, p)| (*k, moved * *p)).collect();
+        let (transform, rmse, pairs) = align(&target, &source).unwrap();
+        assert!(rmse < 1e-12 && pairs == 6 && (transform.inverse() * moved).translation.norm() < 1e-12);
+        assert!(align(&target, &BTreeMap::new()).is_none());
+    }
+
+    #[test]
+    fn ellipses_have_the_axes_of_their_covariance() {
+        let [long, short, angle] = ellipse_95(&Matrix2::new(1.0, 0.0, 0.0, 4.0));
+        let k = 5.991_465_f64.sqrt();
+        assert!((long - 2.0 * k).abs() < 1e-5 && (short - k).abs() < 1e-5);
+        assert!((angle.abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,121 @@
+//! Real logs: the figures of the filter hold.
+
+use cairn_filter::batch::BatchConfig;
+use cairn_filter::ekf::{EkfConfig, Form};
+use cairn_filter::log::{Format, Log, load};
+use cairn_filter::run::{Run, align, position_rmse, run};
+use cairn_geometry::Se2;
+use std::path::PathBuf;
+
+fn data(name: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("CAIRN_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
+        PathBuf::from,
+    );
+    let path = root.join("ekf").join(name);
+    if !path.exists() {
+        println!("skipped: {} is not there", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+fn mrclam() -> Option<Vec<Log>> {
+    let folder = data("mrclam1")?;
+    Some((1..=3).map(|r| load(&folder, Some(r)).unwrap().1).collect())
+}
+
+fn landmark_error(log: &Log, run: &Run) -> (Se2, f64) {
+    let (transform, rmse, pairs) = align(&log.surveyed, &run.named()).unwrap();
+    assert_eq!(pairs, 15);
+    (transform, rmse)
+}
+
+#[test]
+fn mrclam_is_mapped_and_smoothed() {
+    let Some(logs) = mrclam() else { return };
+    let (mut landmarks, mut positions, mut smoothed) = (0.0, 0.0, 0.0);
+    for log in &logs {
+        assert!(log.notes.iter().any(|n| n.contains("11 and 17")), "the swap is mended: {:?}", log.notes);
+        let found = run(log, 0, &EkfConfig::default()).unwrap();
+        let (transform, rmse) = landmark_error(log, &found);
+        let (smooth, report) = found.smoothed(log, 0, &BatchConfig::default()).unwrap();
+        assert!(report.cost_after < report.cost_before);
+        let (smooth_to, smooth_rmse, _) = align(&log.surveyed, &smooth.landmarks).unwrap();
+        landmarks += rmse / 3.0;
+        smoothed += smooth_rmse / 3.0;
+        positions += position_rmse(&found.poses, &transform, &smooth.poses[0], &smooth_to) / 3.0;
+    }
+    println!(
+        "landmarks {landmarks:.4} m, live positions {positions:.4} m, smoothed landmarks {smoothed:.4} m"
+    );
+    assert!(landmarks <= 0.065 && positions <= 0.15 && smoothed <= 0.05);
+}
+
+#[test]
+fn mrclam_diverges_at_no_gate() {
+    let Some(logs) = mrclam() else { return };
+    for gate in [3.0, 5.0, 7.0, 9.0, 11.0, 14.0] {
+        let config = EkfConfig::default().with_gate_of_two(gate);
+        let rmse: f64 =
+            logs.iter().map(|log| landmark_error(log, &run(log, 0, &config).unwrap()).1 / 3.0).sum();
+        assert!(rmse <= 0.065, "gate {gate}: {rmse:.3} m");
+    }
+}
+
+#[test]
+fn the_forms_agree_on_a_real_log() {
+    let Some(logs) = mrclam() else { return };
+    let whole = run(&logs[0], 0, &EkfConfig::default()).unwrap();
+    let root = run(&logs[0], 0, &EkfConfig { form: Form::SquareRoot, ..EkfConfig::default() }).unwrap();
+    let apart = position_rmse(&whole.poses, &Se2::identity(), &root.poses, &Se2::identity());
+    assert!(apart < 1e-6 && whole.counts == root.counts, "{apart:e}");
+}
+
+#[test]
+fn victoria_park_is_near_its_smoothed_map() {
+    let Some(path) = data("victoria_park.txt") else { return };
+    let (format, log) = load(&path, None).unwrap();
+    assert_eq!(format, Format::Victoria);
+    let config = EkfConfig {
+        gate_probability: log.gate_probability,
+        local_radius_m: Some(60.0),
+        ..EkfConfig::default()
+    };
+    let found = run(&log, 0, &config).unwrap();
+    let (smooth, report) = found.smoothed(&log, 0, &BatchConfig::default()).unwrap();
+    let (_, apart, pairs) = align(&smooth.landmarks, &found.named()).unwrap();
+    println!("{pairs} landmarks, {apart:.3} m from smoothing");
+    assert!(report.converged && pairs == 151 && apart <= 0.5);
+}
+
+#[test]
+fn plaza_finds_its_beacons_by_ranges_alone() {
+    let Some(path) = data("Plaza1_TD.txt") else { return };
+    let (format, log) = load(&path, None).unwrap();
+    assert_eq!(format, Format::Plaza);
+    let found = run(&log, 0, &EkfConfig::default()).unwrap();
+    let (smooth, report) = found.smoothed(&log, 0, &BatchConfig::default()).unwrap();
+    let (_, apart, pairs) = align(&smooth.landmarks, &found.named()).unwrap();
+    println!("{pairs} beacons, {apart:.3} m from smoothing");
+    assert!(report.converged && pairs == 4 && apart < 0.3);
+}
+
+#[test]
+fn runs_are_the_same_every_time() {
+    let Some(logs) = mrclam() else { return };
+    let once = run(&logs[1], 0, &EkfConfig::default()).unwrap();
+    let again = run(&logs[1], 0, &EkfConfig::default()).unwrap();
+    assert_eq!(once.poses, again.poses);
+    assert_eq!(once.landmarks, again.landmarks);
+}
+
+#[test]
+fn what_is_no_log_is_told() {
+    let missing = load(std::path::Path::new("/nowhere/log.csv"), None).unwrap_err();
+    assert!(missing.to_string().starts_with("/nowhere/log.csv: "), "{missing}");
+    let folder = load(std::path::Path::new(env!("CARGO_MANIFEST_DIR")), None).unwrap_err();
+    assert!(folder.to_string().contains("a folder without Barcodes.dat"), "{folder}");
+    let other = load(&std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml"), None).unwrap_err();
+    assert!(other.to_string().contains("no log that is known"), "{other}");
+}
