@@ -1,0 +1,137 @@
+//! The distances at the 9x9x9 corners of a block's cells, and which cells the surface passes through.
+
+use crate::Backend;
+use crate::backend::dispatch;
+use crate::block::{BlockKey, SIDE, VOXELS};
+use crate::tsdf::{Planes, STEPS, TsdfVolume};
+
+/// Corners along an edge of a block.
+pub const CORNERS: usize = SIDE + 1;
+
+/// Corners of a block's cells, those of the next blocks included; x runs fastest, then y, then z.
+#[derive(Clone)]
+pub struct Samples {
+    /// Distance in steps; 0 where nothing was seen.
+    pub steps: [f32; CORNERS * CORNERS * CORNERS],
+    /// By layer, one bit a corner (`x + 9 * y`): seen often enough.
+    seen: [u128; CORNERS],
+    /// By layer: seen, and behind the surface.
+    inside: [u128; CORNERS],
+    /// Slots of the eight blocks that corners come from: bit 0 of the index is the next one along x, and so on.
+    pub slots: [Option<u32>; 8],
+}
+
+/// Index of a corner.
+pub fn corner_index(corner: [usize; 3]) -> usize {
+    corner[0] + CORNERS * (corner[1] + CORNERS * corner[2])
+}
+
+/// A block's distances, made once and read by all of its neighbours' cells.
+struct Rows {
+    steps: [f32; VOXELS],
+    seen: [u64; SIDE],
+    inside: [u64; SIDE],
+}
+
+impl Default for Samples {
+    fn default() -> Self {
+        Self { steps: [0.0; CORNERS * CORNERS * CORNERS], seen: [0; 9], inside: [0; 9], slots: [None; 8] }
+    }
+}
+
+impl Samples {
+    /// Fills in those of a block; false when the surface passes through none of its cells.
+    pub fn load(&mut self, volume: &TsdfVolume, key: BlockKey, least_weight: i32) -> bool {
+        for (i, slot) in self.slots.iter_mut().enumerate() {
+            *slot = volume.slot(key.offset([i & 1, i >> 1 & 1, i >> 2].map(|v| v as i32)));
+        }
+        (self.seen, self.inside) = ([0; CORNERS], [0; CORNERS]);
+        let Some(own) = self.slots[0] else { return false };
+        let mut rows = Rows { steps: [0.0; VOXELS], seen: [0; SIDE], inside: [0; SIDE] };
+        let (planes, to) = (volume.planes(own), &mut rows);
+        dispatch!(Backend::best(), read(planes: &Planes, least_weight: i32, to: &mut Rows) -> ());
+        self.copy_own(&rows);
+        // Without corners of both kinds, there may still be a crossing to the next blocks.
+        for i in 1..8 {
+            if let Some(slot) = self.slots[i] {
+                self.copy_border(volume.planes(slot), [i & 1, i >> 1 & 1, i >> 2], least_weight);
+            }
+        }
+        self.inside.iter().any(|&l| l != 0) && self.inside.iter().zip(&self.seen).any(|(i, s)| i != s)
+    }
+
+    fn copy_own(&mut self, rows: &Rows) {
+        for z in 0..SIDE {
+            for y in 0..SIDE {
+                let from = SIDE * (y + SIDE * z);
+                let to = corner_index([0, y, z]);
+                self.steps[to..to + SIDE].copy_from_slice(&rows.steps[from..from + SIDE]);
+                self.seen[z] |= u128::from(rows.seen[z] >> (8 * y) & 255) << (CORNERS * y);
+                self.inside[z] |= u128::from(rows.inside[z] >> (8 * y) & 255) << (CORNERS * y);
+            }
+        }
+    }
+
+    /// Corners of the face, edge or corner that a next block shares with the cells.
+    fn copy_border(&mut self, planes: &Planes, next: [usize; 3], least_weight: i32) {
+        let range = |k: usize| if next[k] == 1 { 0..1 } else { 0..SIDE };
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    let i = x + SIDE * (y + SIDE * z);
+                    let weight = planes.weight[i];
+                    if weight < least_weight {
+                        continue;
+                    }
+                    let at = [x + SIDE * next[0], y + SIDE * next[1], z + SIDE * next[2]];
+                    self.steps[corner_index(at)] = planes.sum[i] as f32 / weight as f32;
+                    let bit = 1u128 << (at[0] + CORNERS * at[1]);
+                    self.seen[at[2]] |= bit;
+                    self.inside[at[2]] |= if planes.sum[i] < 0 { bit } else { 0 };
+                }
+            }
+        }
+    }
+
+    /// Calls with each cell that the surface passes through, and the set of its inside corners.
+    pub fn live_cells(&self, mut cell: impl FnMut([usize; 3], usize)) {
+        // The lower corners of cells: not the last of a row, nor the last row.
+        let cells = (0..SIDE).fold(0u128, |m, y| m | 255 << (CORNERS * y));
+        for z in 0..SIDE {
+            let square = |l: u128| [l, l >> 1, l >> CORNERS, l >> (CORNERS + 1)];
+            let corners = |l: &[u128; CORNERS]| [square(l[z]), square(l[z + 1])];
+            let all = |c: [[u128; 4]; 2]| c.iter().flatten().fold(u128::MAX, |m, l| m & l);
+            let inside = corners(&self.inside);
+            let any_inside = inside.iter().flatten().fold(0, |m, l| m | l);
+            let mut live = cells & all(corners(&self.seen)) & any_inside & !all(inside);
+            while live != 0 {
+                let bit = live.trailing_zeros() as usize;
+                let mut case = 0;
+                for (i, l) in inside.iter().flatten().enumerate() {
+                    case |= ((l >> bit & 1) as usize) << i;
+                }
+                cell([bit % CORNERS, bit / CORNERS, z], case);
+                live &= live - 1;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn read(planes: &Planes, least_weight: i32, out: &mut Rows) {
+    for (z, layer) in out.steps.chunks_exact_mut(64).enumerate() {
+        let sum = &planes.sum[64 * z..64 * z + 64];
+        let weight = &planes.weight[64 * z..64 * z + 64];
+        let (mut seen, mut inside) = (0, 0);
+        for i in 0..64 {
+            layer[i] = sum[i] as f32 / weight[i].max(1) as f32;
+            let is_seen = weight[i] >= least_weight;
+            seen |= u64::from(is_seen) << i;
+            inside |= u64::from(is_seen & (sum[i] < 0)) << i;
+        }
+        (out.seen[z], out.inside[z]) = (seen, inside);
+    }
+}
+
+/// Neighbouring distances that differ by more than this belong to two surfaces, seen one behind the other: no surface lies between.
+pub const JUMP: f32 = 1.25 * STEPS as f32;
