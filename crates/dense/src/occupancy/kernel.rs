@@ -1,7 +1,6 @@
 //! One block of log-odds against one depth image, voxel by voxel.
 
 use crate::block::VOXELS;
-use crate::frame::{depth_of, weight_of};
 use crate::project::Offsets;
 use crate::view::NEAREST_M;
 
@@ -32,8 +31,6 @@ pub struct Evidence(pub [u8; VOXELS]);
 
 /// What all blocks of one image share.
 pub struct Pass<'a> {
-    /// See [`crate::frame`].
-    pub pixels: &'a [u32],
     /// Width and height in pixels.
     pub size: [usize; 2],
     /// See there.
@@ -52,7 +49,7 @@ pub struct Pass<'a> {
     pub limit: i8,
 }
 
-/// Least depths over squares of `1 << level` pixels, no wider than a voxel; level 0 is the image itself.
+/// Least depths over squares of `1 << level` pixels, no wider than a voxel where that is two pixels or more.
 #[derive(Clone, Copy)]
 pub struct Nearest<'a> {
     pub level: usize,
@@ -62,8 +59,8 @@ pub struct Nearest<'a> {
 
 /// What the image says of the block whose first voxel projects to the homogeneous `origin`; false when nothing.
 ///
-/// A voxel is hit when the depth of its pixel, or the least depth of the pixels that it covers, lies in it. It is free when
-/// all of these depths lie behind it by more than twice their noise.
+/// The least depth of the pixels around the image of its centre decides: a voxel is hit when that lies in it, or
+/// before it by at most half its size (slanted surfaces stay closed), and free when it lies behind it by more than twice its noise. So every pixel counts, and what is thin and near is not looked past.
 pub fn classify(out: &mut Evidence, origin: [f32; 3], nearest: Nearest, pass: &Pass) -> bool {
     let [w, h] = pass.size;
     let [floor, growth, from] = pass.noise;
@@ -79,21 +76,15 @@ pub fn classify(out: &mut Evidence, origin: [f32; 3], nearest: Nearest, pass: &P
             continue;
         }
         let (x, y) = (u as usize, v as usize);
-        let pixel = pass.pixels[y * w + x];
-        let measured = weight_of(pixel) > 0;
-        // Behind everything, so that it is no hit.
-        let depth = if measured { depth_of(pixel) } else { -1.0 };
-        let least = match nearest.level {
-            0 => depth,
-            level => nearest.least[(y >> level) * nearest.width + (x >> level)],
-        };
-        let hit = (z - depth).abs() <= pass.half_m || (z - least).abs() <= pass.half_m;
-        let nearer = if least < depth { least } else { depth };
-        let past = nearer - from;
+        let least = nearest.least[(y >> nearest.level) * nearest.width + (x >> nearest.level)];
+        let behind = z - least;
+        let hit = behind >= -pass.half_m && behind <= 2.0 * pass.half_m;
+        let measured = least < f32::INFINITY;
+        let past = least - from;
         let margin = pass.half_m + 2.0 * (floor + growth * (past * past));
         out.0[i] = if hit {
             HIT
-        } else if measured && z + margin < nearer {
+        } else if measured && z + margin < least {
             FREE
         } else if !measured && z < pass.silent_m && pass.silent[(y >> 3) * tiles + (x >> 3)] != 0 {
             SILENT
@@ -120,9 +111,9 @@ pub fn apply(odds: &mut Odds, evidence: &Evidence, [hit, miss, limit]: [i8; 3]) 
         } else {
             0
         };
-        let lowest = if gone { -1 } else { -limit };
         // Limit and steps are at most 63: the sum does not overflow.
-        let new = (*cell + step).clamp(lowest, limit);
+        let new = (*cell + step).clamp(-limit, limit);
+        let new = if gone & (new <= 0) { -1 } else { new };
         changed |= new ^ *cell;
         *cell = new;
     }

@@ -3,22 +3,21 @@
 
 use super::kernel::{Evidence, FREE, HIT, Nearest, Pass, SILENT};
 use crate::block::VOXELS;
-use crate::frame::WEIGHT_BITS;
 use crate::view::NEAREST_M;
 use std::arch::x86_64::*;
 
 /// # Safety
-/// AVX-512 F must be available; `pass.pixels`, `pass.silent` and `nearest.least` must cover the whole image.
+/// AVX-512 F must be available; `pass.silent` and `nearest.least` must cover the whole image.
 #[target_feature(enable = "avx512f")]
 pub unsafe fn classify_avx512(out: &mut Evidence, origin: [f32; 3], nearest: Nearest, pass: &Pass) -> bool {
     let [ou, ov, oz] = origin.map(|v| _mm512_set1_ps(v));
     let (one, zero, near) = (_mm512_set1_ps(1.0), _mm512_setzero_ps(), _mm512_set1_ps(NEAREST_M));
     let [w, h] = pass.size;
     let (width, height) = (_mm512_set1_ps(w as f32), _mm512_set1_ps(h as f32));
-    let bits = _mm512_set1_epi32(WEIGHT_BITS as i32);
     let [floor, growth, from] = pass.noise.map(|v| _mm512_set1_ps(v));
     let (half, two) = (_mm512_set1_ps(pass.half_m), _mm512_set1_ps(2.0));
-    let (silent_m, missing) = (_mm512_set1_ps(pass.silent_m), _mm512_set1_ps(-1.0));
+    let (before, after) = (_mm512_set1_ps(-pass.half_m), _mm512_set1_ps(2.0 * pass.half_m));
+    let (silent_m, endless) = (_mm512_set1_ps(pass.silent_m), _mm512_set1_ps(f32::INFINITY));
     let level = _mm_cvtsi32_si128(nearest.level as i32);
     let none = _mm512_setzero_si512();
     let at = |y: __m512i, x: __m512i, stride: usize| {
@@ -43,26 +42,18 @@ pub unsafe fn classify_avx512(out: &mut Evidence, origin: [f32; 3], nearest: Nea
                 continue;
             }
             let (x, y) = (_mm512_cvttps_epi32(u), _mm512_cvttps_epi32(v));
-            let pixel = _mm512_mask_i32gather_epi32::<4>(none, m, at(y, x, w), pass.pixels.as_ptr().cast());
-            let measured = _mm512_mask_test_epi32_mask(m, pixel, bits);
-            let depth = _mm512_castsi512_ps(_mm512_andnot_si512(bits, pixel));
-            let depth = _mm512_mask_blend_ps(measured, missing, depth);
-            let least = if nearest.level == 0 {
-                depth
-            } else {
-                let (x, y) = (_mm512_srl_epi32(x, level), _mm512_srl_epi32(y, level));
-                _mm512_mask_i32gather_ps::<4>(zero, m, at(y, x, nearest.width), nearest.least.as_ptr())
-            };
-            let by_depth = _mm512_abs_ps(_mm512_sub_ps(z, depth));
-            let by_least = _mm512_abs_ps(_mm512_sub_ps(z, least));
-            let hit = _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(m, by_depth, half)
-                | _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(m, by_least, half);
-            let nearer = _mm512_min_ps(least, depth);
-            let past = _mm512_sub_ps(nearer, from);
+            let (column, row) = (_mm512_srl_epi32(x, level), _mm512_srl_epi32(y, level));
+            let square = at(row, column, nearest.width);
+            let least = _mm512_mask_i32gather_ps::<4>(zero, m, square, nearest.least.as_ptr());
+            let behind = _mm512_sub_ps(z, least);
+            let hit = _mm512_mask_cmp_ps_mask::<_CMP_GE_OQ>(m, behind, before);
+            let hit = _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(hit, behind, after);
+            let measured = _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(m, least, endless);
+            let past = _mm512_sub_ps(least, from);
             let noise = _mm512_add_ps(floor, _mm512_mul_ps(growth, _mm512_mul_ps(past, past)));
             let margin = _mm512_add_ps(half, _mm512_mul_ps(two, noise));
             let free =
-                _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(measured & !hit, _mm512_add_ps(z, margin), nearer);
+                _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(measured & !hit, _mm512_add_ps(z, margin), least);
             let mut says = _mm512_maskz_set1_epi32(hit, i32::from(HIT));
             says = _mm512_mask_set1_epi32(says, free, i32::from(FREE));
             let unmeasured = _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(m & !measured & !hit, z, silent_m);
@@ -81,20 +72,19 @@ pub unsafe fn classify_avx512(out: &mut Evidence, origin: [f32; 3], nearest: Nea
 }
 
 /// # Safety
-/// AVX2 must be available; `pass.pixels`, `pass.silent` and `nearest.least` must cover the whole image.
+/// AVX2 must be available; `pass.silent` and `nearest.least` must cover the whole image.
 #[target_feature(enable = "avx2")]
 pub unsafe fn classify_avx2(out: &mut Evidence, origin: [f32; 3], nearest: Nearest, pass: &Pass) -> bool {
     let [ou, ov, oz] = origin.map(|v| _mm256_set1_ps(v));
     let (one, zero, near) = (_mm256_set1_ps(1.0), _mm256_setzero_ps(), _mm256_set1_ps(NEAREST_M));
     let [w, h] = pass.size;
     let (width, height) = (_mm256_set1_ps(w as f32), _mm256_set1_ps(h as f32));
-    let bits = _mm256_set1_epi32(WEIGHT_BITS as i32);
     let [floor, growth, from] = pass.noise.map(|v| _mm256_set1_ps(v));
     let (half, two) = (_mm256_set1_ps(pass.half_m), _mm256_set1_ps(2.0));
-    let (silent_m, missing) = (_mm256_set1_ps(pass.silent_m), _mm256_set1_ps(-1.0));
+    let (before, after) = (_mm256_set1_ps(-pass.half_m), _mm256_set1_ps(2.0 * pass.half_m));
+    let (silent_m, endless) = (_mm256_set1_ps(pass.silent_m), _mm256_set1_ps(f32::INFINITY));
     let level = _mm_cvtsi32_si128(nearest.level as i32);
     let none = _mm256_setzero_si256();
-    let positive = _mm256_castsi256_ps(_mm256_set1_epi32(i32::MAX));
     let at = |y: __m256i, x: __m256i, stride: usize| {
         _mm256_add_epi32(_mm256_mullo_epi32(y, _mm256_set1_epi32(stride as i32)), x)
     };
@@ -116,33 +106,19 @@ pub unsafe fn classify_avx2(out: &mut Evidence, origin: [f32; 3], nearest: Neare
                 _mm_storel_epi64(to, _mm_setzero_si128());
                 continue;
             }
-            let mask = _mm256_castps_si256(m);
             let (x, y) = (_mm256_cvttps_epi32(u), _mm256_cvttps_epi32(v));
-            let pixel =
-                _mm256_mask_i32gather_epi32::<4>(none, pass.pixels.as_ptr().cast(), at(y, x, w), mask);
-            let measured = _mm256_cmpgt_epi32(_mm256_and_si256(pixel, bits), none);
-            let measured = _mm256_castsi256_ps(measured);
-            let depth = _mm256_castsi256_ps(_mm256_andnot_si256(bits, pixel));
-            let depth = _mm256_blendv_ps(missing, depth, measured);
-            let least = if nearest.level == 0 {
-                depth
-            } else {
-                let (x, y) = (_mm256_srl_epi32(x, level), _mm256_srl_epi32(y, level));
-                _mm256_mask_i32gather_ps::<4>(zero, nearest.least.as_ptr(), at(y, x, nearest.width), m)
-            };
-            let by_depth = _mm256_and_ps(positive, _mm256_sub_ps(z, depth));
-            let by_least = _mm256_and_ps(positive, _mm256_sub_ps(z, least));
-            let close = _mm256_or_ps(
-                _mm256_cmp_ps::<_CMP_LE_OQ>(by_depth, half),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(by_least, half),
-            );
-            let hit = _mm256_and_ps(m, close);
-            let nearer = _mm256_min_ps(least, depth);
-            let past = _mm256_sub_ps(nearer, from);
+            let (column, row) = (_mm256_srl_epi32(x, level), _mm256_srl_epi32(y, level));
+            let square = at(row, column, nearest.width);
+            let least = _mm256_mask_i32gather_ps::<4>(zero, nearest.least.as_ptr(), square, m);
+            let behind = _mm256_sub_ps(z, least);
+            let first = _mm256_cmp_ps::<_CMP_GE_OQ>(behind, before);
+            let hit = _mm256_and_ps(m, _mm256_and_ps(first, _mm256_cmp_ps::<_CMP_LE_OQ>(behind, after)));
+            let measured = _mm256_and_ps(m, _mm256_cmp_ps::<_CMP_LT_OQ>(least, endless));
+            let past = _mm256_sub_ps(least, from);
             let noise = _mm256_add_ps(floor, _mm256_mul_ps(growth, _mm256_mul_ps(past, past)));
             let margin = _mm256_add_ps(half, _mm256_mul_ps(two, noise));
-            let before = _mm256_cmp_ps::<_CMP_LT_OQ>(_mm256_add_ps(z, margin), nearer);
-            let free = _mm256_andnot_ps(hit, _mm256_and_ps(measured, before));
+            let through = _mm256_cmp_ps::<_CMP_LT_OQ>(_mm256_add_ps(z, margin), least);
+            let free = _mm256_andnot_ps(hit, _mm256_and_ps(measured, through));
             let unmeasured = _mm256_andnot_ps(_mm256_or_ps(measured, hit), m);
             let unmeasured = _mm256_and_ps(unmeasured, _mm256_cmp_ps::<_CMP_LT_OQ>(z, silent_m));
             let says = |mask: __m256, what: u8| {

@@ -178,7 +178,6 @@ impl OccupancyGrid {
         let (c, noise) = (frame.camera(), &self.config.noise);
         let enough = frame.valid() as f64 >= LEAST_VALID * (c.width * c.height) as f64;
         Pass {
-            pixels: &frame.pixels,
             size: [c.width, c.height],
             offsets,
             half_m: half_m as f32,
@@ -264,14 +263,9 @@ impl OccupancyGrid {
         let offsets = &scene.pass.offsets.z;
         let centre = origin[2] + 0.5 * offsets[VOXELS - 1];
         let covered = (scene.frame.camera().fx * self.config.voxel_m) as f32 / centre.max(0.2);
-        let level = (covered.max(1.0) as u32).ilog2() as usize;
-        let nearest = if level == 0 {
-            Nearest { level, width: 0, least: &[] }
-        } else {
-            let level = level.min(scene.frame.pyramid.top());
-            let squares = scene.frame.pyramid.level(level);
-            Nearest { level, width: squares.width, least: &squares.least }
-        };
+        let level = ((covered.max(2.0) as u32).ilog2() as usize).min(scene.frame.pyramid.top());
+        let squares = scene.frame.pyramid.level(level);
+        let nearest = Nearest { level, width: squares.width, least: &squares.least };
         let was = *entry;
         let slot = if was & FULL != 0 { was & !FULL } else { self.blocks.take() };
         let odds = self.blocks.at_mut(slot);
