@@ -126,29 +126,37 @@ fn tsdf(kitchen: &Kitchen) {
 fn quality(kitchen: &Kitchen) {
     for voxel_m in VOXELS_M {
         let volume = volume(kitchen, TsdfConfig { voxel_m, ..TsdfConfig::default() }, Backend::best());
-        let (mut errors, mut measured) = (Vec::new(), 0);
-        for (image, pose) in &kitchen.held_out {
-            let cast = raycast(&volume, &common::camera(), pose, 6.0).expect("a pose");
-            for (&raw, &z) in image.data().iter().zip(cast.depth_m.data()) {
-                let truth = f32::from(raw) * 1e-3;
-                if raw == 0 || truth > 5.0 {
-                    continue;
-                }
-                measured += 1;
-                if z > 0.0 {
-                    errors.push((z - truth).abs());
+        for drawn in [false, true] {
+            let (mut errors, mut measured) = (Vec::new(), 0);
+            for (image, pose) in &kitchen.held_out {
+                let cast = if drawn {
+                    Mesher::new(MeshConfig::default()).view(&volume, &common::camera(), pose, 6.0)
+                } else {
+                    raycast(&volume, &common::camera(), pose, 6.0)
+                };
+                let cast = cast.expect("a pose");
+                for (&raw, &z) in image.data().iter().zip(cast.depth_m.data()) {
+                    let truth = f32::from(raw) * 1e-3;
+                    if raw == 0 || truth > 5.0 {
+                        continue;
+                    }
+                    measured += 1;
+                    if z > 0.0 {
+                        errors.push((z - truth).abs());
+                    }
                 }
             }
+            errors.sort_by(f32::total_cmp);
+            let within = errors.partition_point(|&e| e < 0.05) as f64;
+            println!(
+                "held-out depth, {:>2.0} cm, {}: median {:.2} mm, {:.1} % within 5 cm, of {:.1} % of the measured pixels",
+                voxel_m * 100.0,
+                if drawn { "drawn" } else { "ray cast" },
+                errors[errors.len() / 2] * 1e3,
+                100.0 * within / errors.len() as f64,
+                100.0 * errors.len() as f64 / f64::from(measured)
+            );
         }
-        errors.sort_by(f32::total_cmp);
-        let within = errors.partition_point(|&e| e < 0.05) as f64;
-        println!(
-            "held-out depth, {:>2.0} cm: median {:.2} mm, {:.1} % within 5 cm, of {:.1} % of the measured pixels",
-            voxel_m * 100.0,
-            errors[errors.len() / 2] * 1e3,
-            100.0 * within / errors.len() as f64,
-            100.0 * errors.len() as f64 / f64::from(measured)
-        );
     }
 }
 
@@ -218,5 +226,16 @@ fn cast(kitchen: &Kitchen) {
             }
         });
         println!("ray cast 640x480, {:>2.0} cm: {:.1} ms, depth and normals", voxel_m * 100.0, ms / 4.0);
+        let mut mesher = Mesher::new(MeshConfig::default());
+        let (ms, _) = least(5, || {
+            for (_, pose) in kitchen.held_out.iter().take(4) {
+                std::hint::black_box(mesher.view(&volume, &common::camera(), pose, 6.0).expect("a pose"));
+            }
+        });
+        let cm = voxel_m * 100.0;
+        println!(
+            "drawn 640x480, {cm:>2.0} cm: {:.1} ms, depth and normals, triangles extracted each time",
+            ms / 4.0
+        );
     }
 }

@@ -105,26 +105,32 @@ fn the_surface_is_where_it_is() {
     assert!(off[off.len() / 2] < 0.002, "median {}", off[off.len() / 2]);
     assert!(off[off.len() * 95 / 100] < 0.012, "95 % {}", off[off.len() * 95 / 100]);
     // Normals look into the room: each wall's towards the middle.
-    let inwards =
-        mesh.positions.iter().zip(&mesh.normals).filter(|(p, _)| p[0].abs() > 1.97 && p[1].abs() < 1.0 && p[2].abs() < 1.3);
+    let inwards = mesh
+        .positions
+        .iter()
+        .zip(&mesh.normals)
+        .filter(|(p, _)| p[0].abs() > 1.97 && p[1].abs() < 1.0 && p[2].abs() < 1.3);
     for (p, n) in inwards {
         assert!(n[0] * p[0].signum() < -0.8, "{p:?} {n:?}");
     }
-    let at = pose([0.0, 0.1, -0.3], [0.1, 0.4, 0.0]);
+    let at = pose([0.0, 0.05, -0.1], [0.0, 0.4, 0.0]);
     let cast = raycast(&volume, &camera(), &at, 5.0).expect("a pose");
+    let drawn = Mesher::new(MeshConfig::default()).view(&volume, &camera(), &at, 5.0).expect("a pinhole");
     let truth = scene.depth(&camera(), &at);
-    let mut off: Vec<f32> = (0..truth.data().len())
-        .filter(|&i| cast.depth_m.data()[i] > 0.0)
-        .map(|i| (cast.depth_m.data()[i] - truth.data()[i]).abs())
-        .collect();
-    off.sort_by(f32::total_cmp);
-    assert!(off.len() > 160 * 120 * 8 / 10, "{} pixels", off.len());
-    assert!(
-        off[off.len() / 2] < 0.004 && off[off.len() * 9 / 10] < 0.02,
-        "{} {}",
-        off[off.len() / 2],
-        off[off.len() * 9 / 10]
-    );
+    for cast in [cast, drawn] {
+        let seen = |i: &usize| cast.depth_m.data()[*i] > 0.0;
+        let off = |i: usize| (cast.depth_m.data()[i] - truth.data()[i]).abs();
+        let mut off: Vec<f32> = (0..truth.data().len()).filter(seen).map(off).collect();
+        off.sort_by(f32::total_cmp);
+        assert!(off.len() > 160 * 120 * 8 / 10, "{} pixels", off.len());
+        let (median, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
+        assert!(median < 0.004 && most < 0.02, "{median} {most}");
+        // Normals look at the camera: against the ray.
+        for (i, n) in cast.normals.data().iter().enumerate().filter(|(i, _)| seen(i)) {
+            let ray = [((i % 160) as f32 - 79.5) / 140.0, ((i / 160) as f32 - 59.5) / 140.0, 1.0];
+            assert!(ray[0] * n[0] + ray[1] * n[1] + ray[2] * n[2] < 0.2, "{i}: {n:?}");
+        }
+    }
 }
 
 #[test]

@@ -1,7 +1,10 @@
 //! Triangle meshes of the surface: whole and welded, or block by block.
 
+mod draw;
 mod samples;
 mod table;
+
+pub use draw::draw;
 
 use crate::block::{BlockKey, KeyHasher, SIDE};
 use crate::tsdf::TsdfVolume;
@@ -62,9 +65,14 @@ impl Mesher {
 
     /// The whole surface: vertices on block borders are shared, so that it is closed wherever it was seen.
     pub fn whole(&mut self, volume: &TsdfVolume) -> Mesh {
+        self.some(volume, volume.changed_since(0))
+    }
+
+    /// The surface in the cells of some blocks, welded.
+    fn some(&mut self, volume: &TsdfVolume, keys: impl Iterator<Item = BlockKey>) -> Mesh {
         let mut mesh = Mesh::default();
         self.shared.clear();
-        for key in volume.changed_since(0) {
+        for key in keys {
             self.extract(volume, key, &mut mesh, true);
         }
         mesh.add_normals();
@@ -96,7 +104,7 @@ impl Mesher {
         let voxel_m = volume.config().voxel_m as f32;
         let place = Place { volume, key, voxel_m, weld };
         let Self { samples, vertices, set, shared, .. } = self;
-        let steps = |c: [usize; 3]| samples.steps[corner_index(c)];
+        let steps = |c: [usize; 3]| samples.steps(volume, c);
         samples.live_cells(|cell, case| {
             let of = |edge: u8| {
                 let (axis, start) = table::edge_start(edge);

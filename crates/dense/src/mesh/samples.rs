@@ -1,18 +1,16 @@
-//! The distances at the 9x9x9 corners of a block's cells, and which cells the surface passes through.
+//! The 9x9x9 corners of a block's cells as bits, and which cells the surface passes through.
 
 use crate::Backend;
 use crate::backend::dispatch;
-use crate::block::{BlockKey, SIDE, VOXELS};
+use crate::block::{BlockKey, SIDE};
 use crate::tsdf::{Planes, STEPS, TsdfVolume};
 
 /// Corners along an edge of a block.
 pub const CORNERS: usize = SIDE + 1;
 
 /// Corners of a block's cells, those of the next blocks included; x runs fastest, then y, then z.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Samples {
-    /// Distance in steps; 0 where nothing was seen.
-    pub steps: [f32; CORNERS * CORNERS * CORNERS],
     /// By layer, one bit a corner (`x + 9 * y`): seen often enough.
     seen: [u128; CORNERS],
     /// By layer: seen, and behind the surface.
@@ -26,17 +24,10 @@ pub fn corner_index(corner: [usize; 3]) -> usize {
     corner[0] + CORNERS * (corner[1] + CORNERS * corner[2])
 }
 
-/// A block's distances, made once and read by all of its neighbours' cells.
+/// Which voxels of a block were seen, and which of them lie behind the surface.
 struct Rows {
-    steps: [f32; VOXELS],
     seen: [u64; SIDE],
     inside: [u64; SIDE],
-}
-
-impl Default for Samples {
-    fn default() -> Self {
-        Self { steps: [0.0; CORNERS * CORNERS * CORNERS], seen: [0; 9], inside: [0; 9], slots: [None; 8] }
-    }
 }
 
 impl Samples {
@@ -47,7 +38,7 @@ impl Samples {
         }
         (self.seen, self.inside) = ([0; CORNERS], [0; CORNERS]);
         let Some(own) = self.slots[0] else { return false };
-        let mut rows = Rows { steps: [0.0; VOXELS], seen: [0; SIDE], inside: [0; SIDE] };
+        let mut rows = Rows { seen: [0; SIDE], inside: [0; SIDE] };
         let (planes, to) = (volume.planes(own), &mut rows);
         dispatch!(Backend::best(), read(planes: &Planes, least_weight: i32, to: &mut Rows) -> ());
         self.copy_own(&rows);
@@ -63,9 +54,6 @@ impl Samples {
     fn copy_own(&mut self, rows: &Rows) {
         for z in 0..SIDE {
             for y in 0..SIDE {
-                let from = SIDE * (y + SIDE * z);
-                let to = corner_index([0, y, z]);
-                self.steps[to..to + SIDE].copy_from_slice(&rows.steps[from..from + SIDE]);
                 self.seen[z] |= u128::from(rows.seen[z] >> (8 * y) & 255) << (CORNERS * y);
                 self.inside[z] |= u128::from(rows.inside[z] >> (8 * y) & 255) << (CORNERS * y);
             }
@@ -79,18 +67,25 @@ impl Samples {
             for y in range(1) {
                 for x in range(0) {
                     let i = x + SIDE * (y + SIDE * z);
-                    let weight = planes.weight[i];
-                    if weight < least_weight {
+                    if planes.weight[i] < least_weight {
                         continue;
                     }
                     let at = [x + SIDE * next[0], y + SIDE * next[1], z + SIDE * next[2]];
-                    self.steps[corner_index(at)] = planes.sum[i] as f32 / weight as f32;
                     let bit = 1u128 << (at[0] + CORNERS * at[1]);
                     self.seen[at[2]] |= bit;
                     self.inside[at[2]] |= if planes.sum[i] < 0 { bit } else { 0 };
                 }
             }
         }
+    }
+
+    /// Distance at a corner that was seen, in steps.
+    #[inline]
+    pub fn steps(&self, volume: &TsdfVolume, corner: [usize; 3]) -> f32 {
+        let next = corner.map(|c| c / SIDE);
+        let Some(slot) = self.slots[next[0] | next[1] << 1 | next[2] << 2] else { return 0.0 };
+        let (planes, i) = (volume.planes(slot), crate::block::index(corner.map(|c| c % SIDE)));
+        planes.sum[i] as f32 / planes.weight[i].max(1) as f32
     }
 
     /// Calls with each cell that the surface passes through, and the set of its inside corners.
@@ -119,12 +114,11 @@ impl Samples {
 
 #[inline(always)]
 fn read(planes: &Planes, least_weight: i32, out: &mut Rows) {
-    for (z, layer) in out.steps.chunks_exact_mut(64).enumerate() {
+    for z in 0..SIDE {
         let sum = &planes.sum[64 * z..64 * z + 64];
         let weight = &planes.weight[64 * z..64 * z + 64];
         let (mut seen, mut inside) = (0, 0);
         for i in 0..64 {
-            layer[i] = sum[i] as f32 / weight[i].max(1) as f32;
             let is_seen = weight[i] >= least_weight;
             seen |= u64::from(is_seen) << i;
             inside |= u64::from(is_seen & (sum[i] < 0)) << i;

@@ -8,11 +8,11 @@ mod window;
 pub(crate) use kernel::{Colours, Planes, STEPS};
 pub(crate) use window::Window;
 
-use crate::block::{BlockKey, BlockTable, Pages, SIDE, VOXELS};
+use crate::block::{BlockKey, BlockTable, Pages};
 use crate::frame::DepthFrame;
 use crate::project::Projection;
 use crate::{Backend, DenseError};
-use cairn_geometry::{Se3, Vec3};
+use cairn_geometry::Se3;
 use cairn_sensor::Image;
 use kernel::Pass;
 
@@ -250,6 +250,20 @@ impl TsdfVolume {
         }
         self.packed.extend(colour.data().iter().map(|&[r, g, b]| u32::from_le_bytes([r, g, b, 0])));
         Ok(())
+    }
+
+    /// Share of the blocks around an image's surface that are in use already, 0 to 1.
+    ///
+    /// # Errors
+    /// A pose that is not finite or out of range.
+    pub fn overlap(&mut self, frame: &DepthFrame, volume_from_camera: &Se3) -> Result<f64, DenseError> {
+        if !volume_from_camera.is_finite() {
+            return Err(DenseError::Pose("a number is not finite".into()));
+        }
+        self.window.mark(frame, volume_from_camera, self.config.voxel_m, self.band_m(), self.backend)?;
+        self.window.keys(&mut self.touched);
+        let known = self.touched.iter().filter(|key| self.table.contains_key(key)).count();
+        Ok(known as f64 / self.touched.len().max(1) as f64)
     }
 
     /// Blocks in use.
