@@ -17,6 +17,7 @@ mod sample;
 mod submap;
 mod tsdf;
 mod view;
+pub mod walk;
 
 pub use backend::Backend;
 pub use block::BlockKey;

@@ -180,7 +180,7 @@ mod tests {
         let (w, h) = (37, 22);
         let pixel = |i: usize| {
             let d = 0.5 + ((i * 7919) % 1000) as f32 / 200.0;
-            if i % 11 == 0 { 0 } else { (d.to_bits() & !WEIGHT_BITS) | 3 }
+            if i.is_multiple_of(11) { 0 } else { (d.to_bits() & !WEIGHT_BITS) | 3 }
         };
         let pixels: Vec<u32> = (0..w * h).map(pixel).collect();
         let mut pyramid = DepthPyramid::default();

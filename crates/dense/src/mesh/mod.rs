@@ -104,7 +104,7 @@ impl Mesher {
         let voxel_m = volume.config().voxel_m as f32;
         let place = Place { volume, key, voxel_m, weld };
         let Self { samples, vertices, set, shared, .. } = self;
-        let steps = |c: [usize; 3]| samples.steps(volume, c);
+        let steps = |c: [usize; 3]| samples.steps[corner_index(c)];
         samples.live_cells(|cell, case| {
             let of = |edge: u8| {
                 let (axis, start) = table::edge_start(edge);

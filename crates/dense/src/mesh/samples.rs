@@ -9,8 +9,10 @@ use crate::tsdf::{Planes, STEPS, TsdfVolume};
 pub const CORNERS: usize = SIDE + 1;
 
 /// Corners of a block's cells, those of the next blocks included; x runs fastest, then y, then z.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 pub struct Samples {
+    /// Distance in steps; of no meaning where nothing was seen.
+    pub steps: [f32; CORNERS * CORNERS * CORNERS],
     /// By layer, one bit a corner (`x + 9 * y`): seen often enough.
     seen: [u128; CORNERS],
     /// By layer: seen, and behind the surface.
@@ -28,6 +30,12 @@ pub fn corner_index(corner: [usize; 3]) -> usize {
 struct Rows {
     seen: [u64; SIDE],
     inside: [u64; SIDE],
+}
+
+impl Default for Samples {
+    fn default() -> Self {
+        Self { steps: [0.0; CORNERS * CORNERS * CORNERS], seen: [0; 9], inside: [0; 9], slots: [None; 8] }
+    }
 }
 
 impl Samples {
@@ -48,7 +56,11 @@ impl Samples {
                 self.copy_border(volume.planes(slot), [i & 1, i >> 1 & 1, i >> 2], least_weight);
             }
         }
-        self.inside.iter().any(|&l| l != 0) && self.inside.iter().zip(&self.seen).any(|(i, s)| i != s)
+        let live = (0..SIDE).any(|z| self.live_layer(z) != 0);
+        if live {
+            self.load_steps(volume);
+        }
+        live
     }
 
     fn copy_own(&mut self, rows: &Rows) {
@@ -79,26 +91,49 @@ impl Samples {
         }
     }
 
-    /// Distance at a corner that was seen, in steps.
-    #[inline]
-    pub fn steps(&self, volume: &TsdfVolume, corner: [usize; 3]) -> f32 {
-        let next = corner.map(|c| c / SIDE);
-        let Some(slot) = self.slots[next[0] | next[1] << 1 | next[2] << 2] else { return 0.0 };
-        let (planes, i) = (volume.planes(slot), crate::block::index(corner.map(|c| c % SIDE)));
-        planes.sum[i] as f32 / planes.weight[i].max(1) as f32
+    /// Fills in the distances at all corners.
+    fn load_steps(&mut self, volume: &TsdfVolume) {
+        let Some(own) = self.slots[0] else { return };
+        let (planes, steps) = (volume.planes(own), &mut self.steps);
+        dispatch!(Backend::best(), divide(planes: &Planes, steps: &mut [f32; CORNERS * CORNERS * CORNERS]) -> ());
+        for i in 1..8 {
+            let Some(slot) = self.slots[i] else { continue };
+            let (planes, next) = (volume.planes(slot), [i & 1, i >> 1 & 1, i >> 2]);
+            let range = |k: usize| if next[k] == 1 { 0..1 } else { 0..SIDE };
+            for z in range(2) {
+                for y in range(1) {
+                    for x in range(0) {
+                        let i = x + SIDE * (y + SIDE * z);
+                        let at = corner_index([x + SIDE * next[0], y + SIDE * next[1], z + SIDE * next[2]]);
+                        self.steps[at] = planes.sum[i] as f32 / planes.weight[i].max(1) as f32;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The cells of a layer that the surface passes through: all corners seen, some inside, some not.
+    fn live_layer(&self, z: usize) -> u128 {
+        // The lower corners of cells: not the last of a row, nor the last row.
+        const CELLS: u128 = {
+            let (mut cells, mut y) = (0, 0);
+            while y < SIDE {
+                cells |= 255 << (CORNERS * y);
+                y += 1;
+            }
+            cells
+        };
+        let all =
+            |l: &[u128; CORNERS]| around(l[z]).iter().chain(&around(l[z + 1])).fold(u128::MAX, |m, l| m & l);
+        let any = around(self.inside[z]).iter().chain(&around(self.inside[z + 1])).fold(0, |m, l| m | l);
+        CELLS & all(&self.seen) & any & !all(&self.inside)
     }
 
     /// Calls with each cell that the surface passes through, and the set of its inside corners.
     pub fn live_cells(&self, mut cell: impl FnMut([usize; 3], usize)) {
-        // The lower corners of cells: not the last of a row, nor the last row.
-        let cells = (0..SIDE).fold(0u128, |m, y| m | 255 << (CORNERS * y));
         for z in 0..SIDE {
-            let square = |l: u128| [l, l >> 1, l >> CORNERS, l >> (CORNERS + 1)];
-            let corners = |l: &[u128; CORNERS]| [square(l[z]), square(l[z + 1])];
-            let all = |c: [[u128; 4]; 2]| c.iter().flatten().fold(u128::MAX, |m, l| m & l);
-            let inside = corners(&self.inside);
-            let any_inside = inside.iter().flatten().fold(0, |m, l| m | l);
-            let mut live = cells & all(corners(&self.seen)) & any_inside & !all(inside);
+            let inside = [around(self.inside[z]), around(self.inside[z + 1])];
+            let mut live = self.live_layer(z);
             while live != 0 {
                 let bit = live.trailing_zeros() as usize;
                 let mut case = 0;
@@ -108,6 +143,24 @@ impl Samples {
                 cell([bit % CORNERS, bit / CORNERS, z], case);
                 live &= live - 1;
             }
+        }
+    }
+}
+
+/// A layer of corners, and the ones after them along x, along y, and along both.
+fn around(l: u128) -> [u128; 4] {
+    [l, l >> 1, l >> CORNERS, l >> (CORNERS + 1)]
+}
+
+/// Distances of a block's own voxels.
+#[inline(always)]
+fn divide(planes: &Planes, steps: &mut [f32; CORNERS * CORNERS * CORNERS]) {
+    for row in 0..SIDE * SIDE {
+        let from = row * SIDE;
+        let to = CORNERS * (row % SIDE + CORNERS * (row / SIDE));
+        let (sum, weight) = (&planes.sum[from..from + SIDE], &planes.weight[from..from + SIDE]);
+        for ((out, &s), &w) in steps[to..to + SIDE].iter_mut().zip(sum).zip(weight) {
+            *out = s as f32 / w.max(1) as f32;
         }
     }
 }
