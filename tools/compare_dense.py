@@ -36,9 +36,10 @@ def fuse(frames, voxel):
     return (time.process_time() - start) * 1e3 / len(frames), grid
 
 
-def cast(grid, pose, voxel):
+def cast(grid, depth, pose):
     extrinsic = o3c.Tensor(np.linalg.inv(pose))
-    blocks = grid.hashmap().key_tensor()[grid.hashmap().active_buf_indices().to(o3c.int64)]
+    # The blocks around the measured surface, as Open3D's own examples do; with all blocks its range map overflows and crashes.
+    blocks = grid.compute_unique_block_coordinates(depth, K, extrinsic, 1000.0, 5.0, 4.0)
     start = time.process_time()
     out = grid.ray_cast(blocks, K, extrinsic, 640, 480, ["depth", "normal"], 1000.0, 0.3, 6.0, 1.0, 4.0)
     return (time.process_time() - start) * 1e3, out["depth"].numpy()[..., 0] / 1000.0
@@ -60,7 +61,7 @@ def main():
         print(f"mesh {voxel * 100:.0f} cm: {min(mesh_ms):.1f} ms, {len(mesh.triangle.indices)} triangles")
         errors, times, measured = [], [], 0
         for depth, pose in held_out:
-            ms, z = cast(grid, pose, voxel)
+            ms, z = cast(grid, depth, pose)
             times.append(ms)
             truth = depth.as_tensor().numpy()[..., 0] / 1000.0
             measured += (truth > 0).sum()

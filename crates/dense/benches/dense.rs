@@ -5,10 +5,10 @@
 //! Open3D on the same frames.
 
 use cairn_dense::{
-    Backend, DepthConfig, DepthFrame, DepthPreparer, MeshConfig, Mesher, OccupancyConfig, OccupancyGrid,
-    TsdfConfig, TsdfVolume, raycast,
+    AnchorId, Backend, DenseMap, DepthConfig, DepthFrame, DepthPreparer, MapId, MeshConfig, Mesher,
+    OccupancyConfig, OccupancyGrid, SubmapConfig, TrackConfig, TsdfConfig, TsdfVolume, raycast, track,
 };
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, So3, Vec3, umeyama};
 use cairn_sensor::{DepthImage, Image};
 use std::path::Path;
 
@@ -84,6 +84,12 @@ fn main() {
     }
     if section("occupancy") {
         occupancy(&kitchen);
+    }
+    if section("submaps") {
+        submaps(&kitchen);
+    }
+    if section("tracking") {
+        tracking(&folder);
     }
     if section("raycast") {
         cast(&kitchen);
@@ -214,6 +220,101 @@ fn occupancy(kitchen: &Kitchen) {
                 ms / n
             );
         }
+    }
+}
+
+/// A loop closed over 1,000 key frames: the swap of poses, and re-fusing what moved.
+fn submaps(kitchen: &Kitchen) {
+    let mut map =
+        DenseMap::new(SubmapConfig::default(), common::camera(), 0.001).expect("the data set's camera");
+    let (mut insert, mut poses) = (Vec::new(), Vec::new());
+    let raw = kitchen.raw.iter().zip(&kitchen.frames);
+    for (i, (image, (_, pose))) in raw.cycle().take(1000).enumerate() {
+        // Each round of the recording in a kitchen of its own.
+        let aside = Vec3::new((i / kitchen.raw.len()) as f64 * 20.0, 0.0, 0.0);
+        let pose = Se3::new(pose.rotation, pose.translation + aside);
+        let start = now_ms();
+        map.insert(AnchorId(i as u64), MapId(0), pose, Se3::identity(), image).expect("a key frame");
+        insert.push(now_ms() - start);
+        poses.push((AnchorId(i as u64), pose));
+    }
+    insert.sort_by(f64::total_cmp);
+    let [volumes, depth] = map.bytes().map(|b| b as f64 / 1e6);
+    println!(
+        "submaps: {} of 1000 key frames, {volumes:.0} MB and {depth:.0} MB of depth ({:.0} kB a frame), {:.2} ms a key frame (median)",
+        map.submaps().count(),
+        depth,
+        insert[500]
+    );
+    // Every key frame is turned and moved by a share of the loop's error.
+    let bent: Vec<_> = poses
+        .iter()
+        .map(|(id, p)| {
+            let share = id.0 as f64 / 1000.0;
+            let turn =
+                Se3::new(So3::exp(&Vec3::new(0.0, 0.2 * share, 0.0)), Vec3::new(share, 0.0, -0.5 * share));
+            (*id, turn * *p)
+        })
+        .collect();
+    let (ms, ()) = least(5, || map.align(&bent).expect("finite poses"));
+    println!("submaps: poses of 1000 key frames swapped in {ms:.2} ms");
+    let start = now_ms();
+    let mut images = 0;
+    loop {
+        let done = map.step(&Vec3::zeros(), 16);
+        images += done.images;
+        if done.waiting == 0 {
+            break;
+        }
+    }
+    println!("submaps: {images} images fused anew, {:.0} ms in slices of 16", now_ms() - start);
+    let (mut preparer, mut grid) =
+        (preparer(), OccupancyGrid::new(OccupancyConfig::default()).expect("in range"));
+    let start = now_ms();
+    for ((_, pose), image) in bent.iter().zip(kitchen.raw.iter().cycle()) {
+        grid.integrate(preparer.prepare(image).expect("a frame"), pose).expect("a pose in range");
+    }
+    println!(
+        "submaps: occupancy at 5 cm of 1000 key frames afresh, without unpacking: {:.0} ms",
+        now_ms() - start
+    );
+}
+
+/// Depth alone against the field that it makes: from the first true pose on, every frame and every fifth.
+fn tracking(folder: &Path) {
+    for every in [1, 5] {
+        let mut preparer = preparer();
+        let mut volume = TsdfVolume::new(TsdfConfig::default()).expect("in range");
+        let (mut pose, mut motion) = (Se3::identity(), Se3::identity());
+        let (mut found, mut truth, mut ms, mut lost) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        for n in (0..300).step_by(every) {
+            let (image, true_pose) = common::frame(folder, n);
+            let start = now_ms();
+            let frame = preparer.prepare(&image).expect("a frame");
+            if n == 0 {
+                pose = true_pose;
+            } else {
+                let tracked =
+                    track(&volume, frame, &(pose * motion), &TrackConfig::default()).expect("finite");
+                lost += usize::from(!tracked.converged);
+                motion = pose.inverse() * tracked.volume_from_camera;
+                pose = tracked.volume_from_camera;
+            }
+            volume.integrate(frame, None, &pose).expect("a pose in range");
+            ms.push(now_ms() - start);
+            found.push(pose.translation);
+            truth.push(true_pose.translation);
+        }
+        let truth_from_found = umeyama(&truth, &found, false).expect("a motion");
+        let square =
+            found.iter().zip(&truth).map(|(f, t)| (truth_from_found * *f - t).norm_squared()).sum::<f64>();
+        ms.sort_by(f64::total_cmp);
+        println!(
+            "tracking, every {every}: ATE {:.2} cm, {:.2} ms a frame with integration at 2 cm (median), {lost} of {} not converged",
+            100.0 * (square / found.len() as f64).sqrt(),
+            ms[ms.len() / 2],
+            found.len()
+        );
     }
 }
 
