@@ -73,6 +73,10 @@ fn main() {
     let section = |name: &str| wanted.is_empty() || wanted.iter().any(|w| w == name);
     let kitchen = read(&folder);
     println!("7scenes-kitchen, {} frames, best instructions: {:?}", kitchen.frames.len(), Backend::best());
+    // First, before freed memory of other sections is used again.
+    if section("memory") {
+        memory(&kitchen);
+    }
     if section("tsdf") {
         tsdf(&kitchen);
     }
@@ -221,6 +225,29 @@ fn occupancy(kitchen: &Kitchen) {
             );
         }
     }
+}
+
+/// Resident memory of the process in megabytes, where the system tells.
+fn resident_mb() -> Option<f64> {
+    let told = std::fs::read_to_string("/proc/self/statm").ok()?;
+    Some(told.split(' ').nth(1)?.parse::<f64>().ok()? * rustix::param::page_size() as f64 / 1e6)
+}
+
+/// How much the process grows by field and occupancy of the whole recording at 2 cm, preparer and scratch included.
+fn memory(kitchen: &Kitchen) {
+    let Some(before) = resident_mb() else { return println!("skipped: resident memory is not told here") };
+    let mut preparer = preparer();
+    let mut volume = TsdfVolume::new(TsdfConfig::default()).expect("in range");
+    let config = OccupancyConfig { voxel_m: 0.02, ..OccupancyConfig::default() };
+    let mut grid = OccupancyGrid::new(config).expect("in range");
+    for (image, (_, pose)) in kitchen.raw.iter().zip(&kitchen.frames) {
+        let frame = preparer.prepare(image).expect("a frame");
+        volume.integrate(frame, None, pose).expect("a pose in range");
+        grid.integrate(frame, pose).expect("a pose in range");
+    }
+    let grown = resident_mb().unwrap_or(f64::NAN) - before;
+    let [field, occupancy] = [volume.bytes(), grid.bytes()].map(|b| b as f64 / 1e6);
+    println!("memory 2 cm: the process grows by {grown:.1} MB (field {field:.1}, occupancy {occupancy:.1})");
 }
 
 /// A loop closed over 1,000 key frames: the swap of poses, and re-fusing what moved.

@@ -1,7 +1,10 @@
 //! Occupancy: equal on all instructions, true to the scene, and quick to forget what has left.
 
-use cairn_dense::{Backend, DenseError, Occupancy, OccupancyConfig, OccupancyGrid};
+use cairn_dense::{
+    Backend, DenseError, DepthConfig, DepthPreparer, Occupancy, OccupancyConfig, OccupancyGrid,
+};
 use cairn_geometry::{Se3, Vec3};
+use cairn_sensor::Image;
 use scene::{Scene, camera, pose, turn};
 
 mod scene;
@@ -134,6 +137,15 @@ fn bad_input_is_refused() {
     let frame = Scene::room().frame(&camera(), &Se3::identity());
     assert!(matches!(grid.integrate(&frame, &pose([f64::NAN; 3], [0.0; 3])), Err(DenseError::Pose(_))));
     assert!(matches!(grid.integrate(&frame, &pose([1e12, 0.0, 0.0], [0.0; 3])), Err(DenseError::Pose(_))));
+    // A hall of 180 m at 1 cm.
+    let camera = camera();
+    let depth = DepthConfig { farthest_m: 100.0, ..DepthConfig::default() };
+    let mut preparer = DepthPreparer::new(depth, camera, 0.001).expect("a camera");
+    let hall = Image::from_vec(160, 120, vec![90.0f32; 160 * 120]).expect("all pixels");
+    let far = preparer.prepare_metres(&hall).expect("in range");
+    let mut fine = OccupancyGrid::new(OccupancyConfig { voxel_m: 0.01, ..OccupancyConfig::default() })
+        .expect("in range");
+    assert!(matches!(fine.integrate(far, &Se3::identity()), Err(DenseError::Config(_))));
     let config = OccupancyConfig { limit: 100, ..OccupancyConfig::default() };
     assert!(matches!(OccupancyGrid::new(config), Err(DenseError::Config(_))));
     assert_eq!(grid.at(&Vec3::new(f64::NAN, 0.0, 0.0)), Occupancy::Unknown);

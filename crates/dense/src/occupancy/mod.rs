@@ -53,6 +53,8 @@ pub enum Occupancy {
 
 /// Blocks along an edge of a group.
 const GROUP: i32 = 4;
+/// A view of more groups than this is refused: it would take seconds.
+const MOST_GROUPS: f64 = 2e6;
 /// Set in an entry that is a slot of a block rather than one number for all of its voxels.
 const FULL: u32 = 1 << 31;
 /// A share of pixels without depth above which silence says nothing: the sensor may be covered.
@@ -118,7 +120,7 @@ impl OccupancyGrid {
     /// Adds what an image says of each voxel in view, as far as its greatest depth.
     ///
     /// # Errors
-    /// A pose that is not finite or out of range.
+    /// A pose that is not finite or out of range; depths too far for voxels so small. The grid is as it was.
     pub fn integrate(&mut self, frame: &DepthFrame, volume_from_camera: &Se3) -> Result<(), DenseError> {
         if !volume_from_camera.is_finite() {
             return Err(DenseError::Pose("a number is not finite".into()));
@@ -165,6 +167,14 @@ impl OccupancyGrid {
             return Err(DenseError::Pose(format!("camera at {:?} m is out of range", pose.translation)));
         }
         let key = |v: Vec3| [0, 1, 2].map(|i| (v[i] / group_m).floor() as i32);
+        let groups: f64 = (high - low).iter().map(|v| v / group_m + 1.0).product();
+        if groups > MOST_GROUPS {
+            let why = format!(
+                "{far:.1} m of depth at voxels of {} m: drop far depths or take larger voxels",
+                self.config.voxel_m
+            );
+            return Err(DenseError::Config(why));
+        }
         Ok(Some([key(low), key(high)]))
     }
 
