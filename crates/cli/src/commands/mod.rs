@@ -4,6 +4,7 @@ pub mod config;
 pub mod doctor;
 pub mod eval;
 pub mod map;
+pub mod mesh;
 pub mod rig;
 pub mod run;
 pub mod serve;
