@@ -38,6 +38,7 @@ enum Command {
     #[command(alias = "way")]
     Route(commands::route::Arguments),
     Plan(commands::plan::Arguments),
+    Mesh(commands::mesh::Arguments),
     Solve(commands::solve::Arguments),
     Rig(commands::rig::Arguments),
     Vocab(commands::vocab::Arguments),
@@ -66,6 +67,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Sim(arguments) => commands::sim::run(&arguments, output),
         Command::Map(arguments) => commands::map::run(&arguments, output),
         Command::Route(arguments) => commands::route::run(&arguments, output),
+        Command::Mesh(arguments) => commands::mesh::run(&arguments, output),
         Command::Vocab(arguments) => commands::vocab::run(&arguments, output),
         Command::Plan(arguments) => commands::plan::run(&arguments, output),
         Command::Solve(arguments) => commands::solve::run(&arguments, output),

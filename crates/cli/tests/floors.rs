@@ -14,7 +14,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
     (3, &["cairn-vision", "cairn-sim", "cairn-inertial"]),
     (4, &["cairn-sources", "cairn-atlas", "cairn-filter"]),
-    (5, &["cairn-adjust", "cairn-plan", "cairn-guide"]),
+    (5, &["cairn-adjust", "cairn-dense", "cairn-plan", "cairn-guide"]),
     (6, &["cairn-tracking", "cairn-mapping", "cairn-voice"]),
     (8, &["cairn-engine"]),
     (9, &["cairn-session"]),

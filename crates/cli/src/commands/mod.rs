@@ -5,6 +5,7 @@ pub mod doctor;
 pub mod ekf;
 pub mod eval;
 pub mod map;
+pub mod mesh;
 pub mod plan;
 pub mod rig;
 pub mod route;

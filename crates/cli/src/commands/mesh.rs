@@ -1,0 +1,175 @@
+//! `cairn mesh`: the surface of a recording with depth, as a file.
+
+use crate::failure::Failure;
+use crate::output::Output;
+use cairn_dense::{
+    DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume, write_glb, write_obj,
+    write_ply,
+};
+use cairn_eval::load_trajectory;
+use cairn_geometry::Trajectory;
+use cairn_sensor::{FramePacket, Image};
+use cairn_sources::{OpenOptions, open};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+
+/// Fuses the depth images of a source into a surface and writes it as PLY, glTF (.glb) or OBJ.
+///
+/// Poses are the recording's own, or those of a trajectory (as `cairn run --trajectory` writes it).
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A recording with depth, or a simulated world with depth (sim:...).
+    source: String,
+    /// The file to write; its ending chooses the form: .ply, .glb or .obj.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Poses of the body in TUM, KITTI or EuRoC form, in place of the recording's own.
+    #[arg(long, value_name = "FILE")]
+    poses: Option<PathBuf>,
+    /// Edge of a voxel in metres.
+    #[arg(long, default_value_t = TsdfConfig::default().voxel_m, value_name = "M")]
+    voxel: f64,
+    /// Depths farther than this are left out, in metres.
+    #[arg(long, default_value_t = DepthConfig::default().farthest_m, value_name = "M")]
+    farthest: f64,
+    /// Only every so many frames.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    every: usize,
+}
+
+/// What was made.
+#[derive(serde::Serialize)]
+struct Report {
+    frames: usize,
+    without_pose: usize,
+    refused: usize,
+    vertices: usize,
+    triangles: usize,
+    file: String,
+}
+
+/// Greatest difference in time between an image and its pose.
+const APART_NS: u64 = 20_000_000;
+
+/// Reads the source, fuses, writes.
+pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    let name = arguments.out.display().to_string();
+    let ending = arguments.out.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    let write: fn(&Mesh, &mut BufWriter<File>) -> std::io::Result<()> = match ending.as_deref() {
+        Some("ply") => |mesh, to| write_ply(mesh, to),
+        Some("obj") => |mesh, to| write_obj(mesh, to),
+        // A camera's world begins with y down.
+        Some("glb") => |mesh, to| write_glb(mesh, [0.0, -1.0, 0.0], to),
+        _ => {
+            return Err(Failure::new(
+                name,
+                "has no ending that names a form",
+                "end it in .ply, .glb or .obj",
+            ));
+        }
+    };
+    let (mesh, mut report) = fuse(arguments)?;
+    let wrong = |e: std::io::Error| {
+        Failure::new(
+            name.clone(),
+            e.to_string(),
+            "check that its folder exists, may be written, and has room",
+        )
+    };
+    let mut file = BufWriter::new(File::create(&arguments.out).map_err(wrong)?);
+    write(&mesh, &mut file).and_then(|()| file.flush()).map_err(wrong)?;
+    report.file = name.clone();
+    output.result(&report, |r| {
+        let lost = match (r.without_pose, r.refused) {
+            (0, 0) => String::new(),
+            (a, b) => format!(" ({a} frames had no pose, {b} no usable depth)"),
+        };
+        format!(
+            "{} frames fused{lost}: {} vertices, {} triangles in {}",
+            r.frames, r.vertices, r.triangles, r.file
+        )
+    })
+}
+
+fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
+    let dense =
+        |e: cairn_dense::DenseError| Failure::new("mesh", e.to_string(), "change --voxel or --farthest");
+    let mut source = open(&arguments.source, OpenOptions::default())?;
+    let Some(sensor) = source.rig().depth.clone() else {
+        let why = "has no depth sensor";
+        return Err(Failure::new(
+            &arguments.source,
+            why,
+            "give a recording with depth (TUM RGB-D, 7-Scenes, sim:)",
+        ));
+    };
+    let poses = poses(arguments, source.info().truth.iter().map(|(t, p)| (t.0, *p)).collect())?;
+    let config = DepthConfig { farthest_m: arguments.farthest, ..DepthConfig::default() };
+    let mut preparer = DepthPreparer::new(config, sensor.camera, sensor.metres_per_unit).map_err(dense)?;
+    let colour = sensor.registered && sensor.camera == source.rig().cameras[0].camera;
+    let tsdf = TsdfConfig { voxel_m: arguments.voxel, colour, ..TsdfConfig::default() };
+    let mut volume = TsdfVolume::new(tsdf).map_err(dense)?;
+    let mut report =
+        Report { frames: 0, without_pose: 0, refused: 0, vertices: 0, triangles: 0, file: String::new() };
+    let mut number = 0;
+    while let Some(packet) = source.next_packet()? {
+        number += 1;
+        let Some(depth) = packet.depth.as_ref().filter(|_| (number - 1) % arguments.every.max(1) == 0) else {
+            continue;
+        };
+        let Some(pose) = nearest(&poses, packet.stamp.0) else {
+            report.without_pose += 1;
+            continue;
+        };
+        let gray = colour.then(|| gray(&packet)).flatten();
+        match preparer.prepare(depth) {
+            Ok(frame) => {
+                volume.integrate(frame, gray.as_ref(), &(pose * sensor.body_from_depth)).map_err(dense)?
+            }
+            Err(_) => {
+                report.refused += 1;
+                continue;
+            }
+        };
+        report.frames += 1;
+    }
+    if report.frames == 0 {
+        let why = format!("no frame has both a pose and depth ({} had no pose)", report.without_pose);
+        return Err(Failure::new(&arguments.source, why, "give poses with --poses"));
+    }
+    let mesh = Mesher::new(MeshConfig::default()).whole(&volume);
+    (report.vertices, report.triangles) = (mesh.positions.len(), mesh.triangles.len());
+    Ok((mesh, report))
+}
+
+/// The poses to use: those of a file, else the recording's.
+fn poses(arguments: &Arguments, own: Vec<(i64, cairn_geometry::Se3)>) -> Result<Trajectory, Failure> {
+    match &arguments.poses {
+        Some(path) => {
+            let hint = "give a trajectory in TUM, KITTI or EuRoC form";
+            let loaded = load_trajectory(path).map_err(|e| Failure::new(e.file, e.reason, hint))?;
+            Ok(loaded.trajectory)
+        }
+        None if own.is_empty() => Err(Failure::new(
+            &arguments.source,
+            "comes without poses",
+            "run `cairn run` on it, and give --poses",
+        )),
+        None => Trajectory::from_unsorted(own).map_err(|e| {
+            Failure::new(&arguments.source, e.to_string(), "correct its poses, or give --poses")
+        }),
+    }
+}
+
+/// The pose nearest in time, if it is near enough.
+fn nearest(poses: &Trajectory, stamp_ns: i64) -> Option<cairn_geometry::Se3> {
+    let i = poses.nearest(stamp_ns)?;
+    (poses.stamps_ns()[i].abs_diff(stamp_ns) <= APART_NS).then(|| poses.poses()[i])
+}
+
+/// The first image as gray colours.
+fn gray(packet: &FramePacket) -> Option<Image<[u8; 3]>> {
+    let image = packet.images.first()?;
+    Image::from_vec(image.width(), image.height(), image.data().iter().map(|&v| [v; 3]).collect())
+}

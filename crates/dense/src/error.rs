@@ -1,0 +1,51 @@
+//! What the outside world can do wrong.
+
+/// Why an input was refused; the map is as it was before.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DenseError {
+    /// A setting that cannot work.
+    #[error("dense config: {0}")]
+    Config(String),
+    /// The camera of the depth images cannot be used.
+    #[error("depth camera: {0}")]
+    Camera(String),
+    /// An image of another size than the camera's.
+    #[error("the {what} image is {width}x{height}, the camera is {expected_width}x{expected_height}")]
+    Size {
+        /// Which image.
+        what: &'static str,
+        /// Its width in pixels.
+        width: usize,
+        /// Its height in pixels.
+        height: usize,
+        /// The camera's width in pixels.
+        expected_width: usize,
+        /// The camera's height in pixels.
+        expected_height: usize,
+    },
+    /// Hardly a pixel holds a depth in range: a covered or failed sensor, or a wrong unit.
+    #[error(
+        "{valid} of {pixels} depth pixels are in range ({nearest_m:.3} to {farthest_m:.3} m seen): {hint}"
+    )]
+    NoDepth {
+        /// Pixels with a depth in range.
+        valid: usize,
+        /// Pixels of the image.
+        pixels: usize,
+        /// Least depth that is not zero, in metres.
+        nearest_m: f64,
+        /// Greatest depth, in metres.
+        farthest_m: f64,
+        /// What it may be.
+        hint: &'static str,
+    },
+    /// A pose with a number that is not finite, or out of the range of block coordinates.
+    #[error("pose: {0}")]
+    Pose(String),
+    /// An anchor that is not known.
+    #[error("anchor {0} is not in the map")]
+    UnknownAnchor(u64),
+    /// A saved map that cannot be read.
+    #[error("saved map: {0}")]
+    Saved(String),
+}

@@ -1,0 +1,67 @@
+//! One depth image, made ready to be fused: metres along the optical axis of an ideal pinhole, with a weight in each pixel.
+//!
+//! A pixel is one `u32`: a depth in metres as `f32` whose five lowest bits hold the weight, 1 to 31, or 0 where
+//! there is no depth. A single gather reads both, and 18 bits of depth are left (20 micrometres at 5 m).
+
+use crate::pyramid::DepthPyramid;
+use cairn_sensor::Camera;
+
+/// The bits of a pixel that hold its weight.
+pub const WEIGHT_BITS: u32 = 31;
+
+/// A prepared depth image; [`crate::DepthPreparer`] makes them.
+#[derive(Clone, Debug)]
+pub struct DepthFrame {
+    pub(crate) camera: Camera,
+    pub(crate) pixels: Vec<u32>,
+    pub(crate) pyramid: DepthPyramid,
+    pub(crate) valid: usize,
+}
+
+/// Depth in metres of a pixel; meaningless where its weight is zero.
+#[inline(always)]
+pub fn depth_of(pixel: u32) -> f32 {
+    f32::from_bits(pixel & !WEIGHT_BITS)
+}
+
+/// Weight of a pixel, 0 where there is no depth.
+#[inline(always)]
+pub fn weight_of(pixel: u32) -> u32 {
+    pixel & WEIGHT_BITS
+}
+
+impl DepthFrame {
+    /// The ideal pinhole whose pixels these are.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.camera.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.camera.height
+    }
+
+    /// Depth in metres along the optical axis; `None` where there is none, and outside the image.
+    pub fn depth_m(&self, x: usize, y: usize) -> Option<f32> {
+        if x >= self.width() || y >= self.height() {
+            return None;
+        }
+        let p = self.pixels[y * self.width() + x];
+        (weight_of(p) > 0).then(|| depth_of(p))
+    }
+
+    /// Pixels with a depth.
+    pub fn valid(&self) -> usize {
+        self.valid
+    }
+
+    /// Least and greatest depth in metres; `None` when no pixel has one.
+    pub fn range_m(&self) -> Option<(f32, f32)> {
+        self.pyramid.range_m()
+    }
+}

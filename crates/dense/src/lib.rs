@@ -1,0 +1,35 @@
+#![doc = include_str!("../README.md")]
+
+mod backend;
+mod block;
+mod error;
+mod export;
+mod frame;
+mod grid;
+mod mesh;
+mod noise;
+mod occupancy;
+mod prepare;
+mod project;
+mod pyramid;
+mod raycast;
+mod sample;
+mod submap;
+mod track;
+mod tsdf;
+mod view;
+pub mod walk;
+
+pub use backend::Backend;
+pub use block::BlockKey;
+pub use error::DenseError;
+pub use export::{PointCloud, write_glb, write_obj, write_pcd, write_ply, write_ply_points};
+pub use frame::DepthFrame;
+pub use mesh::{Mesh, MeshConfig, Mesher, draw};
+pub use noise::DepthNoise;
+pub use occupancy::{Occupancy, OccupancyConfig, OccupancyGrid};
+pub use prepare::{DepthConfig, DepthPreparer};
+pub use raycast::{RayCast, raycast};
+pub use submap::{AnchorId, DenseMap, MapId, PackedDepth, Progress, SubmapConfig, SubmapView};
+pub use track::{DenseTracked, TrackConfig, track};
+pub use tsdf::{Fused, TsdfConfig, TsdfVolume};

@@ -1,0 +1,223 @@
+//! Triangle meshes of the surface: whole and welded, or block by block.
+
+mod draw;
+mod samples;
+mod table;
+
+pub use draw::draw;
+
+use crate::block::{BlockKey, KeyHasher, SIDE};
+use crate::tsdf::TsdfVolume;
+use samples::{CORNERS, JUMP, Samples, corner_index};
+use std::collections::HashMap;
+use std::hash::BuildHasherDefault;
+
+/// Triangles over shared vertices; positions and normals in the frame of the field that they come from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Positions in metres.
+    pub positions: Vec<[f32; 3]>,
+    /// Unit normals, towards free space; one for each position.
+    pub normals: Vec<[f32; 3]>,
+    /// Red, green, blue of each position; empty without colours.
+    pub colours: Vec<[u8; 3]>,
+    /// Corners of each triangle, counter-clockwise as seen from free space.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// How a surface is extracted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshConfig {
+    /// Voxels with less weight are left out; a near pixel weighs up to 31.
+    pub least_weight: i32,
+}
+
+impl Default for MeshConfig {
+    fn default() -> Self {
+        Self { least_weight: 4 }
+    }
+}
+
+/// No vertex yet.
+const NONE: u32 = u32::MAX;
+
+type EdgeTable = HashMap<([i32; 3], usize), u32, BuildHasherDefault<KeyHasher>>;
+
+/// Extracts meshes; keeps its memory from call to call.
+#[derive(Clone)]
+pub struct Mesher {
+    config: MeshConfig,
+    samples: Samples,
+    /// Vertex on each edge that starts at a corner, by axis.
+    vertices: Vec<[u32; 3]>,
+    /// Corners whose entry in `vertices` is set.
+    set: Vec<usize>,
+    /// Vertices on edges that two or more blocks share.
+    shared: EdgeTable,
+}
+
+impl Mesher {
+    /// With nothing kept yet.
+    pub fn new(config: MeshConfig) -> Self {
+        let vertices = vec![[NONE; 3]; CORNERS * CORNERS * CORNERS];
+        Self { config, samples: Samples::default(), vertices, set: Vec::new(), shared: EdgeTable::default() }
+    }
+
+    /// The whole surface: vertices on block borders are shared, so that it is closed wherever it was seen.
+    pub fn whole(&mut self, volume: &TsdfVolume) -> Mesh {
+        self.some(volume, volume.changed_since(0))
+    }
+
+    /// The surface in the cells of some blocks, welded.
+    fn some(&mut self, volume: &TsdfVolume, keys: impl Iterator<Item = BlockKey>) -> Mesh {
+        let mut mesh = Mesh::default();
+        self.shared.clear();
+        for key in keys {
+            self.extract(volume, key, &mut mesh, true);
+        }
+        mesh.add_normals();
+        mesh
+    }
+
+    /// The surface in the cells of one block. Its border runs through the same points as its neighbours' borders.
+    pub fn block(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
+        let mut mesh = Mesh::default();
+        self.extract(volume, key, &mut mesh, false);
+        mesh.add_normals();
+        mesh
+    }
+
+    /// Blocks whose cells see a change in one of these: themselves and those before them along each axis, sorted, each once.
+    pub fn affected(changed: impl Iterator<Item = BlockKey>) -> Vec<BlockKey> {
+        let before =
+            |key: BlockKey| (0..8).map(move |i: i32| key.offset([-(i & 1), -(i >> 1 & 1), -(i >> 2)]));
+        let mut out: Vec<BlockKey> = changed.flat_map(before).collect();
+        out.sort_unstable();
+        out.dedup();
+        out
+    }
+
+    fn extract(&mut self, volume: &TsdfVolume, key: BlockKey, mesh: &mut Mesh, weld: bool) {
+        if !self.samples.load(volume, key, self.config.least_weight) {
+            return;
+        }
+        let voxel_m = volume.config().voxel_m as f32;
+        let place = Place { volume, key, voxel_m, weld };
+        let Self { samples, vertices, set, shared, .. } = self;
+        let steps = |c: [usize; 3]| samples.steps[corner_index(c)];
+        samples.live_cells(|cell, case| {
+            let of = |edge: u8| {
+                let (axis, start) = table::edge_start(edge);
+                let from = [cell[0] + (start & 1), cell[1] + (start >> 1 & 1), cell[2] + (start >> 2)];
+                let mut to = from;
+                to[axis] += 1;
+                (axis, from, to)
+            };
+            let triangles = &table::TRIANGLES[case];
+            let torn = triangles.iter().flatten().any(|&e| {
+                let (_, from, to) = of(e);
+                (steps(from) - steps(to)).abs() > JUMP
+            });
+            if torn {
+                return;
+            }
+            for triangle in triangles {
+                let corners = triangle.map(|e| {
+                    let (axis, from, to) = of(e);
+                    let i = corner_index(from);
+                    if vertices[i][axis] == NONE {
+                        let part = steps(from) / (steps(from) - steps(to));
+                        vertices[i][axis] = place.vertex(mesh, shared, samples, axis, from, part);
+                        set.push(i);
+                    }
+                    vertices[i][axis]
+                });
+                mesh.triangles.push(corners);
+            }
+        });
+        self.set.drain(..).for_each(|i| self.vertices[i] = [NONE; 3]);
+    }
+}
+
+/// The block that is being extracted.
+struct Place<'a> {
+    volume: &'a TsdfVolume,
+    key: BlockKey,
+    voxel_m: f32,
+    weld: bool,
+}
+
+impl Place<'_> {
+    /// Index of the vertex on an edge, made if it is not there; `part` is its place between the two corners.
+    fn vertex(
+        &self,
+        mesh: &mut Mesh,
+        shared: &mut EdgeTable,
+        samples: &Samples,
+        axis: usize,
+        from: [usize; 3],
+        part: f32,
+    ) -> u32 {
+        let new = mesh.positions.len() as u32;
+        if self.weld && from.iter().any(|&c| c == 0 || c == SIDE) {
+            let name = (std::array::from_fn(|i| self.key.0[i] * SIDE as i32 + from[i] as i32), axis);
+            let known = *shared.entry(name).or_insert(new);
+            if known != new {
+                return known;
+            }
+        }
+        // From the corner's whole number of voxels, so that blocks agree on the borders to the last bit.
+        let position = std::array::from_fn(|i| {
+            let whole = self.key.0[i] * SIDE as i32 + from[i] as i32;
+            (whole as f32 + 0.5 + if i == axis { part } else { 0.0 }) * self.voxel_m
+        });
+        mesh.positions.push(position);
+        if self.volume.config().colour {
+            let mut to = from;
+            to[axis] += 1;
+            mesh.colours.push(self.colour(samples, from, to, part));
+        }
+        new
+    }
+
+    /// Mean colour of the two voxels, each by its nearness.
+    fn colour(&self, samples: &Samples, from: [usize; 3], to: [usize; 3], part: f32) -> [u8; 3] {
+        let mut sum = [0.0f32; 3];
+        let mut total = 0.0f32;
+        for (corner, share) in [(from, 1.0 - part), (to, part)] {
+            let next = corner.map(|c| c / SIDE);
+            let slot = samples.slots[next[0] | next[1] << 1 | next[2] << 2];
+            let Some(colours) = slot.and_then(|s| self.volume.colours(s)) else { continue };
+            let i = crate::block::index(corner.map(|c| c % SIDE));
+            let count = colours.planes[3][i];
+            if count > 0 {
+                // A voxel right at the surface still counts a little of the other's colour.
+                let share = (share + 1e-3) / count as f32;
+                (0..3).for_each(|k| sum[k] += share * colours.planes[k][i] as f32);
+                total += share * count as f32;
+            }
+        }
+        sum.map(|s| if total > 0.0 { (s / total + 0.5) as u8 } else { 128 })
+    }
+}
+
+impl Mesh {
+    /// Normals from the triangles around each vertex, by their area.
+    fn add_normals(&mut self) {
+        self.normals.clear();
+        self.normals.resize(self.positions.len(), [0.0; 3]);
+        for t in &self.triangles {
+            let [a, b, c] = t.map(|i| self.positions[i as usize]);
+            let (u, v): ([f32; 3], [f32; 3]) =
+                (std::array::from_fn(|i| b[i] - a[i]), std::array::from_fn(|i| c[i] - a[i]));
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            for &i in t {
+                (0..3).for_each(|k| self.normals[i as usize][k] += n[k]);
+            }
+        }
+        for n in &mut self.normals {
+            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+            *n = if length > 0.0 { n.map(|v| v / length) } else { [0.0, 0.0, 1.0] };
+        }
+    }
+}

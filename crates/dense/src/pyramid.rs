@@ -1,0 +1,212 @@
+//! Least and greatest depth over squares of pixels, each level twice as coarse as the one before.
+//!
+//! A block of voxels is compared with the few squares that its image covers, and most blocks are settled in one look.
+
+use crate::Backend;
+use crate::backend::dispatch;
+use crate::frame::{WEIGHT_BITS, weight_of};
+
+/// The level whose squares have eight pixels a side: the finest that blocks are settled with.
+pub(crate) const TILE_LEVEL: usize = 3;
+
+/// Squares of `2^level` pixels a side; those at the right and lower edge may reach past the image.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Level {
+    pub width: usize,
+    pub height: usize,
+    /// Least depth of the pixels that have one; infinite where none has.
+    pub least: Vec<f32>,
+    /// Greatest depth; 0 where no pixel has one.
+    pub greatest: Vec<f32>,
+    /// The least depth where at least half of the pixels of every eight-pixel square have one, else 0: what may
+    /// be called free in one look. Empty below [`TILE_LEVEL`].
+    pub sure: Vec<f32>,
+}
+
+/// All levels from 1 to the one that is a single square.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct DepthPyramid {
+    levels: Vec<Level>,
+}
+
+impl DepthPyramid {
+    /// Level 1 and up; level 0 is the image itself.
+    pub fn level(&self, level: usize) -> &Level {
+        &self.levels[level.clamp(1, self.levels.len()) - 1]
+    }
+
+    /// The coarsest level's number.
+    pub fn top(&self) -> usize {
+        self.levels.len()
+    }
+
+    /// Least and greatest depth of the image.
+    pub fn range_m(&self) -> Option<(f32, f32)> {
+        let top = self.levels.last()?;
+        let least = top.least.iter().copied().fold(f32::INFINITY, f32::min);
+        let greatest = top.greatest.iter().copied().fold(0.0, f32::max);
+        (greatest > 0.0).then_some((least, greatest))
+    }
+
+    /// Of an image's pixels.
+    pub fn build(&mut self, pixels: &[u32], width: usize, height: usize, backend: Backend) {
+        let this = self;
+        dispatch!(backend, build(this: &mut DepthPyramid, pixels: &[u32], width: usize, height: usize) -> ());
+    }
+}
+
+#[inline(always)]
+fn build(pyramid: &mut DepthPyramid, pixels: &[u32], width: usize, height: usize) {
+    let mut count = TILE_LEVEL;
+    while (1 << count) < width.max(height) {
+        count += 1;
+    }
+    pyramid.levels.resize_with(count, Level::default);
+    let levels = &mut pyramid.levels;
+    levels[0].reset(width, height);
+    // Pixels with a depth in each square, up to the tile level.
+    let mut seen = vec![0u8; levels[0].least.len()];
+    first(&mut levels[0], &mut seen, pixels, width, height);
+    for i in 1..count {
+        let (below, rest) = levels.split_at_mut(i);
+        let (from, to) = (&below[i - 1], &mut rest[0]);
+        to.reset(from.width, from.height);
+        halve(&from.least, from.width, &mut to.least, to.width, f32::INFINITY, lesser);
+        halve(&from.greatest, from.width, &mut to.greatest, to.width, 0.0, greater);
+        if i < TILE_LEVEL {
+            let mut coarse = vec![0u8; to.least.len()];
+            halve(&seen, from.width, &mut coarse, to.width, 0, |a, b| a + b);
+            seen = coarse;
+        }
+        if i + 1 == TILE_LEVEL {
+            let sure = to.least.iter().zip(&seen).map(|(&d, &n)| if n >= 32 { d } else { 0.0 });
+            to.sure.clear();
+            to.sure.extend(sure);
+        } else if i >= TILE_LEVEL {
+            to.sure.resize(to.width * to.height, 0.0);
+            halve(&from.sure, from.width, &mut to.sure, to.width, f32::INFINITY, lesser);
+        }
+    }
+}
+
+/// The lesser of two numbers; neither is NaN.
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The greater of two numbers; neither is NaN.
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+impl Level {
+    fn reset(&mut self, finer_width: usize, finer_height: usize) {
+        (self.width, self.height) = (finer_width.div_ceil(2), finer_height.div_ceil(2));
+        self.least.resize(self.width * self.height, 0.0);
+        self.greatest.resize(self.width * self.height, 0.0);
+    }
+}
+
+/// Level 1 from the pixels, and how many of each four have a depth.
+#[inline(always)]
+fn first(level: &mut Level, seen: &mut [u8], pixels: &[u32], width: usize, height: usize) {
+    // Depths are not negative: their bits are ordered as they are.
+    let near = |p: u32| if weight_of(p) > 0 { p & !WEIGHT_BITS } else { f32::INFINITY.to_bits() };
+    let far = |p: u32| if weight_of(p) > 0 { p & !WEIGHT_BITS } else { 0 };
+    let has = |p: u32| u8::from(weight_of(p) > 0);
+    for y in 0..level.height {
+        let upper = &pixels[2 * y * width..(2 * y + 1) * width];
+        let lower =
+            if 2 * y + 1 < height { &pixels[(2 * y + 1) * width..(2 * y + 2) * width] } else { upper };
+        let twice = u8::from(2 * y + 1 < height);
+        let at = y * level.width;
+        let least = &mut level.least[at..at + level.width];
+        let greatest = &mut level.greatest[at..at + level.width];
+        let count = &mut seen[at..at + level.width];
+        let outs = least.iter_mut().zip(greatest.iter_mut()).zip(count.iter_mut());
+        for (((l, g), c), (a, b)) in outs.zip(upper.chunks_exact(2).zip(lower.chunks_exact(2))) {
+            *l = f32::from_bits(near(a[0]).min(near(a[1])).min(near(b[0]).min(near(b[1]))));
+            *g = f32::from_bits(far(a[0]).max(far(a[1])).max(far(b[0]).max(far(b[1]))));
+            *c = has(a[0]) + has(a[1]) + twice * (has(b[0]) + has(b[1]));
+        }
+        if width % 2 == 1 {
+            let (a, b, i) = (upper[width - 1], lower[width - 1], level.width - 1);
+            least[i] = f32::from_bits(near(a).min(near(b)));
+            greatest[i] = f32::from_bits(far(a).max(far(b)));
+            count[i] = has(a) + twice * has(b);
+        }
+    }
+}
+
+/// Joins each square of four; what is past the edge counts as `outside`.
+#[inline(always)]
+fn halve<T: Copy>(
+    from: &[T],
+    from_width: usize,
+    to: &mut [T],
+    to_width: usize,
+    outside: T,
+    join: impl Fn(T, T) -> T + Copy,
+) {
+    let from_height = from.len() / from_width;
+    for (y, out) in to.chunks_exact_mut(to_width).enumerate() {
+        let upper = &from[2 * y * from_width..(2 * y + 1) * from_width];
+        if 2 * y + 1 < from_height {
+            let lower = &from[(2 * y + 1) * from_width..(2 * y + 2) * from_width];
+            for (o, (a, b)) in out.iter_mut().zip(upper.chunks_exact(2).zip(lower.chunks_exact(2))) {
+                *o = join(join(a[0], a[1]), join(b[0], b[1]));
+            }
+            if from_width % 2 == 1 {
+                let last = join(upper[from_width - 1], lower[from_width - 1]);
+                out[to_width - 1] = join(last, outside);
+            }
+        } else {
+            for (o, a) in out.iter_mut().zip(upper.chunks(2)) {
+                *o = join(join(a[0], a.get(1).copied().unwrap_or(outside)), outside);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::depth_of;
+
+    #[test]
+    fn every_level_holds_the_least_and_greatest_of_its_pixels() {
+        let (w, h) = (37, 22);
+        let pixel = |i: usize| {
+            let d = 0.5 + ((i * 7919) % 1000) as f32 / 200.0;
+            if i.is_multiple_of(11) { 0 } else { (d.to_bits() & !WEIGHT_BITS) | 3 }
+        };
+        let pixels: Vec<u32> = (0..w * h).map(pixel).collect();
+        let mut pyramid = DepthPyramid::default();
+        pyramid.build(&pixels, w, h, Backend::best());
+        for l in 1..=pyramid.top() {
+            let (level, size) = (pyramid.level(l), 1 << l);
+            for (i, (&least, &greatest)) in level.least.iter().zip(&level.greatest).enumerate() {
+                let (x0, y0) = (i % level.width * size, i / level.width * size);
+                let inside =
+                    (y0..h.min(y0 + size)).flat_map(|y| (x0..w.min(x0 + size)).map(move |x| y * w + x));
+                let depths: Vec<f32> =
+                    inside.map(|p| pixels[p]).filter(|&p| weight_of(p) > 0).map(depth_of).collect();
+                assert_eq!(least, depths.iter().copied().fold(f32::INFINITY, f32::min));
+                assert_eq!(greatest, depths.iter().copied().fold(0.0, f32::max));
+            }
+        }
+    }
+
+    #[test]
+    fn squares_with_mostly_no_depth_are_not_sure() {
+        let one = (2.0f32.to_bits() & !WEIGHT_BITS) | 1;
+        let pixels: Vec<u32> = (0..256).map(|i| if i % 16 < 8 || i % 16 == 12 { one } else { 0 }).collect();
+        let mut pyramid = DepthPyramid::default();
+        pyramid.build(&pixels, 16, 16, Backend::best());
+        assert_eq!(pyramid.level(3).sure, [2.0, 0.0, 2.0, 0.0]);
+        assert_eq!(pyramid.level(4).sure, [0.0]);
+        assert_eq!(pyramid.range_m(), Some((2.0, 2.0)));
+    }
+}

@@ -1,0 +1,378 @@
+//! Depth of key frames in submaps that follow the map: what moves when the map is corrected are the poses of submaps; only
+//! key frames that moved inside their submap are fused anew, in slices.
+//!
+//! After Reijgwart et al., "Voxgraph" (RA-L 2020), section III, for submaps that hang on the pose graph, and Dai et al.,
+//! "BundleFusion" (TOG 2017), section 5, for taking images out and putting them in again.
+
+mod codec;
+mod refuse;
+#[cfg(test)]
+mod tests;
+
+pub use codec::PackedDepth;
+pub use refuse::Progress;
+
+use crate::prepare::DepthPreparer;
+use crate::{
+    DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume,
+};
+use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_sensor::{Camera, DepthImage};
+use std::collections::BTreeMap;
+
+/// A key frame of the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct AnchorId(pub u64);
+
+/// A map of the atlas; poses of different maps do not lie to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MapId(pub u64);
+
+/// How submaps are made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SubmapConfig {
+    /// How depth is read.
+    pub depth: DepthConfig,
+    /// The field; submaps keep no colour.
+    pub tsdf: TsdfConfig,
+    /// Free space.
+    pub occupancy: OccupancyConfig,
+    /// Within this distance of a submap's origin key frames go into it, in metres.
+    pub reach_m: f64,
+    /// A key frame of whose blocks a smaller share is in a submap does not go into it.
+    pub overlap: f64,
+    /// Key frames that moved less than this inside their submap, at 2 m before the camera, are left as they are; in metres.
+    pub moved_m: f64,
+}
+
+impl Default for SubmapConfig {
+    fn default() -> Self {
+        Self {
+            depth: DepthConfig::default(),
+            tsdf: TsdfConfig::default(),
+            occupancy: OccupancyConfig::default(),
+            reach_m: 3.0,
+            overlap: 0.2,
+            moved_m: 0.01,
+        }
+    }
+}
+
+/// What hangs on an anchor: `anchor_from_this`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Hung {
+    anchor: AnchorId,
+    pose: Se3,
+}
+
+/// A volume and its place.
+struct Submap {
+    hung: Hung,
+    tsdf: TsdfVolume,
+    occupancy: OccupancyGrid,
+    /// Made anew, with the next of its frames to be put in.
+    rebuilt: Option<(OccupancyGrid, usize)>,
+    /// Occupancy holds poses that are not those of the field.
+    stale: bool,
+}
+
+/// The depth of a key frame.
+struct Kept {
+    hung: Hung,
+    /// Index of its submap, and its pose there as it is fused.
+    submap: usize,
+    fused: Se3,
+    /// Where it shall go: another submap, after two are joined.
+    target: usize,
+    depth: PackedDepth,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Anchor {
+    map: MapId,
+    world_from_anchor: Se3,
+}
+
+/// One submap to look at.
+pub struct SubmapView<'a> {
+    /// Its map.
+    pub map: MapId,
+    /// Its place in that map.
+    pub world_from_submap: Se3,
+    /// Its surface.
+    pub tsdf: &'a TsdfVolume,
+    /// Its free space.
+    pub occupancy: &'a OccupancyGrid,
+}
+
+/// All submaps of all maps.
+pub struct DenseMap {
+    config: SubmapConfig,
+    preparer: DepthPreparer,
+    anchors: BTreeMap<AnchorId, Anchor>,
+    submaps: Vec<Option<Submap>>,
+    kept: Vec<Kept>,
+    /// Frames that moved inside their submap, or shall go to another.
+    waiting: Vec<usize>,
+    /// The submap that the last key frame of each map went into.
+    active: BTreeMap<MapId, usize>,
+}
+
+impl DenseMap {
+    /// Without anything, for one depth camera.
+    ///
+    /// # Errors
+    /// A camera or a setting that cannot be.
+    pub fn new(config: SubmapConfig, camera: Camera, metres_per_unit: f64) -> Result<Self, DenseError> {
+        if !(config.reach_m > 0.0 && (0.0..1.0).contains(&config.overlap) && config.moved_m > 0.0) {
+            return Err(DenseError::Config(format!("submaps: {config:?}")));
+        }
+        if config.tsdf.colour {
+            return Err(DenseError::Config("submaps keep no colour".into()));
+        }
+        TsdfVolume::new(config.tsdf)?;
+        OccupancyGrid::new(config.occupancy)?;
+        Ok(Self {
+            config,
+            preparer: DepthPreparer::new(config.depth, camera, metres_per_unit)?,
+            anchors: BTreeMap::new(),
+            submaps: Vec::new(),
+            kept: Vec::new(),
+            waiting: Vec::new(),
+            active: BTreeMap::new(),
+        })
+    }
+
+    /// A key frame with its depth: it goes into the submap that it overlaps most, or begins one.
+    ///
+    /// # Errors
+    /// A key frame that is there already, a pose that is not finite, depth that cannot be used. The map is as it was.
+    pub fn insert(
+        &mut self,
+        id: AnchorId,
+        map: MapId,
+        world_from_anchor: Se3,
+        anchor_from_camera: Se3,
+        depth: &DepthImage,
+    ) -> Result<Fused, DenseError> {
+        if self.anchors.contains_key(&id) {
+            return Err(DenseError::Pose(format!("key frame {} is in the map already", id.0)));
+        }
+        let world_from_camera = world_from_anchor * anchor_from_camera;
+        if !world_from_camera.is_finite() {
+            return Err(DenseError::Pose("a number is not finite".into()));
+        }
+        let frame = self.preparer.prepare(depth)?.clone();
+        let chosen = self.choose(map, &world_from_camera, &frame);
+        let hung = Hung { anchor: id, pose: Se3::identity() };
+        let anchor = Anchor { map, world_from_anchor };
+        let mut fresh = None;
+        let (index, fused) = match chosen {
+            Some(index) => (index, self.world_from_submap(index)?.inverse() * world_from_camera),
+            None => {
+                fresh = Some(self.empty_submap(hung)?);
+                (self.submaps.len(), anchor_from_camera)
+            }
+        };
+        let submap = match fresh.as_mut() {
+            Some(fresh) => fresh,
+            None => self.submaps[index].as_mut().ok_or(DenseError::UnknownAnchor(id.0))?,
+        };
+        let result = submap.tsdf.integrate(&frame, None, &fused)?;
+        submap.occupancy.integrate(&frame, &fused)?;
+        self.submaps.extend(fresh.map(Some));
+        self.anchors.insert(id, anchor);
+        self.active.insert(map, index);
+        let hung = Hung { anchor: id, pose: anchor_from_camera };
+        self.kept.push(Kept { hung, submap: index, fused, target: index, depth: PackedDepth::pack(depth) });
+        Ok(result)
+    }
+
+    /// Depth of a frame that is no key frame: it moves free space in the submap in use, and is not kept. False when there is none yet.
+    ///
+    /// # Errors
+    /// As [`Self::insert`]; a map or an anchor that is not known.
+    pub fn observe(
+        &mut self,
+        anchor: AnchorId,
+        anchor_from_camera: &Se3,
+        depth: &DepthImage,
+    ) -> Result<bool, DenseError> {
+        let known = *self.anchors.get(&anchor).ok_or(DenseError::UnknownAnchor(anchor.0))?;
+        let Some(&index) = self.active.get(&known.map) else { return Ok(false) };
+        let pose = self.world_from_submap(index)?.inverse() * known.world_from_anchor * *anchor_from_camera;
+        let frame = self.preparer.prepare(depth)?;
+        let Some(submap) = self.submaps.get_mut(index).and_then(Option::as_mut) else { return Ok(false) };
+        submap.occupancy.integrate(frame, &pose)?;
+        Ok(true)
+    }
+
+    fn empty_submap(&self, hung: Hung) -> Result<Submap, DenseError> {
+        let (tsdf, occupancy) =
+            (TsdfVolume::new(self.config.tsdf)?, OccupancyGrid::new(self.config.occupancy)?);
+        Ok(Submap { hung, tsdf, occupancy, rebuilt: None, stale: false })
+    }
+
+    /// The submap of a map, near enough, that holds the greatest share of an image's blocks.
+    fn choose(&mut self, map: MapId, world_from_camera: &Se3, frame: &DepthFrame) -> Option<usize> {
+        let mut best: Option<(usize, f64)> = None;
+        for index in 0..self.submaps.len() {
+            let Some((in_map, world_from_submap)) = self.place(index) else { continue };
+            let away = (world_from_submap.translation - world_from_camera.translation).norm();
+            if in_map != map || away > self.config.reach_m {
+                continue;
+            }
+            let pose = world_from_submap.inverse() * *world_from_camera;
+            let Some(submap) = self.submaps[index].as_mut() else { continue };
+            let share = submap.tsdf.overlap(frame, &pose).unwrap_or(0.0);
+            if share >= self.config.overlap && best.is_none_or(|(_, most)| share > most) {
+                best = Some((index, share));
+            }
+        }
+        best.map(|(index, _)| index)
+    }
+
+    /// Map and pose of a submap.
+    fn place(&self, index: usize) -> Option<(MapId, Se3)> {
+        let hung = self.submaps.get(index)?.as_ref()?.hung;
+        let anchor = self.anchors.get(&hung.anchor)?;
+        Some((anchor.map, anchor.world_from_anchor * hung.pose))
+    }
+
+    fn world_from_submap(&self, index: usize) -> Result<Se3, DenseError> {
+        self.place(index).map(|(_, pose)| pose).ok_or(DenseError::UnknownAnchor(index as u64))
+    }
+
+    /// Key frames have moved: submaps are where they belong when this returns. What moved inside its submap waits for
+    /// [`Self::step`]. Ids that are not known are passed over: they have no depth.
+    ///
+    /// # Errors
+    /// A pose that is not finite; nothing is moved then.
+    pub fn align(&mut self, moved: &[(AnchorId, Se3)]) -> Result<(), DenseError> {
+        if moved.iter().any(|(_, pose)| !pose.is_finite()) {
+            return Err(DenseError::Pose("a number is not finite".into()));
+        }
+        for (id, pose) in moved {
+            if let Some(anchor) = self.anchors.get_mut(id) {
+                anchor.world_from_anchor = *pose;
+            }
+        }
+        self.find_moved();
+        Ok(())
+    }
+
+    /// A map becomes part of another, moved by a similarity. Depth is metric: its scale moves poses and changes no volume.
+    /// Submaps that now overlap are joined by [`Self::step`].
+    ///
+    /// # Errors
+    /// A similarity that is not finite.
+    pub fn merge(&mut self, from: MapId, into: MapId, into_from_from: &Sim3) -> Result<(), DenseError> {
+        if !into_from_from.is_finite() {
+            return Err(DenseError::Pose("a number is not finite".into()));
+        }
+        let submaps: Vec<usize> =
+            (0..self.submaps.len()).filter(|&i| self.place(i).is_some_and(|(map, _)| map == from)).collect();
+        for anchor in self.anchors.values_mut().filter(|a| a.map == from) {
+            anchor.map = into;
+            anchor.world_from_anchor = into_from_from.transform_pose(&anchor.world_from_anchor);
+        }
+        if let Some(active) = self.active.remove(&from) {
+            self.active.entry(into).or_insert(active);
+        }
+        if from != into {
+            submaps.into_iter().for_each(|index| self.join(index, into));
+        }
+        self.find_moved();
+        Ok(())
+    }
+
+    /// Sends the frames of a submap to the nearest other one of the map that is in reach.
+    fn join(&mut self, index: usize, map: MapId) {
+        let Some((_, own)) = self.place(index) else { return };
+        let others = (0..self.submaps.len()).filter(|&i| i != index && !self.leaves(i));
+        let nearest = others
+            .filter_map(|i| self.place(i).filter(|(m, _)| *m == map).map(|(_, p)| (i, p)))
+            .map(|(i, p)| (i, (p.translation - own.translation).norm()))
+            .filter(|(_, away)| *away <= self.config.reach_m)
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((target, _)) = nearest else { return };
+        self.kept.iter_mut().filter(|k| k.target == index).for_each(|k| k.target = target);
+        self.active.values_mut().filter(|a| **a == index).for_each(|a| *a = target);
+    }
+
+    /// Whether all frames of a submap are on their way to another.
+    fn leaves(&self, index: usize) -> bool {
+        self.kept.iter().filter(|k| k.submap == index).all(|k| k.target != index)
+    }
+
+    /// A key frame is no more; its depth, and submaps that hang on it, go on hanging on its parent.
+    ///
+    /// # Errors
+    /// A parent that is not known, while something hangs on the key frame.
+    pub fn remove(&mut self, id: AnchorId, parent: AnchorId) -> Result<(), DenseError> {
+        let Some(gone) = self.anchors.get(&id).copied() else { return Ok(()) };
+        let to =
+            self.anchors.get(&parent).filter(|_| parent != id).ok_or(DenseError::UnknownAnchor(parent.0))?;
+        let parent_from_gone = to.world_from_anchor.inverse() * gone.world_from_anchor;
+        let submaps = self.submaps.iter_mut().flatten().map(|s| &mut s.hung);
+        for hung in submaps.chain(self.kept.iter_mut().map(|k| &mut k.hung)).filter(|h| h.anchor == id) {
+            *hung = Hung { anchor: parent, pose: parent_from_gone * hung.pose };
+        }
+        self.anchors.remove(&id);
+        Ok(())
+    }
+
+    /// A key frame that may become the parent of others although it has no depth itself.
+    ///
+    /// # Errors
+    /// A pose that is not finite.
+    pub fn add_anchor(&mut self, id: AnchorId, map: MapId, world_from_anchor: Se3) -> Result<(), DenseError> {
+        if !world_from_anchor.is_finite() {
+            return Err(DenseError::Pose("a number is not finite".into()));
+        }
+        self.anchors.entry(id).or_insert(Anchor { map, world_from_anchor });
+        Ok(())
+    }
+
+    /// All submaps, oldest first.
+    pub fn submaps(&self) -> impl Iterator<Item = SubmapView<'_>> {
+        self.submaps.iter().enumerate().filter_map(|(i, submap)| {
+            let (map, world_from_submap) = self.place(i)?;
+            let submap = submap.as_ref()?;
+            Some(SubmapView { map, world_from_submap, tsdf: &submap.tsdf, occupancy: &submap.occupancy })
+        })
+    }
+
+    /// One field of a whole map, fused from the kept depth with the poses of now: without a seam between submaps.
+    ///
+    /// # Errors
+    /// A setting out of range; poses out of range.
+    pub fn fuse_all(&mut self, map: MapId, tsdf: TsdfConfig) -> Result<TsdfVolume, DenseError> {
+        let mut out = TsdfVolume::new(tsdf)?;
+        for kept in &self.kept {
+            let Some(anchor) = self.anchors.get(&kept.hung.anchor).filter(|a| a.map == map) else { continue };
+            let frame = self.preparer.prepare(&kept.depth.unpack()?)?;
+            out.integrate(frame, None, &(anchor.world_from_anchor * kept.hung.pose))?;
+        }
+        Ok(out)
+    }
+
+    /// Bytes of the volumes, and of the kept depth.
+    pub fn bytes(&self) -> [usize; 2] {
+        let volumes = self.submaps.iter().flatten().map(|s| s.tsdf.bytes() + s.occupancy.bytes()).sum();
+        [volumes, self.kept.iter().map(|k| k.depth.bytes()).sum()]
+    }
+
+    /// What is known of a place of a map: occupied if some submap says so, else free if some submap does.
+    pub fn occupancy_at(&self, map: MapId, world: &Vec3) -> crate::Occupancy {
+        use crate::Occupancy::{Free, Occupied, Unknown};
+        let said = self.submaps().filter(|s| s.map == map);
+        said.map(|s| s.occupancy.at(&(s.world_from_submap.inverse() * *world))).fold(Unknown, |all, one| {
+            match (all, one) {
+                (Occupied, _) | (_, Occupied) => Occupied,
+                (Free, _) | (_, Free) => Free,
+                _ => Unknown,
+            }
+        })
+    }
+}

@@ -1,0 +1,138 @@
+//! The work that waits: key frames that moved inside their submap are taken out and put in again, nearest first.
+
+use super::{DenseMap, Kept};
+use crate::{DenseError, OccupancyGrid};
+use cairn_geometry::{Se3, Vec3};
+
+/// How far from the camera a turn counts as a move, in metres.
+const LEVER_M: f64 = 2.0;
+
+/// What a slice of work did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Images put into or taken out of a volume.
+    pub images: usize,
+    /// Key frames and rebuilt grids that still wait.
+    pub waiting: usize,
+    /// Key frames that were given up because their pose or depth can no longer be fused.
+    pub given_up: usize,
+}
+
+impl DenseMap {
+    /// Finds the frames whose pose inside their submap is not the one they are fused with.
+    pub(super) fn find_moved(&mut self) {
+        self.waiting.clear();
+        for i in 0..self.kept.len() {
+            let kept = &self.kept[i];
+            if kept.target != kept.submap
+                || self.wanted(kept).is_some_and(|pose| moved_m(&kept.fused, &pose) > self.config.moved_m)
+            {
+                self.waiting.push(i);
+            }
+        }
+    }
+
+    /// Where a frame belongs in the submap that it shall be in.
+    fn wanted(&self, kept: &Kept) -> Option<Se3> {
+        let (_, world_from_submap) = self.place(kept.target)?;
+        let anchor = self.anchors.get(&kept.hung.anchor)?;
+        Some(world_from_submap.inverse() * (anchor.world_from_anchor * kept.hung.pose))
+    }
+
+    /// Does some of the work that waits, at most about `images` fusions, nearest to a place first (say, where the walker is).
+    /// One fusion is what one image costs.
+    pub fn step(&mut self, near: &Vec3, images: usize) -> Progress {
+        let mut progress = Progress::default();
+        let away = |i: usize| {
+            let at = self.anchors.get(&self.kept[i].hung.anchor);
+            let at = at.map(|a| (a.world_from_anchor * self.kept[i].hung.pose).translation);
+            at.map_or(f64::INFINITY, |p| (p - near).norm())
+        };
+        let mut waiting: Vec<(f64, usize)> = self.waiting.iter().map(|&i| (away(i), i)).collect();
+        // The nearest last, where it is taken from.
+        waiting.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
+        while progress.images < images {
+            let Some((_, index)) = waiting.pop() else { break };
+            match self.fuse_again(index) {
+                Ok(done) => progress.images += done,
+                Err(_) => progress.given_up += 1,
+            }
+        }
+        self.waiting = waiting.into_iter().map(|(_, i)| i).collect();
+        if self.waiting.is_empty() {
+            self.drop_empty();
+            while progress.images < images && self.rebuild_one() {
+                progress.images += 1;
+            }
+        }
+        progress.waiting = self.waiting.len() + self.submaps.iter().flatten().filter(|s| s.stale).count();
+        progress
+    }
+
+    /// Takes a frame out where it was and puts it in where it belongs; how many images that were.
+    fn fuse_again(&mut self, index: usize) -> Result<usize, DenseError> {
+        let kept = &self.kept[index];
+        let (from, to, was) = (kept.submap, kept.target, kept.fused);
+        let pose = self.wanted(kept).ok_or(DenseError::UnknownAnchor(kept.hung.anchor.0))?;
+        let frame = self.preparer.prepare(&kept.depth.unpack()?)?;
+        let unknown = DenseError::UnknownAnchor(self.kept[index].hung.anchor.0);
+        let submap = self.submaps.get_mut(to).and_then(Option::as_mut).ok_or(unknown)?;
+        // In first: if that fails nothing has changed. Sums do not depend on the order.
+        submap.tsdf.integrate(frame, None, &pose)?;
+        (submap.stale, submap.rebuilt) = (true, None);
+        if let Some(submap) = self.submaps.get_mut(from).and_then(Option::as_mut) {
+            submap.tsdf.remove(frame, None, &was)?;
+            (submap.stale, submap.rebuilt) = (true, None);
+        }
+        (self.kept[index].submap, self.kept[index].fused) = (to, pose);
+        Ok(2)
+    }
+
+    /// Submaps whose frames have all gone to another.
+    fn drop_empty(&mut self) {
+        for index in 0..self.submaps.len() {
+            if self.submaps[index].is_some()
+                && self.kept.iter().all(|k| k.submap != index && k.target != index)
+            {
+                self.submaps[index] = None;
+                self.active.retain(|_, active| *active != index);
+            }
+        }
+    }
+
+    /// Puts one more frame into the new grid of a submap whose occupancy is stale; false when there is none.
+    fn rebuild_one(&mut self) -> bool {
+        let Some(index) = self.submaps.iter().position(|s| s.as_ref().is_some_and(|s| s.stale)) else {
+            return false;
+        };
+        let config = self.config.occupancy;
+        let Some(submap) = self.submaps[index].as_mut() else { return false };
+        let (mut grid, from) = match submap.rebuilt.take() {
+            Some(begun) => begun,
+            None => match OccupancyGrid::new(config) {
+                Ok(grid) => (grid, 0),
+                Err(_) => return false,
+            },
+        };
+        let next = (from..self.kept.len()).find(|&i| self.kept[i].submap == index);
+        let Some(next) = next else {
+            // All frames are in: the new grid takes the old one's place.
+            (submap.occupancy, submap.stale) = (grid, false);
+            return true;
+        };
+        if let Ok(image) = self.kept[next].depth.unpack()
+            && let Ok(frame) = self.preparer.prepare(&image)
+        {
+            // A pose that the field took, the grid takes.
+            let _ = grid.integrate(frame, &self.kept[next].fused);
+        }
+        submap.rebuilt = Some((grid, next + 1));
+        true
+    }
+}
+
+/// How far a point [`LEVER_M`] before the camera moves from one pose to another, at most.
+fn moved_m(from: &Se3, to: &Se3) -> f64 {
+    let between = from.inverse() * *to;
+    between.translation.norm() + LEVER_M * between.rotation.log().norm()
+}

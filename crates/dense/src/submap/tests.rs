@@ -1,0 +1,223 @@
+//! After any history, submaps hold what their frames give when fused afresh with the final poses.
+
+use super::*;
+use crate::{MeshConfig, Mesher};
+use cairn_geometry::So3;
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+
+const VOXEL_M: f64 = 0.05;
+
+fn camera() -> Camera {
+    Camera::pinhole(80, 60, 70.0, 70.0, 39.5, 29.5)
+}
+
+fn config() -> SubmapConfig {
+    SubmapConfig {
+        tsdf: TsdfConfig { voxel_m: VOXEL_M, ..TsdfConfig::default() },
+        occupancy: OccupancyConfig { voxel_m: 0.1, ..OccupancyConfig::default() },
+        reach_m: 1.5,
+        ..SubmapConfig::default()
+    }
+}
+
+/// Depth in millimetres of a wall with a step in it, as a camera at `x` metres sees it.
+fn wall(x: f64) -> DepthImage {
+    let at = |i: usize| {
+        let u = (i % 80) as f64;
+        let step = if x + (u - 39.5) / 70.0 * 2.0 > 0.5 { 1700 } else { 2000 };
+        if (i / 80) % 17 == 3 { 0 } else { step }
+    };
+    DepthImage::from_vec(80, 60, (0..80 * 60).map(at).collect()).expect("all pixels")
+}
+
+fn pose(x: f64, wobble: [f64; 3]) -> Se3 {
+    Se3::new(So3::exp(&Vec3::new(0.0, wobble[0], wobble[1])), Vec3::new(x, wobble[2], 0.0))
+}
+
+fn voxels(volume: &TsdfVolume) -> BTreeMap<[i32; 3], (f64, i32)> {
+    let of = |key: crate::BlockKey| {
+        (0..512).filter_map(move |i: i32| {
+            let voxel = [key.0[0] * 8 + (i & 7), key.0[1] * 8 + (i >> 3 & 7), key.0[2] * 8 + (i >> 6)];
+            volume.voxel(voxel).map(|v| (voxel, v))
+        })
+    };
+    volume.changed_since(0).flat_map(of).collect()
+}
+
+fn finish(map: &mut DenseMap) {
+    for _ in 0..10_000 {
+        if map.step(&Vec3::zeros(), 7).waiting == 0 {
+            return;
+        }
+    }
+    panic!("the work does not end");
+}
+
+/// Checks each submap against its frames fused afresh; how many submaps there are.
+fn check(map: &mut DenseMap) -> usize {
+    let mut count = 0;
+    for index in 0..map.submaps.len() {
+        let Some((_, world_from_submap)) = map.place(index) else { continue };
+        count += 1;
+        let mut same = TsdfVolume::new(map.config.tsdf).expect("in range");
+        let mut fresh = same.clone();
+        for kept in map.kept.iter().filter(|k| k.submap == index) {
+            let frame = map.preparer.prepare(&kept.depth.unpack().expect("whole")).expect("depth").clone();
+            let wanted = world_from_submap.inverse()
+                * map.anchors[&kept.hung.anchor].world_from_anchor
+                * kept.hung.pose;
+            same.integrate(&frame, None, &kept.fused).expect("a pose");
+            fresh.integrate(&frame, None, &wanted).expect("a pose");
+            let off = kept.fused.inverse() * wanted;
+            assert!(off.translation.norm() + 2.0 * off.rotation.log().norm() <= map.config.moved_m + 1e-9);
+        }
+        let submap = map.submaps[index].as_ref().expect("a place");
+        assert_eq!(voxels(&submap.tsdf), voxels(&same), "as fused with the poses that it has");
+        let mesh = Mesher::new(MeshConfig::default()).whole(&submap.tsdf);
+        for p in &mesh.positions {
+            // The nearest voxels of the fresh field are no farther from its surface than a voxel and what lies between.
+            let voxel = p.map(|v| (f64::from(v) / VOXEL_M).floor() as i32);
+            if let Some((distance, _)) = fresh.voxel(voxel) {
+                assert!(distance.abs() <= 1.9 * VOXEL_M, "{p:?}: {distance}");
+            }
+        }
+        assert!(!submap.stale);
+    }
+    count
+}
+
+#[derive(Clone, Debug)]
+enum Event {
+    Insert { map: u64, x: f64 },
+    Align(Vec<[f64; 3]>),
+    Merge([f64; 3]),
+    Remove(usize),
+    Step(usize),
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let small = || [-0.04f64..0.04, -0.04f64..0.04, -0.05f64..0.05];
+    prop_oneof![
+        4 => (0u64..2, -1.0f64..3.0).prop_map(|(map, x)| Event::Insert { map, x }),
+        2 => proptest::collection::vec(small(), 1..6).prop_map(Event::Align),
+        1 => small().prop_map(Event::Merge),
+        1 => (0usize..20).prop_map(Event::Remove),
+        2 => (1usize..6).prop_map(Event::Step),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_history_ends_as_if_fused_afresh(events in proptest::collection::vec(event(), 6..24)) {
+        let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+        let mut next = 0;
+        for event in events {
+            match event {
+                Event::Insert { map: id, x } => {
+                    // After a merge there is one map only.
+                    let id = if map.anchors.values().any(|a| a.map == MapId(id)) || id == 0 { id } else { 1 };
+                    map.insert(AnchorId(next), MapId(id), pose(x, [0.0; 3]), Se3::identity(), &wall(x)).expect("depth");
+                    next += 1;
+                }
+                Event::Align(by) => {
+                    let moved: Vec<_> = map.anchors.iter().zip(by.iter().cycle())
+                        .map(|((id, a), w)| (*id, a.world_from_anchor * pose(w[2], *w))).collect();
+                    map.align(&moved).expect("finite");
+                }
+                Event::Merge(w) => {
+                    let p = pose(0.3, w);
+                    map.merge(MapId(1), MapId(0), &Sim3::new(p.rotation, p.translation, 1.0)).expect("finite");
+                }
+                Event::Remove(n) => {
+                    let ids: Vec<AnchorId> = map.anchors.keys().copied().collect();
+                    if ids.len() > 1 {
+                        let gone = ids[n % ids.len()];
+                        let parent = ids[(n + 1) % ids.len()];
+                        if map.anchors[&gone].map == map.anchors[&parent].map {
+                            map.remove(gone, parent).expect("a parent");
+                        }
+                    }
+                }
+                Event::Step(n) => {
+                    map.step(&Vec3::zeros(), n);
+                }
+            }
+        }
+        // Removals leave what hangs where it is; nothing else may wait unnoticed.
+        map.find_moved();
+        finish(&mut map);
+        check(&mut map);
+    }
+}
+
+#[test]
+fn a_closed_loop_moves_submaps_at_once_and_frames_later() {
+    let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    for i in 0..12 {
+        let x = f64::from(i) * 0.4;
+        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x))
+            .expect("depth");
+    }
+    let before: Vec<Se3> = map.submaps().map(|s| s.world_from_submap).collect();
+    assert!(before.len() > 1, "{} submaps over 4.4 m", before.len());
+    // All move by the same: no frame moves inside its submap.
+    let shift = pose(0.5, [0.1, 0.0, 0.2]);
+    let moved: Vec<_> = (0..12).map(|i| (AnchorId(i), shift * pose(i as f64 * 0.4, [0.0; 3]))).collect();
+    map.align(&moved).expect("finite");
+    for (submap, before) in map.submaps().zip(&before) {
+        assert!(((submap.world_from_submap.inverse() * (shift * *before)).log()).norm() < 1e-9);
+    }
+    assert_eq!(map.step(&Vec3::zeros(), 100), Progress::default());
+    // The last is bent: it alone waits, and is fused anew within the budget.
+    map.align(&[(AnchorId(11), shift * pose(4.4, [0.0, 0.0, 0.1]))]).expect("finite");
+    assert_eq!(map.step(&Vec3::zeros(), 1).images, 2);
+    finish(&mut map);
+    check(&mut map);
+}
+
+#[test]
+fn merged_maps_are_joined_and_no_wall_is_doubled() {
+    let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    let b_from_a = Se3::new(So3::exp(&Vec3::new(0.2, -0.4, 0.1)), Vec3::new(3.0, 1.0, -2.0));
+    for i in 0..4 {
+        let x = f64::from(i) * 0.2;
+        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x))
+            .expect("depth");
+        let id = AnchorId(100 + i as u64);
+        map.insert(id, MapId(1), b_from_a * pose(x, [0.0; 3]), Se3::identity(), &wall(x)).expect("depth");
+    }
+    assert_eq!(map.submaps().count(), 2);
+    let a_from_b = b_from_a.inverse();
+    map.merge(MapId(1), MapId(0), &Sim3::new(a_from_b.rotation, a_from_b.translation, 1.0)).expect("finite");
+    finish(&mut map);
+    assert_eq!(check(&mut map), 1, "one submap is left");
+    let submap = map.submaps().next().expect("one");
+    assert_eq!(submap.map, MapId(0));
+    let mesh = Mesher::new(MeshConfig::default()).whole(submap.tsdf);
+    // Two walls of the recording, and their edge; nothing between or behind.
+    let off = |z: f32| (z - 2.0).abs().min((z - 1.7).abs());
+    let near = mesh.positions.iter().filter(|p| off(p[2]) < 0.01).count();
+    assert!(near * 100 > mesh.positions.len() * 97, "{near} of {}", mesh.positions.len());
+    assert!(map.fuse_all(MapId(0), config().tsdf).expect("poses").blocks() > 0);
+}
+
+#[test]
+fn bad_input_leaves_the_map_as_it_was() {
+    let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    let (id, nowhere) = (AnchorId(7), pose(f64::NAN, [0.0; 3]));
+    assert!(map.insert(id, MapId(0), nowhere, Se3::identity(), &wall(0.0)).is_err());
+    assert!(map.insert(id, MapId(0), Se3::identity(), Se3::identity(), &DepthImage::new(80, 60)).is_err());
+    assert!(
+        map.insert(id, MapId(0), pose(1e12, [0.0; 3]), Se3::identity(), &wall(0.0)).is_ok(),
+        "its own origin"
+    );
+    assert!(map.insert(id, MapId(0), Se3::identity(), Se3::identity(), &wall(0.0)).is_err(), "twice");
+    assert!(map.align(&[(id, nowhere)]).is_err());
+    assert!(map.remove(id, AnchorId(99)).is_err());
+    assert!(map.observe(AnchorId(99), &Se3::identity(), &wall(0.0)).is_err());
+    assert_eq!(map.submaps().count(), 1);
+    assert_eq!(map.step(&Vec3::zeros(), 10).waiting, 0);
+}

@@ -1,0 +1,101 @@
+//! Fusing one depth image into one block: the heart of the TSDF, in plain Rust.
+//!
+//! Curless and Levoy, "A volumetric method for building complex models from range images" (SIGGRAPH 1996), eq. 1-4, with
+//! distances along the optical axis as in Newcombe et al., "KinectFusion" (ISMAR 2011), eq. 6-9. Sums of whole numbers are kept
+//! instead of a running mean: they do not depend on the order of the images, and an image can be taken out again exactly.
+
+use crate::block::VOXELS;
+use crate::frame::{depth_of, weight_of};
+use crate::project::Offsets;
+use crate::view::NEAREST_M;
+
+/// Steps of a distance: this many are the truncation distance.
+pub const STEPS: i32 = 1024;
+
+/// Distances and weights of a block's voxels.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Planes {
+    /// Sum of weight times distance, in [`STEPS`] of the truncation distance.
+    pub sum: [i32; VOXELS],
+    /// Sum of weights.
+    pub weight: [i32; VOXELS],
+}
+
+impl Default for Planes {
+    fn default() -> Self {
+        Self { sum: [0; VOXELS], weight: [0; VOXELS] }
+    }
+}
+
+/// Sums of red, green, blue, and how many colours were added, of a block's voxels.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Colours {
+    /// One plane each: red, green, blue, count.
+    pub planes: [[i32; VOXELS]; 4],
+}
+
+impl Default for Colours {
+    fn default() -> Self {
+        Self { planes: [[0; VOXELS]; 4] }
+    }
+}
+
+/// What all blocks of one image share.
+pub struct Pass<'a> {
+    /// See [`crate::frame`].
+    pub pixels: &'a [u32],
+    /// Red, green and blue from the lowest byte, pixel by pixel; empty without colour.
+    pub colours: &'a [u32],
+    /// Width in pixels.
+    pub width: usize,
+    /// Height in pixels.
+    pub height: usize,
+    /// See there.
+    pub offsets: &'a Offsets,
+    /// Truncation distance in metres.
+    pub band_m: f32,
+    /// [`STEPS`] over the truncation distance.
+    pub scale: f32,
+    /// 1 to put the image in, -1 to take it out.
+    pub sign: i32,
+}
+
+/// Adds the image to the block whose first voxel projects to the homogeneous `origin`; true when some voxel lies within the
+/// truncation distance of the surface.
+pub fn fuse(planes: &mut Planes, mut colours: Option<&mut Colours>, origin: [f32; 3], pass: &Pass) -> bool {
+    let mut in_band = false;
+    let (width, height) = (pass.width as f32, pass.height as f32);
+    for i in 0..VOXELS {
+        let z = origin[2] + pass.offsets.z[i];
+        let inverse = 1.0 / z;
+        let u = (origin[0] + pass.offsets.u[i]) * inverse;
+        let v = (origin[1] + pass.offsets.v[i]) * inverse;
+        if !(z >= NEAREST_M && u >= 0.0 && v >= 0.0 && u < width && v < height) {
+            continue;
+        }
+        let at = v as usize * pass.width + u as usize;
+        let pixel = pass.pixels[at];
+        let weight = weight_of(pixel) as i32;
+        let distance = depth_of(pixel) - z;
+        if weight == 0 || distance < -pass.band_m {
+            continue;
+        }
+        let near = distance < pass.band_m;
+        in_band |= near;
+        // Rounded by truncation of a number that is never negative.
+        let steps = ((distance * pass.scale).min(STEPS as f32) + (STEPS as f32 + 0.5)) as i32 - STEPS;
+        let weight = weight * pass.sign;
+        planes.sum[i] += weight * steps;
+        planes.weight[i] += weight;
+        if let (Some(colours), true) = (&mut colours, near) {
+            let c = pass.colours[at];
+            for (k, plane) in colours.planes[..3].iter_mut().enumerate() {
+                plane[i] += ((c >> (8 * k)) & 255) as i32 * pass.sign;
+            }
+            colours.planes[3][i] += pass.sign;
+        }
+    }
+    in_band
+}

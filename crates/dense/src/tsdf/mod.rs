@@ -1,0 +1,339 @@
+//! A truncated signed distance field in sparse blocks, fused from depth images with known poses.
+
+mod kernel;
+#[cfg(target_arch = "x86_64")]
+mod kernel_x86;
+mod window;
+
+pub(crate) use kernel::{Colours, Planes, STEPS};
+pub(crate) use window::Window;
+
+use crate::block::{BlockKey, BlockTable, Pages};
+use crate::frame::DepthFrame;
+use crate::project::Projection;
+use crate::{Backend, DenseError};
+use cairn_geometry::Se3;
+use cairn_sensor::Image;
+use kernel::Pass;
+
+/// How a field is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TsdfConfig {
+    /// Edge of a voxel in metres, 0.005 to 0.2.
+    pub voxel_m: f64,
+    /// Truncation distance in voxels, 2 to 16.
+    pub band_voxels: f64,
+    /// Whether voxels keep colours.
+    pub colour: bool,
+}
+
+impl Default for TsdfConfig {
+    fn default() -> Self {
+        Self { voxel_m: 0.02, band_voxels: 4.0, colour: false }
+    }
+}
+
+/// Images that may be put into one field: sums of whole numbers stay far from their limit.
+const MOST_IMAGES: usize = 60_000;
+
+/// A sparse field; positions are in its own frame, in metres. The voxel with index `i` has its centre at `(i + 0.5) * voxel_m`.
+#[derive(Clone)]
+pub struct TsdfVolume {
+    config: TsdfConfig,
+    backend: Backend,
+    table: BlockTable,
+    /// Key of each slot; `None` where it is free.
+    keys: Vec<Option<BlockKey>>,
+    planes: Pages<Planes>,
+    colours: Pages<Colours>,
+    /// Of each slot, when it last changed.
+    changed: Vec<u64>,
+    revision: u64,
+    images: usize,
+    window: Window,
+    touched: Vec<BlockKey>,
+    packed: Vec<u32>,
+}
+
+/// What fusing an image did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Fused {
+    /// Blocks that were looked at.
+    pub looked_at: usize,
+    /// Blocks that hold a voxel within the truncation distance of the image's surface.
+    pub changed: usize,
+    /// Blocks that are new.
+    pub created: usize,
+    /// Blocks that are gone because nothing is left in them.
+    pub removed: usize,
+}
+
+impl TsdfVolume {
+    /// An empty field.
+    ///
+    /// # Errors
+    /// A setting out of range.
+    pub fn new(config: TsdfConfig) -> Result<Self, DenseError> {
+        if !(0.005..=0.2).contains(&config.voxel_m) || !(2.0..=16.0).contains(&config.band_voxels) {
+            let why = format!(
+                "voxels of {} m (0.005 to 0.2), a band of {} voxels (2 to 16)",
+                config.voxel_m, config.band_voxels
+            );
+            return Err(DenseError::Config(why));
+        }
+        Ok(Self {
+            config,
+            backend: Backend::best(),
+            table: BlockTable::default(),
+            keys: Vec::new(),
+            planes: Pages::default(),
+            colours: Pages::default(),
+            changed: Vec::new(),
+            revision: 0,
+            images: 0,
+            window: Window::default(),
+            touched: Vec::new(),
+            packed: Vec::new(),
+        })
+    }
+
+    /// The same with these instructions, when the processor has them.
+    pub fn with_backend(mut self, backend: Backend) -> Self {
+        self.backend = if backend.available() { backend } else { Backend::Scalar };
+        self
+    }
+
+    /// How it is made.
+    pub fn config(&self) -> &TsdfConfig {
+        &self.config
+    }
+
+    /// Truncation distance in metres.
+    pub fn band_m(&self) -> f64 {
+        self.config.voxel_m * self.config.band_voxels
+    }
+
+    /// Puts an image in; `colour` has the frame's size and shows the same pixels.
+    ///
+    /// # Errors
+    /// A pose that is not finite or out of range, a colour image of another size, a field that is full.
+    pub fn integrate(
+        &mut self,
+        frame: &DepthFrame,
+        colour: Option<&Image<[u8; 3]>>,
+        volume_from_camera: &Se3,
+    ) -> Result<Fused, DenseError> {
+        if self.images >= MOST_IMAGES {
+            return Err(DenseError::Config(format!("{MOST_IMAGES} images are in this field: begin another")));
+        }
+        let fused = self.pass(frame, colour, volume_from_camera, 1)?;
+        self.images += 1;
+        Ok(fused)
+    }
+
+    /// Takes an image out that was put in with exactly this pose: what remains is as if it had never been there.
+    ///
+    /// # Errors
+    /// As [`Self::integrate`].
+    pub fn remove(
+        &mut self,
+        frame: &DepthFrame,
+        colour: Option<&Image<[u8; 3]>>,
+        volume_from_camera: &Se3,
+    ) -> Result<Fused, DenseError> {
+        let fused = self.pass(frame, colour, volume_from_camera, -1)?;
+        self.images = self.images.saturating_sub(1);
+        Ok(fused)
+    }
+
+    fn pass(
+        &mut self,
+        frame: &DepthFrame,
+        colour: Option<&Image<[u8; 3]>>,
+        pose: &Se3,
+        sign: i32,
+    ) -> Result<Fused, DenseError> {
+        if !pose.is_finite() {
+            return Err(DenseError::Pose("a number is not finite".into()));
+        }
+        self.pack_colour(frame, colour)?;
+        let (voxel, band) = (self.config.voxel_m, self.band_m());
+        self.window.mark(frame, pose, voxel, band, self.backend)?;
+        let mut touched = std::mem::take(&mut self.touched);
+        self.window.keys(&mut touched);
+        self.revision += 1;
+        let packed = std::mem::take(&mut self.packed);
+        let projection = Projection::new(frame, pose, voxel);
+        let offsets = projection.offsets();
+        let mut pass = Pass {
+            pixels: &frame.pixels,
+            colours: &packed,
+            width: frame.width(),
+            height: frame.height(),
+            offsets: &offsets,
+            band_m: band as f32,
+            scale: (f64::from(STEPS) / band) as f32,
+            sign,
+        };
+        let mut fused = Fused::default();
+        for &key in &touched {
+            fused.looked_at += 1;
+            self.fuse_block(key, projection.origin(key), &mut pass, &mut fused);
+        }
+        (self.touched, self.packed) = (touched, packed);
+        Ok(fused)
+    }
+
+    fn fuse_block(&mut self, key: BlockKey, origin: [f32; 3], pass: &mut Pass, fused: &mut Fused) {
+        let known = self.table.get(&key).copied();
+        if known.is_none() && pass.sign < 0 {
+            return;
+        }
+        let slot = known.unwrap_or_else(|| self.planes.take());
+        let has_colour = !pass.colours.is_empty();
+        if known.is_none() && self.config.colour {
+            let same = self.colours.take();
+            debug_assert_eq!(same, slot, "planes and colours are taken and given back together");
+        }
+        let planes = self.planes.at_mut(slot);
+        let mut colours = has_colour.then(|| self.colours.at_mut(slot));
+        if fuse(self.backend, planes, colours.as_deref_mut(), origin, pass) {
+            fused.changed += 1;
+            if self.changed.len() <= slot as usize {
+                self.changed.resize(slot as usize + 1, 0);
+                self.keys.resize(slot as usize + 1, None);
+            }
+            self.changed[slot as usize] = self.revision;
+            if known.is_none() {
+                fused.created += 1;
+                self.table.insert(key, slot);
+                self.keys[slot as usize] = Some(key);
+            }
+            if pass.sign < 0 && self.planes.at(slot).weight.iter().all(|&w| w == 0) {
+                fused.removed += 1;
+                self.free(key, slot);
+            }
+        } else if known.is_some() {
+            // A block without a voxel near the surface is left as it was, whether it exists or not: the sums must not
+            // depend on the order of images.
+            pass.sign = -pass.sign;
+            fuse(self.backend, planes, colours, origin, pass);
+            pass.sign = -pass.sign;
+        } else {
+            self.planes.give_back(slot);
+            if self.config.colour {
+                self.colours.give_back(slot);
+            }
+        }
+    }
+
+    fn free(&mut self, key: BlockKey, slot: u32) {
+        self.table.remove(&key);
+        self.keys[slot as usize] = None;
+        self.planes.give_back(slot);
+        if self.config.colour {
+            self.colours.give_back(slot);
+        }
+    }
+
+    fn pack_colour(&mut self, frame: &DepthFrame, colour: Option<&Image<[u8; 3]>>) -> Result<(), DenseError> {
+        self.packed.clear();
+        let Some(colour) = colour.filter(|_| self.config.colour) else { return Ok(()) };
+        if (colour.width(), colour.height()) != (frame.width(), frame.height()) {
+            return Err(DenseError::Size {
+                what: "colour",
+                width: colour.width(),
+                height: colour.height(),
+                expected_width: frame.width(),
+                expected_height: frame.height(),
+            });
+        }
+        self.packed.extend(colour.data().iter().map(|&[r, g, b]| u32::from_le_bytes([r, g, b, 0])));
+        Ok(())
+    }
+
+    /// Share of the blocks around an image's surface that are in use already, 0 to 1.
+    ///
+    /// # Errors
+    /// A pose that is not finite or out of range.
+    pub fn overlap(&mut self, frame: &DepthFrame, volume_from_camera: &Se3) -> Result<f64, DenseError> {
+        if !volume_from_camera.is_finite() {
+            return Err(DenseError::Pose("a number is not finite".into()));
+        }
+        self.window.mark(frame, volume_from_camera, self.config.voxel_m, self.band_m(), self.backend)?;
+        self.window.keys(&mut self.touched);
+        let known = self.touched.iter().filter(|key| self.table.contains_key(key)).count();
+        Ok(known as f64 / self.touched.len().max(1) as f64)
+    }
+
+    /// Blocks in use.
+    pub fn blocks(&self) -> usize {
+        self.table.len()
+    }
+
+    /// Bytes of all planes, tables included.
+    pub fn bytes(&self) -> usize {
+        self.planes.bytes() + self.colours.bytes() + self.table.capacity() * 17 + self.keys.capacity() * 24
+    }
+
+    /// Grows with every image put in or taken out.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Keys of the blocks that changed after a revision, in a fixed order; all with 0.
+    pub fn changed_since(&self, revision: u64) -> impl Iterator<Item = BlockKey> + '_ {
+        let since = self.keys.iter().zip(&self.changed).filter(move |(_, at)| **at > revision);
+        since.filter_map(|(key, _)| *key)
+    }
+
+    /// Blocks and their slots, in a fixed order.
+    pub(crate) fn slots(&self) -> impl Iterator<Item = (BlockKey, u32)> + '_ {
+        self.keys.iter().enumerate().filter_map(|(slot, key)| key.map(|k| (k, slot as u32)))
+    }
+
+    /// Slot of a block.
+    pub(crate) fn slot(&self, key: BlockKey) -> Option<u32> {
+        self.table.get(&key).copied()
+    }
+
+    /// Distances and weights of a slot.
+    pub(crate) fn planes(&self, slot: u32) -> &Planes {
+        self.planes.at(slot)
+    }
+
+    /// Colours of a slot; `None` without colours.
+    pub(crate) fn colours(&self, slot: u32) -> Option<&Colours> {
+        self.config.colour.then(|| self.colours.at(slot))
+    }
+
+    /// Distance in metres and weight of a voxel by its index; `None` where nothing was seen.
+    pub fn voxel(&self, voxel: [i32; 3]) -> Option<(f64, i32)> {
+        let (key, i) = BlockKey::of_voxel(voxel);
+        let planes = self.planes(self.slot(key)?);
+        let weight = planes.weight[i];
+        let steps = f64::from(planes.sum[i]) / f64::from(weight);
+        (weight > 0).then(|| (steps * self.band_m() / f64::from(STEPS), weight))
+    }
+}
+
+fn fuse(
+    backend: Backend,
+    planes: &mut Planes,
+    colours: Option<&mut Colours>,
+    origin: [f32; 3],
+    pass: &Pass,
+) -> bool {
+    debug_assert_eq!(pass.pixels.len(), pass.width * pass.height);
+    match backend {
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code)]
+        // SAFETY: a backend is only set when it is available; frames and packed colours hold width * height pixels.
+        Backend::Avx512 => unsafe { kernel_x86::fuse_avx512(planes, colours, origin, pass) },
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code)]
+        // SAFETY: as above.
+        Backend::Avx2 => unsafe { kernel_x86::fuse_avx2(planes, colours, origin, pass) },
+        _ => kernel::fuse(planes, colours, origin, pass),
+    }
+}
