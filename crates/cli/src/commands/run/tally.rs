@@ -2,9 +2,8 @@
 
 use super::status::{self, StatusTally};
 use cairn_engine::{Config, Engine, Finished, Joined, Output, State, Verdict};
-use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, StageTimes, evaluate};
-use cairn_geometry::{Se3, Trajectory};
-use cairn_sensor::{FramePacket, Stamp};
+use cairn_eval::{Align, Lost, Percentiles, RunReport, StageTimes};
+use cairn_sensor::FramePacket;
 use std::fmt::{Display, Write};
 use std::time::Instant;
 
@@ -138,17 +137,6 @@ fn as_printed(config: &Config) -> serde_json::Value {
     // Everything in a configuration can be written as JSON.
     let text = serde_json::to_string(config).unwrap_or_default();
     serde_json::from_str(&text).unwrap_or_default()
-}
-
-/// The comparison with the source's ground truth, where it has one: aligned by Sim3 where the scale is not metric.
-pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<Evaluation> {
-    let trajectory = |poses: &[(Stamp, Se3)]| {
-        Trajectory::from_unsorted(poses.iter().map(|(t, pose)| (t.0, *pose)).collect()).ok()
-    };
-    let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
-    let options = EvalOptions { align, ..EvalOptions::default() };
-    let (reference, estimate) = (trajectory(&engine.comparable(truth))?, trajectory(&engine.trajectory())?);
-    evaluate(&reference, &estimate, &options).ok()
 }
 
 /// The report as a table for people.
