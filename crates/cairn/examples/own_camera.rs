@@ -39,8 +39,8 @@ impl Device {
 
     fn grab(&mut self) -> Result<Option<Grabbed>, cairn::Error> {
         let Some(frame) = self.0.next_packet()? else { return Ok(None) };
-        let pixels = |nth: usize| frame.images[nth].data().to_vec();
-        Ok(Some((frame.stamp, pixels(0), pixels(1), frame.imu.clone())))
+        let [left, right] = &frame.images[..] else { return Ok(None) };
+        Ok(Some((frame.stamp, left.data().to_vec(), right.data().to_vec(), frame.imu)))
     }
 }
 
@@ -57,6 +57,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         let output = slam.track_images(stamp, vec![image(left)?, image(right)?], None, imu)?;
         if let Some(pose) = output.world_from_body {
             tracked += 1;
+            if tracked % 15 != 1 {
+                continue;
+            }
             let [x, y, z]: [f64; 3] = pose.se3.translation.into();
             let (have, of) = (output.evidence.inliers, output.evidence.matched);
             println!("{stamp}  at {x:6.2} {y:6.2} {z:6.2} m, {have} of {of} matches agree");

@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut camera = LiveRig::new(&sim)?;
     let mut slam = Slam::builder(camera.rig()).rate_hz(RATE_HZ).build()?;
 
-    // The way out: 8 m to the first corner of the world's route and 2 m beyond it.
+    // The way out: to the first corner of the world's route and 2 m beyond it.
     let route = camera.world().routes().first().ok_or("the world has no route")?.points.clone();
     let [start, corner, next, ..] = route[..] else { return Err("the route has no corner".into()) };
     let heading = (next - corner).normalize();
@@ -34,6 +34,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         slam.track(&camera.packet(now, &motion.pose(now.seconds()))?)?;
     }
     let points = slam.stop_recording()?.points.len();
+    // What was said on the way out is not for the way home.
+    slam.heard();
     println!("recorded  {points} points over {:.1} s", now.seconds());
 
     // The way home: the walker hears the words, turns and walks, and the camera goes along.
