@@ -257,6 +257,20 @@ impl Session {
             Command::Status => Ok(self.status_words()),
             Command::Quit => Ok("Goodbye.".into()),
         };
+        self.answer(done)
+    }
+
+    /// Starts recording into this new file, otherwise as [`Command::Record`].
+    ///
+    /// # Errors
+    /// As [`Session::command`].
+    pub fn record_to(&mut self, path: &Path) -> Result<String, String> {
+        let done = self.begin_recording(Some(path.to_owned()));
+        self.answer(done)
+    }
+
+    /// Says the result of a command.
+    fn answer(&mut self, done: Result<String, String>) -> Result<String, String> {
         let (Ok(text) | Err(text)) = &done;
         self.say(text, Priority::High);
         self.speak(self.now);

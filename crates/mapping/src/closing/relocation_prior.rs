@@ -53,7 +53,6 @@ mod tests {
             sigma: 0.5,
             sigma_rad: 0.1,
             sigma_log_scale: 0.0,
-            sigma_log_scale: 0.0,
         };
         let bound = |atlas: &Atlas, scale: f64| {
             let snapshot = atlas.latest();

@@ -1,12 +1,12 @@
 //! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded routes as files.
 
-use super::{ROUTE_PREFIX, open};
+use super::open;
 use crate::failure::Failure;
 use crate::output::Output;
+use cairn::{Map, routes_of};
 use cairn_atlas::store::MapFile;
 use cairn_atlas::{Landmark, MapId};
 use cairn_eval::{to_tum, write_whole};
-use cairn_geometry::Trajectory;
 use serde::Serialize;
 use std::fmt::Write;
 use std::fs::File;
@@ -61,28 +61,29 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         ));
     }
     let file = open(&a.file)?;
-    let roots: Vec<usize> = file.snapshot.maps().map(|(id, _)| id.root().index()).collect();
-    let map = map(&file, a.map).ok_or_else(|| {
+    let map = Map::of_file(&file);
+    let roots: Vec<usize> = map.maps().map(|id| id.root().index()).collect();
+    let id = chosen(&map, a.map).ok_or_else(|| {
         let (why, hint) = match a.map {
             Some(root) => (format!("it has no map {root}"), format!("it has these: {roots:?}")),
             None => ("the file is empty".to_owned(), "give a map with key frames".to_owned()),
         };
         Failure::new(shown, why, hint)
     })?;
-    let landmarks = landmarks(&file, map);
+    let landmarks: Vec<&Landmark> = map.landmarks(id).collect();
     if let Some(path) = &a.points {
         write_whole(path, &ply(&landmarks))?;
     }
     if let Some(path) = &a.trajectory {
-        write_whole(path, &to_tum(&trajectory(&file, map)))?;
+        write_whole(path, &to_tum(&map.trajectory(id)))?;
     }
     let routes = a.routes.as_deref().map_or_else(|| Ok(Vec::new()), |folder| write_routes(&file, folder))?;
-    let root = map.root().index();
+    let root = id.root().index();
     let exported = Exported {
         map: root,
         others: roots.into_iter().filter(|r| *r != root).collect(),
         landmarks: landmarks.len(),
-        key_frames: file.snapshot.key_frames_of(map).count(),
+        key_frames: map.key_frames(id).count(),
         points: a.points.clone(),
         trajectory: a.trajectory.clone(),
         routes,
@@ -90,21 +91,11 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     output.result(&exported, text)
 }
 
-fn map(file: &MapFile, root: Option<usize>) -> Option<MapId> {
-    let mut maps = file.snapshot.maps().map(|(id, _)| id);
+fn chosen(map: &Map, root: Option<usize>) -> Option<MapId> {
     match root {
-        Some(root) => maps.find(|id| id.root().index() == root),
-        // The oldest of equally large ones.
-        None => maps.min_by_key(|id| (std::cmp::Reverse(file.snapshot.key_frames_of(*id).count()), *id)),
+        Some(root) => map.maps().find(|id| id.root().index() == root),
+        None => map.largest(),
     }
-}
-
-fn landmarks(file: &MapFile, map: MapId) -> Vec<&Landmark> {
-    let snapshot = &file.snapshot;
-    let here = |l: &&Landmark| {
-        l.observations.first().and_then(|o| snapshot.key_frame(o.key_frame)).is_some_and(|k| k.map == map)
-    };
-    snapshot.landmarks().filter(here).collect()
 }
 
 fn ply(landmarks: &[&Landmark]) -> String {
@@ -130,8 +121,7 @@ fn ply(landmarks: &[&Landmark]) -> String {
 /// Writes each route to a new file named after it.
 fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut written = Vec::new();
-    for (name, bytes) in &file.attached {
-        let Some(name) = name.strip_prefix(ROUTE_PREFIX) else { continue };
+    for (name, bytes, _) in routes_of(file) {
         // A name stored in a map must not be used as a path.
         let plain = Path::new(name).file_name().and_then(|n| n.to_str()) == Some(name);
         let path = folder.join(format!("{name}.route"));
@@ -146,22 +136,6 @@ fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> 
         written.push(path);
     }
     Ok(written)
-}
-
-/// The key frames in order of time; of two with the same time, as several sessions may have, the older one.
-fn trajectory(file: &MapFile, map: MapId) -> Trajectory {
-    let camera = &file.about.camera;
-    let metric = file.snapshot.is_metric_in(map, camera);
-    let poses = file.snapshot.key_frames_of(map);
-    let mut poses: Vec<_> =
-        poses.map(|k| (k.frame.stamp.0, camera.world_from_body(&k.world_from_camera, metric))).collect();
-    poses.sort_by_key(|(t, _)| *t);
-    let mut trajectory = Trajectory::new();
-    for (t, pose) in poses {
-        // A pose that is not later than the previous one is rejected and left out.
-        let _ = trajectory.push(t, pose);
-    }
-    trajectory
 }
 
 fn text(e: &Exported) -> String {

@@ -1,11 +1,12 @@
 //! `cairn map info`: summary of saved maps.
 
-use super::{ROUTE_PREFIX, bytes_of, failed};
+use super::{bytes_of, failed};
 use crate::failure::Failure;
 use crate::output::Output;
+use cairn::{Map, routes_of};
 use cairn_atlas::store::{MapFile, Table, sensor_name};
 use cairn_atlas::{MapId, Snapshot};
-use cairn_guide::{CleanConfig, Route, survey};
+use cairn_guide::{CleanConfig, Route, RouteError, survey};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -97,11 +98,8 @@ fn info(path: &Path) -> Result<Info, Failure> {
     let bytes = bytes_of(path)?;
     let table = Table::read(&bytes).map_err(|e| failed(path, &e))?;
     let file = MapFile::read(&bytes).map_err(|e| failed(path, &e))?;
-    let (snapshot, camera) = (&file.snapshot, &file.about.camera);
-    let routes = file
-        .attached
-        .iter()
-        .filter_map(|(name, bytes)| Some(route(name.strip_prefix(ROUTE_PREFIX)?, bytes, snapshot)));
+    let all = Map::of_file(&file);
+    let (snapshot, camera) = (all.snapshot(), all.camera());
     let part = |p: &cairn_atlas::store::PartInfo| Part {
         name: p.name.clone(),
         bytes: p.stored_bytes,
@@ -124,13 +122,16 @@ fn info(path: &Path) -> Result<Info, Failure> {
         removed_key_frames: snapshot.removed_key_frame_count(),
         landmarks: snapshot.landmark_count(),
         observations: snapshot.landmarks().map(|l| l.observations.len()).sum(),
-        maps: snapshot.maps().map(|(id, _)| map(snapshot, id)).collect(),
-        routes: routes.collect(),
+        maps: all.maps().map(|id| map(&all, id)).collect(),
+        routes: routes_of(&file)
+            .map(|(name, bytes, read)| route(name, bytes.len(), read, snapshot))
+            .collect(),
         parts: table.parts.iter().map(part).collect(),
     })
 }
 
-fn map(snapshot: &Snapshot, id: MapId) -> MapReport {
+fn map(all: &Map, id: MapId) -> MapReport {
+    let snapshot = all.snapshot();
     let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     let mut span = [f64::INFINITY, f64::NEG_INFINITY];
     for k in snapshot.key_frames_of(id) {
@@ -142,14 +143,11 @@ fn map(snapshot: &Snapshot, id: MapId) -> MapReport {
         let t = k.frame.stamp.seconds();
         span = [span[0].min(t), span[1].max(t)];
     }
-    let here = |l: &cairn_atlas::Landmark| {
-        l.observations.first().and_then(|o| snapshot.key_frame(o.key_frame)).is_some_and(|k| k.map == id)
-    };
     let prior = snapshot.maps().find(|(other, _)| *other == id).and_then(|(_, prior)| prior);
     MapReport {
         root: id.root().index(),
         key_frames: snapshot.key_frames_of(id).count(),
-        landmarks: snapshot.landmarks().filter(|l| here(l)).count(),
+        landmarks: all.landmarks(id).count(),
         bounds,
         from_s: span[0],
         to_s: span[1],
@@ -161,10 +159,9 @@ fn map(snapshot: &Snapshot, id: MapId) -> MapReport {
     }
 }
 
-fn route(name: &str, bytes: &[u8], snapshot: &Snapshot) -> RouteReport {
-    let mut report =
-        RouteReport { name: name.to_owned(), bytes: bytes.len(), points: 0, length_m: 0.0, damaged: None };
-    match Route::read(bytes) {
+fn route(name: &str, bytes: usize, read: Result<Route, RouteError>, snapshot: &Snapshot) -> RouteReport {
+    let mut report = RouteReport { name: name.to_owned(), bytes, points: 0, length_m: 0.0, damaged: None };
+    match read {
         Ok(route) => {
             let here = |anchor: cairn_guide::Anchor| {
                 snapshot.world_from_here(cairn_atlas::KeyFrameId::from_index(anchor.seq as usize)?)

@@ -1,9 +1,10 @@
 //! `cairn map merge`: several saved maps in one file. They stay separate, unaligned maps; a later run joins them when
 //! it recognises a place.
 
-use super::{ROUTE_PREFIX, failed, open};
+use super::{failed, open};
 use crate::failure::Failure;
 use crate::output::Output;
+use cairn::ROUTE_PREFIX;
 use cairn_atlas::Shift;
 use cairn_atlas::store::MapFile;
 use cairn_guide::Route;

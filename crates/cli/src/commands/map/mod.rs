@@ -35,9 +35,6 @@ struct Files {
     files: Vec<PathBuf>,
 }
 
-/// Prefix of the names of routes attached to a map.
-pub const ROUTE_PREFIX: &str = "way/";
-
 /// Runs the subcommand.
 ///
 /// # Errors

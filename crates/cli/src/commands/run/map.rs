@@ -1,8 +1,9 @@
 //! Opening the map of --map-in and saving the map of --map-out.
 
 use super::Arguments;
-use crate::commands::map::{ROUTE_PREFIX, failed, open};
+use crate::commands::map::{failed, open};
 use crate::failure::Failure;
+use cairn::map_file;
 use cairn_atlas::store::{MapFile, StoreError};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
 use cairn_sensor::Rig;
@@ -117,16 +118,6 @@ impl<'a> Saver<'a> {
 
     /// The current map with its attachments; `None` while it is empty.
     fn file(&self, session: &Session) -> Option<MapFile> {
-        let mut attached = self.attached.clone();
-        for (path, route) in session.recorded().filter(|(_, route)| !route.points.is_empty()) {
-            let stem = path.and_then(Path::file_stem);
-            let name = stem.map_or_else(|| "in memory".into(), |s| s.to_string_lossy().into_owned());
-            // Serialising to memory does not fail.
-            if let Ok(bytes) = route.to_bytes() {
-                attached.insert(format!("{ROUTE_PREFIX}{name}"), bytes);
-            }
-        }
-        let file = session.engine().to_save(concat!("cairn ", env!("CARGO_PKG_VERSION")), attached);
-        (file.snapshot.key_frame_count() > 0).then_some(file)
+        map_file(session, &self.attached)
     }
 }

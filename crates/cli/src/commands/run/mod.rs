@@ -130,7 +130,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let engine = session.engine();
     let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
-    report.accuracy = tally::accuracy(&truth, engine);
+    // No figure without ground truth, or where it has no time in common with the run.
+    report.accuracy = cairn::accuracy(engine, &truth).ok();
     report.live = tally::live(&truth, engine);
     report.scale = tally::scale(&truth, engine);
     write_reports(a, engine, &report, &tally)?;

@@ -1,5 +1,6 @@
 //! The sensors of a rig that a run uses.
 
+use cairn::sensor_mode_of;
 use cairn_engine::SensorMode;
 use cairn_sensor::Rig;
 
@@ -61,12 +62,7 @@ impl Sensor {
 
     /// All sensors of a rig.
     pub fn of(rig: &Rig) -> Self {
-        let mode = match (&rig.depth, rig.cameras.len()) {
-            (Some(_), _) => SensorMode::Rgbd,
-            (None, 0 | 1) => SensorMode::Mono,
-            (None, _) => SensorMode::Stereo,
-        };
-        Self::with(mode, rig.imu.is_some())
+        Self::with(sensor_mode_of(rig), rig.imu.is_some())
     }
 
     /// The rig without the cameras and depth that are not used, so that they are not even read; `None` if

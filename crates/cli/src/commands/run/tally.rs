@@ -3,8 +3,8 @@
 use super::status::{self, StatusTally};
 use cairn_engine::{Config, Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};
 use cairn_eval::{
-    Align, EvalOptions, Evaluation, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport,
-    StageTimes, evaluate,
+    Align, EvalOptions, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport, StageTimes,
+    evaluate,
 };
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, Stamp};
@@ -143,12 +143,7 @@ fn as_printed(config: &Config) -> serde_json::Value {
     serde_json::from_str(&text).unwrap_or_default()
 }
 
-/// The comparison with the source's ground truth, where it has one: aligned by Sim3 where the scale is not metric.
-pub fn accuracy(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<Evaluation> {
-    let (reference, estimate) = (trajectory(&engine.comparable(truth))?, trajectory(&engine.trajectory())?);
-    evaluate(&reference, &estimate, &options(engine.is_metric())).ok()
-}
-
+/// Alignment by Sim3 where the scale is not metric.
 fn options(metric: bool) -> EvalOptions {
     EvalOptions { align: if metric { Align::Se3 } else { Align::Sim3 }, ..EvalOptions::default() }
 }

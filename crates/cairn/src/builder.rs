@@ -1,0 +1,134 @@
+//! What a [`Slam`] is built from: rig, sensors, configuration, and perhaps a saved map.
+
+use crate::{Error, Slam};
+use cairn_atlas::store::MapFile;
+use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_guide::PhraseConfig;
+use cairn_sensor::{Rig, Source};
+use cairn_session::{Session, SessionConfig};
+
+/// Frames a second where nothing else is said.
+const RATE_HZ: f64 = 30.0;
+
+/// Collects what a [`Slam`] needs; see [`Slam::builder`] for what is used where nothing is said.
+#[derive(Clone)]
+pub struct Builder {
+    rig: Rig,
+    mode: Option<SensorMode>,
+    config: Config,
+    rate_hz: f64,
+    runner: Runner,
+    with_imu: bool,
+    map: Option<MapFile>,
+    localize_only: bool,
+    phrases: PhraseConfig,
+    source: String,
+}
+
+/// The mode that uses most of a rig's cameras: depth where there is a depth sensor, else stereo where there are
+/// two cameras, else mono.
+pub fn sensor_mode_of(rig: &Rig) -> SensorMode {
+    match (&rig.depth, rig.cameras.len()) {
+        (Some(_), _) => SensorMode::Rgbd,
+        (None, 0 | 1) => SensorMode::Mono,
+        (None, _) => SensorMode::Stereo,
+    }
+}
+
+impl Builder {
+    pub(crate) fn new(rig: &Rig) -> Self {
+        Self {
+            rig: rig.clone(),
+            mode: None,
+            config: Config::default(),
+            rate_hz: RATE_HZ,
+            runner: Runner::Lockstep,
+            with_imu: true,
+            map: None,
+            localize_only: false,
+            phrases: PhraseConfig::default(),
+            source: String::new(),
+        }
+    }
+
+    pub(crate) fn of(source: &dyn Source) -> Self {
+        let info = source.info();
+        Self { rate_hz: info.rate_hz, source: info.name.clone(), ..Self::new(source.rig()) }
+    }
+
+    /// Uses these cameras of the rig.
+    pub fn sensor(self, mode: SensorMode) -> Self {
+        Self { mode: Some(mode), ..self }
+    }
+
+    /// Leaves the rig's IMU unused.
+    pub fn without_imu(self) -> Self {
+        Self { with_imu: false, ..self }
+    }
+
+    /// Sets the configuration of the stages; whether the IMU is used is decided by the rig and
+    /// [`Builder::without_imu`] alone.
+    pub fn config(self, config: &Config) -> Self {
+        Self { config: config.clone(), ..self }
+    }
+
+    /// Sets the nominal number of frames a second.
+    pub fn rate_hz(self, rate_hz: f64) -> Self {
+        Self { rate_hz, ..self }
+    }
+
+    /// Runs mapping and loop closing on threads of their own, so that tracking never waits for them: for live
+    /// cameras. Without it all stages run one after the other, and two runs are bit-identical.
+    pub fn threaded(self) -> Self {
+        Self { runner: Runner::Threaded, ..self }
+    }
+
+    /// Continues in a saved map: the pose is lost until a place is recognised, and mapping goes on from there.
+    pub fn map(self, map: MapFile) -> Self {
+        Self { map: Some(map), localize_only: false, ..self }
+    }
+
+    /// Localises in a saved map, which stays unchanged.
+    pub fn localize_in(self, map: MapFile) -> Self {
+        Self { map: Some(map), localize_only: true, ..self }
+    }
+
+    /// Sets unit and form of the distances and directions in spoken words.
+    pub fn phrases(self, phrases: PhraseConfig) -> Self {
+        Self { phrases, ..self }
+    }
+
+    /// Builds it.
+    ///
+    /// # Errors
+    /// [`Error::Rig`] when the rig is impossible or lacks a sensor of the mode, [`Error::Config`] for a number out of
+    /// range, [`Error::Rate`], [`Error::EmptyMap`] and [`Error::OpenMap`] when the saved map is empty or of another
+    /// camera.
+    pub fn build(self) -> Result<Slam, Error> {
+        self.rig.validate()?;
+        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+            return Err(Error::Rate(self.rate_hz));
+        }
+        let (rig, mode) = (&self.rig, self.mode.unwrap_or_else(|| sensor_mode_of(&self.rig)));
+        let mut config = self.config;
+        config.inertial.enabled = self.with_imu && rig.imu.is_some();
+        config.check()?;
+        let (engine, notes) = match &self.map {
+            None => (Engine::new(rig, mode, self.rate_hz, self.runner, &config)?, Vec::new()),
+            Some(file) if file.snapshot.key_frame_count() == 0 => return Err(Error::EmptyMap),
+            Some(file) => Engine::in_map(rig, mode, self.rate_hz, self.runner, &config, file)?,
+        };
+        let engine = if self.localize_only { engine.localize_only() } else { engine };
+        let session = Session::new(
+            engine,
+            SessionConfig {
+                source: self.source,
+                map_is_loaded: self.map.is_some(),
+                phrases: self.phrases,
+                ..SessionConfig::default()
+            },
+        );
+        let attached = self.map.map_or_else(Default::default, |file| file.attached);
+        Ok(Slam { session, attached, notes, last: None })
+    }
+}
