@@ -9,9 +9,11 @@
 pub mod bal;
 mod bundle;
 mod chow_test;
-mod descent;
+mod dense;
+mod factors;
 pub mod g2o;
 pub mod graph;
+mod levenberg_marquardt;
 mod pose_only;
 pub mod ransac;
 mod report;
@@ -21,8 +23,11 @@ mod schur;
 pub mod sparse;
 mod text;
 
-pub use bundle::{Bundle, BundleConfig, Observation};
+pub use bundle::{Bundle, BundleConfig, Freedom, Observation, RightOffset};
 pub use chow_test::chow_test;
+pub use dense::{DenseNormal, minimise_dense};
+pub use factors::{Equations, Factors, NoFactors, Variable};
+pub use levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Outcome, Problem, Trial};
 pub use pose_only::{PointMatch, PoseOnly, PoseOnlyConfig, PosePrior};
 pub use report::{Report, Stop};
 pub use reprojection::{Linear, Pinhole, Pixel};

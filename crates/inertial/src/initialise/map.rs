@@ -10,6 +10,7 @@ use super::{Initial, InitialiseConfig, Scale, Seen};
 use crate::{Bias, GRAVITY_M_S2, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3, hat};
 use cairn_sensor::ImuNoise;
+use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Trial};
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Standard deviation that holds gravity's norm, relative.
@@ -17,6 +18,34 @@ const NORM_SIGMA: f64 = 1e-5;
 
 /// How often the sensor's noise is fitted to what is left over.
 const ROUNDS: usize = 4;
+
+/// A solve under way.
+struct Search<'a> {
+    problem: &'a mut Problem,
+    state: State,
+    trial: State,
+    chain: Option<Chain>,
+}
+
+impl cairn_solve::Problem for Search<'_> {
+    fn linearise(&mut self) -> Option<f64> {
+        self.problem.follow(&self.state);
+        let (cost, chain) = self.problem.linearise(&self.state, NORM_SIGMA)?;
+        self.chain = Some(chain);
+        Some(cost)
+    }
+
+    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+        let step = self.chain.as_ref()?.solve(damping)?;
+        self.trial = self.problem.moved(&self.state, &step);
+        let cost = self.problem.cost(&self.trial)?;
+        Some(Trial { cost, predicted_decrease: f64::NAN })
+    }
+
+    fn accept(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.trial);
+    }
+}
 
 /// What is given.
 pub struct Problem {
@@ -147,33 +176,23 @@ impl Problem {
         self.links.iter_mut().for_each(|link| link.follow(&state.bias));
     }
 
-    fn descend(&mut self, mut state: State) -> Option<(f64, State)> {
+    fn descend(&mut self, state: State) -> Option<(f64, State)> {
+        let solver = LevenbergMarquardt {
+            iterations: self.config.iterations,
+            damping: Damping::Factors {
+                first: 1e-4,
+                least: 1e-9,
+                most: 1e6,
+                shrink: 0.1,
+                grow: 10.0,
+                restart: 0.0,
+            },
+            convergence: Convergence::Actual { relative: 1e-6 },
+        };
         self.follow(&state);
-        let (mut cost, mut chain) = self.linearise(&state, NORM_SIGMA)?;
-        let mut lambda = 1e-4;
-        for _ in 0..self.config.iterations {
-            let next = chain.solve(lambda).map(|step| self.moved(&state, &step));
-            let next = next.and_then(|next| Some((self.cost(&next)?, next)));
-            match next {
-                Some((lower, next)) if lower < cost => {
-                    let gain = (cost - lower) / cost.max(1e-12);
-                    state = next;
-                    lambda = (lambda * 0.1).max(1e-9);
-                    if gain < 1e-6 {
-                        return Some((lower, state));
-                    }
-                    self.follow(&state);
-                    (cost, chain) = self.linearise(&state, NORM_SIGMA)?;
-                }
-                _ => {
-                    lambda *= 10.0;
-                    if lambda > 1e6 {
-                        break;
-                    }
-                }
-            }
-        }
-        cost.is_finite().then_some((cost, state))
+        let mut search = Search { problem: self, trial: state.clone(), state, chain: None };
+        let cost = solver.minimise(&mut search, || false).cost_after;
+        cost.is_finite().then_some((cost, search.state))
     }
 
     fn moved(&self, s: &State, step: &Step) -> State {

@@ -11,9 +11,7 @@ mod seek;
 
 use crate::grow::median_depth;
 use crate::inertial::InertialConfig;
-use cairn_adjust::{
-    ImuModel, InertialWindow, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, recognise,
-};
+use cairn_adjust::{ImuModel, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, recognise};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
 use cairn_sensor::ImuSensor;
@@ -423,7 +421,7 @@ impl Closer {
             stopped
         };
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
-        let imu = imu.map(|(imu, _)| InertialWindow::whole(snapshot, &self.camera, &imu, map));
+        let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
         let final_result = match imu.filter(|w| w.links() > 0) {
             Some(imu) => imu.solve(&window, asked),
             None => Window::whole(snapshot, &self.camera, map).solve(&window, asked),

@@ -4,7 +4,7 @@
 //! and its use in pose graph optimization" (2015), section III.C (chordal relaxation; Martinec and Pajdla, 2007).
 
 use super::PoseGraph;
-use crate::sparse::{Analysis, Factor, NotPositive};
+use crate::sparse::{Analysis, Factor, NotPositive, UniformBlocks};
 use cairn_geometry::{LieGroup, Mat3, Se2, Se3, So2, So3, Vec2, Vec3};
 use nalgebra::SMatrix;
 use std::sync::Arc;
@@ -128,7 +128,8 @@ fn system<const N: usize>(
         blocks.iter().flat_map(|b| b.iter().copied()).collect()
     };
     let mut factor = Factor::new(analysis);
-    factor.factor(&numbers(&diagonal), &numbers(&off))?;
+    let (diagonal, off) = (numbers(&diagonal), numbers(&off));
+    factor.factor(&UniformBlocks { size: N, diagonal: &diagonal, off_diagonal: &off })?;
     Ok(factor)
 }
 
