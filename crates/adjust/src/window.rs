@@ -9,6 +9,7 @@ use cairn_geometry::Vec3;
 use cairn_inertial::{ImuFactors, MotionFreedom};
 use cairn_solve::{Bundle, BundleConfig, Freedom, NoFactors, Report, RightOffset};
 use cairn_vision::RectifiedCamera;
+use std::mem::take;
 
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -144,8 +145,8 @@ impl Window {
         self.imu.as_ref().map_or(0, |imu| imu.links.len())
     }
 
-    /// Only what moves has a gauge to be fixed: the root of its map, or else the oldest key frame, stays.
-    fn visual(snapshot: &Snapshot, camera: &RectifiedCamera, subproblem: Subproblem) -> Self {
+    /// The root of the map stays, or else, where no key frame would be fixed, the oldest one: something must fix the gauge.
+    fn visual(snapshot: &Snapshot, camera: &RectifiedCamera, mut subproblem: Subproblem) -> Self {
         let key_frames = &subproblem.key_frames;
         let root = key_frames.first().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map.root());
         let stays = |i: usize| i >= subproblem.moving || Some(key_frames[i]) == root;
@@ -156,7 +157,7 @@ impl Window {
         {
             freedom[oldest] = Freedom::Fixed;
         }
-        let bundle = bundle(snapshot, camera, &subproblem, freedom);
+        let bundle = bundle(snapshot, camera, &mut subproblem, freedom);
         Self { subproblem, bundle, imu: None }
     }
 
@@ -164,7 +165,7 @@ impl Window {
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         model: &ImuModel,
-        subproblem: Subproblem,
+        mut subproblem: Subproblem,
         freedom: impl Fn(usize, &KeyFrame) -> (Freedom, MotionFreedom),
     ) -> Self {
         let of = |(slot, id): (usize, &KeyFrameId)| match snapshot.key_frame(*id) {
@@ -174,7 +175,7 @@ impl Window {
         let (poses, motions): (Vec<Freedom>, Vec<MotionFreedom>) =
             subproblem.key_frames.iter().enumerate().map(of).unzip();
         let imu = imu::factors(snapshot, model, &subproblem, &poses, &motions);
-        let bundle = bundle(snapshot, camera, &subproblem, poses);
+        let bundle = bundle(snapshot, camera, &mut subproblem, poses);
         Self { subproblem, bundle, imu: Some(imu) }
     }
 
@@ -255,11 +256,11 @@ impl Window {
     }
 }
 
-/// The bundle of a subproblem.
+/// The bundle of a subproblem, which hands over its poses, points and observations.
 fn bundle(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
-    subproblem: &Subproblem,
+    subproblem: &mut Subproblem,
     freedom: Vec<Freedom>,
 ) -> Bundle {
     let offset = snapshot.right_offset();
@@ -272,10 +273,10 @@ fn bundle(
     };
     Bundle {
         camera: pinhole(camera),
-        poses: subproblem.poses.clone(),
+        poses: take(&mut subproblem.poses),
         freedom,
-        points: subproblem.points.clone(),
-        observations: subproblem.observations.clone(),
+        points: take(&mut subproblem.points),
+        observations: take(&mut subproblem.observations),
         right_offset,
     }
 }

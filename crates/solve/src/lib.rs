@@ -4,7 +4,9 @@
 //! robust losses, pose-only adjustment, bundle adjustment by the Schur complement, and graphs of poses on a
 //! block-sparse Cholesky factorisation.
 //!
-//! Solvers are pure: they take a copied problem, change the copy, and tell in a [`Report`] how it went.
+//! Every problem is solved by one Levenberg-Marquardt loop ([`LevenbergMarquardt`]); a problem is a trait
+//! ([`Problem`]), so that small ones live on the stack ([`minimise_dense`]) and large ones in sparse blocks. Solvers are
+//! pure: they take a copied problem, change the copy, and return a [`Report`].
 
 pub mod bal;
 mod bundle;

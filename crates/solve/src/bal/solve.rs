@@ -6,14 +6,14 @@ use crate::schur::{More, Normal, Schur};
 use crate::{CHI2_2, Loss, Report, Stop};
 use cairn_geometry::{Manifold, Vec3};
 
-/// How to solve.
+/// Settings of [`Bal::solve`].
 #[derive(Clone, Copy, Debug)]
 pub struct BalConfig {
-    /// What a squared reprojection error in pixels costs.
+    /// Loss of a squared reprojection error in pixels.
     pub loss: Loss,
-    /// Steps at most, rejected ones too.
+    /// Maximum number of steps, rejected ones included.
     pub iterations: usize,
-    /// Done when a step promises to lower the cost by less than this part of it.
+    /// Converged when the linear model predicts to lower the cost by less than this part of it.
     pub tolerance: f64,
 }
 
@@ -29,8 +29,8 @@ impl Bal {
         cost(&self.cameras, &self.points, &self.observations, loss)
     }
 
-    /// Lowers the cost by Levenberg-Marquardt; asks `stop` before each step. Nothing is held: where the whole stands, how it
-    /// is turned and its scale stay about as they were because steps are damped.
+    /// Lowers the cost by Levenberg-Marquardt; asks `stop` before each step. No variable is fixed:
+    /// position, orientation and scale of the whole are free, and stay nearly as they were because steps are damped.
     pub fn solve(&mut self, config: &BalConfig, mut stop: impl FnMut() -> bool) -> Report {
         let before = self.cost(config.loss);
         let mut report = Report {

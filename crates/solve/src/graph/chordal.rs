@@ -9,7 +9,7 @@ use cairn_geometry::{LieGroup, Mat3, Se2, Se3, So2, So3, Vec2, Vec3};
 use nalgebra::SMatrix;
 use std::sync::Arc;
 
-/// A group of rigid transforms, seen as transforms of space.
+/// A group of rigid transforms, viewed as transforms of space.
 pub trait Rigid<const D: usize>: LieGroup<D> {
     /// The rotation matrix and the translation, metres.
     fn to_space(&self) -> (Mat3, Vec3);
@@ -69,7 +69,7 @@ impl Rigid<3> for Se2 {
 /// Held vertices stay where they are.
 ///
 /// # Errors
-/// When the measurements do not tie every vertex to a held one with weights for rotation and translation; nothing is
+/// When the edges do not connect every vertex to a held one with weights for rotation and translation; nothing is
 /// changed then.
 pub fn chordal_start<G: Rigid<D>, const D: usize>(graph: &mut PoseGraph<G, D>) -> Result<(), NotPositive> {
     let held = graph.held();

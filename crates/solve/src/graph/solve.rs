@@ -10,7 +10,7 @@ use nalgebra::SVector;
 use std::sync::Arc;
 
 impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
-    /// The gradient of the cost by a move of each vertex; zero for those that are held while solving.
+    /// The gradient of the cost by the tangent of each vertex; zero for those that are held while solving.
     pub fn gradient(&self, metric: Metric) -> Vec<SVector<f64, D>> {
         let layout = Layout::new(&self.held(), &self.edges);
         let mut normal = Normal::new(&layout);
@@ -20,7 +20,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         layout.slot.iter().map(of).collect()
     }
 
-    /// Lowers the cost; asks `stop` before each step. Whatever ends it, the vertices are left in the best state found.
+    /// Lowers the cost; asks `stop` before each step. Whatever the reason to stop, the vertices are left in the best state found.
     pub fn solve(&mut self, config: &GraphConfig, mut stop: impl FnMut() -> bool) -> Report {
         let layout = Layout::new(&self.held(), &self.edges);
         let cost = self.cost(config.metric);

@@ -17,7 +17,7 @@ pub struct Factor {
     spare: Vec<Vec<f64>>,
 }
 
-/// The matrix is not positive definite, or holds what is not finite.
+/// The matrix is not positive definite, or has an entry that is not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPositive;
 
@@ -240,7 +240,7 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
 
-    /// Blocks that stand somewhere, each for itself.
+    /// Blocks stored separately.
     struct Scattered {
         diagonal: Vec<Vec<f64>>,
         off: Vec<Vec<f64>>,

@@ -82,7 +82,7 @@ impl Quotient {
             for &i in &lp {
                 self.update(i, p, lp_weight, &mut left, &outside, &mut hashes);
             }
-            self.join_alike(&mut hashes);
+            self.join_indistinguishable(&mut hashes);
             let members: Vec<u32> = lp.into_iter().filter(|i| self.weight[*i as usize] > 0).collect();
             for &i in &members {
                 let d = self.degree[i as usize].min(left.saturating_sub(self.weight[i as usize]));
@@ -96,7 +96,7 @@ impl Quotient {
         self.expand(&pivots)
     }
 
-    /// Turns the variable `p` into an element: takes its living neighbours out of the buckets and gives them.
+    /// Turns the variable `p` into an element: takes its remaining neighbours out of the buckets and returns them.
     fn make_element(&mut self, p: u32, left: &mut u32) -> Vec<u32> {
         let p = p as usize;
         self.stamp += 1;
@@ -188,7 +188,7 @@ impl Quotient {
     }
 
     /// Variables with the same neighbours become one.
-    fn join_alike(&mut self, hashes: &mut [(u64, u32)]) {
+    fn join_indistinguishable(&mut self, hashes: &mut [(u64, u32)]) {
         hashes.sort_unstable();
         for start in 0..hashes.len() {
             let (hash, i) = hashes[start];
@@ -200,7 +200,7 @@ impl Quotient {
                 if other != hash {
                     break;
                 }
-                if self.weight[j as usize] > 0 && self.alike(i, j) {
+                if self.weight[j as usize] > 0 && self.indistinguishable(i, j) {
                     self.weight[i as usize] += self.weight[j as usize];
                     self.degree[i as usize] = self.degree[i as usize].saturating_sub(self.weight[j as usize]);
                     self.weight[j as usize] = 0;
@@ -212,7 +212,7 @@ impl Quotient {
         }
     }
 
-    fn alike(&mut self, i: u32, j: u32) -> bool {
+    fn indistinguishable(&mut self, i: u32, j: u32) -> bool {
         let (i, j) = (i as usize, j as usize);
         if self.variables[i].len() != self.variables[j].len()
             || self.elements[i].len() != self.elements[j].len()
@@ -249,7 +249,7 @@ impl Quotient {
     }
 }
 
-/// Spreads a number over 64 bits, for sums that tell sets apart.
+/// Spreads a number over 64 bits, for sums that distinguish sets.
 fn spread(v: u32) -> u64 {
     let x = (v as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x ^ (x >> 29)
