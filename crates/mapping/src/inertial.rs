@@ -37,7 +37,7 @@ pub struct InertialConfig {
 
 impl Default for InertialConfig {
     fn default() -> Self {
-        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 500 }
+        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 2000 }
     }
 }
 

@@ -46,7 +46,7 @@ pub struct CloserConfig {
 
 impl Default for CloserConfig {
     fn default() -> Self {
-        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 500 }
+        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 2000 }
     }
 }
 
