@@ -189,3 +189,26 @@ fn empty_and_broken_windows_do_no_harm() {
     (empty.imu.motions, empty.imu.links) = (vec![], vec![]);
     assert_eq!(empty.solve(&BundleConfig::default()).iterations, 0);
 }
+
+/// With IMU factors the disparity error of a stereo rig is estimated as without them.
+#[test]
+fn disparity_error_is_estimated_beside_imu_factors() {
+    let mut w = window(12, 7);
+    w.fix_first_pose();
+    w.bundle.camera.baseline_fx = 60.0;
+    for o in &mut w.bundle.observations {
+        let q = w.bundle.poses[o.pose as usize].inverse() * w.bundle.points[o.point as usize];
+        o.pixel[2] = o.pixel[0] - 60.0 / q.z - 0.3;
+    }
+    w.bundle.right_offset.sigma = 1.0;
+    let mut held = Window { bundle: w.bundle.clone(), imu: w.imu.clone() };
+    w.solve(&thorough());
+    let offset = w.bundle.right_offset;
+    assert!((offset.value - 0.3).abs() < 0.02 && offset.information > 1e3, "{offset:?}");
+    // Held, it stays and says where it would go.
+    held.bundle.right_offset.held = true;
+    held.solve(&thorough());
+    held.solve(&BundleConfig { iterations: 1, ..thorough() });
+    let offset = held.bundle.right_offset;
+    assert!(offset.value == 0.0 && (offset.pull - 0.3).abs() < 0.05, "{offset:?}");
+}
