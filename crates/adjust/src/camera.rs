@@ -1,10 +1,10 @@
-//! From the eye's data to the solver's.
+//! From the camera and features of the front end to those of the solver.
 
 use cairn_atlas::Snapshot;
 use cairn_solve::{Pinhole, Pixel};
 use cairn_vision::{Frame, Octaves, RectifiedCamera};
 
-/// The solver's camera of an eye.
+/// The solver's camera.
 pub fn pinhole(camera: &RectifiedCamera) -> Pinhole {
     Pinhole { fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy, baseline_fx: camera.baseline_fx }
 }

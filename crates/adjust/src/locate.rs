@@ -1,4 +1,4 @@
-//! Where a frame was taken, from the landmarks its features show.
+//! The pose of a frame from the landmarks matched to its features.
 
 use crate::{pinhole, pixel, weight};
 use cairn_atlas::{LandmarkId, Snapshot};
@@ -7,23 +7,23 @@ use cairn_solve::{PointMatch, PoseOnly, PoseOnlyConfig, PosePrior, Report};
 use cairn_vision::{Frame, RectifiedCamera};
 use nalgebra::SMatrix;
 
-/// A pose with what speaks for it.
+/// A pose with its evidence.
 #[derive(Clone, Debug)]
 pub struct Located {
-    /// Where the eye is.
+    /// Pose of the camera.
     pub world_from_camera: Se3,
-    /// Features whose match does not fit.
+    /// Features whose match is an outlier.
     pub outliers: Vec<usize>,
-    /// Matches that fit.
+    /// Number of inlier matches.
     pub inliers: usize,
-    /// Information over (translation, rotation) of the eye, that of a prior included.
+    /// Information over (translation, rotation) of the camera, that of a prior included.
     pub information: SMatrix<f64, 6, 6>,
     /// How the solve went.
     pub report: Report,
 }
 
-/// Solves for the pose of a frame; `matches` holds a landmark per feature, `extra` further features with a
-/// point that is not in the map, `prior` what is believed of the pose without them.
+/// Solves for the pose of a frame. `matches` has a landmark or none per feature, `extra` further features with points that
+/// are not in the map; `prior` is what is known of the pose without them.
 pub fn locate(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,

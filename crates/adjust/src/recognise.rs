@@ -1,9 +1,9 @@
-//! Recognising a place: where a frame stands among the landmarks around an earlier key frame, by appearance first, then
-//! by geometry. Nothing is believed that geometry does not confirm.
+//! Place recognition, verified by geometry: the pose of a frame among the landmarks around an earlier key frame, matched by
+//! appearance first. Nothing is accepted that geometry does not confirm.
 //!
-//! In: a frame and a key frame that may show the same place. Out: the pose with the landmarks that agree, or the number
+//! In: a frame and a key frame that may show the same place. Out: the pose with its inlier landmarks, or the number
 //! that was too small. Stages: descriptors of the landmarks around the key frame against all features; P3P in RANSAC;
-//! pose-only adjustment; the same landmarks and their neighbours' projected and sought; adjustment again.
+//! pose-only adjustment; the same landmarks and their neighbours' projected and searched for; adjustment again.
 
 use crate::locate;
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
@@ -14,24 +14,24 @@ use cairn_vision::{
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// Bits that may differ between two looks at one point, by appearance alone.
-const ALIKE: u32 = 60;
-/// The nearest must be this much nearer than the second.
+/// Largest descriptor distance in bits for a match by appearance alone.
+const MATCHING: u32 = 60;
+/// Ratio test: the distance of the best match over that of the second best, at most.
 const RATIO: f64 = 0.85;
-/// Bits that may differ where the place is known.
-const THERE: u32 = 80;
+/// Largest descriptor distance in bits for a match near its projection.
+const PROJECTED_DISTANCE: u32 = 80;
 /// Key frames around the old one whose landmarks are compared by appearance, and those projected.
 const COMPARED: usize = 4;
 const PROJECTED: usize = 12;
 
-/// What it takes to be believed.
+/// What it takes to accept a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecogniseConfig {
-    /// Matches by appearance that must agree on a pose before more are sought.
+    /// Matches by appearance that must agree on a pose before more are searched for.
     pub seed: usize,
-    /// Matches that must agree in the end.
+    /// Inliers needed in the end.
     pub need: usize,
-    /// Of all matches that were found, the share that must agree.
+    /// Share of all matches found that must be inliers.
     pub share: f64,
 }
 
@@ -39,25 +39,25 @@ pub struct RecogniseConfig {
 /// (measured in corridors: 0.07 and 0.08 in wrong places, 0.3 and more in right ones).
 const IN_VIEW: f64 = 0.15;
 
-/// A place recognised.
+/// A recognised place.
 #[derive(Clone, Debug)]
 pub struct Recognised {
     /// The earlier key frame.
     pub old: KeyFrameId,
-    /// Where the eye stands in the world of `old`.
+    /// Pose of the camera in the map of `old`.
     pub world_from_camera: Se3,
-    /// For each feature the landmark it shows, outliers left out.
+    /// For each feature its landmark, outliers left out.
     pub landmarks: Vec<Option<LandmarkId>>,
     /// How many of them.
     pub inliers: usize,
-    /// How many landmarks of the place should be in view.
+    /// Number of landmarks of the place expected in view.
     pub expected: usize,
 }
 
 /// Why a place was not recognised.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MatchFailure {
-    /// Too few features look alike.
+    /// Too few matches by appearance.
     Alike {
         /// Matches by appearance.
         have: usize,
@@ -116,8 +116,11 @@ impl fmt::Display for MatchFailure {
 
 impl std::error::Error for MatchFailure {}
 
-/// Looks whether a frame shows what is around the key frame `old`. Landmarks that `known` names are left out. The same
-/// `seed` gives the same answer.
+/// Tests whether a frame shows the place around the key frame `old`. Landmarks in `known` are left out. The same `seed`
+/// gives the same result.
+///
+/// # Errors
+/// [`MatchFailure`] with the stage that failed and its numbers.
 pub fn recognise(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -161,7 +164,7 @@ pub fn recognise(
     Ok(Recognised { old, world_from_camera: pose, landmarks, inliers, expected })
 }
 
-/// Landmarks that a key frame and its best neighbours show.
+/// Landmarks observed by a key frame and its most covisible neighbours.
 fn landmarks_around(
     snapshot: &Snapshot,
     centre: KeyFrameId,
@@ -178,7 +181,7 @@ fn landmarks_around(
     all
 }
 
-/// The landmark that each feature resembles, by appearance alone.
+/// For each feature the landmark matched by appearance alone.
 fn matching(snapshot: &Snapshot, frame: &Frame, landmarks: &[LandmarkId]) -> Vec<Option<LandmarkId>> {
     // Orientation as the latest observer saw it.
     let looks = landmarks.iter().filter_map(|id| snapshot.landmark(*id)).filter_map(|l| {
@@ -187,13 +190,13 @@ fn matching(snapshot: &Snapshot, frame: &Frame, landmarks: &[LandmarkId]) -> Vec
         Some(DescriptorQuery { item: l.id, descriptor: &l.descriptor, angle })
     });
     let mut matches = vec![None; frame.len()];
-    for (feature, id) in match_descriptors(looks, frame, ALIKE, RATIO) {
+    for (feature, id) in match_descriptors(looks, frame, MATCHING, RATIO) {
         matches[feature] = Some(id);
     }
     matches
 }
 
-/// The pose that most matches agree on, else how many agreed.
+/// The pose that most matches agree on, or how many agreed at best.
 fn pose_from_points(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -215,7 +218,7 @@ fn pose_from_points(
     }
 }
 
-/// Adds the landmarks that are found where the pose expects them; returns how many it expects in view.
+/// Adds the landmarks found near their projections; returns how many are expected in view.
 fn project(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -251,7 +254,7 @@ fn project(
             descriptor: &l.descriptor,
         };
         let Some(found) = search(frame, &target, |i| matches[i].is_none()) else { continue };
-        if found.distance <= THERE {
+        if found.distance <= PROJECTED_DISTANCE {
             matches[found.feature] = Some(l.id);
             taken.insert(l.id);
         }

@@ -1,4 +1,4 @@
-//! A part of a map copied out for an adjustment: key frames that move, key frames that hold, and what they see.
+//! A part of a map copied out for an adjustment: key frames that move, fixed key frames, and what they observe.
 
 use crate::weight;
 use cairn_atlas::{Change, KeyFrameId, LandmarkId, Snapshot};
@@ -12,22 +12,22 @@ use std::collections::BTreeMap;
 pub(crate) struct Subproblem {
     /// The version it was copied from.
     pub base: u64,
-    /// Those that move, then those that hold.
+    /// Those that move, then the fixed ones.
     pub key_frames: Vec<KeyFrameId>,
     /// How many of them move.
     pub moving: usize,
     /// Their poses, `world_from_camera`.
     pub poses: Vec<Se3>,
-    /// Landmarks that those that move show.
+    /// Landmarks observed by those that move.
     pub landmarks: Vec<LandmarkId>,
-    /// Their places.
+    /// Their positions in the world, metres.
     pub points: Vec<Vec3>,
-    /// By landmark; slots of `key_frames` and `points`. Right x as it was measured.
+    /// Grouped by landmark; poses and points are indices into `key_frames` and `points`. Right x as measured.
     pub observations: Vec<Observation>,
 }
 
 impl Subproblem {
-    /// The landmarks that `moving` show, and of other key frames the `anchors` that see most of them.
+    /// The landmarks that `moving` observe, and of the other key frames the `anchors` that observe most of them.
     pub fn of(snapshot: &Snapshot, moving: &[KeyFrameId], anchors: usize) -> Self {
         let shown = moving
             .iter()
@@ -56,7 +56,7 @@ impl Subproblem {
                     weight: weight(&k.frame, o.feature as usize, &snapshot.octaves()),
                 });
             }
-            // A single view without depth says nothing about a point.
+            // A single observation without depth does not determine a point.
             let views = &observations[first..];
             if views.len() < 2 && views.iter().all(|o| o.pixel[2].is_nan()) {
                 observations.truncate(first);
@@ -78,7 +78,7 @@ impl Subproblem {
         }
     }
 
-    /// The observations that were left out by a weight of zero, to be forgotten.
+    /// Changes that remove the observations left out by a weight of zero.
     pub fn forgotten<'a>(&'a self, observations: &'a [Observation]) -> impl Iterator<Item = Change> + 'a {
         observations
             .iter()
@@ -87,7 +87,7 @@ impl Subproblem {
     }
 }
 
-/// A feature as it was measured.
+/// A feature as measured.
 fn raw_pixel(frame: &Frame, feature: usize) -> Pixel {
     let [u, v] = frame.px[feature];
     [u as f64, v as f64, frame.right_x[feature] as f64]

@@ -1,10 +1,15 @@
-//! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes.
+//! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes: visual, or with IMU
+//! factors in a gravity-aligned map.
 
+use crate::imu::{self, ImuModel};
 use crate::pinhole;
 use crate::subproblem::Subproblem;
-use cairn_atlas::{Change, ChangeSet, KeyFrameId, MapId, Snapshot};
-use cairn_solve::{Bundle, BundleConfig, Report};
+use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_geometry::Vec3;
+use cairn_inertial::{ImuFactors, MotionFreedom};
+use cairn_solve::{Bundle, BundleConfig, Freedom, NoFactors, Report, RightOffset};
 use cairn_vision::RectifiedCamera;
+use std::mem::take;
 
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -12,14 +17,14 @@ use cairn_vision::RectifiedCamera;
 pub struct WindowConfig {
     /// Key frames that move, at most.
     pub key_frames: usize,
-    /// Key frames that stay but are seen from, at most.
+    /// Fixed key frames whose observations count, at most.
     pub anchors: usize,
-    /// Steps before outliers are left out, and after.
+    /// Maximum number of steps before outliers are left out, and after.
     pub iterations: [usize; 2],
-    /// Stop when a step lowers the cost by less than this part.
+    /// Converged when a step lowers the cost by less than this part of it.
     pub tolerance: f64,
-    /// Standard deviation in pixels of a disparity error of the stereo calibration, which windows look for, around what the map
-    /// has found; 0: that stays. As long as the map has found none, windows tell where it would move, and leave it.
+    /// Standard deviation in pixels of the disparity error of the stereo calibration, which windows estimate around the
+    /// map's value; 0 keeps that value. While the map's value is zero, windows report where it would move, and leave it.
     pub right_offset_sigma: f64,
 }
 
@@ -34,120 +39,244 @@ impl Default for WindowConfig {
 pub struct Window {
     subproblem: Subproblem,
     bundle: Bundle,
+    imu: Option<ImuFactors>,
 }
 
 /// A window after its solve.
 #[derive(Clone, Debug)]
 pub struct WindowResult {
-    /// What to commit: moved key frames and landmarks, observations that do not fit forgotten.
+    /// What to commit: moved key frames and landmarks, motions, and outlier observations to be removed.
     pub changes: ChangeSet,
-    /// Of the last solve.
+    /// Report of the last solve.
     pub report: Report,
-    /// Variance of the residuals, in units of what their weights say.
+    /// Variance of the residuals of observations, in units of what their weights say.
     pub residual_variance: f64,
-    /// Where it was held, how far the disparity error would have moved, pixels.
+    /// How far the disparity error would have moved where it was held, pixels.
     pub right_offset_pull: f64,
-    /// Information of the disparity error that was found, 1/px^2; 0 where it was not looked for.
+    /// Information on the estimated disparity error, 1/px^2; 0 where it was not estimated.
     pub right_offset_information: f64,
 }
 
 impl Window {
-    /// The window around a key frame: it and the key frames that share most landmarks with it move, and so do
-    /// all landmarks they show; other key frames that see those landmarks hold them in place.
+    /// The window around a key frame: it and the key frames that share most landmarks with it move, and so do all landmarks
+    /// they observe; other key frames that observe those landmarks hold them in place. `None` for an unknown key frame.
     pub fn around(
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         centre: KeyFrameId,
         config: &WindowConfig,
     ) -> Option<Self> {
+        let covisible = snapshot.key_frame(centre)?.covisible.iter().map(|(id, _)| *id);
         let mut moving = vec![centre];
-        moving.extend(
-            snapshot
-                .key_frame(centre)?
-                .covisible
-                .iter()
-                .map(|(id, _)| *id)
-                .take(config.key_frames.saturating_sub(1)),
-        );
-        Some(Self::of(snapshot, camera, &moving, config.anchors))
+        moving.extend(covisible.take(config.key_frames.saturating_sub(1)));
+        let subproblem = Subproblem::of(snapshot, &moving, config.anchors);
+        Some(Self::visual(snapshot, camera, subproblem))
     }
 
-    /// The window in which every key frame of a world moves but its root.
+    /// The window in which every key frame of a map moves but its root.
     pub fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, map: MapId) -> Self {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
-        Self::of(snapshot, camera, &all, 0)
+        Self::visual(snapshot, camera, Subproblem::of(snapshot, &all, 0))
     }
 
-    fn of(snapshot: &Snapshot, camera: &RectifiedCamera, moving: &[KeyFrameId], anchors: usize) -> Self {
-        let subproblem = Subproblem::of(snapshot, moving, anchors);
-        // The root never moves: it is where the world is.
-        let root = moving.first().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map.root());
+    /// The window with IMU factors around a key frame of a gravity-aligned map: the last `chain` key frames up to it, one
+    /// linked to the next, and those that share most landmarks with it move. The key frame before the chain keeps its pose
+    /// and velocity, and other key frames hold the landmarks. `None` for an unknown key frame.
+    pub fn inertial_around(
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        model: &ImuModel,
+        centre: KeyFrameId,
+        chain: usize,
+        config: &WindowConfig,
+    ) -> Option<Self> {
+        let mut moving = Vec::new();
+        let mut next = Some(centre);
+        while let Some(id) = next.filter(|_| moving.len() < chain) {
+            moving.push(id);
+            next = imu::before(snapshot.key_frame(id)?);
+        }
+        let shared =
+            snapshot.key_frame(centre)?.covisible.iter().map(|(id, _)| *id).filter(|id| Some(*id) != next);
+        for id in shared.take(config.key_frames) {
+            if moving.len() < config.key_frames && !moving.contains(&id) {
+                moving.push(id);
+            }
+        }
+        let root = snapshot.key_frame(centre)?.map.root();
+        let mut subproblem = Subproblem::of(snapshot, &moving, config.anchors);
+        // The key frame before the chain bounds velocity and biases, whether it observes the same landmarks or not.
+        if let Some(id) = next.filter(|id| !subproblem.key_frames.contains(id)) {
+            subproblem.poses.push(snapshot.key_frame(id)?.world_from_camera);
+            subproblem.key_frames.push(id);
+        }
+        let moves = subproblem.moving;
+        Some(Self::inertial(snapshot, camera, model, subproblem, |slot, k| match k.motion {
+            // Its biases may still change.
+            Some(_) if Some(k.id) == next => (Freedom::Fixed, MotionFreedom::Biases),
+            _ if slot >= moves => (Freedom::Fixed, MotionFreedom::Fixed),
+            _ if k.id == root => (Freedom::Fixed, MotionFreedom::Free),
+            Some(_) => (Freedom::Free, MotionFreedom::Free),
+            None => (Freedom::Free, MotionFreedom::Fixed),
+        }))
+    }
+
+    /// The window with IMU factors in which every key frame of a gravity-aligned map moves; its root keeps its position and
+    /// heading.
+    pub fn inertial_whole(
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        model: &ImuModel,
+        map: MapId,
+    ) -> Self {
+        let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
+        let linked = imu::linked(snapshot, map);
+        let subproblem = Subproblem::of(snapshot, &all, 0);
+        Self::inertial(snapshot, camera, model, subproblem, |_, k| match linked.contains(&k.id) {
+            true if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Free),
+            true => (Freedom::Free, MotionFreedom::Free),
+            false if k.id == map.root() => (Freedom::Fixed, MotionFreedom::Fixed),
+            false => (Freedom::Free, MotionFreedom::Fixed),
+        })
+    }
+
+    /// How many IMU links it has.
+    pub fn links(&self) -> usize {
+        self.imu.as_ref().map_or(0, |imu| imu.links.len())
+    }
+
+    /// The root of the map stays, or else, where no key frame would be fixed, the oldest one: something must fix the gauge.
+    fn visual(snapshot: &Snapshot, camera: &RectifiedCamera, mut subproblem: Subproblem) -> Self {
         let key_frames = &subproblem.key_frames;
-        let mut fixed: Vec<bool> =
-            (0..key_frames.len()).map(|i| i >= moving.len() || Some(key_frames[i]) == root).collect();
-        if !fixed.contains(&true)
+        let root = key_frames.first().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map.root());
+        let stays = |i: usize| i >= subproblem.moving || Some(key_frames[i]) == root;
+        let mut freedom: Vec<Freedom> =
+            (0..key_frames.len()).map(|i| if stays(i) { Freedom::Fixed } else { Freedom::Free }).collect();
+        if !freedom.contains(&Freedom::Fixed)
             && let Some(oldest) = (0..key_frames.len()).min_by_key(|i| key_frames[*i])
         {
-            fixed[oldest] = true;
+            freedom[oldest] = Freedom::Fixed;
         }
-        let bundle = Bundle {
-            camera: pinhole(camera),
-            poses: subproblem.poses.clone(),
-            fixed,
-            points: subproblem.points.clone(),
-            observations: subproblem.observations.clone(),
-            right_offset: snapshot.right_offset(),
-            right_offset_before: snapshot.right_offset(),
-            right_offset_sigma: 0.0,
-            // A calibration that nothing has refuted.
-            right_offset_held: snapshot.right_offset() == 0.0,
-            right_offset_pull: 0.0,
-            right_offset_information: 0.0,
-        };
-        Self { subproblem, bundle }
+        let bundle = bundle(snapshot, camera, &mut subproblem, freedom);
+        Self { subproblem, bundle, imu: None }
     }
 
-    /// Solves the window: robustly, then without the observations that do not fit. `stop` is asked before each step.
-    pub fn solve(mut self, config: &WindowConfig, mut stop: impl FnMut() -> bool) -> WindowResult {
-        let bundle = &mut self.bundle;
-        bundle.right_offset_sigma = config.right_offset_sigma;
-        let [before, after] = config.iterations;
-        let solve = |iterations| BundleConfig { iterations, robust: true, tolerance: config.tolerance };
-        let mut report = bundle.solve(&solve(before), &mut stop);
-        let judge = |bundle: &mut Bundle| {
-            for i in 0..bundle.observations.len() {
-                let o = bundle.observations[i];
-                if bundle.chi2(&o) > Bundle::bound(&o) {
-                    bundle.observations[i].weight = 0.0;
-                }
-            }
+    fn inertial(
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        model: &ImuModel,
+        mut subproblem: Subproblem,
+        freedom: impl Fn(usize, &KeyFrame) -> (Freedom, MotionFreedom),
+    ) -> Self {
+        let of = |(slot, id): (usize, &KeyFrameId)| match snapshot.key_frame(*id) {
+            Some(k) => freedom(slot, k),
+            None => (Freedom::Fixed, MotionFreedom::Fixed),
         };
+        let (poses, motions): (Vec<Freedom>, Vec<MotionFreedom>) =
+            subproblem.key_frames.iter().enumerate().map(of).unzip();
+        let imu = imu::factors(snapshot, model, &subproblem, &poses, &motions);
+        let bundle = bundle(snapshot, camera, &mut subproblem, poses);
+        Self { subproblem, bundle, imu: Some(imu) }
+    }
+
+    /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
+    pub fn solve(mut self, config: &WindowConfig, mut stop: impl FnMut() -> bool) -> WindowResult {
+        self.bundle.right_offset.sigma = config.right_offset_sigma;
+        let [before, after] = config.iterations;
+        let mut report = self.minimise(config, before, &mut stop);
         if after > 0 && !stop() {
-            judge(bundle);
+            self.leave_out_outliers();
             let first = report.cost_before;
-            report = bundle.solve(&solve(after), &mut stop);
+            report = self.minimise(config, after, &mut stop);
             report.cost_before = first;
         }
-        judge(bundle);
-        let mut changes = Vec::new();
-        for ((id, pose), fixed) in self.subproblem.key_frames.iter().zip(&bundle.poses).zip(&bundle.fixed) {
-            if !fixed {
-                changes.push(Change::MoveKeyFrame(*id, *pose));
+        let cost = match self.imu {
+            Some(_) => self.bundle.observation_cost(true),
+            None => report.cost_after,
+        };
+        self.leave_out_outliers();
+        let right_offset = self.bundle.right_offset;
+        WindowResult {
+            changes: ChangeSet { base: self.subproblem.base, changes: self.changes() },
+            report,
+            residual_variance: self.bundle.residual_variance(cost),
+            right_offset_pull: if right_offset.held { right_offset.pull } else { 0.0 },
+            right_offset_information: right_offset.information,
+        }
+    }
+
+    fn minimise(
+        &mut self,
+        config: &WindowConfig,
+        iterations: usize,
+        stop: &mut impl FnMut() -> bool,
+    ) -> Report {
+        // With links even scale may be weakly determined: the first step is damped less.
+        let first_damping = if self.imu.is_some() { 1e-6 } else { 1e-5 };
+        let config = BundleConfig { iterations, robust: true, tolerance: config.tolerance, first_damping };
+        match &mut self.imu {
+            Some(imu) => self.bundle.solve_with(imu, &config, stop),
+            None => self.bundle.solve_with(&mut NoFactors, &config, stop),
+        }
+    }
+
+    fn leave_out_outliers(&mut self) {
+        for i in 0..self.bundle.observations.len() {
+            let o = self.bundle.observations[i];
+            if self.bundle.chi2(&o) > Bundle::bound(&o) {
+                self.bundle.observations[i].weight = 0.0;
             }
         }
-        for (id, point) in self.subproblem.landmarks.iter().zip(&bundle.points) {
+    }
+
+    fn changes(&self) -> Vec<Change> {
+        let (bundle, subproblem) = (&self.bundle, &self.subproblem);
+        let mut changes = Vec::new();
+        for (slot, id) in subproblem.key_frames.iter().enumerate() {
+            if bundle.freedom[slot] != Freedom::Fixed {
+                changes.push(Change::MoveKeyFrame(*id, bundle.poses[slot]));
+            }
+            if let Some(imu) = &self.imu
+                && slot < subproblem.moving
+                && imu.motions[slot].freedom == MotionFreedom::Free
+            {
+                let motion = &imu.motions[slot];
+                let velocity = bundle.poses[slot].rotation.inverse() * motion.velocity;
+                changes.push(Change::InertialState(*id, velocity, motion.bias));
+            }
+        }
+        for (id, point) in subproblem.landmarks.iter().zip(&bundle.points) {
             changes.push(Change::MoveLandmark(*id, *point));
         }
-        if bundle.right_offset_sigma > 0.0 && !bundle.right_offset_held {
-            changes.push(Change::Calibrate(bundle.right_offset));
+        if bundle.right_offset.sigma > 0.0 && !bundle.right_offset.held {
+            changes.push(Change::Calibrate(bundle.right_offset.value));
         }
-        changes.extend(self.subproblem.forgotten(&bundle.observations));
-        WindowResult {
-            changes: ChangeSet { base: self.subproblem.base, changes },
-            report,
-            residual_variance: bundle.residual_variance(report.cost_after),
-            right_offset_pull: if bundle.right_offset_held { bundle.right_offset_pull } else { 0.0 },
-            right_offset_information: bundle.right_offset_information,
-        }
+        changes.extend(subproblem.forgotten(&bundle.observations));
+        changes
+    }
+}
+
+/// The bundle of a subproblem, which hands over its poses, points and observations.
+fn bundle(
+    snapshot: &Snapshot,
+    camera: &RectifiedCamera,
+    subproblem: &mut Subproblem,
+    freedom: Vec<Freedom>,
+) -> Bundle {
+    let offset = snapshot.right_offset();
+    let right_offset = RightOffset {
+        value: offset,
+        prior: offset,
+        // A calibration that nothing has refuted is kept.
+        held: offset == 0.0,
+        ..RightOffset::default()
+    };
+    Bundle {
+        camera: pinhole(camera),
+        poses: take(&mut subproblem.poses),
+        freedom,
+        points: take(&mut subproblem.points),
+        observations: take(&mut subproblem.observations),
+        right_offset,
     }
 }

@@ -9,7 +9,7 @@ use crate::log::{Step, Target};
 use crate::measure::{Measurement, jacobians};
 use cairn_geometry::Vec2;
 use cairn_solve::Loss;
-use cairn_solve::sparse::{Analysis, Factor};
+use cairn_solve::sparse::{Analysis, Factor, UniformBlocks};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -308,7 +308,8 @@ impl System {
         let diagonal: Vec<f64> = self.normal.diagonal.iter().flat_map(|m| damp(m).data.0).flatten().collect();
         let off_diagonal: Vec<f64> =
             self.normal.off_diagonal.iter().flat_map(|m| m.data.0).flatten().collect();
-        self.factor.factor(&diagonal, &off_diagonal).ok()?;
+        let blocks = UniformBlocks { size: 3, diagonal: &diagonal, off_diagonal: &off_diagonal };
+        self.factor.factor(&blocks).ok()?;
         let mut step: Vec<f64> = self.normal.gradient.iter().flat_map(|g| g.data.0[0]).map(|v| -v).collect();
         self.factor.solve(&mut step);
         let step: Vec<Vector3<f64>> = step.chunks_exact(3).map(Vector3::from_column_slice).collect();

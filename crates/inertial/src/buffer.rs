@@ -1,11 +1,11 @@
-//! Samples of the recent past, ready to be summed between any two instants.
+//! IMU samples of the recent past, ready to be preintegrated between any two instants.
 
 use crate::{Bias, Preintegrated};
 use cairn_geometry::Vec3;
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use std::collections::VecDeque;
 
-/// Why samples between two instants can not be given, with the number that shows it.
+/// Why there are no samples between two instants, with the number that shows it.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Missing {
     /// The instants are not in order.
@@ -24,7 +24,7 @@ pub enum Missing {
 
 /// Holes of up to so many seconds are bridged in a stream.
 const STREAM_HOLE_S: f64 = 0.1;
-/// The last reading of a stream stands for so many seconds where the sensor's clock is late.
+/// The last reading of a stream is extrapolated by so many seconds where the IMU is late.
 const STREAM_HELD_S: f64 = 0.06;
 
 /// The samples of the last packets.
@@ -44,12 +44,12 @@ impl ImuBuffer {
         Self { period_s, noise: sensor.noise, hole_s, hold_s: 1.5 * period_s, samples: VecDeque::new() }
     }
 
-    /// Of a sensor whose readings come beside images in a stream, and may come late.
+    /// Of a sensor whose readings arrive in a stream beside images, and may arrive late.
     pub fn in_stream(sensor: &ImuSensor) -> Self {
         Self::new(sensor, STREAM_HOLE_S).holding(STREAM_HELD_S)
     }
 
-    /// The same, its last sample standing for so many seconds after it, with more noise.
+    /// The same, its last sample extrapolated by so many seconds, with more noise.
     pub fn holding(self, hold_s: f64) -> Self {
         Self { hold_s: hold_s.max(1.5 * self.period_s), ..self }
     }
@@ -59,7 +59,7 @@ impl ImuBuffer {
         self.samples.iter_mut().for_each(|s| s.stamp = s.stamp.plus_seconds(seconds));
     }
 
-    /// Takes the samples of a packet. What was made up for the packet before gives way to what is real.
+    /// Adds the samples of a packet. Extrapolated samples of the packet before are replaced by real ones.
     pub fn push(&mut self, samples: &[ImuSample]) {
         for sample in samples {
             while self.samples.back().is_some_and(ImuSample::is_synthesised) {
@@ -71,7 +71,7 @@ impl ImuBuffer {
         }
     }
 
-    /// Forgets what is not needed to sum from `stamp` on.
+    /// Removes samples that are not needed to preintegrate from `stamp` on.
     pub fn forget_before(&mut self, stamp: Stamp) {
         while self.samples.get(1).is_some_and(|s| s.stamp <= stamp) {
             self.samples.pop_front();
@@ -83,32 +83,32 @@ impl ImuBuffer {
         self.noise
     }
 
-    /// How many samples are held.
+    /// Number of samples stored.
     pub fn len(&self) -> usize {
         self.samples.len()
     }
 
-    /// True when none is held.
+    /// True when there are none.
     pub fn is_empty(&self) -> bool {
         self.samples.is_empty()
     }
 
-    /// The samples held, in time.
+    /// The samples stored, in time order.
     pub fn samples(&self) -> impl DoubleEndedIterator<Item = &ImuSample> {
         self.samples.iter()
     }
 
-    /// The samples held of `from..=to`, as they came.
+    /// The stored samples of `from..=to`, as received.
     pub fn within(&self, from: Stamp, to: Stamp) -> impl DoubleEndedIterator<Item = &ImuSample> {
         let begin = self.samples.partition_point(|s| s.stamp < from);
         let end = self.samples.partition_point(|s| s.stamp <= to);
         self.samples.range(begin..end.max(begin))
     }
 
-    /// Samples from one instant to another, both ends interpolated; the last is held for a period and a half, or as [`ImuBuffer::holding`] says.
+    /// Samples from one instant to another, both ends interpolated; the last is extrapolated by a period and a half, or as [`ImuBuffer::holding`] says.
     ///
     /// # Errors
-    /// When there are none for a part of that time.
+    /// When samples are missing for a part of that time.
     pub fn between(&self, from: Stamp, to: Stamp) -> Result<Vec<ImuSample>, Missing> {
         if to <= from {
             return Err(Missing::Order(to - from));
@@ -128,7 +128,7 @@ impl ImuBuffer {
         out.push(self.at(from));
         out.extend(self.samples.range(begin..end.max(begin)).copied());
         out.push(self.at(to));
-        // What is held past the last is a guess, the worse the longer.
+        // Extrapolation beyond the last is a guess, the worse the longer.
         let held = (to - last.stamp) / self.period_s;
         if held > 1.5
             && let Some(s) = out.last_mut()
@@ -159,7 +159,7 @@ impl ImuBuffer {
         Ok(Preintegrated::of(self.noise, bias, self.between(from, to)?))
     }
 
-    /// The reading at an instant, on the line between its neighbours; held past the last.
+    /// The reading at an instant, interpolated between its neighbours; constant beyond the last.
     fn at(&self, stamp: Stamp) -> ImuSample {
         let after = self.samples.partition_point(|s| s.stamp < stamp);
         match (after.checked_sub(1).and_then(|i| self.samples.get(i)), self.samples.get(after)) {
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_are_interpolated_and_samples_within_are_as_they_came() {
+    fn interpolates_the_ends_and_keeps_samples_within() {
         let mut buffer = ImuBuffer::new(&sensor(), 0.1);
         buffer.push(&(0..5).map(|i| sample(5.0 * i as f64)).collect::<Vec<_>>());
         let cut = buffer.between(ms(7.0), ms(17.0)).unwrap();
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_told_and_holes_make_noise() {
+    fn reports_missing_samples_and_holes_raise_noise() {
         let mut buffer = ImuBuffer::new(&sensor(), 0.1);
         assert_eq!(buffer.between(ms(0.0), ms(1.0)), Err(Missing::Before(f64::INFINITY)));
         buffer.push(&[sample(0.0), sample(5.0), sample(45.0), sample(200.0)]);
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_made_up_gives_way() {
+    fn extrapolated_samples_are_replaced() {
         let mut buffer = ImuBuffer::new(&sensor(), 0.1);
         buffer.push(&[sample(0.0), ImuSample { noise_scale: 10.0, ..sample(4.0) }]);
         assert_eq!(buffer.len(), 2);

@@ -25,7 +25,7 @@ pub struct InertialResidual {
 
 impl InertialResidual {
     /// By the logarithm of a map's scale: `shift` is what the positions' difference `second - first` gains by it, which is
-    /// the scaled difference of the eyes' positions in the world, metres.
+    /// the scaled difference of the cameras' positions in the world, metres.
     pub fn by_log_scale(&self, shift: &Vec3) -> SVector<f64, 15> {
         let mut column = SVector::<f64, 15>::zeros();
         column.fixed_rows_mut::<3>(6).copy_from(&(self.imu_from_world * shift));

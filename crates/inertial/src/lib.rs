@@ -20,4 +20,4 @@ pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestConfig};
 pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};
-pub use window::{BiasPrior, FixedMask, VioConfig, VioFrame, VioLink, VioWindow};
+pub use window::{BiasPrior, ImuFactors, ImuLink, Motion, MotionFreedom};

@@ -1,27 +1,26 @@
-//! What is believed of an eye that also feels, from one instant to the next: carried on by the readings, narrowed by what is
-//! seen.
+//! Error-state Kalman filter of camera pose, velocity and biases: predicted by IMU readings, corrected by visual poses.
 //!
 //! A Kalman filter over the error of a state (Solà, "Quaternion kinematics for the error-state Kalman filter", 2017, section
-//! 6), with the preintegrated sum as its process: the covariance goes through the Jacobians of the inertial residual. The
+//! 6), with preintegration as its process model: the covariance goes through the Jacobians of the inertial residual. The
 //! step between two frames is thus the adjustment of both with the earlier one marginalised.
 
 use crate::{Bias, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Se3, Vec3};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-/// Unknowns: translation and rotation of the eye, velocity, gyro bias, accel bias.
+/// Unknowns: translation and rotation of the camera, velocity, gyro bias, accel bias.
 const N: usize = 15;
 
-/// A state of the eye and the sensor with its uncertainty.
+/// State of camera and IMU with its covariance.
 #[derive(Clone, Debug)]
 pub struct NavEstimate {
-    /// Where the eye is, metres, in a world whose gravity is known.
+    /// Pose of the camera, metres, in a gravity-aligned world.
     pub world_from_camera: Se3,
     /// The sensor's velocity in the world, m/s.
     pub velocity: Vec3,
     /// The sensor's biases.
     pub bias: Bias,
-    /// Over (translation, rotation) of the eye along its own axes, velocity, gyro bias, accel bias.
+    /// Over (translation, rotation) of the camera along its own axes, velocity, gyro bias, accel bias.
     pub covariance: SMatrix<f64, N, N>,
 }
 
@@ -38,7 +37,7 @@ impl NavEstimate {
         NavState { world_from_imu, velocity: self.velocity, bias: self.bias }
     }
 
-    /// What is believed at the end of a sum that begins at this instant; `None` when it is empty.
+    /// The prediction at the end of preintegrated readings that begin at this instant; `None` when they are empty.
     pub fn after(&self, sum: &Preintegrated, gravity: &Gravity, imu_from_camera: &Se3) -> Option<Self> {
         if sum.seconds() <= 0.0 {
             return None;
@@ -62,12 +61,13 @@ impl NavEstimate {
         Some(Self { world_from_camera, velocity: to.velocity, bias: to.bias, covariance })
     }
 
-    /// Information over the pose alone, all else marginalised.
+    /// Information over the pose alone, everything else marginalised.
     pub fn pose_information(&self) -> Option<SMatrix<f64, 6, 6>> {
         Some(Cholesky::new(self.pose_covariance())?.inverse())
     }
 
-    /// What is believed once the pose, this belief in it included, is known with a covariance; all else follows it.
+    /// The estimate once the pose is known with a covariance that includes this estimate of it; everything else is corrected
+    /// by its correlation.
     pub fn seen(&self, world_from_camera: &Se3, covariance: &SMatrix<f64, 6, 6>) -> Option<Self> {
         let before = Cholesky::new(self.pose_covariance())?;
         let all_by_pose = self.covariance.fixed_view::<N, 6>(0, 0).into_owned();
@@ -82,7 +82,7 @@ impl NavEstimate {
         })
     }
 
-    /// The map has moved: the eye stands here now, and goes on in its own direction.
+    /// Takes over a correction of the map: the camera has this pose now, and keeps its velocity along its own axes.
     pub fn carry_to(&mut self, world_from_camera: Se3) {
         let turn = (world_from_camera.rotation * self.world_from_camera.rotation.inverse()).matrix();
         self.velocity = turn * self.velocity;
@@ -93,7 +93,7 @@ impl NavEstimate {
         self.world_from_camera = world_from_camera;
     }
 
-    /// What is believed once it is known that the eye stands still, with this standard deviation in m/s.
+    /// Zero-velocity update with this standard deviation in m/s.
     pub fn at_rest(&self, sigma: f64) -> Option<Self> {
         let all_by_velocity = self.covariance.fixed_view::<N, 3>(0, 6).into_owned();
         let mut own: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(6, 6).into();
@@ -105,7 +105,7 @@ impl NavEstimate {
         Some(Self { covariance: symmetric(&(self.covariance - gain * all_by_velocity.transpose())), ..after })
     }
 
-    /// Standard deviation of the place in its least certain direction, metres.
+    /// Standard deviation of the position in its least certain direction, metres.
     pub fn place_sigma(&self) -> f64 {
         let own: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(0, 0).into();
         own.symmetric_eigenvalues().max().max(0.0).sqrt()
@@ -155,7 +155,7 @@ mod tests {
         Se3::new(So3::exp(&Vec3::new(1.2, -1.2, 1.2)), Vec3::new(0.05, -0.02, 0.1))
     }
 
-    /// Half a second of swinging motion, felt with noise at 200 Hz; the true state at its end.
+    /// Half a second of swinging motion, measured with noise at 200 Hz; the true state at its end.
     fn integrated(from: &NavState, rng: &mut Rng) -> (Preintegrated, NavState) {
         let gravity = Gravity::level();
         let (mut state, mut bias, mut samples) = (*from, from.bias, Vec::new());
@@ -185,15 +185,15 @@ mod tests {
         (Preintegrated::of(NOISE, Bias::default(), samples), state)
     }
 
-    /// Carried on, seen and stood still: the error is as large as the belief says of it, in the mean over 300 runs.
+    /// Predicted and corrected: the error agrees with the covariance, in the mean over 300 runs.
     #[test]
-    fn errors_are_as_large_as_it_says() {
+    fn errors_agree_with_the_covariance() {
         let mut rng = Rng::new(5);
         let (gravity, arm) = (Gravity::level(), imu_from_camera());
         let mut sums = [0.0; 2];
         for _ in 0..300 {
             let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
-            let believed = NavEstimate::new(
+            let prior = NavEstimate::new(
                 Se3::new(So3::exp(&Vec3::new(0.3, 1.0, -0.4)), Vec3::new(1.0, 2.0, 0.5)),
                 Vec3::new(0.5, -0.3, 0.1),
                 Bias::default(),
@@ -204,9 +204,9 @@ mod tests {
                 d.fixed_rows_mut::<3>(3 * k).copy_from(&draw(*sigma));
             }
             let (pose_noise, turn_noise) = (draw(0.005), draw(0.003));
-            let truth = believed.moved(&d);
+            let truth = prior.moved(&d);
             let (sum, end) = integrated(&truth.nav(&arm), &mut rng);
-            let carried = believed.after(&sum, &gravity, &arm).unwrap();
+            let carried = prior.after(&sum, &gravity, &arm).unwrap();
             let true_camera = end.world_from_imu * arm;
             let error = |b: &NavEstimate| {
                 let mut e = SVector::<f64, N>::zeros();
@@ -217,7 +217,7 @@ mod tests {
                 e.dot(&Cholesky::new(b.covariance).unwrap().solve(&e))
             };
             sums[0] += error(&carried);
-            // A look: the pose measured with noise, combined with what was believed.
+            // A visual pose with noise, combined with the prediction.
             let mut noise = SVector::<f64, 6>::zeros();
             noise.fixed_rows_mut::<3>(0).copy_from(&pose_noise);
             noise.fixed_rows_mut::<3>(3).copy_from(&turn_noise);
@@ -225,8 +225,8 @@ mod tests {
             let own = SMatrix::<f64, 6, 6>::from_diagonal(&SVector::from_fn(|i, _| {
                 if i < 3 { 0.005_f64.powi(-2) } else { 0.003_f64.powi(-2) }
             }));
-            let prior = carried.pose_information().unwrap();
-            let covariance = (own + prior).try_inverse().unwrap();
+            let predicted = carried.pose_information().unwrap();
+            let covariance = (own + predicted).try_inverse().unwrap();
             let pull = covariance * own * carried.world_from_camera.local(&measured);
             let seen = carried.seen(&carried.world_from_camera.retract(&pull), &covariance).unwrap();
             sums[1] += error(&seen);
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn standing_still_stops_it() {
+    fn zero_velocity_update_stops_it() {
         let moving = NavEstimate::new(
             Se3::identity(),
             Vec3::new(0.2, 0.0, -0.1),

@@ -1,10 +1,10 @@
-//! The time offset between an inertial sensor and an eye, and the rotation between them, from how both turn.
+//! The time offset between IMU and camera, and the rotation between them, from the rotations of both.
 //!
-//! What the gyroscope's turn rate adds up to must be the rotation seen, but for a constant rotation between the two, the
+//! The integrated turn rate of the gyroscope must equal the visual rotation, up to a constant rotation between the two, the
 //! bias, and the offset in time (Furgale, Rehder, Siegwart, "Unified temporal and spatial calibration for multi-sensor
 //! systems", IROS 2013, section III, on rotations alone and without splines). The sequence is cut into short pieces, each
-//! with a heading of its own, so that slow drift on either side does no harm. A grid over the offset, with the rotation
-//! in closed form at each (Kabsch 1976), begins; Gauss-Newton on offset, bias and rotation ends.
+//! with a heading of its own, so that slow drift on either side does no harm. First a grid over the offset, with the rotation
+//! in closed form at each (Kabsch 1976), then Gauss-Newton on offset, bias and rotation.
 //!
 //! The sign: `t_imu + offset = t_image`.
 
@@ -12,11 +12,11 @@ use cairn_geometry::{Mat3, So3, Vec3};
 use cairn_sensor::{ImuSample, Stamp};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-/// How far is looked, and what is needed.
+/// Range of the search, and bounds of the result.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OffsetConfig {
-    /// Largest offset looked for on either side, seconds.
+    /// Largest offset searched on either side, seconds.
     pub most_s: f64,
     /// Step of the grid, seconds.
     pub grid_s: f64,
@@ -24,11 +24,11 @@ pub struct OffsetConfig {
     pub piece_s: f64,
     /// Prior of the gyroscope's bias around zero, rad/s.
     pub gyro_bias_sigma: f64,
-    /// Prior of the rotation between sensor and eye around the given one, rad.
+    /// Prior of the rotation between IMU and camera around the given one, rad.
     pub rotation_sigma: f64,
-    /// Poses at least.
+    /// Minimum number of poses.
     pub least_poses: usize,
-    /// Standard deviation of the offset at most, seconds.
+    /// Maximum standard deviation of the offset, seconds.
     pub most_sigma_s: f64,
 }
 
@@ -46,10 +46,10 @@ impl Default for OffsetConfig {
     }
 }
 
-/// So many times the median step between what is seen and what is felt is no noise.
+/// A step between visual and integrated rotation of more than so many times the median is not noise.
 const JUMP: f64 = 4.0;
 
-/// What was found.
+/// The estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeOffset {
     /// Seconds to add to the samples' stamps to get the poses' clock, beyond what was added already.
@@ -58,13 +58,13 @@ pub struct TimeOffset {
     pub sigma_s: f64,
     /// The gyroscope's bias, rad/s.
     pub gyro_bias: Vec3,
-    /// The rotation from the eye's axes to the sensor's.
+    /// The rotation from the camera's axes to the IMU's.
     pub imu_from_camera: So3,
     /// The angle between that and the given one, rad.
     pub misaligned: f64,
     /// The standard deviation of that rotation about its least certain axis, rad.
     pub rotation_sigma: f64,
-    /// Root mean square of what remains, rad.
+    /// Root mean square residual, rad.
     pub residual: f64,
     /// Poses used.
     pub poses: usize,
@@ -81,7 +81,7 @@ pub enum OffsetUnknown {
         /// Bound.
         need: usize,
     },
-    /// The turns say too little.
+    /// The rotations do not determine it.
     #[error("the offset is known to {sigma_s:.5} s only, {most_s:.5} s are asked for: turn more")]
     TooLittleTurn {
         /// Standard deviation.
@@ -89,7 +89,7 @@ pub enum OffsetUnknown {
         /// Bound.
         most_s: f64,
     },
-    /// The best offset lies at the end of what was looked at.
+    /// The best offset lies at the end of the search range.
     #[error("the best offset, {offset_s:.3} s, lies at the end of what is looked at")]
     AtTheEnd {
         /// Seconds.
@@ -103,7 +103,7 @@ const N: usize = 7;
 /// Finds the offset from poses at the rate of the images (`world_from_camera`, in time) and the readings around them.
 ///
 /// # Errors
-/// When the poses are too few or turn too little to tell.
+/// When the poses are too few or turn too little to determine it.
 pub fn time_offset(
     poses: &[(Stamp, So3)],
     samples: &[ImuSample],
@@ -166,7 +166,7 @@ struct State {
     rotation: So3,
 }
 
-/// The gyroscope's readings summed up from the first sample on.
+/// The gyroscope's readings integrated from the first sample on.
 struct Gyro<'a> {
     samples: &'a [ImuSample],
     bias: Vec3,
@@ -212,7 +212,7 @@ impl<'a> Gyro<'a> {
     }
 }
 
-/// The best offset of a grid, and the rotation there: the given one, unless the turns clearly say another.
+/// The best offset of a grid, and the rotation there: the given one, unless the rotations clearly ask for another.
 fn coarse(poses: &[(Stamp, So3)], samples: &[ImuSample], given: &So3, s: &OffsetConfig) -> (f64, So3) {
     let gyro = Gyro::integrate(samples, &Vec3::zeros());
     let seen: Vec<Vec3> = poses.windows(2).map(|w| (w[0].1.inverse() * w[1].1).log()).collect();
@@ -229,7 +229,7 @@ fn coarse(poses: &[(Stamp, So3)], samples: &[ImuSample], given: &So3, s: &Offset
             h += (i - felt_mean) * (e - seen_mean).transpose();
         }
         let singular = h.singular_values();
-        // Turns about one axis alone do not tell the rotation.
+        // Rotations about one axis alone do not determine it.
         let own = if singular[1] > 0.02 * singular[0] { So3::from_matrix(&h) } else { *given };
         let rotation = if (given.inverse() * own).angle() < 3.0 * s.rotation_sigma { *given } else { own };
         let left = |e: &Vec3, i: &Vec3| ((i - felt_mean) - rotation * (e - seen_mean)).norm_squared();
@@ -241,7 +241,7 @@ fn coarse(poses: &[(Stamp, So3)], samples: &[ImuSample], given: &So3, s: &Offset
     (best.1, best.2)
 }
 
-/// One step of Gauss-Newton, the covariance, and the root mean square of what remains before the step.
+/// One step of Gauss-Newton, the covariance, and the root mean square residual before the step.
 fn refine(
     poses: &[(Stamp, So3)],
     gyro: &Gyro,
@@ -264,7 +264,7 @@ fn refine(
     }
     let mut norms: Vec<f64> = rows.iter().map(|(_, r)| r.norm()).collect();
     norms.sort_by(f64::total_cmp);
-    // Residuals over three times the median count less (Huber).
+    // Residuals over three times the median weigh less (Huber).
     let bound = (3.0 * norms.get(norms.len() / 2)?).max(1e-6);
     let mut h = SMatrix::<f64, N, N>::zeros();
     let mut b = SVector::<f64, N>::zeros();
@@ -291,7 +291,7 @@ fn refine(
     Some((-(covariance * bp), covariance, (sum / weights.max(1.0)).sqrt()))
 }
 
-/// Where what is seen turns against what is felt as it does nowhere else: the map itself has moved under the eye.
+/// Outliers of the step between visual and integrated rotation: there the map itself has moved.
 fn jumps(poses: &[(Stamp, So3)], gyro: &Gyro, state: &State) -> Vec<bool> {
     let camera_from_imu = state.rotation.inverse();
     let apart = |(stamp, world_from_camera): &(Stamp, So3)| {

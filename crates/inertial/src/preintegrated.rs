@@ -1,4 +1,5 @@
-//! Readings between two instants summed once, in the frame of the first, whatever its pose, velocity and gravity are.
+//! IMU preintegration: readings between two instants integrated once, in the frame of the first, independent of its pose,
+//! velocity and gravity.
 //!
 //! Source: Forster, Carlone, Dellaert, Scaramuzza, "On-manifold preintegration for real-time visual-inertial odometry"
 //! (TRO 2017): the sums of eq. 33 by the midpoint rule, noise as in eq. 59-63 (each step's from the step's own
@@ -14,13 +15,13 @@ use nalgebra::SMatrix;
 /// Variance that a position gains a second, m^2/s: keeps the covariance of a single step regular.
 const POSITION_NOISE: f64 = 1e-10;
 
-/// A change of the gyroscope's bias that turns the sum by more than this, radians, asks for a new sum: the first-order
+/// A change of the gyroscope's bias that turns the sum by more than this, radians, requires reintegration: the first-order
 /// correction is then wrong by about half its square.
 const FAR_RAD: f64 = 5e-3;
 /// The same for the accelerometer's bias, m/s^2. It enters linearly; only the product of both changes is lost.
 const FAR_M_S2: f64 = 0.5;
 
-/// What the readings between two instants add up to.
+/// Preintegrated readings between two instants.
 #[derive(Clone, Debug)]
 pub struct Preintegrated {
     noise: ImuNoise,
@@ -87,26 +88,26 @@ impl Preintegrated {
         self.samples.push(sample);
     }
 
-    /// Goes on with what follows, which begins where this one ends; summed anew at this one's bias.
+    /// Appends readings that begin where these end; integrated at this one's bias.
     pub fn append(&mut self, next: &Preintegrated) {
         for sample in &next.samples {
             self.push(*sample);
         }
     }
 
-    /// Sums anew at another bias.
+    /// Integrates again at another bias.
     pub fn reintegrate(&mut self, bias: Bias) {
         self.bias = bias;
         self.integrate();
     }
 
-    /// True when a bias is so far from the one it was summed with that the first-order correction is not enough.
+    /// True when a bias is so far from the one of the linearisation that the first-order correction is not enough.
     pub fn is_far(&self, bias: &Bias) -> bool {
         (bias.gyro - self.bias.gyro).norm() * self.sums.seconds > FAR_RAD
             || (bias.accel - self.bias.accel).norm() > FAR_M_S2
     }
 
-    /// Sums anew when [`Preintegrated::is_far`].
+    /// Integrates again when [`Preintegrated::is_far`].
     pub fn follow(&mut self, bias: &Bias) {
         if self.is_far(bias) {
             self.reintegrate(*bias);
@@ -123,7 +124,7 @@ impl Preintegrated {
         &self.bias
     }
 
-    /// The noise it was summed with.
+    /// The noise densities it was integrated with.
     pub fn noise(&self) -> &ImuNoise {
         &self.noise
     }
@@ -153,7 +154,7 @@ impl Preintegrated {
         )
     }
 
-    /// The state at its end, from that at its beginning; `gravity` in the world, m/s^2 (eq. 26 turned round).
+    /// The state at its end, from that at its beginning; `gravity` in the world, m/s^2 (eq. 26 solved for the end).
     pub fn predict(&self, from: &NavState, gravity: &Vec3) -> NavState {
         let (rotation, velocity, position) = self.gained(&from.bias);
         let (t, r) = (self.sums.seconds, from.world_from_imu.rotation);

@@ -1,12 +1,12 @@
-//! What a stretch of readings looks like as a whole: rate, holes, norms, units. For calibration checks and at start-up.
+//! Statistics of a stretch of IMU readings: rate, holes, norms, units. For calibration checks and at start-up.
 
 use crate::{GRAVITY_M_S2, Moves, Rest, RestConfig};
 use cairn_geometry::Vec3;
 use cairn_sensor::{ImuSample, ImuSensor};
 
-/// Seconds of a piece that is looked at for itself.
+/// Length of a piece that is examined on its own, seconds.
 const PIECE_S: f64 = 0.5;
-/// Samples a second at least.
+/// Minimum rate, samples a second.
 const LEAST_RATE_HZ: f64 = 100.0;
 /// How far the rate may be off the one stated.
 const RATE_OFF: f64 = 0.1;
@@ -14,10 +14,10 @@ const RATE_OFF: f64 = 0.1;
 const REST_OFF: f64 = 0.5;
 /// How far the median norm in motion may be off.
 const MOTION_OFF: f64 = 1.5;
-/// How much farther than the force's direction the readings may turn. In a hand it is about one; a quadrotor carries its force
-/// along, which makes it 3 to 12; readings in degrees turn 57 times as far.
+/// How much farther than the direction of the specific force the gyroscope may turn. For a hand-held IMU it is about one; on a
+/// quadrotor the thrust turns along, which makes it 3 to 12; readings in degrees turn 57 times as far.
 const MOST_TURN_RATIO: f64 = 25.0;
-/// No hand and no small aircraft turns faster, rad/s: the end of the range of most gyroscopes.
+/// Neither hands nor small aircraft turn faster, rad/s: the end of the range of most gyroscopes.
 const FASTEST: f64 = 40.0;
 
 /// What is doubtful about readings, with the number that shows it.
@@ -182,7 +182,7 @@ fn pieces(samples: &[ImuSample]) -> impl Iterator<Item = &[ImuSample]> {
     })
 }
 
-/// Seconds at rest and the mean norm there. Units may be wrong: only the trembling is asked, in parts of the norm.
+/// Seconds at rest and the mean norm there. Units may be wrong: only the variation is tested, relative to the norm.
 fn at_rest(samples: &[ImuSample], sensor: &ImuSensor) -> (f64, Option<f64>) {
     let config = RestConfig { seconds: 0.8 * PIECE_S, ..Default::default() };
     let (mut seconds, mut sum) = (0.0, 0.0);
@@ -197,7 +197,7 @@ fn at_rest(samples: &[ImuSample], sensor: &ImuSensor) -> (f64, Option<f64>) {
     (seconds, (seconds > 0.9 * PIECE_S).then(|| sum / seconds))
 }
 
-/// Over pieces in which the gyroscope turns by more than a tenth about axes across the force.
+/// Over pieces in which the gyroscope turns by more than a tenth of a radian about axes across the specific force.
 fn turn_ratio(samples: &[ImuSample]) -> Option<f64> {
     let n = samples.len().max(1) as f64;
     let mean = samples.iter().map(|s| s.gyro).sum::<Vec3>() / n;
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn good_readings_raise_no_doubt() {
+    fn good_readings_have_no_doubts() {
         let r = Readings::of(&samples(200.0, |_| {}), &sensor());
         assert_eq!(r.doubts(&sensor()), [], "{r:?}");
         assert!((r.rest_norm.unwrap() - 9.81).abs() < 0.02 && (1.0..3.0).contains(&r.rest_s), "{r:?}");
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_and_holes_are_told() {
+    fn reports_rates_and_holes() {
         assert!(matches!(doubts(&samples(50.0, |_| {}))[..], [Doubt::Slow { .. }, Doubt::Rate { .. }]));
         let mut holes = samples(200.0, |_| {});
         holes.drain(700..760);

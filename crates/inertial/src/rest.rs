@@ -1,33 +1,33 @@
-//! Standing still, told from the readings alone, with the numbers that show it.
+//! Zero-velocity detection from the IMU readings alone, with the numbers that show it.
 //!
-//! Each axis must tremble little more than the sensor's own noise, the mean turn must be the gyroscope's bias, and the
-//! mean force gravity's: the tests of Skog, Händel, Nilsson, Rantakokko, "Zero-velocity detection" (2010), section III,
-//! with bounds that take a sensor's true noise into account, which is some times its data sheet's.
+//! The standard deviation of each axis must be little more than the IMU's own noise, the mean turn rate must be the gyro
+//! bias, and the mean specific force gravity's: the tests of Skog, Händel, Nilsson, Rantakokko, "Zero-velocity detection" (2010), section III,
+//! with bounds for the IMU's true noise, which is several times that of its data sheet.
 //!
-//! A motion at constant velocity without any turn looks the same to an inertial sensor. Who has eyes must ask them too.
+//! A motion at constant velocity without rotation looks the same to an IMU. Where there is a camera, it must be asked too.
 
 use crate::{Bias, GRAVITY_M_S2};
 use cairn_geometry::Vec3;
 use cairn_sensor::{ImuNoise, ImuSample};
 use nalgebra::SMatrix;
 
-/// What counts as still.
+/// Bounds of what counts as rest.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RestConfig {
-    /// Seconds that must be looked at.
+    /// Minimum length of readings, seconds.
     pub seconds: f64,
-    /// Most tremble of one axis, in times the white noise at the sensor's rate.
+    /// Maximum standard deviation of one axis, in times the white noise at the IMU's rate.
     pub noise_times: f64,
-    /// Tremble of the gyroscope that always counts as still, rad/s: one standing on the ground with others about.
+    /// Standard deviation of the gyroscope that always counts as rest, rad/s: an IMU on a floor with people walking about.
     pub gyro_floor: f64,
     /// The same for the accelerometer, m/s^2.
     pub accel_floor: f64,
-    /// Most mean turn that may be the bias, while that is not known, rad/s.
+    /// Maximum mean turn rate that may be the bias while that is unknown, rad/s.
     pub unknown_bias: f64,
-    /// Most mean turn off the known bias, rad/s.
+    /// Maximum difference of the mean turn rate from the known bias, rad/s.
     pub known_bias: f64,
-    /// Most difference between the mean force and gravity, m/s^2.
+    /// Maximum difference between the norms of the mean specific force and gravity, m/s^2.
     pub force: f64,
 }
 
@@ -45,10 +45,10 @@ impl Default for RestConfig {
     }
 }
 
-/// Why it is not still, with what was found and what would have been allowed.
+/// Why it is not at rest, with the value found and the bound.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Moves {
-    /// Too few readings to tell.
+    /// Too few readings to decide.
     #[error("{found:.2} s of readings, {need:.2} s are needed")]
     TooShort {
         /// Seconds.
@@ -56,7 +56,7 @@ pub enum Moves {
         /// Seconds.
         need: f64,
     },
-    /// The turn rate trembles.
+    /// The turn rate varies.
     #[error("the turn rate trembles by {found:.4} rad/s, {most:.4} are allowed")]
     Trembles {
         /// Standard deviation of the worst axis, rad/s.
@@ -64,7 +64,7 @@ pub enum Moves {
         /// Bound.
         most: f64,
     },
-    /// The force trembles.
+    /// The specific force varies.
     #[error("the force trembles by {found:.3} m/s^2, {most:.3} are allowed")]
     Shakes {
         /// Standard deviation of the worst axis, m/s^2.
@@ -90,7 +90,7 @@ pub enum Moves {
     },
 }
 
-/// What a stretch of readings looks like.
+/// Statistics of a stretch of readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest {
     /// Its length.
@@ -103,12 +103,12 @@ pub struct Rest {
     pub gyro_deviation: f64,
     /// Standard deviation of the force's worst axis, m/s^2.
     pub accel_deviation: f64,
-    /// Why it is not still; `None` when it is.
+    /// Why it is not at rest; `None` when it is.
     pub moves: Option<Moves>,
 }
 
 impl Rest {
-    /// Looks at readings in time order; `bias` where it is known.
+    /// Of readings in time order; `bias` where it is known.
     pub fn of(samples: &[ImuSample], noise: &ImuNoise, bias: Option<&Bias>, config: &RestConfig) -> Self {
         let real = || samples.iter().filter(|s| !s.is_synthesised());
         let n = real().count().max(1) as f64;
@@ -127,7 +127,7 @@ impl Rest {
         Self { moves: rest.judge(n, noise, bias, config), ..rest }
     }
 
-    /// True when nothing speaks against it.
+    /// True when it is at rest.
     pub fn is_still(&self) -> bool {
         self.moves.is_none()
     }
@@ -139,7 +139,7 @@ impl Rest {
         Some((down, accel_bias_sigma / GRAVITY_M_S2))
     }
 
-    /// Covariance of a measurement "velocity is zero" that goes with it, (m/s)^2: as far as the trembling carries.
+    /// Covariance of a measurement "velocity is zero" that goes with it, (m/s)^2: as far as the variation carries.
     pub fn velocity_covariance(&self) -> SMatrix<f64, 3, 3> {
         SMatrix::identity() * (self.accel_deviation * 0.01).max(1e-3).powi(2)
     }
@@ -170,7 +170,7 @@ impl Rest {
     }
 }
 
-/// More than allowed, or no number.
+/// More than the bound, or NaN.
 fn over(found: f64, most: f64) -> bool {
     found.is_nan() || found > most
 }
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn stillness_is_seen_and_every_motion_named() {
+    fn detects_rest_and_names_every_motion() {
         let known = Bias { gyro: Vec3::new(0.0, 0.02, 0.08), accel: Vec3::zeros() };
         assert_eq!(moves(120, None, |_, _| {}), None);
         assert_eq!(moves(120, Some(known), |_, _| {}), None);
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_the_means_are_gravity_and_the_bias() {
+    fn means_at_rest_are_gravity_and_bias() {
         let rest = Rest::of(&samples(400, |_, _| {}), &NOISE, None, &RestConfig::default());
         let (down, sigma) = rest.down(0.1).unwrap();
         assert!((rest.gyro_mean - Vec3::new(0.0, 0.02, 0.08)).norm() < 1e-3);

@@ -1,4 +1,4 @@
-//! What an inertial sensor knows of itself: biases, pose, velocity, gravity.
+//! The state of an IMU: biases, pose, velocity; and gravity.
 
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3};
 use nalgebra::{Matrix3x2, SVector, Vector2};
@@ -6,7 +6,7 @@ use nalgebra::{Matrix3x2, SVector, Vector2};
 /// Standard gravity, m/s^2; places on earth differ by 0.3 %.
 pub const GRAVITY_M_S2: f64 = 9.80665;
 
-/// The biases of an inertial sensor, to be taken off its readings.
+/// The biases of an IMU, to be subtracted from its readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bias {
     /// Of the gyroscope, rad/s.
@@ -19,9 +19,9 @@ pub struct Bias {
 /// bias), the pose perturbed on the right, all else added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavState {
-    /// Where it is, metres.
+    /// Its pose, metres.
     pub world_from_imu: Se3,
-    /// How it moves, m/s in the world.
+    /// Its velocity, m/s in the world.
     pub velocity: Vec3,
     /// Its biases.
     pub bias: Bias,
@@ -54,10 +54,10 @@ impl Manifold<15> for NavState {
     }
 }
 
-/// Gravity in a world whose axes stand somehow: a direction on the sphere and a known magnitude.
+/// Gravity in a world with any axes: a direction on the sphere and a known magnitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gravity {
-    /// Rotation from a frame with z up (its turn about z means nothing).
+    /// Rotation from a frame with z up (its rotation about z has no meaning).
     pub world_from_level: So3,
     /// Magnitude, m/s^2.
     pub magnitude: f64,
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gravity_keeps_the_contract_of_manifolds_on_the_sphere() {
+    fn gravity_keeps_the_manifold_contract() {
         let g = Gravity::along(&Vec3::new(1.0, -2.0, -7.0), 9.8).unwrap();
         assert!((g.vector() - Vec3::new(1.0, -2.0, -7.0).normalize() * 9.8).norm() < 1e-12);
         let d = Vector2::new(0.3, -0.2);

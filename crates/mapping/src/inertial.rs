@@ -8,7 +8,7 @@
 
 use crate::clocks::Clocks;
 use crate::triangulation::median_depth;
-use cairn_adjust::{ImuModel, InertialWindow, WindowConfig, WindowResult};
+use cairn_adjust::{ImuModel, Window, WindowConfig, WindowResult};
 use cairn_atlas::{
     Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot,
 };
@@ -38,7 +38,7 @@ pub struct InertialConfig {
 
 impl Default for InertialConfig {
     fn default() -> Self {
-        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 500 }
+        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 2000 }
     }
 }
 
@@ -117,13 +117,13 @@ impl Inertial {
         camera: &RectifiedCamera,
         centre: KeyFrameId,
         config: &WindowConfig,
-    ) -> Option<InertialWindow> {
+    ) -> Option<Window> {
         let map = snapshot.key_frame(centre)?.map;
         if !snapshot.is_gravity_aligned(map) {
             return None;
         }
         let chain = self.config.chain;
-        let window = InertialWindow::around(snapshot, camera, &self.imu, centre, chain, config)?;
+        let window = Window::inertial_around(snapshot, camera, &self.imu, centre, chain, config)?;
         (window.links() > 0).then_some(window)
     }
 
@@ -141,7 +141,7 @@ impl Inertial {
         if !few || !snapshot.is_gravity_aligned(map) {
             return None;
         }
-        let window = InertialWindow::whole(snapshot, camera, &self.imu, map);
+        let window = Window::inertial_whole(snapshot, camera, &self.imu, map);
         (window.links() > 0).then(|| window.solve(config, stop))
     }
 

@@ -7,7 +7,7 @@ use cairn_geometry::{LieGroup, Se3, So3, Vec3};
 use cairn_solve::Loss;
 use cairn_solve::g2o::{Graph, read};
 use cairn_solve::graph::{GraphConfig, Method, PoseGraph, odometry_start};
-use cairn_solve::sparse::{Analysis, Factor};
+use cairn_solve::sparse::{Analysis, Factor, UniformBlocks};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -83,8 +83,9 @@ fn time<G: LieGroup<D>, const D: usize>(name: &str, graph: &PoseGraph<G, D>) {
     for block in diagonal.chunks_exact_mut(D * D) {
         (0..D).for_each(|k| block[k * D + k] = 1e3);
     }
+    let blocks = UniformBlocks { size: D, diagonal: &diagonal, off_diagonal: &off };
     let mut factor = Factor::new(Arc::clone(&analysis));
-    repeat("factor", || factor.factor(&diagonal, &off).expect("dominant"));
+    repeat("factor", || factor.factor(&blocks).expect("dominant"));
     let mut x = vec![1.0; rows * D];
     repeat("solve", || factor.solve(&mut x));
     repeat("gradient and Hessian", || drop(graph.gradient(GraphConfig::default().metric)));

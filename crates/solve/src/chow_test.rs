@@ -1,5 +1,5 @@
-//! Whether two groups of matches tell of the same pose: each group's own solution, one Gauss-Newton step from a pose near
-//! both, and how far apart the two are for what each of them knows.
+//! Chow test: do two groups of matches ask for the same camera pose? Each group is solved on its own by one Gauss-Newton
+//! step from a pose near both solutions, and the distance between the two is compared with its covariance.
 //!
 //! Source: Wald's test that two samples share their parameters; Chow, "Tests of equality between sets of coefficients in
 //! two linear regressions" (1960), here with known variances.
@@ -9,14 +9,14 @@ use crate::{Pinhole, PointMatch};
 use cairn_geometry::Se3;
 use nalgebra::{SMatrix, SVector};
 
-/// Squared distance between the poses that two groups of matches ask for, in units of its covariance: chi-square with
-/// six degrees of freedom when both groups see what stands still and errors are those of the weights. `None` where one
-/// group alone does not tell a pose.
+/// Squared Mahalanobis distance between the poses that two groups of matches ask for: chi-square with six degrees of
+/// freedom when the points of both groups are static and the pixel noise is that of the weights. `None` when one group
+/// alone does not determine a pose.
 pub fn chow_test(camera: &Pinhole, near: &Se3, one: &[PointMatch], other: &[PointMatch]) -> Option<f64> {
     let alone = |matches: &[PointMatch]| -> Option<(SVector<f64, 6>, SMatrix<f64, 6, 6>)> {
         let normal = normal_equations(camera, near, matches, &vec![true; matches.len()], false);
-        let covariance = normal.h.cholesky()?.inverse();
-        Some((-(covariance * normal.b), covariance))
+        let covariance = normal.hessian.cholesky()?.inverse();
+        Some((-(covariance * normal.gradient), covariance))
     };
     let ((to_one, of_one), (to_other, of_other)) = (alone(one)?, alone(other)?);
     let apart = to_one - to_other;
@@ -31,7 +31,7 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 50.0 };
 
-    /// Matches of points that have moved by `moved` since they were placed; the eye stands at the origin, errors are a
+    /// Matches of points that have moved by `moved` since they were placed; the camera is at the origin, errors are a
     /// tenth of a pixel.
     fn matches(from: usize, count: usize, moved: Vec3) -> Vec<PointMatch> {
         (from..from + count)
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_still_agrees_and_what_moves_does_not() {
+    fn accepts_static_points_and_rejects_moving_points() {
         let still = matches(0, 150, Vec3::zeros());
         let also = matches(150, 100, Vec3::zeros());
         let moved = matches(150, 100, Vec3::new(0.0, 0.0, 0.05));
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_tell_nothing() {
+    fn empty_group_gives_none() {
         let still = matches(0, 150, Vec3::zeros());
         assert_eq!(chow_test(&CAMERA, &Se3::identity(), &still, &[]), None);
     }

@@ -4,14 +4,18 @@
 //! robust losses, pose-only adjustment, bundle adjustment by the Schur complement, and graphs of poses on a
 //! block-sparse Cholesky factorisation.
 //!
-//! Solvers are pure: they take a copied problem, change the copy, and tell in a [`Report`] how it went.
+//! Every problem is solved by one Levenberg-Marquardt loop ([`LevenbergMarquardt`]); a problem is a trait
+//! ([`Problem`]), so that small ones live on the stack ([`minimise_dense`]) and large ones in sparse blocks. Solvers are
+//! pure: they take a copied problem, change the copy, and return a [`Report`].
 
 pub mod bal;
 mod bundle;
 mod chow_test;
-mod descent;
+mod dense;
+mod factors;
 pub mod g2o;
 pub mod graph;
+mod levenberg_marquardt;
 mod pose_only;
 pub mod ransac;
 mod report;
@@ -21,8 +25,11 @@ mod schur;
 pub mod sparse;
 mod text;
 
-pub use bundle::{Bundle, BundleConfig, Observation};
+pub use bundle::{Bundle, BundleConfig, Freedom, Observation, RightOffset};
 pub use chow_test::chow_test;
+pub use dense::{DenseNormal, minimise_dense};
+pub use factors::{Equations, Factors, NoFactors, Variable};
+pub use levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Outcome, Problem, Trial};
 pub use pose_only::{PointMatch, PoseOnly, PoseOnlyConfig, PosePrior};
 pub use report::{Report, Stop};
 pub use reprojection::{Linear, Pinhole, Pixel};

@@ -1,40 +1,59 @@
-//! The pose of one eye from matched points that stay where they are: Levenberg-Marquardt with Huber's
-//! loss, in rounds; between rounds each match is judged anew by its chi-square.
+//! The camera pose of one frame from matched points that stay fixed (motion-only bundle adjustment):
+//! Levenberg-Marquardt with Huber's loss, in rounds; between rounds each match is classified again by its chi-square.
+//! Everything but the classification lives in stack memory.
 //!
 //! Source: motion-only bundle adjustment, Mur-Artal & Tardós, "ORB-SLAM2" (2017), eq. 2.
 
+use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt};
 use crate::reprojection::View;
-use crate::{CHI2_2, CHI2_3, Pinhole, Pixel, Report, Stop, huber};
+use crate::{CHI2_2, CHI2_3, DenseNormal, Pinhole, Pixel, Report, Stop, huber, minimise_dense};
 use cairn_geometry::{Manifold, Se3, Vec3};
 use nalgebra::{SMatrix, SVector};
 
 /// A landmark matched to a feature.
 #[derive(Clone, Copy, Debug)]
 pub struct PointMatch {
-    /// Where the landmark is in the world, metres.
+    /// Position of the landmark in the world, metres.
     pub point: Vec3,
-    /// Where it is seen.
+    /// Measured pixel of the feature.
     pub pixel: Pixel,
     /// Inverse variance of the pixel, 1/px^2.
     pub weight: f64,
 }
 
-/// What is believed of a pose before anything is seen from it.
+/// A prior on the pose, from what is known without the matches.
 #[derive(Clone, Copy, Debug)]
 pub struct PosePrior {
     /// The pose.
     pub world_from_camera: Se3,
-    /// Information over (translation, rotation) of the eye.
+    /// Information over (translation, rotation) of the camera.
     pub information: SMatrix<f64, 6, 6>,
 }
 
-/// How to solve.
+/// Settings of [`PoseOnly::solve`].
 #[derive(Clone, Copy, Debug)]
 pub struct PoseOnlyConfig {
-    /// Rounds of solving and judging; the loss is robust in all but the last two.
+    /// Rounds of solving and classifying inliers; the loss is robust in all but the last two.
     pub rounds: usize,
-    /// Steps a round at most.
+    /// Maximum number of steps in a round.
     pub iterations: usize,
+}
+
+impl PoseOnlyConfig {
+    fn solver(&self) -> LevenbergMarquardt {
+        LevenbergMarquardt {
+            iterations: self.iterations,
+            damping: Damping::Factors {
+                first: 1e-6,
+                least: 1e-9,
+                most: 1e3,
+                shrink: 0.1,
+                grow: 100.0,
+                restart: 1e-4,
+            },
+            convergence: Convergence::Actual { relative: 1e-4 },
+        }
+    }
 }
 
 impl Default for PoseOnlyConfig {
@@ -43,21 +62,24 @@ impl Default for PoseOnlyConfig {
     }
 }
 
-/// The pose found.
+/// The result of pose-only adjustment.
 #[derive(Clone, Debug)]
 pub struct PoseOnly {
-    /// Where the eye is.
+    /// Pose of the camera.
     pub world_from_camera: Se3,
     /// For each match, whether its residual lies within the bound.
     pub inlier: Vec<bool>,
-    /// The information matrix at the solution over (translation, rotation) of the eye, that of the prior included.
+    /// Information matrix at the solution over (translation, rotation) of the camera, the prior included.
     pub information: SMatrix<f64, 6, 6>,
-    /// How it went.
+    /// How the solve went.
     pub report: Report,
 }
 
+/// Added to every diagonal entry of the normal equations, so that directions nothing constrains stay put.
+const FLOOR: f64 = 1e-9;
+
 impl PoseOnly {
-    /// Solves from a first guess, and from what was believed before.
+    /// Solves from a first guess, with an optional prior on the pose.
     pub fn solve(
         camera: &Pinhole,
         guess: &Se3,
@@ -65,13 +87,6 @@ impl PoseOnly {
         prior: Option<&PosePrior>,
         config: &PoseOnlyConfig,
     ) -> Self {
-        let normal_equations = |pose: &Se3, inlier: &[bool], robust: bool| {
-            let seen = normal_equations(camera, pose, matches, inlier, robust);
-            match prior {
-                Some(prior) => seen.with(prior, pose),
-                None => seen,
-            }
-        };
         let mut pose = *guess;
         let mut inlier = vec![true; matches.len()];
         let mut information = SMatrix::zeros();
@@ -79,43 +94,20 @@ impl PoseOnly {
             Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
         for round in 0..config.rounds {
             let robust = round + 2 < config.rounds;
-            let mut normal = normal_equations(&pose, &inlier, robust);
+            let linearise = |pose: &Se3| {
+                let normal = normal_equations(camera, pose, matches, &inlier, robust);
+                prior.map_or(normal, |prior| with_prior(normal, prior, pose))
+            };
+            let solver = config.solver();
+            let (found, normal, outcome) =
+                minimise_dense(&solver, &pose, FLOOR, linearise, |pose, step| pose.retract(step));
             if round == 0 {
-                report.cost_before = normal.cost;
+                report.cost_before = outcome.cost_before;
             }
-            let mut lambda = 1e-6;
-            report.stop = Stop::Iterations;
-            for _ in 0..config.iterations {
-                report.iterations += 1;
-                let mut h = normal.h;
-                for k in 0..6 {
-                    h[(k, k)] += lambda * normal.h[(k, k)] + 1e-9;
-                }
-                let Some(chol) = h.cholesky() else {
-                    report.stop = Stop::NoDescent;
-                    break;
-                };
-                let step = chol.solve(&-normal.b);
-                let moved = pose.retract(&step);
-                let next = normal_equations(&moved, &inlier, robust);
-                if next.cost <= normal.cost && moved.is_finite() {
-                    let gain = (normal.cost - next.cost) / normal.cost.max(1e-12);
-                    pose = moved;
-                    normal = next;
-                    lambda = (lambda * 0.1).max(1e-9);
-                    if gain < 1e-4 {
-                        report.stop = Stop::Converged;
-                        break;
-                    }
-                } else {
-                    lambda = (lambda * 100.0).max(1e-4);
-                    if lambda > 1e3 {
-                        report.stop = Stop::NoDescent;
-                        break;
-                    }
-                }
-            }
-            information = normal.h;
+            pose = found;
+            information = normal.hessian;
+            report.iterations += outcome.iterations;
+            report.stop = outcome.stop;
             report.cost_after = normal.cost;
             report.inliers = Self::judge(camera, &pose, matches, &mut inlier);
             if report.inliers < 4 && prior.is_none() {
@@ -125,7 +117,7 @@ impl PoseOnly {
         Self { world_from_camera: pose, inlier, information, report }
     }
 
-    /// Tells for each match whether its residual lies within the bound at a pose; returns for how many.
+    /// Decides for each match whether its residual lies within the bound at a pose; returns how many do.
     pub fn judge(camera: &Pinhole, pose: &Se3, matches: &[PointMatch], inlier: &mut [bool]) -> usize {
         let view = View::new(pose);
         let mut count = 0;
@@ -147,31 +139,25 @@ fn chi2(r: &[f64; 3], weight: f64) -> f64 {
     (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * weight
 }
 
-pub(crate) struct Normal {
-    pub h: SMatrix<f64, 6, 6>,
-    pub b: SVector<f64, 6>,
-    cost: f64,
+/// Adds a prior to normal equations; its Jacobian is taken as the identity, which is close enough near the prior.
+fn with_prior(mut normal: DenseNormal<6>, prior: &PosePrior, pose: &Se3) -> DenseNormal<6> {
+    let error = prior.world_from_camera.local(pose);
+    let pull = prior.information * error;
+    normal.hessian += prior.information;
+    normal.gradient += pull;
+    normal.cost += 0.5 * error.dot(&pull);
+    normal
 }
 
-impl Normal {
-    /// The same with what was believed before; its Jacobian is taken as the identity, near enough to it.
-    fn with(mut self, prior: &PosePrior, pose: &Se3) -> Self {
-        let off = prior.world_from_camera.local(pose);
-        let pull = prior.information * off;
-        self.h += prior.information;
-        self.b += pull;
-        self.cost += 0.5 * off.dot(&pull);
-        self
-    }
-}
-
+/// The normal equations of the matches marked as inliers at a pose, without damping. Points behind the camera are
+/// left out.
 pub(crate) fn normal_equations(
     camera: &Pinhole,
     pose: &Se3,
     matches: &[PointMatch],
     inlier: &[bool],
     robust: bool,
-) -> Normal {
+) -> DenseNormal<6> {
     let view = View::new(pose);
     let mut h = [[0.0f64; 6]; 6];
     let mut b = [0.0f64; 6];
@@ -192,8 +178,8 @@ pub(crate) fn normal_equations(
             }
         }
     }
-    let h = SMatrix::<f64, 6, 6>::from_fn(|i, j| if i <= j { h[i][j] } else { h[j][i] });
-    Normal { h, b: SVector::from(b), cost }
+    let hessian = SMatrix::<f64, 6, 6>::from_fn(|i, j| if i <= j { h[i][j] } else { h[j][i] });
+    DenseNormal { hessian, gradient: SVector::from(b), cost }
 }
 
 #[cfg(test)]
@@ -203,7 +189,7 @@ mod tests {
 
     /// Points in a box, seen with a known pose; a fifth of the matches are wrong.
     #[test]
-    fn finds_the_pose_and_the_outliers() {
+    fn finds_pose_and_outliers() {
         let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 50.0 };
         let truth = Se3::new(So3::exp(&Vec3::new(0.1, 0.4, -0.2)), Vec3::new(0.5, -0.3, 0.2));
         let mut matches = Vec::new();
@@ -229,16 +215,16 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_solve_is_told() {
+    fn empty_input_gives_zero_inliers() {
         let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
         let found = PoseOnly::solve(&camera, &Se3::identity(), &[], None, &PoseOnlyConfig::default());
         assert_eq!(found.report.inliers, 0);
         assert!(found.world_from_camera.is_finite());
     }
 
-    /// Two points leave most of a pose open; what was believed before fills it in, and counts for little where much is seen.
+    /// Two points leave most of the pose undetermined, so the prior fills it in; with many matches it hardly matters.
     #[test]
-    fn a_prior_holds_what_is_not_seen() {
+    fn prior_constrains_undetermined_directions() {
         let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
         let truth = Se3::new(So3::exp(&Vec3::new(0.1, 0.4, -0.2)), Vec3::new(0.5, -0.3, 0.2));
         let matches: Vec<PointMatch> = (0..120)
@@ -249,11 +235,11 @@ mod tests {
                 PointMatch { point: truth * q, pixel, weight: 1.0 }
             })
             .collect();
-        let believed = truth * Se3::new(So3::exp(&Vec3::new(0.01, 0.0, 0.0)), Vec3::new(0.0, 0.02, 0.0));
-        let prior = PosePrior { world_from_camera: believed, information: SMatrix::identity() * 1e3 };
+        let prior_pose = truth * Se3::new(So3::exp(&Vec3::new(0.01, 0.0, 0.0)), Vec3::new(0.0, 0.02, 0.0));
+        let prior = PosePrior { world_from_camera: prior_pose, information: SMatrix::identity() * 1e3 };
         let solve = |matches: &[PointMatch]| {
             let found =
-                PoseOnly::solve(&camera, &believed, matches, Some(&prior), &PoseOnlyConfig::default());
+                PoseOnly::solve(&camera, &prior_pose, matches, Some(&prior), &PoseOnlyConfig::default());
             (truth.local(&found.world_from_camera).norm(), found.report.inliers)
         };
         let (few, many) = (solve(&matches[..2]), solve(&matches));

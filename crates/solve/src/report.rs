@@ -1,13 +1,13 @@
-//! What every solve tells.
+//! The report of every solve.
 
 /// Why a solve ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
     /// The cost no longer changed.
     Converged,
-    /// The iterations asked for were done.
+    /// The maximum number of iterations was reached.
     Iterations,
-    /// The caller asked to stop; the best state so far is kept.
+    /// The caller interrupted it; the best state so far is kept.
     Interrupted,
     /// No step lowered the cost, or the normal equations were singular.
     NoDescent,

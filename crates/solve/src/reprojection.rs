@@ -1,9 +1,9 @@
 //! The reprojection residual of an ideal pinhole, with or without a right image, and its Jacobians.
 //!
 //! With `q = world_from_camera^-1 * p`, the prediction is `u = fx q.x / q.z + cx`, `v = fy q.y / q.z + cy`, and minus the disparity,
-//! `u_right - u = -baseline_fx / q.z`. The disparity and not `u_right`, because a right image is aligned to what the left one shows
-//! (and depth is read where the left one shows it): where a corner is off its place, its partner is off as much, and the two are
-//! no two looks at the place. Perturbing the pose on the right by `(t, w)` moves `q` by
+//! `u_right - u = -baseline_fx / q.z`. The disparity and not `u_right`, because the feature in the right image is
+//! found by aligning it to the left one (and depth is read at the left one's pixel): a localisation error of the left corner is
+//! repeated in the right one, so the two are not independent measurements. Perturbing the pose on the right by `(t, w)` moves `q` by
 //! `-t + q x w`; perturbing the point by `d` moves it by `R^T d`.
 
 use cairn_geometry::{Mat3, Se3, Vec3};
@@ -37,7 +37,7 @@ pub struct Linear {
     pub by_point: [[f64; 3]; 3],
 }
 
-/// World-to-eye rotation and the eye's place, ready to project many points.
+/// Rotation from world to camera and the camera's position, ready to project many points.
 #[derive(Clone, Copy)]
 pub(crate) struct View {
     camera_from_world: Mat3,
@@ -59,13 +59,12 @@ impl View {
 }
 
 impl Pinhole {
-    /// Residual and Jacobians of a point seen from a pose, for solvers with more unknowns than poses and points; `None` behind
-    /// the eye.
+    /// Residual and Jacobians of a point observed from a pose; `None` behind the camera.
     pub fn reproject(&self, world_from_camera: &Se3, point: &Vec3, pixel: &Pixel) -> Option<Linear> {
         self.linearise(&View::new(world_from_camera), point, pixel)
     }
 
-    /// Measured minus predicted; `None` behind or at the eye.
+    /// Measured minus predicted; `None` behind or at the camera.
     #[inline(always)]
     pub(crate) fn residual(&self, q: &Vec3, pixel: &Pixel) -> Option<[f64; 3]> {
         if q.z < 1e-3 {
@@ -77,7 +76,7 @@ impl Pinhole {
         Some([pixel[0] - u, pixel[1] - (self.fy * q.y * inv + self.cy), right])
     }
 
-    /// Residual and Jacobians at a view and a point; `None` behind the eye.
+    /// Residual and Jacobians at a view and a point; `None` behind the camera.
     #[inline(always)]
     pub(crate) fn linearise(&self, view: &View, point: &Vec3, pixel: &Pixel) -> Option<Linear> {
         let q = view.to_camera(point);

@@ -8,14 +8,14 @@ pub const CHI2_3: f64 = 7.815;
 /// 95 % quantiles of chi-square with one to nine degrees of freedom.
 pub const CHI2_95: [f64; 9] = [3.841, 5.991, 7.815, 9.488, 11.070, 12.592, 14.067, 15.507, 16.919];
 
-/// What a squared whitened residual costs.
+/// Robust loss: the cost of a squared whitened residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Loss {
     /// Its square.
     Squared,
     /// Huber's: the square up to this width (in standard deviations), then linear.
     Huber(f64),
-    /// Cauchy's with this width: a logarithm, so that what is far off hardly pulls at all.
+    /// Cauchy's with this width: a logarithm, so that far outliers have almost no influence.
     Cauchy(f64),
 }
 

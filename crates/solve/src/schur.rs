@@ -1,25 +1,54 @@
-//! Cameras and points: the points are eliminated, the cameras solved sparsely, the points found from them.
+//! Cameras, points and further variables: the points are eliminated, the rest solved sparsely, the points found from it.
 //!
-//! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), section 6. Blocks are stored by columns.
+//! The reduced system has one block row for each free camera, then one for each further variable (velocities and biases,
+//! say), which no point touches. Blocks are stored by columns.
+//!
+//! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), section 6.
 
-use crate::sparse::{Analysis, Factor};
+use crate::sparse::{Analysis, Blocks, Factor};
 use cairn_geometry::{Mat3, Vec3};
 use nalgebra::{SMatrix, SVector};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Which camera sees which point, analysed; cameras have `P` parameters.
+/// Which camera observes which point, and which variables share a factor, analysed; cameras have `P` parameters.
 pub struct Schur<const P: usize> {
     /// The observations of each point.
     ranges: Vec<Range<usize>>,
-    /// Of each observation the place of its camera among the free ones.
+    /// Block row of the camera of each observation, where that is free.
     slots: Vec<Option<u32>>,
+    pattern: Arc<Pattern>,
+    /// Components of variables that stay: (block row, components).
+    held: Vec<(usize, Range<usize>)>,
     factor: Factor,
     /// Index of the block of two cameras, where there are few enough for a table.
     table: Vec<u32>,
-    /// The reduced system's diagonal and other blocks.
+    reduced: Reduced<P>,
+}
+
+/// Where blocks stand.
+#[derive(Debug)]
+pub struct Pattern {
+    analysis: Arc<Analysis>,
+    cameras: usize,
+    /// Pairs of two cameras; in the sorted list of pairs they come first.
+    camera_pairs: usize,
+    /// First pair of each row, and the number of pairs.
+    row_start: Vec<u32>,
+    /// Pairs of two cameras that share a factor beside points, rising.
+    camera_links: Vec<u32>,
+    /// First number of each further variable's diagonal block, and of each further pair's block.
+    diagonal_start: Vec<usize>,
+    off_start: Vec<usize>,
+}
+
+/// The reduced, damped system.
+struct Reduced<const P: usize> {
+    pattern: Arc<Pattern>,
     diagonal: Vec<SMatrix<f64, P, P>>,
     off: Vec<SMatrix<f64, P, P>>,
+    more_diagonal: Vec<f64>,
+    more_off: Vec<f64>,
 }
 
 /// The undamped normal equations at a state.
@@ -34,22 +63,31 @@ pub struct Normal<const P: usize> {
     /// Of each observation: camera by point.
     pub couplings: Vec<SMatrix<f64, P, 3>>,
     pub cost: f64,
+    pattern: Arc<Pattern>,
+    /// Blocks of two cameras from factors beside points, in the order of the pattern's links.
+    camera_links: Vec<SMatrix<f64, P, P>>,
+    /// Of the further variables: gradient, diagonal blocks, and blocks with cameras and each other.
+    more_gradient: Vec<f64>,
+    more_diagonal: Vec<f64>,
+    more_off: Vec<f64>,
 }
 
-/// A step of all free cameras and points, and what the linear model says that it gains.
+/// A step of all free cameras, further variables and points, and by how much the linear model lowers the cost.
 pub struct Step<const P: usize> {
     pub cameras: Vec<SVector<f64, P>>,
+    /// Of the further variables, one after the other.
+    pub more: Vec<f64>,
     pub points: Vec<Vec3>,
     /// Of the border; zero without one and where it is held.
     pub border: f64,
     /// How far the border would move if it were not held.
     pub border_pull: f64,
-    /// What is known of the border once all else is free: the inverse of its variance.
+    /// Information on the border with everything else marginalised: the inverse of its variance.
     pub border_information: f64,
     pub promise: f64,
 }
 
-/// One unknown more, which every camera and point may be tied to: its own entry, gradient, and couplings.
+/// One more unknown, coupled to any camera and point: its own entry, gradient, and couplings.
 #[derive(Clone, Default)]
 pub struct Border<const P: usize> {
     pub hessian: f64,
@@ -58,26 +96,64 @@ pub struct Border<const P: usize> {
     pub cameras: Vec<SVector<f64, P>>,
     /// With each point.
     pub points: Vec<Vec3>,
-    /// True to tell only how far it would move; it and all else take the step without it.
+    /// True to compute only how far it would move; it and everything else take the step without it.
     pub held: bool,
 }
 
-/// Most free cameras for which a table of pairs is kept.
-const TABLE: usize = 2048;
+/// Variables beside cameras and points, and factors beside observations; block rows number cameras first.
+#[derive(Clone, Debug, Default)]
+pub struct More {
+    /// Unknowns of each further variable.
+    pub sizes: Vec<usize>,
+    /// Block rows that share a factor.
+    pub pairs: Vec<(usize, usize)>,
+    /// Components of block rows that stay.
+    pub held: Vec<(usize, Range<usize>)>,
+}
 
-impl<const P: usize> Normal<P> {
-    /// Zeros for so many free cameras, points and observations.
-    pub fn zeros(cameras: usize, points: usize, observations: usize) -> Self {
-        Self {
-            cameras: vec![SMatrix::zeros(); cameras],
-            camera_gradients: vec![SVector::zeros(); cameras],
-            points: vec![Mat3::zeros(); points],
-            point_gradients: vec![Vec3::zeros(); points],
-            couplings: vec![SMatrix::zeros(); observations],
-            cost: 0.0,
-        }
+/// Most free cameras for which a table of pairs is kept.
+const TABLE: usize = 1024;
+
+impl Pattern {
+    fn new(analysis: Analysis, cameras: usize, linked: &[(usize, usize)]) -> Self {
+        let pairs = analysis.pairs();
+        let row_start = (0..=analysis.rows()).map(|a| pairs.partition_point(|p| (p.0 as usize) < a) as u32);
+        let row_start: Vec<u32> = row_start.collect();
+        let camera_pairs = row_start[cameras] as usize;
+        let mut camera_links: Vec<u32> =
+            linked.iter().filter_map(|(a, b)| analysis.pair(*a, *b)).map(|p| p as u32).collect();
+        camera_links.retain(|p| (*p as usize) < camera_pairs);
+        camera_links.sort_unstable();
+        camera_links.dedup();
+        let running = |sizes: &mut dyn Iterator<Item = usize>| {
+            let mut all = vec![0];
+            let mut sum = 0;
+            for s in sizes {
+                sum += s;
+                all.push(sum);
+            }
+            all
+        };
+        let diagonal_start = running(&mut (cameras..analysis.rows()).map(|i| analysis.size(i).pow(2)));
+        let block = |p: &(u32, u32)| analysis.size(p.0 as usize) * analysis.size(p.1 as usize);
+        let off_start = running(&mut pairs[camera_pairs..].iter().map(block));
+        let analysis = Arc::new(analysis);
+        Self { analysis, cameras, camera_pairs, row_start, camera_links, diagonal_start, off_start }
     }
 
+    /// Index of the block of two rows, the first of higher place; that there is one is the caller's business.
+    fn pair(&self, a: usize, b: usize) -> usize {
+        let row = self.row_start[a] as usize..self.row_start[a + 1] as usize;
+        row.start + self.analysis.pairs()[row].partition_point(|p| (p.1 as usize) < b)
+    }
+
+    /// First of a further variable's entries in gradients and steps.
+    fn gradient_start(&self, row: usize) -> usize {
+        self.analysis.offset(row) - self.analysis.offset(self.cameras.min(row))
+    }
+}
+
+impl<const P: usize> Normal<P> {
     /// Zeros again.
     pub fn clear(&mut self) {
         self.cameras.fill(SMatrix::zeros());
@@ -85,17 +161,138 @@ impl<const P: usize> Normal<P> {
         self.points.fill(Mat3::zeros());
         self.point_gradients.fill(Vec3::zeros());
         self.couplings.fill(SMatrix::zeros());
+        self.camera_links.fill(SMatrix::zeros());
+        self.more_gradient.fill(0.0);
+        self.more_diagonal.fill(0.0);
+        self.more_off.fill(0.0);
         self.cost = 0.0;
+    }
+
+    /// Adds whitened rows of a factor that touches some block rows: for each the columns of the Jacobian that are its. Rows
+    /// of variables that are not free are `None`. Block rows that share a factor were announced to [`Schur::new`].
+    pub fn add_factor<const R: usize, const C: usize>(
+        &mut self,
+        residual: &SVector<f64, R>,
+        jacobian: &SMatrix<f64, R, C>,
+        parts: &[(Option<usize>, Range<usize>)],
+    ) {
+        self.cost += 0.5 * residual.norm_squared();
+        let (hessian, gradient) = (jacobian.tr_mul(jacobian), jacobian.tr_mul(residual));
+        let parts = || parts.iter().filter_map(|(row, range)| Some(((*row)?, range.clone())));
+        for (a, ra) in parts() {
+            self.add_gradient(a, &gradient.as_slice()[ra.clone()]);
+            for (b, rb) in parts().filter(|(b, _)| *b <= a) {
+                let block = self.block_mut(a, b);
+                for (to, c) in block.chunks_exact_mut(ra.len()).zip(rb) {
+                    to.iter_mut().zip(ra.clone()).for_each(|(t, r)| *t += hessian[(r, c)]);
+                }
+            }
+        }
+    }
+
+    fn add_gradient(&mut self, row: usize, gradient: &[f64]) {
+        let to = match self.camera_gradients.get_mut(row) {
+            Some(camera) => camera.as_mut_slice(),
+            None => &mut self.more_gradient[self.pattern.gradient_start(row)..],
+        };
+        to.iter_mut().zip(gradient).for_each(|(t, g)| *t += g);
+    }
+
+    /// The block of two rows, the first not of lower place, by columns.
+    fn block_mut(&mut self, a: usize, b: usize) -> &mut [f64] {
+        let pattern = &self.pattern;
+        if a == b {
+            return match self.cameras.get_mut(a) {
+                Some(camera) => camera.as_mut_slice(),
+                None => {
+                    let k = a - pattern.cameras;
+                    &mut self.more_diagonal[pattern.diagonal_start[k]..pattern.diagonal_start[k + 1]]
+                }
+            };
+        }
+        let pair = pattern.pair(a, b);
+        match pair.checked_sub(pattern.camera_pairs) {
+            Some(k) => &mut self.more_off[pattern.off_start[k]..pattern.off_start[k + 1]],
+            None => {
+                let link = pattern.camera_links.partition_point(|p| (*p as usize) < pair);
+                self.camera_links[link].as_mut_slice()
+            }
+        }
+    }
+}
+
+impl<const P: usize> Blocks for Reduced<P> {
+    fn diagonal(&self, row: usize) -> &[f64] {
+        match self.diagonal.get(row) {
+            Some(block) => block.as_slice(),
+            None => {
+                let k = row - self.pattern.cameras;
+                &self.more_diagonal[self.pattern.diagonal_start[k]..self.pattern.diagonal_start[k + 1]]
+            }
+        }
+    }
+
+    fn off_diagonal(&self, pair: usize) -> &[f64] {
+        match self.off.get(pair) {
+            Some(block) => block.as_slice(),
+            None => {
+                let k = pair - self.pattern.camera_pairs;
+                &self.more_off[self.pattern.off_start[k]..self.pattern.off_start[k + 1]]
+            }
+        }
+    }
+}
+
+impl<const P: usize> Reduced<P> {
+    /// Takes components of a variable out of the system: their step is zero.
+    fn hold(&mut self, row: usize, components: &Range<usize>, right: &mut [f64]) {
+        let pattern = Arc::clone(&self.pattern);
+        let analysis = &pattern.analysis;
+        let d = analysis.size(row);
+        let own = match self.diagonal.get_mut(row) {
+            Some(block) => block.as_mut_slice(),
+            None => &mut self.more_diagonal[pattern.diagonal_start[row - pattern.cameras]..][..d * d],
+        };
+        for k in components.clone() {
+            for other in 0..d {
+                own[k * d + other] = 0.0;
+                own[other * d + k] = 0.0;
+            }
+            own[k * d + k] = 1.0;
+            right[analysis.offset(row) + k] = 0.0;
+        }
+        for (pair, (a, b)) in analysis.pairs().iter().enumerate() {
+            let (a, b) = (*a as usize, *b as usize);
+            if a != row && b != row {
+                continue;
+            }
+            let block = match self.off.get_mut(pair) {
+                Some(block) => block.as_mut_slice(),
+                None => {
+                    let k = pair - pattern.camera_pairs;
+                    &mut self.more_off[pattern.off_start[k]..pattern.off_start[k + 1]]
+                }
+            };
+            let height = analysis.size(a);
+            for k in components.clone() {
+                if a == row {
+                    block.iter_mut().skip(k).step_by(height).for_each(|v| *v = 0.0);
+                } else {
+                    block[k * height..(k + 1) * height].fill(0.0);
+                }
+            }
+        }
     }
 }
 
 impl<const P: usize> Schur<P> {
     /// Of `cameras` free cameras and observations grouped by point (those of a point stand together): the point of each,
-    /// below `points`, and the place of its camera among the free ones.
+    /// below `points`, and the block row of its camera, where that is free; and of further variables and factors.
     pub fn new(
         cameras: usize,
         points: usize,
         observations: impl Iterator<Item = (usize, Option<u32>)>,
+        more: More,
     ) -> Self {
         let (mut ranges, mut slots) = (vec![0..0; points], Vec::new());
         for (k, (point, slot)) in observations.enumerate() {
@@ -103,32 +300,51 @@ impl<const P: usize> Schur<P> {
             ranges[point] = start..k + 1;
             slots.push(slot);
         }
-        // Each pair once: for each camera, the cameras of lower place that share a point with it.
-        let mut shared: Vec<Vec<u32>> = vec![Vec::new(); cameras];
-        for range in &ranges {
-            let seen = &slots[range.clone()];
-            for a in seen.iter().flatten() {
-                shared[*a as usize].extend(seen.iter().flatten().filter(|b| *b < a));
-            }
-            for a in seen.iter().flatten() {
-                let list = &mut shared[*a as usize];
-                if list.len() > 4 * cameras + 64 {
-                    list.sort_unstable();
-                    list.dedup();
-                }
-            }
-        }
+        let shared = covisible(cameras, &ranges, &slots);
         let pairs =
             shared.iter().enumerate().flat_map(|(a, list)| list.iter().map(move |b| (a, *b as usize)));
-        let analysis = Arc::new(Analysis::new(cameras, P, pairs));
-        let table = if cameras <= TABLE { table_of(&analysis) } else { Vec::new() };
+        let sizes = vec![P; cameras].into_iter().chain(more.sizes).collect();
+        let analysis = Analysis::with_sizes(sizes, pairs.chain(more.pairs.iter().copied()));
+        drop(shared);
+        let pattern = Arc::new(Pattern::new(analysis, cameras, &more.pairs));
+        let numbers = |starts: &[usize]| vec![0.0; starts.last().copied().unwrap_or(0)];
         Self {
             ranges,
             slots,
-            table,
-            diagonal: vec![SMatrix::zeros(); cameras],
-            off: vec![SMatrix::zeros(); analysis.pairs().len()],
-            factor: Factor::new(analysis),
+            table: if cameras <= TABLE { table_of(&pattern) } else { Vec::new() },
+            held: more.held,
+            reduced: Reduced {
+                diagonal: vec![SMatrix::zeros(); cameras],
+                off: vec![SMatrix::zeros(); pattern.camera_pairs],
+                more_diagonal: numbers(&pattern.diagonal_start),
+                more_off: numbers(&pattern.off_start),
+                pattern: Arc::clone(&pattern),
+            },
+            factor: Factor::new(Arc::clone(&pattern.analysis)),
+            pattern,
+        }
+    }
+
+    /// Block rows of the reduced system.
+    pub fn rows(&self) -> usize {
+        self.pattern.analysis.rows()
+    }
+
+    /// Normal equations of zeros.
+    pub fn normal(&self) -> Normal<P> {
+        let (r, links) = (&self.reduced, self.pattern.camera_links.len());
+        Normal {
+            cameras: vec![SMatrix::zeros(); self.pattern.cameras],
+            camera_gradients: vec![SVector::zeros(); self.pattern.cameras],
+            points: vec![Mat3::zeros(); self.ranges.len()],
+            point_gradients: vec![Vec3::zeros(); self.ranges.len()],
+            couplings: vec![SMatrix::zeros(); self.slots.len()],
+            cost: 0.0,
+            camera_links: vec![SMatrix::zeros(); links],
+            more_gradient: vec![0.0; self.pattern.analysis.dimension() - P * self.pattern.cameras],
+            more_diagonal: vec![0.0; r.more_diagonal.len()],
+            more_off: vec![0.0; r.more_off.len()],
+            pattern: Arc::clone(&self.pattern),
         }
     }
 
@@ -139,12 +355,10 @@ impl<const P: usize> Schur<P> {
 
     /// Index of the block of two cameras, the first of higher place.
     fn pair(&self, a: u32, b: u32) -> usize {
-        let n = self.diagonal.len();
         if self.table.is_empty() {
-            // Present by construction.
-            return self.factor.analysis().pair(a as usize, b as usize).unwrap_or(0);
+            return self.pattern.pair(a as usize, b as usize);
         }
-        self.table[a as usize * n + b as usize] as usize
+        self.table[a as usize * self.pattern.cameras + b as usize] as usize
     }
 
     /// The step with every diagonal entry raised by `lambda` of itself and `floor`; `None` when it is singular.
@@ -156,22 +370,16 @@ impl<const P: usize> Schur<P> {
         floor: f64,
     ) -> Option<Step<P>> {
         let damping = |h: f64| lambda * h + floor;
-        self.off.fill(SMatrix::zeros());
-        self.diagonal.copy_from_slice(&normal.cameras);
-        for block in &mut self.diagonal {
-            (0..P).for_each(|k| block[(k, k)] += damping(block[(k, k)]));
-        }
-        let mut cameras: Vec<SVector<f64, P>> = normal.camera_gradients.iter().map(|g| -g).collect();
-        let inverses = self.reduce(normal, &damping, &mut cameras);
-        let (diagonal, off) = (numbers(&self.diagonal), numbers(&self.off));
-        self.factor.factor(&diagonal, &off).ok()?;
-        self.solve(&mut cameras);
+        let (mut right, inverses) = self.factor_reduced(normal, &damping)?;
+        self.factor.solve(&mut right);
         let (border_pull, border_information) = match border {
-            Some(border) => self.along(normal, border, &inverses, lambda, &mut cameras)?,
+            Some(border) => self.along(normal, border, &inverses, lambda, &mut right)?,
             None => (0.0, 0.0),
         };
         let border = border.filter(|border| !border.held);
         let along = border.map_or(0.0, |_| border_pull);
+        let more = right.split_off(P * self.pattern.cameras);
+        let cameras: Vec<SVector<f64, P>> = right.chunks_exact(P).map(SVector::from_column_slice).collect();
         let mut points: Vec<Vec3> = Vec::with_capacity(inverses.len());
         for (point, inverse) in inverses.iter().enumerate() {
             let mut rest = -normal.point_gradients[point];
@@ -185,11 +393,13 @@ impl<const P: usize> Schur<P> {
             }
             points.push(inverse * rest);
         }
-        let promise = promise(normal, &damping, &cameras, &points);
+        let promise =
+            promise(normal, &damping, &cameras, &points) + self.more_promise(normal, &damping, &more);
         let promise =
             promise + border.map_or(0.0, |b| 0.5 * along * (lambda * b.hessian * along - b.gradient));
         promise.is_finite().then_some(Step {
             cameras,
+            more,
             points,
             border: along,
             border_pull,
@@ -198,22 +408,81 @@ impl<const P: usize> Schur<P> {
         })
     }
 
-    /// Solves the reduced system that was factored last.
-    fn solve(&self, cameras: &mut [SVector<f64, P>]) {
-        let mut x: Vec<f64> = cameras.iter().flat_map(|v| v.iter().copied()).collect();
-        self.factor.solve(&mut x);
-        cameras.iter_mut().zip(x.chunks_exact(P)).for_each(|(v, x)| v.copy_from_slice(x));
+    /// Covariance of a free camera's parameters with everything else marginalised, from the undamped equations (raised by
+    /// `floor` on the diagonal); `None` when they are singular.
+    pub fn covariance(
+        &mut self,
+        normal: &Normal<P>,
+        camera: usize,
+        floor: f64,
+    ) -> Option<SMatrix<f64, P, P>> {
+        let (right, _) = self.factor_reduced(normal, &|_| floor)?;
+        let at = self.pattern.analysis.offset(camera);
+        let mut covariance = SMatrix::<f64, P, P>::zeros();
+        for k in 0..P {
+            let mut unit = vec![0.0; right.len()];
+            unit[at + k] = 1.0;
+            self.factor.solve(&mut unit);
+            covariance.column_mut(k).copy_from_slice(&unit[at..at + P]);
+        }
+        Some(covariance)
     }
 
-    /// The step of the border with its information, and, where it is not held, what it changes in that of the cameras, which holds
-    /// the step without it: block elimination of the last row of the reduced system.
+    /// Eliminates the points and factors what is left; its right-hand side, and the inverses of the points' blocks.
+    fn factor_reduced(
+        &mut self,
+        normal: &Normal<P>,
+        damping: &impl Fn(f64) -> f64,
+    ) -> Option<(Vec<f64>, Vec<Mat3>)> {
+        let reduced = &mut self.reduced;
+        reduced.off.fill(SMatrix::zeros());
+        for (pair, block) in self.pattern.camera_links.iter().zip(&normal.camera_links) {
+            reduced.off[*pair as usize] = *block;
+        }
+        reduced.diagonal.copy_from_slice(&normal.cameras);
+        reduced.more_diagonal.copy_from_slice(&normal.more_diagonal);
+        reduced.more_off.copy_from_slice(&normal.more_off);
+        for block in &mut reduced.diagonal {
+            (0..P).for_each(|k| block[(k, k)] += damping(block[(k, k)]));
+        }
+        for (k, row) in (self.pattern.cameras..self.pattern.analysis.rows()).enumerate() {
+            let d = self.pattern.analysis.size(row);
+            let block = &mut reduced.more_diagonal[self.pattern.diagonal_start[k]..];
+            (0..d).for_each(|i| block[i * d + i] += damping(block[i * d + i]));
+        }
+        let mut cameras: Vec<SVector<f64, P>> = normal.camera_gradients.iter().map(|g| -g).collect();
+        let inverses = self.reduce(normal, damping, &mut cameras);
+        let mut right: Vec<f64> = cameras.iter().flat_map(|v| v.iter().copied()).collect();
+        right.extend(normal.more_gradient.iter().map(|g| -g));
+        for (row, components) in &self.held {
+            self.reduced.hold(*row, components, &mut right);
+        }
+        self.factor.factor(&self.reduced).ok()?;
+        Some((right, inverses))
+    }
+
+    fn more_promise(&self, normal: &Normal<P>, damping: &impl Fn(f64) -> f64, more: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        for (k, row) in (self.pattern.cameras..self.pattern.analysis.rows()).enumerate() {
+            let (d, at) = (self.pattern.analysis.size(row), self.pattern.gradient_start(row));
+            let block = &normal.more_diagonal[self.pattern.diagonal_start[k]..];
+            for i in 0..d {
+                let (s, g, h) = (more[at + i], normal.more_gradient[at + i], block[i * d + i]);
+                sum += 0.5 * s * (damping(h) * s - g);
+            }
+        }
+        sum
+    }
+
+    /// The step of the border with its information, and, where it is not held, what it changes in that of the cameras, which
+    /// holds the step without it: block elimination of the last row of the reduced system.
     fn along(
         &self,
         normal: &Normal<P>,
         border: &Border<P>,
         inverses: &[Mat3],
         lambda: f64,
-        cameras: &mut [SVector<f64, P>],
+        solution: &mut [f64],
     ) -> Option<(f64, f64)> {
         let mut own = border.hessian * (1.0 + lambda);
         let mut right = -border.gradient;
@@ -228,23 +497,32 @@ impl<const P: usize> Schur<P> {
                 }
             }
         }
+        let mut ties: Vec<f64> = ties.iter().flat_map(|v| v.iter().copied()).collect();
+        ties.resize(solution.len(), 0.0);
+        for (row, components) in &self.held {
+            let at = self.pattern.analysis.offset(*row);
+            ties[at + components.start..at + components.end].fill(0.0);
+        }
         let mut per_unit = ties.clone();
-        self.solve(&mut per_unit);
-        for ((tie, with), without) in ties.iter().zip(&per_unit).zip(cameras.iter()) {
-            own -= tie.dot(with);
-            right -= tie.dot(without);
+        self.factor.solve(&mut per_unit);
+        for ((tie, with), without) in
+            ties.chunks(P).zip(per_unit.chunks(P)).zip(solution.chunks(P)).take(self.pattern.cameras)
+        {
+            let tie = SVector::<f64, P>::from_column_slice(tie);
+            own -= tie.dot(&SVector::<f64, P>::from_column_slice(with));
+            right -= tie.dot(&SVector::<f64, P>::from_column_slice(without));
         }
         let along = right / own;
         if !(own > 0.0 && along.is_finite()) {
             return None;
         }
         if !border.held {
-            cameras.iter_mut().zip(&per_unit).for_each(|(c, p)| *c -= p * along);
+            solution.iter_mut().zip(&per_unit).for_each(|(c, p)| *c -= p * along);
         }
         Some((along, own))
     }
 
-    /// Takes the points out of the cameras' system; gives the inverses of their blocks.
+    /// Eliminates the points from the cameras' system; returns the inverses of their blocks.
     fn reduce(
         &mut self,
         normal: &Normal<P>,
@@ -256,7 +534,7 @@ impl<const P: usize> Schur<P> {
         for (point, block) in normal.points.iter().enumerate() {
             let mut damped = *block;
             (0..3).for_each(|k| damped[(k, k)] += damping(block[(k, k)]));
-            // A point that nothing holds stays where it is.
+            // A point that nothing constrains stays where it is.
             let inverse = damped.try_inverse().unwrap_or_else(Mat3::zeros);
             inverses.push(inverse);
             seen.clear();
@@ -271,9 +549,9 @@ impl<const P: usize> Schur<P> {
                 for (b, k, _) in &seen {
                     if a > b {
                         let pair = self.pair(*a, *b);
-                        subtract(&mut self.off[pair], wv, &normal.couplings[*k]);
+                        subtract(&mut self.reduced.off[pair], wv, &normal.couplings[*k]);
                     } else if a == b {
-                        subtract(&mut self.diagonal[*a as usize], wv, &normal.couplings[*k]);
+                        subtract(&mut self.reduced.diagonal[*a as usize], wv, &normal.couplings[*k]);
                     }
                 }
             }
@@ -310,15 +588,38 @@ fn promise<const P: usize>(
     sum
 }
 
-fn table_of(analysis: &Analysis) -> Vec<u32> {
-    let n = analysis.rows();
+/// For each camera, the cameras of lower place that share a point with it, rising.
+fn covisible(cameras: usize, ranges: &[Range<usize>], slots: &[Option<u32>]) -> Vec<Vec<u32>> {
+    const FEW: usize = 256;
+    let mut shared: Vec<Vec<u32>> = vec![Vec::new(); cameras];
+    // Repeats are dropped whenever a list has doubled, so that memory stays near what is kept.
+    let mut limits = vec![FEW; cameras];
+    for range in ranges {
+        let seen = &slots[range.clone()];
+        for a in seen.iter().flatten() {
+            let list = &mut shared[*a as usize];
+            list.extend(seen.iter().flatten().filter(|b| *b < a));
+            let limit = &mut limits[*a as usize];
+            if list.len() > *limit {
+                list.sort_unstable();
+                list.dedup();
+                *limit = FEW.max(2 * list.len());
+            }
+        }
+    }
+    for list in &mut shared {
+        list.sort_unstable();
+        list.dedup();
+        list.shrink_to_fit();
+    }
+    shared
+}
+
+fn table_of(pattern: &Pattern) -> Vec<u32> {
+    let n = pattern.cameras;
     let mut table = vec![0; n * n];
-    for (k, (a, b)) in analysis.pairs().iter().enumerate() {
+    for (k, (a, b)) in pattern.analysis.pairs()[..pattern.camera_pairs].iter().enumerate() {
         table[*a as usize * n + *b as usize] = k as u32;
     }
     table
-}
-
-fn numbers<const P: usize>(blocks: &[SMatrix<f64, P, P>]) -> Vec<f64> {
-    blocks.iter().flat_map(|b| b.iter().copied()).collect()
 }

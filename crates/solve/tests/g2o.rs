@@ -1,6 +1,6 @@
 //! g2o text: what is right is read and written back; what is wrong is told with its line; nothing panics.
 
-use cairn_solve::g2o::{Graph, read, write};
+use cairn_solve::g2o::{Graph, Replaced, read, read_nearest, write};
 use proptest::prelude::*;
 
 const PLANE: &str = "\
@@ -103,4 +103,16 @@ proptest! {
     fn any_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
         let _ = read(&String::from_utf8_lossy(&bytes));
     }
+}
+
+#[test]
+fn indefinite_information_is_replaced_only_when_asked() {
+    let text = "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 2 0 1 0 5\n";
+    assert_eq!(read(text).expect_err("indefinite").line, 2);
+    let file = read_nearest(text).expect("readable");
+    assert_eq!(file.replaced, Some(Replaced { edges: 1, first_line: 2 }));
+    let Graph::Plane(named) = &file.graph else { panic!("{file:?}") };
+    let information = named.graph.edges()[1].information;
+    assert!((information[(0, 0)] - 1.5).abs() < 1e-12 && (information[(0, 1)] - 1.5).abs() < 1e-12);
+    assert_eq!(read_nearest(PLANE).expect("good text").replaced, None);
 }

@@ -1,7 +1,9 @@
 //! Random graphs of every group: truth is recovered, gradients are those of the cost, cancelling leaves a valid state.
 
 use cairn_geometry::{LieGroup, Manifold, Se2, Se3, Sim3, So2, So3, Vec3, YawPose};
-use cairn_solve::graph::{GraphConfig, Method, Metric, PoseGraph, Rigid, chordal_start, odometry_start};
+use cairn_solve::graph::{
+    GraphConfig, Method, Metric, PoseGraph, Rigid, Start, chordal_start, lowest_start, odometry_start,
+};
 use cairn_solve::{Loss, Stop};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
@@ -257,4 +259,23 @@ fn what_makes_no_sense_is_refused() {
     let config = GraphConfig { method: Method::GaussNewton, ..GraphConfig::default() };
     assert_eq!(graph.solve(&config, || false).stop, Stop::NoDescent);
     assert!(chordal_start(&mut graph).is_err());
+}
+
+#[test]
+fn lowest_start_is_the_cheapest_and_the_graph_is_there() {
+    // Values far off: the measurements alone are exact.
+    let (mut graph, truth) = walk::<Se3, 6>(5, 30, 1.0);
+    let own = graph.cost(Metric::Geodesic);
+    let starts = lowest_start(&mut graph, true, Metric::Geodesic);
+    assert_eq!(starts.len(), 3);
+    assert!(starts.windows(2).all(|w| w[0].cost <= w[1].cost) && starts[2].cost == own, "{starts:?}");
+    assert_eq!(starts[2].start, Start::Values);
+    assert_eq!(graph.cost(Metric::Geodesic), starts[0].cost);
+    assert!(largest_error(graph.values(), &truth) < 1e-6);
+    // Already solved: its own values are the best, and without them they are not asked for.
+    graph.values_mut().copy_from_slice(&truth);
+    let (before, with) = (graph.clone(), lowest_start(&mut graph, true, Metric::Geodesic));
+    assert!(with[0].cost <= before.cost(Metric::Geodesic) + 1e-12);
+    let without = lowest_start(&mut graph, false, Metric::Geodesic);
+    assert!(without.len() == 2 && without.iter().all(|s| s.start != Start::Values));
 }

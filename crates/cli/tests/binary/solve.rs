@@ -30,7 +30,7 @@ const BUNDLE: &str = "\
 ";
 
 #[test]
-fn graphs_are_solved_by_every_method() {
+fn graphs_are_solved_from_every_start() {
     let folder = folder("solve-graph");
     let (file, out) = (folder.join("square.g2o"), folder.join("out.g2o"));
     std::fs::write(&file, SQUARE).unwrap();
@@ -62,6 +62,12 @@ fn graphs_are_solved_by_every_method() {
     assert!((again["cost_before"].as_f64().unwrap() - costs[0]).abs() < 1e-9 * costs[0], "{again}");
     let text = stdout(&cairn(&["solve", "graph", file]));
     assert!(text.contains("4 vertices in the plane") && text.contains("converged"), "{text}");
+    assert!(text.contains("of least cost: "), "{text}");
+    // Without a choice the start of least cost is taken.
+    let told = json(&cairn(&["solve", "graph", file, "--json"]));
+    let starts = told["starts"].as_array().unwrap();
+    assert!(starts.len() == 3 && starts.iter().all(|s| s[1].as_f64() >= starts[0][1].as_f64()), "{told}");
+    assert_eq!((&told["init"], &told["cost_before"]), (&starts[0][0], &starts[0][1]));
     for wrong in [&["--method", "magic"][..], &["--robust-width", "-1"], &["--init", "nowhere"]] {
         assert_eq!(cairn(&[&["solve", "graph", file], wrong].concat()).status.code(), Some(2), "{wrong:?}");
     }
@@ -107,6 +113,21 @@ fn invalid_files_are_reported() {
         &["solve", "graph", &write("good.g2o", SQUARE.as_bytes()), "--out", "/no/folder/x"],
         &["/no/folder/x"],
     );
+    let indefinite = write(
+        "indefinite.g2o",
+        b"EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 2 0 1 0 5\nEDGE_SE2 0 2 2 0 0 1 0 0 1 0 1\n",
+    );
+    fails(
+        &["solve", "graph", &indefinite],
+        &[
+            "indefinite.g2o, line 2",
+            "not positive semi-definite",
+            "1 of the file's edges",
+            "--information nearest",
+        ],
+    );
+    let told = json(&cairn(&["solve", "graph", &indefinite, "--information", "nearest", "--json"]));
+    assert_eq!((&told["information_replaced"], &told["stop"]), (&1.into(), &"converged".into()), "{told}");
     let lie = write("lie.txt", b"1 1 5\n0 0 1 2\n");
     fails(&["solve", "bundle", &lie], &["lie.txt, line 2", "missing"]);
     let flat = write("flat.txt", b"1 1 1\n0 0 1 2\n0 0 0 0 0 0 500 0 0\n1 2 0\n");

@@ -1,4 +1,4 @@
-//! Normal equations of a chain of states with a few unknowns that all of them share, solved block by block.
+//! Normal equations of a chain of states with a few unknowns shared by all of them, solved block by block.
 //!
 //! The Hessian is block tridiagonal with an arrow: each state of nine touches the next and the shared ones. Eliminating
 //! the states in order leaves the shared unknowns, whose reduced Hessian's inverse is their covariance (Triggs et al. 2000,
@@ -8,7 +8,7 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 
 /// Unknowns of a state.
 pub const STATE: usize = 9;
-/// Unknowns that all share.
+/// Unknowns shared by all states.
 pub const SHARED: usize = 10;
 
 pub type Block = SMatrix<f64, STATE, STATE>;
@@ -116,7 +116,7 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
 
     #[test]
-    fn it_solves_what_a_dense_solver_solves() {
+    fn agrees_with_a_dense_solver() {
         let n = 5;
         let mut rng = Rng::new(1);
         let mut chain = Chain::new(n);

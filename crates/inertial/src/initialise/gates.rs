@@ -1,4 +1,4 @@
-//! The tests an initialisation is put to, each a value with its number.
+//! The tests of an initialisation, each a value with its number.
 
 use super::{Initial, InitialiseConfig, Scale, Seen};
 use crate::{GRAVITY_M_S2, Preintegrated};
@@ -15,21 +15,21 @@ pub enum GateKind {
     Seconds,
     /// Key frames in time without a sum of readings that spans just that time.
     Links,
-    /// 1 when the clocks of sensor and images have been compared. Whoever tries may ask for it.
+    /// 1 when the clocks of IMU and camera have been compared. The caller adds this test.
     Clocks,
     /// Root mean square of the acceleration around its mean, m/s^2.
     Excitation,
-    /// Spread of the eye's places, in times the standard deviation of a place.
+    /// Spread of the camera's positions, in standard deviations of a position.
     Baseline,
     /// 1 when the solver found a minimum.
     Converged,
-    /// Weighted squared residuals for each degree of freedom.
+    /// Weighted squared residual per degree of freedom.
     Residual,
     /// The white noise of the gyroscope, in times its data sheet's. High too where the time offset is wrong.
     GyroNoise,
     /// The white noise of the accelerometer, in times its data sheet's.
     AccelNoise,
-    /// How far gravity's norm would be from 9.81 if it were free, beyond twice its standard deviation, m/s^2.
+    /// How far gravity's norm, when estimated, is from 9.81, beyond twice its standard deviation, m/s^2.
     GravityNorm,
     /// Relative standard deviation of the scale.
     ScaleSigma,
@@ -42,7 +42,7 @@ pub enum GateKind {
 }
 
 impl GateKind {
-    /// Without these nothing can be solved at all.
+    /// True for tests without which nothing can be solved.
     pub(super) fn is_structural(self) -> bool {
         matches!(self, Self::KeyFrames | Self::Links)
     }
@@ -85,11 +85,11 @@ impl GateKind {
 pub struct Gate {
     /// What is tested.
     pub kind: GateKind,
-    /// What was found.
+    /// The value found.
     pub value: f64,
-    /// What is asked for: at least or at most.
+    /// The bound: a minimum or a maximum.
     pub bound: f64,
-    /// Whether it holds.
+    /// Whether it is passed.
     pub passed: bool,
 }
 
@@ -110,7 +110,7 @@ impl fmt::Display for Gate {
     }
 }
 
-/// What can be told before anything is solved.
+/// Tests before the solve.
 pub fn before(
     seen: &Seen,
     links: &[Preintegrated],
@@ -129,7 +129,7 @@ pub fn before(
         unlinked += !link.span().is_some_and(fits) as usize;
     }
     unlinked += poses.iter().filter(|p| !p.world_from_camera.is_finite()).count();
-    // Three are the least that any equation has more rows than unknowns for.
+    // With fewer than three, no equation has more rows than unknowns.
     let mut gates = vec![
         Gate::new(GateKind::KeyFrames, poses.len() as f64, s.least_key_frames.max(3) as f64),
         Gate::new(GateKind::Links, unlinked as f64, 0.0),
@@ -150,7 +150,7 @@ pub fn converged(found: bool) -> Gate {
     Gate::new(GateKind::Converged, found as u8 as f64, 1.0)
 }
 
-/// What can be told of a solution.
+/// Tests of a solution.
 pub fn after(found: &Initial, scale: Scale, s: &InitialiseConfig) -> Vec<Gate> {
     let [norm, sigma] = found.gravity_norm;
     let off = ((norm - GRAVITY_M_S2).abs() - 2.0 * sigma).max(0.0);
@@ -169,7 +169,7 @@ pub fn after(found: &Initial, scale: Scale, s: &InitialiseConfig) -> Vec<Gate> {
     gates
 }
 
-/// Root mean square of the mean acceleration of each link around the mean of all, in the map's world.
+/// Root mean square of the mean acceleration of each link around the mean of all, in the frame of the map.
 fn excitation(seen: &Seen, links: &[Preintegrated], imu_from_camera: &Se3) -> f64 {
     let camera_from_imu = imu_from_camera.rotation.inverse();
     spread(seen.poses.iter().zip(links).map(|(pose, link)| {
@@ -178,7 +178,7 @@ fn excitation(seen: &Seen, links: &[Preintegrated], imu_from_camera: &Se3) -> f6
     }))
 }
 
-/// Spread of the eye's places over the deviation of one.
+/// Spread of the camera's positions over the standard deviation of one.
 fn baseline(seen: &Seen) -> f64 {
     let spread = spread(seen.poses.iter().map(|p| p.world_from_camera.translation));
     if seen.position_sigma > 0.0 { spread / seen.position_sigma } else { f64::INFINITY }

@@ -1,16 +1,16 @@
 //! First guesses: the gyroscope's bias from rotations alone, then scale, gravity and velocity from linear equations.
 //!
 //! Source: Mur-Artal & Tardós (RA-L 2017), section IV: A by iteration on the rotations, B and C as one linear system. The
-//! velocities are not unknowns of their own here: with the rotations seen, the place at each key frame is linear in the
-//! first place and velocity, gravity, scale and the accelerometer's bias.
+//! velocities are not unknowns here: with the visual rotations, the position at each key frame is linear in the first
+//! position and velocity, gravity, scale and the accelerometer's bias.
 
 use super::map::Problem;
 use crate::{Bias, GRAVITY_M_S2, Gravity, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, So3, Vec3};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-/// Seconds of the sequence that the linear guess looks at: over longer times the bias' walk and the rotations' errors add
-/// up twice.
+/// Seconds of the sequence that the linear guess uses: over longer times the random walk of the bias and the rotation errors
+/// are integrated twice.
 const GUESS_S: f64 = 5.0;
 
 /// Where the solver starts.
@@ -19,11 +19,11 @@ pub struct Guess {
     pub scale: f64,
     pub gravity: Gravity,
     pub bias: Bias,
-    /// At each key frame, m/s in the map's world.
+    /// At each key frame, m/s in the frame of the map.
     pub velocities: Vec<Vec3>,
 }
 
-/// The gyroscope's bias that best explains the rotations seen.
+/// The gyro bias that best explains the visual rotations.
 pub fn gyro_bias(rotations: &[So3], links: &mut [Preintegrated], iterations: usize) -> Vec3 {
     let mut bias = Bias::default();
     for _ in 0..iterations {
@@ -48,7 +48,7 @@ pub fn gyro_bias(rotations: &[So3], links: &mut [Preintegrated], iterations: usi
     bias.gyro
 }
 
-/// A path felt without knowing anything: `place(k) = first + velocity t + gravity t^2 / 2 + integrated(k) + by_bias(k) bias`.
+/// Dead reckoning with unknown start, gravity and bias: `place(k) = first + velocity t + gravity t^2 / 2 + integrated(k) + by_bias(k) bias`.
 struct Integrated {
     seconds: f64,
     velocity: Vec3,
@@ -112,7 +112,7 @@ pub fn guesses(problem: &Problem, gyro: Vec3) -> Vec<Guess> {
 }
 
 fn tilted(gravity: &Gravity, x: f64, y: f64) -> Gravity {
-    // A first guess may be far off; it is led there in steps.
+    // A first guess may be far off, so the solution is approached in steps.
     let norm = (x * x + y * y).sqrt();
     let part = if norm > 0.5 { 0.5 / norm } else { 1.0 };
     gravity.retract(&nalgebra::Vector2::new(x * part, y * part))
@@ -134,7 +134,7 @@ fn linear(problem: &Problem, path: &[Integrated], around: Option<&Gravity>) -> O
         put(0, Mat3::identity());
         put(3, Mat3::identity() * f.seconds);
         put(10, f.place_by_bias);
-        // scale * place - R arm = first + velocity t + gravity t^2 / 2 + felt
+        // scale * place - R arm = first + velocity t + gravity t^2 / 2 + integrated
         let mut rhs = -(*rotation * arm) - f.place;
         match around {
             Some(g) => {
@@ -157,7 +157,7 @@ fn linear(problem: &Problem, path: &[Integrated], around: Option<&Gravity>) -> O
     if known {
         h[(9, 9)] += 1.0;
     }
-    // A place is good to a centimetre or so in metres; the bias has its prior.
+    // A position is accurate to about a centimetre; the bias has its prior.
     let prior = (0.01 / problem.config.accel_bias_sigma).powi(2);
     for k in 10..13 {
         h[(k, k)] += prior;

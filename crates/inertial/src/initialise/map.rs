@@ -1,8 +1,8 @@
-//! The maximum a posteriori over scale, gravity, biases, velocities, and the errors of the poses seen.
+//! The maximum a posteriori over scale, gravity, biases, velocities, and the errors of the visual poses.
 //!
-//! Per key frame nine unknowns: the error of its place (map units, world axes), of its rotation (the sensor's axes), its
-//! velocity (m/s, world). Shared by all: log scale, gravity's tilt (2), gravity's norm (held, but for one look at what it
-//! would be), gyro bias (3), accel bias (3). Levenberg-Marquardt on [`Chain`].
+//! Per key frame nine unknowns: the error of its position (map units, world axes), of its rotation (the IMU's axes), its
+//! velocity (m/s, world). Shared by all: log scale, gravity's tilt (2), gravity's norm (fixed, except in one
+//! check of what it would be), gyro bias (3), accel bias (3). Levenberg-Marquardt on [`Chain`].
 
 use super::chain::{Block, Chain, SHARED, STATE, Step};
 use super::guess::{self, Guess};
@@ -10,18 +10,47 @@ use super::{Initial, InitialiseConfig, Scale, Seen};
 use crate::{Bias, GRAVITY_M_S2, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3, hat};
 use cairn_sensor::ImuNoise;
+use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Trial};
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Standard deviation that holds gravity's norm, relative.
 const NORM_SIGMA: f64 = 1e-5;
 
-/// How often the sensor's noise is fitted to what is left over.
+/// How often the noise of the IMU is fitted to the residuals.
 const ROUNDS: usize = 4;
 
-/// What is given.
+/// A solve under way.
+struct Search<'a> {
+    problem: &'a mut Problem,
+    state: State,
+    trial: State,
+    chain: Option<Chain>,
+}
+
+impl cairn_solve::Problem for Search<'_> {
+    fn linearise(&mut self) -> Option<f64> {
+        self.problem.follow(&self.state);
+        let (cost, chain) = self.problem.linearise(&self.state, NORM_SIGMA)?;
+        self.chain = Some(chain);
+        Some(cost)
+    }
+
+    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+        let step = self.chain.as_ref()?.solve(damping)?;
+        self.trial = self.problem.moved(&self.state, &step);
+        let cost = self.problem.cost(&self.trial)?;
+        Some(Trial { cost, predicted_decrease: f64::NAN })
+    }
+
+    fn accept(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.trial);
+    }
+}
+
+/// The measurements and settings.
 pub struct Problem {
     pub rotations: Vec<So3>,
-    /// Of the eye, in the map's units.
+    /// Of the camera, in the map's units.
     pub places: Vec<Vec3>,
     pub links: Vec<Preintegrated>,
     pub imu_from_camera: Se3,
@@ -40,7 +69,7 @@ fn worse(link: &Preintegrated, times: [f64; 2]) -> Preintegrated {
     Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
 }
 
-/// A point of the search.
+/// A state of the search.
 #[derive(Clone)]
 struct State {
     log_scale: f64,
@@ -77,7 +106,7 @@ impl Problem {
         self.scale == Scale::Free
     }
 
-    /// The best of what the guesses lead to; `None` when none leads anywhere.
+    /// The best solution from all guesses; `None` when none converges.
     pub fn solve(mut self) -> Option<Initial> {
         let gyro = guess::gyro_bias(&self.rotations, &mut self.links, 6);
         let mut best: Option<(f64, State)> = None;
@@ -89,7 +118,7 @@ impl Problem {
             }
         }
         let (mut cost, mut state) = best?;
-        // What is left over beyond its share is the sensor's: real ones err by more than their white noise.
+        // Residuals beyond their share are attributed to the IMU: real ones err by more than their white noise.
         for _ in 0..ROUNDS {
             let times = self.shares(&state)?.map(|share| if share > 1.2 { share.sqrt() } else { 1.0 });
             if times == [1.0; 2] {
@@ -100,10 +129,10 @@ impl Problem {
             (cost, state) = self.descend(state)?;
         }
         self.follow(&state);
-        self.told(cost, &state)
+        self.estimate(cost, &state)
     }
 
-    /// Weighted squared residuals for each degree of freedom: rows are 9 a link and 6 a key frame; unknowns 9 a key frame, and
+    /// Weighted squared residual per degree of freedom: rows are 9 a link and 6 a key frame; unknowns 9 a key frame, and
     /// the shared ones but gravity's norm.
     fn residual(&self, cost: f64) -> f64 {
         let n = self.places.len();
@@ -111,7 +140,7 @@ impl Problem {
         2.0 * cost / freedom.max(1.0)
     }
 
-    /// The same for what the gyroscope answers for (rotations) and the accelerometer (velocities and places).
+    /// The same for the part of the gyroscope (rotations) and of the accelerometer (velocities and positions).
     fn shares(&self, s: &State) -> Option<[f64; 2]> {
         let (n, links) = (self.places.len() as f64, self.links.len() as f64);
         let mut turns = s.turns.iter().map(Vec3::norm_squared).sum::<f64>() / self.rotation_sigma.powi(2);
@@ -147,33 +176,23 @@ impl Problem {
         self.links.iter_mut().for_each(|link| link.follow(&state.bias));
     }
 
-    fn descend(&mut self, mut state: State) -> Option<(f64, State)> {
+    fn descend(&mut self, state: State) -> Option<(f64, State)> {
+        let solver = LevenbergMarquardt {
+            iterations: self.config.iterations,
+            damping: Damping::Factors {
+                first: 1e-4,
+                least: 1e-9,
+                most: 1e6,
+                shrink: 0.1,
+                grow: 10.0,
+                restart: 0.0,
+            },
+            convergence: Convergence::Actual { relative: 1e-6 },
+        };
         self.follow(&state);
-        let (mut cost, mut chain) = self.linearise(&state, NORM_SIGMA)?;
-        let mut lambda = 1e-4;
-        for _ in 0..self.config.iterations {
-            let next = chain.solve(lambda).map(|step| self.moved(&state, &step));
-            let next = next.and_then(|next| Some((self.cost(&next)?, next)));
-            match next {
-                Some((lower, next)) if lower < cost => {
-                    let gain = (cost - lower) / cost.max(1e-12);
-                    state = next;
-                    lambda = (lambda * 0.1).max(1e-9);
-                    if gain < 1e-6 {
-                        return Some((lower, state));
-                    }
-                    self.follow(&state);
-                    (cost, chain) = self.linearise(&state, NORM_SIGMA)?;
-                }
-                _ => {
-                    lambda *= 10.0;
-                    if lambda > 1e6 {
-                        break;
-                    }
-                }
-            }
-        }
-        cost.is_finite().then_some((cost, state))
+        let mut search = Search { problem: self, trial: state.clone(), state, chain: None };
+        let cost = solver.minimise(&mut search, || false).cost_after;
+        cost.is_finite().then_some((cost, search.state))
     }
 
     fn moved(&self, s: &State, step: &Step) -> State {
@@ -204,7 +223,7 @@ impl Problem {
         NavState { world_from_imu: Se3::new(rotation, place), velocity: s.velocities[k], bias: s.bias }
     }
 
-    /// Standard deviations of the shared unknowns' priors, and how far they are from their means.
+    /// Standard deviations of the shared unknowns' priors, and the unknowns' differences from the prior means.
     fn priors(&self, s: &State, norm_sigma: f64) -> [(f64, f64); SHARED] {
         let (gyro, accel) = (self.config.gyro_bias_sigma, self.config.accel_bias_sigma);
         let scale = match self.scale {
@@ -254,7 +273,7 @@ impl Problem {
             for i in 0..3 {
                 chain.diagonal[k][(i, i)] += self.position_sigma.powi(-2);
                 chain.diagonal[k][(3 + i, 3 + i)] += self.rotation_sigma.powi(-2);
-                // Velocities are known to be less than those of trains.
+                // A weak prior: velocities of up to 1 km/s.
                 chain.diagonal[k][(6 + i, 6 + i)] += 1e-6;
                 chain.gradient[k][i] += s.errors[k][i] / self.position_sigma.powi(2);
                 chain.gradient[k][3 + i] += s.turns[k][i] / self.rotation_sigma.powi(2);
@@ -290,14 +309,14 @@ impl Problem {
         let to_imu: Mat3 = at.world_from_imu.rotation.matrix().transpose();
         let mut out = Block::zeros();
         out.fixed_view_mut::<9, 3>(0, 0).copy_from(&(by_place * to_imu * scale));
-        // place = eye - R exp(turn) arm: turning moves the sensor about the eye.
+        // position = camera - R exp(turn) arm: turning moves the IMU about the camera.
         let turn = by_turn + by_place * hat(&self.imu_from_camera.translation);
         out.fixed_view_mut::<9, 3>(0, 3).copy_from(&turn);
         out.fixed_view_mut::<9, 3>(0, 6).copy_from(&by.fixed_view::<9, 3>(0, 6));
         out
     }
 
-    fn told(&self, cost: f64, state: &State) -> Option<Initial> {
+    fn estimate(&self, cost: f64, state: &State) -> Option<Initial> {
         let n = self.places.len();
         let residual = self.residual(cost);
         let (_, chain) = self.linearise(state, NORM_SIGMA)?;

@@ -1,13 +1,13 @@
-//! Scale, gravity, biases and velocities of a map that was seen, from what the inertial sensor felt meanwhile: a
-//! hypothesis that is tried beside the map and changes nothing until it is believed.
+//! IMU initialisation: scale, gravity, biases and velocities of a visual map from the IMU readings of the same time. It is a
+//! hypothesis tested beside the map, which changes nothing until it is accepted.
 //!
 //! Source: Campos, Montiel, Tardós, "Inertial-only optimization for visual-inertial initialization" (ICRA 2020): the
-//! maximum a posteriori over (scale, gravity's direction, biases, velocities) of eq. 3-7 with the updates of eq. 8-12. MatchFailure
-//! there the seen poses are not taken as exact: each has an error of its own with the prior that its maker states, which
-//! is solved for too. First guesses after Mur-Artal & Tardós, "Visual-inertial monocular SLAM with map reuse" (RA-L 2017),
+//! maximum a posteriori over (scale, gravity's direction, biases, velocities) of eq. 3-7 with the updates of eq. 8-12. Unlike
+//! there, the visual poses are not taken as exact: each has an error with a prior that the caller states, which is
+//! solved for too. First guesses after Mur-Artal & Tardós, "Visual-inertial monocular SLAM with map reuse" (RA-L 2017),
 //! section IV.
 //!
-//! Every test is a [`Gate`] with its number, so that who waits can be told what for.
+//! Every test is a [`Gate`] with its number, so that a waiting user can be told what is missing.
 
 mod chain;
 mod gates;
@@ -20,12 +20,12 @@ use cairn_sensor::Stamp;
 pub use gates::{Gate, GateKind};
 use nalgebra::SMatrix;
 
-/// A key frame as it was seen: in the map's own units.
+/// A visual pose of a key frame, in the map's own units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeenPose {
-    /// When.
+    /// Its time.
     pub stamp: Stamp,
-    /// Where the eye was.
+    /// Pose of the camera.
     pub world_from_camera: Se3,
 }
 
@@ -36,8 +36,8 @@ pub struct Seen<'a> {
     pub poses: &'a [SeenPose],
     /// Standard deviation of a rotation, rad.
     pub rotation_sigma: f64,
-    /// Standard deviation of a place, in the map's units: about the median depth times the error in pixels over the focal
-    /// length, less as many points are seen.
+    /// Standard deviation of a position, in the map's units: about the median depth times the error in pixels over the focal
+    /// length, less with many points observed.
     pub position_sigma: f64,
 }
 
@@ -46,14 +46,14 @@ pub struct Seen<'a> {
 pub enum Scale {
     /// One camera: nothing.
     Free,
-    /// Stereo, depth, or an estimate before: metres, but for this standard deviation of the scale's logarithm.
+    /// Stereo, depth, or an earlier estimate: metres, up to this standard deviation of the scale's logarithm.
     Known {
         /// Relative standard deviation.
         sigma: f64,
     },
 }
 
-/// How it is solved, and what is asked of it.
+/// Settings of the solver and bounds of the tests.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InitialiseConfig {
@@ -61,32 +61,32 @@ pub struct InitialiseConfig {
     pub gyro_bias_sigma: f64,
     /// Prior of the accelerometer's bias around zero, m/s^2.
     pub accel_bias_sigma: f64,
-    /// What to multiply the sensor's noise densities with at least: real ones are worse than their data sheets. It is raised
-    /// to fit what is left over.
+    /// Least factor on the noise densities of the IMU: real ones are worse than their data sheets. It is raised to fit the
+    /// residuals.
     pub noise_times: f64,
-    /// That number at most, for gyroscope and accelerometer.
+    /// Greatest such factor, for gyroscope and accelerometer.
     pub most_noise_times: [f64; 2],
-    /// Steps of the solver at most.
+    /// Maximum number of solver steps.
     pub iterations: usize,
-    /// Key frames at least.
+    /// Minimum number of key frames.
     pub least_key_frames: usize,
-    /// Seconds from the first key frame to the last at least.
+    /// Minimum time from the first key frame to the last, seconds.
     pub least_seconds: f64,
-    /// Root mean square of the acceleration around its mean at least, m/s^2; only where scale is free.
+    /// Minimum root mean square of the acceleration around its mean, m/s^2; only where scale is free.
     pub least_excitation: f64,
-    /// Spread of the eye's places at least, in times the standard deviation of a place; only where scale is free.
+    /// Minimum spread of the camera's positions, in standard deviations of a position; only where scale is free.
     pub least_baseline: f64,
-    /// Weighted squared residuals for each degree of freedom at most.
+    /// Maximum weighted squared residual per degree of freedom.
     pub most_residual: f64,
-    /// Difference of gravity's norm, left free, from 9.81 at most, m/s^2, beyond twice its standard deviation.
+    /// Maximum difference of gravity's norm, when estimated, from 9.81, beyond twice its standard deviation, m/s^2.
     pub most_gravity_off: f64,
-    /// Standard deviation of the scale at most, relative.
+    /// Maximum relative standard deviation of the scale.
     pub most_scale_sigma: f64,
-    /// Standard deviation of gravity's direction at most, rad.
+    /// Maximum standard deviation of gravity's direction, rad.
     pub most_gravity_sigma: f64,
-    /// Norm of the gyroscope's bias at most, rad/s.
+    /// Maximum norm of the gyro bias, rad/s.
     pub most_gyro_bias: f64,
-    /// Norm of the accelerometer's bias at most, m/s^2.
+    /// Maximum norm of the accel bias, m/s^2.
     pub most_accel_bias: f64,
 }
 
@@ -112,33 +112,33 @@ impl Default for InitialiseConfig {
     }
 }
 
-/// What was found.
+/// The estimate.
 #[derive(Clone, Debug)]
 pub struct Initial {
     /// Metres in a unit of the map.
     pub scale: f64,
     /// Standard deviation of the scale's logarithm.
     pub scale_sigma: f64,
-    /// Gravity in the map's world.
+    /// Gravity in the frame of the map.
     pub gravity: Gravity,
     /// Standard deviation of its direction, rad (the greater of two axes).
     pub gravity_sigma: f64,
-    /// What gravity's norm would be if it were free, and its standard deviation, m/s^2.
+    /// Gravity's norm when it is estimated too, and its standard deviation, m/s^2.
     pub gravity_norm: [f64; 2],
     /// The biases, constant over the key frames.
     pub bias: Bias,
-    /// Per key frame the state in the map's world in metres (scaled about its origin, not yet levelled).
+    /// Per key frame the state in the frame of the map in metres (scaled about its origin, not yet gravity-aligned).
     pub states: Vec<NavState>,
     /// Of (log scale, gravity's tilt (2), gyro bias (3), accel bias (3)).
     pub covariance: SMatrix<f64, 9, 9>,
-    /// Weighted squared residuals for each degree of freedom; the covariance is raised by it where it is over 1.
+    /// Weighted squared residual per degree of freedom; the covariance is raised by it where it is over 1.
     pub residual: f64,
-    /// How many times its data sheet's the white noise of the gyroscope and of the accelerometer seems to be.
+    /// Estimated factor of the white noise of gyroscope and accelerometer over their data sheets.
     pub noise_times: [f64; 2],
 }
 
 impl Initial {
-    /// From the map's world into one in metres with z up; the map's origin stays where it is.
+    /// From the frame of the map into a gravity-aligned one in metres with z up; the map's origin stays where it is.
     pub fn metric_from_map(&self) -> Sim3 {
         Sim3 {
             rotation: self.gravity.world_from_level.inverse(),
@@ -147,7 +147,7 @@ impl Initial {
         }
     }
 
-    /// A state of the map's world in that levelled one.
+    /// A state in the frame of the map, transformed into that gravity-aligned one.
     pub fn level(&self, state: &NavState) -> NavState {
         let level_from_world: So3 = self.gravity.world_from_level.inverse();
         NavState {
@@ -158,28 +158,28 @@ impl Initial {
     }
 }
 
-/// A try: the tests it was put to, and what was found where anything was.
+/// An attempt: its tests, and the estimate where there is one.
 #[derive(Clone, Debug)]
 pub struct Attempt {
     /// All tests with their numbers, passed and failed.
     pub gates: Vec<Gate>,
-    /// What was found, good or not.
+    /// The estimate, accepted or not.
     pub found: Option<Initial>,
 }
 
 impl Attempt {
-    /// What was found, when every test was passed.
+    /// The estimate, when every test was passed.
     pub fn accepted(&self) -> Option<&Initial> {
         self.found.as_ref().filter(|_| self.gates.iter().all(|g| g.passed))
     }
 
-    /// The tests that were failed.
+    /// The failed tests.
     pub fn failed(&self) -> impl Iterator<Item = &Gate> {
         self.gates.iter().filter(|g| !g.passed)
     }
 }
 
-/// Tries to find scale, gravity and biases. `links[k]` sums the readings from key frame `k` to `k + 1`;
+/// Attempts to estimate scale, gravity and biases. `links[k]` preintegrates the readings from key frame `k` to `k + 1`;
 /// `imu_from_camera` is in metres.
 pub fn initialise(
     seen: &Seen,

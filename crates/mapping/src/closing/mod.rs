@@ -11,9 +11,7 @@ mod relocation_prior;
 
 use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;
-use cairn_adjust::{
-    ImuModel, InertialWindow, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, recognise,
-};
+use cairn_adjust::{ImuModel, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, recognise};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
 use cairn_sensor::ImuSensor;
@@ -49,7 +47,7 @@ pub struct CloserConfig {
 
 impl Default for CloserConfig {
     fn default() -> Self {
-        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 500 }
+        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 2000 }
     }
 }
 
@@ -427,7 +425,7 @@ impl Closer {
             stopped
         };
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
-        let imu = imu.map(|(imu, _)| InertialWindow::whole(snapshot, &self.camera, &imu, map));
+        let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
         let result = match imu.filter(|w| w.links() > 0) {
             Some(imu) => imu.solve(&window, stop_requested),
             None => Window::whole(snapshot, &self.camera, map).solve(&window, stop_requested),

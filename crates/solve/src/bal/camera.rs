@@ -24,7 +24,7 @@ pub struct Projection {
 }
 
 impl BalCamera {
-    /// Where a point of the world is seen, pixels from the image's centre; not finite for points in the camera's plane.
+    /// Projection of a point of the world, pixels from the image's centre; not finite for points in the camera's plane.
     pub fn project(&self, point: &Vec3) -> Vec2 {
         let p = self.camera_from_world * *point;
         let n = Vec2::new(-p.x / p.z, -p.y / p.z);

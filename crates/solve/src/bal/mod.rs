@@ -1,7 +1,7 @@
 //! Bundle adjustment in the large: the problems and the camera of the BAL data set, as text and solved.
 //!
 //! Source: Agarwal, Snavely, Seitz, Szeliski, "Bundle adjustment in the large" (2010), and the page of its data set:
-//! cameras look along -z, and a point `p` of the world is seen at `f (1 + k1 n^2 + k2 n^4) n` with
+//! cameras look along -z, and a point `p` of the world projects to `f (1 + k1 n^2 + k2 n^4) n` with
 //! `n = -(x, y) / z` of `R p + t`, in pixels from the image's centre.
 
 mod camera;
@@ -14,7 +14,7 @@ pub use text::{read, write};
 
 use cairn_geometry::{Vec2, Vec3};
 
-/// One point seen by one camera.
+/// One point observed by one camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BalObservation {
     /// Index of the camera.
@@ -25,7 +25,7 @@ pub struct BalObservation {
     pub pixel: Vec2,
 }
 
-/// Cameras, points, and what was seen.
+/// Cameras, points and observations.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bal {
     /// Cameras, each with a lens of its own.

@@ -1,19 +1,19 @@
 //! Bundle adjustment of BAL problems.
 
 use super::{Bal, BalCamera, BalObservation};
-use crate::descent::{Attempt, Descend, Rule, descend};
-use crate::schur::{Normal, Schur};
+use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Problem, Trial};
+use crate::schur::{More, Normal, Schur};
 use crate::{CHI2_2, Loss, Report, Stop};
 use cairn_geometry::{Manifold, Vec3};
 
-/// How to solve.
+/// Settings of [`Bal::solve`].
 #[derive(Clone, Copy, Debug)]
 pub struct BalConfig {
-    /// What a squared reprojection error in pixels costs.
+    /// Loss of a squared reprojection error in pixels.
     pub loss: Loss,
-    /// Steps at most, rejected ones too.
+    /// Maximum number of steps, rejected ones included.
     pub iterations: usize,
-    /// Done when a step promises to lower the cost by less than this part of it.
+    /// Converged when the linear model predicts to lower the cost by less than this part of it.
     pub tolerance: f64,
 }
 
@@ -29,8 +29,8 @@ impl Bal {
         cost(&self.cameras, &self.points, &self.observations, loss)
     }
 
-    /// Lowers the cost by Levenberg-Marquardt; asks `stop` before each step. Nothing is held: where the whole stands, how it
-    /// is turned and its scale stay about as they were because steps are damped.
+    /// Lowers the cost by Levenberg-Marquardt; asks `stop` before each step. No variable is fixed:
+    /// position, orientation and scale of the whole are free, and stay nearly as they were because steps are damped.
     pub fn solve(&mut self, config: &BalConfig, mut stop: impl FnMut() -> bool) -> Report {
         let before = self.cost(config.loss);
         let mut report = Report {
@@ -41,15 +41,18 @@ impl Bal {
             stop: if self.observations.is_empty() { Stop::Empty } else { Stop::NoDescent },
         };
         if !self.observations.is_empty() && before.is_finite() {
-            let rule = Rule {
-                gauss_newton: false,
+            let solver = LevenbergMarquardt {
                 iterations: config.iterations,
-                tolerance: config.tolerance,
-                noise: 1e-16 * self.observations.len() as f64,
+                damping: Damping::GainRatio { first: 1e-6, most: 1e10 },
+                convergence: Convergence::Predicted {
+                    relative: config.tolerance,
+                    absolute: 1e-16 * self.observations.len() as f64,
+                },
             };
             let mut adjustment = Adjustment::new(self, config.loss);
-            (report.iterations, report.stop) = descend(&mut adjustment, &rule, &mut stop);
-            report.cost_after = adjustment.normal.cost;
+            let outcome = solver.minimise(&mut adjustment, &mut stop);
+            (report.iterations, report.stop) = (outcome.iterations, outcome.stop);
+            report.cost_after = outcome.cost_after;
             (self.cameras, self.points) = (adjustment.cameras, adjustment.points);
         }
         report.inliers =
@@ -84,15 +87,13 @@ impl Adjustment {
         observations.sort_by_key(|o| o.point);
         let (cameras, points) = (bal.cameras.clone(), bal.points.clone());
         let seen = observations.iter().map(|o| (o.point as usize, Some(o.camera)));
-        let schur = Schur::new(cameras.len(), points.len(), seen);
-        let normal = Normal::zeros(cameras.len(), points.len(), observations.len());
+        let schur = Schur::new(cameras.len(), points.len(), seen, More::default());
+        let normal = schur.normal();
         let tried = (cameras.clone(), points.clone());
-        let mut adjustment = Self { loss, observations, schur, cameras, points, tried, normal };
-        adjustment.linearise();
-        adjustment
+        Self { loss, observations, schur, cameras, points, tried, normal }
     }
 
-    fn linearise(&mut self) {
+    fn build(&mut self) {
         let normal = &mut self.normal;
         normal.clear();
         for (o, coupling) in self.observations.iter().zip(&mut normal.couplings) {
@@ -111,12 +112,13 @@ impl Adjustment {
     }
 }
 
-impl Descend for Adjustment {
-    fn cost(&self) -> f64 {
-        self.normal.cost
+impl Problem for Adjustment {
+    fn linearise(&mut self) -> Option<f64> {
+        self.build();
+        Some(self.normal.cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Attempt> {
+    fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let step = self.schur.step(&self.normal, None, damping, 1e-12)?;
         let (cameras, points) = &mut self.tried;
         for ((to, from), d) in cameras.iter_mut().zip(&self.cameras).zip(&step.cameras) {
@@ -126,12 +128,11 @@ impl Descend for Adjustment {
             *to = from + d;
         }
         let cost = cost(cameras, points, &self.observations, self.loss);
-        Some(Attempt { promise: step.promise, cost })
+        Some(Trial { cost, predicted_decrease: step.promise })
     }
 
     fn accept(&mut self) {
         std::mem::swap(&mut self.cameras, &mut self.tried.0);
         std::mem::swap(&mut self.points, &mut self.tried.1);
-        self.linearise();
     }
 }

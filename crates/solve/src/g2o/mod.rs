@@ -1,12 +1,12 @@
 //! Pose graphs as g2o text: `VERTEX_SE2`, `EDGE_SE2`, `VERTEX_SE3:QUAT`, `EDGE_SE3:QUAT` and `FIX`.
 //!
 //! Source: Kuemmerle et al., "g2o: a general framework for graph optimization" (2011), and its file format. Information
-//! matrices are taken as they stand, for (x, y, angle) and (x, y, z, rotation vector), as GTSAM and SE-Sync take them.
-//! A file without vertices has those that its edges name.
+//! matrices are taken as they are, for (x, y, angle) and (x, y, z, rotation vector), as GTSAM and SE-Sync take them.
+//! A file without vertices gets those that its edges name.
 
 mod read;
 mod record;
 mod write;
 
-pub use read::{G2o, Graph, Named, read};
+pub use read::{G2o, Graph, Named, Replaced, read, read_nearest};
 pub use write::write;

@@ -2,22 +2,34 @@
 
 use super::record::Record;
 use crate::Loss;
-use crate::graph::{PoseGraph, semi_definite};
+use crate::graph::{PoseGraph, nearest_semi_definite, semi_definite};
 use crate::text::{TextError, end, number, shown, whole};
 use cairn_geometry::{Se2, Se3};
 use nalgebra::SMatrix;
 use std::collections::BTreeMap;
 
-/// What a g2o text holds.
+/// The content of a g2o text.
 #[derive(Clone, Debug)]
 pub struct G2o {
     /// The graph.
     pub graph: Graph,
-    /// Whether vertices were given with values; otherwise they stand at the identity and wait for a start.
+    /// Whether vertices were given with values; otherwise they are the identity and need a start.
     pub has_values: bool,
     /// Tags that were not read, with the number of their lines (long tags are cut; of very many the rest is counted as
     /// `...`).
     pub unknown: BTreeMap<String, usize>,
+    /// Edges whose information matrix was not positive semi-definite and was replaced by the nearest one that is; always
+    /// `None` from [`read`].
+    pub replaced: Option<Replaced>,
+}
+
+/// Information matrices that were replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Replaced {
+    /// How many.
+    pub edges: usize,
+    /// Line of the first.
+    pub first_line: usize,
 }
 
 /// A graph in the plane or in space.
@@ -38,7 +50,7 @@ pub struct Named<G, const D: usize> {
     pub ids: Vec<u64>,
 }
 
-/// Different unknown tags that are told by name.
+/// Different unknown tags that are listed by name.
 const TAGS: usize = 32;
 
 /// Reads a g2o text.
@@ -48,6 +60,19 @@ const TAGS: usize = 32;
 /// matrices that are not positive semi-definite, an id twice, edges to what there is not or from a vertex to itself, the
 /// plane and space mixed; and when there is no edge at all.
 pub fn read(text: &str) -> Result<G2o, TextError> {
+    let file = read_nearest(text)?;
+    match file.replaced {
+        None => Ok(file),
+        Some(r) => Err(TextError::new(r.first_line, "the information matrix is not positive semi-definite")),
+    }
+}
+
+/// Reads a g2o text, and replaces information matrices that are not positive semi-definite by the nearest that are
+/// ([`nearest_semi_definite`]); how many is in [`G2o::replaced`].
+///
+/// # Errors
+/// As [`read`], but for those information matrices.
+pub fn read_nearest(text: &str) -> Result<G2o, TextError> {
     let mut rows: Rows = Rows::default();
     let mut unknown: BTreeMap<String, usize> = BTreeMap::new();
     for (k, content) in text.lines().enumerate() {
@@ -95,6 +120,7 @@ impl Rows {
         if self.plane.edges.is_empty() && self.space.edges.is_empty() {
             return Err(TextError::new(lines.max(1), "the text ends without an edge of a pose graph"));
         }
+        let replaced = self.plane.replaced.or(self.space.replaced);
         let (graph, has_values) = if self.plane.first.is_some() {
             let has_values = !self.plane.vertices.is_empty();
             (Graph::Plane(self.plane.build(&self.fixes)?), has_values)
@@ -102,7 +128,7 @@ impl Rows {
             let has_values = !self.space.vertices.is_empty();
             (Graph::Space(self.space.build(&self.fixes)?), has_values)
         };
-        Ok(G2o { graph, has_values, unknown })
+        Ok(G2o { graph, has_values, unknown, replaced })
     }
 }
 
@@ -111,6 +137,7 @@ struct Lines<G, const D: usize> {
     first: Option<usize>,
     vertices: BTreeMap<u64, G>,
     edges: Vec<EdgeLine<G, D>>,
+    replaced: Option<Replaced>,
 }
 
 struct EdgeLine<G, const D: usize> {
@@ -122,7 +149,7 @@ struct EdgeLine<G, const D: usize> {
 
 impl<G, const D: usize> Default for Lines<G, D> {
     fn default() -> Self {
-        Self { first: None, vertices: BTreeMap::new(), edges: Vec::new() }
+        Self { first: None, vertices: BTreeMap::new(), edges: Vec::new(), replaced: None }
     }
 }
 
@@ -138,7 +165,7 @@ impl<G: Record<D>, const D: usize> Lines<G, D> {
         self.first.get_or_insert(line);
         match self.vertices.insert(id, value) {
             None => Ok(()),
-            Some(_) => Err(TextError::new(line, format!("vertex {id} is there twice"))),
+            Some(_) => Err(TextError::new(line, format!("vertex {id} is defined twice"))),
         }
     }
 
@@ -154,10 +181,12 @@ impl<G: Record<D>, const D: usize> Lines<G, D> {
         }
         end(words, line)?;
         if ends[0] == ends[1] {
-            return Err(TextError::new(line, format!("the edge ties vertex {} to itself", ends[0])));
+            return Err(TextError::new(line, format!("the edge connects vertex {} to itself", ends[0])));
         }
         if !semi_definite(&information) {
-            return Err(TextError::new(line, "the information matrix is not positive semi-definite"));
+            let reason = "the information matrix has no eigenvalues that can be computed";
+            information = nearest_semi_definite(&information).ok_or(TextError::new(line, reason))?;
+            self.replaced.get_or_insert(Replaced { edges: 0, first_line: line }).edges += 1;
         }
         self.first.get_or_insert(line);
         self.edges.push(EdgeLine { line, ends, a_from_b, information });

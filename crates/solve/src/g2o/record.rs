@@ -3,11 +3,11 @@
 use crate::text::{TextError, number};
 use cairn_geometry::{LieGroup, Se2, Se3, So3, Vec3};
 
-/// A pose as it stands in the text.
+/// A pose as written in the text.
 pub trait Record<const D: usize>: LieGroup<D> {
     const VERTEX: &'static str;
     const EDGE: &'static str;
-    /// Takes its numbers off the line.
+    /// Reads its numbers from the line.
     fn take<'a>(words: &mut impl Iterator<Item = &'a str>, line: usize) -> Result<Self, TextError>;
     /// Its numbers.
     fn numbers(&self) -> Vec<f64>;

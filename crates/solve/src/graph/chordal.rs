@@ -4,12 +4,12 @@
 //! and its use in pose graph optimization" (2015), section III.C (chordal relaxation; Martinec and Pajdla, 2007).
 
 use super::PoseGraph;
-use crate::sparse::{Analysis, Factor, NotPositive};
+use crate::sparse::{Analysis, Factor, NotPositive, UniformBlocks};
 use cairn_geometry::{LieGroup, Mat3, Se2, Se3, So2, So3, Vec2, Vec3};
 use nalgebra::SMatrix;
 use std::sync::Arc;
 
-/// A group of rigid transforms, seen as transforms of space.
+/// A group of rigid transforms, viewed as transforms of space.
 pub trait Rigid<const D: usize>: LieGroup<D> {
     /// The rotation matrix and the translation, metres.
     fn to_space(&self) -> (Mat3, Vec3);
@@ -69,7 +69,7 @@ impl Rigid<3> for Se2 {
 /// Held vertices stay where they are.
 ///
 /// # Errors
-/// When the measurements do not tie every vertex to a held one with weights for rotation and translation; nothing is
+/// When the edges do not connect every vertex to a held one with weights for rotation and translation; nothing is
 /// changed then.
 pub fn chordal_start<G: Rigid<D>, const D: usize>(graph: &mut PoseGraph<G, D>) -> Result<(), NotPositive> {
     let held = graph.held();
@@ -128,7 +128,8 @@ fn system<const N: usize>(
         blocks.iter().flat_map(|b| b.iter().copied()).collect()
     };
     let mut factor = Factor::new(analysis);
-    factor.factor(&numbers(&diagonal), &numbers(&off))?;
+    let (diagonal, off) = (numbers(&diagonal), numbers(&off));
+    factor.factor(&UniformBlocks { size: N, diagonal: &diagonal, off_diagonal: &off })?;
     Ok(factor)
 }
 

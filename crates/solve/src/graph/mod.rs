@@ -9,19 +9,20 @@ mod chordal;
 mod normal;
 mod odometry;
 mod solve;
+mod start;
 
 pub use chordal::{Rigid, chordal_start};
 pub use odometry::odometry_start;
+pub use start::{Start, StartCost, lowest_start};
 
 use crate::Loss;
 use cairn_geometry::LieGroup;
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-/// How steps are found.
+/// How steps are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// The whole step each time, also where the cost rises on the way; the best state is kept. Few steps from a good
-    /// start.
+    /// The full step each time, also where it raises the cost; the best state is kept. Few steps from a good start.
     GaussNewton,
     /// Damped steps, none of which raises the cost (Levenberg-Marquardt, damping after Nielsen 1999).
     LevenbergMarquardt,
@@ -36,16 +37,16 @@ pub enum Metric {
     Chordal,
 }
 
-/// How to solve.
+/// Settings of [`PoseGraph::solve`].
 #[derive(Clone, Copy, Debug)]
 pub struct GraphConfig {
-    /// How steps are found.
+    /// How steps are computed.
     pub method: Method,
     /// What the residual of an edge is.
     pub metric: Metric,
-    /// Steps at most, rejected ones too.
+    /// Maximum number of steps, rejected ones included.
     pub iterations: usize,
-    /// Done when a step promises to lower the cost by less than this part of it.
+    /// Converged when the linear model predicts to lower the cost by less than this part of it.
     pub tolerance: f64,
 }
 
@@ -67,22 +68,22 @@ pub struct Edge<G, const D: usize> {
     pub a: usize,
     /// Index of the second vertex.
     pub b: usize,
-    /// What was measured.
+    /// The measurement.
     pub a_from_b: G,
     /// Inverse covariance of the measurement's coordinates.
     pub information: SMatrix<f64, D, D>,
-    /// What its residual costs.
+    /// Robust loss of its residual.
     pub loss: Loss,
 }
 
-/// Why an edge was not taken.
+/// Why an edge was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EdgeError {
-    /// It names a vertex that there is not.
+    /// It names a vertex that does not exist.
     #[error("vertex {0} does not exist")]
     NoVertex(usize),
     /// Both its ends are the same vertex.
-    #[error("it ties vertex {0} to itself")]
+    #[error("it connects vertex {0} to itself")]
     Loop(usize),
     /// The measurement is not finite.
     #[error("its measurement is not finite")]
@@ -111,17 +112,17 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         Self { values: Vec::new(), fixed: Vec::new(), edges: Vec::new() }
     }
 
-    /// Adds a vertex with its `world_from_vertex`; `fixed` ones are not moved. Gives its index.
+    /// Adds a vertex with its `world_from_vertex`; `fixed` ones are not moved. Returns its index.
     pub fn add_vertex(&mut self, world_from_vertex: G, fixed: bool) -> usize {
         self.values.push(world_from_vertex);
         self.fixed.push(fixed);
         self.values.len() - 1
     }
 
-    /// Adds an edge: `a_from_b` as measured, and the inverse covariance of its coordinates. Gives its index.
+    /// Adds an edge: `a_from_b` as measured, and the inverse covariance of its coordinates. Returns its index.
     ///
     /// # Errors
-    /// When a vertex does not exist, both are the same, or the numbers make no sense.
+    /// When a vertex does not exist, both are the same, or measurement, information or loss are invalid.
     pub fn add_edge(
         &mut self,
         a: usize,
@@ -158,7 +159,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         &self.values
     }
 
-    /// The same, to be changed by hand.
+    /// The same, mutable.
     pub fn values_mut(&mut self) -> &mut [G] {
         &mut self.values
     }
@@ -173,7 +174,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         &self.edges
     }
 
-    /// The edges, to be changed by hand; indices must stay within the graph.
+    /// The edges, mutable; indices must stay within the graph.
     pub fn edges_mut(&mut self) -> &mut [Edge<G, D>] {
         &mut self.edges
     }
@@ -195,7 +196,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         edge.a_from_b.inverse().compose(&relative)
     }
 
-    /// For each vertex, the first one that it is tied to, by edges that are not between fixed vertices.
+    /// For each vertex, the first one of its connected component.
     fn components(&self) -> Vec<usize> {
         let mut root: Vec<usize> = (0..self.values.len()).collect();
         fn find(root: &mut [usize], mut i: usize) -> usize {
@@ -232,10 +233,45 @@ fn residual<G: LieGroup<D>, const D: usize>(error: &G, metric: Metric) -> SVecto
     }
 }
 
+/// The symmetric positive semi-definite matrix nearest to a symmetric one in the Frobenius norm: negative eigenvalues
+/// become zero. `None` when an entry is not finite or the eigenvalues are not found.
+///
+/// Source: Higham, "Computing a nearest symmetric positive semidefinite matrix" (1988), theorem 2.1.
+pub fn nearest_semi_definite<const D: usize>(m: &SMatrix<f64, D, D>) -> Option<SMatrix<f64, D, D>> {
+    if !m.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let symmetric = nalgebra::DMatrix::from_fn(D, D, |r, c| 0.5 * (m[(r, c)] + m[(c, r)]));
+    let eigen = nalgebra::SymmetricEigen::try_new(symmetric, 1e-15, 1000)?;
+    let clipped = eigen.eigenvalues.map(|v| v.max(0.0));
+    let product =
+        &eigen.eigenvectors * nalgebra::DMatrix::from_diagonal(&clipped) * eigen.eigenvectors.transpose();
+    Some(SMatrix::from_fn(|r, c| 0.5 * (product[(r, c)] + product[(c, r)])))
+}
+
 /// Whether a matrix is symmetric, finite and has no eigenvalue that is clearly negative.
 pub fn semi_definite<const D: usize>(m: &SMatrix<f64, D, D>) -> bool {
     let largest = m.amax();
     let symmetric = (m - m.transpose()).amax() <= 1e-6 * largest;
     let lifted = m + SMatrix::<f64, D, D>::identity() * (1e-9 * largest);
     largest.is_finite() && symmetric && (largest == 0.0 || Cholesky::new(lifted).is_some())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix3;
+
+    #[test]
+    fn nearest_semi_definite_clips_negative_eigenvalues_only() {
+        let good = Matrix3::new(4.0, 1.0, 0.0, 1.0, 3.0, 0.5, 0.0, 0.5, 2.0);
+        assert!((nearest_semi_definite(&good).unwrap() - good).amax() < 1e-12);
+        // Eigenvalues 3 and -1 in the first two, 5 in the last.
+        let bad = Matrix3::new(1.0, 2.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0, 5.0);
+        assert!(!semi_definite(&bad));
+        let nearest = nearest_semi_definite(&bad).unwrap();
+        assert!((nearest - Matrix3::new(1.5, 1.5, 0.0, 1.5, 1.5, 0.0, 0.0, 0.0, 5.0)).amax() < 1e-12);
+        assert!(semi_definite(&nearest));
+        assert!(nearest_semi_definite(&Matrix3::from_element(f64::NAN)).is_none());
+    }
 }

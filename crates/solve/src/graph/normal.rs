@@ -6,7 +6,7 @@ use crate::sparse::Analysis;
 use cairn_geometry::LieGroup;
 use nalgebra::{SMatrix, SVector};
 
-/// Where the free vertices and the edges between them stand in the system.
+/// Block rows of the free vertices, and blocks of the edges between them.
 pub struct Layout {
     /// Place of each vertex among the free ones.
     pub slot: Vec<Option<u32>>,
@@ -104,7 +104,7 @@ impl<const D: usize> Normal<D> {
     }
 }
 
-/// Adds a matrix to one that is held by columns.
+/// Adds a matrix to one that is stored by columns.
 fn add<const R: usize, const C: usize>(to: &mut [[f64; R]], m: &SMatrix<f64, R, C>) {
     for (to, column) in to.iter_mut().zip(&m.data.0) {
         to.iter_mut().zip(column).for_each(|(t, v)| *t += v);

@@ -5,7 +5,7 @@ use cairn_geometry::LieGroup;
 use std::collections::VecDeque;
 
 /// Sets every vertex that is not held by chaining measurements from the held ones: along edges between neighbours in
-/// index first (the odometry), then breadth first along what else there is.
+/// index first (the odometry), then breadth first along the other edges.
 pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D>) {
     let n = graph.values.len();
     let mut known = graph.held();

@@ -2,15 +2,15 @@
 
 use super::normal::{Layout, Normal};
 use super::{GraphConfig, Method, Metric, PoseGraph};
-use crate::descent::{Attempt, Descend, Rule, descend};
-use crate::sparse::Factor;
+use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Problem, Trial};
+use crate::sparse::{Factor, UniformBlocks};
 use crate::{CHI2_95, Report, Stop};
 use cairn_geometry::LieGroup;
 use nalgebra::SVector;
 use std::sync::Arc;
 
 impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
-    /// The gradient of the cost by a move of each vertex; zero for those that are held while solving.
+    /// The gradient of the cost by the tangent of each vertex; zero for those that are held while solving.
     pub fn gradient(&self, metric: Metric) -> Vec<SVector<f64, D>> {
         let layout = Layout::new(&self.held(), &self.edges);
         let mut normal = Normal::new(&layout);
@@ -20,7 +20,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         layout.slot.iter().map(of).collect()
     }
 
-    /// Lowers the cost; asks `stop` before each step. Whatever ends it, the vertices are left in the best state found.
+    /// Lowers the cost; asks `stop` before each step. Whatever the reason to stop, the vertices are left in the best state found.
     pub fn solve(&mut self, config: &GraphConfig, mut stop: impl FnMut() -> bool) -> Report {
         let layout = Layout::new(&self.held(), &self.edges);
         let cost = self.cost(config.metric);
@@ -39,13 +39,19 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         };
         if report.stop == Stop::Iterations {
             let mut descent = Descent::new(self, layout, config);
-            let rule = Rule {
-                gauss_newton: config.method == Method::GaussNewton,
+            let solver = LevenbergMarquardt {
                 iterations: config.iterations,
-                tolerance: config.tolerance,
-                noise: 1e-16 * self.edges.len() as f64,
+                damping: match config.method {
+                    Method::GaussNewton => Damping::GaussNewton,
+                    Method::LevenbergMarquardt => Damping::GainRatio { first: 1e-6, most: 1e10 },
+                },
+                convergence: Convergence::Predicted {
+                    relative: config.tolerance,
+                    absolute: 1e-16 * self.edges.len() as f64,
+                },
             };
-            (report.iterations, report.stop) = descend(&mut descent, &rule, &mut stop);
+            let outcome = solver.minimise(&mut descent, &mut stop);
+            (report.iterations, report.stop) = (outcome.iterations, outcome.stop);
             report.cost_after = descent.best_cost;
             self.values = descent.best;
         }
@@ -100,8 +106,12 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
         } else {
             &self.normal.diagonal
         };
-        let off_diagonal = self.normal.off_diagonal.as_flattened().as_flattened();
-        self.factor.factor(diagonal.as_flattened().as_flattened(), off_diagonal).ok()?;
+        let blocks = UniformBlocks {
+            size: D,
+            diagonal: diagonal.as_flattened().as_flattened(),
+            off_diagonal: self.normal.off_diagonal.as_flattened().as_flattened(),
+        };
+        self.factor.factor(&blocks).ok()?;
         let mut step: Vec<[f64; D]> = self.normal.gradient.iter().map(|g| g.map(|v| -v)).collect();
         self.factor.solve(step.as_flattened_mut());
         let mut promise = 0.0;
@@ -127,15 +137,16 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
     }
 }
 
-impl<G: LieGroup<D>, const D: usize> Descend for Descent<'_, G, D> {
-    fn cost(&self) -> f64 {
-        self.normal.cost
+impl<G: LieGroup<D>, const D: usize> Problem for Descent<'_, G, D> {
+    fn linearise(&mut self) -> Option<f64> {
+        // A trial state is linearised as it is evaluated.
+        Some(self.normal.cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Attempt> {
-        let (step, promise) = self.step(damping)?;
+    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+        let (step, predicted_decrease) = self.step(damping)?;
         self.try_step(&step);
-        Some(Attempt { promise, cost: self.tried.cost })
+        Some(Trial { cost: self.tried.cost, predicted_decrease })
     }
 
     fn accept(&mut self) {

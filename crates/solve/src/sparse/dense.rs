@@ -61,7 +61,7 @@ fn factor_with<const ROWS: usize>(panel: &mut [f64], rest: &mut [f64], m: usize,
     while from < k {
         let width = BLOCK.min(k - from);
         let (done, now) = panel.split_at_mut(from * m);
-        // What the columns before have to say to these.
+        // Contributions of the columns before.
         subtract_product::<ROWS>(
             &mut now[from..],
             m,
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_positive_is_refused() {
+    fn refuses_a_pivot_that_is_not_positive() {
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let (mut panel, mut rest) = front(9, 4);
             panel[2 * 9 + 2] = bad;

@@ -1,4 +1,4 @@
-//! Sparse Cholesky factorisation of symmetric positive definite matrices made of square blocks of one size.
+//! Sparse Cholesky factorisation of symmetric positive definite matrices made of blocks.
 //!
 //! The pattern is analysed once ([`Analysis`]: ordering, elimination tree, supernodes, where each block goes); numbers are
 //! factored as often as they change ([`Factor`]). Everything is sequential and in a fixed order: the same bits every time.
@@ -8,5 +8,5 @@ mod factor;
 mod order;
 mod symbolic;
 
-pub use factor::{Factor, NotPositive};
+pub use factor::{Blocks, Factor, NotPositive, UniformBlocks};
 pub use symbolic::Analysis;

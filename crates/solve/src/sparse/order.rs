@@ -1,11 +1,12 @@
-//! Which variable to eliminate when: approximate minimum degree.
+//! The elimination order: approximate minimum degree.
 //!
 //! Source: Amestoy, Davis, Duff, "An approximate minimum degree ordering algorithm" (1996): quotient graph, element
 //! absorption (aggressive too), mass elimination, supervariables, approximate external degrees.
 
-/// An elimination order of the vertices `0..n` of a graph; each edge counts both ways, loops and repeats are ignored.
-pub fn minimum_degree(n: usize, edges: impl Iterator<Item = (usize, usize)>) -> Vec<u32> {
-    Quotient::new(n, edges).eliminate()
+/// An elimination order of the vertices of a graph, one for each weight; each edge counts both ways, loops and repeats
+/// are ignored. The weight of a vertex, at least 1, is the number of scalar unknowns it stands for.
+pub fn minimum_degree(weights: Vec<u32>, edges: impl Iterator<Item = (usize, usize)>) -> Vec<u32> {
+    Quotient::new(weights, edges).eliminate()
 }
 
 const NONE: u32 = u32::MAX;
@@ -18,7 +19,7 @@ struct Quotient {
     elements: Vec<Vec<u32>>,
     /// Variables of an element.
     members: Vec<Vec<u32>>,
-    /// Vertices that a variable stands for; 0 when it is an element or part of another.
+    /// Scalar unknowns that a variable stands for; 0 when it is an element or part of another.
     weight: Vec<u32>,
     /// Approximate external degree of a variable; weight of an element's members.
     degree: Vec<u32>,
@@ -33,7 +34,8 @@ struct Quotient {
 }
 
 impl Quotient {
-    fn new(n: usize, edges: impl Iterator<Item = (usize, usize)>) -> Self {
+    fn new(weight: Vec<u32>, edges: impl Iterator<Item = (usize, usize)>) -> Self {
+        let n = weight.len();
         let mut variables = vec![Vec::new(); n];
         for (a, b) in edges.filter(|(a, b)| a != b) {
             variables[a].push(b as u32);
@@ -43,8 +45,9 @@ impl Quotient {
             list.sort_unstable();
             list.dedup();
         }
-        let degree: Vec<u32> = variables.iter().map(|list| list.len() as u32).collect();
-        let mut buckets = Buckets::new(n);
+        let weigh = |list: &Vec<u32>| list.iter().map(|i| weight[*i as usize]).sum();
+        let degree: Vec<u32> = variables.iter().map(weigh).collect();
+        let mut buckets = Buckets::new(n, weight.iter().sum());
         // From the back, so that of equal degrees the first comes first.
         for i in (0..n).rev() {
             buckets.insert(i as u32, degree[i]);
@@ -53,7 +56,7 @@ impl Quotient {
             variables,
             elements: vec![Vec::new(); n],
             members: vec![Vec::new(); n],
-            weight: vec![1; n],
+            weight,
             degree,
             element: vec![false; n],
             part_of: vec![NONE; n],
@@ -69,7 +72,7 @@ impl Quotient {
         // Of each element, the weight of what it has outside the one being made, by stamp.
         let mut outside = vec![(0u32, 0u32); n];
         let mut hashes: Vec<(u64, u32)> = Vec::new();
-        let mut left = n as u32;
+        let mut left = self.weight.iter().sum();
         while let Some(p) = self.buckets.pop_least() {
             pivots.push(p);
             let lp = self.make_element(p, &mut left);
@@ -79,7 +82,7 @@ impl Quotient {
             for &i in &lp {
                 self.update(i, p, lp_weight, &mut left, &outside, &mut hashes);
             }
-            self.join_alike(&mut hashes);
+            self.join_indistinguishable(&mut hashes);
             let members: Vec<u32> = lp.into_iter().filter(|i| self.weight[*i as usize] > 0).collect();
             for &i in &members {
                 let d = self.degree[i as usize].min(left.saturating_sub(self.weight[i as usize]));
@@ -93,7 +96,7 @@ impl Quotient {
         self.expand(&pivots)
     }
 
-    /// Turns the variable `p` into an element: takes its living neighbours out of the buckets and gives them.
+    /// Turns the variable `p` into an element: takes its remaining neighbours out of the buckets and returns them.
     fn make_element(&mut self, p: u32, left: &mut u32) -> Vec<u32> {
         let p = p as usize;
         self.stamp += 1;
@@ -185,7 +188,7 @@ impl Quotient {
     }
 
     /// Variables with the same neighbours become one.
-    fn join_alike(&mut self, hashes: &mut [(u64, u32)]) {
+    fn join_indistinguishable(&mut self, hashes: &mut [(u64, u32)]) {
         hashes.sort_unstable();
         for start in 0..hashes.len() {
             let (hash, i) = hashes[start];
@@ -197,7 +200,7 @@ impl Quotient {
                 if other != hash {
                     break;
                 }
-                if self.weight[j as usize] > 0 && self.alike(i, j) {
+                if self.weight[j as usize] > 0 && self.indistinguishable(i, j) {
                     self.weight[i as usize] += self.weight[j as usize];
                     self.degree[i as usize] = self.degree[i as usize].saturating_sub(self.weight[j as usize]);
                     self.weight[j as usize] = 0;
@@ -209,7 +212,7 @@ impl Quotient {
         }
     }
 
-    fn alike(&mut self, i: u32, j: u32) -> bool {
+    fn indistinguishable(&mut self, i: u32, j: u32) -> bool {
         let (i, j) = (i as usize, j as usize);
         if self.variables[i].len() != self.variables[j].len()
             || self.elements[i].len() != self.elements[j].len()
@@ -246,7 +249,7 @@ impl Quotient {
     }
 }
 
-/// Spreads a number over 64 bits, for sums that tell sets apart.
+/// Spreads a number over 64 bits, for sums that distinguish sets.
 fn spread(v: u32) -> u64 {
     let x = (v as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x ^ (x >> 29)
@@ -261,8 +264,8 @@ struct Buckets {
 }
 
 impl Buckets {
-    fn new(n: usize) -> Self {
-        Self { head: vec![NONE; n + 1], next: vec![NONE; n], before: vec![NONE; n], least: 0 }
+    fn new(n: usize, most: u32) -> Self {
+        Self { head: vec![NONE; most as usize + 1], next: vec![NONE; n], before: vec![NONE; n], least: 0 }
     }
 
     fn insert(&mut self, i: u32, degree: u32) {
@@ -342,9 +345,9 @@ mod tests {
     }
 
     #[test]
-    fn every_vertex_once_and_little_fill() {
+    fn each_vertex_once_with_little_fill() {
         let edges = grid(24);
-        let order = minimum_degree(576, edges.iter().copied());
+        let order = minimum_degree(vec![1; 576], edges.iter().copied());
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert_eq!(sorted, (0..576).collect::<Vec<u32>>());
@@ -356,14 +359,14 @@ mod tests {
     #[test]
     fn trees_have_no_fill() {
         let edges: Vec<_> = (1..200).map(|i| (i, (i * 7) / 11)).collect();
-        let order = minimum_degree(200, edges.iter().copied());
+        let order = minimum_degree(vec![1; 200], edges.iter().copied());
         assert_eq!(fill(200, &edges, &order), 199);
     }
 
     #[test]
-    fn loops_repeats_and_loners_do_no_harm() {
-        let order = minimum_degree(5, [(0, 1), (1, 0), (2, 2), (0, 1), (1, 3)].into_iter());
+    fn self_loops_repeats_and_isolated_vertices() {
+        let order = minimum_degree(vec![1; 5], [(0, 1), (1, 0), (2, 2), (0, 1), (1, 3)].into_iter());
         assert_eq!(order.len(), 5);
-        assert!(minimum_degree(0, std::iter::empty()).is_empty());
+        assert!(minimum_degree(Vec::new(), std::iter::empty()).is_empty());
     }
 }

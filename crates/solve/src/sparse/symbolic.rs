@@ -9,8 +9,12 @@ use super::order::minimum_degree;
 /// The analysed pattern of a symmetric block matrix.
 #[derive(Clone, Debug)]
 pub struct Analysis {
-    /// Edge of a block.
-    pub(super) size: usize,
+    /// Scalar unknowns of each block row, in the caller's numbering.
+    pub(super) sizes: Vec<usize>,
+    /// First scalar of each block row in the caller's numbering, and the number of scalars.
+    pub(super) offset: Vec<usize>,
+    /// The same in elimination order.
+    pub(super) start: Vec<usize>,
     /// Place in the elimination order of each block row.
     pub(super) place: Vec<u32>,
     pub(super) supernodes: Vec<Supernode>,
@@ -27,6 +31,8 @@ pub(super) struct Supernode {
     pub width: usize,
     /// Row blocks of the front: first its columns, then those below, rising.
     pub rows: Vec<u32>,
+    /// First scalar row of each of them in the front, and the number of scalar rows.
+    pub row_start: Vec<usize>,
     /// Where its parent is, if there are rows below.
     pub parent: Option<usize>,
     /// Children, in the order in which their updates are added.
@@ -40,24 +46,39 @@ pub(super) struct Supernode {
 }
 
 impl Analysis {
-    /// Of a matrix of `n` block rows of this size whose off-diagonal blocks stand at `pairs` (either triangle; repeats and
+    /// Of a matrix of `n` block rows of one size whose off-diagonal blocks stand at `pairs` (either triangle; repeats and
     /// the diagonal are ignored; every diagonal block is there).
     pub fn new(n: usize, size: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Self {
+        Self::with_sizes(vec![size; n], pairs)
+    }
+
+    /// The same with block rows of different sizes, each at least 1: block `(a, b)` has `sizes[a]` rows and `sizes[b]`
+    /// columns.
+    pub fn with_sizes(sizes: Vec<usize>, pairs: impl Iterator<Item = (usize, usize)>) -> Self {
+        let n = sizes.len();
         let mut sorted: Vec<(u32, u32)> = pairs
             .filter(|(a, b)| a != b && *a < n && *b < n)
             .map(|(a, b)| (a.max(b) as u32, a.min(b) as u32))
             .collect();
         sorted.sort_unstable();
         sorted.dedup();
-        let order = minimum_degree(n, sorted.iter().map(|(a, b)| (*a as usize, *b as usize)));
+        // Only the proportions count; where all sizes are the same, each is one.
+        let uniform = sizes.windows(2).all(|w| w[0] == w[1]);
+        let weights = sizes.iter().map(|s| if uniform { 1 } else { *s as u32 }).collect();
+        let order = minimum_degree(weights, sorted.iter().map(|(a, b)| (*a as usize, *b as usize)));
         let order = postorder_of(&order, &sorted);
         let place = inverse(&order);
         let lower = lower_columns(&place, &sorted);
         let parent = elimination_tree(&lower);
         let columns = structures(&lower, &parent);
-        let mut supernodes = join_columns(&columns, size);
+        let ordered: Vec<usize> = order.iter().map(|i| sizes[*i as usize]).collect();
+        let mut supernodes = join_columns(&columns, &ordered);
+        for s in &mut supernodes {
+            s.row_start = offsets(s.rows.iter().map(|r| ordered[*r as usize]));
+        }
         connect(&mut supernodes, n);
-        let mut analysis = Self { size, place, supernodes, pairs: sorted };
+        let (offset, start) = (offsets(sizes.iter().copied()), offsets(ordered.iter().copied()));
+        let mut analysis = Self { sizes, offset, start, place, supernodes, pairs: sorted };
         analysis.place_blocks(&order);
         analysis
     }
@@ -67,9 +88,19 @@ impl Analysis {
         self.place.len()
     }
 
-    /// Edge of a block.
-    pub fn block_size(&self) -> usize {
-        self.size
+    /// Scalar unknowns of a block row.
+    pub fn size(&self, row: usize) -> usize {
+        self.sizes[row]
+    }
+
+    /// First scalar of a block row in right-hand sides and solutions.
+    pub fn offset(&self, row: usize) -> usize {
+        self.offset[row]
+    }
+
+    /// Number of scalar unknowns.
+    pub fn dimension(&self) -> usize {
+        self.offset.last().copied().unwrap_or(0)
     }
 
     /// Off-diagonal blocks of the matrix: `(row, column)`, row greater than column, sorted.
@@ -84,14 +115,14 @@ impl Analysis {
 
     /// Numbers that the factor holds.
     pub fn factor_len(&self) -> usize {
-        self.supernodes.iter().map(|s| s.rows.len() * s.width * self.size * self.size).sum()
+        self.supernodes.iter().map(|s| s.height() * s.columns()).sum()
     }
 
     /// Multiplications and additions of one factorisation.
     pub fn flops(&self) -> f64 {
         let column = |m: usize| (m * m) as f64;
         let of = |s: &Supernode| -> f64 {
-            let (m, width) = (s.rows.len() * self.size, s.width * self.size);
+            let (m, width) = (s.height(), s.columns());
             (0..width).map(|j| column(m - j)).sum()
         };
         self.supernodes.iter().map(of).sum()
@@ -116,6 +147,16 @@ impl Analysis {
 }
 
 impl Supernode {
+    /// Scalar rows of the front.
+    pub fn height(&self) -> usize {
+        self.row_start.last().copied().unwrap_or(0)
+    }
+
+    /// Scalar columns.
+    pub fn columns(&self) -> usize {
+        self.row_start.get(self.width).copied().unwrap_or(0)
+    }
+
     /// Place of a row in the front.
     fn local(&self, row: u32) -> u32 {
         let row_at = row as usize;
@@ -125,6 +166,17 @@ impl Supernode {
         // Present by construction: the front holds the structure of each of its columns.
         (self.width + self.rows[self.width..].partition_point(|r| *r < row)) as u32
     }
+}
+
+/// Running sums, beginning with zero.
+fn offsets(sizes: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut sum = 0;
+    let mut all = vec![0];
+    all.extend(sizes.map(|s| {
+        sum += s;
+        sum
+    }));
+    all
 }
 
 fn inverse(order: &[u32]) -> Vec<u32> {
@@ -235,7 +287,7 @@ fn structures(lower: &[Vec<u32>], parent: &[u32]) -> Vec<Vec<u32>> {
 }
 
 /// Supernodes: columns of one structure together, and a last child into its parent where few zeros are stored for it.
-fn join_columns(columns: &[Vec<u32>], size: usize) -> Vec<Supernode> {
+fn join_columns(columns: &[Vec<u32>], sizes: &[usize]) -> Vec<Supernode> {
     /// A supernode and the block zeros that it stores.
     struct Part {
         node: Supernode,
@@ -258,7 +310,7 @@ fn join_columns(columns: &[Vec<u32>], size: usize) -> Vec<Supernode> {
             let zeros = child.zeros + part.zeros + added;
             let stored = width * height - width * (width - 1) / 2;
             let share = zeros as f64 / stored as f64;
-            let scalars = width * size;
+            let scalars: usize = sizes[child.node.first..child.node.first + width].iter().sum();
             let worth = zeros == 0
                 || scalars <= 12
                 || (scalars <= 24 && share < 0.3)

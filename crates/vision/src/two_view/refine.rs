@@ -4,6 +4,7 @@
 use super::score::Match;
 use crate::triangulate::essential;
 use cairn_geometry::{Mat3, Se3, So3, Vec3, hat};
+use cairn_solve::{Convergence, Damping, DenseNormal, LevenbergMarquardt, minimise_dense};
 use nalgebra::{SMatrix, SVector};
 
 /// Huber loss: residuals beyond this many standard deviations count linearly (Huber 1964).
@@ -15,41 +16,26 @@ const STEPS: usize = 12;
 /// Levenberg-Marquardt over rotation and direction of translation; `matches` are image points at unit focal length,
 /// `sigma` their standard deviation. The result has unit translation.
 pub(super) fn refine(start: &Se3, matches: &[Match], sigma: f64) -> Se3 {
-    let mut best = Se3::new(start.rotation, start.translation.normalize());
-    let mut system = linearise(&best, matches, sigma);
-    let mut damping = 1e-6;
-    for _ in 0..STEPS {
-        let mut h = system.h;
-        for k in 0..5 {
-            h[(k, k)] *= 1.0 + damping;
-        }
-        let Some(step) = h.cholesky().map(|c| -c.solve(&system.g)) else { break };
-        let tangent = tangent(&best.translation);
-        let rotation = best.rotation * So3::exp(&Vec3::new(step[0], step[1], step[2]));
-        let translation = (best.translation + tangent[0] * step[3] + tangent[1] * step[4]).normalize();
-        let trial = Se3::new(rotation, translation);
-        let next = linearise(&trial, matches, sigma);
-        if next.cost < system.cost {
-            let gain = system.cost - next.cost;
-            (best, system) = (trial, next);
-            damping = (damping * 0.1).max(1e-9);
-            if gain < 1e-6 * system.cost {
-                break;
-            }
-        } else {
-            damping = (damping * 100.0).max(1e-4);
-            if damping > 1e4 {
-                break;
-            }
-        }
-    }
-    best
-}
-
-struct System {
-    h: SMatrix<f64, 5, 5>,
-    g: SVector<f64, 5>,
-    cost: f64,
+    let solver = LevenbergMarquardt {
+        iterations: STEPS,
+        damping: Damping::Factors {
+            first: 1e-6,
+            least: 1e-9,
+            most: 1e4,
+            shrink: 0.1,
+            grow: 100.0,
+            restart: 1e-4,
+        },
+        convergence: Convergence::Actual { relative: 1e-6 },
+    };
+    let start = Se3::new(start.rotation, start.translation.normalize());
+    let moved = |motion: &Se3, step: &SVector<f64, 5>| {
+        let tangent = tangent(&motion.translation);
+        let rotation = motion.rotation * So3::exp(&Vec3::new(step[0], step[1], step[2]));
+        let translation = (motion.translation + tangent[0] * step[3] + tangent[1] * step[4]).normalize();
+        Se3::new(rotation, translation)
+    };
+    minimise_dense(&solver, &start, 0.0, |motion| linearise(motion, matches, sigma), moved).0
 }
 
 /// Two orthonormal vectors perpendicular to a unit vector.
@@ -59,7 +45,7 @@ fn tangent(t: &Vec3) -> [Vec3; 2] {
     [a, t.cross(&a)]
 }
 
-fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> System {
+fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> DenseNormal<5> {
     let e = essential(motion);
     let rotation = motion.rotation.matrix();
     let [b1, b2] = tangent(&motion.translation);
@@ -70,7 +56,7 @@ fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> System {
         hat(&b1) * rotation,
         hat(&b2) * rotation,
     ];
-    let mut s = System { h: SMatrix::zeros(), g: SVector::zeros(), cost: 0.0 };
+    let mut s = DenseNormal { hessian: SMatrix::zeros(), gradient: SVector::zeros(), cost: 0.0 };
     for &[x, y, u, v] in matches {
         let (a, b) = (Vec3::new(x, y, 1.0), Vec3::new(u, v, 1.0));
         let (line2, line1) = (e * a, e.tr_mul(&b));
@@ -80,19 +66,19 @@ fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> System {
         let r = algebraic / root;
         // Also skips NaN.
         if !(r.abs() < GATE) {
-            s.cost += HUBER * (2.0 * GATE - HUBER);
+            s.cost += 0.5 * HUBER * (2.0 * GATE - HUBER);
             continue;
         }
         let weight = if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
-        s.cost += if r.abs() <= HUBER { r * r } else { HUBER * (2.0 * r.abs() - HUBER) };
+        s.cost += 0.5 * if r.abs() <= HUBER { r * r } else { HUBER * (2.0 * r.abs() - HUBER) };
         let mut j = SVector::<f64, 5>::zeros();
         for (k, d) in derivatives.iter().enumerate() {
             let (d2, d1) = (d * a, d.tr_mul(&b));
             let d_square = line2.xy().dot(&d2.xy()) + line1.xy().dot(&d1.xy());
             j[k] = b.dot(&d2) / root - r * d_square / square;
         }
-        s.h += j * j.transpose() * weight;
-        s.g += j * (weight * r);
+        s.hessian += j * j.transpose() * weight;
+        s.gradient += j * (weight * r);
     }
     s
 }
@@ -130,9 +116,9 @@ mod tests {
             };
             let numeric = (moved(1e-6) - moved(-1e-6)) / 2e-6;
             assert!(
-                (numeric - 2.0 * s.g[k]).abs() < 1e-4 * numeric.abs().max(10.0),
+                (numeric - s.gradient[k]).abs() < 1e-4 * numeric.abs().max(10.0),
                 "{k}: {numeric} {}",
-                s.g[k]
+                s.gradient[k]
             );
         }
     }

@@ -5,7 +5,9 @@ use crate::failure::Failure;
 use crate::output::Output;
 use crate::progress::Progress;
 use cairn_solve::g2o::{self, Graph, Named};
-use cairn_solve::graph::{GraphConfig, Method, Metric, Rigid, chordal_start, odometry_start};
+use cairn_solve::graph::{
+    GraphConfig, Method, Metric, Rigid, Start, chordal_start, lowest_start, odometry_start,
+};
 use cairn_solve::{Loss, Report, Stop};
 use clap::ValueEnum;
 use serde::Serialize;
@@ -25,10 +27,14 @@ pub struct Arguments {
     /// The method: gn (Gauss-Newton) or lm (Levenberg-Marquardt).
     #[arg(long, default_value = "lm", value_name = "HOW")]
     method: MethodName,
-    /// Initial poses: file, odometry (chained along the edges) or chordal (linear relaxation). By default the values in
-    /// the file, or odometry if it has none.
+    /// Initial poses: file, odometry (chained along the edges) or chordal (linear relaxation). By default the one of
+    /// these with the lowest cost.
     #[arg(long, value_name = "WHERE")]
     init: Option<Init>,
+    /// Information matrices that are not positive semi-definite: refuse the file, or solve with the nearest matrix
+    /// that is (negative eigenvalues become zero).
+    #[arg(long, default_value = "refuse", value_name = "WHAT")]
+    information: Information,
     /// Robust loss against outliers: none, huber or cauchy.
     #[arg(long, default_value = "none", value_name = "LOSS")]
     robust: Robust,
@@ -65,6 +71,22 @@ enum Init {
     Chordal,
 }
 
+impl From<Start> for Init {
+    fn from(start: Start) -> Self {
+        match start {
+            Start::Values => Self::File,
+            Start::Odometry => Self::Odometry,
+            Start::Chordal => Self::Chordal,
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Information {
+    Refuse,
+    Nearest,
+}
+
 #[derive(Clone, Copy, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Robust {
@@ -90,6 +112,10 @@ struct Solved {
     fixed: usize,
     method: MethodName,
     init: Init,
+    /// Cost of each start that was compared, the chosen one first.
+    starts: Vec<(Init, f64)>,
+    /// Edges whose information matrix was replaced by the nearest positive semi-definite one.
+    information_replaced: usize,
     robust: Robust,
     cost: Cost,
     cost_before: f64,
@@ -112,23 +138,34 @@ struct Solved {
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.file.display().to_string();
     let text = text_of(&arguments.file, "g2o")?;
-    let mut file = g2o::read(&text).map_err(|e| {
+    let mut file = g2o::read_nearest(&text).map_err(|e| {
         Failure::new(
             format!("{name}, line {}", e.line),
             e.reason,
             "give a graph of VERTEX_SE2 and EDGE_SE2 or of VERTEX_SE3:QUAT and EDGE_SE3:QUAT lines",
         )
     })?;
+    if let Some(replaced) = file.replaced.filter(|_| arguments.information == Information::Refuse) {
+        return Err(Failure::new(
+            format!("{name}, line {}", replaced.first_line),
+            format!(
+                "the information matrix is not positive semi-definite, as in {} of the file's edges",
+                replaced.edges
+            ),
+            "give --information nearest to solve with the nearest matrices that are",
+        ));
+    }
     if arguments.init == Some(Init::File) && !file.has_values {
         return Err(Failure::new(&name, "has no vertices to start from", "use --init odometry or chordal"));
     }
-    let init = arguments.init.unwrap_or(if file.has_values { Init::File } else { Init::Odometry });
+    let has_values = file.has_values;
     let mut solved = match &mut file.graph {
-        Graph::Plane(named) => solve(named, arguments, init),
-        Graph::Space(named) => solve(named, arguments, init),
+        Graph::Plane(named) => solve(named, arguments, has_values),
+        Graph::Space(named) => solve(named, arguments, has_values),
     }
     .map_err(|(why, hint)| Failure::new(&name, why, hint))?;
     solved.unknown = file.unknown.clone();
+    solved.information_replaced = file.replaced.map_or(0, |r| r.edges);
     if let Some(out) = &arguments.out {
         cairn_eval::write_whole(out, &g2o::write(&file))?;
     }
@@ -138,7 +175,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
 fn solve<G: Rigid<D>, const D: usize>(
     named: &mut Named<G, D>,
     arguments: &Arguments,
-    init: Init,
+    has_values: bool,
 ) -> Result<Solved, (String, &'static str)> {
     let original = named.graph.clone();
     let graph = &mut named.graph;
@@ -163,12 +200,17 @@ fn solve<G: Rigid<D>, const D: usize>(
         tolerance: arguments.tolerance,
     };
     let began = Instant::now();
-    match init {
-        Init::File => {}
-        Init::Odometry => odometry_start(graph),
-        Init::Chordal => chordal_start(graph).map_err(|_| {
-            let why = "the edges do not determine every pose, so there is no chordal initialisation";
-            (why.to_owned(), "use --init odometry, or give edges with positive definite information")
+    let mut starts = Vec::new();
+    match arguments.init {
+        None => {
+            let compared = lowest_start(graph, has_values, config.metric);
+            starts = compared.iter().map(|s| (s.start.into(), s.cost)).collect();
+        }
+        Some(Init::File) => {}
+        Some(Init::Odometry) => odometry_start(graph),
+        Some(Init::Chordal) => chordal_start(graph).map_err(|_| {
+            let why = "the edges do not determine every pose, so there is no chordal start";
+            (why.to_owned(), "start with --init odometry, or give edges with positive definite information")
         })?,
     }
     let progress = Progress::new(None);
@@ -191,7 +233,9 @@ fn solve<G: Rigid<D>, const D: usize>(
         dimensions: if D == 3 { 2 } else { 3 },
         fixed: graph.fixed().iter().filter(|fixed| **fixed).count(),
         method: arguments.method,
-        init,
+        init: arguments.init.or(starts.first().map(|(init, _)| *init)).unwrap_or(Init::Odometry),
+        starts,
+        information_replaced: 0,
         robust: arguments.robust,
         cost: arguments.cost,
         cost_before: report.cost_before,
@@ -230,14 +274,39 @@ fn summary(s: &Solved) -> String {
     let kind = if s.dimensions == 2 { "in the plane" } else { "in space" };
     let mut lines = vec![
         format!("graph       {} vertices {kind} ({} fixed), {} edges", s.vertices, s.fixed, s.edges),
+        format!("start       {}{}", init_name(s.init), compared(&s.starts)),
         format!("cost        {:.9} before, {:.9} after", s.cost_before, s.cost_after),
         format!("chi2        {:.9} before, {:.9} after", s.chi2_before, s.chi2_after),
         format!("inliers     {} of {} edges within their 95 % bound", s.inliers, s.edges),
         format!("iterations  {} ({})", s.iterations, s.stop),
         format!("time        {:.3} s", s.seconds),
     ];
+    if s.information_replaced > 0 {
+        lines.push(format!(
+            "note        {} information matrices were replaced by the nearest positive semi-definite ones",
+            s.information_replaced
+        ));
+    }
     for (tag, count) in &s.unknown {
         lines.push(format!("note        {count} lines of {tag} were ignored"));
     }
     lines.join("\n")
+}
+
+fn init_name(init: Init) -> &'static str {
+    match init {
+        Init::File => "file",
+        Init::Odometry => "odometry",
+        Init::Chordal => "chordal",
+    }
+}
+
+/// The costs of the starts that were compared, in words.
+fn compared(starts: &[(Init, f64)]) -> String {
+    if starts.is_empty() {
+        return String::new();
+    }
+    let each: Vec<String> =
+        starts.iter().map(|(init, cost)| format!("{} {cost:.6e}", init_name(*init))).collect();
+    format!(", of least cost: {}", each.join(", "))
 }

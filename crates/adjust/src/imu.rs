@@ -1,0 +1,83 @@
+//! The IMU factors of a window: links between its key frames, and priors on biases where links begin.
+
+use crate::subproblem::Subproblem;
+use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_geometry::{Se3, Vec3};
+use cairn_inertial::{Bias, BiasPrior, Gravity, ImuFactors, ImuLink, Motion, MotionFreedom, Preintegrated};
+use cairn_sensor::ImuNoise;
+use cairn_solve::Freedom;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Standard deviations of the biases before a window, as earlier windows have estimated them: rad/s, m/s^2.
+const BIAS_BEFORE: [f64; 2] = [0.002, 0.05];
+/// Standard deviations of the biases of any IMU around zero: rad/s, m/s^2.
+const BIAS_AT_ALL: [f64; 2] = [0.1, 0.3];
+
+/// The IMU on the rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuModel {
+    /// Pose of the camera on the IMU, metres.
+    pub imu_from_camera: Se3,
+    /// Its noise as it is in this motion, often several times that of its data sheet.
+    pub noise: ImuNoise,
+}
+
+/// The key frame from which another's readings were preintegrated.
+pub fn before(k: &KeyFrame) -> Option<KeyFrameId> {
+    Some(k.motion.as_ref()?.imu_factor.as_ref()?.since)
+}
+
+/// The key frames of a map with a motion that is linked to that of another one.
+pub fn linked(snapshot: &Snapshot, map: MapId) -> BTreeSet<KeyFrameId> {
+    let mut linked = BTreeSet::new();
+    for k in snapshot.key_frames_of(map) {
+        if let Some(earlier) = before(k) {
+            linked.extend([k.id, earlier]);
+        }
+    }
+    linked.retain(|id| snapshot.key_frame(*id).is_some_and(|k| k.motion.is_some()));
+    linked
+}
+
+/// The factors of a subproblem of which poses and motions are free as given.
+pub fn factors(
+    snapshot: &Snapshot,
+    model: &ImuModel,
+    subproblem: &Subproblem,
+    poses: &[Freedom],
+    motions: &[MotionFreedom],
+) -> ImuFactors {
+    let slots: BTreeMap<KeyFrameId, usize> =
+        subproblem.key_frames.iter().enumerate().map(|(slot, id)| (*id, slot)).collect();
+    // A link is left out between two key frames that do not move, and at one that moves but whose motion is unknown.
+    let known = |slot: usize| poses[slot] == Freedom::Fixed || motions[slot] != MotionFreedom::Fixed;
+    let counts = |a: usize, b: usize| known(a) && known(b) && a.min(b) < subproblem.moving;
+    let mut imu = ImuFactors::new(model.imu_from_camera, Gravity::level(), Vec::new());
+    for (to, (id, freedom)) in subproblem.key_frames.iter().zip(motions).enumerate() {
+        let mut state = Motion { velocity: Vec3::zeros(), bias: Bias::default(), freedom: *freedom };
+        if let Some((k, motion)) = snapshot.key_frame(*id).and_then(|k| Some((k, k.motion.as_ref()?))) {
+            (state.velocity, state.bias) = (k.world_from_camera.rotation * motion.velocity, motion.bias);
+            let factor = motion.imu_factor.as_ref();
+            let linked = factor.and_then(|f| Some((f, *slots.get(&f.since)?)));
+            if let Some((factor, from)) = linked.filter(|(_, from)| counts(*from, to)) {
+                let sum = Preintegrated::of(model.noise, motion.bias, factor.sum.samples().to_vec());
+                imu.links.push(ImuLink { from, to, sum });
+            }
+        }
+        imu.motions.push(state);
+    }
+    imu.bias_priors = bias_priors(&imu);
+    imu
+}
+
+/// Priors on the biases where chains of links begin.
+fn bias_priors(imu: &ImuFactors) -> Vec<BiasPrior> {
+    let ends: BTreeSet<usize> = imu.links.iter().map(|l| l.to).collect();
+    let begins: BTreeSet<usize> =
+        imu.links.iter().map(|l| l.from).filter(|slot| !ends.contains(slot)).collect();
+    let prior = |frame: usize| match imu.motions[frame].freedom {
+        MotionFreedom::Biases => BiasPrior { frame, bias: imu.motions[frame].bias, sigmas: BIAS_BEFORE },
+        _ => BiasPrior { frame, bias: Bias::default(), sigmas: BIAS_AT_ALL },
+    };
+    begins.into_iter().map(prior).collect()
+}
