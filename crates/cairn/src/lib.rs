@@ -47,6 +47,9 @@
 //! | 3 | [`sim`] | simulated worlds with exact ground truth, and walkers in them |
 //! | 4 | [`sources`] | recordings, video, live streams and simulated worlds opened by address |
 //! | 4 | [`atlas`] | key frames, landmarks, maps, change sets, map files |
+//! | 4 | [`filter`] | EKF-SLAM in the plane from odometry, ranges and bearings; robust smoothing of a log |
+//! | 5 | [`dense`] | TSDF and occupancy submaps, meshes, dense tracking, ground and hazards |
+//! | 5 | [`plan`] | occupancy grids, distance fields, costmaps, path search, path following |
 //! | 5 | [`guide`] | route recorder, cleaning, maneuvers, cues, phrases |
 //! | 8 | [`engine`] | tracking, mapping and loop closing wired together; configuration, status, journal |
 //! | 9 | [`session`] | one walk: engine, recorder and guide behind commands |
@@ -77,11 +80,14 @@ pub use cairn_engine::{Config, Output, SensorMode, State};
 pub use cairn_sensor::{FramePacket, GrayImage, ImuSample, Rig, Source, Stamp};
 
 pub use cairn_atlas as atlas;
+pub use cairn_dense as dense;
 pub use cairn_engine as engine;
 pub use cairn_eval as eval;
+pub use cairn_filter as filter;
 pub use cairn_geometry as geometry;
 pub use cairn_guide as guide;
 pub use cairn_sensor as sensor;
+pub use cairn_plan as plan;
 pub use cairn_session as session;
 pub use cairn_sim as sim;
 pub use cairn_solve as solve;
