@@ -153,7 +153,7 @@ impl Engine {
     /// packet.
     pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, FrontEndError> {
         let start = Instant::now();
-        let extracted = self.front_end.see(packet);
+        let extracted = self.front_end.extract(packet);
         let frame = extracted
             .inspect_err(|e| self.status_tracker.refuse(packet.stamp, &packet.imu, e.to_string()))?;
         let frame = Arc::new(frame);

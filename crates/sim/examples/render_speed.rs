@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         config.start_s = 3.0;
         config.duration_s = Some(2.0);
         config.sensor = SimSensor::Rgbd;
-        let mut source = SimSource::in_map(&config, Arc::clone(&world))?;
+        let mut source = SimSource::in_world(&config, Arc::clone(&world))?;
         let begin = clock.ms();
         let mut packets = 0;
         while source.next_packet()?.is_some() {

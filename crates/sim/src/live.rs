@@ -70,14 +70,14 @@ impl LiveRig {
     pub fn new(config: &SimConfig) -> Result<Self, SourceError> {
         config.check()?;
         let world = Arc::new(World::build(config.world, config.seed, &config.options));
-        Self::in_map(config, world)
+        Self::in_world(config, world)
     }
 
     /// In an existing world (the config's own world, seed and options are ignored).
     ///
     /// # Errors
     /// When the config cannot be simulated.
-    pub fn in_map(config: &SimConfig, world: Arc<World>) -> Result<Self, SourceError> {
+    pub fn in_world(config: &SimConfig, world: Arc<World>) -> Result<Self, SourceError> {
         config.check()?;
         let rig = Rig { imu: None, ..config.rig() };
         let lens = |(i, camera): (usize, &RigCamera)| {

@@ -41,8 +41,8 @@ impl SimSource {
     ///
     /// # Errors
     /// As [`SimSource::new`].
-    pub fn in_map(config: &SimConfig, world: Arc<World>) -> Result<Self, SourceError> {
-        Self::on(config, LiveRig::in_map(config, world)?)
+    pub fn in_world(config: &SimConfig, world: Arc<World>) -> Result<Self, SourceError> {
+        Self::on(config, LiveRig::in_world(config, world)?)
     }
 
     /// From `sim:WORLD?key=value`; see [`SimConfig::parse`].

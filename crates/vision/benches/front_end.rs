@@ -42,7 +42,7 @@ fn time(
         }
         for p in packets {
             let start = Instant::now();
-            let frame = front_end.see(p).unwrap();
+            let frame = front_end.extract(p).unwrap();
             if round > 0 {
                 times.push(start.elapsed().as_secs_f64() * 1e3);
             }

@@ -212,7 +212,7 @@ impl FrontEnd {
     ///
     /// # Errors
     /// When an image is missing or its size differs from the calibration; the front end is left unchanged.
-    pub fn see(&mut self, packet: &FramePacket) -> Result<Frame, FrontEndError> {
+    pub fn extract(&mut self, packet: &FramePacket) -> Result<Frame, FrontEndError> {
         self.check(packet)?;
         let mut frame = Frame::default();
         match &mut self.kind {

@@ -74,8 +74,8 @@ fn two_threads_give_the_same_frame() {
     let extract = |two_threads| {
         let config = FrontEndConfig { two_threads, ..FrontEndConfig::default() };
         let mut front_end = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
-        let first = front_end.see(&packet).unwrap();
-        assert!(same(&first, &front_end.see(&packet).unwrap()), "the second frame of one packet differs");
+        let first = front_end.extract(&packet).unwrap();
+        assert!(same(&first, &front_end.extract(&packet).unwrap()), "the second frame of one packet differs");
         first
     };
     let frame = extract(true);
@@ -90,7 +90,7 @@ fn mono_frame_is_undistorted_without_depth() {
     let rig = Rig::mono(lens_pair().cameras[0].camera);
     let mut front_end = FrontEnd::new(&rig, SensorMode::Mono, FrontEndConfig::default()).unwrap();
     let image = Scene::room(6).render(&rig.cameras[0].camera, &Se3::identity(), &EXPOSURE);
-    let frame = front_end.see(&packet(vec![image], None)).unwrap();
+    let frame = front_end.extract(&packet(vec![image], None)).unwrap();
     assert!(frame.len() > 900);
     for i in 0..frame.len() {
         let [u, v] = frame.raw[i];
@@ -114,7 +114,7 @@ fn rgbd_depth_matches_the_scene() {
         let image = scene.render(&rig.cameras[0].camera, &Se3::identity(), &EXPOSURE);
         let depth = depth_image(&scene, sensor);
         let mut front_end = FrontEnd::new(&rig, SensorMode::Rgbd, FrontEndConfig::default()).unwrap();
-        let frame = front_end.see(&packet(vec![image.clone()], Some(depth))).unwrap();
+        let frame = front_end.extract(&packet(vec![image.clone()], Some(depth))).unwrap();
         let (mut n, mut wrong, mut sum) = (0, 0, 0.0);
         for i in (0..frame.len()).filter(|&i| frame.has_depth(i)) {
             let truth = scene.depth(&rig.cameras[0].camera, &Se3::identity(), frame.raw[i]).unwrap();
@@ -139,7 +139,7 @@ fn rgbd_depth_matches_the_scene() {
         assert!((wrong as f64) < 0.01 * n as f64);
         assert!(sum / ((n - wrong) as f64) < 0.001);
 
-        let without = front_end.see(&packet(vec![image], None)).unwrap();
+        let without = front_end.extract(&packet(vec![image], None)).unwrap();
         assert_eq!(without.len(), frame.len());
         assert!(without.depth.iter().all(|d| d.is_nan()) && without.right_x.len() == without.len());
     }
@@ -152,18 +152,18 @@ fn invalid_packets_and_rigs_are_errors() {
     let mut front_end = FrontEnd::new(&rig, SensorMode::Stereo, config).unwrap();
     let good = || GrayImage::new(752, 480);
     assert_eq!(
-        front_end.see(&packet(vec![good()], None)).unwrap_err(),
+        front_end.extract(&packet(vec![good()], None)).unwrap_err(),
         FrontEndError::MissingImage { have: 1, need: 2 }
     );
-    assert!(front_end.see(&packet(vec![], None)).is_err());
-    let error = front_end.see(&packet(vec![good(), GrayImage::new(640, 480)], None)).unwrap_err();
+    assert!(front_end.extract(&packet(vec![], None)).is_err());
+    let error = front_end.extract(&packet(vec![good(), GrayImage::new(640, 480)], None)).unwrap_err();
     assert_eq!(error.to_string(), "cam1: the image is [640, 480] pixels, its calibration is for [752, 480]");
     // Black images are accepted and have no features.
-    assert!(front_end.see(&packet(vec![good(), good()], None)).unwrap().is_empty());
+    assert!(front_end.extract(&packet(vec![good(), good()], None)).unwrap().is_empty());
 
     let mut front_end = FrontEnd::new(&rgbd_rig(true), SensorMode::Rgbd, config).unwrap();
     assert!(matches!(
-        front_end.see(&packet(vec![good()], Some(DepthImage::new(0, 0)))),
+        front_end.extract(&packet(vec![good()], Some(DepthImage::new(0, 0)))),
         Err(FrontEndError::WrongSize { .. })
     ));
 
@@ -184,5 +184,5 @@ fn tiny_images_and_extreme_configs_are_handled() {
     config.orb.features = 0;
     config.orb.levels = 0;
     let mut front_end = FrontEnd::new(&rig, SensorMode::Mono, config).unwrap();
-    assert!(front_end.see(&packet(vec![GrayImage::new(8, 5)], None)).unwrap().is_empty());
+    assert!(front_end.extract(&packet(vec![GrayImage::new(8, 5)], None)).unwrap().is_empty());
 }

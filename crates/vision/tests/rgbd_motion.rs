@@ -23,7 +23,7 @@ fn errors(rig: &Rig, path: &Path, config: FrontEndConfig, apart: usize) -> [f64;
             decode_ms: 0.0,
         };
         let truth = Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&numbers(&poses[k])));
-        (front_end.see(&packet).unwrap(), truth)
+        (front_end.extract(&packet).unwrap(), truth)
     };
     let (mut shifts, mut turns, mut points_with_depth) = (vec![], vec![], 0);
     let starts = (0..colours.len() - apart).step_by(12);

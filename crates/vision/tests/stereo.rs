@@ -39,7 +39,7 @@ impl Score {
     fn add(&mut self, rig: &Rig, scene: &Scene, images: [Arc<GrayImage>; 2]) {
         let mut front_end = FrontEnd::new(rig, SensorMode::Stereo, config(1200)).unwrap();
         let left = &rig.cameras[0];
-        let frame: Frame = front_end.see(&packet(images.to_vec())).unwrap();
+        let frame: Frame = front_end.extract(&packet(images.to_vec())).unwrap();
         let rectified_from_left = front_end.model().body_from_camera.inverse() * left.body_from_camera;
         self.features += frame.len();
         for i in (0..frame.len()).filter(|&i| frame.has_depth(i)) {
@@ -112,7 +112,7 @@ fn distant_points_keep_right_x_without_bias() {
     let l = scene.render(&left.camera, &Se3::identity(), &exposure(1));
     let r = scene.render(&right.camera, &world_from_right, &exposure(2));
     let mut front_end = FrontEnd::new(&rig, SensorMode::Stereo, config(1200)).unwrap();
-    let frame = front_end.see(&packet(vec![Arc::new(l), Arc::new(r)])).unwrap();
+    let frame = front_end.extract(&packet(vec![Arc::new(l), Arc::new(r)])).unwrap();
     let matched: Vec<usize> = (0..frame.len()).filter(|i| frame.right_x[*i].is_finite()).collect();
     let truth = front_end.model().baseline_fx / 400.0;
     let disparity = |i: usize| (frame.px[i][0] - frame.right_x[i]) as f64;
@@ -141,10 +141,10 @@ fn recording(rig: &Rig, pairs: &[(std::path::PathBuf, std::path::PathBuf)], feat
         let packet = packet(vec![jpeg(l), jpeg(r)]);
         for _ in 0..5 {
             let start = std::time::Instant::now();
-            front_end.see(&packet).unwrap();
+            front_end.extract(&packet).unwrap();
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
-        let frame = front_end.see(&packet).unwrap();
+        let frame = front_end.extract(&packet).unwrap();
         n += frame.len() as f64;
         matched += frame.depth.iter().filter(|d| **d > 0.0).count() as f64;
         close += frame.depth.iter().filter(|d| (**d as f64) < front_end.model().close_depth).count() as f64;

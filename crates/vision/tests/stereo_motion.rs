@@ -65,7 +65,7 @@ fn check(name: &str, rig: &Rig, shots: &[Shot], features: usize, step: usize) {
         let mut frame = |e: usize, shot: &Shot| {
             let images = vec![jpeg(&shot.0), jpeg(&shot.1)];
             let packet = FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 };
-            front_ends[e].see(&packet).unwrap()
+            front_ends[e].extract(&packet).unwrap()
         };
         let (a, a_all, b) = (frame(0, &shots[k]), frame(1, &shots[k]), frame(0, &shots[k + step]));
         let camera = &front_ends[1];

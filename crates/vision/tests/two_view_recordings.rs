@@ -18,7 +18,7 @@ fn initialise_pairs(name: &str, rig: &Rig, shots: &[Shot], apart: usize, every: 
     let mut extract = |s: &Shot| -> Frame {
         let images = vec![jpeg(&s.0)];
         camera
-            .see(&FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 })
+            .extract(&FramePacket { stamp: Stamp(0), images, depth: None, imu: vec![], decode_ms: 0.0 })
             .unwrap()
     };
     let (mut tried, mut wrong) = (0, 0);

@@ -111,7 +111,7 @@ impl Day {
         let mut config = self.config.clone();
         config.route = CameraPath::Poses(poses);
         config.duration_s = None;
-        let mut source = SimSource::in_map(&config, self.source.world().clone()).map_err(text)?;
+        let mut source = SimSource::in_world(&config, self.source.world().clone()).map_err(text)?;
         let file = self.engine.to_save("xtask", BTreeMap::new());
         let rig = source.rig().clone();
         let (engine, _) =

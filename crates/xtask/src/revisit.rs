@@ -78,7 +78,7 @@ impl Revisit {
         if self.trial != Trial::Alike {
             sim.route = CameraPath::Points(laps(&plain, self.world)?);
         }
-        SimSource::in_map(&sim, plain.world().clone()).map_err(text)
+        SimSource::in_world(&sim, plain.world().clone()).map_err(text)
     }
 
     /// Runs the engine on the walk.

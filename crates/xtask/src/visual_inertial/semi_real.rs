@@ -169,7 +169,7 @@ pub fn measure(
             let mut config = config(data, motion, options.sensor, seconds);
             config.troubles = condition.troubles;
             let source = match &world {
-                Some(world) => SimSource::in_map(&config, world.clone()),
+                Some(world) => SimSource::in_world(&config, world.clone()),
                 None => SimSource::new(&config),
             };
             let mut source = source.map_err(|e| e.to_string())?;

@@ -81,7 +81,7 @@ pub fn rest(seed: u64, options: &RunOptions, dark: bool) -> Result<Rest, String>
     let plain = SimSource::new(&config).map_err(|e| e.to_string())?;
     let route = plain.world().route("loop").ok_or("the hall has no loop")?.points.clone();
     config.route = CameraPath::Points(cut(&route, 12.0));
-    let inner = SimSource::in_map(&config, plain.world().clone()).map_err(|e| e.to_string())?;
+    let inner = SimSource::in_world(&config, plain.world().clone()).map_err(|e| e.to_string())?;
     let truth = &inner.info().truth;
     let end = truth.last().ok_or("no frames")?.0;
     let (first, from) = (truth[0].0, end.plus_seconds(-REST_S));
