@@ -38,7 +38,7 @@ pub struct InertialConfig {
 
 impl Default for InertialConfig {
     fn default() -> Self {
-        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 2000 }
+        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 1000 }
     }
 }
 

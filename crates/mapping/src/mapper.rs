@@ -44,7 +44,7 @@ impl Default for MapperConfig {
             fuse_neighbours: 10,
             window: WindowConfig::default(),
             redundant_share: 0.9,
-            final_adjustment_key_frames: 5000,
+            final_adjustment_key_frames: 2000,
             depth_points: 100,
         }
     }

@@ -47,7 +47,7 @@ pub struct CloserConfig {
 
 impl Default for CloserConfig {
     fn default() -> Self {
-        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 2000 }
+        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 1000 }
     }
 }
 
