@@ -309,7 +309,7 @@ mod tests {
             html.contains("<th scope=\"col\" class=\"n\">p50</th>")
                 && html.contains("<th scope=\"col\">stage</th>")
         );
-        assert!(html.contains("<th scope=\"row\">see</th>"));
+        assert!(html.contains("<th scope=\"row\">extract</th>"));
         assert_eq!(
             (clock(61.25), clock(0.04), clock(-5.0)),
             ("1:01.3".into(), "0:00.0".into(), "-0:05.0".into())

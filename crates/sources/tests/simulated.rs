@@ -28,7 +28,7 @@ fn simulated_world_is_a_source() {
 fn invalid_worlds_are_refused() {
     let text = |source: &str, options| open(source, options).err().unwrap().to_string();
     assert!(text("sim:atlantis", part(1)).contains("atlantis"));
-    assert!(text("sim:corridor?colour=red", part(1)).contains("the key is not known"));
+    assert!(text("sim:corridor?colour=red", part(1)).contains("unknown key"));
     let options = OpenOptions { rig: Some(common::rgbd_rig()), ..Default::default() };
     assert!(text("sim:corridor", options).contains("a rig of its own"));
     assert!(text("sim:corridor", part(0)).contains("0 frames"));
