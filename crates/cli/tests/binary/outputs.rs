@@ -245,7 +245,7 @@ fn one_failing_output_does_not_keep_the_others_from_being_written() {
     let (tum, page) = (file("a.tum"), file("a.html"));
     let (map, report, live) = (file("lost/a.map"), file("lost/a.json"), file("lost/live.tum"));
     let files = ["--map-out", &map, "--report", &report, "--report-html", &page, "--trajectory", &tum];
-    let running = Running::start(&folder, &[&files[..], &["--live-trajectory", &live]].concat());
+    let running = Running::start(&folder, &[&files[..], &["--live-trajectory", &live, "--json"]].concat());
     std::fs::remove_dir_all(&lost).unwrap();
     let output = running.end("-INT");
     let text = stderr(&output);
@@ -255,6 +255,9 @@ fn one_failing_output_does_not_keep_the_others_from_being_written() {
     for (error, name) in errors.iter().zip(["a.map", "a.json", "live.tum"]) {
         assert!(error.contains(name), "{text}");
     }
+    let shown = json(&output)["error"].clone();
+    assert!(shown["what"].as_str().unwrap().ends_with("a.map"), "{shown}");
+    assert_eq!(shown["also"].as_array().map(Vec::len), Some(2), "{shown}");
     assert_eq!(names(&folder), ["a.html", "a.tum", "ready.route"]);
     std::fs::remove_dir_all(&folder).unwrap();
 }
