@@ -12,12 +12,34 @@ pub struct Failure {
     pub why: String,
     /// What the user can do.
     pub hint: String,
+    /// Whether the command line itself is wrong (exit code 2 instead of 1).
+    #[serde(skip)]
+    pub usage: bool,
+    /// Further failures of the same run, when one did not stop the others.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub also: Vec<Failure>,
 }
 
 impl Failure {
     /// From the three parts of a good message.
     pub fn new(what: impl Into<String>, why: impl Into<String>, hint: impl Into<String>) -> Self {
-        Self { what: what.into(), why: why.into(), hint: hint.into() }
+        Self { what: what.into(), why: why.into(), hint: hint.into(), usage: false, also: Vec::new() }
+    }
+
+    /// A command line that contradicts itself: exit code 2.
+    pub fn usage(what: impl Into<String>, why: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { usage: true, ..Self::new(what, why, hint) }
+    }
+
+    /// All failures as one, in their order.
+    ///
+    /// # Errors
+    /// When there is at least one.
+    pub fn all(failures: impl IntoIterator<Item = Self>) -> Result<(), Self> {
+        let mut failures = failures.into_iter();
+        let Some(mut first) = failures.next() else { return Ok(()) };
+        first.also.extend(failures);
+        Err(first)
     }
 }
 

@@ -1,12 +1,14 @@
 //! The `cairn` command: arguments in, text or JSON out. All computation happens in the library crates.
 //!
 //! Results go to stdout, everything else to stderr. Exit code 0: done; 1: the work failed (one line that
-//! says what failed, why, and what to do); 2: wrong usage.
+//! says what failed, why, and what to do); 2: wrong usage; 130: interrupted, and everything until then is written.
 
 mod commands;
 mod demo;
 mod failure;
+mod map_lock;
 mod output;
+mod outputs;
 mod progress;
 mod terminal;
 
@@ -53,15 +55,15 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let output = Output::new(arguments.json);
     match run(arguments.command, &output, began) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(failure) => output.fail(&failure),
     }
 }
 
-fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure> {
-    match command {
+fn run(command: Command, output: &Output, began: Instant) -> Result<ExitCode, Failure> {
+    let done = match command {
         Command::Demo(arguments) => demo::run(&arguments, output),
-        Command::Run(arguments) => commands::run::run(&arguments, output, began),
+        Command::Run(arguments) => return commands::run::run(&arguments, output, began),
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
         Command::Ekf(arguments) => commands::ekf::run(&arguments, output),
         Command::Sim(arguments) => commands::sim::run(&arguments, output),
@@ -75,5 +77,6 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
         Command::Serve(arguments) => commands::serve::run(&arguments, output),
-    }
+    };
+    done.map(|()| ExitCode::SUCCESS)
 }

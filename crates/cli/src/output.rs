@@ -43,16 +43,24 @@ impl Output {
         if self.json { Ok(()) } else { print(text.trim_end()) }
     }
 
-    /// Prints the failure on stderr, with --json also as an object on stdout, and returns exit code 1.
+    /// Prints the failure on stderr, with --json also as an object on stdout; returns exit code 1, or 2 for wrong
+    /// usage.
     pub fn fail(&self, failure: &Failure) -> ExitCode {
         if self.json {
             let object = serde_json::json!({ "error": failure });
             // If stdout is closed, the line on stderr and the exit code still report the failure.
             let _ = print(&object.to_string());
         }
-        eprintln!("error: {failure}");
-        ExitCode::from(1)
+        for failure in std::iter::once(failure).chain(&failure.also) {
+            note(&format!("error: {failure}"));
+        }
+        ExitCode::from(if failure.usage { 2 } else { 1 })
     }
+}
+
+/// Prints a line on stderr. After a hang-up there is nobody to read it; the work continues all the same.
+pub fn note(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
 fn print(text: &str) -> Result<(), Failure> {

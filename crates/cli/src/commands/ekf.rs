@@ -2,6 +2,7 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::ekf::{Association, EkfConfig};
 use cairn_filter::log::{CSV_FORMAT, Log, load};
@@ -93,13 +94,12 @@ fn metres(text: &str) -> Result<f64, String> {
 
 /// Filters, judges, prints.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
-    if let Some(out) = a.out.as_ref().filter(|out| out.exists() && !a.overwrite) {
-        return Err(Failure::new(
-            out.display().to_string(),
-            "is there already",
-            "give another name, or --overwrite",
-        ));
-    }
+    let partner = partner_of(&a.log);
+    let outputs = Outputs::new(a.overwrite)
+        .input("the log", Some(&a.log))
+        .input("the second file of the log", partner.as_deref())
+        .output("--out", a.out.as_deref())
+        .checked()?;
     let (_, log) = load(&a.log, a.robot).map_err(|e| {
         let place = e.line.map_or_else(String::new, |line| format!(", line {line}"));
         Failure::new(
@@ -120,14 +120,14 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     };
     let mut robots = Vec::new();
     for k in 0..log.robots.len() {
-        robots.push(judge(&log, k, &config, a.out.as_deref().filter(|_| k == 0))?);
+        robots.push(judge(&log, k, &config, (k == 0).then_some(&outputs))?);
     }
     let (notes, gate_probability) = (log.notes.clone(), config.gate_probability);
     let mapped = Mapped { log: log.name, associate: a.associate, gate_probability, notes, robots };
     output.result(&mapped, text)
 }
 
-fn judge(log: &Log, k: usize, config: &EkfConfig, out: Option<&Path>) -> Result<Robot, Failure> {
+fn judge(log: &Log, k: usize, config: &EkfConfig, page_to: Option<&Outputs>) -> Result<Robot, Failure> {
     let failed = |why: String| Failure::new(&log.robots[k].name, why, "check the noise of the log");
     let found = run_filter(log, k, config).map_err(|e| failed(e.to_string()))?;
     let (smooth, _) = found.smoothed(log, k, &BatchConfig::default()).map_err(|e| failed(e.to_string()))?;
@@ -154,25 +154,34 @@ fn judge(log: &Log, k: usize, config: &EkfConfig, out: Option<&Path>) -> Result<
         landmarks_to_smoothed_m: onto.map(|o| o.1),
         filter_ms: found.filter_ms,
     };
-    if let Some(out) = out {
-        write_page(out, log, &found, &robot, survey.map(|s| s.0.inverse()), &smooth.poses[0])?;
+    if let Some(outputs) = page_to {
+        write_page(outputs, log, &found, &robot, survey.map(|s| s.0.inverse()), &smooth.poses[0])?;
     }
     Ok(robot)
 }
 
+/// The other file of a pair _DR and _TD (Plaza).
+fn partner_of(log: &Path) -> Option<PathBuf> {
+    let name = log.file_name()?.to_str()?;
+    let other = if name.contains("_DR") { name.replace("_DR", "_TD") } else { name.replace("_TD", "_DR") };
+    Some(log.with_file_name(other))
+}
+
 fn write_page(
-    out: &Path,
+    outputs: &Outputs,
     log: &Log,
     found: &Run,
     robot: &Robot,
     map_from_survey: Option<Se2>,
     smoothed: &[cairn_geometry::Vec3],
 ) -> Result<(), Failure> {
-    let facts: Vec<(String, String)> =
-        rows(robot).into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
-    let title = format!("{}, {}", log.name, found.robot);
-    let html = page(&title, &facts, found, &log.surveyed, map_from_survey.as_ref(), Some(smoothed));
-    Ok(cairn_eval::write_whole(out, &html)?)
+    outputs.write("--out", || {
+        let facts: Vec<(String, String)> =
+            rows(robot).into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        let title = format!("{}, {}", log.name, found.robot);
+        let survey = map_from_survey.as_ref();
+        Ok(page(&title, &facts, found, &log.surveyed, survey, Some(smoothed)).into_bytes())
+    })
 }
 
 fn rows(r: &Robot) -> Vec<(&'static str, String)> {

@@ -2,6 +2,7 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn_dense::{
     DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume, write_glb, write_obj,
     write_ply,
@@ -10,9 +11,7 @@ use cairn_eval::load_trajectory;
 use cairn_geometry::Trajectory;
 use cairn_sensor::{FramePacket, Image};
 use cairn_sources::{OpenOptions, open};
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Fuses the depth images of a source into a surface and writes it as PLY, glTF (.glb) or OBJ.
 ///
@@ -36,6 +35,9 @@ pub struct Arguments {
     /// Only every so many frames.
     #[arg(long, default_value_t = 1, value_name = "N")]
     every: usize,
+    /// Replace the file if it exists.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// What was made.
@@ -56,7 +58,7 @@ const APART_NS: u64 = 20_000_000;
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.out.display().to_string();
     let ending = arguments.out.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    let write: fn(&Mesh, &mut BufWriter<File>) -> std::io::Result<()> = match ending.as_deref() {
+    let write: fn(&Mesh, &mut Vec<u8>) -> std::io::Result<()> = match ending.as_deref() {
         Some("ply") => |mesh, to| write_ply(mesh, to),
         Some("obj") => |mesh, to| write_obj(mesh, to),
         // A camera's world begins with y down.
@@ -69,16 +71,17 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
             ));
         }
     };
+    let outputs = Outputs::new(arguments.overwrite)
+        .input("the source", Some(Path::new(&arguments.source)))
+        .input("--poses", arguments.poses.as_deref())
+        .output("--out", Some(&arguments.out))
+        .checked()?;
     let (mesh, mut report) = fuse(arguments)?;
-    let wrong = |e: std::io::Error| {
-        Failure::new(
-            name.clone(),
-            e.to_string(),
-            "check that its folder exists, may be written, and has room",
-        )
-    };
-    let mut file = BufWriter::new(File::create(&arguments.out).map_err(wrong)?);
-    write(&mesh, &mut file).and_then(|()| file.flush()).map_err(wrong)?;
+    outputs.write("--out", || {
+        let mut bytes = Vec::new();
+        write(&mesh, &mut bytes).map_err(|e| Failure::new(&name, e.to_string(), "use a larger --voxel"))?;
+        Ok(bytes)
+    })?;
     report.file = name.clone();
     output.result(&report, |r| {
         let lost = match (r.without_pose, r.refused) {

@@ -2,6 +2,7 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn_geometry::Vec2;
 use cairn_plan::picture::Picture;
 use cairn_plan::route::{self, NoRoute, Route, Search};
@@ -60,9 +61,13 @@ struct Planned {
 
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.grid.display().to_string();
-    if let Some(out) = &arguments.out {
-        may_write(out, arguments.overwrite)?;
-    }
+    let form = arguments.out.as_deref().map(Form::of).transpose()?;
+    let image = image_of(&arguments.grid);
+    let outputs = Outputs::new(arguments.overwrite)
+        .input("the map", Some(&arguments.grid))
+        .input("the image of the map", image.as_deref())
+        .output("--out", arguments.out.as_deref())
+        .checked()?;
     let map = route::open_map(&arguments.grid).map_err(|e| {
         Failure::new(&name, e.to_string(), "give the YAML of a map_server map, or a Moving AI .map")
     })?;
@@ -77,8 +82,8 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let found = route::plan(&map, &costs, arguments.search, arguments.from, arguments.to);
     let ms = began.elapsed().as_secs_f64() * 1e3;
     let route = found.map_err(|e| Failure::new(&name, e.to_string(), hint(&e)))?;
-    if let Some(out) = &arguments.out {
-        draw(out, &map, &route)?;
+    if let Some(form) = form {
+        outputs.write("--out", || draw(form, &map, &route))?;
     }
     let frame = map.frame();
     let planned = Planned {
@@ -123,7 +128,36 @@ fn hint(reason: &NoRoute) -> &'static str {
     }
 }
 
-fn draw(out: &Path, map: &Grid<i8>, route: &Route) -> Result<(), Failure> {
+/// The form of a picture.
+#[derive(Clone, Copy)]
+enum Form {
+    Svg,
+    Png,
+}
+
+impl Form {
+    /// Chosen by the ending of the file.
+    fn of(out: &Path) -> Result<Self, Failure> {
+        match out.extension().and_then(|e| e.to_str()) {
+            Some("svg") => Ok(Self::Svg),
+            Some("png") => Ok(Self::Png),
+            _ => Err(Failure::new(
+                out.display().to_string(),
+                "neither .svg nor .png",
+                "name the picture so that it ends in .svg or .png",
+            )),
+        }
+    }
+}
+
+/// The image that the YAML of a map names; errors are reported when the map is opened.
+fn image_of(grid: &Path) -> Option<PathBuf> {
+    let text = std::fs::read_to_string(grid).ok()?;
+    let name = text.lines().find_map(|line| line.trim().strip_prefix("image:"))?;
+    Some(grid.with_file_name(name.trim().trim_matches(['"', '\''])))
+}
+
+fn draw(form: Form, map: &Grid<i8>, route: &Route) -> Result<Vec<u8>, Failure> {
     let colour = |value: i8| match value {
         0 => [250, 250, 247],
         v if v < 0 => [200, 204, 210],
@@ -132,29 +166,11 @@ fn draw(out: &Path, map: &Grid<i8>, route: &Route) -> Result<(), Failure> {
     let picture = Picture::new(map, colour)
         .path(&route.path.cells, [240, 170, 60])
         .points(&route.smooth.points, [30, 90, 200]);
-    let bytes = match out.extension() {
-        Some(e) if e == "png" => picture.png(),
-        _ => picture.svg().map(String::into_bytes),
+    let bytes = match form {
+        Form::Png => picture.png(),
+        Form::Svg => picture.svg().map(String::into_bytes),
     };
-    let name = out.display().to_string();
-    let bytes = bytes.map_err(|e| Failure::new(name, e.to_string(), "use a smaller map"))?;
-    Ok(cairn_eval::write_bytes_whole(out, &bytes)?)
-}
-
-/// The picture has a form that is known, and nothing is lost by writing it.
-fn may_write(out: &Path, overwrite: bool) -> Result<(), Failure> {
-    let name = out.display().to_string();
-    if !out.extension().is_some_and(|e| e == "svg" || e == "png") {
-        return Err(Failure::new(
-            name,
-            "neither .svg nor .png",
-            "name the picture so that it ends in .svg or .png",
-        ));
-    }
-    if out.exists() && !overwrite {
-        return Err(Failure::new(name, "it exists already", "give another name, or --overwrite"));
-    }
-    Ok(())
+    bytes.map_err(|e| Failure::new("the picture", e.to_string(), "use a smaller map"))
 }
 
 /// Two numbers with a comma between. What is no finite point is told by the search.

@@ -5,6 +5,7 @@ mod demo;
 mod doctor;
 mod eval;
 mod map;
+mod outputs;
 mod plan;
 mod rig;
 mod route;

@@ -191,7 +191,7 @@ fn interrupted_run_saves_map_and_route() {
     let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(killed.success());
     let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     assert!(stderr(&output).contains("interrupted"), "{}", stderr(&output));
     let info = json(&cairn(&["map", "info", &map, "--json"]));
     assert!(info["maps"][0]["routes"][0]["points"].as_u64().unwrap() >= 3, "{info}");

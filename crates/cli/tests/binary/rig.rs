@@ -83,11 +83,11 @@ fn rig_check_warns_about_unlikely_imu_parameters() {
         let text = stdout(&output);
         assert!(text.contains("warning: ") && words.iter().all(|w| text.contains(w)), "{text}");
     };
-    warns("slow.toml", "200.0", "50.0", &["50 samples a second"]);
+    warns("slow.toml", "200.0", "50.0", &["50 samples per second"]);
     warns("noise.toml", "2.0e-3", "0.8", &["accel noise 8e-1"]);
     warns("swapped.toml", "1.7e-4", "9e-3", &["exchanged"]);
     warns("late.toml", "rate_hz", "offset_s = 0.25\nrate_hz", &["+0.250 s"]);
-    fails(&["rig", "check", &write("no.toml", "1.9e-5", "7.0")], &["gyro walk 7e0 can not be"]);
+    fails(&["rig", "check", &write("no.toml", "1.9e-5", "7.0")], &["gyro walk 7e0 is impossible"]);
     fails(&["rig", "check", &write("zero.toml", "1.7e-4", "0.0")], &["gyro noise 0 is not a positive"]);
     fails(
         &["rig", "check", &write("ms.toml", "rate_hz", "offset_s = 25.0\nrate_hz")],

@@ -24,7 +24,7 @@ fn sim_leaves_nothing_behind_on_failure() {
     let out = folder.join("out");
     let out = out.to_str().unwrap();
     fails(&["sim", "moon", "--out", out], &["no world \"moon\""]);
-    fails(&["sim", "demo?sped=3", "--out", out], &["sped", "known are"]);
+    fails(&["sim", "demo?sped=3", "--out", out], &["sped", "known keys are"]);
     fails(&["sim", "demo?sensor=mono", "--out", out, "--layout", "tum"], &["depth"]);
     assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0, "nothing is left behind");
     std::fs::create_dir(folder.join("out")).unwrap();

@@ -33,7 +33,7 @@ fn script_records_and_guides() {
         &["run", WORLD, "--guide", &path("routes/route-0001.route")],
         &["route-0001.route", "map that is not loaded"],
     );
-    fails(&["run", WORLD, "--guide", &path("none.route")], &["none.route", "can not be read"]);
+    fails(&["run", WORLD, "--guide", &path("none.route")], &["none.route", "cannot be read"]);
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -3,10 +3,11 @@
 use super::open;
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn::{Map, routes_of};
 use cairn_atlas::store::MapFile;
 use cairn_atlas::{Landmark, MapId};
-use cairn_eval::{to_tum, write_whole};
+use cairn_eval::to_tum;
 use serde::Serialize;
 use std::fmt::Write;
 use std::fs::File;
@@ -30,6 +31,9 @@ pub struct Arguments {
     /// Which map of the file, by the number of its root key frame; by default the one with the most key frames.
     #[arg(long, alias = "world", value_name = "ROOT")]
     map: Option<usize>,
+    /// Replace the files of --points and --trajectory if they exist.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 #[derive(Serialize)]
@@ -60,6 +64,11 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
             "give --points OUT.ply, --trajectory OUT.tum or --routes DIR",
         ));
     }
+    let outputs = Outputs::new(a.overwrite)
+        .input("the map", Some(&a.file))
+        .output("--points", a.points.as_deref())
+        .output("--trajectory", a.trajectory.as_deref())
+        .checked()?;
     let file = open(&a.file)?;
     let map = Map::of_file(&file);
     let roots: Vec<usize> = map.maps().map(|id| id.root().index()).collect();
@@ -71,13 +80,10 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         Failure::new(shown, why, hint)
     })?;
     let landmarks: Vec<&Landmark> = map.landmarks(id).collect();
-    if let Some(path) = &a.points {
-        write_whole(path, &ply(&landmarks))?;
-    }
-    if let Some(path) = &a.trajectory {
-        write_whole(path, &to_tum(&map.trajectory(id)))?;
-    }
-    let routes = a.routes.as_deref().map_or_else(|| Ok(Vec::new()), |folder| write_routes(&file, folder))?;
+    let (routes, failed) = a.routes.as_deref().map(|folder| write_routes(&file, folder)).unwrap_or_default();
+    let points = outputs.write("--points", || Ok(ply(&landmarks).into_bytes()));
+    let trajectory = outputs.write("--trajectory", || Ok(to_tum(&map.trajectory(id)).into_bytes()));
+    Failure::all([points, trajectory].into_iter().filter_map(Result::err).chain(failed))?;
     let root = id.root().index();
     let exported = Exported {
         map: root,
@@ -118,9 +124,9 @@ fn ply(landmarks: &[&Landmark]) -> String {
     text
 }
 
-/// Writes each route to a new file named after it.
-fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let mut written = Vec::new();
+/// Writes each route to a new file named after it; returns the files written and what failed.
+fn write_routes(file: &MapFile, folder: &Path) -> (Vec<PathBuf>, Vec<Failure>) {
+    let (mut written, mut failed) = (Vec::new(), Vec::new());
     for (name, bytes, _) in routes_of(file) {
         // A name stored in a map must not be used as a path.
         let plain = Path::new(name).file_name().and_then(|n| n.to_str()) == Some(name);
@@ -129,13 +135,15 @@ fn write_routes(file: &MapFile, folder: &Path) -> Result<Vec<PathBuf>, Failure> 
             true => File::options().write(true).create_new(true).open(&path),
             false => Err(std::io::Error::other("the name of the route is not a valid file name")),
         };
-        created.and_then(|mut out| out.write_all(bytes)).map_err(|e| {
-            let hint = "give an existing folder without routes of these names";
-            Failure::new(path.display().to_string(), e.to_string(), hint)
-        })?;
-        written.push(path);
+        match created.and_then(|mut out| out.write_all(bytes)) {
+            Ok(()) => written.push(path),
+            Err(e) => {
+                let hint = "give an existing folder without routes of these names";
+                failed.push(Failure::new(path.display().to_string(), e.to_string(), hint));
+            }
+        }
     }
-    Ok(written)
+    (written, failed)
 }
 
 fn text(e: &Exported) -> String {

@@ -3,7 +3,9 @@
 
 use super::{failed, open};
 use crate::failure::Failure;
+use crate::map_lock::MapLock;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn::ROUTE_PREFIX;
 use cairn_atlas::Shift;
 use cairn_atlas::store::MapFile;
@@ -23,6 +25,9 @@ pub struct Arguments {
     /// The new file.
     #[arg(long, value_name = "OUT.map")]
     out: PathBuf,
+    /// Replace the file if it exists.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 #[derive(Serialize)]
@@ -43,12 +48,17 @@ struct Merged {
 /// When a file cannot be read or written, or the maps are of different cameras.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let Some((first, others)) = a.files.split_first() else { return Ok(()) };
+    let outputs = Outputs::new(a.overwrite);
+    let outputs = a.files.iter().fold(outputs, |outputs, file| outputs.input("a map to merge", Some(file)));
+    let outputs = outputs.output("--out", Some(&a.out)).checked()?;
+    let out = outputs.file("--out").unwrap_or(&a.out);
+    let _lock = MapLock::take(out)?;
     let mut into = open(first)?;
     let mut notes = Vec::new();
     for path in others {
         add(&mut into, open(path)?, path, &mut notes)?;
     }
-    let bytes = into.save(&a.out).map_err(|e| failed(&a.out, &e))?;
+    let bytes = into.save(out).map_err(|e| failed(&a.out, &e))?;
     let merged = Merged {
         out: a.out.clone(),
         bytes,

@@ -116,6 +116,9 @@ pub struct Arguments {
     /// Writes the report as one HTML file with figures.
     #[arg(long, value_name = "OUT.html")]
     pub report_html: Option<PathBuf>,
+    /// Replaces output files that exist already. The map of --map-in may be saved to the same file without it.
+    #[arg(long)]
+    pub overwrite: bool,
 }
 
 /// The frame whose poses are written.

@@ -13,7 +13,7 @@ use cairn_engine::Output;
 use cairn_sensor::FramePacket;
 use cairn_session::{Command, Event, Face, Session};
 use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, VoiceError, WavVoice};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// How announcements are given.
@@ -46,21 +46,40 @@ impl FromStr for Say {
 }
 
 impl Say {
-    /// The voice; if the result is JSON, announcements as text go to stderr.
+    /// Checks that the speech program is there, where it is needed.
+    ///
+    /// # Errors
+    /// When it is missing.
+    pub fn check(&self, config: SpeechConfig) -> Result<(), Failure> {
+        match self {
+            Self::Speech | Self::Wav(_) => Espeak::find(config).map(drop).map_err(fail),
+            Self::Text | Self::None => Ok(()),
+        }
+    }
+
+    /// The voice, with the checked file of wav:FILE; if the result is JSON, announcements as text go to stderr.
     ///
     /// # Errors
     /// When the speech program is missing or the WAV file cannot be created.
-    pub fn voice(&self, config: SpeechConfig, json: bool) -> Result<Box<dyn Voice>, Failure> {
-        let fail = |e: VoiceError| Failure::new("voice", e.why, e.cure);
+    pub fn voice(
+        &self,
+        config: SpeechConfig,
+        wav: Option<&Path>,
+        json: bool,
+    ) -> Result<Box<dyn Voice>, Failure> {
         let espeak = || Espeak::find(config).map_err(fail);
         Ok(match self {
             Self::Text if json => Box::new(TextVoice::new(std::io::stderr())),
             Self::Text => Box::new(TextVoice::new(std::io::stdout())),
             Self::Speech => Box::new(EspeakVoice::new(espeak()?)),
-            Self::Wav(path) => Box::new(WavVoice::create(path, espeak()?).map_err(fail)?),
+            Self::Wav(path) => Box::new(WavVoice::create(wav.unwrap_or(path), espeak()?).map_err(fail)?),
             Self::None => Box::new(NoVoice),
         })
     }
+}
+
+fn fail(e: VoiceError) -> Failure {
+    Failure::new("voice", e.why, e.cure)
 }
 
 /// Callbacks of a run.
@@ -106,10 +125,11 @@ impl<'t, 'a> RunFace<'t, 'a> {
         }
     }
 
-    /// Waits until the last announcement has been given; returns the saver, which still has to be ended.
-    pub fn end(mut self) -> (Saver<'a>, Result<(), Failure>) {
-        let voice_ended = self.voice.end().map_err(|e| Failure::new("voice", e.why, e.cure));
-        (self.saver, voice_ended)
+    /// Waits until the last announcement has been given; returns the saver, which still has to be ended, and whether a
+    /// signal ended the run.
+    pub fn end(mut self) -> (Saver<'a>, Result<(), Failure>, bool) {
+        let voice_ended = self.voice.end().map_err(fail);
+        (self.saver, voice_ended, self.interrupted)
     }
 }
 
@@ -161,7 +181,7 @@ impl Face for RunFace<'_, '_> {
         let (mut commands, mistakes) = self.terminal.asked();
         mistakes.iter().for_each(|why| self.progress.warn(why));
         if self.interrupt.requested() && !std::mem::replace(&mut self.interrupted, true) {
-            self.progress.warn("interrupted: finishing the run; press Ctrl-C again to stop at once");
+            self.progress.warn("interrupted: writing what there is; press Ctrl-C again to stop at once");
             commands.push(Command::Quit);
         }
         commands.extend(self.replay_stopped.then_some(Command::Quit));

@@ -1,4 +1,6 @@
-//! Ctrl-C ends a run as if the source had ended, so that all results are still written; a second one stops at once.
+//! Signals end a run as if the source had ended, so that all results are still written.
+//!
+//! A second Ctrl-C or termination stops at once. A hang-up does not: a closing terminal may send several.
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::sync::Arc;
@@ -14,8 +16,12 @@ impl Interrupt {
         let this = Self::default();
         for signal in [SIGINT, SIGTERM] {
             // In this order, the first signal sets the flag and a second one finds it set and stops.
-            let _ = signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, this.0.clone());
+            let _ = signal_hook::flag::register_conditional_shutdown(signal, 130, this.0.clone());
             let _ = signal_hook::flag::register(signal, this.0.clone());
+        }
+        #[cfg(unix)]
+        if !hang_up_is_ignored() {
+            let _ = signal_hook::flag::register(signal_hook::consts::SIGHUP, this.0.clone());
         }
         this
     }
@@ -24,4 +30,13 @@ impl Interrupt {
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
+}
+
+/// Whether the run was started to outlive its terminal, as by nohup. Known on Linux only.
+#[cfg(unix)]
+fn hang_up_is_ignored() -> bool {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return false };
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok()).unwrap_or(0);
+    mask >> (signal_hook::consts::SIGHUP - 1) & 1 == 1
 }

@@ -2,6 +2,8 @@
 
 use super::Arguments;
 use crate::failure::Failure;
+use crate::output::note;
+use crate::outputs::Outputs;
 use cairn_engine::{Engine, Journal, Stopped};
 use std::fs::File;
 use std::io::BufWriter;
@@ -26,11 +28,12 @@ pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
 /// When the journal cannot be created, or belongs to another source or other options.
 pub fn engine(
     a: &Arguments,
+    outputs: &Outputs,
     engine: Engine,
     source: &str,
     journal: Option<Journal>,
 ) -> Result<Engine, Failure> {
-    if let Some(path) = &a.journal {
+    if let Some(path) = outputs.file("--journal") {
         let shown = path.display().to_string();
         let file = File::create(path)
             .map_err(|e| Failure::new(shown, e.to_string(), "check that its folder is writable"))?;
@@ -54,16 +57,16 @@ pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
     let (Some(path), Some(replay)) = (&a.replay, engine.replayed()) else { return Ok(()) };
     let shown = path.display().to_string();
     match &replay.stopped {
-        None => eprintln!(
+        None => note(&format!(
             "replay: {} of {} frames equal bit for bit{}",
             replay.equal,
             replay.of,
             if replay.map_equal { ", and the map" } else { "" }
-        ),
-        Some(Stopped::Cut(why)) => eprintln!(
+        )),
+        Some(Stopped::Cut(why)) => note(&format!(
             "warning: {shown}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
             replay.equal, replay.of
-        ),
+        )),
         Some(Stopped::Differs { stamp, what }) => {
             let at = stamp.map_or("after the last frame".into(), |s| format!("frame at {s}"));
             let why = format!("{at}: {what}; the {} frames before are equal", replay.equal);

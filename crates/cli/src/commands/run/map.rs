@@ -3,6 +3,7 @@
 use super::Arguments;
 use crate::commands::map::{failed, open};
 use crate::failure::Failure;
+use crate::output::note;
 use cairn::map_file;
 use cairn_atlas::store::{MapFile, StoreError};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
@@ -58,7 +59,7 @@ pub fn engine(
             Failure::new(&shown, why, "use the camera and --sensor the map was made with")
         }
     })?;
-    notes.iter().for_each(|note| eprintln!("warning: {shown}: {note}"));
+    notes.iter().for_each(|text| note(&format!("warning: {shown}: {text}")));
     Ok(if a.localize_only { engine.localize_only() } else { engine })
 }
 
@@ -74,10 +75,10 @@ pub struct Saver<'a> {
 }
 
 impl<'a> Saver<'a> {
-    /// Configured by the arguments; the attachments of the map of --map-in are kept.
-    pub fn new(a: &'a Arguments, before: Option<MapFile>) -> Self {
+    /// Saves to the checked file of --map-out as the arguments say; the attachments of the map of --map-in are kept.
+    pub fn new(a: &Arguments, to: Option<&'a Path>, before: Option<MapFile>) -> Self {
         Self {
-            to: a.map_out.as_deref(),
+            to,
             every: Duration::try_from_secs_f64(a.map_every).unwrap_or(Duration::MAX),
             attached: before.map_or_else(BTreeMap::new, |file| file.attached),
             last: Instant::now(),
@@ -110,7 +111,7 @@ impl<'a> Saver<'a> {
         // If that save failed, the one below is the retry.
         drop(self.work.take().map(JoinHandle::join));
         let Some(file) = self.file(session) else {
-            eprintln!("warning: {}: not written because the map is empty", path.display());
+            note(&format!("warning: {}: not written because the map is empty", path.display()));
             return Ok(());
         };
         file.save(path).map(drop).map_err(|e| failed(path, &e))

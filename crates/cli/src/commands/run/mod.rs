@@ -7,6 +7,7 @@ mod interrupt;
 mod journal;
 mod map;
 mod page;
+mod results;
 mod route;
 mod sensor;
 mod status;
@@ -14,14 +15,13 @@ mod tally;
 
 use super::serve::rig_of;
 use crate::failure::Failure;
-use crate::output::Output;
+use crate::map_lock::MapLock;
+use crate::output::{Output, note};
+use crate::outputs::Outputs;
 use crate::terminal::Terminal;
 pub use arguments::Arguments;
-use arguments::Whose;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Journal, PoseTime, Runner, Status};
-use cairn_eval::{RunReport, to_tum, write_whole};
-use cairn_geometry::{Se3, Trajectory};
+use cairn_engine::{Config, Journal, Runner, Status};
 use cairn_guide::{AnnouncerConfig, PhraseConfig};
 use cairn_sensor::{Rig, Source, Stamp};
 use cairn_session::{Command, Inbox, Script, Session, SessionConfig, drive_live, drive_lockstep, feed};
@@ -29,19 +29,22 @@ use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waitin
 use cairn_voice::SpeechConfig;
 use events::Events;
 use face::{RunFace, Say};
+use results::Outcome;
 pub use sensor::Sensor;
 use status::StatusLines;
-use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::process::ExitCode;
 use std::time::Instant;
 use tally::Tally;
 
 /// Runs the engine over the source, then writes the requested results. `began` is when the process started.
 ///
 /// # Errors
-/// When an input cannot be used, the run fails or gives no pose, or a result cannot be written.
-pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
-    check_targets(a)?;
+/// When an input cannot be used, the run fails or gives no pose, or a result cannot be written. Once a frame has been
+/// processed, every result is written all the same.
+pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, Failure> {
+    let outputs = results::checked(a)?;
+    let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
     let mut script = a.script.as_deref().map_or_else(|| Ok(Script::default()), read_script)?;
     let live = is_live(&a.source);
@@ -49,7 +52,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         true => Say::Text,
         false => Say::None,
     });
-    let voice = say.voice(SpeechConfig { rate: a.rate, volume: a.volume }, output.is_json())?;
+    let speech = SpeechConfig { rate: a.rate, volume: a.volume };
+    say.check(speech)?;
     if live && (a.journal.is_some() || a.replay.is_some()) {
         return Err(Failure::new(
             &a.source,
@@ -60,7 +64,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let replayed = journal::opened(a)?;
     let map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
-    let source: Box<dyn Source> = Box::new(Validator::new(source, |doubt| eprintln!("warning: {doubt}")));
+    let source: Box<dyn Source> =
+        Box::new(Validator::new(source, |doubt| note(&format!("warning: {doubt}"))));
     let rig = source.rig().clone();
     config.inertial.enabled = sensor.has_imu();
     if sensor.has_imu() && rig.imu.is_none() {
@@ -75,18 +80,19 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let rate_hz = source.info().rate_hz;
     let engine = map::engine(a, map_in.as_ref(), &rig, sensor.mode(), rate_hz, runner, &config)?;
     let stamps = replayed.as_ref().map(Journal::stamps);
-    let mut engine = journal::engine(a, engine, &source.info().name, replayed)?;
-    let mut events = Events::begin(a.events.as_deref(), &mut engine)?;
-    let mut session = Session::new(engine, session_config(a, live));
+    let mut engine = journal::engine(a, &outputs, engine, &source.info().name, replayed)?;
+    let mut events = Events::begin(outputs.file("--events"), &mut engine)?;
+    let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
+    let mut session = Session::new(engine, session_config(a, &outputs, live));
     if let Some(lines) = &mut status {
         lines.update(&session.standing());
     }
-    begin(&mut session, a, map_in.as_ref())?;
+    begin(&mut session, a, &outputs, map_in.as_ref())?;
     let mut tally = Tally::new(began);
     let truth = source.info().truth.clone();
     let name = source.info().name.clone();
     let terminal = Terminal::new(a.lines, a.realtime || live);
-    let saver = map::Saver::new(a, map_in);
+    let saver = map::Saver::new(a, outputs.file("--map-out"), map_in);
     let mut face =
         RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status);
     let (driven, skipped) = if live {
@@ -112,7 +118,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         let driven = drive_lockstep(&mut session, &mut *source, &mut script, &mut face);
         (driven, source.skipped().to_vec())
     };
-    let (saver, voice_ended) = face.end();
+    let (saver, voice_ended, interrupted) = face.end();
     let finished = session.engine_mut().finish();
     tally.after(&finished);
     let events = events.map_or(Ok(()), |mut events| {
@@ -123,10 +129,13 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let journal_ended = journal::end(a, session.engine());
     warn_of_skipped(&skipped);
     let closed = session.close().map_err(|why| Failure::new("recording", why, "free some space on the disk"));
-    // The map is saved however the run ended; the first failure is reported.
     let saved = saver.end(&session);
-    driven?;
-    voice_ended.and(closed).and(saved).and(events).and(journal_ended)?;
+    // Nothing above or below keeps the rest from being written; all failures are reported together.
+    let driven = driven.map(drop).map_err(Failure::from);
+    let mut failures: Vec<Failure> = [driven, voice_ended, closed, saved, events, journal_ended]
+        .into_iter()
+        .filter_map(Result::err)
+        .collect();
     let engine = session.engine();
     let mut report = tally.report(engine, &config, &skipped);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
@@ -134,19 +143,30 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     report.accuracy = cairn::accuracy(engine, &truth).ok();
     report.live = tally::live(&truth, engine);
     report.scale = tally::scale(&truth, engine);
-    write_reports(a, engine, &report, &tally)?;
-    if report.tracked == 0 {
-        let why = tally.last_state.clone().unwrap_or_else(|| "it has no frames".into());
-        return Err(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
+    let ended = Outcome { report: &report, interrupted };
+    if failures.is_empty() || report.frames > 0 {
+        failures.extend(results::write_reports(&outputs, engine, &ended, &tally));
     }
-    write_trajectories(a, &rig, engine)?;
-    output.result(&report, |r| tally::text(r, a.realtime || live))
+    if report.tracked > 0 {
+        failures.extend(results::write_trajectories(&outputs, a.frame, &rig, engine));
+    } else if interrupted {
+        note("warning: interrupted before the first pose: there is no trajectory to write");
+    } else if failures.is_empty() {
+        let why = tally.last_state.clone().unwrap_or_else(|| "it has no frames".into());
+        failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
+    }
+    Failure::all(failures)?;
+    output.result(&ended, |ended| tally::text(ended, a.realtime || live))?;
+    Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS })
 }
 
-fn session_config(a: &Arguments, live: bool) -> SessionConfig {
+/// The exit code of a run that a signal ended early.
+const INTERRUPTED: u8 = 130;
+
+fn session_config(a: &Arguments, outputs: &Outputs, live: bool) -> SessionConfig {
     SessionConfig {
         folder: a.routes.clone(),
-        record_to: a.record.clone(),
+        record_to: outputs.file("--record").map(Path::to_owned),
         source: a.source.clone(),
         // With --record, --guide or --script the user decides what is recorded.
         auto_record: (live && a.record.is_none() && a.guide.is_none() && a.script.is_none())
@@ -162,8 +182,13 @@ fn session_config(a: &Arguments, live: bool) -> SessionConfig {
 const AUTO_RECORD: usize = 100;
 
 /// Starts recording and guidance as the arguments ask, before the first frame.
-fn begin(session: &mut Session, a: &Arguments, map: Option<&MapFile>) -> Result<(), Failure> {
-    if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map) {
+fn begin(
+    session: &mut Session,
+    a: &Arguments,
+    outputs: &Outputs,
+    map: Option<&MapFile>,
+) -> Result<(), Failure> {
+    if let (Some(path), Some(map)) = (outputs.file("--record").filter(|path| path.exists()), map) {
         session.resume_recording(route::resume(path, map)?, path);
     } else if a.record.is_some() {
         let started = session.command(&Command::Record);
@@ -205,7 +230,7 @@ fn open_source(
     let options = |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames };
     let given = a.rig.as_deref().map(|path| rig_of(path, config)).transpose()?;
     if let Some(message) = waiting_for(&a.source) {
-        eprintln!("{message}");
+        note(&message);
     }
     let source = open(&a.source, options(given))?;
     let of_map = |map: &MapFile| Sensor::with(map.about.sensor, source.rig().imu.is_some());
@@ -235,79 +260,12 @@ pub fn read_config(path: &Path) -> Result<Config, Failure> {
     })
 }
 
-/// Checks before the run that every result can be written.
-fn check_targets(a: &Arguments) -> Result<(), Failure> {
-    let targets = [
-        &a.trajectory,
-        &a.live_trajectory,
-        &a.record,
-        &a.report,
-        &a.report_html,
-        &a.map_out,
-        &a.events,
-        &a.journal,
-    ];
-    for path in targets.into_iter().flatten() {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if !folder.is_dir() {
-            let why = format!("its folder {} does not exist", folder.display());
-            return Err(Failure::new(path.display().to_string(), why, "make the folder first"));
-        }
-        if path.is_dir() {
-            return Err(Failure::new(path.display().to_string(), "is a folder", "name a file"));
-        }
-    }
-    // An existing route is continued if it was recorded in the opened map.
-    let continued = |route: &&PathBuf| a.map_in.is_some() && route.exists();
-    let Some(route) = a.record.as_ref().filter(|route| !continued(route)) else { return Ok(()) };
-    // Created and removed again, to detect a folder that is not writable.
-    let created =
-        File::options().write(true).create_new(true).open(route).and_then(|_| std::fs::remove_file(route));
-    created.map_err(|e| {
-        let hint = match e.kind() {
-            std::io::ErrorKind::AlreadyExists => "a recorded route is never overwritten: give another name",
-            _ => "check that its folder is writable and the disk has room",
-        };
-        Failure::new(route.display().to_string(), e.to_string(), hint)
-    })
-}
-
 fn warn_of_skipped(skipped: &[String]) {
     const SHOWN: usize = 5;
     for line in skipped.iter().take(SHOWN) {
-        eprintln!("warning: skipped: {line}");
+        note(&format!("warning: skipped: {line}"));
     }
     if skipped.len() > SHOWN {
-        eprintln!("warning: skipped: and {} more", skipped.len() - SHOWN);
+        note(&format!("warning: skipped: and {} more", skipped.len() - SHOWN));
     }
-}
-
-fn write_reports(a: &Arguments, engine: &Engine, report: &RunReport, tally: &Tally) -> Result<(), Failure> {
-    if let Some(path) = &a.report {
-        report.save(path)?;
-    }
-    if let Some(path) = &a.report_html {
-        write_whole(path, &page::of(report, tally, &engine.trajectory()))?;
-    }
-    Ok(())
-}
-
-fn write_trajectories(a: &Arguments, rig: &Rig, engine: &Engine) -> Result<(), Failure> {
-    let body_from = match a.frame {
-        Whose::Body => Se3::identity(),
-        Whose::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
-    };
-    let poses = |time: PoseTime| {
-        let poses = engine.mounted_trajectory(&body_from, time).into_iter();
-        // The engine returns each frame once and in order.
-        Trajectory::from_unsorted(poses.map(|(t, pose)| (t.0, pose)).collect())
-            .map_err(|e| Failure::new("trajectory", e.to_string(), "report this with the recording"))
-    };
-    if let Some(path) = &a.trajectory {
-        write_whole(path, &to_tum(&poses(PoseTime::Corrected)?))?;
-    }
-    if let Some(path) = &a.live_trajectory {
-        write_whole(path, &to_tum(&poses(PoseTime::Live)?))?;
-    }
-    Ok(())
 }

@@ -1,16 +1,19 @@
 //! The report of a run as one HTML file.
 
+use super::results::Outcome;
 use super::tally::Tally;
 use cairn_eval::{
-    Page, Plan, PlanLine, RunReport, Tone, error_over_time, times_histogram, times_over_frames,
-    trajectory_view, widest_axes,
+    Page, Plan, PlanLine, Tone, error_over_time, times_histogram, times_over_frames, trajectory_view,
+    widest_axes,
 };
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::Stamp;
 
 /// The page: results, comparison with ground truth where there is one, cost, and configuration.
-pub fn of(r: &RunReport, tally: &Tally, world_from_body: &[(Stamp, Se3)]) -> String {
-    let lead = format!("{} of {} frames have a pose.", r.tracked, r.frames);
+pub fn of(ended: &Outcome, tally: &Tally, world_from_body: &[(Stamp, Se3)]) -> String {
+    let r = ended.report;
+    let stopped = if ended.interrupted { " The run was interrupted." } else { "" };
+    let lead = format!("{} of {} frames have a pose.{stopped}", r.tracked, r.frames);
     let mut page = Page::new(&format!("{}, {}", r.source, r.sensor), &lead);
     let number = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.2} {unit}"));
     page.heading("Summary");

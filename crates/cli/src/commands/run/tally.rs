@@ -1,5 +1,6 @@
 //! Counts and times of a run, frame by frame; the report and its text.
 
+use super::results::Outcome;
 use super::status::{self, StatusTally};
 use cairn_engine::{Config, Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};
 use cairn_eval::{
@@ -194,9 +195,13 @@ pub fn scale(truth: &[(Stamp, Se3)], engine: &Engine) -> Vec<ScaleReport> {
 }
 
 /// The report as a table for people.
-pub fn text(r: &RunReport, realtime: bool) -> String {
+pub fn text(ended: &Outcome, realtime: bool) -> String {
+    let r = ended.report;
     let mut text = String::new();
     // Writing to a string cannot fail.
+    if ended.interrupted {
+        let _ = writeln!(text, "ended     interrupted; everything until then is written");
+    }
     let _ = writeln!(text, "source    {}, {}", r.source, r.sensor);
     let dropped = if realtime { format!(", {} dropped", r.dropped) } else { String::new() };
     let _ = writeln!(

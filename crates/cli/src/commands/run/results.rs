@@ -1,0 +1,103 @@
+//! The files of a run: which there are, and writing reports and trajectories at its end.
+
+use super::arguments::{Arguments, Whose};
+use super::face::Say;
+use super::page;
+use super::tally::Tally;
+use crate::failure::Failure;
+use crate::outputs::Outputs;
+use cairn_engine::{Engine, PoseTime};
+use cairn_eval::{RunReport, to_tum};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_sensor::Rig;
+use serde::Serialize;
+use std::fs::File;
+use std::path::Path;
+
+/// The report with how the run ended.
+#[derive(Serialize)]
+pub struct Outcome<'a> {
+    #[serde(flatten)]
+    pub report: &'a RunReport,
+    /// Whether a signal ended the run before its source did.
+    pub interrupted: bool,
+}
+
+/// Checks before the run that every result can be written.
+///
+/// # Errors
+/// Wrong usage where an output is an input or another output; a failure where one exists or cannot be written.
+pub fn checked(a: &Arguments) -> Result<Outputs, Failure> {
+    let wav = match &a.say {
+        Some(Say::Wav(path)) => Some(path.as_path()),
+        _ => None,
+    };
+    let outputs = Outputs::new(a.overwrite)
+        .input("the source", Some(Path::new(&a.source)))
+        .input("--rig", a.rig.as_deref())
+        .input("--config", a.config.as_deref())
+        .input("--script", a.script.as_deref())
+        .input("--guide", a.guide.as_deref())
+        .input("--replay", a.replay.as_deref())
+        .input("--map-in", a.map_in.as_deref())
+        .output("--trajectory", a.trajectory.as_deref())
+        .output("--live-trajectory", a.live_trajectory.as_deref())
+        .output("--report", a.report.as_deref())
+        .output("--report-html", a.report_html.as_deref())
+        .output("--events", a.events.as_deref())
+        .output("--journal", a.journal.as_deref())
+        .output("--say wav:", wav)
+        .output_over("--map-out", a.map_out.as_deref(), "--map-in")
+        .output_kept("--record", a.record.as_deref())
+        .checked()?;
+    // An existing route is continued if it was recorded in the opened map.
+    let new = |route: &&Path| a.map_in.is_none() || !route.exists();
+    let Some(route) = outputs.file("--record").filter(new) else { return Ok(outputs) };
+    // Created and removed again, to detect a folder that is not writable.
+    let created =
+        File::options().write(true).create_new(true).open(route).and_then(|_| std::fs::remove_file(route));
+    created.map_err(|e| {
+        let hint = match e.kind() {
+            std::io::ErrorKind::AlreadyExists => "a recorded route is never overwritten: give another name",
+            _ => "check that its folder is writable and the disk has room",
+        };
+        Failure::new(route.display().to_string(), e.to_string(), hint)
+    })?;
+    Ok(outputs)
+}
+
+/// Writes the reports.
+pub fn write_reports(outputs: &Outputs, engine: &Engine, ended: &Outcome, tally: &Tally) -> Vec<Failure> {
+    let json = || {
+        let text = serde_json::to_string_pretty(ended)
+            .map_err(|e| Failure::new("report", e.to_string(), "leave out --report"))?;
+        Ok((text + "\n").into_bytes())
+    };
+    let html = || Ok(page::of(ended, tally, &engine.trajectory()).into_bytes());
+    [outputs.write("--report", json), outputs.write("--report-html", html)]
+        .into_iter()
+        .filter_map(Result::err)
+        .collect()
+}
+
+/// Writes the trajectories.
+pub fn write_trajectories(outputs: &Outputs, whose: Whose, rig: &Rig, engine: &Engine) -> Vec<Failure> {
+    let body_from = match whose {
+        Whose::Body => Se3::identity(),
+        Whose::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
+    };
+    let poses = |time: PoseTime| {
+        let poses = engine.mounted_trajectory(&body_from, time).into_iter();
+        // The engine returns each frame once and in order.
+        let poses = Trajectory::from_unsorted(poses.map(|(t, pose)| (t.0, pose)).collect())
+            .map_err(|e| Failure::new("trajectory", e.to_string(), "report this with the recording"))?;
+        Ok(to_tum(&poses).into_bytes())
+    };
+    [
+        outputs.write("--trajectory", || poses(PoseTime::Corrected)),
+        outputs.write("--live-trajectory", || poses(PoseTime::Live)),
+    ]
+    .into_iter()
+    .filter_map(Result::err)
+    .collect()
+}
