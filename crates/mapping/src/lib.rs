@@ -9,6 +9,11 @@ mod inertial;
 mod insert;
 mod mapper;
 mod rotation_only;
+#[cfg(test)]
+#[path = "../../adjust/tests/common/mod.rs"]
+mod synthetic;
+#[cfg(test)]
+mod tests;
 mod triangulation;
 
 pub use closing::{Accepted, Closed, Closer, CloserConfig, Joined, Refusal, Verdict};

@@ -11,6 +11,11 @@ mod scale;
 mod start;
 mod state;
 mod static_landmarks;
+#[cfg(test)]
+#[path = "../../adjust/tests/common/mod.rs"]
+mod synthetic;
+#[cfg(test)]
+mod tests;
 mod tracker;
 
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};

@@ -369,7 +369,7 @@ impl Tracker {
     }
 
     /// Predicts by the IMU, else by constant velocity, else by the last pose, and matches around that.
-    fn by_motion(
+    pub(crate) fn by_motion(
         &self,
         frame: &Frame,
         snapshot: &Snapshot,
@@ -420,7 +420,7 @@ impl Tracker {
     }
 
     /// Matches by the descriptors of the reference key frame, near the last pose.
-    fn by_reference(&self, frame: &Frame, snapshot: &Snapshot) -> Option<(Se3, Matches)> {
+    pub(crate) fn by_reference(&self, frame: &Frame, snapshot: &Snapshot) -> Option<(Se3, Matches)> {
         let last = self.last.as_ref()?;
         let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
         let mut matches = match_key_frame(snapshot.key_frame(reference)?, frame, 0.7);

@@ -8,6 +8,8 @@ mod correct;
 mod draft;
 mod relax;
 mod relocation_prior;
+#[cfg(test)]
+mod tests;
 
 use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;

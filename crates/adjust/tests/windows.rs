@@ -1,0 +1,137 @@
+//! Windows on synthetic maps: perturbed poses come back, fixed ones stay, wrong observations go.
+
+mod common;
+
+use cairn_adjust::{Window, WindowConfig};
+use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Snapshot};
+use cairn_geometry::{Manifold, Vec3};
+use common::{World, off, sideways, stereo};
+use nalgebra::SVector;
+
+/// Poses off by 2 to 3 cm and half a degree, landmarks by 2 cm, but for the first key frame.
+fn perturb(atlas: &mut Atlas, ids: &[KeyFrameId]) {
+    let snapshot = atlas.latest().clone();
+    let mut changes = Vec::new();
+    for (n, id) in ids.iter().enumerate().skip(1) {
+        let d = |k: f64| (k * n as f64).sin();
+        let error =
+            SVector::from([0.02, 0.02 * d(1.7), 0.02 * d(0.7), 0.008 * d(2.1), 0.008, 0.008 * d(3.1)]);
+        let pose = snapshot.key_frame(*id).expect("a key frame").world_from_camera;
+        changes.push(Change::MoveKeyFrame(*id, pose.retract(&error)));
+    }
+    for (n, l) in snapshot.landmarks().enumerate() {
+        let error = Vec3::new((n as f64).sin(), (1.3 * n as f64).sin(), (0.7 * n as f64).sin());
+        changes.push(Change::MoveLandmark(l.id, l.position + 0.02 * error));
+    }
+    assert_eq!(atlas.commit(changes).dropped, 0);
+}
+
+fn worst(snapshot: &Snapshot, ids: &[KeyFrameId], path: &[cairn_geometry::Se3]) -> (f64, f64) {
+    ids.iter().zip(path).fold((0.0, 0.0), |(m, rad), (id, truth)| {
+        let (a, b) = off(&snapshot.key_frame(*id).expect("a key frame").world_from_camera, truth);
+        (f64::max(m, a), f64::max(rad, b))
+    })
+}
+
+#[test]
+fn window_around_a_key_frame_recovers_perturbed_poses_and_landmarks() {
+    let (world, path) = (World::around(stereo(), 1), sideways(6, 0.15));
+    let (mut atlas, ids) = world.exact_map(&path);
+    perturb(&mut atlas, &ids);
+    assert!(worst(atlas.latest(), &ids, &path).0 > 0.02);
+    let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
+    let window = Window::around(atlas.latest(), &world.camera, ids[3], &config).expect("a window");
+    let result = window.solve(&config, || false);
+    assert!(result.report.cost_after < 1e-3 * result.report.cost_before, "{:?}", result.report);
+    assert_eq!(atlas.commit(result.changes.changes).dropped, 0);
+    let (metres, radians) = worst(atlas.latest(), &ids, &path);
+    assert!(metres < 5e-4 && radians < 2e-4, "{metres} m, {radians} rad");
+    let far = atlas.latest().landmarks().filter(|l| {
+        l.observations.len() >= 3
+            && (l.position - world.point_of(atlas.latest(), l.id).expect("a point")).norm() > 0.005
+    });
+    assert_eq!(far.count(), 0);
+}
+
+#[test]
+fn whole_window_recovers_a_perturbed_map_and_keeps_its_root() {
+    let (world, path) = (World::around(stereo(), 2), sideways(6, 0.15));
+    let (mut atlas, ids) = world.exact_map(&path);
+    perturb(&mut atlas, &ids);
+    let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
+    let result = Window::whole(atlas.latest(), &world.camera, MapId(ids[0])).solve(&config, || false);
+    let moves_root = |c: &Change| matches!(c, Change::MoveKeyFrame(id, _) if *id == ids[0]);
+    assert!(!result.changes.changes.iter().any(moves_root));
+    atlas.commit(result.changes.changes);
+    let (metres, radians) = worst(atlas.latest(), &ids, &path);
+    assert!(metres < 5e-4 && radians < 2e-4, "{metres} m, {radians} rad");
+}
+
+#[test]
+fn key_frames_outside_a_window_stay_fixed() {
+    let (world, path) = (World::around(stereo(), 3), sideways(8, 0.1));
+    let (mut atlas, ids) = world.exact_map(&path);
+    perturb(&mut atlas, &ids);
+    let before = atlas.latest().clone();
+    let config = WindowConfig { key_frames: 3, ..WindowConfig::default() };
+    let window = Window::around(&before, &world.camera, ids[6], &config).expect("a window");
+    atlas.commit(window.solve(&config, || false).changes.changes);
+    let pose = |s: &Snapshot, id: &KeyFrameId| s.key_frame(*id).expect("a key frame").world_from_camera;
+    let moved: Vec<KeyFrameId> =
+        ids.iter().copied().filter(|id| pose(&before, id) != pose(atlas.latest(), id)).collect();
+    assert_eq!(moved.len(), 3, "{moved:?}");
+    assert!(moved.contains(&ids[6]) && !moved.contains(&ids[0]), "{moved:?}");
+}
+
+#[test]
+fn wrong_observations_are_removed_and_right_ones_stay() {
+    let (world, path) = (World::around(stereo(), 4), sideways(6, 0.15));
+    let (mut atlas, ids) = world.exact_map(&path);
+    // In one key frame, pairs of landmarks that lie apart swap their features.
+    let snapshot = atlas.latest().clone();
+    let k = snapshot.key_frame(ids[3]).expect("a key frame");
+    let shown: Vec<usize> = (0..k.frame.len())
+        .filter(|i| {
+            k.landmarks[*i].and_then(|l| snapshot.landmark(l)).is_some_and(|l| l.observations.len() == 6)
+        })
+        .collect();
+    let apart = |a: usize, b: usize| (k.frame.px[a][0] - k.frame.px[b][0]).abs() > 50.0;
+    let swapped: Vec<(usize, usize)> =
+        (0..20).map(|n| (shown[n], shown[n + 40])).filter(|(a, b)| apart(*a, *b)).collect();
+    assert!(swapped.len() > 8);
+    let mut wrong = Vec::new();
+    let mut changes = Vec::new();
+    for (a, b) in swapped {
+        let (la, lb) = (k.landmarks[a].expect("shown"), k.landmarks[b].expect("shown"));
+        changes.extend([Change::Forget(la, ids[3]), Change::Forget(lb, ids[3])]);
+        changes.extend([Change::Observe(la, ids[3], b as u16), Change::Observe(lb, ids[3], a as u16)]);
+        wrong.extend([(la, ids[3]), (lb, ids[3])]);
+    }
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    let config = WindowConfig { iterations: [10, 10], ..WindowConfig::default() };
+    let window = Window::around(atlas.latest(), &world.camera, ids[3], &config).expect("a window");
+    let result = window.solve(&config, || false);
+    let mut removed: Vec<_> = result
+        .changes
+        .changes
+        .iter()
+        .filter_map(|c| match c {
+            Change::Forget(l, k) => Some((*l, *k)),
+            _ => None,
+        })
+        .collect();
+    removed.sort_unstable();
+    wrong.sort_unstable();
+    assert_eq!(removed, wrong);
+    atlas.commit(result.changes.changes);
+    let (metres, radians) = worst(atlas.latest(), &ids, &path);
+    assert!(metres < 1e-3 && radians < 5e-4, "{metres} m, {radians} rad");
+}
+
+#[test]
+fn window_around_an_unknown_key_frame_is_none() {
+    let world = World::around(stereo(), 5);
+    let (atlas, _) = world.exact_map(&sideways(2, 0.1));
+    let unknown = atlas.latest().next_key_frame_id();
+    assert!(Window::around(atlas.latest(), &world.camera, unknown, &WindowConfig::default()).is_none());
+}

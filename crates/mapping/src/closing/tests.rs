@@ -1,0 +1,247 @@
+//! Loop closing and map merging on synthetic maps.
+
+use super::*;
+use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
+use cairn_atlas::Atlas;
+use cairn_geometry::So3;
+use cairn_vision::RectifiedCamera;
+
+/// Key frames in a lap.
+const LAP: usize = 36;
+
+fn closer(camera: RectifiedCamera) -> Closer {
+    Closer::new(camera, CloserConfig::default(), WindowConfig::default())
+}
+
+/// A lap of a circle with a radius of one metre and the first sixth of a second one, looking outwards.
+fn circle() -> Vec<Se3> {
+    let at = |n: usize| {
+        let turn = std::f64::consts::TAU * n as f64 / LAP as f64;
+        pose(turn.sin(), turn.cos(), turn)
+    };
+    (0..LAP + 6).map(at).collect()
+}
+
+/// The map of that walk, which drifts by so many metres, and a fiftieth of that in radians, between the first sixth of the
+/// lap and its end.
+fn lap(world: &World, drift_m: f64) -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
+    let path = circle();
+    let views = world.walk(&path, 0.0, 0.5);
+    let drift = |n: usize| {
+        let share = (n.clamp(6, LAP) - 6) as f64 / (LAP - 6) as f64;
+        let turn = So3::exp(&Vec3::new(0.0, share * drift_m / 50.0, 0.0));
+        Sim3::new(turn, Vec3::new(share * drift_m, 0.0, 0.0), 1.0)
+    };
+    let mut atlas = Atlas::new(Snapshot::new());
+    let ids = world.map(&mut atlas, &views, &path, None, drift);
+    (atlas, ids, path)
+}
+
+fn error(snapshot: &Snapshot, id: KeyFrameId, truth: &Se3) -> f64 {
+    off(&snapshot.key_frame(id).expect("there").world_from_camera, truth).0
+}
+
+#[test]
+fn a_revisited_place_is_accepted_with_a_second_opinion_and_the_loop_is_corrected() {
+    let world = World::around(stereo(), 71);
+    let (mut atlas, ids, path) = lap(&world, 0.4);
+    let mut closer = closer(world.camera);
+    let last = LAP + 5;
+    let first = closer.step(atlas.latest(), ids[last - 1]);
+    assert!(first.changes.is_empty() && first.joined.is_none());
+    let waits = first.verdicts.iter().filter(|v| v.result == Err(Refusal::Alone)).count();
+    assert!(waits > 0, "{:?}", first.verdicts);
+    let second = closer.step(atlas.latest(), ids[last]);
+    let accepted = second.verdicts.iter().find_map(|v| v.result.ok());
+    let accepted = accepted.unwrap_or_else(|| panic!("{:?}", second.verdicts));
+    assert_eq!(accepted.joined, Joined::Loop);
+    assert!((accepted.off - 0.4).abs() < 0.02 && (accepted.off_rad - 0.008).abs() < 2e-3, "{accepted:?}");
+    assert!(accepted.inliers >= 40 && accepted.scale == 1.0, "{accepted:?}");
+    assert_eq!(second.joined, Some(ids[last]));
+    let before = atlas.latest().clone();
+    assert_eq!(atlas.commit(second.changes).dropped, 0);
+    atlas.latest().check().expect("a sound map");
+    assert!(error(&before, ids[last], &path[last]) > 0.38);
+    let after = error(atlas.latest(), ids[last], &path[last]);
+    // The pose graph shares the error out; what it leaves is taken by the adjustment of the whole map, below.
+    assert!(after < 0.08, "{after}");
+    // The drift is distributed over the second half of the lap.
+    let mean = |s: &Snapshot| (18..=last).map(|n| error(s, ids[n], &path[n])).sum::<f64>() / 24.0;
+    assert!(mean(atlas.latest()) < 0.5 * mean(&before), "{} of {}", mean(atlas.latest()), mean(&before));
+    // Points seen on both laps are one landmark now.
+    let both = |s: &Snapshot| {
+        let seen = |l: &&cairn_atlas::Landmark| {
+            let on = |from: usize, to: usize| {
+                l.observations.iter().any(|o| (ids[from]..=ids[to]).contains(&o.key_frame))
+            };
+            on(0, 6) && on(LAP, last)
+        };
+        s.landmarks().filter(seen).count()
+    };
+    assert_eq!(both(&before), 0);
+    assert!(both(atlas.latest()) > 100, "{}", both(atlas.latest()));
+    let (here, old) = (ids[last], second.verdicts.last().expect("a verdict").candidate);
+    assert!(atlas.latest().key_frame(here).is_some_and(|k| k.links.contains(&old)));
+    atlas.commit(closer.adjust_whole(atlas.latest(), MapId(ids[0]), || false));
+    let (after, all) = (error(atlas.latest(), ids[last], &path[last]), mean(atlas.latest()));
+    assert!(after < 0.02 && all < 0.02, "{after} {all}");
+}
+
+#[test]
+fn an_implausible_correction_is_refused_as_drift() {
+    let world = World::around(stereo(), 72);
+    let (atlas, ids, _) = lap(&world, 1.5);
+    let mut closer = closer(world.camera);
+    for n in [LAP + 4, LAP + 5] {
+        let closed = closer.step(atlas.latest(), ids[n]);
+        assert!(closed.changes.is_empty() && closed.joined.is_none());
+        let drift = closed.verdicts.iter().find_map(|v| match v.result {
+            Err(Refusal::Drift { off, plausible }) => Some((off, plausible)),
+            _ => None,
+        });
+        let (off, plausible) = drift.unwrap_or_else(|| panic!("{:?}", closed.verdicts));
+        assert!((off - 1.5).abs() < 0.05 && (0.7..1.2).contains(&plausible), "{off} {plausible}");
+        assert!(closed.verdicts.iter().all(|v| v.result.is_err()));
+    }
+}
+
+#[test]
+fn a_small_correction_needs_no_second_opinion() {
+    let world = World::around(stereo(), 73);
+    let (atlas, ids, _) = lap(&world, 0.1);
+    let closed = closer(world.camera).step(atlas.latest(), ids[LAP + 5]);
+    let accepted = closed.verdicts.iter().find_map(|v| v.result.ok());
+    assert!(accepted.is_some_and(|a| (a.off - 0.1).abs() < 0.02), "{:?}", closed.verdicts);
+}
+
+#[test]
+fn another_place_at_the_same_position_is_refused_by_its_looks() {
+    let (world, other) = (World::around(stereo(), 74), World::around(stereo(), 75));
+    let path = sideways(4, 0.2);
+    let (mut atlas, ids) = world.exact_map(&path);
+    let views = other.walk(&path, 10.0, 0.5);
+    let later = other.map(&mut atlas, &views, &path, ids.last().copied(), |_| Sim3::identity());
+    let closed = closer(world.camera).step(atlas.latest(), later[3]);
+    assert!(!closed.verdicts.is_empty() && closed.changes.is_empty());
+    for verdict in &closed.verdicts {
+        let Err(Refusal::MatchFailure(MatchFailure::Alike { have, need })) = verdict.result else {
+            panic!("{verdict:?}")
+        };
+        assert!(have < need && ids.contains(&verdict.candidate));
+    }
+}
+
+/// An exact map of a place, and a younger one of the same place in a frame of its own.
+fn two_maps(world: &World, map_from_world: &Sim3) -> (Atlas, [Vec<KeyFrameId>; 2], Vec<Se3>) {
+    let path = sideways(5, 0.2);
+    let (mut atlas, older) = world.exact_map(&path);
+    let views: Vec<View> = world.walk(&path, 20.0, 0.5);
+    let younger = world.map(&mut atlas, &views, &path, None, |_| *map_from_world);
+    (atlas, [older, younger], path)
+}
+
+#[test]
+fn two_maps_are_merged_by_one_similarity() {
+    let turned = So3::exp(&Vec3::new(0.1, 2.0, -0.2));
+    for (camera, scale) in [(stereo(), 1.0), (mono(), 2.0)] {
+        let world = World::around(camera, 76);
+        let map_from_world = Sim3::new(turned, Vec3::new(7.0, -1.0, 3.0), scale);
+        let (mut atlas, [older, younger], path) = two_maps(&world, &map_from_world);
+        let mut closer = closer(camera);
+        let first = closer.step(atlas.latest(), younger[3]);
+        assert!(first.changes.is_empty());
+        assert!(first.verdicts.iter().any(|v| v.result == Err(Refusal::Alone)), "{:?}", first.verdicts);
+        let second = closer.step(atlas.latest(), younger[4]);
+        let accepted = second.verdicts.iter().find_map(|v| v.result.ok());
+        let accepted = accepted.unwrap_or_else(|| panic!("{:?}", second.verdicts));
+        let joined = Joined::Merge { from: MapId(younger[0]), into: MapId(older[0]) };
+        assert_eq!(accepted.joined, joined);
+        assert!((accepted.scale * scale - 1.0).abs() < 1e-3, "{accepted:?}");
+        assert_eq!(atlas.commit(second.changes).dropped, 0);
+        atlas.latest().check().expect("a sound map");
+        assert_eq!(atlas.latest().maps().count(), 1);
+        for (id, truth) in older.iter().chain(&younger).zip(path.iter().chain(&path)) {
+            let k = atlas.latest().key_frame(*id).expect("none is lost");
+            let (metres, radians) = off(&k.world_from_camera, truth);
+            assert!(metres < 2e-3 && radians < 1e-3, "{id:?}: {metres} m, {radians} rad");
+        }
+    }
+}
+
+#[test]
+fn maps_without_a_common_scale_are_refused_with_the_number_of_points() {
+    let world = World::around(mono(), 77);
+    let (mut atlas, [_, younger], _) = two_maps(&world, &Sim3::identity());
+    let own: Vec<Change> = (atlas.latest().landmarks())
+        .filter(|l| l.observations[0].key_frame >= younger[0])
+        .map(|l| Change::RemoveLandmark(l.id))
+        .collect();
+    atlas.commit(own);
+    let closed = closer(world.camera).step(atlas.latest(), younger[4]);
+    // Its own key frames share no landmarks any more, and have none to be recognised by.
+    let older = closed.verdicts.iter().find(|v| v.candidate < younger[0]);
+    let result = older.map(|v| v.result);
+    assert!(matches!(result, Some(Err(Refusal::Scale { points: 0, .. }))), "{:?}", closed.verdicts);
+    assert!(closed.changes.is_empty());
+}
+
+#[test]
+fn gravity_directions_that_disagree_are_refused_as_tilt() {
+    let world = World::around(stereo(), 78);
+    let tilt = Sim3::new(So3::exp(&Vec3::new(0.3, 0.0, 0.0)), Vec3::zeros(), 1.0);
+    let (mut atlas, [older, younger], _) = two_maps(&world, &tilt);
+    let align = |id: KeyFrameId| Change::AlignGravity(MapId(id), Sim3::identity());
+    atlas.commit(vec![align(older[0]), align(younger[0])]);
+    let closed = closer(world.camera).step(atlas.latest(), younger[4]);
+    let tilted = closed.verdicts.iter().find_map(|v| match v.result {
+        Err(Refusal::Tilt { tilt_rad }) => Some(tilt_rad),
+        _ => None,
+    });
+    assert!(tilted.is_some_and(|rad| (rad - 0.3).abs() < 0.01), "{:?}", closed.verdicts);
+}
+
+#[test]
+fn a_merge_beyond_the_map_prior_is_refused_as_drift() {
+    let world = World::around(stereo(), 79);
+    let aside = Sim3 { translation: Vec3::new(4.0, 0.0, 0.0), ..Sim3::identity() };
+    let (mut atlas, [older, younger], _) = two_maps(&world, &aside);
+    let prior = cairn_atlas::MapPrior {
+        to: older[4],
+        to_from_root: Se3::identity(),
+        sigma: 0.3,
+        sigma_rad: 0.1,
+        sigma_log_scale: 0.0,
+    };
+    atlas.commit(vec![Change::MapPrior(MapId(younger[0]), prior)]);
+    let closed = closer(world.camera).step(atlas.latest(), younger[4]);
+    let drift = |v: &Verdict| matches!(v.result, Err(Refusal::Drift { off, .. }) if (off - 4.0).abs() < 0.1);
+    assert!(closed.verdicts.iter().any(drift), "{:?}", closed.verdicts);
+}
+
+#[test]
+fn a_closer_that_is_switched_off_judges_nothing() {
+    let world = World::around(stereo(), 80);
+    let (atlas, ids, _) = lap(&world, 0.1);
+    let config = CloserConfig { enabled: false, ..CloserConfig::default() };
+    let mut closer = Closer::new(world.camera, config, WindowConfig::default());
+    let closed = closer.step(atlas.latest(), ids[LAP + 5]);
+    assert!(closed.verdicts.is_empty() && closed.changes.is_empty());
+}
+
+#[test]
+fn adjust_whole_finishes_a_corrected_map_and_can_be_stopped() {
+    let world = World::around(stereo(), 81);
+    let (mut atlas, ids, path) = lap(&world, 0.1);
+    let mut closer = closer(world.camera);
+    let closed = closer.step(atlas.latest(), ids[LAP + 5]);
+    atlas.commit(closed.changes);
+    let map = MapId(ids[0]);
+    assert!(closer.adjust_whole(atlas.latest(), map, || true).is_empty());
+    let changes = closer.adjust_whole(atlas.latest(), map, || false);
+    let before = atlas.latest().clone();
+    atlas.commit(changes);
+    let mean = |s: &Snapshot| {
+        ids.iter().zip(&path).map(|(id, truth)| error(s, *id, truth)).sum::<f64>() / ids.len() as f64
+    };
+    assert!(mean(atlas.latest()) < 0.3 * mean(&before), "{} of {}", mean(atlas.latest()), mean(&before));
+}

@@ -1,0 +1,391 @@
+//! The mapping stage on synthetic maps: one test for each of its stages.
+
+use crate::cull::{RecentLandmarks, redundant};
+use crate::fuse::{around, fuse_into};
+use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
+use crate::rotation_only::landmarks_by_rotation;
+use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
+use crate::triangulation::create_landmarks;
+use crate::{MapStart, Mapped, Mapper, MapperConfig, Submitted};
+use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot};
+use cairn_geometry::{Se3, Sim3, Vec3};
+use std::collections::BTreeSet;
+
+/// Every landmark lies where the point that it shows is, and shows one point alone.
+fn assert_exact(world: &World, snapshot: &Snapshot, world_from_map: &Sim3, metres: f64) {
+    snapshot.check().expect("a sound map");
+    for l in snapshot.landmarks() {
+        let truth = world.point_of(snapshot, l.id).expect("a point");
+        let error = (*world_from_map * l.position - truth).norm();
+        assert!(error < metres, "{:?} is {error} m off, {} observations", l.id, l.observations.len());
+        let look = |n: usize| {
+            let o = l.observations[n];
+            snapshot.key_frame(o.key_frame).expect("shown").frame.descriptors[o.feature as usize]
+        };
+        assert!((1..l.observations.len()).all(|n| look(n) == look(0)), "{:?} mixes points", l.id);
+    }
+}
+
+/// Removes the landmarks for which this holds.
+fn remove(atlas: &mut Atlas, which: impl Fn(LandmarkId) -> bool) {
+    let ids: Vec<LandmarkId> = atlas.latest().landmarks().map(|l| l.id).filter(|id| which(*id)).collect();
+    atlas.commit(ids.into_iter().map(Change::RemoveLandmark).collect());
+}
+
+#[test]
+fn add_key_frame_inserts_it_with_its_observations_and_its_words() {
+    let world = World::around(stereo(), 51);
+    let (mut atlas, ids) = world.exact_map(&sideways(2, 0.2));
+    let at = pose(0.4, 0.0, 0.0);
+    let view = world.see(&at, 1.0);
+    let observed = world.matches(atlas.latest(), &view);
+    let id = atlas.latest().next_key_frame_id();
+    let entry = Entry { id, frame: &view.frame, world_from_camera: at, observed: &observed, motion: None };
+    assert_eq!(atlas.commit(add_key_frame(&entry, Some(ids[1]))).dropped, 0);
+    let k = atlas.latest().key_frame(id).expect("inserted");
+    assert_eq!((k.parent, k.world_from_camera, &k.landmarks), (Some(ids[1]), at, &observed));
+    assert!(!k.bag.is_empty());
+    assert_eq!(k.covisible.len(), 2);
+}
+
+#[test]
+fn points_from_depth_are_the_close_ones_and_the_nearest_up_to_the_least() {
+    let world = World::around(stereo(), 52);
+    let atlas = Atlas::new(Snapshot::new());
+    let at = pose(0.3, -0.2, 0.4);
+    let view = world.see(&at, 0.0);
+    let frame = &view.frame;
+    let close = frame.depth.iter().filter(|d| f64::from(**d) <= world.camera.close_depth).count();
+    assert!(close > 50 && close < frame.len());
+    let nothing = vec![None; frame.len()];
+    for (least, expected) in [(0, close), (close + 20, close + 20), (usize::MAX, frame.len())] {
+        let mut new = NewLandmarks::after(atlas.latest());
+        let id = atlas.latest().next_key_frame_id();
+        let entry = Entry { id, frame, world_from_camera: at, observed: &nothing, motion: None };
+        let mut changes = add_key_frame(&entry, None);
+        changes.extend(points_from_depth(atlas.latest(), &world.camera, &entry, least, &mut new));
+        let mut atlas = Atlas::new(Snapshot::new());
+        assert_eq!(atlas.commit(changes).dropped, 0);
+        assert_eq!(atlas.latest().landmark_count(), expected);
+        assert_exact(&world, atlas.latest(), &Sim3::identity(), 1e-4);
+    }
+}
+
+#[test]
+fn create_landmarks_triangulates_the_true_positions_with_two_neighbours() {
+    let world = World::around(mono(), 53);
+    let (mut atlas, ids) = world.exact_map(&sideways(3, 0.3));
+    let every = atlas.latest().landmark_count();
+    // Half of the points are not in the map yet.
+    remove(&mut atlas, |id| id.index() % 2 == 0);
+    let before = atlas.latest().landmark_count();
+    let mut new = NewLandmarks::after(atlas.latest());
+    let changes = create_landmarks(atlas.latest(), &world.camera, ids[2], 10, &mut new, || false);
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    let created = atlas.latest().landmark_count() - before;
+    assert_eq!(created, new.ids.len());
+    assert!(created * 10 > (every - before) * 7, "{created} of {}", every - before);
+    assert_exact(&world, atlas.latest(), &Sim3::identity(), 2e-3);
+    let neighbours: BTreeSet<KeyFrameId> = (new.ids.iter())
+        .map(|id| atlas.latest().landmark(*id).expect("created").observations[0].key_frame)
+        .collect();
+    assert!(neighbours.is_subset(&ids[..2].iter().copied().collect()), "{neighbours:?}");
+}
+
+#[test]
+fn create_landmarks_triangulates_nothing_without_a_baseline() {
+    let world = World::around(mono(), 54);
+    let (mut atlas, ids) = world.exact_map(&sideways(3, 0.002));
+    remove(&mut atlas, |id| id.index() % 2 == 0);
+    let mut new = NewLandmarks::after(atlas.latest());
+    let changes = create_landmarks(atlas.latest(), &world.camera, ids[2], 10, &mut new, || false);
+    assert!(changes.is_empty());
+}
+
+/// One map in which each place was visited twice, with landmarks of its own each time.
+fn visited_twice(world: &World, map_from_world: &Sim3) -> (Atlas, [Vec<KeyFrameId>; 2]) {
+    let path = sideways(3, 0.2);
+    let (mut atlas, first) = world.exact_map(&path);
+    let views = world.walk(&path, 10.0, 0.5);
+    let second = world.map(&mut atlas, &views, &path, first.last().copied(), |_| *map_from_world);
+    (atlas, [first, second])
+}
+
+#[test]
+fn fuse_into_joins_duplicates_of_a_point() {
+    let world = World::around(stereo(), 55);
+    let (mut atlas, [first, second]) = visited_twice(&world, &Sim3::identity());
+    let before = atlas.latest().landmark_count();
+    let mine: Vec<LandmarkId> =
+        atlas.latest().key_frame(second[1]).expect("there").landmarks.iter().flatten().copied().collect();
+    let target = atlas.latest().key_frame(first[1]).expect("there");
+    let changes = fuse_into(atlas.latest(), &world.camera, &mine, target);
+    assert!(changes.iter().all(|c| matches!(c, Change::Fuse(..))));
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    let fused = before - atlas.latest().landmark_count();
+    assert!(fused * 10 > mine.len() * 9, "{fused} of {}", mine.len());
+    assert_exact(&world, atlas.latest(), &Sim3::identity(), 1e-4);
+    let both = around(atlas.latest(), second[1], 10);
+    assert!(first.iter().all(|id| both.contains(id)), "the visits share landmarks now: {both:?}");
+}
+
+#[test]
+fn fuse_into_leaves_alone_what_lies_elsewhere() {
+    let world = World::around(stereo(), 56);
+    let aside = Sim3 { translation: Vec3::new(0.3, 0.0, 0.0), ..Sim3::identity() };
+    let (atlas, [first, second]) = visited_twice(&world, &aside);
+    let mine: Vec<LandmarkId> =
+        atlas.latest().key_frame(second[1]).expect("there").landmarks.iter().flatten().copied().collect();
+    let target = atlas.latest().key_frame(first[1]).expect("there");
+    assert!(fuse_into(atlas.latest(), &world.camera, &mine, target).is_empty());
+}
+
+#[test]
+fn recent_landmarks_that_are_not_found_again_are_culled() {
+    let world = World::around(stereo(), 57);
+    let (atlas, ids) = world.exact_map(&sideways(3, 0.2));
+    let of = |views: usize| {
+        let l = atlas.latest().landmarks().find(|l| l.observations.len() == views);
+        l.expect("a landmark").id
+    };
+    let [once, twice, thrice] = [of(1), of(2), of(3)];
+    let removed = |recent: &mut RecentLandmarks, now: KeyFrameId, depth: bool| -> Vec<LandmarkId> {
+        let changes = recent.cull(atlas.latest(), now, depth);
+        let id = |c: Change| match c {
+            Change::RemoveLandmark(id) => id,
+            other => panic!("{other:?}"),
+        };
+        changes.into_iter().map(id).collect()
+    };
+    let mut recent = RecentLandmarks::default();
+    recent.admit(&[once, twice, thrice], ids[0]);
+    // Found in one of five frames that should see it: less than a quarter.
+    recent.note(&[(thrice, false); 4]);
+    recent.note(&[(twice, false), (twice, false), (twice, true)]);
+    assert_eq!(removed(&mut recent, ids[1], true), [thrice]);
+    assert_eq!(removed(&mut recent, ids[2], true), [once], "one view is too few after two key frames");
+    let mut recent = RecentLandmarks::default();
+    recent.admit(&[once, twice, thrice], ids[0]);
+    let culled = BTreeSet::from_iter(removed(&mut recent, ids[2], false));
+    assert_eq!(culled, BTreeSet::from([once, twice]), "without depth three views are needed");
+    // What has lasted three key frames is no longer on trial.
+    let later = KeyFrameId::from_index(3).expect("an id");
+    assert!(removed(&mut recent, later, false).is_empty());
+    recent.note(&[(thrice, false); 100]);
+    assert!(removed(&mut recent, later, false).is_empty());
+}
+
+#[test]
+fn redundant_key_frame_is_one_whose_landmarks_three_others_see() {
+    let world = World::around(stereo(), 58);
+    let (mut atlas, ids) = world.exact_map(&sideways(6, 0.02));
+    let found = redundant(atlas.latest(), &world.camera, ids[5], 0.9);
+    let Some(Change::RemoveKeyFrame(id)) = found else { panic!("{found:?}") };
+    assert!(id != ids[0] && id != ids[5], "neither the root nor the newest: {id:?}");
+    let landmarks = atlas.latest().landmark_count();
+    atlas.commit(found.into_iter().collect());
+    atlas.latest().check().expect("a sound map");
+    assert!(atlas.latest().key_frame(id).is_none() && landmarks - atlas.latest().landmark_count() < 5);
+    // Key frames that show a new part of the world each are all needed.
+    let turning: Vec<Se3> = (0..6).map(|n| pose(0.0, 0.0, 0.5 * f64::from(n))).collect();
+    let (atlas, ids) = world.exact_map(&turning);
+    assert!(redundant(atlas.latest(), &world.camera, ids[5], 0.9).is_none());
+}
+
+/// Two key frames with parallax, then two that look far aside from the spot; only the first two have landmarks.
+fn turned(world: &World) -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
+    let path = vec![pose(0.0, 0.0, 0.0), pose(0.3, 0.0, 0.0), pose(0.3, 0.0, 1.1), pose(0.3, 0.0, 1.15)];
+    let (mut atlas, ids) = world.exact_map(&path);
+    let early = |id| {
+        let l = atlas.latest().landmark(id).expect("there");
+        l.observations[0].key_frame == ids[0]
+    };
+    let late: BTreeSet<LandmarkId> =
+        atlas.latest().landmarks().map(|l| l.id).filter(|id| !early(*id)).collect();
+    remove(&mut atlas, |id| late.contains(&id));
+    (atlas, ids, path)
+}
+
+#[test]
+fn landmarks_by_rotation_lie_in_the_true_directions() {
+    let world = World::around(mono(), 59);
+    let (mut atlas, ids, path) = turned(&world);
+    let k = atlas.latest().key_frame(ids[3]).expect("there");
+    let known = k.landmarks.iter().flatten().count();
+    assert!(known >= 5 && 5 * known < k.frame.len(), "{known} of {}", k.frame.len());
+    let mut new = NewLandmarks::after(atlas.latest());
+    let changes = landmarks_by_rotation(atlas.latest(), &world.camera, ids[3], &mut new);
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    assert!(new.ids.len() > 80, "{}", new.ids.len());
+    for id in &new.ids {
+        let l = atlas.latest().landmark(*id).expect("created");
+        let truth = world.point_of(atlas.latest(), *id).expect("a point");
+        let ray = |p: &Vec3| (p - path[3].translation).normalize();
+        assert!((ray(&l.position) - ray(&truth)).norm() < 1e-5);
+        let depth = (path[3].inverse() * l.position).z;
+        assert!((1.0..8.0).contains(&depth), "{depth}");
+        assert_eq!(l.observations.len(), 2);
+    }
+}
+
+#[test]
+fn landmarks_by_rotation_are_not_made_of_views_with_a_baseline() {
+    let world = World::around(mono(), 60);
+    let (mut atlas, ids, path) = turned(&world);
+    let aside = Se3::new(path[3].rotation, path[3].translation + Vec3::new(0.5, 0.0, 0.0));
+    atlas.commit(vec![Change::MoveKeyFrame(ids[3], aside)]);
+    let mut new = NewLandmarks::after(atlas.latest());
+    assert!(landmarks_by_rotation(atlas.latest(), &world.camera, ids[3], &mut new).is_empty());
+}
+
+/// Submits a view as tracking does: its true matches, at a pose that is off.
+fn submit(
+    mapper: &mut Mapper,
+    atlas: &mut Atlas,
+    world: &World,
+    view: &View,
+    at: &Se3,
+    change: impl FnOnce(&mut Submitted),
+) -> Mapped {
+    let landmarks = world.matches(atlas.latest(), view);
+    let reference = atlas.latest().newest_key_frame().expect("a map").id;
+    let reference_from_camera = atlas.latest().anchor(reference, at).expect("there");
+    let mut submitted = Submitted {
+        frame: &view.frame,
+        landmarks: &landmarks,
+        reference,
+        reference_from_camera,
+        imu: None,
+        orientation_only: false,
+        rescale: None,
+    };
+    change(&mut submitted);
+    mapper.step(atlas, &submitted, || false).expect("a key frame")
+}
+
+#[test]
+fn mapper_builds_an_exact_map_from_poses_that_are_off() {
+    let world = World::around(stereo(), 61);
+    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+    let mut atlas = Atlas::new(Snapshot::new());
+    let path: Vec<Se3> = (0..10).map(|n| pose(0.15 * f64::from(n), 0.0, 0.04 * f64::from(n))).collect();
+    let views = world.walk(&path, 0.0, 0.5);
+    let root = mapper.start(&mut atlas, &views[0].frame, &MapStart::default());
+    assert_eq!(atlas.latest().landmark_count(), views[0].frame.len());
+    let mut worst: f64 = 0.0;
+    for (n, view) in views.iter().enumerate().skip(1) {
+        let wrong = path[n] * pose(0.02, -0.01, 0.005);
+        let mapped = submit(&mut mapper, &mut atlas, &world, view, &wrong, |_| ());
+        assert!(mapped.created > 0, "each view shows something new");
+        assert_eq!(mapped.adjustment.is_some(), n >= 2, "a window takes three key frames");
+        if n >= 2 {
+            let k = atlas.latest().key_frame(mapped.key_frame).expect("the newest stays");
+            worst = worst.max(off(&k.world_from_camera, &path[n]).0);
+        }
+    }
+    assert!(worst < 5e-3, "{worst} m");
+    mapper.final_adjustment(&mut atlas);
+    for k in atlas.latest().key_frames() {
+        let n = views.iter().position(|v| std::sync::Arc::ptr_eq(&v.frame, &k.frame)).expect("a view");
+        let (metres, radians) = off(&k.world_from_camera, &path[n]);
+        assert!(metres < 1e-3 && radians < 5e-4, "view {n}: {metres} m, {radians} rad");
+    }
+    assert!(atlas.latest().key_frame(root).is_some());
+    assert_exact(&world, atlas.latest(), &Sim3::identity(), 0.02);
+}
+
+#[test]
+fn mapper_starts_from_a_pair_and_goes_on_in_its_unit() {
+    let world = World::around(mono(), 62);
+    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+    let mut atlas = Atlas::new(Snapshot::new());
+    let path = sideways(6, 0.25);
+    let views = world.walk(&path, 0.0, 0.5);
+    // The points seen in both, with a baseline of unit length.
+    let mut points = Vec::new();
+    for (i, point) in views[0].points.iter().enumerate() {
+        if let Ok(j) = views[1].points.binary_search(point) {
+            points.push((i as u16, j as u16, world.points[*point] * 4.0));
+        }
+    }
+    let first_from_second = pose(1.0, 0.0, 0.0);
+    let [first, second] = [&views[0].frame, &views[1].frame];
+    let none = mapper.start_pair(&mut atlas, first, second, first_from_second, &[], &MapStart::default());
+    assert!(none.is_none() && atlas.latest().key_frame_count() == 0, "no point, no map");
+    // He is said to walk at one unit a second: the baseline, walked in half a second, is half a unit.
+    let start = MapStart { speed: Some(1.0), ..MapStart::default() };
+    let b = mapper.start_pair(&mut atlas, first, second, first_from_second, &points, &start);
+    let b = b.expect("a map");
+    let at = atlas.latest().key_frame(b).expect("there").world_from_camera;
+    assert!((at.translation - Vec3::new(0.5, 0.0, 0.0)).norm() < 1e-4, "{at:?}");
+    let world_from_map = Sim3 { scale: 0.5, ..Sim3::identity() };
+    assert_exact(&world, atlas.latest(), &world_from_map, 2e-3);
+    for (n, view) in views.iter().enumerate().skip(2) {
+        let truth = world_from_map.inverse().transform_pose(&path[n]);
+        let mapped =
+            submit(&mut mapper, &mut atlas, &world, view, &(truth * pose(0.01, 0.01, 0.003)), |_| ());
+        let k = atlas.latest().key_frame(mapped.key_frame).expect("the newest stays");
+        // Rotation does not depend on the unit of length, which views alone do not hold: it follows the guesses.
+        let (units, radians) = off(&k.world_from_camera, &truth);
+        assert!(units < 0.03 && radians < 1e-4, "view {n}: {units}, {radians} rad");
+    }
+    let last = atlas.latest().newest_key_frame().expect("there").world_from_camera;
+    let world_from_map = Sim3 { scale: path[5].translation.x / last.translation.x, ..Sim3::identity() };
+    assert!((world_from_map.scale - 0.5).abs() < 0.01, "{}", world_from_map.scale);
+    assert_exact(&world, atlas.latest(), &world_from_map, 0.01);
+}
+
+#[test]
+fn a_rescale_request_changes_the_lengths_of_its_map_alone() {
+    let world = World::around(mono(), 63);
+    let path = sideways(4, 0.2);
+    let (mut atlas, first) = world.exact_map(&path);
+    let views = world.walk(&path, 10.0, 0.5);
+    let second = world.map(&mut atlas, &views, &path, None, |_| Sim3::identity());
+    let map = MapId(second[0]);
+    let prior = MapPrior {
+        to: first[3],
+        to_from_root: Se3::identity(),
+        sigma: 1.0,
+        sigma_rad: 0.1,
+        sigma_log_scale: 0.5,
+    };
+    atlas.commit(vec![Change::MapPrior(map, prior)]);
+    let before = atlas.latest().clone();
+    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+    let view = world.see(&pose(0.65, 0.0, 0.0), 12.0);
+    let at = pose(0.65, 0.0, 0.0);
+    submit(&mut mapper, &mut atlas, &world, &view, &at, |s| {
+        (s.orientation_only, s.rescale) = (true, Some((2.0, 0.2)));
+    });
+    let x = |s: &Snapshot, id: KeyFrameId| s.key_frame(id).expect("there").world_from_camera.translation.x;
+    for (n, id) in second.iter().enumerate() {
+        assert!((x(atlas.latest(), *id) - 0.4 * n as f64).abs() < 1e-9);
+    }
+    assert!(first.iter().all(|id| x(atlas.latest(), *id) == x(&before, *id)));
+    let newest = atlas.latest().newest_key_frame().expect("there").id;
+    assert!((x(atlas.latest(), newest) - 1.3).abs() < 1e-9, "the new key frame too");
+    for l in before.landmarks() {
+        let own = before.key_frame(l.observations[0].key_frame).expect("there").map == map;
+        let factor = if own { 2.0 } else { 1.0 };
+        let now = atlas.latest().landmark(l.id).map(|l| l.position);
+        assert!(now.is_none_or(|now| (now - l.position * factor).norm() < 1e-9));
+    }
+    let (_, prior) = atlas.latest().maps().find(|(id, _)| *id == map).expect("there");
+    assert_eq!(prior.map(|p| p.sigma_log_scale), Some(0.2));
+}
+
+#[test]
+fn a_key_frame_for_orientation_only_triangulates_and_adjusts_nothing() {
+    let world = World::around(mono(), 64);
+    let (mut atlas, _) = world.exact_map(&sideways(3, 0.3));
+    remove(&mut atlas, |id| id.index() % 2 == 0);
+    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+    let at = pose(0.9, 0.0, 0.0);
+    let view = world.see(&at, 3.0);
+    let mut other = Atlas::new((**atlas.latest()).clone());
+    let only = submit(&mut mapper, &mut other, &world, &view, &at, |s| s.orientation_only = true);
+    assert!(only.created == 0 && only.adjustment.is_none(), "{only:?}");
+    let usual = submit(&mut mapper, &mut atlas, &world, &view, &at, |_| ());
+    assert!(usual.created > 20 && usual.adjustment.is_some(), "{usual:?}");
+}
