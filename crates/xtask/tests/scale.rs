@@ -1,0 +1,74 @@
+//! One camera and a turn on the spot: the unit of length is not invented in silence.
+
+use cairn_engine::{Config, Engine, Runner, ScaleStretch, SensorMode};
+use cairn_eval::{Align, EvalOptions, evaluate};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_sensor::Stamp;
+use cairn_sources::{OpenOptions, open};
+use xtask::recordings::data_folder;
+
+/// When the camera turns about in the recording, seconds from its first frame.
+const TURN_S: [f64; 2] = [64.5, 67.5];
+
+fn trajectory(poses: &[(Stamp, Se3)]) -> Trajectory {
+    Trajectory::from_unsorted(poses.iter().map(|(t, pose)| (t.0, *pose)).collect()).unwrap()
+}
+
+/// What came of the recording from `left_out_s` on: stretches of one unit of length, frames that said that their unit is not
+/// known, and by how much the unit after the turn differs from the one before it, as a logarithm; `None` where the recording is
+/// missing.
+fn after_the_turn(left_out_s: f64) -> Option<(Vec<ScaleStretch>, usize, f64)> {
+    let folder = data_folder().join("atrium");
+    if !folder.exists() {
+        println!("skipped: {} is missing", folder.display());
+        return None;
+    }
+    let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).unwrap();
+    let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
+    let truth = source.info().truth.clone();
+    let mut engine =
+        Engine::new(&rig, SensorMode::Mono, rate_hz, Runner::Lockstep, &Config::default()).unwrap();
+    let (mut first, mut frames, mut posed, mut unknown) = (None, 0, 0, 0);
+    while let Some(packet) = source.next_packet().unwrap() {
+        if packet.stamp - *first.get_or_insert(packet.stamp) < left_out_s {
+            continue;
+        }
+        let output = engine.on_packet(&packet).unwrap();
+        frames += 1;
+        posed += usize::from(output.world_from_body.is_some());
+        unknown += usize::from(output.scale.is_some_and(|s| !s.is_known()));
+    }
+    engine.finish();
+    assert!(posed as f64 > 0.97 * frames as f64, "{posed} of {frames} frames have a pose");
+
+    let (reference, poses) = (trajectory(&engine.comparable(&truth)), engine.trajectory());
+    let start = first.unwrap();
+    let metres_per_unit = |inside: &dyn Fn(f64) -> bool| {
+        let own: Vec<_> = poses.iter().filter(|(t, _)| inside(*t - start)).copied().collect();
+        let options = EvalOptions { align: Align::Sim3, ..EvalOptions::default() };
+        evaluate(&reference, &trajectory(&own), &options).unwrap().scale
+    };
+    let (before, after) = (metres_per_unit(&|t| t < TURN_S[0]), metres_per_unit(&|t| t > TURN_S[1] + 1.5));
+    println!("metres per unit {before:.4} before the turn, {after:.4} after it");
+    Some((engine.scale_stretches(), unknown, (after / before).ln()))
+}
+
+/// From here the map survives the turn: the camera is held off the axis, and what it sees from there has parallax.
+#[test]
+fn scale_goes_through_a_turn_that_has_parallax() {
+    let Some((stretches, _, off)) = after_the_turn(48.0) else { return };
+    assert_eq!(stretches.len(), 1, "{stretches:#?}");
+    assert!(off.abs() < 0.03, "the unit changed by {off} without a word");
+}
+
+/// After the whole lap it does not: what follows is a map of its own, which says so and how well its unit is known.
+#[test]
+fn a_new_unit_after_a_turn_is_reported_and_near() {
+    let Some((stretches, unknown, off)) = after_the_turn(0.0) else { return };
+    assert_eq!(stretches.len(), 2, "{stretches:#?}");
+    let [before, after] = [stretches[0], stretches[1]];
+    assert_eq!(before.scale.sigma_log, 0.0, "the first map is what others are compared with");
+    assert!((0.05..0.3).contains(&after.scale.sigma_log), "{after:?}");
+    assert!(unknown >= after.poses, "{unknown} frames said so, {} are in a unit of their own", after.poses);
+    assert!(off.abs() < after.scale.sigma_log, "the unit is off by more than it says: {off}");
+}
