@@ -29,9 +29,11 @@ impl Log {
         self.frames.push(frame);
     }
 
-    /// Sets the pose of an earlier frame that was found later (the first of a pair).
+    /// Sets the pose of an earlier frame that was found later (the first of a pair). A frame that was given a pose keeps it:
+    /// in a turn, the frames up to the new map belong to the map before.
     pub(crate) fn amend(&mut self, stamp: Stamp, anchored: AnchoredPose) {
-        if let Some(frame) = self.frames.iter_mut().rev().find(|f| f.stamp == stamp) {
+        let frame = self.frames.iter_mut().rev().find(|f| f.stamp == stamp);
+        if let Some(frame) = frame.filter(|f| f.anchored.is_none()) {
             frame.anchored = Some(anchored);
             frame.state = State::Tracking;
         }

@@ -289,7 +289,7 @@ mod tests {
 
     #[test]
     fn urgent_words_interrupt_and_others_wait() {
-        let (espeak, log) = fake("order", "cat >> $LOG; echo >> $LOG; exec sleep 2");
+        let (espeak, log) = fake("order", "printf '%s\\n' \"$(cat)\" >> $LOG; exec sleep 2");
         let mut voice = EspeakVoice::new(espeak);
         voice.say("one", 0.0, false);
         until(|| lines(&log) == ["one"]);
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn killed_child_restarts_and_repeated_death_is_an_error() {
-        let (espeak, log) = fake("killed", "cat >> $LOG; echo >> $LOG; exec sleep 0.5");
+        let (espeak, log) = fake("killed", "printf '%s\\n' \"$(cat)\" >> $LOG; exec sleep 0.5");
         let mut voice = EspeakVoice::new(espeak);
         voice.say("turn left now", 0.0, false);
         until(|| lines(&log).len() == 1);
@@ -319,7 +319,7 @@ mod tests {
         voice.end().unwrap();
         assert_eq!(lines(&log), ["turn left now", "turn left now"]);
 
-        let (espeak, log) = fake("dies", "cat >> $LOG; echo >> $LOG; exit 3");
+        let (espeak, log) = fake("dies", "printf '%s\\n' \"$(cat)\" >> $LOG; exit 3");
         let mut voice = EspeakVoice::new(espeak);
         voice.say("x", 0.0, false);
         assert!(voice.end().unwrap_err().to_string().contains('3'));
