@@ -101,3 +101,32 @@ fn recognise_leaves_out_known_landmarks() {
     let failure = recognise(atlas.latest(), &world.camera, &view.frame, ids[1], &all, &CONFIG, 7);
     assert!(matches!(failure, Err(MatchFailure::Alike { have: 0, .. })), "{failure:?}");
 }
+
+#[test]
+fn recognise_tells_how_many_agree_where_more_are_needed() {
+    let world = World::around(stereo(), 17);
+    let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let view = world.see(&pose(0.2, 0.0, 0.0), 9.0);
+    let config = RecogniseConfig { need: 10_000, ..CONFIG };
+    let failure = recognise(atlas.latest(), &world.camera, &view.frame, ids[1], &BTreeSet::new(), &config, 7)
+        .expect_err("more than there are");
+    let MatchFailure::Agree { have, of, need } = failure else { panic!("{failure:?}") };
+    assert!(have > 200 && of >= have && of <= view.frame.len() && need == 10_000, "{failure}");
+    assert_eq!(failure.agreed(), have);
+}
+
+#[test]
+fn recognise_tells_how_many_landmarks_in_view_are_missing() {
+    let world = World::around(stereo(), 18);
+    let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    // A tenth of the place is there.
+    let mut sparse = World::around(stereo(), 18);
+    sparse.points.truncate(120);
+    let view = sparse.see(&pose(0.2, 0.0, 0.0), 9.0);
+    let config = RecogniseConfig { seed: 10, need: 10, share: 0.5 };
+    let failure = recognise(atlas.latest(), &world.camera, &view.frame, ids[1], &BTreeSet::new(), &config, 7)
+        .expect_err("nearly all of it is missing");
+    let MatchFailure::Missing { have, expected, need } = failure else { panic!("{failure:?}") };
+    assert!((10..need).contains(&have) && have <= view.frame.len(), "{failure}");
+    assert!(expected > 200 && need < expected, "{failure}");
+}

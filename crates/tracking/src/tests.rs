@@ -431,9 +431,11 @@ fn the_last_pose_follows_a_correction_of_the_map() {
     let mut changes: Vec<Change> = snapshot.key_frames().map(moved).collect();
     changes.extend(snapshot.landmarks().map(|l| Change::MoveLandmark(l.id, shift * l.position)));
     atlas.commit(changes);
+    tracker.refresh_last(atlas.latest());
+    let last = tracker.last.as_ref().expect("tracked").anchored.world_from_camera;
+    assert!(off(&last, &(shift * pose(0.62, 0.0, 0.0))).0 < 1e-3, "{last:?}");
     let truth = pose(0.64, 0.0, 0.0);
     let tracked = step(&mut tracker, atlas.latest(), &world.see(&truth, from_s + 2.0 * STEP_S));
     assert_eq!(tracked.state, State::Tracking);
     assert_pose(&tracked, &(shift * truth), 1e-3);
-    assert!(tracker.last.is_some());
 }

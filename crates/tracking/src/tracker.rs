@@ -315,7 +315,7 @@ impl Tracker {
     }
 
     /// When the last frame has become a key frame, its landmarks and pose are taken from the map.
-    fn refresh_last(&mut self, snapshot: &Snapshot) {
+    pub(crate) fn refresh_last(&mut self, snapshot: &Snapshot) {
         self.refresh_unit(snapshot);
         let Some(newest) = snapshot.newest_key_frame() else { return };
         match &mut self.last {
