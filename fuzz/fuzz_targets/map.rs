@@ -16,15 +16,15 @@ fuzz_target!(|bytes: &[u8]| {
 fn take(bytes: &[u8]) {
     let _ = (Table::read(bytes), inspect(bytes));
     let Ok(read) = MapFile::read(bytes) else { return };
-    assert_eq!(read.map.check(), Ok(()));
+    assert_eq!(read.snapshot.check(), Ok(()));
     let written = read.write().expect("what was read is not written");
     let again = MapFile::read(&written).expect("what was written is not read");
     assert_eq!(again.write().expect("what was read is not written"), written);
-    for k in read.map.key_frames() {
-        assert!(read.map.stand(k.id, &Default::default()).is_some());
-        read.map.places().query(&k.bag, 3, |_| true);
+    for k in read.snapshot.key_frames() {
+        assert!(read.snapshot.resolve(k.id, &Default::default()).is_some());
+        read.snapshot.places().query(&k.bag, 3, |_| true);
     }
-    let _ = read.map.beside(&again.map).map(|(both, _)| assert_eq!(both.check(), Ok(())));
+    let _ = read.snapshot.beside(&again.snapshot).map(|(both, _)| assert_eq!(both.check(), Ok(())));
 }
 
 /// The same bytes as a file whose header, table and parts fit each other, as far as there is a table.

@@ -1,5 +1,5 @@
 //! Calibration files: Cairn's TOML, EuRoC's sensor.yaml, Kalibr's chains with their IMU file, ORB-SLAM's settings, KITTI's
-//! calib.txt. Any text is read or refused; a rig that was read is sound, makes an eye or is refused by it, and is written
+//! calib.txt. Any text is read or refused; a rig that was read is sound, makes a front end or is refused by it, and is written
 //! and read again.
 //!
 //! The input is a folder: a line `=== NAME` begins the file of that name, of those known here.

@@ -21,10 +21,10 @@ pub enum RunError {
     #[error("the log has no robot {0}")]
     NoRobot(usize),
     /// A sighting with the log's noise is no measurement.
-    #[error("a sighting can not be used: {0}")]
+    #[error("a sighting cannot be used: {0}")]
     Measurement(#[from] MeasurementError),
     /// A motion of the log is none.
-    #[error("a motion can not be used: {0}")]
+    #[error("a motion cannot be used: {0}")]
     Filter(#[from] FilterError),
 }
 

@@ -137,7 +137,7 @@ fn known_scale_stays_and_needs_no_motion() {
     let attempt = attempt(&still, Scale::Known { sigma: 1e-4 });
     let found = attempt.accepted().unwrap_or_else(|| panic!("{:?}", attempt.gates));
     let down = map_from_world().0 * Gravity::level().vector();
-    // At rest the accelerometer's bias can not be told from gravity's tilt.
+    // At rest the accelerometer's bias cannot be told from gravity's tilt.
     assert!(found.gravity.vector().angle(&down) < 3.0 * found.gravity_sigma.max(0.02));
     assert!((found.bias.gyro - some_bias().gyro).norm() < 1e-3);
     assert!(found.states.iter().all(|s| s.velocity.norm() < 0.02));
@@ -162,7 +162,7 @@ fn each_gate_stops_what_it_is_there_for() {
         still.gates
     );
     assert!(still.gates.iter().any(|g| g.kind == GateKind::Excitation && g.value < 0.05));
-    // Constant velocity without a turn: the same readings, but the eye moves.
+    // Constant velocity without a turn: the same readings, but the camera moves.
     let mut rng = Rng::new(3);
     let readings = standing(3).1;
     let straight = |t: f64| Se3::new(So3::identity(), Vec3::x() * t);

@@ -1,4 +1,4 @@
-//! The time offset and the rotation between sensor and eye, found again on simulated motion.
+//! The time offset and the rotation between sensor and camera, found again on simulated motion.
 
 mod common;
 
@@ -12,7 +12,7 @@ fn imu_from_camera() -> So3 {
     So3::exp(&Vec3::new(1.2, -1.1, 1.3))
 }
 
-/// Ten seconds at 20 Hz seen through an eye whose clock is `offset` ahead, turned by `extra` from where it should be.
+/// Ten seconds at 20 Hz seen through a camera whose clock is `offset` ahead, turned by `extra` from where it should be.
 fn run(seed: u64, offset: f64, extra: So3, motion: fn(f64) -> So3) -> Result<TimeOffset, OffsetUnknown> {
     adjusted(seed, offset, extra, motion, |_| So3::identity())
 }
@@ -59,7 +59,7 @@ fn offsets_are_recovered_to_a_millisecond_and_as_well_as_told() {
     assert!((0.1..2.6).contains(&nees), "{nees}");
 }
 
-/// Adjusting a map turns it under the eye: by a degree where it is levelled or a loop closes, and slowly in between.
+/// Adjusting a map turns it under the camera: by a degree where it is aligned with gravity or a loop closes, and slowly in between.
 #[test]
 fn a_map_that_is_adjusted_does_not_shift_the_offset() {
     let map = |t: f64| {

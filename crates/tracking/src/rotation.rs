@@ -19,6 +19,9 @@ use std::sync::Arc;
 const GAP_S: f64 = 0.3;
 /// Seconds for which rotation alone may carry the pose.
 const LONGEST_S: f64 = 8.0;
+/// Seconds over which the frames have to differ by a rotation too: someone who walks on moves a few centimetres from one frame
+/// to the next, which far points do not show, but a third of a metre in this time.
+const CHECK_S: f64 = 0.3;
 /// Half of the search window around where the rotation before leads, pixels; the second where that finds too little.
 const RADII: [f32; 2] = [30.0, 90.0];
 /// Matches that must agree, and the share of all that must.
@@ -33,6 +36,9 @@ impl Tracker {
     /// Carries the orientation on when the map has lost its matches: the frame's pose by rotation alone, at the position
     /// of the last known pose. None when the frames do not differ by a rotation.
     pub(crate) fn track_rotation(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot) -> Option<Tracked> {
+        if self.lost_frames == 0 {
+            self.rotation_check = None;
+        }
         let last = self.last.as_ref().filter(|_| !self.camera.has_depth())?;
         let elapsed = frame.stamp - last.frame.stamp;
         let since_s = frame.stamp - self.located?;
@@ -42,9 +48,20 @@ impl Tracker {
         let turning = self.velocity.map_or_else(Vec3::zeros, |v| v.fixed_rows::<3>(3).into_owned());
         let guess = So3::exp(&(turning * elapsed));
         let (turn, inliers, matched) = rotation_between(&self.camera, &last.frame, frame, &guess)?;
-        let pose = &last.anchored.world_from_camera;
+        let pose = last.anchored.world_from_camera;
+        let rotation = pose.rotation * turn;
+        let checked = match self.rotation_check.clone() {
+            // Rotation alone begins: the frame before is what later ones are compared with.
+            None => (last.frame.clone(), pose.rotation),
+            Some((checked, at)) if frame.stamp - checked.stamp < CHECK_S => (checked, at),
+            Some((checked, at)) => {
+                rotation_between(&self.camera, &checked, frame, &(at.inverse() * rotation))?;
+                (frame.clone(), rotation)
+            }
+        };
         let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
-        let anchored = anchored_at(snapshot, reference, Se3::new(pose.rotation * turn, pose.translation))?;
+        let anchored = anchored_at(snapshot, reference, Se3::new(rotation, pose.translation))?;
+        self.rotation_check = Some(checked);
         self.lost = true;
         self.lost_frames += 1;
         let mut velocity = SVector::<f64, 6>::zeros();

@@ -10,7 +10,7 @@ use crate::start::Starter;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, State, Tracked};
 use cairn_adjust::{Located, RecogniseConfig, locate, recognise};
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
-use cairn_geometry::{Manifold, Se3};
+use cairn_geometry::{Manifold, Se3, So3};
 use cairn_inertial::NavEstimate;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use cairn_solve::PosePrior;
@@ -92,6 +92,8 @@ pub struct Tracker {
     pub(crate) scale_support: ScaleSupport,
     /// A map whose unit of length was guessed from the walking speed.
     pub(crate) pace_comparison: Option<PaceComparison>,
+    /// While rotation alone is tracked: an earlier frame with its orientation, from which it is checked.
+    pub(crate) rotation_check: Option<(Arc<Frame>, So3)>,
     /// Poses since scale lost its support, for the frame with which a new map begins.
     pub(crate) unsupported: VecDeque<(Stamp, AnchoredPose)>,
     /// The key frame to which the last pose was anchored, and its unit of length at that time.
@@ -125,6 +127,7 @@ impl Tracker {
             pace: Pace::default(),
             scale_support: ScaleSupport::default(),
             pace_comparison: None,
+            rotation_check: None,
             unsupported: VecDeque::new(),
             unit: None,
             lost: false,

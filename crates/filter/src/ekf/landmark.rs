@@ -81,7 +81,7 @@ pub enum Verdict {
         /// Kept so far.
         kept: usize,
     },
-    /// It can not be used: its target is not known, stands where the observer stands, or one such measurement of
+    /// It cannot be used: its target is not known, stands where the observer stands, or one such measurement of
     /// something without a label says nothing.
     Unusable,
 }

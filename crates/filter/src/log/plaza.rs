@@ -21,7 +21,7 @@ pub fn parse_plaza(odometry: (&str, &str), ranges: (&str, &str)) -> Result<Log, 
         Ok(Entry { time_s, event: Event::Travel { way_m, turn_rad } })
     })? > 0
     {
-        return Err(LogError::whole(odometry.0, "time goes back: travel can not be put in order"));
+        return Err(LogError::whole(odometry.0, "time goes back: travel cannot be put in order"));
     }
     let names = ["time", "radio", "beacon", "range"];
     let back = read(ranges, names, &mut entries, |line, [time_s, _, beacon, range]| {
@@ -83,7 +83,7 @@ mod tests {
     fn says_where_it_is_wrong() {
         let wrong = |d: &str, t: &str| parse_plaza(("d", d), ("t", t)).unwrap_err().to_string();
         assert_eq!(wrong("", "1 2 3 4"), "d: holds no line of values");
-        assert_eq!(wrong("2 0 0\n1 0 0\n", "1 2 3 4"), "d: time goes back: travel can not be put in order");
+        assert_eq!(wrong("2 0 0\n1 0 0\n", "1 2 3 4"), "d: time goes back: travel cannot be put in order");
         assert_eq!(wrong("1 0 0\n", "1 2 3 -4\n"), "t, line 1: the range of -4 m is negative");
         assert!(wrong("1 0 0\n", "1 2 3.5 4\n").contains("beacon is 3.5, not a whole number"));
         assert!(wrong("1 0 0 9\n", "1 2 3 4\n").contains("more than the 3 values expected"));
