@@ -23,7 +23,7 @@ const BLANK_S: f64 = 1.0;
 const COAST_KEY_FRAME_S: f64 = 0.25;
 
 /// Standard deviation of the logarithm of a new map's scale where not even a walking speed is known.
-const NO_PACE_SIGMA: f64 = 1.0;
+const NO_PACE_SIGMA: f64 = 2.0;
 
 impl Tracker {
     /// Whether the pose predicted by the IMU is still accurate enough to coast with.

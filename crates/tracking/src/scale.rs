@@ -122,8 +122,9 @@ impl Pace {
 /// Seconds of walking in a map after which its unit of length is set by the pace, and set again.
 const COMPARED_S: [f64; 2] = [3.0, 10.0];
 /// Standard deviation of the logarithm of scale before the first comparison, and after each: an assumption of how well a
-/// walker keeps his pace from one stretch to the next. The first moment after a stop says little.
-pub(crate) const PACE_SIGMA: [f64; 3] = [0.5, 0.2, 0.15];
+/// walker keeps his pace from one stretch to the next. The first moment after a stop says
+/// little: units were off by factors of 3 to 8.
+pub(crate) const PACE_SIGMA: [f64; 3] = [2.0, 0.2, 0.15];
 
 /// A map whose unit of length was guessed from the walker's pace in the map before, to be compared as he walks on.
 #[derive(Clone, Copy, Debug)]

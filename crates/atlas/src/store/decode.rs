@@ -195,7 +195,7 @@ fn read_maps(
                 let to_from_root = pose(d.f64s()?).ok_or_else(|| d.wrong("a prior has an invalid pose"))?;
                 let [sigma, sigma_rad] = d.f64s()?;
                 // Version 2 does not say how well scale is known: the unit of a map begun on the way was a rough guess.
-                let [sigma_log_scale] = if parts.version >= 3 { d.f64s()? } else { [1.0] };
+                let [sigma_log_scale] = if parts.version >= 3 { d.f64s()? } else { [2.0] };
                 if !(sigma.is_finite() && sigma_rad.is_finite() && sigma_log_scale.is_finite()) {
                     return Err(d.wrong("a prior is not finite"));
                 }
