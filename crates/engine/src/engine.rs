@@ -12,7 +12,7 @@ use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_inertial::Attempt;
 use cairn_mapping::{Closer, Mapper, Verdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
-use cairn_tracking::{AnchoredPose, Evidence, KeyFrameRequest, State, Tracked, Tracker};
+use cairn_tracking::{AnchoredPose, Evidence, KeyFrameRequest, Odometry, State, Tracked, Tracker};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
 use std::io::Write;
 use std::sync::Arc;
@@ -44,6 +44,9 @@ pub struct Output {
     pub state: State,
     /// The pose of the body, when it is known.
     pub world_from_body: Option<Pose<World, Body>>,
+    /// The pose of the body in the odometry frame, which no correction of the map moves; `None` when the pose is not
+    /// known. `odometry.world_from_odom.then(&odometry.odom_from_body)` is `world_from_body`.
+    pub odometry: Option<Odometry>,
     /// The camera pose (not the body's), anchored to a key frame.
     pub anchored: Option<AnchoredPose>,
     /// Whether lengths are metres in the map of the pose: always with depth, else once the IMU has been
@@ -189,6 +192,7 @@ impl Engine {
             stamp: tracked.stamp,
             state: tracked.state,
             anchored: tracked.pose,
+            odometry: self.tracker.odometry(),
             metric,
             scale_supported,
         });
@@ -221,6 +225,7 @@ impl Engine {
             frame,
             state: tracked.state,
             world_from_body: tracked.pose.map(|p| self.body(&p.world_from_camera, metric)),
+            odometry: self.tracker.odometry(),
             metric,
             scale,
             attempt: done.attempt,
@@ -399,6 +404,15 @@ impl Engine {
     /// The pose of the body in every tracked frame, as estimated at the time.
     pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
         self.poses(PoseTime::Live).map(|(t, pose, metric)| (t, self.body(&pose, metric).se3)).collect()
+    }
+
+    /// The pose of the body in the odometry frame, frame by frame as it was told: one list for each segment (see
+    /// [`Odometry::segment`]).
+    pub fn odometry_segments(&self) -> Vec<Vec<(Stamp, Se3)>> {
+        let told = self.log.frames().iter().filter_map(|f| Some((f.stamp, f.odometry?)));
+        let told: Vec<(Stamp, Odometry)> = told.collect();
+        let segments = told.chunk_by(|a, b| a.1.segment == b.1.segment);
+        segments.map(|s| s.iter().map(|(t, o)| (*t, o.odom_from_body.se3)).collect()).collect()
     }
 
     /// The pose of something mounted on the body (`body_from_mounted`, metres) in every tracked frame: the first camera,

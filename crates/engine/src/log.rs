@@ -1,7 +1,7 @@
 //! The result of every frame, kept so that the whole trajectory can follow the map.
 
 use cairn_sensor::Stamp;
-use cairn_tracking::{AnchoredPose, State};
+use cairn_tracking::{AnchoredPose, Odometry, State};
 
 /// The result of one frame.
 #[derive(Clone, Copy, Debug)]
@@ -12,6 +12,8 @@ pub struct Logged {
     pub state: State,
     /// The pose as estimated at the time.
     pub anchored: Option<AnchoredPose>,
+    /// The odometry at the time.
+    pub odometry: Option<Odometry>,
     /// Whether its lengths were metres at the time.
     pub metric: bool,
     /// Whether the unit of length rested on anything at the time (see [`crate::Scale::supported`]).

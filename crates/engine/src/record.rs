@@ -1,27 +1,28 @@
 //! The input of the path recorder for a frame: the interface between mapping and guidance.
 
 use crate::Output;
-use cairn_geometry::{Pose, Se3};
+use cairn_geometry::{Camera, Pose, Se3, World};
 use cairn_guide::{Anchor, Confidence, RecordInput};
 use cairn_tracking::State;
 
-/// The frame's pose with its anchor and a confidence; a frame without a pose is recorded as lost.
-///
-/// Tracking has no smooth odometry frame of its own yet, so the pose estimated at the time is used for
-/// `odom`.
+/// The frame's pose in the odometry frame and its unit, with its anchor and a confidence; a frame without a pose is
+/// recorded as lost.
 pub fn record_input(output: &Output) -> RecordInput {
     let lost = RecordInput {
         stamp: output.stamp,
         odom_from_camera: Pose::new(Se3::identity()),
+        segment: 0,
         anchor: Anchor { robot: 0, seq: 0 },
         anchor_from_camera: Se3::identity(),
         confidence: Confidence::Lost,
         quality: 0.0,
     };
-    let Some(anchored) = output.anchored else { return lost };
+    let Some((anchored, odometry)) = output.anchored.zip(output.odometry) else { return lost };
+    let world_from_camera: Pose<World, Camera> = Pose::new(anchored.world_from_camera);
     let evidence = &output.evidence;
     RecordInput {
-        odom_from_camera: Pose::new(anchored.world_from_camera),
+        odom_from_camera: odometry.world_from_odom.inverse().then(&world_from_camera),
+        segment: odometry.segment,
         // Indices fit in 32 bits; there is only one robot so far.
         anchor: Anchor { robot: 0, seq: anchored.reference.index() as u32 },
         anchor_from_camera: anchored.reference_from_camera,

@@ -19,7 +19,7 @@ mod yaw;
 pub use align::{Degenerate, umeyama};
 pub use group::LieGroup;
 pub use manifold::Manifold;
-pub use pose::{Body, Camera, Odom, Pose, World};
+pub use pose::{Body, Camera, Odom, Pose, Similarity, World};
 pub use se2::Se2;
 pub use se3::Se3;
 pub use sim3::Sim3;

@@ -115,6 +115,9 @@ pub struct GuideConfig {
     pub backwards_off_m: f64,
     /// Walking backwards: an aim error above this is corrected.
     pub backwards_adjust_deg: f64,
+    /// A correction of the map moves the route under the walker over this time; at once where he would be led wrongly
+    /// meanwhile. 0 for always at once.
+    pub ease_s: f64,
     /// Matching of the walker to the route.
     pub matcher: MatcherConfig,
 }
@@ -176,6 +179,7 @@ impl Default for GuideConfig {
             backwards_speed: 0.5,
             backwards_off_m: 0.5,
             backwards_adjust_deg: 12.0,
+            ease_s: 2.0,
             matcher: MatcherConfig::default(),
         }
     }

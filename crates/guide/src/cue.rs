@@ -82,6 +82,8 @@ pub enum CueKind {
     },
     /// Tracking has recovered after a stop; what to do now.
     Resume(First),
+    /// A correction of the map contradicts what was said; what to do now.
+    Correction(First),
     /// A turn or stairs are near.
     Approach(Ahead),
     /// Turn now: at a corner of the route.
@@ -195,6 +197,7 @@ impl Cue {
             TurnNow { .. }
             | StairsNow(_)
             | Rotate(_)
+            | Correction(_)
             | StopTurning(_)
             | Adjust(_)
             | OffPath { .. }
@@ -216,7 +219,7 @@ impl Cue {
         match self.kind {
             OnCourse | BackOnPath => Some(Earcon::OnCourse),
             OffPath { .. } | WrongWay(_) | StepAside(_) => Some(Earcon::OffCourse),
-            TurnNow { .. } | Rotate(_) | EndMissed { .. } => Some(Earcon::Turn),
+            TurnNow { .. } | Rotate(_) | Correction(First::Turn(_)) | EndMissed { .. } => Some(Earcon::Turn),
             Waypoint => Some(Earcon::Waypoint),
             Arrived => Some(Earcon::Arrival),
             Stop(_) | LookRound(_) => Some(Earcon::Stop),

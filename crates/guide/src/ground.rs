@@ -3,7 +3,7 @@
 //! Input: points and poses in the odom frame. Output: plane coordinates in metres, headings in radians,
 //! counter-clockwise seen from above, so that a positive difference of headings is a turn to the left.
 
-use cairn_geometry::{Mat3, Se3, Vec2, Vec3};
+use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
 use std::f64::consts::PI;
 
 /// The plane perpendicular to gravity, with two fixed axes in it.
@@ -55,6 +55,12 @@ impl Ground {
         }
         let normal = scatter + Mat3::identity() * (WEIGHT * count);
         Self::new(normal.try_inverse()? * above)
+    }
+
+    /// The same plane in another frame.
+    pub fn rotated(&self, to_from_here: &So3) -> Self {
+        let [up, first, second] = [self.up, self.first, self.second].map(|axis| *to_from_here * axis);
+        Self { up, first, second }
     }
 
     /// The unit vector that points up.
@@ -116,7 +122,6 @@ pub fn cross(a: &Vec2, b: &Vec2) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_geometry::{Mat3, So3};
 
     /// The pose of a camera with this heading, pitched down and rolled, in a frame with z up.
     fn camera(heading: f64, pitch_down: f64, roll: f64) -> Se3 {

@@ -1,10 +1,12 @@
 //! The guide: from stamped poses and a maneuver plan to cues.
 //!
 //! Input: a camera pose in the odom frame with its tracking confidence, many times a second, and a step with the last
-//! pose when there is no new one. Output: at most one cue a step. Its only clock is the stamps, and it has no map: when
-//! the map is corrected, the caller resolves the route again and passes the corrected plan to [`Guide::correct_route`].
+//! pose when there is no new one. Output: at most one cue a step. Its only clock is the stamps, and it has no map: plan and
+//! poses are in the odom frame, and when a correction of the map moves the route there, the caller passes the moved plan
+//! to [`Guide::correct_route`].
 
 use crate::config::GuideConfig;
+use crate::correction::{Easing, Told};
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
 use crate::facing::{Facing, Heading};
 use crate::ground::{Ground, heading_of};
@@ -82,7 +84,7 @@ pub(crate) struct Now {
 #[derive(Clone, Debug)]
 pub struct Guide {
     pub(crate) config: GuideConfig,
-    ground: Ground,
+    pub(crate) ground: Ground,
     pub(crate) plan: ManeuverPlan,
     pub(crate) matcher: Matcher,
     pub(crate) motion: Motion,
@@ -93,6 +95,12 @@ pub struct Guide {
     /// Index of the next maneuver that is not done yet.
     pub(crate) next: usize,
     pub(crate) memory: Memory,
+    /// The last good pose.
+    pub(crate) pose: Option<Pose<Odom, Camera>>,
+    pub(crate) easing: Option<Easing>,
+    pub(crate) told: Told,
+    /// A correction contradicts what was told, and the walker does not know yet.
+    pub(crate) correction_due: bool,
 }
 
 /// How many times "stop" is said while tracking is lost before the walker is asked to look round.
@@ -166,6 +174,10 @@ impl Guide {
             last_match: None,
             next: 0,
             memory: Memory::default(),
+            pose: None,
+            easing: None,
+            told: Told::default(),
+            correction_due: false,
         })
     }
 
@@ -192,8 +204,8 @@ impl Guide {
         self.last_match
     }
 
-    /// Replaces the plan by a corrected one after the map was corrected: the walker keeps his distance to the end.
-    pub fn correct_route(&mut self, plan: ManeuverPlan) {
+    /// Replaces the plan by a corrected one: the walker keeps his distance to the end.
+    pub(crate) fn replace_plan(&mut self, plan: ManeuverPlan) {
         let left = self.plan.length() - self.matcher.along_m();
         let along = (plan.length() - left).clamp(0.0, plan.length());
         let done = self.plan.maneuvers().len() - self.next;
@@ -214,23 +226,27 @@ impl Guide {
             return None;
         }
         let kind = self.decide(input)?;
+        self.told.note(&kind, input.now);
         Some(Cue { stamp: input.now, facing: self.config.facing, kind })
     }
 
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
-        let walker = self.config.facing.heading(&self.ground, &input.odom_from_camera);
-        let (Some(walker), None) = (walker, self.stop_reason(input)) else {
+        let moved = self.heading(&input.odom_from_camera);
+        let (Some(moved), None) = (moved, self.stop_reason(input)) else {
             return self.halt(self.stop_reason(input).unwrap_or(StopReason::TrackingLost), input.now);
         };
         if !self.has_recovered(input.now) {
             return None;
         }
-        self.motion.push(input.pose_stamp, &walker);
+        // The walker's motion is that of the odometry: a correction that is being eased in is none.
+        self.motion.push(input.pose_stamp, &moved);
+        self.pose = Some(input.odom_from_camera);
+        let walker = self.eased(&input.odom_from_camera, input.now).unwrap_or(moved);
         let at = self.matcher.update(&self.plan, &walker.position, input.now);
         self.last_match = Some(at);
         let speed = input.speed.filter(|v| v.is_finite()).unwrap_or_else(|| self.motion.speed());
         let now = Now { stamp: input.now, walker, at, speed };
-        if let Some(kind) = self.weak(input) {
+        if let Some(kind) = self.weak(input).or_else(|| self.corrected(&now)) {
             return Some(kind);
         }
         match self.phase.clone() {
@@ -241,6 +257,15 @@ impl Guide {
             Phase::SteppingAside { since } => self.stepping_aside(since, &now),
             Phase::Done => None,
         }
+    }
+
+    /// The walker's position and heading at a pose of the camera.
+    pub(crate) fn heading(&self, odom_from_camera: &Pose<Odom, Camera>) -> Option<Heading> {
+        self.config.facing.heading(&self.ground, odom_from_camera)
+    }
+
+    pub(crate) fn is_halted(&self) -> bool {
+        self.halted.is_some()
     }
 
     fn stop_reason(&self, input: &GuideInput) -> Option<StopReason> {
@@ -287,6 +312,8 @@ impl Guide {
         }
         self.halted = None;
         self.motion.clear();
+        // The words that follow tell the whole direction anew.
+        (self.easing, self.correction_due, self.told) = (None, false, Told::default());
         self.phase = Phase::Begin;
         true
     }

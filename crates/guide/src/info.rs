@@ -1,6 +1,7 @@
 //! Route statistics for people and for reports, and polylines to draw.
 
 use crate::clean::{CleanConfig, CleanedRoute, clean, length};
+use crate::ground::Ground;
 use crate::maneuvers::{ManeuverPlan, ManeuverPlanConfig, Travel};
 use crate::route::Anchor;
 use crate::route::{Route, Stretch};
@@ -55,8 +56,14 @@ pub fn survey(
     frame_from_anchor: impl Fn(Anchor) -> Option<Sim3>,
     config: &CleanConfig,
 ) -> (RouteInfo, CleanedRoute, RouteDrawing) {
-    let (ground, unit) = (route.header.ground(), route.metres_per_unit());
     let placed = route.resolve(frame_from_anchor);
+    let unit = route.metres_per_unit(&placed);
+    // The header's ground is that of the poses as they were recorded.
+    let first = route.points.first().zip(placed.first());
+    let ground = first.map_or_else(Ground::z_up, |(recorded, placed)| {
+        let turned = placed.frame_from_camera.rotation * recorded.odom_from_camera.rotation.inverse();
+        route.header.ground().rotated(&turned)
+    });
     let cleaned = clean(&placed, unit, &ground, config);
     let of = |stretch: Stretch| {
         let steps = placed.windows(2).filter(|w| w[1].stretch == stretch);

@@ -3,6 +3,7 @@
 mod announcer;
 mod clean;
 mod config;
+mod correction;
 mod cue;
 mod ending;
 mod facing;

@@ -107,6 +107,8 @@ impl PhraseConfig {
             CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
             CueKind::Resume(First::Turn(a)) => format!("I found my place. {}.", capital(&self.turn(a, back))),
             CueKind::Resume(First::Go(ahead)) => format!("I found my place. {}", self.go(&ahead, back, back)),
+            CueKind::Correction(First::Turn(a)) => format!("Correction. {}.", capital(&self.turn(a, back))),
+            CueKind::Correction(First::Go(ahead)) => format!("Correction. {}", self.go(&ahead, back, back)),
             CueKind::Approach(ahead) => self.approach(&ahead, back),
             CueKind::TurnNow { turn_rad, stairs } => self.turn_now(turn_rad, stairs, back),
             CueKind::StairsNow(stairs) => format!("Stairs now, {}.", stairs_verb(stairs)),

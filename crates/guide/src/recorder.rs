@@ -32,6 +32,8 @@ pub struct RecordInput {
     pub stamp: Stamp,
     /// Pose of the camera in the odom frame.
     pub odom_from_camera: Pose<Odom, Camera>,
+    /// The segment of odometry that the pose is in: the motion from a pose in another one is not known.
+    pub segment: u32,
     /// The reference keyframe.
     pub anchor: Anchor,
     /// Pose of the camera in the reference keyframe.
@@ -66,6 +68,7 @@ pub struct Recorder {
     last_sync: Option<Stamp>,
     confidence: Confidence,
     last_good: Option<(Stamp, Se3)>,
+    segment: Option<u32>,
     gap: bool,
     refused: usize,
 }
@@ -80,6 +83,7 @@ impl Recorder {
             last_sync: None,
             confidence: Confidence::Good,
             last_good: None,
+            segment: None,
             gap: false,
             refused: 0,
         }
@@ -96,6 +100,7 @@ impl Recorder {
             last_sync: None,
             confidence: Confidence::Lost,
             last_good: last,
+            segment: None,
             refused: 0,
         }
     }
@@ -150,6 +155,8 @@ impl Recorder {
         if input.confidence == Confidence::Lost {
             self.gap = !self.route.points.is_empty();
         } else {
+            let before = self.segment.replace(input.segment);
+            self.gap |= before.is_some_and(|before| before != input.segment) && !self.route.points.is_empty();
             if input.confidence == Confidence::Good {
                 self.last_good = Some((input.stamp, input.odom_from_camera.se3));
             }
@@ -225,6 +232,7 @@ mod tests {
         RecordInput {
             stamp: Stamp::from_seconds(t),
             odom_from_camera: Pose::new(pose),
+            segment: 0,
             anchor: Anchor { robot: 0, seq: 0 },
             anchor_from_camera: pose,
             confidence,
@@ -276,6 +284,17 @@ mod tests {
         let stretches: Vec<Stretch> = r.route().points.iter().map(|p| p.stretch).collect();
         assert_eq!(stretches.iter().filter(|s| **s == Stretch::Gap).count(), 1);
         assert!(stretches.iter().filter(|s| **s == Stretch::Bridged).count() >= 5);
+    }
+
+    #[test]
+    fn a_new_segment_of_odometry_is_a_gap() {
+        let mut r = recorder();
+        (0..10).for_each(|k| drop(r.observe(&input(0.1 * k as f64, 0.1 * k as f64, 0.0, Confidence::Good))));
+        let after = RecordInput { segment: 1, ..input(1.0, 0.9, 0.0, Confidence::Good) };
+        r.observe(&after).unwrap();
+        let stretches: Vec<Stretch> = r.route().points.iter().map(|p| p.stretch).collect();
+        assert_eq!((stretches.len(), stretches[10]), (11, Stretch::Gap), "{stretches:?}");
+        assert_eq!(stretches.iter().filter(|s| **s == Stretch::Gap).count(), 1);
     }
 
     #[test]

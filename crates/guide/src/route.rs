@@ -197,16 +197,17 @@ impl Route {
     }
 
     /// Metres per unit of the poses: 1 for a metric route; else an estimate that the walker moved at 0.8 m/s
-    /// (median over the moving parts), good enough for when to speak but not for words.
-    pub fn metres_per_unit(&self) -> f64 {
+    /// (median over the moving parts), good enough for when to speak but not for words. `placed` are the points in the
+    /// frame whose unit it is.
+    pub fn metres_per_unit(&self, placed: &[PlacedPoint]) -> f64 {
         const USUAL_SPEED: f64 = 0.8;
         if self.header.metric {
             return 1.0;
         }
-        let mut speeds: Vec<f64> = (self.points.windows(2))
+        let mut speeds: Vec<f64> = (placed.windows(2))
             .filter(|w| w[1].stretch == Stretch::Tracked && w[1].stamp > w[0].stamp)
             .map(|w| {
-                let step = w[1].odom_from_camera.translation - w[0].odom_from_camera.translation;
+                let step = w[1].frame_from_camera.translation - w[0].frame_from_camera.translation;
                 step.norm() / (w[1].stamp - w[0].stamp)
             })
             .filter(|v| v.is_finite() && *v > 1e-6)
@@ -359,6 +360,6 @@ mod tests {
             p.stamp = Stamp::from_seconds(10.0 * k as f64);
         }
         // One unit in ten seconds is 0.1 units a second: 8 metres a unit.
-        assert!((route.metres_per_unit() - 8.0).abs() < 1e-9);
+        assert!((route.metres_per_unit(&route.as_recorded()) - 8.0).abs() < 1e-9);
     }
 }

@@ -4,6 +4,7 @@ mod command;
 mod disk;
 mod drive;
 mod event;
+mod guidance;
 mod inbox;
 mod ready;
 mod recording;

@@ -1,9 +1,10 @@
 //! A recording in progress: the recorder, its patient file, and what the walker hears about it.
 
 use crate::disk::{Disk, PatientFile, Trouble};
+use crate::guidance::Place;
 use crate::reference_path::standing;
 use cairn_atlas::Snapshot;
-use cairn_geometry::{Sim3, Vec3};
+use cairn_geometry::{Pose, Se3, Sim3, So3, Vec3};
 use cairn_guide::{
     Confidence, Ground, RecordInput, Recorder, RecorderConfig, RecorderEvent, Route, RouteHeader,
     RouteWriter, Stretch,
@@ -22,6 +23,9 @@ pub(crate) struct Recording {
     length: f64,
     last: Option<(Stamp, Vec3)>,
     gaps: usize,
+    /// The segment of odometry, and the length of its unit in that of the recorded poses.
+    segment: Option<u32>,
+    unit: f64,
 }
 
 impl Recording {
@@ -30,10 +34,11 @@ impl Recording {
         disk: &dyn Disk,
         path: &Path,
         map: &Snapshot,
+        place: Option<&Place>,
         metric: bool,
         source: &str,
     ) -> (Self, Option<String>) {
-        let ground = ground_of(map);
+        let ground = ground_of(map, place);
         let header = RouteHeader::new(metric, &ground, source);
         let recorder = Recorder::new(RecorderConfig::default(), metric, &ground, source);
         let opened = disk.create(path).and_then(|file| {
@@ -49,6 +54,8 @@ impl Recording {
             length: 0.0,
             last: None,
             gaps: 0,
+            segment: None,
+            unit: 1.0,
         };
         match opened {
             Ok((writer, trouble)) => {
@@ -66,11 +73,20 @@ impl Recording {
         let last = points.last().map(|p| (p.stamp, at(p)));
         let gaps = points.iter().filter(|p| p.stretch == Stretch::Gap).count();
         let (trouble, path) = (Trouble::default(), Some(path.to_owned()));
-        Self { recorder, trouble, trouble_announced: false, path, length, last, gaps }
+        let (trouble_announced, segment, unit) = (false, None, 1.0);
+        Self { recorder, trouble, trouble_announced, path, length, last, gaps, segment, unit }
     }
 
-    /// Takes a frame's pose; returns the words for the walker, if any are due.
-    pub fn observe(&mut self, input: &RecordInput) -> Option<&'static str> {
+    /// Takes a frame's pose; returns the words for the walker, if any are due. `place` is the last known one.
+    pub fn observe(&mut self, input: &RecordInput, place: Option<&Place>) -> Option<&'static str> {
+        if let Some(place) = place.filter(|place| self.segment != Some(place.segment)) {
+            self.segment = Some(place.segment);
+            // Recorded poses are in metres where that is known, else in the unit of the odometry.
+            self.unit = if self.route().header.metric { place.world_from_odom.sim3.scale } else { 1.0 };
+        }
+        let pose = input.odom_from_camera.se3;
+        let scaled = Se3::new(pose.rotation, pose.translation * self.unit);
+        let input = &RecordInput { odom_from_camera: Pose::new(scaled), ..*input };
         let before = self.recorder.route().points.len();
         // The patient file keeps what it could not write, so no error reaches here and no point is lost.
         let event = self.recorder.observe(input).ok().flatten();
@@ -101,25 +117,17 @@ impl Recording {
     }
 
     /// The scale of the map was initialised: lengths are metres from now on, including what was walked before.
-    pub fn found_scale(&mut self, map: &Snapshot) {
-        let anchored = self.route().resolve(|a| standing(map, a));
-        let length = |poses: &mut dyn Iterator<Item = Vec3>| {
-            let at: Vec<Vec3> = poses.collect();
-            at.windows(2).map(|w| (w[1] - w[0]).norm()).sum::<f64>()
-        };
-        let now = length(&mut anchored.iter().map(|p| p.frame_from_camera.translation));
-        let before = length(&mut self.route().points.iter().map(|p| p.odom_from_camera.translation));
-        let last = anchored.last().zip(self.route().points.last());
-        let carried = last.map_or(Sim3::identity(), |(to, from)| {
-            let scale = if now > 0.0 && before > 0.0 { now / before } else { 1.0 };
-            let (to, from) = (to.frame_from_camera, from.odom_from_camera);
-            let rotation = to.rotation * from.rotation.inverse();
-            Sim3::new(rotation, to.translation - rotation * from.translation * scale, scale)
-        });
+    pub fn found_scale(&mut self, map: &Snapshot, place: Option<&Place>) {
+        let unit = place.map_or(1.0, |place| place.world_from_odom.sim3.scale);
+        let carried =
+            Sim3::new(So3::identity(), Vec3::zeros(), unit / std::mem::replace(&mut self.unit, unit));
         // The patient file keeps what it could not write.
-        let _ = self.recorder.found_scale(carried, &ground_of(map));
-        self.length = now;
-        self.last = anchored.last().map(|p| (p.stamp, p.frame_from_camera.translation));
+        let _ = self.recorder.found_scale(carried, &ground_of(map, place));
+        let at: Vec<Vec3> = (self.route().resolve(|a| standing(map, a)).iter())
+            .map(|p| p.frame_from_camera.translation)
+            .collect();
+        self.length = at.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+        self.last = self.last.map(|(stamp, last)| (stamp, carried * last));
     }
 
     /// The route recorded so far.
@@ -160,9 +168,11 @@ impl Recording {
     }
 }
 
-/// The ground plane of the poses to come: gravity where the map is aligned, else from the first camera's axes.
-fn ground_of(map: &Snapshot) -> Ground {
-    if map.is_gravity_aligned_throughout() { Ground::z_up() } else { Ground::first_camera() }
+/// The ground plane of the poses to come, in the odometry frame: gravity where the map is aligned, else from the first
+/// camera's axes.
+fn ground_of(map: &Snapshot, place: Option<&Place>) -> Ground {
+    let in_world = if map.is_gravity_aligned_throughout() { Ground::z_up() } else { Ground::first_camera() };
+    place.map_or(in_world, |place| in_world.rotated(&place.world_from_odom.sim3.rotation.inverse()))
 }
 
 /// Whether a frame counts as tracked.

@@ -1,8 +1,9 @@
-//! A recorded route as a reference path in the current map: it follows when the map is corrected.
+//! A recorded route as a reference path in the odometry frame: it follows when the map is corrected.
 
+use crate::guidance::Place;
 use crate::ready::readiness;
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
-use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_geometry::{Odom, Se3, Sim3, Similarity, So3, Vec3, World};
 use cairn_guide::{
     Anchor, CleanConfig, CleanedRoute, Facing, Ground, ManeuverPlan, ManeuverPlanConfig, ManeuverPlanError,
     PlacedPoint, ReadyStretch, Route, Travel, clean,
@@ -11,38 +12,112 @@ use cairn_sensor::Stamp;
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeSet;
 
-/// The reference path is rebuilt when a recorded point has moved by more than this, metres.
+/// The reference path is rebuilt when a recorded point has moved by more than this in the odometry frame, metres.
 const MOVED_M: f64 = 0.05;
-/// Interval of that check, seconds.
+/// Interval of that check, seconds. A jump of `world_from_odom` is followed at once.
 const MAP_CHECK_S: f64 = 1.0;
+/// Share by which the length of a unit of the odometry may turn out different before distances are rebuilt from it.
+const SAME_UNIT: f64 = 0.05;
+
+/// How the route moved in the odometry frame.
+pub(crate) enum Moved {
+    /// A correction of the map moved it.
+    Corrected {
+        /// The corrected plan.
+        plan: ManeuverPlan,
+        /// Its motion near the walker.
+        moved: Se3,
+    },
+    /// A new segment of odometry has begun, or its unit of length has become known: poses before cannot be compared.
+    Segment(ManeuverPlan),
+}
 
 /// A route, resolved and cleaned.
 pub struct ReferencePath {
-    /// The ground plane of the walk.
+    /// The ground plane of the walk, in the odometry frame.
     pub ground: Ground,
-    /// Metres per unit of the map; estimated from the walking pace where the map is not metric.
-    pub unit: f64,
-    /// The cleaned route, in metres.
+    /// The same in the map's frame.
+    pub world_ground: Ground,
+    /// The cleaned route in the odometry frame, in metres.
     pub cleaned: CleanedRoute,
     travel: Travel,
-    anchored: Vec<PlacedPoint>,
-    /// When the map was last checked; `None` to check at once.
-    checked: Option<Stamp>,
+    /// The points of the route in the odometry frame, in metres.
+    points: Vec<PlacedPoint>,
+    frame: OdomFrame,
+    /// The unit of length of the map has become known.
+    unit_is_due: bool,
+    /// When the map was last checked, and its version.
+    checked: Stamp,
     version: u64,
 }
 
-impl ReferencePath {
-    /// Resolves and cleans a route. Without gravity alignment the up direction is estimated from the walk itself.
-    pub fn new(map: &Snapshot, route: &Route, travel: Travel, now: Stamp) -> Self {
-        let anchored = route.resolve(|a| standing(map, a));
-        let poses: Vec<Se3> = anchored.iter().map(|p| p.frame_from_camera).collect();
-        let ground = match map.is_gravity_aligned_throughout() {
-            true => Ground::z_up(),
-            false => Ground::of_walk(&poses).unwrap_or_else(|| route.header.ground()),
+/// The odometry frame, in metres.
+#[derive(Clone, Copy)]
+struct OdomFrame {
+    /// The segment of odometry; `None` before the first pose.
+    segment: Option<u32>,
+    /// Metres per unit of the odometry.
+    metres_per_unit: f64,
+    /// From the map to the odometry frame in metres.
+    odom_from_world: Similarity<Odom, World>,
+}
+
+impl OdomFrame {
+    /// The frame of a place whose map has units of so many metres; before the first pose that of the map.
+    fn at(place: Option<&Place>, metres_per_map_unit: f64) -> Self {
+        let Some(place) = place else {
+            let odom_from_world =
+                Similarity::new(Sim3::new(So3::identity(), Vec3::zeros(), metres_per_map_unit));
+            return Self { segment: None, metres_per_unit: metres_per_map_unit, odom_from_world };
         };
-        let unit = route.metres_per_unit();
-        let cleaned = clean(&anchored, unit, &ground, &CleanConfig::default());
-        Self { ground, unit, cleaned, travel, anchored, checked: Some(now), version: map.version() }
+        let metres_per_unit = place.world_from_odom.sim3.scale * metres_per_map_unit;
+        Self { segment: Some(place.segment), metres_per_unit, ..Self::at(None, 1.0) }.moved(place)
+    }
+
+    /// The same frame, with its present relation to the map.
+    fn moved(self, place: &Place) -> Self {
+        let odom_from_world = place.world_from_odom.inverse().sim3;
+        let metres = Sim3::new(So3::identity(), Vec3::zeros(), self.metres_per_unit);
+        Self { odom_from_world: Similarity::new(metres * odom_from_world), ..self }
+    }
+
+    fn placed(&self, in_world: &[PlacedPoint]) -> Vec<PlacedPoint> {
+        let place = |p: &PlacedPoint| {
+            let frame_from_camera = self.odom_from_world.sim3.transform_pose(&p.frame_from_camera);
+            PlacedPoint { frame_from_camera, ..*p }
+        };
+        in_world.iter().map(place).collect()
+    }
+}
+
+impl ReferencePath {
+    /// Resolves and cleans a route in the frame of the map.
+    pub fn in_map(map: &Snapshot, route: &Route, travel: Travel) -> Self {
+        Self::new(map, route, travel, None, Stamp::default())
+    }
+
+    /// Resolves and cleans a route in the odometry frame of a place; before the first pose, in that of the map. Without
+    /// gravity alignment the up direction is estimated from the walk itself.
+    pub(crate) fn new(
+        map: &Snapshot,
+        route: &Route,
+        travel: Travel,
+        place: Option<&Place>,
+        now: Stamp,
+    ) -> Self {
+        let in_world = route.resolve(|a| standing(map, a));
+        let world_ground = ground_of(map, route, &in_world);
+        let frame = OdomFrame::at(place, route.metres_per_unit(&in_world));
+        let ground = world_ground.rotated(&frame.odom_from_world.sim3.rotation);
+        let points = frame.placed(&in_world);
+        let cleaned = clean(&points, 1.0, &ground, &CleanConfig::default());
+        let (checked, version, unit_is_due) = (now, map.version(), false);
+        Self { ground, world_ground, cleaned, travel, points, frame, unit_is_due, checked, version }
+    }
+
+    /// Metres per unit of the odometry.
+    pub fn metres_per_unit(&self) -> f64 {
+        self.frame.metres_per_unit
     }
 
     /// The maneuver plan, in metres.
@@ -61,50 +136,83 @@ impl ReferencePath {
         alive.any(|(id, _)| snapshot.key_frame(id).is_some_and(|k| k.map == map))
     }
 
-    /// The scale of the map was initialised: the reference path is rebuilt at the next check.
+    /// The scale of the map was initialised: lengths are rebuilt from it at the next check.
     pub fn found_scale(&mut self) {
-        self.checked = None;
+        self.unit_is_due = true;
     }
 
-    /// The rebuilt plan, when a correction of the map moved the route.
-    pub fn moved(&mut self, map: &Snapshot, route: &Route, now: Stamp) -> Option<ManeuverPlan> {
-        if self.checked.is_some_and(|checked| now - checked < MAP_CHECK_S) {
+    /// The rebuilt plan, when the route moved in the odometry frame; `place` is the walker's.
+    pub(crate) fn follow(
+        &mut self,
+        map: &Snapshot,
+        route: &Route,
+        place: &Place,
+        now: Stamp,
+    ) -> Option<Moved> {
+        if self.frame.segment != Some(place.segment) || std::mem::take(&mut self.unit_is_due) {
+            let rebuilt = Self::new(map, route, self.travel, Some(place), now);
+            let same_unit = (rebuilt.metres_per_unit() / self.metres_per_unit() - 1.0).abs() < SAME_UNIT;
+            if self.frame.segment != Some(place.segment) || !same_unit {
+                *self = rebuilt;
+                return self.plan().ok().map(Moved::Segment);
+            }
+        }
+        let frame = self.frame.moved(place);
+        let at = frame.odom_from_world.sim3 * place.world_from_camera.se3.translation;
+        let jumped = frame.odom_from_world.sim3 * (self.frame.odom_from_world.sim3.inverse() * at) - at;
+        if now - self.checked < MAP_CHECK_S && jumped.norm() <= MOVED_M
+            || map.version() == self.version && jumped.norm() == 0.0
+        {
             return None;
         }
-        self.checked = Some(now);
-        if map.version() == self.version {
+        (self.checked, self.version, self.frame) = (now, map.version(), frame);
+        let points = frame.placed(&route.resolve(|a| standing(map, a)));
+        let moves =
+            || self.points.iter().zip(&points).map(|(a, b)| (&a.frame_from_camera, &b.frame_from_camera));
+        let moved_m = moves().map(|(a, b)| (a.translation - b.translation).norm()).fold(0.0, f64::max);
+        if moved_m <= MOVED_M {
             return None;
         }
-        self.version = map.version();
-        let anchored = route.resolve(|a| standing(map, a));
-        let moved = (self.anchored.iter().zip(&anchored))
-            .map(|(a, b)| (a.frame_from_camera.translation - b.frame_from_camera.translation).norm())
-            .fold(0.0, f64::max);
-        let unit = route.metres_per_unit();
-        if moved * unit <= MOVED_M && unit == self.unit {
-            return None;
-        }
-        self.unit = unit;
-        self.cleaned = clean(&anchored, self.unit, &self.ground, &CleanConfig::default());
-        self.anchored = anchored;
-        self.plan().ok()
+        let near = moves()
+            .min_by(|(a, _), (b, _)| (a.translation - at).norm().total_cmp(&(b.translation - at).norm()));
+        let moved = near.map_or_else(Se3::identity, |(a, b)| *b * a.inverse());
+        self.cleaned = clean(&points, 1.0, &self.ground, &CleanConfig::default());
+        self.points = points;
+        self.plan().ok().map(|plan| Moved::Corrected { plan, moved })
     }
 
     /// How well the map covers the views that the camera will have, stretch by stretch of the route as recorded.
-    pub fn readiness(&self, map: &Snapshot, camera: &RectifiedCamera, facing: Facing) -> Vec<ReadyStretch> {
+    pub fn readiness(
+        &self,
+        map: &Snapshot,
+        route: &Route,
+        camera: &RectifiedCamera,
+        facing: Facing,
+    ) -> Vec<ReadyStretch> {
         // On the way out again a forward-looking camera has the same views, the others the opposite ones.
         let facing = match (self.travel, facing) {
             (Travel::Home, facing) => facing,
             (Travel::Again, Facing::Home) => Facing::Back,
             (Travel::Again, _) => Facing::Home,
         };
-        readiness(map, camera, &self.anchored, self.unit, &self.ground, facing)
+        let in_world = route.resolve(|a| standing(map, a));
+        readiness(map, camera, &in_world, self.frame.odom_from_world.sim3.scale, &self.world_ground, facing)
     }
 
-    /// The corners of the cleaned route in the map's own units.
+    /// The corners of the cleaned route in the map's frame and unit.
     pub fn corners(&self) -> impl Iterator<Item = Vec3> {
-        self.cleaned.points.iter().map(|p| p / self.unit)
+        let world_from_odom = self.frame.odom_from_world.inverse().sim3;
+        self.cleaned.points.iter().map(move |p| world_from_odom * *p)
     }
+}
+
+/// The ground plane of a walk, in the map's frame.
+fn ground_of(map: &Snapshot, route: &Route, in_world: &[PlacedPoint]) -> Ground {
+    if map.is_gravity_aligned_throughout() {
+        return Ground::z_up();
+    }
+    let poses = in_world.iter().map(|p| &p.frame_from_camera);
+    Ground::of_walk(poses).unwrap_or_else(|| route.header.ground())
 }
 
 /// The pose of the keyframe that a route point is anchored to, with its unit of length.

@@ -8,14 +8,14 @@ mod look;
 use crate::command::Command;
 use crate::disk::{Disk, OwnDisk};
 use crate::event::{Event, Said, Sound, rank, turn_of};
+use crate::guidance::{Guiding, Place};
 use crate::recording::{Recording, latest, next_path, tracked};
-use crate::reference_path::ReferencePath;
 use crate::status::Status;
 use cairn_engine::{Engine, Output, Scale, record_input};
-use cairn_geometry::{Camera, Odom, Pose, Se3, Vec3};
+use cairn_geometry::Vec3;
 use cairn_guide::{
-    Announcer, AnnouncerConfig, Confidence, Cue, Facing, Guide, GuideConfig, GuideInput, GuideState,
-    PhraseConfig, Priority, RecordInput, Recorder, Route, StopReason, Travel, ready_words, wrap,
+    Announcer, AnnouncerConfig, Confidence, Cue, Facing, GuideState, PhraseConfig, Priority, RecordInput,
+    Recorder, Route, StopReason, Travel, ready_words,
 };
 use cairn_sensor::{FramePacket, Stamp};
 use std::collections::VecDeque;
@@ -77,15 +77,6 @@ struct RouteAtHand {
     here: bool,
 }
 
-/// Guidance in progress.
-struct Guiding {
-    guide: Guide,
-    reference_path: ReferencePath,
-    facing: Facing,
-    asked: Stamp,
-    started: bool,
-}
-
 /// One walk.
 pub struct Session {
     engine: Engine,
@@ -93,9 +84,9 @@ pub struct Session {
     disk: Box<dyn Disk>,
     began: Option<Stamp>,
     now: Stamp,
-    /// The last frame's time, and the last pose with its time.
+    /// The last frame's time, and the last known place.
     frame: Option<Stamp>,
-    pose: Option<(Stamp, Se3)>,
+    place: Option<Place>,
     confidence: Confidence,
     /// What is known of the unit of length of the last pose, and since when it rests on nothing.
     scale: Option<Scale>,
@@ -129,7 +120,7 @@ impl Session {
             began: None,
             now: Stamp::default(),
             frame: None,
-            pose: None,
+            place: None,
             confidence: Confidence::Lost,
             scale: None,
             unsupported: None,
@@ -201,7 +192,7 @@ impl Session {
         let seen = record_input(&output);
         self.confidence = seen.confidence;
         if tracked(&seen) {
-            self.pose = Some((seen.stamp, seen.odom_from_camera.se3));
+            self.place = Place::of(&output, &seen).or(self.place);
         }
         if output.scale.is_some() {
             self.scale = output.scale;
@@ -316,7 +307,7 @@ impl Session {
 
     /// The camera's position in the last pose, in the map's units.
     pub fn place(&self) -> Option<Vec3> {
-        self.pose.map(|(_, p)| p.translation)
+        self.place.map(|place| place.world_from_camera.se3.translation)
     }
 
     /// Seconds since the first packet.
@@ -356,7 +347,7 @@ impl Session {
             return;
         }
         if let Some(recording) = self.recording.as_mut().filter(|r| !r.route().header.metric) {
-            recording.found_scale(&self.engine.snapshot());
+            recording.found_scale(&self.engine.snapshot(), self.place.as_ref());
             self.say("I can measure distances now.", Priority::Normal);
         }
         if let Some(held) = self.route.as_mut().filter(|w| w.here && !w.route.header.metric) {
@@ -426,9 +417,10 @@ impl Session {
                 Err(words) => self.say(&words, Priority::High),
             }
         }
-        let words = self.recording.as_mut().and_then(|r| r.observe(seen));
+        let place = self.place.as_ref();
+        let words = self.recording.as_mut().and_then(|r| r.observe(seen, place));
         // Under guidance the guide reports on tracking; before the first pose nothing can be lost.
-        if let Some(words) = words.filter(|_| self.guiding.is_none() && self.pose.is_some()) {
+        if let Some(words) = words.filter(|_| self.guiding.is_none() && self.place.is_some()) {
             self.say(words, Priority::High);
         }
     }
@@ -444,9 +436,9 @@ impl Session {
             let _ = std::fs::create_dir_all(&self.config.folder);
         }
         let path = named.unwrap_or_else(|| next_path(&self.config.folder));
-        let metric = self.status.metric;
+        let (metric, map, place) = (self.status.metric, self.engine.snapshot(), self.place.as_ref());
         let (recording, trouble) =
-            Recording::begin(&*self.disk, &path, &self.engine.snapshot(), metric, &self.config.source);
+            Recording::begin(&*self.disk, &path, &map, place, metric, &self.config.source);
         self.recording = Some(recording);
         Ok(match (trouble, metric) {
             (Some(why), _) => format!("Recording in memory only: {}: {why}.", path.display()),
@@ -500,17 +492,14 @@ impl Session {
             return Err("That route belongs to a map that is not loaded.".into());
         }
         let travel = if again { Travel::Again } else { Travel::Home };
-        let reference_path = ReferencePath::new(&self.engine.snapshot(), &held.route, travel, self.now);
-        let plan = reference_path.plan().map_err(|e| format!("I cannot guide: {e}."))?;
-        let config = GuideConfig { facing, ..GuideConfig::default() };
-        let guide =
-            Guide::new(plan, reference_path.ground, config).map_err(|e| format!("I cannot guide: {e}."))?;
+        let (map, place) = (self.engine.snapshot(), self.place.as_ref());
+        let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now)?;
         // The guide's first words give the length and the first direction; before that, whether the map covers the
         // route.
-        let ready =
-            reference_path.readiness(&self.engine.snapshot(), self.engine.front_end().model(), facing);
+        let camera = self.engine.front_end().model();
+        let ready = guiding.reference_path.readiness(&map, &held.route, camera, facing);
         let words = ready_words(&ready, &self.phrases());
-        self.guiding = Some(Guiding { guide, reference_path, facing, asked: self.now, started: false });
+        self.guiding = Some(guiding);
         self.arrived = false;
         Ok(words)
     }
@@ -534,28 +523,17 @@ impl Session {
         }
         self.uncertain_scale_announced = uncertain;
         let speaking = self.voice.is_speaking(now);
-        let (Some(guiding), Some((pose_stamp, pose))) = (&mut self.guiding, self.pose) else { return };
+        let (Some(guiding), Some(place), Some(held)) = (&mut self.guiding, self.place, &self.route) else {
+            return;
+        };
         // The first words of guidance do not cut off the answer to the command, and are not dropped because of it.
         if !guiding.started && speaking && now - guiding.asked < FIRST_WORDS_WAIT_S {
             return;
         }
         guiding.started = true;
-        if let Some(held) = &self.route
-            && let Some(plan) = guiding.reference_path.moved(&self.engine.snapshot(), &held.route, now)
-        {
-            guiding.guide.correct_route(plan);
-        }
-        let in_metres = Se3::new(pose.rotation, pose.translation * guiding.reference_path.unit);
-        let input = GuideInput {
-            now,
-            pose_stamp,
-            odom_from_camera: Pose::<Odom, Camera>::new(in_metres),
-            confidence: self.confidence,
-            speed: None,
-            hazard,
-        };
-        let cue = guiding.guide.step(&input);
-        let ahead = bearing_of_route(guiding, &in_metres);
+        let map = self.engine.snapshot();
+        let cue = guiding.step(&map, &held.route, &place, self.confidence, hazard, now);
+        let ahead = guiding.bearing_of_route(&place);
         let arrived = guiding.guide.state() == GuideState::Arrived;
         if let Some(cue) = cue {
             self.cue(&cue, ahead, now);
@@ -576,14 +554,5 @@ impl Session {
             self.voice.push(words.clone(), cue.priority(), now);
             self.pushed = Some((words, turn));
         }
-    }
-}
-
-/// The direction in which the route continues, relative to the walker: radians, positive left.
-fn bearing_of_route(guiding: &Guiding, pose: &Se3) -> f64 {
-    let walker = guiding.facing.heading(&guiding.reference_path.ground, &Pose::new(*pose));
-    match (walker, guiding.guide.place()) {
-        (Some(walker), Some(place)) => wrap(walker.turn_to(place.heading)),
-        _ => 0.0,
     }
 }

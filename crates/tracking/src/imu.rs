@@ -159,6 +159,13 @@ impl InertialFilter {
         carried.at_rest(ZERO_VELOCITY_SIGMA_M_S)
     }
 
+    /// The camera's motion since the last frame, from the readings; `None` as for [`Self::predict`], and when the last
+    /// frame was another than that of `from`.
+    pub fn moved(&self, from: Stamp, stamp: Stamp) -> Option<Se3> {
+        let last = self.last.as_ref().filter(|last| last.stamp == from)?;
+        Some(last.estimate.world_from_camera.inverse() * self.predict(stamp)?.world_from_camera)
+    }
+
     /// Seconds in motion for which the pose was only predicted since it was last tracked.
     pub fn carried_s(&self, stamp: Stamp) -> f64 {
         self.carried_s + self.last.as_ref().map_or(0.0, |last| stamp - last.stamp)

@@ -5,6 +5,9 @@ mod imu;
 mod local_map;
 mod lost;
 mod match_last;
+mod odometry;
+#[cfg(test)]
+mod odometry_tests;
 mod recover;
 mod rotation;
 mod scale;
@@ -18,5 +21,6 @@ mod synthetic;
 mod tests;
 mod tracker;
 
+pub use odometry::{MotionSource, Odometry};
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
 pub use tracker::{Tracker, TrackerConfig};

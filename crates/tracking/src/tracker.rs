@@ -4,6 +4,7 @@ use crate::decide::{Situation, wants_key_frame};
 use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
+use crate::odometry::{Odometry, OdometryFilter};
 use crate::recover::{candidates, match_key_frame};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::start::Starter;
@@ -108,6 +109,7 @@ pub struct Tracker {
     pub(crate) since_key_frame: usize,
     since_recovery: usize,
     pub(crate) inertial: Option<InertialFilter>,
+    odometry: OdometryFilter,
 }
 
 impl Tracker {
@@ -137,6 +139,7 @@ impl Tracker {
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
             inertial: None,
+            odometry: OdometryFilter::new(camera),
         }
     }
 
@@ -160,6 +163,12 @@ impl Tracker {
         if let Some(inertial) = &mut self.inertial {
             inertial.map_created(k);
         }
+        self.odometry.map_created(snapshot, id);
+    }
+
+    /// The odometry of the last frame; `None` when that has no pose.
+    pub fn odometry(&self) -> Option<Odometry> {
+        self.odometry.current()
     }
 
     /// Tracks one frame, with the IMU readings up to it. `idle` says whether mapping would process a key
@@ -187,7 +196,10 @@ impl Tracker {
             inertial.refresh(snapshot);
         }
         let earlier = self.track_waiting_frames(snapshot);
+        let imu_motion = (self.inertial.as_ref().zip(self.odometry.last_stamp()))
+            .and_then(|(inertial, last)| inertial.moved(last, frame.stamp));
         let mut tracked = self.track(frame.clone(), snapshot, idle);
+        self.follow(&frame, snapshot, &tracked, imu_motion);
         if self.lost && mapping {
             tracked.request =
                 self.bridge(frame.clone(), snapshot).or_else(|| self.begin_new_map(frame, snapshot));
@@ -229,7 +241,22 @@ impl Tracker {
         self.finish(frame, snapshot, guess, matches, predicted, idle)
     }
 
+    /// Takes the pose of a frame into the odometry.
+    fn follow(
+        &mut self,
+        frame: &Arc<Frame>,
+        snapshot: &Snapshot,
+        tracked: &Tracked,
+        imu_motion: Option<Se3>,
+    ) {
+        let Some(anchored) = tracked.pose else { return self.odometry.miss() };
+        let last = self.last.as_ref().filter(|last| Arc::ptr_eq(&last.frame, frame));
+        let landmarks = last.map_or_else(Vec::new, |last| last.landmarks.clone());
+        self.odometry.step(snapshot, frame, tracked.state, anchored, landmarks, imu_motion);
+    }
+
     fn start(&mut self, frame: Arc<Frame>) -> Tracked {
+        self.odometry.miss();
         let features = frame.len();
         self.wait(&frame);
         let submitted = self.starter.step(&self.camera, &frame, self.features);

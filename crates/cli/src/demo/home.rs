@@ -69,7 +69,7 @@ pub fn walk_back(
         now = turn_camera(camera, &mut body, now, dt)?;
     }
     let began = now;
-    let planned = reference_path(camera, &out.route, now);
+    let planned = reference_path(camera, &out.route);
     let plan = planned
         .plan()
         .map_err(|e| Failure::new("the return", e.to_string(), "walk farther: at least --metres 10"))?;
@@ -101,13 +101,13 @@ pub fn walk_back(
     }
     home.took_s = now - began;
     home.blocked = body.blocked;
-    home.cleaned = reference_path(camera, &out.route, now).cleaned;
+    home.cleaned = reference_path(camera, &out.route).cleaned;
     Ok(home)
 }
 
 /// The route placed by the current map, as the session follows it.
-fn reference_path(camera: &DemoCamera, route: &Route, now: Stamp) -> ReferencePath {
-    ReferencePath::new(&camera.snapshot(), route, Travel::Home, now)
+fn reference_path(camera: &DemoCamera, route: &Route) -> ReferencePath {
+    ReferencePath::in_map(&camera.snapshot(), route, Travel::Home)
 }
 
 impl Return {

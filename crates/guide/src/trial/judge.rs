@@ -243,6 +243,7 @@ fn name(kind: &CueKind) -> &'static str {
     match kind {
         CueKind::Start { .. } => "start",
         CueKind::Resume(_) => "resume",
+        CueKind::Correction(_) => "correction",
         CueKind::Approach(_) => "approach",
         CueKind::TurnNow { .. } | CueKind::StairsNow(_) => "turn now",
         CueKind::Rotate(_) => "rotate",

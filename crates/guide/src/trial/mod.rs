@@ -68,7 +68,7 @@ pub fn run(line: &[Vec2], config: &TrialConfig) -> Outcome {
     let route = walk_out(line, config.noise, config.seed);
     let placed = route.resolve(|_| None);
     let clean_config = CleanConfig { cut_detours: config.cut_detours, ..CleanConfig::default() };
-    let cleaned = clean(&placed, route.metres_per_unit(), &route.header.ground(), &clean_config);
+    let cleaned = clean(&placed, route.metres_per_unit(&placed), &route.header.ground(), &clean_config);
     walk(&route, &cleaned, config)
 }
 
@@ -99,6 +99,7 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
         + if config.travel == Travel::Again { 2.4 * ((config.seed % 7) as f64 / 3.0 - 1.0) } else { 0.0 };
     let mut walker = Walker::new(config.seed, (at.x, at.y, facing));
 
+    let mut told_from_world = Se3::identity();
     let limit_s = 90.0 + judge.length() / if config.facing == Facing::Backwards { 0.08 } else { 0.2 };
     let mut stood_s = 0.0;
     for tick in 0..(limit_s / STEP_S) as i64 {
@@ -111,7 +112,9 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
         if let Some(odom_from_world) = reading.corrected
             && let Ok(plan) = route_in(&odom_from_world)
         {
-            guide.correct_route(plan);
+            let moved = odom_from_world * told_from_world.inverse();
+            told_from_world = odom_from_world;
+            guide.correct_route(plan, &moved, now);
         }
         let cue = guide.step(&GuideInput {
             now,

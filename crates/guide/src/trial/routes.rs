@@ -125,6 +125,7 @@ pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
         let input = RecordInput {
             stamp: Stamp::from_seconds(tick as f64 * STEP_S),
             odom_from_camera: Pose::new(pose),
+            segment: 0,
             anchor,
             anchor_from_camera: pose,
             confidence: Confidence::Good,

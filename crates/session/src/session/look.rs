@@ -76,7 +76,7 @@ impl Session {
             let each = anchored.len().div_ceil(600).max(1);
             anchored.iter().step_by(each).map(|p| single(&p.frame_from_camera.translation)).collect()
         });
-        let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.reference_path.ground.up());
+        let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.reference_path.world_ground.up());
         View {
             up: single(&up),
             points: map.landmarks().step_by(each).map(|l| single(&l.position)).collect(),
@@ -92,7 +92,7 @@ impl Session {
 
     /// The camera: position, then the axes right, down and forward, in the map's frame.
     pub fn camera(&self) -> Option<[[f32; 3]; 4]> {
-        let (_, pose) = self.pose?;
+        let pose = self.place?.world_from_camera.se3;
         let single = |v: Vec3| [v.x as f32, v.y as f32, v.z as f32];
         let axis = |v: Vec3| single(pose.rotation * v);
         Some([single(pose.translation), axis(Vec3::x()), axis(Vec3::y()), axis(Vec3::z())])

@@ -1,0 +1,132 @@
+//! The odometry on recordings: motions between its poses compared with the truth, beside those of the live poses in the map.
+
+use cairn_engine::{Config, Engine, MotionSource, Output, Runner, SensorMode};
+use cairn_geometry::Se3;
+use cairn_sensor::Stamp;
+use cairn_sources::{OpenOptions, open};
+use std::collections::BTreeMap;
+use xtask::recordings::data_folder;
+
+/// A run: the outputs, and the truth comparable to them.
+struct Run {
+    outputs: Vec<Output>,
+    truth: BTreeMap<Stamp, Se3>,
+}
+
+/// Tracks a recording or a simulated world; `None` where the recording is missing.
+fn run(address: &str, mode: SensorMode, imu: bool) -> Option<Run> {
+    let address = match address.starts_with("sim:") {
+        true => address.to_owned(),
+        false => {
+            let folder = data_folder().join(address);
+            if !folder.exists() {
+                println!("skipped: {} is missing", folder.display());
+                return None;
+            }
+            folder.to_string_lossy().into_owned()
+        }
+    };
+    let mut source = open(&address, OpenOptions::default()).unwrap();
+    let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
+    let truth = source.info().truth.clone();
+    let mut config = Config::default();
+    config.inertial.enabled = imu;
+    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).unwrap();
+    let mut outputs = Vec::new();
+    while let Some(packet) = source.next_packet().unwrap() {
+        outputs.push(engine.on_packet(&packet).unwrap());
+    }
+    let truth = engine.comparable(&truth).into_iter().collect();
+    Some(Run { outputs, truth })
+}
+
+/// Root mean square and greatest error of the motion over a number of frames, in the truth's unit.
+#[derive(Clone, Copy, Debug)]
+struct MotionError {
+    rms_m: f64,
+    max_m: f64,
+}
+
+impl Run {
+    /// Pose, and the number of the stretch in which poses are comparable, of each frame that has both and a true pose.
+    fn poses(&self, pose: impl Fn(&Output) -> Option<(Se3, u32)>) -> Vec<(Stamp, Se3, Se3, u32)> {
+        let of = |o: &Output| {
+            let (pose, segment) = pose(o)?;
+            Some((o.stamp, pose, interpolated(&self.truth, o.stamp)?, segment))
+        };
+        self.outputs.iter().filter_map(of).collect()
+    }
+
+    /// Errors of the motion over so many frames. The unit of each segment is that which fits the truth best.
+    fn errors(&self, poses: &[(Stamp, Se3, Se3, u32)], frames: usize, metric: bool) -> MotionError {
+        let (mut sum, mut count, mut max_m) = (0.0, 0, 0.0_f64);
+        for segment in poses.chunk_by(|a, b| a.3 == b.3) {
+            let motion = |w: &[(Stamp, Se3, Se3, u32)]| {
+                let (a, b) = (w[0], w[w.len() - 1]);
+                ((a.1.inverse() * b.1).translation, (a.2.inverse() * b.2).translation)
+            };
+            let motions: Vec<_> = segment.windows(frames + 1).map(motion).collect();
+            let dot: f64 = motions.iter().map(|(e, t)| e.dot(t)).sum();
+            let square: f64 = motions.iter().map(|(e, _)| e.norm_squared()).sum();
+            let unit = if metric || square == 0.0 { 1.0 } else { dot / square };
+            for (estimate, truth) in motions {
+                let off = (estimate * unit - truth).norm();
+                sum += off * off;
+                count += 1;
+                max_m = max_m.max(off);
+            }
+        }
+        MotionError { rms_m: (sum / f64::from(count.max(1))).sqrt(), max_m }
+    }
+
+    /// Errors of the odometry and of the live poses over so many frames.
+    fn compare(&self, name: &str, frames: usize, metric: bool) -> [MotionError; 2] {
+        let odom = self.poses(|o| o.odometry.map(|d| (d.odom_from_body.se3, d.segment)));
+        let live = self.poses(|o| o.odometry.and_then(|d| Some((o.world_from_body?.se3, d.segment))));
+        let errors = [&odom, &live].map(|p| self.errors(p, frames, metric));
+        println!(
+            "{name:12} over {frames:3} frames: odometry rms {:.4} max {:.4} m, live rms {:.4} max {:.4} m",
+            errors[0].rms_m, errors[0].max_m, errors[1].rms_m, errors[1].max_m
+        );
+        errors
+    }
+
+    fn summary(&self, name: &str) {
+        let mut sources: BTreeMap<String, usize> = BTreeMap::new();
+        for o in &self.outputs {
+            let source = o.odometry.map_or("no pose".into(), |d| format!("{:?}", d.source));
+            *sources.entry(source).or_default() += 1;
+        }
+        println!("{name}: {sources:?}");
+    }
+}
+
+fn interpolated(truth: &BTreeMap<Stamp, Se3>, stamp: Stamp) -> Option<Se3> {
+    let (a, from) = truth.range(..=stamp).next_back()?;
+    let (b, to) = truth.range(stamp..).next()?;
+    if a == b {
+        return Some(*from);
+    }
+    (*b - *a < 0.1).then(|| from.interpolate(to, (stamp - *a) / (*b - *a)))
+}
+
+#[test]
+fn experiment() {
+    for (name, address, mode, imu, metric) in [
+        ("mh01 stereo", "euroc-mh01", SensorMode::Stereo, false, true),
+        ("mh01 st-imu", "euroc-mh01", SensorMode::Stereo, true, true),
+        ("mh01 mono", "euroc-mh01", SensorMode::Mono, false, false),
+        ("mh01 m-imu", "euroc-mh01", SensorMode::Mono, true, false),
+        ("kitti-a", "kitti-a", SensorMode::Stereo, false, true),
+        ("kitchen", "7scenes-kitchen", SensorMode::Rgbd, false, true),
+        ("atrium mono", "atrium", SensorMode::Mono, false, false),
+        ("atrium m-imu", "atrium", SensorMode::Mono, true, false),
+    ] {
+        let Some(run) = run(address, mode, imu) else { continue };
+        for frames in [1, 20, 100] {
+            run.compare(name, frames, metric);
+        }
+        run.summary(name);
+    }
+    let _ = MotionSource::Map;
+}
