@@ -5,6 +5,8 @@ mod disk;
 mod drive;
 mod event;
 mod guidance;
+#[cfg(test)]
+mod guidance_tests;
 mod inbox;
 mod ready;
 mod recording;
@@ -12,6 +14,9 @@ mod reference_path;
 mod script;
 mod session;
 mod status;
+#[cfg(test)]
+#[path = "../../adjust/tests/common/mod.rs"]
+mod synthetic;
 
 pub use command::{Command, HELP};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};

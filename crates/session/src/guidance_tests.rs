@@ -1,0 +1,225 @@
+//! A walker is guided along a corridor when the map is corrected: tracking, odometry, route and guide together, on a
+//! synthetic map.
+
+use crate::guidance::{Guiding, Place};
+use crate::synthetic::{FEATURES, RATE_HZ, World, off, stereo};
+use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
+use cairn_geometry::{Pose, Se3, Sim3, So3, Vec2, Vec3};
+use cairn_guide::trial::camera_pose;
+use cairn_guide::walker::side_of;
+use cairn_guide::{
+    Anchor, Announcer, AnnouncerConfig, Confidence, Facing, Ground, GuideState, PhraseConfig, Route,
+    RouteHeader, RoutePoint, Side, Stretch, Travel, Walker,
+};
+use cairn_sensor::Stamp;
+use cairn_solve::ransac::Rng;
+use cairn_tracking::{Tracker, TrackerConfig};
+
+const STEP_S: f64 = 1.0 / RATE_HZ;
+/// A corridor of 24 m and, after a turn to the left, 8 m more.
+const CORNER_M: f64 = 24.0;
+const END: [f64; 2] = [CORNER_M, 8.0];
+/// Where the correction comes.
+const CORRECTED_AT_M: f64 = 12.0;
+
+/// The camera's poses along the corridor, `step` metres apart.
+fn path(step: f64) -> Vec<Se3> {
+    let along = |length: f64| (0..=(length / step).round() as usize).map(move |k| k as f64 * step);
+    let turn = (1..=8).map(|k| camera_pose(CORNER_M, 0.0, f64::from(k) * 0.195, 0.0));
+    let first = along(CORNER_M).map(|x| camera_pose(x, 0.0, 0.0, 0.0));
+    first.chain(turn).chain(along(END[1]).map(|y| camera_pose(CORNER_M, y, 1.57, 0.0))).collect()
+}
+
+/// Points on both sides of the corridor.
+fn corridor() -> World {
+    let mut world = World::around(stereo(), 71);
+    let mut rng = Rng::new(72);
+    let mut within =
+        move |low: f64, high: f64| low + (high - low) * f64::from(rng.below(1 << 24)) / f64::from(1 << 24);
+    for point in &mut world.points {
+        *point = loop {
+            let p = Vec3::new(within(-4.0, 34.0), within(-7.0, 17.0), within(0.0, 3.0));
+            let beside = p.y.abs() > 1.5 || p.x > CORNER_M + 1.5;
+            if beside && (p.y < 0.0 || (p.x - CORNER_M).abs() > 1.5 || p.y > END[1] + 3.0) {
+                break p;
+            }
+        };
+    }
+    world
+}
+
+/// The corridor mapped twice: for the route, exactly, and again today, with a drift that is not known yet.
+struct Corridor {
+    world: World,
+    atlas: Atlas,
+    route: Route,
+    today: Vec<KeyFrameId>,
+    /// From the true frame to the map of today.
+    drift: Se3,
+}
+
+impl Corridor {
+    fn new(drift: Se3) -> Self {
+        let world = corridor();
+        let path = path(0.3);
+        let (mut atlas, ids) = world.exact_map(&path);
+        let point = |(k, (id, pose)): (usize, (&KeyFrameId, &Se3))| RoutePoint {
+            stamp: Stamp::from_seconds(0.5 * k as f64),
+            anchor: Anchor { robot: 0, seq: id.index() as u32 },
+            anchor_from_camera: Se3::identity(),
+            odom_from_camera: *pose,
+            stretch: Stretch::Tracked,
+            quality: 1.0,
+        };
+        let points = ids.iter().zip(&path).enumerate().map(point).collect();
+        let route = Route { points, ..Route::new(RouteHeader::new(true, &Ground::z_up(), "test")) };
+        let views = world.walk(&path, 1000.0, 0.5);
+        let drifted = Sim3::new(drift.rotation, drift.translation, 1.0);
+        let today = world.map(&mut atlas, &views, &path, ids.last().copied(), |_| drifted);
+        Self { world, atlas, route, today, drift }
+    }
+
+    /// The loop is closed: what was mapped today moves to where it is.
+    fn correct(&mut self) {
+        let back = self.drift.inverse();
+        let snapshot: Snapshot = (**self.atlas.latest()).clone();
+        let mut changes = Vec::new();
+        for k in snapshot.key_frames().filter(|k| k.id >= self.today[0]) {
+            changes.push(Change::MoveKeyFrame(k.id, back * k.world_from_camera));
+        }
+        let of_today = |key_frame: KeyFrameId| key_frame >= self.today[0];
+        for l in snapshot.landmarks().filter(|l| of_today(l.observations[0].key_frame)) {
+            changes.push(Change::MoveLandmark(l.id, back * l.position));
+        }
+        assert_eq!(self.atlas.commit(changes).dropped, 0);
+    }
+}
+
+/// What came of a walk.
+struct Walked {
+    arrived: bool,
+    /// True distance from the end, metres.
+    error_m: f64,
+    /// The greatest error of a motion in the odometry, and of one in the map.
+    step_m: f64,
+    jump_m: f64,
+    corrected_s: f64,
+    said: Vec<(f64, String)>,
+}
+
+impl Walked {
+    fn transcript(&self) -> String {
+        self.said.iter().map(|(t, words)| format!("{t:6.1}  {words}\n")).collect()
+    }
+
+    /// A direction said within ten seconds after the correction that sends the walker to the other side than the one
+    /// before it, less than five seconds ago.
+    fn contradiction(&self) -> Option<(&str, &str)> {
+        let sides: Vec<(f64, &str, Side)> =
+            self.said.iter().filter_map(|(t, words)| Some((*t, words.as_str(), side_of(words)?))).collect();
+        let near = |t: f64| (self.corrected_s..self.corrected_s + 10.0).contains(&t);
+        let other = |w: &&[(f64, &str, Side)]| near(w[1].0) && w[1].0 - w[0].0 < 5.0 && w[0].2 != w[1].2;
+        sides.windows(2).find(other).map(|w| (w[0].1, w[1].1))
+    }
+}
+
+/// Guides a walker along the route; in the middle of the corridor the map is corrected.
+fn walk(drift: Se3, seed: u64) -> Walked {
+    let mut corridor = Corridor::new(drift);
+    let mut tracker = Tracker::new(corridor.world.camera, FEATURES, RATE_HZ, TrackerConfig::default());
+    tracker.map_created(corridor.atlas.latest(), corridor.today[0]);
+    // He starts where the map of today takes him to be at the route's start.
+    let start = drift.inverse() * camera_pose(0.0, 0.0, 0.0, 0.0);
+    let heading = Ground::z_up().heading(&start).unwrap();
+    let mut walker = Walker::new(seed, (start.translation.x, start.translation.y, heading));
+    let (mut voice, phrases) = (Announcer::new(AnnouncerConfig::default()), PhraseConfig::default());
+    let mut guiding: Option<Guiding> = None;
+    let mut last: Option<(Se3, Se3, Se3)> = None;
+    let mut walked = Walked {
+        arrived: false,
+        error_m: f64::NAN,
+        step_m: 0.0,
+        jump_m: 0.0,
+        corrected_s: f64::NAN,
+        said: Vec::new(),
+    };
+    for tick in 0..2400 {
+        let t_s = 2000.0 + STEP_S * f64::from(tick);
+        let now = Stamp::from_seconds(t_s);
+        let (x, y, heading) = walker.step(STEP_S, now);
+        let truth = camera_pose(x, y, heading, 0.0);
+        let at_m = last.map_or(0.0, |(_, _, world): (Se3, Se3, Se3)| world.translation.x);
+        if walked.corrected_s.is_nan() && at_m > CORRECTED_AT_M {
+            walked.corrected_s = t_s;
+            corridor.correct();
+        }
+        let view = corridor.world.see(&truth, t_s);
+        let tracked = tracker.step(view.frame, &[], corridor.atlas.latest(), true, false);
+        let found = tracked.pose.unwrap_or_else(|| panic!("{t_s}: {:?}", tracked.state));
+        let odometry = tracker.odometry().expect("a pose has an odometry");
+        assert_eq!(odometry.segment, 0);
+        let place = Place {
+            stamp: now,
+            world_from_camera: Pose::new(found.world_from_camera),
+            // The camera of the synthetic world is the body.
+            odom_from_camera: Pose::new(odometry.odom_from_body.se3),
+            world_from_odom: odometry.world_from_odom,
+            segment: odometry.segment,
+        };
+        let (odom, world) = (odometry.odom_from_body.se3, found.world_from_camera);
+        if let Some((truth_before, odom_before, world_before)) = last.replace((truth, odom, world)) {
+            let motion = truth_before.inverse() * truth;
+            walked.step_m = walked.step_m.max(off(&(odom_before.inverse() * odom), &motion).0);
+            walked.jump_m = walked.jump_m.max(off(&(world_before.inverse() * world), &motion).0);
+        }
+        let (map, route) = (corridor.atlas.latest(), &corridor.route);
+        let guiding = guiding.get_or_insert_with(|| {
+            Guiding::begin(map, route, Travel::Again, Facing::Home, Some(&place), now).expect("a route")
+        });
+        let cue = guiding.step(map, route, &place, Confidence::Good, None, now);
+        if let Some((words, priority)) = cue.and_then(|c| Some((phrases.words(&c)?, c.priority()))) {
+            voice.push(words, priority, now);
+        }
+        if let Some(said) = voice.poll(now) {
+            walker.hear(&said.text, now);
+            walked.said.push((t_s, said.text));
+        }
+        walked.arrived = guiding.guide.state() == GuideState::Arrived;
+        if walked.arrived && walker.is_standing() {
+            break;
+        }
+    }
+    let (x, y, _) = walker.pose();
+    walked.error_m = (Vec2::new(x, y) - Vec2::from(END)).norm();
+    walked
+}
+
+/// A drift of so many metres to the left and degrees, as it is in the middle of the corridor.
+fn drift(left_m: f64, degrees: f64) -> Se3 {
+    let turn = So3::exp(&(Vec3::z() * degrees.to_radians()));
+    let middle = Vec3::new(CORRECTED_AT_M, 0.0, 0.0);
+    Se3::new(turn, middle - turn * middle + Vec3::new(0.0, left_m, 0.0))
+}
+
+#[test]
+fn a_correction_of_one_metre_and_five_degrees_in_mid_corridor_contradicts_no_cue() {
+    for (left_m, degrees) in [(1.0, 5.0), (-1.0, -5.0), (1.0, -5.0), (-1.0, 5.0)] {
+        for seed in 0..3 {
+            let walked = walk(drift(left_m, degrees), seed);
+            let transcript = walked.transcript();
+            println!(
+                "drift {left_m} m {degrees} deg, walker {seed}: odometry within {:.5} m, map jumps {:.2} m, arrival {} {:.2} m\n{transcript}",
+                walked.step_m, walked.jump_m, walked.arrived, walked.error_m
+            );
+            assert!(walked.jump_m > 0.9, "the map was corrected by {} m", walked.jump_m);
+            assert!(walked.step_m < 2e-3, "a step of {} m in the odometry", walked.step_m);
+            assert_eq!(walked.contradiction(), None, "{transcript}");
+            assert!(!transcript.contains("Correction") && !transcript.contains("Wrong way"), "{transcript}");
+            assert!(
+                walked.arrived && walked.error_m < 1.0,
+                "{} m from the end:\n{transcript}",
+                walked.error_m
+            );
+        }
+    }
+}
