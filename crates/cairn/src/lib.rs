@@ -75,7 +75,7 @@ pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
 pub use slam::Slam;
 
 #[doc(no_inline)]
-pub use cairn_engine::{Config, Output, SensorMode, State};
+pub use cairn_engine::{Config, MotionSource, Odometry, Output, SensorMode, State};
 #[doc(no_inline)]
 pub use cairn_sensor::{FramePacket, GrayImage, ImuSample, Rig, Source, Stamp};
 

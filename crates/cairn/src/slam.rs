@@ -110,6 +110,15 @@ impl Slam {
         trajectory(self.engine().live_trajectory())
     }
 
+    /// `odom_from_body` of every frame that was tracked, one trajectory for each segment of odometry: no correction of the
+    /// map moves it (see [`cairn_engine::Odometry`]).
+    ///
+    /// # Errors
+    /// As [`Slam::trajectory`].
+    pub fn odometry(&self) -> Result<Vec<Trajectory>, Error> {
+        self.engine().odometry_segments().into_iter().map(trajectory).collect()
+    }
+
     /// Compares the trajectory with true poses `world_from_body`: aligned by SE3, or by Sim3 where lengths are not
     /// metres.
     ///
