@@ -230,7 +230,9 @@ fn a_short_loss_before_the_same_landmarks_keeps_the_segment() {
     let mut walk = Walk::new(stereo(), 43);
     let mut blank = World::around(stereo(), 43);
     blank.points.clear();
-    (1..=5).for_each(|n| drop(walk.go(Walk::truth(n))));
+    (1..=5).for_each(|n| {
+        walk.go(Walk::truth(n));
+    });
     for n in 6..=10 {
         walk.at_s += STEP_S;
         let view = blank.see(&Walk::truth(n), walk.at_s);
@@ -247,7 +249,9 @@ fn a_short_loss_before_the_same_landmarks_keeps_the_segment() {
 #[test]
 fn after_a_loss_elsewhere_a_new_segment_begins() {
     let mut walk = Walk::new(stereo(), 44);
-    (1..=5).for_each(|n| drop(walk.go(Walk::truth(n))));
+    (1..=5).for_each(|n| {
+        walk.go(Walk::truth(n));
+    });
     let before = walk.last.unwrap().1;
     // Away to where no landmark is common, and found again there in the map, after a loss.
     let far = World::around(stereo(), 45);
@@ -298,7 +302,9 @@ fn a_turn_by_rotation_only_holds_the_position_and_is_told() {
 fn a_new_map_with_depth_goes_on_in_the_segment_and_one_without_begins_another() {
     for camera in [stereo(), mono()] {
         let mut walk = Walk::new(camera, 46);
-        (1..=5).for_each(|n| drop(walk.go(Walk::truth(n))));
+        (1..=5).for_each(|n| {
+            walk.go(Walk::truth(n));
+        });
         let before = walk.tracker.odometry().unwrap();
         // The last frame becomes part of another map, two metres off.
         let path = [Walk::truth(4), Walk::truth(5)];
