@@ -227,7 +227,8 @@ fn open_source(
     config: &mut Config,
     map: Option<&MapFile>,
 ) -> Result<(Box<dyn Source>, Sensor), Failure> {
-    let options = |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames };
+    let options =
+        |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames, topics: a.topics.clone() };
     let given = a.rig.as_deref().map(|path| rig_of(path, config)).transpose()?;
     if let Some(message) = waiting_for(&a.source) {
         note(&message);
