@@ -23,180 +23,168 @@ const MESSAGE: u8 = 5;
 const CHUNK: u8 = 6;
 const DATA_END: u8 = 15;
 
-/// Names of the schemas of a file.
-type Schemas = BTreeMap<u16, String>;
+/// What the walk through a file knows.
+struct Walk<'a, 'b> {
+    /// Number of the file in the bag.
+    file: u16,
+    /// Names of the schemas.
+    schemas: BTreeMap<u16, String>,
+    index: &'a mut Index<'b>,
+}
 
 /// Walks the file and fills the index.
 pub(crate) fn scan(file: &mut InputFile, number: u16, index: &mut Index) -> Result<(), BagError> {
-    let mut schemas = Schemas::new();
-    let mut at = MAGIC.len() as u64;
-    while at < file.end() {
-        let head = file.get(at, 9).map(|head| (head[0], &head[1..]));
-        let (kind, length) = match head.map(|(kind, rest)| (kind, rest.try_into().map(u64::from_le_bytes))) {
-            Ok((kind, Ok(length))) => (kind, length),
-            Ok(_) => return Ok(()),
-            Err(damage) => {
-                note_end(file, index, &damage);
-                return Ok(());
-            }
-        };
-        let content = at + 9;
-        let whole = content.checked_add(length).is_some_and(|end| end <= file.end());
-        let end = content.saturating_add(length).min(file.end());
-        match kind {
-            // What follows repeats what was read.
-            DATA_END => return Ok(()),
-            CHUNK => chunk(file, number, [at, content, end], whole, &mut schemas, index),
-            _ if whole => {
-                if let Err(damage) = one(file, kind, content, end, Place::PLAIN, number, &mut schemas, index)
-                {
-                    index.notes.push(format!("{}: byte {}: {}", file.shown(), damage.at, damage.why));
-                }
-            }
-            _ => {}
-        }
-        if !whole {
-            let there = file.end() - content;
-            let why = format!("a record of {length} bytes begins, {there} follow");
-            note_end(file, index, &Damage::new(at, why));
-            return Ok(());
-        }
-        at = end;
-    }
-    let why = "the mark of the end is missing: it was not closed";
-    note_end(file, index, &Damage::new(at, why));
-    Ok(())
-}
-
-/// A chunk between `content` and `end`; the file may end within it.
-fn chunk(
-    file: &mut InputFile,
-    number: u16,
-    [at, content, end]: [u64; 3],
-    whole: bool,
-    schemas: &mut Schemas,
-    index: &mut Index,
-) {
-    let outcome = open_chunk(file, number, content, end, schemas, index);
-    // That the file ends within the chunk is told by the caller.
-    if let (Err(damage), true) = (outcome, whole) {
-        index.notes.push(format!(
-            "{}: the chunk at byte {at} is read only in part ({})",
-            file.shown(),
-            damage.why
-        ));
-    }
-}
-
-fn open_chunk(
-    file: &mut InputFile,
-    number: u16,
-    content: u64,
-    end: u64,
-    schemas: &mut Schemas,
-    index: &mut Index,
-) -> Result<(), Damage> {
-    // Two times, the size, its CRC, then the name of the compression.
-    let size = file.u64(content + 16)?;
-    let crc = file.u32(content + 24)?;
-    let name_length = u64::from(file.u32(content + 28)?);
-    if name_length > 64 {
-        return Err(Damage::new(content, format!("the name of its compression has {name_length} bytes")));
-    }
-    let compression = Compression::named(file.get(content + 32, name_length)?);
-    let compression = compression.map_err(|why| Damage::new(content, why))?;
-    let stated = file.u64(content + 32 + name_length)?;
-    let from = content + 40 + name_length;
-    let until = from.saturating_add(stated).min(end);
-    if compression == Compression::None {
-        return walk(file, from, until, Place::PLAIN, number, schemas, index);
-    }
-    let at = ChunkAt { at: from, length: until.saturating_sub(from), compression, size };
-    let (bytes, mut why) = at.unpack(file)?;
-    if why.is_none() && crc != 0 && crc32fast::hash(&bytes) != crc {
-        why = Some("its checksum does not match".into());
-    }
-    let chunk = index.chunk(at);
-    let walked = walk(&mut Memory(&bytes), 0, bytes.len() as u64, chunk, number, schemas, index);
-    why.map_or(walked, |why| Err(Damage::new(content, why)))
-}
-
-/// The records of a chunk.
-fn walk(
-    area: &mut impl Area,
-    from: u64,
-    end: u64,
-    chunk: u32,
-    file: u16,
-    schemas: &mut Schemas,
-    index: &mut Index,
-) -> Result<(), Damage> {
-    let mut at = from;
-    while at < end {
-        let kind = area.get(at, 1)?[0];
-        let length = area.u64(at + 1)?;
-        let content = at + 9;
-        let next = content.checked_add(length).filter(|next| *next <= end);
-        let next = next.ok_or_else(|| Damage::new(at, format!("a record of {length} bytes is cut")))?;
-        one(area, kind, content, next, chunk, file, schemas, index)?;
-        at = next;
+    let mut walk = Walk { file: number, schemas: BTreeMap::new(), index };
+    if let Some(damage) = walk.records(file) {
+        note_end(file, index, &damage);
     }
     Ok(())
 }
 
-/// One record that is whole.
-#[allow(clippy::too_many_arguments)]
-fn one(
-    area: &mut impl Area,
-    kind: u8,
-    content: u64,
-    end: u64,
-    chunk: u32,
-    file: u16,
-    schemas: &mut Schemas,
-    index: &mut Index,
-) -> Result<(), Damage> {
-    let length = end - content;
-    match kind {
-        SCHEMA | CHANNEL if length > MAX_RECORD => {
-            Err(Damage::new(content, format!("a description of {length} bytes")))
-        }
-        SCHEMA => {
-            let mut fields = Fields { bytes: area.get(content, length)?, at: content };
-            let id = fields.u16()?;
-            schemas.insert(id, fields.string()?);
-            Ok(())
-        }
-        CHANNEL => {
-            let mut fields = Fields { bytes: area.get(content, length)?, at: content };
-            let (id, schema) = (fields.u16()?, fields.u16()?);
-            let (name, encoding) = (fields.string()?, fields.string()?);
-            let format = match encoding.as_str() {
-                "ros1" => WireFormat::Ros1,
-                "cdr" => WireFormat::Cdr,
-                _ => WireFormat::Other,
+impl Walk<'_, '_> {
+    /// The records of the file up to the end of its data; returns where it is cut.
+    fn records(&mut self, file: &mut InputFile) -> Option<Damage> {
+        let mut at = MAGIC.len() as u64;
+        while at < file.end() {
+            let [kind, length] = match head(file, at) {
+                Ok(head) => head,
+                Err(damage) => return Some(damage),
             };
-            let of = schemas.get(&schema).map_or("", String::as_str);
-            index.connection(file, u32::from(id), &name, of, format);
-            Ok(())
-        }
-        MESSAGE => {
-            const HEAD: u64 = 22;
-            if length < HEAD {
-                return Err(Damage::new(content, format!("a message record of {length} bytes")));
+            let content = at + HEAD;
+            let whole = content.checked_add(length).is_some_and(|end| end <= file.end());
+            let end = content.saturating_add(length).min(file.end());
+            let outcome = match kind as u8 {
+                // What follows repeats what was read.
+                DATA_END => return None,
+                CHUNK => self.chunk(file, content, end),
+                kind if whole => self.record(file, kind, [content, end], Place::PLAIN),
+                _ => Ok(()),
+            };
+            // That the file ends within a chunk is told below.
+            if let (Err(damage), true) = (outcome, whole) {
+                let what = if kind as u8 == CHUNK { "chunk" } else { "record" };
+                self.index.notes.push(format!(
+                    "{}: the {what} at byte {at} is read only in part ({})",
+                    file.shown(),
+                    damage.why
+                ));
             }
-            let data = length - HEAD;
-            let short = u32::try_from(data).map_err(|_| Damage::new(content, "a message above 4 GB"))?;
-            let bytes = area.get(content, HEAD + data.min(PREFIX))?;
-            let channel = u16::from_le_bytes([bytes[0], bytes[1]]);
-            let mut log = [0; 8];
-            log.copy_from_slice(&bytes[6..14]);
-            let place = Place { file, chunk, offset: content + HEAD, length: short };
-            index.message(u32::from(channel), u64::from_le_bytes(log) as i64, &bytes[HEAD as usize..], place);
-            Ok(())
+            if !whole {
+                let there = file.end() - content;
+                return Some(Damage::new(at, format!("a record of {length} bytes begins, {there} follow")));
+            }
+            at = end;
         }
-        _ => Ok(()),
+        Some(Damage::new(at, "the mark of the end is missing: it was not closed"))
     }
+
+    /// A chunk between `content` and `end`; the file may end within it.
+    fn chunk(&mut self, file: &mut InputFile, content: u64, end: u64) -> Result<(), Damage> {
+        // Two times, the size, its CRC, then the name of the compression.
+        let size = file.u64(content + 16)?;
+        let crc = file.u32(content + 24)?;
+        let name_length = u64::from(file.u32(content + 28)?);
+        if name_length > 64 {
+            return Err(Damage::new(content, format!("the name of its compression has {name_length} bytes")));
+        }
+        let compression = Compression::named(file.get(content + 32, name_length)?);
+        let compression = compression.map_err(|why| Damage::new(content, why))?;
+        let stated = file.u64(content + 32 + name_length)?;
+        let from = content + 40 + name_length;
+        let until = from.saturating_add(stated).min(end);
+        if compression == Compression::None {
+            return self.within(file, [from, until], Place::PLAIN);
+        }
+        let at = ChunkAt { at: from, length: until.saturating_sub(from), compression, size };
+        let (bytes, mut why) = at.unpack(file)?;
+        if why.is_none() && crc != 0 && crc32fast::hash(&bytes) != crc {
+            why = Some("its checksum does not match".into());
+        }
+        let chunk = self.index.chunk(at);
+        let walked = self.within(&mut Memory(&bytes), [0, bytes.len() as u64], chunk);
+        why.map_or(walked, |why| Err(Damage::new(content, why)))
+    }
+
+    /// The records of a chunk.
+    fn within(&mut self, area: &mut impl Area, [from, end]: [u64; 2], chunk: u32) -> Result<(), Damage> {
+        let mut at = from;
+        while at < end {
+            let [kind, length] = head(area, at)?;
+            let content = at + HEAD;
+            let next = content.checked_add(length).filter(|next| *next <= end);
+            let next = next.ok_or_else(|| Damage::new(at, format!("a record of {length} bytes is cut")))?;
+            self.record(area, kind as u8, [content, next], chunk)?;
+            at = next;
+        }
+        Ok(())
+    }
+
+    /// One record that is whole.
+    fn record(
+        &mut self,
+        area: &mut impl Area,
+        kind: u8,
+        [content, end]: [u64; 2],
+        chunk: u32,
+    ) -> Result<(), Damage> {
+        let length = end - content;
+        match kind {
+            SCHEMA | CHANNEL if length > MAX_RECORD => {
+                Err(Damage::new(content, format!("a description of {length} bytes")))
+            }
+            SCHEMA => {
+                let mut fields = Fields { bytes: area.get(content, length)?, at: content };
+                let id = fields.u16()?;
+                self.schemas.insert(id, fields.string()?);
+                Ok(())
+            }
+            CHANNEL => {
+                let mut fields = Fields { bytes: area.get(content, length)?, at: content };
+                let (id, schema) = (fields.u16()?, fields.u16()?);
+                let (name, encoding) = (fields.string()?, fields.string()?);
+                let format = match encoding.as_str() {
+                    "ros1" => WireFormat::Ros1,
+                    "cdr" => WireFormat::Cdr,
+                    _ => WireFormat::Other,
+                };
+                let of = self.schemas.get(&schema).map_or("", String::as_str);
+                self.index.connection(self.file, u32::from(id), &name, of, format);
+                Ok(())
+            }
+            MESSAGE => self.message(area, [content, length], chunk),
+            _ => Ok(()),
+        }
+    }
+
+    /// Channel, sequence number, two times, then the data.
+    fn message(
+        &mut self,
+        area: &mut impl Area,
+        [content, length]: [u64; 2],
+        chunk: u32,
+    ) -> Result<(), Damage> {
+        const FIELDS: u64 = 22;
+        let data = length.checked_sub(FIELDS);
+        let data = data.ok_or_else(|| Damage::new(content, format!("a message record of {length} bytes")))?;
+        let short = u32::try_from(data).map_err(|_| Damage::new(content, "a message above 4 GB"))?;
+        let bytes = area.get(content, FIELDS + data.min(PREFIX))?;
+        let channel = u16::from_le_bytes([bytes[0], bytes[1]]);
+        let mut log = [0; 8];
+        log.copy_from_slice(&bytes[6..14]);
+        let place = Place { file: self.file, chunk, offset: content + FIELDS, length: short };
+        let log_ns = i64::try_from(u64::from_le_bytes(log)).unwrap_or(i64::MAX);
+        self.index.message(u32::from(channel), log_ns, &bytes[FIELDS as usize..], place);
+        Ok(())
+    }
+}
+
+/// Bytes of a record before its content.
+const HEAD: u64 = 9;
+
+/// The kind and length of a record.
+fn head(area: &mut impl Area, at: u64) -> Result<[u64; 2], Damage> {
+    let kind = area.get(at, HEAD)?[0];
+    Ok([u64::from(kind), area.u64(at + 1)?])
 }
 
 /// Fields of a schema or channel.

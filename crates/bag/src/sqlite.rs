@@ -9,6 +9,9 @@ use crate::error::{BagError, Damage};
 /// The first bytes of such a file.
 pub(crate) const MAGIC: &[u8] = b"SQLite format 3\0";
 
+/// The longest text that is read, bytes: names, types and the definition of a table.
+const MAX_TEXT: u64 = 64 << 10;
+
 /// Deeper than any tree: 2^31 pages with two children each are fewer levels.
 const MAX_DEPTH: usize = 32;
 
@@ -296,6 +299,7 @@ impl Row<'_> {
                 9 => Value::Integer(1),
                 1..=6 => Value::Integer(integer(&self.bytes(body, length)?)),
                 _ if kind % 2 == 0 => Value::Blob(body, length),
+                _ if length > MAX_TEXT => return Err(wrong()),
                 _ => Value::Text(String::from_utf8_lossy(&self.bytes(body, length)?).into_owned()),
             };
             out.push(value);

@@ -117,7 +117,7 @@ fn kind_of(path: &Path) -> Result<Found, SourceError> {
             return Ok(Found::Bag);
         }
         let cure = format!("give a folder, a bag or a video; {KNOWN}");
-        return Err(SourceError::new(shown, "is a file of no known kind", cure));
+        return Err(SourceError::new(shown, "is a file, not a folder, and neither a bag nor a video", cure));
     }
     let found: Vec<&'static Kind> = KINDS.iter().filter(|kind| (kind.is)(path)).collect();
     // Single .mcap and .db3 files may lie in any folder.

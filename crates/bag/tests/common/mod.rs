@@ -50,7 +50,7 @@ impl Fields {
 
     fn put(&mut self, bytes: &[u8]) -> &mut Self {
         let n = bytes.len();
-        while !self.ros1 && (self.bytes.len() - 4) % n != 0 {
+        while !self.ros1 && !(self.bytes.len() - 4).is_multiple_of(n) {
             self.bytes.push(0);
         }
         self.bytes.extend_from_slice(bytes);

@@ -46,11 +46,11 @@ pub fn index(path: &Path, given: Option<Rig>, named: &[NamedTopic]) -> Result<Re
     if let Some(rig) = &given {
         fit(&shown, rig, &mut chosen)?;
     }
-    let (rig, mut assumed) = match given {
+    let (rig, assumed) = match given {
         Some(rig) => (rig, Vec::new()),
         None => rig::of(&shown, &mut reader, &mut chosen, recorder, &mut skipped)?,
     };
-    let instants = instants(&reader, &chosen, &mut skipped, &mut assumed);
+    let instants = instants(&reader, &chosen, &mut skipped);
     Ok(Recording {
         name: format!("bag {shown} ({})", chosen.text(reader.topics())),
         imu: rig.imu.is_some().then(|| ImuAt::Messages(chosen.imu.clone())),
@@ -108,12 +108,7 @@ fn fit(shown: &str, rig: &Rig, chosen: &mut Chosen) -> Result<(), SourceError> {
 }
 
 /// Messages of images in order of time, those of one instant together.
-fn instants(
-    reader: &BagReader,
-    chosen: &Chosen,
-    skipped: &mut Vec<String>,
-    assumed: &mut Vec<String>,
-) -> Vec<Instant> {
+fn instants(reader: &BagReader, chosen: &Chosen, skipped: &mut Vec<String>) -> Vec<Instant> {
     let mut list = |topic: usize| {
         let entries = reader.topics().get(topic).map_or(&[][..], |t: &Topic| &t.entries);
         let mut list: Vec<(Stamp, ImageAt)> =
@@ -139,7 +134,7 @@ fn instants(
             let median = apart.get(apart.len() / 2).copied().unwrap_or(0);
             if median > TOLD_APART_NS {
                 let ms = median as f64 * 1e-6;
-                assumed.push(format!("left and right images {ms:.1} ms apart, taken as one instant"));
+                skipped.push(format!("left and right images are {ms:.1} ms apart, taken as one instant"));
             }
             pairs
         }

@@ -69,8 +69,7 @@ impl Recorder {
         }
     }
 
-    /// The streams to use: colour (else the left infrared) with depth; without depth, or with the projector off and no
-    /// colour, the infrared pair.
+    /// The streams to use: colour (else the left infrared) with depth, without depth the infrared pair, else one camera.
     pub fn chosen(&self, bag: &mut BagReader) -> Chosen {
         let find = |what: &str| {
             let fits = |name: &str| {
@@ -95,9 +94,9 @@ impl Recorder {
         Chosen { cameras, depth, imu, info: [None; 3] }
     }
 
-    /// What to say of an infrared pair that was lit by the projector.
-    pub fn doubt(&self, pair: bool) -> Option<String> {
-        (pair && self.emitter).then(|| {
+    /// What to say of an infrared pair, if it was lit by the projector.
+    pub fn doubt(&self) -> Option<String> {
+        self.emitter.then(|| {
             "the projector was on: its dots move with the camera and disturb tracking in the infrared images".to_owned()
         })
     }

@@ -35,7 +35,7 @@ pub fn of(
         let right = scene.camera(shown, bag, Some(topic), chosen.info[1])?;
         let left_from_right = scene.pair(shown, &left, &right)?;
         cameras.push(rig_camera("cam1", &right, left_from_right));
-        assumed.extend(scene.recorder.as_ref().and_then(|r| r.doubt(true)));
+        skipped.extend(scene.recorder.as_ref().and_then(|r| r.doubt()));
     }
     let depth = match chosen.depth {
         Some(topic) => Some(scene.depth(shown, bag, &left, topic, chosen.info[2], &mut assumed)?),

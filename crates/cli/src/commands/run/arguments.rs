@@ -104,6 +104,10 @@ pub struct Arguments {
     /// and the results of loop detection.
     #[arg(long, value_name = "FILE")]
     pub events: Option<PathBuf>,
+    /// Writes the run as MCAP with Foxglove's schemas, which Foxglove and tools for ROS 2 recordings read: poses, transforms,
+    /// points, images with features, spoken words, events.
+    #[arg(long, value_name = "OUT.mcap")]
+    pub mcap: Option<PathBuf>,
     /// Writes what --replay needs to reproduce the poses of this run bit for bit.
     #[arg(long, value_name = "FILE", requires = "realtime")]
     pub journal: Option<PathBuf>,
