@@ -3,6 +3,8 @@
 //! The fields are those of the message's definition: `K` the matrix of the raw image, `D` its distortion, `R` rotates the
 //! camera to its rectified frame, `P` projects from that frame; of the right camera `P[3] = -fx * baseline`.
 
+use crate::message::is_foxglove;
+use crate::protobuf::{Field, doubles, fields, stamp_ns, text};
 use crate::wire::{DecodeError, Header, Wire, WireFormat};
 use cairn_geometry::{Mat3, Se3, So3, Vec3};
 use cairn_sensor::{Camera, Distortion, check_rotation};
@@ -40,6 +42,40 @@ impl CameraInfo {
         let n = wire.length(8)?;
         let d = (0..n).map(|_| wire.f64()).collect::<Result<_, _>>()?;
         Ok(Self { header, height, width, model, d, k: wire.f64s()?, r: wire.f64s()?, p: wire.f64s()? })
+    }
+
+    /// Decodes a message of any type that is [`crate::MessageKind::CameraInfo`].
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn of(kind: &str, format: WireFormat, bytes: &[u8]) -> Result<Self, DecodeError> {
+        if format != WireFormat::Protobuf {
+            // Foxglove's has width before height.
+            let mut out = Self::decode(format, bytes)?;
+            if is_foxglove(kind) {
+                (out.width, out.height) = (out.height, out.width);
+            }
+            return Ok(out);
+        }
+        let header = Header { stamp_ns: 0, frame_id: String::new() };
+        let (k, r, p) = ([0.0; 9], [0.0; 9], [0.0; 12]);
+        let mut out = Self { header, height: 0, width: 0, model: String::new(), d: Vec::new(), k, r, p };
+        let fill = |to: &mut [f64], from: &[u8]| to.iter_mut().zip(doubles(from)).for_each(|(a, b)| *a = b);
+        for (number, field) in fields(bytes)? {
+            match (number, field) {
+                (1, Field::Bytes(b)) => out.header.stamp_ns = stamp_ns(b).unwrap_or(0),
+                (2, Field::Number(v)) => out.width = v as u32,
+                (3, Field::Number(v)) => out.height = v as u32,
+                (4, Field::Bytes(b)) => out.model = text(b),
+                (5, Field::Bytes(b)) => out.d = doubles(b),
+                (6, Field::Bytes(b)) => fill(&mut out.k, b),
+                (7, Field::Bytes(b)) => fill(&mut out.r, b),
+                (8, Field::Bytes(b)) => fill(&mut out.p, b),
+                (9, Field::Bytes(b)) => out.header.frame_id = text(b),
+                _ => {}
+            }
+        }
+        Ok(out)
     }
 
     /// The camera of the raw image, or of the rectified one.

@@ -3,11 +3,12 @@
 use crate::area::InputFile;
 use crate::compression::{Compression, MAX_CHUNK, decompress};
 use crate::error::Damage;
+use crate::message::{MessageKind, is_foxglove};
 use crate::wire::{WireFormat, header_stamp};
 use std::collections::BTreeMap;
 
-/// Bytes from the start of a message that the index looks at: encapsulation, sequence number and stamp.
-pub(crate) const PREFIX: u64 = 16;
+/// Bytes from the start of a message that the index looks at: encapsulation or sequence number, and stamp.
+pub(crate) const PREFIX: u64 = 20;
 
 /// Where a message stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,16 +84,17 @@ pub struct Topic {
 }
 
 impl Topic {
+    /// What its messages are for.
+    pub fn message_kind(&self) -> MessageKind {
+        MessageKind::of(&self.kind)
+    }
+
     /// The stamp of a message, from its first bytes.
     pub(crate) fn stamp_ns(has_header: bool, format: WireFormat, log_ns: i64, prefix: &[u8]) -> i64 {
         let stamp = if has_header { header_stamp(format, prefix) } else { None };
         stamp.filter(|s| *s != 0).unwrap_or(log_ns)
     }
 }
-
-/// Types that begin with a `std_msgs/Header`.
-const WITH_HEADER: [&str; 4] =
-    ["sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo", "sensor_msgs/Imu"];
 
 /// Chooses how many messages of a topic (name, type) are indexed.
 pub(crate) type Wanted<'a> = &'a dyn Fn(&str, &str) -> usize;
@@ -134,10 +136,16 @@ impl<'a> Index<'a> {
     /// Declares a connection of a file; connections of the same topic and type are one topic.
     pub fn connection(&mut self, file: u16, id: u32, name: &str, kind: &str, format: WireFormat) {
         let kind = kind.replace("/msg/", "/");
+        // Foxglove's types in ROS 1 begin with a bare time, which nothing here reads.
+        let format = match format {
+            WireFormat::Ros1 if is_foxglove(&kind) => WireFormat::Other,
+            other => other,
+        };
         let same = |t: &Topic| t.name == name && t.kind == kind && t.format == format;
         let topic = self.topics.iter().position(same).unwrap_or_else(|| {
             let keep = (self.wanted)(name, &kind);
-            let has_header = WITH_HEADER.contains(&kind.as_str());
+            // All others begin with their stamp.
+            let has_header = MessageKind::of(&kind) != MessageKind::Other;
             self.topics.push(Topic {
                 name: name.to_owned(),
                 kind,

@@ -145,6 +145,7 @@ impl Walk<'_, '_> {
                 let format = match encoding.as_str() {
                     "ros1" => WireFormat::Ros1,
                     "cdr" => WireFormat::Cdr,
+                    "protobuf" => WireFormat::Protobuf,
                     _ => WireFormat::Other,
                 };
                 let of = self.schemas.get(&schema).map_or("", String::as_str);

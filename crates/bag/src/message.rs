@@ -1,9 +1,47 @@
 //! The ROS messages that are read, with the fields that are used. `sensor_msgs`, `geometry_msgs` and `tf2_msgs` are laid out
 //! alike in ROS 1 and ROS 2; [`Wire`] knows the difference.
 
+use crate::protobuf::{Field, fields, stamp_ns, text};
 use crate::wire::{DecodeError, Header, Wire, WireFormat};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{ImuSample, Stamp};
+
+/// What a message is for, whichever schema it has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MessageKind {
+    /// Pixels: `sensor_msgs/Image`, Foxglove's `RawImage`.
+    Image,
+    /// An image file: `CompressedImage` of either.
+    CompressedImage,
+    /// A calibration: `sensor_msgs/CameraInfo`, Foxglove's `CameraCalibration`.
+    CameraInfo,
+    /// `sensor_msgs/Imu`.
+    Imu,
+    /// Something else.
+    Other,
+}
+
+impl MessageKind {
+    /// By the name of the type, as `sensor_msgs/Image` or `foxglove.RawImage`.
+    pub fn of(kind: &str) -> Self {
+        match kind {
+            "sensor_msgs/Image" | "foxglove_msgs/RawImage" | "foxglove.RawImage" => Self::Image,
+            "sensor_msgs/CompressedImage" | "foxglove_msgs/CompressedImage" | "foxglove.CompressedImage" => {
+                Self::CompressedImage
+            }
+            "sensor_msgs/CameraInfo" | "foxglove_msgs/CameraCalibration" | "foxglove.CameraCalibration" => {
+                Self::CameraInfo
+            }
+            "sensor_msgs/Imu" => Self::Imu,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// Whether a type is one of Foxglove's in ROS 2 form.
+pub(crate) fn is_foxglove(kind: &str) -> bool {
+    kind.starts_with("foxglove_msgs/")
+}
 
 /// A `sensor_msgs/Image`.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +79,45 @@ impl<'a> ImageMessage<'a> {
             data: wire.bytes()?,
         })
     }
+
+    /// Decodes a message of any type that is [`MessageKind::Image`].
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn of(kind: &str, format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let mut out = Self {
+            header: Header { stamp_ns: 0, frame_id: String::new() },
+            height: 0,
+            width: 0,
+            encoding: String::new(),
+            big_endian: false,
+            step: 0,
+            data: &[],
+        };
+        if format == WireFormat::Protobuf {
+            for (number, field) in fields(bytes)? {
+                match (number, field) {
+                    (1, Field::Bytes(b)) => out.header.stamp_ns = stamp_ns(b).unwrap_or(0),
+                    (2, Field::Number(v)) => out.width = v as u32,
+                    (3, Field::Number(v)) => out.height = v as u32,
+                    (4, Field::Bytes(b)) => out.encoding = text(b),
+                    (5, Field::Number(v)) => out.step = v as u32,
+                    (6, Field::Bytes(b)) => out.data = b,
+                    (7, Field::Bytes(b)) => out.header.frame_id = text(b),
+                    _ => {}
+                }
+            }
+            return Ok(out);
+        }
+        if !is_foxglove(kind) {
+            return Self::decode(format, bytes);
+        }
+        let mut wire = Wire::new(format, bytes)?;
+        out.header = wire.header()?;
+        (out.width, out.height, out.encoding) = (wire.u32()?, wire.u32()?, wire.string()?);
+        (out.step, out.data) = (wire.u32()?, wire.bytes()?);
+        Ok(out)
+    }
 }
 
 /// A `sensor_msgs/CompressedImage`.
@@ -62,6 +139,33 @@ impl<'a> CompressedImage<'a> {
     pub fn decode(format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let mut wire = Wire::new(format, bytes)?;
         Ok(Self { header: wire.header()?, format: wire.string()?, data: wire.bytes()? })
+    }
+
+    /// Decodes a message of any type that is [`MessageKind::CompressedImage`].
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn of(kind: &str, format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let header = Header { stamp_ns: 0, frame_id: String::new() };
+        let mut out = Self { header, format: String::new(), data: &[] };
+        if format == WireFormat::Protobuf {
+            for (number, field) in fields(bytes)? {
+                match (number, field) {
+                    (1, Field::Bytes(b)) => out.header.stamp_ns = stamp_ns(b).unwrap_or(0),
+                    (2, Field::Bytes(b)) => out.data = b,
+                    (3, Field::Bytes(b)) => out.format = text(b),
+                    (4, Field::Bytes(b)) => out.header.frame_id = text(b),
+                    _ => {}
+                }
+            }
+            return Ok(out);
+        }
+        if !is_foxglove(kind) {
+            return Self::decode(format, bytes);
+        }
+        let mut wire = Wire::new(format, bytes)?;
+        (out.header, out.data, out.format) = (wire.header()?, wire.bytes()?, wire.string()?);
+        Ok(out)
     }
 
     /// The image file itself: messages of `compressed_depth_image_transport` have a head of 12 bytes before the PNG.

@@ -9,6 +9,8 @@ pub enum WireFormat {
     Ros1,
     /// ROS 2: CDR, where numbers are aligned to their size.
     Cdr,
+    /// Protobuf, of Foxglove's schemas.
+    Protobuf,
     /// Another encoding, which is not read.
     Other,
 }
@@ -75,7 +77,9 @@ impl<'a> Wire<'a> {
                 [a, b, _, _, ..] => Err(DecodeError::new(format!("CDR of kind {a:02x}{b:02x} is not read"))),
                 _ => Err(DecodeError::new("shorter than the four bytes that begin CDR")),
             },
-            WireFormat::Other => Err(DecodeError::new("an encoding that is neither ROS 1 nor CDR")),
+            WireFormat::Protobuf | WireFormat::Other => {
+                Err(DecodeError::new("an encoding that is neither ROS 1 nor CDR"))
+            }
         }
     }
 
@@ -189,6 +193,9 @@ impl<'a> Wire<'a> {
 
 /// The stamp of a message that begins with a header, from its first 16 bytes.
 pub(crate) fn header_stamp(format: WireFormat, prefix: &[u8]) -> Option<i64> {
+    if format == WireFormat::Protobuf {
+        return crate::protobuf::first_stamp(prefix);
+    }
     let mut wire = Wire::new(format, prefix).ok()?;
     if format == WireFormat::Ros1 {
         wire.u32().ok()?;

@@ -159,6 +159,82 @@ fn big_endian_cdr_and_unknown_kinds() {
     assert!(Wire::new(WireFormat::Other, &[0; 8]).is_err());
 }
 
+/// A field of protobuf: tag, length and bytes.
+fn part(number: u8, bytes: &[u8]) -> Vec<u8> {
+    let mut out = vec![number << 3 | 2];
+    let mut n = bytes.len();
+    while n > 127 {
+        out.push(n as u8 | 0x80);
+        n >>= 7;
+    }
+    out.push(n as u8);
+    out.extend_from_slice(bytes);
+    out
+}
+
+fn fixed(number: u8, v: u32) -> Vec<u8> {
+    [&[number << 3 | 5][..], &v.to_le_bytes()].concat()
+}
+
+fn doubles(v: &[f64]) -> Vec<u8> {
+    v.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+/// 300 s and 5 ns.
+const STAMP: [u8; 5] = [1 << 3, 0xac, 0x02, 2 << 3, 5];
+
+#[test]
+fn foxglove_in_protobuf() {
+    let format = WireFormat::Protobuf;
+    let image = [
+        part(1, &STAMP),
+        fixed(2, 2),
+        fixed(3, 1),
+        part(4, b"mono8"),
+        fixed(5, 2),
+        part(6, &[3, 250]),
+        part(7, b"cam"),
+    ]
+    .concat();
+    let m = ImageMessage::of("foxglove.RawImage", format, &image).unwrap();
+    assert_eq!((m.header.stamp_ns, m.header.frame_id.as_str()), (300_000_000_005, "cam"));
+    assert_eq!(m.gray().unwrap().data(), [3, 250]);
+    let file = [part(1, &STAMP), part(2, &[7; 300]), part(3, b"jpeg"), part(4, b"cam")].concat();
+    let m = CompressedImage::of("foxglove.CompressedImage", format, &file).unwrap();
+    assert_eq!((m.data, m.format.as_str(), m.header.frame_id.as_str()), (&[7; 300][..], "jpeg", "cam"));
+    let k = [400.0, 0.0, 320.0, 0.0, 401.0, 240.0, 0.0, 0.0, 1.0];
+    let calibration = [
+        part(1, &STAMP),
+        fixed(2, 640),
+        fixed(3, 480),
+        part(4, b"plumb_bob"),
+        part(5, &doubles(&[0.1, -0.2, 0.0, 0.0, 0.0])),
+        part(6, &doubles(&k)),
+    ]
+    .concat();
+    let m = CameraInfo::of("foxglove.CameraCalibration", format, &calibration).unwrap();
+    let camera = m.camera(false).unwrap();
+    assert_eq!((camera.width, camera.height, camera.fy), (640, 480, 401.0));
+    assert_eq!(camera.distortion, Distortion::RadialTangential([0.1, -0.2, 0.0, 0.0, 0.0]));
+    for cut in 1..calibration.len() {
+        let _ = CameraInfo::of("foxglove.CameraCalibration", format, &calibration[..cut]);
+    }
+    assert!(
+        ImageMessage::of("foxglove.RawImage", format, &[0x32, 0xff, 0xff, 0xff, 0xff, 0x0f, 1]).is_err(),
+        "4 GB"
+    );
+}
+
+/// What this crate writes in ROS 2 form is read by it.
+#[test]
+fn foxglove_in_ros2_form() {
+    let image = cairn_sensor::GrayImage::from_vec(2, 1, vec![3, 250]).unwrap();
+    let bytes = cairn_bag::foxglove::raw_image(300_000_000_005, "cam", &image);
+    let m = ImageMessage::of("foxglove_msgs/RawImage", WireFormat::Cdr, &bytes).unwrap();
+    assert_eq!((m.header.stamp_ns, m.header.frame_id.as_str()), (300_000_000_005, "cam"));
+    assert_eq!(m.gray().unwrap(), image);
+}
+
 proptest! {
     #[test]
     fn any_bytes_are_decoded_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400), small in any::<bool>()) {
@@ -179,5 +255,7 @@ proptest! {
             let _ = CameraInfo::decode(format, &bytes).map(|c| c.camera(false).map(drop));
             let _ = static_transforms(format, &bytes);
         }
+        let _ = ImageMessage::of("foxglove.RawImage", WireFormat::Protobuf, &bytes).map(|i| i.gray().map(drop));
+        let _ = CameraInfo::of("foxglove.CameraCalibration", WireFormat::Protobuf, &bytes);
     }
 }

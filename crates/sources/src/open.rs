@@ -53,6 +53,9 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     if options.frames == Some(0) {
         return Err(SourceError::new(source, "0 frames are requested", "request at least one"));
     }
+    if !options.topics.is_empty() && !bag::is(Path::new(source)) {
+        return Err(SourceError::new(source, "is no bag, so it has no topics", "leave --topic out"));
+    }
     if source.starts_with("sim:") {
         return Ok(Box::new(Prefetch::start(simulated(source, options)?)?));
     }
@@ -69,9 +72,6 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
         ));
     }
     let path = Path::new(source);
-    if !options.topics.is_empty() && !bag::is(path) {
-        return Err(SourceError::new(source, "is no bag, so it has no topics", "leave --topic out"));
-    }
     let mut recording = match kind_of(path)? {
         Found::Bag => bag::index(path, options.rig, &options.topics)?,
         Found::Folder(kind) => (kind.index)(path, options.rig)?,

@@ -373,6 +373,50 @@ fn a_realsense_infrared_pair() {
     assert!(source.skipped().iter().any(|s| s.contains("projector was on")), "{:?}", source.skipped());
 }
 
+/// Foxglove's schemas in protobuf, whose stamps are in front of the message.
+#[test]
+fn foxglove_images_are_a_source() {
+    let part = |number: u8, bytes: &[u8]| {
+        let n = bytes.len();
+        let length = if n < 128 { vec![n as u8] } else { vec![n as u8 | 0x80, (n >> 7) as u8] };
+        [&[number << 3 | 2][..], &length, bytes].concat()
+    };
+    let fixed = |number: u8, v: u32| [&[number << 3 | 5][..], &v.to_le_bytes()].concat();
+    let message = |topic: &str, kind: &'static str, ns: i64, data: Vec<u8>| Message {
+        topic: topic.into(),
+        kind,
+        log_ns: ns + 7,
+        data,
+    };
+    let stamp = |ns: i64| {
+        let nanos = (ns % 1_000_000_000) as u32;
+        let mut out = vec![1 << 3, (ns / 1_000_000_000) as u8, 2 << 3];
+        out.extend((0..5).map(|i| (nanos >> (7 * i)) as u8 & 0x7f | if i < 4 { 0x80 } else { 0 }));
+        part(1, &out)
+    };
+    let k: Vec<u8> = K.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let calibration = [stamp(T0), fixed(2, 32), fixed(3, 24), part(6, &k), part(9, b"cam")].concat();
+    let mut messages = vec![message("/cam/calibration", "foxglove.CameraCalibration", T0, calibration)];
+    for i in 0..3 {
+        let ns = T0 + i * STEP;
+        let image = [
+            stamp(ns),
+            fixed(2, 32),
+            fixed(3, 24),
+            part(4, b"mono8"),
+            fixed(5, 32),
+            part(6, &[9; 32 * 24]),
+            part(7, b"cam"),
+        ];
+        messages.push(message("/cam/image", "foxglove.RawImage", ns, image.concat()));
+    }
+    let file = Temporary::new("foxglove.mcap", &mcap(&messages, "protobuf", "lz4", 2));
+    let (source, packets) = play(&file, OpenOptions::default()).unwrap();
+    let stamps: Vec<i64> = packets.iter().map(|p| p.stamp.0).collect();
+    assert_eq!(stamps, [T0, T0 + STEP, T0 + 2 * STEP]);
+    assert_eq!((source.rig().cameras[0].camera.fx, packets[1].images[0].at(31, 23)), (30.0, 9));
+}
+
 #[test]
 fn a_bag_without_images_lists_its_topics() {
     let messages = vec![imu(false, "/imu", T0, "imu", [0.0; 3], [0.0; 3])];

@@ -14,7 +14,7 @@ pub use reader::{BagImu, BagReader};
 pub use topics::{ImuTopics, NamedTopic, TopicRole};
 
 use crate::recording::{ImageAt, ImuAt, Instant, Recording, forward_only, join_depth, pair};
-use cairn_bag::{Bag, BagError, Topic, is_bag};
+use cairn_bag::{Bag, BagError, MessageKind, Topic, is_bag};
 use cairn_sensor::{Rig, SourceError, Stamp};
 use std::path::Path;
 use topics::Chosen;
@@ -33,7 +33,7 @@ pub fn is(path: &Path) -> bool {
 }
 
 /// Indexes the bag.
-pub fn index(path: &Path, given: Option<Rig>, named: &[NamedTopic]) -> Result<Recording, SourceError> {
+pub fn index(path: &Path, mut given: Option<Rig>, named: &[NamedTopic]) -> Result<Recording, SourceError> {
     let shown = path.display().to_string();
     let bag = Bag::open(path, &wanted).map_err(source_error)?;
     let mut skipped = bag.notes().to_vec();
@@ -43,8 +43,8 @@ pub fn index(path: &Path, given: Option<Rig>, named: &[NamedTopic]) -> Result<Re
         Some(recorder) if named.is_empty() => recorder.chosen(&mut reader),
         _ => topics::choose(&shown, &mut reader, named)?,
     };
-    if let Some(rig) = &given {
-        fit(&shown, rig, &mut chosen)?;
+    if let Some(rig) = &mut given {
+        fit(&shown, rig, &mut chosen, &mut skipped)?;
     }
     let (rig, assumed) = match given {
         Some(rig) => (rig, Vec::new()),
@@ -66,9 +66,12 @@ pub fn index(path: &Path, given: Option<Rig>, named: &[NamedTopic]) -> Result<Re
 
 /// How many messages of a topic are indexed.
 fn wanted(name: &str, kind: &str) -> usize {
+    match MessageKind::of(kind) {
+        MessageKind::Image | MessageKind::CompressedImage | MessageKind::Imu => return usize::MAX,
+        MessageKind::CameraInfo => return 1,
+        MessageKind::Other => {}
+    }
     match kind {
-        "sensor_msgs/Image" | "sensor_msgs/CompressedImage" | "sensor_msgs/Imu" => usize::MAX,
-        "sensor_msgs/CameraInfo" => 1,
         "tf2_msgs/TFMessage" | "tf/tfMessage" if name.ends_with("tf_static") => 10_000,
         "geometry_msgs/Transform" | "std_msgs/Float32" if name.starts_with("/device_") => 1,
         _ => 0,
@@ -86,7 +89,12 @@ pub(super) fn source_error(e: BagError) -> SourceError {
 }
 
 /// A given rig decides what is read: fewer cameras, depth or not, the IMU or not.
-fn fit(shown: &str, rig: &Rig, chosen: &mut Chosen) -> Result<(), SourceError> {
+fn fit(
+    shown: &str,
+    rig: &mut Rig,
+    chosen: &mut Chosen,
+    skipped: &mut Vec<String>,
+) -> Result<(), SourceError> {
     let lacks = |why: String| {
         let cure = "give a rig of the sensors that are there, or name their topics with --topic";
         Err(SourceError::new(shown, why, cure))
@@ -101,8 +109,8 @@ fn fit(shown: &str, rig: &Rig, chosen: &mut Chosen) -> Result<(), SourceError> {
         (None, _) => chosen.depth = None,
         _ => {}
     }
-    if rig.imu.is_some() && chosen.imu == ImuTopics::None {
-        return lacks("the rig has an IMU, the bag has no topic of sensor_msgs/Imu".into());
+    if chosen.imu == ImuTopics::None && rig.imu.take().is_some() {
+        skipped.push("the rig has an IMU, the bag has no topic of sensor_msgs/Imu".into());
     }
     Ok(())
 }

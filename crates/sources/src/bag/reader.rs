@@ -2,7 +2,7 @@
 
 use super::topics::ImuTopics;
 use crate::decode;
-use cairn_bag::{Bag, CompressedImage, Entry, ImageMessage, ImuMessage, Topic};
+use cairn_bag::{Bag, CameraInfo, CompressedImage, Entry, ImageMessage, ImuMessage, MessageKind, Topic};
 use cairn_geometry::Vec3;
 use cairn_sensor::{DepthImage, GrayImage, ImuSample, Stamp};
 
@@ -48,11 +48,11 @@ impl BagReader {
         of: impl FnOnce(&Picture) -> Result<T, String>,
     ) -> Result<T, String> {
         let Some(about) = self.topics().get(topic) else { return Err("there is no such topic".into()) };
-        let (name, format, raw) = (about.name.clone(), about.format, about.kind == "sensor_msgs/Image");
+        let (name, kind, format) = (about.name.clone(), about.kind.clone(), about.format);
         let bytes = self.0.read(entry).map_err(|e| e.to_string())?;
-        let picture = match raw {
-            true => ImageMessage::decode(format, &bytes).map(Picture::Raw),
-            false => CompressedImage::decode(format, &bytes).map(Picture::File),
+        let picture = match MessageKind::of(&kind) {
+            MessageKind::Image => ImageMessage::of(&kind, format, &bytes).map(Picture::Raw),
+            _ => CompressedImage::of(&kind, format, &bytes).map(Picture::File),
         };
         picture.map_err(|e| e.to_string()).and_then(|p| of(&p)).map_err(|why| format!("{name}: {why}"))
     }
@@ -101,6 +101,13 @@ impl BagReader {
             }
         }
         Err(first.unwrap_or_else(|| "it has no message".into()))
+    }
+
+    /// The first calibration on a topic.
+    pub fn camera_info(&mut self, topic: usize) -> Result<CameraInfo, String> {
+        let about = self.topics().get(topic).ok_or("there is no such topic")?;
+        let (kind, format) = (about.kind.clone(), about.format);
+        CameraInfo::of(&kind, format, &self.message(topic, 0)?).map_err(|e| e.to_string())
     }
 
     /// A message of an IMU.

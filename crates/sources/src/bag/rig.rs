@@ -7,7 +7,7 @@ use super::frames::Frames;
 use super::reader::{BagReader, median_step_ns};
 use super::realsense::{Recorder, stream};
 use super::topics::{Chosen, ImuTopics, namespace};
-use cairn_bag::{CameraInfo, static_transforms, stereo_left_from_right};
+use cairn_bag::{CameraInfo, MessageKind, static_transforms, stereo_left_from_right};
 use cairn_geometry::Se3;
 use cairn_sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
 
@@ -139,9 +139,7 @@ impl Scene {
             Some(from) => from,
             None => return Err(fail("the bag has no camera_info for it".into())),
         };
-        let format = bag.topics().get(from).map_or(cairn_bag::WireFormat::Other, |t| t.format);
-        let bytes = bag.message(from, 0).map_err(fail)?;
-        let info = CameraInfo::decode(format, &bytes).map_err(|e| fail(e.to_string()))?;
+        let info = bag.camera_info(from).map_err(fail)?;
         // "image_rect" is rectified, "image_rect_raw" of RealSense's node is so by the device: K says the same there.
         let rectified = name.contains("image_rect") && info.p[0] != 0.0;
         let camera = info.camera(rectified).map_err(|e| fail(e.to_string()))?;
@@ -161,18 +159,15 @@ impl Scene {
         let infos: Vec<usize> = (0..bag.topics().len())
             .filter(|i| {
                 let topic = bag.topics().get(*i);
-                topic.is_some_and(|t| t.kind == "sensor_msgs/CameraInfo" && !t.entries.is_empty())
+                topic.is_some_and(|t| t.message_kind() == MessageKind::CameraInfo && !t.entries.is_empty())
             })
             .collect();
         if let Some(i) = infos.iter().find(|i| bag.topics().get(**i).is_some_and(|t| t.name == path)) {
             return Some(*i);
         }
         let mut of_frame = infos.into_iter().filter(|i| {
-            let format = bag.topics().get(*i).map_or(cairn_bag::WireFormat::Other, |t| t.format);
-            let info = bag.message(*i, 0).ok().and_then(|b| CameraInfo::decode(format, &b).ok());
-            info.is_some_and(|info| {
-                info.header.frame_id.trim_start_matches('/') == frame && !frame.is_empty()
-            })
+            let info = bag.camera_info(*i);
+            info.is_ok_and(|info| info.header.frame_id.trim_start_matches('/') == frame && !frame.is_empty())
         });
         match (of_frame.next(), of_frame.next()) {
             (Some(one), None) => Some(one),

@@ -5,7 +5,7 @@
 //! lists the topics.
 
 use super::reader::BagReader;
-use cairn_bag::{Topic, WireFormat};
+use cairn_bag::{MessageKind, Topic, WireFormat};
 use cairn_sensor::SourceError;
 use std::str::FromStr;
 
@@ -151,7 +151,7 @@ pub fn choose(shown: &str, bag: &mut BagReader, named: &[NamedTopic]) -> Result<
 }
 
 fn is_image(topic: &Topic) -> bool {
-    matches!(topic.kind.as_str(), "sensor_msgs/Image" | "sensor_msgs/CompressedImage")
+    matches!(topic.message_kind(), MessageKind::Image | MessageKind::CompressedImage)
         && topic.format != WireFormat::Other
         && !topic.entries.is_empty()
 }
@@ -184,7 +184,7 @@ fn found_images(shown: &str, bag: &mut BagReader) -> Result<(Vec<usize>, Option<
     let mut candidates: Vec<usize> =
         (0..bag.topics().len()).filter(|i| bag.topics().get(*i).is_some_and(is_image)).collect();
     if candidates.is_empty() {
-        let why = "has no images of a type that is read (sensor_msgs/Image, sensor_msgs/CompressedImage)";
+        let why = "has no images of a type that is read (sensor_msgs/Image, sensor_msgs/CompressedImage, those of Foxglove)";
         let cure = format!("its topics are: {}", list(bag.topics(), |_| true));
         return Err(SourceError::new(shown, why, cure));
     }
@@ -293,8 +293,9 @@ fn is_pair(left: &str, right: &str) -> bool {
 }
 
 fn found_imu(shown: &str, topics: &[Topic]) -> Result<ImuTopics, SourceError> {
-    let is_imu =
-        |t: &Topic| t.kind == "sensor_msgs/Imu" && t.format != WireFormat::Other && !t.entries.is_empty();
+    let is_imu = |t: &Topic| {
+        t.message_kind() == MessageKind::Imu && t.format != WireFormat::Other && !t.entries.is_empty()
+    };
     let of = |test: &dyn Fn(&str) -> bool| -> Vec<usize> {
         let fits = |(_, t): &(usize, &Topic)| is_imu(t) && test(&t.name.to_ascii_lowercase());
         topics.iter().enumerate().filter(fits).map(|(i, _)| i).collect()
