@@ -10,6 +10,10 @@ use std::collections::BTreeMap;
 /// Bytes from the start of a message that the index looks at: encapsulation or sequence number, and stamp.
 pub(crate) const PREFIX: u64 = 20;
 
+/// Times are held within these bounds, nanoseconds, so that differences never overflow: to the year 2109, all that the
+/// stamps of ROS can say forwards.
+const TIMES: [i64; 2] = [-4_400_000_000_000_000_000, 4_400_000_000_000_000_000];
+
 /// Where a message stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Place {
@@ -92,7 +96,7 @@ impl Topic {
     /// The stamp of a message, from its first bytes.
     pub(crate) fn stamp_ns(has_header: bool, format: WireFormat, log_ns: i64, prefix: &[u8]) -> i64 {
         let stamp = if has_header { header_stamp(format, prefix) } else { None };
-        stamp.filter(|s| *s != 0).unwrap_or(log_ns)
+        stamp.filter(|s| *s != 0).unwrap_or(log_ns).clamp(TIMES[0], TIMES[1])
     }
 }
 
@@ -167,6 +171,7 @@ impl<'a> Index<'a> {
             return;
         };
         let topic = &mut self.topics[topic];
+        let log_ns = log_ns.clamp(TIMES[0], TIMES[1]);
         topic.count += 1;
         self.last_log_ns = self.last_log_ns.max(Some(log_ns));
         if topic.entries.len() >= topic.keep {

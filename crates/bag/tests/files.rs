@@ -186,6 +186,22 @@ fn what_is_not_read_is_said_with_a_cure() {
     assert!(matches!(Bag::open(Path::new("/no/such.bag"), &all), Err(BagError::Io { .. })));
 }
 
+/// Differences of any two times can be taken.
+#[test]
+fn absurd_times_are_held_within_bounds() {
+    let mut all_messages = messages(false);
+    for m in &mut all_messages {
+        m.log_ns = -1; // as an unsigned number beyond all bounds
+        m.data[4..8].copy_from_slice(&i32::MIN.to_le_bytes());
+    }
+    let file = Temporary::new("times.mcap", &mcap(&all_messages, "cdr", "", 0));
+    let bag = Bag::open(&file.0, &all).unwrap();
+    let entry = bag.topics()[0].entries[0];
+    assert_eq!(entry.stamp_ns, i64::from(i32::MIN) * 1_000_000_000);
+    assert_eq!(entry.log_ns, 4_400_000_000_000_000_000);
+    assert!(entry.log_ns.checked_sub(entry.stamp_ns).is_some());
+}
+
 #[test]
 fn a_wrong_checksum_is_told() {
     let mut bytes = mcap(&messages(false), "cdr", "lz4", 100);
