@@ -12,7 +12,7 @@ use std::process::Command;
 const FLOORS: &[(u8, &[&str])] = &[
     (1, &["cairn-geometry"]),
     (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
-    (3, &["cairn-vision", "cairn-sim", "cairn-inertial"]),
+    (3, &["cairn-vision", "cairn-sim", "cairn-inertial", "cairn-bag"]),
     (4, &["cairn-sources", "cairn-atlas", "cairn-filter"]),
     (5, &["cairn-adjust", "cairn-dense", "cairn-plan", "cairn-guide"]),
     (6, &["cairn-tracking", "cairn-mapping", "cairn-voice"]),

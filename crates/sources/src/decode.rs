@@ -21,32 +21,58 @@ const MAX_PIXELS: usize = 64 << 20;
 ///
 /// A description when the file cannot be read or decoded.
 pub fn gray(path: &Path) -> Result<GrayImage, String> {
-    in_file(path, |bytes| match kind(bytes)? {
+    in_file(path, gray_of)
+}
+
+/// Luminance of a JPEG or PNG in memory; a panic of the decoder becomes an error.
+pub fn gray_in(bytes: &[u8]) -> Result<GrayImage, String> {
+    guarded(|| gray_of(bytes))
+}
+
+fn gray_of(bytes: &[u8]) -> Result<GrayImage, String> {
+    match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
         Kind::Png => png_gray(bytes),
-    })
+    }
 }
 
 /// Luminance of a JPEG in memory, as a phone's page sends it; a panic of the decoder becomes an error.
 pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, String> {
-    let decoded = std::panic::catch_unwind(|| match kind(bytes)? {
+    guarded(|| match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
         Kind::Png => Err("not a JPEG".into()),
-    });
-    decoded.unwrap_or_else(|_| Err("the decoder failed".into()))
+    })
 }
 
 /// A depth image in the file's own units, or a description of the error.
 pub fn depth(path: &Path) -> Result<DepthImage, String> {
-    in_file(path, |bytes| match kind(bytes)? {
+    in_file(path, depth_of)
+}
+
+/// A depth image in memory.
+pub fn depth_in(bytes: &[u8]) -> Result<DepthImage, String> {
+    guarded(|| depth_of(bytes))
+}
+
+fn depth_of(bytes: &[u8]) -> Result<DepthImage, String> {
+    match kind(bytes)? {
         Kind::Jpeg => Err("a JPEG cannot store 16-bit depth".into()),
         Kind::Png => png_depth(bytes),
-    })
+    }
 }
 
 /// Width and height from the file's header.
 pub fn size(path: &Path) -> Result<[usize; 2], String> {
-    in_file(path, |bytes| match kind(bytes)? {
+    in_file(path, size_of)
+}
+
+/// Width and height of a file in memory.
+pub fn size_in(bytes: &[u8]) -> Result<[usize; 2], String> {
+    guarded(|| size_of(bytes))
+}
+
+fn size_of(bytes: &[u8]) -> Result<[usize; 2], String> {
+    match kind(bytes)? {
         Kind::Jpeg => {
             let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), jpeg_options());
             decoder.decode_headers().map_err(|e| format!("JPEG: {e}"))?;
@@ -58,7 +84,7 @@ pub fn size(path: &Path) -> Result<[usize; 2], String> {
             let info = reader.info();
             Ok([info.width as usize, info.height as usize])
         }
-    })
+    }
 }
 
 enum Kind {
@@ -75,12 +101,17 @@ fn kind(bytes: &[u8]) -> Result<Kind, String> {
     }
 }
 
-/// Reads the file and decodes it; a panic of the decoder on a broken file becomes an error.
+/// Reads the file and decodes it.
 fn in_file<T>(path: &Path, decode: impl Fn(&[u8]) -> Result<T, String>) -> Result<T, String> {
     let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
     let bytes = std::fs::read(path).map_err(|e| format!("{name}: {e}"))?;
-    let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| decode(&bytes)));
-    decoded.unwrap_or_else(|_| Err("the decoder failed".into())).map_err(|e| format!("{name}: {e}"))
+    guarded(|| decode(&bytes)).map_err(|e| format!("{name}: {e}"))
+}
+
+/// A panic of a decoder on broken data becomes an error.
+fn guarded<T>(decode: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode));
+    decoded.unwrap_or_else(|_| Err("the decoder failed".into()))
 }
 
 fn jpeg_options() -> DecoderOptions {

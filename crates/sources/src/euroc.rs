@@ -3,12 +3,14 @@
 //! An additional `depth0/`, of 16-bit PNG at the stamps of `cam0`, is read where the rig has a depth sensor.
 //! Burri et al., "The EuRoC micro aerial vehicle datasets" (2016); Schubert et al., "The TUM VI benchmark" (2018).
 
-use crate::recording::{Instant, QuaternionOrder, Recording, join_depth, pair, read_index, read_truth};
+use crate::recording::{
+    ImageAt, ImuAt, Instant, QuaternionOrder, Recording, join_depth, pair, read_index, read_truth,
+};
 use crate::rig;
 use crate::text::{stamp_ns, stamp_seconds};
 use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SourceError, Stamp};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Stamps of cameras triggered together differ by less, nanoseconds.
 const SAME_INSTANT_NS: u64 = 500_000;
@@ -62,7 +64,8 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     }
     Ok(Recording {
         name: format!("EuRoC folder {}", folder.display()),
-        imu: rig.imu.is_some().then_some(imu),
+        imu: rig.imu.is_some().then_some(ImuAt::Csv(imu)),
+        bag: None,
         rig,
         instants,
         truth: truth(&root)?,
@@ -87,7 +90,7 @@ fn own_rig(folder: &Path, root: &Path) -> Result<Rig, SourceError> {
     Ok(rig)
 }
 
-fn images(camera: &Path, skipped: &mut Vec<String>) -> Result<Vec<(Stamp, PathBuf)>, SourceError> {
+fn images(camera: &Path, skipped: &mut Vec<String>) -> Result<Vec<(Stamp, ImageAt)>, SourceError> {
     read_index(&camera.join("data.csv"), stamp_ns, &camera.join("data"), skipped)
 }
 

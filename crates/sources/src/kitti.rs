@@ -4,7 +4,7 @@
 //! from camera 0 to the first pose of camera 0.
 
 use crate::decode;
-use crate::recording::{Instant, Recording};
+use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig::{self, kitti as calib};
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_seconds};
 use cairn_geometry::Se3;
@@ -54,7 +54,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
             },
         };
         // A missing right image is detected when it is read, and that pair is skipped.
-        let images = used.iter().map(|i| counterpart(folder, *i, &file.path)).collect();
+        let images = used.iter().map(|i| ImageAt::File(counterpart(folder, *i, &file.path))).collect();
         instants.push((line, Instant { stamp, images, depth: None }));
     }
     let truth = truth(folder, &instants)?;
@@ -65,6 +65,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         rig: Rig { depth: None, imu: None, ..rig },
         instants,
         imu: None,
+        bag: None,
         truth,
         no_depth: None,
         skipped,

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod bag;
 mod decode;
 mod euroc;
 mod imu;
@@ -17,6 +18,7 @@ mod text;
 mod tum;
 mod validator;
 
+pub use bag::{NamedTopic, TopicRole};
 pub use decode::gray as read_gray;
 pub use imu::read_imu;
 pub use live::{Motion, PhonePort, PhoneSource, guessed, is_live, waiting_for};

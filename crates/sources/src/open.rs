@@ -3,7 +3,7 @@
 use crate::player::Player;
 use crate::prefetch::Prefetch;
 use crate::recording::Recording;
-use crate::{euroc, kitti, live, seven_scenes, tum};
+use crate::{NamedTopic, bag, euroc, kitti, live, seven_scenes, tum};
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_sim::{SimConfig, SimSource};
 use std::path::Path;
@@ -18,6 +18,8 @@ pub struct OpenOptions {
     pub start_s: f64,
     /// The largest number of packets to read.
     pub frames: Option<usize>,
+    /// Topics of a bag by sensor, where they should not be found by their types and names.
+    pub topics: Vec<NamedTopic>,
 }
 
 struct Kind {
@@ -33,9 +35,9 @@ const KINDS: [Kind; 4] = [
     Kind { name: "7-Scenes", is: seven_scenes::is, index: seven_scenes::index },
 ];
 
-const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*)";
+const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*), ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
 
-/// Opens a recording, a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
+/// Opens a recording (a folder, a bag or an MCAP file), a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
 /// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender.
 /// Packets are read on a thread, which ends when the source is dropped; live sources deliver the newest
 /// image.
@@ -50,6 +52,9 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     }
     if options.frames == Some(0) {
         return Err(SourceError::new(source, "0 frames are requested", "request at least one"));
+    }
+    if !options.topics.is_empty() && !bag::is(Path::new(source)) {
+        return Err(SourceError::new(source, "is no bag, so it has no topics", "leave --topic out"));
     }
     if source.starts_with("sim:") {
         return Ok(Box::new(Prefetch::start(simulated(source, options)?)?));
@@ -67,7 +72,10 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
         ));
     }
     let path = Path::new(source);
-    let mut recording = (kind_of(path)?.index)(path, options.rig)?;
+    let mut recording = match kind_of(path)? {
+        Found::Bag => bag::index(path, options.rig, &options.topics)?,
+        Found::Folder(kind) => (kind.index)(path, options.rig)?,
+    };
     recording.select(options.start_s, options.frames)?;
     Ok(Box::new(Prefetch::start(Player::new(recording)?)?))
 }
@@ -93,22 +101,36 @@ fn scheme(source: &str) -> Option<&str> {
     (plain && !Path::new(source).exists()).then_some(scheme)
 }
 
-fn kind_of(path: &Path) -> Result<&'static Kind, SourceError> {
+/// What a path is.
+enum Found {
+    Bag,
+    Folder(&'static Kind),
+}
+
+fn kind_of(path: &Path) -> Result<Found, SourceError> {
     let shown = path.display().to_string();
     if !path.exists() {
         return Err(SourceError::new(shown, "does not exist", "check the path"));
     }
     if !path.is_dir() {
-        return Err(SourceError::new(shown, "is a file, not a folder", format!("give a folder; {KNOWN}")));
+        if bag::is(path) {
+            return Ok(Found::Bag);
+        }
+        let cure = format!("give a folder, a bag or a video; {KNOWN}");
+        return Err(SourceError::new(shown, "is a file, not a folder, and neither a bag nor a video", cure));
     }
-    let found: Vec<&Kind> = KINDS.iter().filter(|kind| (kind.is)(path)).collect();
-    match found.as_slice() {
-        [one] => Ok(one),
-        [] => {
+    let found: Vec<&'static Kind> = KINDS.iter().filter(|kind| (kind.is)(path)).collect();
+    // Single .mcap and .db3 files may lie in any folder.
+    let bag = (found.is_empty() || path.join("metadata.yaml").is_file()) && bag::is(path);
+    match (found.as_slice(), bag) {
+        ([], true) => Ok(Found::Bag),
+        ([one], false) => Ok(Found::Folder(one)),
+        ([], false) => {
             Err(SourceError::new(shown, format!("is not a recording of a known kind; {KNOWN}"), hint(path)))
         }
-        many => {
-            let names: Vec<&str> = many.iter().map(|kind| kind.name).collect();
+        (many, _) => {
+            let names = many.iter().map(|kind| kind.name).chain(bag.then_some("rosbag2"));
+            let names: Vec<&str> = names.collect();
             let why = format!("looks like more than one kind of recording: {}", names.join(" and "));
             Err(SourceError::new(shown, why, "move the files that do not belong to it elsewhere"))
         }
@@ -121,7 +143,7 @@ fn hint(path: &Path) -> String {
         .into_iter()
         .flatten()
         .filter_map(|e| Some(e.ok()?.path()))
-        .filter(|p| p.is_dir() && KINDS.iter().any(|kind| (kind.is)(p)))
+        .filter(|p| bag::is(p) || (p.is_dir() && KINDS.iter().any(|kind| (kind.is)(p))))
         .collect();
     inside.sort();
     match inside.as_slice() {

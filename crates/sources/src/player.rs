@@ -1,11 +1,12 @@
 //! Plays a recording: decodes the images of each instant and adds the IMU samples.
 
+use crate::bag::{BagImu, BagReader};
 use crate::decode;
 use crate::imu::ImuStream;
-use crate::recording::{Instant, Recording};
+use crate::recording::{ImageAt, ImuAt, Instant, Recording};
 use cairn_sensor::{
-    Camera, DepthImage, FramePacket, GrayImage, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo,
-    Stream,
+    Camera, DepthImage, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Rig, Source, SourceError,
+    SourceInfo, Stream,
 };
 use std::sync::Arc;
 use std::time;
@@ -17,12 +18,38 @@ const MAX_LINES: usize = 10_000;
 /// Gaps in the IMU's stream that are reported individually.
 const MAX_GAPS: usize = 10;
 
+/// The samples of the IMU, one after the other.
+enum Samples {
+    Csv(ImuStream),
+    Bag(BagImu),
+}
+
+impl Samples {
+    fn next(&mut self, bag: &mut Option<BagReader>, skipped: &mut Vec<String>) -> Option<ImuSample> {
+        match (self, bag) {
+            (Self::Csv(stream), _) => stream.next(skipped),
+            (Self::Bag(imu), Some(bag)) => imu.next(bag, skipped),
+            (Self::Bag(_), None) => None,
+        }
+    }
+
+    /// What was read last, for messages.
+    fn place(&self) -> String {
+        match self {
+            Self::Csv(stream) => stream.place(),
+            Self::Bag(imu) => imu.place(),
+        }
+    }
+}
+
 /// A recording being read.
 pub struct Player {
     info: SourceInfo,
     rig: Rig,
     instants: IntoIter<Instant>,
-    imu: Option<ImuStream>,
+    imu: Option<Samples>,
+    /// The bag that images and samples are in, if it is one.
+    bag: Option<BagReader>,
     /// Merges the IMU with the instants, whose images are already grouped.
     merge: Merge<Decoded, ()>,
     no_depth: Option<u16>,
@@ -39,14 +66,19 @@ impl Player {
     /// [`SourceError`] when the rig is invalid or does not fit the images, or the IMU file cannot be read.
     pub fn new(recording: Recording) -> Result<Self, SourceError> {
         let rate_hz = recording.rate_hz();
-        let Recording { name, mut rig, instants, imu, truth, no_depth, skipped, assumed } = recording;
+        let Recording { name, mut rig, instants, imu, mut bag, truth, no_depth, skipped, assumed } =
+            recording;
         if let Err(e) = rig.validate() {
             return Err(SourceError::new(name, format!("its rig is wrong: {e}"), "correct the calibration"));
         }
-        check_sizes(&name, &rig, &instants)?;
+        check_sizes(&name, &rig, &instants, &mut bag)?;
         // Stamps are delivered in the images' clock, so no offset is left.
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
-        let imu = imu.map(|path| ImuStream::open(&path)).transpose()?;
+        let imu = match imu {
+            Some(ImuAt::Csv(path)) => Some(Samples::Csv(ImuStream::open(&path)?)),
+            Some(ImuAt::Messages(topics)) => Some(Samples::Bag(BagImu::new(topics))),
+            None => None,
+        };
         let imu_period_s = rig.imu.as_ref().filter(|_| imu.is_some()).map(|sensor| 1.0 / sensor.rate_hz);
         let wait_s = f64::INFINITY;
         let config = MergeConfig { imu_period_s, imu_offset_s, wait_s, ..Default::default() };
@@ -55,6 +87,7 @@ impl Player {
             rig,
             instants: instants.into_iter(),
             imu,
+            bag,
             merge: Merge::new(config),
             no_depth,
             ended: false,
@@ -101,8 +134,9 @@ impl Player {
     fn read_imu(&mut self) {
         let mut skipped = Vec::new();
         while self.merge.lacks() == Some(Stream::Imu) {
+            let bag = &mut self.bag;
             let Some((imu, sample)) = self.imu.as_mut().and_then(|imu| {
-                let sample = imu.next(&mut skipped)?;
+                let sample = imu.next(bag, &mut skipped)?;
                 Some((imu, sample))
             }) else {
                 self.merge.end(Stream::Imu);
@@ -119,16 +153,24 @@ impl Player {
         self.note(skipped);
     }
 
-    fn decode(&self, instant: &Instant) -> Result<Decoded, String> {
+    fn decode(&mut self, instant: &Instant) -> Result<Decoded, String> {
         let mut images = Vec::with_capacity(instant.images.len());
-        for (path, c) in instant.images.iter().zip(&self.rig.cameras) {
-            let image = decode::gray(path)?;
+        for (at, c) in instant.images.iter().zip(&self.rig.cameras) {
+            let image = match (at, &mut self.bag) {
+                (ImageAt::File(path), _) => decode::gray(path)?,
+                (ImageAt::Message(topic, entry), Some(bag)) => bag.gray(*topic, entry)?,
+                (ImageAt::Message(..), None) => return Err(NO_BAG.into()),
+            };
             fits(&c.name, &c.camera, image.width(), image.height())?;
             images.push(Arc::new(image));
         }
         let depth = match (&instant.depth, &self.rig.depth) {
-            (Some(path), Some(sensor)) => {
-                let mut image = decode::depth(path)?;
+            (Some(at), Some(sensor)) => {
+                let mut image = match (at, &mut self.bag) {
+                    (ImageAt::File(path), _) => decode::depth(path)?,
+                    (ImageAt::Message(topic, entry), Some(bag)) => bag.depth(*topic, entry)?,
+                    (ImageAt::Message(..), None) => return Err(NO_BAG.into()),
+                };
                 fits("depth", &sensor.camera, image.width(), image.height())?;
                 if let Some(none) = self.no_depth {
                     image.data_mut().iter_mut().filter(|d| **d == none).for_each(|d| *d = 0);
@@ -168,6 +210,17 @@ impl Source for Player {
     }
 }
 
+const NO_BAG: &str = "the bag of this message is not open";
+
+/// Width and height of an image.
+fn size(at: &ImageAt, bag: &mut Option<BagReader>) -> Result<[usize; 2], String> {
+    match (at, bag) {
+        (ImageAt::File(path), _) => decode::size(path),
+        (ImageAt::Message(topic, entry), Some(bag)) => bag.size(*topic, entry),
+        (ImageAt::Message(..), None) => Err(NO_BAG.into()),
+    }
+}
+
 type Decoded = (Vec<Arc<GrayImage>>, Option<Arc<DepthImage>>);
 
 fn fits(name: &str, camera: &Camera, width: usize, height: usize) -> Result<(), String> {
@@ -178,7 +231,12 @@ fn fits(name: &str, camera: &Camera, width: usize, height: usize) -> Result<(), 
 }
 
 /// The first readable image of each camera must be of the rig's size; a recording without any is an error.
-fn check_sizes(name: &str, rig: &Rig, instants: &[Instant]) -> Result<(), SourceError> {
+fn check_sizes(
+    name: &str,
+    rig: &Rig,
+    instants: &[Instant],
+    bag: &mut Option<BagReader>,
+) -> Result<(), SourceError> {
     let cameras = rig.cameras.iter().enumerate().map(|(i, c)| (c.name.as_str(), &c.camera, Some(i)));
     let depth = rig.depth.iter().map(|d| ("depth", &d.camera, None));
     for (camera_name, camera, index) in cameras.chain(depth) {
@@ -187,16 +245,20 @@ fn check_sizes(name: &str, rig: &Rig, instants: &[Instant]) -> Result<(), Source
             Some(index) => i.images.get(index),
             None => i.depth.as_ref(),
         });
-        let found = files.find_map(|path| match decode::size(path) {
-            Ok(size) => Some((path, size)),
+        let found = files.find_map(|at| match size(at, bag) {
+            Ok(size) => Some((at, size)),
             Err(e) => {
                 first_problem.get_or_insert(e);
                 None
             }
         });
         match found {
-            Some((path, [w, h])) => fits(camera_name, camera, w, h).map_err(|why| {
-                SourceError::new(path.display().to_string(), why, "give the rig of these images with --rig")
+            Some((at, [w, h])) => fits(camera_name, camera, w, h).map_err(|why| {
+                let what = match at {
+                    ImageAt::File(path) => path.display().to_string(),
+                    ImageAt::Message(..) => name.to_owned(),
+                };
+                SourceError::new(what, why, "give the rig of these images with --rig")
             })?,
             None if index.is_none() && first_problem.is_none() => {} // a rig with depth, a recording without
             None => {

@@ -1,6 +1,8 @@
 //! The common form of all data sets: instants in time with the files of their images.
 
+use crate::bag::{BagReader, ImuTopics};
 use crate::text::{data_lines, fields, numbers, place, read_text};
+use cairn_bag::Entry;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Rig, SourceError, Stamp};
 use std::path::{Path, PathBuf};
@@ -10,10 +12,28 @@ use std::path::{Path, PathBuf};
 pub struct Instant {
     /// When the images were taken.
     pub stamp: Stamp,
-    /// One file per camera of the rig.
-    pub images: Vec<PathBuf>,
+    /// One image per camera of the rig.
+    pub images: Vec<ImageAt>,
     /// The depth image, if there is one.
-    pub depth: Option<PathBuf>,
+    pub depth: Option<ImageAt>,
+}
+
+/// Where an image is.
+#[derive(Clone, Debug)]
+pub enum ImageAt {
+    /// In a file.
+    File(PathBuf),
+    /// In a message of a bag, of the topic with this index.
+    Message(usize, Entry),
+}
+
+/// Where the samples of the IMU are.
+#[derive(Clone, Debug)]
+pub enum ImuAt {
+    /// In a csv file.
+    Csv(PathBuf),
+    /// In messages of a bag.
+    Messages(ImuTopics),
 }
 
 /// A data set, indexed but not yet read.
@@ -24,8 +44,10 @@ pub struct Recording {
     pub rig: Rig,
     /// Its instants; [`Recording::select`] puts them in order.
     pub instants: Vec<Instant>,
-    /// The IMU's csv file, if it is to be read.
-    pub imu: Option<PathBuf>,
+    /// The IMU's samples, if they are to be read.
+    pub imu: Option<ImuAt>,
+    /// The bag in which the images and samples are, if it is one.
+    pub bag: Option<BagReader>,
     /// True poses of the body.
     pub truth: Vec<(Stamp, Se3)>,
     /// The value that means "no depth" besides 0.
@@ -39,7 +61,7 @@ pub struct Recording {
 impl Recording {
     /// Drops instants whose time does not increase, and keeps only the requested part.
     pub fn select(&mut self, start_s: f64, frames: Option<usize>) -> Result<(), SourceError> {
-        forward_only(&mut self.instants, &mut self.skipped);
+        forward_only(&mut self.instants, |i| i.stamp, &mut self.skipped);
         let count = self.instants.len();
         if let Some(first) = self.instants.first().map(|i| i.stamp) {
             self.instants.retain(|i| i.stamp - first >= start_s);
@@ -71,12 +93,12 @@ impl Recording {
 }
 
 /// Keeps stamps strictly increasing. A stamp later than both that follow is itself the wrong one.
-fn forward_only(instants: &mut Vec<Instant>, skipped: &mut Vec<String>) {
-    let stamps: Vec<Stamp> = instants.iter().map(|i| i.stamp).collect();
+pub fn forward_only<T>(instants: &mut Vec<T>, stamp: impl Fn(&T) -> Stamp, skipped: &mut Vec<String>) {
+    let stamps: Vec<Stamp> = instants.iter().map(&stamp).collect();
     let mut last: Option<Stamp> = None;
     let mut at = 0;
     instants.retain(|instant| {
-        let (stamp, next) = (instant.stamp, stamps.get(at + 1..at + 3));
+        let (stamp, next) = (stamp(instant), stamps.get(at + 1..at + 3));
         at += 1;
         let back = last.is_some_and(|last| stamp <= last);
         let jump =
@@ -99,8 +121,8 @@ fn forward_only(instants: &mut Vec<Instant>, skipped: &mut Vec<String>) {
 
 /// Pairs two lists by stamps at most `tolerance_ns` apart; images without a partner are listed in `skipped`.
 pub fn pair(
-    left: &[(Stamp, PathBuf)],
-    right: &[(Stamp, PathBuf)],
+    left: &[(Stamp, ImageAt)],
+    right: &[(Stamp, ImageAt)],
     tolerance_ns: u64,
     skipped: &mut Vec<String>,
 ) -> Vec<Instant> {
@@ -127,7 +149,7 @@ pub fn pair(
 }
 
 /// Gives each instant the depth image nearest in time, if there is one within `tolerance_ns`.
-pub fn join_depth(instants: &mut [Instant], mut depth: Vec<(Stamp, PathBuf)>, tolerance_ns: u64) {
+pub fn join_depth(instants: &mut [Instant], mut depth: Vec<(Stamp, ImageAt)>, tolerance_ns: u64) {
     depth.sort_by_key(|(stamp, _)| *stamp);
     for instant in instants {
         let stamp = instant.stamp;
@@ -145,14 +167,14 @@ pub fn read_index(
     parse_stamp: fn(&str) -> Option<Stamp>,
     folder: &Path,
     skipped: &mut Vec<String>,
-) -> Result<Vec<(Stamp, PathBuf)>, SourceError> {
+) -> Result<Vec<(Stamp, ImageAt)>, SourceError> {
     let text = read_text(path)?;
     let before = skipped.len();
     let mut list = Vec::new();
     for (number, line) in data_lines(&text) {
         let entry = line.split_once([',', ' ', '\t']).and_then(|(stamp, file)| {
             let file = file.trim_matches(|c: char| c == ',' || c.is_whitespace());
-            (!file.is_empty()).then_some((parse_stamp(stamp.trim())?, folder.join(file)))
+            (!file.is_empty()).then_some((parse_stamp(stamp.trim())?, ImageAt::File(folder.join(file))))
         });
         match entry {
             Some(entry) => list.push(entry),

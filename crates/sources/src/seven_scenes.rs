@@ -3,7 +3,7 @@
 //! Shotton et al., "Scene coordinate regression forests" (2013). Kinect images at a nominal 30 Hz without
 //! time stamps; depth in millimetres, 65535 for none; the poses are those of the depth camera.
 
-use crate::recording::{Instant, Recording};
+use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{fields, numbers, read_text};
 use cairn_geometry::Se3;
@@ -47,7 +47,11 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         if let Some(pose) = pose(&folder.join(format!("{stem}.pose.txt"))) {
             truth.push((stamp, pose));
         }
-        instants.push(Instant { stamp, images: vec![image], depth: depth.is_file().then_some(depth) });
+        instants.push(Instant {
+            stamp,
+            images: vec![ImageAt::File(image)],
+            depth: depth.is_file().then_some(ImageAt::File(depth)),
+        });
     }
     let name = format!("7-Scenes folder {}", folder.display());
     Ok(Recording {
@@ -55,6 +59,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         rig,
         instants,
         imu: None,
+        bag: None,
         truth,
         no_depth: Some(NO_DEPTH),
         skipped: Vec::new(),

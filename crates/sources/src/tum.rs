@@ -61,7 +61,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
         .collect();
     join_depth(&mut instants, depth, MAX_APART_NS);
-    Ok(Recording { name, rig, instants, imu: None, truth, no_depth: None, skipped, assumed })
+    Ok(Recording { name, rig, instants, imu: None, bag: None, truth, no_depth: None, skipped, assumed })
 }
 
 fn rgbd(camera: Camera) -> Rig {

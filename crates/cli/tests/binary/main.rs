@@ -1,5 +1,6 @@
 //! The binary as a user sees it: exit codes, one-line errors with a hint, valid JSON.
 
+mod bag;
 mod config;
 mod demo;
 mod doctor;

@@ -3,11 +3,13 @@
 use super::face::Say;
 use super::sensor::Sensor;
 use cairn_guide::{DirectionStyle, Facing, Unit};
+use cairn_sources::NamedTopic;
 use std::path::PathBuf;
 
 /// Runs SLAM on a recording or a live source; records routes and guides along them.
 ///
-/// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes), sim:WORLD, a video file, camera:N,
+/// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes), a ROS bag (.bag, .db3 or the folder of
+/// ros2 bag, also of the RealSense SDK), an MCAP file, sim:WORLD, a video file, camera:N,
 /// rtsp://..., rtmp://... or rtmp-listen://HOST:PORT/NAME; its kind is detected automatically. On a terminal, in real
 /// time, keys give commands: r record, s stop, l load, g guide home, b backwards, h halt, p repeat, i state, q quit.
 #[derive(clap::Args)]
@@ -20,6 +22,10 @@ pub struct Arguments {
     /// A calibration file to use instead of the source's own, or the name of a built-in rig (phone-854x480).
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
+    /// The topic of a sensor of a bag, where it should not be found by its type and name: left (or the only camera), right,
+    /// depth, imu, gyro and accel, or the camera_info of one: left-info, right-info, depth-info. May be repeated.
+    #[arg(long = "topic", value_name = "SENSOR=TOPIC")]
+    pub topics: Vec<NamedTopic>,
     /// Configuration entries that differ from the defaults; see cairn config.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -98,6 +104,10 @@ pub struct Arguments {
     /// and the results of loop detection.
     #[arg(long, value_name = "FILE")]
     pub events: Option<PathBuf>,
+    /// Writes the run as MCAP with Foxglove's schemas, which Foxglove and tools for ROS 2 recordings read: poses, transforms,
+    /// points, images with features, spoken words, events.
+    #[arg(long, value_name = "OUT.mcap")]
+    pub mcap: Option<PathBuf>,
     /// Writes what --replay needs to reproduce the poses of this run bit for bit.
     #[arg(long, value_name = "FILE", requires = "realtime")]
     pub journal: Option<PathBuf>,

@@ -4,6 +4,7 @@
 use super::events::Events;
 use super::interrupt::Interrupt;
 use super::map::Saver;
+use super::mcap;
 use super::status::StatusLines;
 use super::tally::Tally;
 use crate::failure::Failure;
@@ -92,6 +93,7 @@ pub struct RunFace<'t, 'a> {
     terminal: Terminal,
     saver: Saver<'a>,
     events: &'t mut Option<Events>,
+    mcap: Option<&'t mut mcap::Recording>,
     interrupt: Interrupt,
     interrupted: bool,
     /// The replay has reached the end of its journal or a difference.
@@ -119,10 +121,17 @@ impl<'t, 'a> RunFace<'t, 'a> {
             terminal,
             saver,
             events,
+            mcap: None,
             interrupt: Interrupt::listen(),
             interrupted: false,
             replay_stopped: false,
         }
+    }
+
+    /// Also writes the run to an MCAP file, if there is one.
+    pub fn with_mcap(mut self, mcap: Option<&'t mut mcap::Recording>) -> Self {
+        self.mcap = mcap;
+        self
     }
 
     /// Waits until the last announcement has been given; returns the saver, which still has to be ended, and whether a
@@ -136,7 +145,12 @@ impl<'t, 'a> RunFace<'t, 'a> {
 impl Face for RunFace<'_, '_> {
     fn heard(&mut self, _: &Session, event: &Event) {
         match event {
-            Event::Said(said) => self.voice.say(&said.text, said.t_s, said.interrupts),
+            Event::Said(said) => {
+                if let Some(mcap) = &mut self.mcap {
+                    mcap.said(said);
+                }
+                self.voice.say(&said.text, said.t_s, said.interrupts);
+            }
             Event::Sound(s) => self.voice.sound(s.earcon, s.bearing_rad, s.t_s),
         }
     }
@@ -150,6 +164,9 @@ impl Face for RunFace<'_, '_> {
                 self.tally.frame(packet, done);
                 if let Some(events) = self.events {
                     events.write(done.stamp, &done.verdicts);
+                }
+                if let Some(mcap) = &mut self.mcap {
+                    mcap.frame(packet, done, session.engine());
                 }
             }
             Err(why) => self.tally.rejected(packet, why),

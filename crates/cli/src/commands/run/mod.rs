@@ -6,6 +6,7 @@ mod face;
 mod interrupt;
 mod journal;
 mod map;
+mod mcap;
 mod page;
 mod results;
 mod route;
@@ -82,6 +83,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
     let stamps = replayed.as_ref().map(Journal::stamps);
     let mut engine = journal::engine(a, &outputs, engine, &source.info().name, replayed)?;
     let mut events = Events::begin(outputs.file("--events"), &mut engine)?;
+    let mut mcap = mcap::Recording::begin(outputs.file("--mcap"))?;
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
     let mut session = Session::new(engine, session_config(a, &outputs, live));
     if let Some(lines) = &mut status {
@@ -94,7 +96,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
     let terminal = Terminal::new(a.lines, a.realtime || live);
     let saver = map::Saver::new(a, outputs.file("--map-out"), map_in);
     let mut face =
-        RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status);
+        RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status)
+            .with_mcap(mcap.as_mut());
     let (driven, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())
@@ -126,13 +129,14 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
         events.write(last, &finished.verdicts);
         events.end()
     });
+    let mcap = mcap.map_or(Ok(()), |mcap| mcap.end(session.engine()));
     let journal_ended = journal::end(a, session.engine());
     warn_of_skipped(&skipped);
     let closed = session.close().map_err(|why| Failure::new("recording", why, "free some space on the disk"));
     let saved = saver.end(&session);
     // Nothing above or below keeps the rest from being written; all failures are reported together.
     let driven = driven.map(drop).map_err(Failure::from);
-    let mut failures: Vec<Failure> = [driven, voice_ended, closed, saved, events, journal_ended]
+    let mut failures: Vec<Failure> = [driven, voice_ended, closed, saved, events, mcap, journal_ended]
         .into_iter()
         .filter_map(Result::err)
         .collect();
@@ -227,7 +231,8 @@ fn open_source(
     config: &mut Config,
     map: Option<&MapFile>,
 ) -> Result<(Box<dyn Source>, Sensor), Failure> {
-    let options = |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames };
+    let options =
+        |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames, topics: a.topics.clone() };
     let given = a.rig.as_deref().map(|path| rig_of(path, config)).transpose()?;
     if let Some(message) = waiting_for(&a.source) {
         note(&message);

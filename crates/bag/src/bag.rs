@@ -1,0 +1,237 @@
+//! A bag of any kind: opened once from front to back for its index, then read message by message.
+
+use crate::area::{Area, InputFile};
+use crate::compression::{Compression, MAX_CHUNK, decompress};
+use crate::error::{BagError, Damage};
+use crate::index::{ChunkAt, Entry, Index, Place, Topic};
+use crate::sqlite::Database;
+use crate::{mcap, rosbag1, rosbag2, sqlite};
+use std::collections::VecDeque;
+use std::path::Path;
+
+/// Decompressed chunks that are kept.
+const KEPT_CHUNKS: usize = 8;
+/// Their bytes together, unless one alone has more.
+const KEPT_BYTES: usize = 128 << 20;
+
+/// One file of a bag.
+enum Storage {
+    /// rosbag1 or MCAP: messages stand in the file or in chunks.
+    Flat(InputFile),
+    /// SQLite.
+    Rows(Database),
+}
+
+/// A bag with the index of its messages.
+pub struct Bag {
+    files: Vec<Storage>,
+    topics: Vec<Topic>,
+    chunks: Vec<ChunkAt>,
+    notes: Vec<String>,
+    /// How single messages are compressed.
+    messages: Compression,
+    /// Decompressed chunks by number, the newest last.
+    kept: VecDeque<(u32, Vec<u8>)>,
+}
+
+/// True when a path looks like a bag: a file ending in `.bag`, `.bag.active`, `.mcap` or `.db3`, a file that begins as one,
+/// or the folder of a rosbag2 recording.
+pub fn is_bag(path: &Path) -> bool {
+    if path.is_dir() {
+        return rosbag2::is(path);
+    }
+    let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    path.is_file()
+        && ([".bag", ".bag.active", ".mcap", ".db3"].iter().any(|end| name.ends_with(end))
+            || InputFile::open(path).is_ok_and(|mut file| kind(&mut file).is_some()))
+}
+
+#[derive(Clone, Copy)]
+enum Kind {
+    Rosbag1,
+    Mcap,
+    Sqlite,
+}
+
+fn kind(file: &mut InputFile) -> Option<Kind> {
+    let kinds = [(rosbag1::MAGIC, Kind::Rosbag1), (mcap::MAGIC, Kind::Mcap), (sqlite::MAGIC, Kind::Sqlite)];
+    kinds
+        .into_iter()
+        .find(|(magic, _)| file.get(0, magic.len() as u64).is_ok_and(|b| b == *magic))
+        .map(|k| k.1)
+}
+
+impl Bag {
+    /// Opens a `.bag`, `.mcap` or `.db3` file or the folder of a rosbag2 recording, and indexes the messages of which
+    /// `wanted` (topic, type as `sensor_msgs/Image`) gives the largest number. All files are walked once, in full.
+    ///
+    /// # Errors
+    /// When a file cannot be read or is of no known kind. Damage is no error: what stands before it is indexed, and
+    /// [`Bag::notes`] tells how far that is.
+    pub fn open(path: &Path, wanted: &dyn Fn(&str, &str) -> usize) -> Result<Self, BagError> {
+        let mut index = Index::new(wanted);
+        let mut messages = Compression::None;
+        let paths = if path.is_dir() {
+            let folder = rosbag2::folder(path)?;
+            messages = folder.messages;
+            index.notes.extend(folder.notes);
+            folder.files
+        } else {
+            vec![path.to_owned()]
+        };
+        let mut files = Vec::new();
+        for path in &paths {
+            let number = u16::try_from(files.len()).map_err(|_| BagError::Unsupported {
+                path: path.display().to_string(),
+                why: "more than 65535 files in one recording".into(),
+                cure: "give a part of them".into(),
+            })?;
+            files.push(scan(path, number, &mut index)?);
+        }
+        let (topics, chunks, notes) = index.finish();
+        let mut bag = Self { files, topics, chunks, notes, messages, kept: VecDeque::new() };
+        if messages != Compression::None {
+            bag.stamp_compressed();
+        }
+        Ok(bag)
+    }
+
+    /// Where single messages are compressed their stamps are inside; messages that cannot be unpacked are left out.
+    fn stamp_compressed(&mut self) {
+        let mut topics = std::mem::take(&mut self.topics);
+        for topic in &mut topics {
+            let (before, format, has_header) = (topic.entries.len(), topic.format, topic.has_header);
+            topic.entries.retain_mut(|entry| match self.read(entry) {
+                Ok(bytes) => {
+                    entry.stamp_ns = Topic::stamp_ns(has_header, format, entry.log_ns, &bytes);
+                    true
+                }
+                Err(_) => false,
+            });
+            let lost = before - topic.entries.len();
+            if lost > 0 {
+                self.notes.push(format!("{}: {lost} messages cannot be unpacked, left out", topic.name));
+            }
+        }
+        self.topics = topics;
+    }
+
+    /// Its topics in the order of their declaration.
+    pub fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    /// What is wrong with it, one sentence each: where it is damaged and how far it was read.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The bytes of a message.
+    ///
+    /// # Errors
+    /// When they cannot be read any more, or a compressed message is damaged.
+    pub fn read(&mut self, entry: &Entry) -> Result<Vec<u8>, BagError> {
+        let place = entry.place;
+        let Some(storage) = self.files.get_mut(usize::from(place.file)) else {
+            return Err(BagError::Damaged {
+                path: "bag".into(),
+                at: 0,
+                why: "an entry of another bag".into(),
+            });
+        };
+        match storage {
+            Storage::Rows(database) => {
+                let bytes = rosbag2::read(database, &place).map_err(|d| database.file.damaged(d))?;
+                self.unpacked(bytes, &place)
+            }
+            Storage::Flat(file) if place.chunk == Place::PLAIN => {
+                let bytes = file.read(place.offset, u64::from(place.length)).map_err(|d| file.damaged(d))?;
+                self.unpacked(bytes, &place)
+            }
+            Storage::Flat(file) => {
+                let found = in_chunk(file, &self.chunks, &mut self.kept, &place);
+                let bytes = found.map_err(|d| file.damaged(d))?;
+                self.unpacked(bytes, &place)
+            }
+        }
+    }
+
+    fn unpacked(&self, bytes: Vec<u8>, place: &Place) -> Result<Vec<u8>, BagError> {
+        if self.messages == Compression::None {
+            return Ok(bytes);
+        }
+        let (out, why) = decompress(self.messages, &bytes, MAX_CHUNK);
+        let path = "a compressed message".to_owned();
+        why.map_or(Ok(out), |why| Err(BagError::Damaged { path, at: place.offset, why }))
+    }
+}
+
+/// A copy of a message in a compressed chunk.
+fn in_chunk(
+    file: &mut InputFile,
+    chunks: &[ChunkAt],
+    kept: &mut VecDeque<(u32, Vec<u8>)>,
+    place: &Place,
+) -> Result<Vec<u8>, Damage> {
+    match kept.iter().position(|(number, _)| *number == place.chunk) {
+        Some(at) => {
+            let chunk = kept.remove(at);
+            kept.extend(chunk);
+        }
+        None => {
+            let at = chunks.get(place.chunk as usize);
+            let at = at.ok_or_else(|| Damage::new(place.offset, "an entry of another bag"))?;
+            let (bytes, _) = at.unpack(file)?;
+            while !kept.is_empty()
+                && (kept.len() >= KEPT_CHUNKS
+                    || kept.iter().map(|(_, b)| b.len()).sum::<usize>() + bytes.len() > KEPT_BYTES)
+            {
+                kept.pop_front();
+            }
+            kept.push_back((place.chunk, bytes));
+        }
+    }
+    let bytes = kept.back().map_or(&[][..], |(_, bytes)| bytes);
+    let end = place.offset as usize + place.length as usize;
+    let found = bytes.get(place.offset as usize..end);
+    found
+        .map(<[u8]>::to_vec)
+        .ok_or_else(|| Damage::new(place.offset, "the file has changed while it was read"))
+}
+
+fn scan(path: &Path, number: u16, index: &mut Index) -> Result<Storage, BagError> {
+    let mut file = InputFile::open(path)?;
+    match kind(&mut file) {
+        Some(Kind::Rosbag1) => rosbag1::scan(&mut file, number, index).map(|()| Storage::Flat(file)),
+        Some(Kind::Mcap) => mcap::scan(&mut file, number, index).map(|()| Storage::Flat(file)),
+        Some(Kind::Sqlite) => {
+            let mut wal = path.as_os_str().to_owned();
+            wal.push("-wal");
+            if std::fs::metadata(&wal).is_ok_and(|about| about.len() > 0) {
+                index.notes.push(format!(
+                    "{}: the last messages are still in the journal beside it and are not read; \
+                     sqlite3 FILE 'pragma wal_checkpoint' adds them",
+                    path.display()
+                ));
+            }
+            let mut database = Database::open(file)?;
+            rosbag2::scan(&mut database, number, index).map(|()| Storage::Rows(database))
+        }
+        None => {
+            let old = file.get(0, 8).is_ok_and(|b| b == b"#ROSBAG ");
+            let (why, cure) = match (old, file.end()) {
+                (_, 0) => ("is empty", "record it again"),
+                (true, _) => ("is a bag of an old version", "convert it with rosbag migrate"),
+                _ => (
+                    "is neither rosbag1 (#ROSBAG V2.0), MCAP nor SQLite",
+                    "give a .bag, .mcap or .db3 file, or the folder of a rosbag2 recording",
+                ),
+            };
+            Err(BagError::Unsupported {
+                path: path.display().to_string(),
+                why: why.into(),
+                cure: cure.into(),
+            })
+        }
+    }
+}

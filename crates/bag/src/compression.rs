@@ -1,0 +1,68 @@
+//! Compressed chunks: bzip2, LZ4 frames and Zstandard, decoded in bounded memory and as far as they are sound.
+
+use std::io::Read;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// The largest chunk that is decompressed, bytes. Recorders write chunks of 0.75 to 4 MB.
+pub(crate) const MAX_CHUNK: u64 = 512 << 20;
+
+/// How a chunk is compressed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Compression {
+    /// Not at all.
+    None,
+    /// bzip2.
+    Bz2,
+    /// An LZ4 frame.
+    Lz4,
+    /// A Zstandard frame.
+    Zstd,
+}
+
+impl Compression {
+    /// By its name in rosbag1 and MCAP files.
+    pub fn named(name: &[u8]) -> Result<Self, String> {
+        match name {
+            b"" | b"none" => Ok(Self::None),
+            b"bz2" => Ok(Self::Bz2),
+            b"lz4" => Ok(Self::Lz4),
+            b"zstd" => Ok(Self::Zstd),
+            other => Err(format!(
+                "compression \"{}\" is unknown, known are none, bz2, lz4 and zstd",
+                String::from_utf8_lossy(other)
+            )),
+        }
+    }
+}
+
+/// The decompressed bytes, at most `limit` of them, and what is wrong after them, if anything.
+pub(crate) fn decompress(kind: Compression, bytes: &[u8], limit: u64) -> (Vec<u8>, Option<String>) {
+    // The decoders are of others: should one fail on damaged data, what it gave until then stays.
+    let mut out = Vec::new();
+    let ended = catch_unwind(AssertUnwindSafe(|| match kind {
+        Compression::None => drain(bytes, limit, &mut out),
+        Compression::Bz2 => drain(bzip2_rs::DecoderReader::new(bytes), limit, &mut out),
+        Compression::Lz4 => drain(lz4_flex::frame::FrameDecoder::new(bytes), limit, &mut out),
+        Compression::Zstd => match ruzstd::decoding::StreamingDecoder::new(bytes) {
+            Ok(decoder) => drain(decoder, limit, &mut out),
+            Err(e) => Some(e.to_string()),
+        },
+    }));
+    let why = ended.unwrap_or_else(|_| Some("the decoder failed".into()));
+    (out, why.map(|why| format!("{kind:?} data: {why}")))
+}
+
+/// Reads to the end; memory grows with what is really there, never by a stated size.
+fn drain(mut from: impl Read, limit: u64, out: &mut Vec<u8>) -> Option<String> {
+    let mut buffer = vec![0; 64 << 10];
+    loop {
+        match from.read(&mut buffer) {
+            Ok(0) => return None,
+            Ok(n) if (out.len() + n) as u64 > limit => {
+                return Some(format!("holds more than the {limit} bytes that are stated"));
+            }
+            Ok(n) => out.extend_from_slice(&buffer[..n]),
+            Err(e) => return Some(e.to_string()),
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! The index of a bag: its topics, and where the messages of those that are wanted stand.
+
+use crate::area::InputFile;
+use crate::compression::{Compression, MAX_CHUNK, decompress};
+use crate::error::Damage;
+use crate::message::{MessageKind, is_foxglove};
+use crate::wire::{WireFormat, header_stamp};
+use std::collections::BTreeMap;
+
+/// Bytes from the start of a message that the index looks at: encapsulation or sequence number, and stamp.
+pub(crate) const PREFIX: u64 = 20;
+
+/// Times are held within these bounds, nanoseconds, so that differences never overflow: to the year 2109, all that the
+/// stamps of ROS can say forwards.
+const TIMES: [i64; 2] = [-4_400_000_000_000_000_000, 4_400_000_000_000_000_000];
+
+/// Where a message stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Place {
+    /// Index of the file in the bag.
+    pub file: u16,
+    /// The chunk it is in; [`Place::PLAIN`] when it stands in the file itself. In a database: the page.
+    pub chunk: u32,
+    /// Offset in the file or in the decompressed chunk. In a database: the cell of the page.
+    pub offset: u64,
+    /// Length in bytes.
+    pub length: u32,
+}
+
+impl Place {
+    /// The "chunk" of messages that are not compressed.
+    pub const PLAIN: u32 = u32::MAX;
+}
+
+/// Where a compressed chunk stands in its file.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ChunkAt {
+    /// Offset of its compressed bytes.
+    pub at: u64,
+    /// Their number.
+    pub length: u64,
+    /// How they are compressed.
+    pub compression: Compression,
+    /// The stated size without compression, bytes.
+    pub size: u64,
+}
+
+impl ChunkAt {
+    /// The decompressed bytes, as far as they are sound, and what is wrong after them.
+    pub fn unpack(&self, file: &mut InputFile) -> Result<(Vec<u8>, Option<String>), Damage> {
+        if self.length > MAX_CHUNK || self.size > MAX_CHUNK {
+            let why =
+                format!("a compressed chunk of {} bytes, {MAX_CHUNK} at most", self.size.max(self.length));
+            return Err(Damage::new(self.at, why));
+        }
+        let packed = file.read(self.at, self.length)?;
+        let (bytes, why) = decompress(self.compression, &packed, self.size);
+        let short = (bytes.len() as u64) < self.size;
+        Ok((bytes, why.or(short.then(|| format!("{} bytes are stated, less is there", self.size)))))
+    }
+}
+
+/// One message of the index.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Entry {
+    /// The stamp of its header, nanoseconds; the time of recording where it has none.
+    pub stamp_ns: i64,
+    /// When it was recorded, nanoseconds.
+    pub log_ns: i64,
+    pub(crate) place: Place,
+}
+
+/// A topic of a bag.
+#[derive(Clone, Debug)]
+pub struct Topic {
+    /// Its name, as `/cam0/image_raw`.
+    pub name: String,
+    /// The type of its messages without `msg/`, as `sensor_msgs/Image`.
+    pub kind: String,
+    /// How its messages are written.
+    pub format: WireFormat,
+    /// Number of messages seen.
+    pub count: usize,
+    /// The messages that are indexed, in order of recording.
+    pub entries: Vec<Entry>,
+    keep: usize,
+    pub(crate) has_header: bool,
+}
+
+impl Topic {
+    /// What its messages are for.
+    pub fn message_kind(&self) -> MessageKind {
+        MessageKind::of(&self.kind)
+    }
+
+    /// The stamp of a message, from its first bytes.
+    pub(crate) fn stamp_ns(has_header: bool, format: WireFormat, log_ns: i64, prefix: &[u8]) -> i64 {
+        let stamp = if has_header { header_stamp(format, prefix) } else { None };
+        stamp.filter(|s| *s != 0).unwrap_or(log_ns).clamp(TIMES[0], TIMES[1])
+    }
+}
+
+/// Chooses how many messages of a topic (name, type) are indexed.
+pub(crate) type Wanted<'a> = &'a dyn Fn(&str, &str) -> usize;
+
+/// The index while a bag is scanned.
+pub(crate) struct Index<'a> {
+    pub topics: Vec<Topic>,
+    pub chunks: Vec<ChunkAt>,
+    wanted: Wanted<'a>,
+    /// Topic by file and connection (channel, topic id).
+    connections: BTreeMap<(u16, u32), usize>,
+    /// What is wrong with the bag, one sentence each.
+    pub notes: Vec<String>,
+    /// Messages of connections that were never declared.
+    undeclared: usize,
+    pub last_log_ns: Option<i64>,
+}
+
+impl<'a> Index<'a> {
+    pub fn new(wanted: Wanted<'a>) -> Self {
+        Self {
+            topics: Vec::new(),
+            chunks: Vec::new(),
+            wanted,
+            connections: BTreeMap::new(),
+            notes: Vec::new(),
+            undeclared: 0,
+            last_log_ns: None,
+        }
+    }
+
+    /// Adds a compressed chunk; returns its number for [`Place::chunk`].
+    pub fn chunk(&mut self, at: ChunkAt) -> u32 {
+        self.chunks.push(at);
+        // A chunk takes at least 50 bytes of file; u32::MAX is the mark of messages without one.
+        u32::try_from(self.chunks.len() - 1).unwrap_or(Place::PLAIN)
+    }
+
+    /// Declares a connection of a file; connections of the same topic and type are one topic.
+    pub fn connection(&mut self, file: u16, id: u32, name: &str, kind: &str, format: WireFormat) {
+        let kind = kind.replace("/msg/", "/");
+        // Foxglove's types in ROS 1 begin with a bare time, which nothing here reads.
+        let format = match format {
+            WireFormat::Ros1 if is_foxglove(&kind) => WireFormat::Other,
+            other => other,
+        };
+        let same = |t: &Topic| t.name == name && t.kind == kind && t.format == format;
+        let topic = self.topics.iter().position(same).unwrap_or_else(|| {
+            let keep = (self.wanted)(name, &kind);
+            // All others begin with their stamp.
+            let has_header = MessageKind::of(&kind) != MessageKind::Other;
+            self.topics.push(Topic {
+                name: name.to_owned(),
+                kind,
+                format,
+                count: 0,
+                entries: Vec::new(),
+                keep,
+                has_header,
+            });
+            self.topics.len() - 1
+        });
+        self.connections.insert((file, id), topic);
+    }
+
+    /// Adds a message of which the first bytes are given.
+    pub fn message(&mut self, id: u32, log_ns: i64, prefix: &[u8], place: Place) {
+        let Some(&topic) = self.connections.get(&(place.file, id)) else {
+            self.undeclared += 1;
+            return;
+        };
+        let topic = &mut self.topics[topic];
+        let log_ns = log_ns.clamp(TIMES[0], TIMES[1]);
+        topic.count += 1;
+        self.last_log_ns = self.last_log_ns.max(Some(log_ns));
+        if topic.entries.len() >= topic.keep {
+            return;
+        }
+        let stamp_ns = Topic::stamp_ns(topic.has_header, topic.format, log_ns, prefix);
+        topic.entries.push(Entry { stamp_ns, log_ns, place });
+    }
+
+    /// Messages seen so far.
+    pub fn count(&self) -> usize {
+        self.topics.iter().map(|t| t.count).sum()
+    }
+
+    /// Puts the messages of each topic in order of recording.
+    pub fn finish(mut self) -> (Vec<Topic>, Vec<ChunkAt>, Vec<String>) {
+        if self.undeclared > 0 {
+            self.notes.push(format!("{} messages belong to no topic, left out", self.undeclared));
+        }
+        for topic in &mut self.topics {
+            topic.entries.sort_by_key(|e| e.log_ns);
+        }
+        (self.topics, self.chunks, self.notes)
+    }
+}

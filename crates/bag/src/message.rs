@@ -1,0 +1,284 @@
+//! The ROS messages that are read, with the fields that are used. `sensor_msgs`, `geometry_msgs` and `tf2_msgs` are laid out
+//! alike in ROS 1 and ROS 2; [`Wire`] knows the difference.
+
+use crate::protobuf::{Field, fields, stamp_ns, text};
+use crate::wire::{DecodeError, Header, Wire, WireFormat};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{ImuSample, Stamp};
+
+/// What a message is for, whichever schema it has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MessageKind {
+    /// Pixels: `sensor_msgs/Image`, Foxglove's `RawImage`.
+    Image,
+    /// An image file: `CompressedImage` of either.
+    CompressedImage,
+    /// A calibration: `sensor_msgs/CameraInfo`, Foxglove's `CameraCalibration`.
+    CameraInfo,
+    /// `sensor_msgs/Imu`.
+    Imu,
+    /// Something else.
+    Other,
+}
+
+impl MessageKind {
+    /// By the name of the type, as `sensor_msgs/Image` or `foxglove.RawImage`.
+    pub fn of(kind: &str) -> Self {
+        match kind {
+            "sensor_msgs/Image" | "foxglove_msgs/RawImage" | "foxglove.RawImage" => Self::Image,
+            "sensor_msgs/CompressedImage" | "foxglove_msgs/CompressedImage" | "foxglove.CompressedImage" => {
+                Self::CompressedImage
+            }
+            "sensor_msgs/CameraInfo" | "foxglove_msgs/CameraCalibration" | "foxglove.CameraCalibration" => {
+                Self::CameraInfo
+            }
+            "sensor_msgs/Imu" => Self::Imu,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// Whether a type is one of Foxglove's in ROS 2 form.
+pub(crate) fn is_foxglove(kind: &str) -> bool {
+    kind.starts_with("foxglove_msgs/")
+}
+
+/// A `sensor_msgs/Image`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageMessage<'a> {
+    /// Time and frame.
+    pub header: Header,
+    /// Rows.
+    pub height: u32,
+    /// Columns.
+    pub width: u32,
+    /// Name of the pixel format, as `mono8`.
+    pub encoding: String,
+    /// Order of the bytes of 16-bit and 32-bit pixels.
+    pub big_endian: bool,
+    /// Bytes from one row to the next.
+    pub step: u32,
+    /// The rows.
+    pub data: &'a [u8],
+}
+
+impl<'a> ImageMessage<'a> {
+    /// Decodes a message.
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn decode(format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let mut wire = Wire::new(format, bytes)?;
+        Ok(Self {
+            header: wire.header()?,
+            height: wire.u32()?,
+            width: wire.u32()?,
+            encoding: wire.string()?,
+            big_endian: wire.u8()? != 0,
+            step: wire.u32()?,
+            data: wire.bytes()?,
+        })
+    }
+
+    /// Decodes a message of any type that is [`MessageKind::Image`].
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn of(kind: &str, format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let mut out = Self {
+            header: Header { stamp_ns: 0, frame_id: String::new() },
+            height: 0,
+            width: 0,
+            encoding: String::new(),
+            big_endian: false,
+            step: 0,
+            data: &[],
+        };
+        if format == WireFormat::Protobuf {
+            for (number, field) in fields(bytes)? {
+                match (number, field) {
+                    (1, Field::Bytes(b)) => out.header.stamp_ns = stamp_ns(b).unwrap_or(0),
+                    (2, Field::Number(v)) => out.width = v as u32,
+                    (3, Field::Number(v)) => out.height = v as u32,
+                    (4, Field::Bytes(b)) => out.encoding = text(b),
+                    (5, Field::Number(v)) => out.step = v as u32,
+                    (6, Field::Bytes(b)) => out.data = b,
+                    (7, Field::Bytes(b)) => out.header.frame_id = text(b),
+                    _ => {}
+                }
+            }
+            return Ok(out);
+        }
+        if !is_foxglove(kind) {
+            return Self::decode(format, bytes);
+        }
+        let mut wire = Wire::new(format, bytes)?;
+        out.header = wire.header()?;
+        (out.width, out.height, out.encoding) = (wire.u32()?, wire.u32()?, wire.string()?);
+        (out.step, out.data) = (wire.u32()?, wire.bytes()?);
+        Ok(out)
+    }
+}
+
+/// A `sensor_msgs/CompressedImage`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompressedImage<'a> {
+    /// Time and frame.
+    pub header: Header,
+    /// Its name, as `jpeg` or `mono8; jpeg compressed`.
+    pub format: String,
+    /// The file.
+    pub data: &'a [u8],
+}
+
+impl<'a> CompressedImage<'a> {
+    /// Decodes a message.
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn decode(format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let mut wire = Wire::new(format, bytes)?;
+        Ok(Self { header: wire.header()?, format: wire.string()?, data: wire.bytes()? })
+    }
+
+    /// Decodes a message of any type that is [`MessageKind::CompressedImage`].
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn of(kind: &str, format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
+        let header = Header { stamp_ns: 0, frame_id: String::new() };
+        let mut out = Self { header, format: String::new(), data: &[] };
+        if format == WireFormat::Protobuf {
+            for (number, field) in fields(bytes)? {
+                match (number, field) {
+                    (1, Field::Bytes(b)) => out.header.stamp_ns = stamp_ns(b).unwrap_or(0),
+                    (2, Field::Bytes(b)) => out.data = b,
+                    (3, Field::Bytes(b)) => out.format = text(b),
+                    (4, Field::Bytes(b)) => out.header.frame_id = text(b),
+                    _ => {}
+                }
+            }
+            return Ok(out);
+        }
+        if !is_foxglove(kind) {
+            return Self::decode(format, bytes);
+        }
+        let mut wire = Wire::new(format, bytes)?;
+        (out.header, out.data, out.format) = (wire.header()?, wire.bytes()?, wire.string()?);
+        Ok(out)
+    }
+
+    /// The image file itself: messages of `compressed_depth_image_transport` have a head of 12 bytes before the PNG.
+    ///
+    /// # Errors
+    /// When the depth was quantised or compressed otherwise.
+    pub fn file(&self) -> Result<&'a [u8], DecodeError> {
+        const HEAD: usize = 12;
+        if !self.format.contains("compressedDepth") {
+            return Ok(self.data);
+        }
+        let head_format = self.data.first_chunk::<4>().map(|b| u32::from_le_bytes(*b));
+        match self.data.get(HEAD..) {
+            Some(png) if head_format == Some(0) && self.format.starts_with("16UC1") => Ok(png),
+            _ => Err(DecodeError::new(format!("depth compressed as \"{}\" is not read", self.format))),
+        }
+    }
+}
+
+/// A `sensor_msgs/Imu`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImuMessage {
+    /// Time and frame.
+    pub header: Header,
+    /// rad/s.
+    pub gyro: Vec3,
+    /// m/s^2, specific force.
+    pub accel: Vec3,
+}
+
+impl ImuMessage {
+    /// Decodes a message.
+    ///
+    /// # Errors
+    /// When it is cut or its encoding is not read.
+    pub fn decode(format: WireFormat, bytes: &[u8]) -> Result<Self, DecodeError> {
+        let mut wire = Wire::new(format, bytes)?;
+        let header = wire.header()?;
+        wire.f64s::<13>()?; // orientation and its covariance
+        let gyro = wire.f64s::<3>()?;
+        wire.f64s::<9>()?;
+        let accel = wire.f64s::<3>()?;
+        Ok(Self { header, gyro: gyro.into(), accel: accel.into() })
+    }
+
+    /// As a sample at a stamp.
+    pub fn sample(&self, stamp_ns: i64) -> ImuSample {
+        ImuSample::new(Stamp(stamp_ns), self.gyro, self.accel)
+    }
+}
+
+/// A `geometry_msgs/TransformStamped`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransformStamped {
+    /// The frame it maps to.
+    pub parent: String,
+    /// The frame it maps from.
+    pub child: String,
+    /// Maps coordinates in the child to coordinates in the parent.
+    pub parent_from_child: Se3,
+}
+
+/// The transforms of a `tf2_msgs/TFMessage` (or `tf/tfMessage`).
+///
+/// # Errors
+/// When it is cut, its encoding is not read, or a rotation is none.
+pub fn static_transforms(format: WireFormat, bytes: &[u8]) -> Result<Vec<TransformStamped>, DecodeError> {
+    let mut wire = Wire::new(format, bytes)?;
+    let n = wire.length(60)?;
+    let mut out = Vec::new();
+    for _ in 0..n {
+        let (header, child) = (wire.header()?, wire.string()?);
+        // tf of ROS 1 began names with a slash.
+        let name = |text: &str| text.trim_start_matches('/').to_owned();
+        let parent_from_child = pose(&mut wire)?;
+        out.push(TransformStamped { parent: name(&header.frame_id), child: name(&child), parent_from_child });
+    }
+    Ok(out)
+}
+
+/// A `geometry_msgs/Transform`.
+///
+/// # Errors
+/// When it is cut, its encoding is not read, or the rotation is none.
+pub fn transform(format: WireFormat, bytes: &[u8]) -> Result<Se3, DecodeError> {
+    pose(&mut Wire::new(format, bytes)?)
+}
+
+fn pose(wire: &mut Wire) -> Result<Se3, DecodeError> {
+    let [tx, ty, tz] = wire.f64s::<3>()?;
+    let [x, y, z, w] = wire.f64s::<4>()?;
+    let norm = (x * x + y * y + z * z + w * w).sqrt();
+    let rotation = So3::from_xyzw(x, y, z, w).filter(|_| (norm - 1.0).abs() < 1e-2);
+    let rotation = rotation.ok_or_else(|| {
+        DecodeError::new(format!("the quaternion ({x}, {y}, {z}, {w}) has the norm {norm}, a rotation has 1"))
+    })?;
+    let out = Se3::new(rotation, Vec3::new(tx, ty, tz));
+    if out.is_finite() { Ok(out) } else { Err(DecodeError::new("a transform that is not finite")) }
+}
+
+/// A `std_msgs/Float32`.
+///
+/// # Errors
+/// When it is cut or its encoding is not read.
+pub fn float32(format: WireFormat, bytes: &[u8]) -> Result<f32, DecodeError> {
+    Wire::new(format, bytes)?.f32()
+}
+
+/// A `diagnostic_msgs/KeyValue`.
+///
+/// # Errors
+/// When it is cut or its encoding is not read.
+pub fn key_value(format: WireFormat, bytes: &[u8]) -> Result<(String, String), DecodeError> {
+    let mut wire = Wire::new(format, bytes)?;
+    Ok((wire.string()?, wire.string()?))
+}

@@ -1,0 +1,162 @@
+//! ROS bags and MCAP files as recordings.
+//!
+//! In: a bag, names of topics if the user gave some, a rig if there is one. Out: a [`Recording`] whose images and samples are
+//! messages. Which topic is which sensor is found by the types and names of the topics ([`topics`]); the rig comes from
+//! `camera_info` and `tf_static` ([`rig`]), or from what the RealSense SDK records ([`realsense`]).
+
+mod frames;
+mod reader;
+mod realsense;
+mod rig;
+mod topics;
+
+pub use reader::{BagImu, BagReader};
+pub use topics::{ImuTopics, NamedTopic, TopicRole};
+
+use crate::recording::{ImageAt, ImuAt, Instant, Recording, forward_only, join_depth, pair};
+use cairn_bag::{Bag, BagError, MessageKind, Topic, is_bag};
+use cairn_sensor::{Rig, SourceError, Stamp};
+use std::path::Path;
+use topics::Chosen;
+
+/// Largest time between the images of a pair, and between an image and its depth, nanoseconds; never more than 0.4 of the
+/// time between images.
+const PAIR_APART_NS: u64 = 10_000_000;
+const DEPTH_APART_NS: u64 = 20_000_000;
+
+/// Images of a pair further apart than this in the median are no longer taken at one time, nanoseconds: it is said.
+const TOLD_APART_NS: u64 = 1_000_000;
+
+/// True when the path is a bag.
+pub fn is(path: &Path) -> bool {
+    is_bag(path)
+}
+
+/// Indexes the bag.
+pub fn index(path: &Path, mut given: Option<Rig>, named: &[NamedTopic]) -> Result<Recording, SourceError> {
+    let shown = path.display().to_string();
+    let bag = Bag::open(path, &wanted).map_err(source_error)?;
+    let mut skipped = bag.notes().to_vec();
+    let mut reader = BagReader::new(bag);
+    let recorder = realsense::Recorder::of(&reader);
+    let mut chosen = match &recorder {
+        Some(recorder) if named.is_empty() => recorder.chosen(&mut reader),
+        _ => topics::choose(&shown, &mut reader, named)?,
+    };
+    if let Some(rig) = &mut given {
+        fit(&shown, rig, &mut chosen, &mut skipped)?;
+    }
+    let (rig, assumed) = match given {
+        Some(rig) => (rig, Vec::new()),
+        None => rig::of(&shown, &mut reader, &mut chosen, recorder, &mut skipped)?,
+    };
+    let instants = instants(&reader, &chosen, &mut skipped);
+    Ok(Recording {
+        name: format!("bag {shown} ({})", chosen.text(reader.topics())),
+        imu: rig.imu.is_some().then(|| ImuAt::Messages(chosen.imu.clone())),
+        rig,
+        instants,
+        bag: Some(reader),
+        truth: Vec::new(),
+        no_depth: None,
+        skipped,
+        assumed: (!assumed.is_empty()).then(|| assumed.join("; ")),
+    })
+}
+
+/// How many messages of a topic are indexed.
+fn wanted(name: &str, kind: &str) -> usize {
+    match MessageKind::of(kind) {
+        MessageKind::Image | MessageKind::CompressedImage | MessageKind::Imu => return usize::MAX,
+        MessageKind::CameraInfo => return 1,
+        MessageKind::Other => {}
+    }
+    match kind {
+        "tf2_msgs/TFMessage" | "tf/tfMessage" if name.ends_with("tf_static") => 10_000,
+        "geometry_msgs/Transform" | "std_msgs/Float32" if name.starts_with("/device_") => 1,
+        _ => 0,
+    }
+}
+
+pub(super) fn source_error(e: BagError) -> SourceError {
+    let cure = e.cure().to_owned();
+    let (what, why) = match e {
+        BagError::Io { path, source } => (path, format!("cannot be read ({source})")),
+        BagError::Unsupported { path, why, .. } => (path, why),
+        BagError::Damaged { path, at, why } => (path, format!("damaged at byte {at}: {why}")),
+    };
+    SourceError::new(what, why, cure)
+}
+
+/// A given rig decides what is read: fewer cameras, depth or not, the IMU or not.
+fn fit(
+    shown: &str,
+    rig: &mut Rig,
+    chosen: &mut Chosen,
+    skipped: &mut Vec<String>,
+) -> Result<(), SourceError> {
+    let lacks = |why: String| {
+        let cure = "give a rig of the sensors that are there, or name their topics with --topic";
+        Err(SourceError::new(shown, why, cure))
+    };
+    if rig.cameras.len() > chosen.cameras.len() {
+        let (n, there) = (rig.cameras.len(), chosen.cameras.len());
+        return lacks(format!("the rig has {n} cameras, the bag has images of {there}"));
+    }
+    chosen.cameras.truncate(rig.cameras.len());
+    match (&rig.depth, chosen.depth) {
+        (Some(_), None) => return lacks("the rig has a depth sensor, the bag has no depth images".into()),
+        (None, _) => chosen.depth = None,
+        _ => {}
+    }
+    if chosen.imu == ImuTopics::None && rig.imu.take().is_some() {
+        skipped.push("the rig has an IMU, the bag has no topic of sensor_msgs/Imu".into());
+    }
+    Ok(())
+}
+
+/// Messages of images in order of time, those of one instant together.
+fn instants(reader: &BagReader, chosen: &Chosen, skipped: &mut Vec<String>) -> Vec<Instant> {
+    let mut list = |topic: usize| {
+        let entries = reader.topics().get(topic).map_or(&[][..], |t: &Topic| &t.entries);
+        let mut list: Vec<(Stamp, ImageAt)> =
+            entries.iter().map(|e| (Stamp(e.stamp_ns), ImageAt::Message(topic, *e))).collect();
+        forward_only(&mut list, |(stamp, _)| *stamp, skipped);
+        list
+    };
+    let lists: Vec<_> = chosen.cameras.iter().map(|topic| list(*topic)).collect();
+    let depth = chosen.depth.map(list);
+    let [Some(left), right] = [lists.first(), lists.get(1)] else { return Vec::new() };
+    let period_ns = reader::median_step_ns(left.iter().map(|(stamp, _)| stamp.0));
+    let within = |most: u64| most.min(period_ns * 2 / 5);
+    let mut instants: Vec<Instant> = match right {
+        Some(right) => {
+            let mut apart: Vec<u64> = Vec::new();
+            let pairs = pair(left, right, within(PAIR_APART_NS), skipped);
+            for instant in &pairs {
+                if let [ImageAt::Message(_, a), ImageAt::Message(_, b)] = &instant.images[..] {
+                    apart.push(a.stamp_ns.abs_diff(b.stamp_ns));
+                }
+            }
+            apart.sort_unstable();
+            let median = apart.get(apart.len() / 2).copied().unwrap_or(0);
+            if median > TOLD_APART_NS {
+                let ms = median as f64 * 1e-6;
+                skipped.push(format!("left and right images are {ms:.1} ms apart, taken as one instant"));
+            }
+            pairs
+        }
+        None => {
+            let one = |(stamp, at): &(Stamp, ImageAt)| Instant {
+                stamp: *stamp,
+                images: vec![at.clone()],
+                depth: None,
+            };
+            left.iter().map(one).collect()
+        }
+    };
+    if let Some(depth) = depth {
+        join_depth(&mut instants, depth, within(DEPTH_APART_NS));
+    }
+    instants
+}

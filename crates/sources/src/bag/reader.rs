@@ -1,0 +1,222 @@
+//! Reads the images and samples of a bag.
+
+use super::topics::ImuTopics;
+use crate::decode;
+use cairn_bag::{Bag, CameraInfo, CompressedImage, Entry, ImageMessage, ImuMessage, MessageKind, Topic};
+use cairn_geometry::Vec3;
+use cairn_sensor::{DepthImage, GrayImage, ImuSample, Stamp};
+
+/// A bag whose messages are images and samples.
+pub struct BagReader(Bag);
+
+/// An image of either kind.
+enum Picture<'a> {
+    Raw(ImageMessage<'a>),
+    File(CompressedImage<'a>),
+}
+
+/// What the first message of an image topic tells.
+pub struct Look {
+    /// Frame of its header, without a leading slash.
+    pub frame: String,
+    /// Encoding of raw images, format of compressed ones.
+    pub encoding: String,
+}
+
+impl BagReader {
+    /// Reads an opened bag.
+    pub fn new(bag: Bag) -> Self {
+        Self(bag)
+    }
+
+    /// Its topics.
+    pub fn topics(&self) -> &[Topic] {
+        self.0.topics()
+    }
+
+    /// The bytes of a message of a topic, by its number.
+    pub fn message(&mut self, topic: usize, number: usize) -> Result<Vec<u8>, String> {
+        let entry = self.topics().get(topic).and_then(|t| t.entries.get(number)).copied();
+        let entry = entry.ok_or("there is no such message")?;
+        self.0.read(&entry).map_err(|e| e.to_string())
+    }
+
+    fn picture<T>(
+        &mut self,
+        topic: usize,
+        entry: &Entry,
+        of: impl FnOnce(&Picture) -> Result<T, String>,
+    ) -> Result<T, String> {
+        let Some(about) = self.topics().get(topic) else { return Err("there is no such topic".into()) };
+        let (name, kind, format) = (about.name.clone(), about.kind.clone(), about.format);
+        let bytes = self.0.read(entry).map_err(|e| e.to_string())?;
+        let picture = match MessageKind::of(&kind) {
+            MessageKind::Image => ImageMessage::of(&kind, format, &bytes).map(Picture::Raw),
+            _ => CompressedImage::of(&kind, format, &bytes).map(Picture::File),
+        };
+        picture.map_err(|e| e.to_string()).and_then(|p| of(&p)).map_err(|why| format!("{name}: {why}"))
+    }
+
+    /// Luminance of an image.
+    pub fn gray(&mut self, topic: usize, entry: &Entry) -> Result<GrayImage, String> {
+        self.picture(topic, entry, |picture| match picture {
+            Picture::Raw(image) => image.gray().map_err(|e| e.to_string()),
+            Picture::File(image) => decode::gray_in(image.data),
+        })
+    }
+
+    /// A depth image, in units of its topic.
+    pub fn depth(&mut self, topic: usize, entry: &Entry) -> Result<DepthImage, String> {
+        self.picture(topic, entry, |picture| match picture {
+            Picture::Raw(image) => image.depth().map_err(|e| e.to_string()),
+            Picture::File(image) => decode::depth_in(image.file().map_err(|e| e.to_string())?),
+        })
+    }
+
+    /// Width and height.
+    pub fn size(&mut self, topic: usize, entry: &Entry) -> Result<[usize; 2], String> {
+        self.picture(topic, entry, |picture| match picture {
+            Picture::Raw(image) => Ok([image.width as usize, image.height as usize]),
+            Picture::File(image) => decode::size_in(image.file().map_err(|e| e.to_string())?),
+        })
+    }
+
+    /// What the first readable image of a topic tells; a topic without any is an error.
+    pub fn look(&mut self, topic: usize) -> Result<Look, String> {
+        let entries =
+            self.topics().get(topic).map_or(Vec::new(), |t| t.entries.iter().take(20).copied().collect());
+        let mut first = None;
+        for entry in entries {
+            let look = self.picture(topic, &entry, |picture| {
+                let (header, encoding) = match picture {
+                    Picture::Raw(image) => (&image.header, &image.encoding),
+                    Picture::File(image) => (&image.header, &image.format),
+                };
+                let frame = header.frame_id.trim_start_matches('/').to_owned();
+                Ok(Look { frame, encoding: encoding.clone() })
+            });
+            match look {
+                Ok(look) => return Ok(look),
+                Err(why) => first = first.or(Some(why)),
+            }
+        }
+        Err(first.unwrap_or_else(|| "it has no message".into()))
+    }
+
+    /// The first calibration on a topic.
+    pub fn camera_info(&mut self, topic: usize) -> Result<CameraInfo, String> {
+        let about = self.topics().get(topic).ok_or("there is no such topic")?;
+        let (kind, format) = (about.kind.clone(), about.format);
+        CameraInfo::of(&kind, format, &self.message(topic, 0)?).map_err(|e| e.to_string())
+    }
+
+    /// A message of an IMU.
+    fn imu(&mut self, topic: usize, number: usize) -> Result<ImuMessage, String> {
+        let format = self.topics().get(topic).map_or(cairn_bag::WireFormat::Other, |t| t.format);
+        let bytes = self.message(topic, number)?;
+        ImuMessage::decode(format, &bytes).map_err(|e| e.to_string())
+    }
+
+    /// The frame of an IMU.
+    pub fn imu_frame(&mut self, topic: usize) -> Option<String> {
+        self.imu(topic, 0).ok().map(|m| m.header.frame_id.trim_start_matches('/').to_owned())
+    }
+}
+
+/// The median step between stamps, nanoseconds; of the first 500.
+pub fn median_step_ns(stamps: impl Iterator<Item = i64>) -> u64 {
+    let stamps: Vec<i64> = stamps.take(501).collect();
+    let steps = stamps.windows(2).map(|w| w[1].saturating_sub(w[0])).filter(|s| *s > 0);
+    let mut steps: Vec<u64> = steps.map(i64::unsigned_abs).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).copied().unwrap_or(0)
+}
+
+/// The samples of a bag, one after the other.
+pub struct BagImu {
+    topics: ImuTopics,
+    /// The next message (of the gyroscope).
+    next: usize,
+    /// The next message of an accelerometer with a topic of its own, and its last two readings.
+    next_accel: usize,
+    accel: [Option<(i64, Vec3)>; 2],
+}
+
+impl BagImu {
+    /// From the first sample.
+    pub fn new(topics: ImuTopics) -> Self {
+        Self { topics, next: 0, next_accel: 0, accel: [None, None] }
+    }
+
+    /// The number of the last message read, for messages.
+    pub fn place(&self) -> String {
+        format!("IMU message {}", self.next)
+    }
+
+    /// The next sample; messages that cannot be read are listed in `skipped`. `None` at the end.
+    pub fn next(&mut self, bag: &mut BagReader, skipped: &mut Vec<String>) -> Option<ImuSample> {
+        let (gyro, accel) = match self.topics {
+            ImuTopics::None => return None,
+            ImuTopics::One(topic) => (topic, None),
+            ImuTopics::Split { gyro, accel } => (gyro, Some(accel)),
+        };
+        loop {
+            let entry = bag.topics().get(gyro)?.entries.get(self.next).copied()?;
+            let message = bag.imu(gyro, self.next);
+            self.next += 1;
+            let message = match message {
+                Ok(message) => message,
+                Err(why) => {
+                    skipped.push(format!("{}: {why}, sample dropped", self.place()));
+                    continue;
+                }
+            };
+            let Some(accel) = accel else { return Some(message.sample(entry.stamp_ns)) };
+            match self.accel_at(entry.stamp_ns, accel, bag, skipped) {
+                Accel::At(value) => return Some(ImuSample::new(Stamp(entry.stamp_ns), message.gyro, value)),
+                Accel::NotYet => {}
+                Accel::Ended => return None,
+            }
+        }
+    }
+
+    /// The accelerometer's reading at the time of one of the gyroscope, between its two nearest.
+    fn accel_at(&mut self, at: i64, topic: usize, bag: &mut BagReader, skipped: &mut Vec<String>) -> Accel {
+        loop {
+            if let [Some((t0, a0)), Some((t1, a1))] = self.accel
+                && at <= t1
+            {
+                if at < t0 {
+                    return Accel::NotYet;
+                }
+                let part = (at - t0) as f64 / (t1 - t0) as f64;
+                return Accel::At(a0 + (a1 - a0) * part);
+            }
+            let Some(entry) = bag.topics().get(topic).and_then(|t| t.entries.get(self.next_accel).copied())
+            else {
+                return Accel::Ended;
+            };
+            let message = bag.imu(topic, self.next_accel);
+            self.next_accel += 1;
+            match message {
+                Ok(m) if self.accel[1].is_none_or(|(last, _)| entry.stamp_ns > last) => {
+                    self.accel = [self.accel[1], Some((entry.stamp_ns, m.accel))];
+                }
+                Ok(_) => skipped.push(format!(
+                    "accelerometer message {}: the time does not increase, sample dropped",
+                    self.next_accel
+                )),
+                Err(why) => {
+                    skipped.push(format!("accelerometer message {}: {why}, sample dropped", self.next_accel));
+                }
+            }
+        }
+    }
+}
+
+enum Accel {
+    At(Vec3),
+    /// The gyroscope began before the accelerometer.
+    NotYet,
+    Ended,
+}
