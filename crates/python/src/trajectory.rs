@@ -10,7 +10,7 @@ use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
-/// Poses `world_from_body` over time, sorted, each time once.
+/// Poses `world_from_body`, sorted by time.
 ///
 /// Args:
 ///     poses: (N, 4, 4) matrices, or a sequence of 4x4 matrices.
@@ -18,7 +18,6 @@ use std::path::PathBuf;
 ///     stamps_ns: The same in nanoseconds, instead of `stamps`.
 ///
 /// Raises:
-///     TrajectoryError: For two poses of one time.
 ///     ValueError: For shapes that do not agree and matrices that are no rigid transforms.
 ///
 /// >>> import numpy as np

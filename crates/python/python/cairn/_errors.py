@@ -38,7 +38,7 @@ class RefusedError(Error):
 
 
 class TrajectoryError(Error, ValueError):
-    """Poses with equal times, or trajectories that cannot be compared."""
+    """Trajectories cannot be compared: no times agree, or the poses do not determine an alignment."""
 
 
 class DenseError(Error, ValueError):
