@@ -361,10 +361,10 @@ pub fn point<'py>(py: Python<'py>, p: &Vec3) -> Bound<'py, PyArray1<f64>> {
 }
 
 /// An image as an array (height, width); a copy, so that it can be written to.
-pub fn pixels<'py, T: Element + Copy>(py: Python<'py>, image: &Image<T>) -> PyResult<Bound<'py, PyArray2<T>>>
-where
-    T: Default,
-{
+pub fn pixels<'py, T: Element + Copy + Default>(
+    py: Python<'py>,
+    image: &Image<T>,
+) -> PyResult<Bound<'py, PyArray2<T>>> {
     PyArray1::from_slice(py, image.data()).reshape([image.height(), image.width()])
 }
 

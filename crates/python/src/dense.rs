@@ -171,7 +171,7 @@ impl DenseVolume {
         camera: &Bound<'py, Camera>,
         world_from_camera: &Bound<'py, PyAny>,
         farthest_m: f64,
-    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>)> {
+    ) -> PyResult<Seen<'py>> {
         if !(farthest_m > 0.0 && farthest_m <= 1000.0) {
             return Err(PyValueError::new_err(format!(
                 "farthest_m must be above 0 and at most 1000, not {farthest_m}"
@@ -184,6 +184,9 @@ impl DenseVolume {
         Ok((arrays::pixels(py, &seen.depth_m)?, normals))
     }
 }
+
+/// Depths and normals.
+type Seen<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>);
 
 /// Voxels along an edge of a block.
 const SIDE: i32 = 8;

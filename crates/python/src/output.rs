@@ -137,13 +137,14 @@ pub struct Evidence {
 pub struct Output {
     inner: cairn::Output,
     pose: Option<Se3>,
+    step_ms: f64,
 }
 
 impl Output {
-    /// Around an output of the engine.
-    pub fn new(inner: cairn::Output) -> Self {
+    /// Around an output of the engine, which took `step_ms` milliseconds.
+    pub fn new(inner: cairn::Output, step_ms: f64) -> Self {
         let pose = inner.world_from_body.map(|p| p.se3);
-        Self { inner, pose }
+        Self { inner, pose, step_ms }
     }
 }
 
@@ -225,6 +226,12 @@ impl Output {
     #[getter]
     fn keypoints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         rows(py, self.inner.frame.raw.clone())
+    }
+
+    /// Milliseconds of the whole step, from the copied image on; without threads it has the mapping in it.
+    #[getter]
+    fn step_ms(&self) -> f64 {
+        self.step_ms
     }
 
     /// Milliseconds from the image to its features.

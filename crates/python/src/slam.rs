@@ -17,6 +17,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 /// Visual-inertial SLAM with one camera, two, or one with depth, with or without an IMU; and a recorder of routes and a
 /// guide on it.
@@ -57,6 +58,15 @@ pub struct Slam {
 struct Inner {
     slam: cairn::Slam,
     events: MapEvents,
+}
+
+impl Inner {
+    /// Processes a frame; with the milliseconds that it took.
+    fn step(&mut self, packet: &cairn::FramePacket) -> Result<(cairn::Output, f64), cairn::Error> {
+        let start = Instant::now();
+        let output = self.slam.track(packet)?;
+        Ok((output, start.elapsed().as_secs_f64() * 1e3))
+    }
 }
 
 /// The sensors of a name: the cameras, and whether the IMU is used.
@@ -294,14 +304,15 @@ impl Slam {
                     ));
                 }
                 let packet = &frame.get().packet;
-                self.with(py, |inner| inner.slam.track(packet))
+                self.with(py, |inner| inner.step(packet))
             }
             Err(_) => {
                 let packet = self.packet(image, given, color)?;
-                self.with(py, move |inner| inner.slam.track(&packet))
+                self.with(py, move |inner| inner.step(&packet))
             }
         };
-        Ok(Output::new(tracked?.map_err(raise)?))
+        let (output, step_ms) = tracked?.map_err(raise)?;
+        Ok(Output::new(output, step_ms))
     }
 
     /// Waits for mapping and adjusts the whole map a last time. Call it after the last frame, before `trajectory` and

@@ -27,8 +27,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 /// >>> source = cairn.open("sim:demo?sensor=rgbd&resolution=160x120&rate=10&duration=0.5&detail=0.2")
 /// >>> source.rig
 /// Rig(1 camera, depth)
-/// >>> [frame.stamp for frame in source][:3]
-/// [0.0, 0.1, 0.2]
+/// >>> [frame.stamp_ns // 1_000_000 for frame in source][:3]
+/// [1000, 1100, 1200]
 #[pyclass(frozen, module = "cairn")]
 pub struct Source {
     pub info: SourceInfo,

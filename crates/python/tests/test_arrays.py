@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ Depth = npt.NDArray[Any]
 
 def strided(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The same elements with gaps between pixels and rows, backwards in memory."""
-    wide = np.zeros((2 * a.shape[0] + 1, 3 * a.shape[1] + 2), a.dtype)
-    view = wide[::2][: a.shape[0], ::3][:, : a.shape[1]][::-1, ::-1]
+    wide: npt.NDArray[Any] = np.zeros((2 * a.shape[0] + 1, 3 * a.shape[1] + 2), a.dtype)
+    view: npt.NDArray[Any] = wide[::2][: a.shape[0], ::3][:, : a.shape[1]][::-1, ::-1]
     view[...] = a
     assert not view.flags.contiguous and view.strides[0] < 0
     return view
@@ -27,19 +28,19 @@ def strided(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def unaligned(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The same elements at an odd address."""
     memory = np.zeros(a.nbytes + 1, np.uint8)
-    view = memory[1:].view(a.dtype).reshape(a.shape)
+    view: npt.NDArray[Any] = memory[1:].view(a.dtype).reshape(a.shape)
     view[...] = a
     assert a.dtype.itemsize == 1 or not view.flags.aligned
     return view
 
 
 def read_only(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    view = a.copy()
+    view: npt.NDArray[Any] = a.copy()
     view.flags.writeable = False
     return view
 
 
-GRAYS = {
+GRAYS: dict[str, Callable[[Any], Any]] = {
     "as it is": lambda a: a,
     "read-only": read_only,
     "column-major": np.asfortranarray,
@@ -50,7 +51,7 @@ GRAYS = {
     "a list of rows": lambda a: [row for row in a],
 }
 
-DEPTHS = {
+DEPTHS: dict[str, Callable[[Any], Any]] = {
     "as it is": lambda a: a,
     "read-only": read_only,
     "column-major": np.asfortranarray,
@@ -214,16 +215,18 @@ def test_bad_depths_are_refused(walk: Walk, depth: Any, error: type[Exception], 
 def test_wrong_arguments_say_what_is_wrong(walk: Walk) -> None:
     slam, f = cairn.Slam(walk.rig), walk.frames[0]
     nothing: Any = None
-    for words, error, call in [
+    both: Any = 5
+    cases: list[tuple[str, type[Exception], Callable[[], object]]] = [
         ("stamp", TypeError, lambda: slam.track(f.image, depth=f.depth, stamp=nothing)),
-        ("not both", TypeError, lambda: slam.track(f.image, depth=f.depth, stamp=0.0, stamp_ns=nothing or 5)),
+        ("not both", TypeError, lambda: slam.track(f.image, depth=f.depth, stamp=0.0, stamp_ns=nothing or both)),
         ("not a time", ValueError, lambda: slam.track(f.image, depth=f.depth, stamp=float("nan"))),
         ("not a time", ValueError, lambda: slam.track(f.image, depth=f.depth, stamp=1e300)),
         ("one camera", cairn.FrameError, lambda: slam.track(f.image, right=f.image, depth=f.depth, stamp=0.0)),
         ("depth_scale", ValueError, lambda: slam.track(f.image, depth=f.depth, depth_scale=-1.0, stamp=0.0)),
         ("color", ValueError, lambda: slam.track(f.image, depth=f.depth, color="hsv", stamp=0.0)),  # type: ignore[call-overload]
         ("alone", TypeError, lambda: slam.track(f, stamp=0.0)),  # type: ignore[call-overload]
-    ]:
+    ]
+    for words, error, call in cases:
         with pytest.raises(error, match=words):
             call()
     slam.track(f)

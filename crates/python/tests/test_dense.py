@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -57,13 +58,14 @@ def test_surface_of_a_walk_is_where_the_depth_was(walk: Walk) -> None:
     slam, camera = cairn.Slam(walk.rig, rate_hz=10.0), walk.rig.depth_camera
     assert camera is not None and walk.rig.depth_scale is not None
     volume = cairn.DenseVolume(camera, depth_scale=walk.rig.depth_scale, voxel_m=0.03)
+    at, image = np.eye(4), np.zeros((0, 0), np.uint16)
     for frame in walk.frames:
         pose = slam.track(frame).world_from_body
         assert pose is not None and frame.depth is not None
-        volume.integrate(frame.depth, pose @ camera.body_from_camera)
-    depth, _ = volume.raycast(camera, pose @ camera.body_from_camera)
-    assert frame.depth is not None
-    measured = frame.depth * walk.rig.depth_scale
+        at, image = pose @ camera.body_from_camera, frame.depth
+        volume.integrate(image, at)
+    depth, _ = volume.raycast(camera, at)
+    measured = image * walk.rig.depth_scale
     both = (depth > 0) & (measured > 0.5) & (measured < 4.5)
     assert both.mean() > 0.5 and np.median(np.abs(depth - measured)[both]) < 0.02
 
@@ -72,7 +74,7 @@ def test_what_cannot_be_fused_says_why() -> None:
     volume = cairn.DenseVolume(CAMERA)
     far = np.eye(4)
     far[0, 3] = 1e9
-    for words, call in [
+    cases: list[tuple[str, Callable[[], object]]] = [
         ("covered", lambda: volume.integrate(wall(0.0), np.eye(4))),
         ("too far", lambda: volume.integrate(wall(50.0), np.eye(4))),
         ("range|pose", lambda: volume.integrate(wall(1.0), far)),
@@ -83,7 +85,8 @@ def test_what_cannot_be_fused_says_why() -> None:
         ("per unit", lambda: cairn.DenseVolume(CAMERA, depth_scale=-1.0)),
         ("depths from", lambda: cairn.DenseVolume(CAMERA, farthest_m=float("nan"))),
         ("farthest_m", lambda: volume.raycast(CAMERA, np.eye(4), farthest_m=float("inf"))),
-    ]:
+    ]
+    for words, call in cases:
         with pytest.raises(ValueError, match=words):
             call()
     with pytest.raises(TypeError, match="bool"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -33,12 +33,13 @@ numbers = st.one_of(
     st.sampled_from([0, -1, 1, 2**31, 2**63, 2**64, -(2**70), 1e308, float("nan"), float("inf")]),
 )
 scalars = st.one_of(st.none(), st.booleans(), numbers, st.text(max_size=8), st.binary(max_size=8))
+dtypes = cast(Any, st.one_of(npst.scalar_dtypes(), npst.array_dtypes(max_size=2), st.just(np.dtype(object))))
 arrays = npst.arrays(
-    dtype=st.one_of(npst.scalar_dtypes(), npst.array_dtypes(max_size=2), st.just(np.dtype(object))),
+    dtype=dtypes,
     shape=npst.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=8),
 )
 images = st.one_of(
-    npst.arrays(st.sampled_from([np.uint8, np.uint16, np.float32, np.float64, ">u2", ">f4"]), st.just((12, 16))),
+    npst.arrays(st.sampled_from([np.dtype(t) for t in ("u1", "u2", "f4", "f8", ">u2", ">f4")]), st.just((12, 16))),
     npst.arrays(np.uint8, st.just((12, 16, 3))),
 )
 anything = st.one_of(scalars, arrays, images, st.lists(scalars, max_size=3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ def test_impossible_rigs_say_which_number() -> None:
     far, sheared, flat = at(100.0), np.eye(4), np.eye(4)
     sheared[0, 1] = 0.5
     flat[3, 3] = 0.0
-    for words, make in [
+    cases: list[tuple[str, Callable[[], object]]] = [
         ("focal", lambda: cairn.Camera(640, 480, -1.0, 1.0, 0.0, 0.0)),
         ("fx is NaN", lambda: cairn.Camera(640, 480, float("nan"), 1.0, 0.0, 0.0)),
         ("resolution", lambda: cairn.Camera(0, 480, 1.0, 1.0, 0.0, 0.0)),
@@ -84,7 +85,8 @@ def test_impossible_rigs_say_which_number() -> None:
         ("depth_scale", lambda: cairn.Rig(camera(), depth_camera=camera())),
         ("impossible", lambda: cairn.Rig(camera(), imu=cairn.Imu(gyro_noise=100.0))),
         ("rate", lambda: cairn.Rig(camera(), imu=cairn.Imu(rate_hz=0.0))),
-    ]:
+    ]
+    for words, make in cases:
         with pytest.raises(ValueError, match=words):
             make()
 

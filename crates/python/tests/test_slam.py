@@ -99,7 +99,7 @@ def test_two_runs_and_the_program_give_the_same_poses(walk: Walk, tmp_path: Path
         print(f"skipped: {program} is not built")
         pytest.skip("the program is not built")
     address = WORLD + "&duration=2"
-    arguments = [program, "run", address, "--trajectory", tmp_path / "program.txt"]
+    arguments: list[str | Path] = [program, "run", address, "--trajectory", tmp_path / "program.txt"]
     subprocess.run(arguments, check=True, capture_output=True)
     source = cairn.open(address)
     slam = cairn.Slam.for_source(source)
@@ -215,11 +215,12 @@ def test_configurations_are_dictionaries_or_toml(walk: Walk) -> None:
 
 
 def test_sensors_are_those_of_the_rig(walk: Walk, stereo_walk: Walk) -> None:
-    for sensor in ("mono", "rgbd"):
-        cairn.Slam(walk.rig, sensor)
-    for sensor in ("stereo", "rgbd-imu", "mono-imu"):
-        with pytest.raises(cairn.RigError):
-            cairn.Slam(walk.rig, sensor)
+    cairn.Slam(walk.rig, "mono")
+    cairn.Slam(walk.rig, "rgbd")
+    with pytest.raises(cairn.RigError):
+        cairn.Slam(walk.rig, "stereo")
+    with pytest.raises(cairn.RigError):
+        cairn.Slam(walk.rig, "rgbd-imu")
     with pytest.raises(ValueError, match="sensor must be"):
         cairn.Slam(walk.rig, "lidar")  # type: ignore[arg-type]
     with pytest.raises(cairn.ConfigError, match="not a positive number"):
