@@ -262,7 +262,7 @@ fn unit(units: f64) -> u16 {
 fn unit32(units: f32) -> u16 {
     let whole = (units + 8_388_608.0).to_bits() as u16;
     // Not a number is in no range.
-    if units >= 0.0 && units < 65_535.5 { whole } else { 0 }
+    if (0.0..65_535.5).contains(&units) { whole } else { 0 }
 }
 
 /// Numbers in `columns` columns and at most `limit` rows.
