@@ -53,7 +53,7 @@
 //! | 5 | [`guide`] | route recorder, cleaning, maneuvers, cues, phrases |
 //! | 8 | [`engine`] | tracking, mapping and loop closing wired together; configuration, status, journal |
 //! | 9 | [`session`] | one walk: engine, recorder and guide behind commands |
-//! | 11 | this one | [`Slam`], [`Map`], [`Changes`], [`Error`] |
+//! | 11 | this one | [`Slam`], [`Map`], [`Changes`], [`MapEvents`], [`Error`] |
 //!
 //! Between them lie the stages of the engine, which a user meets only through it: `cairn-inertial` (IMU
 //! preintegration), `cairn-adjust` (windows of the map as problems), `cairn-tracking`, `cairn-mapping`; and beside
@@ -63,6 +63,7 @@ mod accuracy;
 mod builder;
 mod changes;
 mod error;
+mod events;
 mod map;
 mod slam;
 mod walk;
@@ -71,6 +72,7 @@ pub use accuracy::accuracy;
 pub use builder::{Builder, sensor_mode_of};
 pub use changes::Changes;
 pub use error::Error;
+pub use events::{MapEvent, MapEvents};
 pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
 pub use slam::Slam;
 

@@ -1,6 +1,6 @@
 //! SLAM: frames in; poses, the map and its changes out; save and load.
 
-use crate::{Builder, Changes, Error, Map, accuracy, map_file};
+use crate::{Builder, Changes, Error, Map, MapEvents, accuracy, map_file};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Finished, Output, SensorMode, Status};
 use cairn_eval::Evaluation;
@@ -92,6 +92,14 @@ impl Slam {
     /// [`Error::MappingStopped`] when mapping has failed.
     pub fn changes(&mut self) -> Result<Changes, Error> {
         self.session.engine_mut().subscribe().map(Changes::new).ok_or(Error::MappingStopped)
+    }
+
+    /// The events that concern a whole map, from now on: created, gravity-aligned, rescaled, joined by a loop, merged.
+    ///
+    /// # Errors
+    /// [`Error::MappingStopped`] when mapping has failed.
+    pub fn events(&mut self) -> Result<MapEvents, Error> {
+        self.changes().map(MapEvents::new)
     }
 
     /// `world_from_body` of every frame that was tracked, with all corrections of the map so far.

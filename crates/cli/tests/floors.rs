@@ -20,7 +20,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (9, &["cairn-session"]),
     (10, &["cairn-web"]),
     (11, &["cairn"]),
-    (12, &["cairn-cli", "xtask"]),
+    (12, &["cairn-cli", "cairn-python", "xtask"]),
 ];
 
 fn workspace_root() -> &'static Path {

@@ -1,0 +1,37 @@
+//! The facade's errors as the exceptions of `cairn._errors`.
+
+use pyo3::PyErr;
+
+pyo3::import_exception!(cairn._errors, Error);
+pyo3::import_exception!(cairn._errors, SourceError);
+pyo3::import_exception!(cairn._errors, RigError);
+pyo3::import_exception!(cairn._errors, ConfigError);
+pyo3::import_exception!(cairn._errors, FrameError);
+pyo3::import_exception!(cairn._errors, MapError);
+pyo3::import_exception!(cairn._errors, RouteError);
+pyo3::import_exception!(cairn._errors, RefusedError);
+pyo3::import_exception!(cairn._errors, TrajectoryError);
+pyo3::import_exception!(cairn._errors, DenseError);
+
+/// The exception for an error of the facade, with its words.
+pub fn raise(error: impl Into<cairn::Error>) -> PyErr {
+    use cairn::Error as E;
+    let error = error.into();
+    let words = error.to_string();
+    match error {
+        E::Source(_) => SourceError::new_err(words),
+        E::Rig(_) => RigError::new_err(words),
+        E::Config(_) | E::Rate(_) => ConfigError::new_err(words),
+        E::Frame { .. } => FrameError::new_err(words),
+        E::MapFile(_) | E::OpenMap(_) | E::EmptyMap | E::MappingStopped => MapError::new_err(words),
+        E::Route(_) => RouteError::new_err(words),
+        E::Refused(_) => RefusedError::new_err(words),
+        E::Trajectory(_) | E::Evaluation(_) => TrajectoryError::new_err(words),
+        _ => Error::new_err(words),
+    }
+}
+
+/// The exception for a dense surface that refuses its input.
+pub fn raise_dense(error: cairn::dense::DenseError) -> PyErr {
+    DenseError::new_err(error.to_string())
+}
