@@ -68,6 +68,7 @@ impl Tracker {
         velocity.fixed_rows_mut::<3>(3).copy_from(&(turn.log() / elapsed));
         self.velocity = Some(velocity);
         self.last = Some(Last { frame: frame.clone(), landmarks: vec![None; frame.len()], anchored });
+        self.turned_until = Some(frame.stamp);
         self.keep_unsupported(frame.stamp, anchored);
         let sigma = self.on_the_spot_sigma(since_s);
         Some(self.rotating(frame, anchored, State::RotationOnly { since_s, sigma }, inliers, matched))

@@ -94,6 +94,8 @@ pub struct Tracker {
     pub(crate) pace_comparison: Option<PaceComparison>,
     /// While rotation alone is tracked: an earlier frame with its orientation, from which it is checked.
     pub(crate) rotation_check: Option<(Arc<Frame>, So3)>,
+    /// When the camera was last seen to turn on the spot.
+    pub(crate) turned_until: Option<Stamp>,
     /// Poses since scale lost its support, for the frame with which a new map begins.
     pub(crate) unsupported: VecDeque<(Stamp, AnchoredPose)>,
     /// The key frame to which the last pose was anchored, and its unit of length at that time.
@@ -128,6 +130,7 @@ impl Tracker {
             scale_support: ScaleSupport::default(),
             pace_comparison: None,
             rotation_check: None,
+            turned_until: None,
             unsupported: VecDeque::new(),
             unit: None,
             lost: false,
@@ -583,7 +586,7 @@ impl Tracker {
             evidence,
             request,
             earlier: Vec::new(),
-            scale_supported: !self.scale_support.is_lost(),
+            scale_supported: self.is_scale_supported(),
             seen,
         }
     }
