@@ -314,6 +314,14 @@ impl Session {
         self.arrived
     }
 
+    /// Why the guide gives no directions now, while it has stopped for a reason.
+    pub fn stop_reason(&self) -> Option<StopReason> {
+        match self.guiding.as_ref()?.guide.state() {
+            GuideState::Stopped(reason) => Some(reason),
+            _ => None,
+        }
+    }
+
     /// The camera's position in the last pose, in the map's units.
     pub fn place(&self) -> Option<Vec3> {
         self.pose.map(|(_, p)| p.translation)
