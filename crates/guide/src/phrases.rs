@@ -330,7 +330,9 @@ impl StopReason {
             Self::PoseStale => "No picture from the camera.",
             Self::Obstacle => "Something is in the way.",
             Self::UnknownGround => "I cannot see the ground ahead.",
-            Self::ScaleUncertain => "I cannot judge distances here.",
+            Self::ScaleUncertain => {
+                "I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back."
+            }
             Self::StageDied => "Part of the guide stopped working.",
         }
     }

@@ -65,9 +65,6 @@ const FIRST_WORDS_WAIT_S: f64 = 12.0;
 
 /// Turning about on the spot takes at most this long, seconds: so long one camera may rest on the lengths before.
 const TURN_ABOUT_S: f64 = 8.0;
-/// What helps one camera without metric scale after a turn on the spot.
-const SCALE_HELP: &str =
-    "Since we turned I cannot judge distances. Turn back and walk backwards, or let the camera face back.";
 
 /// A route that can be walked.
 struct RouteAtHand {
@@ -111,7 +108,6 @@ pub struct Session {
     pushed: Option<(String, Option<f64>)>,
     events: VecDeque<Event>,
     picture_loss_announced: bool,
-    uncertain_scale_announced: bool,
     arrived: bool,
     dead: Option<String>,
     status: Status,
@@ -142,7 +138,6 @@ impl Session {
             pushed: None,
             events: VecDeque::new(),
             picture_loss_announced: false,
-            uncertain_scale_announced: false,
             arrived: false,
             dead: None,
             status,
@@ -536,11 +531,6 @@ impl Session {
     /// A step of the guide, with the last pose.
     fn guide(&mut self, now: Stamp) {
         let hazard = self.dead.as_ref().map(|_| StopReason::StageDied).or_else(|| self.scale_hazard());
-        let uncertain = hazard == Some(StopReason::ScaleUncertain);
-        if uncertain && !self.uncertain_scale_announced {
-            self.say(SCALE_HELP, Priority::High);
-        }
-        self.uncertain_scale_announced = uncertain;
         let speaking = self.voice.is_speaking(now);
         let (Some(guiding), Some((pose_stamp, pose))) = (&mut self.guiding, self.pose) else { return };
         // The first words of guidance do not cut off the answer to the command, and are not dropped because of it.

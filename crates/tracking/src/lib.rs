@@ -5,6 +5,7 @@ mod imu;
 mod local_map;
 mod lost;
 mod match_last;
+mod parallax;
 mod recover;
 mod rotation;
 mod scale;

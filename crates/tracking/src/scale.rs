@@ -6,16 +6,17 @@
 //! while enough of the tracked landmarks have parallax between key frames from before.
 
 use crate::match_last::Matches;
+use crate::parallax::ParallaxWatch;
 use crate::state::{AnchoredPose, KeyFrameRequest, RelocationPrior};
 use crate::tracker::{Tracker, anchored_at};
-use cairn_atlas::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, Snapshot};
+use cairn_adjust::has_parallax;
+use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
+use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Rays to a landmark that differ by more than this cosine (1.15 degrees) have parallax: the bound of triangulation.
-const PARALLAX_COS: f64 = 0.9998;
 /// Fewer tracked landmarks with parallax than this do not support scale,
 const FEW: usize = 12;
 /// when they are also fewer than this share of all,
@@ -42,7 +43,7 @@ impl ScaleSupport {
         let (mut all, mut supporting) = (0, 0);
         for landmark in tracked {
             all += 1;
-            supporting += usize::from(has_parallax(snapshot, landmark, before));
+            supporting += usize::from(has_parallax(snapshot, landmark, Some(before)));
         }
         let few = supporting < FEW && (supporting as f64) < FEW_SHARE * all as f64;
         self.few = match self.few {
@@ -57,23 +58,6 @@ impl ScaleSupport {
     pub fn is_lost(&self) -> bool {
         self.few.is_some_and(|(frames, _)| frames >= FEW_FRAMES)
     }
-}
-
-/// Whether key frames older than `before` see a landmark from directions that differ.
-fn has_parallax(snapshot: &Snapshot, landmark: &Landmark, before: KeyFrameId) -> bool {
-    let rays = landmark.observations.iter().take_while(|o| o.key_frame < before).filter_map(|o| {
-        let k = snapshot.key_frame(o.key_frame)?;
-        (landmark.position - k.world_from_camera.translation).try_normalize(1e-12)
-    });
-    let mut first = None;
-    for ray in rays {
-        match first {
-            None => first = Some(ray),
-            Some(first) if ray.dot(&first) < PARALLAX_COS => return true,
-            Some(_) => {}
-        }
-    }
-    false
 }
 
 /// Poses kept while scale has no support.
@@ -185,6 +169,7 @@ impl Tracker {
     /// pace before, that pace is kept for comparison.
     pub(crate) fn start_pace(&mut self, snapshot: &Snapshot, root: &KeyFrame) {
         self.scale_support = ScaleSupport::default();
+        self.parallax = ParallaxWatch::default();
         self.unsupported.clear();
         let guessed = !self.camera.has_depth() && !snapshot.is_gravity_aligned(root.map);
         let prior = snapshot.maps().find(|(id, _)| *id == root.map).is_some_and(|(_, prior)| prior.is_some());
@@ -202,7 +187,7 @@ impl Tracker {
     /// Looks what scale rests on at a frame whose pose is known.
     pub(crate) fn watch_scale(
         &mut self,
-        stamp: Stamp,
+        frame: &Arc<Frame>,
         snapshot: &Snapshot,
         matches: &Matches,
         anchored: AnchoredPose,
@@ -210,14 +195,19 @@ impl Tracker {
         let map = map_of(snapshot, anchored.reference);
         if self.camera.has_depth() || map.is_some_and(|map| snapshot.is_gravity_aligned(map)) {
             self.scale_support = ScaleSupport::default();
+            self.parallax = ParallaxWatch::default();
         } else {
             self.scale_support.update(snapshot, &matches.landmarks);
+            let depth = median_depth(snapshot, &matches.landmarks, &anchored.world_from_camera);
+            if let Some(depth) = depth {
+                self.parallax.update(&self.camera, snapshot, frame, &anchored, depth);
+            }
         }
         if !self.scale_support.is_lost() {
             self.unsupported.clear();
             return;
         }
-        self.keep_unsupported(stamp, anchored);
+        self.keep_unsupported(frame.stamp, anchored);
     }
 
     /// Keeps a pose without support of scale.
@@ -278,6 +268,21 @@ impl Tracker {
     }
 }
 
+/// The median depth of the landmarks that agree with a pose, in the map's unit.
+fn median_depth(
+    snapshot: &Snapshot,
+    landmarks: &[Option<LandmarkId>],
+    world_from_camera: &Se3,
+) -> Option<f64> {
+    let camera_from_world = world_from_camera.inverse();
+    let mut depths: Vec<f64> = (landmarks.iter().flatten())
+        .filter_map(|id| Some((camera_from_world * snapshot.landmark(*id)?.position).z))
+        .filter(|z| z.is_finite() && *z > 0.0)
+        .collect();
+    let middle = depths.len() / 2;
+    (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 /// The map that a key frame is in, or what became of it.
 fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
     snapshot.surviving_ancestor(id).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map))
@@ -287,9 +292,7 @@ fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
 mod tests {
     use super::*;
     use cairn_atlas::{Change, ChangeSet};
-    use cairn_geometry::{Se3, So3, Vec3};
-    use cairn_vision::Frame;
-    use std::sync::Arc;
+    use cairn_geometry::{So3, Vec3};
 
     /// Key frames at these places, all of which see 30 points 4 m ahead.
     fn seen_from(places: &[f64]) -> (Snapshot, Vec<Option<LandmarkId>>) {

@@ -4,6 +4,7 @@ use crate::decide::{Situation, wants_key_frame};
 use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
+use crate::parallax::ParallaxWatch;
 use crate::recover::{candidates, match_key_frame};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::start::Starter;
@@ -90,6 +91,8 @@ pub struct Tracker {
     pub(crate) pace: Pace,
     /// What scale rests on, where neither depth nor an IMU gives it.
     pub(crate) scale_support: ScaleSupport,
+    /// Whether there is parallax to see depth by, there too.
+    pub(crate) parallax: ParallaxWatch,
     /// A map whose unit of length was guessed from the walking speed.
     pub(crate) pace_comparison: Option<PaceComparison>,
     /// While rotation alone is tracked: an earlier frame with its orientation, from which it is checked.
@@ -128,6 +131,7 @@ impl Tracker {
             velocity: None,
             pace: Pace::default(),
             scale_support: ScaleSupport::default(),
+            parallax: ParallaxWatch::default(),
             pace_comparison: None,
             rotation_check: None,
             turned_until: None,
@@ -478,6 +482,7 @@ impl Tracker {
         let prior = predicted.as_ref().and_then(|b| {
             Some(PosePrior { world_from_camera: b.world_from_camera, information: b.pose_information()? })
         });
+        let prior = prior.or_else(|| self.parallax.position_prior(snapshot, &guess));
         let fallback = self
             .last
             .as_ref()
@@ -541,7 +546,7 @@ impl Tracker {
             self.pace.push(v.fixed_rows::<3>(0).norm());
         }
         self.unit = snapshot.world_from_here(anchored.reference).map(|here| (anchored.reference, here.scale));
-        self.watch_scale(frame.stamp, snapshot, &matches, anchored);
+        self.watch_scale(&frame, snapshot, &matches, anchored);
         self.lost = false;
         self.lost_frames = 0;
         self.located = Some(frame.stamp);
@@ -568,7 +573,7 @@ impl Tracker {
                 landmarks: matches.landmarks.clone(),
                 anchored,
                 imu,
-                orientation_only: self.scale_support.is_lost(),
+                orientation_only: self.scale_support.is_lost() || self.parallax.is_turning(),
                 rescale: self.due_rescale(snapshot, reference),
             }
         });

@@ -70,7 +70,11 @@ impl DemoCamera {
         settings.inertial.enabled = config.sensor.has_imu();
         let engine = Engine::new(rendered.rig(), mode, sim.rate_hz, Runner::Lockstep, &settings)
             .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
-        let walk = SessionConfig { source: config.source(), record_to: Some("route".into()), ..SessionConfig::default() };
+        let walk = SessionConfig {
+            source: config.source(),
+            record_to: Some("route".into()),
+            ..SessionConfig::default()
+        };
         Ok(Self {
             rendered,
             session: Session::new(engine, walk).on_disk(Box::new(NullDisk)),
