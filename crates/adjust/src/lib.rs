@@ -3,6 +3,7 @@
 mod camera;
 mod imu;
 mod locate;
+mod parallax;
 mod recognise;
 mod subproblem;
 mod window;
@@ -10,5 +11,6 @@ mod window;
 pub use camera::{depth, pinhole, pixel, weight};
 pub use imu::ImuModel;
 pub use locate::{Located, locate};
+pub use parallax::has_parallax;
 pub use recognise::{MatchFailure, RecogniseConfig, Recognised, recognise};
 pub use window::{Window, WindowConfig, WindowResult};

@@ -287,8 +287,10 @@ impl Guide {
             return None;
         }
         let before = self.halted.filter(|h| h.reason == reason).map(|h| (h.said, h.times));
+        // What helps takes a while to say and to do.
+        let patience = if reason == StopReason::ScaleUncertain { 6.0 } else { 1.0 };
         let (said, times) = match before {
-            Some((said, times)) if now - said < self.config.stop_again_s => (said, times),
+            Some((said, times)) if now - said < patience * self.config.stop_again_s => (said, times),
             Some((_, times)) => (now, times + 1),
             None => (now, 1),
         };

@@ -65,9 +65,6 @@ const FIRST_WORDS_WAIT_S: f64 = 12.0;
 
 /// Turning about on the spot takes at most this long, seconds: so long one camera may rest on the lengths before.
 const TURN_ABOUT_S: f64 = 8.0;
-/// What helps one camera without metric scale after a turn on the spot.
-const SCALE_HELP: &str =
-    "Since we turned I cannot judge distances. Turn back and walk backwards, or let the camera face back.";
 
 /// A route that can be walked.
 struct RouteAtHand {
@@ -102,7 +99,6 @@ pub struct Session {
     pushed: Option<(String, Option<f64>)>,
     events: VecDeque<Event>,
     picture_loss_announced: bool,
-    uncertain_scale_announced: bool,
     arrived: bool,
     dead: Option<String>,
     status: Status,
@@ -133,7 +129,6 @@ impl Session {
             pushed: None,
             events: VecDeque::new(),
             picture_loss_announced: false,
-            uncertain_scale_announced: false,
             arrived: false,
             dead: None,
             status,
@@ -303,6 +298,14 @@ impl Session {
     /// Whether the last guidance ended at the end of its route.
     pub fn has_arrived(&self) -> bool {
         self.arrived
+    }
+
+    /// Why the guide gives no directions now, while it has stopped for a reason.
+    pub fn stop_reason(&self) -> Option<StopReason> {
+        match self.guiding.as_ref()?.guide.state() {
+            GuideState::Stopped(reason) => Some(reason),
+            _ => None,
+        }
     }
 
     /// The camera's position in the last pose, in the map's units.
@@ -517,11 +520,6 @@ impl Session {
     /// A step of the guide, with the last pose.
     fn guide(&mut self, now: Stamp) {
         let hazard = self.dead.as_ref().map(|_| StopReason::StageDied).or_else(|| self.scale_hazard());
-        let uncertain = hazard == Some(StopReason::ScaleUncertain);
-        if uncertain && !self.uncertain_scale_announced {
-            self.say(SCALE_HELP, Priority::High);
-        }
-        self.uncertain_scale_announced = uncertain;
         let speaking = self.voice.is_speaking(now);
         let (Some(guiding), Some(place), Some(held)) = (&mut self.guiding, self.place, &self.route) else {
             return;

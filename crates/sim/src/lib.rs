@@ -6,6 +6,7 @@ mod imu_feed;
 mod live;
 mod random;
 mod render;
+mod smooth;
 mod source;
 mod texture;
 mod walk;
@@ -16,6 +17,7 @@ pub use config::{CameraPath, SimConfig, SimSensor};
 pub use effects::Effects;
 pub use live::LiveRig;
 pub use render::Renderer;
+pub use smooth::SmoothRig;
 pub use source::SimSource;
 pub use walk::{
     Agreement, BodyState, GRAVITY_M_S2, ImuConfig, ImuTroubles, Motion, Stride, Walker, read_readings,

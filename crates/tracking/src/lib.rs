@@ -8,6 +8,7 @@ mod match_last;
 mod odometry;
 #[cfg(test)]
 mod odometry_tests;
+mod parallax;
 mod recover;
 mod rotation;
 mod scale;

@@ -124,10 +124,16 @@ impl Tracker {
         }
         let request = self.starter.step(&self.camera, &frame, self.features).ok()?;
         let mut request = self.with_imu_segment(request);
-        if let KeyFrameRequest::First { frame: root, relocation_prior, .. }
-        | KeyFrameRequest::Pair { first: root, relocation_prior, .. } = &mut request
-        {
-            *relocation_prior = self.relocation_prior(root, snapshot);
+        match &mut request {
+            KeyFrameRequest::First { frame, relocation_prior, .. } => {
+                *relocation_prior = self.relocation_prior(frame, snapshot);
+            }
+            KeyFrameRequest::Pair { first, second, relocation_prior, .. } => {
+                let speed = self.assumed_speed(first.stamp, second.stamp);
+                *relocation_prior =
+                    self.relocation_prior(first, snapshot).map(|prior| RelocationPrior { speed, ..prior });
+            }
+            KeyFrameRequest::Next { .. } => {}
         }
         Some(request)
     }
@@ -149,7 +155,7 @@ impl Tracker {
                 anchored,
                 sigma,
                 sigma_rad,
-                speed: self.typical_speed(),
+                speed: None,
                 sigma_log_scale: self.sigma_log_scale(),
                 gravity_aligned: true,
             });
@@ -168,7 +174,7 @@ impl Tracker {
             anchored,
             sigma,
             sigma_rad,
-            speed: self.typical_speed(),
+            speed: None,
             sigma_log_scale: self.sigma_log_scale(),
             gravity_aligned: false,
         })
@@ -204,11 +210,6 @@ impl Tracker {
         moved
             <= 2.0 * self.max_plausible_speed() * (stamp - last.frame.stamp)
                 + DRIFT_M * self.metre_in_map_units()
-    }
-
-    /// Typical walking speed, in the map's unit per second.
-    pub(crate) fn typical_speed(&self) -> Option<f64> {
-        self.pace.walking().map(|(speed, _)| speed)
     }
 
     /// How badly the scale of a map that begins now is known against the previous one: the standard deviation of its
@@ -267,7 +268,7 @@ impl Tracker {
             evidence,
             request: None,
             earlier: Vec::new(),
-            scale_supported: !self.scale_support.is_lost(),
+            scale_supported: self.is_scale_supported(),
             seen: Vec::new(),
         }
     }

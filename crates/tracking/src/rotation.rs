@@ -47,7 +47,11 @@ impl Tracker {
         }
         let turning = self.velocity.map_or_else(Vec3::zeros, |v| v.fixed_rows::<3>(3).into_owned());
         let guess = So3::exp(&(turning * elapsed));
-        let (turn, inliers, matched) = rotation_between(&self.camera, &last.frame, frame, &guess)?;
+        let Between::Rotation { rotation: turn, inliers, matched } =
+            rotation_between(&self.camera, &last.frame, frame, &guess, SHARE)
+        else {
+            return None;
+        };
         let pose = last.anchored.world_from_camera;
         let rotation = pose.rotation * turn;
         let checked = match self.rotation_check.clone() {
@@ -55,7 +59,11 @@ impl Tracker {
             None => (last.frame.clone(), pose.rotation),
             Some((checked, at)) if frame.stamp - checked.stamp < CHECK_S => (checked, at),
             Some((checked, at)) => {
-                rotation_between(&self.camera, &checked, frame, &(at.inverse() * rotation))?;
+                let guess = at.inverse() * rotation;
+                let Between::Rotation { .. } = rotation_between(&self.camera, &checked, frame, &guess, SHARE)
+                else {
+                    return None;
+                };
                 (frame.clone(), rotation)
             }
         };
@@ -68,6 +76,7 @@ impl Tracker {
         velocity.fixed_rows_mut::<3>(3).copy_from(&(turn.log() / elapsed));
         self.velocity = Some(velocity);
         self.last = Some(Last { frame: frame.clone(), landmarks: vec![None; frame.len()], anchored });
+        self.turned_until = Some(frame.stamp);
         self.keep_unsupported(frame.stamp, anchored);
         let sigma = self.on_the_spot_sigma(since_s);
         Some(self.rotating(frame, anchored, State::RotationOnly { since_s, sigma }, inliers, matched))
@@ -94,13 +103,24 @@ impl Tracker {
     }
 }
 
-/// `first_from_second` of two frames that differ by a rotation near `guess`, with the matches that agree and all there are.
-fn rotation_between(
+/// How two frames differ.
+pub(crate) enum Between {
+    /// By a rotation: `first_from_second`, with the matches that agree and all there are.
+    Rotation { rotation: So3, inliers: usize, matched: usize },
+    /// By more than a rotation.
+    Parallax,
+    /// Too little is seen in both.
+    TooFew,
+}
+
+/// Whether two frames differ by a rotation near `guess`, with which at least this share of the matches has to agree.
+pub(crate) fn rotation_between(
     camera: &RectifiedCamera,
     first: &Frame,
     second: &Frame,
     guess: &So3,
-) -> Option<(So3, usize, usize)> {
+    share: f64,
+) -> Between {
     let expected: Vec<Option<[f32; 2]>> = (first.px.iter())
         .map(|px| {
             let [u, v, _] = camera.project(&(guess.inverse() * camera.unproject(*px, 1.0)))?;
@@ -114,12 +134,18 @@ fn rotation_between(
             break;
         }
     }
+    if matches.len() < NEED {
+        return Between::TooFew;
+    }
     let bearing = |px: [f32; 2]| camera.unproject(px, 1.0).normalize();
     let pairs: Vec<(Vec3, Vec3)> =
         matches.iter().map(|(i, j)| (bearing(first.px[*i]), bearing(second.px[*j]))).collect();
-    let (rotation, inliers) = ransac(&pairs, AGREE_PX / camera.fx, second.stamp.0 as u64)?;
-    let enough = inliers >= NEED && inliers as f64 >= SHARE * pairs.len() as f64;
-    enough.then_some((rotation, inliers, pairs.len()))
+    match ransac(&pairs, AGREE_PX / camera.fx, second.stamp.0 as u64) {
+        Some((rotation, inliers)) if inliers >= NEED && inliers as f64 >= share * pairs.len() as f64 => {
+            Between::Rotation { rotation, inliers, matched: pairs.len() }
+        }
+        _ => Between::Parallax,
+    }
 }
 
 /// The rotation that takes second bearings to first ones for most pairs, within an angle; with their count.

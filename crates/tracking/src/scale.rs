@@ -6,16 +6,17 @@
 //! while enough of the tracked landmarks have parallax between key frames from before.
 
 use crate::match_last::Matches;
+use crate::parallax::ParallaxWatch;
 use crate::state::{AnchoredPose, KeyFrameRequest, RelocationPrior};
 use crate::tracker::{Tracker, anchored_at};
-use cairn_atlas::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, Snapshot};
+use cairn_adjust::has_parallax;
+use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
+use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Rays to a landmark that differ by more than this cosine (1.15 degrees) have parallax: the bound of triangulation.
-const PARALLAX_COS: f64 = 0.9998;
 /// Fewer tracked landmarks with parallax than this do not support scale,
 const FEW: usize = 12;
 /// when they are also fewer than this share of all,
@@ -42,7 +43,7 @@ impl ScaleSupport {
         let (mut all, mut supporting) = (0, 0);
         for landmark in tracked {
             all += 1;
-            supporting += usize::from(has_parallax(snapshot, landmark, before));
+            supporting += usize::from(has_parallax(snapshot, landmark, Some(before)));
         }
         let few = supporting < FEW && (supporting as f64) < FEW_SHARE * all as f64;
         self.few = match self.few {
@@ -59,30 +60,15 @@ impl ScaleSupport {
     }
 }
 
-/// Whether key frames older than `before` see a landmark from directions that differ.
-fn has_parallax(snapshot: &Snapshot, landmark: &Landmark, before: KeyFrameId) -> bool {
-    let rays = landmark.observations.iter().take_while(|o| o.key_frame < before).filter_map(|o| {
-        let k = snapshot.key_frame(o.key_frame)?;
-        (landmark.position - k.world_from_camera.translation).try_normalize(1e-12)
-    });
-    let mut first = None;
-    for ray in rays {
-        match first {
-            None => first = Some(ray),
-            Some(first) if ray.dot(&first) < PARALLAX_COS => return true,
-            Some(_) => {}
-        }
-    }
-    false
-}
-
 /// Poses kept while scale has no support.
 const UNSUPPORTED: usize = 600;
 
 /// Frames whose speeds are kept: half a minute at 20 Hz.
 const KEPT: usize = 600;
-/// Fewer frames of walking say nothing of the pace.
+/// Fewer frames of walking say nothing of the pace,
 const LEAST: usize = 10;
+/// but a map whose unit was guessed is put right by a first few.
+const FIRST_FEW: usize = 5;
 
 /// How fast the walker goes when he walks, in the map's unit a second.
 #[derive(Clone, Debug, Default)]
@@ -105,26 +91,29 @@ impl Pace {
     }
 
     /// The median speed of the frames in which he walked, and how many these are. Standing and turning on the spot do not
-    /// count: only speeds above half of the fast ones (the ninth decile) do.
-    pub fn walking(&self) -> Option<(f64, usize)> {
+    /// count: only speeds above half of the fast ones (the ninth decile) do. None below `least` frames.
+    fn walking(&self, least: usize) -> Option<(f64, usize)> {
         let mut sorted: Vec<f64> = self.speeds.iter().copied().filter(|s| s.is_finite()).collect();
-        if sorted.len() < LEAST {
+        if sorted.len() < least {
             return None;
         }
         sorted.sort_unstable_by(f64::total_cmp);
         let fast = sorted[sorted.len() * 9 / 10];
         let walked = &sorted[sorted.partition_point(|s| *s <= 0.5 * fast)..];
         let median = walked.get(walked.len() / 2).copied()?;
-        (walked.len() >= LEAST && median > 0.0).then_some((median, walked.len()))
+        (walked.len() >= least && median > 0.0).then_some((median, walked.len()))
     }
 }
 
-/// Seconds of walking in a map after which its unit of length is set by the pace, and set again.
-const COMPARED_S: [f64; 2] = [3.0, 10.0];
+/// Seconds of walking in a map after which its unit of length is set by the pace, and set again: soon, so that no place is
+/// told far from where he can have walked, and later, when he walks as he does.
+const COMPARED_S: [f64; 5] = [0.25, 0.5, 1.0, 3.0, 10.0];
 /// Standard deviation of the logarithm of scale before the first comparison, and after each: an assumption of how well a
-/// walker keeps his pace from one stretch to the next. The first moment after a stop says
-/// little: units were off by factors of 3 to 8.
-pub(crate) const PACE_SIGMA: [f64; 3] = [2.0, 0.2, 0.15];
+/// walker keeps his pace from one stretch to the next. While he sets off after a stop he is slower.
+pub(crate) const PACE_SIGMA: [f64; 6] = [2.0, 0.7, 0.5, 0.3, 0.2, 0.15];
+
+/// The least share of the time between two frames with parallax in which he must have walked.
+const LEAST_WALKED: f64 = 0.05;
 
 /// A map whose unit of length was guessed from the walker's pace in the map before, to be compared as he walks on.
 #[derive(Clone, Copy, Debug)]
@@ -141,12 +130,17 @@ impl PaceComparison {
     /// By how much lengths in the map have to change, and the standard deviation of the logarithm of scale after that; once
     /// enough was walked.
     pub fn due(&mut self, pace: &Pace, rate_hz: f64) -> Option<(f64, f64)> {
-        let (now, frames) = pace.walking()?;
+        let (now, frames) = pace.walking(FIRST_FEW)?;
         if (frames as f64) < COMPARED_S.get(self.done)? * rate_hz {
             return None;
         }
         self.done += 1;
         Some((self.pace / now, PACE_SIGMA[self.done]))
+    }
+
+    /// Whether too little was walked in the map for a pace of its own: the one it took over holds.
+    fn is_early(&self) -> bool {
+        self.done < 3
     }
 }
 
@@ -156,10 +150,26 @@ const ON_THE_SPOT_M: [f64; 2] = [0.3, 0.2];
 const TURNED_RAD: f64 = 0.1;
 
 impl Tracker {
+    /// Typical walking speed, in the map's unit per second.
+    pub(crate) fn typical_speed(&self) -> Option<f64> {
+        match &self.pace_comparison {
+            Some(comparison) if comparison.is_early() => Some(comparison.pace),
+            _ => self.pace.walking(LEAST).map(|(speed, _)| speed),
+        }
+    }
+
+    /// The mean speed between the two frames with which a map begins, when he walks at his usual pace except while the
+    /// camera was seen to turn on the spot.
+    pub(crate) fn assumed_speed(&self, first: Stamp, second: Stamp) -> Option<f64> {
+        let walked_s = second - self.turned_until.map_or(first, |turned| turned.clamp(first, second));
+        self.typical_speed().map(|pace| pace * (walked_s / (second - first)).max(LEAST_WALKED))
+    }
+
     /// A map has just been created: nothing is known of the pace in it, and where its unit of length was guessed from the
     /// pace before, that pace is kept for comparison.
     pub(crate) fn start_pace(&mut self, snapshot: &Snapshot, root: &KeyFrame) {
         self.scale_support = ScaleSupport::default();
+        self.parallax = ParallaxWatch::default();
         self.unsupported.clear();
         let guessed = !self.camera.has_depth() && !snapshot.is_gravity_aligned(root.map);
         let prior = snapshot.maps().find(|(id, _)| *id == root.map).is_some_and(|(_, prior)| prior.is_some());
@@ -168,10 +178,16 @@ impl Tracker {
         self.pace = Pace::default();
     }
 
+    /// Whether lengths in the map mean something: the landmarks in view have parallax, and a unit that was guessed when
+    /// the map began was compared with the pace.
+    pub(crate) fn is_scale_supported(&self) -> bool {
+        !self.scale_support.is_lost() && self.pace_comparison.as_ref().is_none_or(|c| c.done > 0)
+    }
+
     /// Looks what scale rests on at a frame whose pose is known.
     pub(crate) fn watch_scale(
         &mut self,
-        stamp: Stamp,
+        frame: &Arc<Frame>,
         snapshot: &Snapshot,
         matches: &Matches,
         anchored: AnchoredPose,
@@ -179,14 +195,19 @@ impl Tracker {
         let map = map_of(snapshot, anchored.reference);
         if self.camera.has_depth() || map.is_some_and(|map| snapshot.is_gravity_aligned(map)) {
             self.scale_support = ScaleSupport::default();
+            self.parallax = ParallaxWatch::default();
         } else {
             self.scale_support.update(snapshot, &matches.landmarks);
+            let depth = median_depth(snapshot, &matches.landmarks, &anchored.world_from_camera);
+            if let Some(depth) = depth {
+                self.parallax.update(&self.camera, snapshot, frame, &anchored, depth);
+            }
         }
         if !self.scale_support.is_lost() {
             self.unsupported.clear();
             return;
         }
-        self.keep_unsupported(stamp, anchored);
+        self.keep_unsupported(frame.stamp, anchored);
     }
 
     /// Keeps a pose without support of scale.
@@ -212,7 +233,7 @@ impl Tracker {
             anchored: anchored_at(snapshot, reference, world_from_camera)?,
             sigma: self.on_the_spot_sigma(stamp - since),
             sigma_rad: TURNED_RAD,
-            speed: self.typical_speed(),
+            speed: None,
             sigma_log_scale: self.sigma_log_scale(),
             gravity_aligned: false,
         })
@@ -227,8 +248,10 @@ impl Tracker {
     ) -> Option<KeyFrameRequest> {
         let request = self.starter.step(&self.camera, &frame, self.features).ok()?;
         let mut request = self.with_imu_segment(request);
-        if let KeyFrameRequest::Pair { first, relocation_prior, .. } = &mut request {
-            *relocation_prior = Some(self.rotation_prior(first.stamp, snapshot)?);
+        if let KeyFrameRequest::Pair { first, second, relocation_prior, .. } = &mut request {
+            let speed = self.assumed_speed(first.stamp, second.stamp);
+            let prior = self.rotation_prior(first.stamp, snapshot)?;
+            *relocation_prior = Some(RelocationPrior { speed, ..prior });
         }
         Some(request)
     }
@@ -245,6 +268,21 @@ impl Tracker {
     }
 }
 
+/// The median depth of the landmarks that agree with a pose, in the map's unit.
+fn median_depth(
+    snapshot: &Snapshot,
+    landmarks: &[Option<LandmarkId>],
+    world_from_camera: &Se3,
+) -> Option<f64> {
+    let camera_from_world = world_from_camera.inverse();
+    let mut depths: Vec<f64> = (landmarks.iter().flatten())
+        .filter_map(|id| Some((camera_from_world * snapshot.landmark(*id)?.position).z))
+        .filter(|z| z.is_finite() && *z > 0.0)
+        .collect();
+    let middle = depths.len() / 2;
+    (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 /// The map that a key frame is in, or what became of it.
 fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
     snapshot.surviving_ancestor(id).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map))
@@ -254,9 +292,7 @@ fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
 mod tests {
     use super::*;
     use cairn_atlas::{Change, ChangeSet};
-    use cairn_geometry::{Se3, So3, Vec3};
-    use cairn_vision::Frame;
-    use std::sync::Arc;
+    use cairn_geometry::{So3, Vec3};
 
     /// Key frames at these places, all of which see 30 points 4 m ahead.
     fn seen_from(places: &[f64]) -> (Snapshot, Vec<Option<LandmarkId>>) {
@@ -325,14 +361,14 @@ mod tests {
         (0..150).for_each(|_| pace.push(0.05));
         // The pose jumps once, when the map is corrected.
         pace.push(20.0);
-        let (speed, frames) = pace.walking().unwrap();
+        let (speed, frames) = pace.walking(LEAST).unwrap();
         assert!((speed - 1.1).abs() < 0.02 && frames == 201, "{speed} {frames}");
         pace.rescale(2.0);
-        assert!((pace.walking().unwrap().0 - 2.2).abs() < 0.04);
+        assert!((pace.walking(LEAST).unwrap().0 - 2.2).abs() < 0.04);
     }
 
     #[test]
-    fn a_map_is_rescaled_twice_by_the_pace() {
+    fn a_map_is_rescaled_soon_and_again_by_the_pace() {
         let map = MapId(KeyFrameId::FIRST);
         let mut comparison = PaceComparison { map, pace: 1.2, done: 0 };
         let mut pace = Pace::default();
@@ -348,8 +384,9 @@ mod tests {
             let last = pace.speeds.back_mut().unwrap();
             *last = 0.4 * factor;
         }
-        assert_eq!(found.len(), 2, "{found:?}");
-        assert!((found[0].0 - 3.0).abs() < 1e-9 && (found[1].0 - 1.0).abs() < 1e-9, "{found:?}");
-        assert!(found[0].1 > found[1].1);
+        assert_eq!(found.len(), COMPARED_S.len(), "{found:?}");
+        assert!((found[0].0 - 3.0).abs() < 1e-9, "{found:?}");
+        assert!(found[1..].iter().all(|(factor, _)| (factor - 1.0).abs() < 1e-9), "{found:?}");
+        assert!(found.windows(2).all(|w| w[0].1 > w[1].1), "{found:?}");
     }
 }

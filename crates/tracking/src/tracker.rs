@@ -5,6 +5,7 @@ use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
 use crate::odometry::{Odometry, OdometryFilter};
+use crate::parallax::ParallaxWatch;
 use crate::recover::{candidates, match_key_frame};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::start::Starter;
@@ -91,10 +92,14 @@ pub struct Tracker {
     pub(crate) pace: Pace,
     /// What scale rests on, where neither depth nor an IMU gives it.
     pub(crate) scale_support: ScaleSupport,
+    /// Whether there is parallax to see depth by, there too.
+    pub(crate) parallax: ParallaxWatch,
     /// A map whose unit of length was guessed from the walking speed.
     pub(crate) pace_comparison: Option<PaceComparison>,
     /// While rotation alone is tracked: an earlier frame with its orientation, from which it is checked.
     pub(crate) rotation_check: Option<(Arc<Frame>, So3)>,
+    /// When the camera was last seen to turn on the spot.
+    pub(crate) turned_until: Option<Stamp>,
     /// Poses since scale lost its support, for the frame with which a new map begins.
     pub(crate) unsupported: VecDeque<(Stamp, AnchoredPose)>,
     /// The key frame to which the last pose was anchored, and its unit of length at that time.
@@ -128,8 +133,10 @@ impl Tracker {
             velocity: None,
             pace: Pace::default(),
             scale_support: ScaleSupport::default(),
+            parallax: ParallaxWatch::default(),
             pace_comparison: None,
             rotation_check: None,
+            turned_until: None,
             unsupported: VecDeque::new(),
             unit: None,
             lost: false,
@@ -502,6 +509,7 @@ impl Tracker {
         let prior = predicted.as_ref().and_then(|b| {
             Some(PosePrior { world_from_camera: b.world_from_camera, information: b.pose_information()? })
         });
+        let prior = prior.or_else(|| self.parallax.position_prior(snapshot, &guess));
         let fallback = self
             .last
             .as_ref()
@@ -565,7 +573,7 @@ impl Tracker {
             self.pace.push(v.fixed_rows::<3>(0).norm());
         }
         self.unit = snapshot.world_from_here(anchored.reference).map(|here| (anchored.reference, here.scale));
-        self.watch_scale(frame.stamp, snapshot, &matches, anchored);
+        self.watch_scale(&frame, snapshot, &matches, anchored);
         self.lost = false;
         self.lost_frames = 0;
         self.located = Some(frame.stamp);
@@ -592,7 +600,7 @@ impl Tracker {
                 landmarks: matches.landmarks.clone(),
                 anchored,
                 imu,
-                orientation_only: self.scale_support.is_lost(),
+                orientation_only: self.scale_support.is_lost() || self.parallax.is_turning(),
                 rescale: self.due_rescale(snapshot, reference),
             }
         });
@@ -610,7 +618,7 @@ impl Tracker {
             evidence,
             request,
             earlier: Vec::new(),
-            scale_supported: !self.scale_support.is_lost(),
+            scale_supported: self.is_scale_supported(),
             seen,
         }
     }

@@ -3,22 +3,23 @@
 //! In: the camera's true pose, frame by frame, and commands. Out: the announcements. The ground truth is stored only
 //! for the figures.
 
+use super::config::DemoConfig;
 use crate::failure::Failure;
 use cairn_atlas::Snapshot;
-use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Output, Runner};
 use cairn_eval::StageTimes;
 use cairn_geometry::{Se3, Trajectory};
 use cairn_guide::Durable;
-use cairn_sensor::Stamp;
+use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_session::{Command, Disk, Event, Medium, Said, Session, SessionConfig};
-use cairn_sim::{LiveRig, SimConfig, SimSensor};
+use cairn_sim::{LiveRig, SmoothRig};
 use std::io;
 use std::path::Path;
 use std::time::Instant;
 
 /// A rendered rig, a session, and the measurements taken during the run.
 pub struct DemoCamera {
-    live: LiveRig,
+    rendered: Rendered,
     session: Session,
     /// True poses of the camera, one for each frame.
     pub truth: Trajectory,
@@ -33,20 +34,49 @@ pub struct DemoCamera {
     tracked: Option<bool>,
 }
 
+/// The rig that is rendered: with an IMU its motion is a spline, and packets come two frames later.
+enum Rendered {
+    Camera(Box<LiveRig>),
+    WithImu(Box<SmoothRig>),
+}
+
+impl Rendered {
+    fn rig(&self) -> &Rig {
+        match self {
+            Self::Camera(live) => live.rig(),
+            Self::WithImu(smooth) => smooth.rig(),
+        }
+    }
+
+    /// The next packet, with the body's true pose at its stamp.
+    fn packet(&mut self, stamp: Stamp, pose: &Se3) -> Result<Option<(FramePacket, Se3)>, Failure> {
+        Ok(match self {
+            Self::Camera(live) => Some((live.packet(stamp, pose)?, *pose)),
+            Self::WithImu(smooth) => smooth.packet(pose)?,
+        })
+    }
+}
+
 impl DemoCamera {
     /// Starts a session in a simulated world, with the sensors of the configuration.
-    pub fn new(config: &SimConfig, source: String) -> Result<Self, Failure> {
-        let live = LiveRig::new(config)?;
-        let mode = match config.sensor {
-            SimSensor::Mono => SensorMode::Mono,
-            SimSensor::Stereo => SensorMode::Stereo,
-            SimSensor::Rgbd => SensorMode::Rgbd,
+    pub fn new(config: &DemoConfig) -> Result<Self, Failure> {
+        let sim = &config.sim;
+        let rendered = match sim.imu {
+            None => Rendered::Camera(Box::new(LiveRig::new(sim)?)),
+            Some(_) => Rendered::WithImu(Box::new(SmoothRig::new(sim)?)),
         };
-        let engine = Engine::new(live.rig(), mode, config.rate_hz, Runner::Lockstep, &Config::default())
+        let mode = config.sensor.mode();
+        let mut settings = Config::default();
+        settings.inertial.enabled = config.sensor.has_imu();
+        let engine = Engine::new(rendered.rig(), mode, sim.rate_hz, Runner::Lockstep, &settings)
             .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
-        let walk = SessionConfig { source, record_to: Some("route".into()), ..SessionConfig::default() };
+        let walk = SessionConfig {
+            source: config.source(),
+            record_to: Some("route".into()),
+            ..SessionConfig::default()
+        };
         Ok(Self {
-            live,
+            rendered,
             session: Session::new(engine, walk).on_disk(Box::new(NullDisk)),
             truth: Trajectory::new(),
             times: StageTimes::new(),
@@ -59,9 +89,11 @@ impl DemoCamera {
     /// Renders and processes one frame; returns the announcements that start now, in order.
     pub fn see(&mut self, stamp: Stamp, world_from_camera: &Se3) -> Result<Vec<Said>, Failure> {
         let begin = Instant::now();
-        let packet = self.live.packet(stamp, world_from_camera)?;
+        let Some((packet, truth)) = self.rendered.packet(stamp, world_from_camera)? else {
+            return Ok(Vec::new());
+        };
         self.times.add("render", begin.elapsed());
-        self.truth.push(stamp.0, *world_from_camera).map_err(|e| bug(e.to_string()))?;
+        self.truth.push(packet.stamp.0, truth).map_err(|e| bug(e.to_string()))?;
         let output = self.session.on_packet(&packet).map_err(bug)?;
         if let Some(why) = &output.died {
             return Err(bug(format!("mapping has stopped: {why}")));
@@ -110,7 +142,10 @@ impl DemoCamera {
 
     /// The simulated world.
     pub fn world(&self) -> &cairn_sim::World {
-        self.live.world()
+        match &self.rendered {
+            Rendered::Camera(live) => live.world(),
+            Rendered::WithImu(smooth) => smooth.world(),
+        }
     }
 
     /// A snapshot of the engine's map.

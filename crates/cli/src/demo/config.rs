@@ -1,9 +1,11 @@
 //! The configuration of one demo: the world, the camera, the walker.
 
+use crate::commands::run::Sensor;
+use cairn_engine::SensorMode;
 use cairn_geometry::Se3;
 use cairn_guide::Facing;
 use cairn_sensor::Camera;
-use cairn_sim::{SimConfig, SimSensor, Walker, WorldKind};
+use cairn_sim::{ImuConfig, SimConfig, SimSensor, Walker, WorldKind};
 
 /// Frames per second.
 const RATE_HZ: f64 = 20.0;
@@ -13,6 +15,8 @@ const RATE_HZ: f64 = 20.0;
 pub struct DemoConfig {
     /// The world and its sensors.
     pub sim: SimConfig,
+    /// The sensors that the engine uses.
+    pub sensor: Sensor,
     /// How the walker faces on the return.
     pub facing: Facing,
     /// Metres of the route that are walked; `None` for all of it.
@@ -23,10 +27,14 @@ pub struct DemoConfig {
 
 impl DemoConfig {
     /// The demo with a given seed. The body frame is the camera's: on the chest at 1.3 m, pitched 5 degrees down.
-    pub fn new(seed: u64, facing: Facing, sensor: SimSensor, metres: Option<f64>) -> Self {
+    pub fn new(seed: u64, facing: Facing, sensor: Sensor, metres: Option<f64>) -> Self {
         let sim = SimConfig {
-            sensor,
-            imu: None,
+            sensor: match sensor.mode() {
+                SensorMode::Mono => SimSensor::Mono,
+                SensorMode::Stereo => SimSensor::Stereo,
+                SensorMode::Rgbd => SimSensor::Rgbd,
+            },
+            imu: sensor.has_imu().then(ImuConfig::default),
             camera: Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5),
             rate_hz: RATE_HZ,
             body_from_camera: Se3::identity(),
@@ -34,7 +42,7 @@ impl DemoConfig {
             walker: Walker { turn_rate: 0.8, ..Walker::default() },
             ..SimConfig::new(WorldKind::Demo, seed)
         };
-        Self { sim, facing, metres, seed }
+        Self { sim, sensor, facing, metres, seed }
     }
 
     /// The name of the source, written into the route's file.
@@ -54,14 +62,5 @@ pub fn facing_name(facing: Facing) -> &'static str {
         Facing::Home => "home",
         Facing::Back => "back",
         Facing::Backwards => "backwards",
-    }
-}
-
-/// The sensor as spelled on the command line.
-pub fn sensor_name(sensor: SimSensor) -> &'static str {
-    match sensor {
-        SimSensor::Mono => "mono",
-        SimSensor::Stereo => "stereo",
-        SimSensor::Rgbd => "rgbd",
     }
 }

@@ -20,6 +20,9 @@ const TURN_CAMERA_S: f64 = 4.0;
 /// The demo ends when the walker has stood still this long after arrival was announced, seconds.
 const STANDING_S: f64 = 2.0;
 
+/// It also ends when he has stood this long because the guide gives no directions any more, seconds.
+const STOPPED_S: f64 = 30.0;
+
 /// One announcement.
 #[derive(Clone, Debug)]
 pub struct Spoken {
@@ -41,6 +44,8 @@ pub struct Return {
     pub path: Vec<Vec2>,
     /// Whether the guide announced arrival.
     pub arrived: bool,
+    /// Why the guide gave up directions, when the walker stood for long because of that.
+    pub stopped: Option<String>,
     /// The cleaned route, placed by the map at the end.
     pub cleaned: CleanedRoute,
     /// Number of turns on the return.
@@ -78,6 +83,7 @@ pub fn walk_back(
         said: Vec::new(),
         path: vec![body.place()],
         arrived: false,
+        stopped: None,
         cleaned: planned.cleaned,
         turns: plan.maneuvers().len(),
         took_s: 0.0,
@@ -87,8 +93,8 @@ pub fn walk_back(
     home.hear(&mut body, &said);
     let slowest = if config.facing == Facing::Backwards { 0.08 } else { 0.2 };
     let limit_s = 90.0 + length_m / slowest;
-    let mut standing_s = 0.0;
-    while now - began < limit_s && standing_s < STANDING_S {
+    let (mut standing_s, mut stopped_s) = (0.0, 0.0);
+    while now - began < limit_s && standing_s < STANDING_S && stopped_s < STOPPED_S {
         now = now.plus_seconds(dt);
         let pose = body.step(camera.world(), dt, now);
         said = camera.see(now, &pose)?;
@@ -96,8 +102,13 @@ pub fn walk_back(
         home.path.push(body.place());
         home.arrived = camera.session().has_arrived();
         standing_s = if home.arrived && body.walker.is_standing() { standing_s + dt } else { 0.0 };
+        let stopped = camera.session().status().guiding.filter(|g| g.state == "stopped");
+        stopped_s = if stopped.is_some() && body.walker.is_standing() { stopped_s + dt } else { 0.0 };
         let along_m = camera.session().status().guiding.map_or(length_m, |g| g.along_m);
         progress.step(50 + (50.0 * along_m / length_m) as usize);
+    }
+    if stopped_s >= STOPPED_S {
+        home.stopped = camera.session().stop_reason().map(|reason| reason.words().into());
     }
     home.took_s = now - began;
     home.blocked = body.blocked;

@@ -14,10 +14,10 @@ mod out;
 mod report;
 mod seeds;
 
+use crate::commands::run::Sensor;
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_guide::Facing;
-use cairn_sim::SimSensor;
 use clap::ValueEnum;
 use config::DemoConfig;
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ pub struct Arguments {
     facing: FacingArgument,
     /// Which sensor the engine uses.
     #[arg(long, value_enum, default_value = "stereo")]
-    sensor: SensorArgument,
+    sensor: Sensor,
     /// Seed of the world, the sensor noise and the walker.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -62,14 +62,6 @@ enum FacingArgument {
     All,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum SensorArgument {
-    /// Two cameras.
-    Stereo,
-    /// One camera with depth (RGB-D).
-    Rgbd,
-}
-
 fn metres(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(m) if (5.0..=1000.0).contains(&m) => Ok(m),
@@ -85,11 +77,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         FacingArgument::Backwards => &[Facing::Backwards],
         FacingArgument::All => &[Facing::Home, Facing::Back, Facing::Backwards],
     };
-    let sensor = match arguments.sensor {
-        SensorArgument::Stereo => SimSensor::Stereo,
-        SensorArgument::Rgbd => SimSensor::Rgbd,
-    };
-    let config = |seed, facing| DemoConfig::new(seed, facing, sensor, arguments.metres);
+    let config = |seed, facing| DemoConfig::new(seed, facing, arguments.sensor, arguments.metres);
     match (arguments.seeds, facings) {
         (Some(count), _) => {
             let seeds = (0..count).map(|k| arguments.seed.saturating_add(k));

@@ -1,7 +1,7 @@
 //! One demo, from the first frame to the figures.
 
 use super::camera::DemoCamera;
-use super::config::{DemoConfig, facing_name, sensor_name};
+use super::config::{DemoConfig, facing_name};
 use super::home::{Return, Spoken, to_floor_plan, walk_back};
 use super::out::walk_out;
 use crate::failure::Failure;
@@ -14,6 +14,9 @@ use std::time::Instant;
 
 /// Largest distance to the start that counts as arrived, metres.
 const ARRIVAL_M: f64 = 1.0;
+
+/// Farther than this from the path walked out, words have misled, metres: corridors are 2 to 3 m wide.
+const MISLED_M: f64 = 2.0;
 
 /// Landmarks are drawn when at least this many key frames observe them.
 const MIN_OBSERVATIONS_SHOWN: usize = 3;
@@ -44,8 +47,17 @@ pub struct Figures {
     pub home_s: f64,
     /// Number of frames in which a wall or an obstacle blocked the walker.
     pub held_up: usize,
-    /// Root mean square of the distances to the ground truth, out and back, after SE3 alignment.
+    /// Where the guide gave up directions before the walker had arrived, and why.
+    pub stopped: Option<String>,
+    /// Farthest that the walker got from the path walked out, metres, by the truth.
+    pub farthest_off_m: f64,
+    /// Whether the words misled: arrival was announced elsewhere, or they led far off the path.
+    pub misled: bool,
+    /// Root mean square of the distances to the ground truth, out and back, after SE3 alignment (Sim3 where the map has a
+    /// unit of its own: then `metric` is false).
     pub ate_m: f64,
+    /// Whether lengths in the map are metres.
+    pub metric: bool,
     /// Share of frames with a pose.
     pub coverage: f64,
     pub frames: usize,
@@ -107,13 +119,15 @@ pub struct Demo {
 pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
     let begin = Instant::now();
     let progress = Progress::new(Some(100));
-    let mut camera = DemoCamera::new(&config.sim, config.source())?;
+    let mut camera = DemoCamera::new(config)?;
     let out = walk_out(&mut camera, config, &progress)?;
     let start = camera.world().routes().first().and_then(|w| w.points.first()).copied().unwrap_or_default();
     let home = walk_back(&mut camera, &out, config, &progress)?;
     drop(progress);
     let estimate = camera.estimate()?;
-    let options = EvalOptions { align: Align::Se3, max_difference_s: 1e-6, ..EvalOptions::default() };
+    // Without depth and IMU the map has a unit of its own.
+    let align = if camera.session().status().metric { Align::Se3 } else { Align::Sim3 };
+    let options = EvalOptions { align, max_difference_s: 1e-6, ..EvalOptions::default() };
     let evaluation = evaluate(&camera.truth, &estimate, &options)
         .map_err(|e| Failure::new("the demo", e.to_string(), "try another --seed"))?;
     let world_from_map = evaluation.reference_from_estimate;
@@ -124,10 +138,11 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         .collect();
     let last = home.path.last().copied().unwrap_or(out.turning_point.0);
     let arrival_error_m = (last - start).norm();
+    let farthest_off_m = home.path.iter().map(|p| distance_to(&out.corners, *p)).fold(0.0, f64::max);
     let figures = Figures {
         seed: config.seed,
         facing: facing_name(config.facing),
-        sensor: sensor_name(config.sim.sensor),
+        sensor: config.sensor.name(),
         arrived: home.arrived && arrival_error_m <= ARRIVAL_M,
         arrival_error_m,
         told_arrival: home.arrived,
@@ -138,7 +153,11 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         walked_home_m: home.path.windows(2).map(|w| (w[1] - w[0]).norm()).sum(),
         home_s: home.took_s,
         held_up: home.blocked,
+        misled: (home.arrived && arrival_error_m > ARRIVAL_M) || farthest_off_m > MISLED_M,
+        stopped: home.stopped,
+        farthest_off_m,
         ate_m: evaluation.ate_m.rmse,
+        metric: align == Align::Se3,
         coverage: evaluation.coverage,
         frames: camera.truth.len(),
         lost: camera.lost.clone(),
@@ -169,6 +188,16 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         truth: std::mem::take(&mut camera.truth),
         evaluation,
     })
+}
+
+/// The distance of a place from a line through corners, metres.
+fn distance_to(corners: &[Vec2], place: Vec2) -> f64 {
+    let to_leg = |leg: &[Vec2]| {
+        let d = leg[1] - leg[0];
+        let share = ((place - leg[0]).dot(&d) / d.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+        (leg[0] + d * share - place).norm()
+    };
+    corners.windows(2).map(to_leg).fold(f64::INFINITY, f64::min)
 }
 
 fn line(said: &Spoken) -> Line {

@@ -17,6 +17,8 @@ pub struct WalkedOut {
     pub end: Stamp,
     /// The walker's true position (metres) and heading (radians) at the end.
     pub turning_point: (Vec2, f64),
+    /// The corners of the path, metres, without the sway of the gait.
+    pub corners: Vec<Vec2>,
     /// True length walked in metres, without the sway of the gait.
     pub walked_m: f64,
 }
@@ -62,15 +64,17 @@ pub fn walk_out(
         || Failure::new("the walk", "tracking never started, so nothing was recorded", "try another --seed");
     camera.ask(&Command::Stop).map_err(|_| nothing())?;
     let mut route = camera.session().route().cloned().ok_or_else(nothing)?;
-    // The map starts at the first camera and is not gravity-aligned: the up direction is estimated from the walk.
-    let poses: Vec<Se3> = route.points.iter().map(|p| p.odom_from_camera).collect();
-    let ground = Ground::of_walk(&poses).ok_or_else(nothing)?;
-    route.header = RouteHeader::new(true, &ground, config.source());
+    if route.header.metric && config.sim.imu.is_none() {
+        // The map starts at the first camera and is not gravity-aligned: the up direction is estimated from the walk.
+        let poses: Vec<Se3> = route.points.iter().map(|p| p.odom_from_camera).collect();
+        let ground = Ground::of_walk(&poses).ok_or_else(nothing)?;
+        route.header = RouteHeader::new(true, &ground, config.source());
+    }
     let heading = match corners.as_slice() {
         [.., a, b] => (b - a).y.atan2((b - a).x),
         _ => 0.0,
     };
     let turning_point = (corners.last().copied().unwrap_or_default(), heading);
     let walked_m = corners.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
-    Ok(WalkedOut { route, end: stamp, turning_point, walked_m })
+    Ok(WalkedOut { route, end: stamp, turning_point, corners, walked_m })
 }

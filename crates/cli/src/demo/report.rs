@@ -90,12 +90,19 @@ fn summary(f: &Figures) -> String {
         "arrival",
         format!("{}, {:.2} m from the start", if f.arrived { "yes" } else { "no" }, f.arrival_error_m),
     );
+    if let Some(reason) = f.stopped.as_ref().filter(|_| !f.arrived) {
+        row("stopped", format!("the guide gave no more directions: {reason}"));
+    }
+    if f.misled {
+        row("misled", format!("the walker was up to {:.1} m off the path", f.farthest_off_m));
+    }
     row(
         "ATE",
         format!(
-            "{:.4} m RMSE over {:.1} m out and back, aligned by SE3; coverage {:.4} of {} frames",
+            "{:.4} m RMSE over {:.1} m out and back, aligned by {}; coverage {:.4} of {} frames",
             f.ate_m,
             f.walked_out_m + f.walked_home_m,
+            if f.metric { "SE3" } else { "Sim3 (one camera has a unit of its own)" },
             f.coverage,
             f.frames
         ),

@@ -11,6 +11,10 @@ use serde::Serialize;
 struct Tally {
     runs: usize,
     arrived: usize,
+    /// Walkers whose guide gave up directions and said why.
+    stopped: usize,
+    /// Walkers led far off the path, or told of an arrival elsewhere.
+    misled: usize,
     arrival_error_m: Spread,
     ate_m: Spread,
     wall_s: Spread,
@@ -48,6 +52,8 @@ pub fn run(configs: impl Iterator<Item = DemoConfig>, output: &Output) -> Result
     let tally = Tally {
         runs: each.len(),
         arrived: each.iter().filter(|f| f.arrived).count(),
+        stopped: each.iter().filter(|f| !f.arrived && f.stopped.is_some()).count(),
+        misled: each.iter().filter(|f| f.misled).count(),
         arrival_error_m: Spread::of(each.iter().map(|f| f.arrival_error_m)),
         ate_m: Spread::of(each.iter().map(|f| f.ate_m)),
         wall_s: Spread::of(each.iter().map(|f| f.wall_s)),
@@ -73,7 +79,7 @@ fn row(f: &Figures) -> String {
         "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>7.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
         f.seed,
         f.facing,
-        if f.arrived { "yes" } else { "no" },
+        outcome(f),
         f.arrival_error_m,
         f.cleaned_m,
         f.walked_home_m,
@@ -86,6 +92,16 @@ fn row(f: &Figures) -> String {
         p99,
         f.wall_s
     )
+}
+
+/// How a walk ended, in a word.
+fn outcome(f: &Figures) -> &'static str {
+    match (f.misled, f.arrived, &f.stopped) {
+        (true, _, _) => "misled",
+        (_, true, _) => "yes",
+        (_, _, Some(_)) => "stopped",
+        _ => "no",
+    }
 }
 
 /// The last lines: all runs together, then each facing by itself.
@@ -105,9 +121,11 @@ fn line(name: &str, each: &[Figures]) -> String {
     let error = Spread::of(each.iter().map(|f| f.arrival_error_m));
     let ate = Spread::of(each.iter().map(|f| f.ate_m));
     format!(
-        "{name}: {} of {} arrived within 1 m; arrival error median {:.2}, max {:.2} m; ATE median {:.4}, max {:.4} m; at most {:.0} s per run",
+        "{name}: {} of {} arrived within 1 m, {} stopped with the reason, {} misled; arrival error median {:.2}, max {:.2} m; ATE median {:.4}, max {:.4} m; at most {:.0} s per run",
         each.iter().filter(|f| f.arrived).count(),
         each.len(),
+        each.iter().filter(|f| !f.arrived && f.stopped.is_some()).count(),
+        each.iter().filter(|f| f.misled).count(),
         error.median,
         error.max,
         ate.median,

@@ -13,14 +13,16 @@ mod tests;
 
 use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;
-use cairn_adjust::{ImuModel, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, recognise};
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_adjust::{
+    ImuModel, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, has_parallax, recognise,
+};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
 use cairn_sensor::ImuSensor;
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
 use relax::relax;
-use relocation_prior::prior_displacement;
+use relocation_prior::{prior_displacement, prior_rotation};
 use std::collections::BTreeSet;
 use std::fmt;
 
@@ -79,6 +81,13 @@ pub enum Refusal {
         /// The plausible drift over the distance travelled in between, map units.
         plausible: f64,
     },
+    /// The correction turns the camera by more than can have drifted: rooms that look alike on several sides.
+    Turned {
+        /// The rotation, radians.
+        off_rad: f64,
+        /// The plausible drift, radians.
+        plausible_rad: f64,
+    },
     /// It fits, and waits for confirmation by another key frame.
     Alone,
 }
@@ -96,6 +105,12 @@ impl fmt::Display for Refusal {
             Self::Drift { off, plausible } => {
                 write!(f, "the correction would be {off:.2}, at most {plausible:.2} is plausible")
             }
+            Self::Turned { off_rad, plausible_rad } => write!(
+                f,
+                "the correction would turn by {:.0} degrees, at most {:.0} is plausible",
+                off_rad.to_degrees(),
+                plausible_rad.to_degrees()
+            ),
             Self::Alone => write!(f, "waits for confirmation by a second key frame"),
         }
     }
@@ -197,6 +212,9 @@ pub struct Closer {
     pending: Option<Hypothesis>,
 }
 
+/// Plausible drift of orientation in radians: at once, and more for each key frame in between.
+const TURNED_RAD: [f64; 2] = [0.35, 5e-4];
+
 impl Closer {
     /// A closer for a camera; `window` is the configuration of mapping's windows.
     pub fn new(camera: RectifiedCamera, config: CloserConfig, window: WindowConfig) -> Self {
@@ -261,6 +279,13 @@ impl Closer {
         if off > plausible {
             return Err(Refusal::Drift { off, plausible });
         }
+        let between = here.id.index().abs_diff(old.index());
+        let drift_rad = TURNED_RAD[0] + TURNED_RAD[1] * between as f64;
+        let prior_rad = if same_map { 0.0 } else { prior_rotation(snapshot, here, there) };
+        let (off_rad, plausible_rad) = (shift.rotation.angle(), drift_rad + prior_rad);
+        if off_rad > plausible_rad {
+            return Err(Refusal::Turned { off_rad, plausible_rad });
+        }
         // A small correction, well within the drift, needs no confirmation; a large one, or a merge, does.
         let is_small = same_map && off < 0.2 * plausible;
         let confirmed = self.pending.is_some_and(|p| self.agrees(snapshot, &p, here, old, &shift));
@@ -296,15 +321,19 @@ impl Closer {
     fn scale(&self, snapshot: &Snapshot, here: &KeyFrame, place: &Recognised) -> Result<f64, Refusal> {
         let (camera_from_here, camera_from_there) =
             (here.world_from_camera.inverse(), place.world_from_camera.inverse());
+        let metric = self.freedom(snapshot, here, place.old) != Freedom::Similar;
+        // A depth that was assumed while one camera turned on the spot says nothing of scale.
+        let seen = |id: &Option<LandmarkId>| {
+            snapshot.landmark((*id)?).filter(|l| metric || has_parallax(snapshot, l, None))
+        };
         let both = here.landmarks.iter().zip(&place.landmarks).filter_map(|(mine, theirs)| {
-            let mine = camera_from_here * snapshot.landmark((*mine)?)?.position;
-            let theirs = camera_from_there * snapshot.landmark((*theirs)?)?.position;
+            let mine = camera_from_here * seen(mine)?.position;
+            let theirs = camera_from_there * seen(theirs)?.position;
             (mine.z > 0.0 && theirs.z > 0.0).then(|| (theirs.z / mine.z).ln())
         });
         let mut logs: Vec<f64> = both.collect();
         let points = logs.len();
         let (median, spread) = median_and_spread(&mut logs);
-        let metric = self.freedom(snapshot, here, place.old) != Freedom::Similar;
         let merging = snapshot.key_frame(place.old).is_some_and(|k| k.map != here.map);
         let most = MAX_LOG_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };

@@ -1,7 +1,7 @@
 //! How far two maps may be displaced against each other before two of their places cannot be the same,
 //! however similar they look.
 
-use cairn_atlas::{KeyFrame, MapId, Snapshot};
+use cairn_atlas::{KeyFrame, MapId, MapPrior, Snapshot};
 use cairn_geometry::Vec3;
 
 /// The displacement that the map prior allows between the maps of a key frame and of an earlier visit, beyond
@@ -9,17 +9,26 @@ use cairn_geometry::Vec3;
 /// infinite where there is none. Without metric scale the younger map's unit of length was a guess; its error
 /// is measured by `scale`, length there for each length here, times the distance travelled in that unit.
 pub(super) fn prior_displacement(snapshot: &Snapshot, here: &KeyFrame, there: MapId, scale: f64) -> f64 {
-    let (younger, older) = (here.map.max(there), here.map.min(there));
-    let prior = snapshot.maps().find(|(id, _)| *id == younger).and_then(|(_, prior)| prior);
-    let to = prior
-        .and_then(|t| snapshot.surviving_ancestor(t.to))
-        .and_then(|(id, _)| snapshot.key_frame(id))
-        .map(|k| k.map);
-    let Some(prior) = prior.filter(|_| to == Some(older)) else { return f64::INFINITY };
+    let Some(prior) = prior_between(snapshot, here.map, there) else { return f64::INFINITY };
+    let younger = here.map.max(there);
     let positions: Vec<Vec3> =
         snapshot.key_frames_of(younger).map(|k| k.world_from_camera.translation).collect();
     let travelled: f64 = positions.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
     3.0 * prior.sigma + (scale - 1.0).abs() * travelled
+}
+
+/// The rotation in radians that the map prior allows between the maps, beyond drift: three standard deviations, and infinite
+/// where there is none.
+pub(super) fn prior_rotation(snapshot: &Snapshot, here: &KeyFrame, there: MapId) -> f64 {
+    prior_between(snapshot, here.map, there).map_or(f64::INFINITY, |prior| 3.0 * prior.sigma_rad)
+}
+
+/// The prior of the younger of two maps, where it leads to the older.
+fn prior_between(snapshot: &Snapshot, a: MapId, b: MapId) -> Option<MapPrior> {
+    let (younger, older) = (a.max(b), a.min(b));
+    let prior = snapshot.maps().find(|(id, _)| *id == younger).and_then(|(_, prior)| prior)?;
+    let (to, _) = snapshot.surviving_ancestor(prior.to)?;
+    (snapshot.key_frame(to)?.map == older).then_some(*prior)
 }
 
 #[cfg(test)]
@@ -63,5 +72,11 @@ mod tests {
         assert!((bound(&with_prior, 1.0) - 1.5).abs() < 1e-12);
         assert!((bound(&with_prior, 3.0) - 5.5).abs() < 1e-12);
         assert_eq!(bound(&two_maps(None), 1.0), f64::INFINITY, "no prior: its position is unknown");
+        let turned = |atlas: &Atlas| {
+            let here = atlas.latest().key_frame(KeyFrameId::from_index(3).unwrap()).unwrap();
+            prior_rotation(atlas.latest(), here, MapId(KeyFrameId::from_index(0).unwrap()))
+        };
+        assert!((turned(&with_prior) - 0.3).abs() < 1e-12);
+        assert_eq!(turned(&two_maps(None)), f64::INFINITY);
     }
 }

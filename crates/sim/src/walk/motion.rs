@@ -71,6 +71,22 @@ impl Motion {
         Self { curve: Curve::Uniform { first: start - 3.0 * dt, dt, control }, start, end }
     }
 
+    /// One more sample at the end of a motion from [`Motion::sampled`]; what lies more than two samples before the end does
+    /// not change by it.
+    pub(crate) fn extend(&mut self, pose: &Se3) {
+        let Curve::Uniform { dt, control, .. } = &mut self.curve else { return };
+        // The end stands there three times more; it is put behind the new sample.
+        control.truncate(control.len().saturating_sub(3));
+        let mut next = row(pose);
+        if let Some(last) = control.last()
+            && (3..7).map(|k| last[k] * next[k]).sum::<f64>() < 0.0
+        {
+            (3..7).for_each(|k| next[k] = -next[k]);
+        }
+        control.extend([next; 4]);
+        self.end += *dt;
+    }
+
     /// Through given body poses in time.
     ///
     /// # Errors
@@ -248,6 +264,27 @@ mod tests {
         // The middle weights at a knot are 1/120 * (1, 26, 66, 26, 1, 0).
         let (b, _, _) = quintic(0.0);
         assert!((b[2] - 66.0 / 120.0).abs() < 1e-12 && b[5].abs() < 1e-12, "{b:?}");
+    }
+
+    #[test]
+    fn grows_sample_by_sample() {
+        let pose = |i: usize| {
+            let turn = So3::exp(&Vec3::new(0.0, 0.0, 1.5 * i as f64));
+            Se3::new(turn, Vec3::new((0.3 * i as f64).sin(), i as f64 * 0.1, 1.0))
+        };
+        let poses: Vec<Se3> = (0..12).map(pose).collect();
+        let whole = Motion::sampled(0.0, 0.05, &poses);
+        let mut grown = Motion::sampled(0.0, 0.05, &poses[..1]);
+        for (n, p) in poses.iter().enumerate().skip(1) {
+            grown.extend(p);
+            assert!((grown.end() - 0.05 * n as f64).abs() < 1e-12);
+            // Two samples before the end nothing changes any more.
+            let Some(settled) = n.checked_sub(2) else { continue };
+            let t = 0.05 * settled as f64;
+            let (a, b) = (grown.state(t), whole.state(t));
+            assert!((a.world_from_body.translation - b.world_from_body.translation).norm() < 1e-12, "{n}");
+            assert!((a.acceleration - b.acceleration).norm() < 1e-9 && (a.rate - b.rate).norm() < 1e-9);
+        }
     }
 
     #[test]

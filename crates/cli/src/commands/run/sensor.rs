@@ -5,7 +5,7 @@ use cairn_engine::SensorMode;
 use cairn_sensor::Rig;
 
 /// Which sensors of a rig are used.
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Sensor {
     /// The first camera only; the scale stays unknown.
     Mono,
