@@ -322,10 +322,13 @@ fn stairs_verb(stairs: Stairs) -> &'static str {
     }
 }
 
-fn reason_words(reason: StopReason) -> &'static str {
+/// Why the walker must stop, in a sentence.
+pub fn reason_words(reason: StopReason) -> &'static str {
     match reason {
         StopReason::TrackingLost => "I lost my place.",
         StopReason::PoseStale => "No picture from the camera.",
+        StopReason::PicturesLate => "The pictures come too late.",
+        StopReason::AgeUnknown => "I do not know how old the pictures are.",
         StopReason::Obstacle => "Something is in the way.",
         StopReason::UnknownGround => "I cannot see the ground ahead.",
         StopReason::ScaleUncertain => "I cannot judge distances here.",

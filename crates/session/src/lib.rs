@@ -1,8 +1,10 @@
 #![doc = include_str!("../README.md")]
 
+mod age;
 mod command;
 mod disk;
 mod drive;
+mod dwell;
 mod event;
 mod inbox;
 mod ready;
@@ -12,6 +14,7 @@ mod script;
 mod session;
 mod status;
 
+pub use age::Age;
 pub use command::{Command, HELP};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Face, drive_live, drive_lockstep};

@@ -1,6 +1,7 @@
 //! A recording in progress: the recorder, its patient file, and what the walker hears about it.
 
 use crate::disk::{Disk, PatientFile, Trouble};
+use crate::dwell::{Dwell, Warnings};
 use crate::reference_path::standing;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Sim3, Vec3};
@@ -22,6 +23,8 @@ pub(crate) struct Recording {
     length: f64,
     last: Option<(Stamp, Vec3)>,
     gaps: usize,
+    place: Dwell,
+    warnings: Warnings,
 }
 
 impl Recording {
@@ -49,6 +52,8 @@ impl Recording {
             length: 0.0,
             last: None,
             gaps: 0,
+            place: Dwell::default(),
+            warnings: Warnings::default(),
         };
         match opened {
             Ok((writer, trouble)) => {
@@ -66,7 +71,17 @@ impl Recording {
         let last = points.last().map(|p| (p.stamp, at(p)));
         let gaps = points.iter().filter(|p| p.stretch == Stretch::Gap).count();
         let (trouble, path) = (Trouble::default(), Some(path.to_owned()));
-        Self { recorder, trouble, trouble_announced: false, path, length, last, gaps }
+        Self {
+            recorder,
+            trouble,
+            trouble_announced: false,
+            path,
+            length,
+            last,
+            gaps,
+            place: Dwell::default(),
+            warnings: Warnings::default(),
+        }
     }
 
     /// Takes a frame's pose; returns the words for the walker, if any are due.
@@ -91,13 +106,25 @@ impl Recording {
             }
             _ => {}
         }
-        event.map(|e| match e {
-            RecorderEvent::Bridging => "Slow down. I cannot see well.",
-            RecorderEvent::Lost => {
-                "I lost my place. Stand still, or turn back a little. Recording is paused."
+        self.words(event, input)
+    }
+
+    /// A loss is told at once, the return after a second of it, and no warning again and again.
+    fn words(&mut self, event: Option<RecorderEvent>, input: &RecordInput) -> Option<&'static str> {
+        const WEAK: &str = "Slow down. I cannot see well.";
+        let back = match tracked(input) {
+            true => self.place.there(input.stamp),
+            false => {
+                self.place.missing();
+                false
             }
-            RecorderEvent::Resumed { .. } => "I found my place.",
-        })
+        };
+        match event {
+            Some(RecorderEvent::Lost) => (self.place.lost())
+                .then_some("I lost my place. Stand still, or turn back a little. Recording is paused."),
+            Some(RecorderEvent::Bridging) => self.warnings.due(WEAK, input.stamp).then_some(WEAK),
+            Some(RecorderEvent::Resumed { .. }) | None => back.then_some("I found my place."),
+        }
     }
 
     /// The scale of the map was initialised: lengths are metres from now on, including what was walked before.
