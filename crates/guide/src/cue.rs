@@ -219,7 +219,15 @@ impl Cue {
         use CueKind::*;
         !matches!(
             self.kind,
-            Stop(_) | LookRound(_) | Arrived | CheckBehind | SlowDown | Weak | Waypoint | OnCourse | BackOnPath
+            Stop(_)
+                | LookRound(_)
+                | Arrived
+                | CheckBehind
+                | SlowDown
+                | Weak
+                | Waypoint
+                | OnCourse
+                | BackOnPath
         )
     }
 

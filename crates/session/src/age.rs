@@ -185,7 +185,9 @@ mod tests {
         assert_eq!(ages.hazard(None, at(0.0)), None, "no picture came yet");
         ages.came(at(1.0));
         assert_eq!(ages.hazard(Some(at(1.0)), at(1.0)), Some(StopReason::AgeUnknown));
-        let show = |now: f64| *shown.0.lock().unwrap() = Some(ClockReading { now: at(now), bound_s: 0.02, delivery_s: 0.03 });
+        let show = |now: f64| {
+            *shown.0.lock().unwrap() = Some(ClockReading { now: at(now), bound_s: 0.02, delivery_s: 0.03 })
+        };
         show(1.44);
         assert_eq!(ages.hazard(Some(at(1.0)), at(1.1)), None);
         // The picture came late, and the next does not come: one reason for three seconds.

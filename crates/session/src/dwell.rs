@@ -80,7 +80,9 @@ mod tests {
         assert!(!dwell.there(at(1.0)) && !dwell.is_lost());
         // Lost again within the second: neither is told.
         assert!(!dwell.lost() && dwell.is_lost());
-        assert!(!dwell.there(at(1.5)) && !dwell.there(at(2.4)) && dwell.there(at(2.5)) && !dwell.there(at(2.6)));
+        assert!(
+            !dwell.there(at(1.5)) && !dwell.there(at(2.4)) && dwell.there(at(2.5)) && !dwell.there(at(2.6))
+        );
         assert!(dwell.lost());
     }
 

@@ -52,12 +52,7 @@ pub(super) struct PageTime {
 
 impl PageClock {
     pub fn new() -> Self {
-        Self {
-            origin: Instant::now(),
-            samples: VecDeque::new(),
-            round_trips_s: VecDeque::new(),
-            last: None,
-        }
+        Self { origin: Instant::now(), samples: VecDeque::new(), round_trips_s: VecDeque::new(), last: None }
     }
 
     /// Takes a round trip; false, and nothing taken, where the page's time is no time or the answer came before the question.
@@ -99,7 +94,9 @@ impl PageClock {
             _ => self.samples.push_back(sample),
         }
         let since = sample.received;
-        while self.samples.len() > MAX_SAMPLES || self.samples.front().is_some_and(|s| since - s.received > KEPT) {
+        while self.samples.len() > MAX_SAMPLES
+            || self.samples.front().is_some_and(|s| since - s.received > KEPT)
+        {
             self.samples.pop_front();
         }
     }
@@ -170,7 +167,11 @@ mod tests {
             let (mut t, mut shortest) = (0.1, f64::INFINITY);
             for _ in 0..300 {
                 let (there, back) = (0.01 + 0.4 * random().powi(3), 0.01 + 0.4 * random().powi(3));
-                assert!(clock.round_trip(after(start, t), after(start, t + there + back), page_ms(t + there)));
+                assert!(clock.round_trip(
+                    after(start, t),
+                    after(start, t + there + back),
+                    page_ms(t + there)
+                ));
                 shortest = f64::min(shortest, there + back);
                 t += there + back + 0.2 * random();
                 let now = clock.at(after(start, t)).unwrap();

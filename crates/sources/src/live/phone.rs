@@ -9,8 +9,8 @@ use super::rig_for;
 use crate::decode::gray_jpeg;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{
-    ClockReading, FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig, Source,
-    SourceError, SourceInfo, Stamp, Stream,
+    ClockReading, FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig,
+    Source, SourceError, SourceInfo, Stamp, Stream,
 };
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -27,6 +27,8 @@ const MAX_BYTES: usize = 8 << 20;
 /// A picture's time may lie ahead of the page's clock by this much beyond the error of the comparison, milliseconds: cameras
 /// state the time of exposure in their own clock.
 const AHEAD_MS: f64 = 50.0;
+/// What the way of the words is taken to be longer while the page finds them late, seconds.
+const LATE_S: f64 = 1.0;
 /// Pictures of another page continue in the time of the ones before, unless they already do to within this, seconds.
 const SAME_TIME_S: f64 = 2.0;
 
@@ -55,6 +57,8 @@ struct State {
     clock: PageClock,
     /// The page's time of its last image, milliseconds.
     last_ms: Option<f64>,
+    /// The page finds that words reach it too late.
+    late: bool,
     /// Nanoseconds from the page's time to the stamps; `None` until the first image of the page is delivered.
     offset: Option<i64>,
 }
@@ -71,6 +75,7 @@ impl Default for State {
             page: 0,
             clock: PageClock::new(),
             last_ms: None,
+            late: false,
             offset: None,
         }
     }
@@ -80,7 +85,9 @@ impl State {
     /// Why an image with this time cannot be taken, if so.
     fn refuses(&self, ms: f64, bytes: usize) -> Option<&'static str> {
         if !ms.is_finite() || ms.abs() > 8.64e15 {
-            return Some("The page's pictures come without their time, so nobody knows how old they are. Open the page again.");
+            return Some(
+                "The page's pictures come without their time, so nobody knows how old they are. Open the page again.",
+            );
         }
         if bytes > MAX_BYTES {
             return Some("The page's pictures are too large.");
@@ -125,6 +132,11 @@ impl PhonePort {
     /// Takes a round trip to the page: the question left at `sent`, the answer with the page's milliseconds came at `received`.
     pub fn round_trip(&self, sent: Instant, received: Instant, page_ms: f64) {
         self.lock().clock.round_trip(sent, received, page_ms);
+    }
+
+    /// The page, which knows its own clock, finds that what it is told is from pictures too old; or no longer.
+    pub fn late(&self, late: bool) {
+        self.lock().late = late;
     }
 
     /// Takes a JPEG and the page's time in milliseconds at which it was captured; false when it is refused, because it is too
@@ -206,7 +218,8 @@ impl Live for PhonePort {
         let s = self.lock();
         let (page, offset) = (s.clock.at(Instant::now())?, s.offset?);
         let now = Stamp(((page.ms * 1e6) as i64).saturating_add(offset));
-        Some(ClockReading { now, bound_s: page.bound_s, delivery_s: page.delivery_s })
+        let delivery_s = page.delivery_s + if s.late { LATE_S } else { 0.0 };
+        Some(ClockReading { now, bound_s: page.bound_s, delivery_s })
     }
 
     fn trouble(&self) -> Option<String> {
@@ -510,7 +523,14 @@ mod tests {
         let port = PhonePort::default();
         compared(&port, 1000.0);
         assert!(port.picture(900.0, jpeg(16)));
-        for (ms, why) in [(f64::NAN, "without their time"), (f64::INFINITY, "without"), (1e300, "without"), (9000.0, "ahead"), (899.0, "backwards"), (900.0, "backwards")] {
+        for (ms, why) in [
+            (f64::NAN, "without their time"),
+            (f64::INFINITY, "without"),
+            (1e300, "without"),
+            (9000.0, "ahead"),
+            (899.0, "backwards"),
+            (900.0, "backwards"),
+        ] {
             assert!(!port.picture(ms, jpeg(16)), "{ms}");
             assert!(port.trouble().unwrap().contains(why), "{ms}: {:?}", port.trouble());
         }

@@ -217,7 +217,9 @@ fn read(shown: &str, command: &ChildCommand, listens: bool, slot: &Slot, handle:
 
 /// Tells that the images of this connection have another size than those of the first.
 fn wrong_size(s: &mut State, [w, h]: [usize; 2], [first_w, first_h]: [usize; 2]) {
-    let why = format!("The stream sends {w} by {h} now, it was {first_w} by {first_h}. Set the sender back to that size.");
+    let why = format!(
+        "The stream sends {w} by {h} now, it was {first_w} by {first_h}. Set the sender back to that size."
+    );
     if s.trouble.as_ref() != Some(&why) {
         s.lines.push(why.clone());
     }
@@ -412,7 +414,9 @@ mod tests {
         let first = stream.next_packet().unwrap().unwrap().stamp;
         let age = live.clock().unwrap().oldest_s(first);
         assert!((0.0..0.5).contains(&age), "{age}");
-        until("no word of the size", || live.trouble().is_some_and(|t| t.contains("32 by 16 now, it was 16 by 16")));
+        until("no word of the size", || {
+            live.trouble().is_some_and(|t| t.contains("32 by 16 now, it was 16 by 16"))
+        });
         until("it is not over", || live.trouble().is_none());
         assert!(stream.next_packet().unwrap().unwrap().stamp > first);
         assert!(stream.skipped().iter().any(|l| l.contains("32 by 16")), "{:?}", stream.skipped());
