@@ -24,6 +24,8 @@ pub(crate) struct Recording {
     last: Option<(Stamp, Vec3)>,
     gaps: usize,
     place: Dwell,
+    /// There was a pose: before the first nothing can be lost.
+    placed: bool,
     warnings: Warnings,
 }
 
@@ -53,6 +55,7 @@ impl Recording {
             last: None,
             gaps: 0,
             place: Dwell::default(),
+            placed: false,
             warnings: Warnings::default(),
         };
         match opened {
@@ -80,6 +83,7 @@ impl Recording {
             last,
             gaps,
             place: Dwell::default(),
+            placed: false,
             warnings: Warnings::default(),
         }
     }
@@ -112,6 +116,7 @@ impl Recording {
     /// A loss is told at once, the return after a second of it, and no warning again and again.
     fn words(&mut self, event: Option<RecorderEvent>, input: &RecordInput) -> Option<&'static str> {
         const WEAK: &str = "Slow down. I cannot see well.";
+        self.placed |= tracked(input);
         let back = match tracked(input) {
             true => self.place.there(input.stamp),
             false => {
@@ -120,7 +125,7 @@ impl Recording {
             }
         };
         match event {
-            Some(RecorderEvent::Lost) => (self.place.lost())
+            Some(RecorderEvent::Lost) => (self.placed && self.place.lost())
                 .then_some("I lost my place. Stand still, or turn back a little. Recording is paused."),
             Some(RecorderEvent::Bridging) => self.warnings.due(WEAK, input.stamp).then_some(WEAK),
             Some(RecorderEvent::Resumed { .. }) | None => back.then_some("I found my place."),
