@@ -1,12 +1,14 @@
 // How large, how good and how often pictures are sent, by the measured round trip: never more than one under way, each small
-// enough to take about TRANSFER_MS on the link beyond the round trip of a small message.
+// enough for its time on the link. The oldest that a picture gets before the next one's pose is known is about two round trips
+// and twice that time, and half a second is too old: so the longer the round trip, the smaller the pictures.
 
 // The longer side in pixels, the JPEG quality, and about how many bytes that makes of those of the first.
 export const LEVELS = [
   [640, 0.8, 1], [640, 0.65, 0.72], [640, 0.5, 0.56], [480, 0.6, 0.38],
-  [480, 0.45, 0.3], [320, 0.6, 0.2], [320, 0.45, 0.16], [320, 0.3, 0.12],
+  [480, 0.45, 0.3], [320, 0.6, 0.2], [320, 0.45, 0.16], [320, 0.3, 0.12], [320, 0.2, 0.09],
 ];
-const TRANSFER_MS = 100;
+// Milliseconds on the link beyond the round trip of a small message.
+const transferMs = (trip) => Math.min(80, Math.max(20, 120 - 0.6 * trip));
 const MOST_A_SECOND = 20;
 // Better pictures are tried after this many that left room for them.
 const PATIENCE = 10;
@@ -47,7 +49,7 @@ export class Pace {
   }
 
   adapt(bytes) {
-    const budget = this.rate * TRANSFER_MS;
+    const budget = this.rate * transferMs(this.trip);
     const whole = bytes / LEVELS[this.level][2];
     if (bytes > 1.1 * budget) {
       this.roomy = 0;

@@ -29,7 +29,7 @@ use tokio_tungstenite::tungstenite::Message;
 const START_S: f64 = 9.5;
 const OUT_S: f64 = 9.0;
 /// A leg ends after this at the latest.
-const LEG: Duration = Duration::from_secs(14);
+const LEG: Duration = Duration::from_secs(13);
 /// No direction is given from an older pose, milliseconds.
 const STALE_MS: f64 = 500.0;
 /// What the judge's message may take on loopback, milliseconds: it is not the server's doing.
@@ -63,8 +63,11 @@ fn pictures() -> Vec<GrayImage> {
 /// A network and the trouble on a leg.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
+    /// Megabits a second, each way.
     pub mbit_s: f64,
+    /// Of a small message.
     pub round_trip_ms: u64,
+    /// Share of segments that are lost once.
     pub loss: f64,
     /// Seconds after the leg's begin, and length of a stall.
     pub stall: Option<(f64, f64)>,
@@ -73,10 +76,13 @@ pub struct Trial {
 /// The results of a leg.
 #[derive(Clone, Copy, Debug)]
 pub struct Result {
+    /// The network.
     pub trial: Trial,
+    /// What the phone saw of it.
     pub leg: Leg,
-    /// Directions the server gave, and the oldest pose that one was from, milliseconds, when the judge beside it heard it.
+    /// Directions that the server gave.
     pub said: usize,
+    /// The oldest pose that one was from, milliseconds, when the judge beside the server heard it.
     pub oldest_said_ms: f64,
 }
 
@@ -154,11 +160,12 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial]) -> Vec<Result> {
     let out = phone.walk(Walk::Out, Duration::from_secs(30)).await;
     assert!(out.walked >= 1.0, "{out:?}");
     let mut results = Vec::new();
-    for (k, trial) in trials.iter().enumerate() {
+    for trial in trials {
         proxy.set(Net::FAST);
         phone.command("halt").await;
         phone.walk(Walk::To(phone.at as usize), Duration::from_millis(600)).await;
-        let (line, goal) = if k % 2 == 0 { ("guide back", 0) } else { ("guide again", album.len() - 1) };
+        let back = 2.0 * phone.at > album.len() as f64;
+        let (line, goal) = if back { ("guide back", 0) } else { ("guide again", album.len() - 1) };
         phone.command(line).await;
         *heard.lock().unwrap() = Heard::default();
         proxy.set(Net {
@@ -183,6 +190,9 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial]) -> Vec<Result> {
                 leg = stall => leg,
             }
         };
+        if std::env::var_os("CAIRN_TEXTS").is_some() {
+            println!("{trial:?}\n  {}", std::mem::take(&mut phone.heard_texts).join("\n  "));
+        }
         let heard = std::mem::take(&mut *heard.lock().unwrap());
         assert_eq!(heard.without_pose, Vec::<String>::new(), "directions without a pose");
         let oldest_said_ms = heard.ages_ms.iter().copied().fold(0.0, f64::max);

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 /// Longer side, quality in percent, about how many bytes that makes of those of the first.
-pub const LEVELS: [(u32, u8, f64); 8] = [
+pub const LEVELS: [(u32, u8, f64); 9] = [
     (640, 80, 1.0),
     (640, 65, 0.72),
     (640, 50, 0.56),
@@ -12,8 +12,8 @@ pub const LEVELS: [(u32, u8, f64); 8] = [
     (320, 60, 0.2),
     (320, 45, 0.16),
     (320, 30, 0.12),
+    (320, 20, 0.09),
 ];
-const TRANSFER_MS: f64 = 100.0;
 const SHORTEST: Duration = Duration::from_millis(45);
 const PATIENCE: usize = 10;
 
@@ -45,7 +45,7 @@ impl Pace {
         let rate = bytes as f64 / (took_ms - self.trip_ms).max(1.0);
         let rate = self.rate.map_or(rate, |before| 0.7 * before + 0.3 * rate);
         self.rate = Some(rate);
-        self.adapt(bytes as f64, rate * TRANSFER_MS);
+        self.adapt(bytes as f64, rate * (120.0 - 0.6 * self.trip_ms).clamp(20.0, 80.0));
     }
 
     pub fn reset(&mut self) {

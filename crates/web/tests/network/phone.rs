@@ -83,9 +83,11 @@ impl Album {
 /// What happened on a leg of a walk.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Leg {
-    /// Seconds, those of them in which the walker was guided, and the pictures that were sent.
+    /// Seconds of the leg, those of them after the answer to the command, and of these those in which the walker was guided.
+    pub took_s: f64,
     pub total_s: f64,
     pub guided_s: f64,
+    /// Pictures that were sent.
     pub pictures: usize,
     /// Directions that were given, and those that came too late and were not.
     pub given: usize,
@@ -226,6 +228,9 @@ impl Phone {
             self.watch().await;
             let guided = self.me.is_some() && !self.late && self.is_guided();
             self.leg.guided_s += if guided { passed } else { 0.0 };
+            // The answer to the command is said before the first direction.
+            let waits = self.status["guiding"].is_null() || self.status["guiding"]["state"] == "waiting";
+            self.leg.total_s += if waits { 0.0 } else { passed };
             let now = Instant::now();
             if exposed.is_none() && self.controls && self.pace.may_shoot(now) {
                 exposed =
@@ -239,14 +244,17 @@ impl Phone {
                 self.send(Message::binary(bytes)).await;
             }
         }
-        self.leg.total_s = began.elapsed().as_secs_f64();
+        self.leg.took_s = began.elapsed().as_secs_f64();
         self.leg.walked = if goal == from { 1.0 } else { (self.at - from) / (goal - from) };
         self.leg
     }
 
     fn is_guided(&self) -> bool {
         let state = &self.status["guiding"]["state"];
-        state.is_string() && state != "stopped" && self.heard.elapsed() < Duration::from_millis(600)
+        state.is_string()
+            && state != "stopped"
+            && state != "waiting"
+            && self.heard.elapsed() < Duration::from_millis(600)
     }
 
     fn age_ms(&self) -> Option<f64> {

@@ -2,7 +2,7 @@
 //! while it runs.
 //!
 //! Each direction is a link of one rate: bytes leave it in order, one after the other, and come the one-way delay later. A
-//! lost segment holds up what follows until it is sent again (RFC 6298: 200 ms at least, or the round trip and as much again),
+//! lost segment holds up what follows until it is sent again, two round trips later (the probe of RFC 8985; 100 ms at least),
 //! as TCP shows losses to those above it. In a stall nothing leaves. Up to 96 KB wait in front of the link, as in the queue of
 //! a router.
 
@@ -90,7 +90,7 @@ fn link(
             free = free.max(now).max(net.stalled_until.unwrap_or(now));
             free += Duration::from_secs_f64(8e-6 * n as f64 / net.mbit_s);
             if random.unit() < net.loss {
-                free += Duration::from_millis(200).max(2 * net.round_trip);
+                free += Duration::from_millis(100).max(2 * net.round_trip);
             }
             if queue.send((free + net.round_trip / 2, buffer[..n].to_vec())).await.is_err() {
                 return;
