@@ -198,6 +198,7 @@ fn page_records_and_guides_home_in_a_browser() {
     drop(server);
     wait(&mut browser, &phone, "Stop. The connection is lost.", "#log", 5.0);
     wait(&mut browser, &phone, "Stop. The connection is lost.", "#state-now", 1.0);
+    wait(&mut browser, &phone, "not known without a connection", "#s-tracking", 1.0);
     browser.picture(&phone, &folder.join("phone-lost.png"));
     accessible(&mut browser, &phone, "without a connection");
     std::thread::sleep(Duration::from_secs(4));

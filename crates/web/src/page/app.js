@@ -251,7 +251,7 @@ function showState({ headline, age }) {
   const seconds = own !== null ? own / 1000 : age?.age_s;
   set('age-now', age === 'unknown' && own === null ? 'Nobody knows how old the picture is.'
     : seconds === undefined ? '' : `Picture ${Math.max(seconds, 0).toFixed(1)} s old`
-      + (age?.bound_s > 0 && own === null ? `, give or take ${age.bound_s.toFixed(2)} s` : ''));
+      + (age?.bound_s >= 0.05 && own === null ? `, give or take ${age.bound_s.toFixed(2)} s` : ''));
 }
 
 // How old the newest picture with a pose is, milliseconds; null where this page did not take it.
@@ -291,6 +291,7 @@ function lost(why) {
   set('state-now', text);
   $('state-now').classList.add('urgent');
   set('age-now', '');
+  for (const id of ['s-tracking', 's-phase', 's-imu', 's-recording', 's-guiding', 's-time']) set(id, 'not known without a connection');
   senses.say({ text, priority: 0, interrupts: true, kind: 'link' });
   write({ text, priority: 0 });
 }
