@@ -49,8 +49,11 @@ impl Age {
         match *self {
             Age::Recorded => false,
             Age::Unknown => true,
-            // As ClockReading::oldest_when_heard_s; written so that NaN is stale.
-            Age::Known { age_s, bound_s, delivery_s } => !(age_s + bound_s.max(delivery_s) <= STALE_S),
+            // As ClockReading::oldest_when_heard_s; what is no number is stale.
+            Age::Known { age_s, bound_s, delivery_s } => {
+                let oldest_s = age_s + bound_s.max(delivery_s);
+                oldest_s.is_nan() || oldest_s > STALE_S
+            }
         }
     }
 

@@ -8,6 +8,7 @@ use futures_util::{SinkExt, StreamExt};
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
 use serde_json::{Value, json};
+use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -46,10 +47,13 @@ impl Clock {
     }
 }
 
+type Jpeg = Arc<Vec<u8>>;
+
 /// The pictures of a walk as JPEGs of every level, made when first asked for.
 pub struct Album {
     pictures: Vec<GrayImage>,
-    coded: Mutex<std::collections::HashMap<(usize, usize), Arc<Vec<u8>>>>,
+    /// By picture and level.
+    coded: Mutex<HashMap<(usize, usize), Jpeg>>,
 }
 
 impl Album {
@@ -61,7 +65,7 @@ impl Album {
         self.pictures.len()
     }
 
-    fn jpeg(&self, k: usize, level: usize) -> Arc<Vec<u8>> {
+    fn jpeg(&self, k: usize, level: usize) -> Jpeg {
         if let Some(known) = self.coded.lock().unwrap().get(&(k, level)) {
             return known.clone();
         }
@@ -202,7 +206,7 @@ impl Phone {
         self.leg = Leg::default();
         (self.goes, self.arrived) = (free, false);
         let mut before = Instant::now();
-        let mut exposed: Option<(Instant, f64, Arc<Vec<u8>>)> = None;
+        let mut exposed: Option<(Instant, f64, Jpeg)> = None;
         let mut clock = tokio::time::interval(Duration::from_millis(5));
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         while began.elapsed() < limit && !(self.arrived || free && self.at == goal) {
