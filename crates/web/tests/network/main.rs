@@ -132,7 +132,7 @@ async fn judge(
 
 /// One phone, one server: out over a good network, then leg after leg over those of the trials. A phone that cannot record
 /// its way out in time has no legs.
-async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial]) -> Vec<Result> {
+async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration) -> Vec<Result> {
     let folder = std::env::temp_dir().join(format!("cairn-network-{}-{seed}", std::process::id()));
     let session = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
     let rig = Some(Box::new(Rig::mono(camera())));
@@ -186,7 +186,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial]) -> Vec<Result> {
                 }
             };
             tokio::select! {
-                leg = phone.walk(Walk::To(goal), LEG) => leg,
+                leg = phone.walk(Walk::To(goal), limit) => leg,
                 leg = stall => leg,
             }
         };
@@ -230,8 +230,8 @@ fn trials(count: usize) -> Vec<Trial> {
         .collect()
 }
 
-/// Walks the trials on this many servers side by side.
-fn walk_all(trials: &[Trial], side_by_side: usize) -> Vec<Result> {
+/// Walks the trials on this many servers side by side; a leg ends after `limit` at the latest.
+fn walk_all(trials: &[Trial], side_by_side: usize, limit: Duration) -> Vec<Result> {
     let album = Arc::new(Album::new(pictures()));
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     let each = trials.len().div_ceil(side_by_side);
@@ -239,7 +239,7 @@ fn walk_all(trials: &[Trial], side_by_side: usize) -> Vec<Result> {
         let mut walks = Vec::new();
         for (n, part) in trials.chunks(each).enumerate() {
             let (album, part) = (album.clone(), part.to_vec());
-            walks.push(tokio::spawn(async move { walker(album, n as u64 + 1, &part).await }));
+            walks.push(tokio::spawn(async move { walker(album, n as u64 + 1, &part, limit).await }));
         }
         let mut results = Vec::new();
         for walk in walks {
@@ -264,7 +264,7 @@ fn old_pictures_guide_nobody_on_a_few_networks() {
         Trial { mbit_s: 1.0, round_trip_ms: 50, stall: Some((1.5, 2.0)), ..slow },
         Trial { round_trip_ms: 800, ..slow },
     ];
-    let results = walk_all(&trials, 1);
+    let results = walk_all(&trials, 1, Duration::from_secs(8));
     print!("{}", table::lines(&results));
     check(&results);
     let [good, stalled, far] = results[..] else { panic!("{results:?}") };
@@ -278,7 +278,7 @@ fn old_pictures_guide_nobody_on_a_few_networks() {
 fn old_pictures_guide_nobody_in_two_hundred_legs() {
     let wanted = std::env::var("CAIRN_LEGS").ok().and_then(|n| n.parse().ok());
     let began = std::time::Instant::now();
-    let results = walk_all(&trials(wanted.unwrap_or(200)), 3);
+    let results = walk_all(&trials(wanted.unwrap_or(200)), 3, LEG);
     let text = table::page(&results, began.elapsed().as_secs_f64());
     print!("{text}{}", table::lines(&results));
     if wanted.is_none() {
