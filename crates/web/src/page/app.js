@@ -246,7 +246,7 @@ function set(id, text) {
 // In large print what the walker was told last about moving, and how old the picture behind it is.
 function showState({ headline, age }) {
   set('state-now', late ? 'Stop. The pictures come too late.' : headline);
-  $('state-now').classList.toggle('urgent', late || headline.startsWith('Stop'));
+  $('state-now').classList.toggle('urgent', late || /^(Stop|No |The pictures come|I do not know)/.test(headline));
   const own = ownAge();
   const seconds = own !== null ? own / 1000 : age?.age_s;
   set('age-now', age === 'unknown' && own === null ? 'Nobody knows how old the picture is.'

@@ -1,6 +1,6 @@
 //! The results as text: one line a leg, and the page in docs.
 
-use crate::Result;
+use crate::{Result, Trial};
 use std::fmt::Write as _;
 
 /// One line for each leg.
@@ -60,6 +60,23 @@ pub fn page(results: &[Result], took_s: f64) -> String {
         oldest(|r| r.oldest_said_ms),
         oldest(|r| r.leg.oldest_ms),
     );
+    text += "No segment lost:\n\n";
+    text += &grid(results, |loss| loss == 0.0);
+    text += "\n1 or 3 % of the segments lost:\n\n";
+    text += &grid(results, |loss| loss > 0.0);
+    let stalled: Vec<_> = results.iter().filter(|r| r.trial.stall.is_some()).collect();
+    let resumed = stalled.iter().filter(|r| r.leg.connections > 0).count();
+    let _ = writeln!(
+        text,
+        "\n{} legs had a stall; in {resumed} of them the phone opened a new connection, and had its walk back by itself.",
+        stalled.len()
+    );
+    text
+}
+
+/// The share of guided time by rate and round trip, of legs without a stall whose loss is asked for.
+fn grid(results: &[Result], lossy: fn(f64) -> bool) -> String {
+    let mut text = String::new();
     let trips = sorted(results.iter().map(|r| r.trial.round_trip_ms as f64));
     let rates = sorted(results.iter().map(|r| -r.trial.mbit_s));
     let _ = writeln!(
@@ -71,7 +88,8 @@ pub fn page(results: &[Result], took_s: f64) -> String {
     for rate in rates {
         let cell = |trip: &f64| {
             let here = |r: &&Result| {
-                r.trial.mbit_s == -rate && r.trial.round_trip_ms as f64 == *trip && r.trial.stall.is_none()
+                let Trial { mbit_s, round_trip_ms, loss, stall } = r.trial;
+                mbit_s == -rate && round_trip_ms as f64 == *trip && stall.is_none() && lossy(loss)
             };
             let legs: Vec<_> = results.iter().filter(here).map(|r| r.leg).collect();
             let sum = |f: fn(&crate::Leg) -> f64| legs.iter().map(f).sum::<f64>();
@@ -88,13 +106,6 @@ pub fn page(results: &[Result], took_s: f64) -> String {
         let cells: Vec<_> = trips.iter().map(cell).collect();
         let _ = writeln!(text, "| {} Mbit/s | {} |", -rate, cells.join(" | "));
     }
-    let stalled: Vec<_> = results.iter().filter(|r| r.trial.stall.is_some()).collect();
-    let resumed = stalled.iter().filter(|r| r.leg.connections > 0).count();
-    let _ = writeln!(
-        text,
-        "\n{} legs had a stall; in {resumed} of them the phone opened a new connection, and had its walk back by itself.",
-        stalled.len()
-    );
     text
 }
 
