@@ -102,3 +102,21 @@ fn silent_imu_does_no_harm() {
     assert!(tracked * 10 > outputs.len() * 9, "{tracked} of {}", outputs.len());
     assert_eq!(engine.snapshot().maps().count(), 1);
 }
+
+/// A sensor that comes four seconds after the camera, 60 readings a second as a browser gives: the map becomes metric all the
+/// same. One that never comes costs no pose.
+#[test]
+fn late_sensor_is_taken_up_and_a_missing_one_costs_no_pose() {
+    let address = format!("{HALL}&sensor=mono-imu&imu_rate=60").replace("duration=14", "duration=30");
+    let posed = |outputs: &[Output]| outputs.iter().filter(|o| o.anchored.is_some()).count();
+    let (engine, outputs, _) = walk(&address, SensorMode::Mono, |t, packet| {
+        if t < 4.0 {
+            packet.imu.clear();
+        }
+    });
+    assert!(engine.is_metric() && outputs.last().unwrap().metric, "{}", engine.status());
+    let late = posed(&outputs);
+    let (engine, outputs, _) = walk(&address, SensorMode::Mono, |_, packet| packet.imu.clear());
+    println!("{late} poses with a late sensor, {} without, of {}", posed(&outputs), outputs.len());
+    assert!(!engine.is_metric() && posed(&outputs) * 20 >= outputs.len() * 19);
+}

@@ -97,6 +97,16 @@ impl Announcer {
         }
     }
 
+    /// The text that waits for the voice, if any.
+    pub fn waiting(&self) -> Option<&str> {
+        self.waiting.as_ref().map(|(text, ..)| text.as_str())
+    }
+
+    /// Drops the text that waits: its reason is gone.
+    pub fn drop_waiting(&mut self) {
+        self.dropped += usize::from(self.waiting.take().is_some());
+    }
+
     /// What the voice must start saying now, if anything.
     pub fn poll(&mut self, now: Stamp) -> Option<Utterance> {
         if self.speaking.is_some_and(|(_, until)| until <= now) {

@@ -171,7 +171,7 @@ impl Default for GuideConfig {
             stopped_again_s: 15.0,
             stale_s: 0.5,
             stop_again_s: 3.0,
-            resume_s: 0.5,
+            resume_s: 1.0,
             weak_s: 1.0,
             leg_m: 12.0,
             leg_most_m: 15.0,

@@ -24,6 +24,10 @@ pub enum StopReason {
     TrackingLost,
     /// The last pose is too old.
     PoseStale,
+    /// Pictures come, but too long after they were taken.
+    PicturesLate,
+    /// Nobody knows when the pictures were taken.
+    AgeUnknown,
     /// An obstacle is ahead.
     Obstacle,
     /// The ground ahead was not seen.
@@ -211,6 +215,23 @@ impl Cue {
             }
             Progress(_) | Waypoint | OnCourse | BackOnPath => Priority::Low,
         }
+    }
+
+    /// Whether it tells the walker where to go, from a pose. Stops, warnings and the search for a lost place do not.
+    pub fn is_direction(&self) -> bool {
+        use CueKind::*;
+        !matches!(
+            self.kind,
+            Stop(_)
+                | LookRound(_)
+                | Arrived
+                | CheckBehind
+                | SlowDown
+                | Weak
+                | Waypoint
+                | OnCourse
+                | BackOnPath
+        )
     }
 
     /// The earcon that goes with it, if any.

@@ -91,6 +91,8 @@ pub struct Guide {
     pub(crate) phase: Phase,
     halted: Option<Halt>,
     started: bool,
+    /// The next first direction follows one that was not heard, not a stop.
+    again: bool,
     last_match: Option<Match>,
     /// Index of the next maneuver that is not done yet.
     pub(crate) next: usize,
@@ -171,6 +173,7 @@ impl Guide {
             phase: Phase::Begin,
             halted: None,
             started: false,
+            again: false,
             last_match: None,
             next: 0,
             memory: Memory::default(),
@@ -218,6 +221,16 @@ impl Guide {
             _ => behind,
         };
         self.memory.announced_at_m = self.memory.announced_at_m.min(along);
+    }
+
+    /// A cue was dropped before it was said, because its pose had become too old: the next step directs the walker anew.
+    pub fn not_heard(&mut self, cue: &CueKind) {
+        if matches!(self.phase, Phase::Done) || matches!(cue, CueKind::Progress(_)) {
+            return;
+        }
+        self.again = !matches!(cue, CueKind::Start { .. } | CueKind::Resume(_));
+        self.started &= !matches!(cue, CueKind::Start { .. });
+        self.phase = Phase::Begin;
     }
 
     /// Takes a pose (or the last one again, when time passed without a new one) and returns the cue that is due.
@@ -313,6 +326,7 @@ impl Guide {
             return false;
         }
         self.halted = None;
+        self.again = false;
         self.motion.clear();
         // The words that follow tell the whole direction anew.
         (self.easing, self.correction_due, self.told) = (None, false, Told::default());
@@ -353,9 +367,12 @@ impl Guide {
         if !self.started && self.backwards() {
             self.memory.set_out = Some(now.stamp.plus_seconds(WARNING_S));
         }
-        match std::mem::replace(&mut self.started, true) {
-            false => CueKind::Start { total_m: self.plan.length(), first },
-            true => CueKind::Resume(first),
+        let again = std::mem::take(&mut self.again);
+        match (std::mem::replace(&mut self.started, true), again, first) {
+            (false, ..) => CueKind::Start { total_m: self.plan.length(), first },
+            (true, false, _) => CueKind::Resume(first),
+            (true, true, First::Turn(turn)) => CueKind::Rotate(turn),
+            (true, true, First::Go(ahead)) => CueKind::Go { ahead, check: false },
         }
     }
 

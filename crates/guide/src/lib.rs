@@ -36,7 +36,7 @@ pub use guide::{Guide, GuideError, GuideInput, GuideState};
 pub use info::{RouteDrawing, RouteInfo, survey};
 pub use maneuvers::{Maneuver, ManeuverPlan, ManeuverPlanConfig, ManeuverPlanError, Stairs, Travel};
 pub use matcher::{Match, Matcher, MatcherConfig};
-pub use phrases::{Direction, DirectionStyle, PhraseConfig, Side, Unit, clock};
+pub use phrases::{Direction, DirectionStyle, PhraseConfig, Side, Unit, clock, reason_words};
 pub use random::Random;
 pub use ready::{Readiness, ReadyConfig, ReadyStretch, pose_back, ready, ready_words};
 pub use recorder::{RecordInput, Recorder, RecorderConfig, RecorderEvent};

@@ -143,7 +143,7 @@ impl PhraseConfig {
             }
             CueKind::Arrived => "Stop. You have arrived. Guidance ends.".into(),
             CueKind::LookRound(a) => format!("Let me find my place. {}.", capital(&self.turn(a, back))),
-            CueKind::Stop(reason) => format!("Stop. {}", reason.words()),
+            CueKind::Stop(reason) => format!("Stop. {}", reason_words(reason)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
         })
     }
@@ -324,19 +324,19 @@ fn stairs_verb(stairs: Stairs) -> &'static str {
     }
 }
 
-impl StopReason {
-    /// The sentence in which the walker is told.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::TrackingLost => "I lost my place.",
-            Self::PoseStale => "No picture from the camera.",
-            Self::Obstacle => "Something is in the way.",
-            Self::UnknownGround => "I cannot see the ground ahead.",
-            Self::ScaleUncertain => {
-                "I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back."
-            }
-            Self::StageDied => "Part of the guide stopped working.",
+/// Why the walker must stop, in a sentence.
+pub fn reason_words(reason: StopReason) -> &'static str {
+    match reason {
+        StopReason::TrackingLost => "I lost my place.",
+        StopReason::PoseStale => "No picture from the camera.",
+        StopReason::PicturesLate => "The pictures come too late.",
+        StopReason::AgeUnknown => "I do not know how old the pictures are.",
+        StopReason::Obstacle => "Something is in the way.",
+        StopReason::UnknownGround => "I cannot see the ground ahead.",
+        StopReason::ScaleUncertain => {
+            "I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back."
         }
+        StopReason::StageDied => "Part of the guide stopped working.",
     }
 }
 

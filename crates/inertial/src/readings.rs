@@ -6,8 +6,8 @@ use cairn_sensor::{ImuSample, ImuSensor};
 
 /// Length of a piece that is examined on its own, seconds.
 const PIECE_S: f64 = 0.5;
-/// Minimum rate, samples a second.
-const LEAST_RATE_HZ: f64 = 100.0;
+/// Minimum rate, samples a second: browsers give 60 and not more, with some jitter.
+const LEAST_RATE_HZ: f64 = 55.0;
 /// How far the rate may be off the one stated.
 const RATE_OFF: f64 = 0.1;
 /// How far the norm at rest may be off gravity's, m/s^2: a bias of a MEMS accelerometer on every axis.

@@ -3,6 +3,7 @@
 mod camera;
 mod image;
 mod lens;
+mod live;
 mod merge;
 mod packet;
 mod rig;
@@ -12,6 +13,7 @@ mod stamp;
 pub use camera::Camera;
 pub use image::{DepthImage, GrayImage, Image};
 pub use lens::Distortion;
+pub use live::{ClockReading, Live};
 pub use merge::{Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream, Why};
 pub use packet::{FramePacket, ImuSample};
 pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};

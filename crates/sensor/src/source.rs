@@ -1,7 +1,8 @@
 //! The interface of everything that delivers packets.
 
-use crate::{FramePacket, Rig, Stamp};
+use crate::{FramePacket, Live, Rig, Stamp};
 use cairn_geometry::Se3;
+use std::sync::Arc;
 
 /// Why a source could not be opened or read; the text names the file, the position in it and the remedy.
 #[derive(Debug, thiserror::Error)]
@@ -54,4 +55,10 @@ pub trait Source: Send {
 
     /// The packets skipped so far and why, one line each.
     fn skipped(&self) -> &[String];
+
+    /// What a live source tells while another thread reads it; `None` for recordings, and for sources that know no more of
+    /// a picture's time than when it came.
+    fn live(&self) -> Option<Arc<dyn Live>> {
+        None
+    }
 }

@@ -6,7 +6,8 @@ use crate::inbox::{Inbox, Item};
 use crate::script::Script;
 use crate::session::Session;
 use cairn_engine::Output;
-use cairn_sensor::{FramePacket, Source, SourceError, Stamp};
+use cairn_sensor::{ClockReading, FramePacket, Live, Source, SourceError, Stamp};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Interval of the ticks while no packet arrives.
@@ -71,17 +72,18 @@ pub fn drive_live(
     script: &mut Script,
     face: &mut dyn Face,
 ) -> Result<Ended, SourceError> {
-    // The source's time and ours at the same moment.
-    let mut together: Option<(Stamp, Instant)> = None;
+    let arrivals = Arc::new(Arrivals::default());
+    // Where the time of capture is not known, the time of arrival is the earliest that it can be judged by.
+    session.follow(inbox.live().unwrap_or_else(|| arrivals.clone()));
     loop {
         let mut commands = Vec::new();
         let item = inbox.take(TICK);
-        if let (false, Some((stamp, at))) = (matches!(item, Item::Packet(..)), together) {
-            session.tick(stamp.plus_seconds(at.elapsed().as_secs_f64()));
+        if let (false, Some(now)) = (matches!(item, Item::Packet(..)), arrivals.now()) {
+            session.tick(now);
         }
         match item {
             Item::Packet(packet, put) => {
-                together = Some((packet.stamp, put));
+                arrivals.put(packet.stamp, put);
                 let output = session.on_packet(&packet);
                 face.saw(session, &packet, &output);
             }
@@ -95,6 +97,27 @@ pub fn drive_live(
             return Ok(Ended::Asked);
         }
         after(session, face);
+    }
+}
+
+/// The source's time by the arrival of its packets.
+#[derive(Default)]
+struct Arrivals(Mutex<Option<(Stamp, Instant)>>);
+
+impl Arrivals {
+    fn put(&self, stamp: Stamp, at: Instant) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((stamp, at));
+    }
+
+    fn now(&self) -> Option<Stamp> {
+        let (stamp, at) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
+        Some(stamp.plus_seconds(at.elapsed().as_secs_f64()))
+    }
+}
+
+impl Live for Arrivals {
+    fn clock(&self) -> Option<ClockReading> {
+        self.now().map(|now| ClockReading { now, bound_s: 0.0, delivery_s: 0.0 })
     }
 }
 

@@ -31,6 +31,9 @@ pub struct Said {
     pub duration_s: f64,
     /// The turn that is asked for, radians, positive to the walker's left.
     pub turn_rad: Option<f64>,
+    /// The time of the pose that a direction is from, in the source's clock; `None` for what is not a direction.
+    #[serde(skip)]
+    pub pose: Option<Stamp>,
 }
 
 /// A short synthesised sound.

@@ -1,7 +1,7 @@
 //! The inbox of the session's thread: the newest packet, all commands, the end of the source.
 
 use crate::command::Command;
-use cairn_sensor::{FramePacket, ImuSample, Source, SourceError};
+use cairn_sensor::{FramePacket, ImuSample, Live, Source, SourceError};
 use std::collections::VecDeque;
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -31,6 +31,7 @@ struct State {
     ended: Option<Result<(), SourceError>>,
     closed: bool,
     dropped: usize,
+    live: Option<Arc<dyn Live>>,
 }
 
 /// One slot for the newest packet and a queue for commands. A newer packet replaces one that still waits; the
@@ -85,6 +86,11 @@ impl Inbox {
         self.lock().closed = true;
     }
 
+    /// What the source that feeds it tells of itself, if it is live.
+    pub fn live(&self) -> Option<Arc<dyn Live>> {
+        self.lock().live.clone()
+    }
+
     /// How many packets were replaced or too old.
     pub fn dropped(&self) -> usize {
         self.lock().dropped
@@ -122,6 +128,7 @@ impl Inbox {
 /// # Errors
 /// The system's error, when the thread cannot be started.
 pub fn feed(mut source: Box<dyn Source>, inbox: Arc<Inbox>) -> io::Result<()> {
+    inbox.lock().live = source.live();
     let work = move || {
         let result = loop {
             match source.next_packet() {

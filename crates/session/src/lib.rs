@@ -1,8 +1,10 @@
 #![doc = include_str!("../README.md")]
 
+mod age;
 mod command;
 mod disk;
 mod drive;
+mod dwell;
 mod event;
 mod guidance;
 #[cfg(test)]
@@ -18,6 +20,7 @@ mod status;
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
 
+pub use age::Age;
 pub use command::{Command, HELP};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Face, drive_live, drive_lockstep};

@@ -1,6 +1,7 @@
 //! A recording in progress: the recorder, its patient file, and what the walker hears about it.
 
 use crate::disk::{Disk, PatientFile, Trouble};
+use crate::dwell::{Dwell, Warnings};
 use crate::guidance::Place;
 use crate::reference_path::standing;
 use cairn_atlas::Snapshot;
@@ -26,6 +27,10 @@ pub(crate) struct Recording {
     /// The segment of odometry, and the length of its unit in that of the recorded poses.
     segment: Option<u32>,
     unit: f64,
+    place: Dwell,
+    /// There was a pose: before the first nothing can be lost.
+    placed: bool,
+    warnings: Warnings,
 }
 
 impl Recording {
@@ -56,6 +61,9 @@ impl Recording {
             gaps: 0,
             segment: None,
             unit: 1.0,
+            place: Dwell::default(),
+            placed: false,
+            warnings: Warnings::default(),
         };
         match opened {
             Ok((writer, trouble)) => {
@@ -73,8 +81,20 @@ impl Recording {
         let last = points.last().map(|p| (p.stamp, at(p)));
         let gaps = points.iter().filter(|p| p.stretch == Stretch::Gap).count();
         let (trouble, path) = (Trouble::default(), Some(path.to_owned()));
-        let (trouble_announced, segment, unit) = (false, None, 1.0);
-        Self { recorder, trouble, trouble_announced, path, length, last, gaps, segment, unit }
+        Self {
+            recorder,
+            trouble,
+            trouble_announced: false,
+            path,
+            length,
+            last,
+            gaps,
+            place: Dwell::default(),
+            placed: false,
+            warnings: Warnings::default(),
+            segment: None,
+            unit: 1.0,
+        }
     }
 
     /// Takes a frame's pose; returns the words for the walker, if any are due. `place` is the last known one.
@@ -107,13 +127,26 @@ impl Recording {
             }
             _ => {}
         }
-        event.map(|e| match e {
-            RecorderEvent::Bridging => "Slow down. I cannot see well.",
-            RecorderEvent::Lost => {
-                "I lost my place. Stand still, or turn back a little. Recording is paused."
+        self.words(event, input)
+    }
+
+    /// A loss is told at once, the return after a second of it, and no warning again and again.
+    fn words(&mut self, event: Option<RecorderEvent>, input: &RecordInput) -> Option<&'static str> {
+        const WEAK: &str = "Slow down. I cannot see well.";
+        self.placed |= tracked(input);
+        let back = match tracked(input) {
+            true => self.place.there(input.stamp),
+            false => {
+                self.place.missing();
+                false
             }
-            RecorderEvent::Resumed { .. } => "I found my place.",
-        })
+        };
+        match event {
+            Some(RecorderEvent::Lost) => (self.placed && self.place.lost())
+                .then_some("I lost my place. Stand still, or turn back a little. Recording is paused."),
+            Some(RecorderEvent::Bridging) => self.warnings.due(WEAK, input.stamp).then_some(WEAK),
+            Some(RecorderEvent::Resumed { .. }) | None => back.then_some("I found my place."),
+        }
     }
 
     /// The scale of the map was initialised: lengths are metres from now on, including what was walked before.

@@ -1,12 +1,14 @@
 //! One walk: packets and commands in, utterances and earcons out. It runs the engine, the recorder and the guide.
 //!
-//! It has no clock but the stamps, and no thread. The caller ([`crate::drive_live`], [`crate::drive_lockstep`])
-//! passes packets, and ticks while there are none: then the guide says stop.
+//! It has no clock but the stamps and, where it follows a live source, that source's clock; and no thread. The caller
+//! ([`crate::drive_live`], [`crate::drive_lockstep`]) passes packets, and ticks while there are none: then the guide says stop.
 
 mod look;
 
+use crate::age::Ages;
 use crate::command::Command;
 use crate::disk::{Disk, OwnDisk};
+use crate::dwell::{Dwell, Warnings};
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::guidance::{Guiding, Place};
 use crate::recording::{Recording, latest, next_path, tracked};
@@ -14,13 +16,14 @@ use crate::status::Status;
 use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::Vec3;
 use cairn_guide::{
-    Announcer, AnnouncerConfig, Confidence, Cue, Facing, GuideState, PhraseConfig, Priority, RecordInput,
-    Recorder, Route, StopReason, Travel, ready_words,
+    Announcer, AnnouncerConfig, Confidence, Cue, CueKind, Facing, GuideState, PhraseConfig, Priority,
+    RecordInput, Recorder, Route, StopReason, Travel, ready_words,
 };
-use cairn_sensor::{FramePacket, Stamp};
+use cairn_sensor::{FramePacket, Live, Stamp};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Config of a session.
 #[derive(Clone, Debug)]
@@ -97,8 +100,13 @@ pub struct Session {
     voice: Announcer,
     /// The text queued last, and the turn it asks for.
     pushed: Option<(String, Option<f64>)>,
+    /// The direction that waits to be said: its text, the time of the pose it is from, and the cue.
+    direction: Option<(String, Stamp, CueKind)>,
     events: VecDeque<Event>,
-    picture_loss_announced: bool,
+    /// The age of pictures.
+    ages: Ages,
+    picture: Dwell,
+    warnings: Warnings,
     arrived: bool,
     dead: Option<String>,
     status: Status,
@@ -127,8 +135,11 @@ impl Session {
             guiding: None,
             voice,
             pushed: None,
+            direction: None,
             events: VecDeque::new(),
-            picture_loss_announced: false,
+            ages: Ages::default(),
+            picture: Dwell::default(),
+            warnings: Warnings::default(),
             arrived: false,
             dead: None,
             status,
@@ -139,6 +150,12 @@ impl Session {
     pub fn on_disk(mut self, disk: Box<dyn Disk>) -> Self {
         self.disk = disk;
         self
+    }
+
+    /// Follows the clock of a live source: from now on no direction is given from a pose that is older than half a second by
+    /// the time it is heard, or whose age is not known.
+    pub fn follow(&mut self, live: Arc<dyn Live>) {
+        self.ages.follow(live);
     }
 
     /// The engine.
@@ -178,7 +195,8 @@ impl Session {
             }
         };
         self.frame = Some(packet.stamp);
-        if std::mem::take(&mut self.picture_loss_announced) && self.guiding.is_none() {
+        self.ages.came(self.now);
+        if self.picture.there(self.now) && self.guiding.is_none() {
             self.say("The picture is back.", Priority::Normal);
         }
         if output.died.is_some() {
@@ -209,11 +227,11 @@ impl Session {
     pub fn tick(&mut self, now: Stamp) {
         self.now = self.now.max(now);
         let silent = self.frame.is_some_and(|t| self.now - t > PICTURE_TIMEOUT_S);
-        if silent && !self.picture_loss_announced {
-            self.picture_loss_announced = true;
-            if self.guiding.is_none() {
-                self.say("No picture from the camera. Stand still.", Priority::High);
-            }
+        if silent && self.picture.lost() && self.guiding.is_none() {
+            self.say("No picture from the camera. Stand still.", Priority::High);
+        }
+        if let Some(why) = self.ages.trouble().filter(|why| self.warnings.due(why, self.now)) {
+            self.say(&why, Priority::High);
         }
         self.guide(self.now);
         self.speak(self.now);
@@ -381,8 +399,10 @@ impl Session {
     }
 
     fn speak(&mut self, now: Stamp) {
+        self.drop_old_direction();
         let Some(u) = self.voice.poll(now) else { return };
         let turn_rad = self.pushed.as_ref().filter(|(t, _)| *t == u.text).and_then(|(_, turn)| *turn);
+        let pose = self.direction.take_if(|(text, ..)| *text == u.text).map(|(_, stamp, _)| stamp);
         self.status.last_words.clone_from(&u.text);
         let t_s = self.since_start(u.stamp);
         self.events.push_back(Event::Said(Said {
@@ -393,7 +413,22 @@ impl Session {
             duration_s: u.duration_s,
             text: u.text,
             turn_rad,
+            pose,
         }));
+    }
+
+    /// A direction that waited for the voice dies with its pose: the guide gives it again from a new one.
+    fn drop_old_direction(&mut self) {
+        let Some((text, pose, cue)) = &self.direction else { return };
+        if self.voice.waiting() != Some(text) {
+            self.direction = None;
+        } else if self.ages.of(Some(*pose)).is_stale() {
+            if let Some(guiding) = &mut self.guiding {
+                guiding.guide.not_heard(cue);
+            }
+            self.direction = None;
+            self.voice.drop_waiting();
+        }
     }
 
     fn update_status(&mut self, output: &Output) {
@@ -519,7 +554,10 @@ impl Session {
 
     /// A step of the guide, with the last pose.
     fn guide(&mut self, now: Stamp) {
-        let hazard = self.dead.as_ref().map(|_| StopReason::StageDied).or_else(|| self.scale_hazard());
+        // Taken after the engine's step, so that its time counts.
+        let too_old = self.ages.hazard(self.frame, self.now);
+        let died = self.dead.as_ref().map(|_| StopReason::StageDied);
+        let hazard = died.or(too_old).or_else(|| self.scale_hazard());
         let speaking = self.voice.is_speaking(now);
         let (Some(guiding), Some(place), Some(held)) = (&mut self.guiding, self.place, &self.route) else {
             return;
@@ -550,6 +588,10 @@ impl Session {
         }
         if let Some(words) = self.phrases().words(cue) {
             self.voice.push(words.clone(), cue.priority(), now);
+            let place = self.place.filter(|_| cue.is_direction());
+            if self.voice.waiting() == Some(&words) {
+                self.direction = place.map(|place| (words.clone(), place.stamp, cue.kind));
+            }
             self.pushed = Some((words, turn));
         }
     }

@@ -1,5 +1,6 @@
 //! The status of a session, for screens: small numbers often, the map now and then.
 
+use crate::age::Age;
 use cairn_engine::Phase;
 use serde::Serialize;
 
@@ -12,6 +13,10 @@ pub struct Status {
     pub phase: Phase,
     /// The same in a sentence.
     pub words: String,
+    /// The state in large print: whether the walker is guided, or why not.
+    pub headline: String,
+    /// How old the last picture is.
+    pub age: Age,
     /// The engine's full status.
     pub engine: cairn_engine::Status,
     /// Frames processed.

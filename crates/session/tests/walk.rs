@@ -7,13 +7,13 @@ mod small;
 use cairn_engine::{Config, Engine, Phase, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_guide::{Durable, Route};
-use cairn_sensor::{Camera, FramePacket, Stamp};
-use cairn_session::{Command, Disk, Event, Medium, Session, SessionConfig};
+use cairn_sensor::{Camera, ClockReading, FramePacket, Live, Stamp};
+use cairn_session::{Age, Command, Disk, Event, Medium, Session, SessionConfig};
 use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
 use small::Small;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock};
 
 const RATE_HZ: f64 = 10.0;
 
@@ -205,6 +205,88 @@ fn stream_loss_stops_and_resumes_guidance() {
     assert!(resumed - back < 2.0, "{}", walk.transcript());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
     assert_eq!(walk.session.route().unwrap().points.len(), recorded);
+}
+
+/// A live source whose pictures are as old as the test says; `None`: nobody knows.
+#[derive(Default)]
+struct Delayed {
+    age_s: Mutex<Option<f64>>,
+    newest: Mutex<Stamp>,
+    trouble: Mutex<Option<String>>,
+}
+
+impl Live for Delayed {
+    fn clock(&self) -> Option<ClockReading> {
+        let age_s = (*self.age_s.lock().unwrap())?;
+        let now = self.newest.lock().unwrap().plus_seconds(age_s);
+        Some(ClockReading { now, bound_s: 0.04, delivery_s: 0.03 })
+    }
+
+    fn trouble(&self) -> Option<String> {
+        self.trouble.lock().unwrap().clone()
+    }
+}
+
+#[test]
+fn old_pictures_guide_nobody() {
+    let mut walk = Walk::named("old");
+    walk.see(&out()[..1]);
+    walk.ask("record").unwrap();
+    walk.see(&out()[1..]);
+    walk.ask("stop").unwrap();
+    let live = Arc::new(Delayed::default());
+    walk.session.follow(live.clone());
+    let mut home = out().iter().rev();
+    // Pictures that come in time, each 0.1 s, and are this old when their pose is known.
+    let mut see = |walk: &mut Walk, age_s: Option<f64>, count: usize| {
+        *live.age_s.lock().unwrap() = age_s;
+        for picture in home.by_ref().take(count) {
+            *live.newest.lock().unwrap() = Stamp::from_seconds(walk.now + 1.0 / RATE_HZ);
+            walk.see([picture]);
+        }
+    };
+    walk.ask("guide back").unwrap();
+    see(&mut walk, Some(0.2), 60);
+    let started = walk.when("The route is 1", 0.0);
+    assert!(started.is_some(), "{}", walk.transcript());
+    assert_eq!(walk.session.age(), Age::Known { age_s: 0.2, bound_s: 0.04, delivery_s: 0.03 });
+    assert!(walk.session.status().headline.starts_with("Guiding"), "{}", walk.session.status().headline);
+    // As on a slow link: the pictures keep coming, 0.9 s old. One tenth of a second later he is told to stop.
+    let slow = walk.now;
+    see(&mut walk, Some(0.9), 20);
+    let stop = walk.when("Stop. The pictures come too late.", slow).unwrap_or(f64::INFINITY);
+    assert!(stop - slow < 0.15, "{}", walk.transcript());
+    let status = walk.session.status();
+    assert_eq!(
+        (status.headline.as_str(), status.guiding.unwrap().state),
+        ("Stop. The pictures come too late.", "stopped")
+    );
+    let words = walk.ask("status").unwrap();
+    assert!(words.contains("The picture is 0.9 seconds old, too old to guide."), "{words}");
+    // An unknown age is too old as well.
+    see(&mut walk, None, 35);
+    assert!(
+        walk.when("Stop. I do not know how old the pictures are.", slow).is_some(),
+        "{}",
+        walk.transcript()
+    );
+    let told = walk.said.iter().filter(|(t, _)| *t > slow);
+    let other: Vec<_> = told.filter(|(_, words)| !words.starts_with("Stop. ")).collect();
+    assert!(other.len() <= 1, "only the status, on request: {other:?}");
+    // Fresh ones guide again, after a second of them.
+    let fresh = walk.now;
+    see(&mut walk, Some(0.1), 30);
+    let back = walk.when("I found my place.", fresh).unwrap_or(f64::INFINITY);
+    assert!((1.0..1.4).contains(&(back - fresh)), "{}", walk.transcript());
+    // A reason why pictures are refused is said once.
+    *live.trouble.lock().unwrap() = Some("The picture is 480 by 640 now.".into());
+    walk.wait(8.0);
+    assert_eq!(
+        walk.said.iter().filter(|(_, words)| words.contains("480 by 640")).count(),
+        1,
+        "{}",
+        walk.transcript()
+    );
 }
 
 impl Disk for Small {

@@ -2,7 +2,8 @@
 //! that are not synchronised. Each doubt is reported once, as text with numbers.
 
 use cairn_inertial::Readings;
-use cairn_sensor::{FramePacket, ImuSample, ImuSensor, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{FramePacket, ImuSample, ImuSensor, Live, Rig, Source, SourceError, SourceInfo, Stamp};
+use std::sync::Arc;
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
 const MAX_AFTER_S: f64 = 0.05;
@@ -88,6 +89,7 @@ pub fn doubts_of(info: &SourceInfo, rig: &Rig) -> Vec<String> {
 pub struct Validator {
     source: Box<dyn Source>,
     watch: Option<ImuWatch>,
+    may_lack_imu: bool,
     report: Box<dyn FnMut(&str) + Send>,
 }
 
@@ -97,11 +99,19 @@ impl Validator {
     pub fn new(source: Box<dyn Source>, mut report: impl FnMut(&str) + Send + 'static) -> Self {
         doubts_of(source.info(), source.rig()).iter().for_each(|doubt| report(doubt));
         let watch = source.rig().imu.is_some().then(ImuWatch::default);
-        Self { source, watch, report: Box::new(report) }
+        Self { source, watch, may_lack_imu: false, report: Box::new(report) }
+    }
+
+    /// The rig's IMU was reckoned with rather than found, as with a browser's camera: none at all is not doubtful.
+    pub fn may_lack_imu(self) -> Self {
+        Self { may_lack_imu: true, ..self }
     }
 
     fn report_imu_doubts(&mut self) {
         if let (Some(watch), Some(sensor)) = (self.watch.take(), &self.source.rig().imu) {
+            if self.may_lack_imu && watch.samples.is_empty() {
+                return;
+            }
             watch.doubts(sensor).iter().for_each(|doubt| (self.report)(doubt));
         }
     }
@@ -131,6 +141,10 @@ impl Source for Validator {
 
     fn skipped(&self) -> &[String] {
         self.source.skipped()
+    }
+
+    fn live(&self) -> Option<Arc<dyn Live>> {
+        self.source.live()
     }
 }
 

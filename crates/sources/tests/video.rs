@@ -131,3 +131,59 @@ fn publishing_phone_may_disconnect_and_reconnect() {
     let lines = source.skipped().join("\n");
     assert!(lines.contains("is lost") && lines.contains("is back"), "{lines}");
 }
+
+/// The publisher's own start, until it has coded its first image.
+fn start_of_a_publisher() -> Duration {
+    let began = Instant::now();
+    let made = Command::new("ffmpeg")
+        .args([
+            "-nostdin",
+            "-loglevel",
+            "error",
+            "-f",
+            "lavfi",
+            "-i",
+            "testsrc=size=640x480:rate=30",
+            "-c:v",
+            "libx264",
+        ])
+        .args(["-preset", "ultrafast", "-tune", "zerolatency", "-frames:v", "1", "-f", "null", "-"])
+        .stdin(Stdio::null())
+        .status();
+    assert!(made.unwrap().success());
+    began.elapsed()
+}
+
+#[test]
+fn first_image_comes_within_two_seconds_of_publishing_also_after_a_reconnect() {
+    if !ffmpeg() {
+        return;
+    }
+    let port = free_port();
+    let url = format!("rtmp://127.0.0.1:{port}/cairn");
+    let address = format!("rtmp-listen://127.0.0.1:{port}/cairn");
+    let start = start_of_a_publisher();
+    let opened = std::thread::spawn(move || open(&address, OpenOptions::default()));
+    std::thread::sleep(Duration::from_millis(500));
+    let began = Instant::now();
+    let publisher = Publisher::to(&url, "640x480");
+    let mut source = opened.join().unwrap().unwrap();
+    let mut last = source.next_packet().unwrap().unwrap().stamp;
+    let first = began.elapsed().saturating_sub(start);
+    println!("first image {first:?} after publishing, its publisher took {start:?} to start");
+    assert!(first < Duration::from_secs(2), "{first:?}");
+    drop(publisher);
+    std::thread::sleep(Duration::from_millis(1500));
+    let live = source.live().unwrap();
+    assert!(live.clock().unwrap().oldest_s(last) > 0.5, "nothing came for a second and a half");
+    let began = Instant::now();
+    let _publisher = Publisher::to(&url, "640x480");
+    // What was under way from the first one may come before.
+    while !source.skipped().iter().any(|line| line.contains("is back")) {
+        last = source.next_packet().unwrap().unwrap().stamp;
+    }
+    let again = began.elapsed().saturating_sub(start);
+    println!("after the reconnect {again:?}");
+    assert!(again < Duration::from_secs(2), "{again:?}");
+    assert!(live.clock().unwrap().oldest_s(last) < 1.0);
+}

@@ -1,10 +1,14 @@
-//! Shared state of the pages and the session's thread: who is connected, who controls, what is to be sent.
+//! Shared state of the pages and the session's thread: who is connected, who holds the walk, what is to be sent.
+//!
+//! A walk is held by the page that began it. While that page is away the walk waits for it: it comes back with its secret, and
+//! another page gets the walk only by taking it over.
 
+use crate::invitation::same;
 use crate::wire::ToPage;
 use cairn_session::{Command, Inbox};
 use cairn_sources::PhonePort;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{broadcast, watch};
 
 /// How many utterances, sounds and answers a slow page may be behind.
@@ -12,6 +16,14 @@ const BEHIND: usize = 256;
 
 /// Bytes that are sent to several pages.
 pub(crate) type Shared = Arc<[u8]>;
+
+/// Who holds the walk.
+struct Holder {
+    /// The secret of the page, by which it is known when it comes back.
+    secret: String,
+    /// Its connection; `None` while it is away.
+    id: Option<u64>,
+}
 
 /// The hub.
 pub(crate) struct Hub {
@@ -37,7 +49,7 @@ pub(crate) struct Hub {
     pub status: watch::Sender<Arc<str>>,
     pub view: watch::Sender<Arc<str>>,
     pub picture: watch::Sender<Shared>,
-    controller: Mutex<Option<u64>>,
+    holder: Mutex<Option<Holder>>,
     next: AtomicU64,
 }
 
@@ -57,7 +69,7 @@ impl Hub {
             status: watch::Sender::new(empty.clone()),
             view: watch::Sender::new(empty),
             picture: watch::Sender::new(Arc::from([].as_slice())),
-            controller: Mutex::new(None),
+            holder: Mutex::new(None),
             next: AtomicU64::new(1),
         }
     }
@@ -80,30 +92,76 @@ impl Hub {
         let _ = self.messages.send(message.text().into());
     }
 
-    /// Takes control, when no page has it.
-    pub fn take(&self, id: u64) -> bool {
-        let mut controller = self.controller.lock().unwrap_or_else(PoisonError::into_inner);
-        let took = controller.is_none();
-        if took {
-            *controller = Some(id);
-        }
-        drop(controller);
-        self.broadcast(&ToPage::Control { id: self.controller() });
-        took
+    /// A page has connected; true when it holds the walk, which gives it the walk back.
+    pub fn arrived(&self, id: u64, secret: &str) -> bool {
+        let back = match self.holder().as_mut() {
+            Some(holder) if !secret.is_empty() && same(&holder.secret, secret) => {
+                holder.id = Some(id);
+                true
+            }
+            _ => false,
+        };
+        self.tell_control();
+        back
     }
 
-    /// Gives control back, if this page had it.
-    pub fn release(&self, id: u64) {
-        let mut controller = self.controller.lock().unwrap_or_else(PoisonError::into_inner);
-        if *controller == Some(id) {
-            *controller = None;
-            drop(controller);
-            self.broadcast(&ToPage::Control { id: None });
+    /// Takes the walk where nobody holds it; `over` takes it from another page as well. True when this page holds it now.
+    pub fn take(&self, id: u64, secret: &str, over: bool) -> bool {
+        let mut holder = self.holder();
+        let held = match holder.as_ref() {
+            None => false,
+            Some(h) if h.id == Some(id) => return true,
+            Some(_) => true,
+        };
+        if !held || over {
+            *holder = Some(Holder { secret: secret.to_owned(), id: Some(id) });
         }
+        drop(holder);
+        self.tell_control();
+        !held || over
     }
 
-    /// The page that controls.
+    /// A page is gone; if it held the walk, the walk waits for it.
+    pub fn left(&self, id: u64) {
+        let mut holder = self.holder();
+        let Some(held) = holder.as_mut().filter(|h| h.id == Some(id)) else { return };
+        held.id = None;
+        drop(holder);
+        self.tell_control();
+    }
+
+    /// The connection of the page that holds the walk.
     pub fn controller(&self) -> Option<u64> {
-        *self.controller.lock().unwrap_or_else(PoisonError::into_inner)
+        self.holder().as_ref()?.id
+    }
+
+    fn tell_control(&self) {
+        let (id, held) = self.holder().as_ref().map_or((None, false), |h| (h.id, true));
+        self.broadcast(&ToPage::Control { id, held });
+    }
+
+    fn holder(&self) -> MutexGuard<'_, Option<Holder>> {
+        self.holder.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn walk_waits_for_the_page_that_began_it() {
+        let hub = Hub::new("token".into(), String::new());
+        assert!(!hub.arrived(1, "a") && hub.controller().is_none(), "being first takes nothing");
+        assert!(hub.take(1, "a", false) && hub.controller() == Some(1));
+        assert!(!hub.arrived(2, "b") && !hub.take(2, "b", false));
+        hub.left(1);
+        assert!(hub.controller().is_none() && !hub.take(2, "b", false), "it waits");
+        assert!(!hub.arrived(3, "") && hub.arrived(4, "a") && hub.controller() == Some(4));
+        // The old connection of the same page ends later: nothing changes.
+        hub.left(1);
+        assert_eq!(hub.controller(), Some(4));
+        assert!(hub.take(2, "b", true) && hub.controller() == Some(2));
+        assert!(!hub.arrived(5, "a"), "it was taken over");
     }
 }

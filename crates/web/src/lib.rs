@@ -3,6 +3,8 @@
 mod certificate;
 mod hub;
 mod invitation;
+mod link;
+mod page;
 mod server;
 mod tls;
 mod walk;

@@ -1,14 +1,14 @@
 //! The server: the page's files, and a web socket for each page.
 
 use crate::certificate::Certificate;
-use crate::hub::{Hub, Shared};
-use crate::invitation::{Invitation, lan_address, new_token, same};
+use crate::hub::Hub;
+use crate::invitation::{Invitation, lan_address, new_token};
+use crate::page::page;
 use crate::tls::TlsListener;
 use crate::walk::walk;
-use crate::wire::{self, FromPage, ToPage};
 use axum::Router;
 use axum::extract::State;
-use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::ws::WebSocketUpgrade;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -19,14 +19,11 @@ use rustls::pki_types::CertificateDer;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::{broadcast, oneshot, watch};
+use tokio::sync::oneshot;
 
-/// A page that does not send its hello within this time is disconnected.
-const HELLO_WITHIN: Duration = Duration::from_secs(5);
 /// The largest message of a page: a picture.
 const LARGEST: usize = 4 << 20;
 
@@ -244,6 +241,7 @@ fn router(hub: Arc<Hub>) -> Router {
         .route("/", file(HTML, include_str!("page/index.html")))
         .route("/style.css", file("text/css; charset=utf-8", include_str!("page/style.css")))
         .route("/app.js", file(SCRIPT, include_str!("page/app.js")))
+        .route("/pace.js", file(SCRIPT, include_str!("page/pace.js")))
         .route("/camera.js", file(SCRIPT, include_str!("page/camera.js")))
         .route("/senses.js", file(SCRIPT, include_str!("page/senses.js")))
         .route("/view.js", file(SCRIPT, include_str!("page/view.js")))
@@ -269,163 +267,4 @@ fn with_headers(kind: &'static str, text: &'static str) -> Response {
 
 async fn socket(State(hub): State<Arc<Hub>>, upgrade: WebSocketUpgrade) -> Response {
     upgrade.max_message_size(LARGEST).max_frame_size(LARGEST).on_upgrade(move |socket| page(socket, hub))
-}
-
-/// One page, from its hello until it disconnects.
-async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
-    let Ok(Some(walk)) = tokio::time::timeout(HELLO_WITHIN, hello(&mut socket, &hub)).await else {
-        let text = ToPage::Trouble("The key is wrong. Open the page with the code on the terminal.").text();
-        let _ = socket.send(Message::Text(text.into())).await;
-        return;
-    };
-    let id = hub.number();
-    let mut client = Client {
-        id,
-        messages: hub.messages.subscribe(),
-        status: hub.status.subscribe(),
-        view: hub.view.subscribe(),
-        picture: hub.picture.subscribe(),
-        wants: Wants { hub: hub.clone(), picture: false, map: false },
-        hub: hub.clone(),
-    };
-    let hello = ToPage::Hello { id, version: env!("CARGO_PKG_VERSION"), camera: &hub.camera }.text();
-    if socket.send(Message::Text(hello.into())).await.is_err() {
-        return;
-    }
-    if walk {
-        hub.take(id);
-    } else {
-        hub.broadcast(&ToPage::Control { id: hub.controller() });
-    }
-    client.status.mark_changed();
-    client.converse(&mut socket).await;
-    hub.release(id);
-}
-
-/// The first message; with the right token it says whether the page wants to control.
-async fn hello(socket: &mut WebSocket, hub: &Hub) -> Option<bool> {
-    let Some(Ok(Message::Text(text))) = socket.recv().await else { return None };
-    match serde_json::from_str(&text) {
-        Ok(FromPage::Hello { token, walk }) if same(&token, &hub.token) => Some(walk),
-        _ => None,
-    }
-}
-
-struct Client {
-    id: u64,
-    hub: Arc<Hub>,
-    messages: broadcast::Receiver<Arc<str>>,
-    status: watch::Receiver<Arc<str>>,
-    view: watch::Receiver<Arc<str>>,
-    picture: watch::Receiver<Shared>,
-    wants: Wants,
-}
-
-/// What a page wants; counted as long as it is connected.
-struct Wants {
-    hub: Arc<Hub>,
-    picture: bool,
-    map: bool,
-}
-
-impl Wants {
-    fn set(&mut self, picture: bool, map: bool) {
-        let count = |counter: &AtomicU64, was: bool, is: bool| match (was, is) {
-            (false, true) => drop(counter.fetch_add(1, Ordering::Relaxed)),
-            (true, false) => drop(counter.fetch_sub(1, Ordering::Relaxed)),
-            _ => {}
-        };
-        count(&self.hub.pictures_wanted, self.picture, picture);
-        count(&self.hub.maps_wanted, self.map, map);
-        (self.picture, self.map) = (picture, map);
-    }
-}
-
-impl Drop for Wants {
-    fn drop(&mut self) {
-        self.set(false, false);
-    }
-}
-
-impl Client {
-    /// Sends what is new and handles what arrives, until the page disconnects.
-    async fn converse(&mut self, socket: &mut WebSocket) {
-        loop {
-            let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
-            let out = tokio::select! {
-                // Utterances before everything else.
-                biased;
-                told = self.messages.recv() => match told {
-                    Ok(t) => Some(text(&t)),
-                    Err(broadcast::error::RecvError::Lagged(_)) => None,
-                    Err(broadcast::error::RecvError::Closed) => return,
-                },
-                came = socket.recv() => match came {
-                    Some(Ok(message)) => self.take(message).map(|t| Message::Text(t.into())),
-                    _ => return,
-                },
-                Ok(()) = self.status.changed() => Some(text(&self.status.borrow_and_update())),
-                Ok(()) = self.view.changed(), if self.wants.map => Some(text(&self.view.borrow_and_update())),
-                Ok(()) = self.picture.changed(), if self.wants.picture => {
-                    let bytes: Shared = self.picture.borrow_and_update().clone();
-                    Some(Message::Binary(axum::body::Bytes::from_owner(bytes)))
-                }
-            };
-            let empty = |m: &Message| matches!(m, Message::Text(t) if t.is_empty());
-            if let Some(out) = out.filter(|m| !empty(m))
-                && socket.send(out).await.is_err()
-            {
-                return;
-            }
-        }
-    }
-
-    /// Handles a message; returns an answer for this page alone, if one is due.
-    fn take(&mut self, message: Message) -> Option<String> {
-        let controls = self.hub.controller() == Some(self.id);
-        match message {
-            Message::Binary(bytes) if controls => {
-                if let Some((ms, jpeg)) = wire::picture(&bytes) {
-                    self.hub.port.picture(ms, jpeg.to_vec());
-                }
-                None
-            }
-            Message::Text(text) => match serde_json::from_str(&text) {
-                Ok(FromPage::Motion(samples)) if controls => {
-                    self.hub.port.motion(samples.into_iter().map(wire::motion));
-                    None
-                }
-                Ok(FromPage::Command(line)) if controls => self.command(&line).err().map(refusal),
-                Ok(FromPage::Command(_)) => Some(refusal("Someone else controls this walk.".into())),
-                Ok(FromPage::Want { picture, map }) => {
-                    self.wants.set(picture, map);
-                    self.view.mark_changed();
-                    None
-                }
-                Ok(FromPage::Take(true)) => match self.hub.take(self.id) {
-                    true => None,
-                    false => Some(refusal("Someone else controls this walk.".into())),
-                },
-                _ => None,
-            },
-            _ => None,
-        }
-    }
-
-    fn command(&self, line: &str) -> Result<(), String> {
-        let command = Command::parse(line)?;
-        match command {
-            // Files are chosen at the terminal, and the server is ended there.
-            Command::Quit | Command::Load(Some(_)) => Err("That can only be done at the terminal.".into()),
-            _ if !self.hub.running.load(Ordering::Relaxed) => Err("There is no picture yet.".into()),
-            _ => {
-                self.hub.inbox.command(command);
-                Ok(())
-            }
-        }
-    }
-}
-
-fn refusal(text: String) -> String {
-    ToPage::Did { ok: false, text: &text }.text()
 }

@@ -41,7 +41,8 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
             let has_imu = phone.rig().imu.is_some();
             let to_pages = hub.clone();
             let watched =
-                Validator::new(Box::new(phone), move |doubt| to_pages.broadcast(&ToPage::Doubt(doubt)));
+                Validator::new(Box::new(phone), move |doubt| to_pages.broadcast(&ToPage::Doubt(doubt)))
+                    .may_lack_imu();
             (Box::new(watched), SensorMode::Mono, has_imu)
         }
         CameraSource::Source { open, .. } => open()?,
@@ -72,12 +73,13 @@ struct PageFace {
     status: Option<Instant>,
     picture: Option<Instant>,
     view: Option<Instant>,
-    frame_ms: f64,
+    /// The time of the last picture in the clock of its page, if it is from one.
+    frame_ms: Option<f64>,
 }
 
 impl PageFace {
     fn new(hub: Arc<Hub>) -> Self {
-        Self { hub, status: None, picture: None, view: None, frame_ms: 0.0 }
+        Self { hub, status: None, picture: None, view: None, frame_ms: None }
     }
 
     fn send_status(&self, session: &Session) {
@@ -107,11 +109,15 @@ fn due(last: &mut Option<Instant>, every: Duration) -> bool {
 
 impl Face for PageFace {
     fn heard(&mut self, _: &Session, event: &Event) {
-        let _ = self.hub.messages.send(wire::event(event).into());
+        let pose_ms = match event {
+            Event::Said(said) => said.pose.and_then(|pose| self.hub.port.page_ms(pose)),
+            Event::Sound(_) => None,
+        };
+        let _ = self.hub.messages.send(wire::event(event, pose_ms).into());
     }
 
     fn saw(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
-        self.frame_ms = packet.stamp.0 as f64 * 1e-6;
+        self.frame_ms = self.hub.port.page_ms(packet.stamp);
         if self.hub.pictures_wanted.load(Ordering::Relaxed) == 0 || !due(&mut self.picture, PICTURE_EVERY) {
             return;
         }
@@ -132,9 +138,6 @@ impl Face for PageFace {
     }
 
     fn passed(&mut self, session: &Session) {
-        if let Some(why) = self.hub.port.refused() {
-            self.hub.broadcast(&ToPage::Trouble(&why));
-        }
         if due(&mut self.status, STATUS_EVERY) {
             self.send_status(session);
         }

@@ -9,16 +9,30 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub(crate) enum FromPage {
-    /// The first message: the token, and whether the page wants to control.
-    Hello { token: String, walk: bool },
+    /// The first message: the token, and whether the page may hold the walk, by the secret that it keeps; `origin` tells
+    /// the page's clock, in milliseconds, from that of an earlier load of it.
+    Hello {
+        token: String,
+        walk: bool,
+        #[serde(default)]
+        secret: String,
+        #[serde(default)]
+        origin: f64,
+    },
+    /// The answer to a ping: its number, and the page's time in milliseconds.
+    Pong { n: u64, ms: f64 },
+    /// What the page is told is from pictures too old by its own clock; or no longer.
+    Late(bool),
     /// A command of the session, as a line.
     Command(String),
     /// Motion: milliseconds, angular rate, specific force, each in the picture's axes.
     Motion(Vec<[f64; 7]>),
     /// What the page wants to receive: pictures, the map.
     Want { picture: bool, map: bool },
-    /// Takes control, when no page has it.
+    /// Takes the walk, when nobody holds it.
     Take(bool),
+    /// Takes the walk, also from a page that holds it.
+    TakeOver(bool),
 }
 
 /// Text messages to pages.
@@ -27,18 +41,30 @@ pub(crate) enum FromPage {
 pub(crate) enum ToPage<'a> {
     /// The answer to a hello.
     Hello { id: u64, version: &'static str, camera: &'a str },
-    /// The page that controls.
-    Control { id: Option<u64> },
+    /// The page that holds the walk; without an id and `held`, it is away and the walk waits for it.
+    Control { id: Option<u64>, held: bool },
+    /// A question, to be answered at once: the clocks are compared, and the page is seen to be there. With the shortest of
+    /// the last round trips, milliseconds, from which the page tells the time that a picture takes.
+    Ping { n: u64, trip_ms: Option<f64> },
+    /// The picture of this time has come: the next may be sent.
+    Got { ms: f64 },
     /// An utterance that starts now.
-    Said(&'a cairn_session::Said),
+    Said {
+        #[serde(flatten)]
+        said: &'a cairn_session::Said,
+        /// The page's time of the picture that a direction is from, milliseconds; the page gives no old ones.
+        pose_ms: Option<f64>,
+    },
     /// An earcon that starts now.
     Sound { name: &'static str, bearing_rad: f64 },
-    /// The result of a command.
+    /// The result of a command, which the session says as well.
     Did { ok: bool, text: &'a str },
+    /// A command that did not reach the session, and why.
+    Refused(&'a str),
     /// The session's status.
     Status {
-        /// The time of the last picture, milliseconds in the page's clock.
-        frame_ms: f64,
+        /// The time of the last picture, milliseconds in the clock of the page that it is from.
+        frame_ms: Option<f64>,
         /// The status itself.
         #[serde(flatten)]
         status: &'a Status,
@@ -61,10 +87,10 @@ impl ToPage<'_> {
     }
 }
 
-/// The JSON text of an event.
-pub(crate) fn event(event: &Event) -> String {
+/// The JSON text of an event; `pose_ms` as in [`ToPage::Said`].
+pub(crate) fn event(event: &Event, pose_ms: Option<f64>) -> String {
     match event {
-        Event::Said(said) => ToPage::Said(said).text(),
+        Event::Said(said) => ToPage::Said { said, pose_ms }.text(),
         Event::Sound(sound) => {
             ToPage::Sound { name: earcon_name(sound.earcon), bearing_rad: sound.bearing_rad }.text()
         }
@@ -117,9 +143,18 @@ mod tests {
             read(r#"{"hello":{"token":"x","walk":true}}"#),
             Ok(FromPage::Hello { walk: true, .. })
         ));
+        assert!(matches!(read(r#"{"takeover":true}"#), Ok(FromPage::TakeOver(true))));
+        assert!(matches!(read(r#"{"pong":{"n":3,"ms":1.5}}"#), Ok(FromPage::Pong { n: 3, .. })));
         assert!(matches!(read(r#"{"command":"guide back"}"#), Ok(FromPage::Command(c)) if c == "guide back"));
         assert!(matches!(read(r#"{"motion":[[1,0,0,0,0,0,9.8]]}"#), Ok(FromPage::Motion(m)) if m.len() == 1));
-        for wrong in ["", "{}", r#"{"fly":1}"#, r#"{"motion":[[1,2]]}"#, r#"{"hello":{"token":"x"}}"#] {
+        for wrong in [
+            "",
+            "{}",
+            r#"{"fly":1}"#,
+            r#"{"motion":[[1,2]]}"#,
+            r#"{"hello":{"token":"x"}}"#,
+            r#"{"pong":{"n":3,"ms":null}}"#,
+        ] {
             assert!(read(wrong).is_err(), "{wrong}");
         }
         assert_eq!(picture(&[0, 0, 0, 0, 0, 0, 0xf0, 0x3f, 7]), Some((1.0, &[7][..])));

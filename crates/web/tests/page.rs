@@ -13,6 +13,8 @@ use std::net::TcpStream;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::task::JoinHandle;
 use tokio_rustls::TlsConnector;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
@@ -58,14 +60,66 @@ async fn connect(server: &Server) -> Socket {
     tokio_tungstenite::client_async(url, stream).await.unwrap().0
 }
 
-async fn send(socket: &mut Socket, message: Value) {
-    socket.send(Message::text(message.to_string())).await.unwrap();
+/// A page that answers questions, also while the test looks elsewhere; it leaves when dropped.
+struct Page {
+    to: UnboundedSender<Message>,
+    from: UnboundedReceiver<Message>,
+    task: JoinHandle<()>,
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+impl Page {
+    fn of(mut socket: Socket) -> Self {
+        let (to, mut out) = unbounded_channel::<Message>();
+        let (heard, from) = unbounded_channel();
+        let task = tokio::spawn(async move {
+            loop {
+                let message = tokio::select! {
+                    Some(message) = out.recv() => {
+                        if socket.send(message).await.is_err() { return }
+                        continue;
+                    }
+                    came = socket.next() => match came {
+                        Some(Ok(message)) => message,
+                        _ => return,
+                    },
+                };
+                if let Message::Text(text) = &message
+                    && let Some(ping) = serde_json::from_str::<Value>(text).unwrap().get("ping")
+                {
+                    let pong = json!({ "pong": { "n": ping["n"], "ms": page_ms() } });
+                    if socket.send(Message::text(pong.to_string())).await.is_err() {
+                        return;
+                    }
+                }
+                if heard.send(message).is_err() {
+                    return;
+                }
+            }
+        });
+        Self { to, from, task }
+    }
+}
+
+async fn send(page: &mut Page, message: Value) {
+    page.to.send(Message::text(message.to_string())).unwrap();
+}
+
+/// The page's time, milliseconds.
+fn page_ms() -> f64 {
+    static BEGAN: std::sync::OnceLock<std::time::Instant> = std::sync::OnceLock::new();
+    5000.0 + 1e3 * BEGAN.get_or_init(std::time::Instant::now).elapsed().as_secs_f64()
 }
 
 /// The first message of a kind, within ten seconds.
-async fn next(socket: &mut Socket, kind: &str) -> Value {
+async fn next(page: &mut Page, kind: &str) -> Value {
     let find = async {
-        while let Some(Ok(message)) = socket.next().await {
+        while let Some(message) = page.from.recv().await {
             if let Message::Text(text) = message {
                 let mut value: Value = serde_json::from_str(&text).unwrap();
                 if let Some(inner) = value.get_mut(kind) {
@@ -78,10 +132,25 @@ async fn next(socket: &mut Socket, kind: &str) -> Value {
     tokio::time::timeout(Duration::from_secs(10), find).await.unwrap_or_else(|_| panic!("no \"{kind}\" came"))
 }
 
-async fn enter(server: &Server, walk: bool) -> Socket {
-    let mut socket = connect(server).await;
-    send(&mut socket, json!({ "hello": { "token": server.invitation().token, "walk": walk } })).await;
-    socket
+fn greeting(server: &Server, secret: &str) -> Value {
+    let token = &server.invitation().token;
+    json!({ "hello": { "token": token, "walk": true, "secret": secret, "origin": 1 } })
+}
+
+async fn enter(server: &Server, secret: &str) -> Page {
+    let mut page = Page::of(connect(server).await);
+    send(&mut page, greeting(server, secret)).await;
+    page
+}
+
+/// The next word on who holds the walk that names this page, or nobody.
+async fn holder(page: &mut Page, id: &Value) -> Value {
+    loop {
+        let control = next(page, "control").await;
+        if control["id"] == *id {
+            return control;
+        }
+    }
 }
 
 #[tokio::test]
@@ -97,7 +166,9 @@ async fn page_is_served_over_tls_with_content_policy() {
         let _ = tls.read_to_string(&mut text);
         text
     };
-    for path in ["/", "/app.js", "/camera.js", "/senses.js", "/view.js", "/style.css", "/icon.svg"] {
+    for path in
+        ["/", "/app.js", "/pace.js", "/camera.js", "/senses.js", "/view.js", "/style.css", "/icon.svg"]
+    {
         let text = get(path);
         assert!(text.starts_with("HTTP/1.1 200"), "{path}: {text}");
         assert!(text.contains("content-security-policy: default-src 'none'"), "{path}");
@@ -117,24 +188,26 @@ async fn page_is_served_over_tls_with_content_policy() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
 async fn token_is_required_and_one_page_controls() {
     let server = server("control", walk());
-    let mut stranger = connect(&server).await;
+    let mut stranger = Page::of(connect(&server).await);
     send(&mut stranger, json!({ "hello": { "token": "0".repeat(32), "walk": true } })).await;
     assert!(next(&mut stranger, "trouble").await.as_str().unwrap().contains("key is wrong"));
-    assert!(!matches!(stranger.next().await, Some(Ok(Message::Text(_)))));
+    assert!(!matches!(stranger.from.recv().await, Some(Message::Text(_))));
 
-    let mut walker = enter(&server, true).await;
+    let mut walker = enter(&server, "one").await;
     let me = next(&mut walker, "hello").await["id"].clone();
-    assert_eq!(next(&mut walker, "control").await["id"], me);
-    let mut watcher = enter(&server, true).await;
+    assert!(next(&mut walker, "control").await["id"].is_null(), "nobody holds the walk by being first");
+    send(&mut walker, json!({ "take": true })).await;
+    holder(&mut walker, &me).await;
+    let mut watcher = enter(&server, "two").await;
     next(&mut watcher, "hello").await;
     assert_eq!(next(&mut watcher, "control").await["id"], me);
     send(&mut watcher, json!({ "command": "record" })).await;
-    assert_eq!(next(&mut watcher, "did").await["ok"], false);
+    assert!(next(&mut watcher, "refused").await.as_str().unwrap().contains("Another device"));
     // Both receive the status.
     while next(&mut watcher, "status").await["tracked"].as_u64().unwrap() < 5 {}
     send(&mut watcher, json!({ "want": { "picture": true, "map": true } })).await;
     let picture = loop {
-        if let Some(Ok(Message::Binary(bytes))) = watcher.next().await {
+        if let Some(Message::Binary(bytes)) = watcher.from.recv().await {
             break bytes;
         }
     };
@@ -166,11 +239,25 @@ async fn token_is_required_and_one_page_controls() {
         }
     };
     assert!(words.contains("metre"), "{words}");
-    // The walker's page closes: control is free, the recorded route is on disk, another page takes over.
+    // The walker's page closes: the walk waits for it, the recorded route is on disk, and being there takes nothing.
     drop(walker);
-    while !next(&mut watcher, "control").await["id"].is_null() {}
-    send(&mut watcher, json!({ "take": true })).await;
-    while next(&mut watcher, "control").await["id"].is_null() {}
+    let gone = loop {
+        let control = next(&mut watcher, "control").await;
+        if control["id"].is_null() {
+            break control;
+        }
+    };
+    assert_eq!(gone["held"], true);
+    for refused in [json!({ "take": true }), json!({ "command": "halt" })] {
+        send(&mut watcher, refused).await;
+        assert!(next(&mut watcher, "refused").await.as_str().unwrap().contains("Another device"));
+    }
+    // It comes back by itself with its secret; then the other one takes over.
+    let mut walker = enter(&server, "one").await;
+    let me = next(&mut walker, "hello").await["id"].clone();
+    holder(&mut watcher, &me).await;
+    send(&mut watcher, json!({ "takeover": true })).await;
+    while next(&mut walker, "control").await["id"] == me {}
     send(&mut watcher, json!({ "command": "halt" })).await;
     assert_eq!(next(&mut watcher, "did").await["ok"], true);
     let route = cairn_guide::Route::load(&folder_of("control").join("route-0001.route")).unwrap();
@@ -179,4 +266,21 @@ async fn token_is_required_and_one_page_controls() {
 
 fn folder_of(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("cairn-page-{name}-{}", std::process::id()))
+}
+
+/// A page that falls silent without a word, as one whose network is gone, is noticed within three seconds.
+#[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+async fn silent_page_is_noticed_within_three_seconds() {
+    let server = server("silent", walk());
+    let mut walker = connect(&server).await;
+    for message in [greeting(&server, "one"), json!({ "take": true })] {
+        walker.send(Message::text(message.to_string())).await.unwrap();
+    }
+    let mut watcher = enter(&server, "two").await;
+    while next(&mut watcher, "control").await["id"].is_null() {}
+    // The walker's connection stays open, and nothing comes from it.
+    let silent = std::time::Instant::now();
+    let control = holder(&mut watcher, &Value::Null).await;
+    let after = silent.elapsed().as_secs_f64();
+    assert!(control["held"] == true && (2.5..3.6).contains(&after), "after {after} s: {control}");
 }

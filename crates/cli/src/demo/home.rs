@@ -108,7 +108,7 @@ pub fn walk_back(
         progress.step(50 + (50.0 * along_m / length_m) as usize);
     }
     if stopped_s >= STOPPED_S {
-        home.stopped = camera.session().stop_reason().map(|reason| reason.words().into());
+        home.stopped = camera.session().stop_reason().map(|reason| cairn_guide::reason_words(reason).into());
     }
     home.took_s = now - began;
     home.blocked = body.blocked;

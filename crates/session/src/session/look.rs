@@ -1,12 +1,13 @@
 //! Views of a session: its status in numbers and in words, and polylines to draw.
 
 use super::Session;
+use crate::age::Age;
 use crate::recording::Recording;
 use crate::reference_path::standing;
 use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 use cairn_engine::Phase;
 use cairn_geometry::Vec3;
-use cairn_guide::{Facing, GuideState};
+use cairn_guide::{Facing, GuideState, StopReason, reason_words};
 use std::path::PathBuf;
 
 impl Session {
@@ -20,6 +21,8 @@ impl Session {
         s.t_s = self.since_start(self.now);
         s.engine = self.standing();
         (s.phase, s.words) = (s.engine.phase, s.engine.words());
+        s.age = self.age();
+        s.headline = self.headline(&s.words);
         s.recording = self.recording.as_ref().map(|r| RecordingStatus {
             points: r.route().points.len(),
             length: r.length(),
@@ -45,13 +48,34 @@ impl Session {
         s
     }
 
+    /// The age of the last picture.
+    pub fn age(&self) -> Age {
+        self.ages.of(self.frame)
+    }
+
+    /// The state in large print: what the walker was told last about whether to move.
+    fn headline(&self, words: &str) -> String {
+        match self.guiding.as_ref().map(|g| g.guide.state()) {
+            Some(GuideState::Stopped(reason)) => return format!("Stop. {}", reason_words(reason)),
+            _ if self.dead.is_some() || self.picture.is_lost() => return words.to_owned(),
+            Some(state) => return format!("Guiding, {}.", state_name(state)),
+            None => {}
+        }
+        match self.age() {
+            Age::Unknown => reason_words(StopReason::AgeUnknown).to_owned(),
+            age if age.is_stale() => reason_words(StopReason::PicturesLate).to_owned(),
+            _ if self.recording.is_some() => format!("Recording. {words}"),
+            _ => words.to_owned(),
+        }
+    }
+
     /// The engine's status, combined with what only the session knows: missing pictures, or an engine that failed.
     pub fn standing(&self) -> cairn_engine::Status {
         let mut s = self.engine.status().clone();
         s.t_s = self.since_start(self.now);
         let beyond = match &self.dead {
             Some(_) => Some(Phase::Error),
-            None => self.picture_loss_announced.then_some(Phase::WaitFrames),
+            None => self.picture.is_lost().then_some(Phase::WaitFrames),
         };
         if let Some(phase) = beyond {
             (s.phase, s.valid, s.error) = (phase, false, self.dead.clone());
@@ -100,17 +124,21 @@ impl Session {
 
     pub(super) fn status_words(&self) -> String {
         let s = self.status();
-        let mut words = s.words.clone();
+        let mut words = s.headline.clone();
+        if let Some(age) = s.age.words() {
+            words += &format!(" {age}");
+        }
         if let Some(r) = &s.recording {
             match s.metric {
-                true => words += &format!(" Recording, {}.", self.phrases().distance(r.length)),
+                true => words += &format!(" {} recorded.", self.phrases().distance(r.length)),
+                false if s.headline.starts_with("Recording") => {}
                 false => words += " Recording.",
             }
         }
         if let Some(g) = &s.guiding {
             words += &match s.metric {
-                true => format!(" Guiding, {} to go.", self.phrases().distance(g.length_m - g.along_m)),
-                false => format!(" Guiding, {:.0} percent done.", 100.0 * g.along_m / g.length_m.max(1e-9)),
+                true => format!(" {} to go.", self.phrases().distance(g.length_m - g.along_m)),
+                false => format!(" {:.0} percent done.", 100.0 * g.along_m / g.length_m.max(1e-9)),
             };
         }
         words

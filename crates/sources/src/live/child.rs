@@ -42,6 +42,8 @@ impl ChildCommand {
         if address.live {
             let low = ["-fflags", "nobuffer", "-flags", "low_delay", "-analyzeduration", "0"];
             arguments.extend(low.map(OsString::from));
+            // The first picture comes when this much was read and no rate was measured: by default 5 MB, some seconds.
+            arguments.extend(["-probesize", "16384", "-fpsprobesize", "0"].map(OsString::from));
             // One thread: with several, each would delay by one image.
             arguments.extend(["-threads", "1"].map(OsString::from));
         }

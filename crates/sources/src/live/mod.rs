@@ -6,7 +6,9 @@
 mod address;
 mod child;
 mod file;
+mod page_clock;
 mod phone;
+mod resize;
 mod slot;
 mod stream;
 

@@ -1,14 +1,16 @@
 //! A phone whose browser sends images and motion data through a port; packets come out, newest first.
 //!
-//! In: JPEGs and motion samples with the page's own times. Out: a [`Source`]. Images are decoded only when
-//! requested, so that overtaken ones cost nothing.
+//! In: JPEGs and motion samples with the page's own times, and round trips that compare its clock with ours. Out: a
+//! [`Source`] whose pictures have a known age. Images are decoded only when requested, so that overtaken ones cost nothing.
 
+use super::page_clock::PageClock;
+use super::resize::{resized, same_aspect};
 use super::rig_for;
 use crate::decode::gray_jpeg;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{
-    FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Merge, MergeConfig, Rig, Source, SourceError,
-    SourceInfo, Stamp, Stream,
+    ClockReading, FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig,
+    Source, SourceError, SourceInfo, Stamp, Stream,
 };
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -18,8 +20,17 @@ use std::time::{Duration, Instant};
 const MAX_MOTION: usize = 2000;
 /// How long an image waits for motion data at or after it: the page sends it in batches of a few readings.
 const MOTION_TIMEOUT: Duration = Duration::from_millis(60);
+/// Motion data is waited for only while it flows: this long after the last.
+const MOTION_FLOWS: Duration = Duration::from_millis(500);
 /// Largest accepted JPEG, bytes.
 const MAX_BYTES: usize = 8 << 20;
+/// A picture's time may lie ahead of the page's clock by this much beyond the error of the comparison, milliseconds: cameras
+/// state the time of exposure in their own clock.
+const AHEAD_MS: f64 = 50.0;
+/// What the way of the words is taken to be longer while the page finds them late, seconds.
+const LATE_S: f64 = 1.0;
+/// Pictures of another page continue in the time of the ones before, unless they already do to within this, seconds.
+const SAME_TIME_S: f64 = 2.0;
 
 /// One reading of a phone's motion sensors, in the axes of its image: x right, y down, z into the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,13 +43,64 @@ pub struct Motion {
     pub accel: Vec3,
 }
 
-#[derive(Default)]
 struct State {
     newest: Option<(f64, Vec<u8>, Instant)>,
     motion: VecDeque<Motion>,
+    /// When motion data arrived last.
+    moved: Option<Instant>,
     overtaken: usize,
-    refused: Option<String>,
+    /// Why the last image was refused.
+    trouble: Option<String>,
     closed: bool,
+    /// The page whose images are taken, and its clock.
+    page: u64,
+    clock: PageClock,
+    /// The page's time of its last image, milliseconds.
+    last_ms: Option<f64>,
+    /// The page finds that words reach it too late.
+    late: bool,
+    /// Nanoseconds from the page's time to the stamps; `None` until the first image of the page is delivered.
+    offset: Option<i64>,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self {
+            newest: None,
+            motion: VecDeque::new(),
+            moved: None,
+            overtaken: 0,
+            trouble: None,
+            closed: false,
+            page: 0,
+            clock: PageClock::new(),
+            last_ms: None,
+            late: false,
+            offset: None,
+        }
+    }
+}
+
+impl State {
+    /// Why an image with this time cannot be taken, if so.
+    fn refuses(&self, ms: f64, bytes: usize) -> Option<&'static str> {
+        if !ms.is_finite() || ms.abs() > 8.64e15 {
+            return Some(
+                "The page's pictures come without their time, so nobody knows how old they are. Open the page again.",
+            );
+        }
+        if bytes > MAX_BYTES {
+            return Some("The page's pictures are too large.");
+        }
+        let latest = self.clock.at(Instant::now()).map(|now| now.ms + 1e3 * now.bound_s + AHEAD_MS);
+        if latest.is_some_and(|latest| ms > latest) {
+            return Some("The page's pictures come with times that lie ahead. Open the page again.");
+        }
+        // An earlier time that lay ahead was no time: nothing is compared with it.
+        let last = self.last_ms.filter(|last| latest.is_none_or(|latest| *last <= latest));
+        last.is_some_and(|last| ms <= last)
+            .then_some("The times of the page's pictures run backwards. Open the page again.")
+    }
 }
 
 /// The entry for images and motion data; clones refer to the same port.
@@ -50,14 +112,52 @@ impl PhonePort {
         self.0.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a JPEG and the page's time in milliseconds. Invalid data is refused later, and reported.
-    pub fn picture(&self, ms: f64, jpeg: Vec<u8>) {
-        if !ms.is_finite() || jpeg.len() > MAX_BYTES {
-            return;
-        }
+    /// The page whose images and motion data come from now on, by a number of its own. The same page after a new connection
+    /// keeps its clock.
+    pub fn page(&self, page: u64) {
         let mut s = self.lock();
+        if s.page != page {
+            let fresh = State {
+                page,
+                moved: s.moved,
+                trouble: s.trouble.take(),
+                closed: s.closed,
+                overtaken: s.overtaken,
+                ..State::default()
+            };
+            *s = fresh;
+        }
+    }
+
+    /// Takes a round trip to the page: the question left at `sent`, the answer with the page's milliseconds came at `received`.
+    pub fn round_trip(&self, sent: Instant, received: Instant, page_ms: f64) {
+        self.lock().clock.round_trip(sent, received, page_ms);
+    }
+
+    /// The page, which knows its own clock, finds that what it is told is from pictures too old; or no longer.
+    pub fn late(&self, late: bool) {
+        self.lock().late = late;
+    }
+
+    /// Takes a JPEG and the page's time in milliseconds at which it was captured; false when it is refused, because it is too
+    /// large or because its time is missing, lies ahead or before the last one's. The reason is [`Live::trouble`]. An image
+    /// that cannot be read is refused later.
+    pub fn picture(&self, ms: f64, jpeg: Vec<u8>) -> bool {
+        let mut s = self.lock();
+        if let Some(why) = s.refuses(ms, jpeg.len()) {
+            s.trouble = Some(why.to_owned());
+            return false;
+        }
+        s.last_ms = Some(ms);
         s.overtaken += usize::from(s.newest.replace((ms, jpeg, Instant::now())).is_some());
         self.0.1.notify_all();
+        true
+    }
+
+    /// The page's milliseconds of a stamp; `None` before the first image of the page.
+    pub fn page_ms(&self, stamp: Stamp) -> Option<f64> {
+        let offset = self.lock().offset?;
+        Some(stamp.0.saturating_sub(offset) as f64 * 1e-6)
     }
 
     /// Takes readings of the motion sensors.
@@ -66,6 +166,7 @@ impl PhonePort {
             |m: &Motion| m.ms.is_finite() && m.gyro.iter().chain(m.accel.iter()).all(|v| v.is_finite());
         let mut s = self.lock();
         s.motion.extend(samples.into_iter().filter(finite));
+        s.moved = Some(Instant::now());
         while s.motion.len() > MAX_MOTION {
             s.motion.pop_front();
         }
@@ -91,9 +192,10 @@ impl PhonePort {
         self.0.1.notify_all();
     }
 
-    /// Why the last image was refused; reported once.
-    pub fn refused(&self) -> Option<String> {
-        self.lock().refused.take()
+    /// Whether motion data is arriving.
+    fn motion_flows(&self) -> bool {
+        let s = self.lock();
+        !s.motion.is_empty() || s.moved.is_some_and(|t| t.elapsed() < MOTION_FLOWS)
     }
 
     /// Waits for an image; `None` when the port is closed.
@@ -111,15 +213,31 @@ impl PhonePort {
     }
 }
 
+impl Live for PhonePort {
+    fn clock(&self) -> Option<ClockReading> {
+        let s = self.lock();
+        let (page, offset) = (s.clock.at(Instant::now())?, s.offset?);
+        let now = Stamp(((page.ms * 1e6) as i64).saturating_add(offset));
+        let delivery_s = page.delivery_s + if s.late { LATE_S } else { 0.0 };
+        Some(ClockReading { now, bound_s: page.bound_s, delivery_s })
+    }
+
+    fn trouble(&self) -> Option<String> {
+        self.lock().trouble.clone()
+    }
+}
+
 /// The phone as a source.
 pub struct PhoneSource {
     port: PhonePort,
     info: SourceInfo,
     rig: Rig,
     first: Option<(f64, Vec<u8>, Instant)>,
-    last: Option<Stamp>,
+    /// The last stamp, and when it was given.
+    last: Option<(Stamp, Instant)>,
     merge: Merge<Arc<GrayImage>, ()>,
-    /// Nanoseconds to add to the page's time, so that stamps increase when the page is reloaded.
+    /// The page of the last image, and the nanoseconds to add to its time, so that stamps go on increasing from page to page.
+    page: u64,
     offset: i64,
     skipped: Vec<String>,
 }
@@ -137,7 +255,8 @@ impl PhoneSource {
         let image = gray_jpeg(&first.1).map_err(|why| SourceError::new(NAME, why, "try another browser"))?;
         let given = rig.is_some();
         let (mut rig, mut assumed) = rig_for(NAME, [image.width(), image.height()], rig)?;
-        if !given && !port.lock().motion.is_empty() {
+        // The motion sensor may come later than the camera, so it is always reckoned with.
+        if !given {
             rig.imu = Some(phone_imu());
             assumed = assumed.map(|camera| camera + "; a low-cost IMU of 60 Hz in the camera's axes");
         }
@@ -158,23 +277,30 @@ impl PhoneSource {
             first: Some(first),
             last: None,
             merge: Merge::new(config),
+            page: port.lock().page,
             offset: 0,
             skipped: Vec::new(),
         })
     }
 
-    /// The stamp for a time of the page, later than the previous one.
+    /// The stamp for a time of the page, later than the previous one. Another page's time continues the one before.
     fn stamp(&mut self, ms: f64) -> Stamp {
+        let page = self.port.lock().page;
         let plain = (ms * 1e6) as i64;
-        let stamp = Stamp(plain.saturating_add(self.offset));
-        let stamp = match self.last {
-            Some(last) if stamp <= last => {
-                self.offset = last.0.saturating_add(1_000_000).saturating_sub(plain);
-                Stamp(last.0.saturating_add(1_000_000))
+        let mut stamp = Stamp(plain.saturating_add(self.offset));
+        if let Some((last, given)) = self.last {
+            let expected = last.plus_seconds(given.elapsed().as_secs_f64());
+            let other = std::mem::replace(&mut self.page, page) != page;
+            if stamp <= last || (other && (stamp - expected).abs() > SAME_TIME_S) {
+                stamp = expected.max(Stamp(last.0.saturating_add(1_000_000)));
+                self.offset = stamp.0.saturating_sub(plain);
             }
-            _ => stamp,
-        };
-        self.last = Some(stamp);
+        }
+        self.last = Some((stamp, Instant::now()));
+        let mut s = self.port.lock();
+        if s.page == page {
+            s.offset = Some(self.offset);
+        }
         stamp
     }
 
@@ -187,7 +313,7 @@ impl PhoneSource {
         }
         // The page's clock runs on while it sends no images: that is not a jump.
         self.merge.advance(stamp);
-        let until = Instant::now() + MOTION_TIMEOUT;
+        let until = Instant::now() + if self.port.motion_flows() { MOTION_TIMEOUT } else { Duration::ZERO };
         while self.merge.lacks() == Some(Stream::Imu) {
             let motion = self.port.motion_before(until);
             if motion.is_empty() {
@@ -218,7 +344,22 @@ impl PhoneSource {
         if self.skipped.last() != Some(&why) {
             self.skipped.push(why.clone());
         }
-        self.port.lock().refused = Some(why);
+        self.port.lock().trouble = Some(why);
+    }
+
+    /// The image in the size of the rig: a page on a slow link sends smaller ones.
+    fn sized(&mut self, image: GrayImage) -> Option<GrayImage> {
+        let camera = self.rig.cameras.first().map_or([0, 0], |c| [c.camera.width, c.camera.height]);
+        let found = [image.width(), image.height()];
+        if found == camera {
+            return Some(image);
+        }
+        if same_aspect(found, camera) {
+            return Some(resized(&image, camera));
+        }
+        let ([w, h], [iw, ih]) = (camera, found);
+        self.refuse(format!("The picture is {iw} by {ih} now, it was {w} by {h}. Hold the phone as before."));
+        None
     }
 }
 
@@ -239,27 +380,21 @@ impl Source for PhoneSource {
 
     /// Waits for an image, for as long as the page sends none.
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
-        let camera = self.rig.cameras.first().map_or([0, 0], |c| [c.camera.width, c.camera.height]);
         loop {
             let Some((ms, jpeg, arrived)) = self.first.take().or_else(|| self.port.wait()) else {
                 return Ok(None);
             };
             let image = match gray_jpeg(&jpeg) {
-                Ok(image) if [image.width(), image.height()] == camera => image,
-                Ok(image) => {
-                    let ([w, h], (iw, ih)) = (camera, (image.width(), image.height()));
-                    self.refuse(format!(
-                        "the image is {iw}x{ih} now, it was {w}x{h}: hold the phone as before"
-                    ));
-                    continue;
-                }
+                Ok(image) => image,
                 Err(why) => {
-                    self.refuse(why);
+                    self.refuse(format!("A picture cannot be read: {why}."));
                     continue;
                 }
             };
+            let Some(image) = self.sized(image) else { continue };
             let stamp = self.stamp(ms);
             if let Some(packet) = self.merged(stamp, image, || arrived.elapsed().as_secs_f64() * 1e3) {
+                self.port.lock().trouble = None;
                 return Ok(Some(packet));
             }
         }
@@ -267,6 +402,10 @@ impl Source for PhoneSource {
 
     fn skipped(&self) -> &[String] {
         &self.skipped
+    }
+
+    fn live(&self) -> Option<Arc<dyn Live>> {
+        Some(Arc::new(self.port.clone()))
     }
 }
 
@@ -277,14 +416,22 @@ mod tests {
     /// The smallest baseline JPEG of a given side, all of one gray, built by hand: a DC coefficient alone in
     /// each 8x8 block.
     fn jpeg(side: u8) -> Vec<u8> {
+        jpeg_of(side, side)
+    }
+
+    fn tall() -> Vec<u8> {
+        jpeg_of(16, 32)
+    }
+
+    fn jpeg_of(width: u8, height: u8) -> Vec<u8> {
         let mut f = vec![0xff, 0xd8, 0xff, 0xdb, 0, 67, 0];
         f.extend([1; 64]);
-        f.extend([0xff, 0xc0, 0, 11, 8, 0, side, 0, side, 1, 1, 0x11, 0]);
+        f.extend([0xff, 0xc0, 0, 11, 8, 0, height, 0, width, 1, 1, 0x11, 0]);
         // One code for DC: category 0 is "0"; one for AC: end of block is "0".
         f.extend([0xff, 0xc4, 0, 20, 0x00, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
         f.extend([0xff, 0xc4, 0, 20, 0x10, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
         f.extend([0xff, 0xda, 0, 8, 1, 1, 0, 0, 63, 0]);
-        let bits = 2 * usize::from(side.div_ceil(8)).pow(2);
+        let bits = 2 * usize::from(width.div_ceil(8)) * usize::from(height.div_ceil(8));
         f.extend(vec![0; bits / 8]);
         if !bits.is_multiple_of(8) {
             f.push(0xff >> (bits % 8));
@@ -313,8 +460,9 @@ mod tests {
         port.picture(1100.0, jpeg(16));
         let second = source.next_packet().unwrap().unwrap();
         assert_eq!((second.stamp, second.imu.len()), (Stamp(1_100_000_000), 5));
-        // The page is reloaded with an earlier clock: stamps increase all the same.
-        port.picture(5.0, jpeg(16));
+        // Another page, with an earlier clock: stamps increase all the same.
+        port.page(2);
+        assert!(port.picture(5.0, jpeg(16)));
         assert!(source.next_packet().unwrap().unwrap().stamp > second.stamp);
         // A pause of the page is not a jump; motion that arrives a little later than its image is waited for.
         let last = 5.0 + 3000.0;
@@ -338,6 +486,72 @@ mod tests {
         assert!(source.next_packet().unwrap().is_none());
     }
 
+    /// Compares the clocks: the page's shows `page_ms` now, to within a millisecond.
+    fn compared(port: &PhonePort, page_ms: f64) {
+        let now = Instant::now();
+        port.round_trip(now - Duration::from_millis(2), now, page_ms - 1.0);
+    }
+
+    #[test]
+    fn age_of_a_picture_is_known_once_the_clocks_are_compared() {
+        let port = PhonePort::default();
+        assert!(port.picture(7e9 + 20.0, jpeg(16)));
+        let mut source = PhoneSource::open(&port, None).unwrap();
+        let packet = source.next_packet().unwrap().unwrap();
+        let live = source.live().unwrap();
+        assert!(live.clock().is_none(), "nothing is known of the page's clock yet");
+        compared(&port, 7e9 + 320.0);
+        let reading = live.clock().unwrap();
+        let age = reading.now - packet.stamp;
+        assert!((age - 0.3).abs() < 0.05 && reading.bound_s < 0.01, "{age} {reading:?}");
+        assert!(reading.oldest_s(packet.stamp) > age);
+        assert!((port.page_ms(packet.stamp).unwrap() - (7e9 + 20.0)).abs() < 0.001);
+        // Another page with another clock: its age is not known before its clock is compared; then it is, in the same time.
+        port.page(9);
+        assert!(live.clock().is_none());
+        compared(&port, 50_000.0);
+        assert!(port.picture(49_900.0, jpeg(16)));
+        let next = source.next_packet().unwrap().unwrap();
+        let reading = live.clock().unwrap();
+        let age = reading.now - next.stamp;
+        assert!((age - 0.1).abs() < 0.05 && next.stamp > packet.stamp, "{age}");
+        assert!(next.stamp - packet.stamp < 5.0);
+    }
+
+    #[test]
+    fn pictures_without_a_possible_time_are_refused() {
+        let port = PhonePort::default();
+        compared(&port, 1000.0);
+        assert!(port.picture(900.0, jpeg(16)));
+        for (ms, why) in [
+            (f64::NAN, "without their time"),
+            (f64::INFINITY, "without"),
+            (1e300, "without"),
+            (9000.0, "ahead"),
+            (899.0, "backwards"),
+            (900.0, "backwards"),
+        ] {
+            assert!(!port.picture(ms, jpeg(16)), "{ms}");
+            assert!(port.trouble().unwrap().contains(why), "{ms}: {:?}", port.trouble());
+        }
+        assert!(port.picture(901.0, jpeg(16)));
+    }
+
+    #[test]
+    fn late_motion_sensor_is_taken_up() {
+        let port = PhonePort::default();
+        port.picture(1000.0, jpeg(16));
+        let mut source = PhoneSource::open(&port, None).unwrap();
+        let began = Instant::now();
+        assert!(source.next_packet().unwrap().unwrap().imu.is_empty());
+        assert!(began.elapsed() < MOTION_TIMEOUT, "nothing is waited for where no sensor is");
+        port.motion((0..20).map(|k| sample(1000.0 + 10.0 * f64::from(k))));
+        port.picture(1100.0, jpeg(16));
+        let packet = source.next_packet().unwrap().unwrap();
+        assert_eq!(packet.imu.len(), 11, "{packet:?}");
+        assert!(source.rig().imu.is_some());
+    }
+
     #[test]
     fn wrong_size_and_invalid_data_are_refused_and_reported() {
         let port = PhonePort::default();
@@ -346,19 +560,19 @@ mod tests {
         source.next_packet().unwrap().unwrap();
         let (answer, told) = std::sync::mpsc::channel();
         let reader = std::thread::spawn(move || answer.send(source.next_packet().unwrap().unwrap().stamp));
-        for (ms, bytes, why) in [(2.0, jpeg(24), "24x24"), (3.0, b"rubbish".to_vec(), "neither JPEG")] {
+        for (ms, bytes, why) in [(2.0, tall(), "16 by 32"), (3.0, b"rubbish".to_vec(), "neither JPEG")] {
             port.picture(ms, bytes);
-            let refused = loop {
-                if let Some(why) = port.refused() {
-                    break why;
-                }
+            let began = Instant::now();
+            while !port.trouble().is_some_and(|t| t.contains(why)) {
+                assert!(began.elapsed() < Duration::from_secs(5), "{why}: {:?}", port.trouble());
                 std::thread::yield_now();
-            };
-            assert!(refused.contains(why), "{refused}");
+            }
         }
-        port.picture(4.0, jpeg(16));
+        // A smaller picture of the same shape is taken, and ends the trouble.
+        port.picture(4.0, jpeg(24));
         assert_eq!(told.recv().unwrap(), Stamp(4_000_000));
         reader.join().unwrap().unwrap();
+        assert_eq!(port.trouble(), None);
         port.close();
         assert!(PhoneSource::open(&port, None).is_err());
     }

@@ -30,6 +30,10 @@ pub(super) struct State {
     pub stale: usize,
     /// Events of the stream, for people.
     pub lines: Vec<String>,
+    /// The least delay from an image's stamp to its arrival, seconds: the usual delay, which cannot be told from none.
+    pub least_delay_s: f64,
+    /// Why the images that are sent cannot be used.
+    pub trouble: Option<String>,
 }
 
 /// The state with its condition variable.

@@ -8,8 +8,8 @@ use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle, WRONG_NAME};
 use super::rig_for;
 use super::slot::{LiveImage, Slot, State};
-use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
-use std::sync::Arc;
+use cairn_sensor::{ClockReading, FramePacket, Live, Rig, Source, SourceError, SourceInfo, Stamp};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -147,6 +147,10 @@ impl Source for Stream {
     fn skipped(&self) -> &[String] {
         &self.skipped
     }
+
+    fn live(&self) -> Option<Arc<dyn Live>> {
+        Some(Arc::new(StreamLive(self.slot.clone())))
+    }
 }
 
 impl Drop for Stream {
@@ -179,17 +183,22 @@ fn read(shown: &str, command: &ChildCommand, listens: bool, slot: &Slot, handle:
         let mut clock = Clock::default();
         let mut delivered = 0;
         if let Some((found, rate)) = feed.header() {
-            if *size.get_or_insert(found) != found {
-                let why = format!("now sends images of {}x{}", found[0], found[1]);
-                let cure = "let it send the initial size, or start again";
-                return slot.change(|s| s.failed = Some(SourceError::new(shown, why, cure)));
+            let wanted = *size.get_or_insert(found);
+            if wanted != found {
+                slot.change(|s| wrong_size(s, found, wanted));
             }
             while let Some((image, time)) = feed.next_image(found) {
+                if wanted != found {
+                    // The sender is told, not cut off: what it sends next may fit.
+                    slot.change(|s| s.last_image = Some(Instant::now()));
+                    continue;
+                }
                 let (stamp, on_time) = clock.stamp(time, Instant::now(), last);
                 (last, delivered, retry_delay) = (stamp, delivered + 1, RETRY_DELAY);
                 slot.put(LiveImage { stamp, image, on_time });
                 slot.change(|s| {
                     s.known.get_or_insert((found, rate));
+                    (s.least_delay_s, s.trouble) = (clock.least_s, None);
                     if std::mem::take(&mut was_lost) {
                         s.lines.push(format!("the stream is back after {tried} attempts"));
                     }
@@ -204,6 +213,17 @@ fn read(shown: &str, command: &ChildCommand, listens: bool, slot: &Slot, handle:
         }
         retry_delay = if listens { RETRY_DELAY } else { (2 * retry_delay).min(MAX_RETRY_DELAY) };
     }
+}
+
+/// Tells that the images of this connection have another size than those of the first.
+fn wrong_size(s: &mut State, [w, h]: [usize; 2], [first_w, first_h]: [usize; 2]) {
+    let why = format!(
+        "The stream sends {w} by {h} now, it was {first_w} by {first_h}. Set the sender back to that size."
+    );
+    if s.trouble.as_ref() != Some(&why) {
+        s.lines.push(why.clone());
+    }
+    s.trouble = Some(why);
 }
 
 /// Handles the end of a connection: before the very first image that is a failure, afterwards it is retried.
@@ -253,6 +273,8 @@ struct Clock {
     last: f64,
     /// Recent delays in seconds: arrival minus stamp.
     delays: std::collections::VecDeque<f64>,
+    /// The least of them.
+    least_s: f64,
 }
 
 impl Clock {
@@ -275,17 +297,36 @@ impl Clock {
             self.delays.pop_front();
         }
         self.delays.push_back(delay);
-        let least = self.delays.iter().copied().fold(f64::INFINITY, f64::min);
-        let late = Duration::try_from_secs_f64(delay - least).unwrap_or_default();
+        self.least_s = self.delays.iter().copied().fold(f64::INFINITY, f64::min);
+        let late = Duration::try_from_secs_f64(delay - self.least_s).unwrap_or_default();
         let stamp = stamp.max(Stamp(after.0.saturating_add(1_000_000)));
         (stamp, now.checked_sub(late).unwrap_or(now))
     }
 }
 
-/// Now, as time since 1970, so that a recorded route knows when it was walked.
+/// Now, as time since 1970, so that a recorded route knows when it was walked; it never jumps when the clock is set.
 fn unix_now() -> Stamp {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    Stamp(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
+    static BEGAN: OnceLock<(Instant, Duration)> = OnceLock::new();
+    let (began, since) = *BEGAN
+        .get_or_init(|| (Instant::now(), SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()));
+    Stamp(i64::try_from((since + began.elapsed()).as_nanos()).unwrap_or(i64::MAX))
+}
+
+/// The stream as other threads see it.
+struct StreamLive(Arc<Slot>);
+
+impl Live for StreamLive {
+    /// The sender's clock is not compared with ours: an image counts as old by its delay beyond the least one.
+    fn clock(&self) -> Option<ClockReading> {
+        let s = self.0.lock();
+        s.known?;
+        let now = unix_now().plus_seconds(-s.least_delay_s);
+        Some(ClockReading { now, bound_s: 0.0, delivery_s: 0.0 })
+    }
+
+    fn trouble(&self) -> Option<String> {
+        self.0.lock().trouble.clone()
+    }
 }
 
 #[cfg(test)]
@@ -345,6 +386,42 @@ mod tests {
             last = stream.next_packet().unwrap().unwrap().stamp;
         }
         assert!(asked.elapsed() < Duration::from_secs(3), "{:?}", asked.elapsed());
+    }
+
+    /// Waits until something holds.
+    fn until(what: &str, mut holds: impl FnMut() -> bool) {
+        let began = Instant::now();
+        while !holds() {
+            assert!(began.elapsed() < Duration::from_secs(8), "{what}");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    #[test]
+    fn sender_of_another_size_is_told_and_does_not_end_the_stream() {
+        let folder = std::env::temp_dir().join(format!("cairn-size-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let count = folder.join("runs");
+        // The second connection sends another size, the third the first one's again.
+        let script = format!(
+            "echo x >> {0}; n=$(wc -l < {0}); if [ $n = 2 ]; then W=32; else W=16; fi; \
+             echo \"YUV4MPEG2 W$W H16 F25:1 Cmono\"; for k in 1 2 3 4 5 6 7 8 9 10; do echo FRAME; \
+             head -c $((W * 16)) /dev/zero; sleep 0.03; done",
+            count.display()
+        );
+        let mut stream = open(&script, false).unwrap();
+        let live = stream.live().unwrap();
+        let first = stream.next_packet().unwrap().unwrap().stamp;
+        let age = live.clock().unwrap().oldest_s(first);
+        assert!((0.0..0.5).contains(&age), "{age}");
+        until("no word of the size", || {
+            live.trouble().is_some_and(|t| t.contains("32 by 16 now, it was 16 by 16"))
+        });
+        until("it is not over", || live.trouble().is_none());
+        assert!(stream.next_packet().unwrap().unwrap().stamp > first);
+        assert!(stream.skipped().iter().any(|l| l.contains("32 by 16")), "{:?}", stream.skipped());
+        drop(stream);
+        let _ = std::fs::remove_dir_all(folder);
     }
 
     #[test]

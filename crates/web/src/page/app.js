@@ -1,53 +1,101 @@
 // The page: its web socket, the status on the screen, and the commands.
 import { Camera } from './camera.js';
+import { Pace } from './pace.js';
 import { Senses } from './senses.js';
 import { Picture, MapView } from './view.js';
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
 const watchOnly = new URLSearchParams(location.search).has('watch');
-// Without a message for this long under guidance, the page says stop: the server sends a status ten times a second.
+// Without a message for this long under guidance, the page says stop; for this long at all, the connection is lost, whether it
+// knows or not: the server asks several times a second.
 const SILENT_MS = 1500;
+const GONE_MS = 3000;
+// A slow link may need this long to open a connection.
+const OPEN_MS = 10000;
+// Directions from older pictures are not given; guidance is trusted again when they have been younger for a second.
+const STALE_MS = 500;
+const BACK_MS = 1000;
+// "Stop" is repeated while its reason lasts.
+const AGAIN_MS = 3000;
 
 const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
 const picture = new Picture($('picture'));
 const map = new MapView($('map'), $('map-words'));
+const pace = new Pace();
 let socket = null;
 let me = null;
 let controls = false;
+let held = false;
 let ownCamera = false;
 let guiding = false;
 let heard = 0;
-let told = false;
+// Why the link is down, and when that was said last.
+let down = null;
+let downSaid = -Infinity;
+// The page's time of the newest picture whose pose is known; whether that is too old, and since when it is not any more.
+let frameMs = null;
+let late = false;
+let freshSince = null;
 let rest = 300;
 
+// The page's clock: what pictures are stamped with, and pings answered with.
+const clockMs = () => performance.timeOrigin + performance.now();
+
+// Known to this page alone, so that it gets its walk back after the network was gone, or the page loaded again.
+function secretOfThisPage() {
+  const fresh = [...crypto.getRandomValues(new Uint8Array(16))].map((b) => b.toString(16).padStart(2, '0')).join('');
+  try {
+    const kept = sessionStorage.getItem('cairn-secret') ?? fresh;
+    sessionStorage.setItem('cairn-secret', kept);
+    return kept;
+  } catch {
+    return fresh;
+  }
+}
+const secret = secretOfThisPage();
+
 const camera = new Camera($('video'), {
-  picture: (bytes) => controls && send(bytes),
+  pace,
+  picture: (bytes) => {
+    if (!controls || socket?.readyState !== WebSocket.OPEN) return;
+    pace.sent(performance.now(), bytes.length);
+    send(bytes);
+  },
   motion: (samples) => controls && send(JSON.stringify({ motion: samples })),
-  busy: () => !socket || socket.readyState !== WebSocket.OPEN || socket.bufferedAmount > 200000,
+  clogged: () => !socket || socket.readyState !== WebSocket.OPEN || socket.bufferedAmount > 8000,
 });
 
 function connect() {
-  $('link').textContent = 'Connecting.';
-  socket = new WebSocket(`wss://${location.host}/ws`);
-  socket.binaryType = 'arraybuffer';
-  socket.onopen = () => {
-    send(JSON.stringify({ hello: { token, walk: !watchOnly } }));
+  if (down === null) $('link').textContent = 'Connecting.';
+  const mine = new WebSocket(`wss://${location.host}/ws`);
+  socket = mine;
+  heard = performance.now();
+  mine.binaryType = 'arraybuffer';
+  mine.onopen = () => {
+    send(JSON.stringify({ hello: { token, walk: !watchOnly, secret, origin: performance.timeOrigin } }));
     want();
   };
-  socket.onmessage = (event) => {
+  mine.onmessage = (event) => {
+    if (mine !== socket) return;
     heard = performance.now();
     if (typeof event.data === 'string') take(JSON.parse(event.data));
     else picture.draw(event.data);
   };
-  socket.onclose = () => {
-    lost('The connection is lost.');
-    $('link').textContent = 'Not connected. Trying again.';
-    me = null;
-    control(null);
-    setTimeout(connect, rest);
-    rest = Math.min(2 * rest, 5000);
-  };
+  mine.onclose = () => mine === socket && ended();
+}
+
+// The connection is gone, by its own word or by its silence: another is tried at once, then less and less often.
+function ended() {
+  socket.onclose = null;
+  socket.close();
+  socket = null;
+  if (me !== null || down !== null) lost('The connection is lost.');
+  $('link').textContent = 'Not connected. Trying again.';
+  me = null;
+  control(null, held);
+  setTimeout(connect, rest);
+  rest = Math.min(2 * rest, 5000);
 }
 
 function send(data) {
@@ -62,32 +110,70 @@ function want() {
 
 function take(message) {
   const [kind, value] = Object.entries(message)[0];
-  const known = { hello, control: (v) => control(v.id), said, sound, did, status, view: (v) => map.take(v), trouble, doubt };
+  const known = {
+    hello, said, sound, did, status, trouble, doubt, refused, ping,
+    control: (v) => control(v.id, v.held),
+    got: () => pace.got(performance.now()),
+    view: (v) => map.take(v),
+  };
   known[kind]?.(value);
 }
 
-function hello({ id, camera }) {
-  me = id;
-  rest = 300;
-  ownCamera = camera === '';
-  $('link').textContent = ownCamera ? 'Connected.' : `Connected; the camera is ${camera}.`;
-  if (told) senses.say({ text: 'Connected again.', priority: 2 });
-  told = false;
+function ping({ n, trip_ms }) {
+  send(JSON.stringify({ pong: { n, ms: clockMs() } }));
+  if (trip_ms !== null) pace.trip = trip_ms;
 }
 
-function control(id) {
-  controls = me !== null && id === me;
-  const free = me !== null && id === null;
-  $('control').textContent = controls ? 'You control this walk.'
-    : me === null ? '' : free ? 'Nobody controls this walk.' : 'Someone else controls this walk; you watch.';
-  $('take').hidden = !free;
-  $('camera').hidden = !(controls && ownCamera) || camera.running;
-  for (const button of document.querySelectorAll('[data-command]')) {
-    button.setAttribute('aria-disabled', controls ? 'false' : 'true');
+function hello({ id, camera: name }) {
+  me = id;
+  rest = 300;
+  ownCamera = name === '';
+  $('link').textContent = ownCamera ? 'Connected.' : `Connected; the camera is ${name}.`;
+  pace.reset();
+  // The server's new connection knows nothing of what this page found late.
+  late = false;
+  if (down !== null) {
+    down = null;
+    senses.drop('link');
+    senses.say({ text: 'Connected again.', priority: 2 });
   }
 }
 
+function control(id, isHeld) {
+  const had = controls;
+  controls = me !== null && id === me;
+  held = isHeld;
+  if (controls !== had) pace.reset();
+  if (had && !controls && me !== null) {
+    const text = 'Stop. Another device has taken over this walk.';
+    senses.say({ text, priority: 0 });
+    write({ text, priority: 0 });
+  } else if (controls && !had && !isQuiet) {
+    senses.say({ text: 'You hold this walk now.', priority: 1 });
+  }
+  if (controls) isQuiet = false;
+  const free = me !== null && !held;
+  const other = me !== null && held && !controls;
+  set('control', controls ? 'You control this walk.'
+    : me === null ? '' : free ? `Nobody controls this walk. ${ownCamera ? 'Start the camera to begin.' : 'The first command takes it.'}`
+      : id === null ? 'The device that controls this walk is away; the walk waits for it.' : 'Another device controls this walk; you watch.');
+  $('take').hidden = !(other || (free && (watchOnly || !ownCamera)));
+  $('take').textContent = other ? 'Take over this walk' : 'Take control';
+  $('camera').hidden = !((controls || (free && !watchOnly)) && ownCamera) || camera.running;
+  for (const button of document.querySelectorAll('[data-command]')) {
+    button.setAttribute('aria-disabled', controls || (free && !watchOnly) ? 'false' : 'true');
+  }
+}
+// The first control of a page that asked for it itself needs no words.
+let isQuiet = true;
+
 function said(words) {
+  const old = typeof words.pose_ms === 'number' && camera.running && clockMs() - words.pose_ms > STALE_MS;
+  if (old || (late && typeof words.pose_ms === 'number')) {
+    // Where it came too late is told to the server, which stops and directs anew.
+    if (old) becameLate();
+    return;
+  }
   senses.say(words);
   write(words);
 }
@@ -114,9 +200,14 @@ function did({ ok, text }) {
   $('answer').textContent = ok ? `Done: ${text}` : `Not done: ${text}`;
 }
 
+function refused(text) {
+  did({ ok: false, text });
+  senses.say({ text, priority: 1 });
+}
+
 function trouble(text) {
   $('answer').textContent = text;
-  senses.say({ text, priority: 1 });
+  senses.say({ text, priority: 1, kind: 'trouble' });
 }
 
 function doubt(text) {
@@ -125,7 +216,8 @@ function doubt(text) {
 
 function status(s) {
   guiding = s.guiding !== null;
-  told = false;
+  frameMs = s.frame_ms;
+  showState(s);
   set('s-tracking', `${s.words} ${s.tracked} of ${s.frames} frames; ${s.inliers} matches.`);
   const { waits, imu, initialised } = s.engine;
   set('s-phase', waits.length ? `${s.phase}, waits for ${waits.join(', ')}` : s.phase);
@@ -142,10 +234,7 @@ function status(s) {
     : 'none');
   set('s-scale', s.metric ? 'metres' : 'not known, so no distances are said');
   set('s-map', `${s.key_frames} keyframes, ${s.landmarks} landmarks`);
-  // The picture's time is in this page's clock only when the picture is its own.
-  const age = camera.running ? performance.timeOrigin + performance.now() - s.frame_ms : NaN;
-  const delay = age >= 0 && age < 10000 ? `; picture to state ${age.toFixed(0)} ms` : '';
-  set('s-time', `${clock(s.t_s)}, ${s.step_ms.toFixed(1)} ms a picture${delay}, ${s.dropped} dropped`);
+  set('s-time', `${clock(s.t_s)}, ${s.step_ms.toFixed(1)} ms a picture, ${s.dropped} dropped`);
   map.camera(s);
 }
 
@@ -154,23 +243,81 @@ function set(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
 }
 
-// What the server cannot say any more, the page says itself.
+// In large print what the walker was told last about moving, and how old the picture behind it is.
+function showState({ headline, age }) {
+  set('state-now', late ? 'Stop. The pictures come too late.' : headline);
+  $('state-now').classList.toggle('urgent', late || /^(Stop|No |The pictures come|I do not know)/.test(headline));
+  const own = ownAge();
+  const seconds = own !== null ? own / 1000 : age?.age_s;
+  set('age-now', age === 'unknown' && own === null ? 'Nobody knows how old the picture is.'
+    : seconds === undefined ? '' : `Picture ${Math.max(seconds, 0).toFixed(1)} s old`
+      + (age?.bound_s >= 0.05 && own === null ? `, give or take ${age.bound_s.toFixed(2)} s` : ''));
+}
+
+// How old the newest picture with a pose is, milliseconds; null where this page did not take it.
+function ownAge() {
+  return camera.running && controls && frameMs !== null ? clockMs() - frameMs : null;
+}
+
+function becameLate() {
+  freshSince = null;
+  if (late) return;
+  late = true;
+  send(JSON.stringify({ late: true }));
+  const text = 'Stop. The pictures come too late.';
+  set('state-now', text);
+  $('state-now').classList.add('urgent');
+  // The server may have said it already, or something as urgent.
+  if (performance.now() - senses.urgentAt < AGAIN_MS) return;
+  senses.say({ text, priority: 0, kind: 'late' });
+  write({ text, priority: 0 });
+}
+
+function becameFresh() {
+  if (!late) return;
+  freshSince ??= performance.now();
+  if (performance.now() - freshSince < BACK_MS) return;
+  late = false;
+  senses.drop('late');
+  send(JSON.stringify({ late: false }));
+}
+
+// What the server cannot say any more, the page says itself, again and again while it lasts.
 function lost(why) {
-  if (told || me === null && heard === 0) return;
-  told = true;
+  down = why;
+  if (performance.now() - downSaid < AGAIN_MS) return;
+  downSaid = performance.now();
   const text = guiding || camera.running ? `Stop. ${why}` : why;
-  senses.say({ text, priority: 0, interrupts: true });
+  set('state-now', text);
+  $('state-now').classList.add('urgent');
+  set('age-now', '');
+  for (const id of ['s-tracking', 's-phase', 's-imu', 's-recording', 's-guiding', 's-time']) set(id, 'not known without a connection');
+  senses.say({ text, priority: 0, interrupts: true, kind: 'link' });
   write({ text, priority: 0 });
 }
 
 setInterval(() => {
-  if (me !== null && guiding && performance.now() - heard > SILENT_MS) lost('The computer does not answer.');
-}, 300);
+  const silence = performance.now() - heard;
+  if (socket && silence > (me === null ? OPEN_MS : GONE_MS)) ended();
+  else if (me !== null && guiding && silence > SILENT_MS && ownAge() === null) lost('The computer does not answer.');
+  else if (me !== null && silence < SILENT_MS && down !== null) {
+    down = null;
+    senses.drop('link');
+  }
+  if (down !== null && (guiding || camera.running)) lost(down);
+  const age = ownAge();
+  if (me !== null && guiding && age !== null && age > STALE_MS) becameLate();
+  else if (age !== null) becameFresh();
+}, 100);
 
 function command(line) {
   senses.wake();
-  if (!controls) {
-    did({ ok: false, text: 'you do not control this walk.' });
+  if (me === null) {
+    refused('The connection is lost. Trying again.');
+    return;
+  }
+  if (held && !controls) {
+    refused('Another device holds this walk.');
     return;
   }
   send(JSON.stringify({ command: line }));
@@ -192,7 +339,16 @@ document.addEventListener('keydown', (event) => {
   }
 });
 
-$('take').addEventListener('click', () => send(JSON.stringify({ take: true })));
+$('take').addEventListener('click', () => {
+  senses.wake();
+  if (held) $('ask').showModal();
+  else send(JSON.stringify({ take: true }));
+});
+$('over').addEventListener('click', () => {
+  $('ask').close();
+  send(JSON.stringify({ takeover: true }));
+});
+$('leave').addEventListener('click', () => $('ask').close());
 
 $('camera').addEventListener('click', async () => {
   senses.wake();
@@ -202,6 +358,7 @@ $('camera').addEventListener('click', async () => {
     did({ ok: false, text: `the camera is not available (${error.name}). Allow it in the browser and try again.` });
     return;
   }
+  send(JSON.stringify({ take: true }));
   $('own').hidden = false;
   $('seen').hidden = true;
   $('camera').hidden = true;
@@ -209,14 +366,44 @@ $('camera').addEventListener('click', async () => {
   want();
 });
 
-for (const name of ['rate', 'volume', 'sounds', 'vibrate']) {
+// Settings are kept in this browser.
+const kept = (() => {
+  try {
+    return JSON.parse(localStorage.getItem('cairn-settings')) ?? {};
+  } catch {
+    return {};
+  }
+})();
+
+function keep(name, value) {
+  kept[name] = value;
+  try {
+    localStorage.setItem('cairn-settings', JSON.stringify(kept));
+  } catch {
+    // A private window keeps nothing.
+  }
+}
+
+for (const name of ['rate', 'volume', 'sounds', 'vibrate', 'keys']) {
   const input = $(name);
-  const apply = () => senses.set(name, input.type === 'checkbox' ? input.checked : Number(input.value));
-  input.addEventListener('change', apply);
-  apply();
+  const value = () => (input.type === 'checkbox' ? input.checked : Number(input.value));
+  if (name in kept) input[input.type === 'checkbox' ? 'checked' : 'value'] = kept[name];
+  senses.set(name, value());
+  input.addEventListener('change', () => {
+    senses.set(name, value());
+    keep(name, value());
+  });
 }
 for (const radio of document.querySelectorAll('[name=told]')) {
-  radio.addEventListener('change', () => radio.checked && senses.set('told', radio.value));
+  if (kept.told === radio.value) {
+    radio.checked = true;
+    senses.set('told', radio.value);
+  }
+  radio.addEventListener('change', () => {
+    if (!radio.checked) return;
+    senses.set('told', radio.value);
+    keep('told', radio.value);
+  });
 }
 
 $('dark').addEventListener('click', () => $('darkness').showModal());

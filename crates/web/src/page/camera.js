@@ -1,15 +1,14 @@
 // The phone's camera and motion sensors: JPEGs with their time, and motion in the picture's axes.
 
-// The longer side of a sent picture in pixels; the JPEG quality; pictures a second at most.
-const LONGER = 640;
-const QUALITY = 0.8;
-const MOST_A_SECOND = 20;
-// Motion is sent in batches of this many readings: pictures wait for it, so they are small.
+// Motion is sent in batches of this many readings: pictures wait for it, so they are small. While the link is clogged the
+// newest are kept, two seconds of them.
 const PARCEL = 2;
+const KEPT = 120;
 
 export class Camera {
-  constructor(video, { picture, motion, busy }) {
-    Object.assign(this, { video, picture, motion, busy, running: false, coding: 0, last: 0, parcel: [] });
+  // `pace` says when and how a picture is sent; `clogged`, whether what was sent waits on this side.
+  constructor(video, { picture, motion, pace, clogged }) {
+    Object.assign(this, { video, picture, motion, pace, clogged, running: false, coding: false, parcel: [] });
     this.canvas = document.createElement('canvas');
   }
 
@@ -38,32 +37,31 @@ export class Camera {
     if (this.video.requestVideoFrameCallback) {
       this.video.requestVideoFrameCallback((now, data) => {
         this.next();
-        this.shoot(data.captureTime ?? now);
+        this.shoot(data.captureTime > 0 && data.captureTime <= now ? data.captureTime : now);
       });
     } else {
-      setInterval(() => this.shoot(performance.now()), 1000 / MOST_A_SECOND);
+      setInterval(() => this.shoot(performance.now()), 50);
     }
   }
 
-  // One picture: drawn, encoded, sent; dropped when the previous one is not sent yet.
+  // One picture: drawn, encoded, sent; none while the one before is under way, so that the newest wins.
   shoot(at) {
-    if (this.busy() || this.coding > 1 || at - this.last < 900 / MOST_A_SECOND) return;
+    if (this.coding || !this.pace.mayShoot(performance.now())) return;
     const { videoWidth: w, videoHeight: h } = this.video;
     if (!w) return;
-    this.last = at;
-    const scale = Math.min(1, LONGER / Math.max(w, h));
+    const scale = Math.min(1, this.pace.side / Math.max(w, h));
     const [cw, ch] = [Math.round(w * scale), Math.round(h * scale)];
     if (this.canvas.width !== cw || this.canvas.height !== ch) [this.canvas.width, this.canvas.height] = [cw, ch];
     this.canvas.getContext('2d', { alpha: false }).drawImage(this.video, 0, 0, cw, ch);
-    this.coding += 1;
+    this.coding = true;
     this.canvas.toBlob(async (blob) => {
-      this.coding -= 1;
+      this.coding = false;
       if (!blob) return;
       const bytes = new Uint8Array(8 + blob.size);
       new DataView(bytes.buffer).setFloat64(0, performance.timeOrigin + at, true);
       bytes.set(new Uint8Array(await blob.arrayBuffer()), 8);
       this.picture(bytes);
-    }, 'image/jpeg', QUALITY);
+    }, 'image/jpeg', this.pace.quality);
   }
 
   // The device's axes (W3C: x right, y up, z out of the screen) into the picture's: x right, y down, z into the
@@ -80,6 +78,7 @@ export class Camera {
     // rotationRate: alpha about z, beta about x, gamma about y, degrees a second.
     const rate = axes(g.beta * rad, g.gamma * rad, g.alpha * rad);
     this.parcel.push([performance.timeOrigin + event.timeStamp, ...rate, ...axes(sign * a.x, sign * a.y, sign * a.z)]);
-    if (this.parcel.length >= PARCEL) this.motion(this.parcel.splice(0));
+    if (this.parcel.length > KEPT) this.parcel.shift();
+    if (this.parcel.length >= PARCEL && !this.clogged()) this.motion(this.parcel.splice(0));
   }
 }

@@ -1,4 +1,7 @@
-// Output for ears and touch: the browser's own voice, a screen reader's live regions, short sounds, vibration.
+// Output for ears and touch: the browser's own voice or a screen reader's live regions, short sounds, vibration.
+//
+// Each message is announced once, by the voice or by the screen reader, never by both. One line waits at most; it dies when
+// it is old, when a more urgent one comes, or when its reason is gone.
 
 // Synthesised earcons: tones of [frequency in Hz, start and duration in s, amplitude].
 const SOUNDS = {
@@ -12,14 +15,35 @@ const SOUNDS = {
 // Milliseconds of vibration and pause. Left is two short, right is three, around is one long; stop is unmistakable.
 const SHAKES = { left: [80, 80, 80], right: [80, 80, 80, 80, 80], around: [500], stop: [300, 100, 300, 100, 300], arrival: [100, 60, 100, 60, 400] };
 
+// A line waits this long for the voice at most; the same text within SAME_MS is one message.
+const WAIT_MS = 2000;
+const SAME_MS = 1500;
+
 export class Senses {
   constructor({ polite, urgent }) {
     Object.assign(this, { polite, urgent, told: 'voice', rate: 1.1, volume: 1, sounds: true, vibrate: true });
+    Object.assign(this, { speaking: null, waiting: null, said: { text: '', at: -Infinity }, urgentAt: -Infinity });
+    setInterval(() => this.next(), 100);
   }
 
   set(name, value) {
     this[name] = value;
-    if (name === 'told' && value !== 'voice') window.speechSynthesis?.cancel();
+    if (name === 'told' && value !== 'voice') this.hush();
+  }
+
+  hush() {
+    [this.speaking, this.waiting] = [null, null];
+    window.speechSynthesis?.cancel();
+  }
+
+  // The reason of these messages is gone: what of them is being said or waits is not said any more.
+  drop(kind) {
+    if (this.waiting?.kind === kind) this.waiting = null;
+    if (this.speaking?.kind === kind) {
+      this.speaking = null;
+      window.speechSynthesis?.cancel();
+    }
+    for (const region of [this.polite, this.urgent]) if (region.dataset.kind === kind) region.textContent = '';
   }
 
   // Browsers play no sound until the user has touched the page.
@@ -35,20 +59,51 @@ export class Senses {
     this.audio?.resume();
   }
 
-  say({ text, priority, interrupts, turn_rad }) {
-    if (priority === 0) this.shake('stop');
-    else if (/^Stop\. You have arrived/.test(text)) this.shake('arrival');
+  say({ text, priority, interrupts, turn_rad, kind }) {
+    const now = performance.now();
+    if (text === this.said.text && now - this.said.at < SAME_MS) return;
+    this.said = { text, at: now };
+    if (priority === 0) {
+      this.urgentAt = now;
+      this.shake('stop');
+    } else if (/^Stop\. You have arrived/.test(text)) this.shake('arrival');
     else if (typeof turn_rad === 'number' && priority === 1) this.shake(Math.abs(turn_rad) > 2.6 ? 'around' : turn_rad > 0 ? 'left' : 'right');
-    if (this.told === 'reader') {
-      const region = priority <= 1 ? this.urgent : this.polite;
-      // A repeated text must still be a change, or it is not read.
-      region.textContent = region.textContent === text ? `${text}\u00a0` : text;
-    } else if (this.told === 'voice' && window.speechSynthesis) {
-      if (interrupts || priority === 0) speechSynthesis.cancel();
-      const words = new SpeechSynthesisUtterance(text);
-      [words.rate, words.volume, words.lang] = [this.rate, this.volume, 'en'];
-      speechSynthesis.speak(words);
-    }
+    const line = { text, priority, kind: kind ?? '', at: now };
+    if (this.told === 'reader') this.show(line);
+    else if (this.told === 'voice' && window.speechSynthesis) this.queue(line, interrupts || priority === 0);
+  }
+
+  show({ text, priority, kind }) {
+    const region = priority <= 1 ? this.urgent : this.polite;
+    region.dataset.kind = kind;
+    // A repeated text must still be a change, or it is not read.
+    region.textContent = region.textContent === text ? `${text}\u00a0` : text;
+  }
+
+  queue(line, now) {
+    if (now || !this.speaking) this.speak(line);
+    else if (!this.waiting || line.priority <= this.waiting.priority || line.at - this.waiting.at > WAIT_MS) this.waiting = line;
+  }
+
+  speak(line) {
+    speechSynthesis.cancel();
+    [this.speaking, this.waiting] = [line, null];
+    const words = new SpeechSynthesisUtterance(line.text);
+    [words.rate, words.volume, words.lang] = [this.rate, this.volume, 'en'];
+    words.onend = () => { if (this.speaking === line) this.speaking = null; };
+    words.onerror = words.onend;
+    // Not every browser tells the end: two words a second are slow.
+    line.until = performance.now() + 2000 + (500 * line.text.split(' ').length) / this.rate;
+    speechSynthesis.speak(words);
+  }
+
+  next() {
+    const now = performance.now();
+    if (this.speaking && now > this.speaking.until) this.speaking = null;
+    if (this.speaking || !this.waiting) return;
+    const line = this.waiting;
+    this.waiting = null;
+    if (now - line.at <= WAIT_MS) this.speak(line);
   }
 
   shake(name) {

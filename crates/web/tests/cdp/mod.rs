@@ -104,6 +104,11 @@ impl Browser {
         tab
     }
 
+    /// Loads a page again, in the same tab.
+    pub fn reload(&mut self, tab: &Tab) {
+        self.ask(Some(&tab.session), "Page.reload", json!({}));
+    }
+
     /// Closes a page as if its phone had failed.
     pub fn close(&mut self, tab: &Tab) {
         self.ask(None, "Target.closeTarget", json!({ "targetId": tab.target }));

@@ -173,7 +173,7 @@ impl Face for RunFace<'_, '_> {
         }
         let status = session.standing();
         if let Some(lines) = &mut self.status {
-            lines.update(&status);
+            lines.update(&status, session.age());
         }
         self.tally.status.add(status);
         self.replay_stopped = session.engine().replayed().is_some_and(|r| r.stopped.is_some());
@@ -189,7 +189,7 @@ impl Face for RunFace<'_, '_> {
     fn passed(&mut self, session: &Session) {
         self.voice.pass(session.elapsed_s());
         if let Some(lines) = &mut self.status {
-            lines.update(&session.standing());
+            lines.update(&session.standing(), session.age());
         }
         self.saver.save_if_due(session, |text| self.progress.warn(text));
     }

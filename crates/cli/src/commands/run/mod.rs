@@ -25,7 +25,7 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Journal, Runner, Status};
 use cairn_guide::{AnnouncerConfig, PhraseConfig};
 use cairn_sensor::{Rig, Source, Stamp};
-use cairn_session::{Command, Inbox, Script, Session, SessionConfig, drive_live, drive_lockstep, feed};
+use cairn_session::{Age, Command, Inbox, Script, Session, SessionConfig, drive_live, drive_lockstep, feed};
 use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waiting_for};
 use cairn_voice::SpeechConfig;
 use events::Events;
@@ -75,7 +75,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
     }
     let mut status = a.status.then(StatusLines::default);
     if let Some(lines) = &mut status {
-        lines.update(&Status::default());
+        lines.update(&Status::default(), Age::default());
     }
     let runner = if a.realtime || live { Runner::Threaded } else { Runner::Lockstep };
     let rate_hz = source.info().rate_hz;
@@ -87,7 +87,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
     let mut session = Session::new(engine, session_config(a, &outputs, live));
     if let Some(lines) = &mut status {
-        lines.update(&session.standing());
+        lines.update(&session.standing(), session.age());
     }
     begin(&mut session, a, &outputs, map_in.as_ref())?;
     let mut tally = Tally::new(began);

@@ -2,6 +2,7 @@
 
 use cairn_engine::{Phase, Status, StatusEvent};
 use cairn_eval::{GateStanding, ImuStanding, RunReport, StatusSummary};
+use cairn_session::Age;
 use std::io::Write;
 
 /// Longest time between two status lines, seconds of the source's time.
@@ -14,15 +15,30 @@ pub struct StatusLines {
 }
 
 impl StatusLines {
-    /// Prints a line if something has changed or a second has passed.
-    pub fn update(&mut self, status: &Status) {
+    /// Prints a line if something has changed or a second has passed; of a live source with the age of its last picture.
+    pub fn update(&mut self, status: &Status, age: Age) {
         if self.printed.as_ref().is_some_and(|printed| !is_news(printed, status)) {
             return;
         }
         // If stderr is closed, the run continues.
-        let _ = writeln!(std::io::stderr().lock(), "status: {status}");
+        let _ = writeln!(std::io::stderr().lock(), "status: {status}{}", latency(age));
         self.printed = Some(status.clone());
     }
+}
+
+fn latency(age: Age) -> String {
+    match age {
+        Age::Recorded => String::new(),
+        Age::Unknown => "; the picture's age is not known".into(),
+        Age::Known { age_s, bound_s, .. } => {
+            let late = if age.is_stale() { ", too old to guide" } else { "" };
+            format!("; picture {:.0} ms old{}{late}", 1e3 * age_s, bound(bound_s))
+        }
+    }
+}
+
+fn bound(bound_s: f64) -> String {
+    if bound_s > 0.0 { format!(" +- {:.0} ms", 1e3 * bound_s) } else { String::new() }
 }
 
 fn is_news(printed: &Status, now: &Status) -> bool {

@@ -1,0 +1,245 @@
+//! One page's connection: from its hello until it leaves or falls silent. What it sends goes to the hub, what is new is sent
+//! to it: words at once, bulk as the [`Link`] allows.
+
+use crate::hub::{Hub, Shared};
+use crate::invitation::same;
+use crate::link::{ASK_EVERY, GONE_AFTER, Link};
+use crate::wire::{self, FromPage, ToPage};
+use axum::extract::ws::{Message, WebSocket};
+use cairn_session::Command;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use tokio::sync::{broadcast, watch};
+
+/// A page that does not send its hello within this time is disconnected.
+const HELLO_WITHIN: Duration = Duration::from_secs(5);
+
+/// What a page says of itself.
+struct Guest {
+    /// Its commands take the walk where nobody holds it; else only its asking for it does.
+    walk: bool,
+    secret: String,
+    /// A number for this load of the page, whose clock is one.
+    page: u64,
+}
+
+/// One page, from its hello until it disconnects.
+pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
+    let Ok(Some(guest)) = tokio::time::timeout(HELLO_WITHIN, hello(&mut socket, &hub)).await else {
+        let text = ToPage::Trouble("The key is wrong. Open the page with the code on the terminal.").text();
+        let _ = socket.send(Message::Text(text.into())).await;
+        return;
+    };
+    let id = hub.number();
+    let guest = if guest.secret.is_empty() { Guest { page: id, ..guest } } else { guest };
+    let mut client = Client {
+        id,
+        messages: hub.messages.subscribe(),
+        status: hub.status.subscribe(),
+        view: hub.view.subscribe(),
+        picture: hub.picture.subscribe(),
+        wants: Wants { hub: hub.clone(), picture: false, map: false },
+        link: Link::new(Instant::now()),
+        guest,
+        hub: hub.clone(),
+    };
+    let hello = ToPage::Hello { id, version: env!("CARGO_PKG_VERSION"), camera: &hub.camera }.text();
+    if socket.send(Message::Text(hello.into())).await.is_err() {
+        return;
+    }
+    if hub.arrived(id, &client.guest.secret) {
+        hub.port.page(client.guest.page);
+    }
+    client.status.mark_changed();
+    client.converse(&mut socket).await;
+    hub.left(id);
+}
+
+/// The first message, if it has the right token.
+async fn hello(socket: &mut WebSocket, hub: &Hub) -> Option<Guest> {
+    let Some(Ok(Message::Text(text))) = socket.recv().await else { return None };
+    match serde_json::from_str(&text) {
+        Ok(FromPage::Hello { token, walk, secret, origin }) if same(&token, &hub.token) => {
+            let mut hasher = DefaultHasher::new();
+            (&secret, origin.to_bits()).hash(&mut hasher);
+            Some(Guest { walk, secret, page: hasher.finish() })
+        }
+        _ => None,
+    }
+}
+
+struct Client {
+    id: u64,
+    guest: Guest,
+    hub: Arc<Hub>,
+    link: Link,
+    messages: broadcast::Receiver<Arc<str>>,
+    status: watch::Receiver<Arc<str>>,
+    view: watch::Receiver<Arc<str>>,
+    picture: watch::Receiver<Shared>,
+    wants: Wants,
+}
+
+/// What a page wants; counted as long as it is connected.
+struct Wants {
+    hub: Arc<Hub>,
+    picture: bool,
+    map: bool,
+}
+
+impl Wants {
+    fn set(&mut self, picture: bool, map: bool) {
+        let count = |counter: &AtomicU64, was: bool, is: bool| match (was, is) {
+            (false, true) => drop(counter.fetch_add(1, Ordering::Relaxed)),
+            (true, false) => drop(counter.fetch_sub(1, Ordering::Relaxed)),
+            _ => {}
+        };
+        count(&self.hub.pictures_wanted, self.picture, picture);
+        count(&self.hub.maps_wanted, self.map, map);
+        (self.picture, self.map) = (picture, map);
+    }
+}
+
+impl Drop for Wants {
+    fn drop(&mut self) {
+        self.set(false, false);
+    }
+}
+
+/// Sends a message; false when the page is gone, or takes nothing any more.
+async fn send(socket: &mut WebSocket, message: Message) -> bool {
+    matches!(tokio::time::timeout(GONE_AFTER, socket.send(message)).await, Ok(Ok(())))
+}
+
+impl Client {
+    /// Sends what is new and handles what arrives, until the page disconnects or is gone.
+    async fn converse(&mut self, socket: &mut WebSocket) {
+        let mut clock = tokio::time::interval(ASK_EVERY / 2);
+        clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        loop {
+            let free = self.link.may_send(0);
+            let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
+            // Bulk is skipped where it is too much for the link: the next one comes soon.
+            let (out, bulk) = tokio::select! {
+                // Utterances before everything else.
+                biased;
+                told = self.messages.recv() => match told {
+                    Ok(t) => (Some(text(&t)), 0),
+                    Err(broadcast::error::RecvError::Lagged(_)) => (None, 0),
+                    Err(broadcast::error::RecvError::Closed) => return,
+                },
+                came = socket.recv() => match came {
+                    Some(Ok(message)) => (self.take(message).map(|t| Message::Text(t.into())), 0),
+                    _ => return,
+                },
+                _ = clock.tick() => (None, 0),
+                Ok(()) = self.status.changed(), if free => {
+                    let status = self.status.borrow_and_update();
+                    (Some(text(&status)), status.len())
+                }
+                Ok(()) = self.view.changed(), if free && self.wants.map => {
+                    let view = self.view.borrow_and_update();
+                    (self.link.may_send(view.len()).then(|| text(&view)), view.len())
+                }
+                Ok(()) = self.picture.changed(), if free && self.wants.picture => {
+                    let bytes: Shared = self.picture.borrow_and_update().clone();
+                    let length = bytes.len();
+                    let may = self.link.may_send(length);
+                    (may.then(|| Message::Binary(axum::body::Bytes::from_owner(bytes))), length)
+                }
+            };
+            let empty = |m: &Message| matches!(m, Message::Text(t) if t.is_empty());
+            let out = out.filter(|m| !empty(m));
+            let bulk = if out.is_some() { bulk } else { 0 };
+            if let Some(out) = out
+                && !send(socket, out).await
+            {
+                return;
+            }
+            let now = Instant::now();
+            if self.link.is_gone(now) {
+                return;
+            }
+            if bulk > 0 || self.link.is_due(now) {
+                let ping = ToPage::Ping { n: self.link.ask(now, bulk), trip_ms: self.link.trip_ms() }.text();
+                if !send(socket, Message::Text(ping.into())).await {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Handles a message; returns an answer for this page alone, if one is due.
+    fn take(&mut self, message: Message) -> Option<String> {
+        let now = Instant::now();
+        self.link.heard(now);
+        let controls = self.hub.controller() == Some(self.id);
+        match message {
+            Message::Binary(bytes) if controls => {
+                let (ms, jpeg) = wire::picture(&bytes)?;
+                self.hub.port.picture(ms, jpeg.to_vec());
+                Some(ToPage::Got { ms }.text())
+            }
+            Message::Text(text) => match serde_json::from_str(&text) {
+                Ok(FromPage::Pong { n, ms }) => {
+                    if let (Some(sent), true) = (self.link.answered(n, now), controls) {
+                        self.hub.port.round_trip(sent, now, ms);
+                    }
+                    None
+                }
+                Ok(FromPage::Motion(samples)) if controls => {
+                    self.hub.port.motion(samples.into_iter().map(wire::motion));
+                    None
+                }
+                Ok(FromPage::Late(late)) if controls => {
+                    self.hub.port.late(late);
+                    None
+                }
+                // Who acts where nobody does holds the walk from then on.
+                Ok(FromPage::Command(line)) if controls || (self.guest.walk && self.begins(false)) => {
+                    self.command(&line).err().map(refusal)
+                }
+                Ok(FromPage::Take(true)) if self.begins(false) => None,
+                Ok(FromPage::TakeOver(true)) if self.begins(true) => None,
+                Ok(FromPage::Command(_) | FromPage::Take(true) | FromPage::TakeOver(true)) => {
+                    Some(refusal("Another device holds this walk.".into()))
+                }
+                Ok(FromPage::Want { picture, map }) => {
+                    self.wants.set(picture, map);
+                    self.view.mark_changed();
+                    None
+                }
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+
+    /// Takes the walk where that is possible; true when this page holds it now.
+    fn begins(&mut self, over: bool) -> bool {
+        let holds = self.hub.take(self.id, &self.guest.secret, over);
+        if holds {
+            self.hub.port.page(self.guest.page);
+        }
+        holds
+    }
+
+    fn command(&self, line: &str) -> Result<(), String> {
+        let command = Command::parse(line)?;
+        match command {
+            // Files are chosen at the terminal, and the server is ended there.
+            Command::Quit | Command::Load(Some(_)) => Err("That can only be done at the terminal.".into()),
+            _ if !self.hub.running.load(Ordering::Relaxed) => Err("There is no picture yet.".into()),
+            _ => {
+                self.hub.inbox.command(command);
+                Ok(())
+            }
+        }
+    }
+}
+
+fn refusal(text: String) -> String {
+    ToPage::Refused(&text).text()
+}

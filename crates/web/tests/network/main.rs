@@ -1,0 +1,289 @@
+//! Guidance over bad networks: a phone on a simulated walk, a proxy that is slow, late, lossy and stalls, and a judge beside the
+//! server who knows the phone's clock. No direction may be given from a pose older than half a second.
+//!
+//! `cargo test --release -p cairn-web --test network` walks a few legs.
+//! `cargo test --release -p cairn-web --test network -- --ignored --nocapture` walks two hundred and writes `docs/network.md`;
+//! `CAIRN_LEGS` sets another number, and then nothing is written.
+
+mod pace;
+mod phone;
+mod proxy;
+mod table;
+
+use cairn_engine::Config;
+use cairn_geometry::Se3;
+use cairn_sensor::{Camera, GrayImage, Rig, Stamp};
+use cairn_session::SessionConfig;
+use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
+use cairn_web::{CameraSource, ServeConfig, Server};
+use futures_util::{SinkExt, StreamExt};
+use phone::{Album, Clock, Leg, Phone, RATE_HZ, Walk};
+use proxy::{Net, Proxy, Random};
+use serde_json::{Value, json};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio_rustls::TlsConnector;
+use tokio_tungstenite::tungstenite::Message;
+
+/// The walk begins here in the world, and takes so long, seconds; there is a corner in it.
+const START_S: f64 = 9.5;
+const OUT_S: f64 = 9.0;
+/// A leg ends after this at the latest.
+const LEG: Duration = Duration::from_secs(13);
+/// No direction is given from an older pose, milliseconds.
+const STALE_MS: f64 = 500.0;
+/// What the judge's message may take on loopback, milliseconds: it is not the server's doing.
+const HEARING_MS: f64 = 15.0;
+
+fn camera() -> Camera {
+    Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5)
+}
+
+/// The pictures of the way out.
+fn pictures() -> Vec<GrayImage> {
+    let config = SimConfig {
+        sensor: SimSensor::Mono,
+        imu: None,
+        camera: camera(),
+        rate_hz: RATE_HZ,
+        body_from_camera: Se3::identity(),
+        walker: Walker { speed: 0.7, turn_rate: 0.5, ..Walker::default() },
+        ..SimConfig::new(WorldKind::Demo, 3)
+    };
+    let mut rig = LiveRig::new(&config).unwrap();
+    let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
+    let picture = |k: usize| {
+        let t = START_S + k as f64 / RATE_HZ;
+        let packet = rig.packet(Stamp::from_seconds(t), &motion.pose(t)).unwrap();
+        GrayImage::clone(&packet.images[0])
+    };
+    (0..(OUT_S * RATE_HZ) as usize).map(picture).collect()
+}
+
+/// A network and the trouble on a leg.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    /// Megabits a second, each way.
+    pub mbit_s: f64,
+    /// Of a small message.
+    pub round_trip_ms: u64,
+    /// Share of segments that are lost once.
+    pub loss: f64,
+    /// Seconds after the leg's begin, and length of a stall.
+    pub stall: Option<(f64, f64)>,
+}
+
+/// The results of a leg.
+#[derive(Clone, Copy, Debug)]
+pub struct Result {
+    /// The network.
+    pub trial: Trial,
+    /// What the phone saw of it.
+    pub leg: Leg,
+    /// Directions that the server gave.
+    pub said: usize,
+    /// The oldest pose that one was from, milliseconds, when the judge beside the server heard it.
+    pub oldest_said_ms: f64,
+}
+
+/// What the judge heard: each direction's age, and texts that direct without saying from which pose.
+#[derive(Default)]
+struct Heard {
+    ages_ms: Vec<f64>,
+    without_pose: Vec<String>,
+}
+
+/// Listens beside the server, on a connection of its own.
+async fn judge(
+    server: std::net::SocketAddr,
+    tls: Arc<rustls::ClientConfig>,
+    token: String,
+    clock: Clock,
+    heard: Arc<Mutex<Heard>>,
+) {
+    let stream = tokio::net::TcpStream::connect(server).await.unwrap();
+    let stream = TlsConnector::from(tls).connect("localhost".try_into().unwrap(), stream).await.unwrap();
+    let (mut socket, _) = tokio_tungstenite::client_async("wss://localhost/ws", stream).await.unwrap();
+    let hello = json!({ "hello": { "token": token, "walk": false, "secret": "the judge", "origin": 2 } });
+    socket.send(Message::text(hello.to_string())).await.unwrap();
+    while let Some(Ok(message)) = socket.next().await {
+        let now_ms = clock.ms();
+        let Message::Text(text) = message else { continue };
+        let value: Value = serde_json::from_str(&text).unwrap();
+        if let Some(ping) = value.get("ping") {
+            let pong = json!({ "pong": { "n": ping["n"], "ms": now_ms } });
+            let _ = socket.send(Message::text(pong.to_string())).await;
+        }
+        let Some(said) = value.get("said") else { continue };
+        let text = said["text"].as_str().unwrap_or_default();
+        let mut heard = heard.lock().unwrap();
+        match said["pose_ms"].as_f64() {
+            Some(pose_ms) => heard.ages_ms.push(now_ms - pose_ms),
+            None if ["Turn", "Continue", "Bear", "Move", "Guidance starts", "I found my place. "]
+                .iter()
+                .any(|w| text.starts_with(w)) =>
+            {
+                heard.without_pose.push(text.to_owned());
+            }
+            None => {}
+        }
+    }
+}
+
+/// One phone, one server: out over a good network, then leg after leg over those of the trials. A phone that cannot record
+/// its way out in time has no legs.
+async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration) -> Vec<Result> {
+    let folder = std::env::temp_dir().join(format!("cairn-network-{}-{seed}", std::process::id()));
+    let session = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
+    let rig = Some(Box::new(Rig::mono(camera())));
+    let config = ServeConfig {
+        lan: false,
+        port: 0,
+        keep: None,
+        camera: CameraSource::Page { rig },
+        config: Config::default(),
+        session,
+    };
+    let server = Server::start(config).unwrap();
+    let tls = tls(&server);
+    let token = server.invitation().token.clone();
+    let proxy = Proxy::start(server.address(), seed).await;
+    let mut random = Random(seed.wrapping_mul(977) + 5);
+    let clock = Clock::new(1e12 * (random.unit() - 0.5), 2e-4 * (random.unit() - 0.5));
+    let heard = Arc::new(Mutex::new(Heard::default()));
+    let listening = tokio::spawn(judge(server.address(), tls.clone(), token.clone(), clock, heard.clone()));
+    let mut phone = Phone::new(clock, album.clone(), tls, proxy.address, token);
+    phone.connect().await;
+    // A camera that moves starts the map; the recording begins there.
+    phone.walk(Walk::To(0), Duration::from_secs(1)).await;
+    phone.command("record").await;
+    let out = phone.walk(Walk::Out, Duration::from_secs(30)).await;
+    assert!(out.walked >= 1.0, "{out:?}");
+    let mut results = Vec::new();
+    for trial in trials {
+        proxy.set(Net::FAST);
+        phone.command("halt").await;
+        phone.walk(Walk::To(phone.at as usize), Duration::from_millis(600)).await;
+        let back = 2.0 * phone.at > album.len() as f64;
+        let (line, goal) = if back { ("guide back", 0) } else { ("guide again", album.len() - 1) };
+        phone.command(line).await;
+        *heard.lock().unwrap() = Heard::default();
+        proxy.set(Net {
+            mbit_s: trial.mbit_s,
+            round_trip: Duration::from_millis(trial.round_trip_ms),
+            loss: trial.loss,
+            stalled_until: None,
+        });
+        let leg = {
+            let stall = async {
+                match trial.stall {
+                    Some((at, length)) => {
+                        tokio::time::sleep(Duration::from_secs_f64(at)).await;
+                        proxy.stall(Duration::from_secs_f64(length));
+                        std::future::pending::<Leg>().await
+                    }
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                leg = phone.walk(Walk::To(goal), limit) => leg,
+                leg = stall => leg,
+            }
+        };
+        if std::env::var_os("CAIRN_TEXTS").is_some() {
+            println!("{trial:?}\n  {}", std::mem::take(&mut phone.heard_texts).join("\n  "));
+        }
+        let heard = std::mem::take(&mut *heard.lock().unwrap());
+        assert_eq!(heard.without_pose, Vec::<String>::new(), "directions without a pose");
+        let oldest_said_ms = heard.ages_ms.iter().copied().fold(0.0, f64::max);
+        results.push(Result { trial: *trial, leg, said: heard.ages_ms.len(), oldest_said_ms });
+    }
+    listening.abort();
+    drop(server);
+    let _ = std::fs::remove_dir_all(folder);
+    results
+}
+
+/// A TLS client that trusts this server alone.
+fn tls(server: &Server) -> Arc<rustls::ClientConfig> {
+    let mut roots = rustls::RootCertStore::empty();
+    roots.add(server.certificate().clone()).unwrap();
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let builder = rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
+    Arc::new(builder.unwrap().with_root_certificates(roots).with_no_client_auth())
+}
+
+/// Each rate with each delay in turn; losses and stalls of one to ten seconds on part of them.
+fn trials(count: usize) -> Vec<Trial> {
+    let mut random = Random(2026);
+    (0..count)
+        .map(|k| {
+            let loss = [0.0, 0.0, 0.01, 0.03][random.bits() as usize % 4];
+            let stall = (k % 3 == 2).then(|| (1.0 + 3.0 * random.unit(), 1.0 + 9.0 * random.unit().powi(2)));
+            Trial {
+                mbit_s: [4.0, 2.0, 1.0, 0.5, 0.2][k % 5],
+                round_trip_ms: [50, 100, 200, 350, 500][(k / 5) % 5],
+                loss,
+                stall,
+            }
+        })
+        .collect()
+}
+
+/// Walks the trials on this many servers side by side; a leg ends after `limit` at the latest.
+fn walk_all(trials: &[Trial], side_by_side: usize, limit: Duration) -> Vec<Result> {
+    let album = Arc::new(Album::new(pictures()));
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let each = trials.len().div_ceil(side_by_side);
+    runtime.block_on(async {
+        let mut walks = Vec::new();
+        for (n, part) in trials.chunks(each).enumerate() {
+            let (album, part) = (album.clone(), part.to_vec());
+            walks.push(tokio::spawn(async move { walker(album, n as u64 + 1, &part, limit).await }));
+        }
+        let mut results = Vec::new();
+        for walk in walks {
+            results.extend(walk.await.unwrap());
+        }
+        results
+    })
+}
+
+fn check(results: &[Result]) {
+    for r in results {
+        assert!(r.oldest_said_ms <= STALE_MS + HEARING_MS, "the server directed from an old pose: {r:?}");
+        assert!(r.leg.oldest_ms <= STALE_MS, "the phone gave a direction from an old pose: {r:?}");
+    }
+}
+
+#[test]
+fn old_pictures_guide_nobody_on_a_few_networks() {
+    let slow = Trial { mbit_s: 0.5, round_trip_ms: 200, loss: 0.0, stall: None };
+    let trials = [
+        Trial { mbit_s: 20.0, round_trip_ms: 20, ..slow },
+        Trial { mbit_s: 1.0, round_trip_ms: 50, stall: Some((1.5, 2.0)), ..slow },
+        Trial { round_trip_ms: 800, ..slow },
+    ];
+    let results = walk_all(&trials, 1, Duration::from_secs(8));
+    print!("{}", table::lines(&results));
+    check(&results);
+    let [good, stalled, far] = results[..] else { panic!("{results:?}") };
+    assert!(good.leg.guided_s > 0.5 * good.leg.total_s && good.leg.given > 0, "{good:?}");
+    assert!(stalled.leg.stops > 0, "{stalled:?}");
+    assert_eq!(far.leg.given, 0, "a link of 0.8 s guides nobody: {far:?}");
+}
+
+#[test]
+#[ignore = "takes about twenty minutes; writes docs/network.md"]
+fn old_pictures_guide_nobody_in_two_hundred_legs() {
+    let wanted = std::env::var("CAIRN_LEGS").ok().and_then(|n| n.parse().ok());
+    let began = std::time::Instant::now();
+    let results = walk_all(&trials(wanted.unwrap_or(200)), 3, LEG);
+    let text = table::page(&results, began.elapsed().as_secs_f64());
+    print!("{text}{}", table::lines(&results));
+    if wanted.is_none() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/network.md");
+        std::fs::write(path, text).unwrap();
+    }
+    check(&results);
+}

@@ -1,0 +1,338 @@
+//! A phone on a simulated walk, as its page behaves: a clock of its own, JPEGs stamped with it, one picture under way, no old
+//! direction given, stop when words come too late, another connection after three silent seconds. Its walker obeys: stands on
+//! "stop", goes on with a direction.
+
+use crate::pace::{LEVELS, Pace};
+use cairn_sensor::GrayImage;
+use futures_util::{SinkExt, StreamExt};
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::FilterType;
+use serde_json::{Value, json};
+use std::collections::HashMap;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use tokio_rustls::TlsConnector;
+use tokio_tungstenite::WebSocketStream;
+use tokio_tungstenite::tungstenite::Message;
+
+pub type Socket = WebSocketStream<tokio_rustls::client::TlsStream<tokio::net::TcpStream>>;
+
+/// As in the page.
+const STALE_MS: f64 = 500.0;
+const BACK: Duration = Duration::from_millis(1000);
+const GONE: Duration = Duration::from_secs(3);
+const OPEN: Duration = Duration::from_secs(10);
+/// From the exposure to the encoded picture.
+const ENCODING: Duration = Duration::from_millis(30);
+/// Pictures a second that the walk was made for: so many are passed a second by a walker who goes.
+pub const RATE_HZ: f64 = 15.0;
+
+/// A clock that is not this machine's.
+#[derive(Clone, Copy, Debug)]
+pub struct Clock {
+    began: Instant,
+    offset_ms: f64,
+    drift: f64,
+}
+
+impl Clock {
+    /// `offset_ms` at the beginning; it gains `drift` seconds a second.
+    pub fn new(offset_ms: f64, drift: f64) -> Self {
+        Self { began: Instant::now(), offset_ms, drift }
+    }
+
+    pub fn ms(&self) -> f64 {
+        self.offset_ms + 1e3 * self.began.elapsed().as_secs_f64() * (1.0 + self.drift)
+    }
+}
+
+type Jpeg = Arc<Vec<u8>>;
+
+/// The pictures of a walk as JPEGs of every level, made when first asked for.
+pub struct Album {
+    pictures: Vec<GrayImage>,
+    /// By picture and level.
+    coded: Mutex<HashMap<(usize, usize), Jpeg>>,
+}
+
+impl Album {
+    pub fn new(pictures: Vec<GrayImage>) -> Self {
+        Self { pictures, coded: Mutex::default() }
+    }
+
+    pub fn len(&self) -> usize {
+        self.pictures.len()
+    }
+
+    fn jpeg(&self, k: usize, level: usize) -> Jpeg {
+        if let Some(known) = self.coded.lock().unwrap().get(&(k, level)) {
+            return known.clone();
+        }
+        let (side, quality, _) = LEVELS[level];
+        let picture = &self.pictures[k];
+        let (w, h) = (picture.width() as u32, picture.height() as u32);
+        let mut gray = image::GrayImage::from_raw(w, h, picture.data().to_vec()).unwrap();
+        if side < w.max(h) {
+            gray = image::imageops::resize(&gray, side, h * side / w, FilterType::Triangle);
+        }
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, quality).encode_image(&gray).unwrap();
+        let bytes = Arc::new(bytes);
+        self.coded.lock().unwrap().insert((k, level), bytes.clone());
+        bytes
+    }
+}
+
+/// What happened on a leg of a walk.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Leg {
+    /// Seconds of the leg, those of them after the answer to the command, and of these those in which the walker was guided.
+    pub took_s: f64,
+    pub total_s: f64,
+    pub guided_s: f64,
+    /// Pictures that were sent.
+    pub pictures: usize,
+    /// Directions that were given, and those that came too late and were not.
+    pub given: usize,
+    pub withheld: usize,
+    /// The oldest pose that a given direction was from, milliseconds, by the phone's clock.
+    pub oldest_ms: f64,
+    pub stops: usize,
+    pub connections: usize,
+    /// Share of the way that was walked.
+    pub walked: f64,
+}
+
+/// The phone.
+pub struct Phone {
+    pub clock: Clock,
+    pub album: Arc<Album>,
+    pub at: f64,
+    tls: Arc<rustls::ClientConfig>,
+    address: SocketAddr,
+    token: String,
+    socket: Option<Socket>,
+    heard: Instant,
+    me: Option<u64>,
+    controls: bool,
+    pace: Pace,
+    status: Value,
+    late: bool,
+    fresh_since: Option<Instant>,
+    goes: bool,
+    arrived: bool,
+    pub leg: Leg,
+    pub heard_texts: Vec<String>,
+}
+
+/// What the phone does on a leg.
+pub enum Walk {
+    /// Goes by itself towards the end of the pictures, while it is recorded.
+    Out,
+    /// Is guided towards a picture.
+    To(usize),
+}
+
+impl Phone {
+    pub fn new(
+        clock: Clock,
+        album: Arc<Album>,
+        tls: Arc<rustls::ClientConfig>,
+        address: SocketAddr,
+        token: String,
+    ) -> Self {
+        Self {
+            clock,
+            album,
+            at: 0.0,
+            tls,
+            address,
+            token,
+            socket: None,
+            heard: Instant::now(),
+            me: None,
+            controls: false,
+            pace: Pace::new(),
+            status: Value::Null,
+            late: false,
+            fresh_since: None,
+            goes: false,
+            arrived: false,
+            leg: Leg::default(),
+            heard_texts: Vec::new(),
+        }
+    }
+
+    pub async fn connect(&mut self) {
+        (self.me, self.controls, self.socket) = (None, false, None);
+        self.pace.reset();
+        self.late = false;
+        self.leg.connections += 1;
+        let opening = async {
+            let stream = tokio::net::TcpStream::connect(self.address).await.ok()?;
+            let _ = stream.set_nodelay(true);
+            let name = "localhost".try_into().ok()?;
+            let stream = TlsConnector::from(self.tls.clone()).connect(name, stream).await.ok()?;
+            Some(tokio_tungstenite::client_async("wss://localhost/ws", stream).await.ok()?.0)
+        };
+        self.socket = tokio::time::timeout(OPEN, opening).await.ok().flatten();
+        self.heard = Instant::now();
+        let hello =
+            json!({ "hello": { "token": self.token, "walk": true, "secret": "the phone", "origin": 1 } });
+        self.send(Message::text(hello.to_string())).await;
+        self.send(Message::text(json!({ "take": true }).to_string())).await;
+    }
+
+    async fn send(&mut self, message: Message) {
+        if let Some(socket) = &mut self.socket {
+            // A link that takes nothing is noticed by its silence.
+            let _ = tokio::time::timeout(GONE, socket.send(message)).await;
+        }
+    }
+
+    pub async fn command(&mut self, line: &str) {
+        self.send(Message::text(json!({ "command": line }).to_string())).await;
+    }
+
+    /// Walks until the end of the way, or for this long.
+    pub async fn walk(&mut self, walk: Walk, limit: Duration) -> Leg {
+        let (began, from) = (Instant::now(), self.at);
+        let goal = match walk {
+            Walk::Out => self.album.len() - 1,
+            Walk::To(goal) => goal,
+        } as f64;
+        let free = matches!(walk, Walk::Out);
+        self.leg = Leg::default();
+        (self.goes, self.arrived) = (free, false);
+        let mut before = Instant::now();
+        let mut exposed: Option<(Instant, f64, Jpeg)> = None;
+        let mut clock = tokio::time::interval(Duration::from_millis(5));
+        clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        while began.elapsed() < limit && !(self.arrived || free && self.at == goal) {
+            tokio::select! {
+                message = next(&mut self.socket) => match message {
+                    Some(message) => self.take(message).await,
+                    None => self.connect().await,
+                },
+                _ = clock.tick() => {}
+            }
+            let passed = before.elapsed().as_secs_f64();
+            before = Instant::now();
+            if self.goes {
+                let step = RATE_HZ * passed;
+                self.at =
+                    if goal > self.at { (self.at + step).min(goal) } else { (self.at - step).max(goal) };
+            }
+            let silence = if self.me.is_none() { OPEN } else { GONE };
+            if self.heard.elapsed() > silence {
+                self.goes = free;
+                self.connect().await;
+            }
+            self.watch().await;
+            let guided = self.me.is_some() && !self.late && self.is_guided();
+            self.leg.guided_s += if guided { passed } else { 0.0 };
+            // The answer to the command is said before the first direction.
+            let waits = self.status["guiding"].is_null() || self.status["guiding"]["state"] == "waiting";
+            self.leg.total_s += if waits { 0.0 } else { passed };
+            let now = Instant::now();
+            if exposed.is_none() && self.controls && self.pace.may_shoot(now) {
+                exposed =
+                    Some((now, self.clock.ms(), self.album.jpeg(self.at.round() as usize, self.pace.level)));
+            }
+            if let Some((_, ms, jpeg)) = exposed.take_if(|(at, ..)| at.elapsed() >= ENCODING) {
+                let mut bytes = ms.to_le_bytes().to_vec();
+                bytes.extend_from_slice(&jpeg);
+                self.pace.sent(Instant::now(), bytes.len());
+                self.leg.pictures += 1;
+                self.send(Message::binary(bytes)).await;
+            }
+        }
+        self.leg.took_s = began.elapsed().as_secs_f64();
+        self.leg.walked = if goal == from { 1.0 } else { (self.at - from) / (goal - from) };
+        self.leg
+    }
+
+    fn is_guided(&self) -> bool {
+        let state = &self.status["guiding"]["state"];
+        state.is_string()
+            && state != "stopped"
+            && state != "waiting"
+            && self.heard.elapsed() < Duration::from_millis(600)
+    }
+
+    fn age_ms(&self) -> Option<f64> {
+        Some(self.clock.ms() - self.status["frame_ms"].as_f64()?)
+    }
+
+    /// As the page's timer: late, or fresh again.
+    async fn watch(&mut self) {
+        let Some(age) = self.age_ms() else { return };
+        if self.me.is_some() && self.status["guiding"].is_object() && age > STALE_MS {
+            self.became_late().await;
+        } else if self.late && self.fresh_since.get_or_insert_with(Instant::now).elapsed() >= BACK {
+            self.late = false;
+            self.send(Message::text(json!({ "late": false }).to_string())).await;
+        }
+    }
+
+    async fn became_late(&mut self) {
+        self.fresh_since = None;
+        if !std::mem::replace(&mut self.late, true) {
+            (self.goes, self.leg.stops) = (false, self.leg.stops + 1);
+            self.send(Message::text(json!({ "late": true }).to_string())).await;
+        }
+    }
+
+    async fn take(&mut self, message: Message) {
+        self.heard = Instant::now();
+        let Message::Text(text) = message else { return };
+        let value: Value = serde_json::from_str(&text).unwrap();
+        if let Some(ping) = value.get("ping") {
+            let pong = json!({ "pong": { "n": ping["n"], "ms": self.clock.ms() } });
+            self.send(Message::text(pong.to_string())).await;
+            self.pace.trip_ms = ping["trip_ms"].as_f64().unwrap_or(self.pace.trip_ms);
+        } else if value.get("got").is_some() {
+            self.pace.got(Instant::now());
+        } else if let Some(hello) = value.get("hello") {
+            self.me = hello["id"].as_u64();
+        } else if let Some(control) = value.get("control") {
+            self.controls = self.me.is_some() && control["id"].as_u64() == self.me;
+        } else if let Some(status) = value.get("status") {
+            self.status = status.clone();
+        } else if let Some(said) = value.get("said") {
+            self.said(said).await;
+        }
+    }
+
+    async fn said(&mut self, said: &Value) {
+        let text = said["text"].as_str().unwrap_or_default();
+        if let Some(pose_ms) = said["pose_ms"].as_f64() {
+            let age = self.clock.ms() - pose_ms;
+            if age > STALE_MS || self.late {
+                self.leg.withheld += 1;
+                if age > STALE_MS {
+                    self.became_late().await;
+                }
+                return;
+            }
+            (self.leg.given, self.leg.oldest_ms) = (self.leg.given + 1, self.leg.oldest_ms.max(age));
+            self.goes = true;
+        } else if said["priority"] == 0 {
+            (self.goes, self.leg.stops) = (false, self.leg.stops + 1);
+        }
+        self.heard_texts.push(text.to_owned());
+        self.arrived |= text.starts_with("Stop. You have arrived");
+    }
+}
+
+/// The next message; never, without a connection; `None` at its end.
+async fn next(socket: &mut Option<Socket>) -> Option<Message> {
+    match socket {
+        Some(socket) => socket.next().await.and_then(Result::ok),
+        None => {
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            None
+        }
+    }
+}
