@@ -51,6 +51,7 @@
 //! | 5 | [`dense`] | TSDF and occupancy submaps, meshes, dense tracking, ground and hazards |
 //! | 5 | [`plan`] | occupancy grids, distance fields, costmaps, path search, path following |
 //! | 5 | [`guide`] | route recorder, cleaning, maneuvers, cues, phrases |
+//! | 7 | [`team`] | several robots, one pose graph: distributed optimisation, rejection of false loops, messages |
 //! | 8 | [`engine`] | tracking, mapping and loop closing wired together; configuration, status, journal |
 //! | 9 | [`session`] | one walk: engine, recorder and guide behind commands |
 //! | 11 | this one | [`Slam`], [`Map`], [`Changes`], [`MapEvents`], [`Error`] |
@@ -94,6 +95,7 @@ pub use cairn_session as session;
 pub use cairn_sim as sim;
 pub use cairn_solve as solve;
 pub use cairn_sources as sources;
+pub use cairn_team as team;
 pub use cairn_vision as vision;
 
 /// Opens a source by its address: the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes), a video file,

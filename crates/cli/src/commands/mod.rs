@@ -13,4 +13,5 @@ pub mod run;
 pub mod serve;
 pub mod sim;
 pub mod solve;
+pub mod team;
 pub mod vocab;

@@ -13,6 +13,7 @@ mod route;
 mod run;
 mod sim;
 mod solve;
+mod team;
 mod vocab;
 mod walk;
 

@@ -3,7 +3,7 @@
 //! Source: Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM: a survey on rotation estimation
 //! and its use in pose graph optimization" (2015), section III.C (chordal relaxation; Martinec and Pajdla, 2007).
 
-use super::PoseGraph;
+use super::{Edge, PoseGraph};
 use crate::sparse::{Analysis, Factor, NotPositive, UniformBlocks};
 use cairn_geometry::{LieGroup, Mat3, Se2, Se3, So2, So3, Vec2, Vec3};
 use nalgebra::SMatrix;
@@ -66,16 +66,19 @@ impl Rigid<3> for Se2 {
 }
 
 /// Sets every vertex that is not held: rotations by the chordal relaxation, translations by least squares given those.
-/// Held vertices stay where they are.
+/// Held vertices stay where they are. Of a condensed part, each pose relative to the first counts as a measurement with its
+/// marginal information.
 ///
 /// # Errors
 /// When the edges do not connect every vertex to a held one with weights for rotation and translation; nothing is
 /// changed then.
 pub fn chordal_start<G: Rigid<D>, const D: usize>(graph: &mut PoseGraph<G, D>) -> Result<(), NotPositive> {
     let held = graph.held();
+    let stars: Vec<Edge<G, D>> = graph.condensed.iter().flat_map(|c| c.star()).collect();
     let edges: Vec<Measured> = graph
         .edges
         .iter()
+        .chain(&stars)
         .map(|e| {
             let (rotation, translation) = e.a_from_b.to_space();
             let weights = G::weights(&e.information);

@@ -5,13 +5,19 @@
 //! where `r` are the coordinates of `measured^-1 * (a^-1 * b)` (Grisetti et al., "A tutorial on graph-based SLAM",
 //! 2010; Dellaert and Kaess, "Factor graphs for robot perception", 2017, chapter 6).
 
+mod certify;
 mod chordal;
+mod condense;
+mod condensed;
 mod normal;
 mod odometry;
 mod solve;
 mod start;
 
+pub use certify::{Certificate, certify};
 pub use chordal::{Rigid, chordal_start};
+pub use condense::CondenseError;
+pub use condensed::{Condensed, CondensedError};
 pub use odometry::odometry_start;
 pub use start::{Start, StartCost, lowest_start};
 
@@ -104,12 +110,13 @@ pub struct PoseGraph<G, const D: usize> {
     values: Vec<G>,
     fixed: Vec<bool>,
     edges: Vec<Edge<G, D>>,
+    condensed: Vec<Condensed<G, D>>,
 }
 
 impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
     /// A graph without vertices.
     pub fn new() -> Self {
-        Self { values: Vec::new(), fixed: Vec::new(), edges: Vec::new() }
+        Self { values: Vec::new(), fixed: Vec::new(), edges: Vec::new(), condensed: Vec::new() }
     }
 
     /// Adds a vertex with its `world_from_vertex`; `fixed` ones are not moved. Returns its index.
@@ -185,9 +192,33 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         r.dot(&(edge.information * r))
     }
 
-    /// Half the sum of the edges' losses.
+    /// Half the sum of the edges' losses, and the costs of the condensed parts.
     pub fn cost(&self, metric: Metric) -> f64 {
-        self.edges.iter().map(|e| 0.5 * e.loss.of(self.chi2(e, metric)).0).sum()
+        let edges: f64 = self.edges.iter().map(|e| 0.5 * e.loss.of(self.chi2(e, metric)).0).sum();
+        edges + self.condensed.iter().map(|c| c.cost(&self.values)).sum::<f64>()
+    }
+
+    /// Adds what another graph says about vertices of this one ([`PoseGraph::condense`]). Returns its index.
+    ///
+    /// # Errors
+    /// When a vertex does not exist or is named twice, or a size or number is wrong.
+    pub fn add_condensed(&mut self, condensed: Condensed<G, D>) -> Result<usize, CondensedError> {
+        condensed.check(self.values.len())?;
+        self.condensed.push(condensed);
+        Ok(self.condensed.len() - 1)
+    }
+
+    /// The condensed parts of other graphs.
+    pub fn condensed(&self) -> &[Condensed<G, D>] {
+        &self.condensed
+    }
+
+    /// Sets the fixed vertices.
+    ///
+    /// # Panics
+    /// When there is not one flag for each vertex.
+    pub fn set_fixed(&mut self, fixed: &[bool]) {
+        self.fixed.copy_from_slice(fixed);
     }
 
     /// `measured^-1 * (a^-1 * b)`.
@@ -197,7 +228,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
     }
 
     /// For each vertex, the first one of its connected component.
-    fn components(&self) -> Vec<usize> {
+    pub fn components(&self) -> Vec<usize> {
         let mut root: Vec<usize> = (0..self.values.len()).collect();
         fn find(root: &mut [usize], mut i: usize) -> usize {
             while root[i] != i {
@@ -206,8 +237,9 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
             }
             i
         }
-        for e in &self.edges {
-            let (a, b) = (find(&mut root, e.a), find(&mut root, e.b));
+        let stars = self.condensed.iter().flat_map(|c| c.vertices().iter().map(|v| (c.vertices()[0], *v)));
+        for (a, b) in self.edges.iter().map(|e| (e.a, e.b)).chain(stars) {
+            let (a, b) = (find(&mut root, a), find(&mut root, b));
             root[a.max(b)] = a.min(b);
         }
         (0..root.len()).map(|i| find(&mut root, i)).collect()

@@ -1,6 +1,7 @@
 //! The normal equations of a graph: where each edge's blocks go, and what they are at a state.
 
-use super::{Edge, Metric, residual};
+use super::condensed::{CondensedLinear, pair_indices};
+use super::{Edge, Metric, PoseGraph, residual};
 use crate::Loss;
 use crate::sparse::Analysis;
 use cairn_geometry::LieGroup;
@@ -12,11 +13,13 @@ pub struct Layout {
     pub slot: Vec<Option<u32>>,
     /// For each edge between free vertices the index of its block.
     pub pair: Vec<Option<u32>>,
+    /// The same for the pairs of each condensed part.
+    pub condensed_pair: Vec<Vec<Option<u32>>>,
     pub analysis: Analysis,
 }
 
 impl Layout {
-    pub fn new<G, const D: usize>(held: &[bool], edges: &[Edge<G, D>]) -> Self {
+    pub fn new<G: LieGroup<D>, const D: usize>(held: &[bool], graph: &PoseGraph<G, D>) -> Self {
         let mut free = 0;
         let slot: Vec<Option<u32>> = held
             .iter()
@@ -27,11 +30,15 @@ impl Layout {
                 })
             })
             .collect();
-        let ends = |e: &Edge<G, D>| Some((slot[e.a]? as usize, slot[e.b]? as usize));
-        let analysis = Analysis::new(free as usize, D, edges.iter().filter_map(ends));
-        let pair = edges.iter().map(|e| ends(e).and_then(|(a, b)| analysis.pair(a, b)).map(|p| p as u32));
-        let pair = pair.collect();
-        Self { slot, pair, analysis }
+        let ends = |a: usize, b: usize| Some((slot[a]? as usize, slot[b]? as usize));
+        let pairs = graph.edges.iter().map(|e| (e.a, e.b));
+        let all = pairs.chain(graph.condensed.iter().flat_map(|c| c.pairs()));
+        let analysis = Analysis::new(free as usize, D, all.filter_map(|(a, b)| ends(a, b)));
+        let place =
+            |(a, b): (usize, usize)| ends(a, b).and_then(|(a, b)| analysis.pair(a, b)).map(|p| p as u32);
+        let pair = graph.edges.iter().map(|e| place((e.a, e.b))).collect();
+        let condensed_pair = graph.condensed.iter().map(|c| c.pairs().map(place).collect()).collect();
+        Self { slot, pair, condensed_pair, analysis }
     }
 }
 
@@ -59,19 +66,19 @@ impl<const D: usize> Normal<D> {
         }
     }
 
-    /// Linearises all edges at `values`.
+    /// Linearises all edges and condensed parts of the graph at `values`.
     pub fn fill<G: LieGroup<D>>(
         &mut self,
         layout: &Layout,
         values: &[G],
-        edges: &[Edge<G, D>],
+        graph: &PoseGraph<G, D>,
         metric: Metric,
     ) {
         self.diagonal.fill([[0.0; D]; D]);
         self.off_diagonal.fill([[0.0; D]; D]);
         self.gradient.fill([0.0; D]);
         self.cost = 0.0;
-        for (edge, pair) in edges.iter().zip(&layout.pair) {
+        for (edge, pair) in graph.edges.iter().zip(&layout.pair) {
             let l = Linear::new(edge, &values[edge.a], &values[edge.b], metric);
             self.cost += 0.5 * l.loss;
             let (a, b) = (layout.slot[edge.a], layout.slot[edge.b]);
@@ -89,6 +96,35 @@ impl<const D: usize> Normal<D> {
                     if a > b { add(block, &across) } else { add(block, &across.transpose()) }
                 }
             }
+        }
+        for (part, pairs) in graph.condensed.iter().zip(&layout.condensed_pair) {
+            self.add_condensed(layout, &part.linearise(values), part.vertices(), pairs);
+        }
+    }
+
+    fn add_condensed(
+        &mut self,
+        layout: &Layout,
+        linear: &CondensedLinear<D>,
+        vertices: &[usize],
+        pairs: &[Option<u32>],
+    ) {
+        self.cost += linear.cost;
+        for (k, v) in vertices.iter().enumerate() {
+            if let Some(s) = layout.slot[*v] {
+                add(&mut self.diagonal[s as usize], &linear.block(k, k));
+                add(std::slice::from_mut(&mut self.gradient[s as usize]), &linear.gradient[k]);
+            }
+        }
+        for ((k, l), pair) in pair_indices(vertices.len()).zip(pairs) {
+            let (Some(pair), Some(row), Some(column)) =
+                (pair, layout.slot[vertices[k]], layout.slot[vertices[l]])
+            else {
+                continue;
+            };
+            let block = linear.block(k, l);
+            let to = &mut self.off_diagonal[*pair as usize];
+            if row > column { add(to, &block) } else { add(to, &block.transpose()) }
         }
     }
 
@@ -112,17 +148,18 @@ fn add<const R: usize, const C: usize>(to: &mut [[f64; R]], m: &SMatrix<f64, R, 
 }
 
 /// An edge at a state.
-struct Linear<const D: usize> {
-    loss: f64,
+pub struct Linear<const D: usize> {
+    /// Robust loss of the squared whitened residual.
+    pub loss: f64,
     /// `J^T W J` by the second vertex.
-    by_b: SMatrix<f64, D, D>,
-    gradient_b: SVector<f64, D>,
+    pub by_b: SMatrix<f64, D, D>,
+    pub gradient_b: SVector<f64, D>,
     /// Adjoint of `b^-1 * a`.
-    adjoint: SMatrix<f64, D, D>,
+    pub adjoint: SMatrix<f64, D, D>,
 }
 
 impl<const D: usize> Linear<D> {
-    fn new<G: LieGroup<D>>(edge: &Edge<G, D>, a: &G, b: &G, metric: Metric) -> Self {
+    pub fn new<G: LieGroup<D>>(edge: &Edge<G, D>, a: &G, b: &G, metric: Metric) -> Self {
         let relative = a.inverse().compose(b);
         let error = edge.a_from_b.inverse().compose(&relative);
         let r = residual(&error, metric);

@@ -10,7 +10,9 @@ pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D
     let n = graph.values.len();
     let mut known = graph.held();
     let mut next: Vec<Vec<usize>> = vec![Vec::new(); n];
-    for (k, e) in graph.edges.iter().enumerate() {
+    let stars = graph.condensed.iter().flat_map(|c| c.star());
+    let edges: Vec<Edge<G, D>> = graph.edges.iter().copied().chain(stars).collect();
+    for (k, e) in edges.iter().enumerate() {
         next[e.a].push(k);
         next[e.b].push(k);
     }
@@ -19,7 +21,7 @@ pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D
     let mut queue: VecDeque<(usize, bool)> = (0..n).filter(|i| known[*i]).map(|i| (i, false)).collect();
     while let Some((from, all)) = queue.pop_front() {
         for &k in &next[from] {
-            let e = &graph.edges[k];
+            let e = &edges[k];
             let to = if e.a == from { e.b } else { e.a };
             if known[to] || !(all || is_odometry(e)) {
                 continue;

@@ -3,33 +3,68 @@
 use super::normal::{Layout, Normal};
 use super::{GraphConfig, Method, Metric, PoseGraph};
 use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Problem, Trial};
-use crate::sparse::{Factor, UniformBlocks};
+use crate::sparse::{Factor, NotPositive, UniformBlocks};
 use crate::{CHI2_95, Report, Stop};
 use cairn_geometry::LieGroup;
-use nalgebra::SVector;
+use nalgebra::{DMatrix, SVector};
 use std::sync::Arc;
 
 impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
     /// The gradient of the cost by the tangent of each vertex; zero for those that are held while solving.
     pub fn gradient(&self, metric: Metric) -> Vec<SVector<f64, D>> {
-        let layout = Layout::new(&self.held(), &self.edges);
+        let layout = Layout::new(&self.held(), self);
         let mut normal = Normal::new(&layout);
-        normal.fill(&layout, &self.values, &self.edges, metric);
+        normal.fill(&layout, &self.values, self, metric);
         let of =
             |slot: &Option<u32>| slot.map_or_else(SVector::zeros, |k| normal.gradient[k as usize].into());
         layout.slot.iter().map(of).collect()
     }
 
+    /// The joint covariance of these vertices at the current values, `D` rows for each: of right perturbations, given the
+    /// vertices that are held while solving (their rows are zero).
+    ///
+    /// # Errors
+    /// When the edges do not determine every pose.
+    ///
+    /// # Panics
+    /// When a vertex does not exist.
+    pub fn covariance(&self, of: &[usize], metric: Metric) -> Result<DMatrix<f64>, NotPositive> {
+        let mut layout = Layout::new(&self.held(), self);
+        let mut normal = Normal::new(&layout);
+        normal.fill(&layout, &self.values, self, metric);
+        let empty = crate::sparse::Analysis::new(0, D, std::iter::empty());
+        let mut factor = Factor::new(Arc::new(std::mem::replace(&mut layout.analysis, empty)));
+        factor.factor(&UniformBlocks {
+            size: D,
+            diagonal: normal.diagonal.as_flattened().as_flattened(),
+            off_diagonal: normal.off_diagonal.as_flattened().as_flattened(),
+        })?;
+        let place = |v: usize| layout.slot[v].map(|k| k as usize * D);
+        let mut covariance = DMatrix::zeros(of.len() * D, of.len() * D);
+        let mut x = vec![0.0; factor.analysis().dimension()];
+        for (k, first) in of.iter().enumerate().filter_map(|(k, v)| Some((k, place(*v)?))) {
+            for d in 0..D {
+                x.fill(0.0);
+                x[first + d] = 1.0;
+                factor.solve(&mut x);
+                for (l, row) in of.iter().enumerate().filter_map(|(l, v)| Some((l, place(*v)?))) {
+                    covariance.column_mut(k * D + d).rows_mut(l * D, D).copy_from_slice(&x[row..row + D]);
+                }
+            }
+        }
+        Ok(covariance)
+    }
+
     /// Lowers the cost; asks `stop` before each step. Whatever the reason to stop, the vertices are left in the best state found.
     pub fn solve(&mut self, config: &GraphConfig, mut stop: impl FnMut() -> bool) -> Report {
-        let layout = Layout::new(&self.held(), &self.edges);
+        let layout = Layout::new(&self.held(), self);
         let cost = self.cost(config.metric);
         let mut report = Report {
             iterations: 0,
             cost_before: cost,
             cost_after: cost,
             inliers: 0,
-            stop: if self.edges.is_empty() || layout.analysis.rows() == 0 {
+            stop: if (self.edges.is_empty() && self.condensed.is_empty()) || layout.analysis.rows() == 0 {
                 Stop::Empty
             } else if cost.is_finite() {
                 Stop::Iterations
@@ -47,7 +82,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
                 },
                 convergence: Convergence::Predicted {
                     relative: config.tolerance,
-                    absolute: 1e-16 * self.edges.len() as f64,
+                    absolute: 1e-16 * (self.edges.len() + self.condensed.len()) as f64,
                 },
             };
             let outcome = solver.minimise(&mut descent, &mut stop);
@@ -80,7 +115,7 @@ struct Descent<'a, G, const D: usize> {
 impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
     fn new(graph: &'a PoseGraph<G, D>, mut layout: Layout, config: &'a GraphConfig) -> Self {
         let mut normal = Normal::new(&layout);
-        normal.fill(&layout, &graph.values, &graph.edges, config.metric);
+        normal.fill(&layout, &graph.values, graph, config.metric);
         let empty = crate::sparse::Analysis::new(0, D, std::iter::empty());
         let analysis = Arc::new(std::mem::replace(&mut layout.analysis, empty));
         Self {
@@ -130,7 +165,7 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
                 *next = now.retract(&SVector::from(step[*k as usize]));
             }
         }
-        self.tried.fill(&self.layout, &self.next, &self.graph.edges, self.config.metric);
+        self.tried.fill(&self.layout, &self.next, self.graph, self.config.metric);
         if !self.next.iter().all(|v| v.is_finite()) {
             self.tried.cost = f64::INFINITY;
         }

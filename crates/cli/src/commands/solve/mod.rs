@@ -34,7 +34,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
 }
 
 /// Reads a text file.
-fn text_of(path: &Path, form: &str) -> Result<String, Failure> {
+pub(super) fn text_of(path: &Path, form: &str) -> Result<String, Failure> {
     let name = path.display().to_string();
     let bytes = std::fs::read(path)
         .map_err(|e| Failure::new(&name, e.to_string(), format!("give a file in {form} format")))?;

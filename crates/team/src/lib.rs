@@ -1,0 +1,30 @@
+#![doc = include_str!("../README.md")]
+
+mod clique;
+mod consistency;
+mod digest;
+mod envelope;
+mod exchange;
+pub mod files;
+mod graphs;
+mod ids;
+mod joint;
+mod judge;
+mod keep;
+mod message;
+mod network;
+mod robot;
+mod words;
+
+/// Robots that one listens to at most, itself included.
+pub const MAX_ROBOTS: usize = 256;
+
+pub use clique::{Clique, maximum_clique};
+pub use exchange::{Exchange, Round};
+pub use graphs::{GraphsError, Measurement, RobotGraph, Whole, split};
+pub use ids::{LoopId, PoseId, RobotId};
+pub use judge::{JudgeConfig, Judgement, Verdict};
+pub use message::{Estimate, MAX_BYTES, Message, Refused, Shared, VERSION};
+pub use network::{Network, NetworkConfig, Packet};
+pub use robot::{Robot, RobotError};
+pub use words::{KeyFrameWords, MAX_WORDS_BYTES};

@@ -1,0 +1,90 @@
+//! A simulated network: it loses, delays, reorders and duplicates messages, by chance from a seed.
+
+use crate::RobotId;
+
+/// How bad the network is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NetworkConfig {
+    /// Part of the messages that never arrive.
+    pub loss: f64,
+    /// Part of the messages that arrive later, after one to [`NetworkConfig::delay_rounds`] exchanges.
+    pub delayed: f64,
+    /// Exchanges that a delayed message takes at most.
+    pub delay_rounds: u32,
+    /// Part of the messages that arrive twice.
+    pub duplicated: f64,
+    /// Seed of chance.
+    pub seed: u64,
+}
+
+impl NetworkConfig {
+    /// A network that delivers everything at once, in order.
+    pub const PERFECT: Self = Self { loss: 0.0, delayed: 0.0, delay_rounds: 0, duplicated: 0.0, seed: 0 };
+}
+
+/// A message on its way.
+#[derive(Clone, Debug)]
+pub struct Packet {
+    /// Who sent it.
+    pub from: RobotId,
+    /// Who is to get it.
+    pub to: RobotId,
+    /// What it says.
+    pub bytes: std::sync::Arc<Vec<u8>>,
+    due: u64,
+}
+
+/// A simulated network.
+#[derive(Clone, Debug)]
+pub struct Network {
+    config: NetworkConfig,
+    state: u64,
+    round: u64,
+    waiting: Vec<Packet>,
+}
+
+impl Network {
+    /// An empty network.
+    pub fn new(config: NetworkConfig) -> Self {
+        Self { config, state: config.seed, round: 0, waiting: Vec::new() }
+    }
+
+    /// The next number between 0 and 1 (splitmix64; Steele, Lea, Flood, 2014).
+    fn chance(&mut self) -> f64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Takes a message to be delivered.
+    pub fn send(&mut self, from: RobotId, to: RobotId, bytes: &std::sync::Arc<Vec<u8>>) {
+        let copies = if self.chance() < self.config.duplicated { 2 } else { 1 };
+        for _ in 0..copies {
+            if self.chance() < self.config.loss {
+                continue;
+            }
+            let is_late = self.chance() < self.config.delayed;
+            let late = 1 + (self.chance() * f64::from(self.config.delay_rounds)) as u64;
+            let due = self.round + if is_late { late } else { 0 };
+            self.waiting.push(Packet { from, to, bytes: bytes.clone(), due });
+        }
+    }
+
+    /// What arrives in this exchange; a network that is not perfect mixes the order.
+    pub fn deliver(&mut self) -> Vec<Packet> {
+        let round = self.round;
+        self.round += 1;
+        let waiting = std::mem::take(&mut self.waiting);
+        let (mut arrived, later): (Vec<_>, Vec<_>) = waiting.into_iter().partition(|p| p.due <= round);
+        self.waiting = later;
+        if self.config.loss + self.config.delayed + self.config.duplicated > 0.0 {
+            for k in (1..arrived.len()).rev() {
+                let other = (self.chance() * (k + 1) as f64) as usize;
+                arrived.swap(k, other.min(k));
+            }
+        }
+        arrived
+    }
+}
