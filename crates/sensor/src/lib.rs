@@ -6,6 +6,7 @@ mod lens;
 mod merge;
 mod packet;
 mod rig;
+mod skips;
 mod source;
 mod stamp;
 
@@ -15,5 +16,6 @@ pub use lens::Distortion;
 pub use merge::{Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream, Why};
 pub use packet::{FramePacket, ImuSample};
 pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
+pub use skips::{SkipCount, SkipKind, Skipped, Skips};
 pub use source::{Source, SourceError, SourceInfo};
 pub use stamp::Stamp;

@@ -1,6 +1,6 @@
 //! The interface of everything that delivers packets.
 
-use crate::{FramePacket, Rig, Stamp};
+use crate::{FramePacket, Rig, SkipKind, Skips, Stamp};
 use cairn_geometry::Se3;
 
 /// Why a source could not be opened or read; the text names the file, the position in it and the remedy.
@@ -54,4 +54,13 @@ pub trait Source: Send {
 
     /// The packets skipped so far and why, one line each.
     fn skipped(&self) -> &[String];
+
+    /// The same counted by kind and reason. A source that counts nothing leaves its lines unclassified.
+    fn skips(&self) -> Skips {
+        let mut skips = Skips::default();
+        for line in self.skipped() {
+            skips.add_many(SkipKind::Other, "reported by the source", 1, line);
+        }
+        skips
+    }
 }

@@ -7,7 +7,7 @@ use crate::recording::{Instant, QuaternionOrder, Recording, join_depth, pair, re
 use crate::rig;
 use crate::text::{stamp_ns, stamp_seconds};
 use cairn_geometry::Se3;
-use cairn_sensor::{Rig, SourceError, Stamp};
+use cairn_sensor::{Rig, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Stamps of cameras triggered together differ by less, nanoseconds.
@@ -87,7 +87,7 @@ fn own_rig(folder: &Path, root: &Path) -> Result<Rig, SourceError> {
     Ok(rig)
 }
 
-fn images(camera: &Path, skipped: &mut Vec<String>) -> Result<Vec<(Stamp, PathBuf)>, SourceError> {
+fn images(camera: &Path, skipped: &mut Vec<Skipped>) -> Result<Vec<(Stamp, PathBuf)>, SourceError> {
     read_index(&camera.join("data.csv"), stamp_ns, &camera.join("data"), skipped)
 }
 

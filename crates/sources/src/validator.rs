@@ -2,7 +2,7 @@
 //! that are not synchronised. Each doubt is reported once, as text with numbers.
 
 use cairn_inertial::Readings;
-use cairn_sensor::{FramePacket, ImuSample, ImuSensor, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{FramePacket, ImuSample, ImuSensor, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
 const MAX_AFTER_S: f64 = 0.05;
@@ -131,6 +131,10 @@ impl Source for Validator {
 
     fn skipped(&self) -> &[String] {
         self.source.skipped()
+    }
+
+    fn skips(&self) -> Skips {
+        self.source.skips()
     }
 }
 
