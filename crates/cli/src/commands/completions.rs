@@ -5,7 +5,7 @@ use crate::output::Output;
 use crate::outputs::Outputs;
 use clap::CommandFactory;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Prints completions for a shell.
 ///
@@ -59,22 +59,22 @@ pub fn man(a: &Man, output: &Output) -> Result<(), Failure> {
     command.build();
     let mut pages = Vec::new();
     gather(&command, "", &mut pages).map_err(|e| Failure::new("man", e.to_string(), "report this"))?;
-    let mut failures = Vec::new();
-    let mut written = Vec::new();
+    let mut checked = Vec::new();
     for (name, text) in pages {
         let path = a.out.join(format!("{name}.1"));
-        match write(&path, a.overwrite, text) {
+        let outputs = Outputs::new(a.overwrite).output("--out", Some(&path)).checked()?;
+        checked.push((path, outputs, text));
+    }
+    let mut failures = Vec::new();
+    let mut written = Vec::new();
+    for (path, outputs, text) in checked {
+        match outputs.write("--out", || Ok(text)) {
             Ok(()) => written.push(path),
             Err(failure) => failures.push(failure),
         }
     }
     Failure::all(failures)?;
     output.result(&Written { pages: written }, |w| format!("{} pages in {}", w.pages.len(), a.out.display()))
-}
-
-fn write(path: &Path, overwrite: bool, text: Vec<u8>) -> Result<(), Failure> {
-    let outputs = Outputs::new(overwrite).output("--out", Some(path)).checked()?;
-    outputs.write("--out", || Ok(text))
 }
 
 /// The page of a command, then those of its subcommands.

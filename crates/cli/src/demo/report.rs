@@ -40,7 +40,8 @@ const FILES: [&str; 7] =
 
 /// Checks before the walk that all files can be written.
 fn checked(folder: &Path, overwrite: bool) -> Result<Outputs, Failure> {
-    crate::outputs::folder(folder)?;
+    let elsewhere = |f: Failure| Failure { hint: "choose another folder with --out".into(), ..f };
+    crate::outputs::folder(folder).map_err(elsewhere)?;
     // An interrupted demo leaves no empty folder behind; one with files in it is not removed.
     let made = folder.to_owned();
     interrupt::before_exit(move || drop(std::fs::remove_dir(&made)));

@@ -176,26 +176,20 @@ fn a_signal_ends_waiting_for_the_next_packet() {
     let folder = folder("ends-gap");
     let recording = folder.join("recording");
     let out = recording.to_str().unwrap();
-    let written =
-        cairn(&["sim", "demo?duration=0.5&resolution=160x120&sensor=rgbd&layout=tum", "--out", out]);
-    let written = match written.status.code() {
-        Some(0) => written,
-        _ => cairn(&[
-            "sim",
-            "demo?duration=0.5&resolution=160x120&sensor=rgbd",
-            "--layout",
-            "tum",
-            "--out",
-            out,
-        ]),
-    };
+    let world = "demo?duration=0.5&resolution=160x120&sensor=rgbd";
+    let written = cairn(&["sim", world, "--layout", "tum", "--out", out]);
     assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
-    // The last image comes an hour later.
+    // The last images come an hour later.
     let list = recording.join("rgb.txt");
     let text = std::fs::read_to_string(&list).unwrap();
-    let (before, last) = text.trim_end().rsplit_once('\n').unwrap();
-    let (_, file) = last.split_once(' ').unwrap();
-    std::fs::write(&list, format!("{before}\n3600.0 {file}\n")).unwrap();
+    let lines: Vec<&str> = text.trim_end().lines().collect();
+    let (before, last) = lines.split_at(lines.len() - 4);
+    let late = last.iter().enumerate().filter_map(|(i, line)| {
+        let (_, file) = line.split_once(' ')?;
+        Some(format!("{}.0 {file}", 3600 + i))
+    });
+    let late: Vec<String> = late.collect();
+    std::fs::write(&list, format!("{}\n{}\n", before.join("\n"), late.join("\n"))).unwrap();
     let report = folder.join("report.json");
     let child = waiting(&["run", out, "--realtime", "--report", report.to_str().unwrap()], None);
     let output = ends(child, "-TERM");

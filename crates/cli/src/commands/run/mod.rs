@@ -53,6 +53,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     if let Some(path) = &a.vocabulary {
         vocabulary(path)?;
     }
+    a.guide.as_deref().map(route::check).transpose()?;
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
     let mut script = a.script.as_deref().map_or_else(|| Ok(Script::default()), read_script)?;
     let live = is_live(&a.source);

@@ -27,7 +27,7 @@ pub fn of(r: &RunReport) -> Vec<String> {
         let apart = r.maps - 1;
         let maps = if apart == 1 { "map is".to_owned() } else { "maps are".to_owned() };
         all.push(format!(
-            "{apart} {maps} not joined with the first: how they stand to it is estimated, no place was recognised."
+            "{apart} {maps} not joined with the first: no place was recognised, so the pose between them is estimated."
         ));
     }
     if r.dropped > 0 {
