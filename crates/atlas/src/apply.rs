@@ -386,6 +386,18 @@ impl Snapshot {
         }
     }
 
+    /// Counts anew which key frames share landmarks.
+    pub(crate) fn recount_covisible(&mut self) {
+        let ids: Vec<KeyFrameId> = self.key_frames().map(|k| k.id).collect();
+        for id in ids {
+            let mut best = self.shared(id);
+            best.truncate(NEIGHBOURS);
+            if let Some(k) = self.key_frames.get_mut(id.index()) {
+                k.covisible = best;
+            }
+        }
+    }
+
     /// Key frames that share landmarks with one, with how many, most first.
     fn shared(&self, id: KeyFrameId) -> Vec<(KeyFrameId, u32)> {
         let mut votes = self.key_frame(id).map_or(Vec::new(), |k| self.votes(k.landmarks.iter().flatten()));

@@ -6,13 +6,17 @@
 mod commands;
 mod demo;
 mod failure;
+mod help;
+mod interrupt;
+mod log;
 mod map_lock;
 mod output;
 mod outputs;
 mod progress;
+mod style;
 mod terminal;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use failure::Failure;
 use output::Output;
 use std::process::ExitCode;
@@ -48,23 +52,36 @@ enum Command {
     Config(commands::config::Arguments),
     Doctor(commands::doctor::Arguments),
     Serve(Box<commands::serve::Arguments>),
+    Completions(commands::completions::Completions),
+    #[command(hide = true)]
+    Man(commands::completions::Man),
 }
 
 fn main() -> ExitCode {
     let began = Instant::now();
+    if commands::rig::list_is_asked_for() {
+        return commands::rig::list();
+    }
     // clap handles help (code 0) and wrong usage (code 2).
-    let arguments = Arguments::parse();
+    let matches = help::grouped(Arguments::command()).get_matches();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
     let output = Output::new(arguments.json);
+    if let Some(wrong) = log::start() {
+        tracing::warn!("{wrong}");
+    }
+    interrupt::listen();
     match run(arguments.command, &output, began) {
-        Ok(code) => code,
+        Ok(()) if interrupt::requested() => ExitCode::from(interrupt::INTERRUPTED),
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) if interrupt::requested() && !interrupt::is_in_order() => output.interrupted(),
         Err(failure) => output.fail(&failure),
     }
 }
 
-fn run(command: Command, output: &Output, began: Instant) -> Result<ExitCode, Failure> {
-    let done = match command {
+fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure> {
+    match command {
         Command::Demo(arguments) => demo::run(&arguments, output),
-        Command::Run(arguments) => return commands::run::run(&arguments, output, began),
+        Command::Run(arguments) => commands::run::run(&arguments, output, began),
         Command::Eval(arguments) => commands::eval::run(&arguments, output),
         Command::Ekf(arguments) => commands::ekf::run(&arguments, output),
         Command::Sim(arguments) => commands::sim::run(&arguments, output),
@@ -79,6 +96,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<ExitCode, Fa
         Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
         Command::Serve(arguments) => commands::serve::run(&arguments, output),
-    };
-    done.map(|()| ExitCode::SUCCESS)
+        Command::Completions(arguments) => commands::completions::completions(&arguments),
+        Command::Man(arguments) => commands::completions::man(&arguments, output),
+    }
 }

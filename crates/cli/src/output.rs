@@ -1,6 +1,8 @@
 //! Results on stdout: text for people or JSON for machines, never both. A closed pipe is not an error.
 
 use crate::failure::Failure;
+use crate::interrupt;
+use crate::style::{self, Paint};
 use serde::Serialize;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
@@ -43,6 +45,15 @@ impl Output {
         if self.json { Ok(()) } else { print(text.trim_end()) }
     }
 
+    /// Says that a signal ended the command before it had anything to write; returns that exit code.
+    pub fn interrupted(&self) -> ExitCode {
+        if self.json {
+            let _ = print(&serde_json::json!({ "interrupted": true }).to_string());
+        }
+        note(interrupt::NOTHING);
+        ExitCode::from(interrupt::INTERRUPTED)
+    }
+
     /// Prints the failure on stderr, with --json also as an object on stdout; returns exit code 1, or 2 for wrong
     /// usage.
     pub fn fail(&self, failure: &Failure) -> ExitCode {
@@ -52,10 +63,15 @@ impl Output {
             let _ = print(&object.to_string());
         }
         for failure in std::iter::once(failure).chain(&failure.also) {
-            note(&format!("error: {failure}"));
+            note(&format!("{} {failure}", style::on_stderr(Paint::Wrong, "error:")));
         }
         ExitCode::from(if failure.usage { 2 } else { 1 })
     }
+}
+
+/// Warns, unless `RUST_LOG` leaves warnings out.
+pub fn warn(text: &str) {
+    tracing::warn!("{text}");
 }
 
 /// Prints a line on stderr. After a hang-up there is nobody to read it; the work continues all the same.

@@ -4,7 +4,7 @@
 
 use crate::failure::Failure;
 use std::fs::File;
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 const WRITABLE: &str = "check that its folder is writable and that the disk has room";
@@ -28,6 +28,8 @@ struct Target {
     /// The file behind all symbolic links; as given until it is checked.
     file: PathBuf,
     existing: Existing,
+    /// Whether it is a saved map; no other file replaces one.
+    is_map: bool,
 }
 
 /// The files that a command reads and writes.
@@ -51,21 +53,27 @@ impl Outputs {
 
     /// Adds a file that is written.
     pub fn output(self, option: &'static str, path: Option<&Path>) -> Self {
-        self.target(option, path, Existing::Refused)
+        self.target(option, path, Existing::Refused, false)
     }
 
-    /// Adds a file that is written and may be the same as the input of this name.
-    pub fn output_over(self, option: &'static str, path: Option<&Path>, input: &'static str) -> Self {
-        self.target(option, path, Existing::Input(input))
+    /// Adds a map that is written.
+    pub fn output_map(self, option: &'static str, path: Option<&Path>) -> Self {
+        self.target(option, path, Existing::Refused, true)
+    }
+
+    /// Adds a map that is written and may be the same as the input of this name.
+    pub fn output_map_over(self, option: &'static str, path: Option<&Path>, input: &'static str) -> Self {
+        self.target(option, path, Existing::Input(input), true)
     }
 
     /// Adds a file for which the command itself decides what happens if it exists.
     pub fn output_kept(self, option: &'static str, path: Option<&Path>) -> Self {
-        self.target(option, path, Existing::Own)
+        self.target(option, path, Existing::Own, false)
     }
 
-    fn target(mut self, option: &'static str, path: Option<&Path>, existing: Existing) -> Self {
-        self.targets.extend(path.map(|p| Target { option, given: p.into(), file: p.into(), existing }));
+    fn target(mut self, option: &'static str, path: Option<&Path>, existing: Existing, is_map: bool) -> Self {
+        let target = |p: &Path| Target { option, given: p.into(), file: p.into(), existing, is_map };
+        self.targets.extend(path.map(target));
         self
     }
 
@@ -103,6 +111,10 @@ impl Outputs {
                 let hint = "give another name, or --overwrite to replace it";
                 return Err(Failure::new(target.given.display().to_string(), "it exists already", hint));
             }
+            if let Some(kind) = precious(&target.file).filter(|kind| !(target.is_map && *kind == MAP)) {
+                let why = format!("it is {kind}, which this would replace by another kind of file");
+                return Err(Failure::new(target.given.display().to_string(), why, "give another name"));
+            }
             writable(&target.file)
                 .map_err(|e| Failure::new(target.given.display().to_string(), e.to_string(), WRITABLE))?;
         }
@@ -126,6 +138,22 @@ impl Outputs {
         let Some(target) = self.targets.iter().find(|t| t.option == option) else { return Ok(()) };
         cairn_eval::write_bytes_whole(&target.file, &content()?)
             .map_err(|e| Failure::new(target.given.display().to_string(), e.reason, WRITABLE))
+    }
+}
+
+/// What a saved map is called in messages.
+const MAP: &str = "a saved map";
+
+/// What an existing file is, where it is a work of hours that nothing else should replace.
+fn precious(file: &Path) -> Option<&'static str> {
+    let mut start = [0; 64];
+    let read = File::open(file).ok()?.read(&mut start).ok()?;
+    let start = &start[..read];
+    let has = |text: &[u8]| start.windows(text.len()).any(|w| w == text);
+    match start {
+        _ if start.starts_with(b"\x8ccairn\r\n") => Some(MAP),
+        [b'{', ..] if has(b"\"cairn-route\"") || has(b"\"cairn-way\"") => Some("a recorded route"),
+        _ => None,
     }
 }
 
@@ -181,6 +209,31 @@ fn same(a: &Path, b: &Path) -> bool {
         return (a.dev(), a.ino()) == (b.dev(), b.ino());
     }
     a == b
+}
+
+/// Makes a folder for outputs, or checks that files can be made in it if it is there.
+///
+/// # Errors
+/// When it cannot be made, or no file can be made in it.
+pub fn folder(path: &Path) -> Result<(), Failure> {
+    let made = std::fs::create_dir_all(path).and_then(|()| writable(&path.join(".cairn")));
+    made.map_err(|e| Failure::new(path.display().to_string(), e.to_string(), WRITABLE))
+}
+
+/// Checks that a folder which is made later, where it is needed, can be made, and that files can be made in it.
+///
+/// # Errors
+/// As [`folder`].
+pub fn folder_later(path: &Path) -> Result<(), Failure> {
+    let mut there = path;
+    while !there.exists() {
+        there = folder_of(there);
+    }
+    let fail = |why: String| Failure::new(path.display().to_string(), why, WRITABLE);
+    if !there.is_dir() {
+        return Err(fail(format!("{} is not a folder", there.display())));
+    }
+    writable(&there.join(".cairn")).map_err(|e| fail(e.to_string()))
 }
 
 /// Whether the file, and a temporary file beside it, can be written; leaves both as they were.

@@ -1,6 +1,5 @@
 //! A progress bar, shown only on a terminal.
 
-use crate::output::note;
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// A progress bar on stderr; hidden when stderr is not a terminal, cleared when dropped.
@@ -32,7 +31,7 @@ impl Progress {
 
     /// Prints a warning on stderr without breaking the bar.
     pub fn warn(&self, text: &str) {
-        self.0.suspend(|| note(&format!("warning: {text}")));
+        self.0.suspend(|| crate::output::warn(text));
     }
 }
 

@@ -99,6 +99,10 @@ mod raw {
             let mut keys = before.clone();
             keys.local_modes -= LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG;
             tcsetattr(input, OptionalActions::Now, &keys).ok()?;
+            let former = before.clone();
+            crate::interrupt::before_exit(move || {
+                let _ = tcsetattr(rustix::stdio::stdin(), OptionalActions::Now, &former);
+            });
             Some(Self(before))
         }
     }

@@ -16,6 +16,7 @@ use cairn_tracking::{AnchoredPose, Evidence, KeyFrameRequest, Odometry, State, T
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
 use std::io::Write;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// The engine: packets in, poses and a map out.
@@ -115,7 +116,7 @@ impl Engine {
     ) -> Self {
         let model = *front_end.model();
         // Opened and checked before the first image rather than at it.
-        cairn_vision::bow::Vocabulary::embedded();
+        cairn_vision::bow::Vocabulary::current();
         let tracker = Tracker::new(model, config.front_end_for(rig).orb.features, rate_hz, config.tracker);
         let mut mapper = config.mapper;
         if mode != SensorMode::Stereo {
@@ -381,6 +382,12 @@ impl Engine {
         &self.log
     }
 
+    /// A flag that ends long work early once it is set: adjustments of whole maps, the final one too, are left without
+    /// changes. For a user who does not want to wait; a journal then lacks its end.
+    pub fn stop_flag(&self) -> Arc<AtomicBool> {
+        self.mapping.stop().clone()
+    }
+
     /// Waits for mapping to finish its work and runs the final bundle adjustment; call at the end of a run,
     /// before [`Engine::trajectory`]. Returns the work finished meanwhile.
     pub fn finish(&mut self) -> Finished {
@@ -391,7 +398,9 @@ impl Engine {
         let snapshot = self.mapping.latest();
         let mut digest = Digest::default();
         digest.snapshot(&snapshot);
-        self.mapping.record_end(snapshot.version(), digest.value());
+        if !self.mapping.stop().load(Ordering::Relaxed) {
+            self.mapping.record_end(snapshot.version(), digest.value());
+        }
         self.died = self.died.take().or(done.died);
         Finished { map_ms: done.ms, close_ms: done.close_ms, verdicts: done.verdicts }
     }

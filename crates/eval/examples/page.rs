@@ -85,6 +85,7 @@ fn walk(page: &mut Page) {
             Marker { label: "turned back here".into(), at: corners[4], tone: Tone::Fourth },
         ],
         events,
+        ..Plan::default()
     };
     page.facts(&[
         ("Route length", "37.0 m"),

@@ -1,6 +1,6 @@
 //! Line charts and histograms.
 
-use crate::svg::{Anchor, Canvas, Figure, Tone};
+use crate::svg::{Anchor, Canvas, Figure, Sample, Tone};
 
 const WIDTH: f64 = 760.0;
 const HEIGHT: f64 = 320.0;
@@ -45,8 +45,9 @@ pub struct Labels {
 /// A line chart with horizontal marks. Many points are decimated such that every peak is preserved.
 pub fn line_chart(labels: &Labels, series: &[Series], marks: &[Mark]) -> Figure {
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
-    let legend: Vec<(&str, Tone, bool)> =
-        series.iter().map(|s| (s.label.as_str(), s.tone, s.dashed)).collect();
+    let sample = |dashed| if dashed { Sample::Dashed } else { Sample::Line };
+    let legend: Vec<(&str, Tone, Sample)> =
+        series.iter().map(|s| (s.label.as_str(), s.tone, sample(s.dashed))).collect();
     let top = 8.0 + canvas.legend(64.0, 8.0, WIDTH - 16.0, if legend.len() > 1 { &legend } else { &[] });
     let points = || {
         series.iter().flat_map(|s| s.points.iter().copied()).filter(|p| p.0.is_finite() && p.1.is_finite())
@@ -175,7 +176,7 @@ fn range(values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
 }
 
 /// Tick values within a range, in steps of 1, 2 or 5 times a power of ten, with their labels.
-fn ticks(range: (f64, f64), about: usize) -> Vec<(f64, String)> {
+pub(crate) fn ticks(range: (f64, f64), about: usize) -> Vec<(f64, String)> {
     let step = round_step((range.1 - range.0) / about as f64);
     let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
     let first = (range.0 / step).ceil();

@@ -17,6 +17,7 @@ mod report;
 mod statistics;
 mod status_summary;
 mod svg;
+mod timeline;
 mod write;
 
 pub use chart::{Labels, Mark, Series, histogram, line_chart};
@@ -32,8 +33,9 @@ pub use percentiles::{Percentiles, StageTimes, Stages};
 pub use plan::{Event, Marker, Plan, PlanLine};
 pub use read::{Format, KITTI_STEP_NS, TrajectoryFile, parse_trajectory};
 pub use relative::Delta;
-pub use report::{LiveReport, Lost, RunReport, ScaleReport};
+pub use report::{LiveReport, Lost, RunReport, ScaleReport, SkipReport};
 pub use statistics::Statistics;
 pub use status_summary::{GateStanding, ImuStanding, StatusSummary};
 pub use svg::{Figure, Tone};
+pub use timeline::{Moment, Span, Timeline, TimelineRow};
 pub use write::{seconds_text, to_euroc, to_kitti, to_tum, write_bytes_whole, write_whole};

@@ -7,6 +7,9 @@ use cairn_geometry::{Mat3, Trajectory, Vec3};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// Largest file of poses: ten hours at 200 Hz.
+const MAX_BYTES: u64 = 1024 * cairn_files::MIB;
+
 /// Ground-truth files in folders of known data sets, in the order in which they are tried.
 const GROUND_TRUTH_FILES: [&str; 7] = [
     "mav0/state_groundtruth_estimate0/data.csv",
@@ -45,7 +48,8 @@ pub fn load_trajectory(path: &Path) -> Result<TrajectoryFile, FileError> {
 
 fn read(path: &Path) -> Result<String, FileError> {
     let name = path.display().to_string();
-    let bytes = fs::read(path).map_err(|e| FileError::whole(&name, format!("cannot read: {e}")))?;
+    let bytes = cairn_files::read(path, MAX_BYTES)
+        .map_err(|e| FileError::whole(&name, format!("cannot read: {e}")))?;
     String::from_utf8(bytes).map_err(|_| FileError::whole(&name, "not a text file"))
 }
 

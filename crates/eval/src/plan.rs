@@ -1,11 +1,13 @@
 //! Plans in top view: walls, lines, markers and numbered events, with equal axes and a scale bar.
 
 use crate::chart::round_step;
-use crate::svg::{Anchor, Canvas, Figure, Tone, text_width};
+use crate::svg::{Anchor, Canvas, Figure, Sample, Tone, text_width};
 use cairn_geometry::Vec2;
 
 const WIDTH: f64 = 760.0;
 const MARGIN: f64 = 36.0;
+/// Colour of circles.
+const CIRCLES: Tone = Tone::Third;
 
 /// A walked, estimated or planned path.
 #[derive(Clone, Debug, Default)]
@@ -59,6 +61,14 @@ pub struct Plan {
     pub walls: Vec<[Vec2; 2]>,
     /// Small dots, such as landmarks; drawn on a grid of two pixels, without duplicates.
     pub dots: Vec<Vec2>,
+    /// Name of the dots in the legend; may be empty.
+    pub dots_label: String,
+    /// Small circles, such as key frames.
+    pub circles: Vec<Vec2>,
+    /// Name of the circles in the legend; may be empty.
+    pub circles_label: String,
+    /// Unit of length at the scale bar; metres where it is empty.
+    pub unit: String,
     /// Lines, drawn in this order.
     pub lines: Vec<PlanLine>,
     /// Labelled positions.
@@ -70,12 +80,13 @@ pub struct Plan {
 impl Plan {
     /// Draws the plan.
     pub fn figure(&self) -> Figure {
-        let entries: Vec<(&str, Tone, bool)> = self
-            .lines
-            .iter()
-            .map(|w| (w.label.as_str(), w.tone, w.dashed))
-            .filter(|e| !e.0.is_empty())
-            .collect();
+        let sample = |dashed| if dashed { Sample::Dashed } else { Sample::Line };
+        let lines = self.lines.iter().map(|w| (w.label.as_str(), w.tone, sample(w.dashed)));
+        let symbols = [
+            (self.dots_label.as_str(), Tone::Muted, Sample::Dots),
+            (self.circles_label.as_str(), CIRCLES, Sample::Circle),
+        ];
+        let entries: Vec<(&str, Tone, Sample)> = lines.chain(symbols).filter(|e| !e.0.is_empty()).collect();
         let mut measure = Canvas::new(WIDTH, 0.0);
         let legend_height = measure.legend(16.0, 8.0, WIDTH - 16.0, &entries);
         let view = View::around(self.all_points(), 8.0 + legend_height);
@@ -95,6 +106,7 @@ impl Plan {
         for line in &self.lines {
             draw_line(&mut canvas, &view, line);
         }
+        self.draw_circles(&mut canvas, &view);
         self.draw_markers(&mut canvas, &view);
         self.draw_events(&mut canvas, &view);
         self.draw_scale(&mut canvas, &view);
@@ -103,8 +115,20 @@ impl Plan {
 
     fn all_points(&self) -> impl Iterator<Item = &Vec2> {
         let lines = self.lines.iter().flat_map(|w| &w.points);
-        let positions = self.markers.iter().map(|m| &m.at).chain(self.events.iter().map(|e| &e.at));
+        let positions =
+            self.markers.iter().map(|m| &m.at).chain(self.events.iter().map(|e| &e.at)).chain(&self.circles);
         self.walls.iter().flatten().chain(lines).chain(positions).filter(|p| is_finite(p))
+    }
+
+    /// Circles that would cover another one are left out.
+    fn draw_circles(&self, canvas: &mut Canvas, view: &View) {
+        let mut drawn = std::collections::BTreeSet::new();
+        for p in self.circles.iter().filter(|p| is_finite(p)) {
+            let at = view.pixel(p);
+            if drawn.insert(((at.0 / 3.0) as i64, (at.1 / 3.0) as i64)) {
+                canvas.disc(at, 2.6, CIRCLES, true);
+            }
+        }
     }
 
     fn draw_markers(&self, canvas: &mut Canvas, view: &View) {
@@ -164,11 +188,18 @@ impl Plan {
         let metres = round_step(0.12 * WIDTH / view.pixels_per_metre);
         let (left, level) = (16.0, view.height - 14.0);
         let right = left + metres * view.pixels_per_metre;
+        let unit = if self.unit.is_empty() { "m" } else { &self.unit };
         canvas.line((left, level), (right, level), Tone::Ink, 2.0);
         for x in [left, right] {
             canvas.line((x, level - 4.0), (x, level + 4.0), Tone::Ink, 2.0);
         }
-        canvas.text((right + 8.0, level + 4.0), Anchor::Start, Tone::Ink, "halo", &format!("{metres} m"));
+        canvas.text(
+            (right + 8.0, level + 4.0),
+            Anchor::Start,
+            Tone::Ink,
+            "halo",
+            &format!("{metres} {unit}"),
+        );
         let (x, y) = (&self.axes.0, &self.axes.1);
         if !x.is_empty() {
             let text = format!("{x} to the right, {y} up");

@@ -17,6 +17,19 @@ pub struct Lost {
     pub reason: String,
 }
 
+/// How much of the source was left out for one reason.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SkipReport {
+    /// What: `frame`, `depth image`, `IMU reading`, `line` or `other`.
+    pub what: String,
+    /// Why.
+    pub reason: String,
+    /// How many.
+    pub count: usize,
+    /// The first of them: where, and exactly why.
+    pub first: String,
+}
+
 /// A stretch of a run in one unit of length.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScaleReport {
@@ -69,9 +82,12 @@ pub struct RunReport {
     pub tracked: usize,
     /// `tracked / frames`; 0 without frames.
     pub coverage: f64,
-    /// Packets skipped because they were damaged.
+    /// Frames skipped because they were damaged; they count as frames without a pose.
     #[serde(default)]
     pub skipped: usize,
+    /// Everything that was skipped, frames and others, by kind and reason.
+    #[serde(default)]
+    pub skips: Vec<SkipReport>,
     /// Stretches of the run in one unit of length, in order of time.
     #[serde(default)]
     pub scale: Vec<ScaleReport>,
@@ -187,6 +203,7 @@ mod tests {
             "source",
             "sensor",
             "skipped",
+            "skips",
             "standing",
         ] {
             assert!(value.get(name).is_some(), "{name} is missing");

@@ -108,6 +108,16 @@ impl Figure {
     }
 }
 
+/// What stands before a name in a legend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sample {
+    Line,
+    Dashed,
+    Dots,
+    Circle,
+    Bar,
+}
+
 /// Horizontal anchor of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
@@ -225,20 +235,34 @@ impl Canvas {
         );
     }
 
-    /// A legend of line samples with labels, from the left; returns the height used.
-    pub(crate) fn legend(&mut self, left: f64, top: f64, right: f64, entries: &[(&str, Tone, bool)]) -> f64 {
+    /// A legend of samples with labels, from the left; returns the height used.
+    pub(crate) fn legend(
+        &mut self,
+        left: f64,
+        top: f64,
+        right: f64,
+        entries: &[(&str, Tone, Sample)],
+    ) -> f64 {
         let (mut x, mut y) = (left, top + 12.0);
-        for (label, tone, dashed) in entries {
+        for (label, tone, sample) in entries {
             let width = 40.0 + text_width(label);
             if x > left && x + width > right {
                 (x, y) = (left, y + 20.0);
             }
-            self.polyline(
-                &[(x, y - 4.0), (x + 26.0, y - 4.0)],
-                *tone,
-                if *tone == Tone::Truth { 6.0 } else { 2.5 },
-                *dashed,
-            );
+            match sample {
+                Sample::Line | Sample::Dashed => self.polyline(
+                    &[(x, y - 4.0), (x + 26.0, y - 4.0)],
+                    *tone,
+                    if *tone == Tone::Truth { 6.0 } else { 2.5 },
+                    *sample == Sample::Dashed,
+                ),
+                Sample::Dots => {
+                    let at = [(4, -7), (12, -2), (17, -8), (23, -4)];
+                    self.dots(&at.map(|(dx, dy)| (x as i64 + dx, y as i64 + dy)), *tone);
+                }
+                Sample::Circle => self.disc((x + 13.0, y - 4.0), 2.6, *tone, true),
+                Sample::Bar => self.rect(x, y - 10.0, 26.0, 11.0, *tone),
+            }
             self.text((x + 32.0, y), Anchor::Start, Tone::Ink, "", label);
             x += width + 16.0;
         }

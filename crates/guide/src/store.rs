@@ -1,12 +1,16 @@
 //! A route on disk: one JSON object a line, the header first, only ever appended to.
 //!
-//! A crash can truncate at most the last line; reading leaves that line out and reports it, and recording can continue
+//! Each line ends with the CRC-32 of what stands before it in the line, `,"crc":"xxxxxxxx"}`; files of earlier builds have
+//! none. A crash can truncate at most the last line; reading leaves that line out and reports it, and recording can continue
 //! after the complete lines. A broken line anywhere else is an error that names the line.
 
 use crate::route::{Route, RouteHeader, RoutePoint};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
+
+/// Largest file of a route: some hundred kilometres.
+const MAX_BYTES: u64 = 256 * cairn_files::MIB;
 
 /// Why a route could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -72,6 +76,7 @@ impl RouteWriter {
     /// [`RouteError`] for a file that cannot be read or is no recorded route.
     pub fn resume(path: &Path) -> Result<(Route, Self), RouteError> {
         let failed = |source| RouteError::File { path: path.display().to_string(), source };
+        drop(cairn_files::open(path, MAX_BYTES).map_err(failed)?);
         let mut file = File::options().read(true).append(true).open(path).map_err(failed)?;
         let mut route = Route::read(BufReader::new(&file))?;
         let (whole, ended) = whole_lines(&mut file, route.torn).map_err(failed)?;
@@ -122,8 +127,36 @@ impl RouteWriter {
 
 fn write_line<T: serde::Serialize>(out: &mut (dyn Durable + Send), value: &T) -> io::Result<()> {
     let mut line = serde_json::to_vec(value)?;
-    line.push(b'\n');
+    // The brace that closes the object comes after the checksum.
+    line.pop();
+    let crc = crc32fast::hash(&line);
+    line.extend_from_slice(CRC_KEY);
+    line.extend_from_slice(format!("{crc:08x}\"}}\n").as_bytes());
     out.write_all(&line)
+}
+
+/// What stands between the content of a line and its checksum.
+const CRC_KEY: &[u8] = b",\"crc\":\"";
+
+/// Whether a line has a checksum that matches; `None` where it has none.
+fn checksum(line: &[u8]) -> Option<bool> {
+    let line = line.trim_ascii_end();
+    // Eight digits, a quote and a brace end the line.
+    let content = line.len().checked_sub(CRC_KEY.len() + 10)?;
+    let (content, rest) = line.split_at(content);
+    let digits = rest.strip_prefix(CRC_KEY)?.strip_suffix(b"\"}")?;
+    let crc = u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
+    Some(crc == crc32fast::hash(content))
+}
+
+/// Checks the checksum of a line; `needed` where the file has them.
+fn check_line(line: &[u8], needed: bool) -> Result<(), String> {
+    match checksum(line) {
+        Some(true) => Ok(()),
+        None if !needed => Ok(()),
+        Some(false) => Err("its checksum does not match: bytes were altered".into()),
+        None => Err("its checksum is missing: bytes were altered".into()),
+    }
 }
 
 /// How many bytes of a recording are complete lines, and whether they end with a line end; without one, the last
@@ -152,7 +185,7 @@ impl Route {
     /// # Errors
     /// [`RouteError`], with the line where there is one.
     pub fn load(path: &Path) -> Result<Self, RouteError> {
-        let file = File::open(path)
+        let file = cairn_files::open(path, MAX_BYTES)
             .map_err(|source| RouteError::File { path: path.display().to_string(), source })?;
         Self::read(BufReader::new(file))
     }
@@ -199,19 +232,22 @@ impl Route {
         }
         let header: RouteHeader =
             serde_json::from_slice(&line).map_err(|e| RouteError::Header(format!("first line: {e}")))?;
+        check_line(&line, false).map_err(|why| RouteError::Header(format!("first line: {why}")))?;
         check_header(&header)?;
+        let checked = checksum(&line).is_some();
         let mut route = Route::new(header);
         while let Some(number) = next(&mut line)? {
             let whole = line.last() == Some(&b'\n');
-            match parse_point(&line, &route) {
+            let checksum = check_line(&line, checked);
+            match checksum.and_then(|()| parse_point(&line, &route)) {
                 Ok(point) => route.points.push(point),
                 Err(_) if !whole => route.torn = true,
                 Err(why) => match serde_json::from_slice::<RouteHeader>(&line) {
-                    Ok(header) => {
+                    Ok(header) if check_line(&line, checked).is_ok() => {
                         check_header(&header)?;
                         route.apply_header(header);
                     }
-                    Err(_) => return Err(RouteError::Line { line: number, why }),
+                    _ => return Err(RouteError::Line { line: number, why }),
                 },
             }
         }
@@ -324,6 +360,49 @@ mod tests {
         std::fs::write(&path, &text.as_bytes()[..header - 5]).unwrap();
         assert!(RouteWriter::resume(&path).is_err(), "a file without a header was resumed");
         std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn no_altered_byte_changes_a_route_unseen() {
+        let route = Route::read(text().as_bytes()).unwrap();
+        let bytes = route.to_bytes().unwrap();
+        let same = Route::read(&bytes[..]).unwrap();
+        assert_eq!((same.points.len(), same.torn), (3, false));
+        for at in 0..bytes.len() - 1 {
+            // White space where there was none, another digit, another letter.
+            for flip in [0x01, 0x10, 0x20] {
+                let mut damaged = bytes.clone();
+                damaged[at] ^= flip;
+                match Route::read(&damaged[..]) {
+                    // In the name of the header's checksum: then the file reads as one without, and is the same.
+                    Ok(read) => assert_eq!(read, same, "byte {at} flipped by {flip}"),
+                    Err(e) => assert!(matches!(e, RouteError::Line { .. } | RouteError::Header(_)), "{e}"),
+                }
+            }
+        }
+        let error = Route::read(&bytes[..].replace_first(b"\"q\":0.5", b"\"q\":0.6")[..]).unwrap_err();
+        assert_eq!(error.to_string(), "line 2: its checksum does not match: bytes were altered");
+    }
+
+    #[test]
+    fn routes_with_checksums_resume_after_truncation() {
+        let bytes = Route::read(text().as_bytes()).unwrap().to_bytes().unwrap();
+        let second = bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').nth(1).unwrap().0 + 1;
+        for cut in second..bytes.len() {
+            let route = Route::read(&bytes[..cut]).unwrap();
+            assert!((1..=3).contains(&route.points.len()), "cut at {cut}");
+        }
+    }
+
+    trait Replace {
+        fn replace_first(&self, from: &[u8], to: &[u8]) -> Vec<u8>;
+    }
+
+    impl Replace for [u8] {
+        fn replace_first(&self, from: &[u8], to: &[u8]) -> Vec<u8> {
+            let at = self.windows(from.len()).position(|w| w == from).expect("it is there");
+            [&self[..at], to, &self[at + from.len()..]].concat()
+        }
     }
 
     #[test]

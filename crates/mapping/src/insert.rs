@@ -41,7 +41,7 @@ pub(crate) struct Entry<'a> {
 
 /// The changes that add a key frame with its bag of words and its observations.
 pub(crate) fn add_key_frame(entry: &Entry, parent: Option<KeyFrameId>) -> Vec<Change> {
-    let bag = Vocabulary::embedded().bag(&entry.frame.descriptors);
+    let bag = Vocabulary::current().bag(&entry.frame.descriptors);
     let mut key_frame =
         KeyFrame::new(entry.id, entry.frame.clone(), entry.world_from_camera, parent).with_bag(Arc::new(bag));
     key_frame.motion = entry.motion.clone();

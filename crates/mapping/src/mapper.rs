@@ -316,8 +316,9 @@ impl Mapper {
 
     /// Final bundle adjustment of each map, as a run ends; maps of more than `final_adjustment_key_frames`
     /// are left as they are, since their windows have converged long ago and the dense reduced system would
-    /// take too long.
-    pub fn final_adjustment(&mut self, atlas: &mut Atlas) {
+    /// take too long. `stop` is asked before each step; a map during whose adjustment it returned true, and those
+    /// after it, stay as they were.
+    pub fn final_adjustment(&mut self, atlas: &mut Atlas, mut stop: impl FnMut() -> bool) {
         let maps: Vec<MapId> = atlas.latest().maps().map(|(id, _)| id).collect();
         for map in maps {
             let snapshot = atlas.latest();
@@ -326,9 +327,12 @@ impl Mapper {
             }
             let window = WindowConfig { iterations: [40, 20], tolerance: 1e-6, ..self.config.window };
             let imu =
-                self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, || false));
+                self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, &mut stop));
             let result =
-                imu.unwrap_or_else(|| Window::whole(snapshot, &self.camera, map).solve(&window, || false));
+                imu.unwrap_or_else(|| Window::whole(snapshot, &self.camera, map).solve(&window, &mut stop));
+            if stop() {
+                return;
+            }
             atlas.commit(result.changes.changes);
         }
     }

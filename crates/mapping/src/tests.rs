@@ -284,7 +284,10 @@ fn mapper_builds_an_exact_map_from_poses_that_are_off() {
         }
     }
     assert!(worst < 5e-3, "{worst} m");
-    mapper.final_adjustment(&mut atlas);
+    let before = atlas.latest().version();
+    mapper.final_adjustment(&mut atlas, || true);
+    assert_eq!(atlas.latest().version(), before, "one that is stopped changes nothing");
+    mapper.final_adjustment(&mut atlas, || false);
     for k in atlas.latest().key_frames() {
         let n = views.iter().position(|v| std::sync::Arc::ptr_eq(&v.frame, &k.frame)).expect("a view");
         let (metres, radians) = off(&k.world_from_camera, &path[n]);

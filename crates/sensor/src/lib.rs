@@ -7,6 +7,7 @@ mod live;
 mod merge;
 mod packet;
 mod rig;
+mod skips;
 mod source;
 mod stamp;
 
@@ -17,5 +18,6 @@ pub use live::{ClockReading, Live};
 pub use merge::{Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream, Why};
 pub use packet::{FramePacket, ImuSample};
 pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
+pub use skips::{SkipCount, SkipKind, Skipped, Skips};
 pub use source::{Source, SourceError, SourceInfo};
 pub use stamp::Stamp;

@@ -1,6 +1,6 @@
 //! The interface of everything that delivers packets.
 
-use crate::{FramePacket, Live, Rig, Stamp};
+use crate::{FramePacket, Live, Rig, SkipKind, Skips, Stamp};
 use cairn_geometry::Se3;
 use std::sync::Arc;
 
@@ -60,5 +60,14 @@ pub trait Source: Send {
     /// a picture's time than when it came.
     fn live(&self) -> Option<Arc<dyn Live>> {
         None
+    }
+
+    /// The same counted by kind and reason. A source that counts nothing leaves its lines unclassified.
+    fn skips(&self) -> Skips {
+        let mut skips = Skips::default();
+        for line in self.skipped() {
+            skips.add_many(SkipKind::Other, "reported by the source", 1, line);
+        }
+        skips
     }
 }

@@ -141,6 +141,8 @@ pub fn feed(mut source: Box<dyn Source>, inbox: Arc<Inbox>) -> io::Result<()> {
                 Err(e) => break Err(e),
             }
         };
+        // Closed before its end is told, so that whoever waits for the end knows that a child process is gone.
+        drop(source);
         inbox.end(result);
     };
     std::thread::Builder::new().name("cairn-feed".into()).spawn(work).map(|_| ())

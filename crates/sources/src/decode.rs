@@ -15,6 +15,9 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 /// Largest supported image, pixels; a broken header may claim more.
 const MAX_PIXELS: usize = 64 << 20;
 
+/// Largest image file, bytes.
+const MAX_BYTES: u64 = 512 * cairn_files::MIB;
+
 /// Luminance of an image file.
 ///
 /// # Errors
@@ -104,7 +107,7 @@ fn kind(bytes: &[u8]) -> Result<Kind, String> {
 /// Reads the file and decodes it.
 fn in_file<T>(path: &Path, decode: impl Fn(&[u8]) -> Result<T, String>) -> Result<T, String> {
     let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
-    let bytes = std::fs::read(path).map_err(|e| format!("{name}: {e}"))?;
+    let bytes = cairn_files::read(path, MAX_BYTES).map_err(|e| format!("{name}: {e}"))?;
     guarded(|| decode(&bytes)).map_err(|e| format!("{name}: {e}"))
 }
 

@@ -9,7 +9,7 @@ use crate::recording::{
 use crate::rig;
 use crate::text::{stamp_ns, stamp_seconds};
 use cairn_geometry::Se3;
-use cairn_sensor::{Rig, SourceError, Stamp};
+use cairn_sensor::{Rig, Skipped, SourceError, Stamp};
 use std::path::Path;
 
 /// Stamps of cameras triggered together differ by less, nanoseconds.
@@ -90,7 +90,7 @@ fn own_rig(folder: &Path, root: &Path) -> Result<Rig, SourceError> {
     Ok(rig)
 }
 
-fn images(camera: &Path, skipped: &mut Vec<String>) -> Result<Vec<(Stamp, ImageAt)>, SourceError> {
+fn images(camera: &Path, skipped: &mut Vec<Skipped>) -> Result<Vec<(Stamp, ImageAt)>, SourceError> {
     read_index(&camera.join("data.csv"), stamp_ns, &camera.join("data"), skipped)
 }
 

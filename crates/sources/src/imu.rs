@@ -2,7 +2,7 @@
 
 use crate::text::{fields, numbers, place, stamp_ns};
 use cairn_geometry::Vec3;
-use cairn_sensor::{ImuSample, SourceError};
+use cairn_sensor::{ImuSample, SkipKind, Skipped, SourceError};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -19,7 +19,8 @@ pub struct ImuStream {
 impl ImuStream {
     /// Opens the file. A file without a sample is an error.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
-        let file = File::open(path).map_err(|e| {
+        // Only read piece by piece, so any size will do.
+        let file = cairn_files::open(path, u64::MAX).map_err(|e| {
             SourceError::new(
                 path.display().to_string(),
                 format!("cannot be read ({e})"),
@@ -32,7 +33,7 @@ impl ImuStream {
         if stream.peeked.is_none() {
             let why = skipped
                 .first()
-                .map_or("contains no sample".to_owned(), |s| format!("contains no sample ({s})"));
+                .map_or("contains no sample".to_owned(), |s| format!("contains no sample ({})", s.text));
             return Err(SourceError::new(
                 path.display().to_string(),
                 why,
@@ -43,7 +44,7 @@ impl ImuStream {
     }
 
     /// The next sample; other lines are listed in `skipped`. `None` at the end of the file.
-    pub fn next(&mut self, skipped: &mut Vec<String>) -> Option<ImuSample> {
+    pub fn next(&mut self, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
         match self.peeked.take() {
             Some(sample) => Some(sample),
             None => self.read(skipped),
@@ -55,7 +56,7 @@ impl ImuStream {
         place(&self.path, self.number)
     }
 
-    fn read(&mut self, skipped: &mut Vec<String>) -> Option<ImuSample> {
+    fn read(&mut self, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
         let mut bytes = Vec::new();
         loop {
             bytes.clear();
@@ -63,7 +64,8 @@ impl ImuStream {
                 Ok(0) => return None,
                 Ok(_) => self.number += 1,
                 Err(e) => {
-                    skipped.push(format!("{}: reading stopped ({e})", place(&self.path, self.number + 1)));
+                    let text = format!("{}: reading stopped ({e})", place(&self.path, self.number + 1));
+                    skipped.push(Skipped::new(SkipKind::Imu, "reading stopped", text));
                     return None;
                 }
             }
@@ -74,7 +76,10 @@ impl ImuStream {
             }
             match parse(line) {
                 Some(sample) => return Some(sample),
-                None => skipped.push(format!("{}: not an IMU sample, dropped", self.place())),
+                None => {
+                    let text = format!("{}: not an IMU sample, dropped", self.place());
+                    skipped.push(Skipped::new(SkipKind::Imu, "not an IMU sample", text));
+                }
             }
         }
     }

@@ -8,7 +8,7 @@ use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig::{self, kitti as calib};
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_seconds};
 use cairn_geometry::Se3;
-use cairn_sensor::{Rig, SourceError, Stamp};
+use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Nanoseconds between images without a `times.txt`.
@@ -48,7 +48,9 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
             Some(times) => match times.get(line) {
                 Some(Some(stamp)) => *stamp,
                 _ => {
-                    skipped.push(format!("{}: times.txt has no time for it", file.path.display()));
+                    let why = "times.txt has no time for it";
+                    let text = format!("{}: {why}", file.path.display());
+                    skipped.push(Skipped::new(SkipKind::Frame, why, text));
                     continue;
                 }
             },
@@ -147,7 +149,7 @@ fn counterpart(folder: &Path, camera: usize, like: &Path) -> PathBuf {
 
 type Times = Option<Vec<Option<Stamp>>>;
 
-fn times(folder: &Path, skipped: &mut Vec<String>) -> Result<Times, SourceError> {
+fn times(folder: &Path, skipped: &mut Vec<Skipped>) -> Result<Times, SourceError> {
     let path = folder.join("times.txt");
     if !path.is_file() {
         return Ok(None);
@@ -157,7 +159,8 @@ fn times(folder: &Path, skipped: &mut Vec<String>) -> Result<Times, SourceError>
     for (number, line) in data_lines(&text) {
         let stamp = stamp_seconds(line);
         if stamp.is_none() {
-            skipped.push(format!("{}: \"{line}\" is not a time in seconds", place(&path, number)));
+            let text = format!("{}: \"{line}\" is not a time in seconds", place(&path, number));
+            skipped.push(Skipped::new(SkipKind::Line, "not a time in seconds", text));
         }
         times.push(stamp);
     }

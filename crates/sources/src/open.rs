@@ -1,12 +1,13 @@
 //! Opening a source by its name; its kind is detected.
 
+use crate::Cancel;
 use crate::player::Player;
 use crate::prefetch::Prefetch;
 use crate::recording::Recording;
-use crate::{NamedTopic, bag, euroc, kitti, live, seven_scenes, tum};
+use crate::{NamedTopic, bag, decode, euroc, images, kitti, live, seven_scenes, tum};
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_sim::{SimConfig, SimSource};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Options for reading a source.
 #[derive(Clone, Debug, Default)]
@@ -14,28 +15,54 @@ pub struct OpenOptions {
     /// A rig to use instead of the source's own. It also decides what is read: with one camera, only that
     /// one's images.
     pub rig: Option<Rig>,
+    /// What a folder is taken for; without it its kind is detected.
+    pub kind: Option<SourceKind>,
     /// Seconds after the first image to start at.
     pub start_s: f64,
     /// The largest number of packets to read.
     pub frames: Option<usize>,
     /// Topics of a bag by sensor, where they should not be found by their types and names.
     pub topics: Vec<NamedTopic>,
+    /// Ends waiting: for a stream to open, and for the next packet.
+    pub cancel: Cancel,
+}
+
+/// A kind of recording that is a folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SourceKind {
+    /// EuRoC and TUM-VI.
+    Euroc,
+    /// TUM RGB-D.
+    Tum,
+    /// KITTI odometry.
+    Kitti,
+    /// 7-Scenes.
+    SevenScenes,
+    /// Images of one camera.
+    Images,
 }
 
 struct Kind {
+    kind: SourceKind,
     name: &'static str,
     is: fn(&Path) -> bool,
     index: fn(&Path, Option<Rig>) -> Result<Recording, SourceError>,
 }
 
-const KINDS: [Kind; 4] = [
-    Kind { name: "EuRoC", is: euroc::is, index: euroc::index },
-    Kind { name: "TUM RGB-D", is: tum::is, index: tum::index },
-    Kind { name: "KITTI", is: kitti::is, index: kitti::index },
-    Kind { name: "7-Scenes", is: seven_scenes::is, index: seven_scenes::index },
+const KINDS: [Kind; 5] = [
+    Kind { kind: SourceKind::Euroc, name: "EuRoC", is: euroc::is, index: euroc::index },
+    Kind { kind: SourceKind::Tum, name: "TUM RGB-D", is: tum::is, index: tum::index },
+    Kind { kind: SourceKind::Kitti, name: "KITTI", is: kitti::is, index: kitti::index },
+    Kind {
+        kind: SourceKind::SevenScenes,
+        name: "7-Scenes",
+        is: seven_scenes::is,
+        index: seven_scenes::index,
+    },
+    Kind { kind: SourceKind::Images, name: "folder of images", is: images::is, index: images::index },
 ];
 
-const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*), ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
+const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*), a folder of PNG or JPEG images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
 
 /// Opens a recording (a folder, a bag or an MCAP file), a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
 /// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender.
@@ -57,7 +84,8 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
         return Err(SourceError::new(source, "is no bag, so it has no topics", "leave --topic out"));
     }
     if source.starts_with("sim:") {
-        return Ok(Box::new(Prefetch::start(simulated(source, options)?)?));
+        let cancel = options.cancel.clone();
+        return Ok(Box::new(Prefetch::start(simulated(source, options)?)?.cancelled_by(cancel)));
     }
     if let Some(video) = live::open(source, &options) {
         return video;
@@ -71,13 +99,13 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
             ),
         ));
     }
-    let path = Path::new(source);
-    let mut recording = match kind_of(path)? {
-        Found::Bag => bag::index(path, options.rig, &options.topics)?,
-        Found::Folder(kind) => (kind.index)(path, options.rig)?,
+    let path = sequence_of(Path::new(source))?;
+    let mut recording = match kind_of(&path, options.kind)? {
+        Found::Bag => bag::index(&path, options.rig, &options.topics)?,
+        Found::Folder(kind) => (kind.index)(&path, options.rig)?,
     };
     recording.select(options.start_s, options.frames)?;
-    Ok(Box::new(Prefetch::start(Player::new(recording)?)?))
+    Ok(Box::new(Prefetch::start(Player::new(recording)?)?.cancelled_by(options.cancel)))
 }
 
 fn simulated(source: &str, options: OpenOptions) -> Result<SimSource, SourceError> {
@@ -107,10 +135,61 @@ enum Found {
     Folder(&'static Kind),
 }
 
-fn kind_of(path: &Path) -> Result<Found, SourceError> {
+/// The folder of the sequence: of a KITTI root with one sequence that one, and `ROOT/NN` is found in `ROOT/sequences`.
+fn sequence_of(path: &Path) -> Result<PathBuf, SourceError> {
+    let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
+    if !path.exists() {
+        let beneath = [folder.join("sequences").join(name), folder.join("dataset/sequences").join(name)];
+        return Ok(beneath.into_iter().find(|p| p.is_dir()).unwrap_or_else(|| path.to_owned()));
+    }
+    let roots = [path.join("sequences"), path.join("dataset/sequences"), path.to_owned()];
+    let Some(root) = roots.into_iter().find(|root| root.ends_with("sequences") && root.is_dir()) else {
+        return Ok(path.to_owned());
+    };
+    let mut all: Vec<PathBuf> = std::fs::read_dir(&root)
+        .into_iter()
+        .flatten()
+        .filter_map(|e| Some(e.ok()?.path()))
+        .filter(|p| p.is_dir() && kitti::is(p))
+        .collect();
+    all.sort();
+    match all.as_slice() {
+        [] => Ok(path.to_owned()),
+        [one] => Ok(one.clone()),
+        [first, ..] => {
+            let why = format!("is a KITTI root with {} sequences", all.len());
+            let cure = format!("choose one, such as {}", first.display());
+            Err(SourceError::new(path.display().to_string(), why, cure))
+        }
+    }
+}
+
+/// The size of a source's images, found without a calibration: for calibrations that do not state it. `None` where
+/// nothing can be read, or the source is live.
+pub fn image_size(source: &str) -> Option<[usize; 2]> {
+    if let Some(size) = live::image_size(source) {
+        return Some(size);
+    }
+    let path = sequence_of(Path::new(source)).ok()?;
+    const INSIDE: [&str; 7] = ["", "mav0/cam0/data", "cam0/data", "image_0", "image_2", "rgb", "color"];
+    let first = |folder: PathBuf| {
+        let files = std::fs::read_dir(folder).ok()?.filter_map(|e| Some(e.ok()?.path()));
+        let mut files: Vec<PathBuf> = files
+            .filter(|p| p.file_name().is_some_and(|name| !name.to_string_lossy().contains("depth")))
+            .collect();
+        files.sort();
+        files.iter().filter(|p| p.is_file()).take(50).find_map(|p| decode::size(p).ok())
+    };
+    INSIDE.iter().find_map(|inside| first(path.join(inside)))
+}
+
+fn kind_of(path: &Path, asked: Option<SourceKind>) -> Result<Found, SourceError> {
     let shown = path.display().to_string();
     if !path.exists() {
         return Err(SourceError::new(shown, "does not exist", "check the path"));
+    }
+    if !path.is_dir() && !path.is_file() {
+        return Err(SourceError::new(shown, "is a device or a pipe", format!("give a folder; {KNOWN}")));
     }
     if !path.is_dir() {
         if bag::is(path) {
@@ -119,7 +198,14 @@ fn kind_of(path: &Path) -> Result<Found, SourceError> {
         let cure = format!("give a folder, a bag or a video; {KNOWN}");
         return Err(SourceError::new(shown, "is a file, not a folder, and neither a bag nor a video", cure));
     }
-    let found: Vec<&'static Kind> = KINDS.iter().filter(|kind| (kind.is)(path)).collect();
+    if let Some(kind) = asked.and_then(|asked| KINDS.iter().find(|kind| kind.kind == asked)) {
+        return Ok(Found::Folder(kind));
+    }
+    let mut found: Vec<&'static Kind> = KINDS.iter().filter(|kind| (kind.is)(path)).collect();
+    // Images beside the files of a data set are not another recording.
+    if found.len() > 1 {
+        found.retain(|kind| kind.kind != SourceKind::Images);
+    }
     // Single .mcap and .db3 files may lie in any folder.
     let bag = (found.is_empty() || path.join("metadata.yaml").is_file()) && bag::is(path);
     match (found.as_slice(), bag) {
@@ -132,7 +218,11 @@ fn kind_of(path: &Path) -> Result<Found, SourceError> {
             let names = many.iter().map(|kind| kind.name).chain(bag.then_some("rosbag2"));
             let names: Vec<&str> = names.collect();
             let why = format!("looks like more than one kind of recording: {}", names.join(" and "));
-            Err(SourceError::new(shown, why, "move the files that do not belong to it elsewhere"))
+            Err(SourceError::new(
+                shown,
+                why,
+                "choose one with --as, or move the files that do not belong to it elsewhere",
+            ))
         }
     }
 }

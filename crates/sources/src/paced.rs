@@ -1,7 +1,11 @@
 //! A recording played in real time: no packet before its time, and none that has already been overtaken.
 
-use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
+use crate::Cancel;
+use cairn_sensor::{FramePacket, ImuSample, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
 use std::time::{Duration, Instant};
+
+/// How often a wait looks whether it was cancelled.
+const LOOK: Duration = Duration::from_millis(50);
 
 /// Plays a source in real time. A packet whose successor is due as well is dropped and counted; its IMU
 /// samples
@@ -13,12 +17,18 @@ pub struct Paced {
     /// Read, but not yet delivered.
     next: Option<FramePacket>,
     dropped: usize,
+    cancel: Cancel,
 }
 
 impl Paced {
     /// Time starts when the first packet is taken.
     pub fn new(source: Box<dyn Source>) -> Self {
-        Self { source, started: None, next: None, dropped: 0 }
+        Self { source, started: None, next: None, dropped: 0, cancel: Cancel::default() }
+    }
+
+    /// Once cancelled, the source is at its end; waiting for the time of a packet ends too.
+    pub fn cancelled_by(self, cancel: Cancel) -> Self {
+        Self { cancel, ..self }
     }
 
     /// Packets that were overtaken before they were requested.
@@ -63,14 +73,21 @@ impl Source for Paced {
             next.imu = imu;
             packet = next;
         }
-        if let Some(wait) = self.until(packet.stamp) {
-            std::thread::sleep(wait);
+        while let Some(wait) = self.until(packet.stamp) {
+            if self.cancel.is_cancelled() {
+                return Ok(None);
+            }
+            std::thread::sleep(wait.min(LOOK));
         }
         Ok(Some(packet))
     }
 
     fn skipped(&self) -> &[String] {
         self.source.skipped()
+    }
+
+    fn skips(&self) -> Skips {
+        self.source.skips()
     }
 }
 

@@ -1,6 +1,6 @@
 //! Selected packets of a recording: those that a run processed when it dropped the others.
 
-use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{FramePacket, ImuSample, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
 
 /// Delivers the packets with these stamps; the IMU samples of the others are added to the next one delivered.
 pub struct Picked {
@@ -50,5 +50,9 @@ impl Source for Picked {
 
     fn skipped(&self) -> &[String] {
         self.source.skipped()
+    }
+
+    fn skips(&self) -> Skips {
+        self.source.skips()
     }
 }

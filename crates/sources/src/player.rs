@@ -5,8 +5,8 @@ use crate::decode;
 use crate::imu::ImuStream;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
 use cairn_sensor::{
-    Camera, DepthImage, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Rig, Source, SourceError,
-    SourceInfo, Stream,
+    Camera, DepthImage, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Rig, SkipKind, Skipped, Skips,
+    Source, SourceError, SourceInfo, Stream,
 };
 use std::sync::Arc;
 use std::time;
@@ -25,7 +25,7 @@ enum Samples {
 }
 
 impl Samples {
-    fn next(&mut self, bag: &mut Option<BagReader>, skipped: &mut Vec<String>) -> Option<ImuSample> {
+    fn next(&mut self, bag: &mut Option<BagReader>, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
         match (self, bag) {
             (Self::Csv(stream), _) => stream.next(skipped),
             (Self::Bag(imu), Some(bag)) => imu.next(bag, skipped),
@@ -55,6 +55,7 @@ pub struct Player {
     no_depth: Option<u16>,
     ended: bool,
     skipped: Vec<String>,
+    skips: Skips,
     left_out: usize,
 }
 
@@ -92,14 +93,17 @@ impl Player {
             no_depth,
             ended: false,
             skipped: Vec::new(),
+            skips: Skips::default(),
             left_out: 0,
         };
         player.note(skipped);
         Ok(player)
     }
 
-    fn note(&mut self, lines: Vec<String>) {
-        for line in lines {
+    fn note(&mut self, skipped: Vec<Skipped>) {
+        for one in skipped {
+            self.skips.add(&one);
+            let line = one.text;
             if self.skipped.len() < MAX_LINES {
                 self.skipped.push(line);
             } else if let Some(last) = self.skipped.last_mut() {
@@ -117,12 +121,16 @@ impl Player {
         let decoded = match decoded {
             Ok(decoded) => decoded,
             Err(why) => {
-                self.note(vec![format!("{}: {why}", instant.stamp)]);
+                let text = format!("{}: {why}", instant.stamp);
+                let one = Skipped::new(SkipKind::Frame, "an image cannot be read", text);
+                self.note(vec![one.at(instant.stamp)]);
                 return None;
             }
         };
         if let Err(dropped) = self.merge.push_image(0, instant.stamp, decoded) {
-            self.note(vec![format!("{dropped}, image dropped")]);
+            let one =
+                Skipped::new(SkipKind::Frame, dropped.why.to_string(), format!("{dropped}, image dropped"));
+            self.note(vec![one.at(instant.stamp)]);
         }
         self.read_imu();
         let merged = self.merge.pop()?;
@@ -144,10 +152,14 @@ impl Player {
             };
             match self.merge.push_imu(sample) {
                 Ok(Some(gap)) if self.merge.counts().imu_gaps <= MAX_GAPS => {
-                    skipped.push(format!("{}: no IMU sample for {:.3} s", gap.from, gap.to - gap.from));
+                    let text = format!("{}: no IMU sample for {:.3} s", gap.from, gap.to - gap.from);
+                    skipped.push(Skipped::new(SkipKind::Imu, "a gap in the readings", text).at(gap.from));
                 }
                 Ok(_) => {}
-                Err(dropped) => skipped.push(format!("{}: {dropped}, sample dropped", imu.place())),
+                Err(dropped) => {
+                    let text = format!("{}: {dropped}, sample dropped", imu.place());
+                    skipped.push(Skipped::new(SkipKind::Imu, dropped.why.to_string(), text));
+                }
             }
         }
         self.note(skipped);
@@ -200,13 +212,19 @@ impl Source for Player {
         }
         let without = self.merge.counts().without_imu;
         if without > 0 && !std::mem::replace(&mut self.ended, true) {
-            self.note(vec![format!("{without} instants have no IMU sample at or after the image")]);
+            let why = "no IMU sample at or after the image";
+            self.note(vec![Skipped::new(SkipKind::Imu, why, format!("{without} instants have {why}"))]);
+            self.skips.add_many(SkipKind::Imu, why, without - 1, "");
         }
         Ok(None)
     }
 
     fn skipped(&self) -> &[String] {
         &self.skipped
+    }
+
+    fn skips(&self) -> Skips {
+        self.skips.clone()
     }
 }
 

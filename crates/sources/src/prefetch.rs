@@ -1,17 +1,25 @@
 //! Reads any source ahead on a thread, through a bounded queue.
 
-use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use crate::Cancel;
+use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 /// Packets decoded ahead of the reader: 6 MB of EuRoC stereo.
 const QUEUE: usize = 8;
+/// How often a wait looks whether it was cancelled.
+const LOOK: Duration = Duration::from_millis(50);
+/// How long a cancelled reading thread may take to end before it is left alone.
+const LEAVE_AFTER: Duration = Duration::from_millis(300);
 
 /// A source whose packets are produced on a separate thread, at most [`QUEUE`] ahead.
 pub struct Prefetch {
     info: SourceInfo,
     rig: Rig,
     skipped: Vec<String>,
+    skips: Skips,
+    cancel: Cancel,
     packets: Option<Receiver<Step>>,
     reader: Option<JoinHandle<()>>,
 }
@@ -22,6 +30,8 @@ struct Step {
     result: Result<Option<FramePacket>, SourceError>,
     kept: usize,
     skipped: Vec<String>,
+    /// The counts, where they have changed.
+    skips: Option<Skips>,
 }
 
 impl Prefetch {
@@ -32,13 +42,20 @@ impl Prefetch {
     /// [`SourceError`] when no thread can be started.
     pub fn start(source: impl Source + 'static) -> Result<Self, SourceError> {
         let (info, rig) = (source.info().clone(), source.rig().clone());
-        let skipped = source.skipped().to_vec();
+        let (skipped, skips) = (source.skipped().to_vec(), source.skips());
         let (sender, receiver) = sync_channel(QUEUE);
         let thread = std::thread::Builder::new().name("cairn-reader".into());
         let reader = thread.spawn(move || read(source, &sender)).map_err(|e| {
             SourceError::new(&info.name, format!("no thread to read it ({e})"), "close other programs")
         })?;
-        Ok(Self { info, rig, skipped, packets: Some(receiver), reader: Some(reader) })
+        let cancel = Cancel::default();
+        Ok(Self { info, rig, skipped, skips, cancel, packets: Some(receiver), reader: Some(reader) })
+    }
+
+    /// Once cancelled, the source is at its end, even where a disk or a network does not answer.
+    pub fn cancelled_by(mut self, cancel: Cancel) -> Self {
+        self.cancel = cancel;
+        self
     }
 }
 
@@ -46,6 +63,7 @@ impl Prefetch {
 fn read(mut source: impl Source, sender: &SyncSender<Step>) {
     let mut last_line: Vec<String> = source.skipped().last().cloned().into_iter().collect();
     let mut count = source.skipped().len();
+    let mut counted = source.skips().total();
     loop {
         let result = source.next_packet();
         let lines = source.skipped();
@@ -57,9 +75,11 @@ fn read(mut source: impl Source, sender: &SyncSender<Step>) {
         };
         let skipped = lines.get(kept..).unwrap_or_default().to_vec();
         count = lines.len();
-        last_line = lines.last().cloned().into_iter().collect();
+        let skips = Some(source.skips()).filter(|skips| skips.total() != counted);
+        counted = skips.as_ref().map_or(counted, Skips::total);
+        last_line = source.skipped().last().cloned().into_iter().collect();
         let more = matches!(result, Ok(Some(_)));
-        if sender.send(Step { result, kept, skipped }).is_err() || !more {
+        if sender.send(Step { result, kept, skipped, skips }).is_err() || !more {
             return;
         }
     }
@@ -76,7 +96,16 @@ impl Source for Prefetch {
 
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         let Some(packets) = &self.packets else { return Ok(None) };
-        if let Ok(step) = packets.recv() {
+        let step = loop {
+            match packets.recv_timeout(LOOK) {
+                Err(RecvTimeoutError::Timeout) if self.cancel.is_cancelled() => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break None,
+                Ok(step) => break Some(step),
+            }
+        };
+        if let Some(step) = step {
+            self.skips = step.skips.unwrap_or_else(|| std::mem::take(&mut self.skips));
             self.skipped.truncate(step.kept);
             self.skipped.extend(step.skipped);
             if !matches!(step.result, Ok(Some(_))) {
@@ -92,12 +121,24 @@ impl Source for Prefetch {
     fn skipped(&self) -> &[String] {
         &self.skipped
     }
+
+    fn skips(&self) -> Skips {
+        self.skips.clone()
+    }
 }
 
 impl Drop for Prefetch {
-    /// Closes the queue, which ends the thread after its current packet.
+    /// Closes the queue, which ends the thread after its current packet. One that was cancelled while its disk does
+    /// not answer is left to the end of the process.
     fn drop(&mut self) {
         self.packets = None;
+        let since = Instant::now();
+        while self.cancel.is_cancelled() && self.reader.as_ref().is_some_and(|reader| !reader.is_finished()) {
+            if since.elapsed() > LEAVE_AFTER {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
         if let Some(reader) = self.reader.take() {
             // A panic there was already reported on standard error.
             let _ = reader.join();

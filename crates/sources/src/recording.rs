@@ -4,7 +4,7 @@ use crate::bag::{BagReader, ImuTopics};
 use crate::text::{data_lines, fields, numbers, place, read_text};
 use cairn_bag::Entry;
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{Rig, SourceError, Stamp};
+use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// The files of one instant.
@@ -53,7 +53,7 @@ pub struct Recording {
     /// The value that means "no depth" besides 0.
     pub no_depth: Option<u16>,
     /// What indexing had to leave out.
-    pub skipped: Vec<String>,
+    pub skipped: Vec<Skipped>,
     /// See [`cairn_sensor::SourceInfo::assumed`].
     pub assumed: Option<String>,
 }
@@ -63,16 +63,23 @@ impl Recording {
     pub fn select(&mut self, start_s: f64, frames: Option<usize>) -> Result<(), SourceError> {
         forward_only(&mut self.instants, |i| i.stamp, &mut self.skipped);
         let count = self.instants.len();
+        let first_stamp = self.instants.first().map(|i| i.stamp);
         if let Some(first) = self.instants.first().map(|i| i.stamp) {
             self.instants.retain(|i| i.stamp - first >= start_s);
             self.instants.truncate(frames.unwrap_or(usize::MAX));
+        }
+        // What was left out outside of the requested part is not part of this run.
+        if let (Some(first), Some(last)) = (self.instants.first(), self.instants.last()) {
+            let from = if Some(first.stamp) == first_stamp { Stamp(i64::MIN) } else { first.stamp };
+            let to = if frames.is_some() { last.stamp } else { Stamp(i64::MAX) };
+            self.skipped.retain(|s| s.stamp.is_none_or(|at| (from..=to).contains(&at)));
         }
         if self.instants.is_empty() {
             let why = match count {
                 0 => "contains no image".to_owned(),
                 n => format!("none of its {n} instants lies {start_s} s after the first"),
             };
-            let first = self.skipped.first().map_or(String::new(), |s| format!(" ({s})"));
+            let first = self.skipped.first().map_or(String::new(), |s| format!(" ({})", s.text));
             return Err(SourceError::new(&self.name, why + &first, "check the folder, --start and --frames"));
         }
         Ok(())
@@ -93,7 +100,7 @@ impl Recording {
 }
 
 /// Keeps stamps strictly increasing. A stamp later than both that follow is itself the wrong one.
-pub fn forward_only<T>(instants: &mut Vec<T>, stamp: impl Fn(&T) -> Stamp, skipped: &mut Vec<String>) {
+pub fn forward_only<T>(instants: &mut Vec<T>, stamp: impl Fn(&T) -> Stamp, skipped: &mut Vec<Skipped>) {
     let stamps: Vec<Stamp> = instants.iter().map(&stamp).collect();
     let mut last: Option<Stamp> = None;
     let mut at = 0;
@@ -111,7 +118,9 @@ pub fn forward_only<T>(instants: &mut Vec<T>, stamp: impl Fn(&T) -> Stamp, skipp
             } else {
                 "jumps ahead"
             };
-            skipped.push(format!("{stamp}: the time {how}, image dropped"));
+            let (reason, text) =
+                (format!("the time {how}"), format!("{stamp}: the time {how}, image dropped"));
+            skipped.push(Skipped::new(SkipKind::Frame, reason, text).at(stamp));
             return false;
         }
         last = Some(stamp);
@@ -124,8 +133,11 @@ pub fn pair(
     left: &[(Stamp, ImageAt)],
     right: &[(Stamp, ImageAt)],
     tolerance_ns: u64,
-    skipped: &mut Vec<String>,
+    skipped: &mut Vec<Skipped>,
 ) -> Vec<Instant> {
+    let mut alone = |stamp: Stamp, why: &str| {
+        skipped.push(Skipped::new(SkipKind::Frame, why, format!("{stamp}: {why}")).at(stamp));
+    };
     let mut pairs = Vec::with_capacity(left.len());
     let (mut l, mut r) = (0, 0);
     while l < left.len() || r < right.len() {
@@ -135,11 +147,11 @@ pub fn pair(
                 (l, r) = (l + 1, r + 1);
             }
             (Some(a), b) if b.is_none_or(|b| a.0 < b.0) => {
-                skipped.push(format!("{}: the left image has no right one", a.0));
+                alone(a.0, "the left image has no right one");
                 l += 1;
             }
             (_, Some(b)) => {
-                skipped.push(format!("{}: the right image has no left one", b.0));
+                alone(b.0, "the right image has no left one");
                 r += 1;
             }
             (_, None) => break,
@@ -166,7 +178,7 @@ pub fn read_index(
     path: &Path,
     parse_stamp: fn(&str) -> Option<Stamp>,
     folder: &Path,
-    skipped: &mut Vec<String>,
+    skipped: &mut Vec<Skipped>,
 ) -> Result<Vec<(Stamp, ImageAt)>, SourceError> {
     let text = read_text(path)?;
     let before = skipped.len();
@@ -179,13 +191,15 @@ pub fn read_index(
         match entry {
             Some(entry) => list.push(entry),
             None => {
-                skipped.push(format!("{}: not a time stamp and a file, line left out", place(path, number)))
+                let why = "not a time stamp and a file";
+                let text = format!("{}: {why}, line left out", place(path, number));
+                skipped.push(Skipped::new(SkipKind::Line, why, text));
             }
         }
     }
     if list.is_empty() {
         let (what, why) = match skipped.get(before) {
-            Some(first) => (first.clone(), "and no other line names an image".to_owned()),
+            Some(first) => (first.text.clone(), "and no other line names an image".to_owned()),
             None => (path.display().to_string(), "is empty: it names no image".to_owned()),
         };
         return Err(SourceError::new(what, why, "each line must be: time stamp, image file"));

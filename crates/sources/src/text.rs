@@ -3,9 +3,12 @@
 use cairn_sensor::{SourceError, Stamp};
 use std::path::Path;
 
+/// Largest text file of a data set: the ground truth of an hour at 1000 Hz.
+const MAX_BYTES: u64 = 512 * cairn_files::MIB;
+
 /// The whole file as text (invalid UTF-8 becomes replacement characters).
 pub fn read_text(path: &Path) -> Result<String, SourceError> {
-    let bytes = std::fs::read(path).map_err(|e| {
+    let bytes = cairn_files::read(path, MAX_BYTES).map_err(|e| {
         SourceError::new(
             path.display().to_string(),
             format!("cannot be read ({e})"),

@@ -1,21 +1,28 @@
-//! TUM RGB-D folders: `rgb.txt`, `depth.txt`, `groundtruth.txt`.
+//! TUM RGB-D folders: `rgb.txt`, `depth.txt`, `groundtruth.txt`; or an associations file in place of the first two.
 //!
 //! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to
 //! colour; 5000 units are one metre.
 
-use crate::recording::{Instant, QuaternionOrder, Recording, join_depth, read_index, read_truth};
+use crate::recording::{ImageAt, Instant, QuaternionOrder, Recording, join_depth, read_index, read_truth};
 use crate::rig;
-use crate::text::stamp_seconds;
+use crate::text::{data_lines, fields, place, read_text, stamp_seconds};
 use cairn_geometry::Se3;
-use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SourceError};
-use std::path::Path;
+use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SkipKind, Skipped, SourceError, Stamp};
+use std::path::{Path, PathBuf};
 
 /// Largest time between a colour image and its depth image, nanoseconds.
 const MAX_APART_NS: u64 = 20_000_000;
 
 /// True when a folder looks like a TUM RGB-D recording.
 pub fn is(folder: &Path) -> bool {
-    folder.join("rgb.txt").is_file()
+    folder.join("rgb.txt").is_file() || associations(folder).is_some()
+}
+
+/// A file of lines `t colour t depth`, as `associate.py` of the benchmark writes it and ORB-SLAM reads it.
+fn associations(folder: &Path) -> Option<PathBuf> {
+    const NAMES: [&str; 5] =
+        ["associations.txt", "association.txt", "associated.txt", "associate.txt", "assoc.txt"];
+    NAMES.iter().map(|name| folder.join(name)).find(|path| path.is_file())
 }
 
 /// Indexes the folder. Its rig is the one given, a Cairn or Kalibr file in it, or the published calibration
@@ -42,12 +49,20 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     rig.cameras.truncate(1);
     rig.imu = None;
     let mut skipped = Vec::new();
-    let colour = read_index(&folder.join("rgb.txt"), stamp_seconds, folder, &mut skipped)?;
-    let depth_file = folder.join("depth.txt");
-    let depth = match rig.depth.is_some() && depth_file.is_file() {
-        true => read_index(&depth_file, stamp_seconds, folder, &mut skipped)?,
-        false => Vec::new(),
+    let (colour, mut depth) = match (folder.join("rgb.txt"), associations(folder)) {
+        (list, Some(pairs)) if !list.is_file() => read_pairs(&pairs, folder, &mut skipped)?,
+        (list, _) => {
+            let depth_file = folder.join("depth.txt");
+            let depth = match rig.depth.is_some() && depth_file.is_file() {
+                true => read_index(&depth_file, stamp_seconds, folder, &mut skipped)?,
+                false => Vec::new(),
+            };
+            (read_index(&list, stamp_seconds, folder, &mut skipped)?, depth)
+        }
     };
+    if rig.depth.is_none() {
+        depth.clear();
+    }
     if depth.is_empty() {
         rig.depth = None;
     }
@@ -62,6 +77,36 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         .collect();
     join_depth(&mut instants, depth, MAX_APART_NS);
     Ok(Recording { name, rig, instants, imu: None, bag: None, truth, no_depth: None, skipped, assumed })
+}
+
+type Files = Vec<(Stamp, ImageAt)>;
+
+/// Colour and depth images of an associations file, whichever of the two comes first in a line.
+fn read_pairs(path: &Path, folder: &Path, skipped: &mut Vec<Skipped>) -> Result<(Files, Files), SourceError> {
+    let text = read_text(path)?;
+    let (mut colour, mut depth) = (Vec::new(), Vec::new());
+    for (number, line) in data_lines(&text) {
+        let mut from = fields(line);
+        let mut one = || Some((stamp_seconds(from.next()?)?, folder.join(from.next()?)));
+        let Some((first, second)) = one().zip(one()) else {
+            let why = "not two time stamps, each with a file";
+            let text = format!("{}: {why}, line left out", place(path, number));
+            skipped.push(Skipped::new(SkipKind::Line, why, text));
+            continue;
+        };
+        let is_depth = |file: &Path| {
+            let inside = file.strip_prefix(folder).unwrap_or(file).to_string_lossy().to_ascii_lowercase();
+            inside.contains("depth")
+        };
+        let (c, d) = if is_depth(&first.1) { (second, first) } else { (first, second) };
+        colour.push((c.0, ImageAt::File(c.1)));
+        depth.push((d.0, ImageAt::File(d.1)));
+    }
+    if colour.is_empty() {
+        let cure = "each line must be: time stamp, colour image, time stamp, depth image";
+        return Err(SourceError::new(path.display().to_string(), "names no images", cure));
+    }
+    Ok((colour, depth))
 }
 
 fn rgbd(camera: Camera) -> Rig {

@@ -2,7 +2,9 @@
 //! that are not synchronised. Each doubt is reported once, as text with numbers.
 
 use cairn_inertial::Readings;
-use cairn_sensor::{FramePacket, ImuSample, ImuSensor, Live, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{
+    FramePacket, ImuSample, ImuSensor, Live, Rig, Skips, Source, SourceError, SourceInfo, Stamp,
+};
 use std::sync::Arc;
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
@@ -145,6 +147,10 @@ impl Source for Validator {
 
     fn live(&self) -> Option<Arc<dyn Live>> {
         self.source.live()
+    }
+
+    fn skips(&self) -> Skips {
+        self.source.skips()
     }
 }
 

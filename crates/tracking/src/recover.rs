@@ -44,7 +44,7 @@ pub(crate) fn candidates(
         found.extend(all.first().map(|(_, id)| *id));
         found.extend(all.get(1 + turn % NEAR).map(|(_, id)| *id));
     }
-    let bag = Vocabulary::embedded().bag(&frame.descriptors);
+    let bag = Vocabulary::current().bag(&frame.descriptors);
     let similar = snapshot.places_like(&bag, SIMILAR, GROUP, &found, |_| true);
     found.extend(similar.into_iter().map(|(id, _)| id));
     found

@@ -4,7 +4,7 @@
 use crate::{MeasureOptions, Measured, Sensor, measure};
 use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
-use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
 use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
 use serde::Serialize;
 use std::fmt::Write;
@@ -174,6 +174,10 @@ impl Source for Darkened {
 
     fn skipped(&self) -> &[String] {
         self.inner.skipped()
+    }
+
+    fn skips(&self) -> Skips {
+        self.inner.skips()
     }
 }
 

@@ -16,7 +16,7 @@ use std::io::{self, Seek, SeekFrom, Write};
 
 /// First bytes of a map file; the line ends reveal a transfer in text mode.
 const MAGIC: [u8; 8] = *b"\x8ccairn\r\n";
-const HEADER: usize = 32;
+pub(super) const HEADER: usize = 32;
 /// Bytes of a table entry besides the name.
 const ENTRY: usize = 2 + 1 + 8 + 8 + 4;
 /// A part that would shrink by more than this is stored uncompressed, so that no small file can ask for much
@@ -162,32 +162,12 @@ impl<'a> Parts<'a> {
     /// The same for a file that may be truncated or have surplus bytes; also returns the length that the
     /// header promises.
     pub fn find(bytes: &'a [u8], newest: u32) -> Result<(Self, u64), StoreError> {
-        if bytes.is_empty() {
-            return Err(StoreError::Foreign("it is empty".into()));
-        }
-        let start = &bytes[..bytes.len().min(MAGIC.len())];
-        if start != &MAGIC[..start.len()] {
-            return Err(StoreError::Foreign("it starts with other bytes".into()));
-        }
-        let damaged = |why: String| StoreError::part("header", why);
-        let header: &[u8; HEADER] = bytes
-            .first_chunk()
-            .ok_or_else(|| damaged(format!("the file ends after {} of {HEADER} bytes", bytes.len())))?;
-        let u32_at = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| header[at + i]));
-        if crc32fast::hash(&header[..28]) != u32_at(28) {
-            return Err(damaged("its checksum does not match: bytes were altered".into()));
-        }
-        let version = u32_at(8);
-        if version == 0 || version > newest {
-            return Err(StoreError::Version { found: version, known: newest });
-        }
-        let table_bytes = u32_at(12) as usize;
-        let file_bytes = u64::from_le_bytes(std::array::from_fn(|i| header[16 + i]));
+        let Header { version, table_bytes, file_bytes, table_crc } = read_header(bytes, newest)?;
         let table = bytes[HEADER..].get(..table_bytes).ok_or_else(|| {
             let have = bytes.len() - HEADER;
             StoreError::part("table", format!("the file ends after {have} of its {table_bytes} bytes"))
         })?;
-        if crc32fast::hash(table) != u32_at(24) {
+        if crc32fast::hash(table) != table_crc {
             return Err(StoreError::part("table", "its checksum does not match: bytes were altered"));
         }
         let entries = read_table(table)?;
@@ -201,6 +181,31 @@ impl<'a> Parts<'a> {
         }
         let length = if rest.is_empty() { file_bytes } else { parts.bytes - rest.len() as u64 };
         Ok((parts, length))
+    }
+
+    /// Finds the parts of a file whose header or table is damaged: reads entries of the table until they and their parts
+    /// fill the file exactly. `None` where they never do.
+    pub fn scan(bytes: &'a [u8], newest: u32) -> Option<Self> {
+        let version = bytes.get(8..12)?.try_into().map(u32::from_le_bytes).ok()?;
+        let version = if (1..=newest).contains(&version) { version } else { newest };
+        let mut rest = bytes.get(HEADER..)?;
+        let (mut entries, mut stored): (Vec<Entry>, u64) = (Vec::new(), 0);
+        while stored < rest.len() as u64 {
+            let (entry, after) = read_entry(rest)?;
+            stored = stored.checked_add(entry.stored)?;
+            entries.push(entry);
+            rest = after;
+        }
+        if stored != rest.len() as u64 {
+            return None;
+        }
+        let mut parts = Self { version, bytes: bytes.len() as u64, entries: Vec::new() };
+        for entry in entries {
+            let (here, after) = rest.split_at_checked(usize::try_from(entry.stored).ok()?)?;
+            parts.entries.push((entry, here));
+            rest = after;
+        }
+        Some(parts)
     }
 
     /// The table, each part with what is wrong with it.
@@ -264,6 +269,44 @@ impl<'a> Parts<'a> {
         }
         Ok(())
     }
+}
+
+/// The first bytes of a file.
+struct Header {
+    version: u32,
+    table_bytes: usize,
+    file_bytes: u64,
+    table_crc: u32,
+}
+
+/// Reads the header from the start of a file; `newest` is the latest format version that can be read.
+fn read_header(bytes: &[u8], newest: u32) -> Result<Header, StoreError> {
+    if bytes.is_empty() {
+        return Err(StoreError::Foreign("it is empty".into()));
+    }
+    let start = &bytes[..bytes.len().min(MAGIC.len())];
+    if start != &MAGIC[..start.len()] {
+        return Err(StoreError::Foreign("it starts with other bytes".into()));
+    }
+    let damaged = |why: String| StoreError::part("header", why);
+    let header: &[u8; HEADER] = bytes
+        .first_chunk()
+        .ok_or_else(|| damaged(format!("the file ends after {} of {HEADER} bytes", bytes.len())))?;
+    let u32_at = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| header[at + i]));
+    if crc32fast::hash(&header[..28]) != u32_at(28) {
+        return Err(damaged("its checksum does not match: bytes were altered".into()));
+    }
+    let version = u32_at(8);
+    if version == 0 || version > newest {
+        return Err(StoreError::Version { found: version, known: newest });
+    }
+    let file_bytes = u64::from_le_bytes(std::array::from_fn(|i| header[16 + i]));
+    Ok(Header { version, table_bytes: u32_at(12) as usize, file_bytes, table_crc: u32_at(24) })
+}
+
+/// The length that the header of a file promises.
+pub(super) fn promised_length(start: &[u8], newest: u32) -> Result<u64, StoreError> {
+    read_header(start, newest).map(|header| header.file_bytes)
 }
 
 /// Refuses a truncated part.

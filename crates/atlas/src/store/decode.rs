@@ -35,7 +35,41 @@ struct Counts {
     maps: usize,
 }
 
-pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
+/// What happens when a part is damaged.
+pub(super) enum Damage<'a> {
+    /// It is an error.
+    Refuse,
+    /// What can be done without is left out, with a note of what is lost.
+    LeaveOut(&'a mut Vec<String>),
+}
+
+impl Damage<'_> {
+    /// The result, or what stands for it where the part is damaged.
+    fn or<T>(
+        &mut self,
+        result: Result<T, StoreError>,
+        loss: &str,
+        instead: impl FnOnce() -> T,
+    ) -> Result<T, StoreError> {
+        match (result, self) {
+            (Err(e), Self::LeaveOut(lost)) => {
+                lost.push(format!("{e}: {loss}"));
+                Ok(instead())
+            }
+            (result, _) => result,
+        }
+    }
+
+    fn count(&self) -> usize {
+        match self {
+            Self::Refuse => 0,
+            Self::LeaveOut(lost) => lost.len(),
+        }
+    }
+}
+
+/// Key frames, landmarks and how the map was made cannot be done without.
+pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreError> {
     let (about, mut snapshot, counts) = read_about(parts)?;
     // Each has features, which hardly compress: fewer bytes than this cannot be valid, but would take much
     // memory.
@@ -44,19 +78,41 @@ pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
         return Err(StoreError::part("about", why));
     }
     let (mut key_frames, features) = read_key_frames(parts, &snapshot, &counts)?;
-    read_maps(parts, &mut snapshot, &counts, &key_frames)?;
-    if parts.version >= 2 {
-        read_motion(parts, &mut snapshot, &mut key_frames)?;
+    let maps = read_maps(parts, &mut snapshot, &counts, &key_frames);
+    damage.or(maps, "how the maps stand to each other is forgotten", || ())?;
+    if snapshot.maps.is_empty() && counts.maps > 0 {
+        snapshot.maps = Arc::new(key_frames.iter().map(|k| (k.map, None)).collect());
     }
-    let (mut landmarks, picks) = read_landmarks(parts, &snapshot, &counts)?;
-    let shown = read_features(parts, &about.camera, snapshot.octaves, &mut key_frames, &features)?;
+    if parts.version >= 2 {
+        let motion = read_motion(parts, &mut snapshot, &mut key_frames);
+        damage.or(motion, "velocities, biases and which maps are upright are forgotten", || {
+            key_frames.iter_mut().for_each(|k| k.motion = None);
+        })?;
+    }
+    let (mut landmarks, mut picks) = read_landmarks(parts, &snapshot, &counts)?;
+    let whole = damage.count();
+    let shown = read_features(parts, &about.camera, snapshot.octaves, &mut key_frames, &features, damage)?;
+    let some_lost = damage.count() > whole;
     observe(&shown, &mut key_frames, &mut landmarks)?;
-    read_words(parts, &mut key_frames)?;
+    if some_lost {
+        // The choice of an observation counts those that are lost.
+        picks.fill(NO_PICK);
+        landmarks.retain(|l| !l.observations.is_empty());
+        key_frames.iter_mut().for_each(|k| k.bag = bag_of(k));
+    } else {
+        let words = read_words(parts, &mut key_frames);
+        damage.or(words, "computed again", || key_frames.iter_mut().for_each(|k| k.bag = bag_of(k)))?;
+    }
     snapshot.places = PlaceIndex::of(key_frames.iter().map(|k| (k.id, &*k.bag)));
     for k in key_frames {
         snapshot.key_frames.insert(k.id.index(), k);
     }
-    read_gone(parts, &mut snapshot, &counts)?;
+    let gone = read_gone(parts, &mut snapshot, &counts);
+    damage.or(
+        gone,
+        "where removed key frames were is forgotten; routes that lead along them use their recorded poses",
+        || (),
+    )?;
     for (l, pick) in landmarks.iter_mut().zip(picks) {
         derive(&snapshot, l, pick)
             .ok_or_else(|| StoreError::part("landmarks", format!("{:?} cannot be derived", l.id)))?;
@@ -64,19 +120,37 @@ pub(super) fn read(parts: &Parts) -> Result<MapFile, StoreError> {
     for l in landmarks {
         snapshot.landmarks.insert(l.id.index(), l);
     }
-    for (map, map_prior) in snapshot.maps() {
-        if map_prior.is_some_and(|map_prior| snapshot.surviving_ancestor(map_prior.to).is_none()) {
-            return Err(StoreError::part("worlds", format!("the prior of {map:?} refers to no key frame")));
-        }
+    check_priors(&mut snapshot, damage)?;
+    if some_lost {
+        snapshot.recount_covisible();
     }
     snapshot.check().map_err(|breach| StoreError::part("map", breach))?;
     let mut attached = BTreeMap::new();
     for name in parts.names() {
-        if let Some(short) = name.strip_prefix(ATTACHED) {
-            attached.insert(short.to_owned(), parts.get(name)?);
+        if let Some(short) = name.strip_prefix(ATTACHED)
+            && let Some(bytes) = damage.or(parts.get(name).map(Some), "left out", || None)?
+        {
+            attached.insert(short.to_owned(), bytes);
         }
     }
     Ok(MapFile { snapshot, about, attached })
+}
+
+/// Checks that the priors of maps refer to key frames.
+fn check_priors(snapshot: &mut Snapshot, damage: &mut Damage) -> Result<(), StoreError> {
+    let mut maps = (*snapshot.maps).clone();
+    let mut changed = false;
+    for (map, prior) in &mut maps {
+        if prior.as_ref().is_some_and(|prior| snapshot.surviving_ancestor(prior.to).is_none()) {
+            let why = format!("the prior of {map:?} refers to no key frame");
+            damage.or(Err(StoreError::part("worlds", why)), "the prior is left out", || ())?;
+            (*prior, changed) = (None, true);
+        }
+    }
+    if changed {
+        snapshot.maps = Arc::new(maps);
+    }
+    Ok(())
 }
 
 fn read_about(parts: &Parts) -> Result<(About, Snapshot, Counts), StoreError> {
@@ -308,49 +382,73 @@ fn read_features(
     octaves: Octaves,
     key_frames: &mut [KeyFrame],
     features: &[u32],
+    damage: &mut Damage,
 ) -> Result<Vec<u32>, StoreError> {
     let (mut bytes, mut shown) = (Vec::new(), Vec::new());
     for (i, (chunk, features)) in key_frames.chunks_mut(CHUNK).zip(features.chunks(CHUNK)).enumerate() {
-        let name = format!("features {i}");
-        parts.get_into(&name, &mut bytes)?;
-        let mut d = Decoder::new(&name, &bytes);
-        let n = features.iter().map(|n| *n as usize).sum();
-        let raw_is_px = d.u8()? != 0;
-        let px = [d.column_f32(n)?, d.column_f32(n)?];
-        let raw = if raw_is_px { None } else { Some([d.column_f32(n)?, d.column_f32(n)?]) };
-        let (angle, right_x, depth) = (d.column_f32(n)?, d.column_f32(n)?, d.column_f32(n)?);
-        shown.append(&mut d.column_u32(n)?);
-        let octave = d.bytes(n)?;
-        let (descriptors, _) = d.bytes(n.saturating_mul(32))?.as_chunks::<32>();
-        let seen = px.iter().chain(raw.iter().flatten()).chain([&angle]);
-        if !seen.flatten().all(|v| v.is_finite()) {
-            return Err(d.wrong("a pixel is not finite"));
-        }
-        if octave.iter().any(|o| usize::from(*o) >= octaves.levels) {
-            return Err(d.wrong("the octave of a feature is outside the pyramid"));
-        }
-        d.end()?;
-        let mut start = 0;
-        for (k, features) in chunk.iter_mut().zip(features) {
-            let span = start..start + *features as usize;
-            let pairs = |c: &[Vec<f32>; 2]| -> Vec<[f32; 2]> {
-                c[0][span.clone()].iter().zip(&c[1][span.clone()]).map(|(x, y)| [*x, *y]).collect()
-            };
-            let mut frame = empty_frame(k.frame.stamp);
-            frame.px = pairs(&px);
-            frame.raw = raw.as_ref().map_or_else(|| frame.px.clone(), pairs);
-            frame.octave = octave[span.clone()].to_vec();
-            frame.angle = angle[span.clone()].to_vec();
-            frame.descriptors = descriptors[span.clone()].to_vec();
-            frame.right_x = right_x[span.clone()].to_vec();
-            frame.depth = depth[span.clone()].to_vec();
-            frame.index(camera);
-            k.landmarks = vec![None; frame.len()];
-            k.frame = Arc::new(frame);
-            start = span.end;
-        }
+        let whole = shown.len();
+        let count = chunk.len();
+        let result = read_feature_part(parts, camera, octaves, i, chunk, features, (&mut bytes, &mut shown));
+        let loss = format!("{count} key frames keep their poses, but show nothing");
+        damage.or(result, &loss, || shown.truncate(whole))?;
     }
     Ok(shown)
+}
+
+/// Reads the features of a run of key frames, and appends the landmark rows that they show.
+fn read_feature_part(
+    parts: &Parts,
+    camera: &RectifiedCamera,
+    octaves: Octaves,
+    i: usize,
+    chunk: &mut [KeyFrame],
+    features: &[u32],
+    (bytes, shown): (&mut Vec<u8>, &mut Vec<u32>),
+) -> Result<(), StoreError> {
+    let name = format!("features {i}");
+    parts.get_into(&name, bytes)?;
+    let mut d = Decoder::new(&name, bytes);
+    let n = features.iter().map(|n| *n as usize).sum();
+    let raw_is_px = d.u8()? != 0;
+    let px = [d.column_f32(n)?, d.column_f32(n)?];
+    let raw = if raw_is_px { None } else { Some([d.column_f32(n)?, d.column_f32(n)?]) };
+    let (angle, right_x, depth) = (d.column_f32(n)?, d.column_f32(n)?, d.column_f32(n)?);
+    shown.append(&mut d.column_u32(n)?);
+    let octave = d.bytes(n)?;
+    let (descriptors, _) = d.bytes(n.saturating_mul(32))?.as_chunks::<32>();
+    let seen = px.iter().chain(raw.iter().flatten()).chain([&angle]);
+    if !seen.flatten().all(|v| v.is_finite()) {
+        return Err(d.wrong("a pixel is not finite"));
+    }
+    if octave.iter().any(|o| usize::from(*o) >= octaves.levels) {
+        return Err(d.wrong("the octave of a feature is outside the pyramid"));
+    }
+    d.end()?;
+    let mut start = 0;
+    for (k, features) in chunk.iter_mut().zip(features) {
+        let span = start..start + *features as usize;
+        let pairs = |c: &[Vec<f32>; 2]| -> Vec<[f32; 2]> {
+            c[0][span.clone()].iter().zip(&c[1][span.clone()]).map(|(x, y)| [*x, *y]).collect()
+        };
+        let mut frame = empty_frame(k.frame.stamp);
+        frame.px = pairs(&px);
+        frame.raw = raw.as_ref().map_or_else(|| frame.px.clone(), pairs);
+        frame.octave = octave[span.clone()].to_vec();
+        frame.angle = angle[span.clone()].to_vec();
+        frame.descriptors = descriptors[span.clone()].to_vec();
+        frame.right_x = right_x[span.clone()].to_vec();
+        frame.depth = depth[span.clone()].to_vec();
+        frame.index(camera);
+        k.landmarks = vec![None; frame.len()];
+        k.frame = Arc::new(frame);
+        start = span.end;
+    }
+    Ok(())
+}
+
+/// The words of a key frame, computed.
+fn bag_of(k: &KeyFrame) -> Arc<Bag> {
+    Arc::new(Vocabulary::current().bag(&k.frame.descriptors))
 }
 
 /// Reads the words of the key frames: those of the file if this program has the vocabulary that made them,
@@ -358,7 +456,7 @@ fn read_features(
 fn read_words(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {
     let bytes = parts.get("words")?;
     let mut d = Decoder::new("words", &bytes);
-    let vocabulary = Vocabulary::embedded();
+    let vocabulary = Vocabulary::current();
     let same = d.u32()? == vocabulary.facts().checksum;
     let (words, nodes) = (d.column_u32(key_frames.len())?, d.column_u32(key_frames.len())?);
     let sum = |v: &[u32]| v.iter().map(|n| *n as usize).sum::<usize>();

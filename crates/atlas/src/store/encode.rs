@@ -195,7 +195,7 @@ fn landmarks(snapshot: &Snapshot) -> Vec<u8> {
 
 fn words(key_frames: &[&KeyFrame]) -> Vec<u8> {
     let mut e = Encoder::default();
-    e.u32(Vocabulary::embedded().facts().checksum);
+    e.u32(Vocabulary::current().facts().checksum);
     let bags = || key_frames.iter().map(|k| &k.bag);
     e.column_u32(&bags().map(|b| b.words().len() as u32).collect::<Vec<_>>());
     e.column_u32(&bags().map(|b| b.nodes().len() as u32).collect::<Vec<_>>());

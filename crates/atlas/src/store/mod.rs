@@ -19,8 +19,9 @@ pub use error::StoreError;
 
 use crate::Snapshot;
 use container::Parts;
+use decode::Damage;
 use std::collections::BTreeMap;
-use std::io::{BufWriter, Cursor, Seek, SeekFrom};
+use std::io::{BufWriter, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// The format version that is written; versions from 1 to this are read.
@@ -37,6 +38,44 @@ pub struct MapFile {
     pub about: About,
     /// Attached data by name, recorded routes for example; kept as they are.
     pub attached: BTreeMap<String, Vec<u8>>,
+}
+
+/// Largest file that is read as a map.
+const MAX_BYTES: u64 = 64 << 30;
+
+/// Which length a file may have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Length {
+    /// That which its header says.
+    AsPromised,
+    /// Any: for looking into damaged files.
+    Any,
+}
+
+/// The bytes of a map file. Of a file that does not begin as a map nothing more is read than its header.
+///
+/// # Errors
+///
+/// [`StoreError`] when the file cannot be read, is no map, or has another length than it should.
+pub fn read_file(path: &Path, length: Length) -> Result<Vec<u8>, StoreError> {
+    let failed = || StoreError::file(path, "cannot read");
+    let mut file = cairn_files::open(path, MAX_BYTES).map_err(failed())?;
+    let bytes = file.metadata().map_err(failed())?.len();
+    let mut start = Vec::new();
+    (&mut file).take(container::HEADER as u64).read_to_end(&mut start).map_err(failed())?;
+    let promised = container::promised_length(&start, VERSION);
+    match (promised, length) {
+        (Err(e), Length::AsPromised) => return Err(e),
+        (Err(e @ StoreError::Foreign(_)), Length::Any) => return Err(e),
+        (Ok(promised), Length::AsPromised) if promised != bytes => {
+            let why = format!("it promises {promised} bytes, there are {bytes}");
+            return Err(StoreError::part("header", why));
+        }
+        _ => {}
+    }
+    start.reserve_exact(usize::try_from(bytes).unwrap_or(0).saturating_sub(start.len()));
+    file.take(MAX_BYTES).read_to_end(&mut start).map_err(failed())?;
+    Ok(start)
 }
 
 /// Checks each part of a file by itself, also of one that is truncated or damaged: its row in the table, and
@@ -79,17 +118,43 @@ impl MapFile {
     ///
     /// [`StoreError`] naming the damaged or invalid part, or the unknown version.
     pub fn read(bytes: &[u8]) -> Result<Self, StoreError> {
-        decode::read(&Parts::open(bytes, VERSION)?)
+        decode::read(&Parts::open(bytes, VERSION)?, &mut Damage::Refuse)
     }
 
-    /// Loads a file.
+    /// Reads what is whole of a damaged or truncated map; also returns what was lost, one line each. Without features a
+    /// key frame keeps its pose and shows nothing; words are computed again; landmarks that nothing shows any more, and
+    /// attached data that is damaged, are left out. The result satisfies all invariants.
+    ///
+    /// # Errors
+    ///
+    /// [`StoreError`] when a part is damaged without which nothing is left: the table, key frames, landmarks, or how the
+    /// map was made.
+    pub fn salvage(bytes: &[u8]) -> Result<(Self, Vec<String>), StoreError> {
+        let mut lost = Vec::new();
+        let (parts, promised) = match Parts::find(bytes, VERSION) {
+            Err(e @ StoreError::Part { .. }) => {
+                let found =
+                    Parts::scan(bytes, VERSION).ok_or_else(|| StoreError::part("table", e.to_string()))?;
+                lost.push(format!("{e}: the parts were found without it"));
+                let length = found.bytes;
+                (found, length)
+            }
+            found => found?,
+        };
+        if promised != parts.bytes {
+            lost.push(format!("the header promises {promised} bytes, there are {}", parts.bytes));
+        }
+        let file = decode::read(&parts, &mut Damage::LeaveOut(&mut lost))?;
+        Ok((file, lost))
+    }
+
+    /// Loads a file. What is no map, and a map that is not as long as it says, is refused before it is read.
     ///
     /// # Errors
     ///
     /// As [`MapFile::read`], or when the file cannot be read.
     pub fn load(path: &Path) -> Result<Self, StoreError> {
-        let bytes = std::fs::read(path).map_err(StoreError::file(path, "cannot read"))?;
-        Self::read(&bytes)
+        Self::read(&read_file(path, Length::AsPromised)?)
     }
 
     /// The bytes of the file.

@@ -6,4 +6,5 @@ mod damage;
 mod fixtures;
 mod history;
 mod round_trip;
+mod salvage;
 mod saving;

@@ -1,9 +1,13 @@
-//! `cairn doctor`: what this machine has and lacks, and what is affected by each missing item.
+//! `cairn doctor`: what this machine has and lacks, what was tried to find it, and what is affected by each missing item.
 
 use crate::failure::Failure;
 use crate::output::Output;
 use serde::Serialize;
+use std::ffi::OsString;
+use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// Checks this machine: processor, memory, optional programs and test recordings.
 #[derive(clap::Args)]
@@ -34,7 +38,16 @@ struct Feature {
 struct Program {
     name: &'static str,
     used_for: &'static str,
+    /// What to do to get it.
+    install: &'static str,
+    /// Where it was found.
     path: Option<PathBuf>,
+    /// The folders of PATH that were searched, in order.
+    searched: Vec<PathBuf>,
+    /// What it prints about itself when it is started.
+    version: Option<String>,
+    /// Why it cannot be used although it is there, or how it was looked for in vain.
+    problem: Option<String>,
 }
 
 /// Where tests look for recordings.
@@ -96,10 +109,17 @@ fn table(report: &Report) -> String {
     }
     for program in &report.programs {
         let state = match &program.path {
-            Some(path) => path.display().to_string(),
-            None => format!("not found: needed only for {}", program.used_for),
+            Some(path) => match &program.version {
+                Some(version) => format!("{version}, {}", path.display()),
+                None => path.display().to_string(),
+            },
+            None => "not found".to_owned(),
         };
         lines.push((program.name.to_owned(), state));
+        if let Some(problem) = &program.problem {
+            lines.push((String::new(), format!("{problem}; needed only for {}", program.used_for)));
+            lines.push((String::new(), format!("cure: {}", program.install)));
+        }
     }
     let data = &report.data;
     let recordings = match (data.present, data.recordings.is_empty()) {
@@ -138,18 +158,90 @@ fn meminfo(text: &str, field: &str) -> Option<u64> {
     line.split_whitespace().next()?.parse::<u64>().ok().map(|kb| kb / 1024)
 }
 
-fn programs(search: Option<std::ffi::OsString>) -> Vec<Program> {
+/// The programs that may be started: name, argument that makes it tell its version, use, and how to get it.
+const PROGRAMS: [(&str, &str, &str, &str); 3] = [
+    (
+        "ffmpeg",
+        "-version",
+        "video files, cameras, rtsp:// and rtmp:// streams",
+        "apt install ffmpeg (Debian, Ubuntu), brew install ffmpeg (macOS), winget install ffmpeg (Windows)",
+    ),
+    (
+        "espeak-ng",
+        "--version",
+        "--say speech and --say wav:FILE; the page of cairn serve speaks by itself",
+        "apt install espeak-ng (Debian, Ubuntu), brew install espeak-ng (macOS), winget install espeak-ng (Windows)",
+    ),
+    ("aplay", "--version", "sounds beside --say speech", "apt install alsa-utils (Debian, Ubuntu)"),
+];
+
+fn programs(search: Option<OsString>) -> Vec<Program> {
     let folders: Vec<PathBuf> = search.iter().flat_map(std::env::split_paths).collect();
-    let find = |name: &str| {
-        let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
-        folders.iter().map(|folder| folder.join(&file)).find(|path| path.is_file())
+    PROGRAMS
+        .map(|(name, argument, used_for, install)| {
+            let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
+            let path = folders.iter().map(|folder| folder.join(&file)).find(|path| path.is_file());
+            let (version, problem) = match &path {
+                Some(path) => match version(path, argument) {
+                    Ok(version) => (Some(version), None),
+                    Err(why) => (None, Some(format!("tried {} {argument}: {why}", path.display()))),
+                },
+                None => (None, Some(searched(&file, &folders))),
+            };
+            Program { name, used_for, install, path, searched: folders.clone(), version, problem }
+        })
+        .into()
+}
+
+fn searched(file: &str, folders: &[PathBuf]) -> String {
+    if folders.is_empty() {
+        return format!("looked for {file}, but PATH names no folder");
+    }
+    let list: Vec<String> = folders.iter().map(|f| f.display().to_string()).collect();
+    format!("looked for {file} in the folders of PATH: {}", list.join(", "))
+}
+
+/// How long a program may take to tell its version.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Starts the program; returns the first line that it prints.
+fn version(path: &Path, argument: &str) -> Result<String, String> {
+    let mut child = Command::new(path)
+        .arg(argument)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(|e| format!("it cannot be started ({e})"))?;
+    let output = child.stdout.take();
+    // What it prints is short, and is read on a thread in case it prints without end.
+    let reader = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        let _ = output.map(|out| out.take(4096).read_to_end(&mut text));
+        text
+    });
+    let began = Instant::now();
+    let status = loop {
+        match child.try_wait() {
+            Ok(Some(status)) => break status,
+            Ok(None) if began.elapsed() < PATIENCE => std::thread::sleep(Duration::from_millis(5)),
+            _ => {
+                // It may have ended already.
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err(format!("it did not answer in {} s", PATIENCE.as_secs()));
+            }
+        }
     };
-    [
-        ("ffmpeg", "video files and network cameras, which are not read yet"),
-        ("espeak-ng", "speech, which is not spoken yet"),
-    ]
-    .map(|(name, used_for)| Program { name, used_for, path: find(name) })
-    .into()
+    let text = reader.join().unwrap_or_default();
+    let text = String::from_utf8_lossy(&text);
+    let line = text.lines().next().unwrap_or_default().trim();
+    match (status.success(), line) {
+        (false, _) => Err(format!("it ended with {status}")),
+        (true, "") => Ok("found".to_owned()),
+        // What comes after the version is about its makers.
+        (true, line) => Ok(line.split(" Copyright").next().unwrap_or(line).trim().to_owned()),
+    }
 }
 
 fn data(named: Option<PathBuf>) -> Data {
@@ -176,15 +268,32 @@ mod tests {
         assert_eq!(meminfo("MemTotal: many kB", "MemTotal:"), None);
     }
 
+    #[cfg(unix)]
     #[test]
-    fn programs_are_found_on_the_given_path() {
+    fn programs_are_found_or_it_is_said_what_was_tried() {
+        use std::os::unix::fs::PermissionsExt;
         let folder = std::env::temp_dir().join(format!("cairn-doctor-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(folder.join(format!("ffmpeg{}", std::env::consts::EXE_SUFFIX)), "").unwrap();
+        let program = |name: &str, script: &str| {
+            let path = folder.join(name);
+            std::fs::write(&path, script).unwrap();
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        };
+        program("ffmpeg", "#!/bin/sh\necho 'ffmpeg version 9.9 Copyright (c) its makers'\n");
+        program("espeak-ng", "#!/bin/sh\nexit 3\n");
         let found = programs(Some(folder.clone().into_os_string()));
+        let of = |name: &str| found.iter().find(|p| p.name == name).unwrap();
+        assert_eq!(of("ffmpeg").version.as_deref(), Some("ffmpeg version 9.9"));
+        assert!(of("ffmpeg").problem.is_none());
+        let broken = of("espeak-ng").problem.clone().unwrap();
+        assert!(broken.contains("--version: it ended with") && broken.contains("3"), "{broken}");
+        let missing = of("aplay");
+        assert!(
+            missing.path.is_none() && missing.problem.as_ref().unwrap().contains(folder.to_str().unwrap())
+        );
+        assert!(
+            programs(None).iter().all(|p| p.problem.as_ref().is_some_and(|why| why.contains("no folder")))
+        );
         std::fs::remove_dir_all(&folder).unwrap();
-        assert!(found.iter().any(|p| p.name == "ffmpeg" && p.path.is_some()));
-        assert!(found.iter().any(|p| p.name == "espeak-ng" && p.path.is_none()));
-        assert!(programs(None).iter().all(|p| p.path.is_none()));
     }
 }

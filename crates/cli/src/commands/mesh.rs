@@ -98,7 +98,10 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
 fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
     let dense =
         |e: cairn_dense::DenseError| Failure::new("mesh", e.to_string(), "change --voxel or --farthest");
-    let mut source = open(&arguments.source, OpenOptions::default())?;
+    let mut source = open(
+        &arguments.source,
+        OpenOptions { cancel: crate::interrupt::cancel(), ..OpenOptions::default() },
+    )?;
     let Some(sensor) = source.rig().depth.clone() else {
         let why = "has no depth sensor";
         return Err(Failure::new(

@@ -152,7 +152,7 @@ impl Form {
 
 /// The image that the YAML of a map names; errors are reported when the map is opened.
 fn image_of(grid: &Path) -> Option<PathBuf> {
-    let text = std::fs::read_to_string(grid).ok()?;
+    let text = cairn_files::read_text(grid, 16 * cairn_files::MIB).ok()?;
     let name = text.lines().find_map(|line| line.trim().strip_prefix("image:"))?;
     Some(grid.with_file_name(name.trim().trim_matches(['"', '\''])))
 }

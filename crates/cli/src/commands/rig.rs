@@ -2,12 +2,13 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn_geometry::Vec2;
 use cairn_inertial::Readings;
 use cairn_sensor::{Camera, Rig};
 use cairn_sources::ImuWatch;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Checks and converts calibration files (cameras, lenses, extrinsics, IMU).
 #[derive(clap::Args)]
@@ -23,8 +24,9 @@ enum Command {
 
 /// Reads a calibration, rejects impossible values, warns about unlikely ones, and prints a summary.
 ///
-/// Reads Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, KITTI calib.txt, or a
-/// folder that contains one of them.
+/// Reads Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, stella_vslam configurations, ROS
+/// camera_info, KITTI calib.txt, or a folder that contains one of them. One that does not state the size of the images
+/// gets it from --with.
 #[derive(clap::Args)]
 struct Check {
     /// The calibration file.
@@ -38,6 +40,9 @@ struct Check {
     /// Writes the rig as Cairn's own TOML.
     #[arg(long, value_name = "OUT.toml")]
     write: Option<PathBuf>,
+    /// Replace that file if it exists.
+    #[arg(long, requires = "write")]
+    overwrite: bool,
 }
 
 #[derive(Serialize)]
@@ -117,22 +122,66 @@ struct ImuReport {
     offset_s: f64,
 }
 
+/// Whether the command line asks for the names of built-in rigs: `--rig list`.
+pub fn list_is_asked_for() -> bool {
+    let all: Vec<String> = std::env::args().take_while(|a| a != "--").collect();
+    let asked =
+        all.iter().any(|a| a == "--rig=list") || all.windows(2).any(|w| w[0] == "--rig" && w[1] == "list");
+    asked && !Path::new("list").exists()
+}
+
+/// Prints the names of built-in rigs, and how to give another.
+pub fn list() -> std::process::ExitCode {
+    let rigs = cairn_sources::NAMED_RIGS;
+    let json = std::env::args().any(|a| a == "--json");
+    let entry = |(name, what): &(&str, &str)| serde_json::json!({ "name": name, "what": what });
+    let shown = serde_json::json!({ "rigs": rigs.iter().map(entry).collect::<Vec<_>>() });
+    let done = Output::new(json).result(&shown, |_| {
+        let lines: Vec<String> = rigs.iter().map(|(name, what)| format!("{name}  {what}")).collect();
+        format!("{}\nAny other rig is a file: {FORMS}.", lines.join("\n"))
+    });
+    match done {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(failure) => Output::new(json).fail(&failure),
+    }
+}
+
+/// The calibrations that are read.
+const FORMS: &str = "Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, stella_vslam configurations, ROS camera_info, KITTI calib.txt";
+
 /// Runs the subcommand.
 ///
 /// # Errors
 /// When the calibration or the recording cannot be read or is invalid, or the output cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let Command::Check(check) = &arguments.command;
-    let rig = cairn_sources::read_rig(&check.file)?;
-    if let Some(path) = &check.write {
-        cairn_eval::write_whole(path, &cairn_sources::write_rig(&rig)?)?;
-    }
+    let outputs = Outputs::new(check.overwrite)
+        .input("the calibration", Some(&check.file))
+        .input("--with", check.with.as_deref().map(Path::new))
+        .output("--write", check.write.as_deref())
+        .checked()?;
+    let rig = rig_for(&check.file, check.with.as_deref().unwrap_or_default())?;
     let mut warnings = rig.doubts();
     let readings = match &check.with {
         Some(source) => Some(readings(source, &rig, check.seconds, &mut warnings)?),
         None => None,
     };
+    outputs.write("--write", || Ok(cairn_sources::write_rig(&rig)?.into_bytes()))?;
     output.result(&Report { readings, warnings, written: check.write.clone(), ..report(&rig) }, text)
+}
+
+/// Reads a calibration; one that does not state the size of its images gets that of the source.
+///
+/// # Errors
+/// When it cannot be read or is invalid, or states no size and the source has none that can be read.
+pub fn rig_for(path: &Path, source: &str) -> Result<Rig, Failure> {
+    let error = match cairn_sources::read_rig(path) {
+        Ok(rig) => return Ok(rig),
+        Err(error) => error,
+    };
+    let size = if path.is_file() { cairn_sources::image_size(source) } else { None };
+    let with_size = size.and_then(|size| cairn_sources::read_rig_for(path, Some(size)).ok());
+    with_size.ok_or_else(|| error.into())
 }
 
 /// Reads a recording with the rig; a wrong resolution is rejected when it is opened.
@@ -143,7 +192,8 @@ fn readings(
     warnings: &mut Vec<String>,
 ) -> Result<ReadingsReport, Failure> {
     let given = if source.starts_with("sim:") { None } else { Some(rig.clone()) };
-    let options = cairn_sources::OpenOptions { rig: given, ..Default::default() };
+    let options =
+        cairn_sources::OpenOptions { rig: given, cancel: crate::interrupt::cancel(), ..Default::default() };
     let mut source = cairn_sources::open(source, options)?;
     let mut watch = ImuWatch::default();
     while let Some(packet) = source.next_packet()? {

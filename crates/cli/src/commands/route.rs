@@ -4,6 +4,7 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn_eval::{Marker, Plan, Tone};
 use cairn_geometry::Vec2;
 use cairn_guide::{
@@ -46,6 +47,9 @@ struct Show {
     /// Writes the drawing here; otherwise SVG goes to stdout.
     #[arg(long, value_name = "OUT.svg")]
     out: Option<PathBuf>,
+    /// Replaces the drawing if it exists.
+    #[arg(long, requires = "out")]
+    overwrite: bool,
 }
 
 /// Result of `show`: the drawing or the file it was written to.
@@ -73,12 +77,16 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
             output.result(&cleaned, |c| cleaned_text(c, &surveyed.info))
         }
         Command::Show(show) => {
+            let outputs = Outputs::new(show.overwrite)
+                .input("the route", Some(&show.route))
+                .output("--out", show.out.as_deref())
+                .checked()?;
             let Surveyed { info, drawing, .. } = load(&show.route)?;
             let svg = plan(&drawing, &info).figure().standalone();
             let written = show.out.clone();
             let shown = match &written {
-                Some(path) => {
-                    cairn_eval::write_whole(path, &svg)?;
+                Some(_) => {
+                    outputs.write("--out", || Ok(svg.into_bytes()))?;
                     Shown { svg: None, written, drawing }
                 }
                 None => Shown { svg: Some(svg), written, drawing },

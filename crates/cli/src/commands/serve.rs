@@ -1,14 +1,16 @@
 //! `cairn serve`: the web page for a phone or another screen.
 
+use super::rig::rig_for;
 use super::run::{Sensor, read_config};
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::output::Output;
 use crate::terminal::Terminal;
 use cairn_engine::Config;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
-use cairn_session::SessionConfig;
-use cairn_sources::{OpenOptions, Paced, Validator, is_live, named_rig, open, read_rig, waiting_for};
+use cairn_session::{Command, SessionConfig};
+use cairn_sources::{OpenOptions, Paced, Validator, is_live, named_rig, open, waiting_for};
 use cairn_web::{CameraSource, ServeConfig, Server, WebError};
 use std::path::{Path, PathBuf};
 
@@ -27,7 +29,7 @@ pub struct Arguments {
     /// The port to listen on.
     #[arg(long, default_value_t = 8443)]
     port: u16,
-    /// A calibration file, or the name of a built-in rig (phone-854x480).
+    /// A calibration file, or the name of a built-in rig; "list" shows their names.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Which sensors of SOURCE to use; by default all it has.
@@ -50,7 +52,9 @@ pub struct Arguments {
 /// When the configuration, the rig or the source cannot be used, or the server cannot start.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
-    let rig = a.rig.as_deref().map(|path| rig_of(path, &mut config)).transpose()?;
+    let source = a.source.as_deref().unwrap_or_default();
+    let rig = a.rig.as_deref().map(|path| rig_of(path, source, &mut config)).transpose()?;
+    crate::outputs::folder_later(&a.routes)?;
     let session = SessionConfig {
         folder: a.routes.clone(),
         auto_record: Some(100),
@@ -82,6 +86,10 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         text += "The certificate is self-signed: the browser asks once whether to trust it.\n";
         text + if a.lan { "" } else { "Only this machine can connect; use --lan to connect from a phone.\n" }
     })?;
+    // A signal ends the walk as the command does: what was recorded is complete.
+    let remote = server.remote();
+    interrupt::in_order();
+    interrupt::at_request(move || remote.command(Command::Quit));
     let remote = server.remote();
     // Dropping it restores the terminal.
     let mut terminal = Terminal::new(a.lines, true);
@@ -101,18 +109,18 @@ fn data_folder() -> Option<PathBuf> {
     base.map(|base| base.join("cairn"))
 }
 
-/// A rig by name or file. A built-in rig also sets its number of features, unless the configuration sets one.
+/// A rig by name or file; a file that does not state the size of its images gets that of the source. A built-in rig also sets its number of features, unless the configuration sets one.
 ///
 /// # Errors
 /// When the file cannot be read or is invalid.
-pub fn rig_of(path: &Path, config: &mut Config) -> Result<Rig, Failure> {
+pub fn rig_of(path: &Path, source: &str, config: &mut Config) -> Result<Rig, Failure> {
     if let Some(named) = path.to_str().and_then(named_rig).filter(|_| !path.exists()) {
         if config.front_end.orb.features == 0 {
             config.front_end.orb.features = named.features;
         }
         return Ok(named.rig);
     }
-    Ok(read_rig(path)?)
+    rig_for(path, source)
 }
 
 fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> CameraSource {
@@ -122,12 +130,17 @@ fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> CameraSo
     }
     let address = name.clone();
     let open = move || {
-        let source = open(&address, OpenOptions { rig, ..OpenOptions::default() })?;
+        let source =
+            open(&address, OpenOptions { rig, cancel: interrupt::cancel(), ..OpenOptions::default() })?;
         let sensor = sensor.unwrap_or_else(|| Sensor::of(source.rig()));
         let (mode, has_imu) = (sensor.mode(), sensor.has_imu());
-        let source: Box<dyn Source> = Box::new(Validator::new(source, |doubt| eprintln!("warning: {doubt}")));
+        let source: Box<dyn Source> = Box::new(Validator::new(source, crate::output::warn));
         // A live source sets its own pace; a recording is played in real time.
-        let source: Box<dyn Source> = if is_live(&address) { source } else { Box::new(Paced::new(source)) };
+        let source: Box<dyn Source> = if is_live(&address) {
+            source
+        } else {
+            Box::new(Paced::new(source).cancelled_by(interrupt::cancel()))
+        };
         Ok((source, mode, has_imu))
     };
     CameraSource::Source { name, open: Box::new(open) }

@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::progress::Progress;
-use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo};
+use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo};
 use cairn_sim::{SimConfig, WorldKind, write_euroc, write_tum};
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
@@ -111,5 +111,9 @@ impl Source for CountingSource {
 
     fn skipped(&self) -> &[String] {
         self.source.skipped()
+    }
+
+    fn skips(&self) -> Skips {
+        self.source.skips()
     }
 }

@@ -2,13 +2,13 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use crate::progress::Progress;
-use cairn_eval::write_bytes_whole;
+use cairn_files::MIB;
 use cairn_sources::read_gray;
 use cairn_vision::bow::{Dbow2Error, TrainConfig, Vocabulary, VocabularyFacts, import_dbow2, train};
 use cairn_vision::{Descriptor, Features, OrbConfig, OrbExtractor};
 use serde::Serialize;
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
@@ -37,6 +37,9 @@ enum Command {
         /// The file to write.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// Replace the file if it exists.
+        #[arg(long)]
+        overwrite: bool,
     },
 }
 
@@ -48,6 +51,9 @@ struct Train {
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Replace the file if it exists.
+    #[arg(long)]
+    overwrite: bool,
     /// Children per node.
     #[arg(long, default_value_t = TrainConfig::default().branching)]
     branching: u32,
@@ -89,7 +95,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         Command::Train(a) => train_images(a, output),
         Command::Info { file } => match file {
             Some(path) => {
-                let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
+                let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| unreadable(path, &e))?;
                 let cure = "create it again with `cairn vocab train` or `cairn vocab import`";
                 let vocabulary = Vocabulary::open(bytes)
                     .map_err(|e| Failure::new(path.display().to_string(), e.to_string(), cure))?;
@@ -97,8 +103,12 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
             }
             None => print_summary(Path::new("(embedded)"), Vocabulary::embedded(), None, output),
         },
-        Command::Import { text, out } => {
-            let file = File::open(text).map_err(|e| unreadable(text, &e))?;
+        Command::Import { text, out, overwrite } => {
+            let outputs = Outputs::new(*overwrite)
+                .input("the text", Some(text))
+                .output("--out", Some(out))
+                .checked()?;
+            let file = cairn_files::open(text, 4096 * MIB).map_err(|e| unreadable(text, &e))?;
             let vocabulary = import_dbow2(BufReader::new(file)).map_err(|e| match e {
                 Dbow2Error::Read(e) => unreadable(text, &e),
                 e => {
@@ -107,13 +117,16 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
                     Failure::new(text.display().to_string(), e.to_string(), cure)
                 }
             })?;
-            write_bytes_whole(out, vocabulary.bytes())?;
+            outputs.write("--out", || Ok(vocabulary.bytes().to_vec()))?;
             print_summary(out, &vocabulary, None, output)
         }
     }
 }
 
 fn train_images(a: &Train, output: &Output) -> Result<(), Failure> {
+    let outputs = Outputs::new(a.overwrite);
+    let outputs = a.images.iter().fold(outputs, |outputs, path| outputs.input("an image", Some(path)));
+    let outputs = outputs.output("--out", Some(&a.out)).checked()?;
     let files = image_files(&a.images)?;
     let progress = Progress::new(Some(files.len()));
     let mut extractor = OrbExtractor::new(OrbConfig { features: a.features, ..OrbConfig::default() });
@@ -141,7 +154,7 @@ fn train_images(a: &Train, output: &Output) -> Result<(), Failure> {
         let what = format!("{} images", images.len());
         Failure::new(what, e.to_string(), "give more or different images, or other parameters")
     })?;
-    write_bytes_whole(&a.out, trained.vocabulary.bytes())?;
+    outputs.write("--out", || Ok(trained.vocabulary.bytes().to_vec()))?;
     print_summary(&a.out, &trained.vocabulary, Some(trained.mean_distance), output)
 }
 

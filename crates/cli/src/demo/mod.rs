@@ -47,6 +47,9 @@ pub struct Arguments {
     /// The folder for the report, the transcript, the route and the trajectories.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
+    /// Replaces the files of an earlier demo in that folder.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// How the walker faces on the return.
@@ -84,7 +87,9 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
             let all = facings.iter().flat_map(|f| seeds.clone().map(move |seed| (seed, *f)));
             seeds::run(all.map(|(seed, f)| config(seed, f)), output)
         }
-        (None, [facing]) => report::run(&config(arguments.seed, *facing), &arguments.out, output),
+        (None, [facing]) => {
+            report::run(&config(arguments.seed, *facing), &arguments.out, arguments.overwrite, output)
+        }
         (None, _) => Err(Failure::new(
             "--facing all",
             "needs --seeds",

@@ -3,26 +3,26 @@
 use super::config::DemoConfig;
 use super::once::{Demo, Figures, once};
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn_eval::{
     Event, Figure, Marker, Page, Plan, PlanLine, Said, Tone, error_over_time, times_over_frames, to_tum,
-    write_whole,
 };
 use cairn_geometry::Vec2;
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Runs one demo, prints its result and writes its files.
 ///
 /// # Errors
 /// When the demo fails, the walker did not arrive, or a file cannot be written.
-pub fn run(config: &DemoConfig, folder: &Path, output: &Output) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|e| {
-        Failure::new(folder.display().to_string(), e.to_string(), "choose another folder with --out")
-    })?;
+pub fn run(config: &DemoConfig, folder: &Path, overwrite: bool, output: &Output) -> Result<(), Failure> {
+    let outputs = checked(folder, overwrite)?;
     let demo = once(config)?;
     let plan = plan(&demo);
-    write_files(&demo, &plan, folder)?;
+    interrupt::in_order();
+    write_files(&demo, &plan, &outputs)?;
     let report = folder.join("report.html");
     let f = &demo.figures;
     let text = |f: &Figures| format!("{}\n{}report     {}", transcript(f), summary(f), report.display());
@@ -34,26 +34,45 @@ pub fn run(config: &DemoConfig, folder: &Path, output: &Output) -> Result<(), Fa
     Err(Failure::new("the demo", why, format!("see {} for what happened", report.display())))
 }
 
-fn write_files(demo: &Demo, plan: &Figure, folder: &Path) -> Result<(), Failure> {
-    let json = serde_json::to_string_pretty(&demo.figures)
-        .map_err(|e| Failure::new("demo.json", e.to_string(), "report this with the command line"))?;
-    write_whole(&folder.join("report.html"), &page(demo, plan))?;
-    write_whole(&folder.join("plan.svg"), &plan.standalone())?;
-    write_whole(&folder.join("demo.json"), &json)?;
-    write_whole(&folder.join("transcript.txt"), &transcript(&demo.figures))?;
-    write_whole(&folder.join("truth.tum"), &to_tum(&demo.truth))?;
-    write_whole(&folder.join("estimate.tum"), &to_tum(&demo.estimate))?;
-    let route = folder.join("demo.route");
-    // A recorded route is never overwritten; one left by an earlier demo in this folder is removed first.
-    let fail = |e: std::io::Error| {
-        Failure::new(route.display().to_string(), e.to_string(), "choose another folder with --out")
+/// The files of a demo, in its folder.
+const FILES: [&str; 7] =
+    ["report.html", "plan.svg", "demo.json", "transcript.txt", "truth.tum", "estimate.tum", "demo.route"];
+
+/// Checks before the walk that all files can be written.
+fn checked(folder: &Path, overwrite: bool) -> Result<Outputs, Failure> {
+    let elsewhere = |f: Failure| Failure { hint: "choose another folder with --out".into(), ..f };
+    crate::outputs::folder(folder).map_err(elsewhere)?;
+    // An interrupted demo leaves no empty folder behind; one with files in it is not removed.
+    let made = folder.to_owned();
+    interrupt::before_exit(move || drop(std::fs::remove_dir(&made)));
+    let paths = FILES.map(|name| (name, folder.join(name)));
+    // A recorded route is otherwise never replaced; that of an earlier demo is, if the user says so.
+    let add = |outputs: Outputs, (name, path): &(&'static str, PathBuf)| match *name {
+        "demo.route" if overwrite => outputs.output_kept(name, Some(path)),
+        name => outputs.output(name, Some(path)),
     };
-    if route.exists() {
-        std::fs::remove_file(&route).map_err(fail)?;
-    }
-    demo.route.save(&route).map_err(fail)
+    paths.iter().fold(Outputs::new(overwrite), add).checked()
 }
 
+fn write_files(demo: &Demo, plan: &Figure, outputs: &Outputs) -> Result<(), Failure> {
+    let json = serde_json::to_string_pretty(&demo.figures)
+        .map_err(|e| Failure::new("demo.json", e.to_string(), "report this with the command line"))?;
+    let route = demo
+        .route
+        .to_bytes()
+        .map_err(|e| Failure::new("demo.route", e.to_string(), "report this with the command line"))?;
+    let contents = [
+        page(demo, plan).into_bytes(),
+        plan.standalone().into_bytes(),
+        json.into_bytes(),
+        transcript(&demo.figures).into_bytes(),
+        to_tum(&demo.truth).into_bytes(),
+        to_tum(&demo.estimate).into_bytes(),
+        route,
+    ];
+    let written = FILES.into_iter().zip(contents).map(|(name, bytes)| outputs.write(name, || Ok(bytes)));
+    Failure::all(written.filter_map(Result::err))
+}
 /// The announcements, one line each with its time.
 fn transcript(f: &Figures) -> String {
     let mut text = String::new();

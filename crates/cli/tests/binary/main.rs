@@ -4,6 +4,8 @@ mod bag;
 mod config;
 mod demo;
 mod doctor;
+mod elsewhere;
+mod ends;
 mod eval;
 mod map;
 mod outputs;
@@ -56,10 +58,14 @@ fn wrong_usage_exits_with_2_and_help_with_0() {
 #[test]
 fn every_listed_command_has_help_and_json() {
     let help = stdout(&cairn(&["--help"]));
+    // The lines of all groups: a name, and after at least two spaces what it does.
     let listed =
-        help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+        help.lines().take_while(|line| *line != "Options:").filter_map(|line| line.strip_prefix("  "));
     let names: Vec<&str> = listed.filter_map(|line| line.split_whitespace().next()).collect();
-    assert!(names.contains(&"doctor"), "{help}");
+    for name in ["run", "demo", "doctor", "completions", "map", "ekf"] {
+        assert!(names.contains(&name), "{name}: {help}");
+    }
+    assert_eq!(names.len(), 16, "{help}");
     for name in names.iter().filter(|name| **name != "help") {
         let output = cairn(&[name, "--help"]);
         assert_eq!(output.status.code(), Some(0), "{name}");

@@ -56,7 +56,12 @@ fn run_reports_as_json_and_html() {
         "the report contains the complete configuration"
     );
     let page = std::fs::read_to_string(page).unwrap();
-    assert!(page.starts_with("<!DOCTYPE html>") && page.contains("Trajectory") && page.contains("</html>"));
+    assert!(
+        page.starts_with("<!DOCTYPE html>")
+            && page.contains("The map")
+            && page.contains("What happened when")
+            && page.contains("</html>")
+    );
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -17,6 +17,7 @@ use inline::Inline;
 use replay::Replay;
 use std::io::Write;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use threaded::Threaded;
 
 /// How the stages run.
@@ -65,7 +66,9 @@ impl Mapping {
     pub fn new(runner: Runner, mapper: Mapper, closer: Closer, snapshot: Snapshot) -> Self {
         let atlas = Atlas::new(snapshot);
         match runner {
-            Runner::Lockstep => Self::Inline(Box::new(Inline { mapper, closer, atlas })),
+            Runner::Lockstep => {
+                Self::Inline(Box::new(Inline { mapper, closer, atlas, stop: Arc::default() }))
+            }
             Runner::Threaded => Self::Thread(Threaded::spawn(mapper, closer, atlas)),
         }
     }
@@ -175,6 +178,15 @@ impl Mapping {
     pub fn poll(&self, into: &mut Done) {
         if let Self::Thread(thread) = self {
             thread.poll(into);
+        }
+    }
+
+    /// Set to end adjustments of whole maps early, the final one too.
+    pub fn stop(&self) -> &Arc<AtomicBool> {
+        match self {
+            Self::Inline(inline) => &inline.stop,
+            Self::Thread(thread) => &thread.stop,
+            Self::Replay(replay) => &replay.stages.stop,
         }
     }
 

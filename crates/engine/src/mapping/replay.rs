@@ -285,7 +285,7 @@ impl Replay {
             return self.stop("closing was given another key frame than in the journal");
         }
         let start = Instant::now();
-        let outcome = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.stages.closer)));
+        let outcome = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.stages.closer, &self.stages.stop)));
         done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
         match outcome {
             Ok((snapshot, mut closed)) => {

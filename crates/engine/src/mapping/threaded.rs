@@ -8,7 +8,7 @@ use cairn_mapping::{Closed, Closer, Mapper};
 use cairn_tracking::KeyFrameRequest;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
@@ -45,15 +45,16 @@ impl Job {
         JobRecord { number, version: snapshot.version(), whole, key_frame: id.index() as u64 }
     }
 
-    /// Runs the job; returns the snapshot it ran on along with the changes.
-    pub fn work(self, closer: &mut Closer) -> (Arc<Snapshot>, Closed) {
+    /// Runs the job; returns the snapshot it ran on along with the changes. `stop` ends the adjustment of a map without
+    /// changes.
+    pub fn work(self, closer: &mut Closer, stop: &AtomicBool) -> (Arc<Snapshot>, Closed) {
         match self {
             Self::Place(snapshot, id) => {
                 let closed = closer.step(&snapshot, id);
                 (snapshot, closed)
             }
             Self::Whole(snapshot, map) => {
-                let changes = closer.adjust_whole(&snapshot, map, || false);
+                let changes = closer.adjust_whole(&snapshot, map, || stop.load(Ordering::Relaxed));
                 (snapshot, Closed { changes, ..Closed::default() })
             }
         }
@@ -80,6 +81,7 @@ pub(crate) struct Threaded {
     done: Receiver<Done>,
     handle: Option<JoinHandle<()>>,
     pub journal: JournalWriter,
+    pub stop: Arc<AtomicBool>,
 }
 
 impl Threaded {
@@ -89,7 +91,8 @@ impl Threaded {
         let (results, done) = channel();
         let waiting = Arc::new(AtomicUsize::new(0));
         let journal = JournalWriter::default();
-        let closing = spawn_closing(closer, to.clone(), results.clone(), journal.clone());
+        let stop = Arc::new(AtomicBool::new(false));
+        let closing = spawn_closing(closer, to.clone(), results.clone(), journal.clone(), stop.clone());
         let thread = MappingThread {
             mapper,
             atlas,
@@ -98,10 +101,11 @@ impl Threaded {
             closing,
             jobs: 0,
             journal: journal.clone(),
+            stop: stop.clone(),
         };
         let handle =
             std::thread::Builder::new().name("cairn-mapping".into()).spawn(move || thread.work(from)).ok();
-        Self { to: Some(to), reader, waiting, done, handle, journal }
+        Self { to: Some(to), reader, waiting, done, handle, journal, stop }
     }
 
     pub fn idle(&self) -> bool {
@@ -164,6 +168,7 @@ struct MappingThread {
     /// Jobs requested so far, including those that closing skipped.
     jobs: u64,
     journal: JournalWriter,
+    stop: Arc<AtomicBool>,
 }
 
 impl MappingThread {
@@ -181,7 +186,8 @@ impl MappingThread {
                 self.handle(message);
                 if let Some(final_adjustment) = end {
                     from.try_iter().for_each(|message| self.handle(message));
-                    final_adjustment.then(|| self.mapper.final_adjustment(&mut self.atlas));
+                    let stop = || self.stop.load(Ordering::Relaxed);
+                    final_adjustment.then(|| self.mapper.final_adjustment(&mut self.atlas, stop));
                 }
             }));
             if let Err(cause) = &handled {
@@ -266,6 +272,7 @@ fn spawn_closing(
     to: Sender<Message>,
     results: Sender<Done>,
     journal: JournalWriter,
+    stop: Arc<AtomicBool>,
 ) -> Closing {
     let (jobs, from) = channel::<(u64, Job)>();
     let work = move || {
@@ -280,7 +287,7 @@ fn spawn_closing(
             let start = Instant::now();
             let (number, job) = job;
             journal.write(&Record::Job(job.record(number)));
-            let result = catch_unwind(AssertUnwindSafe(|| job.work(&mut closer)));
+            let result = catch_unwind(AssertUnwindSafe(|| job.work(&mut closer, &stop)));
             let close_ms = vec![start.elapsed().as_secs_f64() * 1e3];
             match result {
                 Ok((snapshot, mut closed)) => {

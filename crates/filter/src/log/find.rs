@@ -1,7 +1,6 @@
 //! Finds out what kind of log a path is, and reads it.
 
 use super::{Log, LogError, parse_csv, parse_mrclam, parse_plaza, parse_victoria};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The kinds of logs.
@@ -52,8 +51,12 @@ pub fn load(path: &Path, robot: Option<u32>) -> Result<(Format, Log), LogError> 
     Err(LogError::whole(&name, reason))
 }
 
+/// Largest file of a log.
+const MAX_BYTES: u64 = 1024 * cairn_files::MIB;
+
 fn text(path: &Path) -> Result<String, LogError> {
-    fs::read_to_string(path).map_err(|e| LogError::whole(&path.display().to_string(), e.to_string()))
+    cairn_files::read_text(path, MAX_BYTES)
+        .map_err(|e| LogError::whole(&path.display().to_string(), e.to_string()))
 }
 
 /// Both files of a Plaza log, from either.

@@ -66,13 +66,17 @@ pub enum MapFileError {
     },
 }
 
+/// Largest file of a map: an image of a square kilometre at 5 cm.
+pub(crate) const MAX_BYTES: u64 = 512 * cairn_files::MIB;
+
 /// Reads a map: the YAML file, and the PGM or PNG beside it that it names.
 ///
 /// # Errors
 /// When a file is missing, truncated or malformed; each says which and what.
 pub fn load(yaml: &Path) -> Result<(Grid<i8>, Description), MapFileError> {
     let open = |file: &Path| {
-        std::fs::read(file).map_err(|source| MapFileError::File { file: file.to_owned(), source })
+        cairn_files::read(file, MAX_BYTES)
+            .map_err(|source| MapFileError::File { file: file.to_owned(), source })
     };
     let text = String::from_utf8_lossy(&open(yaml)?).into_owned();
     let description = read_description(&text).map_err(|(line, reason)| MapFileError::Yaml {

@@ -31,16 +31,21 @@ pub struct Dropped {
     pub why: Why,
 }
 
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Backwards => "the time goes backwards",
+            Self::Repeated => "the time is repeated",
+            Self::JumpsAhead => "the time jumps ahead",
+            Self::NotFinite => "a number is not finite",
+            Self::Unknown => "the rig has no such stream",
+        })
+    }
+}
+
 impl fmt::Display for Dropped {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let why = match self.why {
-            Why::Backwards => "the time goes backwards",
-            Why::Repeated => "the time is repeated",
-            Why::JumpsAhead => "the time jumps ahead",
-            Why::NotFinite => "a number is not finite",
-            Why::Unknown => "the rig has no such stream",
-        };
-        write!(f, "{}: {why}", self.stamp)
+        write!(f, "{}: {}", self.stamp, self.why)
     }
 }
 

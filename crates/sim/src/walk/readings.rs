@@ -12,7 +12,8 @@ use std::path::Path;
 pub fn read_readings(path: &Path) -> Result<Vec<ImuSample>, SourceError> {
     const CURE: &str = "write seven numbers a line: time in ns, gyro xyz in rad/s, accel xyz in m/s^2";
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|e| SourceError::new(&name, e.to_string(), CURE))?;
+    let text = cairn_files::read_text(path, 1024 * cairn_files::MIB)
+        .map_err(|e| SourceError::new(&name, e.to_string(), CURE))?;
     let mut readings: Vec<ImuSample> = Vec::new();
     for (i, line) in text.lines().enumerate() {
         let line = line.trim();

@@ -10,7 +10,7 @@ use std::path::Path;
 /// Names the file and the line when it cannot be read, a line does not hold eight numbers, or there is no pose.
 pub fn read_tum(path: &Path) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|e| {
+    let text = cairn_files::read_text(path, 1024 * cairn_files::MIB).map_err(|e| {
         SourceError::new(&name, e.to_string(), "give a readable file of lines \"t x y z qx qy qz qw\"")
     })?;
     let mut poses = Vec::new();

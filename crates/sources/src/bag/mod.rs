@@ -15,7 +15,7 @@ pub use topics::{ImuTopics, NamedTopic, TopicRole};
 
 use crate::recording::{ImageAt, ImuAt, Instant, Recording, forward_only, join_depth, pair};
 use cairn_bag::{Bag, BagError, MessageKind, Topic, is_bag};
-use cairn_sensor::{Rig, SourceError, Stamp};
+use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::Path;
 use topics::Chosen;
 
@@ -50,6 +50,8 @@ pub fn index(path: &Path, mut given: Option<Rig>, named: &[NamedTopic]) -> Resul
         Some(rig) => (rig, Vec::new()),
         None => rig::of(&shown, &mut reader, &mut chosen, recorder, &mut skipped)?,
     };
+    let other = |text: String| Skipped::new(SkipKind::Other, "told about the bag", text);
+    let mut skipped: Vec<Skipped> = skipped.into_iter().map(other).collect();
     let instants = instants(&reader, &chosen, &mut skipped);
     Ok(Recording {
         name: format!("bag {shown} ({})", chosen.text(reader.topics())),
@@ -116,7 +118,7 @@ fn fit(
 }
 
 /// Messages of images in order of time, those of one instant together.
-fn instants(reader: &BagReader, chosen: &Chosen, skipped: &mut Vec<String>) -> Vec<Instant> {
+fn instants(reader: &BagReader, chosen: &Chosen, skipped: &mut Vec<Skipped>) -> Vec<Instant> {
     let mut list = |topic: usize| {
         let entries = reader.topics().get(topic).map_or(&[][..], |t: &Topic| &t.entries);
         let mut list: Vec<(Stamp, ImageAt)> =
@@ -142,7 +144,8 @@ fn instants(reader: &BagReader, chosen: &Chosen, skipped: &mut Vec<String>) -> V
             let median = apart.get(apart.len() / 2).copied().unwrap_or(0);
             if median > TOLD_APART_NS {
                 let ms = median as f64 * 1e-6;
-                skipped.push(format!("left and right images are {ms:.1} ms apart, taken as one instant"));
+                let text = format!("left and right images are {ms:.1} ms apart, taken as one instant");
+                skipped.push(Skipped::new(SkipKind::Other, "left and right images apart in time", text));
             }
             pairs
         }

@@ -4,7 +4,12 @@ use super::topics::ImuTopics;
 use crate::decode;
 use cairn_bag::{Bag, CameraInfo, CompressedImage, Entry, ImageMessage, ImuMessage, MessageKind, Topic};
 use cairn_geometry::Vec3;
-use cairn_sensor::{DepthImage, GrayImage, ImuSample, Stamp};
+use cairn_sensor::{DepthImage, GrayImage, ImuSample, SkipKind, Skipped, Stamp};
+
+/// A reading whose message cannot be read.
+fn unreadable(text: String) -> Skipped {
+    Skipped::new(SkipKind::Imu, "the message cannot be read", text)
+}
 
 /// A bag whose messages are images and samples.
 pub struct BagReader(Bag);
@@ -154,7 +159,7 @@ impl BagImu {
     }
 
     /// The next sample; messages that cannot be read are listed in `skipped`. `None` at the end.
-    pub fn next(&mut self, bag: &mut BagReader, skipped: &mut Vec<String>) -> Option<ImuSample> {
+    pub fn next(&mut self, bag: &mut BagReader, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
         let (gyro, accel) = match self.topics {
             ImuTopics::None => return None,
             ImuTopics::One(topic) => (topic, None),
@@ -167,7 +172,7 @@ impl BagImu {
             let message = match message {
                 Ok(message) => message,
                 Err(why) => {
-                    skipped.push(format!("{}: {why}, sample dropped", self.place()));
+                    skipped.push(unreadable(format!("{}: {why}, sample dropped", self.place())));
                     continue;
                 }
             };
@@ -181,7 +186,7 @@ impl BagImu {
     }
 
     /// The accelerometer's reading at the time of one of the gyroscope, between its two nearest.
-    fn accel_at(&mut self, at: i64, topic: usize, bag: &mut BagReader, skipped: &mut Vec<String>) -> Accel {
+    fn accel_at(&mut self, at: i64, topic: usize, bag: &mut BagReader, skipped: &mut Vec<Skipped>) -> Accel {
         loop {
             if let [Some((t0, a0)), Some((t1, a1))] = self.accel
                 && at <= t1
@@ -202,12 +207,14 @@ impl BagImu {
                 Ok(m) if self.accel[1].is_none_or(|(last, _)| entry.stamp_ns > last) => {
                     self.accel = [self.accel[1], Some((entry.stamp_ns, m.accel))];
                 }
-                Ok(_) => skipped.push(format!(
-                    "accelerometer message {}: the time does not increase, sample dropped",
-                    self.next_accel
-                )),
+                Ok(_) => {
+                    let why = "the time does not increase";
+                    let text = format!("accelerometer message {}: {why}, sample dropped", self.next_accel);
+                    skipped.push(Skipped::new(SkipKind::Imu, why, text));
+                }
                 Err(why) => {
-                    skipped.push(format!("accelerometer message {}: {why}, sample dropped", self.next_accel));
+                    let at = self.next_accel;
+                    skipped.push(unreadable(format!("accelerometer message {at}: {why}, sample dropped")));
                 }
             }
         }

@@ -5,7 +5,7 @@ use super::child::{ChildCommand, Feed, Handle};
 use super::rig_for;
 use crate::open::OpenOptions;
 use crate::prefetch::Prefetch;
-use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{FramePacket, Rig, SkipKind, Skipped, Skips, Source, SourceError, SourceInfo, Stamp};
 use std::ffi::OsString;
 use std::sync::Arc;
 use std::time::Instant;
@@ -19,6 +19,16 @@ struct VideoFile {
     delivered: usize,
     last: Option<Stamp>,
     skipped: Vec<String>,
+    skips: Skips,
+}
+
+/// Width and height of the images.
+pub(super) fn size(address: &Address) -> Option<[usize; 2]> {
+    let more: Vec<OsString> = ["-frames:v", "1"].map(OsString::from).into();
+    let mut feed = Feed::start(&ChildCommand::ffmpeg(address, &more), &Handle::default()).ok()?;
+    let size = feed.header().map(|(size, _)| size);
+    let _ = feed.end();
+    size
 }
 
 /// Opens a file; it is read ahead on a thread.
@@ -44,8 +54,9 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
         assumed,
     };
     let feed = Some(feed);
-    let file = VideoFile { info, rig, handle, feed, size, delivered: 0, last: None, skipped: Vec::new() };
-    Ok(Box::new(Prefetch::start(file)?))
+    let (skipped, skips) = (Vec::new(), Skips::default());
+    let file = VideoFile { info, rig, handle, feed, size, delivered: 0, last: None, skipped, skips };
+    Ok(Box::new(Prefetch::start(file)?.cancelled_by(options.cancel.clone())))
 }
 
 impl Source for VideoFile {
@@ -72,7 +83,9 @@ impl Source for VideoFile {
             self.delivered += 1;
             let stamp = Stamp::from_seconds(time.unwrap_or(number as f64 / self.info.rate_hz));
             if self.last.is_some_and(|last| stamp <= last) {
-                self.skipped.push(format!("image {number}: its time {stamp} does not increase"));
+                let text = format!("image {number}: its time {stamp} does not increase");
+                self.skips.add(&Skipped::new(SkipKind::Frame, "the time does not increase", &text).at(stamp));
+                self.skipped.push(text);
                 continue;
             }
             self.last = Some(stamp);
@@ -84,6 +97,10 @@ impl Source for VideoFile {
 
     fn skipped(&self) -> &[String] {
         &self.skipped
+    }
+
+    fn skips(&self) -> Skips {
+        self.skips.clone()
     }
 }
 

@@ -24,6 +24,12 @@ pub fn is_live(source: &str) -> bool {
     matches!(Address::of(source), Some(Ok(address)) if address.live)
 }
 
+/// Width and height of the images of a video file; `None` for anything else.
+pub fn image_size(source: &str) -> Option<[usize; 2]> {
+    let address = Address::of(source)?.ok().filter(|address| !address.live)?;
+    file::size(&address)
+}
+
 /// Opens the address if it is video; `None` if it is not.
 pub fn open(source: &str, options: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
     let address = Address::of(source)?;
@@ -31,12 +37,13 @@ pub fn open(source: &str, options: &OpenOptions) -> Option<Result<Box<dyn Source
 }
 
 fn open_video(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source>, SourceError> {
-    if let Some(rig) = &options.rig
-        && (rig.cameras.len() != 1 || rig.depth.is_some())
-    {
-        let why = format!("has one camera, the rig {} and depth: {}", rig.cameras.len(), rig.depth.is_some());
-        return Err(SourceError::new(&address.shown, why, "give a rig with one camera"));
+    // Video has one camera: of a rig with more, with depth or an IMU, only the first camera counts.
+    let mut options = options.clone();
+    if let Some(rig) = &mut options.rig {
+        rig.cameras.truncate(1);
+        (rig.depth, rig.imu) = (None, None);
     }
+    let options = &options;
     if !address.live {
         return file::open(address, options);
     }
@@ -44,7 +51,7 @@ fn open_video(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source
         let cure = "leave --start out: a live stream starts now";
         return Err(SourceError::new(&address.shown, "a live stream has no start position", cure));
     }
-    Ok(Box::new(stream::Stream::open(address, options.rig.clone(), options.frames)?))
+    Ok(Box::new(stream::Stream::open(address, options.rig.clone(), options.frames, &options.cancel)?))
 }
 
 /// The rig for images of this size: the given one, which must fit, else a guess, with a description of it.

@@ -8,6 +8,7 @@ use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle, WRONG_NAME};
 use super::rig_for;
 use super::slot::{LiveImage, Slot, State};
+use crate::Cancel;
 use cairn_sensor::{ClockReading, FramePacket, Live, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
@@ -19,6 +20,8 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(5);
 const READ_TIMEOUT: Duration = Duration::from_secs(1);
 /// An image older than this is dropped.
 const TOO_OLD: Duration = Duration::from_millis(150);
+/// How often waiting for an image looks whether it was cancelled.
+const LOOK: Duration = Duration::from_millis(50);
 /// Initial delay before a connection is retried.
 const RETRY_DELAY: Duration = Duration::from_millis(100);
 /// Largest delay before a retry.
@@ -37,13 +40,20 @@ pub(super) struct Stream {
     threads: Vec<JoinHandle<()>>,
     skipped: Vec<String>,
     left: Option<usize>,
+    cancel: Cancel,
 }
 
 impl Stream {
     /// Opens the stream and waits for its first image: five seconds, or, where we listen, until someone
     /// sends.
-    pub fn open(address: &Address, rig: Option<Rig>, frames: Option<usize>) -> Result<Self, SourceError> {
-        Self::start(&address.shown, ChildCommand::ffmpeg(address, &[]), address.listens, rig, frames)
+    pub fn open(
+        address: &Address,
+        rig: Option<Rig>,
+        frames: Option<usize>,
+        cancel: &Cancel,
+    ) -> Result<Self, SourceError> {
+        let command = ChildCommand::ffmpeg(address, &[]);
+        Self::start(&address.shown, command, address.listens, rig, frames, cancel)
     }
 
     fn start(
@@ -52,6 +62,7 @@ impl Stream {
         listens: bool,
         rig: Option<Rig>,
         frames: Option<usize>,
+        cancel: &Cancel,
     ) -> Result<Self, SourceError> {
         let (slot, handle) = (Arc::new(Slot::default()), Handle::default());
         let mut stream = Self {
@@ -68,6 +79,7 @@ impl Stream {
             threads: Vec::new(),
             skipped: Vec::new(),
             left: frames,
+            cancel: cancel.clone(),
         };
         let spawn = |name: &str, work: Box<dyn FnOnce() + Send>| {
             std::thread::Builder::new().name(name.into()).spawn(work).map_err(|e| {
@@ -80,11 +92,20 @@ impl Stream {
         stream.threads.push(spawn("cairn-video-watch", Box::new(move || stop_when_silent(listens, &s, &h)))?);
         // A listener that cannot listen fails at once; one that can waits.
         let limit = (!listens).then_some(OPEN_TIMEOUT + Duration::from_millis(500));
-        let first = slot.wait(limit, |s| match (&s.failed, s.known) {
-            (Some(e), _) => Some(Err(SourceError::new(&e.what, &e.why, &e.cure))),
-            (None, Some(known)) => Some(Ok(known)),
-            (None, None) => None,
-        });
+        let until = limit.map(|l| Instant::now() + l);
+        let first = loop {
+            let found = slot.wait(Some(LOOK), |s| match (&s.failed, s.known) {
+                (Some(e), _) => Some(Err(SourceError::new(&e.what, &e.why, &e.cure))),
+                (None, Some(known)) => Some(Ok(known)),
+                (None, None) => None,
+            });
+            if cancel.is_cancelled() {
+                return Err(SourceError::new(shown, "waiting for it was interrupted", "start again"));
+            }
+            if found.is_some() || until.is_some_and(|until| Instant::now() >= until) {
+                break found;
+            }
+        };
         let late =
             || SourceError::new(shown, "sent no image within 5 s", "check the address, and that it sends");
         let (size, rate_hz) = first.unwrap_or_else(|| Err(late()))?;
@@ -122,20 +143,25 @@ impl Source for Stream {
         &self.rig
     }
 
-    /// Waits for an image; while the connection is lost, until it is back.
+    /// Waits for an image; while the connection is lost, until it is back. Once cancelled, the stream is at its end.
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         if self.left == Some(0) {
             return Ok(None);
         }
-        let image = self.slot.wait(None, |s| match (s.newest.take(), &s.failed) {
-            (Some(p), _) if p.on_time.elapsed() > TOO_OLD => {
-                s.stale += 1;
-                None
+        let image = loop {
+            let found = self.slot.wait(Some(LOOK), |s| match (s.newest.take(), &s.failed) {
+                (Some(p), _) if p.on_time.elapsed() > TOO_OLD => {
+                    s.stale += 1;
+                    None
+                }
+                (Some(p), _) => Some(Ok(p)),
+                (None, Some(e)) => Some(Err(SourceError::new(&e.what, &e.why, &e.cure))),
+                (None, None) => None,
+            });
+            if found.is_some() || self.cancel.is_cancelled() {
+                break found;
             }
-            (Some(p), _) => Some(Ok(p)),
-            (None, Some(e)) => Some(Err(SourceError::new(&e.what, &e.why, &e.cure))),
-            (None, None) => None,
-        });
+        };
         self.note();
         let Some(image) = image.transpose()? else { return Ok(None) };
         self.left = self.left.map(|n| n - 1);
@@ -334,7 +360,7 @@ mod tests {
     use super::*;
 
     fn open(script: &str, listens: bool) -> Result<Stream, SourceError> {
-        Stream::start("test", ChildCommand::shell(script), listens, None, None)
+        Stream::start("test", ChildCommand::shell(script), listens, None, None, &Cancel::default())
     }
 
     /// A script that sends `images` images of 16x16, one every `every_s` seconds; the caller adds what

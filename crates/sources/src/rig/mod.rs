@@ -7,6 +7,8 @@ pub mod kitti;
 mod named;
 mod orbslam;
 mod own;
+mod ros;
+mod stella;
 mod yaml;
 
 pub use document::rigid;
@@ -19,7 +21,7 @@ use document::Document;
 use std::path::{Path, PathBuf};
 
 /// Reads a rig: Cairn's own `.toml`, an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file next to
-/// it), ORB-SLAM settings, a KITTI `calib.txt` next to its images, a folder that contains one of these, or a
+/// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, a folder that contains one of these, or a
 /// known name (see [`named_rig`]).
 ///
 /// # Errors
@@ -102,7 +104,7 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
-            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, KITTI calib.txt)",
+            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt)",
             line_cure,
         )
     };
@@ -114,6 +116,10 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
         kalibr::chain(&doc, None)
     } else if doc.root.get("sensor_type").is_some_and(|s| s.text() == Some("camera")) {
         euroc::single(&doc)
+    } else if stella::is_config(&doc.root) {
+        stella::rig(&doc, size)
+    } else if ros::is_camera_info(&doc.root) {
+        ros::rig(&doc)
     } else if orbslam::is_settings(&doc.root) {
         orbslam::rig(&doc, size)
     } else if doc.root.get("imu0").is_some() || doc.root.get("gyroscope_noise_density").is_some() {

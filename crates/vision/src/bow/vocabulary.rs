@@ -46,6 +46,9 @@ impl std::fmt::Debug for Vocabulary {
 /// Its origin is documented in `vocabulary/PROVENANCE.md`.
 static EMBEDDED: &[u8] = include_bytes!("../../vocabulary/cairn.voc");
 
+/// See [`Vocabulary::current`].
+static CURRENT: OnceLock<Vocabulary> = OnceLock::new();
+
 impl Vocabulary {
     /// Opens the bytes of a vocabulary file in place, either borrowed (`'static`: embedded or mapped) or owned.
     ///
@@ -62,6 +65,20 @@ impl Vocabulary {
         static OPENED: OnceLock<Vocabulary> = OnceLock::new();
         OPENED
             .get_or_init(|| Self::open(EMBEDDED).expect("the embedded vocabulary is valid, as a test checks"))
+    }
+
+    /// The vocabulary of this process: the one that was [installed](Self::install), else the embedded one.
+    pub fn current() -> &'static Self {
+        CURRENT.get_or_init(|| Self::embedded().clone())
+    }
+
+    /// Makes this the vocabulary of the process, for words of key frames and of saved maps. Words of different
+    /// vocabularies cannot be compared, so there is one for a process, chosen before the first use.
+    ///
+    /// # Errors
+    /// Gives the vocabulary back where another is in use already.
+    pub fn install(vocabulary: Self) -> Result<(), Self> {
+        CURRENT.set(vocabulary)
     }
 
     /// Size, origin and checksum.

@@ -50,7 +50,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let Some((first, others)) = a.files.split_first() else { return Ok(()) };
     let outputs = Outputs::new(a.overwrite);
     let outputs = a.files.iter().fold(outputs, |outputs, file| outputs.input("a map to merge", Some(file)));
-    let outputs = outputs.output("--out", Some(&a.out)).checked()?;
+    let outputs = outputs.output_map("--out", Some(&a.out)).checked()?;
     let out = outputs.file("--out").unwrap_or(&a.out);
     let _lock = MapLock::take(out)?;
     let mut into = open(first)?;

@@ -4,13 +4,14 @@ mod check;
 mod export;
 mod info;
 mod merge;
+mod repair;
 
 use crate::failure::Failure;
 use crate::output::Output;
-use cairn_atlas::store::{MapFile, StoreError};
+use cairn_atlas::store::{Length, MapFile, StoreError, read_file};
 use std::path::{Path, PathBuf};
 
-/// Inspects, checks, exports and merges saved maps.
+/// Inspects, checks, exports, merges and repairs saved maps.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -25,6 +26,7 @@ enum Command {
     Check(Files),
     Export(export::Arguments),
     Merge(merge::Arguments),
+    Repair(repair::Arguments),
 }
 
 /// Saved maps.
@@ -45,6 +47,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         Command::Check(a) => check::run(&a.files, output),
         Command::Export(a) => export::run(a, output),
         Command::Merge(a) => merge::run(a, output),
+        Command::Repair(a) => repair::run(a, output),
     }
 }
 
@@ -57,7 +60,7 @@ pub fn open(path: &Path) -> Result<MapFile, Failure> {
 }
 
 fn bytes_of(path: &Path) -> Result<Vec<u8>, Failure> {
-    std::fs::read(path).map_err(|e| Failure::new(path.display().to_string(), e.to_string(), "check the path"))
+    read_file(path, Length::Any).map_err(|e| failed(path, &e))
 }
 
 /// The failure for an error of a map file, with what to do.
@@ -80,7 +83,8 @@ pub fn failed(path: &Path, error: &StoreError) -> Failure {
             "open it with the version of cairn that wrote it, or a newer one",
         ),
         StoreError::Part { .. } => {
-            let hint = "the file is damaged: use a backup; cairn map check shows which parts are intact";
+            let hint =
+                "the file is damaged: use a backup; cairn map repair saves what is whole in a new file";
             Failure::new(shown, error.to_string(), hint)
         }
         StoreError::Unfit(_) => Failure::new(shown, error.to_string(), "report this with the recording"),

@@ -3,13 +3,20 @@
 use super::face::Say;
 use super::sensor::Sensor;
 use cairn_guide::{DirectionStyle, Facing, Unit};
-use cairn_sources::NamedTopic;
+use cairn_sources::{NamedTopic, SourceKind};
 use std::path::PathBuf;
+
+const SOURCE: &str = "Source and calibration";
+const RESULTS: &str = "Results";
+const MAPS: &str = "Maps";
+const ROUTES: &str = "Routes and guidance";
+const SPEECH: &str = "Announcements";
+const RUNNING: &str = "How it runs";
 
 /// Runs SLAM on a recording or a live source; records routes and guides along them.
 ///
-/// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes), a ROS bag (.bag, .db3 or the folder of
-/// ros2 bag, also of the RealSense SDK), an MCAP file, sim:WORLD, a video file, camera:N,
+/// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes, or just PNG or JPEG images), a ROS bag
+/// (.bag, .db3 or the folder of ros2 bag, also of the RealSense SDK), an MCAP file, sim:WORLD, a video file, camera:N,
 /// rtsp://..., rtmp://... or rtmp-listen://HOST:PORT/NAME; its kind is detected automatically. On a terminal, in real
 /// time, keys give commands: r record, s stop, l load, g guide home, b backwards, h halt, p repeat, i state, q quit.
 #[derive(clap::Args)]
@@ -17,118 +24,155 @@ pub struct Arguments {
     /// The recording, live stream or simulated world; --help lists the kinds.
     pub source: String,
     /// Which sensors to use; by default all the source has.
-    #[arg(long, value_enum, value_name = "WHICH")]
+    #[arg(help_heading = SOURCE, long, value_enum, value_name = "WHICH")]
     pub sensor: Option<Sensor>,
-    /// A calibration file to use instead of the source's own, or the name of a built-in rig (phone-854x480).
-    #[arg(long, value_name = "FILE")]
+    /// A calibration file to use instead of the source's own, or the name of a built-in
+    /// rig; "list" shows their names.
+    #[arg(help_heading = SOURCE, long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// The topic of a sensor of a bag, where it should not be found by its type and name: left (or the only camera), right,
     /// depth, imu, gyro and accel, or the camera_info of one: left-info, right-info, depth-info. May be repeated.
-    #[arg(long = "topic", value_name = "SENSOR=TOPIC")]
+    #[arg(help_heading = SOURCE, long = "topic", value_name = "SENSOR=TOPIC")]
     pub topics: Vec<NamedTopic>,
+    /// What the folder is taken for, where it could be two things.
+    #[arg(help_heading = SOURCE, long = "as", value_enum, value_name = "KIND")]
+    pub kind: Option<Kind>,
+    /// The vocabulary of visual words for recognising places, in place of the built-in one (cairn vocab). A saved map is
+    /// converted to it.
+    #[arg(help_heading = SOURCE, long, value_name = "FILE")]
+    pub vocabulary: Option<PathBuf>,
     /// Configuration entries that differ from the defaults; see cairn config.
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = SOURCE, long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Writes the pose of every tracked frame, with all corrections made by the end, in TUM format.
-    #[arg(long, value_name = "OUT.tum")]
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
     /// Writes the poses as they were output live, in TUM format.
-    #[arg(long, value_name = "OUT.tum")]
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.tum")]
     pub live_trajectory: Option<PathBuf>,
     /// The frame whose poses the trajectories contain.
-    #[arg(long, value_enum, default_value = "body", value_name = "WHOSE")]
+    #[arg(help_heading = RESULTS, long, value_enum, default_value = "body", value_name = "WHOSE")]
     pub frame: Whose,
     /// Records the route. An existing file is never overwritten; with --map-in it is continued if it was recorded in
     /// that map.
-    #[arg(long, value_name = "ROUTE")]
+    #[arg(help_heading = ROUTES, long, value_name = "ROUTE")]
     pub record: Option<PathBuf>,
     /// Guides along this route, from its start to its end, as soon as the camera's pose is known.
-    #[arg(long, value_name = "ROUTE")]
+    #[arg(help_heading = ROUTES, long, value_name = "ROUTE")]
     pub guide: Option<PathBuf>,
     /// Guides along the route in reverse, from its end back to its start.
-    #[arg(long, requires = "guide")]
+    #[arg(help_heading = ROUTES, long, requires = "guide")]
     pub back: bool,
     /// How the walker faces relative to the camera during guidance.
-    #[arg(long, value_enum, default_value = "home")]
+    #[arg(help_heading = ROUTES, long, value_enum, default_value = "home")]
     pub facing: FacingArgument,
     /// How announcements are given: text, speech, wav:FILE or none. By default text if there is guidance, a script,
     /// --lines or a live source, else none.
-    #[arg(long, value_name = "HOW")]
+    #[arg(help_heading = SPEECH, long, value_name = "HOW")]
     pub say: Option<Say>,
     /// Speed of the speech, 0.1 to 2.
-    #[arg(long, default_value_t = 1.0, value_name = "R", value_parser = between(0.1, 2.0))]
+    #[arg(help_heading = SPEECH, long, default_value_t = 1.0, value_name = "R", value_parser = between(0.1, 2.0))]
     pub rate: f64,
     /// Volume of speech and sounds, 0 to 1.
-    #[arg(long, default_value_t = 1.0, value_name = "V", value_parser = between(0.0, 1.0))]
+    #[arg(help_heading = SPEECH, long, default_value_t = 1.0, value_name = "V", value_parser = between(0.0, 1.0))]
     pub volume: f64,
     /// The unit of spoken distances.
-    #[arg(long, value_enum, default_value = "metres")]
+    #[arg(help_heading = SPEECH, long, value_enum, default_value = "metres")]
     pub unit: UnitArgument,
     /// How directions are announced.
-    #[arg(long, value_enum, default_value = "words")]
+    #[arg(help_heading = SPEECH, long, value_enum, default_value = "words")]
     pub directions: DirectionsArgument,
     /// Executes the commands in this file at given times and places, one per line: "at 5 record",
     /// "near X Y Z WITHIN stop", "tracked 100 record", "arrived quit".
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = ROUTES, long, value_name = "FILE")]
     pub script: Option<PathBuf>,
     /// Reads commands from standard input, one per line ("record", "stop", "guide home"), for screen readers.
-    #[arg(long)]
+    #[arg(help_heading = ROUTES, long)]
     pub lines: bool,
     /// The folder for routes recorded on command.
-    #[arg(long, alias = "ways", value_name = "DIR", default_value = "routes")]
+    #[arg(help_heading = ROUTES, long, alias = "ways", value_name = "DIR", default_value = "routes")]
     pub routes: PathBuf,
     /// Continues in a saved map; tracking starts when a place of the map is recognised.
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = MAPS, long, value_name = "FILE")]
     pub map_in: Option<PathBuf>,
     /// Saves the map with the routes recorded in it, periodically and at the end, however the run ends.
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = MAPS, long, value_name = "FILE")]
     pub map_out: Option<PathBuf>,
     /// Seconds between saves of the map during the run.
-    #[arg(long, default_value_t = 30.0, value_name = "S", requires = "map_out")]
+    #[arg(help_heading = MAPS, long, default_value_t = 30.0, value_name = "S", requires = "map_out")]
     pub map_every: f64,
     /// Only localizes in the map given by --map-in; the map is never changed.
-    #[arg(long, requires = "map_in", conflicts_with = "map_out")]
+    #[arg(help_heading = MAPS, long, requires = "map_in", conflicts_with = "map_out")]
     pub localize_only: bool,
     /// Runs the stages one after the other, so that results are bit-identical every time (the default for recordings).
-    #[arg(long, conflicts_with = "realtime")]
+    #[arg(help_heading = RUNNING, long, conflicts_with = "realtime")]
     pub lockstep: bool,
     /// Plays the source in real time; mapping has its own thread, and frames that arrive too fast are dropped.
-    #[arg(long)]
+    #[arg(help_heading = RUNNING, long)]
     pub realtime: bool,
     /// Prints the status on stderr, one line at every change and every second: the phase (LOADING_VOCAB, WAIT_FRAMES,
     /// WAIT_IMU, WAIT_MOTION, INITIALIZING, TRACKING, COASTING, LOST, RESETTING, ERROR), pose, map, points, IMU, and
     /// what it is waiting for. Replaces the progress bar.
-    #[arg(long)]
+    #[arg(help_heading = RUNNING, long)]
     pub status: bool,
     /// Writes the changes of the map as lines of JSON: new maps, loops, merges, key frames that are moved or removed,
     /// and the results of loop detection.
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = RESULTS, long, value_name = "FILE")]
     pub events: Option<PathBuf>,
     /// Writes the run as MCAP with Foxglove's schemas, which Foxglove and tools for ROS 2 recordings read: poses, transforms,
     /// points, images with features, spoken words, events.
-    #[arg(long, value_name = "OUT.mcap")]
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.mcap")]
     pub mcap: Option<PathBuf>,
     /// Writes what --replay needs to reproduce the poses of this run bit for bit.
-    #[arg(long, value_name = "FILE", requires = "realtime")]
+    #[arg(help_heading = RUNNING, long, value_name = "FILE", requires = "realtime")]
     pub journal: Option<PathBuf>,
     /// Repeats the run that wrote this journal, on one thread, and checks every pose against it.
-    #[arg(long, value_name = "FILE", conflicts_with = "realtime")]
+    #[arg(help_heading = RUNNING, long, value_name = "FILE", conflicts_with = "realtime")]
     pub replay: Option<PathBuf>,
     /// Skips the first S seconds.
-    #[arg(long, default_value_t = 0.0, value_name = "S")]
+    #[arg(help_heading = SOURCE, long, default_value_t = 0.0, value_name = "S")]
     pub start: f64,
     /// Stops after N frames.
-    #[arg(long, value_name = "N")]
+    #[arg(help_heading = SOURCE, long, value_name = "N")]
     pub frames: Option<usize>,
     /// Writes the report as JSON.
-    #[arg(long, value_name = "OUT.json")]
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
     /// Writes the report as one HTML file with figures.
-    #[arg(long, value_name = "OUT.html")]
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.html")]
     pub report_html: Option<PathBuf>,
     /// Replaces output files that exist already. The map of --map-in may be saved to the same file without it.
-    #[arg(long)]
+    #[arg(help_heading = RESULTS, long)]
     pub overwrite: bool,
+}
+
+/// What a folder is taken for.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Kind {
+    /// EuRoC or TUM-VI (mav0/ or cam0/).
+    Euroc,
+    /// TUM RGB-D (rgb.txt or associations.txt).
+    Tum,
+    /// KITTI odometry (image_0/).
+    Kitti,
+    /// 7-Scenes (frame-*.color.*).
+    #[value(name = "7-scenes")]
+    SevenScenes,
+    /// Images of one camera.
+    Images,
+}
+
+impl Kind {
+    /// The type that sources use.
+    pub fn kind(self) -> SourceKind {
+        match self {
+            Self::Euroc => SourceKind::Euroc,
+            Self::Tum => SourceKind::Tum,
+            Self::Kitti => SourceKind::Kitti,
+            Self::SevenScenes => SourceKind::SevenScenes,
+            Self::Images => SourceKind::Images,
+        }
+    }
 }
 
 /// The frame whose poses are written.

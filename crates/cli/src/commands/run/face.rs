@@ -2,12 +2,12 @@
 //! from the terminal.
 
 use super::events::Events;
-use super::interrupt::Interrupt;
 use super::map::Saver;
 use super::mcap;
 use super::status::StatusLines;
 use super::tally::Tally;
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::progress::Progress;
 use crate::terminal::Terminal;
 use cairn_engine::Output;
@@ -16,6 +16,7 @@ use cairn_session::{Command, Event, Face, Session};
 use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, VoiceError, WavVoice};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use tracing::{debug, info, trace};
 
 /// How announcements are given.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -94,8 +95,8 @@ pub struct RunFace<'t, 'a> {
     saver: Saver<'a>,
     events: &'t mut Option<Events>,
     mcap: Option<&'t mut mcap::Recording>,
-    interrupt: Interrupt,
-    interrupted: bool,
+    /// Whether the signal that ends the run has been passed on.
+    quitting: bool,
     /// The replay has reached the end of its journal or a difference.
     replay_stopped: bool,
 }
@@ -122,8 +123,7 @@ impl<'t, 'a> RunFace<'t, 'a> {
             saver,
             events,
             mcap: None,
-            interrupt: Interrupt::listen(),
-            interrupted: false,
+            quitting: false,
             replay_stopped: false,
         }
     }
@@ -134,11 +134,29 @@ impl<'t, 'a> RunFace<'t, 'a> {
         self
     }
 
-    /// Waits until the last announcement has been given; returns the saver, which still has to be ended, and whether a
-    /// signal ended the run.
-    pub fn end(mut self) -> (Saver<'a>, Result<(), Failure>, bool) {
-        let voice_ended = self.voice.end().map_err(fail);
-        (self.saver, voice_ended, self.interrupted)
+    /// Waits until the last announcement has been given, unless a signal ended the run and it is given `aloud`; returns
+    /// the saver, which still has to be ended.
+    pub fn end(mut self, aloud: bool) -> (Saver<'a>, Result<(), Failure>) {
+        let voice_ended = match aloud && interrupt::requested() {
+            true => Ok(()),
+            false => self.voice.end().map_err(fail),
+        };
+        (self.saver, voice_ended)
+    }
+}
+
+/// Logs what a frame brought, for RUST_LOG.
+fn log(done: &Output) {
+    let at = done.stamp.seconds();
+    trace!(at, state = ?done.state, extract_ms = done.extract_ms, track_ms = done.track_ms, "frame");
+    for v in &done.verdicts {
+        let (key_frame, candidate) = (v.key_frame.index(), v.candidate.index());
+        match &v.result {
+            Ok(accepted) => {
+                info!(at, key_frame, candidate, joined = ?accepted.joined, off = accepted.off, "recognised")
+            }
+            Err(refusal) => debug!(at, key_frame, candidate, ?refusal, "refused"),
+        }
     }
 }
 
@@ -162,6 +180,11 @@ impl Face for RunFace<'_, '_> {
                     self.progress.warn(cause);
                 }
                 self.tally.frame(packet, done);
+                let history = &mut self.tally.history;
+                if history.wants_size(done.stamp) {
+                    history.size(done.stamp, &session.engine().snapshot());
+                }
+                log(done);
                 if let Some(events) = self.events {
                     events.write(done.stamp, &done.verdicts);
                 }
@@ -174,6 +197,9 @@ impl Face for RunFace<'_, '_> {
         let status = session.standing();
         if let Some(lines) = &mut self.status {
             lines.update(&status, session.age());
+        }
+        if let Ok(done) = output {
+            self.tally.history.events(done.stamp, &status.events);
         }
         self.tally.status.add(status);
         self.replay_stopped = session.engine().replayed().is_some_and(|r| r.stopped.is_some());
@@ -197,7 +223,7 @@ impl Face for RunFace<'_, '_> {
     fn asked(&mut self) -> Vec<Command> {
         let (mut commands, mistakes) = self.terminal.asked();
         mistakes.iter().for_each(|why| self.progress.warn(why));
-        if self.interrupt.requested() && !std::mem::replace(&mut self.interrupted, true) {
+        if interrupt::requested() && !std::mem::replace(&mut self.quitting, true) {
             self.progress.warn("interrupted: writing what there is; press Ctrl-C again to stop at once");
             commands.push(Command::Quit);
         }

@@ -2,9 +2,10 @@
 
 use super::Arguments;
 use crate::failure::Failure;
-use crate::output::note;
+use crate::output::{note, warn};
 use crate::outputs::Outputs;
 use cairn_engine::{Engine, Journal, Stopped};
+use cairn_files::MIB;
 use std::fs::File;
 use std::io::BufWriter;
 
@@ -18,7 +19,7 @@ pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
         let hint = "give a file that cairn run --realtime --journal has written";
         Failure::new(path.display().to_string(), why, hint)
     };
-    let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
+    let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| fail(e.to_string()))?;
     Journal::read(&bytes).map(Some).map_err(|e| fail(e.to_string()))
 }
 
@@ -63,8 +64,8 @@ pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
             replay.of,
             if replay.map_equal { ", and the map" } else { "" }
         )),
-        Some(Stopped::Cut(why)) => note(&format!(
-            "warning: {shown}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
+        Some(Stopped::Cut(why)) => warn(&format!(
+            "{shown}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
             replay.equal, replay.of
         )),
         Some(Stopped::Differs { stamp, what }) => {

@@ -3,7 +3,7 @@
 use super::Arguments;
 use crate::commands::map::{failed, open};
 use crate::failure::Failure;
-use crate::output::note;
+use crate::output::warn;
 use cairn::map_file;
 use cairn_atlas::store::{MapFile, StoreError};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
@@ -59,7 +59,7 @@ pub fn engine(
             Failure::new(&shown, why, "use the camera and --sensor the map was made with")
         }
     })?;
-    notes.iter().for_each(|text| note(&format!("warning: {shown}: {text}")));
+    notes.iter().for_each(|text| warn(&format!("{shown}: {text}")));
     Ok(if a.localize_only { engine.localize_only() } else { engine })
 }
 
@@ -111,7 +111,7 @@ impl<'a> Saver<'a> {
         // If that save failed, the one below is the retry.
         drop(self.work.take().map(JoinHandle::join));
         let Some(file) = self.file(session) else {
-            note(&format!("warning: {}: not written because the map is empty", path.display()));
+            warn(&format!("{}: not written because the map is empty", path.display()));
             return Ok(());
         };
         file.save(path).map(drop).map_err(|e| failed(path, &e))

@@ -3,11 +3,13 @@
 mod arguments;
 mod events;
 mod face;
-mod interrupt;
+mod history;
 mod journal;
 mod map;
 mod mcap;
 mod page;
+mod picture;
+mod problems;
 mod results;
 mod route;
 mod sensor;
@@ -16,17 +18,22 @@ mod tally;
 
 use super::serve::rig_of;
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::map_lock::MapLock;
-use crate::output::{Output, note};
+use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use crate::terminal::Terminal;
-pub use arguments::Arguments;
+pub use arguments::{Arguments, Kind};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Journal, Runner, Status};
+use cairn_files::MIB;
 use cairn_guide::{AnnouncerConfig, PhraseConfig};
-use cairn_sensor::{Rig, Source, Stamp};
-use cairn_session::{Age, Command, Inbox, Script, Session, SessionConfig, drive_live, drive_lockstep, feed};
+use cairn_sensor::{Rig, Skips, Source, Stamp};
+use cairn_session::{
+    Age, Command, Inbox, Item, Script, Session, SessionConfig, drive_live, drive_lockstep, feed,
+};
 use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waiting_for};
+use cairn_vision::bow::Vocabulary;
 use cairn_voice::SpeechConfig;
 use events::Events;
 use face::{RunFace, Say};
@@ -34,18 +41,22 @@ use results::Outcome;
 pub use sensor::Sensor;
 use status::StatusLines;
 use std::path::Path;
-use std::process::ExitCode;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tally::Tally;
+use tracing::debug;
 
 /// Runs the engine over the source, then writes the requested results. `began` is when the process started.
 ///
 /// # Errors
 /// When an input cannot be used, the run fails or gives no pose, or a result cannot be written. Once a frame has been
 /// processed, every result is written all the same.
-pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, Failure> {
+pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
     let outputs = results::checked(a)?;
     let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
+    if let Some(path) = &a.vocabulary {
+        vocabulary(path)?;
+    }
+    a.guide.as_deref().map(route::check).transpose()?;
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
     let mut script = a.script.as_deref().map_or_else(|| Ok(Script::default()), read_script)?;
     let live = is_live(&a.source);
@@ -65,9 +76,10 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
     let replayed = journal::opened(a)?;
     let map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
-    let source: Box<dyn Source> =
-        Box::new(Validator::new(source, |doubt| note(&format!("warning: {doubt}"))));
+    let source: Box<dyn Source> = Box::new(Validator::new(source, warn));
     let rig = source.rig().clone();
+    let info = source.info();
+    debug!(source = %info.name, frames = ?info.frames, rate_hz = info.rate_hz, sensor = sensor.name(), "opened");
     config.inertial.enabled = sensor.has_imu();
     if sensor.has_imu() && rig.imu.is_none() {
         let why = format!("--sensor {} needs an IMU, but the rig has none", sensor.name());
@@ -90,6 +102,12 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
         lines.update(&session.standing(), session.age());
     }
     begin(&mut session, a, &outputs, map_in.as_ref())?;
+    if interrupt::requested() {
+        return Err(Failure::new("the run", "interrupted before its first frame", "start it again"));
+    }
+    interrupt::in_order();
+    // An adjustment of the whole map is not waited for.
+    interrupt::sets(session.engine().stop_flag());
     let mut tally = Tally::new(began);
     let truth = source.info().truth.clone();
     let name = source.info().name.clone();
@@ -98,34 +116,43 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
     let mut face =
         RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status)
             .with_mcap(mcap.as_mut());
-    let (driven, skipped) = if live {
+    let (driven, skips, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())
             .map_err(|e| Failure::new(&a.source, e.to_string(), "close other programs and try again"))?;
         let driven = drive_live(&mut session, &inbox, &mut script, &mut face);
         inbox.close();
         face.tally.dropped = inbox.dropped();
-        (driven, Vec::new())
+        // A stream's child process ends with it; without one that listens, its port would stay taken.
+        let ended = Instant::now();
+        while interrupt::requested() && ended.elapsed() < Duration::from_millis(300) {
+            if matches!(inbox.take(Duration::from_millis(20)), Item::Ended(_)) {
+                break;
+            }
+        }
+        (driven, Skips::default(), Vec::new())
     } else if a.realtime {
-        let mut paced = Paced::new(source);
+        let mut paced = Paced::new(source).cancelled_by(interrupt::cancel());
         let driven = drive_lockstep(&mut session, &mut paced, &mut script, &mut face);
         face.tally.dropped = paced.dropped();
-        (driven, paced.skipped().to_vec())
+        (driven, paced.skips(), paced.skipped().to_vec())
     } else if let Some(stamps) = stamps {
         let mut picked = Picked::new(source, stamps);
         let driven = drive_lockstep(&mut session, &mut picked, &mut script, &mut face);
         face.tally.dropped = picked.passed();
-        (driven, picked.skipped().to_vec())
+        (driven, picked.skips(), picked.skipped().to_vec())
     } else {
         let mut source = source;
         let driven = drive_lockstep(&mut session, &mut *source, &mut script, &mut face);
-        (driven, source.skipped().to_vec())
+        (driven, source.skips(), source.skipped().to_vec())
     };
-    let (saver, voice_ended, interrupted) = face.end();
+    let aloud = matches!(say, Say::Speech);
+    let (saver, voice_ended) = face.end(aloud);
     let finished = session.engine_mut().finish();
-    tally.after(&finished);
+    let last = session.engine().log().frames().last().map_or(Stamp::default(), |f| f.stamp);
+    tally.after(&finished, last);
+    tally.history.size(last, &session.engine().snapshot());
     let events = events.map_or(Ok(()), |mut events| {
-        let last = session.engine().log().frames().last().map_or(Stamp::default(), |f| f.stamp);
         events.write(last, &finished.verdicts);
         events.end()
     });
@@ -141,31 +168,29 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<ExitCode, F
         .filter_map(Result::err)
         .collect();
     let engine = session.engine();
-    let mut report = tally.report(engine, &config, &skipped);
+    let interrupted = interrupt::requested();
+    let mut report = tally.report(engine, &config, &skips);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
     // No figure without ground truth, or where it has no time in common with the run.
     report.accuracy = cairn::accuracy(engine, &truth).ok();
     report.live = tally::live(&truth, engine);
     report.scale = tally::scale(&truth, engine);
-    let ended = Outcome { report: &report, interrupted };
+    let problems = problems::of(&report);
+    let ended = Outcome { report: &report, interrupted, problems };
     if failures.is_empty() || report.frames > 0 {
         failures.extend(results::write_reports(&outputs, engine, &ended, &tally));
     }
     if report.tracked > 0 {
         failures.extend(results::write_trajectories(&outputs, a.frame, &rig, engine));
     } else if interrupted {
-        note("warning: interrupted before the first pose: there is no trajectory to write");
+        warn("interrupted before the first pose: there is no trajectory to write");
     } else if failures.is_empty() {
         let why = tally.last_state.clone().unwrap_or_else(|| "it has no frames".into());
         failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
     }
     Failure::all(failures)?;
-    output.result(&ended, |ended| tally::text(ended, a.realtime || live))?;
-    Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS })
+    output.result(&ended, |ended| tally::text(ended, a.realtime || live))
 }
-
-/// The exit code of a run that a signal ended early.
-const INTERRUPTED: u8 = 130;
 
 fn session_config(a: &Arguments, outputs: &Outputs, live: bool) -> SessionConfig {
     SessionConfig {
@@ -217,8 +242,8 @@ fn begin(
 
 fn read_script(path: &Path) -> Result<Script, Failure> {
     let shown = path.display().to_string();
-    let text =
-        std::fs::read_to_string(path).map_err(|e| Failure::new(&shown, e.to_string(), "check the path"))?;
+    let text = cairn_files::read_text(path, 16 * MIB)
+        .map_err(|e| Failure::new(&shown, e.to_string(), "check the path"))?;
     Script::parse(&text)
         .map_err(|e| Failure::new(format!("{shown}, line {}", e.line), e.why, "see cairn run --help"))
 }
@@ -231,9 +256,15 @@ fn open_source(
     config: &mut Config,
     map: Option<&MapFile>,
 ) -> Result<(Box<dyn Source>, Sensor), Failure> {
-    let options =
-        |rig: Option<Rig>| OpenOptions { rig, start_s: a.start, frames: a.frames, topics: a.topics.clone() };
-    let given = a.rig.as_deref().map(|path| rig_of(path, config)).transpose()?;
+    let options = |rig: Option<Rig>| OpenOptions {
+        rig,
+        kind: a.kind.map(Kind::kind),
+        start_s: a.start,
+        frames: a.frames,
+        topics: a.topics.clone(),
+        cancel: interrupt::cancel(),
+    };
+    let given = a.rig.as_deref().map(|path| rig_of(path, &a.source, config)).transpose()?;
     if let Some(message) = waiting_for(&a.source) {
         note(&message);
     }
@@ -251,13 +282,27 @@ fn open_source(
     }
 }
 
+/// Makes the words of this vocabulary those of the run.
+fn vocabulary(path: &Path) -> Result<(), Failure> {
+    let fail = |why: String| {
+        Failure::new(
+            path.display().to_string(),
+            why,
+            "give a file of cairn vocab train or cairn vocab import",
+        )
+    };
+    let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| fail(e.to_string()))?;
+    let vocabulary = Vocabulary::open(bytes).map_err(|e| fail(e.to_string()))?;
+    Vocabulary::install(vocabulary).map_err(|_| fail("another vocabulary is in use".into()))
+}
+
 /// Reads a configuration file; entries it leaves out keep their defaults.
 ///
 /// # Errors
 /// When the file cannot be read or an entry is unknown or invalid.
 pub fn read_config(path: &Path) -> Result<Config, Failure> {
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(path)
+    let text = cairn_files::read_text(path, 16 * MIB)
         .map_err(|e| Failure::new(&shown, e.to_string(), "check the path, or see cairn config"))?;
     Config::from_toml(&text).map_err(|e| {
         let place = e.line.map_or_else(|| shown.clone(), |line| format!("{shown}, line {line}"));
@@ -268,9 +313,9 @@ pub fn read_config(path: &Path) -> Result<Config, Failure> {
 fn warn_of_skipped(skipped: &[String]) {
     const SHOWN: usize = 5;
     for line in skipped.iter().take(SHOWN) {
-        note(&format!("warning: skipped: {line}"));
+        warn(&format!("skipped: {line}"));
     }
     if skipped.len() > SHOWN {
-        note(&format!("warning: skipped: and {} more", skipped.len() - SHOWN));
+        warn(&format!("skipped: and {} more", skipped.len() - SHOWN));
     }
 }

@@ -21,6 +21,8 @@ pub struct Outcome<'a> {
     pub report: &'a RunReport,
     /// Whether a signal ended the run before its source did.
     pub interrupted: bool,
+    /// What went wrong, in sentences, the worst first.
+    pub problems: Vec<String>,
 }
 
 /// Checks before the run that every result can be written.
@@ -36,6 +38,7 @@ pub fn checked(a: &Arguments) -> Result<Outputs, Failure> {
         .input("the source", Some(Path::new(&a.source)))
         .input("--rig", a.rig.as_deref())
         .input("--config", a.config.as_deref())
+        .input("--vocabulary", a.vocabulary.as_deref())
         .input("--script", a.script.as_deref())
         .input("--guide", a.guide.as_deref())
         .input("--replay", a.replay.as_deref())
@@ -48,7 +51,7 @@ pub fn checked(a: &Arguments) -> Result<Outputs, Failure> {
         .output("--mcap", a.mcap.as_deref())
         .output("--journal", a.journal.as_deref())
         .output("--say wav:", wav)
-        .output_over("--map-out", a.map_out.as_deref(), "--map-in")
+        .output_map_over("--map-out", a.map_out.as_deref(), "--map-in")
         .output_kept("--record", a.record.as_deref())
         .checked()?;
     // An existing route is continued if it was recorded in the opened map.
@@ -74,7 +77,7 @@ pub fn write_reports(outputs: &Outputs, engine: &Engine, ended: &Outcome, tally:
             .map_err(|e| Failure::new("report", e.to_string(), "leave out --report"))?;
         Ok((text + "\n").into_bytes())
     };
-    let html = || Ok(page::of(ended, tally, &engine.trajectory()).into_bytes());
+    let html = || Ok(page::of(ended, tally, &engine.trajectory(), &engine.snapshot()).into_bytes());
     [outputs.write("--report", json), outputs.write("--report-html", html)]
         .into_iter()
         .filter_map(Result::err)

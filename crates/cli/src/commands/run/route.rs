@@ -6,6 +6,21 @@ use cairn_eval::write_whole;
 use cairn_guide::{Anchor, Recorder, RecorderConfig, Route, RouteError, RouteWriter};
 use std::path::Path;
 
+/// Checks before anything is opened that the route of --guide can be read.
+///
+/// # Errors
+/// When it cannot be read or is no route.
+pub fn check(path: &Path) -> Result<(), Failure> {
+    let fail = |e: RouteError| {
+        let why = match e {
+            RouteError::File { source, .. } => format!("cannot be read ({source})"),
+            e => e.to_string(),
+        };
+        Failure::new(path.display().to_string(), why, "give a file that cairn run --record wrote")
+    };
+    Route::load(path).map(drop).map_err(fail)
+}
+
 /// Continues a route whose key frames are in this map.
 ///
 /// # Errors

@@ -1,14 +1,16 @@
 //! Counts and times of a run, frame by frame; the report and its text.
 
+use super::history::History;
 use super::results::Outcome;
 use super::status::{self, StatusTally};
+use crate::style::{self, Paint};
 use cairn_engine::{Config, Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};
 use cairn_eval::{
-    Align, EvalOptions, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport, StageTimes,
-    evaluate,
+    Align, EvalOptions, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport, SkipReport,
+    StageTimes, evaluate,
 };
 use cairn_geometry::{Se3, Trajectory};
-use cairn_sensor::{FramePacket, Stamp};
+use cairn_sensor::{FramePacket, SkipCount, SkipKind, Skipped, Skips, Stamp};
 use std::fmt::{Display, Write};
 use std::time::Instant;
 
@@ -27,11 +29,14 @@ pub struct Tally {
     tracking: bool,
     /// Why the last frame has no pose; `None` when it has one.
     pub last_state: Option<String>,
-    rejected: Vec<String>,
+    /// Frames of which feature extraction could make nothing.
+    rejected: Skips,
     loops: usize,
     merges: usize,
     /// The status over time.
     pub status: StatusTally,
+    /// What happened when.
+    pub history: History,
 }
 
 impl Tally {
@@ -47,16 +52,18 @@ impl Tally {
             first_pose_s: None,
             tracking: false,
             last_state: None,
-            rejected: Vec::new(),
+            rejected: Skips::default(),
             loops: 0,
             merges: 0,
             status: StatusTally::default(),
+            history: History::default(),
         }
     }
 
     /// Adds a frame that the engine processed.
     pub fn frame(&mut self, packet: &FramePacket, done: &Output) {
         self.frames += 1;
+        self.history.frame(done);
         self.step_ms.push(done.extract_ms + done.track_ms);
         self.stages.add_ms("decode", packet.decode_ms);
         self.stages.add_ms("extract", done.extract_ms);
@@ -84,7 +91,8 @@ impl Tally {
     pub fn rejected(&mut self, packet: &FramePacket, why: &impl Display) {
         self.frames += 1;
         self.last_state = Some(why.to_string());
-        self.rejected.push(format!("{}: {why}", packet.stamp));
+        let text = format!("{}: {why}", packet.stamp);
+        self.rejected.add(&Skipped::new(SkipKind::Frame, "no features can be extracted", text));
     }
 
     /// Adds the times of key frames that mapping finished.
@@ -93,7 +101,8 @@ impl Tally {
     }
 
     /// Adds the work done after the last frame.
-    pub fn after(&mut self, finished: &Finished) {
+    pub fn after(&mut self, finished: &Finished, at: Stamp) {
+        self.history.joins(at, &finished.verdicts);
         self.add_mapping(finished.map_ms.iter().copied());
         self.add_closing(&finished.close_ms, &finished.verdicts);
     }
@@ -110,11 +119,12 @@ impl Tally {
     }
 
     /// The report so far, without source and sensor, which are not known here.
-    pub fn report(&self, engine: &Engine, config: &Config, skipped: &[String]) -> RunReport {
+    pub fn report(&self, engine: &Engine, config: &Config, skips: &Skips) -> RunReport {
         let snapshot = engine.snapshot();
         let mut report = RunReport {
             version: env!("CARGO_PKG_VERSION").into(),
-            skipped: skipped.len() + self.rejected.len(),
+            skipped: skips.count(SkipKind::Frame) + self.rejected.count(SkipKind::Frame),
+            skips: skips.iter().chain(self.rejected.iter()).map(skip_report).collect(),
             dropped: self.dropped,
             lost: self.lost.clone(),
             resets: self.status.resets,
@@ -130,9 +140,18 @@ impl Tally {
             config: as_printed(config),
             ..RunReport::default()
         };
-        report.set_frames(self.frames + self.dropped + skipped.len(), engine.log().tracked());
+        report.set_frames(self.frames + self.dropped + skips.count(SkipKind::Frame), engine.log().tracked());
         report.set_usage(self.began.elapsed().as_secs_f64());
         report
+    }
+}
+
+fn skip_report(s: &SkipCount) -> SkipReport {
+    SkipReport {
+        what: s.kind.name().to_owned(),
+        reason: s.reason.clone(),
+        count: s.count,
+        first: s.first.clone(),
     }
 }
 
@@ -194,6 +213,11 @@ pub fn scale(truth: &[(Stamp, Se3)], engine: &Engine) -> Vec<ScaleReport> {
     engine.scale_stretches().into_iter().map(report).collect()
 }
 
+/// The name of one or several of a kind.
+pub fn plural(what: &str, count: usize) -> String {
+    if count == 1 || what == "other" { what.to_owned() } else { format!("{what}s") }
+}
+
 /// The report as a table for people.
 pub fn text(ended: &Outcome, realtime: bool) -> String {
     let r = ended.report;
@@ -201,6 +225,9 @@ pub fn text(ended: &Outcome, realtime: bool) -> String {
     // Writing to a string cannot fail.
     if ended.interrupted {
         let _ = writeln!(text, "ended     interrupted; everything until then is written");
+    }
+    for problem in &ended.problems {
+        let _ = writeln!(text, "{} {problem}", style::on_stdout(Paint::Doubtful, "problem  "));
     }
     let _ = writeln!(text, "source    {}, {}", r.source, r.sensor);
     let dropped = if realtime { format!(", {} dropped", r.dropped) } else { String::new() };
@@ -214,6 +241,9 @@ pub fn text(ended: &Outcome, realtime: bool) -> String {
         "map       {} key frames, {} landmarks, {} maps, {} loops, {} merges",
         r.keyframes, r.landmarks, r.maps, r.loops, r.merges
     );
+    for s in &r.skips {
+        let _ = writeln!(text, "skipped   {} {}: {}", s.count, plural(&s.what, s.count), s.reason);
+    }
     if let Some(ms) = &r.ms {
         let _ = writeln!(text, "step      {ms} ms");
     }

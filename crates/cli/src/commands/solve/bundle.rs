@@ -2,7 +2,9 @@
 
 use super::{positive, stop_name, text_of};
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use crate::progress::Progress;
 use cairn_solve::bal::{self, BalConfig};
 use cairn_solve::{Loss, Stop};
@@ -29,6 +31,9 @@ pub struct Arguments {
     /// Writes the adjusted problem here, in BAL format.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Replace the file if it exists.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// The printed result.
@@ -55,6 +60,10 @@ struct Solved {
 /// When the file is invalid, the solver makes no progress, or the result cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.file.display().to_string();
+    let outputs = Outputs::new(arguments.overwrite)
+        .input("the problem", Some(&arguments.file))
+        .output("--out", arguments.out.as_deref())
+        .checked()?;
     let text = text_of(&arguments.file, "BAL")?;
     let mut bal = bal::read(&text).map_err(|e| {
         let hint =
@@ -69,13 +78,14 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     };
     let rms = |bal: &bal::Bal| (2.0 * bal.cost(Loss::Squared) / bal.observations.len() as f64).sqrt();
     let rms_before_px = rms(&bal);
+    interrupt::in_order();
     let progress = Progress::new(None);
     let mut steps = 0;
     let began = Instant::now();
     let report = bal.solve(&config, || {
         steps += 1;
         progress.step(steps);
-        false
+        interrupt::requested()
     });
     let seconds = began.elapsed().as_secs_f64();
     drop(progress);
@@ -95,9 +105,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
             "it may be solved already; otherwise try a robust loss with --huber",
         ));
     }
-    if let Some(out) = &arguments.out {
-        cairn_eval::write_whole(out, &bal::write(&bal))?;
-    }
+    outputs.write("--out", || Ok(bal::write(&bal).into_bytes()))?;
     let solved = Solved {
         cameras: bal.cameras.len(),
         points: bal.points.len(),

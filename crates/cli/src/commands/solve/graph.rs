@@ -2,7 +2,9 @@
 
 use super::{positive, stop_name, text_of};
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use crate::progress::Progress;
 use cairn_solve::g2o::{self, Graph, Named};
 use cairn_solve::graph::{
@@ -54,6 +56,9 @@ pub struct Arguments {
     /// Writes the optimized graph here, in g2o format.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Replace the file if it exists.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 #[derive(Clone, Copy, ValueEnum, Serialize)]
@@ -137,6 +142,10 @@ struct Solved {
 /// When the file is invalid, the solver makes no progress, or the result cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.file.display().to_string();
+    let outputs = Outputs::new(arguments.overwrite)
+        .input("the graph", Some(&arguments.file))
+        .output("--out", arguments.out.as_deref())
+        .checked()?;
     let text = text_of(&arguments.file, "g2o")?;
     let mut file = g2o::read_nearest(&text).map_err(|e| {
         Failure::new(
@@ -166,9 +175,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     .map_err(|(why, hint)| Failure::new(&name, why, hint))?;
     solved.unknown = file.unknown.clone();
     solved.information_replaced = file.replaced.map_or(0, |r| r.edges);
-    if let Some(out) = &arguments.out {
-        cairn_eval::write_whole(out, &g2o::write(&file))?;
-    }
+    outputs.write("--out", || Ok(g2o::write(&file).into_bytes()))?;
     output.result(&solved, summary)
 }
 
@@ -213,12 +220,13 @@ fn solve<G: Rigid<D>, const D: usize>(
             (why.to_owned(), "start with --init odometry, or give edges with positive definite information")
         })?,
     }
+    interrupt::in_order();
     let progress = Progress::new(None);
     let mut steps = 0;
     let report = graph.solve(&config, || {
         steps += 1;
         progress.step(steps);
-        false
+        interrupt::requested()
     });
     let seconds = began.elapsed().as_secs_f64();
     drop(progress);

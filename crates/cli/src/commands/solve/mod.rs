@@ -33,19 +33,14 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     }
 }
 
+/// Largest problem: the final Venice of BAL has 0.4 GB.
+const MAX_BYTES: u64 = 2048 * cairn_files::MIB;
+
 /// Reads a text file.
 pub(super) fn text_of(path: &Path, form: &str) -> Result<String, Failure> {
     let name = path.display().to_string();
-    let bytes = std::fs::read(path)
-        .map_err(|e| Failure::new(&name, e.to_string(), format!("give a file in {form} format")))?;
-    String::from_utf8(bytes).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        Failure::new(
-            &name,
-            format!("is not text (byte {at} is not UTF-8)"),
-            format!("give a file in {form} format"),
-        )
-    })
+    cairn_files::read_text(path, MAX_BYTES)
+        .map_err(|e| Failure::new(&name, e.to_string(), format!("give a file in {form} format")))
 }
 
 /// Why the solver stopped.
