@@ -10,7 +10,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Maps and routes", &["map", "route", "mesh", "plan"]),
     ("A phone or another screen", &["serve"]),
     ("Recordings, cameras, figures", &["rig", "eval", "sim", "config", "vocab"]),
-    ("Solvers and filters", &["solve", "ekf"]),
+    ("Solvers and filters", &["solve", "team", "ekf"]),
 ];
 
 /// Commands that have no group stand here.

@@ -202,6 +202,9 @@ impl Tracker {
             if let Some(depth) = depth {
                 self.parallax.update(&self.camera, snapshot, frame, &anchored, depth);
             }
+            if self.parallax.is_turning() {
+                self.turned_until = Some(frame.stamp);
+            }
         }
         if !self.scale_support.is_lost() {
             self.unsupported.clear();

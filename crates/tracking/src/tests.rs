@@ -441,3 +441,54 @@ fn the_last_pose_follows_a_correction_of_the_map() {
     assert_eq!(tracked.state, State::Tracking);
     assert_pose(&tracked, &(shift * truth), 1e-3);
 }
+
+#[test]
+fn one_camera_that_turns_on_the_spot_triangulates_nothing_and_stays_where_it_is() {
+    let world = World::around(mono(), 61);
+    let (atlas, ids) = world.exact_map(&sideways(6, 0.2));
+    let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
+    let mut at_s = from_s;
+    // Standing, then turning by 25 degrees in 0.9 s.
+    for n in 1..=24 {
+        at_s += STEP_S;
+        let truth = pose(1.0, 0.0, 0.025 * f64::from((n - 6).max(0)));
+        let tracked = step(&mut tracker, atlas.latest(), &world.see(&truth, at_s));
+        assert_eq!(tracked.state, State::Tracking, "frame {n}");
+        assert_pose(&tracked, &truth, 5e-3);
+        // It has turned by 0.1 radians after four frames, and is tested each tenth of a second.
+        if n <= 9 || n > 13 {
+            assert_eq!(tracker.parallax.is_turning(), n > 13, "frame {n}");
+        }
+        if let Some(KeyFrameRequest::Next { orientation_only, .. }) = tracked.request {
+            assert_eq!(orientation_only, tracker.parallax.is_turning(), "frame {n}");
+        }
+    }
+    let turned_s = at_s;
+    assert!(tracker.turned_until.is_some_and(|t| (t.seconds() - turned_s).abs() < 1e-6));
+    // It walks on: parallax is seen, and of the time since the turn only that is walking.
+    for n in 1..=12 {
+        at_s += STEP_S;
+        let truth = pose(1.0 - 0.05 * f64::from(n), 0.0, 0.45);
+        step(&mut tracker, atlas.latest(), &world.see(&truth, at_s));
+    }
+    assert!(!tracker.parallax.is_turning());
+    let at = cairn_sensor::Stamp::from_seconds;
+    let turned = tracker.turned_until.expect("it turned").seconds();
+    assert!(turned - turned_s < 0.2, "{turned} {turned_s}");
+    (0..20).for_each(|_| tracker.pace.push(1.0));
+    let pace = tracker.typical_speed().expect("it walked");
+    let assumed = tracker.assumed_speed(at(turned - 1.0), at(turned + 1.0)).expect("a pace");
+    assert!((assumed - 0.5 * pace).abs() < 1e-9, "{assumed} of {pace}");
+}
+
+#[test]
+fn a_camera_with_depth_looks_for_no_parallax() {
+    let world = World::around(stereo(), 62);
+    let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
+    for n in 1..=20 {
+        let view = world.see(&pose(0.6, 0.0, 0.03 * f64::from(n)), from_s + STEP_S * f64::from(n));
+        step(&mut tracker, atlas.latest(), &view);
+        assert!(!tracker.parallax.is_turning());
+    }
+}

@@ -51,6 +51,57 @@ fn walker_is_guided_back_and_report_lists_announcements() {
 }
 
 #[test]
+fn one_camera_after_a_turn_stops_with_the_reason_and_misleads_nobody() {
+    if too_slow() {
+        return;
+    }
+    let out = folder("demo-mono");
+    let args = [
+        "demo",
+        "--sensor",
+        "mono",
+        "--metres",
+        "12",
+        "--seed",
+        "1",
+        "--out",
+        out.to_str().unwrap(),
+        "--json",
+    ];
+    let output = cairn(&args);
+    let result: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(out.join("demo.json")).unwrap()).unwrap();
+    assert_eq!((&result["misled"], &result["metric"]), (&false.into(), &false.into()), "{result:#}");
+    // Turned about on the spot, nothing seen before is in view: its scale is unknown, so there are no directions.
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    let reason = result["stopped"].as_str().unwrap_or_default();
+    assert!(reason.starts_with("I cannot judge distances"), "{result:#}");
+    let said: Vec<&str> =
+        result["said"].as_array().unwrap().iter().filter_map(|line| line["words"].as_str()).collect();
+    let stop = said.iter().position(|words| words.starts_with("Stop. I cannot judge distances"));
+    let after = &said[stop.expect("it is said")..];
+    assert!(after.iter().all(|words| words.starts_with("Stop.")), "no direction after that: {after:?}");
+    std::fs::remove_dir_all(out).unwrap();
+}
+
+#[test]
+fn one_camera_leads_home_backwards_and_with_an_imu_facing_home() {
+    if too_slow() {
+        return;
+    }
+    for [sensor, facing] in [["mono", "backwards"], ["mono-imu", "home"]] {
+        let out = folder(&format!("demo-{sensor}"));
+        let args = ["demo", "--sensor", sensor, "--facing", facing, "--metres", "14", "--json"];
+        let output = cairn(&[&args[..], &["--out", out.to_str().unwrap()]].concat());
+        assert_eq!(output.status.code(), Some(0), "{sensor}: {}", stderr(&output));
+        let result = json(&output);
+        assert_eq!(result["arrived"], true, "{result:#}");
+        assert_eq!((&result["misled"], &result["metric"]), (&false.into(), &(sensor == "mono-imu").into()));
+        std::fs::remove_dir_all(out).unwrap();
+    }
+}
+
+#[test]
 fn impossible_folder_and_wrong_arguments_are_errors() {
     let file = folder("demo-file").join("file");
     std::fs::write(&file, "").unwrap();

@@ -25,11 +25,16 @@ fn circle() -> Vec<Se3> {
 /// The map of that walk, which drifts by so many metres, and a fiftieth of that in radians, between the first sixth of the
 /// lap and its end.
 fn lap(world: &World, drift_m: f64) -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
+    drifting_lap(world, drift_m, drift_m / 50.0)
+}
+
+/// The same with its own drift of orientation, radians.
+fn drifting_lap(world: &World, drift_m: f64, drift_rad: f64) -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
     let path = circle();
     let views = world.walk(&path, 0.0, 0.5);
     let drift = |n: usize| {
         let share = (n.clamp(6, LAP) - 6) as f64 / (LAP - 6) as f64;
-        let turn = So3::exp(&Vec3::new(0.0, share * drift_m / 50.0, 0.0));
+        let turn = So3::exp(&Vec3::new(0.0, share * drift_rad, 0.0));
         Sim3::new(turn, Vec3::new(share * drift_m, 0.0, 0.0), 1.0)
     };
     let mut atlas = Atlas::new(Snapshot::new());
@@ -102,6 +107,23 @@ fn an_implausible_correction_is_refused_as_drift() {
         let (off, plausible) = drift.unwrap_or_else(|| panic!("{:?}", closed.verdicts));
         assert!((off - 1.5).abs() < 0.05 && (0.7..1.2).contains(&plausible), "{off} {plausible}");
         assert!(closed.verdicts.iter().all(|v| v.result.is_err()));
+    }
+}
+
+#[test]
+fn a_correction_that_turns_by_more_than_can_have_drifted_is_refused() {
+    let world = World::around(stereo(), 77);
+    let (atlas, ids, _) = drifting_lap(&world, 0.0, 0.5);
+    let mut closer = closer(world.camera);
+    for n in [LAP + 4, LAP + 5] {
+        let closed = closer.step(atlas.latest(), ids[n]);
+        assert!(closed.changes.is_empty() && closed.joined.is_none());
+        let turned = closed.verdicts.iter().find_map(|v| match v.result {
+            Err(Refusal::Turned { off_rad, plausible_rad }) => Some((off_rad, plausible_rad)),
+            _ => None,
+        });
+        let (off_rad, plausible_rad) = turned.unwrap_or_else(|| panic!("{:?}", closed.verdicts));
+        assert!((off_rad - 0.5).abs() < 0.02 && (0.35..0.4).contains(&plausible_rad), "{off_rad}");
     }
 }
 
