@@ -1,8 +1,8 @@
 //! Times, quality and memory of dense maps, one thread: `cargo bench -p cairn-dense --bench dense [-- SECTION...]`.
 //!
-//! On data/7scenes-kitchen, every 5th of frames 0-299 with the given poses, depth to 5 m, truncation four voxels. Times are
-//! processor time (not wall time: other programs may run), the least of several repetitions. `tools/compare_dense.py` measures
-//! Open3D on the same frames.
+//! On data/7scenes-kitchen, every 5th of frames 0-299 with the given poses, depth to 5 m, truncation four voxels.
+//! Times are processor time (not wall time, since other programs may be running), the minimum of several repetitions.
+//! `tools/compare_dense.py` measures Open3D on the same frames.
 
 use cairn_dense::{
     AnchorId, Backend, DenseMap, DepthConfig, DepthFrame, DepthPreparer, MapId, MeshConfig, Mesher,
@@ -23,7 +23,7 @@ fn now_ms() -> f64 {
     time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 / 1e6
 }
 
-/// The least time of some repetitions in milliseconds, and the last result.
+/// The minimum time of several repetitions in milliseconds, and the last result.
 fn least<T>(repetitions: usize, mut work: impl FnMut() -> T) -> (f64, T) {
     let mut best = f64::INFINITY;
     loop_last(repetitions, || {
@@ -73,7 +73,7 @@ fn main() {
     let section = |name: &str| wanted.is_empty() || wanted.iter().any(|w| w == name);
     let kitchen = read(&folder);
     println!("7scenes-kitchen, {} frames, best instructions: {:?}", kitchen.frames.len(), Backend::best());
-    // First, before freed memory of other sections is used again.
+    // First, before memory freed by other sections is reused.
     if section("memory") {
         memory(&kitchen);
     }
@@ -227,13 +227,14 @@ fn occupancy(kitchen: &Kitchen) {
     }
 }
 
-/// Resident memory of the process in megabytes, where the system tells.
+/// Resident memory of the process in megabytes, where the system reports it.
 fn resident_mb() -> Option<f64> {
     let told = std::fs::read_to_string("/proc/self/statm").ok()?;
     Some(told.split(' ').nth(1)?.parse::<f64>().ok()? * rustix::param::page_size() as f64 / 1e6)
 }
 
-/// How much the process grows by field and occupancy of the whole recording at 2 cm, preparer and scratch included.
+/// How much memory the process gains for field and occupancy of the whole recording at 2 cm, preparer and scratch
+/// included.
 fn memory(kitchen: &Kitchen) {
     let Some(before) = resident_mb() else { return println!("skipped: resident memory is not told here") };
     let mut preparer = preparer();
@@ -250,14 +251,14 @@ fn memory(kitchen: &Kitchen) {
     println!("memory 2 cm: the process grows by {grown:.1} MB (field {field:.1}, occupancy {occupancy:.1})");
 }
 
-/// A loop closed over 1,000 key frames: the swap of poses, and re-fusing what moved.
+/// A loop closure over 1,000 key frames: correcting the poses, and re-fusing the frames that moved.
 fn submaps(kitchen: &Kitchen) {
     let mut map =
         DenseMap::new(SubmapConfig::default(), common::camera(), 0.001).expect("the data set's camera");
     let (mut insert, mut poses) = (Vec::new(), Vec::new());
     let raw = kitchen.raw.iter().zip(&kitchen.frames);
     for (i, (image, (_, pose))) in raw.cycle().take(1000).enumerate() {
-        // Each round of the recording in a kitchen of its own.
+        // Each repetition of the recording is placed in a kitchen of its own.
         let aside = Vec3::new((i / kitchen.raw.len()) as f64 * 20.0, 0.0, 0.0);
         let pose = Se3::new(pose.rotation, pose.translation + aside);
         let start = now_ms();
@@ -273,7 +274,7 @@ fn submaps(kitchen: &Kitchen) {
         depth,
         insert[500]
     );
-    // Every key frame is turned and moved by a share of the loop's error.
+    // Each key frame is rotated and moved by its share of the loop's error.
     let bent: Vec<_> = poses
         .iter()
         .map(|(id, p)| {
@@ -307,7 +308,8 @@ fn submaps(kitchen: &Kitchen) {
     );
 }
 
-/// Depth alone against the field that it makes: from the first true pose on, every frame and every fifth.
+/// Tracking by depth alone against the field it builds: starts at the first true pose, with every frame and every
+/// fifth.
 fn tracking(folder: &Path) {
     for every in [1, 5] {
         let mut preparer = preparer();

@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         mesh.positions.len(),
         mesh.triangles.len()
     );
-    // From a step behind and above where the recording began.
+    // From one step behind and above the start of the recording.
     let (_, start) = common::frame(&folder, 100);
     let back = Se3::new(So3::exp(&Vec3::new(-0.25, 0.0, 0.0)), Vec3::new(0.0, -0.5, -0.8));
     let cast = raycast(&volume, &common::camera(), &(start * back), 8.0)?;

@@ -1,6 +1,6 @@
-//! Which instructions the hot loops use; all give the same bits.
+//! Which instruction set the inner loops use; all give bit-identical results.
 
-/// One way to run the hot loops.
+/// An implementation of the inner loops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
     /// Plain Rust.
@@ -12,7 +12,7 @@ pub enum Backend {
 }
 
 impl Backend {
-    /// All, slowest first.
+    /// All backends, slowest first.
     pub const ALL: [Self; 3] = [Self::Scalar, Self::Avx2, Self::Avx512];
 
     /// Whether this processor has the instructions.
@@ -33,7 +33,7 @@ impl Backend {
         }
     }
 
-    /// The fastest that is available.
+    /// The fastest available backend.
     pub fn best() -> Self {
         let available = Self::ALL.into_iter().rev().find(|b| b.available());
         available.unwrap_or(Self::Scalar)
@@ -46,8 +46,8 @@ impl Default for Backend {
     }
 }
 
-/// Runs an `#[inline(always)]` function compiled for the instructions of a backend: the same operations in the same order
-/// (nothing is contracted), so the same bits.
+/// Runs an `#[inline(always)]` function compiled for a backend's instruction set: the same operations in the same
+/// order (no fused multiply-add), so the same bits.
 macro_rules! dispatch {
     ($backend:expr, $f:ident($($a:ident: $t:ty),* $(,)?) -> $r:ty) => {{
         #[cfg(target_arch = "x86_64")]

@@ -8,15 +8,15 @@ use std::hash::{BuildHasherDefault, Hasher};
 pub const SIDE: usize = 8;
 /// Voxels of a block.
 pub const VOXELS: usize = SIDE * SIDE * SIDE;
-/// Keys stay within this, each way: far outside lies no real submap, and `f32` positions stay exact.
+/// Limit of the absolute value of a key's coordinates: no real submap is larger, and `f32` positions stay exact.
 pub const KEY_LIMIT: i32 = 1 << 20;
 
-/// Where a block lies: its lowest corner is at `8 * voxel * key`.
+/// Position of a block: its lowest corner is at `8 * voxel * key`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BlockKey(pub [i32; 3]);
 
 impl BlockKey {
-    /// The block so many blocks further along each axis.
+    /// The key of the block offset by this many blocks along each axis.
     pub fn offset(self, by: [i32; 3]) -> Self {
         Self(std::array::from_fn(|i| self.0[i] + by[i]))
     }
@@ -33,12 +33,12 @@ impl BlockKey {
     }
 }
 
-/// Index of a voxel inside its block: x runs fastest, then y, then z.
+/// Index of a voxel inside its block: x varies fastest, then y, then z.
 pub fn index(local: [usize; 3]) -> usize {
     local[0] + SIDE * (local[1] + SIDE * local[2])
 }
 
-/// Mixes the three coordinates of a key; keys come from geometry, not from an adversary.
+/// Hash of the three coordinates of a key; keys come from geometry, so no protection from an adversary is needed.
 #[derive(Default)]
 pub struct KeyHasher(u64);
 
@@ -47,7 +47,7 @@ impl Hasher for KeyHasher {
         self.0 ^ (self.0 >> 29)
     }
     fn write(&mut self, bytes: &[u8]) {
-        // Arrays of coordinates come as bytes.
+        // Arrays of coordinates are hashed as bytes.
         for chunk in bytes.chunks(4) {
             self.write_u32(chunk.iter().fold(0, |v, &b| v << 8 | u32::from(b)));
         }
@@ -63,13 +63,13 @@ impl Hasher for KeyHasher {
     }
 }
 
-/// From key to slot.
+/// Table from key to slot.
 pub type BlockTable = HashMap<BlockKey, u32, BuildHasherDefault<KeyHasher>>;
 
-/// Items a page.
+/// Items per page.
 const PAGE: usize = 32;
 
-/// Memory in pages of equal items, so that growing copies nothing; freed slots are used again.
+/// Memory in pages of equal items, so that growing copies nothing; freed slots are reused.
 #[derive(Clone, Default)]
 pub struct Pages<T> {
     pages: Vec<Box<[T]>>,
@@ -78,7 +78,7 @@ pub struct Pages<T> {
 }
 
 impl<T: Clone + Default> Pages<T> {
-    /// A slot holding `T::default()`.
+    /// Allocates a slot holding `T::default()`.
     pub fn take(&mut self) -> u32 {
         if let Some(slot) = self.free.pop() {
             *self.at_mut(slot) = T::default();
@@ -91,17 +91,17 @@ impl<T: Clone + Default> Pages<T> {
         (self.used - 1) as u32
     }
 
-    /// Gives a slot back.
+    /// Frees a slot.
     pub fn give_back(&mut self, slot: u32) {
         self.free.push(slot);
     }
 
-    /// What a slot holds.
+    /// The item in a slot.
     pub fn at(&self, slot: u32) -> &T {
         &self.pages[slot as usize / PAGE][slot as usize % PAGE]
     }
 
-    /// What a slot holds, to change.
+    /// The item in a slot, mutable.
     pub fn at_mut(&mut self, slot: u32) -> &mut T {
         &mut self.pages[slot as usize / PAGE][slot as usize % PAGE]
     }

@@ -1,15 +1,15 @@
-//! What the outside world can do wrong.
+//! Errors from input.
 
-/// Why an input was refused; the map is as it was before.
+/// Why an input was refused; the map is unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DenseError {
-    /// A setting that cannot work.
+    /// An invalid config value.
     #[error("dense config: {0}")]
     Config(String),
     /// The camera of the depth images cannot be used.
     #[error("depth camera: {0}")]
     Camera(String),
-    /// An image of another size than the camera's.
+    /// An image whose size is not the camera's.
     #[error("the {what} image is {width}x{height}, the camera is {expected_width}x{expected_height}")]
     Size {
         /// Which image.
@@ -23,7 +23,7 @@ pub enum DenseError {
         /// The camera's height in pixels.
         expected_height: usize,
     },
-    /// Hardly a pixel holds a depth in range: a covered or failed sensor, or a wrong unit.
+    /// Too few pixels with a depth in range: a covered or failed sensor, or a wrong unit.
     #[error(
         "{valid} of {pixels} depth pixels are in range ({nearest_m:.3} to {farthest_m:.3} m seen): {hint}"
     )]
@@ -32,17 +32,17 @@ pub enum DenseError {
         valid: usize,
         /// Pixels of the image.
         pixels: usize,
-        /// Least depth that is not zero, in metres.
+        /// Least non-zero depth, in metres.
         nearest_m: f64,
         /// Greatest depth, in metres.
         farthest_m: f64,
-        /// What it may be.
+        /// The likely cause.
         hint: &'static str,
     },
-    /// A pose with a number that is not finite, or out of the range of block coordinates.
+    /// A pose that is not finite, or outside the range of block coordinates.
     #[error("pose: {0}")]
     Pose(String),
-    /// An anchor that is not known.
+    /// An unknown anchor.
     #[error("anchor {0} is not in the map")]
     UnknownAnchor(u64),
     /// A saved map that cannot be read.

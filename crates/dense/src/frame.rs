@@ -1,4 +1,5 @@
-//! One depth image, made ready to be fused: metres along the optical axis of an ideal pinhole, with a weight in each pixel.
+//! One depth image prepared for fusion: metres along the optical axis of an ideal pinhole, with a weight for each
+//! pixel.
 //!
 //! A pixel is one `u32`: a depth in metres as `f32` whose five lowest bits hold the weight, 1 to 31, or 0 where
 //! there is no depth. A single gather reads both, and 18 bits of depth are left (20 micrometres at 5 m).
@@ -31,7 +32,7 @@ pub fn weight_of(pixel: u32) -> u32 {
 }
 
 impl DepthFrame {
-    /// The ideal pinhole whose pixels these are.
+    /// The ideal pinhole camera of these pixels.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
@@ -55,7 +56,7 @@ impl DepthFrame {
         (weight_of(p) > 0).then(|| depth_of(p))
     }
 
-    /// Pixels with a depth.
+    /// Number of pixels with a depth.
     pub fn valid(&self) -> usize {
         self.valid
     }

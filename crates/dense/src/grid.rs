@@ -1,18 +1,18 @@
-//! Slots of blocks in a plain array over the box that they fill, for loops that look up many.
+//! Slots of blocks in a dense array over their bounding box, for loops with many look-ups.
 
 use crate::block::BlockKey;
 use crate::tsdf::TsdfVolume;
 
-/// No block here.
+/// No block at this place.
 const NONE: u32 = u32::MAX;
-/// More cells than this are not laid out.
+/// No array is allocated for more cells than this.
 const MOST_CELLS: usize = 1 << 24;
 
-/// The blocks of a field at one moment.
+/// The blocks of a field at one moment (a snapshot).
 pub(crate) enum BlockGrid<'a> {
-    /// One entry for each place in the box.
+    /// One entry for each place in the bounding box.
     Dense { low: [i32; 3], size: [usize; 3], slots: Vec<u32> },
-    /// Blocks far apart: through the field's own table.
+    /// Blocks too far apart for an array: looked up in the field's own table.
     Sparse(&'a TsdfVolume),
 }
 

@@ -1,4 +1,4 @@
-//! How exact a depth is.
+//! Noise model of depth.
 
 /// Standard deviation of a depth: `floor_m + growth * (z - nearest_m)^2`, `z` in metres.
 ///
@@ -10,7 +10,7 @@ pub struct DepthNoise {
     pub floor_m: f64,
     /// Growth with the square of the depth, in 1/m.
     pub growth: f64,
-    /// Where the growth begins, in metres.
+    /// Depth at which the growth begins, in metres.
     pub nearest_m: f64,
 }
 

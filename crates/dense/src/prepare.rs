@@ -7,18 +7,19 @@ use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;
 use cairn_sensor::{Camera, DepthImage, Distortion, Image};
 
-/// How depth images are read.
+/// How depth images are interpreted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthConfig {
     /// Nearer depths are dropped, in metres.
     pub nearest_m: f64,
     /// Farther depths are dropped, in metres.
     pub farthest_m: f64,
-    /// A pixel is an edge, and dropped, when a neighbour's depth differs by more than this share of its own depth...
+    /// A pixel is an edge, and dropped, when a neighbour's depth differs by more than this fraction of its own
+    /// depth...
     pub edge_share: f64,
     /// ...and by more than this many metres.
     pub edge_m: f64,
-    /// How exact depths are; pixels are weighted with the inverse variance.
+    /// Depth noise model; pixels are weighted by the inverse variance.
     pub noise: DepthNoise,
 }
 
@@ -28,16 +29,16 @@ impl Default for DepthConfig {
     }
 }
 
-/// Fewer valid pixels than one in this many: no frame.
+/// With a smaller share of valid pixels than one in this many, the frame is refused.
 const LEAST_VALID: usize = 500;
 
-/// Makes depth frames; holds the tables of one camera.
+/// Prepares depth frames; holds the tables of one camera.
 #[derive(Clone, Debug)]
 pub struct DepthPreparer {
     config: DepthConfig,
     source: Camera,
     metres_per_unit: f64,
-    /// Of each pixel of the pinhole the pixel of the image, or `u32::MAX`; empty when they are the same.
+    /// For each pixel of the pinhole the pixel of the image, or `u32::MAX`; empty when the two cameras are the same.
     remap: Vec<u32>,
     /// Depths in metres, 0 for none, with a border of one pixel.
     metres: Vec<f32>,
@@ -46,11 +47,11 @@ pub struct DepthPreparer {
 }
 
 impl DepthPreparer {
-    /// For the images of one camera, in units of `metres_per_unit`. With a lens that distorts, frames are those of the
-    /// pinhole with the same focal lengths and centre.
+    /// A preparer for the images of one camera, in units of `metres_per_unit`. For a lens that distorts, frames are
+    /// those of the pinhole with the same focal lengths and centre.
     ///
     /// # Errors
-    /// A camera or a setting that cannot be.
+    /// An invalid camera or config.
     pub fn new(config: DepthConfig, camera: Camera, metres_per_unit: f64) -> Result<Self, DenseError> {
         camera.validate().map_err(|e| DenseError::Camera(e.to_string()))?;
         if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
@@ -83,10 +84,11 @@ impl DepthPreparer {
         &self.frame.camera
     }
 
-    /// A frame of an image in the sensor's units; 0 and 65535 mean no depth. It is overwritten by the next: clone what is to stay.
+    /// A frame from an image in the sensor's units; 0 and 65535 mean no depth. The next call overwrites it: clone it
+    /// to keep it.
     ///
     /// # Errors
-    /// An image of another size; hardly any depth in range.
+    /// An image of another size; too few pixels with a depth in range.
     pub fn prepare(&mut self, image: &DepthImage) -> Result<&DepthFrame, DenseError> {
         self.check(image)?;
         let (config, scale) = (self.config, self.metres_per_unit as f32);
@@ -96,10 +98,10 @@ impl DepthPreparer {
         self.fill(image, |v| f32::from(v) * scale)
     }
 
-    /// A frame of an image in metres; 0, negative numbers, NaN and infinity mean no depth.
+    /// A frame from an image in metres; 0, negative numbers, NaN and infinity mean no depth.
     ///
     /// # Errors
-    /// An image of another size; hardly any depth in range.
+    /// An image of another size; too few pixels with a depth in range.
     pub fn prepare_metres(&mut self, image: &Image<f32>) -> Result<&DepthFrame, DenseError> {
         self.check(image)?;
         to_metres(&self.config, image.data(), image.width(), &self.remap, &mut self.metres, |v: f32| v);
@@ -233,12 +235,12 @@ fn pack(config: &DepthConfig, metres: &[f32], width: usize, pixels: &mut [u32]) 
         for x in 0..width {
             let z = here[x];
             let limit = (share * z).max(least);
-            // A neighbour without depth is no edge.
+            // A neighbour without depth does not make an edge.
             let far = |n: f32| (n > 0.0) & ((n - z).abs() > limit);
             let edge = far(left[x]) | far(right[x]) | far(up[x]) | far(down[x]);
             let past = z - from;
             let ratio = floor / (floor + growth * (past * past));
-            // Down to one part in 31 of the best; adding 2^23 rounds, and leaves the number in the lowest bits.
+            // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
             let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
             let keep = (z > 0.0) & !edge;
             let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);

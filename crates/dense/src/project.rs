@@ -1,4 +1,4 @@
-//! Voxels to homogeneous pixels: one addition for each voxel, from a table that all blocks of an image share.
+//! Voxels to homogeneous pixels: one addition per voxel, from a table shared by all blocks of an image.
 
 use crate::block::{BlockKey, SIDE, VOXELS};
 use crate::frame::DepthFrame;
@@ -8,7 +8,7 @@ use cairn_geometry::{Se3, Vec3};
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Offsets {
-    /// Focal length times x plus centre times z.
+    /// Focal length times x plus principal point times z.
     pub u: [f32; VOXELS],
     /// The same for y.
     pub v: [f32; VOXELS],
@@ -18,7 +18,7 @@ pub(crate) struct Offsets {
 
 /// Blocks to homogeneous pixels, for one image and pose.
 pub(crate) struct Projection {
-    /// Rows u, v, z of pinhole times rotation, by metre of the volume.
+    /// Rows u, v, z of camera matrix times rotation, per metre of the volume.
     rows: [Vec3; 3],
     /// The volume's origin.
     origin: Vec3,
@@ -48,7 +48,7 @@ impl Projection {
         std::array::from_fn(|i| (self.rows[i].dot(&corner) + self.origin[i]) as f32)
     }
 
-    /// Of all voxels of a block, relative to its first.
+    /// Homogeneous pixels of all voxels of a block, relative to its first.
     pub fn offsets(&self) -> Box<Offsets> {
         let mut out = Box::new(Offsets { u: [0.0; VOXELS], v: [0.0; VOXELS], z: [0.0; VOXELS] });
         for i in 0..VOXELS {

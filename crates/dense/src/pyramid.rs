@@ -1,29 +1,30 @@
-//! Least and greatest depth over squares of pixels, each level twice as coarse as the one before.
+//! Least and greatest depth over squares of pixels, each level half the resolution of the one before.
 //!
-//! A block of voxels is compared with the few squares that its image covers, and most blocks are settled in one look.
+//! A block of voxels is compared with the few squares that its projection covers; for most blocks that decides the
+//! matter.
 
 use crate::Backend;
 use crate::backend::dispatch;
 use crate::frame::{WEIGHT_BITS, weight_of};
 
-/// The level whose squares have eight pixels a side: the finest that blocks are settled with.
+/// The level whose squares have eight pixels a side: the finest one that blocks are compared with.
 pub(crate) const TILE_LEVEL: usize = 3;
 
-/// Squares of `2^level` pixels a side; those at the right and lower edge may reach past the image.
+/// Squares of `2^level` pixels a side; those at the right and lower border may extend past the image.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Level {
     pub width: usize,
     pub height: usize,
-    /// Least depth of the pixels that have one; infinite where none has.
+    /// Least depth of the pixels that have one; infinite where none does.
     pub least: Vec<f32>,
     /// Greatest depth; 0 where no pixel has one.
     pub greatest: Vec<f32>,
-    /// The least depth where at least half of the pixels of every eight-pixel square have one, else 0: what may
-    /// be called free in one look. Empty below [`TILE_LEVEL`].
+    /// The least depth where at least half of the pixels of every eight-pixel square have one, else 0: space nearer
+    /// than this may be called free for the whole square. Empty below [`TILE_LEVEL`].
     pub sure: Vec<f32>,
 }
 
-/// All levels from 1 to the one that is a single square.
+/// All levels from 1 to the one with a single square.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct DepthPyramid {
     levels: Vec<Level>,
@@ -35,7 +36,7 @@ impl DepthPyramid {
         &self.levels[level.clamp(1, self.levels.len()) - 1]
     }
 
-    /// The coarsest level's number.
+    /// Index of the coarsest level.
     pub fn top(&self) -> usize {
         self.levels.len()
     }
@@ -48,7 +49,7 @@ impl DepthPyramid {
         (greatest > 0.0).then_some((least, greatest))
     }
 
-    /// Of an image's pixels.
+    /// Builds the pyramid of an image's pixels.
     pub fn build(&mut self, pixels: &[u32], width: usize, height: usize, backend: Backend) {
         let this = self;
         dispatch!(backend, build(this: &mut DepthPyramid, pixels: &[u32], width: usize, height: usize) -> ());
@@ -64,7 +65,7 @@ fn build(pyramid: &mut DepthPyramid, pixels: &[u32], width: usize, height: usize
     pyramid.levels.resize_with(count, Level::default);
     let levels = &mut pyramid.levels;
     levels[0].reset(width, height);
-    // Pixels with a depth in each square, up to the tile level.
+    // Number of pixels with a depth in each square, up to the tile level.
     let mut seen = vec![0u8; levels[0].least.len()];
     first(&mut levels[0], &mut seen, pixels, width, height);
     for i in 1..count {
@@ -112,7 +113,7 @@ impl Level {
 /// Level 1 from the pixels, and how many of each four have a depth.
 #[inline(always)]
 fn first(level: &mut Level, seen: &mut [u8], pixels: &[u32], width: usize, height: usize) {
-    // Depths are not negative: their bits are ordered as they are.
+    // Depths are not negative, so their bit patterns have the same order.
     let near = |p: u32| if weight_of(p) > 0 { p & !WEIGHT_BITS } else { f32::INFINITY.to_bits() };
     let far = |p: u32| if weight_of(p) > 0 { p & !WEIGHT_BITS } else { 0 };
     let has = |p: u32| u8::from(weight_of(p) > 0);
@@ -140,7 +141,7 @@ fn first(level: &mut Level, seen: &mut [u8], pixels: &[u32], width: usize, heigh
     }
 }
 
-/// Joins each square of four; what is past the edge counts as `outside`.
+/// Joins each four squares into one; what lies beyond the border counts as `outside`.
 #[inline(always)]
 fn halve<T: Copy>(
     from: &[T],

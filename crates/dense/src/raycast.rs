@@ -1,7 +1,8 @@
-//! Depth and normals of the surface as a camera anywhere would see it.
+//! Depth and normals of the surface as a camera at any pose would see it.
 //!
-//! Each ray starts where the blocks before it begin (their images are drawn into squares of eight pixels first), steps by the
-//! distances that it meets, and ends at the zero crossing: Newcombe et al., "KinectFusion" (ISMAR 2011), section 3.3.
+//! Each ray starts at the nearest block in front of it (block projections are first drawn into squares of eight
+//! pixels), advances by the distances it reads, and ends at the zero crossing: Newcombe et al., "KinectFusion" (ISMAR
+//! 2011), section 3.3.
 
 use crate::DenseError;
 use crate::block::{BlockKey, SIDE, index};
@@ -10,22 +11,22 @@ use crate::tsdf::{STEPS, TsdfVolume};
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::{Camera, Distortion, Image};
 
-/// What a camera would see.
+/// A rendered view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RayCast {
-    /// Depth along the optical axis in metres; 0 where no surface is met.
+    /// Depth along the optical axis in metres; 0 where the ray meets no surface.
     pub depth_m: Image<f32>,
-    /// Unit normals in the camera's frame, towards the camera; zero where no surface is met.
+    /// Unit normals in the camera frame, towards the camera; zero where the ray meets no surface.
     pub normals: Image<[f32; 3]>,
 }
 
-/// Pixels of a square along each side.
+/// Pixels along each side of a square.
 const TILE: usize = 8;
 
-/// Casts a ray through each pixel of a camera, as far as `farthest_m`.
+/// Casts a ray through each pixel of a camera, up to the depth `farthest_m`.
 ///
 /// # Errors
-/// A camera or a pose that cannot be.
+/// An invalid camera or pose.
 pub fn raycast(
     volume: &TsdfVolume,
     camera: &Camera,
@@ -62,7 +63,7 @@ pub fn raycast(
     Ok(out)
 }
 
-/// Depths between which squares of pixels meet blocks.
+/// The depth interval in which each square of pixels meets blocks.
 struct Tiles {
     width: usize,
     ranges: Vec<[f32; 2]>,
@@ -126,7 +127,7 @@ impl<'a> Caster<'a> {
         let by_voxel = 1.0 / self.voxel_m;
         let mut z = near;
         let mut held: Option<(BlockKey, Option<u32>)> = None;
-        // Depth and distance of the step before, when it was in front of the surface.
+        // Depth and distance at the previous step, when it was in front of the surface.
         let mut before: Option<f32> = None;
         while z < far {
             let at = along(z).map(|v| floor(v * by_voxel));
@@ -147,20 +148,21 @@ impl<'a> Caster<'a> {
                 z += self.voxel_m;
             } else if sum > 0 {
                 before = Some(z);
-                // Distances are along the axis of the cameras that saw the surface: not the whole of one.
+                // Distances are along the optical axis of the cameras that saw the surface, so only part of one is
+                // safe to advance.
                 let metres = sum as f32 / (weight * STEPS) as f32 * self.band_m;
                 z += (0.8 * metres).max(0.5 * self.voxel_m);
             } else if let Some(front) = before {
                 return self.refine(along, front, z);
             } else {
-                // Inside, coming from what was not seen: to the other side.
+                // Inside, coming from unseen space: continue to the other side.
                 z += self.voxel_m;
             }
         }
         None
     }
 
-    /// Where the ray leaves a block, and a little further.
+    /// Depth where the ray leaves a block, plus a small margin.
     fn leave(&self, key: BlockKey, ray: [f32; 3], z: f32) -> f32 {
         let side = self.voxel_m * SIDE as f32;
         let mut out = f32::INFINITY;
@@ -174,11 +176,12 @@ impl<'a> Caster<'a> {
         (out + 1e-3 * self.voxel_m).max(z + 0.01 * self.voxel_m)
     }
 
-    /// The zero crossing between two depths, by the trilinear field.
+    /// The zero crossing between two depths, in the trilinearly interpolated field.
     fn refine(&self, along: impl Fn(f32) -> [f32; 3], front: f32, back: f32) -> Option<(f32, [f32; 3])> {
         let (mut a, mut b) = (front, back + 0.5 * self.voxel_m);
         let (mut at_a, mut at_b) = (self.sampler.at(along(a))?, None);
-        // The nearest voxel may be behind the surface while the field between voxels is not yet, and the other way round.
+        // The nearest voxel may be behind the surface while the interpolated field is not yet, and the other way
+        // round.
         for back in [back, b, b + 0.5 * self.voxel_m] {
             match self.sampler.at(along(back)) {
                 Some(s) if s.steps <= 0.0 => {

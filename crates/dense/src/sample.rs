@@ -11,7 +11,7 @@ pub(crate) struct Sample {
     pub gradient: [f32; 3],
 }
 
-/// Reads a field that stays as it is.
+/// Samples a field that does not change meanwhile.
 pub(crate) struct Sampler<'a> {
     volume: &'a TsdfVolume,
     grid: BlockGrid<'a>,
@@ -37,7 +37,7 @@ impl<'a> Sampler<'a> {
         (planes.sum[index & 511], planes.weight[index & 511])
     }
 
-    /// At a point in metres; `None` where one of the eight voxels around it was not seen.
+    /// Samples at a point in metres; `None` where one of the eight voxels around it was not seen.
     #[inline]
     pub fn at(&self, p: [f32; 3]) -> Option<Sample> {
         let at = p.map(|v| v * self.by_voxel - 0.5);
@@ -45,7 +45,7 @@ impl<'a> Sampler<'a> {
         let part: [f32; 3] = std::array::from_fn(|i| at[i] - low[i] as f32);
         let d = self.corners(low)?;
         let [x, y, z] = part;
-        // Along x, then y, then z; differences on the way give the gradient.
+        // Interpolates along x, then y, then z; the differences on the way give the gradient.
         let along_x = |i: usize| d[i] + (d[i + 1] - d[i]) * x;
         let c = [along_x(0), along_x(2), along_x(4), along_x(6)];
         let near = c[0] + (c[1] - c[0]) * y;
@@ -60,7 +60,7 @@ impl<'a> Sampler<'a> {
         })
     }
 
-    /// The eight voxels from `low` on; x runs fastest.
+    /// The eight voxels from `low` on; x varies fastest.
     #[inline(always)]
     fn corners(&self, low: [i32; 3]) -> Option<[f32; 8]> {
         let mut out = [0.0; 8];
@@ -95,7 +95,7 @@ impl<'a> Sampler<'a> {
     }
 }
 
-/// Rounds down; without the instruction for it, the library's is a call.
+/// Rounds down; without an instruction for it, the standard library's is a function call.
 #[inline(always)]
 pub(crate) fn floor(v: f32) -> i32 {
     let whole = v as i32;

@@ -1,9 +1,10 @@
-//! Where a depth camera is, from its depth and a field alone: points against the distance and its gradient, no ray cast.
+//! Pose of a depth camera from its depth and a field alone: points against distance and gradient, without ray
+//! casting.
 //!
-//! Bylow et al., "Real-time camera tracking and 3D reconstruction using signed distance functions" (RSS 2013), section IV, with
-//! distances divided by the gradient's length (ours are along the rays that saw the surface), robust weights, and directions that
-//! the surface does not fix left to the prior: Zhang, Kaess and Singh, "On degeneracy of optimization-based state estimation
-//! problems" (ICRA 2016), section V.
+//! Bylow et al., "Real-time camera tracking and 3D reconstruction using signed distance functions" (RSS 2013),
+//! section IV, with distances divided by the gradient's length (ours are along the rays that saw the surface) and
+//! robust weights. Directions that the surface does not constrain are left to the prior: Zhang, Kaess and Singh, "On
+//! degeneracy of optimization-based state estimation problems" (ICRA 2016), section V.
 
 use crate::frame::DepthFrame;
 use crate::sample::Sampler;
@@ -12,20 +13,21 @@ use crate::{DenseError, DepthNoise};
 use cairn_geometry::{Manifold, Se3, Vec3};
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 
-/// How a frame is tracked.
+/// Configuration of dense tracking.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackConfig {
-    /// Points on the coarsest and on the finest level, about.
+    /// Approximate number of points on the coarsest and on the finest level.
     pub points: [usize; 2],
-    /// Steps on each of the three levels, at most.
+    /// Maximum number of iterations on each of the three levels.
     pub iterations: [usize; 3],
-    /// Distances beyond this many metres weigh less (Huber), on top of the noise.
+    /// Distances beyond this many metres are down-weighted (Huber), in addition to the noise.
     pub huber_m: f64,
-    /// How exact depths are.
+    /// Depth noise model.
     pub noise: DepthNoise,
-    /// A direction is fixed by the surface when the standard deviation that it leaves is below this, in metres (turns: at 1 m).
+    /// A direction is constrained when its standard deviation is below this, in metres (rotations: displacement at 1
+    /// m).
     pub fixed_m: f64,
-    /// Fewer points near the surface than this share: not tracked.
+    /// With a smaller share of points near the surface than this, the frame is not tracked.
     pub least_share: f64,
 }
 
@@ -42,28 +44,29 @@ impl Default for TrackConfig {
     }
 }
 
-/// What tracking found.
+/// Result of tracking.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DenseTracked {
     /// The pose.
     pub volume_from_camera: Se3,
-    /// Covariance of its perturbation on the right (translation, rotation), from the curvature at the end; directions that the
-    /// surface does not fix have a great one.
+    /// Covariance of its right perturbation (translation, rotation), from the Hessian at the solution; directions
+    /// that the surface does not constrain have a large one.
     pub covariance: Matrix6<f64>,
-    /// Points that lay near the surface, and points that were tried.
+    /// Number of points near the surface, and of all points tried.
     pub points: [usize; 2],
     /// Root mean square distance of those points to the surface, in metres.
     pub rms_m: f64,
-    /// Directions (translation, rotation; unit length) that the surface does not fix: there the pose is the guess's.
+    /// Directions (translation, rotation; unit length) that the surface does not constrain: along these the pose is
+    /// the guess's.
     pub free: Vec<Vector6<f64>>,
     /// Whether the last step was small and enough points lay near the surface.
     pub converged: bool,
 }
 
-/// A step below this ends a level: metres and radians.
+/// A step smaller than this ends a level: metres and radians.
 const SMALL: f64 = 2e-5;
 
-/// Finds the pose of a frame near a guess. Not converged is a value with its numbers, no error.
+/// Finds the pose of a frame near a guess. A result that did not converge is a value with its numbers, not an error.
 ///
 /// # Errors
 /// A guess that is not finite.
@@ -110,7 +113,7 @@ pub fn track(
     })
 }
 
-/// Points of a frame on a regular grid of pixels, with the inverse of their standard deviation.
+/// Points of a frame on a regular pixel grid, with the inverse of their standard deviation.
 fn points(frame: &DepthFrame, config: &TrackConfig, level: usize) -> Vec<(Vec3, f64)> {
     let last = config.iterations.len() - 1;
     let part = level as f64 / last.max(1) as f64;
@@ -158,7 +161,7 @@ impl Normal {
             let Some(sample) = sampler.at([at.x as f32, at.y as f32, at.z as f32]) else { continue };
             let g = Vec3::from(sample.gradient.map(f64::from));
             let length = g.norm();
-            // Where the field is cut off it has no slope.
+            // Where the field is truncated it has no gradient.
             if length < 32.0 {
                 continue;
             }
@@ -178,16 +181,16 @@ impl Normal {
         out
     }
 
-    /// Variance of a whitened distance; one when the noise is as stated.
+    /// Variance of a whitened distance; one when the noise is as modelled.
     fn variance(&self) -> f64 {
         (self.cost / (self.used.max(7) - 6) as f64).max(1.0)
     }
 
-    /// The step in the directions that are fixed, and the others.
+    /// The step in the constrained directions, and the unconstrained directions.
     fn solve(&self, config: &TrackConfig) -> (Vector6<f64>, Vec<Vector6<f64>>) {
         let eigen = SymmetricEigen::new(self.hessian);
         let (mut step, mut free) = (Vector6::zeros(), Vec::new());
-        // Neighbouring points err alike: as if only one in sixteen were of its own mind.
+        // Errors of neighbouring points are correlated: as if only one in sixteen were independent.
         let least = 16.0 * self.variance() / (config.fixed_m * config.fixed_m);
         for i in 0..6 {
             let direction: Vector6<f64> = eigen.eigenvectors.column(i).into();

@@ -1,35 +1,35 @@
-//! How a cube of space lies to a depth image: which pixels it covers, and which depths these have.
+//! How a cube of space projects into a depth image: the pixels it covers, and their depths.
 
 use crate::block::BlockKey;
 use crate::frame::DepthFrame;
 use cairn_geometry::Se3;
 use cairn_sensor::Camera;
 
-/// Nearer than this to the camera's plane nothing is projected, in metres.
+/// Nothing nearer to the camera's plane than this is projected, in metres.
 pub(crate) const NEAREST_M: f32 = 0.05;
 
-/// What a look at a cube says.
+/// Result of comparing a cube with the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Look {
     /// Behind the camera, or outside the image.
     Outside,
-    /// So near that it reaches behind the camera: nothing can be said of it as a whole.
+    /// So near that it reaches behind the camera: it cannot be judged as a whole.
     Near,
     /// In the image.
     Inside(Cover),
 }
 
-/// Depths of the pixels around the image of a cube.
+/// The cube's depths and those of the pixels its image covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cover {
     /// Least and greatest depth of the cube.
     pub cube: [f32; 2],
-    /// Least depth of the pixels that have one, greatest depth, and the least one that may be trusted (see
+    /// Least depth of the pixels that have one, greatest depth, and the least depth that can be trusted (see
     /// [`crate::pyramid::Level`]; 0 on fine levels).
     pub least: f32,
     pub greatest: f32,
     pub sure: f32,
-    /// Whether the cube's image lies wholly in the picture.
+    /// Whether the cube's projection lies entirely inside the image.
     pub whole: bool,
 }
 
@@ -37,7 +37,7 @@ pub(crate) struct Cover {
 pub(crate) struct Box2 {
     camera: [f32; 4],
     size: [usize; 2],
-    /// Metres of the volume to metres of the camera, by row.
+    /// Rotation from the volume's axes to the camera's, by row (both in metres).
     rows: [[f32; 3]; 3],
     translation: [f32; 3],
     /// Half extents of the cube along the camera's axes.
@@ -48,7 +48,7 @@ pub(crate) struct Box2 {
 /// First and last column, first and last row, nearest and farthest depth.
 pub(crate) type Bounds = ([usize; 2], [usize; 2], [f32; 2]);
 
-/// A cube's image before it is cut at the picture's edges.
+/// A cube's projection before it is clipped at the image borders.
 enum Image2 {
     Outside,
     Near(f32),
@@ -81,7 +81,7 @@ impl Box2 {
             return Image2::Outside;
         }
         if near < NEAREST_M {
-            // Where it is farthest, the picture is widest.
+            // The view frustum is widest at the greatest depth.
             let beside = (0..2).any(|i| {
                 let (f, centre, size) = (self.camera[i], self.camera[i + 2], self.size[i] as f32);
                 f * (c[i] + self.half[i]) + centre * far < 0.0
@@ -103,13 +103,13 @@ impl Box2 {
         Image2::Spans(u, v, [near, far])
     }
 
-    /// Pixels of a span inside the picture.
+    /// Pixels of a span that are inside the image.
     #[inline(always)]
     fn cut(&self, span: [f32; 2], side: usize) -> [usize; 2] {
         [span[0].max(0.0) as usize, (span[1] as usize).min(self.size[side] - 1)]
     }
 
-    /// The pixels that may show a cube, and its depths; all of the picture for a cube around the camera.
+    /// The pixels that may show a cube, and its depths; the whole image for a cube around the camera.
     #[inline]
     pub fn of(&self, key: BlockKey) -> Option<Bounds> {
         match self.project(key) {
@@ -120,7 +120,7 @@ impl Box2 {
     }
 }
 
-/// Looks at cubes of one size.
+/// Compares cubes of one size with the image.
 pub(crate) struct Looker<'a> {
     frame: &'a DepthFrame,
     boxes: Box2,
@@ -128,12 +128,12 @@ pub(crate) struct Looker<'a> {
 }
 
 impl<'a> Looker<'a> {
-    /// At cubes of `side_m`; squares of pixels are no finer than the pyramid's level `finest`.
+    /// For cubes of `side_m`; uses squares of pixels no finer than the pyramid's level `finest`.
     pub fn new(frame: &'a DepthFrame, volume_from_camera: &Se3, side_m: f64, finest: usize) -> Self {
         Self { frame, boxes: Box2::new(frame.camera(), volume_from_camera, side_m), finest }
     }
 
-    /// At the cube with this key, in cubes of this looker's size.
+    /// Compares the cube with this key, in units of this size.
     #[inline]
     pub fn look(&self, key: BlockKey) -> Look {
         match self.boxes.project(key) {

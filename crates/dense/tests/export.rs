@@ -1,4 +1,4 @@
-//! Files that are written are read back, byte by byte, as their formats say.
+//! Written files are read back byte by byte, as their formats specify.
 
 use cairn_dense::{Mesh, PointCloud, write_glb, write_obj, write_pcd, write_ply, write_ply_points};
 

@@ -1,4 +1,4 @@
-//! Occupancy: equal on all instructions, true to the scene, and quick to forget what has left.
+//! Occupancy: equal on all backends, true to the scene, and quick to free space that an object has left.
 
 use cairn_dense::{
     Backend, DenseError, DepthConfig, DepthPreparer, Occupancy, OccupancyConfig, OccupancyGrid,
@@ -75,7 +75,7 @@ fn free_is_free_and_walls_are_walls() {
     assert!(walls > 29 * 19 * 99 / 100, "{walls} of {} of the wall", 29 * 19);
 }
 
-/// A person stands for 10 s, leaves, and is gone within 1 s at 30 Hz.
+/// A person stands for 10 s, leaves, and has disappeared from the grid within 1 s at 30 Hz.
 fn leaves(background: Scene) {
     let at = Se3::identity();
     let person = Vec3::new(0.0, 0.0, 2.0);
@@ -112,7 +112,7 @@ fn who_left_before_a_wall_is_gone_within_a_second() {
 
 #[test]
 fn who_left_before_an_empty_background_is_gone_within_a_second() {
-    // Only something at the side is seen: behind the person the hall is larger than the sensor's range.
+    // Only an object at the side is seen: behind the person the hall is larger than the sensor's range.
     leaves(Scene { room: None, spheres: vec![(Vec3::new(-1.2, 0.6, 2.2), 0.5)] });
 }
 
@@ -122,7 +122,7 @@ fn a_sensor_that_fails_frees_nothing() {
     let mut scene = Scene { room: None, spheres: vec![(Vec3::new(0.0, 0.0, 2.0), 0.3)] };
     let mut grid = grid(0.05);
     grid.integrate(&scene.frame(&camera(), &at), &at).expect("a pose");
-    // Hardly a pixel is left.
+    // Hardly any pixel with depth is left.
     scene.spheres = vec![(Vec3::new(-1.0, 0.6, 2.2), 0.06)];
     let failing = scene.frame(&camera(), &at);
     for _ in 0..30 {

@@ -1,4 +1,4 @@
-//! Dense tracking: back to the truth from a guess beside it; what a surface does not fix is left alone.
+//! Dense tracking: converges to the true pose from a nearby guess; unconstrained directions are left alone.
 
 use cairn_dense::{DenseError, TrackConfig, TsdfConfig, TsdfVolume, track};
 use cairn_geometry::{Manifold, Se3, Vec3};
@@ -38,7 +38,7 @@ fn a_frame_finds_back_from_beside() {
 
 #[test]
 fn along_a_bare_wall_the_guess_is_kept() {
-    // One wall that fills the view: it fixes the distance and two turns, and nothing else.
+    // One wall that fills the view: it constrains the distance and two rotations, nothing else.
     let scene = Scene {
         room: Some((Vec3::new(-50.0, -50.0, -50.0), Vec3::new(50.0, 50.0, 1.5))),
         spheres: Vec::new(),

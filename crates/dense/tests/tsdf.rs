@@ -1,4 +1,4 @@
-//! The signed distance field: equal on all instructions, independent of order, reversible, exact, careful with bad input.
+//! The signed distance field: equal on all backends, independent of order, reversible, exact, robust to bad input.
 
 use cairn_dense::{
     Backend, DenseError, DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume,
@@ -104,7 +104,7 @@ fn the_surface_is_where_it_is() {
     off.sort_by(f64::total_cmp);
     assert!(off[off.len() / 2] < 0.002, "median {}", off[off.len() / 2]);
     assert!(off[off.len() * 95 / 100] < 0.012, "95 % {}", off[off.len() * 95 / 100]);
-    // Normals look into the room: each wall's towards the middle.
+    // Normals point into the room: each wall's towards the middle.
     let inwards = mesh
         .positions
         .iter()
@@ -125,7 +125,7 @@ fn the_surface_is_where_it_is() {
         assert!(off.len() > 160 * 120 * 8 / 10, "{} pixels", off.len());
         let (median, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
         assert!(median < 0.004 && most < 0.02, "{median} {most}");
-        // Normals look at the camera: against the ray.
+        // Normals point towards the camera: against the ray.
         for (i, n) in cast.normals.data().iter().enumerate().filter(|(i, _)| seen(i)) {
             let ray = [((i % 160) as f32 - 79.5) / 140.0, ((i / 160) as f32 - 59.5) / 140.0, 1.0];
             assert!(ray[0] * n[0] + ray[1] * n[1] + ray[2] * n[2] < 0.2, "{i}: {n:?}");
@@ -202,7 +202,7 @@ fn bad_input_is_refused_with_a_sentence() {
     assert!(said(preparer.prepare(&small).expect_err("another size")).contains("80x60"));
     let dark = DepthImage::new(160, 120);
     assert!(said(preparer.prepare(&dark).expect_err("all zero")).contains("covered"));
-    // Metres read as millimetres, and the other way round.
+    // Metres interpreted as millimetres, and the other way round.
     let tiny = DepthImage::from_vec(160, 120, vec![2; 160 * 120]).expect("all pixels");
     assert!(said(preparer.prepare(&tiny).expect_err("2 mm")).contains("too small"));
     let huge = Image::from_vec(160, 120, vec![2000.0; 160 * 120]).expect("all pixels");
@@ -224,7 +224,7 @@ fn bad_input_is_refused_with_a_sentence() {
 
 #[test]
 fn depth_behind_a_lens_is_undistorted_first() {
-    // As a factory calibration of a RealSense has it, stronger.
+    // As in the factory calibration of a RealSense, but stronger.
     let inverse = Distortion::InverseRadialTangential([-0.08, 0.05, 0.0008, -0.0006, -0.01]);
     for distortion in [inverse, Distortion::RadialTangential([-0.12, 0.03, 0.001, -0.0005, 0.0])] {
         let lens = Camera { distortion, ..camera() };
@@ -238,7 +238,7 @@ fn depth_behind_a_lens_is_undistorted_first() {
             mesh.positions.iter().map(|p| scene.distance(Vec3::from(p.map(f64::from)))).collect();
         off.sort_by(f64::total_cmp);
         assert!(off[off.len() / 2] < 0.004, "{distortion:?}: median {}", off[off.len() / 2]);
-        // Every pixel of the ideal image comes from where the lens puts its ray, and that ray back is the same.
+        // Every pixel of the ideal image comes from where the lens projects its ray; unprojected, it is the same ray.
         for px in [[3.0, 4.0], [80.0, 60.0], [150.0, 110.0]] {
             let px = cairn_geometry::Vec2::from(px);
             let ray = lens.unproject(&px).expect("inside");

@@ -1,4 +1,4 @@
-//! Columns, ground and hazards, on made-up worlds and on occupancy that was fused from depth.
+//! Columns, ground and hazards, on synthetic worlds and on occupancy fused from depth.
 
 use cairn_dense::walk::{Columns, Ground, GroundConfig, HazardConfig, HazardKind, Surface, Window, hazards};
 use cairn_dense::{Occupancy, OccupancyConfig, OccupancyGrid};
@@ -11,7 +11,7 @@ fn window(world_from_level: Se3) -> Window {
     Window { world_from_level, half_m: 3.0, cell_m: 0.1, heights_m: [-0.8, 2.4], step_m: 0.025 }
 }
 
-/// A hall of free air over a floor at zero; `solid` adds what is not air.
+/// A hall of free air over a floor at zero; `solid` adds the obstacles.
 fn hall(solid: impl Fn(&Vec3) -> Option<Occupancy>) -> impl Fn(&Vec3) -> Occupancy {
     move |p| {
         solid(p).unwrap_or(if p.z < -0.05 {
@@ -57,7 +57,7 @@ fn a_beam_at_head_height_is_told_apart_from_what_stands() {
     let found = ahead(hall(beam), 0.0);
     assert_eq!(found[0].0, HazardKind::HeadHeight);
     assert!((found[0].1 - 0.95).abs() < 0.11, "{}", found[0].1);
-    // Above the head it is none.
+    // Above the head it is no obstacle.
     let lamp =
         |p: &Vec3| ((p.x - 1.0).abs() < 0.1 && (2.1..2.3).contains(&p.z)).then_some(Occupancy::Occupied);
     assert_eq!(ahead(hall(lamp), 0.0), []);
@@ -102,7 +102,7 @@ fn ground_that_was_not_seen_is_said_to_be_unknown() {
     assert!((found[0].1 - 1.05).abs() < 0.11);
 }
 
-/// Gravity lies anywhere in the map's frame; depth is fused, columns are looked at in a level frame.
+/// Gravity has an arbitrary direction in the map's frame; depth is fused there, columns are sampled in a level frame.
 #[test]
 fn ground_and_obstacle_are_found_in_fused_depth() {
     // The scene's room: y down, floor at y = 1.2; a ball of 0.4 m on it.
@@ -117,7 +117,7 @@ fn ground_and_obstacle_are_found_in_fused_depth() {
         let pose = Se3::new(turn, Vec3::new(0.0, -0.4, -0.6));
         grid.integrate(&scene.frame(&camera(), &pose), &(tilt * pose)).expect("a pose");
     }
-    // Level: x ahead along the scene's z, y to the left, z up; the origin on the floor under the camera.
+    // Level frame: x ahead along the scene's z, y to the left, z up; the origin on the floor under the camera.
     let axes = nalgebra::Matrix3::from_columns(&[Vec3::z(), -Vec3::x(), -Vec3::y()]);
     let level = Se3::new(So3::from_matrix(&axes), Vec3::new(0.0, 1.2, -0.6));
     let window = Window { half_m: 1.8, ..window(tilt * level) };
@@ -129,7 +129,7 @@ fn ground_and_obstacle_are_found_in_fused_depth() {
     let config = HazardConfig { ahead_m: 1.6, ..HazardConfig::default() };
     let found = hazards(&columns, &ground, 0.0, &config);
     let ball = found.iter().find(|h| h.kind == HazardKind::Obstacle).expect("the ball");
-    // It lies 1.3 m ahead, its front at 1.0 m, a little to the right.
+    // The ball lies 1.3 m ahead, its front at 1.0 m, a little to the right.
     assert!((ball.ahead_m - 1.05).abs() < 0.16 && ball.left_m < 0.05, "{ball:?}");
 }
 

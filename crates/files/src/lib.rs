@@ -13,7 +13,7 @@ pub const MIB: u64 = 1 << 20;
 /// The system's error; [`ErrorKind::InvalidInput`] for a device, a pipe or a folder; [`ErrorKind::FileTooLarge`] for a
 /// file that is larger.
 pub fn open(path: &Path, most: u64) -> io::Result<File> {
-    // Before it is opened: opening a pipe waits for its writer.
+    // Checked before opening: opening a pipe waits for its writer.
     check(&std::fs::metadata(path)?, most)?;
     let file = File::open(path)?;
     check(&file.metadata()?, most)?;
@@ -28,7 +28,7 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let file = open(path, most)?;
     let length = file.metadata()?.len();
     let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
-    // It may grow while it is read.
+    // The file may grow while it is read.
     file.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
         return Err(too_large(bytes.len() as u64, most));
@@ -62,7 +62,7 @@ fn too_large(bytes: u64, most: u64) -> io::Error {
     io::Error::new(ErrorKind::FileTooLarge, why)
 }
 
-/// A size for people, in decimal units.
+/// A size for display, in decimal units.
 fn size(bytes: u64) -> String {
     match bytes {
         0..1_000 => format!("{bytes} bytes"),
@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn large_files_are_refused_without_reading_them() {
         let path = std::env::temp_dir().join(format!("cairn-files-large-{}", std::process::id()));
-        // A sparse file: it takes no room, but reading it would take 20 GB of memory.
+        // A sparse file: it takes no space on disk, but reading it would take 20 GB of memory.
         File::create(&path).unwrap().set_len(20_000_000_000).unwrap();
         let began = std::time::Instant::now();
         let error = read(&path, 256 * MIB).unwrap_err();
@@ -108,7 +108,7 @@ mod tests {
         assert!(zero.to_string().contains("a device or a pipe"), "{zero}");
         let path = std::env::temp_dir().join(format!("cairn-files-pipe-{}", std::process::id()));
         assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
-        // Nobody writes into it: opening it would wait forever.
+        // No process writes into it: opening it would wait forever.
         assert_eq!(open(&path, MIB).unwrap_err().kind(), ErrorKind::InvalidInput);
         std::fs::remove_file(&path).unwrap();
     }

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 /// Seconds that are buffered.
 const BUFFER_S: f64 = 20.0;
-/// Seconds after which the offset is estimated each time; the last attempt is final.
+/// Intervals in seconds after which the offset is estimated; the last attempt is final.
 const ATTEMPTS_S: [f64; 6] = [2.5, 3.5, 5.0, 7.0, 10.0, 15.0];
 /// Offsets smaller than this are taken as zero, seconds.
 const NEGLIGIBLE_S: f64 = 0.0005;
@@ -44,7 +44,8 @@ impl Clocks {
         }
     }
 
-    /// Whether the offset is known, or was sought often enough to conclude that there is none to be observed.
+    /// Whether the offset is known, or was estimated often enough without success to conclude that it is not
+    /// observable.
     pub fn is_decided(&self) -> bool {
         self.found.is_some() || self.attempts > 2
     }
@@ -91,7 +92,7 @@ impl Clocks {
     pub fn preintegrated(&self, bias: Bias, from: Stamp, to: Stamp, offset_s: f64) -> Option<Preintegrated> {
         let own = |t: Stamp| t.plus_seconds(-offset_s);
         let cut = self.buffer.between(own(from), own(to)).ok()?;
-        // Both ends are exactly the images' stamps, whatever rounding does to a nanosecond.
+        // Both ends are exactly the images' stamps, regardless of rounding to nanoseconds.
         let last = cut.len() - 1;
         let stamp = |i: usize, s: &ImuSample| match i {
             0 => from,

@@ -61,9 +61,9 @@ impl RecentLandmarks {
     }
 }
 
-/// The most redundant key frame around `centre`: at least `share` of its landmarks are observed by three
-/// others at the same or a finer level. At most one per call, so that the redundancy of the others is
-/// evaluated without it.
+/// The most redundant key frame around `centre`: at least `share` of its landmarks are observed by three others at
+/// the same or a finer level. At most one per call, so that the redundancy of the others is then evaluated without
+/// it.
 pub(crate) fn redundant(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,

@@ -1,13 +1,11 @@
 //! Estimation of the constant disparity error of a stereo rig: whether the calibration can be trusted, and
 //! how far it is off if not.
 //!
-//! Errors of disparity and of scale have similar effects: what tells them apart is how the disparities of
-//! near and far points agree with the parallax of a moving camera, and small feature errors that do not
-//! average out (at the outlines of near objects, say) bias both. So the calibration is trusted until the
-//! windows refute it: until then the error is held at zero, each window only reports where it would move it,
-//! and these reports are summed. Afterwards the error is one more unknown of each window, until it is found
-//! to be negligible after all.
-//! is found to be next to nothing after all.
+//! Errors of disparity and of scale have similar effects. They are distinguished by how the disparities of near and
+//! far points agree with the parallax of a moving camera, and small feature errors that do not average out (at the
+//! outlines of near objects, for example) bias both. So the calibration is trusted until the windows refute it: until
+//! then the error is held at zero, each window only reports where it would move it, and these reports are summed.
+//! Afterwards the error is one more unknown of each window, until it is found to be negligible after all.
 
 use cairn_adjust::WindowResult;
 use cairn_atlas::Change;
@@ -30,7 +28,7 @@ pub(crate) struct DisparityError {
     prior: f64,
     /// Information with the windows, 1/px^2.
     information: f64,
-    /// Information of the windows in which the error was held, scaled by their own residuals, 1/px^2.
+    /// Information of the windows in which the error was held at zero, scaled by their own residuals, 1/px^2.
     held_information: f64,
     /// Sum of the changes of the error they would have made, weighted with that information.
     pull: f64,
@@ -104,15 +102,15 @@ mod tests {
 
     #[test]
     fn calibration_is_trusted_until_refuted() {
-        // Errors that all pull one way, by less than a rig may well be off: 200 windows do not make that
-        // certain.
+        // Reports that all have the same sign, but are no larger than the usual error of a rig: 200 windows do not
+        // make them certain.
         let mut error = DisparityError::within(0.2).unwrap();
         for _ in 0..200 {
             let window = window_result(&error, true, 0.025, 0.02);
             assert!(error.update(0.0, &window).is_none());
         }
         assert!((error.sigma(false) - MIN_SIGMA_PX).abs() < 1e-12);
-        // A rig that is off by a third of a pixel is detected within a few.
+        // A rig with an error of a third of a pixel is detected within a few windows.
         let mut error = DisparityError::within(0.2).unwrap();
         let refuted = (1..20).find_map(|n| {
             let window = window_result(&error, true, 0.33, 0.05);
@@ -124,7 +122,7 @@ mod tests {
         assert!(error.sigma(false) < 0.2);
         let window = window_result(&error, false, 0.33, 0.05);
         assert!(error.update(0.33, &window).is_none());
-        // An error that returns to nearly zero was none.
+        // An estimate that returns to nearly zero means there was no error.
         assert!(matches!(error.update(0.03, &window), Some(Change::Calibrate(0.0))));
     }
 

@@ -11,7 +11,7 @@ const TIGHT: u32 = 50;
 /// Half the search window in pixels at the predicted pyramid level.
 const RADIUS: f64 = 3.0;
 
-/// Key frames around `centre`: its best neighbours and the best of theirs.
+/// Key frames around `centre`: its best neighbours and their best neighbours.
 pub(crate) fn around(snapshot: &Snapshot, centre: KeyFrameId, neighbours: usize) -> Vec<KeyFrameId> {
     let Some(k) = snapshot.key_frame(centre) else { return Vec::new() };
     let mut near: Vec<KeyFrameId> = k.covisible.iter().map(|(id, _)| *id).take(neighbours).collect();

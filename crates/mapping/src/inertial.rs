@@ -1,10 +1,9 @@
 //! The inertial part of mapping: IMU factors between key frames, initialisation of gravity, scale and biases,
 //! and visual-inertial windows.
 //!
-//! A map is built from vision alone until gravity, scale and biases are found
-//! ([`cairn_inertial::initialise`], run alongside mapping); it is then gravity-aligned, adjusted as a whole with
-//! its IMU factors, and again as it grows. Nothing is thrown away meanwhile, and if the initialisation never
-//! succeeds, visual mapping goes on.
+//! A map is built from vision alone until gravity, scale and biases are found ([`cairn_inertial::initialise`], run
+//! alongside mapping). It is then gravity-aligned and adjusted as a whole with its IMU factors, and adjusted again as
+//! it grows. Nothing is discarded meanwhile, and if the initialisation never succeeds, visual mapping goes on.
 
 use crate::clocks::Clocks;
 use crate::triangulation::median_depth;
@@ -27,8 +26,8 @@ use std::sync::Arc;
 pub struct InertialConfig {
     /// Whether the IMU is used, where there is one.
     pub enabled: bool,
-    /// Factor on the IMU's white noise until more is known: real sensors in real hands are worse than their
-    /// data sheets.
+    /// Factor on the IMU's white noise until more is known: hand-held sensors in practice are noisier than their data
+    /// sheets.
     pub noise_times: f64,
     /// Key frames, linked by IMU factors, that a local bundle adjustment moves.
     pub chain: usize,
@@ -42,8 +41,8 @@ impl Default for InertialConfig {
     }
 }
 
-/// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position is
-/// as uncertain as this angle at the median depth.
+/// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position
+/// uncertainty is this angle at the median depth.
 const SEEN_PIXELS: f64 = 0.5;
 /// Relative standard deviation of the scale of cameras with depth.
 const DEPTH_SCALE_SIGMA: f64 = 0.003;
@@ -92,7 +91,7 @@ impl Inertial {
             .filter_map(|i| snapshot.key_frame(KeyFrameId::from_index(i)?))
             .find(|k| k.map == map)
             .filter(|k| imu.offset_s != snapshot.imu_offset() || Some(k.frame.stamp) == begins);
-        // In the IMU's own clock: the request may have been cut for another offset.
+        // In the IMU's own clock: the request's segment may have been cut with another offset.
         let imu_factor = before.and_then(|k| {
             let sum = self.clocks.preintegrated(imu.bias, k.frame.stamp, stamp, snapshot.imu_offset())?;
             Some(ImuFactor { since: k.id, sum: Arc::new(sum) })
@@ -163,7 +162,8 @@ impl Inertial {
         let mut attempt_made = None;
         if snapshot.is_gravity_aligned(map) {
             let times = self.refined.entry(map).or_insert(REFINE_AT_S.len());
-            // A stationary camera adds no information, and its IMU factors must not see the map move.
+            // A stationary camera adds no information, and a correction of the map must not enter its IMU factors as
+            // motion.
             let stationary = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STATIONARY_M_S);
             if stationary || REFINE_AT_S.get(*times).is_none_or(|due| seconds < *due) {
                 return None;
@@ -197,8 +197,8 @@ impl Inertial {
         attempt_made
     }
 
-    /// Estimates the time offset, and recomputes the IMU factors when it is found. Where the IMU is late, the
-    /// last readings up to a key frame arrive with the next one.
+    /// Estimates the time offset, and recomputes the IMU factors once it is found. Where the IMU is late, the last
+    /// readings before a key frame arrive with the next one.
     fn update_time_offset(&mut self, atlas: &mut Atlas, centre: KeyFrameId) {
         let snapshot = atlas.latest().clone();
         let known = snapshot.imu_offset();
@@ -239,7 +239,7 @@ impl Inertial {
             true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
             false => Scale::Free,
         };
-        // `initialise` raises the noise itself, starting from the data data_sheet.
+        // `initialise` raises the noise itself, starting from that of the data sheet.
         let config = InitialiseConfig { noise_times: 1.0, ..InitialiseConfig::default() };
         Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
     }

@@ -51,8 +51,8 @@ pub(crate) fn add_key_frame(entry: &Entry, parent: Option<KeyFrameId>) -> Vec<Ch
     changes
 }
 
-/// New landmarks for the features of a key frame that have depth and no landmark yet: all that are close, and
-/// of the others, nearest first, as many as bring the count to `least`.
+/// New landmarks for the features of a key frame that have depth and no landmark yet: all close ones, then the
+/// nearest of the others until the count reaches `least`.
 pub(crate) fn points_from_depth(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,

@@ -33,7 +33,7 @@ pub struct MapperConfig {
     pub redundant_share: f64,
     /// Largest map, in key frames, that gets a final bundle adjustment when a run ends.
     pub final_adjustment_key_frames: usize,
-    /// Landmarks that a key frame has at least after adding points from depth, where it has enough of them.
+    /// Landmarks that a key frame should have at least after adding points from depth, where it has enough features.
     pub depth_points: usize,
 }
 
@@ -57,8 +57,8 @@ pub struct MapStart {
     pub world_from_camera: Se3,
     /// Its pose relative to a previous map, if there is one.
     pub map_prior: Option<MapPrior>,
-    /// Speed in units per second that the camera is assumed to have had, to set the scale where nothing else
-    /// does; without it the median depth is one.
+    /// Assumed speed of the camera in units per second, which sets the scale where nothing else does; without it the
+    /// median depth is one.
     pub speed: Option<f64>,
     /// The IMU data of its last key frame.
     pub imu: Option<ImuSegment>,
@@ -91,7 +91,8 @@ pub struct Submitted<'a> {
     pub reference_from_camera: Se3,
     /// The IMU data that belongs to it.
     pub imu: Option<&'a ImuSegment>,
-    /// Whether nothing supports scale: it only carries the orientation on, and no landmark is triangulated from it.
+    /// Whether scale is unsupported: it only carries the orientation forward, and no landmark is triangulated from
+    /// it.
     pub orientation_only: bool,
     /// The factor by which the lengths of its map are multiplied first, and the standard deviation of the logarithm
     /// of the map's scale against the previous map after that.
@@ -134,8 +135,8 @@ impl Mapper {
         Self { inertial: Some(Inertial::new(sensor, imu_from_camera, config)), ..self }
     }
 
-    /// Takes the landmarks that tracking expected in a frame, and whether each was found: tentative landmarks
-    /// are culled by it.
+    /// Takes the landmarks that tracking expected in a frame, and whether each was found: this decides which
+    /// tentative landmarks are culled.
     pub fn note(&mut self, seen: &[(LandmarkId, bool)]) {
         self.recent_landmarks.note(seen);
     }
@@ -219,9 +220,8 @@ impl Mapper {
         Some(b)
     }
 
-    /// Inserts a key frame. `stop` is asked between and within the steps: when it returns true, whatever can
-    /// wait is left for the next key frame. `None` when the key frame it is anchored to has no surviving
-    /// ancestor.
+    /// Inserts a key frame. `stop` is called between and within the steps: once it returns true, work that can wait
+    /// is left for the next key frame. `None` when the key frame it is anchored to has no surviving ancestor.
     pub fn step(
         &mut self,
         atlas: &mut Atlas,
@@ -314,10 +314,10 @@ impl Mapper {
         Some(Mapped { key_frame: id, created, adjustment, attempt })
     }
 
-    /// Final bundle adjustment of each map, as a run ends; maps of more than `final_adjustment_key_frames`
-    /// are left as they are, since their windows have converged long ago and the dense reduced system would
-    /// take too long. `stop` is asked before each step; a map during whose adjustment it returned true, and those
-    /// after it, stay as they were.
+    /// Final bundle adjustment of each map at the end of a run; maps of more than `final_adjustment_key_frames` are
+    /// left as they are, since their windows converged long ago and the dense reduced system would take too long.
+    /// `stop` is called before each step; a map during whose adjustment it returned true, and those after it, stay
+    /// unchanged.
     pub fn final_adjustment(&mut self, atlas: &mut Atlas, mut stop: impl FnMut() -> bool) {
         let maps: Vec<MapId> = atlas.latest().maps().map(|(id, _)| id).collect();
         for map in maps {
@@ -360,7 +360,7 @@ impl Mapper {
     }
 }
 
-/// Changes that multiply a map's lengths by a factor, and say how well its scale is known after that.
+/// Changes that multiply a map's lengths by a factor and set the uncertainty of its scale after that.
 fn rescaled(snapshot: &Snapshot, reference: KeyFrameId, factor: f64, sigma_log_scale: f64) -> Vec<Change> {
     let map = snapshot.surviving_ancestor(reference).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map));
     let Some(map) = map else { return Vec::new() };

@@ -1,7 +1,7 @@
-//! Landmarks for a monocular camera that rotates on the spot: there is no parallax, so new features are
-//! matched by rotation alone (the infinite homography; Hartley & Zisserman, section 13.4) and get the depth
-//! of the known landmarks next to them. They constrain the orientation at once; their depth is found by
-//! adjustment when there is parallax.
+//! Landmarks for a monocular camera that rotates on the spot. There is no parallax, so new features are matched by
+//! rotation alone (the infinite homography; Hartley & Zisserman, section 13.4) and get the depth of the known
+//! landmarks next to them. They constrain the orientation at once; their depth is found by bundle adjustment when
+//! there is parallax.
 use crate::insert::NewLandmarks;
 use crate::triangulation::median_depth;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};

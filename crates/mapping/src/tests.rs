@@ -1,4 +1,4 @@
-//! The mapping stage on synthetic maps: one test for each of its stages.
+//! The mapping stage on synthetic maps: one test for each of its steps.
 
 use crate::cull::{RecentLandmarks, redundant};
 use crate::fuse::{around, fuse_into};
@@ -11,7 +11,7 @@ use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, MapId, MapPrior, Snapsh
 use cairn_geometry::{Se3, Sim3, Vec3};
 use std::collections::BTreeSet;
 
-/// Every landmark lies where the point that it shows is, and shows one point alone.
+/// Asserts that every landmark lies at the true point it shows, and shows that point alone.
 fn assert_exact(world: &World, snapshot: &Snapshot, world_from_map: &Sim3, metres: f64) {
     snapshot.check().expect("a sound map");
     for l in snapshot.landmarks() {
@@ -26,7 +26,7 @@ fn assert_exact(world: &World, snapshot: &Snapshot, world_from_map: &Sim3, metre
     }
 }
 
-/// Removes the landmarks for which this holds.
+/// Removes the landmarks that fulfil the condition.
 fn remove(atlas: &mut Atlas, which: impl Fn(LandmarkId) -> bool) {
     let ids: Vec<LandmarkId> = atlas.latest().landmarks().map(|l| l.id).filter(|id| which(*id)).collect();
     atlas.commit(ids.into_iter().map(Change::RemoveLandmark).collect());
@@ -102,7 +102,7 @@ fn create_landmarks_triangulates_nothing_without_a_baseline() {
     assert!(changes.is_empty());
 }
 
-/// One map in which each place was visited twice, with landmarks of its own each time.
+/// One map in which each place was visited twice, with separate landmarks each time.
 fn visited_twice(world: &World, map_from_world: &Sim3) -> (Atlas, [Vec<KeyFrameId>; 2]) {
     let path = sideways(3, 0.2);
     let (mut atlas, first) = world.exact_map(&path);
@@ -168,7 +168,7 @@ fn recent_landmarks_that_are_not_found_again_are_culled() {
     recent.admit(&[once, twice, thrice], ids[0]);
     let culled = BTreeSet::from_iter(removed(&mut recent, ids[2], false));
     assert_eq!(culled, BTreeSet::from([once, twice]), "without depth three views are needed");
-    // What has lasted three key frames is no longer on trial.
+    // A landmark that has lasted three key frames is no longer tentative.
     let later = KeyFrameId::from_index(3).expect("an id");
     assert!(removed(&mut recent, later, false).is_empty());
     recent.note(&[(thrice, false); 100]);
@@ -186,13 +186,13 @@ fn redundant_key_frame_is_one_whose_landmarks_three_others_see() {
     atlas.commit(found.into_iter().collect());
     atlas.latest().check().expect("a sound map");
     assert!(atlas.latest().key_frame(id).is_none() && landmarks - atlas.latest().landmark_count() < 5);
-    // Key frames that show a new part of the world each are all needed.
+    // Key frames that each show a new part of the world are all needed.
     let turning: Vec<Se3> = (0..6).map(|n| pose(0.0, 0.0, 0.5 * f64::from(n))).collect();
     let (atlas, ids) = world.exact_map(&turning);
     assert!(redundant(atlas.latest(), &world.camera, ids[5], 0.9).is_none());
 }
 
-/// Two key frames with parallax, then two that look far aside from the spot; only the first two have landmarks.
+/// Two key frames with parallax, then two at the same place that look far aside; only the first two have landmarks.
 fn turned(world: &World) -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
     let path = vec![pose(0.0, 0.0, 0.0), pose(0.3, 0.0, 0.0), pose(0.3, 0.0, 1.1), pose(0.3, 0.0, 1.15)];
     let (mut atlas, ids) = world.exact_map(&path);
@@ -238,7 +238,7 @@ fn landmarks_by_rotation_are_not_made_of_views_with_a_baseline() {
     assert!(landmarks_by_rotation(atlas.latest(), &world.camera, ids[3], &mut new).is_empty());
 }
 
-/// Submits a view as tracking does: its true matches, at a pose that is off.
+/// Submits a view as tracking does: its true matches, at a pose with an error.
 fn submit(
     mapper: &mut Mapper,
     atlas: &mut Atlas,
@@ -315,7 +315,7 @@ fn mapper_starts_from_a_pair_and_goes_on_in_its_unit() {
     let [first, second] = [&views[0].frame, &views[1].frame];
     let none = mapper.start_pair(&mut atlas, first, second, first_from_second, &[], &MapStart::default());
     assert!(none.is_none() && atlas.latest().key_frame_count() == 0, "no point, no map");
-    // He is said to walk at one unit a second: the baseline, walked in half a second, is half a unit.
+    // The assumed speed is one unit a second: the baseline, walked in half a second, is half a unit.
     let start = MapStart { speed: Some(1.0), ..MapStart::default() };
     let b = mapper.start_pair(&mut atlas, first, second, first_from_second, &points, &start);
     let b = b.expect("a map");
@@ -328,7 +328,8 @@ fn mapper_starts_from_a_pair_and_goes_on_in_its_unit() {
         let mapped =
             submit(&mut mapper, &mut atlas, &world, view, &(truth * pose(0.01, 0.01, 0.003)), |_| ());
         let k = atlas.latest().key_frame(mapped.key_frame).expect("the newest stays");
-        // Rotation does not depend on the unit of length, which views alone do not hold: it follows the guesses.
+        // Rotation does not depend on the unit of length, which images alone do not determine: it follows the
+        // guesses.
         let (units, radians) = off(&k.world_from_camera, &truth);
         assert!(units < 0.03 && radians < 1e-4, "view {n}: {units}, {radians} rad");
     }

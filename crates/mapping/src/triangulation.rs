@@ -66,8 +66,8 @@ fn wide_enough(snapshot: &Snapshot, camera: &RectifiedCamera, here: &KeyFrame, t
     }
 }
 
-/// Earlier key frames along the IMU factors that share no landmark with this one: where the IMU has carried
-/// the pose across views without any, new landmarks start between them.
+/// Earlier key frames along the IMU factors that share no landmark with this one: where the IMU has carried the pose
+/// across views without landmarks, new ones are triangulated between them.
 fn earlier_in_chain(snapshot: &Snapshot, here: &KeyFrame) -> Vec<KeyFrameId> {
     let before = |k: &KeyFrame| Some(k.motion.as_ref()?.imu_factor.as_ref()?.since);
     let chain = std::iter::successors(before(here), |id| snapshot.key_frame(*id).and_then(before));

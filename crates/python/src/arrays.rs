@@ -1,4 +1,4 @@
-//! Arrays of the caller in, copied once; arrays out.
+//! Arrays of the caller are copied once on the way in; results are returned as arrays.
 //!
 //! Shape and type are checked before a byte is copied, so that no array, however large it claims to be, makes the
 //! process allocate more than an image of the camera. Any stride is read in place; what is not aligned or not in the
@@ -44,7 +44,7 @@ pub fn array<'py>(any: &Bound<'py, PyAny>, what: &str) -> PyResult<Bound<'py, Py
         let kind = any.get_type().name().map_or_else(|_| "this".into(), |n| n.to_string());
         PyTypeError::new_err(format!("{what}: an array is expected, not {kind}"))
     };
-    // Numbers, texts and dictionaries become arrays of no dimension, which no caller can have meant.
+    // Numbers, strings and dictionaries become arrays without dimensions, which is never what a caller means.
     let made = any.py().import("numpy")?.call_method1("asarray", (any,))?;
     let made = made.cast_into::<PyUntypedArray>().map_err(|_| wrong())?;
     if made.ndim() == 0 || made.dtype().kind() == b'O' { Err(wrong()) } else { Ok(made) }
@@ -70,8 +70,8 @@ fn typed<'py, T: Element>(
     converted.cast_into::<PyArrayDyn<T>>()?.try_readonly().map_err(busy)
 }
 
-/// All elements in rows, each converted; one pass. Rows are walked one by one: iterators over any number of dimensions
-/// are twenty times slower where the elements are not side by side.
+/// All elements in rows, each converted, in one pass. Rows are iterated one by one: iterators over any number of
+/// dimensions are twenty times slower where the elements are not contiguous.
 fn converted<T: Copy, U>(view: &ArrayViewD<'_, T>, convert: impl Fn(T) -> U) -> Vec<U> {
     if let Some(rows) = view.as_slice() {
         return rows.iter().map(|&v| convert(v)).collect();
@@ -143,7 +143,7 @@ fn channels_of(what: &str, shape: &[usize]) -> PyResult<usize> {
     }
 }
 
-/// What becomes of red, green and blue of each pixel of a view of three or four channels.
+/// Applies a function to red, green and blue of each pixel of a view with three or four channels.
 fn colours<U>(
     view: &ArrayViewD<'_, u8>,
     order: Channels,
@@ -254,14 +254,14 @@ fn check_depth(array: &Bound<'_, PyUntypedArray>, camera: &Camera) -> PyResult<(
 /// Rounded to a unit; 0 where it is no measurement.
 fn unit(units: f64) -> u16 {
     let rounded = units + 0.5;
-    // A cast saturates: NaN and negative numbers give 0.
+    // A cast saturates: NaN and negative numbers become 0.
     if rounded < 65_536.0 { rounded as u16 } else { 0 }
 }
 
 /// As [`unit`] (halves to the even one), for several pixels at once: above 2^23 the last bits of an `f32` are a whole number.
 fn unit32(units: f32) -> u16 {
     let whole = (units + 8_388_608.0).to_bits() as u16;
-    // Not a number is in no range.
+    // NaN is in no range.
     if (0.0..65_535.5).contains(&units) { whole } else { 0 }
 }
 
@@ -296,7 +296,7 @@ pub fn integers(any: &Bound<'_, PyAny>, what: &str, limit: usize) -> PyResult<Ve
     }
     match (array.dtype().kind(), array.dtype().itemsize()) {
         (b'i', _) | (b'u', 1..=4) => Ok(copied(&typed::<i64>(&array, "int64", what)?.as_array())),
-        // An empty list is of floats.
+        // An empty list has the type float.
         _ if array.shape()[0] == 0 => Ok(Vec::new()),
         _ => Err(wrong_type(what, &array, "int64")),
     }

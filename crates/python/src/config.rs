@@ -88,7 +88,7 @@ impl Config {
     }
 }
 
-/// Deeper nesting is no configuration, and a dictionary may hold itself.
+/// A deeper nesting is not a configuration, and a dictionary may contain itself.
 const DEPTH: usize = 8;
 
 fn table(dictionary: &Bound<'_, PyDict>, depth: usize) -> PyResult<Table> {

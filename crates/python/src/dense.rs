@@ -56,10 +56,10 @@ enum Depth {
 }
 
 impl DenseVolume {
-    /// Does something with the field, without the interpreter.
+    /// Runs a closure on the field while the interpreter is released.
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Inner) -> T + Send) -> PyResult<T> {
         let inner = &self.inner;
-        // Locked without the interpreter, which another thread may need while it has the lock.
+        // Locked while the interpreter is released: another thread that holds the lock may need it.
         let done = py.detach(move || inner.lock().ok().map(|mut inner| work(&mut inner)));
         done.ok_or_else(|| DenseError::new_err("an earlier call was stopped by an error of the program"))
     }
@@ -236,7 +236,7 @@ impl Mesh {
         let write: fn(&cairn::dense::Mesh, &mut Vec<u8>) -> std::io::Result<()> = match ending.as_deref() {
             Some("ply") => |mesh, to| write_ply(mesh, to),
             Some("obj") => |mesh, to| write_obj(mesh, to),
-            // A camera's world begins with y down.
+            // The world frame of a camera starts with y down.
             Some("glb") => |mesh, to| write_glb(mesh, [0.0, -1.0, 0.0], to),
             _ => return Err(PyValueError::new_err("the name must end in .ply, .obj or .glb")),
         };

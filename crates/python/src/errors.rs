@@ -13,7 +13,7 @@ pyo3::import_exception!(cairn._errors, RefusedError);
 pyo3::import_exception!(cairn._errors, TrajectoryError);
 pyo3::import_exception!(cairn._errors, DenseError);
 
-/// The exception for an error of the facade, with its words.
+/// The exception for an error of the facade, with its message.
 pub fn raise(error: impl Into<cairn::Error>) -> PyErr {
     use cairn::Error as E;
     let error = error.into();

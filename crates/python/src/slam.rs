@@ -144,14 +144,14 @@ impl Slam {
         self.inner.as_ref().ok_or_else(stopped)
     }
 
-    /// Does something without the interpreter, so that other Python threads go on meanwhile.
+    /// Runs a closure while the interpreter is released, so that other Python threads continue meanwhile.
     fn with<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Inner) -> T + Send) -> PyResult<T> {
         let inner = self.shared()?;
-        // Locked without the interpreter, which another thread may need while it has the lock.
+        // Locked while the interpreter is released: another thread that holds the lock may need it.
         py.detach(move || inner.lock().ok().map(|mut inner| work(&mut inner))).ok_or_else(stopped)
     }
 
-    /// The same for work that takes so long that Ctrl-C must end the waiting; the work itself goes on to its end.
+    /// The same for work so long that Ctrl-C must end the waiting; the work itself continues to its end.
     fn with_patience<T: Send + 'static>(
         &self,
         py: Python<'_>,
@@ -193,7 +193,7 @@ impl Slam {
     }
 }
 
-/// What [`Slam::track`] was given beside the image.
+/// The arguments of [`Slam::track`] besides the image.
 struct Given<'a, 'py> {
     depth: Option<&'a Bound<'py, PyAny>>,
     right: Option<&'a Bound<'py, PyAny>>,
@@ -208,11 +208,11 @@ fn stopped() -> PyErr {
 }
 
 impl Drop for Slam {
-    /// Threads of mapping are waited for without the interpreter.
+    /// Mapping threads are awaited while the interpreter is released.
     fn drop(&mut self) {
         let inner = self.inner.take();
         if std::process::id() != self.process {
-            // Its threads are in another process.
+            // Its threads belong to another process.
             std::mem::forget(inner);
             return;
         }

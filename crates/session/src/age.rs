@@ -1,24 +1,26 @@
-//! How old the last picture is, and the one rule about it: no direction from a picture older than [`STALE_S`].
+//! Age of the last image, and the rule based on it: no direction is given from an image older than [`STALE_S`].
 //!
-//! In: the clock of a live source, the stamps of frames and poses. Out: the age with its bound, and a reason to stop. The time
-//! a picture was taken decides, not the time it came; an age that nobody knows counts as too old. A recording has no age.
+//! Input: the clock of a live source, the stamps of frames and poses. Output: the age with its error bound, and a
+//! reason to stop. The time of capture counts, not the time of arrival; an unknown age counts as too old. A recording
+//! has no age.
 
 use cairn_guide::StopReason;
 use cairn_sensor::{ClockReading, Live, Stamp};
 use serde::{Serialize, Serializer};
 use std::sync::Arc;
 
-/// Nothing older than this guides, seconds: the age, and the bound of its error or the way of the words to the ears.
+/// Limit in seconds beyond which an image gives no directions: for the age plus the larger of its error bound and the
+/// delivery time of the words.
 pub(crate) const STALE_S: f64 = 0.5;
-/// Pictures that came within this still come, however late, seconds.
+/// Images that arrived within this time count as still arriving, however late they are, seconds.
 const COMES_S: f64 = 1.0;
-/// One reason is kept for this long, so that "stop" is not said again for another view of the same trouble, seconds.
+/// One reason is kept for this long, so that "stop" is not repeated for another symptom of the same problem, seconds.
 const SAME_REASON_S: f64 = 3.0;
 
-/// The age of the last picture.
+/// The age of the last image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Age {
-    /// The pictures are from a recording, or none has come yet.
+    /// The images are from a recording, or none has arrived yet.
     #[default]
     Recorded,
     /// The source's clock is not known.
@@ -29,7 +31,7 @@ pub enum Age {
         age_s: f64,
         /// The largest error, seconds.
         bound_s: f64,
-        /// Seconds that words take to the walker.
+        /// Seconds until spoken words reach the walker.
         delivery_s: f64,
     },
 }
@@ -44,12 +46,12 @@ impl Age {
         reading.map_or(Age::Unknown, known)
     }
 
-    /// Whether it is too old to guide by the time the words are heard; unknown is.
+    /// Whether it is too old to guide by the time the words are heard; an unknown age is.
     pub fn is_stale(&self) -> bool {
         match *self {
             Age::Recorded => false,
             Age::Unknown => true,
-            // As ClockReading::oldest_when_heard_s; what is no number is stale.
+            // As ClockReading::oldest_when_heard_s; NaN counts as stale.
             Age::Known { age_s, bound_s, delivery_s } => {
                 let oldest_s = age_s + bound_s.max(delivery_s);
                 oldest_s.is_nan() || oldest_s > STALE_S
@@ -57,7 +59,7 @@ impl Age {
         }
     }
 
-    /// In a sentence, for the status on request; nothing for a recording.
+    /// As a sentence, for the status on request; empty for a recording.
     pub fn words(&self) -> Option<String> {
         match *self {
             Age::Recorded => None,
@@ -95,7 +97,7 @@ pub(crate) struct Ages {
     live: Option<Arc<dyn Live>>,
     /// When the last frame came, in the session's time.
     came: Option<Stamp>,
-    /// The reason that is given at present, and since when.
+    /// The current reason, and since when.
     reason: Option<(StopReason, Stamp)>,
 }
 
@@ -104,7 +106,7 @@ impl Ages {
         self.live = Some(live);
     }
 
-    /// A frame came, at this time of the session.
+    /// A frame arrived, at this time of the session.
     pub fn came(&mut self, now: Stamp) {
         self.came = Some(now);
     }
@@ -117,7 +119,7 @@ impl Ages {
         }
     }
 
-    /// Why the source's pictures cannot be used, if so.
+    /// Why the source's images cannot be used, if so.
     pub fn trouble(&self) -> Option<String> {
         self.live.as_ref()?.trouble()
     }
@@ -195,7 +197,7 @@ mod tests {
         };
         show(1.47);
         assert_eq!(ages.hazard(Some(at(1.0)), at(1.1)), None);
-        // The picture came late, and the next does not come: one reason for three seconds.
+        // The image was late, and the next does not arrive: one reason for three seconds.
         show(1.6);
         assert_eq!(ages.hazard(Some(at(1.0)), at(1.2)), Some(StopReason::PicturesLate));
         show(3.0);

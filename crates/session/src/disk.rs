@@ -1,7 +1,8 @@
-//! A file that survives a full disk: what could not be written waits in memory and is written when there is room.
+//! A file that survives a full disk: data that could not be written waits in memory and is written when there is
+//! room.
 //!
-//! Input: lines, each in one write. The file always consists of whole lines: a line that was cut short by a failed
-//! write is removed before the next attempt, so that the file can be read at every moment.
+//! Input: lines, each in one write. The file always consists of whole lines: a line cut short by a failed write is
+//! removed before the next attempt, so that the file is readable at every moment.
 
 use cairn_guide::Durable;
 use std::fs::File;
@@ -56,7 +57,7 @@ impl Disk for OwnDisk {
     }
 }
 
-/// Shared access to the reason why writing fails at the moment.
+/// Shared access to the current reason why writing fails.
 #[derive(Clone, Debug, Default)]
 pub struct Trouble(Arc<Mutex<Option<String>>>);
 
@@ -109,7 +110,7 @@ impl<M: Medium> PatientFile<M> {
                 self.trouble.set(None);
             }
             Err(e) => {
-                // Half a line on disk would make the file unreadable once the next line follows.
+                // A partial line on disk would make the file unreadable once the next line follows.
                 let _ = self.medium.cut(self.good);
                 self.trouble.set(Some(e.to_string()));
             }

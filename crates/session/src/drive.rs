@@ -73,7 +73,7 @@ pub fn drive_live(
     face: &mut dyn Face,
 ) -> Result<Ended, SourceError> {
     let arrivals = Arc::new(Arrivals::default());
-    // Where the time of capture is not known, the time of arrival is the earliest that it can be judged by.
+    // Where the time of capture is not known, the age is judged from the time of arrival: the capture was no later.
     session.follow(inbox.live().unwrap_or_else(|| arrivals.clone()));
     loop {
         let mut commands = Vec::new();
@@ -100,7 +100,7 @@ pub fn drive_live(
     }
 }
 
-/// The source's time by the arrival of its packets.
+/// The source's clock, estimated from the arrival of its packets.
 #[derive(Default)]
 struct Arrivals(Mutex<Option<(Stamp, Instant)>>);
 

@@ -1,15 +1,16 @@
-//! Loss and return as they are said: a loss at once, a return only after a second of it; and no warning twice in half a minute.
+//! When a loss and a return are announced: a loss at once, a return only after it has lasted a second, and no warning
+//! twice in half a minute.
 
 use cairn_sensor::Stamp;
 
-/// What was lost counts as back after this long, seconds.
+/// What was lost counts as back once it has been present for this long, seconds.
 const BACK_S: f64 = 1.0;
 /// The same warning is not said again within this time, seconds.
 const AGAIN_S: f64 = 30.0;
-/// Different warnings that are remembered.
+/// Number of different warnings that are remembered.
 const REMEMBERED: usize = 16;
 
-/// Follows one thing that can be lost.
+/// Follows one condition that can be lost.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Dwell {
     lost: bool,
@@ -17,18 +18,18 @@ pub(crate) struct Dwell {
 }
 
 impl Dwell {
-    /// It is lost; true when that is news.
+    /// It is lost; true when this is to be announced.
     pub fn lost(&mut self) -> bool {
         self.back_since = None;
         !std::mem::replace(&mut self.lost, true)
     }
 
-    /// It is missing for a moment: what was lost is not back.
+    /// It is missing for a moment: if it was lost, the wait for its return starts again.
     pub fn missing(&mut self) {
         self.back_since = None;
     }
 
-    /// It is there; true when that is news, and has been so for a second.
+    /// It is present; true when it was lost, has been present for a second, and this is to be announced.
     pub fn there(&mut self, now: Stamp) -> bool {
         if !self.lost {
             return false;
@@ -40,18 +41,18 @@ impl Dwell {
         back
     }
 
-    /// Whether it is lost and was not there since.
+    /// Whether it was lost and has not returned since.
     pub fn is_lost(&self) -> bool {
         self.lost && self.back_since.is_none()
     }
 }
 
-/// What was warned of lately.
+/// Warnings given recently.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Warnings(Vec<(String, Stamp)>);
 
 impl Warnings {
-    /// Whether this warning is to be said now.
+    /// Whether this warning is to be given now.
     pub fn due(&mut self, text: &str, now: Stamp) -> bool {
         self.0.retain(|(_, said)| now - *said < AGAIN_S);
         let due = self.0.iter().all(|(said, _)| said != text);
@@ -78,7 +79,7 @@ mod tests {
         let mut dwell = Dwell::default();
         assert!(!dwell.there(at(0.0)) && dwell.lost() && !dwell.lost());
         assert!(!dwell.there(at(1.0)) && !dwell.is_lost());
-        // Lost again within the second: neither is told.
+        // Lost again within the second: neither change is announced.
         assert!(!dwell.lost() && dwell.is_lost());
         assert!(
             !dwell.there(at(1.5)) && !dwell.there(at(2.4)) && dwell.there(at(2.5)) && !dwell.there(at(2.6))

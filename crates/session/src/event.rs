@@ -1,10 +1,10 @@
-//! The events of a session for its faces: utterances that start now, and earcons.
+//! The events of a session for its user interfaces: utterances that start now, and earcons.
 
 use cairn_guide::{Cue, CueKind, Earcon, First, Next, Priority};
 use cairn_sensor::Stamp;
 use serde::Serialize;
 
-/// An event for ears, eyes or touch.
+/// An event to be heard, seen or felt as vibration.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// An utterance starts.
@@ -25,13 +25,13 @@ pub struct Said {
     pub text: String,
     /// 0 urgent, 1 high, 2 normal, 3 low.
     pub priority: u8,
-    /// The present utterance must be broken off.
+    /// The current utterance must be interrupted.
     pub interrupts: bool,
     /// Estimated duration in seconds.
     pub duration_s: f64,
-    /// The turn that is asked for, radians, positive to the walker's left.
+    /// The turn that the words ask for, radians, positive to the walker's left.
     pub turn_rad: Option<f64>,
-    /// The time of the pose that a direction is from, in the source's clock; `None` for what is not a direction.
+    /// The time of the pose that a direction is based on, in the source's clock; `None` if it is not a direction.
     #[serde(skip)]
     pub pose: Option<Stamp>,
 }

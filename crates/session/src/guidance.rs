@@ -1,8 +1,8 @@
 //! Guidance in progress: walker and route in the odometry frame, in metres.
 //!
-//! The guide is given poses that no correction of the map moves. The route is resolved in the map and moved into the
-//! odometry frame by the current `world_from_odom`; where that or the map changes so that the route moves there, the guide
-//! is told how.
+//! The guide is given poses that map corrections do not move. The route is resolved in the map and transformed into
+//! the odometry frame by the current `world_from_odom`; where that or the map changes so that the route moves in the
+//! odometry frame, the guide is given the change.
 
 use crate::reference_path::{Moved, ReferencePath};
 use cairn_atlas::Snapshot;
@@ -22,12 +22,12 @@ pub(crate) struct Place {
     /// In the frame and unit of the odometry.
     pub odom_from_camera: Pose<Odom, Camera>,
     pub world_from_odom: Similarity<World, Odom>,
-    /// The segment of odometry that it is in.
+    /// The segment of odometry it belongs to.
     pub segment: u32,
 }
 
 impl Place {
-    /// The place of a frame that has a pose.
+    /// The poses of a frame that has one.
     pub fn of(output: &Output, seen: &RecordInput) -> Option<Self> {
         let (anchored, odometry) = output.anchored.zip(output.odometry)?;
         Some(Self {
@@ -50,10 +50,10 @@ pub(crate) struct Guiding {
 }
 
 impl Guiding {
-    /// Guidance along a route, from the last known place.
+    /// Starts guidance along a route, from the last known place.
     ///
     /// # Errors
-    /// Why the route cannot be walked like this, in words.
+    /// Why the route cannot be walked in this way, in words.
     pub fn begin(
         map: &Snapshot,
         route: &Route,

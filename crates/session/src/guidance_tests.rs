@@ -1,4 +1,4 @@
-//! A walker is guided along a corridor when the map is corrected: tracking, odometry, route and guide together, on a
+//! A walker is guided along a corridor while the map is corrected: tracking, odometry, route and guide together, on a
 //! synthetic map.
 
 use crate::guidance::{Guiding, Place};
@@ -19,7 +19,7 @@ const STEP_S: f64 = 1.0 / RATE_HZ;
 /// A corridor of 24 m and, after a turn to the left, 14 m more.
 const CORNER_M: f64 = 24.0;
 const END: [f64; 2] = [CORNER_M, 14.0];
-/// Where the correction comes.
+/// Where the correction happens.
 const CORRECTED_AT_M: f64 = 12.0;
 
 /// The camera's poses along the corridor, `step` metres apart; the second leg has this length.
@@ -48,13 +48,13 @@ fn corridor() -> World {
     world
 }
 
-/// The corridor mapped twice: for the route, exactly, and again today, with a drift that is not known yet.
+/// The corridor mapped twice: exactly for the route, and again today with a drift that is not known yet.
 struct Corridor {
     world: World,
     atlas: Atlas,
     route: Route,
     today: Vec<KeyFrameId>,
-    /// From the true frame to the map of today.
+    /// From the true frame to today's map.
     drift: Se3,
 }
 
@@ -73,7 +73,7 @@ impl Corridor {
         };
         let points = ids.iter().zip(&path).enumerate().map(point).collect();
         let route = Route { points, ..Route::new(RouteHeader::new(true, &Ground::z_up(), "test")) };
-        // Today beyond the end, for walkers who miss it.
+        // Today's map goes beyond the end, for walkers who miss it.
         let mut path = self::path(0.3, END[1] + 4.0);
         path.extend((0..24).map(|k| camera_pose(END[0], END[1] + 1.0, 1.57 + 0.26 * f64::from(k), 0.0)));
         let views = world.walk(&path, 1000.0, 0.5);
@@ -82,7 +82,7 @@ impl Corridor {
         Self { world, atlas, route, today, drift }
     }
 
-    /// The loop is closed: what was mapped today moves to where it is.
+    /// The loop is closed: what was mapped today moves to its true place.
     fn correct(&mut self) {
         let back = self.drift.inverse();
         let snapshot: Snapshot = (**self.atlas.latest()).clone();
@@ -98,22 +98,23 @@ impl Corridor {
     }
 }
 
-/// A turn needed to the other side from which on a direction sends the walker away from the route, radians.
+/// Where the needed turn is at least this far to the other side, the direction sends the walker away from the route,
+/// radians.
 const AWAY_RAD: f64 = 0.3;
 
-/// An utterance, and the turn that truly leads to the route 3 m ahead when it was said: radians, positive left.
+/// An utterance, and the turn that truly led to the route 3 m ahead when it was said: radians, positive left.
 struct Said {
     t_s: f64,
     words: String,
     turn_rad: f64,
 }
 
-/// What came of a walk.
+/// The result of a walk.
 struct Walked {
     arrived: bool,
     /// True distance from the end, metres.
     error_m: f64,
-    /// The greatest error of a motion in the odometry, and of one in the map.
+    /// The greatest error of a motion in the odometry, and in the map.
     step_m: f64,
     jump_m: f64,
     corrected_s: f64,
@@ -125,8 +126,8 @@ impl Walked {
         self.said.iter().map(|s| format!("{:6.1}  {}\n", s.t_s, s.words)).collect()
     }
 
-    /// A direction said within ten seconds after the correction that contradicts the one before it: it sends the walker
-    /// to the other side before he can have followed, or away from where the route truly is.
+    /// A direction said within ten seconds after the correction that contradicts the previous one: it sends the
+    /// walker to the other side before the walker can have followed, or away from where the route truly is.
     fn contradiction(&self) -> Option<&str> {
         let sides = self.said.iter().filter_map(|s| Some((s, side_of(&s.words)?)));
         let sides: Vec<(&Said, Side)> = sides.collect();
@@ -144,7 +145,7 @@ fn walk(drift: Se3, seed: u64) -> Walked {
     let mut corridor = Corridor::new(drift);
     let mut tracker = Tracker::new(corridor.world.camera, FEATURES, RATE_HZ, TrackerConfig::default());
     tracker.map_created(corridor.atlas.latest(), corridor.today[0]);
-    // He starts where the map of today takes him to be at the route's start.
+    // The walker starts where today's map places the route's start.
     let start = drift.inverse() * camera_pose(0.0, 0.0, 0.0, 0.0);
     let heading = Ground::z_up().heading(&start).unwrap();
     let mut walker = Walker::new(seed, (start.translation.x, start.translation.y, heading));
@@ -182,7 +183,7 @@ fn walk(drift: Se3, seed: u64) -> Walked {
             place = Some(Place {
                 stamp: now,
                 world_from_camera: Pose::new(world),
-                // The camera of the synthetic world is the body.
+                // The camera of the synthetic world coincides with the body.
                 odom_from_camera: Pose::new(odom),
                 world_from_odom: odometry.world_from_odom,
                 segment: odometry.segment,
@@ -200,7 +201,7 @@ fn walk(drift: Se3, seed: u64) -> Walked {
         }
         if let Some(said) = voice.poll(now) {
             walker.hear(&said.text, now);
-            // On the first leg; from 4 m before the corner on, directions are those of the turn.
+            // On the first leg; from 4 m before the corner on, directions concern the turn.
             let in_corridor = x < CORNER_M - 4.0;
             let turn_rad = if in_corridor { wrap((-y).atan2(3.0) - heading) } else { 0.0 };
             walked.said.push(Said { t_s, words: said.text, turn_rad });
@@ -215,7 +216,7 @@ fn walk(drift: Se3, seed: u64) -> Walked {
     walked
 }
 
-/// A drift of so many metres to the left and degrees, as it is in the middle of the corridor.
+/// A drift of this many metres to the left and degrees, as it is in the middle of the corridor.
 fn drift(left_m: f64, degrees: f64) -> Se3 {
     let turn = So3::exp(&(Vec3::z() * degrees.to_radians()));
     let middle = Vec3::new(CORRECTED_AT_M, 0.0, 0.0);

@@ -34,8 +34,8 @@ struct State {
     live: Option<Arc<dyn Live>>,
 }
 
-/// One slot for the newest packet and a queue for commands. A newer packet replaces one that still waits; the
-/// inertial samples of dropped packets are kept.
+/// One slot for the newest packet and a queue for commands. A newer packet replaces one still waiting; the inertial
+/// samples of dropped packets are kept.
 #[derive(Default)]
 pub struct Inbox {
     state: Mutex<State>,
@@ -86,7 +86,7 @@ impl Inbox {
         self.lock().closed = true;
     }
 
-    /// What the source that feeds it tells of itself, if it is live.
+    /// What the source feeding it reports about itself, if it is live.
     pub fn live(&self) -> Option<Arc<dyn Live>> {
         self.lock().live.clone()
     }
@@ -141,7 +141,7 @@ pub fn feed(mut source: Box<dyn Source>, inbox: Arc<Inbox>) -> io::Result<()> {
                 Err(e) => break Err(e),
             }
         };
-        // Closed before its end is told, so that whoever waits for the end knows that a child process is gone.
+        // Closed before the end is reported, so that a waiting caller knows that a child process has ended.
         drop(source);
         inbox.end(result);
     };

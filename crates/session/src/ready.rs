@@ -1,4 +1,4 @@
-//! Whether a route is ready to be walked back: how many landmarks of the map the camera will see, stretch by stretch.
+//! Whether a route is ready to be walked back: how many landmarks of the map the camera will see on each stretch.
 
 use cairn_atlas::{KeyFrame, LandmarkId, Snapshot};
 use cairn_geometry::Se3;

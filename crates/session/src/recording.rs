@@ -1,4 +1,4 @@
-//! A recording in progress: the recorder, its patient file, and what the walker hears about it.
+//! A recording in progress: the recorder, its patient file, and the announcements about it.
 
 use crate::disk::{Disk, PatientFile, Trouble};
 use crate::dwell::{Dwell, Warnings};
@@ -24,11 +24,11 @@ pub(crate) struct Recording {
     length: f64,
     last: Option<(Stamp, Vec3)>,
     gaps: usize,
-    /// The segment of odometry, and the length of its unit in that of the recorded poses.
+    /// The segment of odometry, and the length of its unit in the unit of the recorded poses.
     segment: Option<u32>,
     unit: f64,
     place: Dwell,
-    /// There was a pose: before the first nothing can be lost.
+    /// There was a pose: before the first one nothing can be lost.
     placed: bool,
     warnings: Warnings,
 }
@@ -130,7 +130,7 @@ impl Recording {
         self.words(event, input)
     }
 
-    /// A loss is told at once, the return after a second of it, and no warning again and again.
+    /// A loss is announced at once, a return after it has lasted a second, and no warning is repeated too often.
     fn words(&mut self, event: Option<RecorderEvent>, input: &RecordInput) -> Option<&'static str> {
         const WEAK: &str = "Slow down. I cannot see well.";
         self.placed |= tracked(input);
@@ -201,8 +201,8 @@ impl Recording {
     }
 }
 
-/// The ground plane of the poses to come, in the odometry frame: gravity where the map is aligned, else from the first
-/// camera's axes.
+/// The ground plane of the following poses, in the odometry frame: from gravity where the map is aligned, else from
+/// the first camera's axes.
 fn ground_of(map: &Snapshot, place: Option<&Place>) -> Ground {
     let in_world = if map.is_gravity_aligned_throughout() { Ground::z_up() } else { Ground::first_camera() };
     place.map_or(in_world, |place| in_world.rotated(&place.world_from_odom.sim3.rotation.inverse()))
@@ -219,7 +219,7 @@ pub(crate) fn next_path(folder: &Path) -> PathBuf {
     folder.join(format!("route-{:04}.route", highest + 1))
 }
 
-/// The route that was written last: by its time, then by its number.
+/// The route written last: by its time, then by its number.
 pub(crate) fn latest(folder: &Path) -> Option<PathBuf> {
     let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
     let mut routes = routes_in(folder);

@@ -1,4 +1,4 @@
-//! A recorded route as a reference path in the odometry frame: it follows when the map is corrected.
+//! A recorded route as a reference path in the odometry frame: it is updated when the map is corrected.
 
 use crate::guidance::Place;
 use crate::ready::readiness;
@@ -16,10 +16,10 @@ use std::collections::BTreeSet;
 const MOVED_M: f64 = 0.05;
 /// Interval of that check, seconds. A jump of `world_from_odom` is followed at once.
 const MAP_CHECK_S: f64 = 1.0;
-/// Share by which the length of a unit of the odometry may turn out different before distances are rebuilt from it.
+/// The relative change of the odometry's unit of length above which distances are rebuilt.
 const SAME_UNIT: f64 = 0.05;
 
-/// How the route moved in the odometry frame.
+/// How the route changed in the odometry frame.
 pub(crate) enum Moved {
     /// A correction of the map moved it.
     Corrected {
@@ -28,7 +28,7 @@ pub(crate) enum Moved {
         /// Its motion near the walker.
         moved: Se3,
     },
-    /// A new segment of odometry has begun, or its unit of length has become known: poses before cannot be compared.
+    /// A new segment of odometry began, or its unit of length became known: earlier poses cannot be compared.
     Segment(ManeuverPlan),
 }
 
@@ -44,7 +44,7 @@ pub struct ReferencePath {
     /// The points of the route in the odometry frame, in metres.
     points: Vec<PlacedPoint>,
     frame: OdomFrame,
-    /// The unit of length of the map has become known.
+    /// The unit of length of the map became known.
     unit_is_due: bool,
     /// When the map was last checked, and its version.
     checked: Stamp,
@@ -63,7 +63,7 @@ struct OdomFrame {
 }
 
 impl OdomFrame {
-    /// The frame of a place whose map has units of so many metres; before the first pose that of the map.
+    /// The frame of a place in a map whose unit is this many metres; before the first pose, the frame of the map.
     fn at(place: Option<&Place>, metres_per_map_unit: f64) -> Self {
         let Some(place) = place else {
             let odom_from_world =
@@ -181,7 +181,7 @@ impl ReferencePath {
         self.plan().ok().map(|plan| Moved::Corrected { plan, moved })
     }
 
-    /// How well the map covers the views that the camera will have, stretch by stretch of the route as recorded.
+    /// How well the map covers the views that the camera will have, for each stretch of the route as recorded.
     pub fn readiness(
         &self,
         map: &Snapshot,

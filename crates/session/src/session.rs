@@ -1,7 +1,8 @@
 //! One walk: packets and commands in, utterances and earcons out. It runs the engine, the recorder and the guide.
 //!
-//! It has no clock but the stamps and, where it follows a live source, that source's clock; and no thread. The caller
-//! ([`crate::drive_live`], [`crate::drive_lockstep`]) passes packets, and ticks while there are none: then the guide says stop.
+//! It has no thread, and no clock except the stamps and, for a live source, that source's clock. The caller
+//! ([`crate::drive_live`], [`crate::drive_lockstep`]) passes packets, and ticks while there are none: after a while
+//! the guide then says stop.
 
 mod look;
 
@@ -61,12 +62,13 @@ impl Default for SessionConfig {
     }
 }
 
-/// A missing picture is announced after this, seconds.
+/// Missing images are announced after this many seconds.
 const PICTURE_TIMEOUT_S: f64 = 1.0;
 /// The first words of guidance wait at most this long for other utterances to end, seconds.
 const FIRST_WORDS_WAIT_S: f64 = 12.0;
 
-/// Turning about on the spot takes at most this long, seconds: so long one camera may rest on the lengths before.
+/// Longest time for turning around on the spot, seconds: for this long a monocular camera may rely on the previous
+/// scale.
 const TURN_ABOUT_S: f64 = 8.0;
 
 /// A route that can be walked.
@@ -88,7 +90,7 @@ pub struct Session {
     frame: Option<Stamp>,
     place: Option<Place>,
     confidence: Confidence,
-    /// What is known of the unit of length of the last pose, and since when it rests on nothing.
+    /// What is known of the unit of length of the last pose, and since when nothing supports it.
     scale: Option<Scale>,
     unsupported: Option<Stamp>,
     recording: Option<Recording>,
@@ -100,10 +102,10 @@ pub struct Session {
     voice: Announcer,
     /// The text queued last, and the turn it asks for.
     pushed: Option<(String, Option<f64>)>,
-    /// The direction that waits to be said: its text, the time of the pose it is from, and the cue.
+    /// The direction waiting to be spoken: its text, the time of the pose it is based on, and the cue.
     direction: Option<(String, Stamp, CueKind)>,
     events: VecDeque<Event>,
-    /// The age of pictures.
+    /// The age of images.
     ages: Ages,
     picture: Dwell,
     warnings: Warnings,
@@ -152,8 +154,8 @@ impl Session {
         self
     }
 
-    /// Follows the clock of a live source: from now on no direction is given from a pose that is older than half a second by
-    /// the time it is heard, or whose age is not known.
+    /// Follows the clock of a live source: from now on no direction is given from a pose that will be older than half
+    /// a second by the time it is heard, or whose age is not known.
     pub fn follow(&mut self, live: Arc<dyn Live>) {
         self.ages.follow(live);
     }
@@ -318,7 +320,7 @@ impl Session {
         self.arrived
     }
 
-    /// Why the guide gives no directions now, while it has stopped for a reason.
+    /// Why the guide gives no directions at present, while it has stopped for a reason.
     pub fn stop_reason(&self) -> Option<StopReason> {
         match self.guiding.as_ref()?.guide.state() {
             GuideState::Stopped(reason) => Some(reason),
@@ -417,7 +419,7 @@ impl Session {
         }));
     }
 
-    /// A direction that waited for the voice dies with its pose: the guide gives it again from a new one.
+    /// A direction that waits for the voice is dropped with its pose: the guide gives it again from a new one.
     fn drop_old_direction(&mut self) {
         let Some((text, pose, cue)) = &self.direction else { return };
         if self.voice.waiting() != Some(text) {
@@ -470,7 +472,7 @@ impl Session {
         self.auto_recorded = true;
         let named = path.or_else(|| self.config.record_to.take());
         if named.is_none() {
-            // Where it cannot be created, the recording reports it.
+            // Where the file cannot be created, the recording reports it.
             let _ = std::fs::create_dir_all(&self.config.folder);
         }
         let path = named.unwrap_or_else(|| next_path(&self.config.folder));
@@ -533,7 +535,7 @@ impl Session {
         let (map, place) = (self.engine.snapshot(), self.place.as_ref());
         let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now)?;
         // The guide's first words give the length and the first direction; before that, whether the map covers the
-        // route.
+        // route is said.
         let camera = self.engine.front_end().model();
         let ready = guiding.reference_path.readiness(&map, &held.route, camera, facing);
         let words = ready_words(&ready, &self.phrases());
@@ -542,8 +544,9 @@ impl Session {
         Ok(words)
     }
 
-    /// Why the unit of length of the last pose forbids directions along the route, if it does: it is of another map than the
-    /// route, begun where nothing carried scale over, or it has rested on nothing for longer than turning about takes.
+    /// Why the unit of length of the last pose rules out directions along the route, if it does: the pose is in
+    /// another map than the route, begun where scale could not be carried over, or its scale has been unsupported
+    /// for longer than turning around takes.
     fn scale_hazard(&self) -> Option<StopReason> {
         let (scale, guiding) = (self.scale.filter(|s| !s.metric)?, self.guiding.as_ref()?);
         let held = self.route.as_ref()?;
@@ -554,7 +557,7 @@ impl Session {
 
     /// A step of the guide, with the last pose.
     fn guide(&mut self, now: Stamp) {
-        // Taken after the engine's step, so that its time counts.
+        // Measured after the engine's step, so that its processing time counts.
         let too_old = self.ages.hazard(self.frame, self.now);
         let died = self.dead.as_ref().map(|_| StopReason::StageDied);
         let hazard = died.or(too_old).or_else(|| self.scale_hazard());

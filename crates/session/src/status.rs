@@ -1,4 +1,4 @@
-//! The status of a session, for screens: small numbers often, the map now and then.
+//! The status of a session, for screens: a few numbers often, the map less often.
 
 use crate::age::Age;
 use cairn_engine::Phase;
@@ -9,7 +9,7 @@ use serde::Serialize;
 pub struct Status {
     /// Seconds since the first packet.
     pub t_s: f64,
-    /// The engine's phase; WAIT_FRAMES also when no picture arrives any more.
+    /// The engine's phase; WAIT_FRAMES also when images no longer arrive.
     pub phase: Phase,
     /// The same in a sentence.
     pub words: String,

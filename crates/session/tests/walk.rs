@@ -1,6 +1,6 @@
 //! Walks through a rendered world with every command and with failures on the way: the stream stops, the disk is
-//! full, the map is corrected. The walker returns with the camera facing back, so that the pictures of the way out
-//! in reverse order are the pictures of the way home.
+//! full, the map is corrected. The walker returns with the camera facing back, so that the images of the way out in
+//! reverse order are the images of the way home.
 
 mod small;
 
@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 const RATE_HZ: f64 = 10.0;
 
-/// Pictures of a walk of eight metres with a turn, ten a second.
+/// Images of a walk of eight metres with a turn, ten a second.
 fn out() -> &'static [FramePacket] {
     static OUT: OnceLock<Vec<FramePacket>> = OnceLock::new();
     OUT.get_or_init(|| {
@@ -56,7 +56,7 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// A session with a clock, and what it said with the times.
+/// A session with a clock, and its utterances with their times.
 struct Walk {
     session: Session,
     now: f64,
@@ -83,7 +83,7 @@ impl Walk {
         }
     }
 
-    /// Passes pictures, one every tenth of a second.
+    /// Passes images, one every tenth of a second.
     fn see<'a>(&mut self, pictures: impl IntoIterator<Item = &'a FramePacket>) {
         for picture in pictures {
             self.now += 1.0 / RATE_HZ;
@@ -93,7 +93,7 @@ impl Walk {
         }
     }
 
-    /// Time passes without a picture.
+    /// Time passes without an image.
     fn wait(&mut self, seconds: f64) {
         let until = self.now + seconds;
         while self.now < until {
@@ -109,7 +109,7 @@ impl Walk {
         done
     }
 
-    /// When a text with this beginning was first said after a time.
+    /// When an utterance with this beginning was first given after a time.
     fn when(&self, begins: &str, after: f64) -> Option<f64> {
         self.said.iter().find(|(t, words)| *t >= after && words.starts_with(begins)).map(|(t, _)| *t)
     }
@@ -128,7 +128,7 @@ fn record_stop_guide_back_arrives_with_the_route_on_disk() {
     walk.see(&out()[5..]);
     let ended = walk.ask("stop").unwrap();
     assert!(ended.starts_with("Recording has ended, 1") && ended.ends_with("metres."), "{ended}");
-    // Before leaving: how well the map covers the views to come. Nobody faced home on the way out.
+    // Before leaving: how well the map covers the views to come. The camera never faced home on the way out.
     assert!(walk.ask("guide home").unwrap().contains("not seen from this direction"));
     assert_eq!(walk.ask("guide backwards").unwrap(), "I should recognise this whole route.");
     let told = walk.now;
@@ -172,7 +172,7 @@ fn stream_loss_stops_and_resumes_guidance() {
     walk.see(&out()[..1]);
     walk.ask("record").unwrap();
     walk.see(&out()[1..60]);
-    // While recording: it is said, and nothing recorded is lost.
+    // While recording: the loss is announced, and nothing recorded is lost.
     let points = walk.session.status().recording.unwrap().points;
     let gone = walk.now;
     walk.wait(4.0);
@@ -207,7 +207,7 @@ fn stream_loss_stops_and_resumes_guidance() {
     assert_eq!(walk.session.route().unwrap().points.len(), recorded);
 }
 
-/// A live source whose pictures are as old as the test says; `None`: nobody knows.
+/// A live source whose images have the age set by the test; `None`: the age is unknown.
 #[derive(Default)]
 struct Delayed {
     age_s: Mutex<Option<f64>>,
@@ -237,7 +237,7 @@ fn old_pictures_guide_nobody() {
     let live = Arc::new(Delayed::default());
     walk.session.follow(live.clone());
     let mut home = out().iter().rev();
-    // Pictures that come in time, each 0.1 s, and are this old when their pose is known.
+    // Images that arrive in time, one each 0.1 s, and are this old when their pose is known.
     let mut see = |walk: &mut Walk, age_s: Option<f64>, count: usize| {
         *live.age_s.lock().unwrap() = age_s;
         for picture in home.by_ref().take(count) {
@@ -251,7 +251,7 @@ fn old_pictures_guide_nobody() {
     assert!(started.is_some(), "{}", walk.transcript());
     assert_eq!(walk.session.age(), Age::Known { age_s: 0.2, bound_s: 0.04, delivery_s: 0.03 });
     assert!(walk.session.status().headline.starts_with("Guiding"), "{}", walk.session.status().headline);
-    // As on a slow link: the pictures keep coming, 0.9 s old. One tenth of a second later he is told to stop.
+    // As on a slow link: images keep arriving, 0.9 s old. A tenth of a second later the walker is told to stop.
     let slow = walk.now;
     see(&mut walk, Some(0.9), 20);
     let stop = walk.when("Stop. The pictures come too late.", slow).unwrap_or(f64::INFINITY);
@@ -263,7 +263,7 @@ fn old_pictures_guide_nobody() {
     );
     let words = walk.ask("status").unwrap();
     assert!(words.contains("The picture is 0.9 seconds old, too old to guide."), "{words}");
-    // An unknown age is too old as well.
+    // An unknown age counts as too old as well.
     see(&mut walk, None, 35);
     assert!(
         walk.when("Stop. I do not know how old the pictures are.", slow).is_some(),
@@ -273,12 +273,12 @@ fn old_pictures_guide_nobody() {
     let told = walk.said.iter().filter(|(t, _)| *t > slow);
     let other: Vec<_> = told.filter(|(_, words)| !words.starts_with("Stop. ")).collect();
     assert!(other.len() <= 1, "only the status, on request: {other:?}");
-    // Fresh ones guide again, after a second of them.
+    // Fresh images resume guidance after they have arrived for a second.
     let fresh = walk.now;
     see(&mut walk, Some(0.1), 30);
     let back = walk.when("I found my place.", fresh).unwrap_or(f64::INFINITY);
     assert!((1.0..1.4).contains(&(back - fresh)), "{}", walk.transcript());
-    // A reason why pictures are refused is said once.
+    // A reason why images are refused is said once.
     *live.trouble.lock().unwrap() = Some("The picture is 480 by 640 now.".into());
     walk.wait(8.0);
     assert_eq!(
@@ -310,7 +310,7 @@ fn full_disk_is_announced_and_loses_no_point() {
         walk.transcript()
     );
     assert!(walk.session.status().recording.unwrap().trouble.is_some());
-    // The disk holds whole lines.
+    // The file on the disk holds whole lines.
     let kept = Route::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
     assert!(!kept.torn && kept.points.len() > 5);
     // Room is freed.
@@ -320,7 +320,7 @@ fn full_disk_is_announced_and_loses_no_point() {
     walk.ask("stop").unwrap();
     let whole = Route::read(disk.0.lock().unwrap().0.as_slice()).unwrap();
     same(&whole, walk.session.route().unwrap());
-    // Full to the end: it is said, and the way home works all the same.
+    // The disk stays full to the end: this is said, and guidance home works all the same.
     let disk = Small::default();
     disk.0.lock().unwrap().1 = 3000;
     let config = SessionConfig { folder: folder("disk"), ..SessionConfig::default() };
@@ -342,7 +342,7 @@ fn auto_record_starts_after_a_hundred_tracked_frames() {
     assert!(!walk.session.is_recording());
     walk.see(&out()[99..120]);
     assert!(walk.session.is_recording() && walk.when("Recording.", 9.0).is_some(), "{}", walk.transcript());
-    // A walker who stopped it does not want it to start again.
+    // A walker who stopped guidance does not want it to start again.
     walk.ask("stop").unwrap();
     walk.see(&out()[120..]);
     assert!(!walk.session.is_recording());

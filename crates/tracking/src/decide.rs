@@ -11,7 +11,7 @@ pub(crate) struct Situation<'a> {
     pub frame: &'a Frame,
     pub matches: &'a Matches,
     pub inliers: usize,
-    /// Inliers that were needed to accept the pose.
+    /// Inliers that were required to accept the pose.
     pub need: usize,
     pub reference: KeyFrameId,
     /// Rotation of the camera since the reference key frame, radians.
@@ -28,12 +28,12 @@ pub(crate) struct Situation<'a> {
 
 /// A key frame is due when the camera has rotated by this share of the field of view.
 const TURNED: f64 = 0.2;
-/// A key frame is due when less than this share of the features shows landmarks: in front of a plain wall the
-/// few points shared with the last key frames would let the next one rotate about them.
+/// A key frame is due when less than this share of the features shows landmarks: in front of a plain wall the few
+/// points shared with the last key frames would leave the rotation of the next one poorly constrained.
 const KNOWN_SHARE: f64 = 0.45;
 /// Seconds after the last key frame before which [`KNOWN_SHARE`] is not applied.
 const KNOWN_AFTER_S: f64 = 0.5;
-/// Longest time between key frames with an IMU, seconds: before gravity and scale are known, and after.
+/// Longest time between key frames with an IMU, seconds: before gravity and scale are known, and afterwards.
 const IMU_GAP_S: [f64; 2] = [0.25, 0.5];
 /// The same while the camera is stationary.
 const IMU_GAP_STATIONARY_S: f64 = 4.0;

@@ -95,7 +95,7 @@ impl InertialFilter {
         if offset == 0.0 {
             self.buffer.push(samples);
         } else {
-            // Readings that the source synthesised at image stamps are of no use once the clock is shifted.
+            // Readings that the source synthesised at image stamps are useless once the clock is shifted.
             let real = samples.iter().filter(|s| !s.is_synthesised());
             let shifted = real.map(|s| ImuSample { stamp: s.stamp.plus_seconds(offset), ..*s });
             self.buffer.push(&shifted.collect::<Vec<_>>());
@@ -105,8 +105,8 @@ impl InertialFilter {
         }
     }
 
-    /// Follows the changes of the map: the estimate moves along with the key frame it is anchored to, and
-    /// where mapping has adjusted a newer one, it restarts from there.
+    /// Follows the changes of the map: the estimate moves along with the key frame it is anchored to, and restarts
+    /// from a newer key frame once mapping has adjusted one.
     pub fn refresh(&mut self, snapshot: &Snapshot) {
         if snapshot.version() == self.version {
             return;
@@ -159,8 +159,8 @@ impl InertialFilter {
         carried.at_rest(ZERO_VELOCITY_SIGMA_M_S)
     }
 
-    /// The camera's motion since the last frame, from the readings; `None` as for [`Self::predict`], and when the last
-    /// frame was another than that of `from`.
+    /// The camera's motion since the last frame, from the readings; `None` as for [`Self::predict`], and when the
+    /// last frame is not the one of `from`.
     pub fn moved(&self, from: Stamp, stamp: Stamp) -> Option<Se3> {
         let last = self.last.as_ref().filter(|last| last.stamp == from)?;
         Some(last.estimate.world_from_camera.inverse() * self.predict(stamp)?.world_from_camera)

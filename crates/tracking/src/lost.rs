@@ -1,6 +1,5 @@
-//! Too few matches: the IMU carries the pose for a while (coasting), a short blank view (a plain wall) is
-//! bridged by the motion model, and after that a new map begins at the last known pose, with a relocation
-//! prior.
+//! Too few matches: the IMU carries the pose for a while (coasting), a short blank view (a plain wall) is bridged by
+//! the motion model, and after that a new map begins at the last known pose, with a relocation prior.
 
 use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
@@ -12,12 +11,12 @@ use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use std::sync::Arc;
 
-/// How fast a walking person may move without being tracked: metres per second and radians per second.
+/// Assumed greatest motion of a walking person while not tracked: metres per second and radians per second.
 const UNTRACKED_SPEED_M_S: f64 = 1.5;
 const UNTRACKED_TURN_RAD_S: f64 = 1.5;
-/// How far apart two observations of one place may lie in a map that has drifted, metres.
+/// How far apart two observations of one place may be in a map that has drifted, metres.
 const DRIFT_M: f64 = 2.0;
-/// Seconds of a blank view up to which the motion model may place what is seen next.
+/// Longest blank view, in seconds, across which the motion model may place what is seen next.
 const BLANK_S: f64 = 1.0;
 /// Seconds between key frames while coasting.
 const COAST_KEY_FRAME_S: f64 = 0.25;
@@ -109,9 +108,9 @@ impl Tracker {
         request
     }
 
-    /// Begins a new map when tracking has been lost for a while: nothing is thrown away, the previous map
-    /// stays and can be recognised later. The new map begins at the last known pose, with an uncertainty that
-    /// grows with the time since.
+    /// Begins a new map when tracking has been lost for a while. Nothing is discarded: the previous map stays and can
+    /// be recognised later. The new map begins at the last known pose, with an uncertainty that grows with the time
+    /// since.
     pub(crate) fn begin_new_map(
         &mut self,
         frame: Arc<Frame>,
@@ -161,8 +160,8 @@ impl Tracker {
             });
         }
         let untracked_s = frame.stamp - last.frame.stamp;
-        // Where the view ran out of features the motion is assumed to go on for a while; a sudden loss allows
-        // no such guess.
+        // Where the view ran out of features, the motion is assumed to continue for a while; a sudden loss does not
+        // justify that assumption.
         let extrapolated_s = if self.view_was_blank(last) { untracked_s.clamp(0.0, BLANK_S) } else { 0.0 };
         let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * extrapolated_s)));
         let predicted = last.anchored.world_from_camera * moved;
@@ -191,9 +190,8 @@ impl Tracker {
         (UNTRACKED_SPEED_M_S * self.metre_in_map_units()).max(self.typical_speed().unwrap_or(0.0))
     }
 
-    /// Whether the camera can have reached a pose in the map of a key frame since its last known pose: this
-    /// rejects rooms that only look the same. For another map, or a loaded one, appearance alone has to
-    /// decide.
+    /// Whether the camera can have reached a pose in a key frame's map since its last known pose: this rejects rooms
+    /// that only look the same. For another map, or a loaded one, appearance alone decides.
     pub(crate) fn reaches(
         &self,
         snapshot: &Snapshot,
@@ -212,7 +210,7 @@ impl Tracker {
                 + DRIFT_M * self.metre_in_map_units()
     }
 
-    /// How badly the scale of a map that begins now is known against the previous one: the standard deviation of its
+    /// Uncertainty of the scale of a map that begins now against the previous one: the standard deviation of its
     /// logarithm.
     pub(crate) fn sigma_log_scale(&self) -> f64 {
         match (self.camera.has_depth(), self.typical_speed()) {
@@ -222,10 +220,9 @@ impl Tracker {
         }
     }
 
-    /// Bridges a blank view: once there is something with depth again, it enters the map at the pose that the
-    /// motion model predicts across the gap. The frame itself counts as lost; the next ones are tracked from
-    /// it. Only where the view had run out of features: after a sudden motion, constant velocity is no sound
-    /// assumption.
+    /// Bridges a blank view: once features with depth are seen again, they enter the map at the pose that the motion
+    /// model predicts across the gap. The frame itself counts as lost; the next ones are tracked from it. Only where
+    /// the view had run out of features: after a sudden motion, constant velocity is not a sound assumption.
     pub(crate) fn bridge(&mut self, frame: Arc<Frame>, snapshot: &Snapshot) -> Option<KeyFrameRequest> {
         let last = self.last.as_ref()?;
         let blank = self.camera.has_depth() && self.view_was_blank(last);

@@ -44,8 +44,8 @@ pub(crate) struct Before<'a> {
     pub world_from_camera: Se3,
 }
 
-/// Projects the points of the previous frame with `guess` and searches within `radius` pixels (times the
-/// scale of the level). Its close features without a landmark take part as plain points.
+/// Projects the points of the previous frame with `guess` and searches within `radius` pixels (times the scale of the
+/// level). Its close features without a landmark are used as plain points.
 pub(crate) fn match_last(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,

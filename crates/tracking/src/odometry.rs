@@ -1,18 +1,18 @@
-//! Odometry: the motion of the body as it was observed from frame to frame, in a frame of its own that no correction of
-//! the map moves (REP 105: `odom`; the map's frame is `world` here).
+//! Odometry: the motion of the body as observed from frame to frame, in a frame of its own that map corrections do
+//! not move (REP 105: `odom`; the map's frame is `world` here).
 //!
-//! Input: the pose of each frame, anchored to a key frame, and the snapshot it was tracked in. Output: [`Odometry`], the
-//! pose in `odom` and the similarity `world_from_odom`, which takes it to the pose in the map.
+//! Input: the pose of each frame, anchored to a key frame, and the snapshot it was tracked in. Output: [`Odometry`],
+//! the pose in `odom` and the similarity `world_from_odom`, which takes it to the pose in the map.
 //!
-//! The pose in `odom` is the product of the motions between consecutive frames, each taken within one snapshot. The frame
-//! before is resolved relative to its key frame, so a correction that moves key frames (a loop, a merge, gravity
-//! alignment) moves both ends of the motion. What a correction changes besides, between landmarks and key frames, is found
-//! by the landmarks that both frames show: both poses are computed from these alone, and where the two motions differ
-//! visibly, that one counts. Where the map gives no motion (it was found again after coasting, another map goes on), the
-//! IMU does, or the velocity before.
+//! The pose in `odom` is the product of the motions between consecutive frames, each taken within one snapshot. The
+//! previous frame is resolved relative to its key frame, so a correction that moves key frames (a loop closure, a
+//! merge, gravity alignment) moves both ends of the motion. A correction can also move landmarks relative to key
+//! frames. This is detected with the landmarks that both frames show: both poses are computed from these alone, and
+//! where the resulting motion differs visibly in the image, it is used instead. Where the map gives no motion (it was
+//! found again after coasting, or another map continues), the IMU does, or else the previous velocity.
 //!
-//! The unit of length of `odom` is that of the map when the segment began; changes of the map's unit since then are in
-//! the scale of `world_from_odom`. A [`Odometry::segment`] ends where the motion is not known.
+//! The unit of length of `odom` is that of the map when the segment began; changes of the map's unit since then are
+//! in the scale of `world_from_odom`. A [`Odometry::segment`] ends where the motion is not known.
 
 use crate::state::{AnchoredPose, State};
 use cairn_adjust::locate;
@@ -24,17 +24,17 @@ use nalgebra::SVector;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Landmarks that two frames must both show for the motion between them to be computed from these.
+/// Landmarks that two frames must share for the motion between them to be computed from these.
 const COMMON: usize = 12;
-/// Two motions are the same when points differ by less than this in the image, root mean square, pixels.
+/// Two motions count as equal when points differ by less than this in the image, root mean square, pixels.
 const SAME_PX: f64 = 0.5;
 /// Seconds since the last measured motion up to which the velocity is extrapolated.
 const EXTRAPOLATED_S: f64 = 0.3;
 
-/// How the motion since the last frame with a pose is known.
+/// How the motion since the last frame with a pose was obtained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MotionSource {
-    /// It is not: a new segment begins with this frame.
+    /// It is not known: a new segment begins with this frame.
     None,
     /// Measured against the map.
     Map,
@@ -42,24 +42,24 @@ pub enum MotionSource {
     Imu,
     /// The rotation is measured between images, the position is held (see [`State::RotationOnly`]).
     RotationOnly,
-    /// Extrapolated from the velocity before, for up to 0.3 s.
+    /// Extrapolated from the previous velocity, for up to 0.3 s.
     Velocity,
 }
 
 /// The pose in the odometry frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Odometry {
-    /// The number of the segment, from 0. Poses of one segment are continuous; how those of two segments lie to each
-    /// other is not known. A segment begins with the first pose, with the first pose after a loss during which the motion
-    /// was not observed, and with a map whose unit of length was guessed.
+    /// The number of the segment, from 0. Poses of one segment are continuous; the relative pose of two segments is
+    /// not known. A segment begins with the first pose, with the first pose after a loss during which the motion was
+    /// not observed, and with a map whose unit of length was guessed.
     pub segment: u32,
-    /// How the motion since the last frame with a pose is known.
+    /// How the motion since the last frame with a pose was obtained.
     pub source: MotionSource,
     /// Pose of the body. Its unit of length is that of the map when the segment began: metres where that was metric,
-    /// and for a rig with depth. Until the map is metric, the body is at the first camera.
+    /// and for a rig with depth. Until the map is metric, the body is placed at the first camera.
     pub odom_from_body: Pose<Odom, Body>,
-    /// Takes the pose in `odom` to that in the map. Corrections of the map are in it: it may jump. Its scale is 1 until
-    /// the map's unit of length changes.
+    /// Transforms the pose in `odom` to that in the map. It contains the corrections of the map, so it may jump. Its
+    /// scale is 1 until the map's unit of length changes.
     pub world_from_odom: Similarity<World, Odom>,
 }
 
@@ -113,13 +113,13 @@ impl OdometryFilter {
         self.last.as_ref().filter(|_| self.missed == 0).map(|(last, _)| last.frame.stamp)
     }
 
-    /// A frame without a pose.
+    /// Adds a frame without a pose.
     pub fn miss(&mut self) {
         self.missed += 1;
     }
 
-    /// A frame with its pose in a snapshot, and the landmark that each feature shows. `imu_motion` is the camera's motion
-    /// since the frame before by the IMU, in metres.
+    /// Adds a frame with its pose in a snapshot, and the landmark that each feature shows. `imu_motion` is the
+    /// camera's motion since the previous frame by the IMU, in metres.
     pub fn step(
         &mut self,
         snapshot: &Snapshot,
@@ -140,8 +140,8 @@ impl OdometryFilter {
         self.last = Some((now, odometry));
     }
 
-    /// A map was created in which the last frame is this key frame. The pose in `odom` remains, if the frame had one; a
-    /// new segment begins where the map's unit of length was guessed.
+    /// Mapping created a map in which the last frame is this key frame. The pose in `odom` stays, if the frame had
+    /// one; a new segment begins where the map's unit of length was guessed.
     pub fn map_created(&mut self, snapshot: &Snapshot, id: KeyFrameId) {
         let Some(k) = snapshot.key_frame(id) else { return };
         let anchored = AnchoredPose::at(id, k.world_from_camera);
@@ -164,7 +164,7 @@ impl OdometryFilter {
         self.last = Some((now, odometry));
     }
 
-    /// The motion from the last frame with a pose to this one; `None` where it is not known. Also takes over a change of
+    /// The motion from the last frame with a pose to this one; `None` where it is not known. Also applies a change of
     /// the map's unit of length.
     fn motion(
         &mut self,
@@ -204,8 +204,8 @@ impl OdometryFilter {
         known(motion, MotionSource::Velocity)
     }
 
-    /// The motion between two frames by the landmarks that both show; `resolved`, the motion between their poses, where
-    /// the difference cannot be seen. `None` where they have too few in common.
+    /// The motion between two frames by the landmarks that both show; or `resolved`, the motion between their poses,
+    /// where the difference is not visible. `None` where they share too few.
     fn shared_motion(
         &self,
         snapshot: &Snapshot,
@@ -214,7 +214,7 @@ impl OdometryFilter {
         before: &Se3,
         resolved: &Se3,
     ) -> Option<Se3> {
-        // Once the frame is a key frame, the map knows what became of its landmarks.
+        // Once the frame is a key frame, its landmarks are looked up in the map, which knows those that were fused.
         let as_key_frame = snapshot.newest_key_frame().filter(|k| Arc::ptr_eq(&k.frame, &last.frame));
         let last_landmarks = as_key_frame.map_or(&last.landmarks, |k| &k.landmarks);
         let alive = |landmarks: &[Option<LandmarkId>]| -> BTreeSet<LandmarkId> {
@@ -239,7 +239,7 @@ impl OdometryFilter {
         Some(if self.looks_the_same(&apart, &seen) { *resolved } else { motion })
     }
 
-    /// Whether points in the camera frame stay where they are in the image when they are moved.
+    /// Whether points in the camera frame keep their place in the image when they are moved.
     fn looks_the_same(&self, moved: &Se3, points: &[Vec3]) -> bool {
         let (mut sum, mut count) = (0.0, 0.0);
         for p in points {
@@ -266,7 +266,7 @@ impl OdometryFilter {
         self.at(snapshot, now, &Odometry { odom_from_body, source: motion.source, ..*before })
     }
 
-    /// The first pose of a segment, at the place where the last segment would expect it, in the map's unit.
+    /// The first pose of a segment, placed where the previous segment predicts it, in the map's unit.
     fn begin(&mut self, snapshot: &Snapshot, before: Option<Odometry>, now: &Placed) -> Odometry {
         (self.scale, self.velocity) = (1.0, None);
         let world_from_odom = before.map_or(Similarity::new(Sim3::identity()), |b| b.world_from_odom);
@@ -276,7 +276,7 @@ impl OdometryFilter {
         self.at(snapshot, now, &Odometry { segment, source, odom_from_body, world_from_odom })
     }
 
-    /// `odometry` with the similarity that takes it to the pose in the map.
+    /// `odometry` with the similarity that transforms it to the pose in the map.
     fn at(&self, snapshot: &Snapshot, now: &Placed, odometry: &Odometry) -> Odometry {
         let world_from_body = self.world_from_body(snapshot, now);
         let world_from_odom = Similarity::between(&world_from_body, &odometry.odom_from_body, self.scale);

@@ -1,4 +1,4 @@
-//! The odometry on synthetic maps: corrections of the map make no step in it, and what is not known is told.
+//! The odometry on synthetic maps: map corrections cause no jump in it, and unknown motion is reported.
 
 use crate::synthetic::{FEATURES, RATE_HZ, World, mono, off, pose, sideways, stereo};
 use crate::{MotionSource, Odometry, State, Tracked, Tracker, TrackerConfig};
@@ -9,7 +9,7 @@ use cairn_vision::RectifiedCamera;
 
 const STEP_S: f64 = 1.0 / RATE_HZ;
 
-/// A walk through a synthetic world, frame by frame, with the map in hand.
+/// A walk through a synthetic world, frame by frame, with the current map.
 struct Walk {
     world: World,
     atlas: Atlas,
@@ -20,7 +20,7 @@ struct Walk {
     last: Option<(Se3, Odometry, Se3)>,
 }
 
-/// How far the motion of a frame is off in `odom`, and how far the pose in the map jumped, beyond the true motion.
+/// The error of a frame's motion in `odom`, and how far the pose in the map jumped beyond the true motion.
 struct Step {
     odometry: Odometry,
     off_m: f64,
@@ -38,7 +38,7 @@ impl Walk {
         Self { world, atlas, ids, tracker, at_s, last: None }
     }
 
-    /// Where the walker is after so many frames: back along the path at 0.6 m/s, turning slowly.
+    /// The walker's pose after a number of frames: back along the path at 0.6 m/s, turning slowly.
     fn truth(n: usize) -> Se3 {
         let k = n as f64;
         pose(1.4 - 0.03 * k, 0.004 * k, 0.004 * k)
@@ -50,7 +50,7 @@ impl Walk {
         self.tracker.step(view.frame, &[], self.atlas.latest(), true, false)
     }
 
-    /// The next frame, which is tracked. Compares its motion with the truth; a unit of the odometry has so many metres.
+    /// Tracks the next frame and compares its motion with the truth; a unit of the odometry has this many metres.
     fn go(&mut self, truth: Se3) -> Step {
         let tracked = self.track(&truth);
         let found = tracked.pose.unwrap_or_else(|| panic!("no pose: {:?}", tracked.state)).world_from_camera;
@@ -87,8 +87,8 @@ impl Walk {
     }
 }
 
-/// Twenty frames with a correction of the map in the middle: no motion in `odom` is off by a millimetre, while the pose in
-/// the map jumps. `scale` is what the correction multiplies lengths by.
+/// Twenty frames with a correction of the map in the middle: no motion in `odom` is off by a millimetre, while the
+/// pose in the map jumps. `scale` is the factor by which the correction multiplies lengths.
 fn no_step(camera: RectifiedCamera, scale: f64, correct: impl FnOnce(&mut Walk)) {
     let mut walk = Walk::new(camera, 41);
     let mut correct = Some(correct);
@@ -118,7 +118,7 @@ fn no_step(camera: RectifiedCamera, scale: f64, correct: impl FnOnce(&mut Walk))
 
 #[test]
 fn a_loop_makes_no_step_in_odom() {
-    // Closing a loop moves key frames and landmarks near the camera by a metre and five degrees.
+    // Loop closing moves key frames and landmarks near the camera by a metre and five degrees.
     no_step(stereo(), 1.0, |walk| {
         walk.move_map(
             &Se3::new(So3::exp(&Vec3::new(0.0, 0.087, 0.0)), Vec3::new(0.8, -0.1, 0.6)),
@@ -129,7 +129,7 @@ fn a_loop_makes_no_step_in_odom() {
 
 #[test]
 fn a_loop_that_moves_landmarks_otherwise_than_key_frames_makes_no_step_in_odom() {
-    // Fused and adjusted with what was there before, landmarks do not keep their places at the key frames.
+    // Fused and adjusted with earlier landmarks, landmarks move relative to the key frames.
     for seed in [stereo(), mono()] {
         no_step(seed, 1.0, |walk| {
             let moved = Se3::new(So3::exp(&Vec3::new(0.0, 0.05, 0.02)), Vec3::new(0.5, 0.0, 0.3));
@@ -161,7 +161,7 @@ fn a_new_unit_of_the_map_makes_no_step_in_odom() {
 
 #[test]
 fn a_merge_makes_no_step_in_odom() {
-    // The map that the camera is in is the younger one, in a frame and a unit of its own.
+    // The camera is in the younger map, which has its own frame and unit.
     let mut walk = Walk::new(mono(), 42);
     let path = sideways(8, 0.2);
     let views = walk.world.walk(&path, walk.at_s + 1.0, 0.5);
@@ -197,7 +197,7 @@ fn a_merge_makes_no_step_in_odom() {
 
 #[test]
 fn no_correction_makes_a_step_in_odom() {
-    // Property: random corrections, each with landmarks up to 5 cm beside the key frames, at random frames.
+    // Property: random corrections, each moving landmarks up to 5 cm relative to the key frames, at random frames.
     for seed in 0..6 {
         let mut rng = Rng::new(seed);
         let mut unit = move || 2.0 * f64::from(rng.below(1 << 24)) / f64::from(1 << 24) - 1.0;
@@ -253,7 +253,7 @@ fn after_a_loss_elsewhere_a_new_segment_begins() {
         walk.go(Walk::truth(n));
     });
     let before = walk.last.unwrap().1;
-    // Away to where no landmark is common, and found again there in the map, after a loss.
+    // The camera moves to where no landmark is shared, and is found again there in the map, after a loss.
     let far = World::around(stereo(), 45);
     for _ in 0..20 {
         walk.at_s += STEP_S;
@@ -290,7 +290,7 @@ fn a_turn_by_rotation_only_holds_the_position_and_is_told() {
         sources.push(step.odometry.source);
     }
     assert!(sources.contains(&MotionSource::RotationOnly), "{sources:?}");
-    // Back into the map, a little beside where it was left: the pose in the map is put right, the odometry goes on.
+    // Back into the map, a little beside where it was left: the pose in the map is corrected, the odometry continues.
     for n in (5..50).rev() {
         let step = walk.go(place(n));
         assert!(step.off_m < 0.01 && step.odometry.segment == 0, "frame {n}: {} m", step.off_m);

@@ -1,9 +1,10 @@
-//! Whether a single camera has moved enough to see depth: parallax since an earlier frame.
+//! Whether a monocular camera has moved enough to observe depth: parallax since an earlier frame.
 //!
-//! While a walker turns on the spot, each view differs from the one before by a rotation only. Landmarks triangulated then
-//! take their depth from noise, and a map that goes on from them changes its unit of length. So an earlier frame is kept
-//! until the camera has seen parallax against it, or has turned away from it without any. As long as rotation alone explains
-//! what changed since (the infinite homography; Hartley & Zisserman, section 13.4), nothing is to be triangulated.
+//! While a walker turns on the spot, each view differs from the previous one by a rotation only. Landmarks
+//! triangulated then take their depth from noise, and a map that continues from them changes its unit of length. So
+//! an earlier frame is kept until the camera has seen parallax against it, or has turned away from it without any. As
+//! long as rotation alone explains the change since then (the infinite homography; Hartley & Zisserman, section
+//! 13.4), nothing is triangulated.
 
 use crate::rotation::{Between, rotation_between};
 use crate::state::AnchoredPose;
@@ -15,18 +16,18 @@ use cairn_vision::{Frame, RectifiedCamera};
 use nalgebra::SMatrix;
 use std::sync::Arc;
 
-/// A camera that has moved by more than this share of the median depth sees parallax; no test is needed.
+/// A camera that has moved by more than this share of the median depth has parallax; no test is needed.
 const MOVED: f64 = 0.05;
 /// Seconds between two tests.
 const EVERY_S: f64 = 0.1;
-/// Turned by less than this a camera may stand still; the landmarks that it had are in view then. Radians.
+/// A camera turned by less than this may be standing still; the landmarks it had are still in view then. Radians.
 const TURNED_RAD: f64 = 0.1;
-/// How well its place is known while no parallax is seen: standard deviation as a share of the median depth.
+/// Uncertainty of the position while there is no parallax: standard deviation as a share of the median depth.
 const HELD: f64 = 0.01;
 /// The share of matches that must agree with a rotation when there is no parallax.
 const SHARE: f64 = 0.9;
 
-/// The frame against which parallax is looked for.
+/// The frame against which parallax is tested.
 #[derive(Clone, Debug)]
 struct Reference {
     frame: Arc<Frame>,
@@ -41,7 +42,7 @@ impl Reference {
     }
 }
 
-/// Watches for parallax. Only where neither depth nor an inertial sensor gives the unit of length.
+/// Detects parallax. Only where neither depth nor an IMU gives the unit of length.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ParallaxWatch {
     reference: Option<Reference>,
@@ -78,8 +79,8 @@ impl ParallaxWatch {
         match rotation_between(camera, &reference.frame, frame, &guess, SHARE) {
             Between::Rotation { rotation, .. } => self.turning = rotation.angle() > TURNED_RAD,
             Between::Parallax => (self.reference, self.turning) = (Some(here()), false),
-            // Turned away from it: whether there was parallax is what the tests before have said. Without parallax the
-            // camera is still where it was.
+            // Turned away from it: the earlier tests have decided whether there was parallax. Without parallax the
+            // camera is still at the same position.
             Between::TooFew => {
                 let mut next = here();
                 if self.turning {
@@ -93,8 +94,8 @@ impl ParallaxWatch {
         self.tested = Some(frame.clone());
     }
 
-    /// While the camera turns without parallax: that it is where it was. Few landmarks at the edge of the view say less of
-    /// its place than that.
+    /// A position prior while the camera turns without parallax: it has not moved. The few landmarks at the edge of
+    /// the view constrain the position less than that.
     pub fn position_prior(&self, snapshot: &Snapshot, guess: &Se3) -> Option<PosePrior> {
         let reference = self.reference.as_ref().filter(|_| self.turning)?;
         let held = reference.world_from_camera(snapshot)?;
@@ -104,7 +105,7 @@ impl ParallaxWatch {
         Some(PosePrior { world_from_camera: Se3::new(guess.rotation, held.translation), information })
     }
 
-    /// Whether the camera turns without parallax: depth cannot be seen now.
+    /// Whether the camera turns without parallax: depth cannot be observed now.
     pub fn is_turning(&self) -> bool {
         self.turning
     }

@@ -1,9 +1,9 @@
-//! A single camera that turns on the spot and has lost its map: rotation goes on from frame to frame.
+//! A monocular camera that turns on the spot and has lost its map: rotation is tracked from frame to frame.
 //!
 //! Between two frames without parallax the bearings of a point differ by the camera's rotation alone (the infinite
 //! homography; Hartley & Zisserman, section 13.4). It is found by RANSAC over pairs of bearings and refined over all
-//! inliers by the closed form of Wahba's problem (Markley 1988, singular value decomposition). The position is held; once
-//! there is parallax the model no longer fits, and that is noticed by the share of inliers.
+//! inliers by the closed form of Wahba's problem (Markley 1988, singular value decomposition). The position is held;
+//! once there is parallax the model no longer fits, which the share of inliers reveals.
 
 use crate::start::match_around;
 use crate::state::{AnchoredPose, Evidence, State, Tracked};
@@ -19,22 +19,24 @@ use std::sync::Arc;
 const GAP_S: f64 = 0.3;
 /// Seconds for which rotation alone may carry the pose.
 const LONGEST_S: f64 = 8.0;
-/// Seconds over which the frames have to differ by a rotation too: someone who walks on moves a few centimetres from one frame
-/// to the next, which far points do not show, but a third of a metre in this time.
+/// Seconds over which the frames must differ by a rotation alone, too: a person who walks on moves a few centimetres
+/// from one frame to the next, which far points do not show, but a third of a metre in this time.
 const CHECK_S: f64 = 0.3;
-/// Half of the search window around where the rotation before leads, pixels; the second where that finds too little.
+/// Half of the search window around the position predicted by the previous rotation, pixels; the second where that
+/// finds too little.
 const RADII: [f32; 2] = [30.0, 90.0];
 /// Matches that must agree, and the share of all that must.
 const NEED: usize = 30;
 const SHARE: f64 = 0.6;
-/// Pixels within which a match agrees: corners of the fine levels, and the parallax of a camera held off the axis.
+/// Pixels within which a match agrees: covers corners of the fine levels, and the parallax of a camera held off the
+/// rotation axis.
 const AGREE_PX: f64 = 3.0;
-/// Samples of two matches.
+/// RANSAC samples of two matches.
 const SAMPLES: usize = 60;
 
 impl Tracker {
-    /// Carries the orientation on when the map has lost its matches: the frame's pose by rotation alone, at the position
-    /// of the last known pose. None when the frames do not differ by a rotation.
+    /// Carries the orientation forward when the matches with the map are lost: the frame's pose by rotation alone, at
+    /// the position of the last known pose. `None` when the frames do not differ by a rotation.
     pub(crate) fn track_rotation(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot) -> Option<Tracked> {
         if self.lost_frames == 0 {
             self.rotation_check = None;
@@ -55,7 +57,7 @@ impl Tracker {
         let pose = last.anchored.world_from_camera;
         let rotation = pose.rotation * turn;
         let checked = match self.rotation_check.clone() {
-            // Rotation alone begins: the frame before is what later ones are compared with.
+            // Rotation alone begins: later frames are compared with the previous one.
             None => (last.frame.clone(), pose.rotation),
             Some((checked, at)) if frame.stamp - checked.stamp < CHECK_S => (checked, at),
             Some((checked, at)) => {
@@ -107,13 +109,13 @@ impl Tracker {
 pub(crate) enum Between {
     /// By a rotation: `first_from_second`, with the matches that agree and all there are.
     Rotation { rotation: So3, inliers: usize, matched: usize },
-    /// By more than a rotation.
+    /// By more than a rotation: there is parallax.
     Parallax,
-    /// Too little is seen in both.
+    /// Too few matches between the two.
     TooFew,
 }
 
-/// Whether two frames differ by a rotation near `guess`, with which at least this share of the matches has to agree.
+/// Whether two frames differ by a rotation near `guess`; at least this share of the matches has to agree with it.
 pub(crate) fn rotation_between(
     camera: &RectifiedCamera,
     first: &Frame,
@@ -148,7 +150,7 @@ pub(crate) fn rotation_between(
     }
 }
 
-/// The rotation that takes second bearings to first ones for most pairs, within an angle; with their count.
+/// The rotation that aligns second bearings to first ones for most pairs, within an angle; with their count.
 fn ransac(pairs: &[(Vec3, Vec3)], within_rad: f64, seed: u64) -> Option<(So3, usize)> {
     if pairs.len() < 3 {
         return None;
@@ -174,7 +176,7 @@ fn ransac(pairs: &[(Vec3, Vec3)], within_rad: f64, seed: u64) -> Option<(So3, us
     Some((rotation, best.len()))
 }
 
-/// The rotation that takes the second of each pair to the first with the least squared error.
+/// The rotation that aligns the second of each pair to the first with the least squared error.
 fn wahba<'a>(pairs: impl Iterator<Item = &'a (Vec3, Vec3)>) -> Option<So3> {
     let (mut sum, mut count) = (Mat3::zeros(), 0);
     for (a, b) in pairs {
@@ -183,7 +185,7 @@ fn wahba<'a>(pairs: impl Iterator<Item = &'a (Vec3, Vec3)>) -> Option<So3> {
     }
     let svd = sum.try_svd(true, true, 1e-12, 100)?;
     let (u, v_t) = (svd.u?, svd.v_t?);
-    // Two bearings fix a rotation when they differ.
+    // Two different bearings determine a rotation.
     if count < 2 || svd.singular_values[1] < 1e-4 {
         return None;
     }

@@ -1,9 +1,9 @@
-//! What a single camera knows of scale from frame to frame: whether it still rests on landmarks with parallax, and how
-//! fast the walker goes.
+//! Scale of a monocular camera from frame to frame: whether it is still supported by landmarks with parallax, and the
+//! walker's speed.
 //!
-//! While the camera turns on the spot there is no parallax. New landmarks then have a depth that was only assumed, and a
-//! map that goes on from them alone takes its unit of length from that assumption. So scale counts as supported only
-//! while enough of the tracked landmarks have parallax between key frames from before.
+//! While the camera turns on the spot there is no parallax. New landmarks then have an assumed depth, and a map that
+//! continues from them alone takes its unit of length from that assumption. So scale counts as supported only while
+//! enough of the tracked landmarks have parallax between earlier key frames.
 
 use crate::match_last::Matches;
 use crate::parallax::ParallaxWatch;
@@ -17,25 +17,26 @@ use cairn_vision::Frame;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Fewer tracked landmarks with parallax than this do not support scale,
+/// Scale is unsupported when fewer tracked landmarks than this have parallax,
 const FEW: usize = 12;
-/// when they are also fewer than this share of all,
+/// and they are also fewer than this share of all,
 const FEW_SHARE: f64 = 0.25;
-/// for so many frames running.
+/// for this many consecutive frames.
 const FEW_FRAMES: usize = 3;
-/// So many support it again.
+/// This many support it again.
 const ENOUGH: usize = 25;
 
-/// Watches what scale rests on. Only for maps whose unit of length neither depth nor an inertial sensor gives.
+/// Tracks whether scale is supported. Only for maps whose unit of length is given neither by depth nor by an IMU.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ScaleSupport {
-    /// Frames running with too few landmarks with parallax, and the key frame that was next when they began.
+    /// Number of consecutive frames with too few landmarks with parallax, and the id of the next key frame when they
+    /// began.
     few: Option<(usize, KeyFrameId)>,
 }
 
 impl ScaleSupport {
-    /// Takes the landmarks that agree with the pose of a frame. Once too few of them have parallax, only key frames from
-    /// before count, since later ones stand where an assumed depth puts them.
+    /// Takes the landmarks that agree with the pose of a frame. Once too few of them have parallax, only earlier key
+    /// frames count, since the positions of later ones depend on assumed depths.
     pub fn update(&mut self, snapshot: &Snapshot, landmarks: &[Option<LandmarkId>]) {
         let next = snapshot.next_key_frame_id();
         let before = self.few.map_or(next, |(_, before)| before);
@@ -54,30 +55,30 @@ impl ScaleSupport {
         };
     }
 
-    /// Whether scale rests on nothing any more.
+    /// Whether scale is no longer supported.
     pub fn is_lost(&self) -> bool {
         self.few.is_some_and(|(frames, _)| frames >= FEW_FRAMES)
     }
 }
 
-/// Poses kept while scale has no support.
+/// Maximum number of poses stored while scale is not supported.
 const UNSUPPORTED: usize = 600;
 
-/// Frames whose speeds are kept: half a minute at 20 Hz.
+/// Number of frames whose speeds are stored: half a minute at 20 Hz.
 const KEPT: usize = 600;
-/// Fewer frames of walking say nothing of the pace,
+/// The walking speed is not estimated from fewer frames than this,
 const LEAST: usize = 10;
-/// but a map whose unit was guessed is put right by a first few.
+/// but a map whose unit was guessed is corrected after these first few.
 const FIRST_FEW: usize = 5;
 
-/// How fast the walker goes when he walks, in the map's unit a second.
+/// The walker's usual speed while walking, in the map's unit per second.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pace {
     speeds: VecDeque<f64>,
 }
 
 impl Pace {
-    /// The speed of one more frame.
+    /// Adds the speed of one frame.
     pub fn push(&mut self, speed: f64) {
         if self.speeds.len() == KEPT {
             self.speeds.pop_front();
@@ -85,13 +86,14 @@ impl Pace {
         self.speeds.push_back(speed);
     }
 
-    /// Lengths are so many times what they were.
+    /// Converts to a new unit: all lengths were multiplied by this factor.
     pub fn rescale(&mut self, factor: f64) {
         self.speeds.iter_mut().for_each(|s| *s *= factor);
     }
 
-    /// The median speed of the frames in which he walked, and how many these are. Standing and turning on the spot do not
-    /// count: only speeds above half of the fast ones (the ninth decile) do. None below `least` frames.
+    /// The median speed over the frames in which the walker was walking, and the number of these frames. Standing and
+    /// turning on the spot do not count: only speeds above half of the ninth decile do. `None` for fewer than `least`
+    /// frames.
     fn walking(&self, least: usize) -> Option<(f64, usize)> {
         let mut sorted: Vec<f64> = self.speeds.iter().copied().filter(|s| s.is_finite()).collect();
         if sorted.len() < least {
@@ -105,30 +107,32 @@ impl Pace {
     }
 }
 
-/// Seconds of walking in a map after which its unit of length is set by the pace, and set again: soon, so that no place is
-/// told far from where he can have walked, and later, when he walks as he does.
+/// Seconds of walking in a map after which its unit of length is set from the walking speed, and set again: first
+/// soon, so that no place is reported farther away than the walker can have gone, and again later, when the walker
+/// has reached the usual speed.
 const COMPARED_S: [f64; 5] = [0.25, 0.5, 1.0, 3.0, 10.0];
-/// Standard deviation of the logarithm of scale before the first comparison, and after each: an assumption of how well a
-/// walker keeps his pace from one stretch to the next. While he sets off after a stop he is slower.
+/// Standard deviation of the logarithm of scale before the first comparison, and after each: an assumption of how
+/// well a walker keeps the same speed from one stretch to the next. A walker who sets off after a stop is slower.
 pub(crate) const PACE_SIGMA: [f64; 6] = [2.0, 0.7, 0.5, 0.3, 0.2, 0.15];
 
-/// The least share of the time between two frames with parallax in which he must have walked.
+/// The least share of the time between two frames with parallax in which the walker must have been walking.
 const LEAST_WALKED: f64 = 0.05;
 
-/// A map whose unit of length was guessed from the walker's pace in the map before, to be compared as he walks on.
+/// A map whose unit of length was guessed from the walking speed in the previous map, to be compared as the walk goes
+/// on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PaceComparison {
-    /// The map, named when it had just begun.
+    /// The map's id when it had just begun.
     pub map: MapId,
-    /// The pace that he had before, in the unit that the map took over.
+    /// The walking speed in the previous map, in the unit that this map took over.
     pub pace: f64,
-    /// Comparisons done.
+    /// Number of comparisons done.
     pub done: usize,
 }
 
 impl PaceComparison {
-    /// By how much lengths in the map have to change, and the standard deviation of the logarithm of scale after that; once
-    /// enough was walked.
+    /// The factor by which lengths in the map have to change, and the standard deviation of the logarithm of scale
+    /// after that; `None` until the walk was long enough.
     pub fn due(&mut self, pace: &Pace, rate_hz: f64) -> Option<(f64, f64)> {
         let (now, frames) = pace.walking(FIRST_FEW)?;
         if (frames as f64) < COMPARED_S.get(self.done)? * rate_hz {
@@ -138,15 +142,16 @@ impl PaceComparison {
         Some((self.pace / now, PACE_SIGMA[self.done]))
     }
 
-    /// Whether too little was walked in the map for a pace of its own: the one it took over holds.
+    /// Whether the walk in the map was too short for a speed of its own: the speed taken over is used instead.
     fn is_early(&self) -> bool {
         self.done < 3
     }
 }
 
-/// Place of a walker who turns on the spot: standard deviation in metres, and metres more for each second.
+/// Position uncertainty of a walker who turns on the spot: standard deviation in metres, and its growth in metres per
+/// second.
 const ON_THE_SPOT_M: [f64; 2] = [0.3, 0.2];
-/// Standard deviation of a direction carried on by rotation alone, radians.
+/// Standard deviation of an orientation carried forward by rotation alone, radians.
 const TURNED_RAD: f64 = 0.1;
 
 impl Tracker {
@@ -158,15 +163,15 @@ impl Tracker {
         }
     }
 
-    /// The mean speed between the two frames with which a map begins, when he walks at his usual pace except while the
-    /// camera was seen to turn on the spot.
+    /// The mean speed between the two frames with which a map begins, assuming the usual walking speed except while
+    /// the camera was seen to turn on the spot.
     pub(crate) fn assumed_speed(&self, first: Stamp, second: Stamp) -> Option<f64> {
         let walked_s = second - self.turned_until.map_or(first, |turned| turned.clamp(first, second));
         self.typical_speed().map(|pace| pace * (walked_s / (second - first)).max(LEAST_WALKED))
     }
 
-    /// A map has just been created: nothing is known of the pace in it, and where its unit of length was guessed from the
-    /// pace before, that pace is kept for comparison.
+    /// A map has just been created: no speed in it is known, and where its unit of length was guessed from the
+    /// previous walking speed, that speed is stored for comparison.
     pub(crate) fn start_pace(&mut self, snapshot: &Snapshot, root: &KeyFrame) {
         self.scale_support = ScaleSupport::default();
         self.parallax = ParallaxWatch::default();
@@ -178,13 +183,13 @@ impl Tracker {
         self.pace = Pace::default();
     }
 
-    /// Whether lengths in the map mean something: the landmarks in view have parallax, and a unit that was guessed when
-    /// the map began was compared with the pace.
+    /// Whether lengths in the map are meaningful: the landmarks in view have parallax, and a unit that was guessed
+    /// when the map began was compared with the walking speed.
     pub(crate) fn is_scale_supported(&self) -> bool {
         !self.scale_support.is_lost() && self.pace_comparison.as_ref().is_none_or(|c| c.done > 0)
     }
 
-    /// Looks what scale rests on at a frame whose pose is known.
+    /// Checks whether scale is supported at a frame whose pose is known.
     pub(crate) fn watch_scale(
         &mut self,
         frame: &Arc<Frame>,
@@ -213,7 +218,7 @@ impl Tracker {
         self.keep_unsupported(frame.stamp, anchored);
     }
 
-    /// Keeps a pose without support of scale.
+    /// Stores a pose without support of scale.
     pub(crate) fn keep_unsupported(&mut self, stamp: Stamp, anchored: AnchoredPose) {
         if self.unsupported.len() == UNSUPPORTED {
             self.unsupported.pop_front();
@@ -221,7 +226,7 @@ impl Tracker {
         self.unsupported.push_back((stamp, anchored));
     }
 
-    /// Standard deviation of the position of a walker who has turned on the spot for so long, in the map's unit.
+    /// Standard deviation of the position of a walker who has turned on the spot for this long, in the map's unit.
     pub(crate) fn on_the_spot_sigma(&self, seconds: f64) -> f64 {
         (ON_THE_SPOT_M[0] + ON_THE_SPOT_M[1] * seconds) * self.metre_in_map_units()
     }
@@ -242,8 +247,8 @@ impl Tracker {
         })
     }
 
-    /// A new map with a unit of length of its own, once two views since scale lost its support have parallax: the way on
-    /// is not measured by the assumed depths that carried orientation through the turn.
+    /// Begins a new map with its own unit of length, once two views since the loss of scale support have parallax:
+    /// the further route is then not measured with the assumed depths that carried the orientation through the turn.
     pub(crate) fn begin_with_own_scale(
         &mut self,
         frame: Arc<Frame>,
@@ -259,7 +264,7 @@ impl Tracker {
         Some(request)
     }
 
-    /// Once enough was walked in a map whose unit was guessed: by how much its lengths have to change.
+    /// Once the walk in a map with a guessed unit is long enough: the factor by which its lengths have to change.
     pub(crate) fn due_rescale(&mut self, snapshot: &Snapshot, reference: KeyFrameId) -> Option<(f64, f64)> {
         let comparison = self.pace_comparison.as_mut()?;
         if map_of(snapshot, reference) != Some(comparison.map) || snapshot.is_gravity_aligned(comparison.map)
@@ -286,7 +291,7 @@ fn median_depth(
     (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The map that a key frame is in, or what became of it.
+/// The map that a key frame is in, or the map it was merged into.
 fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
     snapshot.surviving_ancestor(id).and_then(|(id, _)| Some(snapshot.key_frame(id)?.map))
 }
@@ -297,7 +302,7 @@ mod tests {
     use cairn_atlas::{Change, ChangeSet};
     use cairn_geometry::{So3, Vec3};
 
-    /// Key frames at these places, all of which see 30 points 4 m ahead.
+    /// Key frames at these positions, all of which observe 30 points 4 m ahead.
     fn seen_from(places: &[f64]) -> (Snapshot, Vec<Option<LandmarkId>>) {
         let count = 30;
         let mut changes = Vec::new();
@@ -334,7 +339,7 @@ mod tests {
         let (snapshot, landmarks) = seen_from(&[0.0, 0.3]);
         (0..5).for_each(|_| support.update(&snapshot, &landmarks));
         assert!(!support.is_lost());
-        // Turned on the spot: the camera moves by a centimetre at 4 m.
+        // A turn on the spot: the camera moves by a centimetre at a depth of 4 m.
         let (snapshot, landmarks) = seen_from(&[0.0, 0.01, 0.0]);
         support.update(&snapshot, &landmarks);
         assert!(!support.is_lost(), "one frame is no reason");
@@ -347,7 +352,7 @@ mod tests {
         let mut support = ScaleSupport::default();
         let (turned, landmarks) = seen_from(&[0.0, 0.01]);
         (0..3).for_each(|_| support.update(&turned, &landmarks));
-        // He walks on, and a third key frame sees the same points with parallax.
+        // The walker goes on, and a third key frame observes the same points with parallax.
         let (walked, landmarks) = seen_from(&[0.0, 0.01, 0.5]);
         support.update(&walked, &landmarks);
         assert!(support.is_lost());
@@ -382,7 +387,7 @@ mod tests {
                 pace.rescale(factor);
                 found.push((factor, sigma));
             }
-            // In the new unit he goes on as he did.
+            // In the new unit the walker continues at the same speed.
             let factor: f64 = found.iter().map(|(f, _)| f).product();
             let last = pace.speeds.back_mut().unwrap();
             *last = 0.4 * factor;

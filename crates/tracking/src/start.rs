@@ -136,7 +136,7 @@ fn two_views(
 ) -> Option<Pair> {
     let (a, b): (Vec<[f32; 2]>, Vec<[f32; 2]>) =
         matches.iter().map(|(i, j)| (first.px[*i], second.px[*j])).unzip();
-    // Corners of the finest levels are located to a fraction of a pixel: half a pixel covers their error.
+    // Corners of the finest levels are located with subpixel accuracy: half a pixel covers their error.
     let config = TwoViewConfig { sigma_px: 0.5, ..TwoViewConfig::default() };
     let found = two_view(camera, &a, &b, &config, seed).ok()?;
     let points =

@@ -25,8 +25,8 @@ pub enum State {
         /// Standard deviation of the position, metres.
         sigma: f64,
     },
-    /// The map has lost its matches, but the frames differ by a rotation alone: the orientation is tracked, the position is
-    /// that of the last known pose.
+    /// The matches with the map are lost, but consecutive frames differ by a rotation alone: the orientation is
+    /// tracked, the position is held at the last known pose.
     RotationOnly {
         /// Seconds since the last visually tracked pose.
         since_s: f64,
@@ -153,7 +153,7 @@ pub struct Tracked {
     pub request: Option<KeyFrameRequest>,
     /// Poses of frames from before the initialisation, found once there was a map: time and pose.
     pub earlier: Vec<(Stamp, AnchoredPose)>,
-    /// False while the unit of length rests on nothing: no depth, no IMU, no landmark with parallax.
+    /// False while nothing determines the unit of length: no depth, no IMU, no landmark with parallax.
     pub scale_supported: bool,
     /// Landmarks that should have been in view, each with whether it was matched as an inlier.
     pub seen: Vec<(LandmarkId, bool)>,

@@ -1,11 +1,11 @@
 //! Static-landmark gating: landmarks that have kept their position for a while (confirmed) decide the pose
 //! where newer (tentative) points disagree with them.
 //!
-//! Points that a key frame adds from its own depth have been seen once, and may lie on a person walking
-//! ahead. All points on that person agree with each other, and where the person is near and the walls are far
-//! or have little texture, they outweigh the walls and drag the pose along. A landmark that key frames
-//! observed at one position over some time is known to be static: the confirmed landmarks hold the pose, and
-//! points on moving objects do not fit it for that long.
+//! Points that a key frame adds from its own depth have been seen once, and may lie on a person walking ahead. All
+//! points on that person agree with each other. Where the person is near and the walls are far or have little
+//! texture, they outweigh the walls and drag the pose along. A landmark that key frames observed at one position over
+//! some time is known to be static: the confirmed landmarks determine the pose, and points on moving objects do not
+//! fit it for that long.
 use crate::match_last::Matches;
 use crate::tracker::Tracker;
 use cairn_adjust::{Located, locate, pinhole, pixel, weight};

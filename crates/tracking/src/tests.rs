@@ -1,4 +1,4 @@
-//! The tracking stage on synthetic maps: one test for each of its stages.
+//! The tracking stage on synthetic maps: one test for each of its steps.
 
 use crate::decide::{Situation, wants_key_frame};
 use crate::match_last::{Before, Matches, match_last};
@@ -68,7 +68,7 @@ fn match_last_finds_each_landmark_of_the_last_frame() {
     assert!(found.landmarks.iter().zip(&truly).all(|(found, truly)| found.is_none() || found == truly));
     let (have, of) = (found.landmarks.iter().flatten().count(), truly.iter().flatten().count());
     assert!(have * 10 > of * 9, "{have} of {of}");
-    // With a guess that is far off nothing is where it is searched.
+    // With a guess that is far off, nothing is found where it is searched.
     let off = pose(0.43, 0.0, 0.3);
     assert!(match_last(atlas.latest(), &world.camera, &before, &view.frame, &off, 7.0).count() < 10);
 }
@@ -236,7 +236,7 @@ fn start_requests_a_pair_once_a_single_camera_has_moved() {
     assert!(off(&first_from_second, &truth).1 < 1e-3);
 }
 
-/// Adds a root with everything a view shows, in a frame of its own, as mapping does from a first request.
+/// Adds a root key frame with everything a view shows, in a frame of its own, as mapping does for an initial request.
 fn begin_map(atlas: &mut Atlas, world: &World, view: &View, at: &Se3, prior: MapPrior) -> KeyFrameId {
     let exact = |_| Sim3::identity();
     let ids = world.map(atlas, std::slice::from_ref(view), std::slice::from_ref(at), None, exact);
@@ -267,7 +267,7 @@ fn a_new_map_begins_half_a_second_after_loss_and_the_earlier_one_is_kept() {
         panic!("{request:?}")
     };
     assert!(Arc::ptr_eq(&frame, &view.frame));
-    // It begins at the last known pose, as far off as a walker gets in that time.
+    // The new map begins at the last known pose, with the uncertainty of a walker's motion in that time.
     assert!(ids.contains(&prior.anchored.reference));
     assert!(off(&prior.anchored.world_from_camera, &pose(0.6, 0.0, 0.0)).0 < 1e-9);
     assert!((prior.sigma - 1.5 * after_s).abs() < 1e-6 && prior.sigma_log_scale == 0.0, "{prior:?}");
@@ -285,7 +285,7 @@ fn a_new_map_begins_half_a_second_after_loss_and_the_earlier_one_is_kept() {
     let tracked = step(&mut tracker, atlas.latest(), &other.see(&next, seconds + STEP_S));
     assert_eq!(tracked.state, State::Tracking);
     assert_pose(&tracked, &next, 1e-3);
-    // Back in the earlier map, its place is recognised.
+    // Back in the earlier map, the place is recognised.
     for n in 0..3 {
         let back = pose(0.3, 0.1, 0.0);
         let tracked =
@@ -314,11 +314,11 @@ fn a_turn_without_matches_to_the_map_is_tracked_by_rotation_only() {
     let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     let mut states = Vec::new();
-    // A turn of 115 degrees on the spot: the map ends at half of it.
+    // A turn of 115 degrees on the spot: the map covers only the first half of it.
     for n in 1..=50 {
         let truth = pose(0.6, 0.0, 0.04 * f64::from(n));
         let view = world.see(&truth, from_s + STEP_S * f64::from(n));
-        // Mapping takes no key frames: only tracking carries the orientation on.
+        // Mapping takes no key frames: only tracking carries the orientation forward.
         let tracked = tracker.step(view.frame, &[], atlas.latest(), true, false);
         let found = tracked.pose.unwrap_or_else(|| panic!("frame {n}: {:?}", tracked.state));
         let (metres, radians) = off(&found.world_from_camera, &truth);
@@ -382,12 +382,12 @@ fn a_map_whose_unit_was_guessed_is_rescaled_by_the_pace() {
     let (mut atlas, ids) = world.exact_map(&sideways(4, 0.1));
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     let mut at_s = from_s;
-    // He walks at 0.6 units a second.
+    // The walker moves at 0.6 units a second.
     for n in 1..=20 {
         at_s = from_s + STEP_S * f64::from(n);
         step(&mut tracker, atlas.latest(), &world.see(&pose(0.3 - 0.03 * f64::from(n), 0.0, 0.0), at_s));
     }
-    // The next map has half the unit: the same walk is 1.2 units a second.
+    // The next map has half the unit of length: the same walk is at 1.2 units a second.
     let path = sideways(6, 0.2);
     let views = world.walk(&path, at_s - 2.5 + STEP_S, 0.5);
     let double = |_| Sim3 { scale: 2.0, ..Sim3::identity() };
@@ -404,7 +404,7 @@ fn a_map_whose_unit_was_guessed_is_rescaled_by_the_pace() {
     at_s += STEP_S;
     let mut due = Vec::new();
     for n in 1..=70 {
-        // To and fro over the path, from its end on.
+        // To and fro along the path, from its end on.
         let x = 0.5 * (f64::from(n % 33) / 16.5 - 1.0).abs();
         at_s += STEP_S;
         let tracked = step(&mut tracker, atlas.latest(), &world.see(&pose(2.0 * x, 0.0, 0.0), at_s));
@@ -413,7 +413,7 @@ fn a_map_whose_unit_was_guessed_is_rescaled_by_the_pace() {
         }
         due.extend(tracker.due_rescale(atlas.latest(), younger[5]));
     }
-    // After 0.25, 0.5, 1 and 3 s of walking; nobody has applied the first here, so that all say the same.
+    // After 0.25, 0.5, 1 and 3 s of walking; the first correction is never applied here, so all give the same factor.
     assert_eq!(due.len(), 4, "{due:?}");
     let expected = 0.6 / (2.0 * 2.0 * 0.5 / 16.5 / STEP_S);
     assert!(due.iter().all(|d| (d.0 / expected - 1.0).abs() < 0.1), "{due:?}, expected {expected}");

@@ -35,7 +35,7 @@ pub struct TrackerConfig {
     pub new_map_s: f64,
     /// Standard deviation of the position in metres up to which the IMU may carry the pose (coasting).
     pub coast_sigma: f64,
-    /// Longest time in motion for which it may do so, seconds.
+    /// Longest time in motion for which it may do so, in seconds.
     pub coast_s: f64,
 }
 
@@ -90,13 +90,13 @@ pub struct Tracker {
     pub(crate) velocity: Option<SVector<f64, 6>>,
     /// Speeds of the last frames, map units per second.
     pub(crate) pace: Pace,
-    /// What scale rests on, where neither depth nor an IMU gives it.
+    /// Whether scale is supported, where neither depth nor an IMU gives it.
     pub(crate) scale_support: ScaleSupport,
-    /// Whether there is parallax to see depth by, there too.
+    /// Whether there is parallax to observe depth, in the same case.
     pub(crate) parallax: ParallaxWatch,
     /// A map whose unit of length was guessed from the walking speed.
     pub(crate) pace_comparison: Option<PaceComparison>,
-    /// While rotation alone is tracked: an earlier frame with its orientation, from which it is checked.
+    /// While rotation alone is tracked: an earlier frame with its orientation, against which it is checked.
     pub(crate) rotation_check: Option<(Arc<Frame>, So3)>,
     /// When the camera was last seen to turn on the spot.
     pub(crate) turned_until: Option<Stamp>,
@@ -248,7 +248,7 @@ impl Tracker {
         self.finish(frame, snapshot, guess, matches, predicted, idle)
     }
 
-    /// Takes the pose of a frame into the odometry.
+    /// Adds the pose of a frame to the odometry.
     fn follow(
         &mut self,
         frame: &Arc<Frame>,
@@ -525,7 +525,7 @@ impl Tracker {
         let mut expected = self.local.search(snapshot, &self.camera, &frame, &guess, factor, &mut matches);
         let mut matched = matches.count();
         let mut located = self.locate_from(snapshot, &frame, &guess, prior.as_ref(), &mut matches);
-        // Few of those expected were found: the guess was poor. Search again from the better pose.
+        // Few of the expected landmarks were found: the guess was poor. Search again from the better pose.
         if located.inliers * 3 < expected.len() {
             expected = self.local.search(
                 snapshot,
@@ -623,8 +623,8 @@ impl Tracker {
         }
     }
 
-    /// Inlier matches needed in a frame: of the few features of a blank wall a good share is enough, where
-    /// each has depth.
+    /// Inlier matches required in a frame: of the few features of a blank wall a good share is enough, where each has
+    /// depth.
     pub(crate) fn need(&self, frame: &Frame) -> usize {
         let least = if self.camera.has_depth() { 10 } else { 15 };
         self.config.min_inliers.min((frame.len() / 4).max(least))

@@ -1,7 +1,7 @@
 //! A self-signed certificate for the page's server: phones give camera and motion only to pages over HTTPS.
 //!
-//! It is kept with its key in one PEM file, readable by its owner alone, so that a phone asks only once. The first line
-//! lists the addresses and names it covers; when a new one is needed, a new certificate replaces it.
+//! It is stored with its key in one PEM file, readable by its owner alone, so that a phone asks only once. The first
+//! line lists the addresses and names it covers; when another is needed, a new certificate replaces it.
 
 use rcgen::{CertificateParams, DistinguishedName, DnType, KeyPair, SanType};
 use rustls::pki_types::pem::PemObject;
@@ -24,8 +24,8 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// The certificate kept in a folder, when it covers all of these addresses and names; else a new one, which is kept
-    /// there. Also returns why it could not be kept, if so.
+    /// The certificate stored in a folder, when it covers all of these addresses and names; else a new one, which is
+    /// stored there. Also returns why it could not be stored, if so.
     ///
     /// # Errors
     /// The library's message, when the key or the certificate cannot be made.
@@ -147,7 +147,7 @@ mod tests {
             let mode = std::fs::metadata(folder.join(FILE)).unwrap();
             assert_eq!(std::os::unix::fs::PermissionsExt::mode(&mode.permissions()) & 0o077, 0);
         }
-        // A damaged file, or one with another key, is rebuilt.
+        // A damaged file, or one with another key, is replaced.
         let text = std::fs::read_to_string(folder.join(FILE)).unwrap();
         std::fs::write(folder.join(FILE), &text[..text.len() / 2]).unwrap();
         let third = kept(&[home]).0.der();
@@ -158,7 +158,7 @@ mod tests {
         std::fs::write(folder.join(FILE), format!("{before}-----BEGIN PRIVATE KEY{other}")).unwrap();
         assert_ne!(kept(&[home]).0.der(), third);
         std::fs::remove_dir_all(&folder).unwrap();
-        // Where it cannot be kept, there is a certificate all the same, and the reason is returned.
+        // Where it cannot be stored, a certificate is returned all the same, with the reason.
         std::fs::write(&folder, "a file, not a folder").unwrap();
         assert!(kept(&[home]).1.unwrap().contains("page.pem"));
         std::fs::remove_file(&folder).unwrap();

@@ -1,7 +1,7 @@
 //! Shared state of the pages and the session's thread: who is connected, who holds the walk, what is to be sent.
 //!
-//! A walk is held by the page that began it. While that page is away the walk waits for it: it comes back with its secret, and
-//! another page gets the walk only by taking it over.
+//! A walk is held by the page that began it. While that page is away the walk waits for it: the page comes back with
+//! its secret, and another page gets the walk only by taking it over.
 
 use crate::invitation::same;
 use crate::wire::ToPage;
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{broadcast, watch};
 
-/// How many utterances, sounds and answers a slow page may be behind.
+/// How many utterances, sounds and answers a slow page may lag behind.
 const BEHIND: usize = 256;
 
 /// Bytes that are sent to several pages.
@@ -19,7 +19,7 @@ pub(crate) type Shared = Arc<[u8]>;
 
 /// Who holds the walk.
 struct Holder {
-    /// The secret of the page, by which it is known when it comes back.
+    /// The page's secret, by which it is recognised when it comes back.
     secret: String,
     /// Its connection; `None` while it is away.
     id: Option<u64>,
@@ -31,7 +31,7 @@ pub(crate) struct Hub {
     pub token: String,
     /// Description of the session's camera, for people; empty when it is the page's own.
     pub camera: String,
-    /// Receives the pictures of the page's camera.
+    /// Receives the images of the page's camera.
     pub port: PhonePort,
     /// Receives the commands.
     pub inbox: Arc<Inbox>,
@@ -39,9 +39,9 @@ pub(crate) struct Hub {
     pub running: AtomicBool,
     /// Someone has asked to end the server.
     pub shutting_down: AtomicBool,
-    /// How many pages want pictures.
+    /// Number of pages that want images.
     pub pictures_wanted: AtomicU64,
-    /// How many pages want the map.
+    /// Number of pages that want the map.
     pub maps_wanted: AtomicU64,
     /// Messages that must all arrive, in order.
     pub messages: broadcast::Sender<Arc<str>>,
@@ -74,12 +74,12 @@ impl Hub {
         }
     }
 
-    /// A number for a page that has connected.
+    /// Assigns an id to a page that has connected.
     pub fn number(&self) -> u64 {
         self.next.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// Ends the session, also one that still waits for its first picture.
+    /// Ends the session, including one that still waits for its first image.
     pub fn shut_down(&self) {
         self.shutting_down.store(true, Ordering::Relaxed);
         self.inbox.command(Command::Quit);
@@ -88,11 +88,11 @@ impl Hub {
 
     /// Sends a message to every page.
     pub fn broadcast(&self, message: &ToPage) {
-        // No connected page is not a failure.
+        // It is not an error that no page is connected.
         let _ = self.messages.send(message.text().into());
     }
 
-    /// A page has connected; true when it holds the walk, which gives it the walk back.
+    /// A page has connected; true when it holds the walk, also because it got it back.
     pub fn arrived(&self, id: u64, secret: &str) -> bool {
         let back = match self.holder().as_mut() {
             Some(holder) if !secret.is_empty() && same(&holder.secret, secret) => {
@@ -105,7 +105,8 @@ impl Hub {
         back
     }
 
-    /// Takes the walk where nobody holds it; `over` takes it from another page as well. True when this page holds it now.
+    /// Takes the walk where no page holds it; `over` also takes it from another page. True when this page now holds
+    /// it.
     pub fn take(&self, id: u64, secret: &str, over: bool) -> bool {
         let mut holder = self.holder();
         let held = match holder.as_ref() {
@@ -158,7 +159,7 @@ mod tests {
         hub.left(1);
         assert!(hub.controller().is_none() && !hub.take(2, "b", false), "it waits");
         assert!(!hub.arrived(3, "") && hub.arrived(4, "a") && hub.controller() == Some(4));
-        // The old connection of the same page ends later: nothing changes.
+        // The old connection of the same page ends later: this changes nothing.
         hub.left(1);
         assert_eq!(hub.controller(), Some(4));
         assert!(hub.take(2, "b", true) && hub.controller() == Some(2));

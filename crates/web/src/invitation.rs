@@ -50,7 +50,7 @@ impl Invitation {
     }
 }
 
-/// This machine's address in the local network, if it has one. Nothing is sent to find it out.
+/// This machine's address in the local network, if it has one. No data is sent to determine it.
 pub fn lan_address() -> Option<IpAddr> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
     // An address of the documentation range: the system only selects the route to it.

@@ -1,32 +1,33 @@
-//! The connection to one page: questions and answers that measure round trips, silence that ends it, and how much may be sent.
+//! The connection to one page: pings that measure round trips, detection of a silent page, and a limit on the data
+//! sent.
 //!
-//! A question (`ping`) is answered (`pong`) with the page's time. At most one is under way. Bulk (status, map, pictures) is
-//! sent only while none is, and followed by one: so at most one piece of bulk is under way, and words never queue behind
-//! more. The rate of the link is the largest of the last few deliveries (as in Cardwell and others 2016, BBR), and bulk that
-//! would take longer than [`BULK_S`] is not sent.
+//! A `ping` is answered by a `pong` with the page's time. At most one is in flight. Bulk data (status, map, images)
+//! is sent only while none is, and is followed by one: so at most one piece of bulk data is in flight, and words
+//! never queue behind more. The rate of the link is the largest of the last few deliveries (as in Cardwell and others
+//! 2016, BBR), and bulk data that would take longer than [`BULK_S`] is not sent.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// A page is asked at least this often.
+/// A ping is sent at least this often.
 pub(crate) const ASK_EVERY: Duration = Duration::from_millis(250);
-/// A page that sends nothing for this long is gone, though its connection may not know it.
+/// A page that sends nothing for this long counts as gone, even if its connection has not closed.
 pub(crate) const GONE_AFTER: Duration = Duration::from_secs(3);
-/// Bulk may take this long on the link, seconds: words that come meanwhile wait for it.
+/// Longest time of bulk data on the link, seconds: words that arrive meanwhile wait for it.
 const BULK_S: f64 = 0.15;
-/// Before anything is known of the link, this many bytes may be sent.
+/// Bytes that may be sent before anything is known about the link.
 const UNKNOWN_BYTES: usize = 4096;
-/// Round trips and rates that are remembered.
+/// Number of round trips and rates that are remembered.
 const REMEMBERED: usize = 20;
 
-/// What is under way to a page, and what is known of the way.
+/// Data in flight to a page, and measurements of the link.
 pub(crate) struct Link {
     heard: Instant,
     asked: Option<(u64, Instant, usize)>,
     number: u64,
     last_asked: Option<Instant>,
     trips: VecDeque<Duration>,
-    /// Bytes a second.
+    /// Bytes per second.
     rates: VecDeque<f64>,
 }
 
@@ -42,29 +43,29 @@ impl Link {
         }
     }
 
-    /// Something came from the page.
+    /// A message arrived from the page.
     pub fn heard(&mut self, now: Instant) {
         self.heard = now;
     }
 
-    /// Whether the page is gone.
+    /// Whether the page counts as gone.
     pub fn is_gone(&self, now: Instant) -> bool {
         now.saturating_duration_since(self.heard) >= GONE_AFTER
     }
 
-    /// Whether a question is due by the time that has passed.
+    /// Whether the interval until the next ping has passed.
     pub fn is_due(&self, now: Instant) -> bool {
         self.asked.is_none() && self.last_asked.is_none_or(|t| now.saturating_duration_since(t) >= ASK_EVERY)
     }
 
-    /// The number of the question that leaves now, behind this many bytes of bulk.
+    /// The number of the ping that is sent now, after this many bytes of bulk data.
     pub fn ask(&mut self, now: Instant, bulk: usize) -> u64 {
         self.number += 1;
         (self.asked, self.last_asked) = (Some((self.number, now, bulk)), Some(now));
         self.number
     }
 
-    /// The answer to a question; when that question left, if it is the one that was asked.
+    /// Takes the answer to a ping; returns when that ping was sent, if the number is that of the one in flight.
     pub fn answered(&mut self, number: u64, now: Instant) -> Option<Instant> {
         let (_, sent, bulk) = self.asked.take_if(|(n, ..)| *n == number)?;
         let trip = now.saturating_duration_since(sent);
@@ -81,7 +82,7 @@ impl Link {
         self.trips.iter().min().map(|t| 1e3 * t.as_secs_f64())
     }
 
-    /// Whether bulk of this size may be sent now.
+    /// Whether bulk data of this size may be sent now.
     pub fn may_send(&self, bytes: usize) -> bool {
         if self.asked.is_some() {
             return false;
@@ -118,7 +119,7 @@ mod tests {
         let n = link.ask(at(100), 1200);
         link.answered(n, at(188));
         assert!(link.may_send(3000) && !link.may_send(150_000));
-        // On a fast link it may go.
+        // On a fast link the map may be sent.
         let n = link.ask(at(200), 1500);
         link.answered(n, at(240));
         assert!(link.may_send(150_000));

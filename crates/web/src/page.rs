@@ -1,5 +1,5 @@
-//! One page's connection: from its hello until it leaves or falls silent. What it sends goes to the hub, what is new is sent
-//! to it: words at once, bulk as the [`Link`] allows.
+//! One page's connection: from its hello until it disconnects or falls silent. Its messages go to the hub, news goes
+//! to the page: words at once, bulk data as the [`Link`] allows.
 
 use crate::hub::{Hub, Shared};
 use crate::invitation::same;
@@ -16,12 +16,12 @@ use tokio::sync::{broadcast, watch};
 /// A page that does not send its hello within this time is disconnected.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
 
-/// What a page says of itself.
+/// What a page states about itself.
 struct Guest {
-    /// Its commands take the walk where nobody holds it; else only its asking for it does.
+    /// True: its commands take the walk when no page holds it. False: it has to ask for the walk.
     walk: bool,
     secret: String,
-    /// A number for this load of the page, whose clock is one.
+    /// Identifies this load of the page, which has a clock of its own.
     page: u64,
 }
 
@@ -82,7 +82,7 @@ struct Client {
     wants: Wants,
 }
 
-/// What a page wants; counted as long as it is connected.
+/// What a page wants to receive; counted as long as it is connected.
 struct Wants {
     hub: Arc<Hub>,
     picture: bool,
@@ -108,7 +108,7 @@ impl Drop for Wants {
     }
 }
 
-/// Sends a message; false when the page is gone, or takes nothing any more.
+/// Sends a message; false when the page is gone or no longer accepts data.
 async fn send(socket: &mut WebSocket, message: Message) -> bool {
     matches!(tokio::time::timeout(GONE_AFTER, socket.send(message)).await, Ok(Ok(())))
 }
@@ -121,7 +121,7 @@ impl Client {
         loop {
             let free = self.link.may_send(0);
             let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
-            // Bulk is skipped where it is too much for the link: the next one comes soon.
+            // Bulk data that is too large for the link is skipped: the next update comes soon.
             let (out, bulk) = tokio::select! {
                 // Utterances before everything else.
                 biased;
@@ -197,7 +197,7 @@ impl Client {
                     self.hub.port.late(late);
                     None
                 }
-                // Who acts where nobody does holds the walk from then on.
+                // A page that gives a command while no page holds the walk holds it from then on.
                 Ok(FromPage::Command(line)) if controls || (self.guest.walk && self.begins(false)) => {
                     self.command(&line).err().map(refusal)
                 }
@@ -217,7 +217,7 @@ impl Client {
         }
     }
 
-    /// Takes the walk where that is possible; true when this page holds it now.
+    /// Takes the walk where that is possible; true when this page now holds it.
     fn begins(&mut self, over: bool) -> bool {
         let holds = self.hub.take(self.id, &self.guest.secret, over);
         if holds {
@@ -229,7 +229,7 @@ impl Client {
     fn command(&self, line: &str) -> Result<(), String> {
         let command = Command::parse(line)?;
         match command {
-            // Files are chosen at the terminal, and the server is ended there.
+            // Files are chosen on the terminal, and the server is stopped there.
             Command::Quit | Command::Load(Some(_)) => Err("That can only be done at the terminal.".into()),
             _ if !self.hub.running.load(Ordering::Relaxed) => Err("There is no picture yet.".into()),
             _ => {

@@ -24,7 +24,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
-/// The largest message of a page: a picture.
+/// The largest message of a page: an image.
 const LARGEST: usize = 4 << 20;
 
 /// Opens a source that is not the page's camera; returns it with its camera mode and whether its IMU is used.
@@ -32,9 +32,9 @@ pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, b
 
 /// The session's camera.
 pub enum CameraSource {
-    /// The camera of the page that controls.
+    /// The camera of the page that holds the walk.
     Page {
-        /// The calibration; an estimate without it.
+        /// The calibration; estimated when absent.
         rig: Option<Box<Rig>>,
     },
     /// Another source.
@@ -50,10 +50,10 @@ pub enum CameraSource {
 pub struct ServeConfig {
     /// Reachable from the local network, not only from this machine.
     pub lan: bool,
-    /// The port; 0 takes a free one.
+    /// The port; 0 selects a free one.
     pub port: u16,
-    /// The folder of the certificate, so that a phone asks only once whether to trust it; without one it is new at each
-    /// start.
+    /// The folder of the certificate, so that a phone asks only once whether to trust it; without a folder there is a
+    /// new certificate at each start.
     pub keep: Option<PathBuf>,
     /// The session's camera.
     pub camera: CameraSource,
@@ -74,7 +74,7 @@ pub enum WebError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// Another failure of the machine, such as no thread or no random numbers.
+    /// Another failure of the system, such as no thread or no random numbers.
     #[error("{0}")]
     Machine(String),
 }
@@ -95,7 +95,7 @@ impl Server {
     /// Binds the port, makes a token, loads or makes a certificate, and starts.
     ///
     /// # Errors
-    /// When the port is taken, or the machine provides no thread or random number.
+    /// When the port is in use, or the system provides no thread or random number.
     pub fn start(config: ServeConfig) -> Result<Self, WebError> {
         let machine = |why: String| WebError::Machine(why);
         let host: IpAddr = if config.lan { Ipv4Addr::UNSPECIFIED.into() } else { Ipv4Addr::LOCALHOST.into() };
@@ -175,7 +175,7 @@ impl Server {
         &self.certificate
     }
 
-    /// Why the certificate could not be kept, if it was to be.
+    /// Why the certificate could not be stored, if that was requested.
     pub fn not_kept(&self) -> Option<&str> {
         self.not_kept.as_deref()
     }
@@ -250,7 +250,7 @@ fn router(hub: Arc<Hub>) -> Router {
         .with_state(hub)
 }
 
-/// Nothing is loaded from elsewhere, and no other page may frame this one.
+/// Nothing is loaded from other hosts, and no other page may frame this one.
 fn with_headers(kind: &'static str, text: &'static str) -> Response {
     const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; \
                           connect-src 'self'; media-src 'self' blob: mediastream:; base-uri 'none'; \

@@ -40,7 +40,7 @@ async fn accept(
 ) {
     while !tell.is_closed() {
         let Ok((stream, peer)) = listener.accept().await else {
-            // Out of file descriptors, or the other side has gone: wait a little and continue.
+            // Out of file descriptors, or the other side has gone: wait briefly and continue.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
@@ -65,7 +65,7 @@ async fn accept(
     }
 }
 
-/// Answers a client that came without TLS.
+/// Answers a client that connected without TLS.
 async fn plain(mut stream: TcpStream) {
     const ANSWER: &[u8] = b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nContent-Length: 56\r\n\
         Connection: close\r\n\r\nThis page is given over HTTPS: write https:// before it.\n";
@@ -80,7 +80,7 @@ impl Listener for TlsListener {
     async fn accept(&mut self) -> (Self::Io, Self::Addr) {
         match self.ready.recv().await {
             Some(connection) => connection,
-            // The accepting task has ended, with the runtime.
+            // The accepting task has ended with the runtime.
             None => std::future::pending().await,
         }
     }

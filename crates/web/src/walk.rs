@@ -13,11 +13,11 @@ use std::time::{Duration, Instant};
 
 /// Interval of the status messages.
 const STATUS_EVERY: Duration = Duration::from_millis(100);
-/// Interval of the pictures.
+/// Interval of the images.
 const PICTURE_EVERY: Duration = Duration::from_millis(100);
 /// Interval of the map.
 const VIEW_EVERY: Duration = Duration::from_millis(1000);
-/// How many landmarks are drawn at most.
+/// Maximum number of landmarks drawn.
 const MOST_POINTS: usize = 4000;
 
 /// Runs the session until the source ends; a failure is sent to the pages and returned.
@@ -73,7 +73,7 @@ struct PageFace {
     status: Option<Instant>,
     picture: Option<Instant>,
     view: Option<Instant>,
-    /// The time of the last picture in the clock of its page, if it is from one.
+    /// The time of the last image in the clock of its page, if it is from one.
     frame_ms: Option<f64>,
 }
 
@@ -98,7 +98,7 @@ impl PageFace {
     }
 }
 
-/// Whether it is time again; remembers the time if so.
+/// Whether the interval has passed; stores the time if so.
 fn due(last: &mut Option<Instant>, every: Duration) -> bool {
     let due = last.is_none_or(|t| t.elapsed() >= every);
     if due {
@@ -133,7 +133,7 @@ impl Face for PageFace {
             Err(text) => (false, text),
         };
         self.hub.broadcast(&ToPage::Did { ok, text });
-        // The map on the screens follows at once.
+        // The map on the screens is updated at once.
         self.view = None;
     }
 

@@ -1,4 +1,4 @@
-//! The messages of the web socket. Text is JSON with one key that names the kind; pictures are binary.
+//! The messages of the web socket. Text is JSON with one key that names the kind; images are binary.
 
 use cairn_geometry::Vec3;
 use cairn_session::{Event, Status, View, earcon_name};
@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub(crate) enum FromPage {
-    /// The first message: the token, and whether the page may hold the walk, by the secret that it keeps; `origin` tells
-    /// the page's clock, in milliseconds, from that of an earlier load of it.
+    /// The first message: the token, and whether the page may hold the walk, identified by the secret it keeps;
+    /// `origin` distinguishes the page's clock, in milliseconds, from that of an earlier load of it.
     Hello {
         token: String,
         walk: bool,
@@ -21,17 +21,17 @@ pub(crate) enum FromPage {
     },
     /// The answer to a ping: its number, and the page's time in milliseconds.
     Pong { n: u64, ms: f64 },
-    /// What the page is told is from pictures too old by its own clock; or no longer.
+    /// Whether what the page receives is based on images that are too old by its own clock.
     Late(bool),
     /// A command of the session, as a line.
     Command(String),
-    /// Motion: milliseconds, angular rate, specific force, each in the picture's axes.
+    /// Motion: milliseconds, angular rate, specific force, each in the image axes.
     Motion(Vec<[f64; 7]>),
-    /// What the page wants to receive: pictures, the map.
+    /// What the page wants to receive: images, the map.
     Want { picture: bool, map: bool },
-    /// Takes the walk, when nobody holds it.
+    /// Takes the walk when no page holds it.
     Take(bool),
-    /// Takes the walk, also from a page that holds it.
+    /// Takes the walk, even from a page that holds it.
     TakeOver(bool),
 }
 
@@ -41,29 +41,30 @@ pub(crate) enum FromPage {
 pub(crate) enum ToPage<'a> {
     /// The answer to a hello.
     Hello { id: u64, version: &'static str, camera: &'a str },
-    /// The page that holds the walk; without an id and `held`, it is away and the walk waits for it.
+    /// The page that holds the walk; with `held` but without an id, that page is away and the walk waits for it.
     Control { id: Option<u64>, held: bool },
-    /// A question, to be answered at once: the clocks are compared, and the page is seen to be there. With the shortest of
-    /// the last round trips, milliseconds, from which the page tells the time that a picture takes.
+    /// A ping, to be answered at once: it relates the clocks and shows that the page is present. It carries the
+    /// shortest of the last round trips, milliseconds, from which the page computes the time that an image takes.
     Ping { n: u64, trip_ms: Option<f64> },
-    /// The picture of this time has come: the next may be sent.
+    /// The image with this time has arrived: the next may be sent.
     Got { ms: f64 },
     /// An utterance that starts now.
     Said {
         #[serde(flatten)]
         said: &'a cairn_session::Said,
-        /// The page's time of the picture that a direction is from, milliseconds; the page gives no old ones.
+        /// The page's time of the image that a direction is based on, milliseconds; the page does not give old
+        /// directions.
         pose_ms: Option<f64>,
     },
     /// An earcon that starts now.
     Sound { name: &'static str, bearing_rad: f64 },
-    /// The result of a command, which the session says as well.
+    /// The result of a command, which the session also says.
     Did { ok: bool, text: &'a str },
     /// A command that did not reach the session, and why.
     Refused(&'a str),
     /// The session's status.
     Status {
-        /// The time of the last picture, milliseconds in the clock of the page that it is from.
+        /// The time of the last image, in milliseconds of the clock of the page that captured it.
         frame_ms: Option<f64>,
         /// The status itself.
         #[serde(flatten)]
@@ -73,16 +74,16 @@ pub(crate) enum ToPage<'a> {
     },
     /// The map to draw.
     View(&'a View),
-    /// A picture was refused, or the walk has ended.
+    /// An image was refused, or the walk has ended.
     Trouble(&'a str),
-    /// An implausible calibration or sensor: shown, not said.
+    /// An implausible calibration or sensor: shown on the screen, not spoken.
     Doubt(&'a str),
 }
 
 impl ToPage<'_> {
     /// The JSON text.
     pub fn text(&self) -> String {
-        // These types have no map keys and no numbers that JSON cannot hold but NaN, which becomes null.
+        // These types have no map keys, and the only numbers that JSON cannot represent are NaN, which become null.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
@@ -97,19 +98,19 @@ pub(crate) fn event(event: &Event, pose_ms: Option<f64>) -> String {
     }
 }
 
-/// Motion in the form that the port takes.
+/// Motion in the form that the port accepts.
 pub(crate) fn motion([ms, gx, gy, gz, ax, ay, az]: [f64; 7]) -> Motion {
     Motion { ms, gyro: Vec3::new(gx, gy, gz), accel: Vec3::new(ax, ay, az) }
 }
 
-/// A picture from a page: the page's milliseconds as eight bytes (little-endian float), then a JPEG.
+/// An image from a page: the page's milliseconds as eight bytes (little-endian float), then a JPEG.
 pub(crate) fn picture(bytes: &[u8]) -> Option<(f64, &[u8])> {
     let (head, jpeg) = bytes.split_at_checked(8)?;
     Some((f64::from_le_bytes(head.try_into().ok()?), jpeg))
 }
 
-/// A picture to a page: kind 1, width, height, count (16 bits each, little-endian), features as pairs of 16 bits, then
-/// gray rows. Large pictures are halved; features come in pixels of what is sent.
+/// An image to a page: kind 1, width, height, count (16 bits each, little-endian), features as pairs of 16 bits, then
+/// gray rows. Large images are halved; feature coordinates are pixels of the image as sent.
 pub(crate) fn preview(image: &cairn_sensor::GrayImage, features: &[[f32; 2]]) -> Vec<u8> {
     let step = image.width().div_ceil(480).max(1);
     let (w, h) = (image.width() / step, image.height() / step);

@@ -18,7 +18,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Pictures a second of the camera.
+/// Images per second of the camera.
 const RATE_HZ: f64 = 15.0;
 /// Seconds of the walk before the camera starts, and of the way out, with a corner in its middle.
 const START_S: f64 = 8.5;
@@ -28,7 +28,7 @@ fn camera() -> Camera {
     Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5)
 }
 
-/// The pictures of the way out.
+/// The images of the way out.
 fn route_out() -> Vec<FramePacket> {
     let config = SimConfig {
         sensor: SimSensor::Mono,
@@ -70,7 +70,7 @@ fn folder() -> PathBuf {
     folder
 }
 
-/// The same walk without a browser: the engine alone fulfils what the browser's test needs of it.
+/// The same walk without a browser: checks that the engine alone achieves what the browser test needs from it.
 #[test]
 fn mono_session_returns_along_its_own_pictures() {
     let out = route_out();
@@ -134,7 +134,7 @@ fn page_records_and_guides_home_in_a_browser() {
     browser.click(&phone, "#camera");
     let began = Instant::now();
     wait(&mut browser, &phone, "You control this walk", "#control", 20.0);
-    // The desk was first, and gets nothing by that.
+    // The desktop connected first, and gains nothing by that.
     wait(&mut browser, &desk, "you watch", "#control", 20.0);
     wait(&mut browser, &phone, "This camera", "#own figcaption", 20.0);
     wait(&mut browser, &phone, "frames", "#s-tracking", 10.0);
@@ -157,7 +157,7 @@ fn page_records_and_guides_home_in_a_browser() {
     browser.picture(&desk, &folder.join("desk-guiding.png"));
     accessible(&mut browser, &phone, "under guidance");
     accessible(&mut browser, &desk, "watching");
-    // On a machine too busy for every picture the walker is told to stop, and comes by a second time.
+    // On a machine too busy to process every image, the walker is told to stop and passes a second time.
     wait(&mut browser, &phone, "You have arrived", "#log", 3.0 * OUT_S + 15.0);
     let heard = browser.text(&phone, "#log");
     println!("what the phone said:\n{heard}");
@@ -176,7 +176,7 @@ fn page_records_and_guides_home_in_a_browser() {
     wait(&mut browser, &desk, "is away; the walk waits", "#control", 5.0);
     let route = cairn_guide::Route::load(&folder.join("routes/route-0002.route")).unwrap();
     assert!(route.points.len() > 3, "{} points", route.points.len());
-    // Another tab does not get the walk by coming; it asks first, takes over, and the recording continues.
+    // Another tab does not get the walk by connecting; it asks first, takes over, and the recording continues.
     let phone = browser.open(&url, [390, 844]);
     wait(&mut browser, &phone, "the walk waits", "#control", 10.0);
     browser.click(&phone, "#take");
@@ -187,7 +187,7 @@ fn page_records_and_guides_home_in_a_browser() {
     wait(&mut browser, &phone, "You control this walk", "#control", 5.0);
     browser.click(&phone, "#camera");
     wait(&mut browser, &phone, "The picture is back.", "#log", 15.0);
-    // The page is loaded again: it gets its walk back by itself.
+    // The page is reloaded and gets its walk back by itself.
     browser.reload(&phone);
     wait(&mut browser, &phone, "You control this walk", "#control", 10.0);
     browser.click(&phone, "#camera");
@@ -207,8 +207,8 @@ fn page_records_and_guides_home_in_a_browser() {
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
 
-/// The page's own parts: speech that never floods, is said once and by one voice, settings that are kept, pictures that
-/// shrink on a slow link.
+/// The page's own parts: speech that never floods and is given once and by one voice, settings that are stored,
+/// images that shrink on a slow link.
 #[test]
 #[ignore = "needs Chromium: see .ci/run"]
 fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
@@ -249,7 +249,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
             const pause = (ms) => new Promise((done) => setTimeout(done, ms));
             for (let k = 0; k < 74; k += 1) senses.say({ text: 'It is dark.', priority: 1, kind: 'dark' });
             const flood = heard.length;
-            // What waits dies with its reason.
+            // A waiting line is dropped with its reason.
             senses.say({ text: 'The connection is lost.', priority: 1, kind: 'link' });
             senses.drop('link');
             live.onend();
@@ -263,7 +263,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
             await pause(250);
             live.onend();
             await pause(250);
-            // Stop comes at once, and silences what waits.
+            // Stop is said at once, and silences waiting lines.
             senses.say({ text: 'fourth', priority: 2 });
             senses.say({ text: 'fifth', priority: 2 });
             senses.say({ text: 'Stop.', priority: 0 });
@@ -285,7 +285,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     );
     assert_eq!((&spoken["byVoice"], &spoken["byReader"]), (&"".into(), &0.into()), "{spoken}");
     assert_eq!(spoken["urgent"], "Turn left now.", "{spoken}");
-    // No other live region repeats what is said.
+    // No other live region repeats the message.
     let live = "document.querySelectorAll('[aria-live], [role=status], [role=alert], output').length";
     assert_eq!(browser.eval(&phone, live), 2);
 

@@ -1,4 +1,4 @@
-//! The server as a browser uses it, without a browser: TLS, the page's files, access, control, messages.
+//! The server as a browser uses it, but without a browser: TLS, the page's files, access, control, messages.
 
 use cairn_engine::{Config, SensorMode};
 use cairn_sensor::Source;
@@ -43,7 +43,7 @@ fn walk() -> CameraSource {
     CameraSource::Source { name: "sim:demo".into(), open: Box::new(open) }
 }
 
-/// A TLS client that trusts this server alone.
+/// A TLS client that trusts only this server.
 fn tls(server: &Server) -> Arc<rustls::ClientConfig> {
     let mut roots = rustls::RootCertStore::empty();
     roots.add(server.certificate().clone()).unwrap();
@@ -60,7 +60,7 @@ async fn connect(server: &Server) -> Socket {
     tokio_tungstenite::client_async(url, stream).await.unwrap().0
 }
 
-/// A page that answers questions, also while the test looks elsewhere; it leaves when dropped.
+/// A page that answers pings, also while the test does something else; it disconnects when dropped.
 struct Page {
     to: UnboundedSender<Message>,
     from: UnboundedReceiver<Message>,
@@ -143,7 +143,7 @@ async fn enter(server: &Server, secret: &str) -> Page {
     page
 }
 
-/// The next word on who holds the walk that names this page, or nobody.
+/// The next message about the walk that names this page as its holder, or no page.
 async fn holder(page: &mut Page, id: &Value) -> Value {
     loop {
         let control = next(page, "control").await;
@@ -177,7 +177,7 @@ async fn page_is_served_over_tls_with_content_policy() {
         assert!(!foreign.contains("http://") && !foreign.contains("https://"), "{path} names another host");
     }
     assert!(get("/secret").starts_with("HTTP/1.1 404"));
-    // Without TLS the answer names the right address.
+    // Without TLS the answer gives the right address.
     let mut plain = TcpStream::connect(server.address()).unwrap();
     plain.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
     let mut text = String::new();
@@ -229,7 +229,7 @@ async fn token_is_required_and_one_page_controls() {
         }
     }
     send(&mut walker, json!({ "command": "guide back" })).await;
-    // First whether the route is ready, then its length.
+    // First whether the map covers the route, then the route's length.
     let ready = next(&mut walker, "did").await["text"].as_str().unwrap().to_owned();
     assert!(ready.contains("this") && ready.contains("route"), "{ready}");
     let words = loop {
@@ -239,7 +239,8 @@ async fn token_is_required_and_one_page_controls() {
         }
     };
     assert!(words.contains("metre"), "{words}");
-    // The walker's page closes: the walk waits for it, the recorded route is on disk, and being there takes nothing.
+    // The walker's page closes: the walk waits for it, the recorded route is on disk, and another page does not get
+    // the walk by being connected.
     drop(walker);
     let gone = loop {
         let control = next(&mut watcher, "control").await;
@@ -252,7 +253,7 @@ async fn token_is_required_and_one_page_controls() {
         send(&mut watcher, refused).await;
         assert!(next(&mut watcher, "refused").await.as_str().unwrap().contains("Another device"));
     }
-    // It comes back by itself with its secret; then the other one takes over.
+    // The page comes back by itself with its secret; then the other one takes over.
     let mut walker = enter(&server, "one").await;
     let me = next(&mut walker, "hello").await["id"].clone();
     holder(&mut watcher, &me).await;
@@ -268,7 +269,7 @@ fn folder_of(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("cairn-page-{name}-{}", std::process::id()))
 }
 
-/// A page that falls silent without a word, as one whose network is gone, is noticed within three seconds.
+/// A page that falls silent without closing, as when its network fails, is detected within three seconds.
 #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
 async fn silent_page_is_noticed_within_three_seconds() {
     let server = server("silent", walk());
@@ -278,7 +279,7 @@ async fn silent_page_is_noticed_within_three_seconds() {
     }
     let mut watcher = enter(&server, "two").await;
     while next(&mut watcher, "control").await["id"].is_null() {}
-    // The walker's connection stays open, and nothing comes from it.
+    // The walker's connection stays open, but nothing arrives from it.
     let silent = std::time::Instant::now();
     let control = holder(&mut watcher, &Value::Null).await;
     let after = silent.elapsed().as_secs_f64();

@@ -3,16 +3,16 @@
 use crate::Mesh;
 use std::io::{self, Write};
 
-/// Writes a mesh. glTF has y up; the mesh's coordinates are written as they are, and the node turns `up` to +y.
+/// Writes a mesh. glTF has y up; coordinates are written unchanged, and the node's rotation turns `up` to +y.
 ///
 /// # Errors
-/// Those of the writer; a mesh whose file would be larger than the format can say (4 GiB).
+/// I/O errors of the writer; a mesh too large for the format (4 GiB).
 pub fn write_glb(mesh: &Mesh, up: [f64; 3], out: &mut impl Write) -> io::Result<()> {
     let mut binary = Binary::default();
     let position = binary.add(mesh.positions.iter().flatten().flat_map(|v| v.to_le_bytes()), 34962);
     let normal = binary.add(mesh.normals.iter().flatten().flat_map(|v| v.to_le_bytes()), 34962);
     let has_colours = !mesh.colours.is_empty();
-    // Colours of vertices are linear in glTF, those of cameras are sRGB.
+    // glTF vertex colours are linear, camera colours are sRGB.
     let linear = |c: u8| ((f64::from(c) / 255.0).powf(2.2) * 255.0 + 0.5) as u8;
     let colour = has_colours.then(|| {
         binary.add(mesh.colours.iter().flat_map(|c| [linear(c[0]), linear(c[1]), linear(c[2]), 255]), 34962)
@@ -37,7 +37,7 @@ pub fn write_glb(mesh: &Mesh, up: [f64; 3], out: &mut impl Write) -> io::Result<
     out.write_all(&binary.bytes)
 }
 
-/// Buffer views, one after the other.
+/// Buffer views in file order.
 #[derive(Default)]
 struct Binary {
     bytes: Vec<u8>,
@@ -45,7 +45,7 @@ struct Binary {
 }
 
 impl Binary {
-    /// Adds a view, a multiple of four bytes long; its number.
+    /// Adds a buffer view, padded to a multiple of four bytes; returns its index.
     fn add(&mut self, bytes: impl Iterator<Item = u8>, target: u32) -> usize {
         let from = self.bytes.len();
         self.bytes.extend(bytes);

@@ -12,7 +12,7 @@ pub use ply::{write_ply, write_ply_points};
 
 use crate::Mesh;
 
-/// Points with normals, and colours where there are any (else empty).
+/// Points with normals, and colours where available (else empty).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
     /// Positions in metres.
@@ -24,7 +24,7 @@ pub struct PointCloud {
 }
 
 impl From<Mesh> for PointCloud {
-    /// The vertices.
+    /// The vertices of a mesh as a point cloud.
     fn from(mesh: Mesh) -> Self {
         Self { positions: mesh.positions, normals: mesh.normals, colours: mesh.colours }
     }

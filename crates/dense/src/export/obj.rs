@@ -1,4 +1,4 @@
-//! Wavefront OBJ: text, with colours behind the positions as most readers take them.
+//! Wavefront OBJ: text, with colours after the positions, which most readers accept.
 
 use crate::Mesh;
 use std::io::{self, Write};
@@ -6,7 +6,7 @@ use std::io::{self, Write};
 /// Writes a mesh.
 ///
 /// # Errors
-/// Those of the writer.
+/// I/O errors of the writer.
 pub fn write_obj(mesh: &Mesh, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "# metres, in the map's frame")?;
     for (i, p) in mesh.positions.iter().enumerate() {

@@ -3,10 +3,10 @@
 use super::PointCloud;
 use std::io::{self, Write};
 
-/// Writes points.
+/// Writes a point cloud.
 ///
 /// # Errors
-/// Those of the writer.
+/// I/O errors of the writer.
 pub fn write_pcd(points: &PointCloud, out: &mut impl Write) -> io::Result<()> {
     let colours = !points.colours.is_empty();
     let (name, four, kind, one) = if colours { (" rgb", " 4", " U", " 1") } else { ("", "", "", "") };

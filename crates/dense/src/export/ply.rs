@@ -7,7 +7,7 @@ use std::io::{self, Write};
 /// Writes a mesh.
 ///
 /// # Errors
-/// Those of the writer.
+/// I/O errors of the writer.
 pub fn write_ply(mesh: &Mesh, out: &mut impl Write) -> io::Result<()> {
     header(mesh.positions.len(), !mesh.colours.is_empty(), Some(mesh.triangles.len()), out)?;
     vertices(&mesh.positions, &mesh.normals, &mesh.colours, out)?;
@@ -19,10 +19,10 @@ pub fn write_ply(mesh: &Mesh, out: &mut impl Write) -> io::Result<()> {
     out.write_all(&bytes)
 }
 
-/// Writes points.
+/// Writes a point cloud.
 ///
 /// # Errors
-/// Those of the writer.
+/// I/O errors of the writer.
 pub fn write_ply_points(points: &PointCloud, out: &mut impl Write) -> io::Result<()> {
     header(points.positions.len(), !points.colours.is_empty(), None, out)?;
     vertices(&points.positions, &points.normals, &points.colours, out)

@@ -1,8 +1,8 @@
-//! Depth and normals of a surface from any pose, by drawing its triangles: on dense surfaces several times as fast as casting a
-//! ray for each pixel, and the same to a fraction of a voxel.
+//! Depth and normals of a surface from any pose, by rasterising its triangles: on dense surfaces several times as
+//! fast as casting a ray for each pixel, and equal to within a fraction of a voxel.
 //!
-//! Inverse depth is linear over the image of a plane, so that it is interpolated with the edge functions of Pineda, "A parallel
-//! algorithm for polygon rasterization" (SIGGRAPH 1988).
+//! Inverse depth is linear over the image of a plane, so it is interpolated with the edge functions of Pineda, "A
+//! parallel algorithm for polygon rasterization" (SIGGRAPH 1988).
 
 use super::{Mesh, Mesher};
 use crate::view::{Box2, NEAREST_M};
@@ -11,10 +11,10 @@ use cairn_geometry::Se3;
 use cairn_sensor::{Camera, Distortion, Image};
 
 impl Mesher {
-    /// What a pinhole camera would see of a field: its triangles in view are extracted and drawn.
+    /// Renders a field as a pinhole camera would see it: its triangles in view are extracted and drawn.
     ///
     /// # Errors
-    /// A camera that cannot be or whose lens distorts; a pose that is not finite.
+    /// An invalid camera, or one whose lens distorts; a pose that is not finite.
     pub fn view(
         &mut self,
         volume: &TsdfVolume,
@@ -45,7 +45,7 @@ fn check(camera: &Camera, pose: &Se3) -> Result<(), DenseError> {
     Ok(())
 }
 
-/// A vertex as the camera sees it: pixel, inverse depth, normal.
+/// A vertex projected into the camera: pixel, inverse depth, normal.
 #[derive(Clone, Copy)]
 struct Seen {
     u: f32,
@@ -54,10 +54,10 @@ struct Seen {
     normal: [f32; 3],
 }
 
-/// What a pinhole camera would see of a mesh. Triangles seen from behind are not drawn.
+/// Renders a mesh as a pinhole camera would see it. Triangles seen from behind are not drawn.
 ///
 /// # Errors
-/// A camera that cannot be or whose lens distorts; a pose that is not finite.
+/// An invalid camera, or one whose lens distorts; a pose that is not finite.
 pub fn draw(mesh: &Mesh, camera: &Camera, mesh_from_camera: &Se3) -> Result<RayCast, DenseError> {
     check(camera, mesh_from_camera)?;
     let from = mesh_from_camera.inverse();
@@ -99,11 +99,11 @@ fn draw_one(
     nearest: &mut [f32],
     normals: &mut [[f32; 3]],
 ) {
-    // One that reaches behind the camera is not drawn.
+    // A triangle that reaches behind the camera is not drawn.
     if a.inverse * b.inverse * c.inverse <= 0.0 {
         return;
     }
-    // Seen from the front they turn clockwise in an image with y down... which makes this negative.
+    // Seen from the front, triangles are clockwise in an image with y down, so this area is negative.
     let area = (b.u - a.u) * (c.v - a.v) - (b.v - a.v) * (c.u - a.u);
     if area >= 0.0 {
         return;
@@ -116,7 +116,7 @@ fn draw_one(
     }
     let (x0, y0, x1, y1) = (low(a.u, b.u, c.u), low(a.v, b.v, c.v), x1 as usize, y1 as usize);
     let by_area = 1.0 / area;
-    // Shares of b and c, linear in the pixel.
+    // Barycentric coordinates of b and c, linear in the pixel.
     let (bx, by) = ((c.v - a.v) * by_area, -(c.u - a.u) * by_area);
     let (cx, cy) = (-(b.v - a.v) * by_area, (b.u - a.u) * by_area);
     for y in y0..=y1 {
@@ -125,7 +125,7 @@ fn draw_one(
             let dx = x as f32 - a.u;
             let (of_b, of_c) = (dx * bx + dy * by, dx * cx + dy * cy);
             let of_a = 1.0 - of_b - of_c;
-            // A hair of overlap, so that no pixel falls between two triangles.
+            // A small overlap, so that no pixel falls between two triangles.
             if of_a < -1e-4 || of_b < -1e-4 || of_c < -1e-4 {
                 continue;
             }

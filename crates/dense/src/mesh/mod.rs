@@ -12,7 +12,7 @@ use samples::{CORNERS, JUMP, Samples, corner_index};
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
-/// Triangles over shared vertices; positions and normals in the frame of the field that they come from.
+/// Triangles with shared vertices; positions and normals are in the frame of the field they come from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Positions in metres.
@@ -28,7 +28,7 @@ pub struct Mesh {
 /// How a surface is extracted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeshConfig {
-    /// Voxels with less weight are left out; a near pixel weighs up to 31.
+    /// Voxels with less weight are left out; one near pixel contributes up to 31.
     pub least_weight: i32,
 }
 
@@ -43,7 +43,7 @@ const NONE: u32 = u32::MAX;
 
 type EdgeTable = HashMap<([i32; 3], usize), u32, BuildHasherDefault<KeyHasher>>;
 
-/// Extracts meshes; keeps its memory from call to call.
+/// Extracts meshes; reuses its memory from call to call.
 #[derive(Clone)]
 pub struct Mesher {
     config: MeshConfig,
@@ -57,7 +57,7 @@ pub struct Mesher {
 }
 
 impl Mesher {
-    /// With nothing kept yet.
+    /// An extractor with empty memory.
     pub fn new(config: MeshConfig) -> Self {
         let vertices = vec![[NONE; 3]; CORNERS * CORNERS * CORNERS];
         Self { config, samples: Samples::default(), vertices, set: Vec::new(), shared: EdgeTable::default() }
@@ -79,7 +79,8 @@ impl Mesher {
         mesh
     }
 
-    /// The surface in the cells of one block. Its border runs through the same points as its neighbours' borders.
+    /// The surface in the cells of one block. Its border passes through the same points as the borders of its
+    /// neighbours.
     pub fn block(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
         let mut mesh = Mesh::default();
         self.extract(volume, key, &mut mesh, false);
@@ -87,7 +88,8 @@ impl Mesher {
         mesh
     }
 
-    /// Blocks whose cells see a change in one of these: themselves and those before them along each axis, sorted, each once.
+    /// Blocks whose mesh depends on one of the changed blocks: these and the ones before them along each axis,
+    /// sorted, without duplicates.
     pub fn affected(changed: impl Iterator<Item = BlockKey>) -> Vec<BlockKey> {
         let before =
             |key: BlockKey| (0..8).map(move |i: i32| key.offset([-(i & 1), -(i >> 1 & 1), -(i >> 2)]));
@@ -139,7 +141,7 @@ impl Mesher {
     }
 }
 
-/// The block that is being extracted.
+/// The block being extracted.
 struct Place<'a> {
     volume: &'a TsdfVolume,
     key: BlockKey,
@@ -148,7 +150,8 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
-    /// Index of the vertex on an edge, made if it is not there; `part` is its place between the two corners.
+    /// Index of the vertex on an edge, created if missing; `part` is its position between the two corners, from 0 to
+    /// 1.
     fn vertex(
         &self,
         mesh: &mut Mesh,
@@ -166,7 +169,8 @@ impl Place<'_> {
                 return known;
             }
         }
-        // From the corner's whole number of voxels, so that blocks agree on the borders to the last bit.
+        // Computed from the corner's whole number of voxels, so that neighbouring blocks agree on the borders to the
+        // last bit.
         let position = std::array::from_fn(|i| {
             let whole = self.key.0[i] * SIDE as i32 + from[i] as i32;
             (whole as f32 + 0.5 + if i == axis { part } else { 0.0 }) * self.voxel_m
@@ -180,7 +184,7 @@ impl Place<'_> {
         new
     }
 
-    /// Mean colour of the two voxels, each by its nearness.
+    /// Mean colour of the two voxels, weighted by nearness.
     fn colour(&self, samples: &Samples, from: [usize; 3], to: [usize; 3], part: f32) -> [u8; 3] {
         let mut sum = [0.0f32; 3];
         let mut total = 0.0f32;
@@ -191,7 +195,7 @@ impl Place<'_> {
             let i = crate::block::index(corner.map(|c| c % SIDE));
             let count = colours.planes[3][i];
             if count > 0 {
-                // A voxel right at the surface still counts a little of the other's colour.
+                // A voxel exactly at the surface still takes a little of the other's colour.
                 let share = (share + 1e-3) / count as f32;
                 (0..3).for_each(|k| sum[k] += share * colours.planes[k][i] as f32);
                 total += share * count as f32;
@@ -202,7 +206,7 @@ impl Place<'_> {
 }
 
 impl Mesh {
-    /// Normals from the triangles around each vertex, by their area.
+    /// Normals as the mean over the triangles around each vertex, weighted by area.
     fn add_normals(&mut self) {
         self.normals.clear();
         self.normals.resize(self.positions.len(), [0.0; 3]);

@@ -5,19 +5,20 @@ use crate::backend::dispatch;
 use crate::block::{BlockKey, SIDE};
 use crate::tsdf::{Planes, STEPS, TsdfVolume};
 
-/// Corners along an edge of a block.
+/// Corners along an edge of the block's grid of cells.
 pub const CORNERS: usize = SIDE + 1;
 
-/// Corners of a block's cells, those of the next blocks included; x runs fastest, then y, then z.
+/// Corners of a block's cells, including those that belong to the next blocks; x varies fastest, then y, then z.
 #[derive(Clone)]
 pub struct Samples {
-    /// Distance in steps; of no meaning where nothing was seen.
+    /// Distance in steps; meaningless where nothing was seen.
     pub steps: [f32; CORNERS * CORNERS * CORNERS],
-    /// By layer, one bit a corner (`x + 9 * y`): seen often enough.
+    /// Per layer, one bit a corner (`x + 9 * y`): seen often enough.
     seen: [u128; CORNERS],
-    /// By layer: seen, and behind the surface.
+    /// Per layer: seen, and behind the surface.
     inside: [u128; CORNERS],
-    /// Slots of the eight blocks that corners come from: bit 0 of the index is the next one along x, and so on.
+    /// Slots of the eight blocks that the corners come from: bit 0 of the index selects the next one along x, and so
+    /// on.
     pub slots: [Option<u32>; 8],
 }
 
@@ -39,7 +40,7 @@ impl Default for Samples {
 }
 
 impl Samples {
-    /// Fills in those of a block; false when the surface passes through none of its cells.
+    /// Fills in the bits for a block; false when the surface passes through none of its cells.
     pub fn load(&mut self, volume: &TsdfVolume, key: BlockKey, least_weight: i32) -> bool {
         for (i, slot) in self.slots.iter_mut().enumerate() {
             *slot = volume.slot(key.offset([i & 1, i >> 1 & 1, i >> 2].map(|v| v as i32)));
@@ -50,7 +51,7 @@ impl Samples {
         let (planes, to) = (volume.planes(own), &mut rows);
         dispatch!(Backend::best(), read(planes: &Planes, least_weight: i32, to: &mut Rows) -> ());
         self.copy_own(&rows);
-        // Without corners of both kinds, there may still be a crossing to the next blocks.
+        // A block whose own corners are all of one kind may still have a crossing to the next blocks.
         for i in 1..8 {
             if let Some(slot) = self.slots[i] {
                 self.copy_border(volume.planes(slot), [i & 1, i >> 1 & 1, i >> 2], least_weight);
@@ -112,9 +113,9 @@ impl Samples {
         }
     }
 
-    /// The cells of a layer that the surface passes through: all corners seen, some inside, some not.
+    /// The cells of a layer that the surface passes through: all corners seen, some inside and some outside.
     fn live_layer(&self, z: usize) -> u128 {
-        // The lower corners of cells: not the last of a row, nor the last row.
+        // Only lower corners of cells: not the last of a row, nor the last row.
         const CELLS: u128 = {
             let (mut cells, mut y) = (0, 0);
             while y < SIDE {
@@ -129,7 +130,7 @@ impl Samples {
         CELLS & all(&self.seen) & any & !all(&self.inside)
     }
 
-    /// Calls with each cell that the surface passes through, and the set of its inside corners.
+    /// Calls the closure with each cell that the surface passes through, and the set of its inside corners.
     pub fn live_cells(&self, mut cell: impl FnMut([usize; 3], usize)) {
         for z in 0..SIDE {
             let inside = [around(self.inside[z]), around(self.inside[z + 1])];
@@ -147,7 +148,7 @@ impl Samples {
     }
 }
 
-/// A layer of corners, and the ones after them along x, along y, and along both.
+/// A layer of corners, and the same shifted by one along x, along y, and along both.
 fn around(l: u128) -> [u128; 4] {
     [l, l >> 1, l >> CORNERS, l >> (CORNERS + 1)]
 }
@@ -180,5 +181,6 @@ fn read(planes: &Planes, least_weight: i32, out: &mut Rows) {
     }
 }
 
-/// Neighbouring distances that differ by more than this belong to two surfaces, seen one behind the other: no surface lies between.
+/// Neighbouring distances that differ by more than this belong to two surfaces, one behind the other: there is no
+/// surface between them.
 pub const JUMP: f32 = 1.25 * STEPS as f32;

@@ -1,16 +1,17 @@
-//! Which triangles a cell of eight corners has: derived, not listed.
+//! The triangles of a cell for each set of inside corners: derived, not listed.
 //!
-//! Lorensen and Cline, "Marching cubes" (SIGGRAPH 1987). Corner `i` lies at `(i & 1, i >> 1 & 1, i >> 2)`. On each face of the
-//! cell, every run of inside corners is cut off by one segment, so that two inside corners at a diagonal are kept apart: the
-//! rule looks at the face alone, so that the two cells that share it agree and the surface has no holes. The segments of all
-//! faces join to loops around the inside, and a loop becomes a fan of triangles.
+//! Lorensen and Cline, "Marching cubes" (SIGGRAPH 1987). Corner `i` lies at `(i & 1, i >> 1 & 1, i >> 2)`. On each
+//! face of the cell, every run of inside corners is cut off by one segment, so two inside corners on a diagonal stay
+//! separate. This rule depends on the face alone: the two cells that share a face agree, and the surface has no
+//! holes. The segments of all faces join into loops around the inside, and each loop becomes a fan of triangles.
 
 use std::sync::LazyLock;
 
-/// An edge: axis times four, plus the place of its lower corner among the four corners that it may start from.
+/// An edge: axis times four, plus the index of its lower corner among the four corners where an edge of that axis may
+/// start.
 pub type Edge = u8;
 
-/// Triangles of all 256 sets of inside corners; seen from outside they turn counter-clockwise.
+/// Triangles for all 256 sets of inside corners; counter-clockwise as seen from outside.
 pub static TRIANGLES: LazyLock<Vec<Vec<[Edge; 3]>>> = LazyLock::new(|| (0..256).map(triangles).collect());
 
 /// The edge between two corners that differ in one coordinate.
@@ -37,7 +38,7 @@ fn face(axis: usize, upper: bool) -> [usize; 4] {
 
 fn triangles(inside: usize) -> Vec<[Edge; 3]> {
     let is_inside = |corner: usize| inside >> corner & 1 == 1;
-    // Of each edge that is crossed into a run of inside corners, the edge by which the run is left, on the same face.
+    // For each edge crossed into a run of inside corners: the edge on the same face by which the run is left.
     let mut next = [None; 12];
     for (axis, upper) in [(0, false), (0, true), (1, false), (1, true), (2, false), (2, true)] {
         let corners = face(axis, upper);
@@ -82,7 +83,7 @@ mod tests {
         }
     }
 
-    /// The surface in a cell ends only on the cell's faces, and each crossed edge is used.
+    /// The surface in a cell ends only on the cell's faces, and every crossed edge is used.
     #[test]
     fn every_case_is_a_surface_without_a_hole() {
         for inside in 0..256usize {

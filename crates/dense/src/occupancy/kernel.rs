@@ -4,7 +4,7 @@ use crate::block::VOXELS;
 use crate::project::Offsets;
 use crate::view::NEAREST_M;
 
-/// Log-odds of a block's voxels: above zero occupied, below zero free, zero not known.
+/// Log-odds of a block's voxels: above zero occupied, below zero free, zero unknown.
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct Odds(pub [i8; VOXELS]);
@@ -15,35 +15,35 @@ impl Default for Odds {
     }
 }
 
-/// What an image says of a voxel: nothing, ...
+/// Evidence of an image for a voxel: nothing, ...
 pub const NOTHING: u8 = 0;
 /// ... that a surface lies in it, ...
 pub const HIT: u8 = 1;
 /// ... that it is seen through, ...
 pub const FREE: u8 = 2;
-/// ... that no echo comes from there although one would.
+/// ... that no depth is returned from there although a surface would return one.
 pub const SILENT: u8 = 3;
 
-/// What an image says of each voxel of a block.
+/// Evidence of an image for each voxel of a block.
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct Evidence(pub [u8; VOXELS]);
 
-/// What all blocks of one image share.
+/// Inputs shared by all blocks of one image.
 pub struct Pass<'a> {
     /// Width and height in pixels.
     pub size: [usize; 2],
-    /// See there.
+    /// Homogeneous pixels of the voxels relative to the first one, see [`Offsets`].
     pub offsets: &'a Offsets,
     /// Half of a voxel's extent along the optical axis, in metres.
     pub half_m: f32,
     /// Depth noise: floor, growth, nearest.
     pub noise: [f32; 3],
-    /// 1 for each square of eight pixels in which nothing returns an echo, nor in those around it; else 0.
+    /// 1 for each square of eight pixels that has no depth, nor have the squares around it; else 0.
     pub silent: &'a [u32],
-    /// How far a surface would have been seen in those; 0 to ignore them.
+    /// Range in metres up to which a surface would have been seen in those squares; 0 to ignore them.
     pub silent_m: f32,
-    /// What a hit adds, what a miss takes away, and the limit either way.
+    /// Log-odds added by a hit, subtracted by a miss, and the bound of the absolute value.
     pub hit: i8,
     pub miss: i8,
     pub limit: i8,
@@ -57,10 +57,12 @@ pub struct Nearest<'a> {
     pub least: &'a [f32],
 }
 
-/// What the image says of the block whose first voxel projects to the homogeneous `origin`; false when nothing.
+/// Evidence of the image for the block whose first voxel projects to the homogeneous `origin`; false when there is
+/// none.
 ///
-/// The least depth of the pixels around the image of its centre decides: a voxel is hit when that lies in it, or
-/// before it by at most half its size (slanted surfaces stay closed), and free when it lies behind it by more than twice its noise. So every pixel counts, and what is thin and near is not looked past.
+/// The least depth of the pixels around the projection of a voxel's centre decides: the voxel is hit when that depth
+/// lies in it, or in front of it by at most half its size (slanted surfaces stay closed), and free when it lies in
+/// front of that depth by more than twice the noise. So every pixel counts, and thin objects near by are not missed.
 pub fn classify(out: &mut Evidence, origin: [f32; 3], nearest: Nearest, pass: &Pass) -> bool {
     let [w, h] = pass.size;
     let [floor, growth, from] = pass.noise;
@@ -96,13 +98,14 @@ pub fn classify(out: &mut Evidence, origin: [f32; 3], nearest: Nearest, pass: &P
     any
 }
 
-/// Moves log-odds by what an image says; true when some voxel changed. They are clamped, so that a change is believed within
-/// a bounded number of images: Hornung et al., "OctoMap" (Autonomous Robots 2013), eq. 3 and 4.
+/// Updates log-odds with the evidence of an image; true when some voxel changed. They are clamped, so that a change
+/// of the scene shows within a bounded number of images: Hornung et al., "OctoMap" (Autonomous Robots 2013), eq. 3
+/// and 4.
 #[inline(always)]
 pub fn apply(odds: &mut Odds, evidence: &Evidence, [hit, miss, limit]: [i8; 3]) -> bool {
     let mut changed = 0;
     for (cell, &says) in odds.0.iter_mut().zip(&evidence.0) {
-        // Where nothing answers, only what was occupied changes, and no further than to just free.
+        // Where no depth is returned, only occupied voxels change, and no further than to just free.
         let gone = (says == SILENT) & (*cell > 0);
         let step = if says == HIT {
             hit
@@ -120,7 +123,7 @@ pub fn apply(odds: &mut Odds, evidence: &Evidence, [hit, miss, limit]: [i8; 3]) 
     changed != 0
 }
 
-/// Adds the same to all voxels, within the limit; true when they are all equal afterwards.
+/// Adds the same value to all voxels, clamped; true when they are all equal afterwards.
 #[inline(always)]
 pub fn add_all(odds: &mut Odds, step: i8, limit: i8) -> bool {
     let first = (odds.0[0] + step).clamp(-limit, limit);

@@ -1,4 +1,4 @@
-//! Twins of [`super::kernel::classify`] with eight and sixteen lanes: the same operations, the same result.
+//! Versions of [`super::kernel::classify`] with eight and sixteen lanes: the same operations, the same result.
 #![allow(unsafe_code)]
 
 use super::kernel::{Evidence, FREE, HIT, Nearest, Pass, SILENT};
@@ -25,7 +25,7 @@ pub unsafe fn classify_avx512(out: &mut Evidence, origin: [f32; 3], nearest: Nea
     };
     let mut any = 0;
     for i in (0..VOXELS).step_by(16) {
-        // SAFETY: i + 16 <= VOXELS, the length of all tables; lanes that are gathered lie inside the image.
+        // SAFETY: i + 16 <= VOXELS, the length of all tables; gathered indices lie inside the image.
         unsafe {
             let z = _mm512_add_ps(oz, _mm512_load_ps(pass.offsets.z.as_ptr().add(i)));
             let inverse = _mm512_div_ps(one, z);
@@ -90,7 +90,7 @@ pub unsafe fn classify_avx2(out: &mut Evidence, origin: [f32; 3], nearest: Neare
     };
     let mut any = 0;
     for i in (0..VOXELS).step_by(8) {
-        // SAFETY: i + 8 <= VOXELS, the length of all tables; lanes that are gathered lie inside the image.
+        // SAFETY: i + 8 <= VOXELS, the length of all tables; gathered indices lie inside the image.
         unsafe {
             let z = _mm256_add_ps(oz, _mm256_load_ps(pass.offsets.z.as_ptr().add(i)));
             let inverse = _mm256_div_ps(one, z);

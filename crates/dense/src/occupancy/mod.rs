@@ -1,7 +1,8 @@
-//! Which space is free, which occupied, and which was never seen: log-odds in sparse blocks, from every pixel.
+//! Free, occupied and unknown space: log-odds in sparse blocks, updated by every pixel.
 //!
-//! Blocks of 8x8x8 voxels lie in groups of 4x4x4. A block whose voxels are all equal is one number; groups and blocks are first
-//! compared as a whole with the least and greatest depth of the pixels that they cover, and most are settled by that.
+//! Blocks of 8x8x8 voxels are grouped by 4x4x4. A block whose voxels are all equal is stored as one number. Groups
+//! and blocks are first compared as a whole with the least and greatest depth of the pixels they cover, which decides
+//! most of them.
 
 mod kernel;
 #[cfg(target_arch = "x86_64")]
@@ -16,21 +17,22 @@ use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::{Se3, Vec3};
 use kernel::{Evidence, Nearest, Odds, Pass, add_all, apply};
 
-/// How occupancy is kept.
+/// Configuration of the occupancy grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OccupancyConfig {
     /// Edge of a voxel in metres, 0.01 to 0.2.
     pub voxel_m: f64,
-    /// What an image adds to a voxel that it hits.
+    /// Log-odds added to a voxel by an image in which it is hit.
     pub hit: i8,
-    /// What an image takes from a voxel that it sees through.
+    /// Log-odds subtracted from a voxel by an image that sees through it.
     pub miss: i8,
-    /// Log-odds stay within this, either way: `limit / miss` images suffice to free what was occupied.
+    /// Bound of the absolute log-odds: `limit / miss` images suffice to free what was occupied.
     pub limit: i8,
-    /// Within this range a surface would be seen: what was occupied and returns nothing any more, nor does anything around it, has
-    /// gone. 0 never to conclude that (a sensor that fails on dark or shiny surfaces near by).
+    /// Range within which a surface would surely be seen: an occupied voxel nearer than this where neither it nor its
+    /// surroundings return a depth any more is taken to be gone. 0 disables this (for a sensor that fails on dark or
+    /// shiny surfaces near by).
     pub silent_m: f64,
-    /// How exact depths are: what lies within twice the noise before a depth is not called free.
+    /// Depth noise model: space within twice the noise in front of a depth is not called free.
     pub noise: DepthNoise,
 }
 
@@ -40,24 +42,24 @@ impl Default for OccupancyConfig {
     }
 }
 
-/// What is known of a place.
+/// State of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Occupancy {
-    /// Never seen, or evenly contradicted.
+    /// Never seen, or with balanced evidence.
     Unknown,
     /// Seen through.
     Free,
-    /// Hit.
+    /// Hit by a depth.
     Occupied,
 }
 
 /// Blocks along an edge of a group.
 const GROUP: i32 = 4;
-/// A view of more groups than this is refused: it would take seconds.
+/// A view that covers more groups than this is refused: it would take seconds.
 const MOST_GROUPS: f64 = 2e6;
-/// Set in an entry that is a slot of a block rather than one number for all of its voxels.
+/// Set in an entry that holds the slot of a block rather than one number for all of its voxels.
 const FULL: u32 = 1 << 31;
-/// A share of pixels without depth above which silence says nothing: the sensor may be covered.
+/// With a greater share of pixels without depth than this, missing depth is no evidence: the sensor may be covered.
 const LEAST_VALID: f64 = 0.02;
 
 /// The blocks of a group: for each a slot, or one value in the lowest byte.
@@ -84,10 +86,10 @@ pub struct OccupancyGrid {
 }
 
 impl OccupancyGrid {
-    /// An empty grid.
+    /// Creates an empty grid.
     ///
     /// # Errors
-    /// A setting out of range.
+    /// A config value out of range.
     pub fn new(config: OccupancyConfig) -> Result<Self, DenseError> {
         let OccupancyConfig { voxel_m, hit, miss, limit, silent_m, .. } = config;
         let numbers = hit > 0 && miss > 0 && (1..=63).contains(&limit) && hit <= limit && miss <= limit;
@@ -112,15 +114,15 @@ impl OccupancyGrid {
         self
     }
 
-    /// How it is kept.
+    /// The configuration.
     pub fn config(&self) -> &OccupancyConfig {
         &self.config
     }
 
-    /// Adds what an image says of each voxel in view, as far as its greatest depth.
+    /// Updates each voxel in view with an image, as far as the image's greatest depth.
     ///
     /// # Errors
-    /// A pose that is not finite or out of range; depths too far for voxels so small. The grid is as it was.
+    /// A pose that is not finite or out of range; depths too far for such small voxels. The grid is then unchanged.
     pub fn integrate(&mut self, frame: &DepthFrame, volume_from_camera: &Se3) -> Result<(), DenseError> {
         if !volume_from_camera.is_finite() {
             return Err(DenseError::Pose("a number is not finite".into()));
@@ -200,7 +202,7 @@ impl OccupancyGrid {
         }
     }
 
-    /// What a look says of a whole cube.
+    /// What the image says of a whole cube.
     fn verdict(&self, look: Look, pass: &Pass) -> Verdict {
         let Look::Inside(c) = look else {
             return if look == Look::Outside { Verdict::Nothing } else { Verdict::Mixed };
@@ -233,7 +235,7 @@ impl OccupancyGrid {
             match self.verdict(scene.blocks.look(block), &scene.pass) {
                 Verdict::Nothing => {}
                 Verdict::Free => self.free(entry),
-                // Only what was occupied can have gone.
+                // Only what was occupied can have disappeared.
                 Verdict::Silent if *entry & FULL == 0 && value(*entry) <= 0 => {}
                 Verdict::Silent | Verdict::Mixed => self.mixed(entry, block, scene),
             }
@@ -266,7 +268,7 @@ impl OccupancyGrid {
         }
     }
 
-    /// Each voxel by itself.
+    /// Updates each voxel by itself.
     fn mixed(&mut self, entry: &mut u32, key: BlockKey, scene: &Scene) {
         let origin = scene.projection.origin(key);
         // Depth of the block's centre.
@@ -299,7 +301,7 @@ impl OccupancyGrid {
         }
     }
 
-    /// What is known of the place of a point.
+    /// The state at a point.
     pub fn at(&self, p: &Vec3) -> Occupancy {
         let voxel = p.map(|v| (v / self.config.voxel_m).floor());
         if !voxel.iter().all(|v| v.abs() < f64::from(i32::MAX)) {
@@ -308,7 +310,7 @@ impl OccupancyGrid {
         self.voxel([voxel.x as i32, voxel.y as i32, voxel.z as i32])
     }
 
-    /// What is known of a voxel; the one with index `i` has its centre at `(i + 0.5) * voxel_m`.
+    /// The state of a voxel; the one with index `i` has its centre at `(i + 0.5) * voxel_m`.
     pub fn voxel(&self, voxel: [i32; 3]) -> Occupancy {
         match self.odds(voxel) {
             0 => Occupancy::Unknown,
@@ -317,7 +319,7 @@ impl OccupancyGrid {
         }
     }
 
-    /// The log-odds of a voxel, in the steps of the settings; 0 where nothing is known.
+    /// The log-odds of a voxel, in the units of the config; 0 where unknown.
     pub fn odds(&self, voxel: [i32; 3]) -> i8 {
         let (block, i) = BlockKey::of_voxel(voxel);
         let place = block.0.map(|v| (v & 3) as usize);
@@ -326,7 +328,7 @@ impl OccupancyGrid {
         if entry & FULL == 0 { value(entry) } else { self.blocks.at(entry & !FULL).0[i] }
     }
 
-    /// Blocks that are not one number, in a fixed order.
+    /// Blocks that are stored voxel by voxel, in a fixed order.
     pub fn full_blocks(&self) -> impl Iterator<Item = (BlockKey, &[i8; VOXELS])> {
         self.keys.iter().filter_map(|key| Some((key, self.table.get(key)?))).flat_map(move |(key, slot)| {
             let entries = self.groups.at(*slot).0.iter().enumerate().filter(|(_, e)| **e & FULL != 0);
@@ -365,7 +367,8 @@ fn classify(backend: Backend, out: &mut Evidence, origin: [f32; 3], nearest: Nea
     match backend {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
-        // SAFETY: a backend is only set when it is available; frames, pyramids and silent squares cover the whole image.
+        // SAFETY: a backend is only set when it is available; frames, pyramids and silent squares cover the whole
+        // image.
         Backend::Avx512 => unsafe { kernel_x86::classify_avx512(out, origin, nearest, pass) },
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
@@ -383,7 +386,7 @@ fn uniform(value: i8) -> u32 {
     u32::from(value as u8)
 }
 
-/// Squares of eight pixels that hold no depth, nor do their eight neighbours inside the image.
+/// Squares of eight pixels without any depth whose neighbours (up to eight, inside the image) have none either.
 fn mark_silent(frame: &DepthFrame, out: &mut Vec<u32>) {
     let tiles = frame.pyramid.level(3);
     let (w, h) = (tiles.width, tiles.height);

@@ -1,7 +1,7 @@
-//! Depth images kept in little memory, without loss.
+//! Lossless compression of depth images in memory.
 //!
-//! Wilson, "Fast lossless depth image compression" (ISS 2017): runs without depth and runs of differences in turn, as numbers of
-//! a variable count of three-bit groups. A kitchen image of 614 kB takes about 170 kB.
+//! Wilson, "Fast lossless depth image compression" (ISS 2017): runs without depth alternate with runs of differences,
+//! as numbers of a variable count of three-bit groups. A kitchen image of 614 kB takes about 170 kB.
 
 use crate::DenseError;
 use cairn_sensor::DepthImage;
@@ -11,7 +11,7 @@ use cairn_sensor::DepthImage;
 pub struct PackedDepth {
     width: usize,
     height: usize,
-    /// Two groups of three bits, each with a mark whether more follow, in each byte.
+    /// Each byte holds two groups of three bits, each with a flag whether more follow.
     bytes: Box<[u8]>,
 }
 
@@ -63,7 +63,7 @@ impl Reader<'_> {
 }
 
 impl PackedDepth {
-    /// Packs an image.
+    /// Compresses an image.
     pub fn pack(image: &DepthImage) -> Self {
         let data = image.data();
         let mut out = Writer::default();
@@ -87,10 +87,10 @@ impl PackedDepth {
         Self { width: image.width(), height: image.height(), bytes: out.bytes.into_boxed_slice() }
     }
 
-    /// The image.
+    /// Decompresses the image.
     ///
     /// # Errors
-    /// Bytes that no image packs to.
+    /// Bytes that do not decode to an image.
     pub fn unpack(&self) -> Result<DepthImage, DenseError> {
         let broken = || DenseError::Saved("a packed depth image is broken".into());
         let count = self.width.checked_mul(self.height).ok_or_else(broken)?;
@@ -113,7 +113,7 @@ impl PackedDepth {
         DepthImage::from_vec(self.width, self.height, data).ok_or_else(broken)
     }
 
-    /// Bytes that it takes.
+    /// Size in bytes.
     pub fn bytes(&self) -> usize {
         self.bytes.len()
     }

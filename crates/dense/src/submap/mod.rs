@@ -1,8 +1,8 @@
-//! Depth of key frames in submaps that follow the map: what moves when the map is corrected are the poses of submaps; only
-//! key frames that moved inside their submap are fused anew, in slices.
+//! Depth of key frames in submaps that follow the map: a correction of the map moves the poses of submaps; only key
+//! frames that moved inside their submap are re-fused, in slices.
 //!
-//! After Reijgwart et al., "Voxgraph" (RA-L 2020), section III, for submaps that hang on the pose graph, and Dai et al.,
-//! "BundleFusion" (TOG 2017), section 5, for taking images out and putting them in again.
+//! After Reijgwart et al., "Voxgraph" (RA-L 2020), section III, for submaps anchored to the pose graph, and Dai et
+//! al., "BundleFusion" (TOG 2017), section 5, for removing images and fusing them again.
 
 mod codec;
 mod refuse;
@@ -24,24 +24,25 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct AnchorId(pub u64);
 
-/// A map of the atlas; poses of different maps do not lie to each other.
+/// A map of the atlas; the relative pose of different maps is unknown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MapId(pub u64);
 
-/// How submaps are made.
+/// Configuration of submaps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SubmapConfig {
-    /// How depth is read.
+    /// How depth images are interpreted.
     pub depth: DepthConfig,
-    /// The field; submaps keep no colour.
+    /// The field; submaps store no colour.
     pub tsdf: TsdfConfig,
-    /// Free space.
+    /// The occupancy grid.
     pub occupancy: OccupancyConfig,
-    /// Within this distance of a submap's origin key frames go into it, in metres.
+    /// Key frames within this distance of a submap's origin go into it, in metres.
     pub reach_m: f64,
-    /// A key frame of whose blocks a smaller share is in a submap does not go into it.
+    /// A key frame goes into a submap only when at least this share of its blocks is in it.
     pub overlap: f64,
-    /// Key frames that moved less than this inside their submap, at 2 m before the camera, are left as they are; in metres.
+    /// Key frames that moved less than this inside their submap, measured 2 m in front of the camera, are not
+    /// re-fused; in metres.
     pub moved_m: f64,
 }
 
@@ -58,31 +59,31 @@ impl Default for SubmapConfig {
     }
 }
 
-/// What hangs on an anchor: `anchor_from_this`.
+/// A pose relative to an anchor: `anchor_from_this`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Hung {
     anchor: AnchorId,
     pose: Se3,
 }
 
-/// A volume and its place.
+/// A submap: its volumes and its place.
 struct Submap {
     hung: Hung,
     tsdf: TsdfVolume,
     occupancy: OccupancyGrid,
-    /// Made anew, with the next of its frames to be put in.
+    /// Occupancy being rebuilt, with the next of its frames to be fused.
     rebuilt: Option<(OccupancyGrid, usize)>,
-    /// Occupancy holds poses that are not those of the field.
+    /// The occupancy was built with other poses than the field.
     stale: bool,
 }
 
 /// The depth of a key frame.
 struct Kept {
     hung: Hung,
-    /// Index of its submap, and its pose there as it is fused.
+    /// Index of its submap, and its pose there as it was fused.
     submap: usize,
     fused: Se3,
-    /// Where it shall go: another submap, after two are joined.
+    /// Its destination: another submap, after two are joined.
     target: usize,
     depth: PackedDepth,
 }
@@ -93,11 +94,11 @@ struct Anchor {
     world_from_anchor: Se3,
 }
 
-/// One submap to look at.
+/// One submap, for reading.
 pub struct SubmapView<'a> {
-    /// Its map.
+    /// The map it belongs to.
     pub map: MapId,
-    /// Its place in that map.
+    /// Its pose in that map.
     pub world_from_submap: Se3,
     /// Its surface.
     pub tsdf: &'a TsdfVolume,
@@ -112,17 +113,17 @@ pub struct DenseMap {
     anchors: BTreeMap<AnchorId, Anchor>,
     submaps: Vec<Option<Submap>>,
     kept: Vec<Kept>,
-    /// Frames that moved inside their submap, or shall go to another.
+    /// Frames that moved inside their submap, or are to move to another.
     waiting: Vec<usize>,
-    /// The submap that the last key frame of each map went into.
+    /// The submap that the last key frame of each map was fused into.
     active: BTreeMap<MapId, usize>,
 }
 
 impl DenseMap {
-    /// Without anything, for one depth camera.
+    /// Creates an empty dense map for one depth camera.
     ///
     /// # Errors
-    /// A camera or a setting that cannot be.
+    /// An invalid camera or config.
     pub fn new(config: SubmapConfig, camera: Camera, metres_per_unit: f64) -> Result<Self, DenseError> {
         if !(config.reach_m > 0.0 && (0.0..1.0).contains(&config.overlap) && config.moved_m > 0.0) {
             return Err(DenseError::Config(format!("submaps: {config:?}")));
@@ -143,10 +144,11 @@ impl DenseMap {
         })
     }
 
-    /// A key frame with its depth: it goes into the submap that it overlaps most, or begins one.
+    /// Adds a key frame with its depth: it goes into the submap it overlaps most, or starts a new one.
     ///
     /// # Errors
-    /// A key frame that is there already, a pose that is not finite, depth that cannot be used. The map is as it was.
+    /// A key frame that exists already, a pose that is not finite, depth that cannot be used. The map is then
+    /// unchanged.
     pub fn insert(
         &mut self,
         id: AnchorId,
@@ -188,10 +190,11 @@ impl DenseMap {
         Ok(result)
     }
 
-    /// Depth of a frame that is no key frame: it moves free space in the submap in use, and is not kept. False when there is none yet.
+    /// Adds depth of a frame that is not a key frame: it updates the occupancy of the submap in use and is not
+    /// stored. False when there is no submap yet.
     ///
     /// # Errors
-    /// As [`Self::insert`]; a map or an anchor that is not known.
+    /// As [`Self::insert`]; an unknown map or anchor.
     pub fn observe(
         &mut self,
         anchor: AnchorId,
@@ -213,7 +216,7 @@ impl DenseMap {
         Ok(Submap { hung, tsdf, occupancy, rebuilt: None, stale: false })
     }
 
-    /// The submap of a map, near enough, that holds the greatest share of an image's blocks.
+    /// The submap of a map that is near enough and holds the greatest share of an image's blocks.
     fn choose(&mut self, map: MapId, world_from_camera: &Se3, frame: &DepthFrame) -> Option<usize> {
         let mut best: Option<(usize, f64)> = None;
         for index in 0..self.submaps.len() {
@@ -243,8 +246,8 @@ impl DenseMap {
         self.place(index).map(|(_, pose)| pose).ok_or(DenseError::UnknownAnchor(index as u64))
     }
 
-    /// Key frames have moved: submaps are where they belong when this returns. What moved inside its submap waits for
-    /// [`Self::step`]. Ids that are not known are passed over: they have no depth.
+    /// Key frames have moved: submaps are at their new poses when this returns. Frames that moved inside their submap
+    /// are left to [`Self::step`]. Unknown ids are ignored: they have no depth.
     ///
     /// # Errors
     /// A pose that is not finite; nothing is moved then.
@@ -261,8 +264,8 @@ impl DenseMap {
         Ok(())
     }
 
-    /// A map becomes part of another, moved by a similarity. Depth is metric: its scale moves poses and changes no volume.
-    /// Submaps that now overlap are joined by [`Self::step`].
+    /// Merges a map into another, moved by a similarity. Depth is metric: the scale moves poses and changes no
+    /// volume. Submaps that now overlap are joined by [`Self::step`].
     ///
     /// # Errors
     /// A similarity that is not finite.
@@ -286,7 +289,7 @@ impl DenseMap {
         Ok(())
     }
 
-    /// Sends the frames of a submap to the nearest other one of the map that is in reach.
+    /// Schedules the frames of a submap to move to the nearest other submap of the map within reach.
     fn join(&mut self, index: usize, map: MapId) {
         let Some((_, own)) = self.place(index) else { return };
         let others = (0..self.submaps.len()).filter(|&i| i != index && !self.leaves(i));
@@ -300,15 +303,15 @@ impl DenseMap {
         self.active.values_mut().filter(|a| **a == index).for_each(|a| *a = target);
     }
 
-    /// Whether all frames of a submap are on their way to another.
+    /// Whether all frames of a submap are scheduled to move to another.
     fn leaves(&self, index: usize) -> bool {
         self.kept.iter().filter(|k| k.submap == index).all(|k| k.target != index)
     }
 
-    /// A key frame is no more; its depth, and submaps that hang on it, go on hanging on its parent.
+    /// Removes a key frame; its depth, and submaps anchored to it, are anchored to its parent instead.
     ///
     /// # Errors
-    /// A parent that is not known, while something hangs on the key frame.
+    /// An unknown parent, while something is anchored to the key frame.
     pub fn remove(&mut self, id: AnchorId, parent: AnchorId) -> Result<(), DenseError> {
         let Some(gone) = self.anchors.get(&id).copied() else { return Ok(()) };
         let to =
@@ -322,7 +325,7 @@ impl DenseMap {
         Ok(())
     }
 
-    /// A key frame that may become the parent of others although it has no depth itself.
+    /// Adds a key frame that has no depth itself but may become the parent of others.
     ///
     /// # Errors
     /// A pose that is not finite.
@@ -343,10 +346,10 @@ impl DenseMap {
         })
     }
 
-    /// One field of a whole map, fused from the kept depth with the poses of now: without a seam between submaps.
+    /// One field of a whole map, fused from the stored depth with the current poses: without seams between submaps.
     ///
     /// # Errors
-    /// A setting out of range; poses out of range.
+    /// A config value out of range; poses out of range.
     pub fn fuse_all(&mut self, map: MapId, tsdf: TsdfConfig) -> Result<TsdfVolume, DenseError> {
         let mut out = TsdfVolume::new(tsdf)?;
         for kept in &self.kept {
@@ -357,13 +360,13 @@ impl DenseMap {
         Ok(out)
     }
 
-    /// Bytes of the volumes, and of the kept depth.
+    /// Bytes of the volumes, and of the stored depth.
     pub fn bytes(&self) -> [usize; 2] {
         let volumes = self.submaps.iter().flatten().map(|s| s.tsdf.bytes() + s.occupancy.bytes()).sum();
         [volumes, self.kept.iter().map(|k| k.depth.bytes()).sum()]
     }
 
-    /// What is known of a place of a map: occupied if some submap says so, else free if some submap does.
+    /// The state at a point of a map: occupied if any submap says so, else free if any submap does.
     pub fn occupancy_at(&self, map: MapId, world: &Vec3) -> crate::Occupancy {
         use crate::Occupancy::{Free, Occupied, Unknown};
         let said = self.submaps().filter(|s| s.map == map);

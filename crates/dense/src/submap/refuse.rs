@@ -1,25 +1,25 @@
-//! The work that waits: key frames that moved inside their submap are taken out and put in again, nearest first.
+//! Pending re-fusion: key frames that moved inside their submap are removed and fused again, nearest first.
 
 use super::{DenseMap, Kept};
 use crate::{DenseError, OccupancyGrid};
 use cairn_geometry::{Se3, Vec3};
 
-/// How far from the camera a turn counts as a move, in metres.
+/// Distance from the camera at which a rotation is measured as a movement, in metres.
 const LEVER_M: f64 = 2.0;
 
-/// What a slice of work did.
+/// Statistics of a slice of work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Images put into or taken out of a volume.
+    /// Images fused into or removed from a volume.
     pub images: usize,
-    /// Key frames and rebuilt grids that still wait.
+    /// Key frames and grids being rebuilt that are still pending.
     pub waiting: usize,
-    /// Key frames that were given up because their pose or depth can no longer be fused.
+    /// Key frames dropped because their pose or depth can no longer be fused.
     pub given_up: usize,
 }
 
 impl DenseMap {
-    /// Finds the frames whose pose inside their submap is not the one they are fused with.
+    /// Finds the frames whose pose inside their submap differs from the one they were fused with.
     pub(super) fn find_moved(&mut self) {
         self.waiting.clear();
         for i in 0..self.kept.len() {
@@ -32,15 +32,15 @@ impl DenseMap {
         }
     }
 
-    /// Where a frame belongs in the submap that it shall be in.
+    /// The pose of a frame in its destination submap.
     fn wanted(&self, kept: &Kept) -> Option<Se3> {
         let (_, world_from_submap) = self.place(kept.target)?;
         let anchor = self.anchors.get(&kept.hung.anchor)?;
         Some(world_from_submap.inverse() * (anchor.world_from_anchor * kept.hung.pose))
     }
 
-    /// Does some of the work that waits, at most about `images` fusions, nearest to a place first (say, where the walker is).
-    /// One fusion is what one image costs.
+    /// Does part of the pending work, at most about `images` fusions, starting nearest to a place (for example the
+    /// walker's). One fusion is the cost of one image.
     pub fn step(&mut self, near: &Vec3, images: usize) -> Progress {
         let mut progress = Progress::default();
         let away = |i: usize| {
@@ -49,7 +49,7 @@ impl DenseMap {
             at.map_or(f64::INFINITY, |p| (p - near).norm())
         };
         let mut waiting: Vec<(f64, usize)> = self.waiting.iter().map(|&i| (away(i), i)).collect();
-        // The nearest last, where it is taken from.
+        // The nearest is last, where it is popped from.
         waiting.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
         while progress.images < images {
             let Some((_, index)) = waiting.pop() else { break };
@@ -69,7 +69,7 @@ impl DenseMap {
         progress
     }
 
-    /// Takes a frame out where it was and puts it in where it belongs; how many images that were.
+    /// Removes a frame from its old place and fuses it at its new one; returns how many images that took.
     fn fuse_again(&mut self, index: usize) -> Result<usize, DenseError> {
         let kept = &self.kept[index];
         let (from, to, was) = (kept.submap, kept.target, kept.fused);
@@ -77,7 +77,7 @@ impl DenseMap {
         let frame = self.preparer.prepare(&kept.depth.unpack()?)?;
         let unknown = DenseError::UnknownAnchor(self.kept[index].hung.anchor.0);
         let submap = self.submaps.get_mut(to).and_then(Option::as_mut).ok_or(unknown)?;
-        // In first: if that fails nothing has changed. Sums do not depend on the order.
+        // Fuses first: if that fails, nothing has changed. The sums do not depend on the order.
         submap.tsdf.integrate(frame, None, &pose)?;
         (submap.stale, submap.rebuilt) = (true, None);
         if let Some(submap) = self.submaps.get_mut(from).and_then(Option::as_mut) {
@@ -88,7 +88,7 @@ impl DenseMap {
         Ok(2)
     }
 
-    /// Submaps whose frames have all gone to another.
+    /// Removes submaps whose frames have all moved to another.
     fn drop_empty(&mut self) {
         for index in 0..self.submaps.len() {
             if self.submaps[index].is_some()
@@ -100,7 +100,7 @@ impl DenseMap {
         }
     }
 
-    /// Puts one more frame into the new grid of a submap whose occupancy is stale; false when there is none.
+    /// Fuses one more frame into the new grid of a submap with stale occupancy; false when there is no such submap.
     fn rebuild_one(&mut self) -> bool {
         let Some(index) = self.submaps.iter().position(|s| s.as_ref().is_some_and(|s| s.stale)) else {
             return false;
@@ -116,14 +116,14 @@ impl DenseMap {
         };
         let next = (from..self.kept.len()).find(|&i| self.kept[i].submap == index);
         let Some(next) = next else {
-            // All frames are in: the new grid takes the old one's place.
+            // All frames are fused: the new grid replaces the old one.
             (submap.occupancy, submap.stale) = (grid, false);
             return true;
         };
         if let Ok(image) = self.kept[next].depth.unpack()
             && let Ok(frame) = self.preparer.prepare(&image)
         {
-            // A pose that the field took, the grid takes.
+            // A pose that the field accepted is also accepted by the grid.
             let _ = grid.integrate(frame, &self.kept[next].fused);
         }
         submap.rebuilt = Some((grid, next + 1));
@@ -131,7 +131,7 @@ impl DenseMap {
     }
 }
 
-/// How far a point [`LEVER_M`] before the camera moves from one pose to another, at most.
+/// How far a point [`LEVER_M`] in front of the camera moves from one pose to another, at most.
 fn moved_m(from: &Se3, to: &Se3) -> f64 {
     let between = from.inverse() * *to;
     between.translation.norm() + LEVER_M * between.rotation.log().norm()

@@ -1,4 +1,4 @@
-//! After any history, submaps hold what their frames give when fused afresh with the final poses.
+//! After any history, submaps equal their frames fused afresh with the final poses.
 
 use super::*;
 use crate::{MeshConfig, Mesher};
@@ -54,7 +54,7 @@ fn finish(map: &mut DenseMap) {
     panic!("the work does not end");
 }
 
-/// Checks each submap against its frames fused afresh; how many submaps there are.
+/// Checks each submap against its frames fused afresh; returns the number of submaps.
 fn check(map: &mut DenseMap) -> usize {
     let mut count = 0;
     for index in 0..map.submaps.len() {
@@ -76,7 +76,7 @@ fn check(map: &mut DenseMap) -> usize {
         assert_eq!(voxels(&submap.tsdf), voxels(&same), "as fused with the poses that it has");
         let mesh = Mesher::new(MeshConfig::default()).whole(&submap.tsdf);
         for p in &mesh.positions {
-            // The nearest voxels of the fresh field are no farther from its surface than a voxel and what lies between.
+            // The nearest voxels of the fresh field are within a voxel of its surface, plus the gap between voxels.
             let voxel = p.map(|v| (f64::from(v) / VOXEL_M).floor() as i32);
             if let Some((distance, _)) = fresh.voxel(voxel) {
                 assert!(distance.abs() <= 1.9 * VOXEL_M, "{p:?}: {distance}");
@@ -117,7 +117,7 @@ proptest! {
         for event in events {
             match event {
                 Event::Insert { map: id, x } => {
-                    // After a merge there is one map only.
+                    // After a merge there is one map left.
                     let id = if map.anchors.values().any(|a| a.map == MapId(id)) || id == 0 { id } else { 1 };
                     map.insert(AnchorId(next), MapId(id), pose(x, [0.0; 3]), Se3::identity(), &wall(x)).expect("depth");
                     next += 1;
@@ -146,7 +146,7 @@ proptest! {
                 }
             }
         }
-        // Removals leave what hangs where it is; nothing else may wait unnoticed.
+        // Removals leave submaps and frames where they are; no other work may be pending unnoticed.
         map.find_moved();
         finish(&mut map);
         check(&mut map);
@@ -163,7 +163,7 @@ fn a_closed_loop_moves_submaps_at_once_and_frames_later() {
     }
     let before: Vec<Se3> = map.submaps().map(|s| s.world_from_submap).collect();
     assert!(before.len() > 1, "{} submaps over 4.4 m", before.len());
-    // All move by the same: no frame moves inside its submap.
+    // All move equally: no frame moves inside its submap.
     let shift = pose(0.5, [0.1, 0.0, 0.2]);
     let moved: Vec<_> = (0..12).map(|i| (AnchorId(i), shift * pose(i as f64 * 0.4, [0.0; 3]))).collect();
     map.align(&moved).expect("finite");
@@ -171,7 +171,7 @@ fn a_closed_loop_moves_submaps_at_once_and_frames_later() {
         assert!(((submap.world_from_submap.inverse() * (shift * *before)).log()).norm() < 1e-9);
     }
     assert_eq!(map.step(&Vec3::zeros(), 100), Progress::default());
-    // The last is bent: it alone waits, and is fused anew within the budget.
+    // The last one moves on its own: it alone is pending, and is re-fused within the budget.
     map.align(&[(AnchorId(11), shift * pose(4.4, [0.0, 0.0, 0.1]))]).expect("finite");
     assert_eq!(map.step(&Vec3::zeros(), 1).images, 2);
     finish(&mut map);
@@ -197,7 +197,7 @@ fn merged_maps_are_joined_and_no_wall_is_doubled() {
     let submap = map.submaps().next().expect("one");
     assert_eq!(submap.map, MapId(0));
     let mesh = Mesher::new(MeshConfig::default()).whole(submap.tsdf);
-    // Two walls of the recording, and their edge; nothing between or behind.
+    // Two walls of the recording and their edge; nothing between them or behind.
     let off = |z: f32| (z - 2.0).abs().min((z - 1.7).abs());
     let near = mesh.positions.iter().filter(|p| off(p[2]) < 0.01).count();
     assert!(near * 100 > mesh.positions.len() * 97, "{near} of {}", mesh.positions.len());

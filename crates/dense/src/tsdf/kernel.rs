@@ -1,15 +1,16 @@
-//! Fusing one depth image into one block: the heart of the TSDF, in plain Rust.
+//! Fusing one depth image into one block: the innermost loop of the TSDF, in plain Rust.
 //!
-//! Curless and Levoy, "A volumetric method for building complex models from range images" (SIGGRAPH 1996), eq. 1-4, with
-//! distances along the optical axis as in Newcombe et al., "KinectFusion" (ISMAR 2011), eq. 6-9. Sums of whole numbers are kept
-//! instead of a running mean: they do not depend on the order of the images, and an image can be taken out again exactly.
+//! Curless and Levoy, "A volumetric method for building complex models from range images" (SIGGRAPH 1996), eq. 1-4,
+//! with distances along the optical axis as in Newcombe et al., "KinectFusion" (ISMAR 2011), eq. 6-9. Integer sums
+//! are kept instead of a running mean: they do not depend on the order of the images, and an image can be removed
+//! again exactly.
 
 use crate::block::VOXELS;
 use crate::frame::{depth_of, weight_of};
 use crate::project::Offsets;
 use crate::view::NEAREST_M;
 
-/// Steps of a distance: this many are the truncation distance.
+/// Resolution of a distance: the truncation distance is divided into this many steps.
 pub const STEPS: i32 = 1024;
 
 /// Distances and weights of a block's voxels.
@@ -42,9 +43,9 @@ impl Default for Colours {
     }
 }
 
-/// What all blocks of one image share.
+/// Inputs shared by all blocks of one image.
 pub struct Pass<'a> {
-    /// See [`crate::frame`].
+    /// Prepared pixels, see [`crate::frame`].
     pub pixels: &'a [u32],
     /// Red, green and blue from the lowest byte, pixel by pixel; empty without colour.
     pub colours: &'a [u32],
@@ -52,18 +53,18 @@ pub struct Pass<'a> {
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
-    /// See there.
+    /// Homogeneous pixels of the voxels relative to the first one, see [`Offsets`].
     pub offsets: &'a Offsets,
     /// Truncation distance in metres.
     pub band_m: f32,
     /// [`STEPS`] over the truncation distance.
     pub scale: f32,
-    /// 1 to put the image in, -1 to take it out.
+    /// 1 to fuse the image, -1 to remove it.
     pub sign: i32,
 }
 
-/// Adds the image to the block whose first voxel projects to the homogeneous `origin`; true when some voxel lies within the
-/// truncation distance of the surface.
+/// Adds the image to the block whose first voxel projects to the homogeneous `origin`; true when some voxel lies
+/// within the truncation distance of the surface.
 pub fn fuse(planes: &mut Planes, mut colours: Option<&mut Colours>, origin: [f32; 3], pass: &Pass) -> bool {
     let mut in_band = false;
     let (width, height) = (pass.width as f32, pass.height as f32);
@@ -84,7 +85,7 @@ pub fn fuse(planes: &mut Planes, mut colours: Option<&mut Colours>, origin: [f32
         }
         let near = distance < pass.band_m;
         in_band |= near;
-        // Rounded by truncation of a number that is never negative.
+        // Rounded by truncation; the number is never negative.
         let steps = ((distance * pass.scale).min(STEPS as f32) + (STEPS as f32 + 0.5)) as i32 - STEPS;
         let weight = weight * pass.sign;
         planes.sum[i] += weight * steps;

@@ -1,4 +1,4 @@
-//! Twins of [`super::kernel::fuse`] with eight and sixteen lanes: the same operations, the same bits.
+//! Versions of [`super::kernel::fuse`] with eight and sixteen lanes: the same operations, bit-identical results.
 #![allow(unsafe_code)]
 
 use super::kernel::{Colours, Pass, Planes, STEPS};
@@ -8,7 +8,8 @@ use crate::view::NEAREST_M;
 use std::arch::x86_64::*;
 
 /// # Safety
-/// AVX-512 F must be available; `pass.pixels`, and `pass.colours` where `colours` is given, hold `width * height` pixels.
+/// AVX-512 F must be available; `pass.pixels`, and `pass.colours` where `colours` is given, hold `width * height`
+/// pixels.
 #[target_feature(enable = "avx512f")]
 pub unsafe fn fuse_avx512(
     planes: &mut Planes,
@@ -28,7 +29,7 @@ pub unsafe fn fuse_avx512(
     let mut in_band = 0;
     let mut colours = colours;
     for i in (0..VOXELS).step_by(16) {
-        // SAFETY: i + 16 <= VOXELS, the length of all planes; lanes that are gathered lie inside the image.
+        // SAFETY: i + 16 <= VOXELS, the length of all planes; gathered indices lie inside the image.
         unsafe {
             let z = _mm512_add_ps(oz, _mm512_load_ps(pass.offsets.z.as_ptr().add(i)));
             let inverse = _mm512_div_ps(one, z);
@@ -108,7 +109,7 @@ pub unsafe fn fuse_avx2(
     let mut in_band = 0;
     let mut colours = colours;
     for i in (0..VOXELS).step_by(8) {
-        // SAFETY: i + 8 <= VOXELS, the length of all planes; lanes that are gathered lie inside the image.
+        // SAFETY: i + 8 <= VOXELS, the length of all planes; gathered indices lie inside the image.
         unsafe {
             let z = _mm256_add_ps(oz, _mm256_load_ps(pass.offsets.z.as_ptr().add(i)));
             let inverse = _mm256_div_ps(one, z);
@@ -141,7 +142,7 @@ pub unsafe fn fuse_avx2(
             let used = _mm256_castps_si256(used);
             let part = _mm256_add_ps(_mm256_min_ps(_mm256_mul_ps(distance, scale), most), shift);
             let steps = _mm256_sub_epi32(_mm256_cvttps_epi32(part), steps_of);
-            // Lanes that are not used add zero.
+            // Unused lanes add zero.
             let weight = _mm256_and_si256(_mm256_mullo_epi32(weight, sign), used);
             let sums: *mut __m256i = planes.sum.as_mut_ptr().add(i).cast();
             let weights: *mut __m256i = planes.weight.as_mut_ptr().add(i).cast();

@@ -16,7 +16,7 @@ use cairn_geometry::Se3;
 use cairn_sensor::Image;
 use kernel::Pass;
 
-/// How a field is made.
+/// Configuration of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TsdfConfig {
     /// Edge of a voxel in metres, 0.005 to 0.2.
@@ -33,10 +33,11 @@ impl Default for TsdfConfig {
     }
 }
 
-/// Images that may be put into one field: sums of whole numbers stay far from their limit.
+/// Limit of images fused into one field: the integer sums then stay far from overflow.
 const MOST_IMAGES: usize = 60_000;
 
-/// A sparse field; positions are in its own frame, in metres. The voxel with index `i` has its centre at `(i + 0.5) * voxel_m`.
+/// A sparse field; positions are in its own frame, in metres. The voxel with index `i` has its centre at `(i + 0.5) *
+/// voxel_m`.
 #[derive(Clone)]
 pub struct TsdfVolume {
     config: TsdfConfig,
@@ -46,7 +47,7 @@ pub struct TsdfVolume {
     keys: Vec<Option<BlockKey>>,
     planes: Pages<Planes>,
     colours: Pages<Colours>,
-    /// Of each slot, when it last changed.
+    /// For each slot, the revision of its last change.
     changed: Vec<u64>,
     revision: u64,
     images: usize,
@@ -55,24 +56,24 @@ pub struct TsdfVolume {
     packed: Vec<u32>,
 }
 
-/// What fusing an image did.
+/// Statistics of fusing an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Fused {
-    /// Blocks that were looked at.
+    /// Blocks visited.
     pub looked_at: usize,
     /// Blocks that hold a voxel within the truncation distance of the image's surface.
     pub changed: usize,
-    /// Blocks that are new.
+    /// Blocks created.
     pub created: usize,
-    /// Blocks that are gone because nothing is left in them.
+    /// Blocks removed because nothing is left in them.
     pub removed: usize,
 }
 
 impl TsdfVolume {
-    /// An empty field.
+    /// Creates an empty field.
     ///
     /// # Errors
-    /// A setting out of range.
+    /// A config value out of range.
     pub fn new(config: TsdfConfig) -> Result<Self, DenseError> {
         if !(0.005..=0.2).contains(&config.voxel_m) || !(2.0..=16.0).contains(&config.band_voxels) {
             let why = format!(
@@ -103,7 +104,7 @@ impl TsdfVolume {
         self
     }
 
-    /// How it is made.
+    /// The configuration.
     pub fn config(&self) -> &TsdfConfig {
         &self.config
     }
@@ -113,7 +114,7 @@ impl TsdfVolume {
         self.config.voxel_m * self.config.band_voxels
     }
 
-    /// Puts an image in; `colour` has the frame's size and shows the same pixels.
+    /// Fuses an image; `colour` has the frame's size and shows the same pixels.
     ///
     /// # Errors
     /// A pose that is not finite or out of range, a colour image of another size, a field that is full.
@@ -131,7 +132,7 @@ impl TsdfVolume {
         Ok(fused)
     }
 
-    /// Takes an image out that was put in with exactly this pose: what remains is as if it had never been there.
+    /// Removes an image that was fused with exactly this pose: the result is as if it had never been fused.
     ///
     /// # Errors
     /// As [`Self::integrate`].
@@ -214,7 +215,7 @@ impl TsdfVolume {
                 self.free(key, slot);
             }
         } else if known.is_some() {
-            // A block without a voxel near the surface is left as it was, whether it exists or not: the sums must not
+            // A block without a voxel near the surface is left unchanged, whether it exists or not: the sums must not
             // depend on the order of images.
             pass.sign = -pass.sign;
             fuse(self.backend, planes, colours, origin, pass);
@@ -252,7 +253,7 @@ impl TsdfVolume {
         Ok(())
     }
 
-    /// Share of the blocks around an image's surface that are in use already, 0 to 1.
+    /// Share of the blocks around an image's surface that already exist, 0 to 1.
     ///
     /// # Errors
     /// A pose that is not finite or out of range.
@@ -276,12 +277,12 @@ impl TsdfVolume {
         self.planes.bytes() + self.colours.bytes() + self.table.capacity() * 17 + self.keys.capacity() * 24
     }
 
-    /// Grows with every image put in or taken out.
+    /// Revision: incremented by every image fused or removed.
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// Keys of the blocks that changed after a revision, in a fixed order; all with 0.
+    /// Keys of the blocks changed after a revision, in a fixed order; all blocks for revision 0.
     pub fn changed_since(&self, revision: u64) -> impl Iterator<Item = BlockKey> + '_ {
         let since = self.keys.iter().zip(&self.changed).filter(move |(_, at)| **at > revision);
         since.filter_map(|(key, _)| *key)

@@ -1,4 +1,4 @@
-//! Which blocks the surface of a depth image may touch: a window of bits around the camera, one bit a block.
+//! Blocks that the surface of a depth image may touch: a window of bits around the camera, one bit per block.
 
 use crate::backend::dispatch;
 use crate::block::{BlockKey, KEY_LIMIT, SIDE};
@@ -8,13 +8,13 @@ use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Camera;
 use nalgebra::Vector3;
 
-/// More blocks than this along a side, and the range is too far for the voxel.
+/// Limit of blocks along a side: beyond it the range is too far for this voxel size.
 const MOST_BLOCKS: i32 = 640;
 
-/// Rays of an image in units of blocks, counted from the window's low corner.
+/// Rays of an image in units of blocks, relative to the window's low corner.
 struct Rays {
     centre: Vector3<f32>,
-    /// The ray with depth 1 through the principal point, and its steps by pixel.
+    /// The ray with depth 1 through the principal point, and its increments per pixel.
     axis: Vector3<f32>,
     by_u: Vector3<f32>,
     by_v: Vector3<f32>,
@@ -52,13 +52,13 @@ impl Rays {
 pub(crate) struct Window {
     low: [i32; 3],
     size: [usize; 3],
-    /// Words a row of blocks along x.
+    /// Words per row of blocks along x.
     words: usize,
     bits: Vec<u64>,
 }
 
 impl Window {
-    /// Marks each block that holds a point within `band_m` of the surface, along the optical axis, and a few more.
+    /// Marks every block that holds a point within `band_m` of the surface, along the optical axis, and a few more.
     ///
     /// # Errors
     /// A pose out of range; a window that is too large for blocks of this size.
@@ -73,7 +73,7 @@ impl Window {
         let block_m = (SIDE as f64 * voxel_m) as f32;
         self.cover(frame, volume_from_camera, voxel_m, band_m)?;
         let camera = frame.camera();
-        // Squares of pixels hardly wider than half a block where the depth is greatest.
+        // Squares of pixels at most about half a block wide at the greatest depth.
         let greatest = frame.range_m().map_or(0.0, |r| r.1);
         let mut level = 1;
         while level < 4 && (2 << level) as f32 * greatest / camera.fx as f32 <= 0.6 * block_m {
@@ -85,7 +85,7 @@ impl Window {
         Ok(())
     }
 
-    /// Marks the boxes around the pieces of a square's frustum between `near - band` and `far + band`.
+    /// Marks the bounding boxes of the pieces of a square's frustum between `near - band` and `far + band`.
     #[inline(always)]
     fn mark_piece(&mut self, rays: &Rays, level: usize, x: usize, y: usize, near: f32, far: f32) {
         let size = (1 << level) as f32;
@@ -93,7 +93,7 @@ impl Window {
         let ray = rays.axis + rays.by_u * (middle(x) - rays.cx) + rays.by_v * (middle(y) - rays.cy);
         let (from, to) = (near - rays.band_m, far + rays.band_m);
         let side = rays.pixel * (0.5 * size * to);
-        // Two or more pieces hug a slanted ray closer than one.
+        // Two or more pieces fit a slanted ray more tightly than one.
         let pieces = 1 + ((to - from) * rays.pieces_by_m) as i32;
         let spread = 0.5 * (to - from) / pieces as f32;
         let extent = ray.abs() * spread + side;
@@ -105,7 +105,7 @@ impl Window {
         }
     }
 
-    /// Sets size and place so that all points of the image, and the band behind, fit.
+    /// Sets size and position so that all points of the image, and the band behind them, fit.
     fn cover(
         &mut self,
         frame: &DepthFrame,
@@ -132,7 +132,7 @@ impl Window {
             )));
         }
         for i in 0..3 {
-            // The band also widens boxes to the sides: two blocks of slack.
+            // The band also widens the boxes sideways: two blocks of margin.
             self.low[i] = (low[i] / block_m).floor() as i32 - 2;
             let blocks = (high[i] / block_m).floor() as i32 + 3 - self.low[i];
             if blocks > MOST_BLOCKS {
@@ -152,8 +152,8 @@ impl Window {
 
     #[inline(always)]
     fn mark_box(&mut self, at: [f32; 3], extent: [f32; 3]) {
-        // Positions in the window are not negative, and below 2^22: adding 2^23 leaves the whole part in the lowest bits. Exact
-        // whole numbers may come out one too low, which marks a block too many.
+        // Positions in the window are not negative and below 2^22: adding 2^23 leaves the integer part in the lowest
+        // bits. Exact integers may come out one too low, which only marks one block too many.
         let whole = |v: f32| (v + (8_388_608.0 - 0.5)).to_bits() & 0x7f_ffff;
         let low: [u32; 3] = std::array::from_fn(|i| whole(at[i] - extent[i]));
         let high: [u32; 3] = std::array::from_fn(|i| whole(at[i] + extent[i]).min(self.size[i] as u32 - 1));
@@ -170,7 +170,7 @@ impl Window {
         }
     }
 
-    /// The marked blocks, in order of z, y, x.
+    /// The marked blocks, ordered by z, y, x.
     pub fn keys(&self, out: &mut Vec<BlockKey>) {
         out.clear();
         for (row, words) in self.bits.chunks_exact(self.words).enumerate() {
@@ -188,11 +188,11 @@ impl Window {
     }
 }
 
-/// Marks around every square of a level; where the depths of one are far apart, around its quarters one by one.
+/// Marks around every square of a level; where the depths in one differ much, around its quarters one by one.
 #[inline(always)]
 fn mark_all(window: &mut Window, frame: &DepthFrame, rays: &Rays, level: usize) {
     let top = frame.pyramid.level(level);
-    // Quarters of quarters: at most three wait on each level below the first.
+    // Depth-first over quarters: at most three wait on each level below the first.
     let mut waiting = [(0, 0, 0); 16];
     for i in 0..top.width * top.height {
         waiting[0] = (level, i % top.width, i / top.width);

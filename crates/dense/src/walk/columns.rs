@@ -3,10 +3,10 @@
 use crate::{DenseError, Occupancy};
 use cairn_geometry::{Se3, Vec3};
 
-/// Where to look, in a level frame.
+/// The window to sample, in a level frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
-    /// The level frame in the map: z up.
+    /// Pose of the level frame (z up) in the map.
     pub world_from_level: Se3,
     /// Half of the window's side in metres, along x and y.
     pub half_m: f64,
@@ -14,18 +14,18 @@ pub struct Window {
     pub cell_m: f64,
     /// Lowest and highest height, in metres.
     pub heights_m: [f64; 2],
-    /// Height between two looks in metres: half of a voxel misses nothing.
+    /// Vertical distance between two samples in metres: half of a voxel misses nothing.
     pub step_m: f64,
 }
 
-/// A stretch of a column that is all free or all occupied.
+/// A vertical span of a column that is entirely free or entirely occupied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
-    /// Where it begins, in metres of the level frame.
+    /// Lower end, in metres of the level frame.
     pub low_m: f32,
-    /// Where it ends.
+    /// Upper end, in metres of the level frame.
     pub high_m: f32,
-    /// Occupied, or else free.
+    /// True when occupied, false when free.
     pub occupied: bool,
 }
 
@@ -35,18 +35,18 @@ pub struct Columns {
     window: Window,
     side: usize,
     spans: Vec<Span>,
-    /// Where the spans of each cell begin, and the end.
+    /// Index of the first span of each cell, and the total at the end.
     starts: Vec<u32>,
 }
 
-/// More looks than this are refused.
+/// A window that needs more samples than this is refused.
 const MOST_LOOKS: f64 = 5e7;
 
 impl Columns {
-    /// Looks at each cell of a window, from below; what is not known belongs to no span.
+    /// Samples each cell of a window from below; unknown space belongs to no span.
     ///
     /// # Errors
-    /// A window that cannot be, or that needs too many looks.
+    /// An invalid window, or one that needs too many samples.
     pub fn look(window: Window, at: impl Fn(&Vec3) -> Occupancy) -> Result<Self, DenseError> {
         let Window { world_from_level, half_m, cell_m, heights_m, step_m } = window;
         let side = (2.0 * half_m / cell_m).round();
@@ -92,7 +92,7 @@ impl Columns {
         self.side
     }
 
-    /// Where it was looked.
+    /// The window that was sampled.
     pub fn window(&self) -> &Window {
         &self.window
     }
@@ -106,12 +106,12 @@ impl Columns {
         &self.spans[self.starts[i] as usize..self.starts[i + 1] as usize]
     }
 
-    /// Middle of a cell in the level frame, in metres.
+    /// Centre of a cell in the level frame, in metres.
     pub fn centre_m(&self, x: usize, y: usize) -> [f64; 2] {
         [x, y].map(|v| (v as f64 + 0.5) * self.window.cell_m - self.window.half_m)
     }
 
-    /// The cell that holds a point of the level frame.
+    /// The cell that contains a point of the level frame.
     pub fn cell(&self, x_m: f64, y_m: f64) -> Option<[usize; 2]> {
         let at = [x_m, y_m].map(|v| ((v + self.window.half_m) / self.window.cell_m).floor());
         at.iter().all(|&v| v >= 0.0 && v < self.side as f64).then(|| at.map(|v| v as usize))

@@ -1,10 +1,10 @@
 //! The exact Euclidean distance of each cell of a box to the nearest occupied one.
 //!
-//! Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions" (Theory of Computing 2012), section 2: lower
-//! envelopes of parabolas, one axis after the other; linear in the number of cells.
+//! Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions" (Theory of Computing 2012), section 2:
+//! lower envelopes of parabolas, one axis after the other; linear in the number of cells.
 
-/// Distances in metres, in the order of the cells (x fastest, then y, then z); infinite when none is occupied. `None` when
-/// the count of cells is not the product of the sizes.
+/// Distances in metres, in the order of the cells (x fastest, then y, then z); infinite when none is occupied. `None`
+/// when the count of cells is not the product of the sizes.
 pub fn distance_field(occupied: &[bool], size: [usize; 3], cell_m: f64) -> Option<Vec<f32>> {
     let count = size.iter().try_fold(1usize, |n, &s| n.checked_mul(s))?;
     if occupied.len() != count {
@@ -22,11 +22,11 @@ pub fn distance_field(occupied: &[bool], size: [usize; 3], cell_m: f64) -> Optio
     Some(squares.into_iter().map(|s| (s.sqrt() * cell_m) as f32).collect())
 }
 
-/// Memory for one line of cells.
+/// Working memory for one line of cells.
 #[derive(Default)]
 struct Line {
     from: Vec<f64>,
-    /// Cells whose parabolas make the envelope, and where each begins.
+    /// Cells whose parabolas form the lower envelope, and where each begins.
     roots: Vec<usize>,
     begins: Vec<f64>,
 }

@@ -1,18 +1,18 @@
-//! The ground that can be reached on foot, and what stands on it or hangs over it: a costmap layer.
+//! The ground that can be reached on foot, with the obstacles on it and above it: a costmap layer.
 
 use super::Columns;
 use std::collections::VecDeque;
 
-/// What a walker can do.
+/// The walker's capabilities.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundConfig {
-    /// The ground under the walker lies within this of the level frame's zero, in metres.
+    /// The ground under the walker is searched within this distance of the level frame's zero, in metres.
     pub start_m: f32,
-    /// Steps from cell to cell up to this height are ground, in metres.
+    /// Greatest step between neighbouring cells that still counts as ground, in metres.
     pub step_m: f32,
-    /// Room that the walker needs above the ground, in metres.
+    /// Clearance that the walker needs above the ground, in metres.
     pub head_m: f32,
-    /// Up to this height above the ground nothing is an obstacle: noise, carpets, sills; in metres.
+    /// Nothing up to this height above the ground is an obstacle (noise, carpets, sills), in metres.
     pub clear_m: f32,
 }
 
@@ -22,35 +22,35 @@ impl Default for GroundConfig {
     }
 }
 
-/// What a cell is to a walker.
+/// Class of a cell for a walker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surface {
     /// Not seen, or not reached.
     Unknown,
     /// Ground that can be walked on.
     Walkable,
-    /// Something stands on the ground, from the height where a foot or the body meets it.
+    /// An obstacle that stands on the ground, at a height where it meets a foot or the body.
     Obstacle,
-    /// Free below, but something hangs at chest or head height.
+    /// Free below, with an obstacle at chest or head height.
     Overhead,
-    /// The ground ends: it is free to below a step's height.
+    /// The ground ends: free to below a step's height.
     Drop,
 }
 
 /// A cell of the layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
-    /// What it is.
+    /// Its class.
     pub surface: Surface,
     /// Height of the ground in metres of the level frame; NaN where there is none.
     pub ground_m: f32,
-    /// Greatest difference of height to the four cells around, in metres; 0 where none is known.
+    /// Greatest height difference to the four neighbouring cells, in metres; 0 where none is known.
     pub step_m: f32,
-    /// Rise of the ground over its run across the cells around.
+    /// Slope of the ground (rise over run) across the neighbouring cells.
     pub slope: f32,
-    /// Room above the ground in metres, as far as was seen; infinite where nothing hangs there.
+    /// Clearance above the ground in metres, as far as it was seen; infinite where nothing hangs above.
     pub room_m: f32,
-    /// Lowest part of what is in the way, in metres above the ground; NaN where nothing is.
+    /// Height above the ground of the lowest part of the obstacle, in metres; NaN where there is none.
     pub blocked_m: f32,
 }
 
@@ -68,25 +68,25 @@ impl Default for Cell {
     }
 }
 
-/// The layer over a window; cell `x + side * y` as in its columns.
+/// The layer over a window; cell `x + side * y`, as in the window's columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ground {
     /// Cells along each side.
     pub side: usize,
-    /// Row after row.
+    /// Cells in row-major order.
     pub cells: Vec<Cell>,
 }
 
-/// Below this height over the ground an obstacle is met by the legs, above it by chest and head only.
+/// An obstacle below this height above the ground is met by the legs; a higher one only by chest and head.
 const CHEST_M: f32 = 1.1;
 
 impl Ground {
-    /// Follows the ground from the middle of the window, cell by cell, over steps that a walker takes.
+    /// Follows the ground from the middle of the window, cell by cell, over steps that a walker can take.
     pub fn follow(columns: &Columns, config: &GroundConfig) -> Self {
         let side = columns.side();
         let mut cells = vec![Cell::default(); side * side];
         let mut waiting = VecDeque::new();
-        // From the walker outwards: the ground at the feet is seldom in view, and what stands about hides parts of it.
+        // From the walker outwards: the ground at the feet is seldom in view, and obstacles hide parts of it.
         for start in by_distance(side) {
             if cells[start].surface != Surface::Unknown {
                 continue;
@@ -102,7 +102,7 @@ impl Ground {
             waiting.push_back(start);
             spread(columns, config, &mut cells, &mut waiting);
         }
-        // What stands where no ground was seen stands in the way all the same: as if the ground went on level.
+        // An obstacle where no ground was seen still counts as one, as if the ground continued level.
         for (i, cell) in cells.iter_mut().enumerate().filter(|(_, c)| c.surface == Surface::Unknown) {
             if let Some((surface, blocked_m)) = wall_at(columns, i % side, i / side, 0.0, config) {
                 *cell = Cell { surface, blocked_m, ..Cell::default() };
@@ -112,13 +112,13 @@ impl Ground {
         Self { side, cells }
     }
 
-    /// A cell; `None` outside.
+    /// The cell at a position; `None` outside the window.
     pub fn at(&self, x: usize, y: usize) -> Option<&Cell> {
         (x < self.side && y < self.side).then(|| &self.cells[y * self.side + x])
     }
 }
 
-/// Follows the ground from cell to cell until nothing waits.
+/// Follows the ground from cell to cell until the queue is empty.
 fn spread(columns: &Columns, config: &GroundConfig, cells: &mut [Cell], waiting: &mut VecDeque<usize>) {
     let side = columns.side();
     while let Some(i) = waiting.pop_front() {
@@ -143,7 +143,7 @@ fn spread(columns: &Columns, config: &GroundConfig, cells: &mut [Cell], waiting:
     }
 }
 
-/// Cells from the middle outwards.
+/// Cells ordered from the middle outwards.
 fn by_distance(side: usize) -> Vec<usize> {
     let middle = (side as f64 - 1.0) / 2.0;
     let away = |i: usize| ((i % side) as f64 - middle).powi(2) + ((i / side) as f64 - middle).powi(2);
@@ -163,14 +163,14 @@ fn neighbours(i: usize, side: usize) -> impl Iterator<Item = usize> {
     all.into_iter().filter(|(inside, _)| *inside).map(|(_, n)| n)
 }
 
-/// Top of the occupied span that ends nearest to a height.
+/// Top of the occupied span that ends nearest to a given height.
 fn top_near(columns: &Columns, x: usize, y: usize, height_m: f32, within_m: f32) -> Option<f32> {
     let tops = columns.spans(x, y).iter().filter(|s| s.occupied).map(|s| s.high_m);
     let near = tops.filter(|t| (t - height_m).abs() <= within_m);
     near.min_by(|a, b| (a - height_m).abs().total_cmp(&(b - height_m).abs()))
 }
 
-/// Sets a cell whose ground is known.
+/// Fills in a cell whose ground is known.
 fn enter(columns: &Columns, config: &GroundConfig, cell: &mut Cell, i: usize, ground: f32) {
     let (x, y) = (i % columns.side(), i / columns.side());
     cell.ground_m = ground;
@@ -190,7 +190,8 @@ fn enter(columns: &Columns, config: &GroundConfig, cell: &mut Cell, i: usize, gr
     cell.blocked_m = in_way.map_or(f32::NAN, |s| s.low_m - ground);
 }
 
-/// Something that stands where the ground would be, or hangs over where it was not seen: its kind, and how high its lower end is.
+/// An obstacle at the expected ground height, or above it where the ground was not seen: its class and the height of
+/// its lower end.
 fn wall_at(
     columns: &Columns,
     x: usize,
@@ -204,7 +205,7 @@ fn wall_at(
     Some((if low < CHEST_M { Surface::Obstacle } else { Surface::Overhead }, low))
 }
 
-/// Whether it is free from about the ground's height to more than a step below.
+/// Whether space is free from about the ground's height to more than a step below.
 fn drops(columns: &Columns, x: usize, y: usize, from: f32, config: &GroundConfig) -> bool {
     let spans = columns.spans(x, y);
     spans

@@ -1,17 +1,17 @@
-//! What lies in a walker's way, as plain data.
+//! Hazards in a walker's path, as plain data.
 
 use super::{Columns, Ground, Surface};
 
-/// Which strip ahead is looked at.
+/// The strip ahead in which hazards are searched.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HazardConfig {
     /// How far ahead, in metres.
     pub ahead_m: f64,
     /// Half of the strip's width, in metres.
     pub half_width_m: f64,
-    /// Nearer cells are the walker's own body or not in view, in metres.
+    /// Cells nearer than this are ignored (the walker's own body, or out of view), in metres.
     pub from_m: f64,
-    /// Fewer cells of a kind than this are noise.
+    /// Fewer cells of a kind than this count as noise.
     pub least_cells: usize,
 }
 
@@ -21,34 +21,35 @@ impl Default for HazardConfig {
     }
 }
 
-/// What kind it is.
+/// Kind of hazard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HazardKind {
-    /// Something stands in the way.
+    /// An obstacle on the ground.
     Obstacle,
-    /// Something hangs at chest or head height; a cane goes under it.
+    /// An obstacle at chest or head height that a cane passes under.
     HeadHeight,
-    /// The ground ends.
+    /// The ground ends (a drop).
     StepDown,
     /// The ground was not seen.
     UnknownGround,
 }
 
-/// The nearest of its kind in the strip.
+/// The nearest hazard of its kind in the strip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hazard {
-    /// What it is.
+    /// Its kind.
     pub kind: HazardKind,
-    /// How far ahead its nearest cell is, in metres.
+    /// Distance ahead of its nearest cell, in metres.
     pub ahead_m: f64,
-    /// How far to the left of the strip's middle the nearest cells are on average, in metres; negative to the right.
+    /// Mean lateral offset of the nearest cells from the strip's centre line, in metres: positive to the left,
+    /// negative to the right.
     pub left_m: f64,
-    /// Cells of this kind in the strip.
+    /// Number of cells of this kind in the strip.
     pub cells: usize,
 }
 
-/// The nearest hazard of each kind in the strip from the middle of the window in a direction (radians from the level frame's x
-/// towards y), nearest first.
+/// The nearest hazard of each kind in the strip that starts at the middle of the window and points in a direction
+/// (radians from the level frame's x towards y), nearest first.
 pub fn hazards(columns: &Columns, ground: &Ground, heading_rad: f64, config: &HazardConfig) -> Vec<Hazard> {
     let (sin, cos) = heading_rad.sin_cos();
     let cell_m = columns.window().cell_m;

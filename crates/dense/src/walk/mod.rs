@@ -1,7 +1,7 @@
-//! What a walker needs of occupancy: columns, ground, costs, hazards, distances. All of it is plain data made anew for a window
-//! around a place, from any occupancy (a submap's, or a whole map's).
+//! What a walker needs from occupancy: columns, ground, costs, hazards, distances. All of it is plain data, computed
+//! anew for a window around a place, from any occupancy (that of a submap, or of a whole map).
 //!
-//! The window's frame is level: z up, origin where the caller puts it (say, at the walker's feet).
+//! The window's frame is level: z up, its origin chosen by the caller (for example at the walker's feet).
 
 mod columns;
 mod distance;

@@ -1,11 +1,11 @@
-//! The kitchen recording, read without the rest of the project.
+//! The kitchen recording, read without the other crates of the project.
 
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, Image};
 use std::path::{Path, PathBuf};
 use zune_jpeg::zune_core::bytestream::ZCursor;
 
-/// Where the kitchen lies; `None`, said aloud, where it is missing.
+/// Folder of the kitchen recording; `None`, with a message, where it is missing.
 pub fn kitchen() -> Option<PathBuf> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     let data = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);

@@ -1,4 +1,4 @@
-//! A made-up scene with exact depth: a box that one stands in, and spheres.
+//! A synthetic scene with exact depth: a room around the camera, and spheres.
 #![allow(dead_code)]
 
 use cairn_dense::{DepthConfig, DepthFrame, DepthPreparer};
@@ -21,7 +21,7 @@ impl Scene {
         Self { room, spheres: vec![(Vec3::new(0.4, 0.5, 0.6), 0.4)] }
     }
 
-    /// How far a ray runs until it meets something.
+    /// Distance along a ray to the first surface.
     fn cast(&self, from: Vec3, ray: Vec3) -> Option<f64> {
         let mut best = f64::INFINITY;
         if let Some((low, high)) = self.room {
@@ -54,7 +54,7 @@ impl Scene {
         room.chain(spheres).fold(f64::INFINITY, f64::min)
     }
 
-    /// Depth in metres along the optical axis; 0 where nothing is met.
+    /// Depth in metres along the optical axis; 0 where the ray meets nothing.
     pub fn depth(&self, camera: &Camera, world_from_camera: &Se3) -> Image<f32> {
         let mut out = Image::new(camera.width, camera.height);
         for y in 0..camera.height {
@@ -79,12 +79,12 @@ pub fn camera() -> Camera {
     Camera::pinhole(160, 120, 140.0, 140.0, 79.5, 59.5)
 }
 
-/// A pose at a place, turned by a rotation vector.
+/// A pose at a position, with a rotation vector.
 pub fn pose(at: [f64; 3], turn: [f64; 3]) -> Se3 {
     Se3::new(So3::exp(&Vec3::from(turn)), Vec3::from(at))
 }
 
-/// Poses on the spot, a full turn, with a little sway.
+/// Poses near one position over a full turn, with a little sway.
 pub fn turn(n: usize) -> Vec<Se3> {
     let at = |i: usize| std::f64::consts::TAU * i as f64 / n as f64;
     (0..n).map(|i| pose([0.1 * at(i).sin(), 0.05 * at(i).cos(), -0.2], [0.0, at(i), 0.0])).collect()

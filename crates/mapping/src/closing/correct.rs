@@ -31,7 +31,7 @@ pub(super) fn merge(draft: &mut Draft, here: &KeyFrame, old: KeyFrameId, there_f
     draft.push(vec![Change::Merge { from, into, into_from, parent }, Change::Link(here.id, old)]);
 }
 
-/// Fuses the landmarks seen again: those of the key frame become the earlier ones, and the earlier ones are
+/// Fuses the landmarks seen again: those of the key frame are fused into the earlier ones, and the earlier ones are
 /// searched in the key frames around it.
 pub(super) fn fuse(draft: &mut Draft, camera: &RectifiedCamera, here: KeyFrameId, place: &Recognised) {
     let same = place.landmarks.iter().enumerate().filter_map(|(i, l)| Some((i, (*l)?)));

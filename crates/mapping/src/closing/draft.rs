@@ -1,5 +1,5 @@
-//! A draft of the map on which changes are tried one after the other, so that later ones build on earlier
-//! ones; all are returned as one list.
+//! A draft of the map to which changes are applied one after the other, so that later ones build on earlier ones; all
+//! are returned as one list.
 
 use cairn_atlas::{Change, ChangeSet, Snapshot};
 

@@ -1,7 +1,7 @@
 //! Loop closing and map merging: places seen before are recognised, loops are closed, maps are merged.
 //!
-//! In: a snapshot and one of its key frames. Out: changes made on that snapshot, and a verdict on each
-//! candidate with its numbers. Nothing is forced: what fails a check is refused and reported.
+//! Input: a snapshot and one of its key frames. Output: changes to that snapshot, and a verdict on each candidate
+//! with its numbers. A candidate that fails a check is refused and reported.
 
 mod candidates;
 mod correct;
@@ -81,14 +81,14 @@ pub enum Refusal {
         /// The plausible drift over the distance travelled in between, map units.
         plausible: f64,
     },
-    /// The correction turns the camera by more than can have drifted: rooms that look alike on several sides.
+    /// The correction rotates the camera by more than can have drifted: rooms that look similar from several sides.
     Turned {
         /// The rotation, radians.
         off_rad: f64,
         /// The plausible drift, radians.
         plausible_rad: f64,
     },
-    /// It fits, and waits for confirmation by another key frame.
+    /// All checks passed; waits for confirmation by another key frame.
     Alone,
 }
 
@@ -154,7 +154,7 @@ pub struct Accepted {
     pub off: f64,
     /// Angle by which it was corrected, radians.
     pub off_rad: f64,
-    /// Length in the earlier map for each length here.
+    /// Scale: length in the earlier map for each length here.
     pub scale: f64,
 }
 
@@ -169,7 +169,7 @@ pub struct Closed {
     pub joined: Option<KeyFrameId>,
 }
 
-/// The degrees of freedom that drift, and so may be corrected.
+/// The degrees of freedom that drift and may therefore be corrected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freedom {
     /// Position and heading: gravity and scale are known.
@@ -197,7 +197,7 @@ fn with_gravity_of(here: &KeyFrame, world_from_here: &Sim3) -> Result<Sim3, Refu
 struct Hypothesis {
     key_frame: KeyFrameId,
     old: KeyFrameId,
-    /// Correction from the current estimate to the pose by the earlier visit.
+    /// Correction from the current estimate to the pose relative to the earlier visit.
     shift: Sim3,
 }
 
@@ -212,7 +212,7 @@ pub struct Closer {
     pending: Option<Hypothesis>,
 }
 
-/// Plausible drift of orientation in radians: at once, and more for each key frame in between.
+/// Plausible drift of the orientation in radians: a constant part, and its growth for each key frame in between.
 const TURNED_RAD: [f64; 2] = [0.35, 5e-4];
 
 impl Closer {
@@ -309,7 +309,7 @@ impl Closer {
         }
     }
 
-    /// Distance within which a key frame is a candidate for its estimated position alone.
+    /// Distance within which a key frame is a candidate by its estimated position alone.
     fn reach(&self, snapshot: &Snapshot, here: &KeyFrame) -> f64 {
         match self.camera.has_depth() {
             true => self.camera.close_depth / 3.0,
@@ -317,12 +317,12 @@ impl Closer {
         }
     }
 
-    /// Length in the earlier map for each length here, by the depths of the points known in both.
+    /// Scale (length in the earlier map for each length here), by the depths of the points known in both.
     fn scale(&self, snapshot: &Snapshot, here: &KeyFrame, place: &Recognised) -> Result<f64, Refusal> {
         let (camera_from_here, camera_from_there) =
             (here.world_from_camera.inverse(), place.world_from_camera.inverse());
         let metric = self.freedom(snapshot, here, place.old) != Freedom::Similar;
-        // A depth that was assumed while one camera turned on the spot says nothing of scale.
+        // A depth that was assumed while a monocular camera turned on the spot gives no information on scale.
         let seen = |id: &Option<LandmarkId>| {
             snapshot.landmark((*id)?).filter(|l| metric || has_parallax(snapshot, l, None))
         };
@@ -338,10 +338,10 @@ impl Closer {
         let most = MAX_LOG_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };
         if points < self.config.need / 4 {
-            // With depth, a view that shares no points yet has a known scale all the same.
+            // With depth, the scale is known even for a view that shares no points yet.
             return if metric { Ok(1.0) } else { Err(refusal) };
         }
-        // A scale estimated with the IMU is good to some percent.
+        // A scale estimated with the IMU is accurate to a few percent.
         let most_metric = if self.camera.has_depth() { 0.1 } else { 0.2 };
         match metric {
             true if median.abs() < most_metric => Ok(1.0),
@@ -352,7 +352,7 @@ impl Closer {
 
     /// The plausible drift of a key frame over the distance travelled since an earlier one.
     fn plausible(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> f64 {
-        // In order of creation: the map prior leads from one map to the next.
+        // In order of creation: a map prior relates each map to the previous one.
         let since: Vec<Se3> = snapshot
             .key_frames()
             .filter(|k| k.id >= old.min(here.id) && k.id <= here.id.max(old))
@@ -437,7 +437,7 @@ impl Closer {
         (draft.into_changes(), accepted)
     }
 
-    /// Adjusts a map as a whole. `stop` is stop_requested before each step; when it returned true, no changes are
+    /// Adjusts a map as a whole. `stop` is called before each step; once it has returned true, no changes are
     /// returned.
     pub fn adjust_whole(
         &self,

@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 
 /// Key frames that share this many landmarks are connected by an edge.
 const MIN_SHARED: u32 = 80;
-/// Standard deviation in radians, or as a part of scale, that weighs as much as one metre: the typical error
-/// of a step of a walk.
+/// Standard deviation in radians, or as a share of scale, that weighs as much as one metre: the typical error of one
+/// step of a walk.
 const RADIANS_PER_METRE: f64 = 0.25;
 
 /// An edge between two key frames: by index, with their relative pose in the map, or as corrected by a loop.
@@ -23,7 +23,7 @@ pub(super) struct Edge {
     pub a_from_b: Sim3,
 }
 
-/// The changes when loop closing puts key frame `here` at `world_from_here`, in view of `old`.
+/// The changes of loop closing that puts key frame `here` at `world_from_here`, as seen from `old`.
 pub(super) fn relax(
     snapshot: &Snapshot,
     here: &KeyFrame,

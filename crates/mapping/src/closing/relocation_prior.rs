@@ -1,13 +1,13 @@
-//! How far two maps may be displaced against each other before two of their places cannot be the same,
-//! however similar they look.
+//! Bounds on the displacement between two maps: beyond them, two places cannot be the same, however similar they
+//! look.
 
 use cairn_atlas::{KeyFrame, MapId, MapPrior, Snapshot};
 use cairn_geometry::Vec3;
 
-/// The displacement that the map prior allows between the maps of a key frame and of an earlier visit, beyond
-/// drift, in map units: three standard deviations of the prior from the younger map to the older one, and
-/// infinite where there is none. Without metric scale the younger map's unit of length was a guess; its error
-/// is measured by `scale`, length there for each length here, times the distance travelled in that unit.
+/// The displacement that the map prior allows between the maps of a key frame and of an earlier visit, beyond drift,
+/// in map units: three standard deviations of the prior from the younger map to the older one, or infinite where
+/// there is none. Without metric scale the younger map's unit of length was a guess. The error of that guess follows
+/// from `scale` (length there for each length here), times the distance travelled in that unit.
 pub(super) fn prior_displacement(snapshot: &Snapshot, here: &KeyFrame, there: MapId, scale: f64) -> f64 {
     let Some(prior) = prior_between(snapshot, here.map, there) else { return f64::INFINITY };
     let younger = here.map.max(there);
@@ -17,13 +17,13 @@ pub(super) fn prior_displacement(snapshot: &Snapshot, here: &KeyFrame, there: Ma
     3.0 * prior.sigma + (scale - 1.0).abs() * travelled
 }
 
-/// The rotation in radians that the map prior allows between the maps, beyond drift: three standard deviations, and infinite
-/// where there is none.
+/// The rotation in radians that the map prior allows between the maps, beyond drift: three standard deviations, and
+/// infinite where there is none.
 pub(super) fn prior_rotation(snapshot: &Snapshot, here: &KeyFrame, there: MapId) -> f64 {
     prior_between(snapshot, here.map, there).map_or(f64::INFINITY, |prior| 3.0 * prior.sigma_rad)
 }
 
-/// The prior of the younger of two maps, where it leads to the older.
+/// The prior of the younger of two maps, if it relates it to the older.
 fn prior_between(snapshot: &Snapshot, a: MapId, b: MapId) -> Option<MapPrior> {
     let (younger, older) = (a.max(b), a.min(b));
     let prior = snapshot.maps().find(|(id, _)| *id == younger).and_then(|(_, prior)| prior)?;

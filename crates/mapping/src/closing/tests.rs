@@ -22,8 +22,8 @@ fn circle() -> Vec<Se3> {
     (0..LAP + 6).map(at).collect()
 }
 
-/// The map of that walk, which drifts by so many metres, and a fiftieth of that in radians, between the first sixth of the
-/// lap and its end.
+/// The map of that walk, with a drift of this many metres, and a fiftieth of that in radians, between the first sixth
+/// of the lap and its end.
 fn lap(world: &World, drift_m: f64) -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
     drifting_lap(world, drift_m, drift_m / 50.0)
 }
@@ -68,12 +68,13 @@ fn a_revisited_place_is_accepted_with_a_second_opinion_and_the_loop_is_corrected
     atlas.latest().check().expect("a sound map");
     assert!(error(&before, ids[last], &path[last]) > 0.38);
     let after = error(atlas.latest(), ids[last], &path[last]);
-    // The pose graph shares the error out; what it leaves is taken by the adjustment of the whole map, below.
+    // Pose graph optimisation distributes the error; the rest is removed by the bundle adjustment of the whole map,
+    // below.
     assert!(after < 0.08, "{after}");
     // The drift is distributed over the second half of the lap.
     let mean = |s: &Snapshot| (18..=last).map(|n| error(s, ids[n], &path[n])).sum::<f64>() / 24.0;
     assert!(mean(atlas.latest()) < 0.5 * mean(&before), "{} of {}", mean(atlas.latest()), mean(&before));
-    // Points seen on both laps are one landmark now.
+    // Points seen on both laps are one landmark each now.
     let both = |s: &Snapshot| {
         let seen = |l: &&cairn_atlas::Landmark| {
             let on = |from: usize, to: usize| {
@@ -153,7 +154,7 @@ fn another_place_at_the_same_position_is_refused_by_its_looks() {
     }
 }
 
-/// An exact map of a place, and a younger one of the same place in a frame of its own.
+/// An exact map of a place, and a younger one of the same place in its own frame.
 fn two_maps(world: &World, map_from_world: &Sim3) -> (Atlas, [Vec<KeyFrameId>; 2], Vec<Se3>) {
     let path = sideways(5, 0.2);
     let (mut atlas, older) = world.exact_map(&path);
@@ -200,7 +201,7 @@ fn maps_without_a_common_scale_are_refused_with_the_number_of_points() {
         .collect();
     atlas.commit(own);
     let closed = closer(world.camera).step(atlas.latest(), younger[4]);
-    // Its own key frames share no landmarks any more, and have none to be recognised by.
+    // Its own key frames no longer share landmarks, and have none by which to be recognised.
     let older = closed.verdicts.iter().find(|v| v.candidate < younger[0]);
     let result = older.map(|v| v.result);
     assert!(matches!(result, Some(Err(Refusal::Scale { points: 0, .. }))), "{:?}", closed.verdicts);

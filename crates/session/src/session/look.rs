@@ -1,4 +1,4 @@
-//! Views of a session: its status in numbers and in words, and polylines to draw.
+//! The state of a session for display: its status in numbers and in words, and polylines to draw.
 
 use super::Session;
 use crate::age::Age;
@@ -11,7 +11,7 @@ use cairn_guide::{Facing, GuideState, StopReason, reason_words};
 use std::path::PathBuf;
 
 impl Session {
-    /// The present status.
+    /// The current status.
     pub fn status(&self) -> Status {
         let mut s = self.status.clone();
         let name = |path: &Option<PathBuf>| {
@@ -48,12 +48,12 @@ impl Session {
         s
     }
 
-    /// The age of the last picture.
+    /// The age of the last image.
     pub fn age(&self) -> Age {
         self.ages.of(self.frame)
     }
 
-    /// The state in large print: what the walker was told last about whether to move.
+    /// The state in large print: the last instruction to the walker to move or stop.
     fn headline(&self, words: &str) -> String {
         match self.guiding.as_ref().map(|g| g.guide.state()) {
             Some(GuideState::Stopped(reason)) => return format!("Stop. {}", reason_words(reason)),
@@ -69,7 +69,7 @@ impl Session {
         }
     }
 
-    /// The engine's status, combined with what only the session knows: missing pictures, or an engine that failed.
+    /// The engine's status, combined with what only the session knows: missing images, or an engine that failed.
     pub fn standing(&self) -> cairn_engine::Status {
         let mut s = self.engine.status().clone();
         s.t_s = self.since_start(self.now);

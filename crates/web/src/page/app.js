@@ -7,13 +7,13 @@ import { Picture, MapView } from './view.js';
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
 const watchOnly = new URLSearchParams(location.search).has('watch');
-// Without a message for this long under guidance, the page says stop; for this long at all, the connection is lost, whether it
-// knows or not: the server asks several times a second.
+// After this time without a message under guidance, the page says stop; after this time in any case, the connection
+// counts as lost, even if the browser has not noticed: the server sends several pings a second.
 const SILENT_MS = 1500;
 const GONE_MS = 3000;
 // A slow link may need this long to open a connection.
 const OPEN_MS = 10000;
-// Directions from older pictures are not given; guidance is trusted again when they have been younger for a second.
+// No directions are given from older images; guidance is trusted again when images have been younger for a second.
 const STALE_MS = 500;
 const BACK_MS = 1000;
 // "Stop" is repeated while its reason lasts.
@@ -30,19 +30,19 @@ let held = false;
 let ownCamera = false;
 let guiding = false;
 let heard = 0;
-// Why the link is down, and when that was said last.
+// Why the link is down, and when that was last said.
 let down = null;
 let downSaid = -Infinity;
-// The page's time of the newest picture whose pose is known; whether that is too old, and since when it is not any more.
+// The page's time of the newest image whose pose is known; whether it is too old, and since when it no longer is.
 let frameMs = null;
 let late = false;
 let freshSince = null;
 let rest = 300;
 
-// The page's clock: what pictures are stamped with, and pings answered with.
+// The page's clock: images are stamped with it, and pings answered.
 const clockMs = () => performance.timeOrigin + performance.now();
 
-// Known to this page alone, so that it gets its walk back after the network was gone, or the page loaded again.
+// Known only to this page, so that it regains its walk after a network failure or a reload.
 function secretOfThisPage() {
   const fresh = [...crypto.getRandomValues(new Uint8Array(16))].map((b) => b.toString(16).padStart(2, '0')).join('');
   try {
@@ -85,7 +85,7 @@ function connect() {
   mine.onclose = () => mine === socket && ended();
 }
 
-// The connection is gone, by its own word or by its silence: another is tried at once, then less and less often.
+// The connection has closed or fallen silent: another is tried at once, then at growing intervals.
 function ended() {
   socket.onclose = null;
   socket.close();
@@ -102,7 +102,7 @@ function send(data) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(data);
 }
 
-// A hidden page needs neither pictures nor the map; a phone with its own camera needs no copy of it.
+// A hidden page needs neither images nor the map; a phone that sends its own camera images needs no copy of them.
 function want() {
   const shown = document.visibilityState === 'visible';
   send(JSON.stringify({ want: { picture: shown && !camera.running, map: shown } }));
@@ -130,7 +130,7 @@ function hello({ id, camera: name }) {
   ownCamera = name === '';
   $('link').textContent = ownCamera ? 'Connected.' : `Connected; the camera is ${name}.`;
   pace.reset();
-  // The server's new connection knows nothing of what this page found late.
+  // The server's new connection does not know which messages this page found late.
   late = false;
   if (down !== null) {
     down = null;
@@ -164,13 +164,13 @@ function control(id, isHeld) {
     button.setAttribute('aria-disabled', controls || (free && !watchOnly) ? 'false' : 'true');
   }
 }
-// The first control of a page that asked for it itself needs no words.
+// Control that this page asked for itself needs no announcement the first time.
 let isQuiet = true;
 
 function said(words) {
   const old = typeof words.pose_ms === 'number' && camera.running && clockMs() - words.pose_ms > STALE_MS;
   if (old || (late && typeof words.pose_ms === 'number')) {
-    // Where it came too late is told to the server, which stops and directs anew.
+    // The server is informed that the direction came too late; it then stops and directs anew.
     if (old) becameLate();
     return;
   }
@@ -238,12 +238,12 @@ function status(s) {
   map.camera(s);
 }
 
-// Text is only set when it changes, so that a screen reader keeps its place.
+// Text is set only when it changes, so that a screen reader keeps its position.
 function set(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
 }
 
-// In large print what the walker was told last about moving, and how old the picture behind it is.
+// In large print the last instruction about moving, and the age of the image behind it.
 function showState({ headline, age }) {
   set('state-now', late ? 'Stop. The pictures come too late.' : headline);
   $('state-now').classList.toggle('urgent', late || /^(Stop|No |The pictures come|I do not know)/.test(headline));
@@ -254,7 +254,7 @@ function showState({ headline, age }) {
       + (age?.bound_s >= 0.05 && own === null ? `, give or take ${age.bound_s.toFixed(2)} s` : ''));
 }
 
-// How old the newest picture with a pose is, milliseconds; null where this page did not take it.
+// Age of the newest image with a pose, milliseconds; null where this page did not capture it.
 function ownAge() {
   return camera.running && controls && frameMs !== null ? clockMs() - frameMs : null;
 }
@@ -267,7 +267,7 @@ function becameLate() {
   const text = 'Stop. The pictures come too late.';
   set('state-now', text);
   $('state-now').classList.add('urgent');
-  // The server may have said it already, or something as urgent.
+  // The server may have said it already, or something equally urgent.
   if (performance.now() - senses.urgentAt < AGAIN_MS) return;
   senses.say({ text, priority: 0, kind: 'late' });
   write({ text, priority: 0 });
@@ -282,7 +282,7 @@ function becameFresh() {
   send(JSON.stringify({ late: false }));
 }
 
-// What the server cannot say any more, the page says itself, again and again while it lasts.
+// When the server can no longer say something, the page says it itself, repeatedly while the reason lasts.
 function lost(why) {
   down = why;
   if (performance.now() - downSaid < AGAIN_MS) return;
@@ -366,7 +366,7 @@ $('camera').addEventListener('click', async () => {
   want();
 });
 
-// Settings are kept in this browser.
+// Settings are stored in this browser.
 const kept = (() => {
   try {
     return JSON.parse(localStorage.getItem('cairn-settings')) ?? {};
@@ -380,7 +380,7 @@ function keep(name, value) {
   try {
     localStorage.setItem('cairn-settings', JSON.stringify(kept));
   } catch {
-    // A private window keeps nothing.
+    // A private window stores nothing.
   }
 }
 

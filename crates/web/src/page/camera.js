@@ -1,18 +1,18 @@
-// The phone's camera and motion sensors: JPEGs with their time, and motion in the picture's axes.
+// The phone's camera and motion sensors: JPEGs with their time, and motion in the image axes.
 
-// Motion is sent in batches of this many readings: pictures wait for it, so they are small. While the link is clogged the
-// newest are kept, two seconds of them.
+// Motion is sent in batches of this many readings. Images wait for a batch, so batches are small. While the link is
+// congested the newest readings are kept, two seconds of them.
 const PARCEL = 2;
 const KEPT = 120;
 
 export class Camera {
-  // `pace` says when and how a picture is sent; `clogged`, whether what was sent waits on this side.
+  // `pace` decides when and how an image is sent; `clogged` reports whether sent data still waits on this side.
   constructor(video, { picture, motion, pace, clogged }) {
     Object.assign(this, { video, picture, motion, pace, clogged, running: false, coding: false, parcel: [] });
     this.canvas = document.createElement('canvas');
   }
 
-  // Asks for camera and motion; must be called from a tap or a key, as phones demand.
+  // Asks for camera and motion; must be called from a tap or a key press, as phones require.
   async start() {
     const ask = window.DeviceMotionEvent?.requestPermission;
     const moves = !ask || (await ask.call(DeviceMotionEvent).catch(() => 'denied')) === 'granted';
@@ -44,7 +44,7 @@ export class Camera {
     }
   }
 
-  // One picture: drawn, encoded, sent; none while the one before is under way, so that the newest wins.
+  // Captures, encodes and sends one image; none while the previous one is in flight, so that the newest is sent next.
   shoot(at) {
     if (this.coding || !this.pace.mayShoot(performance.now())) return;
     const { videoWidth: w, videoHeight: h } = this.video;
@@ -64,14 +64,14 @@ export class Camera {
     }, 'image/jpeg', this.pace.quality);
   }
 
-  // The device's axes (W3C: x right, y up, z out of the screen) into the picture's: x right, y down, z into the
-  // scene, for the rear camera; the picture turns with the screen.
+  // The device's axes (W3C: x right, y up, z out of the screen) into the image axes: x right, y down, z into the
+  // scene, for the rear camera; the image turns with the screen.
   moved(event) {
     const { accelerationIncludingGravity: a, rotationRate: g } = event;
     if (!a || !g || a.x === null || g.alpha === null) return;
     const turn = ((screen.orientation?.angle ?? 0) * Math.PI) / 180;
     const [c, s] = [Math.cos(turn), Math.sin(turn)];
-    // Apple's phones report gravity with the opposite sign of the standard.
+    // Apple's phones report acceleration with gravity in the opposite sign of the standard.
     const sign = /iPhone|iPad|iPod/.test(navigator.userAgent) ? -1 : 1;
     const axes = (x, y, z) => [c * x + s * y, -(c * y - s * x), -z];
     const rad = Math.PI / 180;

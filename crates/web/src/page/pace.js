@@ -1,18 +1,19 @@
-// How large, how good and how often pictures are sent, by the measured round trip: never more than one under way, each small
-// enough for its time on the link. The oldest that a picture gets before the next one's pose is known is about two round trips
-// and twice that time, and half a second is too old: so the longer the round trip, the smaller the pictures.
+// Size, quality and rate of the images sent, chosen by the measured round trip: never more than one in flight, each
+// small enough for its time on the link. The greatest age of an image before the pose of the next one is known is
+// about two round trips plus twice that time, and half a second is too old: so the longer the round trip, the smaller
+// the images.
 
-// The longer side in pixels, the JPEG quality, and about how many bytes that makes of those of the first.
+// The longer side in pixels, the JPEG quality, and the approximate number of bytes as a share of the first level's.
 export const LEVELS = [
   [640, 0.8, 1], [640, 0.65, 0.72], [640, 0.5, 0.56], [480, 0.6, 0.38],
   [480, 0.45, 0.3], [320, 0.6, 0.2], [320, 0.45, 0.16], [320, 0.3, 0.12], [320, 0.2, 0.09],
 ];
-// Milliseconds on the link beyond the round trip of a small message.
+// Milliseconds on the link in addition to the round trip of a small message.
 const transferMs = (trip) => Math.min(80, Math.max(20, 120 - 0.6 * trip));
 const MOST_A_SECOND = 20;
-// Better pictures are tried after this many that left room for them.
+// A better level is tried after this many images that left room for it.
 const PATIENCE = 10;
-// It begins in the middle: a slow link is not clogged by the first picture.
+// Starts at the middle level, so that the first image does not congest a slow link.
 const FIRST = 2;
 
 export class Pace {
@@ -24,7 +25,7 @@ export class Pace {
 
   get quality() { return LEVELS[this.level][1]; }
 
-  // Whether a picture may be taken at this time, milliseconds.
+  // Whether an image may be captured at this time, milliseconds.
   mayShoot(now) {
     return this.underWay === null && now - this.last >= 900 / MOST_A_SECOND;
   }
@@ -33,7 +34,7 @@ export class Pace {
     [this.last, this.underWay] = [now, { now, bytes }];
   }
 
-  // The server has it.
+  // The server has received it.
   got(now) {
     if (this.underWay === null) return;
     const { now: sent, bytes } = this.underWay;
@@ -43,7 +44,7 @@ export class Pace {
     this.adapt(bytes);
   }
 
-  // The connection is new: what was under way is lost.
+  // The connection is new: images in flight are lost.
   reset() {
     this.underWay = null;
   }

@@ -1,7 +1,7 @@
-// Output for ears and touch: the browser's own voice or a screen reader's live regions, short sounds, vibration.
+// Audio and haptic output: the browser's own voice or a screen reader's live regions, short sounds, vibration.
 //
-// Each message is announced once, by the voice or by the screen reader, never by both. One line waits at most; it dies when
-// it is old, when a more urgent one comes, or when its reason is gone.
+// Each message is announced once, by the voice or by the screen reader, never by both. At most one line waits; it is
+// dropped when it is old, when a more urgent one arrives, or when its reason no longer holds.
 
 // Synthesised earcons: tones of [frequency in Hz, start and duration in s, amplitude].
 const SOUNDS = {
@@ -12,10 +12,11 @@ const SOUNDS = {
   arrival: [[523, 0, 0.15, 0.4], [659, 0.16, 0.15, 0.4], [784, 0.32, 0.3, 0.4]],
   stop: [[196, 0, 0.18, 0.6], [196, 0.25, 0.18, 0.6]],
 };
-// Milliseconds of vibration and pause. Left is two short, right is three, around is one long; stop is unmistakable.
+// Milliseconds of vibration and pause. Left is two short pulses, right is three, around is one long one; stop is
+// clearly different.
 const SHAKES = { left: [80, 80, 80], right: [80, 80, 80, 80, 80], around: [500], stop: [300, 100, 300, 100, 300], arrival: [100, 60, 100, 60, 400] };
 
-// A line waits this long for the voice at most; the same text within SAME_MS is one message.
+// A line waits at most this long for the voice; the same text within SAME_MS counts as one message.
 const WAIT_MS = 2000;
 const SAME_MS = 1500;
 
@@ -36,7 +37,7 @@ export class Senses {
     window.speechSynthesis?.cancel();
   }
 
-  // The reason of these messages is gone: what of them is being said or waits is not said any more.
+  // The reason of these messages no longer holds: those being spoken are stopped, those waiting are dropped.
   drop(kind) {
     if (this.waiting?.kind === kind) this.waiting = null;
     if (this.speaking?.kind === kind) {
@@ -76,7 +77,7 @@ export class Senses {
   show({ text, priority, kind }) {
     const region = priority <= 1 ? this.urgent : this.polite;
     region.dataset.kind = kind;
-    // A repeated text must still be a change, or it is not read.
+    // A repeated text must still be a change, or the screen reader does not read it.
     region.textContent = region.textContent === text ? `${text}\u00a0` : text;
   }
 
@@ -92,7 +93,7 @@ export class Senses {
     [words.rate, words.volume, words.lang] = [this.rate, this.volume, 'en'];
     words.onend = () => { if (this.speaking === line) this.speaking = null; };
     words.onerror = words.onend;
-    // Not every browser tells the end: two words a second are slow.
+    // Not every browser reports the end of speech: two words a second is a slow voice.
     line.until = performance.now() + 2000 + (500 * line.text.split(' ').length) / this.rate;
     speechSynthesis.speak(words);
   }

@@ -1,4 +1,4 @@
-// What is drawn: the picture with its features, and the map with the route in three dimensions, on plain canvases.
+// Drawing: the image with its features, and the map with the route in three dimensions, on plain canvases.
 
 const LITTLE = true;
 
@@ -73,13 +73,13 @@ export class MapView {
     this.draw();
   }
 
-  // The same in words, for people who do not see it.
+  // The same in words, for people who cannot see it.
   camera({ key_frames, landmarks, recording, guiding, metric }) {
     const parts = [key_frames ? `A map of ${key_frames} places and ${landmarks} points.` : 'There is no map yet.'];
     if (recording && metric) parts.push(`The recorded route is ${Math.round(recording.length)} metres long.`);
     if (guiding) parts.push(`The walker is ${Math.round((100 * guiding.along_m) / (guiding.length_m || 1))} percent along the route.`);
     const text = parts.join(' ');
-    // Not with every status: text that changes all the time cannot be read.
+    // Not with every status: text that changes constantly cannot be read.
     const now = performance.now();
     if (text !== this.words.textContent && now - (this.told ?? -1e9) > 5000) {
       this.told = now;
@@ -87,7 +87,8 @@ export class MapView {
     }
   }
 
-  // Axes of the drawing: gravity is down, yaw turns about it, pitch tilts from the side view to the view from above.
+  // Axes of the drawing: gravity points down, yaw rotates about it, pitch tilts from the side view to the view from
+  // above.
   axes() {
     const up = unit(this.view.up);
     const side = unit(cross(up, Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]));

@@ -11,7 +11,7 @@ use tokio::runtime::Runtime;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
 
-/// An answer that takes longer is a failure.
+/// An answer that takes longer counts as a failure.
 const ANSWER_WITHIN: Duration = Duration::from_secs(30);
 
 /// A headless Chromium; it ends when dropped.
@@ -37,7 +37,7 @@ impl Browser {
             .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--mute-audio", "--no-first-run"])
             .args(["--remote-debugging-port=0", "--ignore-certificate-errors", "--disable-dev-shm-usage"])
             .args(["--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream"])
-            // Pages in the background run as if they were in front.
+            // Background pages run as if they were in front.
             .args(["--disable-renderer-backgrounding", "--disable-backgrounding-occluded-windows"])
             .args(["--disable-background-timer-throttling", "--disable-background-networking"])
             .arg(format!("--use-file-for-fake-video-capture={}", video.display()))
@@ -119,7 +119,7 @@ impl Browser {
         self.ask(Some(&tab.session), "Page.bringToFront", json!({}));
     }
 
-    /// The value of an expression, as if a person had touched the page.
+    /// The value of an expression, evaluated as if a person had touched the page.
     pub fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
         let parameters = json!({
             "expression": expression, "awaitPromise": true, "returnByValue": true, "userGesture": true

@@ -1,8 +1,9 @@
-//! Guidance over bad networks: a phone on a simulated walk, a proxy that is slow, late, lossy and stalls, and a judge beside the
-//! server who knows the phone's clock. No direction may be given from a pose older than half a second.
+//! Guidance over bad networks: a phone on a simulated walk, a proxy that is slow, late, lossy and stalls, and a judge
+//! beside the server that knows the phone's clock. No direction may be given from a pose older than half a second.
 //!
 //! `cargo test --release -p cairn-web --test network` walks a few legs.
-//! `cargo test --release -p cairn-web --test network -- --ignored --nocapture` walks two hundred and writes `docs/network.md`;
+//! `cargo test --release -p cairn-web --test network -- --ignored --nocapture` walks two hundred and writes
+//! `docs/network.md`;
 //! `CAIRN_LEGS` sets another number, and then nothing is written.
 
 mod pace;
@@ -25,21 +26,21 @@ use std::time::Duration;
 use tokio_rustls::TlsConnector;
 use tokio_tungstenite::tungstenite::Message;
 
-/// The walk begins here in the world, and takes so long, seconds; there is a corner in it.
+/// Where the walk begins in the world, and its duration, seconds; there is a corner in it.
 const START_S: f64 = 9.5;
 const OUT_S: f64 = 9.0;
-/// A leg ends after this at the latest.
+/// Time limit of a leg.
 const LEG: Duration = Duration::from_secs(13);
 /// No direction is given from an older pose, milliseconds.
 const STALE_MS: f64 = 500.0;
-/// What the judge's message may take on loopback, milliseconds: it is not the server's doing.
+/// Time that a message to the judge may take on loopback, milliseconds, which is not the server's fault.
 const HEARING_MS: f64 = 15.0;
 
 fn camera() -> Camera {
     Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5)
 }
 
-/// The pictures of the way out.
+/// The images of the way out.
 fn pictures() -> Vec<GrayImage> {
     let config = SimConfig {
         sensor: SimSensor::Mono,
@@ -60,16 +61,16 @@ fn pictures() -> Vec<GrayImage> {
     (0..(OUT_S * RATE_HZ) as usize).map(picture).collect()
 }
 
-/// A network and the trouble on a leg.
+/// The network and its disturbances on a leg.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
-    /// Megabits a second, each way.
+    /// Megabits per second, each way.
     pub mbit_s: f64,
-    /// Of a small message.
+    /// Round trip of a small message.
     pub round_trip_ms: u64,
     /// Share of segments that are lost once.
     pub loss: f64,
-    /// Seconds after the leg's begin, and length of a stall.
+    /// Start of a stall in seconds after the leg's begin, and its length.
     pub stall: Option<(f64, f64)>,
 }
 
@@ -78,15 +79,16 @@ pub struct Trial {
 pub struct Result {
     /// The network.
     pub trial: Trial,
-    /// What the phone saw of it.
+    /// What the phone observed.
     pub leg: Leg,
     /// Directions that the server gave.
     pub said: usize,
-    /// The oldest pose that one was from, milliseconds, when the judge beside the server heard it.
+    /// The age of the oldest pose that a direction was based on, milliseconds, when the judge beside the server
+    /// received it.
     pub oldest_said_ms: f64,
 }
 
-/// What the judge heard: each direction's age, and texts that direct without saying from which pose.
+/// What the judge received: each direction's age, and texts that direct without naming their pose.
 #[derive(Default)]
 struct Heard {
     ages_ms: Vec<f64>,
@@ -130,8 +132,8 @@ async fn judge(
     }
 }
 
-/// One phone, one server: out over a good network, then leg after leg over those of the trials. A phone that cannot record
-/// its way out in time has no legs.
+/// One phone, one server: the way out over a good network, then leg after leg over those of the trials. A phone that
+/// cannot record its way out in time has no legs.
 async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration) -> Vec<Result> {
     let folder = std::env::temp_dir().join(format!("cairn-network-{}-{seed}", std::process::id()));
     let session = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
@@ -154,7 +156,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     let listening = tokio::spawn(judge(server.address(), tls.clone(), token.clone(), clock, heard.clone()));
     let mut phone = Phone::new(clock, album.clone(), tls, proxy.address, token);
     phone.connect().await;
-    // A camera that moves starts the map; the recording begins there.
+    // A moving camera starts the map; the recording begins there.
     phone.walk(Walk::To(0), Duration::from_secs(1)).await;
     phone.command("record").await;
     let out = phone.walk(Walk::Out, Duration::from_secs(30)).await;
@@ -204,7 +206,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     results
 }
 
-/// A TLS client that trusts this server alone.
+/// A TLS client that trusts only this server.
 fn tls(server: &Server) -> Arc<rustls::ClientConfig> {
     let mut roots = rustls::RootCertStore::empty();
     roots.add(server.certificate().clone()).unwrap();
@@ -230,7 +232,7 @@ fn trials(count: usize) -> Vec<Trial> {
         .collect()
 }
 
-/// Walks the trials on this many servers side by side; a leg ends after `limit` at the latest.
+/// Walks the trials on this many servers in parallel; `limit` is the time limit of a leg.
 fn walk_all(trials: &[Trial], side_by_side: usize, limit: Duration) -> Vec<Result> {
     let album = Arc::new(Album::new(pictures()));
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();

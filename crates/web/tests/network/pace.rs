@@ -1,8 +1,8 @@
-//! The page's `pace.js`, line by line: when a picture is sent, how large and how good.
+//! The page's `pace.js`, line by line: when an image is sent, its size and quality.
 
 use std::time::{Duration, Instant};
 
-/// Longer side, quality in percent, about how many bytes that makes of those of the first.
+/// Longer side, quality in percent, approximate number of bytes as a share of the first level's.
 pub const LEVELS: [(u32, u8, f64); 9] = [
     (640, 80, 1.0),
     (640, 65, 0.72),

@@ -1,6 +1,6 @@
-//! A phone on a simulated walk, as its page behaves: a clock of its own, JPEGs stamped with it, one picture under way, no old
-//! direction given, stop when words come too late, another connection after three silent seconds. Its walker obeys: stands on
-//! "stop", goes on with a direction.
+//! A phone on a simulated walk that behaves like the page: a clock of its own, JPEGs stamped with it, one image in
+//! flight, no old direction given, stop when messages arrive too late, another connection after three silent seconds.
+//! Its walker obeys: stands still on "stop", goes on with a direction.
 
 use crate::pace::{LEVELS, Pace};
 use cairn_sensor::GrayImage;
@@ -23,12 +23,12 @@ const STALE_MS: f64 = 500.0;
 const BACK: Duration = Duration::from_millis(1000);
 const GONE: Duration = Duration::from_secs(3);
 const OPEN: Duration = Duration::from_secs(10);
-/// From the exposure to the encoded picture.
+/// Time from the exposure to the encoded image.
 const ENCODING: Duration = Duration::from_millis(30);
-/// Pictures a second that the walk was made for: so many are passed a second by a walker who goes.
+/// Images per second that the walk was made for: a moving walker advances by this many images a second.
 pub const RATE_HZ: f64 = 15.0;
 
-/// A clock that is not this machine's.
+/// A clock that differs from this machine's.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
     began: Instant,
@@ -37,7 +37,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// `offset_ms` at the beginning; it gains `drift` seconds a second.
+    /// `offset_ms` at the beginning; it gains `drift` seconds per second.
     pub fn new(offset_ms: f64, drift: f64) -> Self {
         Self { began: Instant::now(), offset_ms, drift }
     }
@@ -49,10 +49,10 @@ impl Clock {
 
 type Jpeg = Arc<Vec<u8>>;
 
-/// The pictures of a walk as JPEGs of every level, made when first asked for.
+/// The images of a walk as JPEGs of every level, encoded on first use.
 pub struct Album {
     pictures: Vec<GrayImage>,
-    /// By picture and level.
+    /// By image and level.
     coded: Mutex<HashMap<(usize, usize), Jpeg>>,
 }
 
@@ -87,16 +87,17 @@ impl Album {
 /// What happened on a leg of a walk.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Leg {
-    /// Seconds of the leg, those of them after the answer to the command, and of these those in which the walker was guided.
+    /// Seconds of the leg, seconds after the answer to the command, and of these the seconds in which the walker was
+    /// guided.
     pub took_s: f64,
     pub total_s: f64,
     pub guided_s: f64,
-    /// Pictures that were sent.
+    /// Images that were sent.
     pub pictures: usize,
-    /// Directions that were given, and those that came too late and were not.
+    /// Directions that were given, and those that arrived too late and were not given.
     pub given: usize,
     pub withheld: usize,
-    /// The oldest pose that a given direction was from, milliseconds, by the phone's clock.
+    /// The age of the oldest pose that a given direction was based on, milliseconds, by the phone's clock.
     pub oldest_ms: f64,
     pub stops: usize,
     pub connections: usize,
@@ -128,9 +129,9 @@ pub struct Phone {
 
 /// What the phone does on a leg.
 pub enum Walk {
-    /// Goes by itself towards the end of the pictures, while it is recorded.
+    /// Walks by itself towards the last image while recording.
     Out,
-    /// Is guided towards a picture.
+    /// Is guided towards an image.
     To(usize),
 }
 
@@ -186,7 +187,7 @@ impl Phone {
 
     async fn send(&mut self, message: Message) {
         if let Some(socket) = &mut self.socket {
-            // A link that takes nothing is noticed by its silence.
+            // A link that accepts no data is detected by its silence.
             let _ = tokio::time::timeout(GONE, socket.send(message)).await;
         }
     }
@@ -265,7 +266,7 @@ impl Phone {
         Some(self.clock.ms() - self.status["frame_ms"].as_f64()?)
     }
 
-    /// As the page's timer: late, or fresh again.
+    /// As the page's timer: too late, or fresh again.
     async fn watch(&mut self) {
         let Some(age) = self.age_ms() else { return };
         if self.me.is_some() && self.status["guiding"].is_object() && age > STALE_MS {
@@ -326,7 +327,7 @@ impl Phone {
     }
 }
 
-/// The next message; never, without a connection; `None` at its end.
+/// The next message; waits forever without a connection; `None` at its end.
 async fn next(socket: &mut Option<Socket>) -> Option<Message> {
     match socket {
         Some(socket) => socket.next().await.and_then(Result::ok),

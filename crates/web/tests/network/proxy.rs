@@ -1,10 +1,10 @@
-//! A slow, lossy network between a page and the server: a TCP proxy on loopback whose rate, delay, losses and stalls are set
-//! while it runs.
+//! A slow, lossy network between a page and the server: a TCP proxy on loopback whose rate, delay, losses and stalls
+//! are set while it runs.
 //!
-//! Each direction is a link of one rate: bytes leave it in order, one after the other, and come the one-way delay later. A
-//! lost segment holds up what follows until it is sent again, two round trips later (the probe of RFC 8985; 100 ms at least),
-//! as TCP shows losses to those above it. In a stall nothing leaves. Up to 96 KB wait in front of the link, as in the queue of
-//! a router.
+//! Each direction is a link of one rate: bytes leave it in order, one after the other, and arrive the one-way delay
+//! later. A lost segment holds up what follows until it is retransmitted, two round trips later (the probe of RFC
+//! 8985; 100 ms at least), as TCP shows losses to the layers above. In a stall nothing leaves. Up to 96 KB wait in
+//! front of the link, as in the queue of a router.
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
@@ -13,26 +13,26 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 
-/// A segment, bytes.
+/// Size of a segment, bytes.
 const SEGMENT: usize = 1460;
-/// Segments in front of a link.
+/// Segments that may queue in front of a link.
 const QUEUE: usize = 64;
 
 /// A network.
 #[derive(Clone, Copy, Debug)]
 pub struct Net {
-    /// Megabits a second, each way.
+    /// Megabits per second, each way.
     pub mbit_s: f64,
     /// Round trip of a small message.
     pub round_trip: Duration,
     /// Share of segments that are lost once.
     pub loss: f64,
-    /// Nothing leaves until then.
+    /// End of a stall: nothing leaves until then.
     pub stalled_until: Option<Instant>,
 }
 
 impl Net {
-    /// As good as none.
+    /// As good as no network in between.
     pub const FAST: Self =
         Self { mbit_s: 1000.0, round_trip: Duration::ZERO, loss: 0.0, stalled_until: None };
 }
@@ -108,7 +108,7 @@ fn link(
     });
 }
 
-/// Numbers by Knuth's linear congruential generator.
+/// Random numbers by Knuth's linear congruential generator.
 #[derive(Clone, Debug)]
 pub struct Random(pub u64);
 

@@ -1,4 +1,4 @@
-//! The results as text: one line a leg, and the page in docs.
+//! The results as text: one line per leg, and the page in docs.
 
 use crate::{Result, Trial};
 use std::fmt::Write as _;
@@ -74,7 +74,7 @@ pub fn page(results: &[Result], took_s: f64) -> String {
     text
 }
 
-/// The share of guided time by rate and round trip, of legs without a stall whose loss is asked for.
+/// The share of guided time by rate and round trip, over legs without a stall whose loss satisfies the condition.
 fn grid(results: &[Result], lossy: fn(f64) -> bool) -> String {
     let mut text = String::new();
     let trips = sorted(results.iter().map(|r| r.trial.round_trip_ms as f64));
