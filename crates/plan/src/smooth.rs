@@ -1,9 +1,9 @@
 //! Smooths a path over cells for driving: corners are cut where there is room and the rest is rounded. The path never
-//! comes nearer to obstacles than it was, or than the wished clearance.
+//! comes nearer to obstacles than it was, or than the desired clearance.
 //!
 //! Shortcuts are found greedily; rounding moves each point towards the mean of its neighbours and away from obstacles
-//! nearer than wished (the forces of elastic bands, Quinlan and Khatib 1993). Each move is kept only if the clearance
-//! at the point and half-way to both neighbours does not fall below what was there and what was wished.
+//! nearer than desired (the forces of elastic bands, Quinlan and Khatib 1993). Each move is kept only if the clearance
+//! at the point and half-way to both neighbours does not fall below what was there and what is desired.
 
 use crate::distance::DistanceField;
 use crate::grid::Cell;
