@@ -1,27 +1,27 @@
-//! Bytes that are looked at piece by piece: a file through a small window, or a decompressed chunk in memory.
+//! Random access to bytes: a file read through a small window, or a decompressed chunk in memory.
 //!
-//! No length found in a file is believed before it is compared with the bytes that are there.
+//! Every length found in a file is checked against the bytes that are there before it is used.
 
 use crate::error::{BagError, Damage};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Bytes read from a file at once when only headers are wanted.
+/// Bytes read from a file at once when only headers are needed.
 const WINDOW: u64 = 16 << 10;
 
-/// Bytes with known end.
+/// Bytes of known length.
 pub(crate) trait Area {
     /// The number of bytes.
     fn end(&self) -> u64;
 
-    /// `n` bytes from `at`.
+    /// Returns `n` bytes from `at`.
     ///
     /// # Errors
-    /// When the area ends before, or the file cannot be read there.
+    /// When the area is too short, or the file cannot be read there.
     fn get(&mut self, at: u64, n: u64) -> Result<&[u8], Damage>;
 
-    /// A little-endian number of `N` bytes.
+    /// The `N` bytes of a little-endian number.
     fn array<const N: usize>(&mut self, at: u64) -> Result<[u8; N], Damage>
     where
         Self: Sized,
@@ -31,7 +31,7 @@ pub(crate) trait Area {
         Ok(out)
     }
 
-    /// An unsigned number of four bytes.
+    /// An unsigned 32-bit number.
     fn u32(&mut self, at: u64) -> Result<u32, Damage>
     where
         Self: Sized,
@@ -39,7 +39,7 @@ pub(crate) trait Area {
         self.array(at).map(u32::from_le_bytes)
     }
 
-    /// An unsigned number of eight bytes.
+    /// An unsigned 64-bit number.
     fn u64(&mut self, at: u64) -> Result<u64, Damage>
     where
         Self: Sized,
@@ -48,18 +48,18 @@ pub(crate) trait Area {
     }
 }
 
-/// The error of reading `n` bytes at `at` where only `end` are there.
+/// The error for reading `n` bytes at `at` where only `end` are there.
 fn beyond(at: u64, n: u64, end: u64) -> Damage {
     let there = end.saturating_sub(at);
     Damage::new(at, format!("{n} bytes should follow, the file has {there} more"))
 }
 
-/// True when `n` bytes from `at` lie before `end`.
+/// Whether `n` bytes from `at` lie before `end`.
 fn within(at: u64, n: u64, end: u64) -> bool {
     at.checked_add(n).is_some_and(|last| last <= end)
 }
 
-/// A file and the part of it that was read last.
+/// A file and the part of it that was last read.
 pub(crate) struct InputFile {
     file: File,
     path: PathBuf,
@@ -89,12 +89,12 @@ impl InputFile {
         self.path.display().to_string()
     }
 
-    /// The error for a damage in this file.
+    /// The error for damage in this file.
     pub fn damaged(&self, damage: Damage) -> BagError {
         BagError::Damaged { path: self.shown(), at: damage.at, why: damage.why }
     }
 
-    /// A copy of `n` bytes; a file that ends before is an error.
+    /// A copy of `n` bytes; a file that is too short is an error.
     pub fn read(&mut self, at: u64, n: u64) -> Result<Vec<u8>, Damage> {
         if !within(at, n, self.end) {
             return Err(beyond(at, n, self.end));

@@ -1,4 +1,4 @@
-//! A bag of any kind: opened once from front to back for its index, then read message by message.
+//! A bag of any format: read once from front to back to build its index, then message by message.
 
 use crate::area::{Area, InputFile};
 use crate::compression::{Compression, MAX_CHUNK, decompress};
@@ -9,14 +9,14 @@ use crate::{mcap, rosbag1, rosbag2, sqlite};
 use std::collections::VecDeque;
 use std::path::Path;
 
-/// Decompressed chunks that are kept.
+/// Greatest number of decompressed chunks in the cache.
 const KEPT_CHUNKS: usize = 8;
-/// Their bytes together, unless one alone has more.
+/// Greatest number of bytes of all cached chunks together, unless a single one is larger.
 const KEPT_BYTES: usize = 128 << 20;
 
 /// One file of a bag.
 enum Storage {
-    /// rosbag1 or MCAP: messages stand in the file or in chunks.
+    /// rosbag1 or MCAP: messages are in the file itself or in chunks.
     Flat(InputFile),
     /// SQLite.
     Rows(Database),
@@ -30,12 +30,12 @@ pub struct Bag {
     notes: Vec<String>,
     /// How single messages are compressed.
     messages: Compression,
-    /// Decompressed chunks by number, the newest last.
+    /// Cached decompressed chunks by number, the newest last.
     kept: VecDeque<(u32, Vec<u8>)>,
 }
 
-/// True when a path looks like a bag: a file ending in `.bag`, `.bag.active`, `.mcap` or `.db3`, a file that begins as one,
-/// or the folder of a rosbag2 recording.
+/// Whether a path looks like a bag: a file with extension `.bag`, `.bag.active`, `.mcap` or `.db3`, a file that begins
+/// like one, or the folder of a rosbag2 recording.
 pub fn is_bag(path: &Path) -> bool {
     if path.is_dir() {
         return rosbag2::is(path);
@@ -62,12 +62,13 @@ fn kind(file: &mut InputFile) -> Option<Kind> {
 }
 
 impl Bag {
-    /// Opens a `.bag`, `.mcap` or `.db3` file or the folder of a rosbag2 recording, and indexes the messages of which
-    /// `wanted` (topic, type as `sensor_msgs/Image`) gives the largest number. All files are walked once, in full.
+    /// Opens a `.bag`, `.mcap` or `.db3` file or the folder of a rosbag2 recording, and indexes its messages. `wanted`
+    /// (topic, type such as `sensor_msgs/Image`) returns the greatest number of messages to index for a topic. All
+    /// files are read through once.
     ///
     /// # Errors
-    /// When a file cannot be read or is of no known kind. Damage is no error: what stands before it is indexed, and
-    /// [`Bag::notes`] tells how far that is.
+    /// When a file cannot be read or has an unknown format. Damage is not an error: everything before it is indexed,
+    /// and [`Bag::notes`] reports how far that is.
     pub fn open(path: &Path, wanted: &dyn Fn(&str, &str) -> usize) -> Result<Self, BagError> {
         let mut index = Index::new(wanted);
         let mut messages = Compression::None;
@@ -96,7 +97,7 @@ impl Bag {
         Ok(bag)
     }
 
-    /// Where single messages are compressed their stamps are inside; messages that cannot be unpacked are left out.
+    /// If single messages are compressed, their stamps are inside; messages that cannot be decompressed are left out.
     fn stamp_compressed(&mut self) {
         let mut topics = std::mem::take(&mut self.topics);
         for topic in &mut topics {
@@ -116,12 +117,12 @@ impl Bag {
         self.topics = topics;
     }
 
-    /// Its topics in the order of their declaration.
+    /// The topics in the order of their declaration.
     pub fn topics(&self) -> &[Topic] {
         &self.topics
     }
 
-    /// What is wrong with it, one sentence each: where it is damaged and how far it was read.
+    /// Problems of the bag, one sentence each: where it is damaged and how far it was read.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -129,7 +130,7 @@ impl Bag {
     /// The bytes of a message.
     ///
     /// # Errors
-    /// When they cannot be read any more, or a compressed message is damaged.
+    /// When they can no longer be read, or a compressed message is damaged.
     pub fn read(&mut self, entry: &Entry) -> Result<Vec<u8>, BagError> {
         let place = entry.place;
         let Some(storage) = self.files.get_mut(usize::from(place.file)) else {

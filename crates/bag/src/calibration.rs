@@ -1,7 +1,8 @@
 //! `sensor_msgs/CameraInfo`: intrinsics, distortion, and the extrinsics of a stereo pair.
 //!
-//! The fields are those of the message's definition: `K` the matrix of the raw image, `D` its distortion, `R` rotates the
-//! camera to its rectified frame, `P` projects from that frame; of the right camera `P[3] = -fx * baseline`.
+//! The fields are those of the message definition: `K` is the matrix of the raw image, `D` its distortion, `R` rotates
+//! from the camera frame to its rectified frame, `P` projects from that frame; for the right camera `P[3] = -fx *
+//! baseline`.
 
 use crate::message::is_foxglove;
 use crate::protobuf::{Field, doubles, fields, stamp_ns, text};
@@ -14,19 +15,19 @@ use cairn_sensor::{Camera, Distortion, check_rotation};
 pub struct CameraInfo {
     /// Time and frame.
     pub header: Header,
-    /// Pixels.
+    /// Image height in pixels.
     pub height: u32,
-    /// Pixels.
+    /// Image width in pixels.
     pub width: u32,
-    /// Name of the model, as `plumb_bob`.
+    /// Name of the distortion model, such as `plumb_bob`.
     pub model: String,
-    /// Coefficients of the distortion.
+    /// Distortion coefficients.
     pub d: Vec<f64>,
-    /// Row by row.
+    /// Intrinsic matrix of the raw image, row by row.
     pub k: [f64; 9],
-    /// Row by row.
+    /// Rotation to the rectified frame, row by row.
     pub r: [f64; 9],
-    /// Row by row.
+    /// Projection matrix of the rectified image, row by row.
     pub p: [f64; 12],
 }
 
@@ -34,7 +35,7 @@ impl CameraInfo {
     /// Decodes a message.
     ///
     /// # Errors
-    /// When it is cut or its encoding is not read.
+    /// When the message is truncated or its encoding is not supported.
     pub fn decode(format: WireFormat, bytes: &[u8]) -> Result<Self, DecodeError> {
         let mut wire = Wire::new(format, bytes)?;
         let header = wire.header()?;
@@ -44,13 +45,13 @@ impl CameraInfo {
         Ok(Self { header, height, width, model, d, k: wire.f64s()?, r: wire.f64s()?, p: wire.f64s()? })
     }
 
-    /// Decodes a message of any type that is [`crate::MessageKind::CameraInfo`].
+    /// Decodes a message of any type with kind [`crate::MessageKind::CameraInfo`].
     ///
     /// # Errors
-    /// When it is cut or its encoding is not read.
+    /// When the message is truncated or its encoding is not supported.
     pub fn of(kind: &str, format: WireFormat, bytes: &[u8]) -> Result<Self, DecodeError> {
         if format != WireFormat::Protobuf {
-            // Foxglove's has width before height.
+            // Foxglove's type has the width before the height.
             let mut out = Self::decode(format, bytes)?;
             if is_foxglove(kind) {
                 (out.width, out.height) = (out.height, out.width);
@@ -81,7 +82,7 @@ impl CameraInfo {
     /// The camera of the raw image, or of the rectified one.
     ///
     /// # Errors
-    /// When the message was never filled in, its model is unknown, or its numbers are no camera.
+    /// When the message was never filled in, its model is unknown, or its numbers are not a valid camera.
     pub fn camera(&self, rectified: bool) -> Result<Camera, DecodeError> {
         let [fx, cx, fy, cy] = match rectified {
             true => [self.p[0], self.p[2], self.p[5], self.p[6]],
@@ -97,7 +98,7 @@ impl CameraInfo {
         Ok(camera)
     }
 
-    /// The lens: the models of ROS, and of the RealSense SDK by its own names.
+    /// The distortion: the models of ROS, and those of the RealSense SDK under its own names.
     fn distortion(&self) -> Result<Distortion, DecodeError> {
         if self.d.iter().all(|v| *v == 0.0) {
             return Ok(Distortion::None);
@@ -119,7 +120,8 @@ impl CameraInfo {
             "equidistant" | "fisheye" | "kannala_brandt4" => {
                 of(4).map(|c| Distortion::Equidistant([c[0], c[1], c[2], c[3]]))
             }
-            // It moves the radially distorted point tangentially; without the latter the two are one.
+            // It applies the tangential distortion to the radially distorted point; without tangential terms the two
+            // models are equal.
             "modified_brown_conrady" if self.d.get(2..4).is_some_and(|p| p == [0.0, 0.0]) => {
                 five().map(Distortion::RadialTangential)
             }
@@ -127,7 +129,7 @@ impl CameraInfo {
         }
     }
 
-    /// The rotation to the rectified frame; identity where it was left at zero.
+    /// The rotation to the rectified frame; identity if all entries are zero.
     fn rectified_from_camera(&self) -> Result<So3, DecodeError> {
         if self.r.iter().all(|v| *v == 0.0) {
             return Ok(So3::identity());
@@ -138,13 +140,13 @@ impl CameraInfo {
     }
 }
 
-/// Where the right camera of a calibrated pair is, seen from the left one; `None` where `P` has no baseline.
+/// Pose of the right camera of a calibrated pair in the left one; `None` where `P` has no baseline.
 ///
-/// With `rectified` both images are: then only the baseline is between them. Otherwise
-/// `left_from_right = R_l^T [I | (b, 0, 0)] R_r`, as both rectified frames have one orientation.
+/// With `rectified`, both images are rectified and only the baseline is between them. Otherwise `left_from_right =
+/// R_l^T [I | (b, 0, 0)] R_r`, as both rectified frames have the same orientation.
 ///
 /// # Errors
-/// When `R` is no rotation.
+/// When `R` is not a rotation.
 pub fn stereo_left_from_right(
     left: &CameraInfo,
     right: &CameraInfo,

@@ -1,15 +1,15 @@
-//! Compressed chunks: bzip2, LZ4 frames and Zstandard, decoded in bounded memory and as far as they are sound.
+//! Compressed chunks: bzip2, LZ4 frames and Zstandard, decoded in bounded memory and up to the first damage.
 
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// The largest chunk that is decompressed, bytes. Recorders write chunks of 0.75 to 4 MB.
+/// Size of the largest chunk that is decompressed, bytes. Recorders write chunks of 0.75 to 4 MB.
 pub(crate) const MAX_CHUNK: u64 = 512 << 20;
 
 /// How a chunk is compressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Compression {
-    /// Not at all.
+    /// Not compressed.
     None,
     /// bzip2.
     Bz2,
@@ -20,7 +20,7 @@ pub(crate) enum Compression {
 }
 
 impl Compression {
-    /// By its name in rosbag1 and MCAP files.
+    /// From its name in rosbag1 and MCAP files.
     pub fn named(name: &[u8]) -> Result<Self, String> {
         match name {
             b"" | b"none" => Ok(Self::None),
@@ -37,7 +37,7 @@ impl Compression {
 
 /// The decompressed bytes, at most `limit` of them, and what is wrong after them, if anything.
 pub(crate) fn decompress(kind: Compression, bytes: &[u8], limit: u64) -> (Vec<u8>, Option<String>) {
-    // The decoders are of others: should one fail on damaged data, what it gave until then stays.
+    // The decoders are third-party code: if one panics on damaged data, its output until then is kept.
     let mut out = Vec::new();
     let ended = catch_unwind(AssertUnwindSafe(|| match kind {
         Compression::None => drain(bytes, limit, &mut out),
@@ -52,7 +52,7 @@ pub(crate) fn decompress(kind: Compression, bytes: &[u8], limit: u64) -> (Vec<u8
     (out, why.map(|why| format!("{kind:?} data: {why}")))
 }
 
-/// Reads to the end; memory grows with what is really there, never by a stated size.
+/// Reads to the end; memory grows with the actual data, never by a stated size.
 fn drain(mut from: impl Read, limit: u64, out: &mut Vec<u8>) -> Option<String> {
     let mut buffer = vec![0; 64 << 10];
     loop {

@@ -1,4 +1,4 @@
-//! Why a bag as a whole cannot be read, and where a damaged one ends.
+//! Errors that concern a whole bag, and the position of damage.
 
 use std::io;
 
@@ -10,10 +10,10 @@ pub enum BagError {
     Io {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// The file is of another kind, or of a version that is not read.
+    /// The file has another format, or a version that is not supported.
     #[error("{path}: {why}")]
     Unsupported {
         /// The file.
@@ -23,7 +23,7 @@ pub enum BagError {
         /// What the user can do.
         cure: String,
     },
-    /// The bytes at a place are not what the format requires.
+    /// The bytes at this position are not what the format requires.
     #[error("{path}: damaged at byte {at}: {why}")]
     Damaged {
         /// The file.
@@ -46,7 +46,7 @@ impl BagError {
     }
 }
 
-/// The place where a file stops making sense.
+/// The position from which a file is invalid.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Damage {
     /// Offset of the damage.

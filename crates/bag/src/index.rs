@@ -1,4 +1,4 @@
-//! The index of a bag: its topics, and where the messages of those that are wanted stand.
+//! The index of a bag: its topics, and the positions of the wanted messages.
 
 use crate::area::InputFile;
 use crate::compression::{Compression, MAX_CHUNK, decompress};
@@ -7,19 +7,19 @@ use crate::message::{MessageKind, is_foxglove};
 use crate::wire::{WireFormat, header_stamp};
 use std::collections::BTreeMap;
 
-/// Bytes from the start of a message that the index looks at: encapsulation or sequence number, and stamp.
+/// Bytes from the start of a message that the index reads: encapsulation or sequence number, and stamp.
 pub(crate) const PREFIX: u64 = 20;
 
-/// Times are held within these bounds, nanoseconds, so that differences never overflow: to the year 2109, all that the
-/// stamps of ROS can say forwards.
+/// Times are clamped to these bounds, nanoseconds, so that differences never overflow: up to the year 2109, which
+/// covers all stamps of ROS.
 const TIMES: [i64; 2] = [-4_400_000_000_000_000_000, 4_400_000_000_000_000_000];
 
-/// Where a message stands.
+/// Position of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Place {
     /// Index of the file in the bag.
     pub file: u16,
-    /// The chunk it is in; [`Place::PLAIN`] when it stands in the file itself. In a database: the page.
+    /// The chunk it is in; [`Place::PLAIN`] when it is in the file itself. In a database: the page.
     pub chunk: u32,
     /// Offset in the file or in the decompressed chunk. In a database: the cell of the page.
     pub offset: u64,
@@ -28,25 +28,25 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// The "chunk" of messages that are not compressed.
+    /// The value of `chunk` for messages that are not compressed.
     pub const PLAIN: u32 = u32::MAX;
 }
 
-/// Where a compressed chunk stands in its file.
+/// Position of a compressed chunk in its file.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ChunkAt {
     /// Offset of its compressed bytes.
     pub at: u64,
-    /// Their number.
+    /// Number of its compressed bytes.
     pub length: u64,
-    /// How they are compressed.
+    /// How the chunk is compressed.
     pub compression: Compression,
-    /// The stated size without compression, bytes.
+    /// The stated decompressed size, bytes.
     pub size: u64,
 }
 
 impl ChunkAt {
-    /// The decompressed bytes, as far as they are sound, and what is wrong after them.
+    /// The decompressed bytes up to the first damage, and what is wrong there.
     pub fn unpack(&self, file: &mut InputFile) -> Result<(Vec<u8>, Option<String>), Damage> {
         if self.length > MAX_CHUNK || self.size > MAX_CHUNK {
             let why =
@@ -60,12 +60,12 @@ impl ChunkAt {
     }
 }
 
-/// One message of the index.
+/// A message in the index.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
-    /// The stamp of its header, nanoseconds; the time of recording where it has none.
+    /// The stamp of its header, nanoseconds; the time of recording if it has no header.
     pub stamp_ns: i64,
-    /// When it was recorded, nanoseconds.
+    /// The time of recording, nanoseconds.
     pub log_ns: i64,
     pub(crate) place: Place,
 }
@@ -73,13 +73,13 @@ pub struct Entry {
 /// A topic of a bag.
 #[derive(Clone, Debug)]
 pub struct Topic {
-    /// Its name, as `/cam0/image_raw`.
+    /// Its name, such as `/cam0/image_raw`.
     pub name: String,
-    /// The type of its messages without `msg/`, as `sensor_msgs/Image`.
+    /// The type of its messages without `msg/`, such as `sensor_msgs/Image`.
     pub kind: String,
-    /// How its messages are written.
+    /// How its messages are serialised.
     pub format: WireFormat,
-    /// Number of messages seen.
+    /// Number of all messages found.
     pub count: usize,
     /// The messages that are indexed, in order of recording.
     pub entries: Vec<Entry>,
@@ -88,7 +88,7 @@ pub struct Topic {
 }
 
 impl Topic {
-    /// What its messages are for.
+    /// What kind of messages it has.
     pub fn message_kind(&self) -> MessageKind {
         MessageKind::of(&self.kind)
     }
@@ -100,19 +100,19 @@ impl Topic {
     }
 }
 
-/// Chooses how many messages of a topic (name, type) are indexed.
+/// Returns how many messages of a topic (name, type) to index.
 pub(crate) type Wanted<'a> = &'a dyn Fn(&str, &str) -> usize;
 
-/// The index while a bag is scanned.
+/// The index while a bag is being scanned.
 pub(crate) struct Index<'a> {
     pub topics: Vec<Topic>,
     pub chunks: Vec<ChunkAt>,
     wanted: Wanted<'a>,
     /// Topic by file and connection (channel, topic id).
     connections: BTreeMap<(u16, u32), usize>,
-    /// What is wrong with the bag, one sentence each.
+    /// Problems of the bag, one sentence each.
     pub notes: Vec<String>,
-    /// Messages of connections that were never declared.
+    /// Number of messages of connections that were never declared.
     undeclared: usize,
     pub last_log_ns: Option<i64>,
 }
@@ -133,14 +133,14 @@ impl<'a> Index<'a> {
     /// Adds a compressed chunk; returns its number for [`Place::chunk`].
     pub fn chunk(&mut self, at: ChunkAt) -> u32 {
         self.chunks.push(at);
-        // A chunk takes at least 50 bytes of file; u32::MAX is the mark of messages without one.
+        // A chunk takes at least 50 bytes of the file; `u32::MAX` marks messages without a chunk.
         u32::try_from(self.chunks.len() - 1).unwrap_or(Place::PLAIN)
     }
 
-    /// Declares a connection of a file; connections of the same topic and type are one topic.
+    /// Declares a connection of a file; connections of the same topic and type are merged into one topic.
     pub fn connection(&mut self, file: u16, id: u32, name: &str, kind: &str, format: WireFormat) {
         let kind = kind.replace("/msg/", "/");
-        // Foxglove's types in ROS 1 begin with a bare time, which nothing here reads.
+        // In ROS 1, Foxglove's types begin with a bare time; that form is not supported.
         let format = match format {
             WireFormat::Ros1 if is_foxglove(&kind) => WireFormat::Other,
             other => other,
@@ -148,7 +148,7 @@ impl<'a> Index<'a> {
         let same = |t: &Topic| t.name == name && t.kind == kind && t.format == format;
         let topic = self.topics.iter().position(same).unwrap_or_else(|| {
             let keep = (self.wanted)(name, &kind);
-            // All others begin with their stamp.
+            // All other types begin with their stamp.
             let has_header = MessageKind::of(&kind) != MessageKind::Other;
             self.topics.push(Topic {
                 name: name.to_owned(),
@@ -164,7 +164,7 @@ impl<'a> Index<'a> {
         self.connections.insert((file, id), topic);
     }
 
-    /// Adds a message of which the first bytes are given.
+    /// Adds a message, given its first bytes.
     pub fn message(&mut self, id: u32, log_ns: i64, prefix: &[u8], place: Place) {
         let Some(&topic) = self.connections.get(&(place.file, id)) else {
             self.undeclared += 1;
@@ -181,12 +181,12 @@ impl<'a> Index<'a> {
         topic.entries.push(Entry { stamp_ns, log_ns, place });
     }
 
-    /// Messages seen so far.
+    /// Number of messages found so far.
     pub fn count(&self) -> usize {
         self.topics.iter().map(|t| t.count).sum()
     }
 
-    /// Puts the messages of each topic in order of recording.
+    /// Sorts the messages of each topic by recording time.
     pub fn finish(mut self) -> (Vec<Topic>, Vec<ChunkAt>, Vec<String>) {
         if self.undeclared > 0 {
             self.notes.push(format!("{} messages belong to no topic, left out", self.undeclared));

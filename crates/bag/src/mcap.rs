@@ -1,7 +1,7 @@
-//! MCAP files (mcap.dev/spec): records of `u8 kind, u64 length, content`, messages in chunks or outside.
+//! MCAP files (mcap.dev/spec): records of `u8 kind, u64 length, content`, with messages inside or outside of chunks.
 //!
-//! The summary at the end is not needed: records are walked from the start, so that files which were never closed, or are
-//! cut, are read as far as they go.
+//! The summary at the end is not needed: records are read from the start, so that files that were never closed or are
+//! truncated are read as far as possible.
 
 use crate::area::{Area, InputFile, Memory};
 use crate::compression::Compression;
@@ -11,10 +11,10 @@ use crate::rosbag1::note_end;
 use crate::wire::WireFormat;
 use std::collections::BTreeMap;
 
-/// The first and last bytes of such a file.
+/// The first and last bytes of an MCAP file.
 pub(crate) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
-/// The longest schema or channel record.
+/// Greatest length of a schema or channel record.
 const MAX_RECORD: u64 = 16 << 20;
 
 const SCHEMA: u8 = 3;
@@ -23,16 +23,16 @@ const MESSAGE: u8 = 5;
 const CHUNK: u8 = 6;
 const DATA_END: u8 = 15;
 
-/// What the walk through a file knows.
+/// State of the scan of a file.
 struct Walk<'a, 'b> {
     /// Number of the file in the bag.
     file: u16,
-    /// Names of the schemas.
+    /// Names of the schemas by id.
     schemas: BTreeMap<u16, String>,
     index: &'a mut Index<'b>,
 }
 
-/// Walks the file and fills the index.
+/// Scans the file and fills the index.
 pub(crate) fn scan(file: &mut InputFile, number: u16, index: &mut Index) -> Result<(), BagError> {
     let mut walk = Walk { file: number, schemas: BTreeMap::new(), index };
     if let Some(damage) = walk.records(file) {
@@ -42,7 +42,7 @@ pub(crate) fn scan(file: &mut InputFile, number: u16, index: &mut Index) -> Resu
 }
 
 impl Walk<'_, '_> {
-    /// The records of the file up to the end of its data; returns where it is cut.
+    /// The records of the file up to the end of its data; returns where it is truncated.
     fn records(&mut self, file: &mut InputFile) -> Option<Damage> {
         let mut at = MAGIC.len() as u64;
         while at < file.end() {
@@ -54,13 +54,13 @@ impl Walk<'_, '_> {
             let whole = content.checked_add(length).is_some_and(|end| end <= file.end());
             let end = content.saturating_add(length).min(file.end());
             let outcome = match kind as u8 {
-                // What follows repeats what was read.
+                // The rest repeats what was already read.
                 DATA_END => return None,
                 CHUNK => self.chunk(file, content, end),
                 kind if whole => self.record(file, kind, [content, end], Place::PLAIN),
                 _ => Ok(()),
             };
-            // That the file ends within a chunk is told below.
+            // If the file ends within a chunk, that is reported below.
             if let (Err(damage), true) = (outcome, whole) {
                 let what = if kind as u8 == CHUNK { "chunk" } else { "record" };
                 self.index.notes.push(format!(
@@ -119,7 +119,7 @@ impl Walk<'_, '_> {
         Ok(())
     }
 
-    /// One record that is whole.
+    /// One complete record.
     fn record(
         &mut self,
         area: &mut impl Area,
@@ -188,7 +188,7 @@ fn head(area: &mut impl Area, at: u64) -> Result<[u64; 2], Damage> {
     Ok([u64::from(kind), area.u64(at + 1)?])
 }
 
-/// Fields of a schema or channel.
+/// Reads the fields of a schema or channel.
 struct Fields<'a> {
     bytes: &'a [u8],
     at: u64,

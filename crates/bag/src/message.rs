@@ -1,28 +1,28 @@
-//! The ROS messages that are read, with the fields that are used. `sensor_msgs`, `geometry_msgs` and `tf2_msgs` are laid out
-//! alike in ROS 1 and ROS 2; [`Wire`] knows the difference.
+//! The supported ROS messages, with the fields that are used. `sensor_msgs`, `geometry_msgs` and `tf2_msgs` have the
+//! same layout in ROS 1 and ROS 2; [`Wire`] handles the difference in serialisation.
 
 use crate::protobuf::{Field, fields, stamp_ns, text};
 use crate::wire::{DecodeError, Header, Wire, WireFormat};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{ImuSample, Stamp};
 
-/// What a message is for, whichever schema it has.
+/// Kind of a message, independent of its schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MessageKind {
-    /// Pixels: `sensor_msgs/Image`, Foxglove's `RawImage`.
+    /// Raw pixels: `sensor_msgs/Image`, Foxglove's `RawImage`.
     Image,
-    /// An image file: `CompressedImage` of either.
+    /// An encoded image file: `CompressedImage` of ROS or Foxglove.
     CompressedImage,
     /// A calibration: `sensor_msgs/CameraInfo`, Foxglove's `CameraCalibration`.
     CameraInfo,
     /// `sensor_msgs/Imu`.
     Imu,
-    /// Something else.
+    /// Any other type.
     Other,
 }
 
 impl MessageKind {
-    /// By the name of the type, as `sensor_msgs/Image` or `foxglove.RawImage`.
+    /// From the name of the type, such as `sensor_msgs/Image` or `foxglove.RawImage`.
     pub fn of(kind: &str) -> Self {
         match kind {
             "sensor_msgs/Image" | "foxglove_msgs/RawImage" | "foxglove.RawImage" => Self::Image,
@@ -48,15 +48,15 @@ pub(crate) fn is_foxglove(kind: &str) -> bool {
 pub struct ImageMessage<'a> {
     /// Time and frame.
     pub header: Header,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Name of the pixel format, as `mono8`.
+    /// Name of the pixel format, such as `mono8`.
     pub encoding: String,
-    /// Order of the bytes of 16-bit and 32-bit pixels.
+    /// Byte order of 16-bit and 32-bit pixels.
     pub big_endian: bool,
-    /// Bytes from one row to the next.
+    /// Bytes from the start of one row to the next.
     pub step: u32,
     /// The rows.
     pub data: &'a [u8],
@@ -66,7 +66,7 @@ impl<'a> ImageMessage<'a> {
     /// Decodes a message.
     ///
     /// # Errors
-    /// When it is cut or its encoding is not read.
+    /// When the message is truncated or its encoding is not supported.
     pub fn decode(format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let mut wire = Wire::new(format, bytes)?;
         Ok(Self {
@@ -80,10 +80,10 @@ impl<'a> ImageMessage<'a> {
         })
     }
 
-    /// Decodes a message of any type that is [`MessageKind::Image`].
+    /// Decodes a message of any type with kind [`MessageKind::Image`].
     ///
     /// # Errors
-    /// When it is cut or its encoding is not read.
+    /// When the message is truncated or its encoding is not supported.
     pub fn of(kind: &str, format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let mut out = Self {
             header: Header { stamp_ns: 0, frame_id: String::new() },
@@ -125,9 +125,9 @@ impl<'a> ImageMessage<'a> {
 pub struct CompressedImage<'a> {
     /// Time and frame.
     pub header: Header,
-    /// Its name, as `jpeg` or `mono8; jpeg compressed`.
+    /// Name of the format, such as `jpeg` or `mono8; jpeg compressed`.
     pub format: String,
-    /// The file.
+    /// The encoded image.
     pub data: &'a [u8],
 }
 
@@ -135,16 +135,16 @@ impl<'a> CompressedImage<'a> {
     /// Decodes a message.
     ///
     /// # Errors
-    /// When it is cut or its encoding is not read.
+    /// When the message is truncated or its encoding is not supported.
     pub fn decode(format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let mut wire = Wire::new(format, bytes)?;
         Ok(Self { header: wire.header()?, format: wire.string()?, data: wire.bytes()? })
     }
 
-    /// Decodes a message of any type that is [`MessageKind::CompressedImage`].
+    /// Decodes a message of any type with kind [`MessageKind::CompressedImage`].
     ///
     /// # Errors
-    /// When it is cut or its encoding is not read.
+    /// When the message is truncated or its encoding is not supported.
     pub fn of(kind: &str, format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let header = Header { stamp_ns: 0, frame_id: String::new() };
         let mut out = Self { header, format: String::new(), data: &[] };
@@ -168,10 +168,10 @@ impl<'a> CompressedImage<'a> {
         Ok(out)
     }
 
-    /// The image file itself: messages of `compressed_depth_image_transport` have a head of 12 bytes before the PNG.
+    /// The image file itself: messages of `compressed_depth_image_transport` have a header of 12 bytes before the PNG.
     ///
     /// # Errors
-    /// When the depth was quantised or compressed otherwise.
+    /// When the depth was quantised, or compressed in another way.
     pub fn file(&self) -> Result<&'a [u8], DecodeError> {
         const HEAD: usize = 12;
         if !self.format.contains("compressedDepth") {
@@ -190,9 +190,9 @@ impl<'a> CompressedImage<'a> {
 pub struct ImuMessage {
     /// Time and frame.
     pub header: Header,
-    /// rad/s.
+    /// Angular velocity, rad/s.
     pub gyro: Vec3,
-    /// m/s^2, specific force.
+    /// Specific force, m/s^2.
     pub accel: Vec3,
 }
 
@@ -200,7 +200,7 @@ impl ImuMessage {
     /// Decodes a message.
     ///
     /// # Errors
-    /// When it is cut or its encoding is not read.
+    /// When the message is truncated or its encoding is not supported.
     pub fn decode(format: WireFormat, bytes: &[u8]) -> Result<Self, DecodeError> {
         let mut wire = Wire::new(format, bytes)?;
         let header = wire.header()?;
@@ -211,7 +211,7 @@ impl ImuMessage {
         Ok(Self { header, gyro: gyro.into(), accel: accel.into() })
     }
 
-    /// As a sample at a stamp.
+    /// Converts to a sample with this stamp.
     pub fn sample(&self, stamp_ns: i64) -> ImuSample {
         ImuSample::new(Stamp(stamp_ns), self.gyro, self.accel)
     }
@@ -231,14 +231,14 @@ pub struct TransformStamped {
 /// The transforms of a `tf2_msgs/TFMessage` (or `tf/tfMessage`).
 ///
 /// # Errors
-/// When it is cut, its encoding is not read, or a rotation is none.
+/// When the message is truncated, its encoding is not supported, or a rotation is invalid.
 pub fn static_transforms(format: WireFormat, bytes: &[u8]) -> Result<Vec<TransformStamped>, DecodeError> {
     let mut wire = Wire::new(format, bytes)?;
     let n = wire.length(60)?;
     let mut out = Vec::new();
     for _ in 0..n {
         let (header, child) = (wire.header()?, wire.string()?);
-        // tf of ROS 1 began names with a slash.
+        // In ROS 1, tf frame names began with a slash.
         let name = |text: &str| text.trim_start_matches('/').to_owned();
         let parent_from_child = pose(&mut wire)?;
         out.push(TransformStamped { parent: name(&header.frame_id), child: name(&child), parent_from_child });
@@ -249,7 +249,7 @@ pub fn static_transforms(format: WireFormat, bytes: &[u8]) -> Result<Vec<Transfo
 /// A `geometry_msgs/Transform`.
 ///
 /// # Errors
-/// When it is cut, its encoding is not read, or the rotation is none.
+/// When the message is truncated, its encoding is not supported, or the rotation is invalid.
 pub fn transform(format: WireFormat, bytes: &[u8]) -> Result<Se3, DecodeError> {
     pose(&mut Wire::new(format, bytes)?)
 }
@@ -269,7 +269,7 @@ fn pose(wire: &mut Wire) -> Result<Se3, DecodeError> {
 /// A `std_msgs/Float32`.
 ///
 /// # Errors
-/// When it is cut or its encoding is not read.
+/// When the message is truncated or its encoding is not supported.
 pub fn float32(format: WireFormat, bytes: &[u8]) -> Result<f32, DecodeError> {
     Wire::new(format, bytes)?.f32()
 }
@@ -277,7 +277,7 @@ pub fn float32(format: WireFormat, bytes: &[u8]) -> Result<f32, DecodeError> {
 /// A `diagnostic_msgs/KeyValue`.
 ///
 /// # Errors
-/// When it is cut or its encoding is not read.
+/// When the message is truncated or its encoding is not supported.
 pub fn key_value(format: WireFormat, bytes: &[u8]) -> Result<(String, String), DecodeError> {
     let mut wire = Wire::new(format, bytes)?;
     Ok((wire.string()?, wire.string()?))

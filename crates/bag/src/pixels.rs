@@ -1,17 +1,17 @@
-//! Pixels of `sensor_msgs/Image`: to luminance, and to depth in units of a millimetre.
+//! Converts the pixels of `sensor_msgs/Image` to luminance, and to depth in millimetres.
 //!
-//! Encodings are those of `sensor_msgs/image_encodings`, and of the RealSense SDK. Luminance of colour is weighted as in
-//! BT.601 (0.299, 0.587, 0.114); of 16-bit gray the high byte is kept.
+//! Encodings are those of `sensor_msgs/image_encodings` and of the RealSense SDK. The luminance of colour is weighted
+//! as in BT.601 (0.299, 0.587, 0.114); of 16-bit gray the high byte is used.
 
 use crate::message::ImageMessage;
 use crate::wire::DecodeError;
 use cairn_sensor::{DepthImage, GrayImage};
 
-/// Largest image, pixels.
+/// Size of the largest image, pixels.
 const MAX_PIXELS: usize = 64 << 20;
 
 impl ImageMessage<'_> {
-    /// The rows without padding, each `bytes_per_pixel * width` long.
+    /// The rows without padding, each `bytes_per_pixel * width` bytes long.
     fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &[u8]>, DecodeError> {
         let (w, h, step) = (self.width as usize, self.height as usize, self.step as usize);
         if w == 0 || h == 0 || w.saturating_mul(h) > MAX_PIXELS {
@@ -30,14 +30,14 @@ impl ImageMessage<'_> {
         Ok(self.data.chunks(step).take(h).map(move |r| &r[..row]))
     }
 
-    /// Luminance.
+    /// Luminance image.
     ///
     /// # Errors
-    /// When the encoding is not read, or the data does not have the stated size.
+    /// When the encoding is not supported, or the data does not have the stated size.
     pub fn gray(&self) -> Result<GrayImage, DecodeError> {
         let (w, h) = (self.width as usize, self.height as usize);
         let mut out: Vec<u8> = Vec::new();
-        // Where red, green and blue are in a pixel, and its bytes.
+        // Offsets of red, green and blue in a pixel, and bytes per pixel.
         let colour = match self.encoding.as_str() {
             "mono8" | "8UC1" | "y8" => {
                 self.rows(1)?.for_each(|row| out.extend_from_slice(row));
@@ -75,11 +75,11 @@ impl ImageMessage<'_> {
         GrayImage::from_vec(w, h, out).ok_or_else(|| DecodeError::new("rows are missing"))
     }
 
-    /// Depth. 16-bit pixels stay as they are, in the unit of the sensor (millimetres by REP 118); 32-bit metres become
-    /// millimetres, where what is not a positive number below 65.5 m is 0, no measurement.
+    /// Depth image. 16-bit pixels are kept, in the unit of the sensor (millimetres by REP 118); 32-bit metres are
+    /// converted to millimetres, where any value that is not a positive number below 65.5 m becomes 0 (no measurement).
     ///
     /// # Errors
-    /// When the encoding is not read, or the data does not have the stated size.
+    /// When the encoding is not supported, or the data does not have the stated size.
     pub fn depth(&self) -> Result<DepthImage, DecodeError> {
         let mut out: Vec<u16> = Vec::new();
         let big = self.big_endian;

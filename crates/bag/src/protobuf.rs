@@ -2,12 +2,12 @@
 
 use crate::wire::DecodeError;
 
-/// A field's value.
+/// The value of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Field<'a> {
     /// A varint, or a fixed number of four or eight bytes, as its bits.
     Number(u64),
-    /// Text, bytes, a message, or packed numbers.
+    /// Text, bytes, an embedded message, or packed numbers.
     Bytes(&'a [u8]),
 }
 
@@ -47,7 +47,8 @@ fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     None
 }
 
-/// The nanoseconds of a `google.protobuf.Timestamp` that begins a message, from its first bytes; `None` where there is none.
+/// The nanoseconds of a `google.protobuf.Timestamp` at the start of a message, from its first bytes; `None` if there is
+/// none.
 pub(crate) fn first_stamp(prefix: &[u8]) -> Option<i64> {
     let (tag, rest) = varint(prefix)?;
     let (n, rest) = varint(rest)?;
@@ -70,7 +71,7 @@ pub(crate) fn stamp_ns(bytes: &[u8]) -> Option<i64> {
     Some(ns)
 }
 
-/// Packed `double`s.
+/// Decodes packed `double`s.
 pub(crate) fn doubles(bytes: &[u8]) -> Vec<f64> {
     let of = |b: &[u8]| {
         let mut raw = [0; 8];
@@ -80,7 +81,7 @@ pub(crate) fn doubles(bytes: &[u8]) -> Vec<f64> {
     bytes.chunks_exact(8).map(of).collect()
 }
 
-/// Text.
+/// Decodes text.
 pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }

@@ -1,7 +1,7 @@
 //! rosbag1 files, "#ROSBAG V2.0" (wiki.ros.org/Bags/Format/2.0).
 //!
-//! A file is a row of records: `u32 length, header fields, u32 length, data`. The index at its end is not needed: records
-//! are walked from the start, so that files which were never closed, or are cut, are read as far as they go.
+//! A file is a sequence of records: `u32 length, header fields, u32 length, data`. The index at its end is not needed:
+//! records are read from the start, so that files that were never closed or are truncated are read as far as possible.
 
 use crate::area::{Area, InputFile, Memory};
 use crate::compression::Compression;
@@ -9,10 +9,10 @@ use crate::error::{BagError, Damage};
 use crate::index::{ChunkAt, Index, PREFIX, Place};
 use crate::wire::WireFormat;
 
-/// The first bytes of such a file.
+/// The first bytes of a rosbag1 file.
 pub(crate) const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 
-/// The longest header of a record: connection headers carry the definition of a message.
+/// Greatest length of the header of a record: connection headers contain message definitions.
 const MAX_HEADER: u64 = 16 << 20;
 
 const MESSAGE: u8 = 2;
@@ -20,7 +20,7 @@ const BAG_HEADER: u8 = 3;
 const CHUNK: u8 = 5;
 const CONNECTION: u8 = 7;
 
-/// The fields of a record's header that are used, and where its data stands.
+/// The used fields of a record's header, and the position of its data.
 struct Record {
     op: u8,
     fields: Fields,
@@ -40,7 +40,7 @@ struct Fields {
     encryptor: Vec<u8>,
 }
 
-/// Walks the file and fills the index.
+/// Scans the file and fills the index.
 pub(crate) fn scan(file: &mut InputFile, number: u16, index: &mut Index) -> Result<(), BagError> {
     let mut at = MAGIC.len() as u64;
     while at < file.end() {
@@ -79,7 +79,7 @@ pub(crate) fn scan(file: &mut InputFile, number: u16, index: &mut Index) -> Resu
     Ok(())
 }
 
-/// One sentence on how far the file could be read.
+/// Adds a note, one sentence long, on how far the file could be read.
 pub(crate) fn note_end(file: &InputFile, index: &mut Index, damage: &Damage) {
     index.notes.push(format!(
         "{}: damaged or cut at byte {} of {} ({}): read up to there, {} messages",
@@ -102,7 +102,7 @@ fn record(area: &mut impl Area, at: u64) -> Result<Record, Damage> {
     Ok(Record { op, fields, data_at: at + 8 + length, data_length })
 }
 
-/// `u32 length, name=value` one after the other.
+/// The header fields: a sequence of `u32 length, name=value`.
 fn fields(mut bytes: &[u8]) -> Result<(Option<u8>, Fields), String> {
     let (mut op, mut out) = (None, Fields::default());
     while !bytes.is_empty() {
@@ -145,7 +145,7 @@ fn connection(area: &mut impl Area, number: u16, record: &Record, index: &mut In
     Ok(())
 }
 
-/// A chunk, which may reach beyond the end of a cut file.
+/// A chunk, which may reach beyond the end of a truncated file.
 fn chunk(file: &mut InputFile, number: u16, record: &Record, index: &mut Index) {
     let end = record.data_at.saturating_add(record.data_length).min(file.end());
     let cut = end - record.data_at < record.data_length;
@@ -163,7 +163,7 @@ fn chunk(file: &mut InputFile, number: u16, record: &Record, index: &mut Index) 
             })
         }
     };
-    // That the file ends within the chunk is told by the caller.
+    // If the file ends within the chunk, the caller reports that.
     if let (Err(damage), false) = (outcome, cut) {
         index.notes.push(format!(
             "{}: the chunk at byte {} is read only in part ({})",

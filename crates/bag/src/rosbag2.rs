@@ -1,6 +1,6 @@
-//! rosbag2 recordings: a folder with `metadata.yaml` and files of SQLite (`.db3`) or MCAP.
+//! rosbag2 recordings: a folder with `metadata.yaml` and files in SQLite (`.db3`) or MCAP format.
 //!
-//! Where the metadata is missing (it is written when recording ends) the files of the folder are taken in the order of
+//! If the metadata is missing (it is written when recording ends), the files of the folder are used in the order of
 //! their numbers. Source: github.com/ros2/rosbag2, `docs/` and the schema of its SQLite storage.
 
 use crate::compression::Compression;
@@ -17,7 +17,7 @@ pub(crate) struct Folder {
     pub notes: Vec<String>,
 }
 
-/// True when a folder holds such a recording.
+/// Whether a folder contains such a recording.
 pub(crate) fn is(folder: &Path) -> bool {
     let metadata = std::fs::read_to_string(folder.join("metadata.yaml"));
     metadata.is_ok_and(|text| text.contains("rosbag2_bagfile_information")) || !listed(folder).is_empty()
@@ -69,7 +69,7 @@ pub(crate) fn folder(folder: &Path) -> Result<Folder, BagError> {
     Ok(out)
 }
 
-/// `.db3` and `.mcap` files by name, numbers in them by value.
+/// `.db3` and `.mcap` files sorted by name, with the numbers in the names sorted by value.
 fn listed(folder: &Path) -> Vec<PathBuf> {
     let files = std::fs::read_dir(folder).into_iter().flatten().filter_map(|e| Some(e.ok()?.path()));
     let known =
@@ -150,7 +150,7 @@ pub(crate) fn scan(database: &mut Database, number: u16, index: &mut Index) -> R
     Ok(())
 }
 
-/// The data of a message found before.
+/// The data of a message at a place from the index.
 pub(crate) fn read(database: &mut Database, place: &Place) -> Result<Vec<u8>, Damage> {
     let mut row = database.row_at(place.chunk, place.offset as u16)?;
     let blob = row.values(8)?.into_iter().find_map(|value| match value {

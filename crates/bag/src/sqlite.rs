@@ -1,18 +1,18 @@
-//! Tables of SQLite files, read only (sqlite.org/fileformat2.html): just what rosbag2 recordings need.
+//! Reads tables of SQLite files (sqlite.org/fileformat2.html): only what rosbag2 recordings need.
 //!
-//! A reader of our own: SQLite itself would add its C library to every build, and refuses a file that is cut, whereas here
-//! the pages that are there are read.
+//! Why an own reader: SQLite itself would add its C library to every build, and it refuses a truncated file, whereas
+//! this reader reads the pages that are there.
 
 use crate::area::{Area, InputFile};
 use crate::error::{BagError, Damage};
 
-/// The first bytes of such a file.
+/// The first bytes of an SQLite file.
 pub(crate) const MAGIC: &[u8] = b"SQLite format 3\0";
 
-/// The longest text that is read, bytes: names, types and the definition of a table.
+/// Greatest length of a text, bytes: names, types and the definition of a table.
 const MAX_TEXT: u64 = 64 << 10;
 
-/// Deeper than any tree: 2^31 pages with two children each are fewer levels.
+/// Deeper than any valid tree: 2^31 pages with two children each have fewer levels.
 const MAX_DEPTH: usize = 32;
 
 const INTERIOR: u8 = 5;
@@ -22,11 +22,11 @@ const LEAF: u8 = 13;
 pub(crate) struct Database {
     pub file: InputFile,
     page_size: u64,
-    /// Bytes of a page that are used.
+    /// Usable bytes of a page.
     usable: u64,
-    /// Pages that are there.
+    /// Number of pages in the file.
     pages: u64,
-    /// Pages the header states.
+    /// Number of pages according to the header.
     pub stated_pages: u64,
 }
 
@@ -38,7 +38,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// The position of a column.
+    /// The index of a column.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|c| c.eq_ignore_ascii_case(name))
     }
@@ -54,7 +54,7 @@ pub(crate) enum Value {
     Blob(u64, u64),
 }
 
-/// Where a row stands, and its payload.
+/// Position of a row, and its payload.
 pub(crate) struct Row<'a> {
     pub page: u32,
     pub cell: u16,
@@ -102,7 +102,7 @@ impl Database {
         Ok(Self { file, page_size, usable, pages, stated_pages: u64::from(big(28)) })
     }
 
-    /// The table of this name.
+    /// The table with this name.
     pub fn table(&mut self, name: &str) -> Result<Option<Table>, Damage> {
         let mut found = None;
         self.rows(1, &mut |row| {
@@ -120,7 +120,7 @@ impl Database {
         Ok(found)
     }
 
-    /// Visits the rows of a table in order; damaged pages and rows are passed over. Returns the first damage.
+    /// Visits the rows of a table in order; damaged pages and rows are skipped. Returns the first damage.
     pub fn rows(
         &mut self,
         root: u32,
@@ -170,7 +170,7 @@ impl Database {
         }
     }
 
-    /// The kind of a page and where its cells stand; of an interior page the rightmost child comes last.
+    /// The type of a page and the positions of its cells; for an interior page the rightmost child comes last.
     fn cells(&mut self, page: u32) -> Result<(u8, Vec<u64>), Damage> {
         let start = u64::from(page.saturating_sub(1)) * self.page_size;
         let header = start + if page == 1 { 100 } else { 0 };
@@ -208,7 +208,7 @@ impl Database {
         Ok(Row { page, cell, rowid: rowid as i64, database: self, payload })
     }
 
-    /// The row of a place found before.
+    /// The row at a place from the index.
     pub fn row_at(&mut self, page: u32, cell: u16) -> Result<Row<'_>, Damage> {
         let (_, cells) = self.cells(page)?;
         let at = cells.get(usize::from(cell)).copied();
@@ -216,7 +216,7 @@ impl Database {
         self.row(page, cell, at)
     }
 
-    /// Bytes of a payload that stand on its leaf page ("B-tree Cell Format").
+    /// Number of payload bytes on the leaf page ("B-tree Cell Format").
     fn local(&self, length: u64) -> u64 {
         let most = self.usable - 35;
         if length <= most {
@@ -227,7 +227,7 @@ impl Database {
         if fitting <= most { fitting } else { least }
     }
 
-    /// A number of one to nine bytes, and how many.
+    /// A varint of one to nine bytes, and its length.
     fn varint(&mut self, at: u64) -> Result<(u64, u64), Damage> {
         let mut value = 0u64;
         for i in 0..9 {
@@ -245,7 +245,7 @@ impl Database {
 }
 
 impl Row<'_> {
-    /// `n` bytes of the row from `from`.
+    /// Reads `n` bytes of the row from `from`.
     pub fn bytes(&mut self, from: u64, n: u64) -> Result<Vec<u8>, Damage> {
         let Payload { length, at, local, mut overflow } = self.payload;
         let database = &mut *self.database;
@@ -278,7 +278,7 @@ impl Row<'_> {
     pub fn values(&mut self, most: usize) -> Result<Vec<Value>, Damage> {
         let at = self.payload.at;
         let wrong = || Damage::new(at, "a row with a damaged header");
-        // Headers of the tables read here have a few bytes; 4 columns of 9 and the length.
+        // Row headers of the tables read here are short: at most 4 columns of 9 bytes, and the length.
         let head = self.bytes(0, self.payload.length.min(100))?;
         let (size, mut next) = varint(&head, 0).ok_or_else(wrong)?;
         let (mut body, mut out) = (size, Vec::new());
@@ -325,7 +325,7 @@ fn varint(bytes: &[u8], mut at: usize) -> Option<(u64, usize)> {
     Some((value, at))
 }
 
-/// A big-endian number with sign of one to eight bytes.
+/// A signed big-endian number of one to eight bytes.
 fn integer(bytes: &[u8]) -> i64 {
     let first = bytes.first().map_or(0, |b| i64::from(*b as i8));
     bytes.iter().skip(1).fold(first, |value, b| value << 8 | i64::from(*b))

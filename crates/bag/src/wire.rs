@@ -1,17 +1,17 @@
-//! The serialisations of messages: ROS 1 (packed, little-endian) and ROS 2 (CDR of DDS, OMG formal/2002-06-51, 15.3).
+//! Serialisation of messages: ROS 1 (packed, little-endian) and ROS 2 (CDR of DDS, OMG formal/2002-06-51, 15.3).
 
 use std::fmt;
 
-/// How messages are written.
+/// How messages are serialised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WireFormat {
-    /// ROS 1: fields one after the other.
+    /// ROS 1: packed fields.
     Ros1,
     /// ROS 2: CDR, where numbers are aligned to their size.
     Cdr,
-    /// Protobuf, of Foxglove's schemas.
+    /// Protobuf, for Foxglove's schemas.
     Protobuf,
-    /// Another encoding, which is not read.
+    /// Another encoding, which is not supported.
     Other,
 }
 
@@ -36,11 +36,11 @@ pub struct Header {
     pub frame_id: String,
 }
 
-/// Reads the fields of one message in their order.
+/// Reads the fields of one message in order.
 pub struct Wire<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Where alignment counts from; `None` in ROS 1, which has none.
+    /// The position from which alignment is counted; `None` in ROS 1, which has no alignment.
     origin: Option<usize>,
     big_endian: bool,
 }
@@ -50,7 +50,7 @@ macro_rules! number {
         $(#[$doc])*
         ///
         /// # Errors
-        /// When the message ends before.
+        /// When the message is too short.
         pub fn $name(&mut self) -> Result<$name, DecodeError> {
             const N: usize = std::mem::size_of::<$name>();
             self.align(N);
@@ -62,10 +62,10 @@ macro_rules! number {
 }
 
 impl<'a> Wire<'a> {
-    /// Begins a message.
+    /// Starts to read a message.
     ///
     /// # Errors
-    /// When the encoding is not one of those that are read.
+    /// When the encoding is not supported.
     pub fn new(format: WireFormat, bytes: &'a [u8]) -> Result<Self, DecodeError> {
         let plain = Self { bytes, at: 0, origin: None, big_endian: false };
         match format {
@@ -101,30 +101,30 @@ impl<'a> Wire<'a> {
     }
 
     number!(
-        /// One byte.
+        /// An unsigned 8-bit number.
         u8
     );
     number!(
-        /// An unsigned number of four bytes.
+        /// An unsigned 32-bit number.
         u32
     );
     number!(
-        /// A signed number of four bytes.
+        /// A signed 32-bit number.
         i32
     );
     number!(
-        /// A number of four bytes with a fraction.
+        /// A 32-bit floating-point number.
         f32
     );
     number!(
-        /// A number of eight bytes with a fraction.
+        /// A 64-bit floating-point number.
         f64
     );
 
-    /// `N` numbers with fractions.
+    /// `N` 64-bit floating-point numbers.
     ///
     /// # Errors
-    /// When the message ends before.
+    /// When the message is too short.
     pub fn f64s<const N: usize>(&mut self) -> Result<[f64; N], DecodeError> {
         let mut out = [0.0; N];
         for v in &mut out {
@@ -133,10 +133,10 @@ impl<'a> Wire<'a> {
         Ok(out)
     }
 
-    /// The length of a sequence whose items have at least this many bytes.
+    /// The length of a sequence whose items have at least `item` bytes each.
     ///
     /// # Errors
-    /// When so many cannot follow.
+    /// When the rest of the message is too short for that many items.
     pub fn length(&mut self, item: usize) -> Result<usize, DecodeError> {
         let n = self.u32()? as usize;
         let there = self.bytes.len().saturating_sub(self.at);
@@ -146,10 +146,10 @@ impl<'a> Wire<'a> {
         }
     }
 
-    /// Text.
+    /// A string.
     ///
     /// # Errors
-    /// When the message ends before or it is not UTF-8.
+    /// When the message is too short, or the text is not UTF-8.
     pub fn string(&mut self) -> Result<String, DecodeError> {
         let n = self.length(1)?;
         let mut bytes = self.take(n)?;
@@ -163,7 +163,7 @@ impl<'a> Wire<'a> {
     /// A sequence of bytes.
     ///
     /// # Errors
-    /// When the message ends before.
+    /// When the message is too short.
     pub fn bytes(&mut self) -> Result<&'a [u8], DecodeError> {
         let n = self.length(1)?;
         self.take(n)
@@ -172,9 +172,9 @@ impl<'a> Wire<'a> {
     /// A time in nanoseconds.
     ///
     /// # Errors
-    /// When the message ends before.
+    /// When the message is too short.
     pub fn time(&mut self) -> Result<i64, DecodeError> {
-        // ROS 1 counts seconds without a sign, ROS 2 with one.
+        // Seconds are unsigned in ROS 1 and signed in ROS 2.
         let seconds = if self.origin.is_some() { i64::from(self.i32()?) } else { i64::from(self.u32()?) };
         Ok(seconds * 1_000_000_000 + i64::from(self.u32()?))
     }
@@ -182,7 +182,7 @@ impl<'a> Wire<'a> {
     /// A `std_msgs/Header`.
     ///
     /// # Errors
-    /// When the message ends before.
+    /// When the message is too short.
     pub fn header(&mut self) -> Result<Header, DecodeError> {
         if self.origin.is_none() {
             self.u32()?; // the sequence number of ROS 1

@@ -1,4 +1,4 @@
-//! Bags of every kind: what is in them, cut anywhere, and with lengths that lie.
+//! Bags of every format: their content, truncated at any byte, and with invalid lengths.
 
 mod common;
 
@@ -11,7 +11,7 @@ fn all(_: &str, _: &str) -> usize {
     usize::MAX
 }
 
-/// Four images and eight samples.
+/// Four images and eight IMU samples.
 fn messages(ros1: bool) -> Vec<Message> {
     let mut out = Vec::new();
     for i in 0..4u8 {
@@ -44,7 +44,7 @@ fn check_whole(bag: &mut Bag, what: &str) {
     assert_eq!((sample.gyro, sample.accel), (Vec3::new(0.1, 0.2, 1.0), Vec3::new(0.0, 9.8, 0.0)), "{what}");
 }
 
-/// Every container with every compression that the tests can write.
+/// Every container format with every compression that the tests can write.
 fn variants() -> Vec<(String, Vec<u8>)> {
     let mut out = Vec::new();
     for compression in ["none", "lz4"] {
@@ -68,7 +68,7 @@ fn every_kind_gives_the_same_messages() {
     }
 }
 
-/// Cut after every byte: what is before the cut is read, the more the later, and the cut is told.
+/// Truncated after every byte: everything before the cut is read, never less in a longer file, and the cut is reported.
 #[test]
 fn cut_files_are_read_up_to_the_cut() {
     for (name, bytes) in variants() {
@@ -84,11 +84,11 @@ fn cut_files_are_read_up_to_the_cut() {
                     assert!(!bag.read(entry).unwrap().is_empty());
                 }
             }
-            // An LZ4 chunk gives whole blocks only: less may come out of a longer piece, but never wrong bytes.
+            // LZ4 is decoded in whole blocks only: a longer piece may give no more messages, but never wrong bytes.
             assert!(count >= most, "{name} cut at {length}: {count} messages, {most} before");
             most = count;
             if count < 12 {
-                // A cut between two records cannot be seen in rosbag1 without its index.
+                // Without the index of rosbag1, a cut between two records cannot be detected.
                 let told = bag.notes().iter().any(|n| n.contains("read up to there"));
                 assert!(told || name.ends_with(".bag"), "{name} cut at {length}: {:?}", bag.notes());
             }
@@ -119,7 +119,7 @@ fn damaged_bytes_never_panic() {
     }
 }
 
-/// A length of 4 GB (and of 2^63) is compared with the file before anything is allocated.
+/// A length of 4 GB (and of 2^63) is checked against the size of the file before anything is allocated.
 #[test]
 fn absurd_lengths_are_refused_by_the_size_of_the_file() {
     let mut start = rosbag1(&messages(true), "none", 5);
@@ -186,7 +186,7 @@ fn what_is_not_read_is_said_with_a_cure() {
     assert!(matches!(Bag::open(Path::new("/no/such.bag"), &all), Err(BagError::Io { .. })));
 }
 
-/// Differences of any two times can be taken.
+/// The difference of any two times does not overflow.
 #[test]
 fn absurd_times_are_held_within_bounds() {
     let mut all_messages = messages(false);
@@ -205,7 +205,7 @@ fn absurd_times_are_held_within_bounds() {
 #[test]
 fn a_wrong_checksum_is_told() {
     let mut bytes = mcap(&messages(false), "cdr", "lz4", 100);
-    // The checksum of the only chunk: magic, header record, chunk head, two times, size.
+    // The checksum of the only chunk is after: magic, header record, head of the chunk, two times, size.
     let header = mcap_record(1, &[mcap_text(""), mcap_text("test")].concat()).len();
     bytes[8 + header + 9 + 24] ^= 1;
     let file = Temporary::new("crc.mcap", &bytes);

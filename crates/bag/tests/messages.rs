@@ -1,4 +1,4 @@
-//! Messages: pixel formats, calibrations, transforms, and bytes that are no message.
+//! Messages: pixel formats, calibrations, transforms, and invalid bytes.
 
 mod common;
 
@@ -108,11 +108,11 @@ fn calibrations_keep_their_model() {
     assert!(never.camera(false).is_err());
 }
 
-/// A point seen by both cameras of a known pair: `R` and `P` lead back to where they are.
+/// A point seen by both cameras of a known pair: `R` and `P` give back the poses of the cameras.
 #[test]
 fn a_pair_is_placed_by_its_rectification() {
     let left_from_right = Se3::new(So3::exp(&Vec3::new(0.01, -0.03, 0.02)), Vec3::new(0.11, 0.004, -0.002));
-    // Rectified frames look along x to the other camera.
+    // The x axis of the rectified frames points to the other camera.
     let x = left_from_right.translation.normalize();
     let y = Vec3::z().cross(&x).normalize();
     let z = x.cross(&y);
@@ -159,7 +159,7 @@ fn big_endian_cdr_and_unknown_kinds() {
     assert!(Wire::new(WireFormat::Other, &[0; 8]).is_err());
 }
 
-/// A field of protobuf: tag, length and bytes.
+/// A protobuf field: tag, length and bytes.
 fn part(number: u8, bytes: &[u8]) -> Vec<u8> {
     let mut out = vec![number << 3 | 2];
     let mut n = bytes.len();
@@ -225,7 +225,7 @@ fn foxglove_in_protobuf() {
     );
 }
 
-/// What this crate writes in ROS 2 form is read by it.
+/// This crate reads what it writes in ROS 2 form.
 #[test]
 fn foxglove_in_ros2_form() {
     let image = cairn_sensor::GrayImage::from_vec(2, 1, vec![3, 250]).unwrap();
@@ -240,7 +240,7 @@ proptest! {
     fn any_bytes_are_decoded_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400), small in any::<bool>()) {
         let mut bytes = bytes;
         if small {
-            // Small lengths, so that the fields behind are reached.
+            // Small lengths, so that the following fields are reached.
             bytes.iter_mut().for_each(|b| *b &= 0x0f);
         }
         for (_, format) in FORMATS {

@@ -1,7 +1,8 @@
-//! Prints the figures of the filter: real logs beside smoothing and surveys, consistency over simulated runs, speed.
+//! Prints the figures of the filter: real logs compared with smoothing and surveys, consistency over simulated runs,
+//! speed.
 //!
-//! `cargo run --release -p cairn-filter --example figures [mrclam|victoria|plaza|consistency|speed]`; logs are looked for
-//! in `$CAIRN_DATA`, else `../shared/data`.
+//! `cargo run --release -p cairn-filter --example figures [mrclam|victoria|plaza|consistency|speed]`; logs are read
+//! from `$CAIRN_DATA`, else `../shared/data`.
 
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::chi2;
@@ -60,7 +61,7 @@ fn mrclam(data: &std::path::Path) -> Result<(), Box<dyn Error>> {
         let (mut line, mut sums) = (format!("{name:<34}"), [0.0; 2]);
         for (log, (smooth, _)) in logs.iter().zip(&smoothed) {
             let mut r = run(log, 0, &config)?;
-            // The least of several: the machine is not ours alone.
+            // The minimum over several runs, since other programs share the machine.
             for _ in 0..if config.association == Association::Known { 5 } else { 0 } {
                 r.filter_ms = r.filter_ms.min(run(log, 0, &config)?.filter_ms);
             }
@@ -155,7 +156,7 @@ fn plaza(data: &std::path::Path) -> Result<(), Box<dyn Error>> {
 fn nees(world: &World, seed: u64, config: EkfConfig) -> Vec<f64> {
     let simulated = world.drive(seed);
     let mut filter = EkfSlam::new(config);
-    // The start is known to 5 cm and 2 degrees, and drawn so.
+    // The initial pose has errors of 5 cm and 2 degrees (standard deviation), drawn at random.
     let mut dice = Dice::new(seed + 1_000_000);
     let deviations = Vector3::new(0.05, 0.05, 0.035);
     let start = Se2::from_xy_angle(0.05 * dice.normal(), 0.05 * dice.normal(), 0.035 * dice.normal());
@@ -208,7 +209,7 @@ fn consistency(runs: u64) {
     println!();
 }
 
-/// Milliseconds that this thread has computed; where the system does not tell (it does on Linux), those that have passed.
+/// CPU time of this thread in milliseconds; wall-clock time where the system does not report it (Linux does).
 fn thread_ms(clock: &Instant) -> f64 {
     let own = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let own = own.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
@@ -217,7 +218,8 @@ fn thread_ms(clock: &Instant) -> f64 {
 
 fn speed(landmarks: usize) {
     let clock = Instant::now();
-    // A ring long enough for as many landmarks at one density, driven a little more than once around at 10 Hz.
+    // A ring that is long enough for this many landmarks at constant density, driven slightly more than once around at
+    // 10 Hz.
     let radius_m = 30.0 * landmarks as f64 / 200.0;
     let duration_s = 1.1 * std::f64::consts::TAU * radius_m;
     let world = World { landmarks, radius_m, duration_s, rate_hz: 10.0, ..World::default() };
@@ -242,7 +244,7 @@ fn speed(landmarks: usize) {
             ms.push(began.elapsed().as_secs_f64() * 1e3);
         }
         let own_ms = (thread_ms(&clock) - own_began) / ms.len() as f64;
-        // The second half, when the map is large; the lap closes in it.
+        // The second half of the run, when the map is large; the loop is closed in it.
         let mut late = ms.split_off(ms.len() / 2);
         late.sort_by(f64::total_cmp);
         let at = |p: f64| late[((late.len() - 1) as f64 * p) as usize];

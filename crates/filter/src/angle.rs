@@ -2,12 +2,12 @@
 
 use std::f64::consts::{PI, TAU};
 
-/// The same direction in (-pi, pi], in radians. NaN and infinities give NaN.
+/// The same direction wrapped to (-pi, pi], in radians. NaN and infinities give NaN.
 pub fn wrap(angle_rad: f64) -> f64 {
     if angle_rad > -PI && angle_rad <= PI {
         return angle_rad;
     }
-    // Reduced to [0, 2 pi), then the upper half moved down.
+    // Reduced to [0, 2 pi), then the upper half is moved down.
     let turned = angle_rad.rem_euclid(TAU);
     if turned > PI { turned - TAU } else { turned }
 }

@@ -1,8 +1,9 @@
 //! Smoothing: all poses and landmarks of a log at once, by robust nonlinear least squares on a sparse Cholesky.
 //!
-//! What is minimised is half the sum of squared whitened odometry residuals and of the losses of squared whitened sightings
-//! (Dellaert and Kaess, "Square root SAM", IJRR 2006), by Levenberg-Marquardt (Madsen, Nielsen, Tingleff 2004, 3.2). The
-//! first pose of the first robot is held. Blocks of landmarks are padded to three, so that one block size serves all.
+//! The cost is half the sum of squared whitened odometry residuals and of the robust losses of squared whitened
+//! sightings (Dellaert and Kaess, "Square root SAM", IJRR 2006), minimised by Levenberg-Marquardt (Madsen, Nielsen,
+//! Tingleff 2004, 3.2). The first pose of the first robot is fixed. Blocks of landmarks are padded to three, so that
+//! all blocks have one size.
 
 use crate::angle::wrap;
 use crate::log::{Step, Target};
@@ -14,17 +15,18 @@ use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Variances below this (m^2, rad^2) are lifted to it: a robot that stands still has no odometry noise at all.
+/// Smaller variances (m^2, rad^2) are raised to this one: the odometry of a robot that stands still has no noise at
+/// all.
 const LEAST_VARIANCE: f64 = 1e-10;
 
-/// How to smooth.
+/// Configuration of the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BatchConfig {
-    /// Loss of a whitened sighting.
+    /// Robust loss of a whitened sighting.
     pub loss: Loss,
-    /// Steps at most.
+    /// Greatest number of steps.
     pub iterations: usize,
-    /// Done when a step lowers the cost by less than this part of it.
+    /// Converged when a step lowers the cost by less than this fraction of it.
     pub tolerance: f64,
 }
 
@@ -34,7 +36,7 @@ impl Default for BatchConfig {
     }
 }
 
-/// A smoothed run, or the start of one.
+/// A smoothed run, or the initial guess of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Smoothed {
     /// Poses (x m, y m, angle rad) of each robot at its steps.
@@ -43,25 +45,25 @@ pub struct Smoothed {
     pub landmarks: BTreeMap<u32, Vec2>,
 }
 
-/// How smoothing went.
+/// How the optimisation went.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BatchReport {
     /// Steps tried.
     pub iterations: usize,
-    /// Cost before.
+    /// Cost of the initial guess.
     pub cost_before: f64,
-    /// Cost after.
+    /// Cost of the result.
     pub cost_after: f64,
     /// Whether the cost stopped falling before the iterations ran out.
     pub converged: bool,
-    /// Sightings used: those of targets that the start knows.
+    /// Sightings used: those of targets that the initial guess contains.
     pub sightings: usize,
 }
 
-/// Lowers the cost from `start`, whose poses stand at the steps of each robot; landmarks that it lacks are left out. A robot
-/// is seen where its steps hold the instant of the sighting.
+/// Minimises the cost from `start`, which has one pose for each step of each robot; landmarks missing from it are left
+/// out. Another robot counts as a target only where it has a step at the instant of the sighting.
 ///
-/// The best state found is returned, whatever ended the descent.
+/// Returns the best state found, for whatever reason the iterations ended.
 pub fn smooth(steps: &[Vec<Step>], start: Smoothed, config: &BatchConfig) -> (Smoothed, BatchReport) {
     let graph = Graph::new(steps, &start);
     let mut now = graph.pack(&start);
@@ -121,7 +123,7 @@ struct Seen {
     information: Matrix3<f64>,
 }
 
-/// Variables by number: poses robot after robot, then landmarks by label.
+/// Numbering of the variables: poses robot by robot, then landmarks by label.
 struct Graph {
     first_of: Vec<usize>,
     landmarks: Vec<u32>,
@@ -210,7 +212,7 @@ impl Graph {
     }
 }
 
-/// Normal equations with the blocks of the pattern.
+/// Normal equations with a fixed block sparsity pattern.
 #[derive(Clone)]
 struct Normal {
     diagonal: Vec<Matrix3<f64>>,
@@ -240,7 +242,7 @@ impl Normal {
             let Some((by_observer, by_target)) = jacobians(s.measurement.kind(), observer, target) else {
                 continue;
             };
-            // The innovation is measured less expected: the residual's sign is the other way.
+            // The innovation is measured minus expected; the residual has the opposite sign.
             let residual = -s.measurement.innovation(observer, target);
             self.add(
                 analysis,
@@ -250,7 +252,7 @@ impl Normal {
                 loss,
             );
         }
-        // The first pose is held; what a landmark's block is padded with has nothing to say.
+        // The first pose is fixed; the padding of landmark blocks has no information.
         self.diagonal[0] += Matrix3::identity() * 1e12;
         for block in &mut self.diagonal {
             (0..3)
@@ -278,7 +280,7 @@ impl Normal {
         self.gradient[a] += by_a.tr_mul(&weighted) * weight;
         self.gradient[b] += by_b.tr_mul(&weighted) * weight;
         if let Some(pair) = analysis.pair(a, b) {
-            // Row greater than column.
+            // The row index must be greater than the column index.
             self.off_diagonal[pair] += if a > b { by_a.tr_mul(&wb) } else { by_b.tr_mul(&wa) };
         }
     }
@@ -302,7 +304,7 @@ impl System {
         Self { factor: Factor::new(Arc::clone(&analysis)), analysis, normal }
     }
 
-    /// The damped step, and by how much the linear model lowers the cost; `None` when the system is singular.
+    /// The damped step, and the decrease of the cost predicted by the linear model; `None` when the system is singular.
     fn step(&mut self, lambda: f64) -> Option<(Vec<Vector3<f64>>, f64)> {
         let damp = |m: &Matrix3<f64>| m + Matrix3::from_diagonal(&m.diagonal()) * lambda;
         let diagonal: Vec<f64> = self.normal.diagonal.iter().flat_map(|m| damp(m).data.0).flatten().collect();
@@ -321,7 +323,7 @@ impl System {
     }
 }
 
-/// Expected less measured motion in the frame before it, and its derivatives by the two poses.
+/// Expected minus measured motion, in the frame before the motion, and its derivatives with respect to the two poses.
 fn odometry_residual(
     from: &Vector3<f64>,
     to: &Vector3<f64>,

@@ -1,9 +1,10 @@
-//! The chi-square distribution: what gates and consistency bounds are made of.
+//! The chi-square distribution, for gates and consistency bounds.
 //!
 //! Source: Abramowitz and Stegun, "Handbook of mathematical functions" (1964), 6.1.41 (logarithm of the gamma
-//! function), 6.5.29 (series) and 6.5.31 (continued fraction) of the incomplete one, 26.4.17 (first guess of a quantile).
+//! function), 6.5.29 (series) and 6.5.31 (continued fraction) of the incomplete gamma function, 26.4.17 (first guess of
+//! a quantile).
 
-/// Probability that chi-square with so many degrees of freedom is at most `x`; 0 for `x <= 0` and NaN for NaN.
+/// Probability that a chi-square variable with `dof` degrees of freedom is at most `x`; 0 for `x <= 0` and NaN for NaN.
 pub fn cumulative(x: f64, dof: usize) -> f64 {
     if x <= 0.0 {
         return 0.0;
@@ -16,9 +17,9 @@ pub fn cumulative(x: f64, dof: usize) -> f64 {
     if x < a + 1.0 { series(a, x) * scale } else { 1.0 - fraction(a, x) * scale }
 }
 
-/// The value that chi-square with so many degrees of freedom stays below with this probability.
+/// The value that a chi-square variable with `dof` degrees of freedom does not exceed with this probability.
 ///
-/// 0 for a probability of 0 or less or no degrees of freedom, infinite for 1 or more.
+/// 0 for a probability of 0 or less or for no degrees of freedom, infinite for a probability of 1 or more.
 pub fn quantile(probability: f64, dof: usize) -> f64 {
     if probability <= 0.0 || dof == 0 {
         return 0.0;
@@ -27,7 +28,7 @@ pub fn quantile(probability: f64, dof: usize) -> f64 {
         return f64::INFINITY;
     }
     let n = dof as f64;
-    // Bracketed from the mean, then bisected: fifty halvings are beyond what gates and bounds need.
+    // Bracketed from the mean, then bisected: fifty halvings are more precise than gates and bounds need.
     let (mut low, mut high) = (0.0, n + 10.0);
     while cumulative(high, dof) < probability {
         high *= 2.0;
@@ -39,8 +40,9 @@ pub fn quantile(probability: f64, dof: usize) -> f64 {
     0.5 * (low + high)
 }
 
-/// The two values between which the mean of `runs` chi-square variables, each of `dof` degrees of freedom, lies with this
-/// probability (Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001, 5.4.2).
+/// The two values between which the mean of `runs` chi-square variables, each of `dof` degrees of freedom, lies with
+/// this probability (Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001,
+/// 5.4.2).
 pub fn mean_bounds(probability: f64, dof: usize, runs: usize) -> (f64, f64) {
     let tail = 0.5 * (1.0 - probability);
     let at = |p: f64| quantile(p, dof * runs) / runs.max(1) as f64;
@@ -81,7 +83,7 @@ fn fraction(a: f64, x: f64) -> f64 {
     value
 }
 
-/// Stirling's series, moved up to where it is exact to double precision.
+/// Stirling's series, with the argument shifted up to where it is exact to double precision.
 fn ln_gamma(a: f64) -> f64 {
     let (mut shift, mut z) = (0.0, a);
     while z < 12.0 {
@@ -100,7 +102,7 @@ mod tests {
 
     #[test]
     fn agrees_with_tables() {
-        // Any statistics handbook: 95 % and 99 % quantiles.
+        // 95 % and 99 % quantiles, as in any statistics handbook.
         for (p, dof, value) in [
             (0.95, 1, 3.841_459),
             (0.95, 2, 5.991_465),
@@ -114,7 +116,7 @@ mod tests {
             assert!((quantile(p, dof) - value).abs() < 1e-5, "{p} {dof}: {}", quantile(p, dof));
             assert!((cumulative(value, dof) - p).abs() < 1e-7);
         }
-        // With two degrees of freedom the quantile is elementary.
+        // With two degrees of freedom the quantile has a closed form.
         for p in [0.01, 0.5, 0.9, 0.999] {
             assert!((quantile(p, 2) + 2.0 * (1.0_f64 - p).ln()).abs() < 1e-9);
         }

@@ -1,32 +1,32 @@
-//! Sensors: what is measured of a landmark or of another robot, its Jacobians, and its inverse.
+//! Sensor models: measurements of a landmark or of another robot, their Jacobians, and their inverse.
 //!
-//! Poses are `world_from_body` as (x m, y m, angle rad), landmarks points in the same world. Source: Thrun, Burgard, Fox,
-//! "Probabilistic robotics" (2005), 6.6 and 10.2.
+//! Poses are `world_from_body` as (x m, y m, angle rad), landmarks are points in the same world. Source: Thrun,
+//! Burgard, Fox, "Probabilistic robotics" (2005), 6.6 and 10.2.
 
 use crate::angle::wrap;
 use cairn_geometry::Se2;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// Nearer than this a direction means nothing, in metres.
+/// Below this distance a direction is undefined, in metres.
 const NEAR_M: f64 = 1e-6;
 
-/// What a sensor measures.
+/// Kind of measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Distance (m) and direction (rad) in the body's frame.
     RangeBearing,
-    /// Distance alone.
+    /// Distance only, in metres.
     Range,
-    /// Direction alone.
+    /// Direction only, in radians.
     Bearing,
-    /// Place in the body's frame: x forward and y left, in metres.
+    /// Position in the body's frame: x forward and y left, in metres.
     Position,
-    /// Pose of another robot in the body's frame: x, y, angle.
+    /// Pose of another robot in the body's frame: x, y in metres, angle in radians.
     RelativePose,
 }
 
 impl Kind {
-    /// Numbers that are measured: the degrees of freedom of its gate.
+    /// Number of measured values: the degrees of freedom of its gate.
     pub fn rows(self) -> usize {
         match self {
             Self::Range | Self::Bearing => 1,
@@ -35,7 +35,7 @@ impl Kind {
         }
     }
 
-    /// Whether one measurement determines where the target is.
+    /// Whether one measurement determines the position of the target.
     pub fn determines(self) -> bool {
         matches!(self, Self::RangeBearing | Self::Position | Self::RelativePose)
     }
@@ -51,7 +51,7 @@ impl Kind {
     }
 }
 
-/// A measurement with its covariance; the first [`Kind::rows`] entries count.
+/// A measurement with its covariance; only the first [`Kind::rows`] entries are used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     kind: Kind,
@@ -59,7 +59,7 @@ pub struct Measurement {
     covariance: Matrix3<f64>,
 }
 
-/// Why a measurement is none.
+/// Why a measurement is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MeasurementError {
     /// A number is NaN or infinite.
@@ -68,10 +68,10 @@ pub enum MeasurementError {
     /// A distance is below zero.
     #[error("the range of {0} m is negative")]
     NegativeRange(f64),
-    /// Its noise is not positive.
+    /// A standard deviation is not positive.
     #[error("the standard deviation {0} of a measurement is not positive and finite")]
     Deviation(f64),
-    /// Its covariance is not positive definite.
+    /// The covariance is not positive definite.
     #[error("the covariance of a measurement is not symmetric and positive definite")]
     Covariance,
 }
@@ -80,7 +80,7 @@ impl Measurement {
     /// Distance and direction with their standard deviations.
     ///
     /// # Errors
-    /// For what is not finite, a negative range, and deviations that are not positive.
+    /// When a value is not finite, the range is negative, or a deviation is not positive.
     pub fn range_bearing(
         range_m: f64,
         bearing_rad: f64,
@@ -91,7 +91,7 @@ impl Measurement {
         Self::new(Kind::RangeBearing, [range_m, bearing_rad, 0.0], [range_deviation, bearing_deviation, 1.0])
     }
 
-    /// Distance alone.
+    /// Distance only, with its standard deviation.
     ///
     /// # Errors
     /// As [`Measurement::range_bearing`].
@@ -100,7 +100,7 @@ impl Measurement {
         Self::new(Kind::Range, [range_m, 0.0, 0.0], [deviation_m, 1.0, 1.0])
     }
 
-    /// Direction alone.
+    /// Direction only, with its standard deviation.
     ///
     /// # Errors
     /// As [`Measurement::range_bearing`].
@@ -108,10 +108,10 @@ impl Measurement {
         Self::new(Kind::Bearing, [bearing_rad, 0.0, 0.0], [deviation_rad, 1.0, 1.0])
     }
 
-    /// Place in the body's frame, in metres, with its covariance.
+    /// Position in the body's frame, in metres, with its covariance.
     ///
     /// # Errors
-    /// For what is not finite, and a covariance that is not symmetric and positive definite.
+    /// When a value is not finite, or the covariance is not symmetric and positive definite.
     pub fn position(x_m: f64, y_m: f64, covariance: &Matrix2<f64>) -> Result<Self, MeasurementError> {
         let mut whole = Matrix3::identity();
         whole.fixed_view_mut::<2, 2>(0, 0).copy_from(covariance);
@@ -157,27 +157,27 @@ impl Measurement {
         Ok(Self { kind, value, covariance })
     }
 
-    /// What is measured.
+    /// The kind of measurement.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// The numbers measured; the first [`Kind::rows`] count.
+    /// The measured values; only the first [`Kind::rows`] are used.
     pub fn value(&self) -> &Vector3<f64> {
         &self.value
     }
 
-    /// Their covariance; the upper left [`Kind::rows`] square counts.
+    /// Their covariance; only the upper left square of size [`Kind::rows`] is used.
     pub fn covariance(&self) -> &Matrix3<f64> {
         &self.covariance
     }
 
-    /// The same measurement, its covariance multiplied by a positive factor.
+    /// The same measurement with its covariance multiplied by a positive factor.
     pub fn scaled(&self, factor: f64) -> Self {
         Self { covariance: self.covariance * factor, ..*self }
     }
 
-    /// Measured less expected, angles the short way round. The third entry of a landmark is not used.
+    /// Measured minus expected values, with angles wrapped. The third entry of a landmark is not used.
     pub fn innovation(&self, observer: &Vector3<f64>, target: &Vector3<f64>) -> Vector3<f64> {
         let mut difference = self.value - expected(self.kind, observer, target);
         if let Some(row) = self.kind.angle_row() {
@@ -186,14 +186,14 @@ impl Measurement {
         difference
     }
 
-    /// Where a landmark is by this measurement, for kinds that determine it.
+    /// The position of a landmark according to this measurement, for kinds that determine it.
     pub fn target(&self, observer: &Vector3<f64>) -> Option<Vector2<f64>> {
         let (s, c) = observer.z.sin_cos();
         let local = self.local()?;
         Some(Vector2::new(observer.x + c * local.x - s * local.y, observer.y + s * local.x + c * local.y))
     }
 
-    /// The place in the body's frame.
+    /// The position in the body's frame.
     fn local(&self) -> Option<Vector2<f64>> {
         let v = &self.value;
         match self.kind {
@@ -203,7 +203,7 @@ impl Measurement {
         }
     }
 
-    /// Covariance, in the world, that this measurement's noise gives to the landmark placed by it.
+    /// Covariance, in the world, of a landmark placed by this measurement, due to the measurement noise alone.
     pub fn target_noise(&self, observer: &Vector3<f64>) -> Option<Matrix2<f64>> {
         let v = &self.value;
         let by_value = match self.kind {
@@ -224,7 +224,7 @@ fn not_negative(range_m: f64) -> Result<(), MeasurementError> {
     if range_m < 0.0 { Err(MeasurementError::NegativeRange(range_m)) } else { Ok(()) }
 }
 
-/// What would be measured without noise.
+/// The measured values without noise.
 pub fn expected(kind: Kind, observer: &Vector3<f64>, target: &Vector3<f64>) -> Vector3<f64> {
     let d = target.xy() - observer.xy();
     let (s, c) = observer.z.sin_cos();
@@ -238,8 +238,8 @@ pub fn expected(kind: Kind, observer: &Vector3<f64>, target: &Vector3<f64>) -> V
     }
 }
 
-/// Derivatives of what is measured by the observer's pose and by the target; `None` where the two stand in one place and
-/// the derivative is not defined.
+/// Derivatives of the measured values with respect to the observer's pose and to the target; `None` where the two are
+/// at the same position and the derivative is not defined.
 pub fn jacobians(
     kind: Kind,
     observer: &Vector3<f64>,
@@ -265,7 +265,7 @@ pub fn jacobians(
         Kind::RelativePose => [place[0], place[1], [0.0, 0.0, -1.0]],
     };
     let by_observer = Matrix3::from_fn(|i, j| rows[i][j]);
-    // Moving the target is moving the observer the other way.
+    // Moving the target is the same as moving the observer the opposite way.
     let mut by_target = Matrix3::from_fn(|i, j| if j < 2 { -rows[i][j] } else { 0.0 });
     if kind == Kind::RelativePose {
         by_target[(2, 2)] = 1.0;
@@ -312,7 +312,7 @@ mod tests {
             let z = expected(Kind::RangeBearing, &observer, &target.push(0.0));
             let m = Measurement::range_bearing(z.x, z.y, 0.1, 0.02).unwrap();
             assert!((m.target(&observer).unwrap() - target).norm() < 1e-12);
-            // Along the line of sight the range's noise, across it the bearing's times the range.
+            // Along the line of sight the noise is that of the range, across it that of the bearing times the range.
             let noise = m.target_noise(&observer).unwrap();
             let d = (target - observer.xy()).normalize();
             assert!((d.dot(&(noise * d)) - 0.01).abs() < 1e-12);

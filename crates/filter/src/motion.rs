@@ -1,8 +1,9 @@
-//! Motion models: a control and its noise, in the control's own space, become a relative motion with its covariance.
+//! Motion models: they convert a control and its noise, in control space, to a relative motion with its covariance.
 //!
-//! Source: Thrun, Burgard, Fox, "Probabilistic robotics" (2005), 5.3 (velocity) and 5.4 (odometry); Siegwart, Nourbakhsh,
-//! Scaramuzza, "Introduction to autonomous mobile robots" (2011), 5.2.4 (differential drive). Each model's covariance is
-//! `V M V^T`, where `M` is the covariance of the control and `V` the derivative of the motion by the control.
+//! Source: Thrun, Burgard, Fox, "Probabilistic robotics" (2005), 5.3 (velocity) and 5.4 (odometry); Siegwart,
+//! Nourbakhsh, Scaramuzza, "Introduction to autonomous mobile robots" (2011), 5.2.4 (differential drive). Each model's
+//! covariance is `V M V^T`, where `M` is the covariance of the control and `V` the derivative of the motion with
+//! respect to the control.
 
 use cairn_geometry::Se2;
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector3};
@@ -10,19 +11,19 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector3};
 /// A relative motion, with the covariance of its coordinates (x, y in metres, angle in radians) in the frame before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// The body's frame after the motion, seen in its frame before.
+    /// The body's frame after the motion, expressed in its frame before.
     pub before_from_after: Se2,
     /// Covariance of x, y and angle of that transform.
     pub covariance: Matrix3<f64>,
 }
 
 impl Motion {
-    /// Standing still, for certain.
+    /// No motion, with zero covariance.
     pub fn identity() -> Self {
         Self { before_from_after: Se2::identity(), covariance: Matrix3::zeros() }
     }
 
-    /// This motion and then another, as one; their noises are independent.
+    /// This motion followed by another, combined; their noises are independent.
     pub fn then(&self, next: &Motion) -> Motion {
         let (r, t) = (self.before_from_after.rotation, next.before_from_after.translation);
         let (c, s) = (r.cos(), r.sin());
@@ -44,53 +45,54 @@ impl Motion {
     }
 }
 
-/// Noise of forward and angular velocity as spectral densities, so that it does not depend on how finely time is cut.
+/// Noise of forward and angular velocity as spectral densities, so that it does not depend on the length of the time
+/// steps.
 ///
 /// The density of forward velocity is `speed^2 + speed_by_speed^2 v^2 + speed_by_turn^2 w^2` in m^2/s, that of angular
 /// velocity likewise in rad^2/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VelocityModel {
-    /// Forward, always, in m/s/sqrt(Hz).
+    /// Forward velocity, constant part, in m/s/sqrt(Hz).
     pub speed: f64,
-    /// Forward, for each m/s forward, in 1/sqrt(Hz).
+    /// Forward velocity, for each m/s of forward velocity, in 1/sqrt(Hz).
     pub speed_by_speed: f64,
-    /// Forward, for each rad/s of turning, in m/rad/sqrt(Hz).
+    /// Forward velocity, for each rad/s of angular velocity, in m/rad/sqrt(Hz).
     pub speed_by_turn: f64,
-    /// Turning, always, in rad/s/sqrt(Hz).
+    /// Angular velocity, constant part, in rad/s/sqrt(Hz).
     pub turn: f64,
-    /// Turning, for each m/s forward, in rad/m/sqrt(Hz).
+    /// Angular velocity, for each m/s of forward velocity, in rad/m/sqrt(Hz).
     pub turn_by_speed: f64,
-    /// Turning, for each rad/s of turning, in 1/sqrt(Hz).
+    /// Angular velocity, for each rad/s of angular velocity, in 1/sqrt(Hz).
     pub turn_by_turn: f64,
 }
 
 impl VelocityModel {
-    /// Along an arc at constant forward (m/s) and angular (rad/s) velocity.
+    /// Motion along an arc at constant forward (m/s) and angular (rad/s) velocity.
     pub fn motion(&self, speed_m_s: f64, turn_rad_s: f64, duration_s: f64) -> Motion {
         let (v2, w2, square) = (speed_m_s * speed_m_s, turn_rad_s * turn_rad_s, |s: f64| s * s);
         let forward = square(self.speed) + square(self.speed_by_speed) * v2 + square(self.speed_by_turn) * w2;
         let turning = square(self.turn) + square(self.turn_by_speed) * v2 + square(self.turn_by_turn) * w2;
-        // White noise over the duration: the variance of what was travelled grows with time.
+        // White noise over the duration: the variance of the travelled distance grows with time.
         let control = Matrix2::new(forward, 0.0, 0.0, turning) * duration_s.max(0.0);
         along_arc(speed_m_s * duration_s, turn_rad_s * duration_s, &control)
     }
 }
 
-/// Odometry as a turn, a straight line and a turn, each with noise (Thrun et al., 2005, table 5.6).
+/// Odometry as a turn, a straight line and a second turn, each with noise (Thrun et al., 2005, table 5.6).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OdometryModel {
-    /// Deviation of a turn for each radian turned.
+    /// Standard deviation of a turn for each radian turned.
     pub turn_by_turn: f64,
-    /// Deviation of a turn in radians for each metre.
+    /// Standard deviation of a turn in radians for each metre.
     pub turn_by_way: f64,
-    /// Deviation of the way for each metre.
+    /// Standard deviation of the distance for each metre.
     pub way_by_way: f64,
-    /// Deviation of the way in metres for each radian turned.
+    /// Standard deviation of the distance in metres for each radian turned.
     pub way_by_turn: f64,
 }
 
 impl OdometryModel {
-    /// First turn (rad), way (m), second turn (rad).
+    /// Motion from the first turn (rad), the distance (m) and the second turn (rad).
     pub fn motion(&self, turn1_rad: f64, way_m: f64, turn2_rad: f64) -> Motion {
         let square = |v: f64| v * v;
         let turn = |angle: f64| square(self.turn_by_turn * angle) + square(self.turn_by_way * way_m);
@@ -111,7 +113,7 @@ impl OdometryModel {
     }
 }
 
-/// Two driven wheels: the variance of each wheel's travel grows with the way that it rolled.
+/// Differential drive: the variance of each wheel's travel grows with the distance that it rolled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DifferentialDrive {
     /// Distance between the wheels in metres.
@@ -123,9 +125,9 @@ pub struct DifferentialDrive {
 }
 
 impl DifferentialDrive {
-    /// From the travel of the two wheels in metres.
+    /// Motion from the travel of the two wheels in metres.
     pub fn motion(&self, left_m: f64, right_m: f64) -> Motion {
-        // From wheels to (way, turn).
+        // From wheel travel to (distance, turn).
         let mix = Matrix2::new(0.5, 0.5, -1.0 / self.track_m, 1.0 / self.track_m);
         let wheels = Matrix2::new(self.left * left_m.abs(), 0.0, 0.0, self.right * right_m.abs());
         let control = mix * wheels * mix.transpose();
@@ -133,7 +135,7 @@ impl DifferentialDrive {
     }
 }
 
-/// Along an arc of this length (m) and turn (rad), with the covariance of the two.
+/// Motion along an arc of this length (m) and turn (rad), with the covariance of the two.
 pub fn along_arc(way_m: f64, turn_rad: f64, control: &Matrix2<f64>) -> Motion {
     let ([a, b], v) = (arc(turn_rad), arc_jacobian(way_m, turn_rad));
     Motion {
@@ -250,7 +252,7 @@ mod tests {
         assert!(
             (coordinates(&whole.before_from_after) - coordinates(&parts.before_from_after)).norm() < 1e-9
         );
-        // One control for the whole second moves the noise to where the arc is linearised: equal to second order.
+        // One control for the whole second adds the noise at another linearisation point: equal to second order.
         let scale = whole.covariance.norm();
         assert!((whole.covariance - parts.covariance).norm() < 0.3 * scale);
         assert!((whole.covariance[(2, 2)] - parts.covariance[(2, 2)]).abs() < 1e-12);

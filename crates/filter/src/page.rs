@@ -1,4 +1,5 @@
-//! A page that replays a run: path, landmarks with their 95 % ellipses, and a slider for time. One file, no network.
+//! A page that replays a run: path, landmarks with their 95 % ellipses, and a time slider. One file that needs no
+//! network.
 
 use crate::ekf::Landmark;
 use crate::run::{Run, Snapshot, ellipse_95};
@@ -7,10 +8,10 @@ use nalgebra::{Matrix2, Vector3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// Poses of a path that are drawn, at most.
+/// Greatest number of poses of a path that are drawn.
 const DRAWN: usize = 4000;
 
-/// A page of this run; surveyed landmarks and smoothed positions are drawn where there are any, moved into the map's
+/// The page of this run; surveyed landmarks and smoothed positions are drawn if available, transformed into the map's
 /// frame by `map_from_survey`.
 pub fn page(
     title: &str,
@@ -42,7 +43,7 @@ pub fn page(
         .iter()
         .map(|(name, value)| format!("<div><dt>{}</dt><dd>{}</dd></div>", escape(name), escape(value)))
         .collect();
-    // A '<' inside the data must not end the script.
+    // A '<' inside the data must not end the script element.
     let data = data.to_string().replace('<', "\\u003c");
     TEMPLATE.replace("@title@", &escape(title)).replace("@facts@", &rows).replace("@data@", &data)
 }
@@ -72,7 +73,7 @@ fn frame(snapshot: &Snapshot, run: &Run) -> Value {
     })
 }
 
-/// Millimetres and milliradians are enough for a picture.
+/// Rounds to millimetres and milliradians, which is enough for a picture.
 fn round(v: f64) -> f64 {
     (v * 1e3).round() / 1e3
 }

@@ -1,5 +1,5 @@
-//! One robot's log through the filter: what became of its sightings, how well it knew what it did not know, and how it
-//! compares with smoothing and with a survey.
+//! Runs one robot's log through the filter: results of its sightings, consistency of its covariance, and comparison
+//! with smoothing and with a survey.
 
 use crate::batch::{BatchConfig, BatchReport, Smoothed, smooth};
 use crate::chi2;
@@ -11,33 +11,33 @@ use nalgebra::{Matrix2, Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Snapshots kept for a replay, at most.
+/// Greatest number of snapshots kept for a replay.
 const SNAPSHOTS: usize = 240;
 
-/// What cannot be run.
+/// Why a log cannot be run.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum RunError {
     /// There is no such robot in the log.
     #[error("the log has no robot {0}")]
     NoRobot(usize),
-    /// A sighting with the log's noise is no measurement.
+    /// A sighting with the log's noise is not a valid measurement.
     #[error("a sighting cannot be used: {0}")]
     Measurement(#[from] MeasurementError),
-    /// A motion of the log is none.
+    /// The filter rejects a motion of the log.
     #[error("a motion cannot be used: {0}")]
     Filter(#[from] FilterError),
 }
 
-/// What became of the sightings.
+/// Results of the sightings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Corrected the state.
+    /// Sightings that corrected the state.
     pub taken: usize,
-    /// Founded a landmark.
+    /// Sightings that initialised a landmark.
     pub new: usize,
-    /// Outside the gate, or ambiguous.
+    /// Sightings outside the gate, or ambiguous.
     pub rejected: usize,
-    /// Kept for a landmark that could not be placed yet, or could not be used.
+    /// Sightings stored for a landmark that is not initialised yet, or that could not be used.
     pub waiting: usize,
 }
 
@@ -46,7 +46,7 @@ pub struct Counts {
 pub struct Snapshot {
     /// Seconds from the start of the log.
     pub time_s: f64,
-    /// Number of the step.
+    /// Index of the step.
     pub step: usize,
     /// Pose (x m, y m, angle rad).
     pub pose: Vector3<f64>,
@@ -61,27 +61,27 @@ pub struct Snapshot {
 pub struct Run {
     /// The robot's name.
     pub robot: String,
-    /// When the poses are, in seconds from the start of the log.
+    /// Times of the poses, in seconds from the start of the log.
     pub times_s: Vec<f64>,
-    /// Live poses (x m, y m, angle rad) at the steps.
+    /// Filtered poses (x m, y m, angle rad) at the steps.
     pub poses: Vec<Vector3<f64>>,
     /// Landmarks at the end.
     pub landmarks: Vec<Landmark>,
-    /// The label that most sightings of a landmark have, for judging where labels are not used.
+    /// The most frequent label among the sightings of each landmark, for evaluation where labels are not used.
     pub names: BTreeMap<LandmarkId, u32>,
-    /// What became of the sightings.
+    /// Results of the sightings.
     pub counts: Counts,
-    /// Mean of the normalised innovation squared, for each degree of freedom: 1 when the noise is right.
+    /// Mean of the normalised innovation squared per degree of freedom: 1 when the noise model is right.
     pub nis_per_dof: f64,
-    /// Part of the innovations taken or rejected that are within their 95 % bound.
+    /// Fraction of the innovations, accepted or rejected, that are within their 95 % bound.
     pub nis_within_95: f64,
-    /// Part of the associations that are not to the landmark of their label; `None` where labels were used or absent.
+    /// Fraction of the associations with a landmark of another label; `None` where labels were used or absent.
     pub wrong_associations: Option<f64>,
-    /// How often the pose had to be widened.
+    /// How often the covariance of the pose was widened by recovery.
     pub recoveries: usize,
-    /// Preparing the steps and filtering, without reading and snapshots, in milliseconds.
+    /// Time for preparing the steps and filtering, without reading and snapshots, in milliseconds.
     pub filter_ms: f64,
-    /// For a replay.
+    /// Snapshots for a replay.
     pub snapshots: Vec<Snapshot>,
 }
 
@@ -95,9 +95,9 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let labelled = config.association == Association::Known;
     let mut steps = recorded.steps(if labelled { &log.noise } else { &log.unlabelled_noise }, &[])?;
     let mut filter = EkfSlam::new(*config);
-    // The start is the frame of the map: known, but for what rounding needs.
+    // The start defines the frame of the map, so it is known, except for a small variance against rounding.
     let id = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
-    // Only one robot is in the state.
+    // The state contains only one robot.
     steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
     let mut tally = Tally::default();
     let (mut poses, mut snapshots) = (Vec::with_capacity(steps.len()), Vec::new());
@@ -147,7 +147,7 @@ struct Tally {
     dof: f64,
     within: f64,
     judged: f64,
-    /// Sightings of each landmark by label.
+    /// Number of sightings of each landmark by label.
     votes: BTreeMap<LandmarkId, BTreeMap<u32, usize>>,
 }
 
@@ -160,7 +160,7 @@ impl Tally {
                     self.nis += nis;
                     self.dof += dof as f64;
                     self.judged += 1.0;
-                    // Cheap for the degrees of freedom that there are.
+                    // Cheap, since there are few degrees of freedom.
                     self.within += f64::from(u8::from(chi2::cumulative(nis, dof) <= 0.95));
                     landmark
                 }
@@ -184,7 +184,7 @@ impl Tally {
         }
     }
 
-    /// The votes of landmarks that turned out to be one count together.
+    /// Adds up the votes of landmarks that were merged.
     fn join(&mut self, joined: &BTreeMap<LandmarkId, LandmarkId>) {
         for id in joined.keys() {
             let mut to = *id;
@@ -197,7 +197,7 @@ impl Tally {
         }
     }
 
-    /// The name of each landmark, and the part of the sightings that have another.
+    /// The most frequent label of each landmark, and the fraction of sightings with another label.
     fn names(&self) -> (BTreeMap<LandmarkId, u32>, Option<f64>) {
         let (mut names, mut right, mut all) = (BTreeMap::new(), 0, 0);
         for (id, votes) in &self.votes {
@@ -212,7 +212,7 @@ impl Tally {
 }
 
 impl Run {
-    /// Confirmed landmarks by name; of several with one name the one seen most.
+    /// Confirmed landmarks by label; of several with one label the one seen most often.
     pub fn named(&self) -> BTreeMap<u32, Vec2> {
         let mut best: BTreeMap<u32, (usize, Vec2)> = BTreeMap::new();
         for landmark in self.landmarks.iter().filter(|l| l.confirmed) {
@@ -227,8 +227,8 @@ impl Run {
         best.into_iter().map(|(name, (_, position))| (name, position)).collect()
     }
 
-    /// Smooths the whole run with the log's noise for that, from the filter's estimates. Sightings count for the landmark
-    /// of their label.
+    /// Smooths the whole run with the log's smoothing noise, starting from the filter's estimates. Sightings are
+    /// associated by their labels.
     ///
     /// # Errors
     /// As [`run`].
@@ -239,7 +239,7 @@ impl Run {
         config: &BatchConfig,
     ) -> Result<(Smoothed, BatchReport), RunError> {
         let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
-        // The same instants: sightings are moved by the same delay.
+        // The delay is the same, so that the steps have the same instants.
         let noise = Noise { sighting_delay_s: log.noise.sighting_delay_s, ..log.smoothing_noise };
         let mut steps = recorded.steps(&noise, &[])?;
         steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
@@ -248,8 +248,8 @@ impl Run {
     }
 }
 
-/// Lays landmarks onto others of the same names without scaling: the transform onto `target`, the root mean square of
-/// what remains in metres, and the number of pairs. `None` for fewer than three pairs or pairs in a line.
+/// Aligns landmarks with others of the same labels, without scaling: returns the transform onto `target`, the root mean
+/// square of the residuals in metres, and the number of pairs. `None` for fewer than three pairs or collinear pairs.
 pub fn align(target: &BTreeMap<u32, Vec2>, source: &BTreeMap<u32, Vec2>) -> Option<(Se2, f64, usize)> {
     let pairs: Vec<(Vec3, Vec3)> =
         source.iter().filter_map(|(name, p)| Some((target.get(name)?.push(0.0), p.push(0.0)))).collect();
@@ -261,13 +261,13 @@ pub fn align(target: &BTreeMap<u32, Vec2>, source: &BTreeMap<u32, Vec2>) -> Opti
     Some((transform, (sum / to.len() as f64).sqrt(), to.len()))
 }
 
-/// Root mean square distance of positions, each list laid out by its own transform, in metres.
+/// Root mean square distance of positions in metres, after each list is transformed by its own transform.
 pub fn position_rmse(a: &[Vector3<f64>], a_to: &Se2, b: &[Vector3<f64>], b_to: &Se2) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(a, b)| (*a_to * a.xy() - *b_to * b.xy()).norm_squared()).sum();
     (sum / a.len().min(b.len()).max(1) as f64).sqrt()
 }
 
-/// Half axes (m) and direction (rad) of the ellipse that holds a Gaussian in the plane with 95 %.
+/// Half axes (m) and direction (rad) of the ellipse that contains 95 % of a Gaussian in the plane.
 pub fn ellipse_95(covariance: &Matrix2<f64>) -> [f64; 3] {
     let (a, b, c) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
     let (mean, half) = (0.5 * (a + c), (0.25 * (a - c) * (a - c) + b * b).sqrt());

@@ -1,6 +1,6 @@
-//! Simulated worlds with exact truth: a robot on a loop among landmarks, with noise drawn as the models say.
+//! Simulated worlds with ground truth: a robot on a loop among landmarks, with noise drawn from the models.
 //!
-//! They serve consistency: only where the noise is known can the filter's belief about its own error be judged.
+//! They serve to test consistency: the filter's covariance can be judged only where the noise is known.
 
 use crate::angle::wrap;
 use crate::log::{Sighting, Step, Target};
@@ -15,7 +15,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 pub struct Dice(u64);
 
 impl Dice {
-    /// The same seed, the same numbers.
+    /// A generator; the same seed gives the same numbers.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
@@ -29,37 +29,37 @@ impl Dice {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Normal with mean 0 and deviation 1 (Box and Muller 1958).
+    /// Normal with mean 0 and standard deviation 1 (Box and Muller 1958).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (TAU * self.uniform()).cos()
     }
 }
 
-/// What a world is like.
+/// Description of a world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct World {
-    /// Landmarks, spread evenly over the ring that the robot drives through.
+    /// Number of landmarks, spread evenly over the ring that the robot drives through.
     pub landmarks: usize,
     /// Radius of the robot's circle in metres.
     pub radius_m: f64,
-    /// Width of the ring of landmarks, to either side, in metres.
+    /// Half the width of the ring of landmarks, in metres.
     pub margin_m: f64,
     /// Forward velocity in m/s.
     pub speed_m_s: f64,
     /// Duration in seconds.
     pub duration_s: f64,
-    /// Steps a second.
+    /// Steps per second.
     pub rate_hz: f64,
-    /// How far the sensor sees, in metres, all around.
+    /// Range of the sensor, in metres, in all directions.
     pub reach_m: f64,
-    /// Sightings at most at a step; the nearest.
+    /// Greatest number of sightings per step; the nearest landmarks are seen.
     pub most: usize,
     /// What the sensor measures: range and bearing, range, or bearing.
     pub kind: Kind,
-    /// Deviation of a range in metres.
+    /// Standard deviation of a range in metres.
     pub range_m: f64,
-    /// Deviation of a bearing in radians.
+    /// Standard deviation of a bearing in radians.
     pub bearing_rad: f64,
     /// Noise of the robot's velocities.
     pub velocity: VelocityModel,
@@ -94,7 +94,7 @@ impl Default for World {
 /// A run through a world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulated {
-    /// What the filter is given; the first motion starts at the origin, which is the frame of the truth.
+    /// Input of the filter; the first motion starts at the origin, which is the frame of the truth.
     pub steps: Vec<Step>,
     /// True poses at the steps.
     pub truth: Vec<Vector3<f64>>,
@@ -120,7 +120,7 @@ impl World {
         let count = (self.duration_s * self.rate_hz).round() as usize;
         let (mut pose, mut steps, mut truth) = (Se2::identity(), Vec::new(), Vec::new());
         for k in 0..count {
-            // The driver keeps to the circle. The command is known; what was driven differs by the noise.
+            // The driver keeps to the circle. The command is known; the driven motion differs from it by the noise.
             let turn_rad_s = self.steer(&pose, &centre);
             let (speed, turn) = (self.velocity.speed / dt.sqrt(), self.velocity.turn / dt.sqrt());
             let driven = self.velocity.motion(
@@ -138,7 +138,7 @@ impl World {
         Simulated { steps, truth, landmarks }
     }
 
-    /// Turning velocity back to the circle, critically damped.
+    /// Angular velocity that returns the robot to the circle, critically damped.
     fn steer(&self, pose: &Se2, centre: &Vec2) -> f64 {
         let out = pose.translation - centre;
         let off_m = out.norm() - self.radius_m;

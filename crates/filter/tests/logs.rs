@@ -1,4 +1,4 @@
-//! Real logs: the figures of the filter hold.
+//! Real logs: the filter still reaches its figures.
 
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::ekf::{EkfConfig, Form};

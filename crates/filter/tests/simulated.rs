@@ -1,5 +1,5 @@
-//! Simulated worlds with exact truth: forms of the covariance agree, local updates are exact, the belief is honest, ranges
-//! and bearings alone map, robots find each other, associations are right.
+//! Simulated worlds with ground truth: the forms of the covariance agree, local updates are exact, the covariance is
+//! consistent, mapping works from ranges or bearings alone, robots locate each other, associations are right.
 
 use cairn_filter::angle::wrap;
 use cairn_filter::chi2;
@@ -59,7 +59,7 @@ fn both_forms_of_the_covariance_give_one_estimate() {
 
 #[test]
 fn local_updates_are_those_of_the_whole_filter() {
-    // Two laps: landmarks leave, wait, come back, and the loop closes over what is passive.
+    // Two laps: landmarks become passive and active again, and the loop closes over passive ones.
     let simulated = world(60, 200.0).drive(5);
     for linearisation in [Linearisation::Latest, Linearisation::First] {
         let config = EkfConfig { linearisation, gate_probability: 1.0, ..EkfConfig::default() };
@@ -75,7 +75,7 @@ fn local_updates_are_those_of_the_whole_filter() {
 
 #[test]
 fn invariant_errors_are_turned_at_once_when_a_region_is_left() {
-    // Not to the last bit as in one piece, but within a small part of the deviations.
+    // Not bit-identical to the filter with everything active, but within a small fraction of the standard deviations.
     let simulated = world(60, 200.0).drive(5);
     let config = EkfConfig { gate_probability: 1.0, ..EkfConfig::default() };
     let whole = driven(&simulated, config);
@@ -122,7 +122,7 @@ fn the_belief_is_honest_and_the_textbook_filter_is_not() {
     };
     let (plain, first, invariant) =
         (nees(Linearisation::Latest), nees(Linearisation::First), nees(Linearisation::Invariant));
-    // The mean over time is of runs that are correlated in time: the band is that of the runs alone.
+    // The errors of one run are correlated in time, so the bounds count the runs only.
     let (low, high) = chi2::mean_bounds(0.99, 3, 12);
     println!(
         "NEES late: plain {plain:.2}, first {first:.2}, invariant {invariant:.2}, 99 % band {low:.2} to {high:.2}"
@@ -150,7 +150,7 @@ fn innovations_are_as_large_as_they_are_believed() {
     assert!((low..high).contains(&mean), "{mean} not in {low}..{high}");
 }
 
-/// Root mean square distance of landmarks from the truth, laid onto each other, and how many there are.
+/// Root mean square distance of the aligned landmarks from the truth, and the number of landmarks.
 fn map_error(filter: &EkfSlam, simulated: &Simulated) -> (f64, usize) {
     let truth: BTreeMap<u32, Vec2> = (0..).zip(simulated.landmarks.iter().copied()).collect();
     let found: BTreeMap<u32, Vec2> =
@@ -216,7 +216,8 @@ fn unlabelled_sightings_find_their_landmarks() {
 
 #[test]
 fn joint_compatibility_keeps_what_single_gates_confuse() {
-    // A row of posts 1 m apart, and a pose that is 0.6 m off along it: each post alone is nearest to its neighbour.
+    // A row of posts 1 m apart, and a pose that is off by 0.6 m along it: each post taken alone is nearest to its
+    // neighbour.
     let mut filter = started(EkfConfig { association: Association::Joint, ..EkfConfig::default() });
     let posts = [1.0, 2.0, 3.0, 4.6].map(|x| Vector3::new(x, 2.0, 0.0));
     let seen = |from: &Vector3<f64>| -> Vec<Sighting> {
@@ -259,7 +260,7 @@ fn robots_that_see_each_other_know_where_both_are() {
     ));
     let (found, p) = filter.pose(1).unwrap();
     assert!((found - Vector3::new(3.0, 1.0, 2.0)).norm() < 0.01 && p.diagonal().amax() < 2e-4);
-    // The second sees the first too, by range and bearing.
+    // The second robot sees the first one too, by range and bearing.
     let z = expected(Kind::RangeBearing, &Vector3::new(3.0, 1.0, 2.0), &Vector3::zeros());
     let back = Measurement::range_bearing(z.x, z.y, 0.05, 0.02).unwrap();
     assert!(matches!(filter.observe(1, &see(back, 0)).unwrap()[0], Verdict::Taken { .. }));
@@ -270,7 +271,7 @@ fn robots_that_see_each_other_know_where_both_are() {
 #[test]
 fn a_slip_of_the_wheels_is_recovered_from() {
     let mut simulated = world(40, 200.0).drive(4);
-    // Half a second in which the wheels turned and the robot was pushed aside: 1.5 m and 20 degrees.
+    // For half a second the wheels turned while the robot was pushed aside: 1.5 m and 20 degrees.
     let k = simulated.steps.len() / 2;
     let pushed = simulated.steps[k].motion;
     simulated.steps[k].motion =
@@ -327,7 +328,7 @@ fn nonsense_is_refused_and_changes_nothing() {
     let wrong = Matrix3::new(1.0, 2.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0);
     assert_eq!(filter.add_robot(&Se2::identity(), &wrong), Err(FilterError::NotFinite));
     assert_eq!(filter.pose(0).unwrap().0, Vector3::zeros());
-    // A landmark where the robot stands has no direction.
+    // A landmark at the robot's own position has no direction.
     let here = Measurement::range_bearing(0.0, 0.0, 0.1, 0.1).unwrap();
     let sighting = [Sighting { target: Target::Landmark(1), measurement: here }];
     filter.observe(0, &sighting).unwrap();

@@ -1,29 +1,30 @@
-//! An occupancy grid that hangs on key frames: scans and steps are kept in the frame of their key frame, and laid again when
-//! key frames move (a loop was closed, maps were merged) or are gone.
+//! An occupancy grid anchored to keyframes: scans and walked steps are stored in the frame of their keyframe, and the
+//! grid is rebuilt when keyframes move (after a loop closure or a map merge) or are removed.
 //!
-//! Log odds that were bounded cannot be taken back, so the grid is laid anew from all scans, in the order they came: the result
-//! is that of a map that had known the poses from the beginning. The grid grows with what is seen.
+//! Log odds that were clamped cannot be subtracted again, so the grid is rebuilt from all scans, in the order they
+//! came: the result is that of a grid for which the poses were known from the beginning. The grid grows with what is
+//! seen.
 
 use crate::grid::{GridError, GridFrame};
 use crate::occupancy::{OccupancyConfig, OccupancyGrid, ScanRejected, ScanReport};
 use cairn_geometry::{Se2, Vec2};
 use std::collections::BTreeMap;
 
-/// The grid grows by so many cells at a time.
+/// The grid grows by this many cells at a time.
 const BLOCK: f64 = 64.0;
 
-/// What was done when poses were given.
+/// What an update of the poses changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Laid {
-    /// Key frames that moved by more than half a cell anywhere within range.
+    /// Keyframes whose motion shifts any point within range by more than half a cell.
     pub moved: usize,
-    /// Key frames that are gone; their scans are dropped.
+    /// Keyframes that were removed; their scans are dropped.
     pub gone: usize,
-    /// Scans laid again; 0 when nothing moved.
+    /// Scans inserted again; 0 when nothing moved.
     pub scans: usize,
 }
 
-/// Why a scan was not taken.
+/// Why a scan or step was not inserted.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotTaken {
     /// A pose is not finite.
@@ -40,35 +41,35 @@ enum Item {
     Step { key_from_body: Se2, radius_m: f64 },
 }
 
-/// Scans and steps on key frames of the kind `K`, and the grid they make.
+/// Scans and steps anchored to keyframes with identifiers of type `K`, and the grid built from them.
 #[derive(Clone, Debug)]
 pub struct AnchoredGrid<K> {
     config: OccupancyConfig,
     resolution_m: f64,
     items: Vec<(K, Item)>,
-    /// Where the key frames were when they were laid: `world_from_key`.
+    /// Poses of the keyframes when the grid was last built: `world_from_key`.
     keys: BTreeMap<K, Se2>,
     grid: Option<OccupancyGrid>,
     last_step: Option<Vec2>,
 }
 
 impl<K: Copy + Ord> AnchoredGrid<K> {
-    /// Nothing known, with cells of this size.
+    /// An empty grid with cells of this size.
     pub fn new(resolution_m: f64, config: OccupancyConfig) -> Self {
         let (items, keys) = (Vec::new(), BTreeMap::new());
         Self { config, resolution_m, items, keys, grid: None, last_step: None }
     }
 
-    /// The grid; none before the first scan or step.
+    /// The grid; `None` before the first scan or step.
     pub fn grid(&self) -> Option<&OccupancyGrid> {
         self.grid.as_ref()
     }
 
-    /// Takes a scan (bearings in radians, ranges in metres) seen from `key_from_sensor`, by a key frame that lies at
+    /// Inserts a scan (bearings in radians, ranges in metres) taken at `key_from_sensor`, relative to a keyframe at
     /// `world_from_key`.
     ///
     /// # Errors
-    /// When a pose is not finite, or the grid would become too large: nothing is kept then.
+    /// When a pose is not finite, or the grid would become too large; the scan is not stored then.
     pub fn insert_scan(
         &mut self,
         key: K,
@@ -84,10 +85,11 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         Ok(report)
     }
 
-    /// Says that a body of this radius stood at `key_from_body`; between two steps of less than a metre it walked.
+    /// Records that a body of this radius stood at `key_from_body`. Between two steps less than a metre apart it
+    /// walked.
     ///
     /// # Errors
-    /// When a pose is not finite, or the grid would become too large: nothing is kept then.
+    /// When a pose is not finite, or the grid would become too large; the step is not stored then.
     pub fn insert_step(
         &mut self,
         key: K,
@@ -102,7 +104,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         Ok(())
     }
 
-    /// Gives the poses of all key frames of now, none for those that are gone; lays the grid again if that changes it.
+    /// Takes the current poses of all keyframes, `None` for removed ones, and rebuilds the grid if that changes it.
     ///
     /// # Errors
     /// When a pose is not finite, or the grid would become too large: the grid stays as it was.
@@ -134,7 +136,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
     fn is_moved(&self, old: &Se2, new: &Se2) -> bool {
         let by = old.inverse() * *new;
         let reach = by.translation.norm() + by.rotation.log().abs() * self.config.max_range_m;
-        // What is not a number has moved: laying it says so.
+        // NaN counts as moved: the rebuild then reports the error.
         reach.is_nan() || reach > 0.5 * self.resolution_m
     }
 
@@ -157,7 +159,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         }
     }
 
-    /// The grid, grown so that it holds everything within `reach_m` of a point.
+    /// The grid, grown so that it contains everything within `reach_m` of a point.
     fn grid_around(&mut self, at: Vec2, reach_m: f64) -> Result<&mut OccupancyGrid, NotTaken> {
         if !(at.x.is_finite() && at.y.is_finite() && reach_m.is_finite()) {
             return Err(ScanRejected::Pose.into());

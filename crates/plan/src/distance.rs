@@ -1,40 +1,40 @@
-//! Exact Euclidean distance from every cell to the nearest obstacle cell, as whole squares of cells.
+//! Exact Euclidean distance from every cell to the nearest obstacle cell, as whole squared distances in cells.
 //!
 //! Two passes: columns by counting, rows by the lower envelope of parabolas (Felzenszwalb and Huttenlocher, "Distance
 //! Transforms of Sampled Functions", 2012, section 2.1; Meijster, Roerdink and Hesselink 2000 for the whole numbers).
-//! Rows are cut at obstacles, since nothing beyond an obstacle can be nearer than it, and of a row's parabolas only those
-//! are taken that are lower than both neighbours' somewhere else than at their own cell, where their height stands already.
+//! Rows are cut at obstacles, since nothing beyond an obstacle can be nearer than it. Of a row's parabolas, only those
+//! are used that are lower than both neighbours' anywhere except at their own cell, whose value is already known.
 //!
-//! [`DistanceField::update`] mends the field after a few cells changed: the columns of those cells are counted again, and
-//! the rows in which a count changed are computed again. Result and whole computation are equal to the bit.
+//! [`DistanceField::update`] repairs the field after a few cells changed: the columns of those cells are counted again,
+//! and the rows in which a count changed are computed again. The result is bit-identical to that of a full computation.
 
 use crate::grid::{Cell, Grid, GridFrame};
 use cairn_geometry::Vec2;
 
 /// Squared distance where the grid holds no obstacle at all.
 pub const NO_OBSTACLE: u32 = u32::MAX;
-/// Count of a column without an obstacle: no side is as long.
+/// Count of a column without an obstacle: no grid has a side this long.
 const FAR: u16 = 1 << 15;
 
 /// Distance to the nearest obstacle, for each cell.
 #[derive(Clone, Debug)]
 pub struct DistanceField {
     frame: GridFrame,
-    /// Cells to the nearest obstacle of the same column, [`FAR`] and more where there is none.
+    /// Distance in cells to the nearest obstacle of the same column, [`FAR`] or more where there is none.
     counts: Vec<u16>,
     squared: Vec<u32>,
     scratch: Scratch,
 }
 
-/// What a row needs while it is computed.
+/// Working memory for one row.
 #[derive(Clone, Debug, Default)]
 struct Scratch {
-    /// Cells whose parabola may matter, a bit each.
+    /// Cells whose parabola may matter, one bit each.
     sites: Vec<u64>,
     envelope: Vec<Parabola>,
 }
 
-/// A parabola of the lower envelope: lowest from `from` on.
+/// A parabola of the lower envelope; it is the lowest one from `from` on.
 #[derive(Clone, Copy, Debug)]
 struct Parabola {
     at: i32,
@@ -43,7 +43,7 @@ struct Parabola {
 }
 
 impl DistanceField {
-    /// From the cells that hold an obstacle.
+    /// From a grid that is true at obstacles.
     pub fn new(obstacles: &Grid<bool>) -> Self {
         let frame = *obstacles.frame();
         let mut field =
@@ -52,9 +52,9 @@ impl DistanceField {
         field
     }
 
-    /// Computes everything again, without new memory: `obstacles` row by row, as many as the grid has cells.
+    /// Computes everything again, without new memory: `obstacles` row by row, one value for each cell of the grid.
     ///
-    /// Does nothing when the number of values is another.
+    /// Does nothing when the number of values is wrong.
     pub fn recompute(&mut self, obstacles: &[bool]) {
         let (width, height) = (self.frame.width(), self.frame.height());
         if obstacles.len() != width * height {
@@ -75,8 +75,8 @@ impl DistanceField {
         }
     }
 
-    /// Mends the field after the cells `changed` of `obstacles` became or ceased to be obstacles. Returns the rows that had
-    /// to be computed again. Cells outside are passed over; cells that changed but are not named stay unseen.
+    /// Repairs the field after the cells `changed` of `obstacles` became or ceased to be obstacles. Returns the rows
+    /// that had to be computed again. Cells outside are ignored; changes of cells that are not listed are not noticed.
     pub fn update(&mut self, obstacles: &Grid<bool>, changed: &[Cell]) -> Vec<usize> {
         let (width, height) = (self.frame.width(), self.frame.height());
         if obstacles.frame() != &self.frame {
@@ -106,18 +106,18 @@ impl DistanceField {
         rows
     }
 
-    /// Where the cells lie.
+    /// Size, resolution and pose of the grid.
     pub fn frame(&self) -> &GridFrame {
         &self.frame
     }
 
-    /// Squared distances between the middles of cells, in cells, row by row; [`NO_OBSTACLE`] in a grid without any.
+    /// Squared distances between cell centres, in cells, row by row; [`NO_OBSTACLE`] in a grid without any.
     pub fn squared(&self) -> &[u32] {
         &self.squared
     }
 
-    /// Distance in metres from the middle of a cell to the middle of the nearest obstacle cell: 0 on an obstacle, infinite
-    /// where there is none; none outside.
+    /// Distance in metres from the centre of a cell to the centre of the nearest obstacle cell: 0 on an obstacle,
+    /// infinite where there is none; `None` outside.
     pub fn distance_m(&self, cell: Cell) -> Option<f64> {
         let squared = self.frame.index(cell).map(|i| self.squared[i])?;
         Some(if squared == NO_OBSTACLE {
@@ -127,8 +127,9 @@ impl DistanceField {
         })
     }
 
-    /// Distance in metres from a point of the world to the nearest obstacle, never more than it is: from the middle of its
-    /// cell, less the way to that middle and half the diagonal of the obstacle's cell. 0 outside, on obstacles and for NaN.
+    /// A lower bound of the distance in metres from a point (metres, world) to the nearest obstacle: the distance from
+    /// the centre of its cell, less the distance to that centre and half the diagonal of the obstacle's cell. 0
+    /// outside, on obstacles and for NaN.
     pub fn clearance_m(&self, point: Vec2) -> f64 {
         let cells = self.frame.in_cells(point);
         let Some(cell) = self.frame.cell_at(point) else { return 0.0 };
@@ -137,8 +138,8 @@ impl DistanceField {
         (self.distance_m(cell).unwrap_or(0.0) - slack).max(0.0)
     }
 
-    /// Distance in metres from a point of the world to the square of the nearest obstacle cell, looked for among all cells near
-    /// enough: exact, and slower than [`DistanceField::clearance_m`]. 0 outside, on obstacles and for NaN.
+    /// Distance in metres from a point (metres, world) to the square of the nearest obstacle cell, searched among all
+    /// cells near enough: exact, and slower than [`DistanceField::clearance_m`]. 0 outside, on obstacles and for NaN.
     pub fn distance_to_square_m(&self, point: Vec2) -> f64 {
         let (p, res) = (self.frame.in_cells(point), self.frame.resolution_m());
         let Some(cell) = self.frame.cell_at(point) else { return 0.0 };
@@ -146,7 +147,7 @@ impl DistanceField {
         if !to_middle.is_finite() {
             return f64::INFINITY;
         }
-        // The nearest square has its middle no farther than this.
+        // The centre of the nearest square is no farther than this.
         let reach = to_middle.ceil() as i64 + 2;
         let (width, height) = (self.frame.width() as i64, self.frame.height() as i64);
         let (cx, cy) = (i64::from(cell.x), i64::from(cell.y));
@@ -163,8 +164,8 @@ impl DistanceField {
         least * res
     }
 
-    /// The cells whose distance is at least `radius_m`: where a disc of that radius fits around the middle of a cell,
-    /// measured to the middles of obstacle cells. Obstacles themselves never belong to them.
+    /// The cells whose distance is at least `radius_m`: where a disc of that radius fits around the centre of a cell,
+    /// measured to the centres of obstacle cells. Obstacles themselves are never among them.
     pub fn at_least(&self, radius_m: f64) -> Grid<bool> {
         let least = least_squared(radius_m, self.frame.resolution_m());
         let values = self.squared.iter().map(|&s| s >= least).collect();
@@ -172,20 +173,20 @@ impl DistanceField {
     }
 }
 
-/// Least squared distance in cells that is not below the radius; a free cell has 1 at least.
+/// Least squared distance in cells that is not below the radius; at least 1, since a free cell has no less.
 pub(crate) fn least_squared(radius_m: f64, resolution_m: f64) -> u32 {
     let cells = radius_m / resolution_m;
-    // A radius that is a whole number of cells must not be missed for a last bit.
+    // A radius that is a whole number of cells must not be missed by a rounding error.
     ((cells * cells - 1e-9).ceil().max(1.0)) as u32
 }
 
-/// Counts on from the row beside.
+/// Continues the counts from the adjacent row.
 #[inline]
 fn carry(row: &mut [u16], beside: &[u16]) {
     row.iter_mut().zip(beside).for_each(|(c, &n)| *c = (*c).min(n.saturating_add(1)));
 }
 
-/// The counts of one column, as the row-wise passes give them.
+/// The counts of one column, equal to those of the row-wise passes.
 fn count_column(counts: &mut [u16], obstacle: impl Fn(usize) -> bool) {
     let mut last = FAR;
     for (y, count) in counts.iter_mut().enumerate() {
@@ -206,7 +207,7 @@ fn row_distances(counts: &[u16], squared: &mut [u32], scratch: &mut Scratch) {
     mark_sites(counts, &mut scratch.sites);
     let envelope = &mut scratch.envelope;
     envelope.clear();
-    // The free run that is open, if any, begins here.
+    // The start of the current run of free cells, if any.
     let mut run = (counts[0] != 0).then_some(0i32);
     for (k, &word) in scratch.sites.iter().enumerate() {
         let mut bits = word;
@@ -234,11 +235,11 @@ fn row_distances(counts: &[u16], squared: &mut [u32], scratch: &mut Scratch) {
     }
 }
 
-/// Whether a parabola may matter, by the counts of its cell and of those beside it.
+/// Whether a parabola may matter, judged by the counts of its cell and of the two beside it.
 ///
 /// With heights `f`, `a = f(left) - f` and `b = f(right) - f`, it is below both neighbours' between `-(a + 1) / 2` and
-/// `(b + 1) / 2` of its cell. If no whole number but 0 lies there, it matters at its own cell only. The ends of obstacles
-/// are marked too: they cut the row.
+/// `(b + 1) / 2`, relative to its cell. If the only whole number there is 0, it matters at its own cell only. The ends
+/// of obstacles are marked too: they cut the row.
 #[inline(always)]
 fn is_site(left: u16, here: u16, right: u16) -> bool {
     let height = |count: u16| i32::from(count.min(FAR)).pow(2);
@@ -247,7 +248,7 @@ fn is_site(left: u16, here: u16, right: u16) -> bool {
     wins | (here == 0 && (left | right) != 0)
 }
 
-/// Marks the cells of [`is_site`], a bit each.
+/// Marks the cells of [`is_site`], one bit each.
 #[inline(always)]
 fn mark_sites(counts: &[u16], sites: &mut Vec<u64>) {
     sites.clear();
@@ -267,7 +268,7 @@ fn mark_sites(counts: &[u16], sites: &mut Vec<u64>) {
             });
         } else {
             for at in from..counts.len().min(from + 64) {
-                // Beyond the ends nothing is nearer.
+                // Beyond the ends there is no obstacle.
                 let left = if at == 0 { FAR } else { counts[at - 1] };
                 let right = if at == last { FAR } else { counts[at + 1] };
                 *word |= u64::from(is_site(left, counts[at], right)) << (at - from);
@@ -276,7 +277,7 @@ fn mark_sites(counts: &[u16], sites: &mut Vec<u64>) {
     }
 }
 
-/// Adds the parabola of a site right of all others; `run` is the first cell that may be filled.
+/// Adds the parabola of a site to the right of all others; `run` is the first cell that may be filled.
 #[inline(always)]
 fn push(envelope: &mut Vec<Parabola>, at: i32, height: u32, run: i32) {
     let mut from = run;
@@ -295,7 +296,7 @@ fn push(envelope: &mut Vec<Parabola>, at: i32, height: u32, run: i32) {
     envelope.push(Parabola { at, from: from.max(run), height });
 }
 
-/// Writes the envelope into the row up to `to`, where it is below what stands there.
+/// Writes the envelope into the row up to `to`, where it is below the value already there.
 #[inline(always)]
 fn fill(envelope: &[Parabola], squared: &mut [u32], to: usize) {
     for (k, parabola) in envelope.iter().enumerate() {
@@ -315,7 +316,7 @@ fn fill(envelope: &[Parabola], squared: &mut [u32], to: usize) {
 mod tests {
     use super::*;
 
-    /// Squared distances by looking at every obstacle from every cell.
+    /// Squared distances by brute force: every obstacle from every cell.
     fn by_all_pairs(obstacles: &Grid<bool>) -> Vec<u32> {
         let frame = obstacles.frame();
         let cells: Vec<Cell> =

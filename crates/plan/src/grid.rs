@@ -1,12 +1,12 @@
-//! Where the cells of a grid lie: its frame in the world, cell addresses, and a plain grid of values.
+//! The frame of a grid in the world, cell addresses, and a plain grid of values.
 //!
 //! Row 0 is the row of least y, as in ROS `OccupancyGrid`; the corner of cell (0, 0) is the origin of the grid frame.
 
 use cairn_geometry::{Se2, Vec2};
 
-/// Cells along one side of a grid at most: squared distances in cells then fit 32 bits.
+/// Greatest number of cells along one side: squared distances in cells then fit 32 bits.
 pub const MAX_SIDE: usize = 32_766;
-/// Cells of a grid at most: path costs then fit the packed words of the search.
+/// Greatest number of cells of a grid: path costs then fit the packed words of the search.
 pub const MAX_CELLS: usize = 1 << 26;
 
 /// A grid that cannot exist.
@@ -54,7 +54,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// From column and row.
+    /// The cell at this column and row.
     pub fn new(x: u32, y: u32) -> Self {
         Self { x, y }
     }
@@ -97,7 +97,7 @@ impl GridFrame {
         Ok(Self { width, height, resolution_m, world_from_grid })
     }
 
-    /// A grid without a place in the world: cells of one metre, the corner at the origin.
+    /// A grid without a pose in the world: cells of one metre, the corner at the origin.
     ///
     /// # Errors
     /// When it has no cells or too many.
@@ -135,7 +135,7 @@ impl GridFrame {
         self.world_from_grid
     }
 
-    /// The same place in cells of `1 / times` the size.
+    /// The same area with cells of `1 / times` the size.
     ///
     /// # Errors
     /// When it would have too many cells, or none (`times` = 0).
@@ -149,29 +149,29 @@ impl GridFrame {
         (cell.x as usize) < self.width && (cell.y as usize) < self.height
     }
 
-    /// Row-major index of a cell; none outside.
+    /// Row-major index of a cell; `None` outside.
     pub fn index(&self, cell: Cell) -> Option<usize> {
         self.contains(cell).then(|| cell.y as usize * self.width + cell.x as usize)
     }
 
-    /// The cell with this row-major index; only for indices below [`GridFrame::len`].
+    /// The cell at this row-major index; only for indices below [`GridFrame::len`].
     pub fn cell(&self, index: usize) -> Cell {
         Cell::new((index % self.width) as u32, (index / self.width) as u32)
     }
 
-    /// A point of the world in cells along x and y from the corner (cell (0, 0) spans 0 to 1).
+    /// A point (metres, world) in cells along x and y from the corner (cell (0, 0) spans 0 to 1).
     pub fn in_cells(&self, point: Vec2) -> Vec2 {
         self.world_from_grid.inverse() * point / self.resolution_m
     }
 
-    /// The cell that a point of the world lies in; none outside and for NaN.
+    /// The cell that contains a point (metres, world); `None` outside and for NaN.
     pub fn cell_at(&self, point: Vec2) -> Option<Cell> {
         let p = self.in_cells(point);
         let inside = p.x >= 0.0 && p.y >= 0.0 && p.x < self.width as f64 && p.y < self.height as f64;
         inside.then(|| Cell::new(p.x as u32, p.y as u32))
     }
 
-    /// The middle of a cell in the world, in metres.
+    /// The centre of a cell in the world, in metres.
     pub fn centre(&self, cell: Cell) -> Vec2 {
         let p = Vec2::new(f64::from(cell.x) + 0.5, f64::from(cell.y) + 0.5);
         self.world_from_grid * (p * self.resolution_m)
@@ -191,10 +191,10 @@ impl<T: Copy> Grid<T> {
         Self { frame, values: vec![value; frame.len()] }
     }
 
-    /// From values in row-major order, the row of least y first.
+    /// From values in row-major order, starting with the row of least y.
     ///
     /// # Errors
-    /// When there are not as many values as cells.
+    /// When the number of values is not the number of cells.
     pub fn from_values(frame: GridFrame, values: Vec<T>) -> Result<Self, GridError> {
         if values.len() != frame.len() {
             return Err(GridError::Values { given: values.len(), expected: frame.len() });
@@ -202,7 +202,7 @@ impl<T: Copy> Grid<T> {
         Ok(Self { frame, values })
     }
 
-    /// Where the cells lie.
+    /// Size, resolution and pose of the grid.
     pub fn frame(&self) -> &GridFrame {
         &self.frame
     }
@@ -212,7 +212,7 @@ impl<T: Copy> Grid<T> {
         &self.values
     }
 
-    /// All values, to be changed.
+    /// All values, mutable.
     pub fn values_mut(&mut self) -> &mut [T] {
         &mut self.values
     }
@@ -223,19 +223,19 @@ impl<T: Copy> Grid<T> {
         self.values.get(from..from + self.frame.width).unwrap_or_default()
     }
 
-    /// The value of a cell; none outside.
+    /// The value of a cell; `None` outside.
     pub fn get(&self, cell: Cell) -> Option<T> {
         self.frame.index(cell).and_then(|i| self.values.get(i).copied())
     }
 
-    /// Sets a cell; tells whether it lies in the grid.
+    /// Sets a cell; returns whether it lies in the grid.
     pub fn set(&mut self, cell: Cell, value: T) -> bool {
         let place = self.frame.index(cell).and_then(|i| self.values.get_mut(i));
         place.map(|v| *v = value).is_some()
     }
 
-    /// The part of `width` x `height` cells whose lowest column and row are these (they may be outside), with `outside` where
-    /// this grid has no cells: a window that rolls with a robot.
+    /// The window of `width` x `height` cells whose lowest column and row are `x` and `y` (they may be outside), filled
+    /// with `outside` where this grid has no cells: for a window that rolls with a robot.
     ///
     /// # Errors
     /// When the window is empty or too large.
@@ -256,7 +256,7 @@ impl<T: Copy> Grid<T> {
         Ok(window)
     }
 
-    /// A value computed from each value.
+    /// A grid of values computed from each value.
     pub fn map<U: Copy>(&self, mut of: impl FnMut(T) -> U) -> Grid<U> {
         Grid { frame: self.frame, values: self.values.iter().map(|&v| of(v)).collect() }
     }

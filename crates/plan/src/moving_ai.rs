@@ -1,12 +1,13 @@
 //! Maps and scenarios of the Moving AI benchmarks (Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012).
 //!
-//! A `.map` is text: `type octile`, `height`, `width`, `map`, then rows, the first row being y = 0. `.` and `G` are ground,
-//! `S` is swamp, `W` water, `T` trees, `@` and `O` are outside. One walks on `.`, `G` and `S`; diagonal steps cut no corner.
-//! A `.scen` gives start, goal and the optimal length, with 1 for a straight step and the square root of 2 for a diagonal.
+//! A `.map` is text: `type octile`, `height`, `width`, `map`, then rows, the first row being y = 0. `.` and `G` are
+//! ground, `S` is swamp, `W` water, `T` trees, `@` and `O` are out of bounds. `.`, `G` and `S` are passable; diagonal
+//! steps cut no corner. A `.scen` gives start, goal and the optimal length, with 1 for a straight step and the square
+//! root of 2 for a diagonal one.
 
 use crate::grid::{Cell, Grid, GridError, GridFrame};
 
-/// A map or scenario that cannot be read.
+/// A map or scenario that could not be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("line {line}: {reason}")]
 pub struct MovingAiError {
@@ -20,10 +21,10 @@ fn fail<T>(line: usize, reason: impl Into<String>) -> Result<T, MovingAiError> {
     Err(MovingAiError { line, reason: reason.into() })
 }
 
-/// Reads a map: true where one may walk.
+/// Reads a map: true where a cell is passable.
 ///
 /// # Errors
-/// When a heading is missing, a row is short or missing, or a letter is unknown.
+/// When a header line is missing, a row is short or missing, or a letter is unknown.
 pub fn read_map(text: &str) -> Result<Grid<bool>, MovingAiError> {
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim_end()));
     let (mut width, mut height) = (None, None);
@@ -61,16 +62,16 @@ pub fn read_map(text: &str) -> Result<Grid<bool>, MovingAiError> {
     Grid::from_values(frame, values).or_else(|e| fail(1, e.to_string()))
 }
 
-/// One task: from, to, and how long the shortest path is.
+/// One task: start, goal, and the length of the shortest path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
     /// Name of the map.
     pub map: String,
-    /// Size of the map that the coordinates are for.
+    /// Size of the map that the coordinates refer to.
     pub size: (usize, usize),
-    /// Where it begins.
+    /// Start cell.
     pub start: Cell,
-    /// Where it leads.
+    /// Goal cell.
     pub goal: Cell,
     /// Length of the shortest path, in cells.
     pub optimal_length: f64,
@@ -79,7 +80,7 @@ pub struct Scenario {
 /// Reads scenarios.
 ///
 /// # Errors
-/// When the first line is not `version`, or a line does not hold nine fields with numbers where they belong.
+/// When the first line is not `version`, or a line does not have nine fields with numbers where they are expected.
 pub fn read_scenarios(text: &str) -> Result<Vec<Scenario>, MovingAiError> {
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l));
     match lines.next() {

@@ -1,27 +1,28 @@
-//! What rays have said about each cell: a grid of log odds (Moravec and Elfes 1985; Thrun, Burgard and Fox, Probabilistic
-//! Robotics, table 9.1, with the bounds of Hornung et al., OctoMap, 2013, equation 4).
+//! Occupancy from range rays: a grid of log odds (Moravec and Elfes 1985; Thrun, Burgard and Fox, Probabilistic
+//! Robotics, table 9.1, with the clamping bounds of Hornung et al., OctoMap, 2013, equation 4).
 //!
-//! A cell that no ray met stays unknown for ever: never seen and seen with doubt are told apart. Within one scan a cell is
-//! changed once, and a hit outweighs the misses of the rays beside it, so that walls seen at a grazing angle stay.
+//! A cell that no ray reached stays unknown: cells never seen and cells seen with doubt are distinguished. Within one
+//! scan a cell is updated once, and a hit outweighs the misses of neighbouring rays, so that walls seen at a grazing
+//! angle stay.
 
 use crate::grid::{Cell, Grid, GridFrame};
 use crate::map_server::UNKNOWN;
 use cairn_geometry::{Se2, Vec2};
 
-/// How much a ray says, in log odds.
+/// Log odds of the sensor model, and thresholds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OccupancyConfig {
-    /// Added where a ray ends.
+    /// Added where a ray ends (a hit).
     pub hit: f64,
-    /// Added where a ray passes; negative.
+    /// Added where a ray passes through (a miss); negative.
     pub miss: f64,
-    /// Log odds stay between these two, so that a map can change its mind.
+    /// Log odds are clamped to these two bounds, so that a cell can still change its state later.
     pub bounds: (f64, f64),
-    /// What lies farther along a ray is not believed, in metres.
+    /// Returns farther than this are not used as hits, in metres.
     pub max_range_m: f64,
-    /// Occupied above this probability.
+    /// A cell is occupied above this probability.
     pub occupied_threshold: f64,
-    /// Free below this probability.
+    /// A cell is free below this probability.
     pub free_threshold: f64,
 }
 
@@ -43,9 +44,9 @@ impl Default for OccupancyConfig {
 pub struct ScanReport {
     /// Rays that ended on something inside the grid.
     pub hits: usize,
-    /// Rays that only say what is free: nothing in range, or the end outside the grid.
+    /// Rays that only show free cells: nothing within range, or the end outside the grid.
     pub passes: usize,
-    /// Rays with a range that is NaN or not positive, or a bearing that is not finite: they say nothing.
+    /// Rays with a range that is NaN or not positive, or a bearing that is not finite: they are ignored.
     pub rejected: usize,
     /// Cells that became more likely occupied.
     pub cells_hit: usize,
@@ -53,18 +54,18 @@ pub struct ScanReport {
     pub cells_passed: usize,
 }
 
-/// Why a scan as a whole says nothing.
+/// Why a whole scan was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScanRejected {
     /// The pose holds NaN or infinity.
     #[error("the pose of the scan is not finite")]
     Pose,
-    /// The sensor stands outside the grid.
+    /// The sensor is outside the grid.
     #[error("the sensor stands outside the grid")]
     Outside,
 }
 
-/// Log odds of unknown cells: never reached by adding.
+/// Log odds of unknown cells; no update can reach this value.
 const NEVER: f32 = f32::NEG_INFINITY;
 
 /// A grid of log odds.
@@ -72,18 +73,18 @@ const NEVER: f32 = f32::NEG_INFINITY;
 pub struct OccupancyGrid {
     log_odds: Grid<f32>,
     config: OccupancyConfig,
-    /// The last scan that changed a cell, twice its number, plus one for a hit.
+    /// The last scan that changed a cell: twice its number, plus one for a hit.
     touched: Vec<u32>,
     scan: u32,
 }
 
 impl OccupancyGrid {
-    /// Everything unknown.
+    /// A grid with all cells unknown.
     pub fn new(frame: GridFrame, config: OccupancyConfig) -> Self {
         Self { log_odds: Grid::filled(frame, NEVER), config, touched: vec![0; frame.len()], scan: 0 }
     }
 
-    /// From a map of 0 to 100, unknown where it is so: to go on mapping where another stopped.
+    /// From a map of 0 to 100, or unknown: to continue an earlier map.
     pub fn from_map(map: &Grid<i8>, config: OccupancyConfig) -> Self {
         let (low, high) = config.bounds;
         let odds = |p: f64| (p / (1.0 - p)).ln().clamp(low, high) as f32;
@@ -91,19 +92,20 @@ impl OccupancyGrid {
         Self { log_odds, config, touched: vec![0; map.frame().len()], scan: 0 }
     }
 
-    /// Where the cells lie.
+    /// Size, resolution and pose of the grid.
     pub fn frame(&self) -> &GridFrame {
         self.log_odds.frame()
     }
 
-    /// Probability that a cell is occupied; none where no ray has been, and outside.
+    /// Probability that a cell is occupied; `None` where no ray has been, and outside.
     pub fn probability(&self, cell: Cell) -> Option<f64> {
         let odds = self.log_odds.get(cell).filter(|&l| l != NEVER)?;
         Some(1.0 / (1.0 + f64::from(-odds).exp()))
     }
 
-    /// Takes a scan of ranges in a plane: each ray is a bearing in radians and a range in metres, seen from
-    /// `world_from_sensor`. A range beyond [`OccupancyConfig::max_range_m`], infinity too, says that all before is free.
+    /// Inserts a planar scan: each ray is a bearing in radians and a range in metres, measured from
+    /// `world_from_sensor`. A range beyond [`OccupancyConfig::max_range_m`], also infinity, marks everything up to that
+    /// range as free.
     ///
     /// # Errors
     /// When the pose is not finite or outside the grid; nothing is changed then.
@@ -140,8 +142,8 @@ impl OccupancyGrid {
         Ok(report)
     }
 
-    /// Marks ground as free where someone walked: all cells within `radius_m` of the line through the points (metres, world).
-    /// Points that are not finite cut the line. Returns how many cells became certain.
+    /// Marks walked ground as free: all cells within `radius_m` of the line through the points (metres, world). Points
+    /// that are not finite interrupt the line. Returns how many cells were set to certainly free.
     pub fn mark_walked(&mut self, line: &[Vec2], radius_m: f64) -> usize {
         let (frame, low) = (*self.frame(), self.config.bounds.0 as f32);
         let finite = |p: &Vec2| p.x.is_finite() && p.y.is_finite();
@@ -167,7 +169,7 @@ impl OccupancyGrid {
         marked
     }
 
-    /// As values of a ROS `OccupancyGrid`: 100 occupied, 0 free, else unknown, by the thresholds.
+    /// The map as values of a ROS `OccupancyGrid`: 100 occupied, 0 free, else unknown, by the thresholds.
     pub fn to_map(&self) -> Grid<i8> {
         let odds = |p: f64| (p / (1.0 - p)).ln() as f32;
         let (occupied, free) = (odds(self.config.occupied_threshold), odds(self.config.free_threshold));
@@ -179,13 +181,14 @@ impl OccupancyGrid {
         })
     }
 
-    /// As values of a ROS `OccupancyGrid` with every doubt: the probability in hundredths, unknown where no ray has been.
+    /// The map as values of a ROS `OccupancyGrid` without thresholds: the probability in percent, unknown where no ray
+    /// has been.
     pub fn to_probabilities(&self) -> Grid<i8> {
         let percent = |l: f32| (100.0 / (1.0 + f64::from(-l).exp())).round() as i8;
         self.log_odds.map(|l| if l == NEVER { UNKNOWN } else { percent(l) })
     }
 
-    /// The same cells in a frame that holds them all, of the same resolution and direction.
+    /// The same cells in a larger frame that contains them all, with the same resolution and orientation.
     pub(crate) fn grown(self, frame: GridFrame) -> Self {
         let mut grown = Self::new(frame, self.config);
         let old = *self.frame();
@@ -207,7 +210,8 @@ impl OccupancyGrid {
         }
     }
 
-    /// Lessens the odds of the cells of a ray before its end (Amanatides and Woo, "A Fast Voxel Traversal Algorithm", 1987).
+    /// Lowers the odds of the cells of a ray before its end (Amanatides and Woo, "A Fast Voxel Traversal Algorithm",
+    /// 1987).
     fn pass(&mut self, from: Vec2, to: Vec2, hit: Option<Cell>, report: &mut ScanReport) {
         let frame = *self.frame();
         let (a, b) = (frame.in_cells(from), frame.in_cells(to));
@@ -215,7 +219,7 @@ impl OccupancyGrid {
         let (mut x, mut y) = (a.x as i64, a.y as i64);
         let sign = |v: f64| if v > 0.0 { 1 } else { -1 };
         let (step_x, step_y) = (sign(ray.x), sign(ray.y));
-        // Where on the ray (0 to 1) the next border is crossed.
+        // Position on the ray (0 to 1) where the next cell border is crossed.
         let border = |p: f64, cell: i64, step: i64, d: f64| {
             if d == 0.0 { f64::INFINITY } else { ((cell + i64::from(step > 0)) as f64 - p) / d }
         };
@@ -253,7 +257,7 @@ impl OccupancyGrid {
             return false;
         }
         self.touched[index] = self.scan * 2 + 1;
-        // A miss of the same scan is taken back.
+        // Undoes an earlier miss of the same scan.
         let back = if touched == self.scan * 2 { -self.config.miss } else { 0.0 };
         self.add(index, self.config.hit + back);
         true

@@ -1,16 +1,17 @@
-//! Which cells may be entered, one bit each: rows for looking along x, columns for looking along y.
+//! Which cells may be entered, one bit each: stored by rows for scans along x, and by columns for scans along y.
 //!
 //! Each line is padded by 64 blocked bits before and at least 64 after it, and there is a blocked line before the first
-//! and after the last, so that a search never asks whether a neighbour lies inside. A window of 57 bits is one load.
+//! and after the last, so that a search never needs to check whether a neighbour is inside. A window of 57 bits is one
+//! load.
 
 use crate::grid::{Cell, Grid, GridFrame};
 
 /// Blocked bits before the first cell of a line.
 const PAD: usize = 64;
-/// Bits that a window is sure to hold, counted from its first.
+/// Number of valid bits in a window, counted from its first.
 pub(crate) const WINDOW: usize = 57;
 
-/// Bits of lines: of rows, or of columns.
+/// The bits of all lines: rows or columns.
 #[derive(Clone, Debug)]
 pub(crate) struct Lines {
     bytes: Vec<u8>,
@@ -21,7 +22,7 @@ impl Lines {
     fn new(lines: usize, length: usize) -> Self {
         // The last byte of a line is followed by eight of padding.
         let stride = PAD / 8 + length.div_ceil(8) + 8;
-        // Eight more, so that a window may begin at the last byte of all.
+        // Eight more, so that a window may begin at the very last byte.
         Self { bytes: vec![0; stride * (lines + 2) + 8], stride }
     }
 
@@ -59,12 +60,12 @@ pub struct Passable {
 }
 
 impl Passable {
-    /// The cells for which the grid holds true.
+    /// From a grid that is true where a cell may be entered.
     pub fn new(free: &Grid<bool>) -> Self {
         Self::from_values(free, |v| v)
     }
 
-    /// The cells whose value is passable by the rule.
+    /// From a grid of values, by a rule that says which of them are passable.
     pub fn from_values<T: Copy>(grid: &Grid<T>, passable: impl Fn(T) -> bool) -> Self {
         let frame = *grid.frame();
         let (width, height) = (frame.width(), frame.height());
@@ -90,7 +91,7 @@ impl Passable {
         Self { frame, rows, columns, free }
     }
 
-    /// Where the cells lie.
+    /// Size, resolution and pose of the grid.
     pub fn frame(&self) -> &GridFrame {
         &self.frame
     }
@@ -105,7 +106,7 @@ impl Passable {
         self.frame.contains(cell) && self.at(cell.x as i32, cell.y as i32)
     }
 
-    /// Opens or closes a cell; tells whether that changed it (never outside).
+    /// Opens or closes a cell; returns whether that changed it (never outside).
     pub fn set(&mut self, cell: Cell, free: bool) -> bool {
         if !self.frame.contains(cell) || self.is_free(cell) == free {
             return false;
@@ -117,7 +118,7 @@ impl Passable {
         true
     }
 
-    /// Whether the cell may be entered, for positions up to one outside the grid.
+    /// Whether the cell may be entered; positions up to one cell outside the grid are allowed.
     #[inline(always)]
     pub(crate) fn at(&self, x: i32, y: i32) -> bool {
         self.rows.window(y, x) & 1 != 0
@@ -148,7 +149,7 @@ fn packed<T: Copy>(cells: &[T], passable: &impl Fn(T) -> bool) -> u8 {
     (u64::from_le_bytes(flags).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8
 }
 
-/// An 8 x 8 block of bits, rows and columns exchanged (Warren, Hacker's Delight, 7-3).
+/// Transposes an 8 x 8 block of bits (Warren, Hacker's Delight, 7-3).
 fn transpose(mut x: u64) -> u64 {
     let mut swap = |shift: u32, mask: u64| {
         let t = (x ^ (x >> shift)) & mask;

@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// Red, green and blue.
 pub type Colour = [u8; 3];
 
-/// Longer side of a PNG in pixels, about: small grids are enlarged to it.
+/// Approximate length of the longer side of a PNG in pixels: small grids are enlarged to it.
 const SIDE: usize = 900;
 
 /// A coloured grid and lines over it, in cells from the grid's corner.
@@ -18,18 +18,18 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// The grid in the colours given to its values.
+    /// A picture of the grid, with a colour for each value.
     pub fn new<T: Copy>(grid: &Grid<T>, colour: impl FnMut(T) -> Colour) -> Self {
         Self { cells: grid.map(colour), lines: Vec::new(), dots: Vec::new() }
     }
 
-    /// Adds a path over the middles of cells.
+    /// Adds a path through cell centres.
     pub fn path(self, cells: &[Cell], colour: Colour) -> Self {
         let middle = |c: &Cell| Vec2::new(f64::from(c.x) + 0.5, f64::from(c.y) + 0.5);
         self.line(cells.iter().map(middle).collect(), colour)
     }
 
-    /// Adds a path over points of the world, in metres.
+    /// Adds a path through points (metres, world).
     pub fn points(self, points: &[Vec2], colour: Colour) -> Self {
         let frame = *self.cells.frame();
         self.line(points.iter().map(|&p| frame.in_cells(p)).collect(), colour)
@@ -44,10 +44,10 @@ impl Picture {
         self
     }
 
-    /// As PNG.
+    /// The picture as PNG.
     ///
     /// # Errors
-    /// What the encoder says; with enough memory it says nothing.
+    /// When the PNG encoder fails, which does not happen with enough memory.
     pub fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let (width, height) = (self.cells.frame().width(), self.cells.frame().height());
         let times = (SIDE / width.max(height)).max(1);
@@ -79,10 +79,10 @@ impl Picture {
         encode(w, h, &pixels)
     }
 
-    /// As SVG; its unit is one cell.
+    /// The picture as SVG; its unit is one cell.
     ///
     /// # Errors
-    /// What the encoder of the embedded PNG says.
+    /// When the encoder of the embedded PNG fails.
     pub fn svg(&self) -> Result<String, png::EncodingError> {
         let (w, h) = (self.cells.frame().width(), self.cells.frame().height());
         let pixels: Vec<u8> =
@@ -125,7 +125,7 @@ fn encode(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>, png::Encod
     Ok(bytes)
 }
 
-/// RFC 4648, section 4.
+/// Base64 (RFC 4648, section 4).
 fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);

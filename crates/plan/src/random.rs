@@ -1,6 +1,6 @@
 //! Seeded random numbers: SplitMix64 (Steele, Lea and Flood 2014) and Box-Muller.
 
-/// A generator that gives the same numbers for the same seed everywhere.
+/// A generator that gives the same numbers for the same seed on every machine.
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 

@@ -1,4 +1,4 @@
-//! A map file, two points, and a path between them: what the command `cairn plan` asks for.
+//! A map file, two points, and a path between them: the work of the command `cairn plan`.
 
 use crate::costmap::{CostConfig, CostError, Costmap};
 use crate::grid::{Cell, Grid};
@@ -9,36 +9,37 @@ use crate::smooth::{SmoothConfig, SmoothPath, smooth};
 use cairn_geometry::Vec2;
 use std::path::Path;
 
-/// Which search is made.
+/// Which search is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Search {
-    /// Over costs: keeps to wide passages.
+    /// Over the costmap: prefers wide passages.
     Costs,
-    /// The shortest.
+    /// Shortest grid path, by A*.
     AStar,
-    /// The shortest, by jump points.
+    /// Shortest grid path, by jump point search.
     JumpPoint,
-    /// In any direction.
+    /// Any-angle path, by Lazy Theta*.
     AnyAngle,
 }
 
-/// A map that cannot be opened.
+/// A map that could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// Files of `map_server`.
+    /// Files of `map_server` that could not be read.
     #[error(transparent)]
     MapServer(#[from] MapFileError),
-    /// A Moving AI map.
+    /// A Moving AI map that could not be read.
     #[error("{file}: {source}")]
     MovingAi {
         /// The file.
         file: String,
-        /// Where and what.
+        /// The line and what is wrong.
         source: MovingAiError,
     },
 }
 
-/// Opens the YAML of a `map_server` map, or a Moving AI map by its ending `.map` (cells of one metre, the first row at y = 0).
+/// Opens a `map_server` map by its YAML, or a Moving AI map by its extension `.map` (cells of one metre, first row at y
+/// = 0).
 ///
 /// # Errors
 /// When a file is missing or malformed.
@@ -53,16 +54,16 @@ pub fn open_map(path: &Path) -> Result<Grid<i8>, OpenError> {
     Ok(map.map_err(|source| OpenError::MovingAi { file, source })?.map(|free| if free { 0 } else { 100 }))
 }
 
-/// A path and what it is like.
+/// A planned path, before and after smoothing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
-    /// As searched.
+    /// The path of the search.
     pub path: GridPath,
-    /// As it would be followed.
+    /// The smoothed path, to be followed.
     pub smooth: SmoothPath,
 }
 
-/// Why there is no route.
+/// Why no route was planned.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoRoute {
     /// Radii or costs are unusable.
@@ -73,10 +74,10 @@ pub enum NoRoute {
     Path(#[from] NoPath),
 }
 
-/// A path between two points of the world, in metres, for a body of the radius of the costs.
+/// Plans a path between two points (metres, world) for a body with the radius of the costmap.
 ///
 /// # Errors
-/// Why there is none.
+/// When the costs are unusable, or there is no path.
 pub fn plan(
     map: &Grid<i8>,
     config: &CostConfig,

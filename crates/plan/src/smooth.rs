@@ -1,27 +1,27 @@
-//! A path over cells made fit to be driven: corners pulled straight where there is room, the rest rounded, and never nearer to
-//! obstacles than the path was, or than the clearance that is wished for.
+//! Smooths a path over cells for driving: corners are cut where there is room and the rest is rounded. The path never
+//! comes nearer to obstacles than it was, or than the desired clearance.
 //!
-//! Pulling straight is greedy; rounding moves each point towards the middle of its neighbours and away from obstacles nearer
-//! than wished (the forces of elastic bands, Quinlan and Khatib 1993). Each move is kept only if the clearance at the point and
-//! half-way to both neighbours does not fall below what was there and what was wished.
+//! Shortcuts are found greedily; rounding moves each point towards the mean of its neighbours and away from obstacles
+//! nearer than desired (the forces of elastic bands, Quinlan and Khatib 1993). Each move is kept only if the clearance
+//! at the point and half-way to both neighbours does not fall below what was there and what is desired.
 
 use crate::distance::DistanceField;
 use crate::grid::Cell;
 use cairn_geometry::Vec2;
 
-/// A point that would move by less rests, in metres.
+/// A point that would move by less than this counts as at rest, in metres.
 const STILL_M: f64 = 5e-4;
 
-/// How much a path is smoothed.
+/// Smoothing configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothConfig {
-    /// No point comes nearer to an obstacle than this, in metres, unless the path did: the radius of the robot.
+    /// No point comes nearer to an obstacle than this, in metres, unless the path already did: the radius of the robot.
     pub radius_m: f64,
-    /// Clearance that is kept where the path had it, and sought where it had not, in metres.
+    /// Clearance that is kept where the path had it and sought where it had less, in metres.
     pub clearance_m: f64,
     /// Distance between points, in metres.
     pub spacing_m: f64,
-    /// Rounds of rounding.
+    /// Number of rounding passes.
     pub rounds: usize,
 }
 
@@ -34,15 +34,15 @@ impl Default for SmoothConfig {
 /// A smoothed path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SmoothPath {
-    /// Points in metres, world, about evenly spaced; the ends are those of the path.
+    /// Points in metres, world, almost evenly spaced; the ends are those of the path.
     pub points: Vec<Vec2>,
     /// Length in metres.
     pub length_m: f64,
-    /// Least distance to an obstacle along it, in metres, between middles of cells.
+    /// Least distance to an obstacle along the path, in metres, between cell centres.
     pub clearance_m: f64,
 }
 
-/// Smooths a path of cells. One that cannot be smoothed without coming too near comes back as it was.
+/// Smooths a path of cells. A path that cannot be smoothed without coming too near to obstacles is returned as it was.
 pub fn smooth(field: &DistanceField, cells: &[Cell], config: &SmoothConfig) -> SmoothPath {
     let raw: Vec<Vec2> = cells.iter().map(|&c| field.frame().centre(c)).collect();
     let spacing_m = config.spacing_m.max(0.5 * field.frame().resolution_m());
@@ -62,32 +62,32 @@ pub fn smooth(field: &DistanceField, cells: &[Cell], config: &SmoothConfig) -> S
     SmoothPath { length_m, clearance_m: clearance_of(field, &points), points }
 }
 
-/// Distance at the cell of a point; 0 outside.
+/// Obstacle distance at the cell of a point; 0 outside.
 fn distance(field: &DistanceField, point: Vec2) -> f64 {
     field.frame().cell_at(point).and_then(|c| field.distance_m(c)).unwrap_or(0.0)
 }
 
-/// Least distance along a segment, looked at every half cell.
+/// Least obstacle distance along a segment, sampled every half cell.
 fn along_segment(field: &DistanceField, a: Vec2, b: Vec2) -> f64 {
     let steps = ((b - a).norm() / (0.5 * field.frame().resolution_m())).ceil().max(1.0) as usize;
     let at = |k: usize| distance(field, a + (b - a) * (k as f64 / steps as f64));
     (0..=steps).map(at).fold(f64::INFINITY, f64::min)
 }
 
-/// Whether a segment is nowhere nearer than `floor`. Where both ends are far enough for what lies between, nothing is looked at:
-/// the distance changes by no more than the way, and a cell's middle is half a diagonal away at most.
+/// Whether a segment is nowhere nearer to an obstacle than `floor`. Where both ends are far enough away, no samples are
+/// needed: the distance changes by no more than the distance moved, and a cell centre is at most half a diagonal away.
 fn keeps(field: &DistanceField, a: Vec2, b: Vec2, floor: f64) -> bool {
     let slack = 0.5 * (b - a).norm() + 1.5 * field.frame().resolution_m();
     distance(field, a).min(distance(field, b)) >= floor + slack || along_segment(field, a, b) >= floor
 }
 
-/// Least distance along a path.
+/// Least obstacle distance along a path.
 pub fn clearance_of(field: &DistanceField, points: &[Vec2]) -> f64 {
     let ends = points.first().map_or(f64::INFINITY, |&p| distance(field, p));
     points.windows(2).map(|w| along_segment(field, w[0], w[1])).fold(ends, f64::min)
 }
 
-/// Corners left out where the straight way keeps the clearance.
+/// Removes corners where the straight line keeps the clearance.
 fn pulled(field: &DistanceField, raw: &[Vec2], config: &SmoothConfig) -> Vec<Vec2> {
     let (Some(&first), Some(&last)) = (raw.first(), raw.last()) else { return Vec::new() };
     let at: Vec<f64> = raw.iter().map(|&p| distance(field, p)).collect();
@@ -95,7 +95,7 @@ fn pulled(field: &DistanceField, raw: &[Vec2], config: &SmoothConfig) -> Vec<Vec
     let mut from = 0;
     while from + 1 < raw.len() {
         let (mut to, mut step, mut least) = (from + 1, 1, config.clearance_m.min(at[from]));
-        // Ever longer strides, then shorter ones.
+        // The stride grows, then shrinks again (a galloping search).
         while step > 0 && to + step < raw.len() {
             let floor = at[to..=to + step].iter().copied().fold(least, f64::min);
             if along_segment(field, raw[from], raw[to + step]) >= floor {
@@ -122,7 +122,7 @@ fn pulled(field: &DistanceField, raw: &[Vec2], config: &SmoothConfig) -> Vec<Vec
     kept
 }
 
-/// Points at even distances along a line; its ends stay.
+/// Points at even distances along a line; its ends are kept.
 pub(crate) fn spaced(line: &[Vec2], spacing_m: f64) -> Vec<Vec2> {
     let mut points: Vec<Vec2> = line.first().copied().into_iter().collect();
     let length: f64 = line.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
@@ -144,7 +144,7 @@ pub(crate) fn spaced(line: &[Vec2], spacing_m: f64) -> Vec<Vec2> {
     points
 }
 
-/// One round over all inner points; false when nothing moved any more. Points that rest between resting ones are passed over.
+/// One pass over all inner points; false when no point moved. Points at rest between points at rest are skipped.
 fn rounded(field: &DistanceField, points: &mut [Vec2], resting: &mut [bool], config: &SmoothConfig) -> bool {
     let res = field.frame().resolution_m();
     let mut moved = false;

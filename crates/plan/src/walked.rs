@@ -1,24 +1,24 @@
-//! "Take me to ...": the shortest way over ground that was walked before, through all recorded routes of a map.
+//! "Take me to ...": the shortest route over ground that was walked before, through all recorded routes of a map.
 //!
-//! Routes become one graph: each point is joined to the next of its route, and to points of other stretches so near
-//! that one may step from one to the other. Nothing leads across ground that nobody walked.
-//! Searched by A* (Hart, Nilsson and Raphael 1968) with the straight distance ahead.
+//! The recorded routes become one graph: each point is connected to the next one of its route, and to points of other
+//! stretches that are near enough to step across. The graph never leads over ground that nobody walked. It is searched
+//! by A* (Hart, Nilsson and Raphael 1968) with the straight-line distance as heuristic.
 
 use crate::search::Place;
 use cairn_geometry::Vec3;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
-/// When two stretches meet.
+/// When two stretches are connected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WalkedConfig {
-    /// Points of two stretches this near join them, in metres on the level.
+    /// Points of two stretches this near are connected, in metres, horizontally.
     pub join_m: f64,
-    /// And not more than this apart in height, in metres: floors stay apart.
+    /// Their heights must not differ by more than this, in metres, so that floors stay separate.
     pub join_height_m: f64,
-    /// Points are set so near to each other along a route, in metres.
+    /// Greatest spacing of points along a route, in metres.
     pub spacing_m: f64,
-    /// Start and goal lie within this distance of a route, in metres.
+    /// Start and goal must be within this distance of a route, in metres.
     pub reach_m: f64,
 }
 
@@ -28,24 +28,24 @@ impl Default for WalkedConfig {
     }
 }
 
-/// Why nothing leads there over walked ground.
+/// Why there is no route over walked ground.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotWalked {
-    /// No route holds a point.
+    /// No recorded route holds a point.
     #[error("no route was recorded")]
     NoRoute,
     /// A coordinate is NaN or infinite.
     #[error("the {0} is not a finite point")]
     NotFinite(Place),
-    /// No route comes near.
+    /// No recorded route comes near.
     #[error("the {place} is {distance_m:.1} m from the nearest route")]
     FarFromRoutes {
-        /// Which end.
+        /// Start or goal.
         place: Place,
-        /// To the nearest point of all routes, in metres.
+        /// Distance to the nearest point of all routes, in metres.
         distance_m: f64,
     },
-    /// The routes near the two ends are not joined.
+    /// The routes near the two ends are not connected.
     #[error("the routes near the goal do not meet those near the start ({expanded} points were reached)")]
     NotJoined {
         /// Points reached.
@@ -53,16 +53,16 @@ pub enum NotWalked {
     },
 }
 
-/// Part of a recorded route.
+/// A part of a recorded route.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// Which route, as given.
+    /// Index of the recorded route.
     pub route: usize,
-    /// Whether it is walked the other way round than it was recorded.
+    /// Whether it is walked against the direction of recording.
     pub backwards: bool,
 }
 
-/// A way over walked ground.
+/// A route over walked ground.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WalkedPath {
     /// Points in metres, world, from the start to the goal, both included.
@@ -80,14 +80,14 @@ pub struct WalkedPath {
 pub struct WalkedGraph {
     config: WalkedConfig,
     points: Vec<Vec3>,
-    /// Of each point: its route.
+    /// Route index of each point.
     routes: Vec<usize>,
     edges: Vec<Vec<u32>>,
 }
 
 impl WalkedGraph {
-    /// From routes in metres, world, z up. A point that is not finite cuts its route in two: a caller puts one where nobody
-    /// knows what lies between.
+    /// From routes in metres, world, z up. A point that is not finite cuts its route in two: callers insert one where
+    /// the ground in between is not known.
     pub fn new(routes: &[Vec<Vec3>], config: WalkedConfig) -> Self {
         let mut graph = Self { config, points: Vec::new(), routes: Vec::new(), edges: Vec::new() };
         for (route, line) in routes.iter().enumerate() {
@@ -128,7 +128,7 @@ impl WalkedGraph {
         }
     }
 
-    /// Joins points of stretches that come near each other.
+    /// Connects points of stretches that come near each other.
     fn join(&mut self) {
         let join_m = self.config.join_m.max(1e-3);
         let square = |p: &Vec3| ((p.x / join_m).floor() as i64, (p.y / join_m).floor() as i64);
@@ -165,17 +165,17 @@ impl WalkedGraph {
         }
     }
 
-    /// The shortest way between two points that lie near routes.
+    /// The shortest route between two points that are near recorded routes.
     ///
     /// # Errors
-    /// Why there is none.
+    /// When a point is not finite or far from all routes, or the routes are not connected.
     pub fn path(&self, from: Vec3, to: Vec3) -> Result<WalkedPath, NotWalked> {
         let (start, goal) = (self.nearest(Place::Start, from)?, self.nearest(Place::Goal, to)?);
         let ahead = |i: usize| (self.points[i] - self.points[goal]).norm();
         let mut best = vec![(f64::INFINITY, u32::MAX); self.points.len()];
         let mut done = vec![false; self.points.len()];
         best[start].0 = 0.0;
-        // Bits of positive floats are ordered as the floats are.
+        // The bits of positive floats have the order of the floats.
         let mut queue = BinaryHeap::from([Reverse((ahead(start).to_bits(), start as u32))]);
         let mut expanded = 0;
         while let Some(Reverse((_, at))) = queue.pop() {
@@ -207,7 +207,7 @@ impl WalkedGraph {
         nodes.reverse();
         let mut stretches: Vec<Stretch> = Vec::new();
         for pair in nodes.windows(2) {
-            // Points of a route are numbered along it; a jump to another stretch is no part of any.
+            // Points of a route have successive indices; a jump to another stretch belongs to no route.
             if pair[0].abs_diff(pair[1]) == 1 && self.routes[pair[0]] == self.routes[pair[1]] {
                 let stretch = Stretch { route: self.routes[pair[0]], backwards: pair[1] < pair[0] };
                 if stretches.last() != Some(&stretch) {
@@ -290,7 +290,7 @@ mod tests {
                 .collect();
             let graph = WalkedGraph::new(&routes, WalkedConfig::default());
             let n = graph.len();
-            // Bellman and Ford.
+            // Bellman-Ford.
             let mut cost = vec![f64::INFINITY; n];
             cost[0] = 0.0;
             for _ in 0..n {

@@ -1,4 +1,5 @@
-//! Bodies driven through halls made here: they keep to their paths, touch nothing, and say why when they cannot go on.
+//! Simulated drives through halls: the body stays on its path, touches nothing, and gives a reason when it cannot go
+//! on.
 
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::trial::{SimulatedBody, drive};
@@ -20,7 +21,7 @@ fn body(x: f64, y: f64, heading: f64, seed: u64) -> SimulatedBody {
     SimulatedBody::new(Se2::from_xy_angle(x, y, heading), Limits::differential_drive(), 0.05, 0.02, 1.0, seed)
 }
 
-/// A hall of `w` x `h` metres in cells of 5 cm, with walls around and boxes (metres: from x, y to x, y) in it.
+/// A hall of `w` x `h` metres in cells of 5 cm, with walls around it and boxes (metres: from x, y to x, y) in it.
 fn hall(w: f64, h: f64, boxes: &[[f64; 4]]) -> Grid<i8> {
     let frame = GridFrame::new((w * 20.0) as usize, (h * 20.0) as usize, 0.05, Se2::identity()).unwrap();
     let mut map = Grid::filled(frame, 0i8);
@@ -125,7 +126,7 @@ fn path_integral_control_keeps_to_a_path_too() {
     assert!(rms < 0.06 && least > 0.2, "{rms} m RMS, {least} m");
 }
 
-/// What is seen of people at one time.
+/// Detections of people at one time.
 fn people(layer: &mut DynamicLayer, time_s: f64, at: &[Vec2]) {
     let seen: Vec<Detection> = at.iter().map(|&position| Detection { position, radius_m: 0.3 }).collect();
     layer.observe(time_s, &seen);
@@ -241,7 +242,7 @@ fn a_wall_that_comes_up_close_stops_the_body_in_time() {
     let (mut time_s, mut seen) = (0.0, false);
     while time_s < 20.0 && navigator.state() != State::NoPath {
         if !seen && body.truth.translation.x > 4.0 {
-            // Half a metre of brakes and a stop distance of 0.1 m are left.
+            // 0.5 m of braking distance and the stop distance of 0.1 m are left.
             let at = ((body.truth.translation.x + 0.2 + 0.55) * 20.0) as u32;
             let cells: Vec<(Cell, i8)> = (0..60).map(|y| (Cell::new(at, y), 100)).collect();
             costs.update(&cells);
@@ -275,20 +276,20 @@ fn bad_goals_and_poses_have_their_reasons() {
         assert_eq!((step.state, step.reason), (State::NoPath, Some(Reason::NoPath(reason))));
         assert_eq!(step.motion, Motion::stop());
     }
-    // The start in a wall.
+    // The start is inside a wall.
     navigator.set_goal(Vec2::new(11.0, 1.5));
     let in_wall = Se2::from_xy_angle(6.0, 5.0, 0.0);
     let step = navigator.step(0.0, &in_wall, Motion::stop(), &costs, None);
     let blocked = NoPath::Blocked { place: Place::Start, cell: wall };
     assert_eq!((step.state, step.reason), (State::NoPath, Some(Reason::NoPath(blocked))));
-    // A pose that is no number while driving: it slows down, and goes on when the pose is back.
+    // The pose is not finite while driving: the body slows down, and continues when the pose is valid again.
     navigator.set_goal(Vec2::new(11.0, 1.5));
     navigator.step(0.0, &at, Motion::stop(), &costs, None);
     let moving = Motion::new(0.5, 0.0);
     let step = navigator.step(0.1, &Se2::from_xy_angle(f64::NAN, 0.0, 0.0), moving, &costs, None);
     assert!(step.reason == Some(Reason::PoseInvalid) && step.motion.linear < 0.5);
     assert_eq!(navigator.step(0.2, &at, moving, &costs, None).state, State::Executing);
-    // A loop was closed: the body is elsewhere, the old path is dropped.
+    // A loop closure: the body is elsewhere, so the old path is dropped.
     let elsewhere = Se2::from_xy_angle(2.0, 3.0, 0.0);
     let step = navigator.step(0.3, &elsewhere, moving, &costs, None);
     assert!(matches!(step.reason, Some(Reason::PoseJumped(m)) if (m - 1.8).abs() < 0.1), "{step:?}");

@@ -1,4 +1,4 @@
-//! Occupancy from rays, files of `map_server`, costs, and what moves.
+//! Occupancy from rays, `map_server` files, costs, and moving objects.
 
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::anchored::AnchoredGrid;
@@ -54,7 +54,7 @@ fn a_room_seen_from_inside() {
 fn a_grid_on_key_frames_is_laid_again_when_they_move() {
     let truth =
         |k: i32| Se2::from_xy_angle(1.0 + 0.1 * f64::from(k), 1.5 + 0.02 * f64::from(k), 0.1 * f64::from(k));
-    // What was believed before the loop was closed: ever farther off.
+    // Poses estimated before the loop closure, with a growing error.
     let believed =
         |k: i32| truth(k) * Se2::from_xy_angle(0.03 * f64::from(k), 0.01 * f64::from(k), 0.01 * f64::from(k));
     let key_from_sensor = Se2::from_xy_angle(0.1, 0.05, 0.2);
@@ -82,7 +82,7 @@ fn a_grid_on_key_frames_is_laid_again_when_they_move() {
     let laid = grid.set_poses(|k| (k % 3 != 0).then(|| truth(k))).unwrap();
     assert_eq!((laid.gone, laid.scans), (10, 20));
     assert!(map(&grid) == map(&build(&truth, &|k| k % 3 != 0)));
-    // A pose that is no number: nothing changes.
+    // A pose that is not finite changes nothing.
     let before = map(&grid);
     assert!(grid.set_poses(|_| Some(Se2::from_xy_angle(f64::NAN, 0.0, 0.0))).is_err());
     assert!(grid.insert_scan(99, &Se2::from_xy_angle(1e9, 0.0, 0.0), key_from_sensor, &rays(0)).is_err());
@@ -105,7 +105,7 @@ fn one_miss_is_no_proof_and_bad_rays_say_nothing() {
     assert_eq!(grid.to_map().get(middle), Some(0));
     assert_eq!(grid.insert_scan(&Se2::from_xy_angle(f64::NAN, 0.0, 0.0), []), Err(ScanRejected::Pose));
     assert_eq!(grid.insert_scan(&Se2::from_xy_angle(-5.0, 0.0, 0.0), []), Err(ScanRejected::Outside));
-    // Someone stands there for three scans and leaves: at 10 Hz the place is free again within a second.
+    // Someone stands there for three scans and leaves: at 10 Hz the cell is free again within a second.
     (0..3).for_each(|_| assert!(grid.insert_scan(&pose, [(0.0, 4.5)]).is_ok()));
     assert_eq!(grid.to_map().get(middle), Some(100));
     let left = (1..20).find(|_| {
@@ -153,7 +153,7 @@ fn wrong_map_files_say_what_is_wrong() {
         std::fs::write(folder.join("a.yaml"), text).unwrap();
         map_server::load(&folder.join("a.yaml")).map_err(|e| e.to_string())
     };
-    // The upper row of the image is the one of greater y.
+    // The upper row of the image is the row of greater y.
     assert_eq!(load(good).unwrap().0.values(), [UNKNOWN, 100, 100, 0]);
     let list = good.replace("origin: [0, 0, 0]", "origin: # as a list\n- 0.0\n- 0.0\n- 0.0");
     assert!(load(&list).is_ok(), "{:?}", load(&list));
@@ -200,7 +200,7 @@ fn wrong_moving_ai_files_say_where() {
 
 #[test]
 fn wide_passages_and_walked_ground_are_preferred() {
-    // Two ways around a block: a narrow one of 0.6 m and a wide one of 2 m that is longer.
+    // Two routes around a block: a narrow one of 0.6 m, and a wide one of 2 m that is longer.
     let frame = GridFrame::new(120, 90, 0.05, Se2::identity()).unwrap();
     let mut map = Grid::filled(frame, 0i8);
     for i in 0..frame.len() {
@@ -270,10 +270,10 @@ fn people_are_tracked_through_each_other_and_forgotten() {
             (track.position - true_at).norm() < 0.1 && (track.velocity - Vec2::new(v, 0.0)).norm() < 0.15
         );
     }
-    // In one second the first is 1.2 m farther on.
+    // One second later, the first object is 1.2 m farther on.
     let ahead = truth(5.9)[0];
     assert!(layer.clearance_m(ahead, 1.0) < 0.0 && layer.clearance_m(ahead, 0.0) > 0.3);
-    // A ghost far off begins its own track and is not believed to move; bad detections are counted.
+    // A false detection far away begins its own track and is not confirmed; invalid detections are counted.
     let bad = Detection { position: Vec2::new(f64::NAN, 0.0), radius_m: 0.2 };
     let ghost = Detection { position: Vec2::new(0.0, 30.0), radius_m: 0.2 };
     let observed = layer.observe(5.0, &[ghost, bad]);

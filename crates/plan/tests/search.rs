@@ -1,4 +1,4 @@
-//! Every search beside a plain one on thousands of random grids, and on the Moving AI benchmarks.
+//! Every search compared with a simple reference on thousands of random grids, and on the Moving AI benchmarks.
 
 use cairn_plan::random::Random;
 use cairn_plan::search::{
@@ -10,7 +10,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::path::PathBuf;
 
-/// Folder of the recordings, if it is there.
+/// Folder of the recordings, if it exists.
 fn data() -> Option<PathBuf> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     let data = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);
@@ -21,8 +21,8 @@ fn data() -> Option<PathBuf> {
     found
 }
 
-/// Dijkstra with floating point, looking at every step from its definition: the least weighted length from `start` to every
-/// cell; infinite where none leads. Written for being plain.
+/// Dijkstra in floating point, checking every step by its definition: the least weighted length from `start` to every
+/// cell, infinite where no path leads. Written for simplicity.
 fn dijkstra(costs: &Grid<u8>, start: Cell) -> Vec<f64> {
     let frame = costs.frame();
     let (w, h) = (frame.width() as i32, frame.height() as i32);
@@ -75,7 +75,7 @@ fn some_free(random: &mut Random, grid: &Grid<bool>) -> Option<Cell> {
     (0..60).map(|_| grid.frame().cell(random.below(grid.frame().len()))).find(|&c| grid.get(c) == Some(true))
 }
 
-/// A path leads from start to goal over free neighbours and cuts no corner.
+/// Asserts that a path leads from start to goal over free neighbours and cuts no corner.
 fn assert_sound(passable: &Passable, path: &GridPath, start: Cell, goal: Cell) {
     assert_eq!((path.cells.first(), path.cells.last()), (Some(&start), Some(&goal)));
     assert!(path.cells.iter().all(|&c| passable.is_free(c)));
@@ -263,7 +263,7 @@ fn every_moving_ai_scenario_at_its_optimal_length() {
                 jump.search(&passable, task.start, task.goal).unwrap(),
             ] {
                 assert_sound(&passable, &path, task.start, task.goal);
-                // The files round to six digits.
+                // The lengths in the files are rounded to six digits.
                 let rounding = 0.5 * 10f64.powf(task.optimal_length.max(1.0).log10().floor() - 5.0);
                 let off = (path.length - task.optimal_length).abs();
                 assert!(
@@ -315,7 +315,7 @@ fn every_moving_ai_map_is_searched_alike() {
 
 #[test]
 fn thousands_of_searches_do_not_see_each_other() {
-    // More than the stamps of the packed words can count.
+    // More searches than the stamps of the packed words can count.
     let mut grid = Grid::filled(GridFrame::unit(9, 9).unwrap(), true);
     (0..8).for_each(|y| assert!(grid.set(Cell::new(4, y), false)));
     let passable = Passable::new(&grid);

@@ -1,22 +1,22 @@
-//! The maximum clique of a graph: the largest set of vertices that are all joined with each other.
+//! The maximum clique of a graph: the largest set of vertices that are all connected to each other.
 //!
-//! Source: branch and bound with colours as bounds, Tomita and Seki, "An efficient branch-and-bound algorithm for finding a
-//! maximum clique" (2003); sets of bits as in San Segundo et al., "An exact bit-parallel algorithm for the maximum clique
-//! problem" (2011).
+//! Source: branch and bound with colourings as bounds, Tomita and Seki, "An efficient branch-and-bound algorithm for
+//! finding a maximum clique" (2003); bit sets as in San Segundo et al., "An exact bit-parallel algorithm for the
+//! maximum clique problem" (2011).
 
-/// Branches looked at before the best clique so far is taken.
+/// Greatest number of branches searched; then the best clique so far is returned.
 const BRANCHES: usize = 200_000;
 
-/// A clique, and whether none is larger.
+/// A clique, and whether it is certainly a largest one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Clique {
-    /// Its vertices, rising.
+    /// Its vertices, in rising order.
     pub vertices: Vec<usize>,
     /// Whether the search was complete. If not, a larger one may exist.
     pub is_maximum: bool,
 }
 
-/// The maximum clique of the graph in which `a` and `b` are joined where `joined(a, b)`; of several the first found.
+/// The maximum clique of the graph in which `a` and `b` are connected where `joined(a, b)`; of several the first found.
 pub fn maximum_clique(n: usize, joined: impl Fn(usize, usize) -> bool) -> Clique {
     let words = n.div_ceil(64);
     let mut rows = vec![vec![0u64; words]; n];
@@ -44,7 +44,7 @@ struct Search {
 }
 
 impl Search {
-    /// Tries all cliques of the current one and some of the candidates.
+    /// Tries all cliques that extend the current one by some of the candidates.
     fn expand(&mut self, candidates: &mut [u64]) {
         for (v, colours) in self.coloured(candidates).into_iter().rev() {
             if self.current.len() + colours <= self.best.len() || self.left == 0 {
@@ -63,7 +63,8 @@ impl Search {
         }
     }
 
-    /// The candidates by rising colour, each with how many colours there are up to it: no clique of them is larger.
+    /// The candidates in order of their colour, each with the number of colours up to it, which bounds the size of
+    /// their cliques.
     fn coloured(&self, candidates: &[u64]) -> Vec<(usize, usize)> {
         let mut left = candidates.to_vec();
         let mut order = Vec::new();

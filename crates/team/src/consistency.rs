@@ -1,8 +1,8 @@
-//! Pairwise consistency of loops between two robots.
+//! Pairwise consistency of loop closures between two robots.
 //!
-//! Two loops and the two ways between their ends close a circle; if both are right, the way around it is the identity within its
-//! covariance. Source: Mangelson, Dominic, Eustice, Vasudevan, "Pairwise consistent measurement set maximization for robust
-//! multi-robot map merging" (2018), equations 5 to 8.
+//! Two loops and the two routes between their ends form a cycle; if both loops are right, the transform around the
+//! cycle is the identity within its covariance. Source: Mangelson, Dominic, Eustice, Vasudevan, "Pairwise consistent
+//! measurement set maximization for robust multi-robot map merging" (2018), equations 5 to 8.
 
 use crate::graphs::Measurement;
 use crate::joint::{Known, Team};
@@ -13,12 +13,12 @@ use cairn_solve::graph::{GraphConfig, Metric, PoseGraph};
 use nalgebra::{DMatrix, SMatrix};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The loops between two robots, and how far every two of them are from agreeing.
+/// The loops between two robots, and the pairwise disagreement of these loops.
 #[derive(Clone, Debug)]
 pub struct LoopGroup {
-    /// The loops, rising.
+    /// The loops, in rising order.
     pub loops: Vec<LoopId>,
-    /// Squared Mahalanobis distance of loops `a > b`, at `a (a - 1) / 2 + b`; infinite where it cannot be told.
+    /// Squared Mahalanobis distance of loops `a > b`, at `a (a - 1) / 2 + b`; infinite where it cannot be computed.
     pub distances: Vec<f64>,
 }
 
@@ -30,7 +30,7 @@ impl LoopGroup {
     }
 }
 
-/// A robot by itself: where its own measurements alone put the poses that loops touch, and how well they know it.
+/// One robot alone: the poses at the ends of loops, estimated from its own measurements only, with their covariance.
 struct Alone<G, const D: usize> {
     places: BTreeMap<PoseId, usize>,
     poses: Vec<G>,
@@ -63,14 +63,14 @@ impl<G: LieGroup<D>, const D: usize> Alone<G, D> {
         })
     }
 
-    /// `a_from_b` of two poses and its covariance; `None` where nothing joins them.
+    /// `a_from_b` of two poses and its covariance; `None` where they are not connected.
     fn between(&self, a: PoseId, b: PoseId) -> Option<(G, SMatrix<f64, D, D>)> {
         let (a, b) = (*self.places.get(&a)?, *self.places.get(&b)?);
         if self.components[a] != self.components[b] {
             return None;
         }
         let a_from_b = self.poses[a].inverse().compose(&self.poses[b]);
-        // It moves with `b`, and with `a` through the adjoint and the other sign.
+        // The error depends on `b` directly, and on `a` through the adjoint with the opposite sign.
         let across = -a_from_b.inverse().adjoint();
         let block = |r: usize, c: usize| self.covariance.fixed_view::<D, D>(r * D, c * D).into_owned();
         let mixed = across * block(a, b);
@@ -79,7 +79,7 @@ impl<G: LieGroup<D>, const D: usize> Alone<G, D> {
     }
 }
 
-/// A loop seen from the robot with the smaller id.
+/// A loop in the direction from the robot with the smaller id.
 struct Seen<G, const D: usize> {
     id: LoopId,
     a_from_b: G,
@@ -98,7 +98,7 @@ impl<G: LieGroup<D>, const D: usize> Seen<G, D> {
     }
 }
 
-/// All loops between robots of a team, by pairs of robots, with their consistency.
+/// All loops between robots of a team, grouped by pairs of robots, with their consistency.
 pub fn groups<G: LieGroup<D>, const D: usize>(
     team: &Team<G, D>,
     loops: &BTreeMap<LoopId, Measurement<G, D>>,
@@ -129,7 +129,7 @@ pub fn groups<G: LieGroup<D>, const D: usize>(
     by_pair.iter().map(group).collect()
 }
 
-/// Squared Mahalanobis distance of the way around both loops from the identity.
+/// Squared Mahalanobis distance of the transform around the cycle of both loops from the identity.
 fn distance<G: LieGroup<D>, const D: usize>(
     one: &Seen<G, D>,
     two: &Seen<G, D>,
@@ -140,7 +140,7 @@ fn distance<G: LieGroup<D>, const D: usize>(
     let (back, back_covariance) = second.between(two.id.1, one.id.1)?;
     let rest = two.a_from_b.compose(&back);
     let around = one.a_from_b.inverse().compose(&there).compose(&rest);
-    // Each error is moved to the end of the way.
+    // Each error is transported to the end of the cycle.
     let moved = |by: G, covariance: &SMatrix<f64, D, D>| {
         let adjoint = by.inverse().adjoint();
         adjoint * covariance * adjoint.transpose()

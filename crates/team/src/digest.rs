@@ -1,4 +1,4 @@
-//! Between a robot's graph and its messages: what it shares and where it is, as numbers and back.
+//! Conversion between a robot's graph and its messages: what it shares and its estimate, as numbers and back.
 
 use crate::graphs::Measurement;
 use crate::message::{Estimate, Shared};
@@ -8,29 +8,29 @@ use cairn_solve::graph::{Condensed, semi_definite};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::collections::BTreeMap;
 
-/// What a robot shares, ready for use.
+/// What a robot shares, decoded.
 #[derive(Clone, Debug)]
 pub struct SharedGraph<G, const D: usize> {
-    /// The poses, rising.
+    /// The shared poses, in rising order.
     pub ids: Vec<PoseId>,
     /// Measurements between them.
     pub inner: Vec<Measurement<G, D>>,
     /// Loops to other robots.
     pub loops: Vec<Measurement<G, D>>,
-    /// Around each eliminated part the poses by their places.
+    /// The poses around each eliminated part, as indices of shared poses.
     pub parts: Vec<Vec<usize>>,
 }
 
-/// Where a robot is, ready for use.
+/// The estimate of a robot, decoded.
 #[derive(Clone, Debug)]
 pub struct Located<G, const D: usize> {
     /// `world_from_pose` of the shared poses.
     pub poses: Vec<G>,
-    /// The condensed parts; vertices are places among the shared poses.
+    /// The condensed parts; their vertices are indices of shared poses.
     pub parts: Vec<Condensed<G, D>>,
 }
 
-/// Collects information matrices so that each is sent once.
+/// Collects information matrices so that equal ones are sent once.
 #[derive(Default)]
 struct Informations {
     numbers: Vec<f64>,
@@ -38,7 +38,7 @@ struct Informations {
 }
 
 impl Informations {
-    /// The place of a matrix; `None` when there are too many different ones.
+    /// The index of a matrix; `None` when there are too many different ones.
     fn place<const D: usize>(&mut self, m: &SMatrix<f64, D, D>) -> Option<u16> {
         let upper: Vec<f64> = (0..D).flat_map(|r| (r..D).map(move |c| m[(r, c)])).collect();
         let key = upper.iter().map(|v| v.to_bits()).collect();
@@ -51,7 +51,7 @@ impl Informations {
     }
 }
 
-/// What is shared, as numbers; `None` when there is too much of it for a message. Poses are named by place among `seqs`.
+/// What is shared, as numbers; `None` when it is too much for a message. Poses are given by their index in `seqs`.
 pub fn encode_shared<G: LieGroup<D>, const D: usize>(
     robot: RobotId,
     seqs: &[u32],
@@ -79,7 +79,7 @@ pub fn encode_shared<G: LieGroup<D>, const D: usize>(
     })
 }
 
-/// What is shared, from a message that was checked.
+/// What is shared, from a message that was already checked.
 ///
 /// # Errors
 /// When an information matrix is not positive semi-definite.
@@ -129,7 +129,7 @@ fn symmetric<const D: usize>(upper: &[f64]) -> SMatrix<f64, D, D> {
     m
 }
 
-/// The poses as numbers, and as they will be read from them.
+/// The poses as numbers, and the rounded poses that receivers will read from them.
 pub fn encode_poses<G: LieGroup<D>, const D: usize>(poses: &[G]) -> (Estimate, Vec<G>) {
     let mut estimate = Estimate::default();
     if let Some((first, others)) = poses.split_first() {
@@ -161,7 +161,7 @@ pub fn encode_part<G: LieGroup<D>, const D: usize>(part: &Condensed<G, D>, numbe
     numbers.extend(part.rhs().iter().map(|v| *v as f32));
 }
 
-/// Where a robot is, from an estimate that fits what it shares.
+/// The estimate of a robot, from a message that fits what the robot shares.
 ///
 /// # Errors
 /// When a condensed part is not finite.

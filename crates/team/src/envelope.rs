@@ -1,15 +1,15 @@
-//! What every message begins with: `version` (1 byte), `kind` (1), CRC-32 of the rest (4, little endian), then the body.
+//! The header of every message: `version` (1 byte), `kind` (1), CRC-32 of the rest (4, little endian), then the body.
 
 use crate::message::{Refused, VERSION};
 
 const HEADER: usize = 6;
 
-/// What a message is about.
+/// Kind of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The graph of a robot.
     Graph = 1,
-    /// The words of a key frame.
+    /// The visual words of a keyframe.
     Words = 2,
 }
 

@@ -1,4 +1,4 @@
-//! A whole team in one process over a simulated network, exchange by exchange, with its figures.
+//! A whole team in one process over a simulated network, exchange by exchange, with its cost and accuracy.
 
 use crate::graphs::{RobotGraph, Whole};
 use crate::judge::JudgeConfig;
@@ -9,7 +9,7 @@ use cairn_solve::graph::{Certificate, GraphConfig, Metric, PoseGraph, Rigid, cer
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// What one exchange cost and reached.
+/// Cost of one exchange.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Round {
     /// Bytes of each robot's message, in the order of the team.
@@ -18,7 +18,7 @@ pub struct Round {
     pub received: Vec<usize>,
     /// Messages that were refused: late ones and duplicates.
     pub refused: usize,
-    /// Time that each robot computed, s.
+    /// CPU time of each robot, s.
     pub cpu_s: Vec<f64>,
 }
 
@@ -33,10 +33,10 @@ pub struct Exchange<G, const D: usize> {
 }
 
 impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
-    /// Each robot with its own graph alone; without a way to `judge`, they believe every loop.
+    /// A team whose robots know only their own graphs. Without `judge`, they accept every loop.
     ///
     /// # Errors
-    /// When the graphs do not make a team.
+    /// When the graphs do not form a team.
     pub fn new(
         team: &[RobotGraph<G, D>],
         network: NetworkConfig,
@@ -53,17 +53,17 @@ impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
         &self.robots
     }
 
-    /// All graphs as one.
+    /// All graphs combined into one.
     pub fn whole(&self) -> &Whole<G, D> {
         &self.whole
     }
 
-    /// A robot leaves: it no longer sends, hears or computes.
+    /// A robot leaves the team: it no longer sends, receives or computes.
     pub fn leave(&mut self, robot: RobotId) {
         self.set_gone(robot, true);
     }
 
-    /// A robot comes back with what it knew.
+    /// A robot returns, with its knowledge from before.
     pub fn come_back(&mut self, robot: RobotId) {
         self.set_gone(robot, false);
     }
@@ -74,10 +74,10 @@ impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
         }
     }
 
-    /// Everyone sends, hears what arrives, and computes one step.
+    /// One exchange: every robot sends, receives what arrives, and computes one step.
     ///
     /// # Errors
-    /// When a robot cannot go on.
+    /// When a robot cannot continue.
     pub fn round(&mut self, mut clock: impl FnMut() -> f64) -> Result<Round, RobotError> {
         let n = self.robots.len();
         let mut round = Round { sent: vec![0; n], received: vec![0; n], refused: 0, cpu_s: vec![0.0; n] };
@@ -110,18 +110,18 @@ impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
         Ok(round)
     }
 
-    /// Where each robot takes its own poses to be; in the order of [`Whole::ids`].
+    /// The own poses of each robot as it estimates them; in the order of [`Whole::ids`].
     pub fn poses(&self) -> Vec<G> {
         let poses: BTreeMap<PoseId, &G> = self.robots.iter().flat_map(|r| r.own_poses()).collect();
         self.whole.ids.iter().filter_map(|id| poses.get(id).map(|p| **p)).collect()
     }
 
-    /// The same after each exchange.
+    /// The poses after each exchange.
     pub fn history(&self) -> &[Vec<G>] {
         &self.history
     }
 
-    /// Loops that are not believed, each as the robot with the smaller id decided.
+    /// Rejected loops; the robot with the smaller id decides for each.
     pub fn rejected(&self) -> BTreeSet<LoopId> {
         let rejects = |id: &LoopId| self.robots.iter().any(|r| r.id() == id.0.robot && r.rejects(id));
         self.whole.loops.iter().flatten().filter(|id| rejects(id)).copied().collect()
@@ -132,7 +132,7 @@ impl<G: Rigid<D>, const D: usize> Whole<G, D> {
     /// The graph without some loops, with its vertices at these poses.
     ///
     /// # Panics
-    /// When there is not a pose for each vertex.
+    /// When the number of poses is not the number of vertices.
     pub fn at(&self, poses: &[G], without: &BTreeSet<LoopId>) -> PoseGraph<G, D> {
         let mut graph = PoseGraph::new();
         for pose in poses {
@@ -141,23 +141,23 @@ impl<G: Rigid<D>, const D: usize> Whole<G, D> {
         assert_eq!(poses.len(), self.ids.len(), "a pose for each vertex");
         for (e, id) in self.graph.edges().iter().zip(&self.loops) {
             if !id.is_some_and(|id| without.contains(&id)) {
-                // They were accepted once.
+                // The edge was accepted before, so it is valid.
                 let _ = graph.add_edge(e.a, e.b, e.a_from_b, &e.information, e.loss);
             }
         }
         graph
     }
 
-    /// Sum of the squared whitened residuals of all measurements but some loops.
+    /// Sum of the squared whitened residuals of all measurements, except some loops.
     ///
     /// # Panics
-    /// When there is not a pose for each vertex.
+    /// When the number of poses is not the number of vertices.
     pub fn chi2(&self, poses: &[G], without: &BTreeSet<LoopId>) -> f64 {
         2.0 * self.at(poses, without).cost(Metric::Geodesic)
     }
 
-    /// The optimum without some loops, found by one solver that sees everything: the yardstick. Its chi2 is [`Whole::chi2`] at
-    /// its values.
+    /// The optimum without some loops, found by one central solver with all measurements: the reference for comparison.
+    /// Its chi2 is [`Whole::chi2`] at its values.
     pub fn optimum(&self, without: &BTreeSet<LoopId>) -> PoseGraph<G, D> {
         let mut graph = self.at(self.graph.values(), without);
         lowest_start(&mut graph, true, Metric::Geodesic);
@@ -166,12 +166,13 @@ impl<G: Rigid<D>, const D: usize> Whole<G, D> {
         graph
     }
 
-    /// By how much the optimum that these poses lead to may miss the global one: SE-Sync's objective of the measurements but some
-    /// loops, minimised from the poses, with its lower bound. It weighs measurements alike in all directions and measures
-    /// rotations by chords, so it says of the poses themselves only which basin they are in. `None` where no bound is found.
+    /// Upper bound of the gap between the optimum reached from these poses and the global one: the SE-Sync objective of
+    /// the measurements (except some loops), minimised from the poses, with its lower bound. That objective weights
+    /// measurements isotropically and measures rotations by chordal distance, so about the poses themselves it only
+    /// says which basin of attraction they are in. `None` where no bound is found.
     ///
     /// # Panics
-    /// When there is not a pose for each vertex.
+    /// When the number of poses is not the number of vertices.
     pub fn certificate(&self, poses: &[G], without: &BTreeSet<LoopId>) -> Option<Certificate> {
         let mut graph = self.at(poses, without);
         for e in graph.edges_mut() {

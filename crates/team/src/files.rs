@@ -1,4 +1,4 @@
-//! A team's graphs from g2o text, one text a robot.
+//! A team's graphs from g2o text, one text per robot.
 
 use crate::graphs::{GraphsError, Measurement, RobotGraph};
 use crate::{PoseId, RobotId};
@@ -7,19 +7,19 @@ use cairn_solve::TextError;
 use cairn_solve::g2o::{self, Graph, Named};
 use std::collections::BTreeMap;
 
-/// A team in the plane or in space.
+/// A team in 2D or 3D.
 #[derive(Clone, Debug)]
 pub enum TeamGraphs {
-    /// Of SE2 poses.
+    /// SE(2) poses.
     Plane(Vec<RobotGraph<Se2, 3>>),
-    /// Of SE3 poses.
+    /// SE(3) poses.
     Space(Vec<RobotGraph<Se3, 6>>),
 }
 
-/// Why texts do not give a team.
+/// Why texts do not describe a team.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReadError {
-    /// A line of one of them.
+    /// A line of one text is invalid.
     #[error("text {text}, line {line}: {reason}")]
     Text {
         /// Which text, from 0.
@@ -29,22 +29,22 @@ pub enum ReadError {
         /// What is wrong there.
         reason: String,
     },
-    /// A vertex is in no text, so nobody has it.
+    /// A vertex is used by an edge but is in no text.
     #[error("vertex {0} is in none of the texts")]
     Nobody(u64),
-    /// There are more texts than robots that can be told apart, or none.
+    /// There is no text, or there are more texts than robot ids.
     #[error("{0} texts are not a team")]
     Count(usize),
-    /// The graphs do not fit together.
+    /// The graphs do not form a team.
     #[error(transparent)]
     Graphs(#[from] GraphsError),
 }
 
-/// Reads one g2o text a robot. A robot has the vertices of its text; its edges may lead to those of others. Numbers of poses
-/// are counted from its smallest vertex id. Fixed vertices are not kept fixed.
+/// Reads one g2o text per robot. A robot owns the vertices of its text; its edges may connect them to those of others.
+/// Poses are numbered from the smallest vertex id of the robot. Fixed vertices are not kept fixed.
 ///
 /// # Errors
-/// When a text is invalid or names vertices that no text has.
+/// When a text is invalid, or names a vertex that no text has.
 pub fn read(texts: &[&str]) -> Result<TeamGraphs, ReadError> {
     if texts.is_empty() || texts.len() > usize::from(RobotId::MAX) {
         return Err(ReadError::Count(texts.len()));
@@ -58,7 +58,7 @@ pub fn read(texts: &[&str]) -> Result<TeamGraphs, ReadError> {
             owners.entry(id).or_insert(k);
         }
     }
-    // Which text each edge is from, in the order of the edges.
+    // The text that each edge came from, in the order of the edges.
     let is_edge = |line: &&str| line.trim_start().starts_with("EDGE_SE");
     let from: Vec<usize> = texts
         .iter()

@@ -1,4 +1,4 @@
-//! The pose graphs of a team: what each robot holds before it has heard of anyone, and all of it as one graph.
+//! The pose graphs of a team: the graph of each robot before any exchange, and all graphs combined.
 
 use crate::{LoopId, PoseId, RobotId};
 use cairn_geometry::LieGroup;
@@ -16,17 +16,17 @@ pub struct Measurement<G, const D: usize> {
     pub b: PoseId,
     /// The measurement.
     pub a_from_b: G,
-    /// Inverse covariance of its coordinates.
+    /// Information matrix (inverse covariance) of its coordinates.
     pub information: SMatrix<f64, D, D>,
 }
 
 impl<G, const D: usize> Measurement<G, D> {
-    /// Its ends, the smaller id first.
+    /// Both ends, the smaller id first.
     pub fn ends(&self) -> LoopId {
         (self.a.min(self.b), self.a.max(self.b))
     }
 
-    /// The end that a robot has, and the other one; `None` when neither or both are its.
+    /// The end that belongs to a robot, and the other one; `None` when neither or both belong to it.
     pub fn own_end(&self, robot: RobotId) -> Option<(PoseId, PoseId)> {
         match (self.a.robot == robot, self.b.robot == robot) {
             (true, false) => Some((self.a, self.b)),
@@ -36,40 +36,40 @@ impl<G, const D: usize> Measurement<G, D> {
     }
 }
 
-/// What one robot holds: its poses, the measurements between them, and loops to poses of others.
+/// The graph of one robot: its poses, the measurements between them, and loops to poses of others.
 #[derive(Clone, Debug)]
 pub struct RobotGraph<G, const D: usize> {
-    /// Whose it is.
+    /// The robot that owns the graph.
     pub robot: RobotId,
-    /// Its poses by number, in a frame of its own (any, where they are not known).
+    /// Its poses by number, in its own frame (arbitrary values where they are unknown).
     pub poses: BTreeMap<u32, G>,
-    /// Measurements with at least one end of its own.
+    /// Measurements with at least one end on its own poses.
     pub measurements: Vec<Measurement<G, D>>,
 }
 
-/// Why graphs do not make a team.
+/// Why graphs do not form a team.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GraphsError {
-    /// There is none, or not a pose for each robot.
+    /// There is no robot, or there are fewer poses than robots.
     #[error("{robots} robots cannot share {poses} poses")]
     TooFew {
         /// Robots asked for.
         robots: usize,
-        /// Poses that there are.
+        /// Number of poses available.
         poses: usize,
     },
-    /// Two have the same id.
+    /// Two robots have the same id.
     #[error("robot {0} is there twice")]
     Twice(RobotId),
-    /// A measurement names a pose that nobody has.
+    /// A measurement names a pose that no robot has.
     #[error("pose {} of robot {} does not exist", .0.seq, .0.robot)]
     NoPose(PoseId),
-    /// A measurement of a robot has no end of its own.
+    /// A measurement of a robot has no end on the robot's own poses.
     #[error("robot {robot} holds a measurement between poses {} and {} of others", .ends.0.seq, .ends.1.seq)]
     Foreign {
         /// The robot.
         robot: RobotId,
-        /// Its ends.
+        /// The ends of the measurement.
         ends: (PoseId, PoseId),
     },
     /// A measurement is invalid.
@@ -77,23 +77,23 @@ pub enum GraphsError {
     Edge(#[from] EdgeError),
 }
 
-/// All graphs as one: every pose, every measurement once. Of loops that several robots hold between the same two poses,
-/// that of the robot with the smallest id counts.
+/// All graphs combined: every pose, and every measurement once. If several robots have a loop between the same two
+/// poses, that of the robot with the smallest id is used.
 #[derive(Clone, Debug)]
 pub struct Whole<G, const D: usize> {
-    /// The graph; vertices by rising id.
+    /// The graph; vertices in order of their ids.
     pub graph: PoseGraph<G, D>,
     /// The id of each vertex.
     pub ids: Vec<PoseId>,
-    /// The loop that each edge is, if it is one between robots.
+    /// The loop between robots that each edge belongs to, if any.
     pub loops: Vec<Option<LoopId>>,
 }
 
 impl<G: LieGroup<D>, const D: usize> Whole<G, D> {
-    /// Joins the graphs.
+    /// Combines the graphs.
     ///
     /// # Errors
-    /// When they are not those of a team.
+    /// When they do not form a team.
     pub fn new(team: &[RobotGraph<G, D>]) -> Result<Self, GraphsError> {
         let mut poses = BTreeMap::new();
         let mut robots = BTreeMap::new();
@@ -130,8 +130,8 @@ impl<G: LieGroup<D>, const D: usize> Whole<G, D> {
     }
 }
 
-/// Splits a graph among robots: each gets a run of vertices that follow each other, of nearly equal length, in the frame of the
-/// first of them; both ends of a measurement hold it. Fixed vertices are not kept fixed.
+/// Splits a graph among robots: each gets a run of consecutive vertices, of nearly equal length, in the frame of the
+/// first of them; a measurement between two robots is given to both. Fixed vertices are not kept fixed.
 ///
 /// # Errors
 /// When there are fewer vertices than robots, or no robot.

@@ -1,4 +1,4 @@
-//! Who is who: robots, and their poses.
+//! Identifiers of robots and of their poses.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,9 +8,9 @@ pub type RobotId = u16;
 /// A pose of a robot. Ordered by robot, then by number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct PoseId {
-    /// Whose it is.
+    /// The robot that owns the pose.
     pub robot: RobotId,
-    /// Its number among those of the robot, never reused.
+    /// Its number among the poses of the robot; never reused.
     pub seq: u32,
 }
 

@@ -1,5 +1,5 @@
-//! The small graph that every robot solves by itself: the shared poses of all robots it has heard of, their condensed graphs,
-//! and the loops between them.
+//! The joint graph that every robot solves by itself: the shared poses of all known robots, their condensed graphs, and
+//! the loops between them.
 
 use crate::digest::{Located, SharedGraph};
 use crate::graphs::Measurement;
@@ -9,31 +9,31 @@ use cairn_solve::Loss;
 use cairn_solve::graph::{GraphConfig, Metric, PoseGraph, Rigid, lowest_start};
 use std::collections::BTreeMap;
 
-/// What is known of a robot.
+/// What is known about a robot.
 #[derive(Clone, Debug)]
 pub struct Known<G, const D: usize> {
     /// What it shares.
     pub shared: SharedGraph<G, D>,
-    /// Where it was when it last said so.
+    /// Its last estimate.
     pub located: Located<G, D>,
 }
 
-/// All that is known of a team.
+/// What is known about all robots of a team.
 pub type Team<G, const D: usize> = BTreeMap<RobotId, Known<G, D>>;
 
-/// The shared poses of a team with what is known about them.
+/// The joint graph of the shared poses of a team.
 #[derive(Clone, Debug)]
 pub struct Joint<G, const D: usize> {
-    /// The poses, rising; the vertices of the graph.
+    /// The poses in rising order; they are the vertices of the graph.
     pub ids: Vec<PoseId>,
-    /// The graph, without loops that were left out.
+    /// The graph, without the loops that were left out.
     pub graph: PoseGraph<G, D>,
-    /// The loops that it has.
+    /// The loops in the graph.
     pub loops: Vec<LoopId>,
 }
 
-/// Every loop between two robots that is known with both ends, once: of the same one closed twice, that of the robot with the
-/// smaller id counts.
+/// Every loop between two robots whose ends are both known, once: if both robots have it, that of the robot with the
+/// smaller id is used.
 pub fn loops<G: LieGroup<D>, const D: usize>(team: &Team<G, D>) -> BTreeMap<LoopId, Measurement<G, D>> {
     let mut all: BTreeMap<LoopId, Measurement<G, D>> = BTreeMap::new();
     let is_known =
@@ -47,9 +47,9 @@ pub fn loops<G: LieGroup<D>, const D: usize>(team: &Team<G, D>) -> BTreeMap<Loop
 }
 
 impl<G: Rigid<D>, const D: usize> Joint<G, D> {
-    /// The graph of these robots with the loops that `accepts` lets pass. Poses start where `from` has them, others where their
-    /// robot says it is, moved along with what `from` has of it. The first pose of the first robot is held. Returns also
-    /// whether `from` lacks a robot altogether.
+    /// The joint graph of these robots with the loops that `accepts` returns true for. Poses start at their values in
+    /// `from`; others start at the estimate of their robot, transformed to fit the robot's poses in `from`. The first
+    /// pose of the first robot is fixed. Also returns whether `from` has no pose of some robot.
     pub fn new(
         team: &Team<G, D>,
         loops: &BTreeMap<LoopId, Measurement<G, D>>,
@@ -75,7 +75,7 @@ impl<G: Rigid<D>, const D: usize> Joint<G, D> {
             }
             let to: Vec<usize> = (first..joint.ids.len()).collect();
             for part in &known.located.parts {
-                // Checked when the message was read.
+                // It was checked when the message was read.
                 let _ = joint.graph.add_condensed(part.clone().renamed(&to));
             }
             for m in &known.shared.inner {
@@ -96,7 +96,7 @@ impl<G: Rigid<D>, const D: usize> Joint<G, D> {
         self.graph.add_edge(a, b, m.a_from_b, &m.information, Loss::Squared).ok()
     }
 
-    /// Solves it; a graph with robots that were not in the last one starts anew where the cost is least.
+    /// Solves the graph. If it has robots that the last one did not have, it first looks for the start of lowest cost.
     pub fn solve(&mut self, is_new: bool) {
         if is_new {
             lowest_start(&mut self.graph, true, Metric::Geodesic);
@@ -105,7 +105,7 @@ impl<G: Rigid<D>, const D: usize> Joint<G, D> {
         self.graph.solve(&config, || false);
     }
 
-    /// Where its poses are.
+    /// The estimated poses.
     pub fn poses(&self) -> BTreeMap<PoseId, G> {
         self.ids.iter().copied().zip(self.graph.values().iter().copied()).collect()
     }

@@ -1,13 +1,13 @@
-//! Which loops between robots are believed.
+//! Outlier rejection of loop closures between robots.
 //!
-//! Three steps. Of the loops between two robots only the largest set in which every two agree is looked at further
-//! ([`crate::maximum_clique`]). Then the graph of all shared poses is solved with weights that fall to zero for loops that disagree
-//! with all the rest together: graduated non-convexity with truncated least squares (Yang, Antonante, Tzoumas, Carlone, "Graduated
-//! non-convexity for robust spatial perception", 2020, proposition 4 and algorithm 1). Last, loops left out that agree with what
-//! came out are taken back.
+//! There are three steps. First, of the loops between two robots only the largest set of pairwise consistent ones is
+//! kept ([`crate::maximum_clique`]). Second, the graph of all shared poses is solved with weights that fall to zero for
+//! loops that disagree with all the others together: graduated non-convexity with truncated least squares (Yang,
+//! Antonante, Tzoumas, Carlone, "Graduated non-convexity for robust spatial perception", 2020, proposition 4 and
+//! algorithm 1). Third, loops that were left out but agree with the result are accepted again.
 //!
-//! Stated covariances are often too small. The factor by which they are is estimated from the loops themselves, and never
-//! taken to be less than one.
+//! The covariances given with loops are often too small. The factor that corrects them is estimated from the loops
+//! themselves, and is never less than one.
 
 use crate::LoopId;
 use crate::clique::maximum_clique;
@@ -18,19 +18,19 @@ use cairn_geometry::LieGroup;
 use cairn_solve::graph::{Metric, Rigid};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Stated variances are at most this many times too small.
+/// Greatest factor by which the given variances are assumed to be too small.
 const MOST_SCALE: f64 = 100.0;
-/// By what the bound grows from step to step.
+/// Factor by which the bound grows from step to step.
 const SCALE_STEP: f64 = 1.2;
 
-/// How loops between robots are judged.
+/// Configuration of the outlier rejection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JudgeConfig {
-    /// Loops between two robots that must agree before any of them is believed.
+    /// Number of consistent loops between two robots that is needed before any of them is accepted.
     pub agreeing: usize,
-    /// Part of the right pairs of loops that agree, were the covariances right.
+    /// Fraction of pairs of correct loops that pass the consistency test, if the covariances are right.
     pub confidence: f64,
-    /// Part of the right loops that agree with all the rest together.
+    /// Fraction of correct loops that agree with all the others together.
     pub joint_confidence: f64,
 }
 
@@ -40,47 +40,47 @@ impl Default for JudgeConfig {
     }
 }
 
-/// What was decided about a loop.
+/// The decision about a loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// It is believed; its squared whitened residual.
+    /// It is accepted; with its squared whitened residual.
     Accepted(f64),
-    /// Too few loops between the two robots agree with it.
+    /// Too few loops between the two robots are consistent with it.
     Unsupported {
-        /// How many agree with each other, itself included.
+        /// Size of the consistent set, including the loop itself.
         agreeing: usize,
     },
     /// It disagrees with more loops between the two robots than it agrees with.
     Inconsistent,
-    /// It disagrees with all the rest together.
+    /// It disagrees with all other loops together.
     Outlier {
         /// Its squared whitened residual.
         chi2: f64,
-        /// The largest that would have been believed.
+        /// The largest value that would have been accepted.
         bound: f64,
     },
 }
 
 impl Verdict {
-    /// Whether the loop is believed.
+    /// Whether the loop is accepted.
     pub fn is_accepted(&self) -> bool {
         matches!(self, Self::Accepted(_))
     }
 }
 
-/// What was decided about all loops.
+/// The decisions about all loops.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Judgement {
-    /// By what the squares of stated standard deviations are too small.
+    /// Factor by which the given variances are too small.
     pub scale: f64,
     /// Every loop that was known.
     pub verdicts: BTreeMap<LoopId, Verdict>,
-    /// Whether every clique is certainly the largest.
+    /// Whether every clique is certainly a maximum one.
     pub is_exact: bool,
 }
 
-/// Quantile of chi-square with `d` degrees of freedom, where the normal distribution has the quantile `z` standard deviations
-/// (Wilson and Hilferty, 1931).
+/// Quantile of chi-square with `d` degrees of freedom, where the normal distribution has the quantile `z` standard
+/// deviations (Wilson and Hilferty, 1931).
 fn chi2_quantile(d: usize, z: f64) -> f64 {
     let v = 2.0 / (9.0 * d as f64);
     d as f64 * (1.0 - v + z * v.sqrt()).powi(3)
@@ -95,7 +95,7 @@ fn normal_quantile(p: f64) -> f64 {
     if p < 0.5 { -z } else { z }
 }
 
-/// Judges all loops between robots that are known.
+/// Judges all known loops between robots.
 pub fn judge<G: Rigid<D>, const D: usize>(
     team: &Team<G, D>,
     loops: &BTreeMap<LoopId, Measurement<G, D>>,
@@ -126,7 +126,7 @@ pub fn judge<G: Rigid<D>, const D: usize>(
     Judgement { scale, verdicts, is_exact }
 }
 
-/// The loops of each group that agree, at a scale of the covariances that fits them.
+/// The consistent loops of each group, for the covariance scale that fits them.
 #[derive(Clone)]
 struct Agreement {
     scale: f64,
@@ -134,9 +134,9 @@ struct Agreement {
     is_exact: bool,
 }
 
-/// The sets found with bounds that grow step by step, by up to [`MOST_SCALE`]: right loops come in as the bound reaches what
-/// their covariances lack, wrong ones much later. Between the two nothing changes; the scale is where the longest such
-/// stretch begins (of stretches as long as each other, the first).
+/// The consistent sets for bounds that grow step by step, up to [`MOST_SCALE`]: correct loops join when the bound makes
+/// up for their too small covariances, wrong ones much later. Between the two, nothing changes; the scale is the start
+/// of the longest range without a change (of equally long ranges, the first).
 fn agree<const D: usize>(groups: &[LoopGroup], config: &JudgeConfig) -> Agreement {
     let bound = chi2_quantile(D, normal_quantile(config.confidence));
     let at = |step: u32| {
@@ -190,7 +190,7 @@ fn graduate<G: Rigid<D>, const D: usize>(
     };
     let mut now = residuals(&joint);
     let largest = now.iter().copied().fold(0.0, f64::max);
-    // With all residuals within the bound there is nothing to graduate.
+    // If all residuals are within the bound, no graduation is needed.
     let mut mu = bound / (2.0 * largest - bound);
     let mut weights = vec![1.0; now.len()];
     while mu.is_finite() && mu > 0.0 && mu < 1e6 {
@@ -239,8 +239,8 @@ fn chi2<G: LieGroup<D>, const D: usize>(joint: &Joint<G, D>, m: &Measurement<G, 
     r.dot(&(m.information * r))
 }
 
-/// Accepts loops left out that agree with what the others say about them, where they say anything; updates residuals. True
-/// when there are any.
+/// Accepts left-out loops that agree with the prediction of the other measurements, where there is one; updates
+/// residuals. Returns true if any loop was accepted.
 fn take_back<G: Rigid<D>, const D: usize>(
     joint: &Joint<G, D>,
     loops: &BTreeMap<LoopId, Measurement<G, D>>,
@@ -262,8 +262,8 @@ fn take_back<G: Rigid<D>, const D: usize>(
     any
 }
 
-/// Squared Mahalanobis distance of a loop that the graph lacks from what the graph says, with the covariances of both; `None`
-/// where the graph does not join its ends.
+/// Squared Mahalanobis distance of a loop that is not in the graph from the prediction of the graph, with the
+/// covariances of both; `None` where the graph does not connect its ends.
 fn innovation<G: LieGroup<D>, const D: usize>(
     joint: &Joint<G, D>,
     m: &Measurement<G, D>,
@@ -281,7 +281,7 @@ fn innovation<G: LieGroup<D>, const D: usize>(
     let across = -relative.inverse().adjoint();
     let mixed = across * block(0, 1);
     let predicted = across * block(0, 0) * across.transpose() + mixed + mixed.transpose() + block(1, 1);
-    // The error moves with the prediction at its end, with the measurement through the adjoint.
+    // The error depends directly on the prediction, and on the measurement through the adjoint.
     let adjoint = error.inverse().adjoint();
     let measured = adjoint * m.information.cholesky()?.inverse() * adjoint.transpose();
     let r = error.coordinates();

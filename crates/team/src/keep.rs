@@ -1,16 +1,16 @@
-//! Which poses a robot sends: those it shares, and those whose elimination would make its messages longer.
+//! Chooses the poses that a robot sends: the shared ones, and those whose elimination would make its messages longer.
 //!
-//! Eliminating a pose joins all poses around it in one dense block, whose size grows with the square of their number. Poses
-//! are eliminated in the order of least degree (Tinney and Walker, 1967; George and Liu, "The evolution of the minimum degree
-//! ordering algorithm", 1989) in a graph of neighbours, and of all states on the way the cheapest is taken. In a chain that is
-//! the last one: nothing stays but the shared poses.
+//! Eliminating a pose connects all poses around it in one dense block, whose size grows with the square of their
+//! number. Poses are eliminated in minimum-degree order (Tinney and Walker, 1967; George and Liu, "The evolution of the
+//! minimum degree ordering algorithm", 1989) in a quotient graph, and of all intermediate states the cheapest is taken.
+//! In a chain that is the last one: only the shared poses remain.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Messages that a measurement, which is sent once, is spread over when bytes are compared.
+/// Number of messages over which the bytes of a measurement, which is sent once, are spread when sizes are compared.
 const MESSAGES: usize = 4;
 
-/// Flags of the poses to keep, among `shared.len()` with measurements between these `edges`; `D` unknowns each.
+/// Which poses to keep, among `shared.len()` with measurements between these `edges`; each pose has `D` unknowns.
 pub fn choose<const D: usize>(shared: &[bool], edges: &[(usize, usize)]) -> Vec<bool> {
     let mut state = State::new(shared.len(), edges);
     let mut free: BTreeSet<usize> = (0..shared.len()).filter(|v| !shared[*v]).collect();
@@ -30,17 +30,17 @@ pub fn choose<const D: usize>(shared: &[bool], edges: &[(usize, usize)]) -> Vec<
     keep
 }
 
-/// The graph while poses are eliminated.
+/// The graph during elimination.
 struct State {
-    /// Poses that a pose is joined with, by a measurement or through eliminated ones.
+    /// Poses that each pose is connected to, by a measurement or through eliminated ones.
     next: Vec<BTreeSet<usize>>,
-    /// Measurements to each pose that is left.
+    /// Number of measurements to each remaining pose.
     measured: Vec<BTreeMap<usize, usize>>,
     left: usize,
     measurements: usize,
-    /// How many poses that are left surround each connected part of eliminated ones.
+    /// Number of remaining poses around each connected part of eliminated ones.
     around: BTreeMap<usize, usize>,
-    /// The parts beside each pose.
+    /// The eliminated parts next to each pose.
     parts: Vec<BTreeSet<usize>>,
 }
 
@@ -83,7 +83,7 @@ impl State {
         self.left -= 1;
     }
 
-    /// About how long a message is.
+    /// Approximate length of a message.
     fn bytes<const D: usize>(&self) -> usize {
         let part = |around: &usize| {
             let n = D * around.saturating_sub(1);
@@ -107,12 +107,12 @@ mod tests {
 
     #[test]
     fn a_pose_in_the_middle_of_many_shared_ones_stays() {
-        // A star: without its centre all of its 30 tips would be joined in one dense block.
+        // A star: without its centre, all of its 30 tips would be connected in one dense block.
         let edges: Vec<(usize, usize)> = (1..31).map(|k| (0, k)).collect();
         let mut shared = vec![true; 31];
         shared[0] = false;
         assert_eq!(choose::<6>(&shared, &edges), vec![true; 31]);
-        // Between two tips, with steps of its own to either, it goes.
+        // A pose between only two others is eliminated.
         let chain = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 6)];
         let ends = [true, false, false, false, false, false, true];
         assert_eq!(choose::<6>(&ends, &chain), ends);

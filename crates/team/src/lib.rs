@@ -16,7 +16,7 @@ mod network;
 mod robot;
 mod words;
 
-/// Robots that one listens to at most, itself included.
+/// Greatest number of robots in a team that a robot keeps track of, itself included.
 pub const MAX_ROBOTS: usize = 256;
 
 pub use clique::{Clique, maximum_clique};

@@ -1,72 +1,72 @@
-//! What robots send each other about their graphs: one message a robot and exchange, encoded by postcard.
+//! Messages about the robots' graphs: one message per robot and exchange, encoded by postcard.
 //!
-//! A message says everything of its robot anew but what never changes ([`Shared`]: which poses it shares, and the
-//! measurements between them); that is sent when it is new, and again when someone asks. Numbers that fix the optimum keep their digits;
-//! those that only say how fast it is approached are `f32`.
+//! A message is complete except for the part that rarely changes ([`Shared`]: which poses the robot shares, and the
+//! measurements between them); that part is sent when it is new, and again on request. Numbers that determine the
+//! optimum have full precision; those that only affect the rate of convergence are `f32`.
 
 use crate::envelope::{Kind, open, seal};
 use crate::{PoseId, RobotId};
 use serde::{Deserialize, Serialize};
 
-/// The version that this program writes and reads.
+/// The version that this program reads and writes.
 pub const VERSION: u8 = 1;
-/// Longest message that is read or written, in bytes.
+/// Greatest length of a message that is read or written, in bytes.
 pub const MAX_BYTES: usize = 4 << 20;
 
-/// Why a message was not believed.
+/// Why a message was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
-    /// It is longer than what is read ([`MAX_BYTES`], of words [`crate::MAX_WORDS_BYTES`]).
+    /// It is longer than the limit ([`MAX_BYTES`], for words [`crate::MAX_WORDS_BYTES`]).
     #[error("the message has {0} bytes, more than are read")]
     TooLong(usize),
     /// It is shorter than its header.
     #[error("the message ends after {0} bytes")]
     TooShort(usize),
-    /// Another version.
+    /// It has another version.
     #[error("the message has version {0}, this program reads version {VERSION}")]
     Version(u8),
-    /// Of another kind than expected, or of none that is known.
+    /// It is of another kind than expected, or of an unknown one.
     #[error("the message is of kind {0}, another one was expected here")]
     Kind(u8),
-    /// The checksum is not that of the bytes.
+    /// The checksum does not match the bytes.
     #[error("the checksum of the message does not fit its bytes")]
     Checksum,
-    /// The bytes are no message, or go on after one.
+    /// The bytes are not a valid message, or there are extra bytes after it.
     #[error("the message cannot be decoded")]
     Encoding,
-    /// It says it is from another robot than the one it came from.
+    /// The sender named in the message is not the robot that it came from.
     #[error("robot {from} sent a message as robot {claimed}")]
     WrongSender {
-        /// Who sent it.
+        /// The robot that it came from.
         from: RobotId,
-        /// Who it says it is from.
+        /// The sender named in the message.
         claimed: RobotId,
     },
-    /// It says it is from the robot that received it.
+    /// The sender named in the message is the robot that received it.
     #[error("a message claims to be from this robot")]
     OwnId,
-    /// One with this number or a higher one came before: late, twice, or replayed.
+    /// A message with this number or a higher one was received before: this one is late, a duplicate, or replayed.
     #[error("message {number} of robot {robot} came after number {newest}")]
     Old {
-        /// Whose it is.
+        /// The sender.
         robot: RobotId,
         /// Its number.
         number: u32,
-        /// The highest number before.
+        /// The highest number received before.
         newest: u32,
     },
     /// Its poses have another dimension.
     #[error("the message is about poses of {found} dimensions, not {expected}")]
     Dimension {
-        /// Of the message.
+        /// Dimension of the message.
         found: u8,
-        /// Of this team.
+        /// Dimension of this team.
         expected: u8,
     },
     /// Its parts contradict each other.
     #[error("the message contradicts itself: {0}")]
     Inconsistent(&'static str),
-    /// More robots than [`crate::MAX_ROBOTS`].
+    /// There are more robots than [`crate::MAX_ROBOTS`].
     #[error("there are too many robots to listen to one more")]
     TooManyRobots,
 }
@@ -76,63 +76,65 @@ pub enum Refused {
 pub struct Message {
     /// Degrees of freedom of a pose: 3 or 6.
     pub dimension: u8,
-    /// Who sends it.
+    /// The sender.
     pub robot: RobotId,
-    /// Rises with every message of the robot.
+    /// Increases with every message of the robot.
     pub number: u32,
-    /// Rises whenever [`Shared`] changes.
+    /// Increases whenever [`Shared`] changes.
     pub epoch: u32,
-    /// Robots whose [`Shared`] is missing here.
+    /// Robots whose [`Shared`] the sender is missing.
     pub requests: Vec<RobotId>,
-    /// What changes rarely.
+    /// The part that changes rarely; `None` when it is not sent.
     pub shared: Option<Shared>,
-    /// What changes with every message.
+    /// The part that changes with every message.
     pub estimate: Estimate,
-    /// Loops to other robots, by their place in [`Shared::loops`], that this robot rejects; nothing while it has not judged.
+    /// Loops to other robots that the sender rejects, as indices of [`Shared::loops`]; `None` if it has not judged them
+    /// yet.
     pub rejected: Option<Vec<u32>>,
 }
 
-/// What a robot shares: poses, measurements between them, loops to others, and which poses surround what it eliminated.
+/// What a robot shares: poses, measurements between them, loops to others, and the poses around its eliminated parts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Shared {
-    /// Numbers of the poses, rising: the first, then each less the one before.
+    /// Numbers of the poses, in rising order: the first, then the difference to the one before.
     pub steps: Vec<u32>,
-    /// Different information matrices, upper triangles by rows one after the other.
+    /// The different information matrices: upper triangles by rows, one matrix after the other.
     pub informations: Vec<f64>,
-    /// Measurements between two of these poses, by their places.
+    /// Measurements between two of these poses, as pairs of pose indices.
     pub inner: Vec<(u16, u16)>,
-    /// Loops between one of these poses, by its place, and a pose of another robot; whether the other is the first, `a`.
+    /// Loops between one of these poses, by index, and a pose of another robot; true if the other pose is the first,
+    /// `a`.
     pub loops: Vec<(u16, PoseId, bool)>,
     /// Coordinates of `a_from_b` of all measurements, then of all loops.
     pub measured: Vec<f64>,
-    /// Which of the information matrices each of them has.
+    /// The index of the information matrix of each of them.
     pub information: Vec<u16>,
-    /// The poses around each part that was eliminated, by their places, the base first.
+    /// The poses around each eliminated part, as pose indices, the base first.
     pub parts: Vec<Vec<u16>>,
 }
 
-/// Where a robot is: its poses, and its condensed graph there.
+/// The estimate of a robot: its poses, and its condensed graph linearised there.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Coordinates of `world_from_pose` of the first pose.
     pub first: Vec<f64>,
     /// Coordinates of `first^-1 * pose` of the others.
     pub others: Vec<f32>,
-    /// Of each part, one after the other: the upper triangle of `R` by rows, then `z`.
+    /// For each part: the upper triangle of `R` by rows, then `z`.
     pub parts: Vec<f32>,
 }
 
 impl Message {
-    /// The bytes to send; `None` when they would be longer than [`MAX_BYTES`].
+    /// The bytes to send; `None` when they would be more than [`MAX_BYTES`].
     pub fn encode(&self) -> Option<Vec<u8>> {
         let bytes = seal(Kind::Graph, &postcard::to_stdvec(self).ok()?);
         (bytes.len() <= MAX_BYTES).then_some(bytes)
     }
 
-    /// The message in these bytes, with its parts checked against each other.
+    /// Decodes a message and checks that its parts are consistent.
     ///
     /// # Errors
-    /// When it cannot be believed; see [`Refused`].
+    /// When the message is not valid; see [`Refused`].
     pub fn decode(bytes: &[u8]) -> Result<Self, Refused> {
         if bytes.len() > MAX_BYTES {
             return Err(Refused::TooLong(bytes.len()));
@@ -167,7 +169,7 @@ impl Message {
 }
 
 impl Shared {
-    /// Poses that are shared.
+    /// Number of shared poses.
     pub fn poses(&self) -> usize {
         self.steps.len()
     }
@@ -212,7 +214,7 @@ impl Shared {
         Ok(self)
     }
 
-    /// Whether an estimate is about what is shared here.
+    /// Checks that an estimate fits what is shared here.
     pub(crate) fn fits(&self, e: &Estimate, rejected: Option<&[u32]>, d: usize) -> Result<(), &'static str> {
         let n = self.poses();
         let expected = if n == 0 { (0, 0) } else { (d, (n - 1) * d) };

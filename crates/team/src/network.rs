@@ -1,19 +1,19 @@
-//! A simulated network: it loses, delays, reorders and duplicates messages, by chance from a seed.
+//! A simulated network that loses, delays, reorders and duplicates messages at random, from a seed.
 
 use crate::RobotId;
 
-/// How bad the network is.
+/// How unreliable the network is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NetworkConfig {
-    /// Part of the messages that never arrive.
+    /// Fraction of the messages that never arrive.
     pub loss: f64,
-    /// Part of the messages that arrive later, after one to [`NetworkConfig::delay_rounds`] exchanges.
+    /// Fraction of the messages that arrive later, after one to [`NetworkConfig::delay_rounds`] exchanges.
     pub delayed: f64,
-    /// Exchanges that a delayed message takes at most.
+    /// Greatest delay of a message, in exchanges.
     pub delay_rounds: u32,
-    /// Part of the messages that arrive twice.
+    /// Fraction of the messages that arrive twice.
     pub duplicated: f64,
-    /// Seed of chance.
+    /// Seed of the random numbers.
     pub seed: u64,
 }
 
@@ -22,14 +22,14 @@ impl NetworkConfig {
     pub const PERFECT: Self = Self { loss: 0.0, delayed: 0.0, delay_rounds: 0, duplicated: 0.0, seed: 0 };
 }
 
-/// A message on its way.
+/// A message in transit.
 #[derive(Clone, Debug)]
 pub struct Packet {
-    /// Who sent it.
+    /// The sender.
     pub from: RobotId,
-    /// Who is to get it.
+    /// The receiver.
     pub to: RobotId,
-    /// What it says.
+    /// The content.
     pub bytes: std::sync::Arc<Vec<u8>>,
     due: u64,
 }
@@ -58,7 +58,7 @@ impl Network {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Takes a message to be delivered.
+    /// Accepts a message for delivery.
     pub fn send(&mut self, from: RobotId, to: RobotId, bytes: &std::sync::Arc<Vec<u8>>) {
         let copies = if self.chance() < self.config.duplicated { 2 } else { 1 };
         for _ in 0..copies {
@@ -72,7 +72,7 @@ impl Network {
         }
     }
 
-    /// What arrives in this exchange; a network that is not perfect mixes the order.
+    /// The messages that arrive in this exchange; a network that is not perfect shuffles them.
     pub fn deliver(&mut self) -> Vec<Packet> {
         let round = self.round;
         self.round += 1;

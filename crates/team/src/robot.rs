@@ -1,10 +1,11 @@
-//! One robot of a team: its own graph, what it has heard, and the step from one to the other.
+//! One robot of a team: its own graph, the messages it received, and the distributed optimisation step.
 //!
-//! Nonlinear least squares by eliminating the variables that nobody else sees (variable projection; Golub and Pereyra, 1973):
-//! each robot condenses its own graph to the poses it shares and sends that ([`crate::Message`]); everyone solves the graph of
-//! all shared poses ([`crate::Joint`]), takes its own from it, settles the rest of its graph between them, and condenses anew.
-//! Where everyone has heard everyone and nothing changes any more, the gradient of the whole graph is zero. Nobody coordinates.
-//! Of who is not heard, the last condensed graph counts on; it does not depend on the frame it was made in.
+//! Nonlinear least squares with elimination of the variables that only one robot has (variable projection; Golub and
+//! Pereyra, 1973): each robot condenses its own graph to the poses it shares and sends the result ([`crate::Message`]);
+//! every robot solves the graph of all shared poses ([`crate::Joint`]), takes its own shared poses from it, optimises
+//! the rest of its graph with these fixed, and condenses again. When all robots have received all messages and nothing
+//! changes any more, the gradient of the whole graph is zero. There is no coordinator. For a robot that sends no new
+//! messages, its last condensed graph stays in use; it does not depend on the frame it was made in.
 
 use crate::digest::{
     Located, SharedGraph, decode_estimate, decode_shared, encode_part, encode_poses, encode_shared,
@@ -19,7 +20,7 @@ use cairn_solve::Loss;
 use cairn_solve::graph::{CondenseError, GraphConfig, Metric, PoseGraph, Rigid, lowest_start};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Why a robot could not go on.
+/// Why a robot cannot continue.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RobotError {
     /// Its graph is invalid.
@@ -28,23 +29,23 @@ pub enum RobotError {
     /// Its measurements do not determine its poses.
     #[error(transparent)]
     Condense(#[from] CondenseError),
-    /// What it shares does not fit a message.
+    /// What it shares does not fit into a message.
     #[error("robot {0} shares too much for one message")]
     TooMuch(RobotId),
 }
 
-/// What is heard of another robot (and of the robot itself, as others hear it).
+/// What was received from another robot.
 #[derive(Clone, Debug, Default)]
 struct Heard {
     /// Number of the newest message.
     number: u32,
-    /// The epoch it speaks of.
+    /// The epoch of the newest message.
     epoch: u32,
-    /// The epoch of what is known.
+    /// The epoch of the stored [`Shared`].
     known_epoch: u32,
-    /// Around each of its eliminated parts the poses.
+    /// What the robot shares, as received.
     shared: Option<Shared>,
-    /// Loops of its own that it rejects, by their place; nothing where it has not judged yet.
+    /// Loops of its own that it rejects, by index; `None` if it has not judged them yet.
     rejected: Option<Vec<u32>>,
 }
 
@@ -52,31 +53,31 @@ struct Heard {
 #[derive(Clone, Debug)]
 pub struct Robot<G, const D: usize> {
     id: RobotId,
-    /// Its poses, rising.
+    /// Numbers of its poses, in rising order.
     seqs: Vec<u32>,
     /// Its own graph: its poses, and the measurements between them.
     graph: PoseGraph<G, D>,
-    /// Loops from its own poses to others, as it knows them.
+    /// All known loops from its own poses to others.
     loops: BTreeMap<LoopId, Measurement<G, D>>,
     keep: Vec<bool>,
     number: u32,
     epoch: u32,
-    /// Whether the next message says what is shared.
+    /// Whether the next message includes what is shared.
     says_shared: bool,
     own: (Shared, Estimate),
     heard: BTreeMap<RobotId, Heard>,
     team: Team<G, D>,
-    /// How it judges loops; not at all: all are believed.
+    /// Configuration of the outlier rejection; if `None`, all loops are accepted.
     judge: Option<JudgeConfig>,
     judgement: Judgement,
-    /// Epochs of all robots when it judged last.
+    /// Epochs of all robots when the loops were last judged.
     judged: BTreeMap<RobotId, u32>,
-    /// Where it takes all shared poses to be.
+    /// Its estimate of all shared poses.
     poses: BTreeMap<PoseId, G>,
 }
 
 impl<G: Rigid<D>, const D: usize> Robot<G, D> {
-    /// A robot that has heard of nobody; it solves its own graph first. Without a way to `judge`, it believes every loop.
+    /// A robot without messages from others; it solves its own graph first. Without `judge`, it accepts every loop.
     ///
     /// # Errors
     /// When the graph is invalid, or does not determine its poses.
@@ -131,23 +132,23 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         self.id
     }
 
-    /// Where it takes its own poses to be, by number.
+    /// Its estimate of its own poses, by number.
     pub fn own_poses(&self) -> impl Iterator<Item = (PoseId, &G)> {
         let id = |seq: &u32| PoseId { robot: self.id, seq: *seq };
         self.seqs.iter().map(id).zip(self.graph.values())
     }
 
-    /// Robots it has heard of, with itself.
+    /// Robots that it knows, including itself.
     pub fn known(&self) -> impl Iterator<Item = RobotId> {
         self.team.keys().copied()
     }
 
-    /// Poses that it shares.
+    /// Number of poses that it shares.
     pub fn shares(&self) -> usize {
         self.own.0.poses()
     }
 
-    /// The next message to everyone.
+    /// The next message, for all other robots.
     ///
     /// # Errors
     /// When it would be too long.
@@ -167,17 +168,17 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         message.encode().ok_or(RobotError::TooMuch(self.id))
     }
 
-    /// Robots of which what they share is not known as they last said it.
+    /// Robots whose [`Shared`] is missing or outdated here.
     fn missing(&self) -> Vec<RobotId> {
         let missing =
             |(id, h): (&RobotId, &Heard)| (h.shared.is_none() || h.known_epoch != h.epoch).then_some(*id);
         self.heard.iter().filter_map(missing).collect()
     }
 
-    /// Takes in a message that came from `from`, as the network vouches.
+    /// Processes a message. `from` is the sender according to the network, which must authenticate it.
     ///
     /// # Errors
-    /// When it is not believed; nothing is changed then.
+    /// When the message is refused; nothing is changed then.
     pub fn receive(&mut self, from: RobotId, bytes: &[u8]) -> Result<(), Refused> {
         let message = Message::decode(bytes)?;
         if message.robot == self.id {
@@ -215,7 +216,7 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         Ok(())
     }
 
-    /// Forgets a robot: what it said no longer counts.
+    /// Forgets a robot: its messages are no longer used.
     pub fn forget(&mut self, robot: RobotId) {
         if robot != self.id {
             self.team.remove(&robot);
@@ -224,8 +225,8 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         }
     }
 
-    /// One step with what is known: solves for all shared poses, takes its own from there, settles its other poses between them,
-    /// and condenses its graph anew.
+    /// One optimisation step: solves for all shared poses, takes its own from the result, optimises its other poses
+    /// with these fixed, and condenses its graph again.
     ///
     /// # Errors
     /// When its own graph cannot be condensed.
@@ -243,7 +244,7 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         self.condense()
     }
 
-    /// Judges the loops anew when what robots share has changed.
+    /// Judges the loops again when what robots share has changed.
     fn judge(&mut self, known: &BTreeMap<LoopId, Measurement<G, D>>) {
         let Some(config) = self.judge else { return };
         let mut epochs: BTreeMap<RobotId, u32> =
@@ -255,7 +256,8 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         }
     }
 
-    /// Whether a loop is believed: as the robot with the smaller id says, if it has judged it, else as this one does.
+    /// Whether a loop is accepted: as decided by the robot with the smaller id, if that has judged it, else by this
+    /// one.
     fn believes(&self, id: &LoopId) -> bool {
         if self.judge.is_none() {
             return true;
@@ -270,24 +272,24 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         said().unwrap_or_else(own)
     }
 
-    /// Its own loops that it rejects, by their places in what it shares.
+    /// The own loops that it rejects, as indices of what it shares.
     fn rejected(&self) -> Option<Vec<u32>> {
         self.judge.filter(|_| !self.judged.is_empty())?;
         let places = self.loops.keys().enumerate().filter(|(_, id)| self.rejects(id));
         Some(places.map(|(k, _)| k as u32).collect())
     }
 
-    /// Whether it has judged a loop and does not believe it.
+    /// Whether it has judged a loop and rejects it.
     pub fn rejects(&self, id: &LoopId) -> bool {
         self.judgement.verdicts.get(id).is_some_and(|v| !v.is_accepted())
     }
 
-    /// What it decided about every loop that it knows with both ends.
+    /// Its decisions about every loop whose ends are both known.
     pub fn judgement(&self) -> &Judgement {
         &self.judgement
     }
 
-    /// Adds loops to its own poses that others told of; true when there are any.
+    /// Adds loops to its own poses that other robots reported; returns true if there are any.
     fn adopt(&mut self) -> bool {
         let before = self.loops.len();
         for m in self.team.values().flat_map(|k| &k.shared.loops) {
@@ -299,7 +301,7 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         self.loops.len() > before
     }
 
-    /// Decides anew which poses it shares.
+    /// Chooses again which poses it shares.
     fn choose_shared(&mut self) {
         let ends: BTreeSet<u32> =
             self.loops.values().filter_map(|m| Some(m.own_end(self.id)?.0.seq)).collect();
@@ -313,7 +315,7 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         self.says_shared = true;
     }
 
-    /// Moves its own poses to where the shared ones are; each other one with the shared one before it.
+    /// Moves its own poses with the shared ones: every other pose moves with the shared pose before it.
     fn follow(&mut self) {
         let moved = |k: usize| {
             let now = self.poses.get(&PoseId { robot: self.id, seq: self.seqs[k] })?;
@@ -329,7 +331,8 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         }
     }
 
-    /// Rounds its shared poses to what others will read, settles the others between them, and condenses its graph there.
+    /// Rounds its shared poses to the values others will read, optimises its other poses with these fixed, and
+    /// condenses its graph there.
     fn condense(&mut self) -> Result<(), RobotError> {
         let kept: Vec<usize> = (0..self.keep.len()).filter(|k| self.keep[*k]).collect();
         let poses: Vec<G> = kept.iter().map(|k| self.graph.values()[*k]).collect();
@@ -345,7 +348,7 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         let parts: Vec<_> = parts.into_iter().map(|p| p.renamed(&place)).collect();
         parts.iter().for_each(|p| encode_part(p, &mut estimate.parts));
         self.own = (self.shared(&kept, parts.iter().map(|p| p.vertices().to_vec()).collect())?, estimate);
-        // It knows itself as others do, so that all solve the same graph.
+        // It uses the same rounded data as the others, so that all solve the same graph.
         let too_much = |_| RobotError::TooMuch(self.id);
         let known = SharedGraph::read(self.id, &self.own.0, &self.own.1).map_err(too_much)?;
         self.team.insert(self.id, known);
@@ -364,7 +367,7 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
     }
 }
 
-/// How a robot solves its own graph.
+/// Configuration for solving its own graph.
 fn local() -> GraphConfig {
     GraphConfig { tolerance: 1e-12, iterations: 50, ..GraphConfig::default() }
 }

@@ -1,9 +1,9 @@
-//! The words of a key frame in at most a kilobyte.
+//! The visual words of a keyframe, encoded in at most a kilobyte.
 //!
-//! The weight of a word is its count times its inverse document frequency, and the vocabulary, which both sides have, knows the
-//! latter. So only counts are sent: the rising ids of all words, each as often as it was seen, as differences in Rice codes
-//! (Rice, "Some practical universal noiseless coding techniques", 1979). The weights come out as they were, to rounding. Where
-//! that takes more than a kilobyte, the words of least weight are left out.
+//! The weight of a word is its count times its inverse document frequency, which is stored in the vocabulary that both
+//! sides have. So only counts are sent: the sorted ids of all words, each repeated as often as it was seen, as
+//! differences in Rice codes (Rice, "Some practical universal noiseless coding techniques", 1979). The decoded weights
+//! are the same, up to rounding. If the code is longer than a kilobyte, the words of least weight are left out.
 
 use crate::RobotId;
 use crate::envelope::{Kind, open, seal};
@@ -11,32 +11,32 @@ use crate::message::Refused;
 use cairn_vision::bow::{Bag, Vocabulary, WordId};
 use serde::{Deserialize, Serialize};
 
-/// Longest message with the words of a key frame, in bytes.
+/// Greatest length of a message with the words of a keyframe, in bytes.
 pub const MAX_WORDS_BYTES: usize = 1024;
-/// Most words in a message.
+/// Greatest number of words in a message.
 const MAX_WORDS: usize = 4096;
 
-/// The words of one key frame of a robot.
+/// The words of one keyframe of a robot.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyFrameWords {
-    /// Whose key frame it is.
+    /// The robot that owns the keyframe.
     pub robot: RobotId,
-    /// Its number.
+    /// Number of the keyframe.
     pub seq: u32,
     /// Checksum of the vocabulary.
     vocabulary: u32,
-    /// How many words, each as often as it was seen.
+    /// Number of words, each counted as often as it was seen.
     count: u16,
-    /// Bits of a difference that are written as they are.
+    /// Number of low bits of a difference that are written unencoded.
     rice: u8,
     bits: Vec<u8>,
 }
 
 impl KeyFrameWords {
-    /// From the bag of a key frame. Also how many of the bag's words were left out so that it fits.
+    /// From the bag of words of a keyframe. Also returns how many of its words were left out to fit the limit.
     pub fn new(robot: RobotId, seq: u32, bag: &Bag, vocabulary: &Vocabulary) -> (Self, usize) {
         let mut counted = counts(bag, vocabulary);
-        // The most telling words first.
+        // The words of greatest weight first.
         counted.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.0.cmp(&b.0)));
         let all = counted.len();
         let pack = |n: usize| {
@@ -63,10 +63,10 @@ impl KeyFrameWords {
         seal(Kind::Words, &postcard::to_stdvec(self).unwrap_or_default())
     }
 
-    /// The words in these bytes, from a robot that the network vouches for.
+    /// Decodes the words. `from` is the sender according to the network, which must authenticate it.
     ///
     /// # Errors
-    /// When it cannot be believed; see [`Refused`].
+    /// When the message is not valid; see [`Refused`].
     pub fn decode(from: RobotId, bytes: &[u8]) -> Result<Self, Refused> {
         if bytes.len() > MAX_WORDS_BYTES {
             return Err(Refused::TooLong(bytes.len()));
@@ -83,10 +83,10 @@ impl KeyFrameWords {
         Ok(words)
     }
 
-    /// The bag, without the direct index (the features are not here).
+    /// The bag of words, without the direct index (the features are not sent).
     ///
     /// # Errors
-    /// When it is of another vocabulary, or has words that this one does not have.
+    /// When the words are of another vocabulary, or one of them is not in this one.
     pub fn bag(&self, vocabulary: &Vocabulary) -> Result<Bag, Refused> {
         if self.vocabulary != vocabulary.facts().checksum {
             return Err(Refused::Inconsistent("its words are of another vocabulary"));
@@ -104,7 +104,7 @@ impl KeyFrameWords {
         Bag::from_parts(words, Vec::new()).map_err(|_| Refused::Inconsistent("a word has no weight"))
     }
 
-    /// Word ids, rising, each as often as it was seen.
+    /// Word ids in rising order, each repeated as often as it was seen.
     fn ids(&self) -> Result<Vec<u32>, Refused> {
         let mut reader = BitReader { bytes: &self.bits, at: 0 };
         let mut last = 0u32;
@@ -118,7 +118,8 @@ impl KeyFrameWords {
     }
 }
 
-/// Words with counts and weights. The counts are the weights over the inverse document frequencies, as multiples of the smallest.
+/// Words with counts and weights. A count is the weight divided by the inverse document frequency, as a multiple of the
+/// smallest.
 fn counts(bag: &Bag, vocabulary: &Vocabulary) -> Vec<(u32, u16, f32)> {
     let ratio = |(word, weight): &(WordId, f32)| weight / vocabulary.weight(*word);
     let ratios: Vec<f32> = bag.words().iter().map(ratio).collect();
@@ -127,7 +128,7 @@ fn counts(bag: &Bag, vocabulary: &Vocabulary) -> Vec<(u32, u16, f32)> {
     words.map(|((word, w), r)| (word.0, (r / least).round().clamp(1.0, 255.0) as u16, *w)).collect()
 }
 
-/// The largest number below `n` that fits, where less fits better.
+/// The largest number below `n` for which `fits` is true, by bisection; it must be true for all smaller ones.
 fn largest(n: usize, fits: impl Fn(usize) -> bool) -> usize {
     let (mut good, mut bad) = (0, n);
     while bad - good > 1 {
@@ -137,7 +138,7 @@ fn largest(n: usize, fits: impl Fn(usize) -> bool) -> usize {
     good
 }
 
-/// The shortest Rice code of rising numbers, and its parameter.
+/// The shortest Rice code of sorted numbers, and its parameter.
 fn packed(ids: &[u32]) -> (u8, Vec<u8>) {
     let code = |rice: u8| {
         let mut writer = BitWriter::default();
@@ -172,7 +173,7 @@ impl BitWriter {
         self.used += 1;
     }
 
-    /// The high part as ones and a zero, the low one as it is.
+    /// The high part in unary (ones and a zero), the low bits unencoded.
     fn rice(&mut self, number: u32, low: u32) {
         (0..number >> low).for_each(|_| self.bit(true));
         self.bit(false);

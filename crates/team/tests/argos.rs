@@ -1,4 +1,4 @@
-//! Recorded pose graphs of 2, 4 and 10 robots: how near the central optimum, after how many exchanges and bytes.
+//! Recorded pose graphs of 2, 4 and 10 robots: distance from the central optimum, by the number of exchanges and bytes.
 
 use cairn_geometry::Se3;
 use cairn_solve::graph::Metric;
@@ -7,7 +7,7 @@ use cairn_team::{Exchange, JudgeConfig, NetworkConfig, RobotGraph, Round};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// The graphs of a recording; `None`, said aloud, where it is missing.
+/// The graphs of a recording; `None`, with a printed note, where it is missing.
 fn team(name: &str) -> Option<Vec<RobotGraph<Se3, 6>>> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     let root = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);
@@ -24,7 +24,8 @@ fn team(name: &str) -> Option<Vec<RobotGraph<Se3, 6>>> {
     }
 }
 
-/// For each exchange how far above the optimum the team is, and bytes that a robot sent and received so far, at most.
+/// For each exchange the excess over the optimum, and the greatest number of bytes that a robot sent and received so
+/// far.
 fn run(
     team: &[RobotGraph<Se3, 6>],
     judge: Option<JudgeConfig>,
@@ -49,7 +50,7 @@ fn run(
 fn within_a_thousandth_in_two_exchanges_and_a_millionth_in_three() {
     for (name, central) in [("argos-2", 2491.15), ("argos-4", 7185.57), ("argos-10", 20964.51)] {
         let Some(team) = team(name) else { return };
-        // Loops are judged too: of the right ones none is lost.
+        // With outlier rejection: no correct loop is rejected.
         let (figures, exchange) = run(&team, Some(JudgeConfig::default()), 6);
         assert_eq!(exchange.rejected(), BTreeSet::new(), "{name}");
         let whole = exchange.whole();
@@ -67,8 +68,8 @@ fn false_loops_are_rejected_and_true_ones_kept() {
     let (figures, exchange) = run(&team, Some(JudgeConfig::default()), 6);
     let rejected = exchange.rejected();
     let whole = exchange.whole();
-    // The files do not say which loops are false. Judged by the optimum of the loops believed, those rejected are far from it
-    // and those believed near, with nothing between.
+    // The files do not say which loops are false. Measured at the optimum of the accepted loops, the rejected ones have
+    // large residuals and the accepted ones small, with a gap in between.
     let optimum = whole.optimum(&rejected);
     let (mut near, mut far) = (0.0f64, f64::INFINITY);
     for (e, id) in whole.graph.edges().iter().zip(&whole.loops).filter(|(_, id)| id.is_some()) {
@@ -105,7 +106,7 @@ fn through_a_bad_network_with_robots_that_leave_and_come_back() {
         let optimum = 2.0 * whole.optimum(&BTreeSet::new()).cost(Metric::Geodesic);
         let mut above = Vec::new();
         for k in 0..30 {
-            // The smallest one, which holds the frame, is away for a while; another for longer.
+            // The first robot, which defines the frame, is away for a while; another one for longer.
             match k {
                 4 => [0, 7].map(|r| exchange.leave(r)),
                 10 => [exchange.come_back(0); 2],
@@ -117,7 +118,7 @@ fn through_a_bad_network_with_robots_that_leave_and_come_back() {
         }
         println!("seed {seed}: {above:?}");
         let good = above.iter().rposition(|a| *a > 1e-3).map_or(0, |k| k + 1);
-        // Ten exchanges after the last one is back.
+        // Ten exchanges after the last one has returned.
         assert!(good <= 24, "seed {seed}: within a thousandth only after {good}");
         assert!(above[29] < 1e-6, "seed {seed}: {:e}", above[29]);
     }

@@ -1,4 +1,4 @@
-//! What is heard is not believed unless it is whole, of this version, new, and from who it says.
+//! A message is accepted only if it is complete, of this version, new, and from the sender that it names.
 
 use cairn_geometry::{Se2, Se3};
 use cairn_solve::Loss;
@@ -23,7 +23,7 @@ fn robots() -> Vec<Robot<Se2, 3>> {
     split(&graph, 3).unwrap().iter().map(|own| Robot::new(own, None).unwrap()).collect()
 }
 
-/// The bytes with a checksum that fits.
+/// The bytes with a corrected checksum.
 fn resealed(mut bytes: Vec<u8>) -> Vec<u8> {
     let checksum = crc32fast::hash(&bytes[6..]).to_le_bytes();
     bytes[2..6].copy_from_slice(&checksum);
@@ -37,7 +37,7 @@ fn a_message_is_read_as_it_was_written() {
     let message = Message::decode(&bytes).unwrap();
     assert_eq!((message.robot, message.number, message.dimension), (0, 1, 3));
     assert!(message.shared.is_some() && message.encode().unwrap() == bytes);
-    // What never changes is said once, and again when somebody asks.
+    // The part that does not change is sent once, and again on request.
     let second = Message::decode(&robots[0].message().unwrap()).unwrap();
     assert_eq!(second.shared, None);
     let second = second.encode().unwrap();
@@ -119,7 +119,8 @@ proptest! {
         robot.step().unwrap();
     }
 
-    /// Bytes changed in a message whose checksum is then made to fit, as by a peer that lies: refused, or survived.
+    /// Bytes of a message are changed and its checksum is corrected, as by a malicious peer: it is refused or does no
+    /// harm.
     #[test]
     fn a_peer_that_lies_never_harms(at in any::<prop::sample::Index>(), value in any::<u8>(), more in any::<u8>()) {
         let mut robots = robots();

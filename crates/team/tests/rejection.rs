@@ -1,4 +1,4 @@
-//! Loops that are wrong by design, among robots whose true ways are known: none is believed.
+//! Loops that are wrong by construction, among robots with known ground truth: none of them is accepted.
 
 use cairn_geometry::{LieGroup, Manifold, Se3, So3};
 use cairn_solve::Loss;
@@ -7,7 +7,7 @@ use cairn_team::{Exchange, JudgeConfig, LoopId, Measurement, NetworkConfig, Pose
 use nalgebra::{SMatrix, SVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Numbers by chance (splitmix64).
+/// Random numbers (splitmix64).
 struct Dice(u64);
 
 impl Dice {
@@ -35,17 +35,17 @@ fn information() -> SMatrix<f64, 6, 6> {
 
 const STEPS: usize = 120;
 
-/// What the wrong loops are like.
+/// Kind of the wrong loops.
 #[derive(Clone, Copy, Debug)]
 enum Wrong {
-    /// Each says something else.
+    /// Each one has another error.
     Scattered,
-    /// Several that follow each other say the same, as where two corridors look alike.
+    /// Several consecutive ones have the same error, as between two corridors that look the same.
     Alike,
 }
 
-/// Robots that walk around in one hall, each in a frame of its own, with loops where they come near; a part of all loops is wrong.
-/// Returns the graphs and the wrong loops.
+/// Robots that walk around in one hall, each in its own frame, with loops where they come near each other; a fraction
+/// of all loops is wrong. Returns the graphs and the wrong loops.
 fn team(
     robots: usize,
     wrong: f64,
@@ -104,7 +104,7 @@ fn team(
                     Wrong::Alike => left.min(4),
                 };
                 for k in 0..run {
-                    // What would be seen if the second robot stood elsewhere.
+                    // What would be measured if the second robot were somewhere else.
                     let there = ways[s][a].compose(&offset) * ways[r][b].inverse();
                     let measured = (ways[s][a + k].inverse() * there * ways[r][b + k]).retract(&dice.noise());
                     if seen.insert((a + k, b + k)) {

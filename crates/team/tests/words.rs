@@ -1,11 +1,11 @@
-//! The words of a key frame: they go round, fit a kilobyte, and lie to nobody.
+//! The visual words of a keyframe: they survive encoding, fit a kilobyte, and invalid messages are refused.
 
 use cairn_team::{KeyFrameWords, MAX_WORDS_BYTES, Refused, VERSION};
 use cairn_vision::Descriptor;
 use cairn_vision::bow::{Bag, Vocabulary};
 use proptest::prelude::*;
 
-/// Descriptors by chance: `own` of the image, `shared` of the place.
+/// Random descriptors: a part specific to the image (seed `own`), and one of the place (seed `shared`).
 fn descriptors(own: u64, shared: u64, count: usize, part: f64) -> Vec<Descriptor> {
     let mut state = own;
     let next = |seed: &mut u64| {
@@ -56,7 +56,7 @@ fn words_go_round_within_a_kilobyte_and_scores_stay() {
                 back.words().iter().zip(one.words()).all(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < 1e-6)
             );
         } else {
-            // What is left out cannot be recognised: the score falls about as much, and never rises.
+            // Words that are left out cannot be matched: the score falls about in proportion, and never rises.
             assert!(after < before && after > 0.5 * before, "{before} {after}");
         }
         assert!(count > 800 || left_out == 0, "{left_out} of {count} left out");

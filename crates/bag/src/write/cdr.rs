@@ -6,19 +6,19 @@ use cairn_geometry::Se3;
 pub(super) struct CdrWriter(Vec<u8>);
 
 impl CdrWriter {
-    /// Begins a message.
+    /// Starts a message.
     pub fn new() -> Self {
         Self(vec![0, 1, 0, 0])
     }
 
-    /// The bytes.
+    /// The finished bytes.
     pub fn end(self) -> Vec<u8> {
         self.0
     }
 
-    /// Bytes of a number, aligned to its size.
+    /// Adds the bytes of a number, aligned to its size.
     fn put<const N: usize>(&mut self, bytes: [u8; N]) -> &mut Self {
-        // The four bytes before the fields are a multiple of four, but not of eight.
+        // The header before the fields has four bytes: a multiple of four, but not of eight.
         let at = self.0.len() - 4;
         self.0.resize(self.0.len() + (N - at % N) % N, 0);
         self.0.extend_from_slice(&bytes);
@@ -37,7 +37,7 @@ impl CdrWriter {
         self.put(v.to_le_bytes())
     }
 
-    /// The length of a sequence; longer ones than four bytes can count are never made.
+    /// The length of a sequence; no sequence here exceeds 32 bits.
     pub fn length(&mut self, n: usize) -> &mut Self {
         self.u32(u32::try_from(n).unwrap_or(u32::MAX))
     }
@@ -55,7 +55,7 @@ impl CdrWriter {
         self
     }
 
-    /// A `builtin_interfaces/Time`; seconds beyond its four bytes are held at the limit.
+    /// A `builtin_interfaces/Time`; seconds outside 32 bits are clamped.
     pub fn time(&mut self, stamp_ns: i64) -> &mut Self {
         let seconds = stamp_ns.div_euclid(1_000_000_000).clamp(i64::from(i32::MIN), i64::from(i32::MAX));
         self.put((seconds as i32).to_le_bytes());

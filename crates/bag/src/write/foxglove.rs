@@ -1,21 +1,21 @@
-//! Messages of Foxglove's schemas in their ROS 2 form (docs.foxglove.dev/docs/visualization/message-schemas): Foxglove shows
-//! them, and every tool that reads ROS 2 recordings decodes them with the definition that the file carries.
+//! Messages of Foxglove's schemas in their ROS 2 form (docs.foxglove.dev/docs/visualization/message-schemas): Foxglove
+//! displays them, and every tool that reads ROS 2 recordings can decode them with the definition in the file.
 
 use super::cdr::CdrWriter;
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::GrayImage;
 
-/// A message type: its name and its definition with those of its parts.
+/// A message type: its name and its definition, with those of its parts.
 #[derive(Clone, Copy, Debug)]
 pub struct Schema {
-    /// As `foxglove_msgs/msg/PoseInFrame`.
+    /// The name, such as `foxglove_msgs/msg/PoseInFrame`.
     pub name: &'static str,
     fields: &'static str,
     parts: &'static [(&'static str, &'static str)],
 }
 
 impl Schema {
-    /// The definition as files carry it.
+    /// The definition in the form that files contain.
     pub fn text(&self) -> String {
         let mut text = self.fields.to_owned();
         for (name, fields) in self.parts {
@@ -32,21 +32,21 @@ const QUATERNION: (&str, &str) = ("geometry_msgs/Quaternion", "float64 x\nfloat6
 const POSE: (&str, &str) =
     ("geometry_msgs/Pose", "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n");
 
-/// A pose in a frame, at a time.
+/// A pose in a frame, with a time.
 pub const POSE_IN_FRAME: Schema = Schema {
     name: "foxglove_msgs/msg/PoseInFrame",
     fields: "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose\n",
     parts: &[TIME, POSE, POINT, QUATERNION],
 };
 
-/// A path.
+/// A sequence of poses (a path).
 pub const POSES_IN_FRAME: Schema = Schema {
     name: "foxglove_msgs/msg/PosesInFrame",
     fields: "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose[] poses\n",
     parts: &[TIME, POSE, POINT, QUATERNION],
 };
 
-/// Where one frame is in another.
+/// The transform between two frames.
 pub const FRAME_TRANSFORM: Schema = Schema {
     name: "foxglove_msgs/msg/FrameTransform",
     fields: "builtin_interfaces/Time timestamp\nstring parent_frame_id\nstring child_frame_id\n\
@@ -54,7 +54,7 @@ pub const FRAME_TRANSFORM: Schema = Schema {
     parts: &[TIME, VECTOR, QUATERNION],
 };
 
-/// Points.
+/// A point cloud.
 pub const POINT_CLOUD: Schema = Schema {
     name: "foxglove_msgs/msg/PointCloud",
     fields: "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose\nuint32 point_stride\n\
@@ -91,7 +91,7 @@ pub const RAW_IMAGE: Schema = Schema {
 const COLOR: (&str, &str) = ("foxglove_msgs/Color", "float64 r\nfloat64 g\nfloat64 b\nfloat64 a\n");
 const POINT2: (&str, &str) = ("foxglove_msgs/Point2", "float64 x\nfloat64 y\n");
 
-/// What is drawn over an image.
+/// Annotations drawn over an image.
 pub const IMAGE_ANNOTATIONS: Schema = Schema {
     name: "foxglove_msgs/msg/ImageAnnotations",
     fields: "foxglove_msgs/CircleAnnotation[] circles\nfoxglove_msgs/PointsAnnotation[] points\n\
@@ -120,12 +120,12 @@ pub const IMAGE_ANNOTATIONS: Schema = Schema {
     ],
 };
 
-/// How important a line of text is.
+/// Severity of a log message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// News.
+    /// Information.
     Info = 2,
-    /// Something to know.
+    /// A warning.
     Warning = 3,
 }
 
@@ -153,7 +153,7 @@ pub fn frame_transform(stamp_ns: i64, parent: &str, child: &str, parent_from_chi
     to.end()
 }
 
-/// A [`POINT_CLOUD`], in metres, as three 32-bit numbers each.
+/// A [`POINT_CLOUD`], in metres, with three 32-bit floats per point.
 pub fn point_cloud(stamp_ns: i64, frame: &str, points: impl IntoIterator<Item = Vec3>) -> Vec<u8> {
     const FLOAT32: u8 = 7;
     let mut data = Vec::new();
@@ -184,14 +184,14 @@ pub fn raw_image(stamp_ns: i64, frame: &str, image: &GrayImage) -> Vec<u8> {
     to.end()
 }
 
-/// An [`IMAGE_ANNOTATIONS`] of green points, in pixels whose centres are at integers.
+/// An [`IMAGE_ANNOTATIONS`] of green points, in pixels; pixel centres are at integers.
 pub fn image_points(stamp_ns: i64, points: &[Vec2]) -> Vec<u8> {
     const POINTS: u8 = 1;
     const GREEN: [f64; 4] = [0.1, 0.9, 0.2, 1.0];
     let mut to = CdrWriter::new();
     to.length(0).length(1).time(stamp_ns).u8(POINTS).length(points.len());
     points.iter().for_each(|p| {
-        // Foxglove counts from the corner of the first pixel.
+        // In Foxglove the origin is the corner of the first pixel.
         to.f64(p.x + 0.5).f64(p.y + 0.5);
     });
     let color = |to: &mut CdrWriter| {

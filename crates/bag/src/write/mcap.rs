@@ -1,10 +1,10 @@
-//! An MCAP file being written: chunks of LZ4, with the index by which viewers seek (mcap.dev/spec).
+//! Writes an MCAP file: chunks compressed by LZ4, with the index that viewers need for seeking (mcap.dev/spec).
 
 use super::foxglove::Schema;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-/// Uncompressed bytes of a chunk.
+/// Uncompressed size of a chunk, bytes.
 const CHUNK: usize = 1 << 20;
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
@@ -24,31 +24,31 @@ const DATA_END: u8 = 15;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Channel(u16);
 
-/// Writes a file; [`McapWriter::finish`] ends it. A file without its end can still be read up to its last whole chunk.
+/// Writes a file; [`McapWriter::finish`] completes it. An incomplete file can still be read up to its last whole chunk.
 pub struct McapWriter<W: Write> {
     to: W,
-    /// Bytes written.
+    /// Number of bytes written.
     at: u64,
     schemas: Vec<&'static str>,
-    /// Schema and channel records, repeated in the summary.
+    /// Schema and channel records, to be repeated in the summary.
     declared: [Vec<u8>; 2],
-    /// Messages of each channel.
+    /// Number of messages of each channel.
     counts: Vec<u64>,
     sequence: u32,
     times: Option<[u64; 2]>,
     chunk: Vec<u8>,
     chunk_times: Option<[u64; 2]>,
-    /// For each channel the times and offsets of its messages in the chunk.
+    /// For each channel the times and offsets of its messages in the current chunk.
     chunk_index: BTreeMap<u16, Vec<(u64, u64)>>,
     chunk_records: Vec<u8>,
     chunks: u32,
 }
 
 impl<W: Write> McapWriter<W> {
-    /// Begins a file of ROS 2 messages.
+    /// Starts a file of ROS 2 messages.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// When the file cannot be written.
     pub fn new(to: W) -> io::Result<Self> {
         let mut file = Self {
             to,
@@ -95,13 +95,13 @@ impl<W: Write> McapWriter<W> {
         Channel(id)
     }
 
-    /// A schema or channel goes before the messages that use it, and into the summary.
+    /// Writes a schema or channel before the messages that use it, and keeps it for the summary.
     fn declare(&mut self, kind: usize, record: &[u8]) {
         self.chunk.extend_from_slice(record);
         self.declared[kind].extend_from_slice(record);
     }
 
-    /// Adds a message, at a time in nanoseconds.
+    /// Adds a message with a time in nanoseconds.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -173,7 +173,7 @@ impl<W: Write> McapWriter<W> {
         Ok(())
     }
 
-    /// Writes the rest and the summary; returns what was written to.
+    /// Writes the last chunk and the summary; returns the writer that was passed in.
     ///
     /// # Errors
     /// When the file cannot be written.

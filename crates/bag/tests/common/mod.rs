@@ -1,4 +1,5 @@
-//! Writes small bags: messages of ROS 1 and ROS 2, rosbag1 files and MCAP files, byte by byte after their specifications.
+//! Writes small bags for tests: ROS 1 and ROS 2 messages, rosbag1 and MCAP files, byte by byte after their
+//! specifications.
 #![allow(dead_code)]
 
 use std::path::PathBuf;
@@ -12,7 +13,7 @@ pub struct Message {
     pub data: Vec<u8>,
 }
 
-/// A file that is removed at the end.
+/// A file that is removed when dropped.
 pub struct Temporary(pub PathBuf);
 
 impl Temporary {
@@ -33,7 +34,7 @@ impl Drop for Temporary {
     }
 }
 
-/// Serialises in either form.
+/// Serialises in either format.
 pub struct Fields {
     ros1: bool,
     bytes: Vec<u8>,
@@ -103,7 +104,7 @@ fn message(topic: &str, kind: &'static str, log_ns: i64, data: Vec<u8>) -> Messa
     Message { topic: topic.into(), kind, log_ns, data }
 }
 
-/// A `sensor_msgs/Image` without padding of its rows.
+/// A `sensor_msgs/Image` without row padding.
 pub fn image(
     ros1: bool,
     topic: &str,
@@ -193,7 +194,7 @@ pub fn lz4(bytes: &[u8]) -> Vec<u8> {
     to.finish().unwrap()
 }
 
-/// A rosbag1 file without its index (as one that was never closed), `per_chunk` messages in each chunk.
+/// A rosbag1 file without its index (like one that was never closed), with `per_chunk` messages in each chunk.
 pub fn rosbag1(messages: &[Message], compression: &str, per_chunk: usize) -> Vec<u8> {
     let mut out = b"#ROSBAG V2.0\n".to_vec();
     let zero = 0u64.to_le_bytes();
@@ -244,7 +245,7 @@ pub fn mcap_text(text: &str) -> Vec<u8> {
     out
 }
 
-/// An MCAP file without summary, `per_chunk` messages in each chunk; 0 writes them without chunks.
+/// An MCAP file without summary, with `per_chunk` messages in each chunk; 0 writes them without chunks.
 pub fn mcap(messages: &[Message], encoding: &str, compression: &str, per_chunk: usize) -> Vec<u8> {
     let mut out = b"\x89MCAP0\r\n".to_vec();
     out.extend(mcap_record(1, &[mcap_text(""), mcap_text("test")].concat()));

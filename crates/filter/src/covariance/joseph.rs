@@ -1,17 +1,17 @@
 //! The covariance matrix itself, updated in Joseph form.
 //!
-//! `(I - K H) P (I - K H)^T + K R K^T` keeps a covariance positive definite under rounding, and is right for every gain.
-//! `H` touches few variables, so it is formed as `A = P - K (P H^T)^T`, then `A + (K R - A H^T) K^T`: both of rank one to
-//! three.
+//! `(I - K H) P (I - K H)^T + K R K^T` keeps a covariance positive definite under rounding, and is correct for every
+//! gain. `H` touches few variables, so it is computed as `A = P - K (P H^T)^T`, then `A + (K R - A H^T) K^T`: both
+//! updates have rank one to three.
 
 use super::Rows;
 use nalgebra::Matrix3;
 
-/// A symmetric matrix, both halves kept.
+/// A symmetric matrix, with both triangles stored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Joseph {
     n: usize,
-    /// By columns.
+    /// In column-major order.
     p: Vec<f64>,
 }
 
@@ -125,7 +125,7 @@ impl Joseph {
     }
 }
 
-/// `M H^T` of a square matrix by columns.
+/// `M H^T` for a square matrix in column-major order.
 fn cross_of(m: &[f64], n: usize, h: &Rows) -> Vec<f64> {
     let mut cross = vec![0.0; n * h.rows];
     for (offset, width, values) in &h.blocks {
@@ -140,7 +140,7 @@ fn cross_of(m: &[f64], n: usize, h: &Rows) -> Vec<f64> {
     cross
 }
 
-/// `M += sign * A B^T`, with `A` and `B` of `n` rows and as many columns each.
+/// `M += sign * A B^T`, where `A` and `B` have `n` rows and equally many columns.
 fn add_product(m: &mut [f64], n: usize, a: &[f64], b: &[f64], sign: f64) {
     for (j, column) in m.chunks_exact_mut(n).enumerate() {
         for (a, b) in a.chunks_exact(n).zip(b.chunks_exact(n)) {

@@ -9,28 +9,29 @@ pub use root::SquareRoot;
 
 use nalgebra::Matrix3;
 
-/// Which form the covariance is kept in.
+/// The form in which the covariance is stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Form {
     /// The matrix, updated as `(I - K H) P (I - K H)^T + K R K^T` (Bucy and Joseph, 1968).
     #[default]
     Joseph,
-    /// A lower triangular `S` with `P = S S^T`: half the digits are lost (Bierman, "Factorization methods", 1977).
+    /// A lower triangular `S` with `P = S S^T`: rounding costs half as many digits (Bierman, "Factorization methods",
+    /// 1977).
     SquareRoot,
 }
 
-/// Up to three rows of a measurement's Jacobian: a few 3-column blocks, each at its place in the state. Rows past
+/// Up to three rows of a measurement's Jacobian: a few 3-column blocks, each with its position in the state. Rows past
 /// `rows`, and columns past the width of a block, are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rows {
     /// Number of rows.
     pub rows: usize,
-    /// Place of the first column, number of columns, values.
+    /// First column, number of columns, and values of each block.
     pub blocks: Vec<(usize, usize, Matrix3<f64>)>,
 }
 
 impl Rows {
-    /// One row times a vector as long as the state.
+    /// The product of one row and a vector as long as the state.
     pub fn row_times(&self, row: usize, vector: &[f64]) -> f64 {
         let of = |(at, width, values): &(usize, usize, Matrix3<f64>)| -> f64 {
             vector[*at..at + width].iter().enumerate().map(|(k, v)| values[(row, k)] * v).sum()
@@ -44,7 +45,7 @@ impl Rows {
 pub enum Covariance {
     /// The matrix itself.
     Joseph(Joseph),
-    /// Its root.
+    /// Its square root.
     SquareRoot(SquareRoot),
 }
 
@@ -58,7 +59,7 @@ macro_rules! both {
 }
 
 impl Covariance {
-    /// Of no state at all.
+    /// The covariance of an empty state.
     pub fn new(form: Form) -> Self {
         match form {
             Form::Joseph => Self::Joseph(Joseph::default()),
@@ -66,7 +67,7 @@ impl Covariance {
         }
     }
 
-    /// From a symmetric positive semi-definite matrix of `n` rows by columns.
+    /// From a symmetric positive semi-definite matrix of `n` rows, in column-major order.
     pub fn from_matrix(form: Form, n: usize, matrix: Vec<f64>) -> Self {
         match form {
             Form::Joseph => Self::Joseph(Joseph::from_matrix(n, matrix)),
@@ -84,12 +85,12 @@ impl Covariance {
         both!(self, c => c.at(row, column))
     }
 
-    /// The block of this height and width, at most 3, at a row and a column; zero beyond.
+    /// The block of this height and width, at most 3, at a row and a column; entries beyond are zero.
     pub fn block(&self, row: usize, height: usize, column: usize, width: usize) -> Matrix3<f64> {
         Matrix3::from_fn(|i, j| if i < height && j < width { self.at(row + i, column + j) } else { 0.0 })
     }
 
-    /// The whole matrix by columns.
+    /// The whole matrix in column-major order.
     pub fn matrix(&self) -> Vec<f64> {
         let n = self.size();
         let mut values = Vec::with_capacity(n * n);
@@ -99,18 +100,18 @@ impl Covariance {
         values
     }
 
-    /// `P H^T`, by columns.
+    /// `P H^T`, in column-major order.
     pub fn cross(&self, h: &Rows) -> Vec<f64> {
         both!(self, c => c.cross(h))
     }
 
-    /// A pose at `at` moves: `P = F P F^T + Q`, with `F` and `Q` the identity and zero elsewhere. `F` is upper
-    /// triangular.
+    /// Propagates the pose at `at`: `P = F P F^T + Q`, where `f` and `q` are the blocks of the pose; elsewhere `F` is
+    /// the identity and `Q` is zero. `F` is upper triangular.
     pub fn predict(&mut self, at: usize, f: &Matrix3<f64>, q: &Matrix3<f64>) {
         both!(self, c => c.predict(at, f, q));
     }
 
-    /// The update by a measurement: `gain` and `cross` (`P H^T`) by columns, `noise` the measurement's.
+    /// Updates by a measurement: `gain` and `cross` (`P H^T`) in column-major order, `noise` its covariance.
     pub fn update(&mut self, h: &Rows, cross: &[f64], gain: &[f64], noise: &Matrix3<f64>) {
         match self {
             Self::Joseph(c) => c.update(h, cross, gain, noise),
@@ -118,14 +119,14 @@ impl Covariance {
         }
     }
 
-    /// Adds `d` times the variable `at` to all: `P = (I + d e^T) P (I + d e^T)^T`, where `d` is zero at `at` itself.
+    /// Adds `d` times the variable at `at` to all: `P = (I + d e^T) P (I + d e^T)^T`, where `d` is zero at `at` itself.
     ///
-    /// In the root form `at` is the third variable: the heading of the first pose.
+    /// In the square-root form `at` must be the third variable: the heading of the first pose.
     pub fn shear(&mut self, d: &[f64], at: usize) {
         both!(self, c => c.shear(d, at));
     }
 
-    /// Appends as many variables (2 or 3) as `g` has rows: `G` times what there is, plus noise of their own.
+    /// Appends as many variables (2 or 3) as `g` has rows: `G` times the present state, plus independent noise.
     pub fn augment(&mut self, g: &Rows, noise: &Matrix3<f64>) {
         both!(self, c => c.augment(g, noise));
     }

@@ -1,20 +1,21 @@
 //! The square root of a covariance: a lower triangular `S` with `P = S S^T`.
 //!
-//! Everything is done by Givens rotations of columns, which do not change `S S^T`: motion adds columns that are rotated
-//! away again; a measurement is whitened and taken one row at a time in the array form (Kailath, Sayed, Hassibi, "Linear
-//! estimation", 2000, section 12.2), from the last column to the first, which keeps `S` triangular.
+//! All operations are Givens rotations of columns, which do not change `S S^T`: motion adds columns that are then
+//! rotated into the triangle; a measurement is whitened and applied one row at a time in the array form (Kailath,
+//! Sayed, Hassibi, "Linear estimation", 2000, section 12.2), from the last column to the first, which keeps `S`
+//! triangular.
 
 use super::{Rows, root3};
 use nalgebra::Matrix3;
 
-/// A lower triangular matrix by columns; column `j` begins at its diagonal.
+/// A lower triangular matrix, stored by columns; column `j` begins at its diagonal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SquareRoot {
     columns: Vec<Vec<f64>>,
 }
 
 impl SquareRoot {
-    /// The Cholesky factor; pivots that rounding left below zero count as zero.
+    /// The Cholesky factor; pivots that rounding made negative count as zero.
     pub fn from_matrix(n: usize, mut p: Vec<f64>) -> Self {
         let mut columns: Vec<Vec<f64>> = Vec::with_capacity(n);
         for j in 0..n {
@@ -73,8 +74,8 @@ impl SquareRoot {
     }
 
     pub fn predict(&mut self, at: usize, f: &Matrix3<f64>, q: &Matrix3<f64>) {
-        // Columns up to the pose's own mix its rows; F is upper triangular, so that what comes above the diagonal is
-        // only in the pose's own columns. Those are set aside and rotated in again with the noise.
+        // Columns before those of the pose mix its rows. `F` is upper triangular, so entries above the diagonal appear
+        // only in the pose's own columns; these are set aside and rotated in again together with the noise.
         for (k, column) in self.columns.iter_mut().enumerate().take(at) {
             let own = [0, 1, 2].map(|i| column[at - k + i]);
             for i in 0..3 {
@@ -122,7 +123,7 @@ impl SquareRoot {
             (true, _) => noise[(i, j)],
             (false, same) => f64::from(same),
         });
-        // Whitened rows are independent: L^-1 H with noise one.
+        // Whitened rows are independent: `L^-1 H`, with unit noise.
         let l = root3(&whole);
         let Some(whiten) = l.try_inverse() else { return };
         let white = Rows {
@@ -136,7 +137,7 @@ impl SquareRoot {
         }
     }
 
-    /// By one row whose noise is one.
+    /// Updates by one row with unit noise.
     fn update_row(&mut self, h: &Rows) {
         let seen = self.seen(h);
         let n = self.size();
@@ -157,7 +158,7 @@ impl SquareRoot {
         for (k, (column, own)) in self.columns.iter_mut().zip(&own).enumerate() {
             column[at + 1 - k..].iter_mut().zip(&d[at + 1..]).for_each(|(v, d)| *v += d * own);
         }
-        // What is above the variable, its pose's place, is rotated back into shape.
+        // The rows above the heading are the position of its pose; they are made triangular again.
         let first = at - 2;
         let f = Matrix3::new(1.0, 0.0, d[first], 0.0, 1.0, d[first + 1], 0.0, 0.0, 1.0);
         self.predict(first, &f, &Matrix3::zeros());
@@ -178,7 +179,7 @@ impl SquareRoot {
             for (k, column) in self.columns.iter_mut().enumerate().take(at) {
                 column.remove(at - k);
             }
-            // The rest of the removed column still adds to those below.
+            // The rest of the removed column still contributes to the columns after it.
             freed.remove(0);
             self.rotate_in(at, &mut freed);
         }

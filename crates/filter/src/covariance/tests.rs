@@ -1,4 +1,4 @@
-//! Both forms against dense algebra.
+//! Both forms compared with dense algebra.
 
 use super::*;
 use nalgebra::DMatrix;
@@ -99,8 +99,8 @@ fn motions_updates_growth_and_removal_are_those_of_dense_algebra() {
 
 #[test]
 fn the_root_stays_right_where_the_plain_update_loses_its_digits() {
-    // A very exact measurement of very uncertain variables: of the sum, 1e-8 remains beside 1e8. The textbook's
-    // P - K H P keeps no digit of it; the root does.
+    // A very exact measurement of very uncertain variables: the variance of the sum is 1e-8, next to 1e8. The textbook
+    // form P - K H P loses all digits of it; the square root keeps it.
     let start = Matrix3::from_diagonal_element(1e8);
     let h = Rows { rows: 1, blocks: vec![(0, 3, Matrix3::new(1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))] };
     let noise = Matrix3::from_diagonal_element(1e-8);
@@ -109,7 +109,7 @@ fn the_root_stays_right_where_the_plain_update_loses_its_digits() {
     assert!((textbook - 1e-8).abs() > 1e-9, "{textbook:e}: the test shows nothing");
     let mut c = Covariance::from_matrix(Form::SquareRoot, 3, start.as_slice().to_vec());
     c.update(&h, &[], &[], &noise);
-    // The variance of the sum from the root itself: |S^T h|^2.
+    // The variance of the sum computed from the root itself: |S^T h|^2.
     let Covariance::SquareRoot(root) = &c else { panic!("a root stays a root") };
     let variance = root.variance_of(&h);
     assert!((variance - 1e-8).abs() < 1e-12, "{variance:e}");

@@ -1,4 +1,5 @@
-//! The part of the state that every motion and measurement touches: poses and near landmarks, with their covariance.
+//! The active part of the state, used by every motion and measurement: poses and nearby landmarks, with their
+//! covariance.
 
 use super::config::Linearisation;
 use super::passive::Deferred;
@@ -8,7 +9,7 @@ use crate::measure::{Measurement, jacobians};
 use crate::motion::Motion;
 use nalgebra::{Matrix3, Vector3};
 
-/// Where a variable stands in the active state.
+/// Position of a variable in the active state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Place {
     pub at: usize,
@@ -16,37 +17,37 @@ pub(crate) struct Place {
     pub size: usize,
 }
 
-/// A measurement against a target, linearised.
+/// A linearised measurement of a target.
 #[derive(Clone, Debug)]
 pub(crate) struct Linear {
     pub h: Rows,
     pub innovation: Vector3<f64>,
     pub noise: Matrix3<f64>,
-    /// `P H^T`, by columns.
+    /// `P H^T`, in column-major order.
     pub cross: Vec<f64>,
     /// `H P H^T + R`; the identity beyond its rows.
     pub s: Matrix3<f64>,
 }
 
 impl Linear {
-    /// Innovation squared in the metric of its covariance (NIS); `None` when that is not positive definite.
+    /// Normalised innovation squared (NIS); `None` when the covariance of the innovation is not positive definite.
     pub fn nis(&self) -> Option<f64> {
         let cholesky = self.s.cholesky()?;
         Some(self.innovation.dot(&cholesky.solve(&self.innovation))).filter(|v| v.is_finite())
     }
 }
 
-/// Where the heading of the first robot stands.
+/// Index of the heading of the first robot.
 pub(crate) const HEADING: usize = 2;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Active {
     pub x: Vec<f64>,
-    /// Where Jacobians are taken: of poses the last prediction, of landmarks the first estimate (Huang, Mourikis,
-    /// Roumeliotis 2010, section 5.1); equal to `x` at every use in the plain filter.
+    /// Linearisation points: for poses the last prediction, for landmarks the first estimate (Huang, Mourikis,
+    /// Roumeliotis 2010, section 5.1); in the plain filter they equal `x` whenever they are used.
     pub first: Vec<f64>,
     pub covariance: Covariance,
-    /// What the part left behind has still to be told; `None` while everything is active.
+    /// Updates that the passive part has not received yet; `None` while everything is active.
     pub deferred: Option<Deferred>,
     linearisation: Linearisation,
     /// Which variables are angles.
@@ -66,7 +67,7 @@ impl Active {
         }
     }
 
-    /// Whether corrections turn errors.
+    /// Whether the filter is the invariant one, whose corrections turn the errors.
     pub fn is_invariant(&self) -> bool {
         self.linearisation == Linearisation::Invariant
     }
@@ -79,7 +80,7 @@ impl Active {
         Self::of(&self.x, place)
     }
 
-    /// Where Jacobians by this variable are taken.
+    /// The linearisation point of this variable.
     pub fn linearised_at(&self, place: Place) -> Vector3<f64> {
         Self::of(if self.linearisation == Linearisation::First { &self.first } else { &self.x }, place)
     }
@@ -95,7 +96,7 @@ impl Active {
     /// Appends a pose that is independent of everything else.
     pub fn add_pose(&mut self, pose: &Vector3<f64>, covariance: &Matrix3<f64>) -> Place {
         let place = Place { at: self.size(), size: 3 };
-        // Zero times the first pose; there need be none.
+        // The row is zero times the first pose, which may not exist yet.
         if self.x.is_empty() {
             let form = match self.covariance {
                 Covariance::Joseph(_) => Form::Joseph,
@@ -122,7 +123,7 @@ impl Active {
         place
     }
 
-    /// Appends a landmark at `value` whose error is `g` times that of the state plus noise.
+    /// Appends a landmark at `value` whose error is `g` times that of the state plus independent noise.
     pub fn add_landmark(&mut self, value: [f64; 2], g: &Rows, noise: &Matrix3<f64>) -> Place {
         let place = Place { at: self.size(), size: 2 };
         self.grow(g, noise);
@@ -149,8 +150,8 @@ impl Active {
         }
     }
 
-    /// Moves a pose. With first estimates the Jacobian runs from the last prediction to the new one (Huang et al. 2010,
-    /// equation 35), so that what cannot be observed stays so.
+    /// Propagates a pose. With first estimates the Jacobian uses the last prediction and the new one (Huang et al.
+    /// 2010, equation 35), so that unobservable directions stay unobservable.
     pub fn predict(&mut self, pose: Place, motion: &Motion) {
         let (before, from) = (self.value(pose), self.linearised_at(pose));
         let (s, c) = before.z.sin_cos();
@@ -172,13 +173,13 @@ impl Active {
         self.covariance.predict(pose.at, &Matrix3::identity(), q);
     }
 
-    /// A measurement of `target` from `observer`; `None` where its Jacobian is not defined.
+    /// The linearised measurement of `target` from `observer`; `None` where its Jacobian is not defined.
     pub fn linear(&self, observer: Place, target: Place, m: &Measurement) -> Option<Linear> {
         let (h, innovation) = self.rows(observer, target, m)?;
         Some(self.linear_rows(h, innovation, *m.covariance()))
     }
 
-    /// Jacobian and innovation alone.
+    /// Jacobian and innovation only.
     pub fn rows(&self, observer: Place, target: Place, m: &Measurement) -> Option<(Rows, Vector3<f64>)> {
         let (at, of) = (self.linearised_at(observer), self.linearised_at(target));
         let (by_observer, by_target) = jacobians(m.kind(), &at, &of)?;
@@ -187,7 +188,7 @@ impl Active {
         Some((Rows { rows: m.kind().rows(), blocks }, innovation))
     }
 
-    /// `H_a P H_b^T`, from the blocks that the two touch.
+    /// `H_a P H_b^T`, from the blocks that the two rows touch.
     pub fn between(&self, a: &Rows, b: &Rows) -> Matrix3<f64> {
         let mut sum = Matrix3::zeros();
         for (at, height, by_a) in &a.blocks {
@@ -198,8 +199,8 @@ impl Active {
         sum
     }
 
-    /// Founds a landmark by a measurement that determines it, with its true correlation to all the rest; `None` for
-    /// other measurements.
+    /// Initialises a landmark from a measurement that determines it, with its true correlation to the rest of the
+    /// state; `None` for other measurements.
     pub fn found(&mut self, observer: Place, m: &Measurement) -> Option<Place> {
         let pose = self.value(observer);
         let (target, noise) = (m.target(&pose)?, m.target_noise(&pose)?);
@@ -209,7 +210,7 @@ impl Active {
         Some(self.add_landmark(target.into(), &g, &noise.fixed_resize::<3, 3>(0.0)))
     }
 
-    /// Any rows with their innovation and noise.
+    /// The linearised measurement for any rows, with their innovation and noise.
     pub fn linear_rows(&self, h: Rows, innovation: Vector3<f64>, noise: Matrix3<f64>) -> Linear {
         let (n, rows) = (self.size(), h.rows);
         let cross = self.covariance.cross(&h);
@@ -228,7 +229,8 @@ impl Active {
         Linear { h, innovation, noise, cross, s }
     }
 
-    /// The Kalman update; false, and nothing changed, when the innovation's covariance is not positive definite.
+    /// The Kalman update. Returns false, and changes nothing, when the covariance of the innovation is not positive
+    /// definite.
     pub fn update(&mut self, l: &Linear) -> bool {
         let (n, rows) = (self.size(), l.h.rows);
         let Some(inverse) = l.s.cholesky().map(|c| c.inverse()) else { return false };
@@ -251,9 +253,10 @@ impl Active {
         true
     }
 
-    /// After a correction that moved the state so: in the invariant filter the error of every position is its own plus
-    /// the heading's error times the position turned by a right angle; where the position moved, the covariance in plain
-    /// coordinates follows. Then `H` at the latest estimates is blind to what cannot be observed.
+    /// To be called after a correction that moved the state by `moved`. In the invariant filter the error of every
+    /// position is its own error plus the heading error times the position turned by a right angle; when the position
+    /// moves, the covariance in plain coordinates must change with it. `H` at the latest estimates then has the
+    /// unobservable directions in its null space.
     fn turn_errors(&mut self, moved: &[f64]) {
         let mut d = vec![0.0; moved.len()];
         let mut i = 0;

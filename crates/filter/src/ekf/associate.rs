@@ -1,6 +1,7 @@
-//! Which landmark a sighting without a label is of.
+//! Data association: which landmark a sighting without a label belongs to.
 //!
-//! Nearest neighbour: by the likelihood of the innovation, each landmark at most once (Bar-Shalom, Li, Kirubarajan 2001).
+//! Nearest neighbour: by the likelihood of the innovation, with each landmark used at most once (Bar-Shalom, Li,
+//! Kirubarajan 2001).
 //! Joint compatibility branch and bound: Neira and Tardos, "Data association in stochastic mapping using the joint
 //! compatibility test", IEEE TRA 17(6), 2001.
 
@@ -12,10 +13,10 @@ use crate::covariance::Rows;
 use crate::log::{Sighting, Target};
 use nalgebra::{Matrix3, Vector3};
 
-/// Pairings that are tried at most in one search; the best so far is taken then.
+/// Greatest number of pairings tried in one search; then the best one so far is used.
 const MOST_PAIRINGS: usize = 20_000;
 
-/// A sighting that might be of a landmark.
+/// A landmark that a sighting might belong to.
 #[derive(Clone, Debug)]
 struct Candidate {
     id: LandmarkId,
@@ -23,7 +24,7 @@ struct Candidate {
     innovation: Vector3<f64>,
     noise: Matrix3<f64>,
     nis: f64,
-    /// Twice the negative logarithm of the likelihood, but for a constant.
+    /// Negative log likelihood times two, up to a constant.
     cost: f64,
 }
 
@@ -52,7 +53,7 @@ impl EkfSlam {
         for (n, &k) in usable.iter().enumerate() {
             let sighting = &sightings[k];
             if let Some(c) = chosen[n].map(|c| &within[n][c]) {
-                // The state moved since: linearised again, the pairing stands.
+                // The state has moved since: the measurement is linearised again, the pairing is kept.
                 let place = self.record(c.id).and_then(|r| r.place);
                 let linear = place
                     .and_then(|p| self.active.linear(self.robots[robot].place, p, &sighting.measurement));
@@ -75,7 +76,7 @@ impl EkfSlam {
         verdicts
     }
 
-    /// All landmarks that are not far outside, by number.
+    /// Candidates of a sighting: all landmarks that are not far outside the gate, by number.
     fn candidates(&self, robot: usize, sighting: &Sighting) -> Vec<Candidate> {
         let (observer, m) = (self.robots[robot].place, &sighting.measurement);
         let mut found = Vec::new();
@@ -95,7 +96,7 @@ impl EkfSlam {
         found
     }
 
-    /// Why a sighting that was not matched founds no landmark; `None` when it does.
+    /// Why an unmatched sighting does not start a new landmark; `None` if it does.
     fn none_of(&self, candidates: &[Candidate]) -> Option<Verdict> {
         let nearest = candidates.iter().min_by(|a, b| a.nis.total_cmp(&b.nis))?;
         let wide = chi2::quantile(self.config.new_probability, nearest.h.rows);
@@ -103,7 +104,7 @@ impl EkfSlam {
     }
 }
 
-/// Each sighting its most likely landmark, the likeliest pair first, each landmark once.
+/// Assigns each sighting its most likely landmark, the likeliest pair first, each landmark once.
 fn nearest(candidates: &[Vec<Candidate>]) -> Vec<Option<usize>> {
     let of = |(n, c): (usize, &Vec<Candidate>)| {
         c.iter().enumerate().map(move |(k, c)| (c.cost, n, k)).collect::<Vec<_>>()
@@ -122,12 +123,12 @@ fn nearest(candidates: &[Vec<Candidate>]) -> Vec<Option<usize>> {
     chosen
 }
 
-/// The search for the largest jointly compatible set; of equally large ones the most compatible.
+/// The search for the largest jointly compatible set; among equally large sets, the most compatible one.
 struct Search<'a> {
     active: &'a Active,
     candidates: &'a [Vec<Candidate>],
     probability: f64,
-    /// Of the set under way: chosen candidates, rows of the Cholesky factor of its innovation covariance, whitened
+    /// Of the current set: chosen candidates, rows of the Cholesky factor of its innovation covariance, whitened
     /// innovation.
     chosen: Vec<Option<usize>>,
     factor: Vec<Vec<f64>>,
@@ -197,7 +198,7 @@ impl<'a> Search<'a> {
             self.factor.truncate(rows);
             self.white.truncate(rows);
         }
-        // Left out, if the rest can still be as many.
+        // Leaves this sighting out, if the remaining ones can still give an equally large set.
         let left = self.candidates.len() - n - 1;
         if pairs + left >= self.best_pairs.max(1) || self.best_pairs == 0 {
             self.chosen.push(None);
@@ -206,7 +207,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Adds the rows of a pairing to the factor; gives what it adds to the joint NIS.
+    /// Adds the rows of a pairing to the factor; returns the increase of the joint NIS.
     fn extend(&mut self, c: &Candidate) -> Option<f64> {
         let own = self.active.between(&c.h, &c.h) + c.noise;
         let others: Vec<&Candidate> =

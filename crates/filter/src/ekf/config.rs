@@ -1,57 +1,61 @@
-//! How the filter works.
+//! Configuration of the filter.
 
 use crate::chi2;
 use crate::covariance::Form;
 
-/// How sightings find their landmarks.
+/// How sightings are associated with landmarks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Association {
     /// By their labels.
     #[default]
     Known,
-    /// Each to the nearest landmark within its gate, in the metric of the innovation; labels are not looked at.
+    /// Each to the nearest landmark within its gate, by the Mahalanobis distance of the innovation; labels are ignored.
     Nearest,
-    /// All of an instant together, the largest set that is compatible as a whole (JCBB, Neira and Tardos 2001).
+    /// All sightings of an instant together: the largest jointly compatible set (JCBB, Neira and Tardos 2001).
     Joint,
 }
 
-/// Where Jacobians are taken.
+/// Where Jacobians are evaluated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Linearisation {
-    /// At the latest estimates: the textbook filter. It believes to have observed its heading, and is overconfident.
+    /// At the latest estimates: the textbook filter. It gains false information about its heading and becomes
+    /// overconfident.
     Latest,
     /// At the first estimates (Huang, Mourikis, Roumeliotis 2010): global position and heading stay unobservable.
     First,
-    /// At the latest estimates, with errors that turn with the heading's (the invariant filter of Barrau and Bonnabel, "An
-    /// EKF-SLAM algorithm with consistency properties", 2015): as consistent, and more exact after large corrections.
+    /// At the latest estimates, with errors that turn with the heading error (the invariant filter of Barrau and
+    /// Bonnabel, "An EKF-SLAM algorithm with consistency properties", 2015): as consistent as `First`, and more exact
+    /// after large corrections.
     #[default]
     Invariant,
 }
 
-/// Settings of the filter.
+/// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EkfConfig {
     /// Form of the covariance.
     pub form: Form,
-    /// Where Jacobians are taken.
+    /// Where Jacobians are evaluated.
     pub linearisation: Linearisation,
-    /// How sightings find their landmarks.
+    /// How sightings are associated with landmarks.
     pub association: Association,
-    /// Part of the true sightings that the gate lets through; the bound is the chi-square quantile of as many degrees of
-    /// freedom as are measured. 1 lets everything through.
+    /// Fraction of correct sightings that the gate accepts; the bound is the chi-square quantile with as many degrees
+    /// of freedom as are measured. 1 accepts everything.
     pub gate_probability: f64,
-    /// Without labels: a sighting founds a new landmark only when it is outside this wider gate of all that there are.
+    /// Without labels: a sighting starts a new landmark only when it is outside this wider gate of all existing
+    /// landmarks.
     pub new_probability: f64,
-    /// Without labels: sightings that make a provisional landmark a confirmed one.
+    /// Without labels: number of sightings after which a tentative landmark is confirmed.
     pub confirm_sightings: usize,
-    /// Recover when at least this part of the last [`EkfConfig::recovery_window`] sightings was rejected; above 1 never.
+    /// Recover when at least this fraction of the last [`EkfConfig::recovery_window`] sightings was rejected; never if
+    /// above 1.
     pub recovery_fraction: f64,
-    /// Sightings that are looked back on.
+    /// Number of recent sightings that are considered.
     pub recovery_window: usize,
-    /// Travel between two poses that are kept for a landmark that one measurement does not determine, in metres.
+    /// Distance travelled between two poses stored for a landmark that one measurement does not determine, in metres.
     pub delayed_spacing_m: f64,
-    /// Keep landmarks within so many metres active and the rest passive; `None`: all active. At least twice the reach of
-    /// the sensor: sightings of landmarks without labels farther than half of it are not used.
+    /// Keep landmarks within this distance active and the rest passive; `None`: all active. It must be at least twice
+    /// the range of the sensor: unlabelled sightings of landmarks farther than half of it are not used.
     pub local_radius_m: Option<f64>,
 }
 
@@ -73,12 +77,13 @@ impl Default for EkfConfig {
 }
 
 impl EkfConfig {
-    /// The chi-square bound for so many degrees of freedom.
+    /// The chi-square bound for this number of degrees of freedom.
     pub fn gate(&self, dof: usize) -> f64 {
         chi2::quantile(self.gate_probability, dof)
     }
 
-    /// The gate that lets as many true sightings through as this chi-square bound does with two degrees of freedom.
+    /// Sets the gate so that it accepts as many correct sightings as this chi-square bound does with two degrees of
+    /// freedom.
     pub fn with_gate_of_two(mut self, chi2: f64) -> Self {
         self.gate_probability = chi2::cumulative(chi2, 2);
         self

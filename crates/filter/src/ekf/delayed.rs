@@ -1,10 +1,11 @@
-//! Landmarks that one measurement does not determine: ranges or bearings are kept, each with the pose it was taken from,
-//! until together they place the landmark.
+//! Delayed initialisation of landmarks that one measurement does not determine: ranges or bearings are stored, each
+//! with the pose it was taken from, until together they determine the position of the landmark.
 //!
-//! The poses are kept in the state (stochastic cloning, Roumeliotis and Burdick 2002), so that the landmark gets its true
-//! correlations: rotated so that two rows determine the landmark, the measurements found it by those two and correct the
-//! state by the rest (the nullspace trick of Mourikis and Roumeliotis 2007, equations 23-24). The two mirrored solutions
-//! of ranges along a line are told apart by their likelihoods; until they can be, the landmark waits.
+//! The poses are kept in the state (stochastic cloning, Roumeliotis and Burdick 2002), so that the landmark gets its
+//! true correlations: the measurements are rotated so that two rows determine the landmark and initialise it, and the
+//! other rows correct the state (the nullspace projection of Mourikis and Roumeliotis 2007, equations 23-24). The two
+//! mirrored solutions of ranges along a line are distinguished by their likelihoods; until that is possible, the
+//! landmark waits.
 
 use super::active::Place;
 use super::landmark::Verdict;
@@ -17,17 +18,18 @@ use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Measurements kept of a landmark; then the one nearest to its neighbour makes room, so that the baseline grows.
+/// Greatest number of measurements stored per landmark; beyond it, the one nearest to its neighbour is dropped, so that
+/// the baseline grows.
 const MOST: usize = 12;
-/// By so much the second best place must be less likely (twice the logarithm of the ratio: about 1 in 400).
+/// The second best position must be less likely by this much (twice the log likelihood ratio: about 1 in 400).
 const MARGIN: f64 = 12.0;
-/// The landmark's deviation must be below this part of its distance, so that its linearisation holds: with 0.2, bearings
-/// alone gave landmarks whose error was eleven of their deviations.
+/// The standard deviation of the landmark must be below this fraction of its distance, so that its linearisation is
+/// valid: with 0.2, bearings alone gave landmarks with errors of eleven standard deviations.
 const SHARPNESS: f64 = 0.05;
-/// Directions, and depths, from which a place is sought.
+/// Number of directions, and of depths, from which the search for a position starts.
 const STARTS: usize = 24;
 
-/// A pose in the state for the sake of measurements taken from it.
+/// A pose kept in the state for the measurements taken from it.
 #[derive(Clone, Debug)]
 struct Kept {
     place: Place,
@@ -36,7 +38,7 @@ struct Kept {
     moves: usize,
 }
 
-/// Landmarks that wait.
+/// Landmarks that are not initialised yet.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Delayed {
     poses: BTreeMap<u32, Kept>,
@@ -44,7 +46,7 @@ pub(crate) struct Delayed {
     waiting: BTreeMap<u32, Vec<(u32, Measurement)>>,
 }
 
-/// Where the measurements place the landmark.
+/// Position of a landmark according to the measurements, and their cost there.
 struct Found {
     at: Vec2,
     cost: f64,
@@ -55,13 +57,13 @@ impl Delayed {
         self.poses.values_mut().map(|k| &mut k.place)
     }
 
-    /// Forgets one pose and all that waits; gives its place, which is to be removed.
+    /// Drops all waiting measurements and one pose; returns the place of the pose, which the caller must remove.
     pub fn give_up(&mut self) -> Option<Place> {
         self.waiting.clear();
         self.poses.pop_first().map(|(_, kept)| kept.place)
     }
 
-    /// A pose that nothing waits for any more.
+    /// A pose that no waiting measurement uses any more.
     fn unused(&mut self) -> Option<Place> {
         let used = |key: &u32| self.waiting.values().flatten().any(|(k, _)| k == key);
         let key = *self.poses.keys().find(|key| !used(key))?;
@@ -70,7 +72,7 @@ impl Delayed {
 }
 
 impl EkfSlam {
-    /// Keeps the measurement, and places the landmark when it can be.
+    /// Stores the measurement, and initialises the landmark when that is possible.
     pub(super) fn observe_delayed(&mut self, robot: usize, label: u32, m: &Measurement) -> Verdict {
         let Robot { travelled_m, moves, .. } = self.robots[robot];
         let kept = self.delayed.waiting.get(&label).map_or(&[][..], |w| w);
@@ -117,7 +119,7 @@ impl EkfSlam {
         let poses: Vec<Vector3<f64>> = list.iter().map(|(p, _)| self.active.value(*p)).collect();
         let found = sought(&poses, list)?;
         let (a, b, r) = linearised(&poses, list, found.at)?;
-        // Q^T [H_L | H_c | r]: two rows that determine the landmark, the others free of it.
+        // `Q^T [H_L | H_c | r]`: two rows determine the landmark, the others do not depend on it.
         let m = list.len();
         let mut q_t = DMatrix::identity(m, m);
         b.clone().qr().q_tr_mul(&mut q_t);
@@ -153,7 +155,7 @@ impl EkfSlam {
         let g = rows(0, 2, &|i, l| -inverse[(i, l)]);
         let at = found.at + inverse * residual.fixed_rows::<2>(0);
         let place = self.active.add_landmark(at.into(), &g, &spread.fixed_resize::<3, 3>(0.0));
-        // The state moves with each row: what the others expect moves too.
+        // Each row moves the state, so the expected values of the other rows change too.
         let before: Vec<Vector3<f64>> = list.iter().map(|(p, _)| self.active.value(*p)).collect();
         for (h, r) in rest {
             let moved: f64 = h
@@ -169,7 +171,8 @@ impl EkfSlam {
     }
 }
 
-/// Whitened derivatives by the poses (three columns each) and by the landmark, and the whitened innovations.
+/// Whitened derivatives with respect to the poses (three columns each) and to the landmark, and the whitened
+/// innovations.
 fn linearised(
     poses: &[Vector3<f64>],
     list: &[(Place, Measurement)],
@@ -187,7 +190,7 @@ fn linearised(
     Some((a, b, r))
 }
 
-/// The one place that fits the measurements; `None` while there are two.
+/// The one position that fits the measurements; `None` while there are two.
 fn sought(poses: &[Vector3<f64>], list: &[(Place, Measurement)]) -> Option<Found> {
     let (pose, (_, last)) = (poses.last()?, list.last()?);
     let along = |angle: f64, depth: f64| {

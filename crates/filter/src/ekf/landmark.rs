@@ -1,4 +1,4 @@
-//! Landmarks, what becomes of sightings, and what can go wrong.
+//! Landmarks, results for sightings, and errors of the caller.
 
 use super::active::Place;
 use cairn_geometry::Vec2;
@@ -8,29 +8,29 @@ use nalgebra::Matrix2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LandmarkId(pub u32);
 
-/// A landmark as the filter keeps it.
+/// A landmark in the filter.
 #[derive(Clone, Debug)]
 pub(crate) struct Record {
     pub id: LandmarkId,
     pub label: Option<u32>,
-    /// Among the active ones, if it is.
+    /// Its place in the active state, if it is active.
     pub place: Option<Place>,
-    /// In the passive store, once it was there.
+    /// Its index in the passive store, if it has ever been passive.
     pub store: Option<usize>,
     pub seen: usize,
-    /// Rejected since it was last taken.
+    /// Rejections since its last accepted sighting.
     pub rejected: usize,
-    /// Log odds that it is gone: what missing it so often says.
+    /// Log odds that it is gone, accumulated over missed sightings.
     pub absence: f64,
-    /// What the robot had travelled when it last counted as missed, in metres.
+    /// Distance that the robot had travelled when the landmark last counted as missed, in metres.
     pub missed_at_m: f64,
-    /// Views from different places, and what the robot had travelled at the last.
+    /// Number of views from different positions, and the distance that the robot had travelled at the last one.
     pub views: usize,
     pub viewed_at_m: f64,
     pub confirmed: bool,
 }
 
-/// A landmark as it is estimated.
+/// The estimate of a landmark.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Landmark {
     /// Its number.
@@ -39,15 +39,15 @@ pub struct Landmark {
     pub label: Option<u32>,
     /// Where it is, in metres.
     pub position: Vec2,
-    /// Covariance of that, in m^2.
+    /// Covariance of the position, in m^2.
     pub covariance: Matrix2<f64>,
-    /// Sightings that it was corrected by.
+    /// Sightings of it that corrected the state.
     pub seen: usize,
-    /// False while it is provisional.
+    /// False while it is tentative.
     pub confirmed: bool,
 }
 
-/// What became of a sighting.
+/// Result for a sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
     /// It corrected the state.
@@ -59,40 +59,40 @@ pub enum Verdict {
         /// Its degrees of freedom.
         dof: usize,
     },
-    /// It founded a landmark.
+    /// It initialised a landmark.
     New {
-        /// Which.
+        /// The new landmark.
         landmark: LandmarkId,
     },
     /// It is outside its gate.
     Rejected {
         /// Normalised innovation squared.
         nis: f64,
-        /// The bound that it had to keep.
+        /// The bound of the gate.
         gate: f64,
     },
-    /// Without a label: near a landmark, but not near enough to be of it, nor far enough to be of another.
+    /// Without a label: near a landmark, but too far to match it and too near to start a new one.
     Ambiguous {
-        /// Normalised innovation squared to the nearest.
+        /// Normalised innovation squared for the nearest landmark.
         nis: f64,
     },
-    /// It is kept until there are enough to place its landmark.
+    /// It is stored until there are enough measurements to initialise its landmark.
     Waiting {
-        /// Kept so far.
+        /// Number of stored measurements.
         kept: usize,
     },
-    /// It cannot be used: its target is not known, stands where the observer stands, or one such measurement of
-    /// something without a label says nothing.
+    /// It cannot be used: its target is unknown or at the same position as the observer, or one measurement of this
+    /// kind without a label is not enough.
     Unusable,
 }
 
-/// What the caller did wrong.
+/// An error of the caller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FilterError {
-    /// There is no such robot.
+    /// There is no robot with this number.
     #[error("there is no robot {0}")]
     NoRobot(usize),
-    /// A motion or a start is not finite, or a variance negative.
+    /// A motion or an initial pose is not finite, or a variance is negative.
     #[error("a motion or a first pose is not finite, or its covariance is not one")]
     NotFinite,
 }

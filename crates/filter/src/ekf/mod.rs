@@ -1,9 +1,9 @@
 //! EKF-SLAM in the plane: poses of robots and landmarks in one Gaussian.
 //!
 //! Source: Smith, Self, Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990); Dissanayake et al.
-//! (2001). The parts: `active` predicts and updates, `associate` finds landmarks, `delayed` places those that one
-//! measurement does not determine, `upkeep` confirms and drops, `recover` comes back when many are rejected, `region` keeps
-//! the far part of the map passive.
+//! (2001). Modules: `active` predicts and updates, `associate` does the data association, `delayed` initialises
+//! landmarks that one measurement does not determine, `upkeep` confirms and removes landmarks, `recover` widens the
+//! pose when many sightings are rejected, `region` keeps the far part of the map passive.
 
 mod active;
 mod associate;
@@ -32,7 +32,7 @@ use region::Region;
 use std::collections::BTreeMap;
 use upkeep::Reach;
 
-/// A landmark that was rejected so often in a row, while the rest is taken, is not where it was; it is founded anew.
+/// A landmark rejected this often in a row, while others are accepted, has moved; it is removed and initialised again.
 const MOVED: usize = 15;
 
 /// A robot of the state.
@@ -41,9 +41,9 @@ struct Robot {
     place: Place,
     store: Option<usize>,
     recent: Recent,
-    /// How far it travelled, in metres.
+    /// Distance travelled, in metres.
     travelled_m: f64,
-    /// Motions so far.
+    /// Number of motions so far.
     moves: usize,
 }
 
@@ -53,7 +53,7 @@ pub struct EkfSlam {
     config: EkfConfig,
     active: Active,
     robots: Vec<Robot>,
-    /// By rising number.
+    /// In order of rising numbers.
     landmarks: Vec<Record>,
     by_label: BTreeMap<u32, LandmarkId>,
     next_id: u32,
@@ -62,13 +62,13 @@ pub struct EkfSlam {
     delayed: Delayed,
     region: Option<Region>,
     reach: Reach,
-    /// Landmarks that turned out to be one with another, and that other.
+    /// Landmarks that turned out to be the same as another, and that other one.
     joined: BTreeMap<LandmarkId, LandmarkId>,
     recoveries: usize,
 }
 
 impl EkfSlam {
-    /// Knows nothing yet.
+    /// A filter with an empty state.
     pub fn new(config: EkfConfig) -> Self {
         Self {
             active: Active::new(config.form, config.linearisation),
@@ -86,8 +86,8 @@ impl EkfSlam {
         }
     }
 
-    /// A robot begins at this pose, with the covariance of (x, y, angle) in the world, independent of what is known so
-    /// far. Gives its number.
+    /// Adds a robot at this pose, with the covariance of (x, y, angle) in the world, independent of the present state.
+    /// Returns its number.
     ///
     /// # Errors
     /// When pose or covariance are not finite, or the covariance is not symmetric and positive semi-definite.
@@ -111,10 +111,10 @@ impl EkfSlam {
         Ok(self.robots.len() - 1)
     }
 
-    /// A robot moved.
+    /// Propagates a robot by a motion.
     ///
     /// # Errors
-    /// For a robot that there is not, and a motion that is not finite; nothing is changed then.
+    /// When there is no such robot, or the motion is not finite; nothing is changed then.
     pub fn predict(&mut self, robot: usize, motion: &Motion) -> Result<(), FilterError> {
         let known = self.robots.get_mut(robot).ok_or(FilterError::NoRobot(robot))?;
         if !motion.is_valid() {
@@ -127,10 +127,10 @@ impl EkfSlam {
         Ok(())
     }
 
-    /// What a robot sees at one instant; a verdict on each sighting, in their order.
+    /// Processes what a robot sees at one instant; returns a verdict on each sighting, in the same order.
     ///
     /// # Errors
-    /// For a robot that there is not.
+    /// When there is no such robot.
     pub fn observe(&mut self, robot: usize, sightings: &[Sighting]) -> Result<Vec<Verdict>, FilterError> {
         if robot >= self.robots.len() {
             return Err(FilterError::NoRobot(robot));
@@ -185,7 +185,7 @@ impl EkfSlam {
         }
     }
 
-    /// Updates by what is within its gate, or what recovery lets in.
+    /// Updates by a measurement that is within its gate, or that recovery accepts.
     fn gated(&mut self, robot: usize, linear: &Linear, landmark: Option<LandmarkId>) -> Verdict {
         let Some(nis) = linear.nis() else { return Verdict::Unusable };
         let (dof, gate) = (linear.h.rows, self.gates[linear.h.rows]);
@@ -207,7 +207,7 @@ impl EkfSlam {
         Some((self.active.value(place), self.active.block(place, place)))
     }
 
-    /// All landmarks by rising number, provisional ones too.
+    /// All landmarks in order of rising numbers, tentative ones too.
     pub fn landmarks(&self) -> Vec<Landmark> {
         self.landmarks.iter().filter_map(|r| self.estimate(r)).collect()
     }
@@ -234,7 +234,7 @@ impl EkfSlam {
         self.landmarks.binary_search_by_key(&id, |r| r.id).ok().map(|k| &self.landmarks[k])
     }
 
-    /// Landmarks that turned out to be one with another, and that other.
+    /// Landmarks that turned out to be the same as another, and that other one.
     pub fn joined(&self) -> &BTreeMap<LandmarkId, LandmarkId> {
         &self.joined
     }
@@ -244,12 +244,12 @@ impl EkfSlam {
         self.recoveries
     }
 
-    /// Numbers in the active part of the state.
+    /// Dimension of the active part of the state.
     pub fn active_size(&self) -> usize {
         self.active.size()
     }
 
-    /// Whole active covariance, by columns, and the state; for tests of consistency.
+    /// The whole active covariance, in column-major order, and the state; for consistency tests.
     pub fn active_state(&self) -> (&[f64], Vec<f64>) {
         (&self.active.x, self.active.covariance.matrix())
     }

@@ -1,9 +1,10 @@
-//! The part of the map that is left alone while the robot is elsewhere, and what it is to be told when it is back.
+//! The passive part of the map, far from the robot, and the updates to apply to it when the robot returns.
 //!
 //! Source: Guivant and Nebot (2001), equations of the compressed filter. While a region is active its covariance `P_AA`
-//! is updated as usual; of the rest only three small matrices are kept: `phi`, what became of the errors that were active
-//! at the start, `psi`, the information gained about them, and `theta`, what it moved. With `W = P_BA` at the start:
-//! `P_AB = phi W^T`, `P_BB -= W psi W^T`, `x_B += W theta`. They grow with the region, not with the map.
+//! is updated as usual; for the rest only three small matrices are kept: `phi`, the transition of the errors that were
+//! active at the start, `psi`, the information gained about them, and `theta`, the resulting correction of the state.
+//! With `W = P_BA` at the start: `P_AB = phi W^T`, `P_BB -= W psi W^T`, `x_B += W theta`. They grow with the region,
+//! not with the map.
 
 use super::active::{Active, HEADING, Place};
 use super::tiles::Tiles;
@@ -11,13 +12,13 @@ use crate::covariance::{Covariance, Form, Rows};
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
 use std::collections::BTreeSet;
 
-/// Updates over which a subtraction from the passive part is spread.
+/// Number of updates over which a subtraction from the passive part is spread.
 const SPREAD: usize = 20;
 
-/// What the passive part has still to be told.
+/// Updates that the passive part has not received yet.
 #[derive(Clone, Debug)]
 pub(crate) struct Deferred {
-    /// Active size now by active size at the start, by rows: rows come and go with variables.
+    /// Present active size by active size at the start, by rows: rows are added and removed together with variables.
     phi: Vec<Vec<f64>>,
     psi: DMatrix<f64>,
     theta: DVector<f64>,
@@ -67,7 +68,7 @@ impl Deferred {
         }
     }
 
-    /// By a measurement with this gain (by columns), inverse innovation covariance and innovation.
+    /// Accumulates a measurement with this gain (column-major), inverse innovation covariance and innovation.
     pub fn update(&mut self, h: &Rows, gain: &[f64], inverse: &Matrix3<f64>, innovation: &Vector3<f64>) {
         let seen = self.seen(h);
         let n = self.phi.len();
@@ -90,7 +91,7 @@ impl Deferred {
     }
 }
 
-/// A variable of the map: where it stands among the active ones, and its numbers in the passive store.
+/// A variable of the map: its place in the active state, and its first index in the passive store.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Member {
     pub place: Place,
@@ -103,15 +104,15 @@ pub(crate) struct Passive {
     covariance: Tiles,
     x: Vec<f64>,
     first: Vec<f64>,
-    /// Rows of the region that is active against everything, as they were when it became so: `W`.
+    /// Rows of the active region against everything, as they were when it became active: `W`.
     cross: DMatrix<f64>,
     free: Vec<usize>,
-    /// First numbers of all landmarks.
+    /// First indices of all landmarks.
     landmarks: BTreeSet<usize>,
 }
 
 impl Passive {
-    /// Room for a variable of this size; that of a landmark that is gone is used again.
+    /// Allocates indices for a variable of this size; those of removed landmarks are used again.
     pub fn allot(&mut self, size: usize) -> usize {
         if let (2, Some(store)) = (size, self.free.pop()) {
             self.landmarks.insert(store);
@@ -127,13 +128,13 @@ impl Passive {
         store
     }
 
-    /// Gives back the room of a landmark.
+    /// Releases the indices of a landmark.
     pub fn release(&mut self, store: usize) {
         self.landmarks.remove(&store);
         self.free.push(store);
     }
 
-    /// Takes back what was active; `members` are all its variables.
+    /// Stores the active part again; `members` are all its variables.
     pub fn close(&mut self, active: &mut Active, members: &[Member]) {
         let n = self.x.len();
         let numbers: Vec<(usize, usize)> =
@@ -141,7 +142,7 @@ impl Passive {
         let stored: Vec<usize> = numbers.iter().map(|(_, store)| *store).collect();
         let mut rows = DMatrix::zeros(n, numbers.len());
         if let Some(deferred) = active.deferred.take() {
-            // The store may have grown; what is new was active only.
+            // The store may have grown; new variables were active only.
             let mut cross =
                 std::mem::replace(&mut self.cross, DMatrix::zeros(0, 0)).resize_vertically(n, 0.0);
             for &store in &stored {
@@ -169,7 +170,8 @@ impl Passive {
         self.covariance.write(&stored, &rows);
     }
 
-    /// What [`Active`] does after each correction, for the passive part at once: it moved by so much since it was left.
+    /// What [`Active`] does after each correction, for the passive part at once, with its whole correction since it
+    /// became passive.
     fn turn_errors(
         &mut self,
         moved: &DVector<f64>,
@@ -179,7 +181,7 @@ impl Passive {
     ) {
         let Some(heading) = numbers.iter().position(|(at, _)| *at == HEADING) else { return };
         let mut d = DVector::zeros(moved.len());
-        // Robots are always active: what is passive are landmarks, two numbers each.
+        // Robots are always active, so passive variables are landmarks, two indices each.
         for store in self.landmarks.iter().filter(|s| !numbers.iter().any(|(_, n)| n == *s)) {
             (d[*store], d[store + 1]) = (-moved[store + 1], moved[*store]);
         }
@@ -193,7 +195,7 @@ impl Passive {
         self.covariance.subtract(left, right);
     }
 
-    /// Makes these variables the active ones, in this order; gives their places.
+    /// Makes these variables the active ones, in this order; returns their places.
     pub fn open(&mut self, active: &mut Active, form: Form, members: &[(usize, usize)]) -> Vec<Place> {
         let mut places = Vec::with_capacity(members.len());
         let mut numbers = Vec::new();
@@ -215,12 +217,12 @@ impl Passive {
         places
     }
 
-    /// Does a part of the postponed work.
+    /// Does a part of the postponed subtractions.
     pub fn settle(&mut self) {
         self.covariance.settle(self.covariance.backlog().div_ceil(SPREAD));
     }
 
-    /// Estimate and covariance of a passive landmark as they are by now.
+    /// Present estimate and covariance of a passive landmark.
     pub fn landmark(&self, active: &Active, store: usize) -> (Vector2<f64>, Matrix2<f64>) {
         let mut value = Vector2::new(self.x[store], self.x[store + 1]);
         let mut covariance = Matrix2::from_fn(|i, j| self.covariance.at(store + i, store + j));

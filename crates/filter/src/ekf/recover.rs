@@ -1,16 +1,16 @@
-//! When many sightings are rejected the robot is not where the filter believes: its pose is widened until they fit.
+//! Recovery: when many sightings are rejected, the pose must be wrong, so its covariance is widened until they fit.
 
 use super::EkfSlam;
 use super::active::Linear;
 use nalgebra::Matrix3;
 use std::collections::VecDeque;
 
-/// What became of the last sightings, and how uncertain motion was meanwhile.
+/// The results of the last sightings, and how much uncertainty motion has added meanwhile.
 #[derive(Clone, Debug)]
 pub(crate) struct Recent {
     window: usize,
     rejected: VecDeque<bool>,
-    /// Largest position and angle variance that motion added since something was taken.
+    /// Largest position and angle variance that motion added since the last accepted sighting.
     position: f64,
     angle: f64,
 }
@@ -41,9 +41,9 @@ impl Recent {
 }
 
 impl EkfSlam {
-    /// Takes a sighting that was rejected, where so many are that the pose must be wrong: noise in the shape of the
-    /// pose's own covariance and of the motion since, doubled until the sighting is as likely as one expects (its NIS at
-    /// its mean, the degrees of freedom, or within the gate where that is narrower). False when it is not time for that.
+    /// Accepts a rejected sighting when so many were rejected that the pose must be wrong: adds noise in the shape of
+    /// the pose's own covariance plus that of the recent motion, doubled until the NIS of the sighting is at most its
+    /// mean, the degrees of freedom, or the gate where that is narrower. Returns false when recovery is not due.
     pub(super) fn recover(&mut self, robot: usize, linear: &Linear, gate: f64) -> bool {
         let known = &self.robots[robot];
         if known.recent.fraction() < self.config.recovery_fraction {

@@ -1,4 +1,4 @@
-//! Which landmarks are active: those near the robots. The rest waits in the passive store.
+//! Which landmarks are active: those near the robots. The others are in the passive store.
 
 use super::EkfSlam;
 use super::active::Active;
@@ -8,12 +8,12 @@ use crate::measure::Kind;
 use cairn_geometry::Vec2;
 use nalgebra::Matrix2;
 
-/// The active region and what is outside.
+/// The active region and the passive store outside it.
 #[derive(Clone, Debug)]
 pub(crate) struct Region {
     radius_m: f64,
     passive: Passive,
-    /// Where the robots were when it was laid.
+    /// Positions of the robots when the region was chosen.
     centres: Vec<Vec2>,
 }
 
@@ -36,7 +36,7 @@ impl Region {
 }
 
 impl EkfSlam {
-    /// Lays the region anew when a robot left its middle half, or when a landmark is seen that is passive.
+    /// Chooses the region again when a robot has left its inner half, or when a passive landmark is seen.
     pub(super) fn keep_near_active(&mut self, sightings: &[Sighting]) {
         let Some(region) = &self.region else { return };
         let far = |(k, r): (usize, &super::Robot)| {
@@ -50,7 +50,7 @@ impl EkfSlam {
         self.lay_region(&seen);
     }
 
-    /// Place in the list of a labelled landmark that is passive.
+    /// List index of a labelled landmark that is passive.
     fn passive_target(&self, sighting: &Sighting) -> Option<usize> {
         let Target::Landmark(label) = sighting.target else { return None };
         let id = self.by_label.get(&label)?;
@@ -81,9 +81,9 @@ impl EkfSlam {
         self.region = Some(region);
     }
 
-    /// Everything active goes into the store, and what is near comes out of it.
+    /// Moves everything active into the store, and everything near out of it.
     fn exchange(&mut self, region: &mut Region, near: &[bool]) {
-        // Poses kept for landmarks still to be placed do not outlive the region.
+        // Poses kept for delayed initialisation are dropped when the region changes.
         while let Some(place) = self.delayed.give_up() {
             self.remove_place(place);
         }
@@ -113,7 +113,7 @@ impl EkfSlam {
         }
     }
 
-    /// Whether all landmarks that this might be of are active.
+    /// Whether all landmarks that this sighting might belong to are active.
     pub(super) fn within_reach(&self, sighting: &Sighting) -> bool {
         let m = &sighting.measurement;
         let range_m = match m.kind() {

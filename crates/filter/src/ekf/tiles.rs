@@ -1,16 +1,16 @@
-//! A large symmetric matrix in square tiles, with subtractions of low rank that are made tile by tile, when there is time.
+//! A large symmetric matrix in square tiles, with postponed low-rank subtractions that are done tile by tile.
 //!
-//! Postponing what only far landmarks notice is what keeps an update local (Guivant and Nebot, "Optimization of the
+//! Postponing changes that affect only far landmarks keeps an update local (Guivant and Nebot, "Optimization of the
 //! simultaneous localization and map-building algorithm for real-time implementation", 2001; Knight, Davison, Reid,
-//! "Towards constant time SLAM using postponement", 2001). An entry is what its tile holds less what is still to be
-//! subtracted from it; reading looks at both.
+//! "Towards constant time SLAM using postponement", 2001). The value of an entry is the stored value minus the
+//! subtractions still pending for its tile; reading takes both into account.
 
 use nalgebra::DMatrix;
 
-/// Edge of a tile: 32 kB, so that three of them stay in the nearest caches.
+/// Edge of a tile: 32 kB per tile, so that three of them stay in the fast caches.
 const EDGE: usize = 64;
 
-/// `left * right^T` is still to be subtracted; rows as many as the matrix had, filled up to whole tiles with zeros.
+/// The pending subtraction of `left * right^T`; as many rows as the matrix had, padded with zeros to whole tiles.
 #[derive(Clone, Debug)]
 struct Owed {
     left: DMatrix<f64>,
@@ -20,7 +20,7 @@ struct Owed {
 #[derive(Clone, Debug)]
 struct Tile {
     values: DMatrix<f64>,
-    /// Number of subtractions that it has seen, of all there ever were.
+    /// Number of subtractions applied to it, out of all since the beginning.
     seen: usize,
 }
 
@@ -31,14 +31,14 @@ pub(crate) struct Tiles {
     tiles: Vec<Tile>,
     rows: usize,
     owed: Vec<Owed>,
-    /// Subtractions that every tile has seen and that are gone from `owed`.
+    /// Number of subtractions that were applied to every tile and removed from `owed`.
     settled: usize,
     /// Next tile to work on.
     next: usize,
 }
 
 impl Tiles {
-    /// Numbers of rows that there is room for.
+    /// Number of rows that there is room for.
     pub fn room(&self) -> usize {
         self.rows * EDGE
     }
@@ -63,7 +63,7 @@ impl Tiles {
         tile.values[(row % EDGE, column % EDGE)] - owed.sum::<f64>()
     }
 
-    /// Rows of these numbers against all of `0..n`, as columns.
+    /// The rows with these indices over all columns `0..n`, returned as columns.
     pub fn rows(&self, numbers: &[usize], n: usize) -> DMatrix<f64> {
         let mut found = DMatrix::zeros(n, numbers.len());
         for (k, &number) in numbers.iter().enumerate() {
@@ -89,9 +89,9 @@ impl Tiles {
         found
     }
 
-    /// Overwrites the rows (and columns) of these numbers: `values` holds them as columns over all of `0..n`.
+    /// Overwrites the rows (and columns) with these indices: `values` holds them as columns over all of `0..n`.
     ///
-    /// Every entry of these rows is given anew, so that nothing is owed to them any more.
+    /// Every entry of these rows is replaced, so no subtraction is pending for them any more.
     pub fn write(&mut self, numbers: &[usize], values: &DMatrix<f64>) {
         for (k, &number) in numbers.iter().enumerate() {
             for c in 0..values.nrows() {
@@ -106,19 +106,19 @@ impl Tiles {
         }
     }
 
-    /// Subtracts `left * right^T`, which is symmetric; later, or when read.
+    /// Subtracts `left * right^T`, which must be symmetric; applied later, or when read.
     pub fn subtract(&mut self, left: DMatrix<f64>, right: DMatrix<f64>) {
         let n = left.nrows().div_ceil(EDGE) * EDGE;
         let (left, right) = (left.resize_vertically(n, 0.0), right.resize_vertically(n, 0.0));
         self.owed.push(Owed { left, right });
     }
 
-    /// Tiles times subtractions that are still to be made.
+    /// Number of pairs of a tile and a subtraction that are still pending.
     pub fn backlog(&self) -> usize {
         self.tiles.len() * self.owed.len()
     }
 
-    /// Works on so many tiles.
+    /// Applies the pending subtractions to this many tiles.
     pub fn settle(&mut self, tiles: usize) {
         for _ in 0..tiles {
             if self.owed.is_empty() {
@@ -154,7 +154,7 @@ fn index(i: usize, j: usize) -> usize {
     i * (i + 1) / 2 + j
 }
 
-/// Row and column of a tile.
+/// Row and column of a tile, by its index.
 fn place(index: usize) -> (usize, usize) {
     let mut i = (((8 * index + 1) as f64).sqrt() as usize).saturating_sub(1) / 2;
     while (i + 1) * (i + 2) / 2 <= index {
@@ -212,7 +212,7 @@ mod tests {
             check(&tiles, &expected);
             tiles.settle(round % 4);
             check(&tiles, &expected);
-            // A few rows are given anew.
+            // A few rows are overwritten.
             let numbers = [round, 2, 140];
             for r in numbers {
                 for c in 0..n {

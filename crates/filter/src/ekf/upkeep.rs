@@ -1,4 +1,4 @@
-//! Founding landmarks, confirming them, and dropping those that should be seen and are not.
+//! Initialises landmarks, confirms them, and removes those that should be seen but are not.
 
 use super::active::{Linear, Place};
 use super::landmark::{LandmarkId, Record, Verdict};
@@ -8,12 +8,12 @@ use crate::log::Sighting;
 use crate::measure::{Kind, expected};
 use nalgebra::{Matrix3, Vector3};
 
-/// Log odds of absence at which a provisional landmark is dropped (1 in 20 that it is there after all),
+/// Log odds of absence at which a tentative landmark is removed (a chance of 1 in 20 that it still exists).
 const PROVISIONAL: f64 = 3.0;
-/// and a confirmed one: a person who stands before it for a while must not remove it.
+/// The same for a confirmed landmark: a person who stands in front of it for a while must not cause its removal.
 const CONFIRMED: f64 = 20.0;
 
-/// What the sensor reaches, learned from what it saw, and how often it sees what it reaches.
+/// Range and field of view of the sensor, learned from its sightings, and how often it sees what is within them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Reach {
     range_m: f64,
@@ -30,7 +30,7 @@ impl Reach {
         }
     }
 
-    /// What one miss says, in log odds.
+    /// The weight of one miss, in log odds.
     fn miss(&self) -> f64 {
         let detection = (1.0 + self.seen) / (2.0 + self.seen + self.missed);
         -(1.0 - detection).max(1e-3).ln()
@@ -38,7 +38,7 @@ impl Reach {
 }
 
 impl EkfSlam {
-    /// A landmark where the sighting says.
+    /// Initialises a landmark from a sighting.
     pub(super) fn found(&mut self, robot: usize, sighting: &Sighting, label: Option<u32>) -> Verdict {
         match self.active.found(self.robots[robot].place, &sighting.measurement) {
             Some(place) => Verdict::New { landmark: self.enter(place, label) },
@@ -46,7 +46,7 @@ impl EkfSlam {
         }
     }
 
-    /// A new landmark at this place of the active state.
+    /// Registers a new landmark at this place of the active state.
     pub(super) fn enter(&mut self, place: Place, label: Option<u32>) -> LandmarkId {
         let id = LandmarkId(self.next_id);
         self.next_id += 1;
@@ -76,7 +76,7 @@ impl EkfSlam {
             record.seen += 1;
             record.rejected = 0;
             record.absence = 0.0;
-            // Sightings from nearly one place err alike: they are one view.
+            // Sightings from nearly the same position have similar errors: they count as one view.
             if travelled_m - record.viewed_at_m >= self.config.delayed_spacing_m {
                 (record.views, record.viewed_at_m) = (record.views + 1, travelled_m);
             }
@@ -84,8 +84,8 @@ impl EkfSlam {
         }
     }
 
-    /// A labelled landmark that is rejected again and again has moved, or was placed wrongly: it is dropped, and
-    /// founded anew by its next sighting.
+    /// A labelled landmark that is rejected again and again has moved, or was initialised wrongly: it is removed, and
+    /// initialised again by its next sighting.
     pub(super) fn was_rejected(&mut self, id: LandmarkId) {
         if let Ok(k) = self.landmarks.binary_search_by_key(&id, |r| r.id) {
             self.landmarks[k].rejected += 1;
@@ -95,7 +95,7 @@ impl EkfSlam {
         }
     }
 
-    /// Counts which landmarks within reach were missed, and drops those that must be gone.
+    /// Counts the landmarks within range that were missed, and removes those that must be gone.
     pub(super) fn count_missed(&mut self, robot: usize, sightings: &[Sighting], taken: &[LandmarkId]) {
         sightings.iter().for_each(|s| self.reach.learn(s));
         let pose = self.active.value(self.robots[robot].place);
@@ -109,7 +109,7 @@ impl EkfSlam {
                 continue;
             }
             let at = expected(Kind::RangeBearing, &pose, &self.active.value(place));
-            // Misses from nearly one place are one miss: what stands between is the same.
+            // Misses from nearly the same position count as one: the same object may be in front of the landmark.
             let again = record.confirmed && travelled_m - record.missed_at_m < self.config.delayed_spacing_m;
             if at.x < range_m && at.y.abs() < bearing_rad && !again {
                 record.missed_at_m = travelled_m;
@@ -123,8 +123,8 @@ impl EkfSlam {
         gone.into_iter().rev().for_each(|k| self.drop_landmark(k));
     }
 
-    /// Joins a landmark that was just seen with another that stands in the same place: within the gate of it, with no
-    /// third in between, and never seen beside it.
+    /// Merges a landmark that was just seen with another at the same position: within its gate, with no third landmark
+    /// in between, and never seen together with it.
     pub(super) fn join_twins(&mut self, taken: &[LandmarkId]) {
         for &id in taken {
             let Some(own) = self.record(id).filter(|r| r.confirmed).and_then(|r| Some((r.place?, r.seen)))
@@ -153,7 +153,7 @@ impl EkfSlam {
         }
     }
 
-    /// The measurement that two landmarks are one: their difference is zero.
+    /// The measurement that two landmarks are the same: their difference is zero.
     fn apart(&self, a: Place, b: Place) -> Linear {
         let unit = |sign: f64| Matrix3::from_diagonal(&Vector3::new(sign, sign, 0.0));
         let h = Rows { rows: 2, blocks: vec![(a.at, 2, unit(1.0)), (b.at, 2, unit(-1.0))] };
@@ -174,7 +174,7 @@ impl EkfSlam {
         }
     }
 
-    /// Takes a variable out of the active state; what stands behind it moves up.
+    /// Removes a variable from the active state; the variables after it move up.
     pub(super) fn remove_place(&mut self, gone: Place) {
         self.active.remove(gone);
         let places = self.robots.iter_mut().map(|r| &mut r.place);

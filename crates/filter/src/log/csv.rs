@@ -1,4 +1,4 @@
-//! Cairn's own logs of wheeled robots, as csv: one event a line.
+//! Cairn's own CSV format for logs of wheeled robots: one event per line.
 
 use super::lines::{content, cut, label, number, numbers};
 use super::{Entry, Event, Log, LogError, Noise, Reading, RobotLog, Target};
@@ -6,7 +6,7 @@ use cairn_geometry::{Se2, Vec2};
 use nalgebra::Matrix2;
 use std::collections::BTreeMap;
 
-/// The format, for people.
+/// Description of the format, for users.
 pub const CSV_FORMAT: &str = "\
 One event a line, by rising time in seconds; '#' begins a comment. SI units, angles in radians, counter-clockwise.
 A label is a whole number from 0 on, or ? where a landmark has no name.
@@ -22,11 +22,11 @@ A label is a whole number from 0 on, or ? where a landmark has no name.
                                         turn, turn_by_speed, turn_by_turn (velocity: densities in units/sqrt(Hz)),
                                         way, turn_by_way, turn_by_root (travel: for each sqrt(m), sqrt(m), sqrt(rad))";
 
-/// Reads such a text; `file` is its name in messages.
+/// Reads a log from text; `file` is the name used in messages.
 ///
 /// # Errors
-/// With the line: unknown events, wrong count of values, values that are not finite, time that goes back; and when there is
-/// no event of the robot.
+/// When a line has an unknown event, a wrong number of values, a value that is not finite, or a time that goes back
+/// (the error names the line); and when there is no event of the robot.
 pub fn parse_csv(file: &str, text: &str) -> Result<Log, LogError> {
     let mut log = Log {
         name: file.into(),
@@ -71,7 +71,7 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// What happened; `None` when the line says something about the log as a whole.
+    /// The event of a line; `None` when the line describes the log as a whole.
     fn event<'w>(
         &self,
         kind: &str,

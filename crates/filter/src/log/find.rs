@@ -1,28 +1,28 @@
-//! Finds out what kind of log a path is, and reads it.
+//! Detects the format of a log from its path, and reads it.
 
 use super::{Log, LogError, parse_csv, parse_mrclam, parse_plaza, parse_victoria};
 use std::path::{Path, PathBuf};
 
-/// The kinds of logs.
+/// The formats of logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// A folder with `Barcodes.dat`.
     Mrclam,
     /// A file of `ODOMETRY` and `LANDMARK` lines.
     Victoria,
-    /// A pair of files `*_DR.txt` and `*_TD.txt`.
+    /// A pair of files named `*_DR.txt` and `*_TD.txt`.
     Plaza,
-    /// Cairn's own csv.
+    /// Cairn's own CSV.
     Csv,
 }
 
-/// Robots that MRCLAM has at most.
+/// Greatest number of robots in MRCLAM.
 const MRCLAM_ROBOTS: u32 = 5;
 
-/// Reads the log at this path; of MRCLAM all robots that are there, or only the one asked for.
+/// Reads the log at this path; of MRCLAM all robots, or only the requested one.
 ///
 /// # Errors
-/// When nothing is there, it is no log, or what [`parse_mrclam`] and the others refuse.
+/// When there is no file, it is not a log, or [`parse_mrclam`] or one of the other parsers rejects it.
 pub fn load(path: &Path, robot: Option<u32>) -> Result<(Format, Log), LogError> {
     let name = path.display().to_string();
     if path.is_dir() {
@@ -51,7 +51,7 @@ pub fn load(path: &Path, robot: Option<u32>) -> Result<(Format, Log), LogError> 
     Err(LogError::whole(&name, reason))
 }
 
-/// Largest file of a log.
+/// Largest size of a log file.
 const MAX_BYTES: u64 = 1024 * cairn_files::MIB;
 
 fn text(path: &Path) -> Result<String, LogError> {
@@ -59,7 +59,7 @@ fn text(path: &Path) -> Result<String, LogError> {
         .map_err(|e| LogError::whole(&path.display().to_string(), e.to_string()))
 }
 
-/// Both files of a Plaza log, from either.
+/// Both files of a Plaza log, given either one.
 fn plaza_pair(path: &Path) -> Option<(PathBuf, PathBuf)> {
     let name = path.file_name()?.to_str()?;
     let stem = name.strip_suffix("_DR.txt").or_else(|| name.strip_suffix("_TD.txt"))?;

@@ -1,8 +1,8 @@
-//! Lines of numbers: what the text logs have in common.
+//! Lines of numbers: shared by the readers of text logs.
 
 use super::LogError;
 
-/// The numbers of a line, which must be exactly `N`, all finite.
+/// The numbers of a line, which must be exactly `N` and all finite.
 pub fn numbers<const N: usize>(
     file: &str,
     line: usize,
@@ -32,7 +32,7 @@ pub fn number(file: &str, line: usize, word: &str, name: &str) -> Result<f64, Lo
     }
 }
 
-/// A whole number that is a label.
+/// A label: a whole number.
 pub fn label(file: &str, line: usize, value: f64, name: &str) -> Result<u32, LogError> {
     if value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0 {
         Ok(value as u32)
@@ -41,13 +41,13 @@ pub fn label(file: &str, line: usize, value: f64, name: &str) -> Result<u32, Log
     }
 }
 
-/// Lines with something on them, counted from one; comments begin with `#`.
+/// Lines that are not empty, with their numbers from one; comments begin with `#`.
 pub fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.lines().enumerate().map(|(k, line)| (k + 1, line.trim()));
     lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// At most so much of a word that a message stays a line.
+/// A word shortened so that a message stays on one line.
 pub fn cut(word: &str) -> String {
     word.chars().take(40).collect()
 }

@@ -1,4 +1,4 @@
-//! Recorded runs of wheeled robots: controls and sightings in order of time, and surveyed landmarks where there are any.
+//! Recorded runs of wheeled robots: controls and sightings in order of time, and surveyed landmarks if available.
 
 mod csv;
 mod error;
@@ -28,19 +28,19 @@ pub struct Log {
     pub name: String,
     /// The robots; one for most logs.
     pub robots: Vec<RobotLog>,
-    /// Surveyed landmarks by label, in metres in the survey's frame; empty where there is no truth.
+    /// Surveyed landmarks by label, in metres in the survey's frame; empty where there is no survey.
     pub surveyed: BTreeMap<u32, Vec2>,
-    /// True poses of the first robot, where the log has them.
+    /// True poses of the first robot (seconds from the start of the log, `world_from_body`), if the log has them.
     pub truth: Vec<(f64, Se2)>,
-    /// The noise that suits its robots and sensors, for filtering.
+    /// Noise of its robots and sensors, for filtering.
     pub noise: Noise,
-    /// The same where labels are not used: as likely as the innovations make it, so that gates mean what they say.
+    /// The same where labels are not used, tuned to the likelihood of the innovations, so that the gates are correct.
     pub unlabelled_noise: Noise,
-    /// The same for robust smoothing, which bears narrow bearings with far outliers.
+    /// The same for robust smoothing, which works with a small bearing noise and far outliers.
     pub smoothing_noise: Noise,
-    /// The gate that suits its labels ([`crate::ekf::EkfConfig::gate_probability`]).
+    /// Gate that suits the reliability of its labels ([`crate::ekf::EkfConfig::gate_probability`]).
     pub gate_probability: f64,
-    /// What was found and mended or left out while reading, for people.
+    /// What was corrected or left out while reading, for users.
     pub notes: Vec<String>,
 }
 
@@ -49,53 +49,53 @@ pub struct Log {
 pub struct RobotLog {
     /// Its name.
     pub name: String,
-    /// Controls and sightings by rising time.
+    /// Controls and sightings in order of time.
     pub entries: Vec<Entry>,
 }
 
-/// Something recorded at an instant.
+/// A recorded event and its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
     /// Seconds from the start of the log.
     pub time_s: f64,
-    /// What.
+    /// The event.
     pub event: Event,
 }
 
-/// What was recorded.
+/// A control or a sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// From now on the robot moves at this forward (m/s) and angular (rad/s) velocity.
+    /// From this time on the robot moves at this forward (m/s) and angular (rad/s) velocity.
     Velocity {
         /// Forward.
         speed_m_s: f64,
         /// Counter-clockwise.
         turn_rad_s: f64,
     },
-    /// Up to now it travelled so far and turned so much.
+    /// Distance and turn since the previous event of this kind.
     Travel {
         /// Along the arc.
         way_m: f64,
         /// Counter-clockwise.
         turn_rad: f64,
     },
-    /// Up to now it moved so, with this covariance of (x, y, angle).
+    /// Motion since the previous event of this kind, with the covariance of (x, y, angle).
     Relative {
         /// The motion.
         before_from_after: Se2,
-        /// Its noise.
+        /// Its covariance.
         covariance: Matrix3<f64>,
     },
-    /// It sees something.
+    /// The robot sees something.
     Seen {
-        /// Of what: a landmark by its label, another robot by its place in [`Log::robots`], or something unknown.
+        /// The target: a landmark by its label, another robot by its index in [`Log::robots`], or something unknown.
         target: Target,
-        /// What is measured.
+        /// The measured values.
         reading: Reading,
     },
 }
 
-/// A reading as recorded, without noise: that is the log's [`Noise`].
+/// A reading as recorded, without noise: the log's [`Noise`] is added later.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reading {
     /// Distance in metres and direction in radians.
@@ -104,6 +104,6 @@ pub enum Reading {
     Range(f64),
     /// Direction in radians.
     Bearing(f64),
-    /// Place in the body's frame in metres, with its covariance.
+    /// Position in the body's frame in metres, with its covariance.
     Position(Vec2, Matrix2<f64>),
 }

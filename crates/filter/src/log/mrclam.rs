@@ -1,27 +1,28 @@
-//! UTIAS MRCLAM: several robots with odometry, who see barcodes of landmarks and of each other.
+//! UTIAS MRCLAM: several robots with odometry that see barcodes of landmarks and of each other.
 //!
-//! Source: Leung, Halpern, Barfoot, Liu, "The UTIAS multi-robot cooperative localization and mapping dataset", IJRR 2011.
-//! In data set 1 the survey of landmarks 11 and 17 and their barcodes (18 and 61) do not belong together: every robot
-//! sees each where the other was surveyed, 6.1 m off. The reader mends that where it finds these two places.
+//! Source: Leung, Halpern, Barfoot, Liu, "The UTIAS multi-robot cooperative localization and mapping dataset",
+//! IJRR 2011. In data set 1 the surveyed positions of landmarks 11 and 17 do not match their barcodes (18 and 61):
+//! every robot sees each of them where the other was surveyed, 6.1 m away. The reader swaps them where it finds these
+//! two positions.
 
 use super::lines::{content, label, numbers};
 use super::{Entry, Event, Log, LogError, Noise, Reading, RobotLog, Target};
 use cairn_geometry::Vec2;
 use std::collections::BTreeMap;
 
-/// Where data set 1 has landmarks 11 and 17, to the millimetre.
+/// Positions of landmarks 11 and 17 in data set 1, to the millimetre.
 const SWAPPED: [(u32, [f64; 2]); 2] =
     [(11, [3.150_719_99, 2.382_948_71]), (17, [0.035_961_56, -2.843_966_26])];
 
-/// A name and the text of a file.
+/// Name and text of a file.
 pub type File<'a> = (&'a str, &'a str);
 
-/// From `Barcodes.dat`, `Landmark_Groundtruth.dat` (where there is one) and per robot its number (from 1), its
-/// `RobotN_Odometry.dat` and its `RobotN_Measurement.dat`. Times are from the first odometry of any of them.
+/// Reads a log from `Barcodes.dat`, `Landmark_Groundtruth.dat` (if there is one) and, for each robot, its number (from
+/// 1), its `RobotN_Odometry.dat` and its `RobotN_Measurement.dat`. Times count from the first odometry of any robot.
 ///
 /// # Errors
-/// With file and line: wrong count of values, values that are not finite, unknown barcodes, time that goes back, no
-/// robot, an empty file.
+/// When a line has a wrong number of values, a value that is not finite, an unknown barcode, or a time that goes back
+/// (the error names file and line); and when there is no robot or a file is empty.
 pub fn parse_mrclam(
     barcodes: File<'_>,
     survey: Option<File<'_>>,
@@ -37,7 +38,7 @@ pub fn parse_mrclam(
     for (number, odometry, sightings) in robots {
         let mut entries = parse_odometry(*odometry)?;
         entries.extend(parse_sightings(*sightings, &subject_of, &place, &mut notes)?);
-        // Stable: odometry first where times agree.
+        // The sort is stable: odometry comes first where times are equal.
         entries.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         logs.push(RobotLog { name: format!("robot {number}"), entries });
     }
@@ -126,7 +127,7 @@ fn parse_sightings(
         if range < 0.0 {
             return Err(LogError::at(file, line, format!("the range of {range} m is negative")));
         }
-        // Subjects 1 to 5 are the robots. A misread barcode is nobody's.
+        // Subjects 1 to 5 are the robots. A misread barcode belongs to no subject.
         let target = match subject_of.get(&label(file, line, barcode, "barcode")?) {
             None => {
                 unknown += 1;

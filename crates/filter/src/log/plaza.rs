@@ -1,19 +1,19 @@
-//! Plaza: a mower with wheel odometry and radios that measure ranges to beacons; beacons are known by number.
+//! Plaza: a mower with wheel odometry and radios that measure ranges to beacons; beacons are identified by number.
 //!
 //! Source: Djugash, Hamner, Roth, "Navigating with ranging radios: five data sets with ground truth", Journal of Field
-//! Robotics 26(9), 2009. `*_DR.txt` has time, travel since the last line and turn since then; `*_TD.txt` time, number of the
-//! mower's radio, number of the beacon, range.
+//! Robotics 26(9), 2009. `*_DR.txt` has time, distance and turn since the previous line; `*_TD.txt` has time, number of
+//! the mower's radio, number of the beacon, range.
 
 use super::lines::{content, label, numbers};
 use super::{Entry, Event, Log, LogError, Noise, Reading, RobotLog, Target};
 use std::collections::BTreeMap;
 
-/// From the odometry and the ranges, each a name and the text of a file. Ranges need not be in order of time (in Plaza 1
-/// they are not).
+/// Reads a log from the odometry and the ranges, each given as the name and the text of a file. Ranges need not be in
+/// order of time (in Plaza 1 they are not).
 ///
 /// # Errors
-/// With file and line: wrong count of values, values that are not finite, negative ranges, travel whose time goes back; and when
-/// either is empty.
+/// When a line has a wrong number of values, a value that is not finite, a negative range, or an odometry time that
+/// goes back (the error names file and line); and when either file is empty.
 pub fn parse_plaza(odometry: (&str, &str), ranges: (&str, &str)) -> Result<Log, LogError> {
     let mut entries = Vec::new();
     let mut notes = Vec::new();
@@ -34,7 +34,7 @@ pub fn parse_plaza(odometry: (&str, &str), ranges: (&str, &str)) -> Result<Log, 
     if back > 0 {
         notes.push(format!("{}: time goes back {back} times; ranges are put in order", ranges.0));
     }
-    // Stable: odometry first where times agree.
+    // The sort is stable: odometry comes first where times are equal.
     entries.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     let start = entries.first().map_or(0.0, |e| e.time_s);
     entries.iter_mut().for_each(|e| e.time_s -= start);

@@ -1,67 +1,69 @@
-//! From a log to what filters and smoothers take: between two instants with sightings one motion, then the sightings.
+//! Converts a log to the input of filters and smoothers: one motion between two instants with sightings, then the
+//! sightings.
 
 use super::{Entry, Event, Reading, RobotLog};
 use crate::measure::{Measurement, MeasurementError};
 use crate::motion::{Motion, VelocityModel, along_arc};
 use nalgebra::Matrix2;
 
-/// What is seen.
+/// The target of a sighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Target {
-    /// A landmark with a label that can be read (a barcode, a radio's number).
+    /// A landmark with a readable label (a barcode, the number of a radio).
     Landmark(u32),
-    /// Another robot, by its place in the list.
+    /// Another robot, by its index in the list.
     Robot(usize),
-    /// A landmark without a name.
+    /// A landmark without a label.
     Unlabelled,
 }
 
 /// One thing seen at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    /// Of what.
+    /// The target.
     pub target: Target,
-    /// What is measured.
+    /// The measurement.
     pub measurement: Measurement,
 }
 
-/// A motion, and what is seen at its end.
+/// A motion, and the sightings at its end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// Seconds from the start of the log, at the end of the motion.
     pub time_s: f64,
-    /// Since the step before.
+    /// Motion since the previous step.
     pub motion: Motion,
-    /// What is seen then; may be empty.
+    /// Sightings at that time; may be empty.
     pub sightings: Vec<Sighting>,
 }
 
 /// Noise of a robot's odometry and of its sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Of velocities.
+    /// Noise of velocities.
     pub velocity: VelocityModel,
-    /// Deviation of a way travelled: for each square root of a metre, in sqrt(m).
+    /// Standard deviation of a travelled distance for each square root of a metre, in sqrt(m).
     pub way: f64,
-    /// Deviation of a turn for each square root of a metre travelled, in rad/sqrt(m).
+    /// Standard deviation of a turn for each square root of a metre travelled, in rad/sqrt(m).
     pub turn_by_way: f64,
-    /// Deviation of a turn for each square root of a radian turned, in sqrt(rad).
+    /// Standard deviation of a turn for each square root of a radian turned, in sqrt(rad).
     pub turn: f64,
-    /// Deviation of a range: this, in metres,
+    /// Standard deviation of a range: constant part, in metres.
     pub range_m: f64,
-    /// and this for each metre.
+    /// Standard deviation of a range: part for each metre of range.
     pub range_by_range: f64,
-    /// Deviation of a bearing in radians.
+    /// Standard deviation of a bearing in radians.
     pub bearing_rad: f64,
     /// Covariances that a log gives for its relative motions are multiplied by this.
     pub relative_scale: f64,
-    /// Sightings are stamped so much too late, in seconds.
+    /// Delay of the time stamps of sightings, in seconds: they are this much too late.
     pub sighting_delay_s: f64,
 }
 
 impl Noise {
-    /// For the robots of MRCLAM: tuned on data set 1, by the error of the landmarks over robots 1 to 3 together, so that figures
-    /// on that data set are figures of a tuned filter. The delay is the one under which the innovations are most likely.
+    /// For the robots of MRCLAM: tuned on data set 1, by the landmark error over robots 1 to 3 together, so figures on
+    /// that data set are figures of a tuned filter. The delay is the one that maximises the likelihood of the
+    /// innovations.
     pub fn mrclam() -> Self {
         Self {
             velocity: VelocityModel {
@@ -80,8 +82,8 @@ impl Noise {
         }
     }
 
-    /// For the robots of MRCLAM where labels are not used: found by a random search on data set 1, robots 1 to 3, scored by the
-    /// share of wrong associations and the error of the landmarks. Other data sets may want other values.
+    /// For the robots of MRCLAM where labels are not used: found by a random search on data set 1, robots 1 to 3,
+    /// scored by the fraction of wrong associations and the landmark error. Other data sets may need other values.
     pub fn mrclam_unlabelled() -> Self {
         Self {
             velocity: VelocityModel {
@@ -99,7 +101,7 @@ impl Noise {
         }
     }
 
-    /// For the robots of MRCLAM, smoothed robustly.
+    /// For the robots of MRCLAM, with robust smoothing.
     pub fn mrclam_smoothing() -> Self {
         Self {
             velocity: VelocityModel {
@@ -139,10 +141,10 @@ impl Noise {
         }
     }
 
-    /// A reading with its noise.
+    /// A measurement: the reading with its noise.
     ///
     /// # Errors
-    /// When the reading or the noise is none.
+    /// When the reading or the noise is invalid.
     pub fn measurement(&self, reading: &Reading) -> Result<Measurement, MeasurementError> {
         let range_deviation = |range: f64| self.range_m + self.range_by_range * range;
         match *reading {
@@ -163,15 +165,15 @@ impl Noise {
 }
 
 impl RobotLog {
-    /// The steps of this robot: one for each instant with sightings and for each of `cuts` (rising times in seconds), and
-    /// one at the end.
+    /// The steps of this robot: one for each instant with sightings and for each of `cuts` (rising times in seconds),
+    /// and one at the end.
     ///
     /// # Errors
-    /// When a reading with this noise is no measurement.
+    /// When a reading with this noise is not a valid measurement.
     pub fn steps(&self, noise: &Noise, cuts: &[f64]) -> Result<Vec<Step>, MeasurementError> {
         let (steps, motion) = (Vec::new(), Motion::identity());
         let mut builder = Builder { noise, steps, motion, velocity: None, now: None, accounted: 0.0 };
-        // Three streams by rising time: controls, sightings (moved back by their delay), cuts.
+        // Three streams in order of time: controls, sightings (moved back by their delay), cuts.
         let (mut controls, mut seen): (Vec<&Entry>, Vec<&Entry>) = (Vec::new(), Vec::new());
         for entry in &self.entries {
             if matches!(entry.event, Event::Seen { .. }) { seen.push(entry) } else { controls.push(entry) }
@@ -187,7 +189,7 @@ impl RobotLog {
                 break;
             }
             builder.advance(time_s);
-            // A control that ends now belongs before what is seen now.
+            // A control that ends at this time comes before the sightings of this time.
             if control == time_s {
                 controls.next().into_iter().for_each(|e| builder.control(&e.event));
             } else if cut == time_s {
@@ -208,7 +210,7 @@ impl RobotLog {
 struct Builder<'a> {
     noise: &'a Noise,
     steps: Vec<Step>,
-    /// Since the last step, up to `accounted`.
+    /// Motion since the last step, up to `accounted`.
     motion: Motion,
     velocity: Option<(f64, f64)>,
     now: Option<f64>,
@@ -223,8 +225,8 @@ impl Builder<'_> {
         self.now = Some(time_s);
     }
 
-    /// What was driven at the velocity given last. An arc is exact for any duration, so that it waits until the velocity
-    /// changes or a step is due: drivers repeat themselves many times a second.
+    /// Adds the motion at the last commanded velocity. An arc is exact for any duration, so this is done only when the
+    /// velocity changes or a step is due: drivers repeat the same command many times a second.
     fn account(&mut self) {
         let now = self.now.unwrap_or(self.accounted);
         let elapsed = now - self.accounted;
@@ -259,7 +261,7 @@ impl Builder<'_> {
         }
     }
 
-    /// The step at this instant; a new one where there is none.
+    /// The step at this instant; a new one if there is none yet.
     fn step(&mut self, time_s: f64) -> &mut Step {
         if self.steps.last().is_none_or(|s| s.time_s < time_s) {
             self.account();

@@ -1,8 +1,9 @@
-//! Victoria Park as a graph in text: `ODOMETRY from to x y angle` and `LANDMARK from to x y`, each with the upper triangle
-//! of its covariance; landmarks are numbered among the poses.
+//! Victoria Park as a text graph: lines `ODOMETRY from to x y angle` and `LANDMARK from to x y`, each with the upper
+//! triangle of its covariance; landmarks and poses share one numbering.
 //!
-//! Source: Guivant, Nebot, "Optimization of the simultaneous localization and map-building algorithm" (2001) for the data;
-//! the text form is that of Kaess, Ranganathan, Dellaert, "iSAM" (2008). It has no times: a step counts as a second.
+//! Source: Guivant, Nebot, "Optimization of the simultaneous localization and map-building algorithm" (2001) for the
+//! data; the text form is that of Kaess, Ranganathan, Dellaert, "iSAM" (2008). It has no times: each step counts as one
+//! second.
 
 use super::lines::{content, label, numbers};
 use super::{Entry, Event, Log, LogError, Noise, Reading, RobotLog, Target};
@@ -10,11 +11,12 @@ use cairn_geometry::{Se2, Vec2};
 use nalgebra::{Matrix2, Matrix3};
 use std::collections::BTreeMap;
 
-/// Reads the text; `file` is its name in messages.
+/// Reads a log from text; `file` is the name used in messages.
 ///
 /// # Errors
-/// With the line: unknown words, wrong count of values, values that are not finite, covariances that are not positive,
-/// poses that are not in order, landmarks seen from elsewhere than the last pose; and when there is no odometry.
+/// When a line has an unknown word, a wrong number of values, a value that is not finite, a covariance that is not
+/// positive, a pose out of order, or a landmark that is not seen from the last pose (the error names the line); and
+/// when there is no odometry.
 pub fn parse_victoria(file: &str, text: &str) -> Result<Log, LogError> {
     let mut entries = Vec::new();
     let (mut pose, mut time_s) = (None, 0.0);
@@ -56,7 +58,7 @@ pub fn parse_victoria(file: &str, text: &str) -> Result<Log, LogError> {
     if pose.is_none() {
         return Err(LogError::whole(file, "holds no ODOMETRY"));
     }
-    // At every return to known trees the odometry is off by several of its deviations.
+    // At every return to known trees the odometry is off by several standard deviations.
     let noise = Noise { relative_scale: 4.0, ..Noise::plaza() };
     Ok(Log {
         name: "Victoria Park".into(),
@@ -66,7 +68,7 @@ pub fn parse_victoria(file: &str, text: &str) -> Result<Log, LogError> {
         noise,
         unlabelled_noise: noise,
         smoothing_noise: noise,
-        // Its landmarks were matched with care: what does not fit tells of the odometry.
+        // Its landmarks were matched carefully: a sighting that does not fit indicates an odometry error.
         gate_probability: 1.0,
         notes: vec!["the log has no times: a step counts as a second".into()],
     })

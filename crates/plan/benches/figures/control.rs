@@ -1,4 +1,4 @@
-//! What a step of control takes.
+//! Time of one control step.
 
 use crate::repeat;
 use cairn_geometry::{Se2, Vec2};

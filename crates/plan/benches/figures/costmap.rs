@@ -1,4 +1,5 @@
-//! Costs: a window that rolls with the robot, a large map mended by its differences, and a scan taken.
+//! Costmaps: a window that rolls with the robot, a large map updated from its changed cells, and the insertion of a
+//! scan.
 
 use crate::repeat;
 use cairn_geometry::Se2;

@@ -1,4 +1,4 @@
-//! The distance transform: whole map, a window, and mended after a change.
+//! The distance transform: the whole map, a window, and the update after a change.
 
 use crate::{obstacles, repeat};
 use cairn_plan::{Cell, DistanceField, Grid, GridFrame};
@@ -37,7 +37,7 @@ pub fn figures(willow: &Grid<i8>) {
     repeat("window of 200 x 200 (goal: 0.3 ms)", || local.recompute(black_box(window.values())));
     let mut changing = blocked.clone();
     field.recompute(blocked.values());
-    // Where the ground is most open.
+    // The cell farthest from every obstacle.
     let middle = (0..field.squared().len()).max_by_key(|&i| field.squared()[i]).expect("cells");
     let patch: Vec<Cell> =
         (0..100).map(|k| Cell::new((middle % w + k % 10) as u32, (middle / w + k / 10) as u32)).collect();

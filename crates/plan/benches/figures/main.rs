@@ -1,7 +1,7 @@
-//! How long planning takes and how good it is, as one table: `cargo bench -p cairn-plan --bench figures [SECTION]`, where the
-//! section is `distance`, `search`, `costmap`, `control` or `routes`. Times are those that the thread ran (not the
-//! clock on the wall: other work on the machine counts less). Of many repetitions the minimum and the median are printed; of
-//! searches the least of three runs of each task.
+//! Speed and quality of planning, as one table: `cargo bench -p cairn-plan --bench figures [SECTION]`, where the
+//! section is `distance`, `search`, `costmap`, `control` or `routes`. Times are CPU times of the thread, not wall-clock
+//! times, so that other work on the machine counts less. The minimum and the median over many repetitions are printed;
+//! for searches the minimum over three runs of each task.
 //!
 //! The map is Willow Garage in `grids/` of the recordings (`CAIRN_DATA`, else `../shared/data`), doubled to 5 cm.
 
@@ -42,17 +42,17 @@ fn main() {
     }
 }
 
-/// Everything that is not known to be free.
+/// Every cell that is not known to be free.
 pub fn obstacles(map: &Grid<i8>) -> Grid<bool> {
     map.map(|v| v != 0)
 }
 
-/// The cells whose middle is at least so far from everything that is not free.
+/// The cells whose centre is at least this far from everything that is not free.
 pub fn inflated(map: &Grid<i8>, radius_m: f64) -> Grid<bool> {
     DistanceField::new(&obstacles(map)).at_least(radius_m)
 }
 
-/// A pose and a goal some way off, by a seed.
+/// A start pose and a goal some distance away, drawn by a seed.
 pub fn a_route(costs: &cairn_plan::Costmap) -> (cairn_geometry::Se2, cairn_geometry::Vec2) {
     let (frame, passable) = (*costs.frame(), costs.passable());
     let mut random = cairn_plan::random::Random::new(4);
@@ -66,7 +66,7 @@ pub fn a_route(costs: &cairn_plan::Costmap) -> (cairn_geometry::Se2, cairn_geome
     }
 }
 
-/// Times one verb and prints the line.
+/// Times one operation and prints the line.
 pub fn repeat(name: &str, mut run: impl FnMut()) {
     let (mut times, began) = (Vec::new(), cpu_ms());
     while times.len() < 10 || (times.len() < 400 && cpu_ms() - began < 500.0) {
@@ -79,7 +79,7 @@ pub fn repeat(name: &str, mut run: impl FnMut()) {
     println!("  {name:<58} min {least:8.4} ms, median {median:8.4} ms");
 }
 
-/// Mean, median, 99th part of a hundred and greatest of some times in milliseconds.
+/// Mean, median, 99th percentile and maximum of some times in milliseconds.
 pub fn spread(times: &[f64]) -> String {
     let mut sorted = times.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -88,7 +88,7 @@ pub fn spread(times: &[f64]) -> String {
     format!("mean {mean:7.3}, median {:7.3}, p99 {:7.3}, max {:7.3}", at(0.5), at(0.99), at(1.0))
 }
 
-/// Milliseconds that this thread has run.
+/// CPU time of this thread in milliseconds.
 pub fn cpu_ms() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6

@@ -1,4 +1,4 @@
-//! Whole drives on the map: planned, smoothed and followed by a simulated body with a delay and noisy odometry.
+//! Whole drives on the map: planned, smoothed and followed by a simulated robot with a delay and noisy odometry.
 
 use crate::spread;
 use cairn_geometry::{Se2, Vec2};

@@ -24,7 +24,7 @@ pub fn figures(willow: &Grid<i8>) {
     );
 }
 
-/// Pairs of cells that a path joins, by a seed.
+/// Pairs of cells that a path connects, drawn by a seed.
 fn tasks(passable: &Passable, count: usize) -> Vec<(Cell, Cell)> {
     let frame = *passable.frame();
     let mut random = Random::new(7);
@@ -59,7 +59,7 @@ fn compare(title: &str, free: &Grid<bool>, count: usize) {
     time("Lazy Theta*", &tasks, |s, g| theta.search(&passable, s, g));
 }
 
-/// A path that is blocked some way ahead: mended, and searched again.
+/// A path that is blocked some distance ahead: repaired by D* Lite, and searched again from scratch.
 fn mend(free: &Grid<bool>, count: usize) {
     let passable = Passable::new(free);
     let tasks = tasks(&passable, count);
@@ -100,7 +100,7 @@ fn mend(free: &Grid<bool>, count: usize) {
 fn time(name: &str, tasks: &[(Cell, Cell)], mut search: impl FnMut(Cell, Cell) -> Result<GridPath, NoPath>) {
     let (mut length, mut expanded) = (0.0, 0);
     let mut times = vec![f64::INFINITY; tasks.len()];
-    // The least of some runs for each task.
+    // The minimum over several runs of each task.
     for run in 0..3 {
         for (time, &(start, goal)) in times.iter_mut().zip(tasks) {
             let from = cpu_ms();

@@ -1,4 +1,4 @@
-//! What lies ahead: how far a body can go along an arc, and then along its path, before it touches something.
+//! Collision check: how far a body can go along an arc, and then along its path, before it touches something.
 
 use super::motion::{Motion, moved};
 use super::reference::ReferencePath;
@@ -6,42 +6,43 @@ use crate::costmap::DynamicLayer;
 use crate::distance::DistanceField;
 use cairn_geometry::{Se2, Vec2};
 
-/// What is around: walls, and what moves.
+/// Surroundings of the body: walls and moving objects.
 #[derive(Clone, Copy)]
 pub struct Surroundings<'a> {
-    /// Distances to what is static.
+    /// Distances to static obstacles.
     pub field: &'a DistanceField,
-    /// What moves, if that is watched.
+    /// Moving objects, if they are tracked.
     pub moving: Option<&'a DynamicLayer>,
     /// Radius of the body in metres.
     pub radius_m: f64,
 }
 
-/// What was found ahead.
+/// Result of the collision check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ahead {
-    /// Metres that can be gone without touching anything; the distance looked at if nothing is in the way.
+    /// Metres that are free; the distance checked if nothing is in the way.
     pub free_m: f64,
     /// Whether something is in the way.
     pub blocked: bool,
-    /// Whether that moves.
+    /// Whether the nearest obstacle in the way moves.
     pub by_moving: bool,
-    /// Least distance from the rim of the body to a wall on the way looked at, in metres; below 0 where it would touch.
+    /// Least distance from the rim of the body to a wall along the part checked, in metres; below 0 where it would
+    /// touch.
     pub clearance_m: f64,
 }
 
 impl Surroundings<'_> {
-    /// Distance in metres from the rim of the body, standing at a point, to the nearest wall. Between the middles of cells, as
-    /// the paths are planned; below 0 inside the inflated obstacle, and outside the map.
+    /// Distance in metres from the rim of the body, standing at a point, to the nearest wall. Measured between cell
+    /// centres, as in planning; below 0 inside the inflated obstacle and outside the map.
     pub fn wall_clearance_m(&self, point: Vec2) -> f64 {
         let distance = self.field.frame().cell_at(point).and_then(|c| self.field.distance_m(c));
         distance.unwrap_or(0.0) - self.radius_m
     }
 
-    /// Looks along the arc of a motion for `arc_m` metres, then along the path from `along_m` on, until `reach_m` in all.
+    /// Checks the arc of a motion for `arc_m` metres, then the path from `along_m` on, up to `reach_m` in all.
     ///
-    /// What moves is looked at where it will be when the body gets there. Within a cell of where the body stands walls count
-    /// only if they come nearer: one that stands a hair too near must be able to leave.
+    /// Moving objects are checked where they will be when the body gets there. Within one cell of the body, walls count
+    /// only if they come nearer: a body that stands slightly too near to a wall must be able to leave.
     pub fn ahead(
         &self,
         world_from_body: &Se2,

@@ -1,6 +1,6 @@
-//! Driving along a path: what a robot with two driven wheels (or a walker at walking pace) may do, where the path is, what lies
-//! ahead, and two controllers: regulated pure pursuit and model predictive path integral control. [`Navigator`] joins them to
-//! planning, with states, recoveries and reasons.
+//! Driving along a path: limits of a robot with differential drive (or of a walker), the reference path, the collision
+//! check ahead, and two controllers: regulated pure pursuit and model predictive path integral control. [`Navigator`]
+//! combines them with planning; it has states and recoveries and gives reasons.
 
 mod ahead;
 mod motion;

@@ -1,8 +1,8 @@
-//! Motions of a body that turns and goes along its heading, and the limits they keep.
+//! Motions of a body that turns and moves along its heading, and their limits.
 
 use cairn_geometry::{Se2, So2, Vec2};
 
-/// Speed along the heading and rate of turn.
+/// Speed along the heading and yaw rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Forwards, in m/s.
@@ -12,7 +12,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// From both.
+    /// From linear and angular speed.
     pub fn new(linear: f64, angular: f64) -> Self {
         Self { linear, angular }
     }
@@ -26,17 +26,17 @@ impl Motion {
 /// What a body can do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Forwards at most, in m/s.
+    /// Greatest forward speed, in m/s.
     pub linear: f64,
-    /// Backwards at most, in m/s.
+    /// Greatest backward speed, in m/s.
     pub backwards: f64,
-    /// Turning at most, in rad/s.
+    /// Greatest yaw rate, in rad/s.
     pub angular: f64,
-    /// Gaining speed, in m/s^2.
+    /// Greatest acceleration, in m/s^2.
     pub acceleration: f64,
-    /// Losing speed, in m/s^2.
+    /// Greatest deceleration, in m/s^2.
     pub deceleration: f64,
-    /// Change of the rate of turn, in rad/s^2.
+    /// Greatest angular acceleration, in rad/s^2.
     pub angular_acceleration: f64,
 }
 
@@ -46,7 +46,7 @@ pub struct Limits {
 pub struct LimitsError;
 
 impl Limits {
-    /// A small robot with two driven wheels.
+    /// A small robot with differential drive.
     pub fn differential_drive() -> Self {
         Self {
             linear: 1.0,
@@ -58,7 +58,7 @@ impl Limits {
         }
     }
 
-    /// Someone on foot who is guided: slow, and quick to stop.
+    /// A person on foot who is guided: slow, and quick to stop.
     pub fn walking_pace() -> Self {
         Self {
             linear: 0.8,
@@ -70,7 +70,7 @@ impl Limits {
         }
     }
 
-    /// Whether all are usable.
+    /// Checks that all limits are usable.
     ///
     /// # Errors
     /// When one is NaN, infinite or not positive.
@@ -81,12 +81,13 @@ impl Limits {
         if sound && self.backwards.is_finite() && self.backwards >= 0.0 { Ok(()) } else { Err(LimitsError) }
     }
 
-    /// The motion nearest to the one wished that can be had `dt_s` after another. A wish that is not finite is to stand still.
+    /// The motion nearest to `wish` that can be reached within `dt_s` from `from`. A wish that is not finite means
+    /// stop.
     pub fn reachable(&self, from: Motion, wish: Motion, dt_s: f64) -> Motion {
         let wish = if wish.linear.is_finite() && wish.angular.is_finite() { wish } else { Motion::stop() };
         let linear = wish.linear.clamp(-self.backwards, self.linear);
         let angular = wish.angular.clamp(-self.angular, self.angular);
-        // Towards zero the brakes work, away from it the motor.
+        // Towards zero the deceleration limit applies, away from it the acceleration limit.
         let rate =
             |from: f64, to: f64| if to.abs() < from.abs() { self.deceleration } else { self.acceleration };
         let step = rate(from.linear, linear) * dt_s;
@@ -107,7 +108,7 @@ impl Limits {
 /// The pose after a constant motion for `dt_s`: an exact arc.
 pub fn moved(world_from_body: &Se2, motion: Motion, dt_s: f64) -> Se2 {
     let (distance, angle) = (motion.linear * dt_s, motion.angular * dt_s);
-    // Chord of the arc, in the direction of half the turn.
+    // Chord of the arc; its direction is half of the turn.
     let half = 0.5 * angle;
     let chord = if half.abs() < 1e-6 { distance } else { distance * half.sin() / half };
     let step = Se2::new(So2::exp(angle), Vec2::new(chord * half.cos(), chord * half.sin()));

@@ -1,10 +1,11 @@
-//! Model predictive path integral control (Williams, Aldrich and Theodorou, "Model Predictive Path Integral Control", 2017,
-//! algorithm 2; weights of equation 34): many noisy variants of the last plan are rolled out with the limits of the body, each is
-//! given a cost for leaving the path, for lagging and for walls, and the plan becomes their mean, weighted by `exp(-cost)`.
+//! Model predictive path integral control (Williams, Aldrich and Theodorou, "Model Predictive Path Integral Control",
+//! 2017, algorithm 2; weights of equation 34): many noisy variants of the last plan are rolled out within the limits of
+//! the body. Each gets a cost for leaving the path, for lagging and for walls, and the new plan is their mean, weighted
+//! by `exp(-cost)`.
 //!
-//! The roll-outs stand in separate arrays, one number of each beside the other, so that the compiler makes vector code of the
-//! plain loops; headings are carried as cosine and sine and turned by short polynomials. The noise is drawn once; each step
-//! begins at another place of it, by the seed.
+//! The roll-outs are stored as a structure of arrays, so that the compiler vectorises the plain loops; headings are
+//! stored as cosine and sine and rotated by short polynomials. The noise is drawn once; each step starts at another
+//! offset in it, chosen by the seed.
 
 use super::ahead::Surroundings;
 use super::motion::{Limits, Motion, moved};
@@ -14,36 +15,37 @@ use crate::random::Random;
 use cairn_geometry::{Se2, Vec2};
 use std::collections::VecDeque;
 
-/// How many roll-outs, how far, and what costs what.
+/// Number and length of the roll-outs, and the cost weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MppiConfig {
     /// Limits of the body.
     pub limits: Limits,
-    /// Variants rolled out, 1 at least.
+    /// Number of variants rolled out, at least 1.
     pub rollouts: usize,
-    /// Steps of each, 1 at least.
+    /// Steps of each roll-out, at least 1.
     pub steps: usize,
-    /// Time of a step, and between two calls, in seconds.
+    /// Duration of a step, and the time between two calls, in seconds.
     pub period_s: f64,
-    /// From order to motion, in seconds.
+    /// Delay from command to motion, in seconds.
     pub delay_s: f64,
     /// Standard deviations of the noise: m/s and rad/s.
     pub noise: (f64, f64),
-    /// Cost that makes a variant `e` times less likely.
+    /// Cost difference that makes a variant `e` times less likely.
     pub temperature: f64,
-    /// Costs of a square metre beside the path, and of one before or behind the point that should be reached.
+    /// Cost of a squared metre beside the path (`lateral`), and of one before or behind the point to be reached
+    /// (`lag`).
     pub lateral: f64,
     /// See `lateral`.
     pub lag: f64,
     /// Cost of facing across the path (twice that for facing backwards).
     pub heading: f64,
-    /// Cost of touching a wall, and of being within `near_m` of it.
+    /// Cost of touching a wall, and of being within `near_m` of one.
     pub touch: f64,
-    /// Distance beyond the radius from which a wall costs, in metres.
+    /// Distance beyond the radius up to which a wall has a cost, in metres.
     pub near_m: f64,
-    /// Acceleration towards the inside of a curve at most, in m/s^2.
+    /// Greatest lateral acceleration in curves, in m/s^2.
     pub lateral_acceleration: f64,
-    /// Left between the body and what is in its way, in metres.
+    /// Distance kept between the body and an obstacle in its way, in metres.
     pub stop_distance_m: f64,
     /// The goal is reached within this distance, in metres.
     pub goal_tolerance_m: f64,
@@ -52,7 +54,7 @@ pub struct MppiConfig {
 }
 
 impl MppiConfig {
-    /// Suited to the limits of a body.
+    /// Defaults that suit the limits of a body.
     pub fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -75,7 +77,7 @@ impl MppiConfig {
     }
 }
 
-/// Where the path wants the body at one step, in cells of the grid.
+/// Reference position and heading at one step, in cells of the grid.
 #[derive(Clone, Copy, Default)]
 struct Target {
     x: f32,
@@ -84,7 +86,7 @@ struct Target {
     dy: f32,
 }
 
-/// All roll-outs at one step, one array each.
+/// All roll-outs at one step, as one array per quantity.
 #[derive(Clone, Default)]
 struct Rollouts {
     x: Vec<f32>,
@@ -96,7 +98,7 @@ struct Rollouts {
     cost: Vec<f32>,
 }
 
-/// The controller: its plan is carried from step to step.
+/// The controller; its plan carries over from step to step.
 #[derive(Clone)]
 pub struct Mppi {
     config: MppiConfig,
@@ -104,7 +106,7 @@ pub struct Mppi {
     noise: Vec<f32>,
     random: Random,
     rollouts: Rollouts,
-    /// Noise of each step and roll-out: of the speed, and of the turn.
+    /// Noise of each step and roll-out: of the speed and of the yaw rate.
     linear_noise: Vec<f32>,
     angular_noise: Vec<f32>,
     along_m: f64,
@@ -112,13 +114,13 @@ pub struct Mppi {
     ordered: VecDeque<Motion>,
 }
 
-/// Numbers of noise that are drawn.
+/// Size of the table of noise samples.
 const NOISE: usize = 1 << 15;
-/// How much of its noise a step takes over from the one before.
+/// Part of the noise that carries over from one step to the next (time correlation).
 const KEEP: f32 = 0.8;
 
 impl Mppi {
-    /// Standing still, at the beginning of a path.
+    /// At rest at the beginning of a path.
     pub fn new(mut config: MppiConfig) -> Self {
         (config.rollouts, config.steps) = (config.rollouts.clamp(1, NOISE / 4), config.steps.clamp(1, 1000));
         let mut random = Random::new(config.seed);
@@ -139,25 +141,25 @@ impl Mppi {
         }
     }
 
-    /// The settings.
+    /// The configuration.
     pub fn config(&self) -> &MppiConfig {
         &self.config
     }
 
-    /// Another path, `along_m` from its beginning; what was ordered still counts.
+    /// Switches to another path, starting `along_m` from its beginning; earlier commands still count.
     pub fn restart(&mut self, along_m: f64) {
         (self.along_m, self.reached) = (along_m, false);
         self.plan.fill(Motion::stop());
     }
 
-    /// Tells the controller that something else was ordered: a turn in place, or a recovery.
+    /// Records a command that came from elsewhere: a turn in place or a recovery.
     pub fn ordered(&mut self, motion: Motion) {
         if self.ordered.pop_front().is_some() {
             self.ordered.push_back(motion);
         }
     }
 
-    /// One step: from where the body is and how it moves to what it should do.
+    /// One control step: the command for the current pose and motion.
     pub fn step(
         &mut self,
         world_from_body: &Se2,
@@ -197,7 +199,7 @@ impl Mppi {
         Following { motion: order, projection, left_m, ahead, reached: self.reached, blocked }
     }
 
-    /// Where the path wants the body at each step, at a speed that curves and the goal allow.
+    /// The reference at each step, at a speed that curves and the goal allow.
     fn targets(&self, path: &ReferencePath, around: &Surroundings, now: Motion) -> Vec<Target> {
         let c = &self.config;
         let frame = around.field.frame();
@@ -227,7 +229,7 @@ impl Mppi {
         targets
     }
 
-    /// Rolls out all variants and leaves their costs.
+    /// Rolls out all variants and stores their costs.
     fn roll_out(&mut self, pose: &Se2, now: Motion, targets: &[Target], around: &Surroundings) {
         let (c, n) = (self.config, self.config.rollouts);
         let frame = around.field.frame();
@@ -268,7 +270,7 @@ impl Mppi {
         }
     }
 
-    /// The plan moves to the weighted mean of the variants.
+    /// Moves the plan to the weighted mean of the variants.
     fn improve(&mut self) {
         let (c, n) = (self.config, self.config.rollouts);
         let least = self.rollouts.cost.iter().copied().fold(f32::INFINITY, f32::min);
@@ -287,7 +289,7 @@ impl Mppi {
     }
 }
 
-/// Noise of one step, kin to that of the step before. The first roll-out is the plan itself.
+/// Noise of one step, correlated with that of the step before. The first roll-out gets none: it is the plan itself.
 fn draw(table: &[f32], random: &mut Random, before: Option<&[f32]>, noise: &mut [f32]) {
     let from = random.below(table.len() - noise.len());
     let fresh = &table[from..from + noise.len()];
@@ -303,7 +305,7 @@ fn draw(table: &[f32], random: &mut Random, before: Option<&[f32]>, noise: &mut 
     }
 }
 
-/// All bodies one step on, within their limits.
+/// Advances all bodies by one step, within their limits.
 fn advance(r: &mut Rollouts, plan: &Motion, noise: [&[f32]; 2], c: &MppiConfig, per_cell: f32) {
     let dt = c.period_s as f32;
     let (linear, angular) = (plan.linear as f32, plan.angular as f32);
@@ -321,7 +323,7 @@ fn advance(r: &mut Rollouts, plan: &Motion, noise: [&[f32]; 2], c: &MppiConfig, 
         let wish_turn = (angular + sigma_angular * ew[i]).max(-most_turn).min(most_turn);
         v[i] += (wish - v[i]).max(-down).min(up);
         w[i] += (wish_turn - w[i]).max(-turn).min(turn);
-        // Half the turn, the way, half the turn.
+        // Half the turn, then the distance, then the other half of the turn.
         let h = 0.5 * dt * w[i];
         let (s, k) = (h - h * h * h / 6.0, 1.0 - 0.5 * h * h);
         let (mid_cos, mid_sin) = (cos[i] * k - sin[i] * s, sin[i] * k + cos[i] * s);
@@ -332,7 +334,7 @@ fn advance(r: &mut Rollouts, plan: &Motion, noise: [&[f32]; 2], c: &MppiConfig, 
     }
 }
 
-/// Costs of being beside the path, behind or before its point, and of facing elsewhere.
+/// Costs of lateral offset, of lag or lead along the path, and of a wrong heading.
 fn leave_path(r: &mut Rollouts, target: &Target, c: &MppiConfig, per_cell: f32) {
     let square = per_cell * per_cell;
     let (lateral, lag, heading) = (c.lateral as f32 * square, c.lag as f32 * square, c.heading as f32);
@@ -356,7 +358,7 @@ fn touch(r: &mut Rollouts, around: &Surroundings, c: &MppiConfig) {
     let far = ((around.radius_m + c.near_m) / frame.resolution_m()).powi(2) as u32;
     let (touch, near) = (c.touch as f32, c.near_m.max(1e-6) as f32);
     for ((&x, &y), cost) in r.x.iter().zip(&r.y).zip(&mut r.cost) {
-        // Negative and NaN become 0, which is as good: the rim of a map is not free.
+        // Negative and NaN become 0, which is safe: the border of a map is not free.
         let (column, row) = (x as usize, y as usize);
         let distance = if column < width && row < height { squared[row * width + column] } else { 0 };
         if distance <= far {

@@ -1,9 +1,9 @@
-//! From a goal to having reached it: plans over the costs, smooths, follows, and gets out of trouble, always with a reason.
+//! Drives to a goal: plans over the costmap, smooths, follows, recovers, and always gives a reason.
 //!
-//! States: `IDLE` (no goal), `PLANNING`, `EXECUTING`, `REACHED`, `NO_PATH`, `BLOCKED`. What stands in the way is waited for; if
-//! it stays, the body turns towards where the path leads, backs up as far as is free behind, and plans again around what moves.
-//! A map that changed under the path, a pose that jumped (a loop was closed), and a body beside its path all lead to a new plan;
-//! a pose that is no number leads to standing still.
+//! States: `IDLE` (no goal), `PLANNING`, `EXECUTING`, `REACHED`, `NO_PATH`, `BLOCKED`. When something is in the way,
+//! the navigator waits. If it stays there, the body turns towards the direction of the path, then backs up as far as
+//! the ground behind is free, then plans again around moving objects. A change of the map on the path, a jump of the
+//! pose (a loop closure) and a body off its path all trigger a new plan; a pose that is not finite stops the body.
 
 use super::ahead::Surroundings;
 use super::motion::Motion;
@@ -21,13 +21,13 @@ use cairn_geometry::{Se2, Vec2};
 pub enum State {
     /// No goal.
     Idle,
-    /// A path is sought.
+    /// Searching for a path.
     Planning,
-    /// On the way.
+    /// Following the path.
     Executing,
-    /// There.
+    /// The goal is reached.
     Reached,
-    /// No path leads there.
+    /// No path leads to the goal.
     NoPath,
     /// Something is in the way.
     Blocked,
@@ -46,31 +46,31 @@ impl std::fmt::Display for State {
     }
 }
 
-/// Why the navigator does what it does.
+/// Why the navigator is in its state.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Reason {
     /// A goal was set.
     #[error("a new goal")]
     NewGoal,
-    /// There is none.
+    /// There is no path.
     #[error(transparent)]
     NoPath(NoPath),
     /// The pose holds NaN or infinity.
     #[error("the pose is not a number")]
     PoseInvalid,
-    /// The pose is elsewhere than the motion explains.
+    /// The pose is farther from the last one than the motion explains, by this distance in metres.
     #[error("the pose jumped by {0:.2} m")]
     PoseJumped(f64),
     /// The path is no longer free.
     #[error("the map changed: the path is blocked in {0:.1} m")]
     MapChanged(f64),
-    /// The body is beside its path.
+    /// The body is off its path.
     #[error("{0:.2} m beside the path")]
     OffPath(f64),
-    /// A wall within the stop distance.
+    /// A wall is within the stop distance.
     #[error("a wall {0:.2} m ahead")]
     Wall(f64),
-    /// Something that moves within the stop distance.
+    /// A moving object is within the stop distance.
     #[error("something that moves {0:.2} m ahead")]
     Moving(f64),
     /// Recovery: turning towards the path.
@@ -79,7 +79,7 @@ pub enum Reason {
     /// Recovery: backing up.
     #[error("blocked: backing up")]
     BackingUp,
-    /// Recovery: planning around what is in the way.
+    /// Recovery: planning around the obstacle.
     #[error("blocked: planning around it")]
     PlanningAround,
     /// All recoveries were tried as often as allowed.
@@ -87,34 +87,34 @@ pub enum Reason {
     GivenUp(u32),
 }
 
-/// How the navigator behaves.
+/// Configuration of the navigator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavigatorConfig {
-    /// Of the follower.
+    /// Pure pursuit.
     pub pursuit: PursuitConfig,
-    /// Follows by path integral control with these settings, and by pure pursuit only to turn in place and to
-    /// arrive.
+    /// If set, follows by path integral control with this configuration; pure pursuit then only turns in place and
+    /// brakes at the goal.
     pub predictive: Option<MppiConfig>,
-    /// Of the paths; radius and clearance are those of the costs.
+    /// Path smoothing; radius and clearance come from the costmap.
     pub smooth: SmoothConfig,
-    /// Clearance kept beyond what the costs ask for, where there is room, in metres.
+    /// Clearance kept beyond that of the costmap where there is room, in metres.
     pub room_m: f64,
-    /// Waited for what is in the way, in seconds, before each recovery.
+    /// Time to wait before each recovery when something is in the way, in seconds.
     pub wait_s: f64,
-    /// Backed up at most, in metres.
+    /// Longest distance to back up, in metres.
     pub back_up_m: f64,
-    /// Rounds of recovery before the goal is given up.
+    /// Rounds of recovery before the navigator gives up.
     pub attempts: u32,
-    /// A pose that is off by more between two steps has jumped, in metres.
+    /// A pose that differs by more than this from the predicted one has jumped, in metres.
     pub jump_m: f64,
-    /// A body farther than this beside its path plans again, in metres.
+    /// A body farther than this from its path plans again, in metres.
     pub off_path_m: f64,
-    /// A start that is this near to free ground may begin there, in metres: following is not exact.
+    /// A start on blocked ground is accepted if free ground is this near, in metres: following is not exact.
     pub start_slack_m: f64,
 }
 
 impl NavigatorConfig {
-    /// Suited to a follower.
+    /// Defaults that suit a pure pursuit configuration.
     pub fn new(pursuit: PursuitConfig) -> Self {
         Self {
             pursuit,
@@ -131,20 +131,20 @@ impl NavigatorConfig {
     }
 }
 
-/// What came of a step.
+/// Result of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// The state after it.
+    /// The state after the step.
     pub state: State,
-    /// What to order.
+    /// The motion to command.
     pub motion: Motion,
-    /// Why, where it is not plain following.
+    /// The reason, unless the path is simply being followed.
     pub reason: Option<Reason>,
-    /// How the path is followed, on the way.
+    /// How the path is followed, while executing.
     pub following: Option<Following>,
 }
 
-/// What is tried when something stays in the way, in this order.
+/// Recoveries, in the order in which they are tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Recovery {
     Wait,
@@ -165,7 +165,7 @@ pub struct Navigator {
     recovery: Recovery,
     since_s: f64,
     attempts: u32,
-    /// Plan around what moves next time.
+    /// Whether the next plan goes around moving objects.
     around: bool,
     why: Reason,
 }
@@ -190,33 +190,33 @@ impl Navigator {
         }
     }
 
-    /// Goes to a point of the world from the next step on.
+    /// Sets a goal (metres, world), valid from the next step on.
     pub fn set_goal(&mut self, goal: Vec2) {
         (self.goal, self.attempts, self.around) = (Some(goal), 0, false);
         self.plan_again(Reason::NewGoal);
     }
 
-    /// Forgets the goal.
+    /// Drops the goal.
     pub fn cancel(&mut self) {
         (self.goal, self.path, self.state) = (None, None, State::Idle);
     }
 
-    /// The settings.
+    /// The configuration.
     pub fn config(&self) -> &NavigatorConfig {
         &self.config
     }
 
-    /// What it is doing.
+    /// The current state.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// The path that is followed.
+    /// The path being followed.
     pub fn path(&self) -> Option<&ReferencePath> {
         self.path.as_ref()
     }
 
-    /// One step, once a period: from the time in seconds, the pose, the motion and what is around to what to order.
+    /// One step, to be called once per period: the command for this time (seconds), pose, motion and surroundings.
     pub fn step(
         &mut self,
         time_s: f64,
@@ -247,7 +247,7 @@ impl Navigator {
         }
     }
 
-    /// Slows down to standing still.
+    /// Slows down to a stop.
     fn stand(&mut self, motion: Motion, reason: Option<Reason>) -> Step {
         let p = &self.config.pursuit;
         let motion = p.limits.reachable(motion, Motion::stop(), p.period_s);
@@ -255,13 +255,13 @@ impl Navigator {
         Step { state: self.state, motion, reason, following: None }
     }
 
-    /// Something else than following was ordered.
+    /// Informs both followers of a command that neither of them gave.
     fn ordered(&mut self, motion: Motion) {
         self.pursuit.ordered(motion);
         self.predictive.iter_mut().for_each(|p| p.ordered(motion));
     }
 
-    /// One step of the follower that is in charge; the other is told.
+    /// One step of the active follower; the other is informed of the command.
     fn follower_step(
         &mut self,
         pose: &Se2,
@@ -336,7 +336,7 @@ impl Navigator {
         let clearance_m = keep_m + self.config.room_m;
         let smoothing = SmoothConfig { radius_m: keep_m, clearance_m, ..self.config.smooth };
         let mut points = smooth(costs.field(), &path.cells, &smoothing).points;
-        // From where the body stands, to the very goal.
+        // The path runs from where the body stands to the exact goal.
         if let Some(first) = points.first_mut() {
             *first = pose.translation;
         }
@@ -347,7 +347,7 @@ impl Navigator {
         ReferencePath::new(&points).ok_or(NoPath::NotFinite(Place::Start))
     }
 
-    /// The cell of the body, or the nearest free one within the slack, if the body is not in the wall itself.
+    /// The cell of the body, or the nearest free one within the slack, unless the body is inside a wall.
     fn start_cell(&self, at: Vec2, costs: &Costmap) -> Result<Cell, NoPath> {
         let frame = costs.frame();
         let cell = frame.cell_at(at).ok_or(NoPath::Outside(Place::Start))?;
@@ -423,7 +423,7 @@ impl Navigator {
         Step { state: self.state, motion: following.motion, reason, following: Some(following) }
     }
 
-    /// What is tried while something stays in the way; none while it is waited for.
+    /// The recovery to try while something stays in the way; `None` while waiting.
     fn recover(
         &mut self,
         time_s: f64,
@@ -478,17 +478,17 @@ impl Navigator {
     }
 }
 
-/// Metres to where walls have come upon the path.
+/// Distance in metres along the path to where a wall blocks it.
 fn blocked_along(path: &ReferencePath, along_m: f64, around: &Surroundings) -> Option<f64> {
     let step_m = around.field.frame().resolution_m();
-    // The last step and what lies within a cell of the body are the follower's: it stands where it stands.
+    // The end of the path and the first cell ahead of the body are left to the follower.
     let steps = ((path.length_m() - along_m) / step_m) as usize;
     let limit = -0.5 * step_m;
     let at = |k: usize| around.wall_clearance_m(path.at(along_m + step_m * k as f64).0);
     (5..steps).step_by(2).find(|&k| at(k) < limit).map(|k| step_m * k as f64)
 }
 
-/// Closes the cells where something moves now; the ends stay as they are.
+/// Blocks the cells where something moves now; start and goal stay as they are.
 fn block_moving(costs: &mut crate::grid::Grid<u8>, moving: &DynamicLayer, radius_m: f64, ends: [Cell; 2]) {
     let frame = *costs.frame();
     for track in moving.tracks() {

@@ -1,10 +1,11 @@
-//! Regulated pure pursuit (Macenski, Singh, Martin and Gines, "Regulated Pure Pursuit for Robot Path Tracking", 2023): a point on
-//! the path some way ahead is driven at on an arc (Coulter 1992), slower in curves, near walls and before the goal; what lies on
-//! the way is looked at, and the speed is such that the stop distance is always kept.
+//! Regulated pure pursuit (Macenski, Singh, Martin and Gines, "Regulated Pure Pursuit for Robot Path Tracking", 2023):
+//! the body drives on an arc towards a look-ahead point on the path (Coulter 1992), slower in curves, near walls and
+//! before the goal. The arc and the path ahead are checked for collisions, and the speed always allows a stop at the
+//! stop distance.
 //!
-//! Beyond the paper, the pose is carried forward by what was ordered within the delay of the drive, and the pull of the far
-//! point towards the inside of a curve is taken back: the arc is that of the path's own curvature plus the arc that takes what
-//! remains of the offset away.
+//! Beyond the paper, the pose is predicted over the delay of the drive from the commands already given, and the corner
+//! cutting that the look-ahead point causes is compensated: the arc has the curvature of the path plus that of the arc
+//! that removes the remaining offset.
 
 use super::ahead::{Ahead, Surroundings};
 use super::motion::{Limits, Motion, moved};
@@ -19,28 +20,28 @@ pub struct PursuitConfig {
     pub limits: Limits,
     /// Time between two steps, in seconds.
     pub period_s: f64,
-    /// From order to motion, in seconds.
+    /// Delay from command to motion, in seconds.
     pub delay_s: f64,
-    /// The point ahead: so many seconds at the speed of now, within the two distances in metres.
+    /// Look-ahead time at the current speed, in seconds; the distance is limited by `look_ahead_m`.
     pub look_ahead_s: f64,
-    /// Least and greatest distance of the point ahead, in metres.
+    /// Least and greatest look-ahead distance, in metres.
     pub look_ahead_m: (f64, f64),
-    /// Acceleration towards the inside of a curve at most, in m/s^2.
+    /// Greatest lateral acceleration in curves, in m/s^2.
     pub lateral_acceleration: f64,
-    /// Nearer than this to a wall, beyond the radius, speed falls in proportion, in metres.
+    /// Below this distance to a wall, beyond the radius, the speed falls in proportion, in metres.
     pub slow_near_m: f64,
-    /// Speed is never regulated below this part of the greatest, except to stop.
+    /// Regulation never lowers the speed below this part of the greatest speed, except to stop.
     pub least_part: f64,
-    /// Left between the body and what is in its way, in metres.
+    /// Distance kept between the body and an obstacle in its way, in metres.
     pub stop_distance_m: f64,
-    /// Turns in place where the path leads away by more, in radians.
+    /// The body turns in place where the direction of the path differs by more than this, in radians.
     pub turn_in_place: f64,
     /// The goal is reached within this distance, in metres.
     pub goal_tolerance_m: f64,
 }
 
 impl PursuitConfig {
-    /// Suited to the limits of a body.
+    /// Defaults that suit the limits of a body.
     pub fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -58,20 +59,20 @@ impl PursuitConfig {
     }
 }
 
-/// One step of following.
+/// Result of one step of following.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Following {
-    /// What to order.
+    /// The motion to command.
     pub motion: Motion,
     /// Where the body is on the path.
     pub projection: Projection,
-    /// Metres of path that are left.
+    /// Remaining length of the path in metres.
     pub left_m: f64,
-    /// What lies ahead.
+    /// Result of the collision check.
     pub ahead: Ahead,
-    /// The goal is reached: the motion is to stand still.
+    /// The goal is reached; the commanded motion is a stop.
     pub reached: bool,
-    /// Something is in the way within the stop distance: the motion is to stand still.
+    /// Something is within the stop distance; the commanded motion is a stop.
     pub blocked: bool,
 }
 
@@ -82,7 +83,7 @@ pub struct Pursuit {
     along_m: f64,
     turning: bool,
     reached: bool,
-    /// What was ordered within the delay, oldest first.
+    /// Commands given within the delay, oldest first.
     ordered: VecDeque<Motion>,
 }
 
@@ -94,25 +95,25 @@ impl Pursuit {
         Self { config, along_m: 0.0, turning: false, reached: false, ordered }
     }
 
-    /// The settings.
+    /// The configuration.
     pub fn config(&self) -> &PursuitConfig {
         &self.config
     }
 
-    /// Another path, `along_m` from its beginning; what was ordered still counts.
+    /// Switches to another path, starting `along_m` from its beginning; earlier commands still count.
     pub fn restart(&mut self, along_m: f64) {
         (self.along_m, self.turning, self.reached) = (along_m, false, false);
     }
 
-    /// Where the body will be, and its motion, when an order of now is felt.
+    /// The predicted pose and motion at the time when a command given now takes effect.
     pub fn foreseen(&self, world_from_body: &Se2, motion: Motion) -> (Se2, Motion) {
         let step = |pose: Se2, m: &Motion| moved(&pose, *m, self.config.period_s);
         let pose = self.ordered.iter().fold(*world_from_body, step);
         (pose, self.ordered.back().copied().unwrap_or(motion))
     }
 
-    /// Whether this follower should be in charge beside another: the path leads so far away from where the body faces that it
-    /// turns in place, or the goal is so near that only braking is left.
+    /// Whether this follower should take over from another one: the direction of the path differs so much from the
+    /// heading that the body turns in place, or the goal is so near that only braking is left.
     pub fn is_needed(&self, world_from_body: &Se2, path: &ReferencePath) -> bool {
         let look_m = self.config.look_ahead_m.0;
         let at = path.project(world_from_body.translation, self.along_m - 0.3, self.along_m + 1.0).along_m;
@@ -121,14 +122,14 @@ impl Pursuit {
         last || self.turning || seen.y.atan2(seen.x).abs() > self.config.turn_in_place
     }
 
-    /// Tells the follower that something else was ordered, a recovery for instance.
+    /// Records a command that came from elsewhere, a recovery for instance.
     pub fn ordered(&mut self, motion: Motion) {
         if self.ordered.pop_front().is_some() {
             self.ordered.push_back(motion);
         }
     }
 
-    /// One step: from where the body is and how it moves to what it should do.
+    /// One control step: the command for the current pose and motion.
     pub fn step(
         &mut self,
         world_from_body: &Se2,
@@ -145,7 +146,7 @@ impl Pursuit {
         self.reached |= to_end <= c.goal_tolerance_m && left_m <= 2.0 * c.goal_tolerance_m;
         let look_m = (now.linear.abs() * c.look_ahead_s).clamp(c.look_ahead_m.0, c.look_ahead_m.1);
         let (point, direction) = path.at(projection.along_m + look_m.min(left_m));
-        // Past the end the point goes on straight, so that the arc stays well defined.
+        // Beyond the end, the look-ahead point continues straight, so that the arc stays well defined.
         let point = point + direction * (look_m - left_m).max(0.0);
         let seen = pose.inverse() * point;
         let bearing = seen.y.atan2(seen.x);
@@ -168,7 +169,7 @@ impl Pursuit {
         };
         let mut order = c.limits.reachable(now, wish, c.period_s);
         if !self.turning && order.linear > 1e-3 {
-            // The arc is what keeps to the path: while speed still changes, the turn follows it.
+            // The curvature is what keeps the body on the path: while the speed still changes, the yaw rate follows it.
             let turn = order.linear * curvature;
             order.angular = c.limits.reachable(now, Motion::new(order.linear, turn), c.period_s).angular;
         }
@@ -176,8 +177,8 @@ impl Pursuit {
         Following { motion: order, projection, left_m, ahead, reached: self.reached, blocked }
     }
 
-    /// Curvature to drive at: that of the path half-way to the point ahead, and what takes offset and heading error away over the
-    /// distance looked ahead (the chord of pure pursuit, measured against the path's own).
+    /// Curvature to drive at: that of the path half-way to the look-ahead point, plus what removes offset and heading
+    /// error over the look-ahead distance (the chord of pure pursuit, measured relative to the path's own).
     fn curvature(&self, path: &ReferencePath, pose: &Se2, at: Projection, look_m: f64) -> f64 {
         let target = |from: &Se2| {
             let (point, direction) = path.at(at.along_m + look_m);
@@ -189,7 +190,7 @@ impl Pursuit {
         let Some(rotation) = cairn_geometry::So2::from_cos_sin(direction.x, direction.y) else {
             return target(pose);
         };
-        // What pure pursuit would do from the path itself is its error in curves.
+        // The curvature that pure pursuit would command from the path itself is its error in curves.
         let on_path = target(&Se2::new(rotation, foot));
         let own = path.curvature(at.along_m, 0.3);
         target(pose) - on_path + own
@@ -204,7 +205,7 @@ impl Pursuit {
                 .sqrt()
                 .min(0.9 * c.limits.angular / k.abs().max(1e-6))
         };
-        // Curves that come are slowed down for in time.
+        // Slows down in time for curves ahead.
         let mut speed = c.limits.linear.min(in_curve(curvature).max(least));
         for k in 1..=12 {
             let ahead_m = 0.1 * f64::from(k);
@@ -213,7 +214,7 @@ impl Pursuit {
         }
         let near = (ahead.clearance_m / c.slow_near_m).clamp(c.least_part, 1.0);
         speed = speed.min(c.limits.linear * near);
-        // To the goal with half the brakes, so that it is not overrun.
+        // Approaches the goal with half the deceleration, so as not to overrun it.
         let to_goal =
             (2.0 * 0.5 * c.limits.deceleration * (left_m - 0.3 * c.goal_tolerance_m).max(0.0)).sqrt();
         speed = speed.min(to_goal.max(0.05));

@@ -1,17 +1,17 @@
-//! A path as a line with arc length: where a body is along it, how far beside it, and what comes.
+//! A path as a polyline with arc length: where a body is along it, how far beside it, and what lies ahead.
 
 use cairn_geometry::Vec2;
 
-/// Where a point lies beside a path.
+/// A point relative to a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
-    /// Metres along the path to the nearest point of it.
+    /// Distance along the path to its nearest point, in metres.
     pub along_m: f64,
-    /// Metres beside it, positive on the left.
+    /// Lateral offset in metres, positive on the left.
     pub lateral_m: f64,
 }
 
-/// A line of points with arc length.
+/// A polyline with arc length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferencePath {
     points: Vec<Vec2>,
@@ -19,8 +19,8 @@ pub struct ReferencePath {
 }
 
 impl ReferencePath {
-    /// From points in metres, world. Points that repeat the one before are left out; none if a point is not finite or there is
-    /// no point at all.
+    /// From points in metres, world. Consecutive duplicates are dropped; `None` if a point is not finite or there is no
+    /// point at all.
     pub fn new(line: &[Vec2]) -> Option<Self> {
         let mut points: Vec<Vec2> = Vec::with_capacity(line.len());
         let mut along = Vec::with_capacity(line.len());
@@ -47,18 +47,18 @@ impl ReferencePath {
         &self.points
     }
 
-    /// Where it ends.
+    /// The last point.
     pub fn end(&self) -> Vec2 {
         self.points.last().copied().unwrap_or_default()
     }
 
-    /// The segment that holds a distance along the path: index of its first point.
+    /// Index of the first point of the segment that contains a distance along the path.
     fn segment(&self, along_m: f64) -> usize {
         let after = self.along.partition_point(|&a| a <= along_m);
         after.saturating_sub(1).min(self.points.len().saturating_sub(2))
     }
 
-    /// The point so far along, and the direction of the path there (unit length; zero for a path of one point).
+    /// The point at this distance along the path, and the direction there (unit length; zero for a path of one point).
     pub fn at(&self, along_m: f64) -> (Vec2, Vec2) {
         let i = self.segment(along_m);
         let (Some(&a), Some(&b)) = (self.points.get(i), self.points.get(i + 1)) else {
@@ -88,7 +88,8 @@ impl ReferencePath {
         best.1
     }
 
-    /// Curvature so far along in 1/m, positive to the left: the change of direction over `span_m` around.
+    /// Curvature at this distance along the path in 1/m, positive to the left: the change of direction over `span_m`
+    /// around it.
     pub fn curvature(&self, along_m: f64, span_m: f64) -> f64 {
         let (_, before) = self.at((along_m - 0.5 * span_m).max(0.0));
         let (_, after) = self.at((along_m + 0.5 * span_m).min(self.length_m()));

@@ -1,4 +1,4 @@
-//! A simulated body for trials of followers: it moves with a delay and within its limits, and its odometry is noisy.
+//! A simulated body to test followers: it moves with a delay and within its limits, and its odometry is noisy.
 
 use super::motion::{Limits, Motion, moved};
 use super::navigator::{Navigator, Reason, State};
@@ -7,14 +7,14 @@ use crate::random::Random;
 use cairn_geometry::{Se2, Vec2};
 use std::collections::VecDeque;
 
-/// A body that does what was ordered some time ago.
+/// A body that executes commands after a delay.
 #[derive(Clone, Debug)]
 pub struct SimulatedBody {
-    /// Where it is.
+    /// True pose.
     pub truth: Se2,
-    /// How it moves.
+    /// True motion.
     pub motion: Motion,
-    /// Where its odometry says that it is.
+    /// Pose according to the odometry.
     pub odometry: Se2,
     limits: Limits,
     noise: f64,
@@ -31,9 +31,10 @@ const FIX: (f64, f64) = (0.01, 0.003);
 const STEP_S: f64 = 0.005;
 
 impl SimulatedBody {
-    /// Standing still. Orders are felt `delay_s` later; each increment of the odometry over an ordered period errs, in its way
-    /// and in its turn, by a normal part of standard deviation `noise` (0.02 for 2 %). Every `fix_every_s` seconds (never, for
-    /// infinity) it is put right to 1 cm and 0.003 rad, as localisation in a map does.
+    /// At rest. Commands take effect `delay_s` later. Each increment of the odometry over a command period has a
+    /// relative error, in distance and in turn, that is normal with standard deviation `noise` (0.02 for 2 %). Every
+    /// `fix_every_s` seconds (never, for infinity) the odometry is corrected to 1 cm and 0.003 rad, as localisation in
+    /// a map does.
     pub fn new(at: Se2, limits: Limits, delay_s: f64, noise: f64, fix_every_s: f64, seed: u64) -> Self {
         let late = (delay_s / STEP_S).round().clamp(0.0, 10_000.0) as usize;
         Self {
@@ -49,7 +50,7 @@ impl SimulatedBody {
         }
     }
 
-    /// Goes on for a time under an order; `see` is shown the true pose every 5 ms.
+    /// Simulates for a time under one command; `see` is called with the true pose every 5 ms.
     pub fn go(&mut self, order: Motion, for_s: f64, mut see: impl FnMut(&Se2)) {
         let before = self.truth;
         for _ in 0..(for_s / STEP_S).round() as usize {
@@ -73,34 +74,35 @@ impl SimulatedBody {
     }
 }
 
-/// What a drive to a goal was like, judged by the truth.
+/// Quality of a drive to a goal, judged by the true poses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
     /// The state at the end.
     pub state: State,
-    /// The last reason that was given.
+    /// The last reason given.
     pub reason: Option<Reason>,
     /// Simulated time in seconds.
     pub seconds: f64,
-    /// Driven in metres.
+    /// Distance driven in metres.
     pub length_m: f64,
-    /// Root of the mean square of the distance beside the path, in metres, while moving.
+    /// Root mean square of the lateral offset from the path, in metres, while moving.
     pub lateral_rms_m: f64,
-    /// The same by the body's own odometry: what following makes of it, without what the odometry errs.
+    /// The same by the body's own odometry: the error of following alone, without that of the odometry.
     pub own_lateral_rms_m: f64,
-    /// Greatest distance beside the path, in metres.
+    /// Greatest lateral offset from the path, in metres.
     pub lateral_max_m: f64,
-    /// Least distance from the rim of the body to a wall, in metres, measured to the squares of the map: below 0 it touched.
+    /// Least distance from the rim of the body to a wall, in metres, measured to the squares of the cells; below 0 it
+    /// touched.
     pub clearance_m: f64,
     /// Distance to the goal at the end, in metres.
     pub to_goal_m: f64,
-    /// How often the turn changed its side by more than 0.2 rad/s within the last metre before the goal.
+    /// How often the turn changed sides by more than 0.2 rad/s within the last metre before the goal.
     pub reversals: usize,
     /// How often a path was planned.
     pub plans: usize,
 }
 
-/// Drives a body to a goal, with no more than `most_s` of simulated time. What moves is told by `moving` for each time.
+/// Drives a body to a goal, for at most `most_s` of simulated time. `moving` gives the moving objects at each time.
 pub fn drive(
     navigator: &mut Navigator,
     body: &mut SimulatedBody,

@@ -1,28 +1,28 @@
-//! What moves: detections become tracks of constant velocity (Kalman filter, one per axis alike), gated by the 99 % bound of
-//! their innovation, and forgotten when they are not seen again.
+//! Moving objects: detections become tracks with constant velocity (a Kalman filter with the same covariance for both
+//! axes), gated by the 99 % bound of their innovation, and removed when they are not seen again.
 //!
-//! The process noise is white acceleration (Bar-Shalom, Li and Kirubarajan 2001, section 6.2.2). A detection goes to the
-//! track whose innovation is least likely by chance to be larger (nearest neighbour by Mahalanobis distance), each track takes
-//! one detection of a frame, what is left begins tentative tracks. A tentative track blocks the place where it was seen, but
-//! is not carried on until it was seen again.
+//! The process noise is white acceleration (Bar-Shalom, Li and Kirubarajan 2001, section 6.2.2). A detection is
+//! assigned to the track with the smallest Mahalanobis distance (nearest neighbour), each track takes one detection of
+//! a frame, and the remaining detections begin tentative tracks. A tentative track blocks the place where it was seen;
+//! it is not predicted forward until it is confirmed.
 
 use cairn_geometry::Vec2;
 
 /// 99 % bound of chi-square with two degrees of freedom.
 const GATE: f64 = 9.210;
 
-/// How tracks behave.
+/// Configuration of the tracks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DynamicConfig {
-    /// Standard deviation of a detection's place, in metres.
+    /// Standard deviation of a detected position, in metres.
     pub position_sigma_m: f64,
     /// Density of the acceleration noise, in m/s^2 / sqrt(Hz).
     pub acceleration_density: f64,
-    /// Standard deviation of the speed of a track that begins, in m/s.
+    /// Standard deviation of the initial speed of a track, in m/s.
     pub speed_sigma: f64,
-    /// A track that was not seen for so long is gone, in seconds.
+    /// A track not seen for this long is removed, in seconds.
     pub forget_s: f64,
-    /// Detections until a track is believed to move.
+    /// Detections needed to confirm a track as moving.
     pub confirm: u32,
 }
 
@@ -32,36 +32,36 @@ impl Default for DynamicConfig {
     }
 }
 
-/// Something seen that is not part of the static map.
+/// A detected object that is not part of the static map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detection {
-    /// Middle in metres, world.
+    /// Centre in metres, world.
     pub position: Vec2,
     /// Radius in metres.
     pub radius_m: f64,
 }
 
-/// Something that moves with nearly constant velocity.
+/// An object that moves with nearly constant velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    /// Never used again.
+    /// Identifier; never used again.
     pub id: u64,
-    /// Middle in metres, world, at the time of the layer.
+    /// Centre in metres, world, at the time of the layer.
     pub position: Vec2,
-    /// Metres a second, world.
+    /// Velocity in m/s, world.
     pub velocity: Vec2,
     /// Radius in metres.
     pub radius_m: f64,
-    /// How often it was seen.
+    /// Number of detections.
     pub seen: u32,
-    /// When it was last seen, in seconds.
+    /// Time of the last detection, in seconds.
     pub last_seen_s: f64,
-    /// Covariance of place and speed along one axis: place-place, place-speed, speed-speed.
+    /// Covariance of position and speed along one axis: position-position, position-speed, speed-speed.
     covariance: [f64; 3],
 }
 
 impl Track {
-    /// Where it will be, and how uncertain that is: the standard deviation in metres.
+    /// The predicted position and its standard deviation in metres.
     pub fn predict(&self, ahead_s: f64) -> (Vec2, f64) {
         let [pp, pv, vv] = self.covariance;
         let variance = pp + 2.0 * ahead_s * pv + ahead_s * ahead_s * vv;
@@ -74,13 +74,13 @@ impl Track {
 pub struct Observed {
     /// Detections that continued a track.
     pub matched: usize,
-    /// Detections that began one.
+    /// Detections that began a track.
     pub begun: usize,
-    /// Tracks that were forgotten.
+    /// Tracks that were removed.
     pub forgotten: usize,
     /// Detections with NaN, infinity or a radius below zero.
     pub rejected: usize,
-    /// The stamp was not after the one before, or no number: nothing was taken.
+    /// The time stamp was not after the one before, or not finite; nothing was used.
     pub out_of_order: bool,
 }
 
@@ -94,17 +94,17 @@ pub struct DynamicLayer {
 }
 
 impl DynamicLayer {
-    /// Nothing moves yet.
+    /// A layer without tracks.
     pub fn new(config: DynamicConfig) -> Self {
         Self { config, tracks: Vec::new(), time_s: f64::NEG_INFINITY, next_id: 0 }
     }
 
-    /// All tracks, tentative ones too, by age.
+    /// All tracks, tentative ones too, oldest first.
     pub fn tracks(&self) -> &[Track] {
         &self.tracks
     }
 
-    /// Takes what was seen at a time in seconds; an empty list says that nothing was seen.
+    /// Takes the detections at a time in seconds; an empty list means that nothing was detected.
     pub fn observe(&mut self, time_s: f64, detections: &[Detection]) -> Observed {
         let mut observed = Observed::default();
         if !time_s.is_finite() || time_s <= self.time_s {
@@ -130,8 +130,8 @@ impl DynamicLayer {
         observed
     }
 
-    /// Distance in metres from a point to the rim of the nearest moving thing `ahead_s` after the last observation, with two
-    /// standard deviations of its place (half a metre at most) taken off; infinite if nothing moves.
+    /// Distance in metres from a point to the rim of the nearest moving object `ahead_s` after the last observation,
+    /// less two standard deviations of its position (half a metre at most); infinite if nothing moves.
     pub fn clearance_m(&self, point: Vec2, ahead_s: f64) -> f64 {
         let to = |track: &Track| {
             let ahead_s = if track.seen >= self.config.confirm { ahead_s } else { 0.0 };
@@ -141,7 +141,7 @@ impl DynamicLayer {
         self.tracks.iter().map(to).fold(f64::INFINITY, f64::min)
     }
 
-    /// Gives detections to tracks, likeliest pair first; returns those left over.
+    /// Assigns detections to tracks, the likeliest pair first; returns the detections left over.
     fn matched(&mut self, detections: &[Detection], observed: &mut Observed) -> Vec<Detection> {
         let noise = self.config.position_sigma_m.powi(2);
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
@@ -190,7 +190,7 @@ fn carry_on(track: &mut Track, dt: f64, config: &DynamicConfig) {
     ];
 }
 
-/// Correction step, both axes alike.
+/// Correction step, the same for both axes.
 fn update(track: &mut Track, detection: &Detection, noise: f64, time_s: f64) {
     let [pp, pv, vv] = track.covariance;
     let (gain_p, gain_v) = (pp / (pp + noise), pv / (pp + noise));

@@ -1,8 +1,9 @@
-//! What it costs to be in a cell, from layers: what is known and static, its inflation by exact distance, unknown ground,
-//! ground that was walked, and what moves.
+//! Costs of cells, from layers: known static obstacles, their inflation by exact distance, unknown ground, walked
+//! ground, and moving objects.
 //!
-//! Costs are those of [`crate::search::WeightedAStar`]: [`CostConfig::open`] on open ground, more near obstacles, less where
-//! someone walked, [`BLOCKED`] where the robot does not fit. The field of distances is kept beside them, for following.
+//! Costs are those of [`crate::search::WeightedAStar`]: [`CostConfig::open`] on open ground, more near obstacles, less
+//! where someone walked, [`BLOCKED`] where the robot does not fit. The distance field is kept beside them, for the
+//! followers.
 
 mod dynamic;
 
@@ -18,17 +19,18 @@ use crate::search::BLOCKED;
 pub struct CostConfig {
     /// Radius of the robot or walker in metres.
     pub radius_m: f64,
-    /// Room that paths leave beyond the radius, in metres: following is not exact. Half the diagonal of a cell is left besides.
+    /// Margin that paths keep beyond the radius, in metres, because following is not exact. Half the diagonal of a cell
+    /// is added.
     pub margin_m: f64,
-    /// From here on an obstacle no longer matters, in metres.
+    /// Distance from which an obstacle has no effect, in metres.
     pub inflation_m: f64,
     /// Cost of open ground.
     pub open: u8,
-    /// Cost of ground that was walked; below `open`, it is preferred. Walls beside it matter a quarter as much.
+    /// Cost of walked ground; below `open`, it is preferred. The extra cost of walls beside it is divided by four.
     pub walked: u8,
-    /// Cost where the robot just fits; falls exponentially to `open` at the inflation distance.
+    /// Cost where the robot just fits; it falls exponentially to `open` at the inflation distance.
     pub near: u8,
-    /// Cost of unknown ground, none if it may not be entered.
+    /// Cost of unknown ground; `None` if it may not be entered.
     pub unknown: Option<u8>,
 }
 
@@ -47,13 +49,13 @@ impl Default for CostConfig {
 }
 
 impl CostConfig {
-    /// Distance between the middle of the robot and the middle of an obstacle cell below which they may touch, in metres.
+    /// Distance between the centre of the robot and that of an obstacle cell below which they may touch, in metres.
     pub fn touch_m(&self, resolution_m: f64) -> f64 {
         self.radius_m + std::f64::consts::FRAC_1_SQRT_2 * resolution_m
     }
 }
 
-/// Settings that make no costs.
+/// Unusable configuration or layer.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum CostError {
     /// A radius or margin is NaN, infinite or negative, or the inflation is less than both.
@@ -61,15 +63,15 @@ pub enum CostError {
         "radius {radius_m} m and inflation {inflation_m} m: need 0 <= radius + margin <= inflation, all finite"
     )]
     Radius {
-        /// Of the robot.
+        /// Radius of the robot.
         radius_m: f64,
-        /// Of what is inflated.
+        /// Inflation distance.
         inflation_m: f64,
     },
     /// A cost is 0 or [`BLOCKED`].
     #[error("a cost is 0 or 255; costs are 1 to 254")]
     Cost,
-    /// A layer has another size or place.
+    /// A layer has another size or pose.
     #[error("a layer has another frame than the map")]
     OtherGrid,
 }
@@ -78,19 +80,19 @@ pub enum CostError {
 #[derive(Clone, Debug)]
 pub struct Costmap {
     config: CostConfig,
-    /// Values of ROS, as last given.
+    /// Values as in ROS `OccupancyGrid`, as last given.
     map: Grid<i8>,
     walked: Grid<bool>,
     obstacles: Grid<bool>,
     field: DistanceField,
     costs: Grid<u8>,
-    /// Cost by squared distance in cells, open ground beyond its end.
+    /// Cost by squared distance in cells; beyond its end the ground is open.
     by_distance: Vec<u8>,
 }
 
 impl Costmap {
-    /// From a map of 0 (free) to 100, negative for unknown. Cells of 65 and more are obstacles, as are unknown ones unless
-    /// they have a cost.
+    /// From a map of 0 (free) to 100, negative for unknown. Cells of 65 and more are obstacles, and so are unknown ones
+    /// unless they have a cost.
     ///
     /// # Errors
     /// When radii or costs are unusable.
@@ -113,7 +115,7 @@ impl Costmap {
         Ok(costmap)
     }
 
-    /// Says which ground was walked.
+    /// Sets which ground was walked.
     ///
     /// # Errors
     /// When the layer has another frame.
@@ -126,8 +128,8 @@ impl Costmap {
         Ok(())
     }
 
-    /// Takes cells that changed; only rows that they touch are computed again. The result is that of a new map. Cells outside
-    /// are passed over. Returns how many rows were priced again.
+    /// Takes changed cells and computes only the affected rows again. The result is that of a new map. Cells outside
+    /// are ignored. Returns the number of rows whose costs were computed again.
     pub fn update(&mut self, changes: &[(Cell, i8)]) -> usize {
         let mut changed = Vec::new();
         let mut rows = Vec::new();
@@ -148,12 +150,12 @@ impl Costmap {
         rows.len()
     }
 
-    /// Settings.
+    /// The configuration.
     pub fn config(&self) -> &CostConfig {
         &self.config
     }
 
-    /// Where the cells lie.
+    /// Size, resolution and pose of the grid.
     pub fn frame(&self) -> &GridFrame {
         self.map.frame()
     }
@@ -190,7 +192,7 @@ impl Costmap {
             let near = near.copied().unwrap_or(config.open);
             let ground = match (map < 0, config.unknown) {
                 (true, Some(unknown)) => near.max(unknown),
-                // Where someone walked, walls beside matter a quarter as much.
+                // Where someone walked, the extra cost of walls beside is divided by four.
                 _ if walked => {
                     config.walked.saturating_add(near.saturating_sub(config.open) / 4).min(BLOCKED - 1)
                 }
@@ -205,13 +207,13 @@ fn is_obstacle(value: i8, config: &CostConfig) -> bool {
     value >= 65 || (value < 0 && config.unknown.is_none())
 }
 
-/// Costs from squared distance 0 on until open ground is reached.
+/// Costs by squared distance, from 0 until open ground is reached.
 fn cost_by_distance(config: &CostConfig, resolution_m: f64) -> Vec<u8> {
     let keep_m = config.touch_m(resolution_m) + config.margin_m;
     let blocked_below = least_squared(keep_m, resolution_m);
     let end = (config.inflation_m / resolution_m).powi(2).min(1e7) as u32;
     let (open, near) = (f64::from(config.open), f64::from(config.near));
-    // Down to a hundredth at the inflation distance.
+    // Falls to a hundredth at the inflation distance.
     let rate = 100f64.ln() / (config.inflation_m - keep_m).max(1e-9);
     let cost = |squared: u32| {
         let beyond_m = f64::from(squared).sqrt() * resolution_m - keep_m;

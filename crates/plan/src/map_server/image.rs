@@ -1,8 +1,8 @@
-//! Grey images: PGM (P2 and P5, up to 8 bits) read and written, PNG read.
+//! Grey images: reads and writes PGM (P2 and P5, up to 8 bits), reads PNG.
 
 use crate::grid::{MAX_CELLS, MAX_SIDE};
 
-/// A grey image, the uppermost row first; transparency where the file has any.
+/// A grey image, top row first; with alpha where the file has it.
 #[derive(Debug, PartialEq)]
 pub struct Pixels {
     pub width: usize,
@@ -11,7 +11,7 @@ pub struct Pixels {
     pub alpha: Option<Vec<u8>>,
 }
 
-/// Reads a PGM or PNG by its first bytes.
+/// Reads a PGM or PNG, recognised by its first bytes.
 pub fn read(bytes: &[u8]) -> Result<Pixels, String> {
     match bytes {
         [b'P', b'2' | b'5', ..] => read_pgm(bytes),
@@ -37,7 +37,7 @@ fn read_pgm(bytes: &[u8]) -> Result<Pixels, String> {
         return Err(format!("grey values up to {greatest}: only 1 to 255 are read"));
     }
     let mut grey = if bytes[1] == b'5' {
-        // One white space ends the header.
+        // A single white space ends the header.
         let data = rest.get(1..).unwrap_or_default();
         let whole = data.get(..pixels);
         whole.ok_or_else(|| format!("truncated: {} of {pixels} pixels", data.len()))?.to_vec()
@@ -58,7 +58,7 @@ fn read_pgm(bytes: &[u8]) -> Result<Pixels, String> {
     Ok(Pixels { width, height, grey, alpha: None })
 }
 
-/// The next whole number of a PGM's text, past white space and comments.
+/// The next whole number in the text of a PGM, after white space and comments.
 fn number(rest: &mut &[u8]) -> Result<usize, String> {
     loop {
         match rest.first() {
@@ -97,7 +97,7 @@ fn read_png(bytes: &[u8]) -> Result<Pixels, String> {
     }
     let has_alpha = channels % 2 == 0;
     let colours = channels - usize::from(has_alpha);
-    // As documented: the mean of the colours.
+    // As documented for `map_server`: the mean of the colours.
     let mean = |p: &[u8]| (p[..colours].iter().map(|&v| u32::from(v)).sum::<u32>() / colours as u32) as u8;
     let data = &data[..pixels * channels];
     let grey = data.chunks_exact(channels).map(mean).collect();

@@ -1,13 +1,13 @@
-//! Occupancy maps in the files of ROS `map_server`: a YAML that names an image, and the image.
+//! Occupancy maps in the file format of ROS `map_server`: a YAML file that names an image, and the image.
 //!
-//! Values are those of `nav_msgs/OccupancyGrid`: 0 (free) to 100 (occupied), [`UNKNOWN`] = -1. With `x` the grey value of a
-//! pixel, the occupancy probability is `p = (255 - x) / 255`, or `x / 255` where `negate` is set. Modes, as the page of
-//! `map_server` documents them:
+//! Values are those of `nav_msgs/OccupancyGrid`: 0 (free) to 100 (occupied), [`UNKNOWN`] = -1. With `x` the grey value
+//! of a pixel, the occupancy probability is `p = (255 - x) / 255`, or `x / 255` where `negate` is set. The modes are
+//! those of the `map_server` documentation:
 //!
 //! - `trinary` (default): 100 where `p > occupied_thresh`, 0 where `p < free_thresh`, else unknown;
-//! - `scale`: the same ends, between them `99 (p - free_thresh) / (occupied_thresh - free_thresh)`; transparent pixels are
-//!   unknown;
-//! - `raw`: the pixel is the value, above 100 unknown.
+//! - `scale`: 100 and 0 as in `trinary`, between them `99 (p - free_thresh) / (occupied_thresh - free_thresh)`;
+//!   transparent pixels are unknown;
+//! - `raw`: the pixel is the value; above 100 it is unknown.
 
 mod image;
 mod yaml;
@@ -18,18 +18,18 @@ use image::Pixels;
 use std::path::{Path, PathBuf};
 pub use yaml::{Description, Mode, read_description, write_description};
 
-/// Value of a cell nobody knows anything about.
+/// Value of an unknown cell.
 pub const UNKNOWN: i8 = -1;
 
-/// A map that cannot be read or written.
+/// A map that could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum MapFileError {
     /// The system could not read or write a file.
     #[error("{file}: {source}")]
     File {
-        /// Which.
+        /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The YAML does not describe a map.
@@ -42,7 +42,7 @@ pub enum MapFileError {
         /// What is wrong.
         reason: String,
     },
-    /// The image is no grey image that can be read.
+    /// The image is not a readable grey image.
     #[error("{file}: {reason}")]
     Image {
         /// The file.
@@ -50,7 +50,7 @@ pub enum MapFileError {
         /// What is wrong.
         reason: String,
     },
-    /// Size, resolution or origin make no grid.
+    /// Size, resolution or origin do not give a valid grid.
     #[error("{file}: {source}")]
     Grid {
         /// The file.
@@ -58,7 +58,7 @@ pub enum MapFileError {
         /// What is wrong.
         source: GridError,
     },
-    /// `scale` needs transparency for unknown cells, which a PGM has not.
+    /// `scale` marks unknown cells by transparency, which a PGM does not have.
     #[error("mode `scale` cannot hold the {unknown} unknown cells in a PGM; save as `trinary` or `raw`")]
     ScaleWithUnknown {
         /// How many cells are unknown.
@@ -66,13 +66,13 @@ pub enum MapFileError {
     },
 }
 
-/// Largest file of a map: an image of a square kilometre at 5 cm.
+/// Largest size of a map file: enough for the image of a square kilometre at 5 cm.
 pub(crate) const MAX_BYTES: u64 = 512 * cairn_files::MIB;
 
-/// Reads a map: the YAML file, and the PGM or PNG beside it that it names.
+/// Reads a map: the YAML file, and the PGM or PNG that it names, relative to it.
 ///
 /// # Errors
-/// When a file is missing, truncated or malformed; each says which and what.
+/// When a file is missing, truncated or malformed; the error names the file and what is wrong.
 pub fn load(yaml: &Path) -> Result<(Grid<i8>, Description), MapFileError> {
     let open = |file: &Path| {
         cairn_files::read(file, MAX_BYTES)
@@ -91,12 +91,12 @@ pub fn load(yaml: &Path) -> Result<(Grid<i8>, Description), MapFileError> {
     Ok((grid, description))
 }
 
-/// Writes a map as `yaml` and a PGM of the same name beside it, such that `map_server` reads it.
+/// Writes a map as `yaml` and a PGM of the same name beside it, in the form that `map_server` reads.
 ///
-/// Of a `trinary` file all values become 0, 100 or unknown, by the thresholds 0.196 and 0.65.
+/// In a `trinary` file all values become 0, 100 or unknown, by the thresholds 0.196 and 0.65.
 ///
 /// # Errors
-/// When a file cannot be written, or `scale` should hold unknown cells.
+/// When a file cannot be written, or a map with unknown cells should be written as `scale`.
 pub fn save(yaml: &Path, grid: &Grid<i8>, mode: Mode) -> Result<(), MapFileError> {
     let unknown = grid.values().iter().filter(|&&v| !(0..=100).contains(&v)).count();
     if mode == Mode::Scale && unknown > 0 {
@@ -119,7 +119,7 @@ pub fn save(yaml: &Path, grid: &Grid<i8>, mode: Mode) -> Result<(), MapFileError
     write(yaml, write_description(&description).as_bytes())
 }
 
-/// Values from pixels; the first row of an image is the one of greatest y.
+/// Values from pixels; the first row of an image is the row of greatest y.
 fn to_grid(pixels: &Pixels, d: &Description) -> Result<Grid<i8>, GridError> {
     let frame = GridFrame::new(pixels.width, pixels.height, d.resolution_m, d.origin)?;
     let value = |grey: u8, opaque: bool| {
@@ -150,7 +150,7 @@ fn to_grid(pixels: &Pixels, d: &Description) -> Result<Grid<i8>, GridError> {
     Grid::from_values(frame, values)
 }
 
-/// The pixels that [`to_grid`] reads as these values.
+/// The pixels that [`to_grid`] converts to these values.
 fn to_pixels(grid: &Grid<i8>, d: &Description) -> Pixels {
     let grey = |value: i8| match (d.mode, value) {
         (Mode::Raw, 0..=100) => value as u8,

@@ -1,36 +1,36 @@
-//! The YAML of `map_server`: a flat list of keys, one of them a list of three numbers.
+//! The YAML of `map_server`: a flat list of keys, one of which has a list of three numbers as its value.
 
 use cairn_geometry::Se2;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// How pixels become occupancy.
+/// How pixels are converted to occupancy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
     /// Free, occupied or unknown.
     Trinary,
     /// A gradient between the thresholds.
     Scale,
-    /// Pixels are values.
+    /// Pixel values are used as they are.
     Raw,
 }
 
-/// What the YAML says.
+/// Content of the YAML.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
-    /// The image, relative to the YAML.
+    /// Path of the image, relative to the YAML.
     pub image: PathBuf,
     /// Side of a cell in metres.
     pub resolution_m: f64,
     /// Pose of the lower left corner: `world_from_grid`.
     pub origin: Se2,
-    /// White is occupied, not black.
+    /// Whether white means occupied, instead of black.
     pub negate: bool,
-    /// Above this probability a cell is occupied.
+    /// A cell is occupied above this probability.
     pub occupied_threshold: f64,
-    /// Below this probability a cell is free.
+    /// A cell is free below this probability.
     pub free_threshold: f64,
-    /// How pixels become occupancy.
+    /// How pixels are converted to occupancy.
     pub mode: Mode,
 }
 
@@ -40,7 +40,7 @@ type Wrong = (usize, String);
 /// Reads the text of a YAML.
 ///
 /// # Errors
-/// The line (0 for the whole) and what is wrong: a key is missing or twice there, or its value is not what it should be.
+/// The line (0 for the whole file) and what is wrong: a key is missing or repeated, or its value is invalid.
 pub fn read_description(text: &str) -> Result<Description, (usize, String)> {
     let keys = keys_of(text)?;
     let find = |key: &str| {
@@ -104,7 +104,7 @@ fn finite(line: usize, key: &str, text: &str) -> Result<f64, Wrong> {
     value.ok_or_else(|| (line, format!("`{key}` needs a number, not {text:?}")))
 }
 
-/// Each key with its line and value; a list in lines of its own is joined by commas.
+/// Each key with its line and value; a list on lines of its own is joined by commas.
 fn keys_of(text: &str) -> Result<BTreeMap<String, (usize, String)>, Wrong> {
     let mut keys: BTreeMap<String, (usize, String)> = BTreeMap::new();
     let mut last: Option<String> = None;
@@ -130,7 +130,7 @@ fn keys_of(text: &str) -> Result<BTreeMap<String, (usize, String)>, Wrong> {
     Ok(keys)
 }
 
-/// The line up to a `#` that begins a comment.
+/// The line without the comment that a `#` begins.
 fn without_comment(line: &str) -> &str {
     let mut quote = None;
     let mut before = ' ';

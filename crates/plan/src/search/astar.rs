@@ -1,10 +1,11 @@
-//! A* (Hart, Nilsson and Raphael 1968) over cells of equal cost: exact, no preparation, no memory cleared between searches.
+//! A* (Hart, Nilsson and Raphael 1968) over cells of equal cost: exact, without preprocessing or clearing memory
+//! between searches.
 //!
-//! One word a cell holds cost, direction of arrival, whether it was expanded, and the number of the search that wrote it,
-//! so that words of earlier searches count as unseen. Keys are whole numbers in a ring of buckets, last in first out,
-//! which breaks ties towards the goal. Neighbours are those of the canonical order of Sturtevant and Rabin ("Canonical
-//! Orderings on Grids", 2016): of all shortest paths to a cell the one with its diagonal steps first, so that most cells
-//! are reached once.
+//! One word per cell holds its cost, the direction of arrival, whether it was expanded, and the number of the search
+//! that wrote it, so that words of earlier searches count as unseen. Keys are whole numbers in a ring of buckets, last
+//! in first out, which breaks ties towards the goal. Neighbours follow the canonical ordering of Sturtevant and Rabin
+//! ("Canonical Orderings on Grids", 2016): of all shortest paths to a cell only the one with its diagonal steps first
+//! is followed, so that most cells are reached once.
 
 use super::buckets::Buckets;
 use super::moves::{Moves, NOWHERE};
@@ -19,7 +20,7 @@ pub(crate) struct Words {
     generation: u64,
 }
 
-/// The longest path through all cells that a grid may have fits, at the highest weight of a weighted search.
+/// Enough for the longest path through all cells of the largest grid, at the highest weight of a weighted search.
 const COST_BITS: u32 = 48;
 const COST: u64 = (1 << COST_BITS) - 1;
 const DONE: u64 = 1 << COST_BITS;
@@ -32,7 +33,7 @@ impl Words {
         Self { words: Vec::new(), width: 0, generation: 0 }
     }
 
-    /// Makes all words unseen.
+    /// Begins a new search: all words count as unseen.
     pub(crate) fn begin(&mut self, width: usize, height: usize) {
         self.generation += 1;
         if self.words.len() != width * height || self.generation == GENERATIONS {
@@ -48,7 +49,7 @@ impl Words {
         y as usize * self.width + x as usize
     }
 
-    /// Writes cost and arrival where that is better than what stands there. Says whether it was.
+    /// Writes cost and arrival if the cost is lower than the stored one. Returns whether it was.
     #[inline(always)]
     pub(crate) fn improve(&mut self, index: usize, cost: u64, arrival: u8) -> bool {
         let word = &mut self.words[index];
@@ -59,7 +60,7 @@ impl Words {
         better
     }
 
-    /// Cost and arrival of a cell that waits; none when it was expanded at this cost. Marks it as expanded.
+    /// Cost and arrival of a cell in the queue; `None` if it was already expanded at this cost. Marks it as expanded.
     #[inline(always)]
     pub(crate) fn take(&mut self, index: usize) -> Option<(u64, u8)> {
         let word = &mut self.words[index];
@@ -70,14 +71,14 @@ impl Words {
         Some((*word & COST, (*word >> ARRIVAL_SHIFT & 15) as u8))
     }
 
-    /// Cost and arrival of a cell that this search has seen.
+    /// Cost and arrival of a cell that this search has reached.
     pub(crate) fn seen(&self, index: usize) -> Option<(u64, u8)> {
         let word = self.words[index];
         (word >> GENERATION_SHIFT == self.generation)
             .then_some((word & COST, (word >> ARRIVAL_SHIFT & 15) as u8))
     }
 
-    /// The cells from the start, by going back along the directions of arrival.
+    /// The cells from start to goal, found by going back along the directions of arrival.
     pub(crate) fn trace(&self, goal: Cell) -> Vec<Cell> {
         let (mut x, mut y) = (goal.x as i32, goal.y as i32);
         let mut cells = vec![goal];
@@ -91,14 +92,14 @@ impl Words {
     }
 }
 
-/// A* whose memory is kept from search to search: 8 bytes a cell.
+/// A* that reuses its memory from search to search: 8 bytes per cell.
 pub struct AStar {
     words: Words,
     queue: Buckets,
     moves: Moves,
 }
 
-/// Keys of a bucket, as a power of two: a tenth of a step.
+/// Width of a bucket in keys, as a power of two: a tenth of a step.
 const BUCKET_SHIFT: u32 = 9;
 
 impl Default for AStar {
@@ -108,7 +109,7 @@ impl Default for AStar {
 }
 
 impl AStar {
-    /// Memory is taken with the first search.
+    /// A search without memory; the first search allocates it.
     pub fn new() -> Self {
         Self { words: Words::new(), queue: Buckets::new(BUCKET_SHIFT, 2 * DIAGONAL), moves: Moves::new() }
     }
@@ -116,7 +117,7 @@ impl AStar {
     /// The shortest path between two cells.
     ///
     /// # Errors
-    /// Why there is none: an end outside or blocked, or nothing that leads there.
+    /// When an end is outside or blocked, or the goal cannot be reached.
     pub fn search(&mut self, passable: &Passable, start: Cell, goal: Cell) -> Result<GridPath, NoPath> {
         check(passable, start, goal)?;
         self.words.begin(passable.frame().width(), passable.frame().height());
@@ -126,7 +127,7 @@ impl AStar {
         self.queue.clear(ahead(x, y));
         self.words.improve(self.words.index(x, y), 0, NOWHERE);
         self.queue.push(ahead(x, y), pack(x, y));
-        // Cost of the best path found: what cannot be shorter is not looked at.
+        // Cost of the best path found so far: nodes that cannot lead to a shorter one are skipped.
         let mut best = u64::MAX;
         let mut expanded = 0;
         while let Some((least, cell)) = self.queue.pop() {

@@ -1,6 +1,7 @@
-//! A queue of cells by whole keys: a ring of buckets of equal width, with a bit for each that holds something.
+//! A priority queue of cells with integer keys: a ring of buckets of equal width, with one bit for each bucket that is
+//! not empty.
 //!
-//! Dial's queue (1969). Right as long as no key lies a whole ring above the least one in the queue.
+//! Dial's queue (1969). Correct as long as no key is more than one whole ring above the least key in the queue.
 
 /// A ring of buckets.
 pub(crate) struct Buckets {
@@ -8,7 +9,7 @@ pub(crate) struct Buckets {
     filled: Vec<u64>,
     shift: u32,
     mask: usize,
-    /// Number of the bucket that is popped from, not wrapped.
+    /// Absolute (unwrapped) number of the bucket that is popped from.
     current: u64,
     len: usize,
 }
@@ -38,7 +39,7 @@ impl Buckets {
         self.len += 1;
     }
 
-    /// Takes the last cell put into the least bucket; also tells the least key that bucket is for.
+    /// Takes the cell last put into the lowest bucket; also returns the least key of that bucket.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<(u64, u32)> {
         loop {
@@ -55,7 +56,7 @@ impl Buckets {
         }
     }
 
-    /// To the next bucket that holds something; there is one.
+    /// Moves on to the next bucket that is not empty; there must be one.
     fn advance(&mut self) {
         loop {
             let place = self.current as usize & self.mask;

@@ -1,9 +1,9 @@
-//! D* Lite (Koenig and Likhachev, "D* Lite", AAAI 2002, figure 4): the shortest path to a fixed goal is mended, not searched
-//! again, when cells open or close and while the start moves along.
+//! D* Lite (Koenig and Likhachev, "D* Lite", AAAI 2002, figure 4): the shortest path to a fixed goal is repaired
+//! instead of searched again when cells open or close and while the start moves along.
 //!
-//! The names of the paper: `g` is the cost from a cell to the goal as last settled, `rhs` one step ahead of it, `km` what the
-//! start has moved. Entries of the queue are not changed in place; one whose key is not its cell's key of now is passed
-//! over.
+//! Names are those of the paper: `g` is the cost from a cell to the goal at its last expansion, `rhs` the one-step
+//! lookahead of it, `km` the key offset for the motion of the start. Entries of the queue are not changed in place; an
+//! entry whose key is not the current key of its cell is skipped.
 
 use super::moves::steps_possible;
 use super::{DIAGONAL, GridPath, NoPath, Place, STEPS, STRAIGHT, check, check_end, octile, pack, unpack};
@@ -14,7 +14,7 @@ use std::collections::BinaryHeap;
 
 const INFINITE: u64 = u64::MAX / 4;
 
-/// A search that outlives changes: the goal is fixed, the start moves. 32 bytes a cell.
+/// An incremental search with a fixed goal and a moving start. 32 bytes per cell.
 pub struct DStarLite {
     passable: Passable,
     nodes: Vec<Node>,
@@ -28,7 +28,7 @@ pub struct DStarLite {
 struct Node {
     g: u64,
     rhs: u64,
-    /// Key of the valid entry in the queue; none when the cell is not in it.
+    /// Key of the valid entry in the queue; `None` when the cell is not in it.
     key: Option<(u64, u64)>,
 }
 
@@ -36,7 +36,7 @@ impl DStarLite {
     /// Prepares the search; nothing is expanded yet.
     ///
     /// # Errors
-    /// When start or goal lie outside or are blocked.
+    /// When start or goal is outside or blocked.
     pub fn new(passable: Passable, start: Cell, goal: Cell) -> Result<Self, NoPath> {
         check(&passable, start, goal)?;
         let nodes = vec![Node { g: INFINITE, rhs: INFINITE, key: None }; passable.frame().len()];
@@ -48,15 +48,15 @@ impl DStarLite {
         Ok(search)
     }
 
-    /// The cells as this search knows them.
+    /// The passable cells, as this search knows them.
     pub fn passable(&self) -> &Passable {
         &self.passable
     }
 
-    /// The robot stands elsewhere now.
+    /// Moves the start to the current cell of the robot.
     ///
     /// # Errors
-    /// When that is outside or blocked; the start stays where it was.
+    /// When that cell is outside or blocked; the start stays where it was.
     pub fn move_start(&mut self, start: Cell) -> Result<(), NoPath> {
         check_end(&self.passable, Place::Start, start)?;
         let to = (start.x as i32, start.y as i32);
@@ -65,7 +65,7 @@ impl DStarLite {
         Ok(())
     }
 
-    /// Opens or closes cells. Cells outside and cells that are so already are passed over; returns how many changed.
+    /// Opens or closes cells. Cells outside and cells already in that state are ignored; returns how many changed.
     pub fn change(&mut self, cells: &[(Cell, bool)]) -> usize {
         let mut changed = 0;
         for &(cell, free) in cells {
@@ -73,7 +73,7 @@ impl DStarLite {
                 continue;
             }
             changed += 1;
-            // Every step that the cell allows or forbids joins two cells of its 3 x 3 block.
+            // Every step that this cell allows or forbids connects two cells of its 3 x 3 block.
             let (x, y) = (cell.x as i32, cell.y as i32);
             for (dx, dy) in STEPS.into_iter().chain([(0, 0)]) {
                 let at = (x + dx, y + dy);
@@ -85,10 +85,10 @@ impl DStarLite {
         changed
     }
 
-    /// The shortest path from where the start is now, as long as that of [`super::AStar`] on the same cells.
+    /// The shortest path from the current start; it is as long as that of [`super::AStar`] on the same cells.
     ///
     /// # Errors
-    /// When an end is blocked now, or nothing leads to the goal.
+    /// When start or goal is now blocked, or the goal cannot be reached.
     pub fn path(&mut self) -> Result<GridPath, NoPath> {
         let cell = |(x, y): (i32, i32)| Cell::new(x as u32, y as u32);
         check(&self.passable, cell(self.start), cell(self.goal))?;
@@ -147,7 +147,7 @@ impl DStarLite {
         expanded
     }
 
-    /// `UpdateVertex`: what one step more gives, and whether that differs from what was settled.
+    /// `UpdateVertex`: computes `rhs` again and queues the cell if it differs from `g`.
     fn renew(&mut self, at: (i32, i32)) {
         let index = self.index(at);
         if at != self.goal {
@@ -157,7 +157,7 @@ impl DStarLite {
         self.enqueue(at);
     }
 
-    /// Puts a cell into the queue under its key of now if it is not consistent, else takes it out.
+    /// Puts a cell into the queue with its current key if it is inconsistent (`g` differs from `rhs`), else removes it.
     fn enqueue(&mut self, at: (i32, i32)) {
         let index = self.index(at);
         let node = self.nodes[index];
@@ -174,7 +174,7 @@ impl DStarLite {
         (cost + octile(self.start.0, self.start.1, at.0, at.1) + self.km, cost)
     }
 
-    /// The steps that lead from a cell, with their costs; the same lead to it. None from a blocked cell.
+    /// The possible steps from a cell, with their costs; the same steps lead to it. None from a blocked cell.
     fn steps(&self, at: (i32, i32)) -> impl Iterator<Item = ((i32, i32), u64)> + use<> {
         let free = self.passable.at(at.0, at.1);
         let directions = if free { steps_possible(self.passable.neighbours(at.0, at.1)) } else { 0 };

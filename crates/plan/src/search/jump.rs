@@ -1,8 +1,9 @@
-//! Jump point search (Harabor and Grastien 2011), scanning whole words of cells at once (the block scan of their
-//! "Improving Jump Point Search", 2014, section 4) over the rows and columns of [`Passable`]. Nothing is computed
-//! beforehand. Diagonal jumps hand on only where a straight scan from them ends in a jump point (intermediate pruning).
+//! Jump point search (Harabor and Grastien 2011) that scans whole words of cells at once (the block-based scan of their
+//! "Improving Jump Point Search", 2014, section 4) over the rows and columns of [`Passable`]. Nothing is precomputed. A
+//! diagonal jump adds a node only where a straight scan from it ends in a jump point (intermediate pruning).
 //!
-//! A node's path from its parent goes diagonally first, then straight, so the parent alone says which cells lie between.
+//! The path from a node's parent goes diagonally first, then straight, so the parent alone determines the cells in
+//! between.
 
 use super::astar::Words;
 use super::moves::{Moves, NOWHERE};
@@ -12,11 +13,11 @@ use crate::passable::{Lines, Passable, WINDOW};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Jump point search whose memory is kept from search to search: 12 bytes a cell, of which few are touched.
+/// Jump point search that reuses its memory from search to search: 12 bytes per cell, of which few are touched.
 pub struct JumpPoint {
     words: Words,
     parents: Vec<u32>,
-    /// By cost to the goal, then by least way ahead.
+    /// By cost to the goal through the node, then by the least remaining distance.
     queue: BinaryHeap<Reverse<(u64, u64, u32)>>,
     moves: Moves,
 }
@@ -28,15 +29,15 @@ impl Default for JumpPoint {
 }
 
 impl JumpPoint {
-    /// Memory is taken with the first search.
+    /// A search without memory; the first search allocates it.
     pub fn new() -> Self {
         Self { words: Words::new(), parents: Vec::new(), queue: BinaryHeap::new(), moves: Moves::new() }
     }
 
-    /// The shortest path between two cells, as long as that of [`super::AStar`].
+    /// The shortest path between two cells; it is as long as that of [`super::AStar`].
     ///
     /// # Errors
-    /// Why there is none: an end outside or blocked, or nothing that leads there.
+    /// When an end is outside or blocked, or the goal cannot be reached.
     pub fn search(&mut self, passable: &Passable, start: Cell, goal: Cell) -> Result<GridPath, NoPath> {
         check(passable, start, goal)?;
         let frame = passable.frame();
@@ -70,7 +71,7 @@ impl JumpPoint {
         Err(NoPath::Unreachable { expanded })
     }
 
-    /// Goes on diagonally, scanning to both sides at each step.
+    /// Jumps diagonally, with a straight scan to both sides at each step.
     fn slant(&mut self, passable: &Passable, from: (i32, i32), d: u8, cost: u64, goal: (i32, i32)) {
         let (mut at, mut cost) = (from, cost);
         let sides = [d - 1, (d + 1) % 8];
@@ -110,7 +111,7 @@ impl JumpPoint {
         for pair in turns.windows(2).rev() {
             let (to, mut at) = (pair[0], pair[1]);
             while at != to {
-                // Both at once while both differ: diagonal first.
+                // Both coordinates change while both differ: the diagonal part comes first.
                 at = (at.0 + (to.0 - at.0).signum(), at.1 + (to.1 - at.1).signum());
                 cells.push(cell(at));
             }
@@ -125,7 +126,7 @@ fn ahead(at: (i32, i32), d: u8, steps: u32) -> (i32, i32) {
     (at.0 + dx * steps as i32, at.1 + dy * steps as i32)
 }
 
-/// Steps to the next jump point straight ahead; none where a wall comes first.
+/// Steps to the next jump point straight ahead; `None` if a wall comes first.
 #[inline(always)]
 fn scan(passable: &Passable, at: (i32, i32), d: u8, goal: (i32, i32)) -> Option<u32> {
     let (lines, line, position) =
@@ -135,16 +136,16 @@ fn scan(passable: &Passable, at: (i32, i32), d: u8, goal: (i32, i32)) -> Option<
     if d < 4 { scan_up(lines, line, position, goal) } else { scan_down(lines, line, position, goal) }
 }
 
-/// Along a line towards greater positions.
+/// Scans a line towards higher positions.
 fn scan_up(lines: &Lines, line: i32, from: i32, goal: Option<i32>) -> Option<u32> {
-    // The last bit of a window can be tested only with the one before it, which begins the next window.
+    // The last bit of a window can only be tested together with its successor, which is in the next window.
     const STEP: i32 = WINDOW as i32 - 1;
     let mut at = from;
     loop {
         let (beside, here, other) =
             (lines.window(line - 1, at), lines.window(line, at), lines.window(line + 1, at));
         let forced = beside & !(beside << 1) | other & !(other << 1);
-        // Bit 0 is where the scan stands.
+        // Bit 0 is the position of the scan.
         let stops = (forced | !here) & ((1 << WINDOW) - 2);
         let first = if stops == 0 { STEP + 1 } else { stops.trailing_zeros() as i32 };
         if let Some(goal) = goal.filter(|&g| g > at && g < at + first) {
@@ -157,12 +158,13 @@ fn scan_up(lines: &Lines, line: i32, from: i32, goal: Option<i32>) -> Option<u32
     }
 }
 
-/// Along a line towards lesser positions.
+/// Scans a line towards lower positions.
 fn scan_down(lines: &Lines, line: i32, from: i32, goal: Option<i32>) -> Option<u32> {
     const STEP: i32 = WINDOW as i32 - 1;
     let mut at = from;
     loop {
-        // Bit STEP is where the scan stands. The blocked cell before the first ends every scan within a window of it.
+        // Bit STEP is the position of the scan. The blocked cell before the first one ends every scan within one
+        // window.
         let begin = at - STEP;
         let (beside, here, other) =
             (lines.window(line - 1, begin), lines.window(line, begin), lines.window(line + 1, begin));

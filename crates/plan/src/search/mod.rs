@@ -1,9 +1,9 @@
-//! Shortest paths over cells with eight neighbours, never through a corner: a diagonal step needs both cells beside it.
+//! Shortest paths over cells with eight neighbours that cut no corner: a diagonal step needs both adjacent cells free.
 //!
 //! Costs are whole numbers: 5741 for a straight step and 8119 for a diagonal one. 8119 / 5741 is a convergent of the
-//! continued fraction of the square root of two, and a convergent orders `a + b * sqrt(2)` rightly for all whole `a` and
-//! `|b| < 5741`: of two paths whose numbers of diagonal steps differ by less than that, the one that is found shorter is
-//! shorter. No rounding is left to chance, and queues may be buckets.
+//! continued fraction of the square root of two, and a convergent orders `a + b * sqrt(2)` correctly for all whole `a`
+//! and `|b| < 5741`: if the numbers of diagonal steps of two paths differ by less than that, the path of lower integer
+//! cost is the shorter one. So rounding never decides, and the queues may be buckets.
 
 mod astar;
 mod buckets;
@@ -28,7 +28,7 @@ pub(crate) const STRAIGHT: u64 = 5741;
 /// Cost of a diagonal step.
 pub(crate) const DIAGONAL: u64 = 8119;
 
-/// Steps of the eight directions: 0 = east, then counter-clockwise with y growing northwards; odd ones are diagonal.
+/// Steps in the eight directions: 0 = east, then counter-clockwise with y growing northwards; odd ones are diagonal.
 pub(crate) const STEPS: [(i32, i32); 8] =
     [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
 
@@ -41,7 +41,7 @@ pub enum NoPath {
     /// Start or goal lies outside the grid.
     #[error("the {0} lies outside the grid")]
     Outside(Place),
-    /// Start or goal lies where nothing may stand: in a wall, too near to one, or on unknown ground.
+    /// Start or goal is in a place that may not be entered: in a wall, too near to one, or on unknown ground.
     #[error("the {place} lies in or too near to an obstacle, or on unknown ground (cell {}, {})", cell.x, cell.y)]
     Blocked {
         /// Which of the two.
@@ -52,7 +52,7 @@ pub enum NoPath {
     /// No cell of the grid may be entered.
     #[error("the map has no free cell")]
     NoFreeCell,
-    /// Everything that can be reached from the start was looked at.
+    /// The goal cannot be reached from the start: everything reachable was searched.
     #[error("the goal cannot be reached ({expanded} cells can)")]
     Unreachable {
         /// Nodes expanded.
@@ -63,9 +63,9 @@ pub enum NoPath {
 /// An end of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// Where it begins.
+    /// The start.
     Start,
-    /// Where it leads.
+    /// The goal.
     Goal,
 }
 
@@ -78,26 +78,27 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// A path over cells and what it took to find it.
+/// A path over cells, with its cost and the effort of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridPath {
-    /// From start to goal, both included. Neighbours on the grid, but for any-angle paths, whose cells see each other.
+    /// From start to goal, both included. Successive cells are neighbours; in any-angle paths they are in line of
+    /// sight.
     pub cells: Vec<Cell>,
     /// Euclidean length in cells.
     pub length: f64,
-    /// What was made least: the length in cells, or the length weighted by the cost of the cells.
+    /// The minimised cost: the length in cells, or the length weighted by the cost of the cells.
     pub cost: f64,
     /// Nodes expanded.
     pub expanded: usize,
 }
 
 impl GridPath {
-    /// Length in metres on this grid.
+    /// Length in metres on a grid with this frame.
     pub fn length_m(&self, frame: &GridFrame) -> f64 {
         self.length * frame.resolution_m()
     }
 
-    /// The middles of the cells in the world, in metres.
+    /// The centres of the cells in the world, in metres.
     pub fn points(&self, frame: &GridFrame) -> Vec<Vec2> {
         self.cells.iter().map(|&c| frame.centre(c)).collect()
     }
@@ -109,7 +110,7 @@ impl GridPath {
     }
 }
 
-/// The cell of a point of the world that may be entered.
+/// The cell that contains a point (metres, world), if it may be entered.
 ///
 /// # Errors
 /// When the point is not finite, outside, or blocked.
@@ -128,7 +129,7 @@ fn check_end(passable: &Passable, place: Place, cell: Cell) -> Result<Cell, NoPa
     if passable.is_free(cell) { Ok(cell) } else { Err(NoPath::Blocked { place, cell }) }
 }
 
-/// Both ends lie on free ground of a grid that has some.
+/// Checks that both ends are free, on a grid that has free cells.
 pub(crate) fn check(passable: &Passable, start: Cell, goal: Cell) -> Result<(), NoPath> {
     if passable.free() == 0 {
         return Err(NoPath::NoFreeCell);
@@ -149,13 +150,13 @@ pub(crate) fn octile(x: i32, y: i32, to_x: i32, to_y: i32) -> u64 {
     STRAIGHT * (dx + dy) - (2 * STRAIGHT - DIAGONAL) * dx.min(dy)
 }
 
-/// A cell in one word.
+/// Packs a cell into one word.
 #[inline(always)]
 pub(crate) fn pack(x: i32, y: i32) -> u32 {
     (y as u32) << 16 | x as u32
 }
 
-/// The cell of a word.
+/// Unpacks the cell of a word.
 #[inline(always)]
 pub(crate) fn unpack(word: u32) -> (i32, i32) {
     ((word & 0xFFFF) as i32, (word >> 16) as i32)

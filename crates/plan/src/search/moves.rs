@@ -1,16 +1,16 @@
-//! Which neighbours of a cell are worth looking at, by the direction one came from.
+//! Which neighbours of a cell must be searched, given the direction of arrival.
 //!
-//! Pruning of Harabor and Grastien, "Online Graph Pruning for Pathfinding on Grid Maps" (2011), definitions 1 and 2, for
-//! moves that cut no corner: a neighbour is left out when it is reached from the cell before without the one in the
-//! middle, by a path that is shorter, or as long with its diagonal step earlier. The table is made from that definition
-//! by looking at every 3 x 3 block, so no rule of thumb for corners stands here.
+//! Pruning of Harabor and Grastien, "Online Graph Pruning for Pathfinding on Grid Maps" (2011), definitions 1 and 2,
+//! for moves that cut no corner: a neighbour is pruned when it can be reached from the previous cell without the middle
+//! cell, by a path that is shorter, or as long with its diagonal step earlier. The table is computed from that
+//! definition over every 3 x 3 block, so no special rules for corners are needed.
 
 use super::{DIAGONAL, STEPS, STRAIGHT};
 
-/// Direction of a start: one came from nowhere.
+/// Direction of arrival of a start cell.
 pub(crate) const NOWHERE: u8 = 8;
 
-/// For each direction of arrival and each set of free neighbours: the directions to go on in.
+/// For each direction of arrival and each set of free neighbours: the directions in which to continue.
 pub(crate) struct Moves {
     table: Vec<[u8; 256]>,
 }
@@ -28,23 +28,23 @@ impl Moves {
         Self { table }
     }
 
-    /// Directions as bits.
+    /// The directions in which to continue, as bits.
     #[inline(always)]
     pub(crate) fn after(&self, arrival: u8, free: u8) -> u8 {
         self.table.get(arrival as usize).map_or(0, |row| row[free as usize])
     }
 }
 
-/// The directions in which a step is possible, given the free neighbours: a diagonal one needs both beside it.
+/// The directions in which a step is possible, given the free neighbours: a diagonal one needs both adjacent ones.
 #[inline(always)]
 pub(crate) fn steps_possible(free: u8) -> u8 {
     let straight = free & 0b0101_0101;
-    // Diagonal d lies between d - 1 and d + 1.
+    // Diagonal `d` is between `d - 1` and `d + 1`.
     let beside = straight.rotate_left(1) & straight.rotate_right(1);
     straight | free & beside & 0b1010_1010
 }
 
-/// Whether the neighbour in direction `d` is best reached through the middle, for one who came in direction `arrival`.
+/// Whether the neighbour in direction `d` is best reached through the middle, after arrival in direction `arrival`.
 fn is_kept(arrival: usize, d: u8, free: u8) -> bool {
     let (dx, dy) = STEPS[arrival];
     let from = (-dx, -dy);
@@ -57,13 +57,13 @@ fn is_kept(arrival: usize, d: u8, free: u8) -> bool {
     match shortest_around(from, to, free) {
         None => true,
         Some((around, _)) if around != through => around > through,
-        // As long: the path whose diagonal step comes first stays.
+        // Equal length: the path whose diagonal step comes first is kept.
         Some((_, diagonal_first)) => arrival % 2 == 1 || !diagonal_first,
     }
 }
 
-/// Cost of the shortest path between two cells of the 3 x 3 block that does not enter the middle, and whether one of that
-/// cost begins with a diagonal step. The cell `from` counts as free.
+/// Cost of the shortest path between two cells of the 3 x 3 block that does not enter the middle, and whether one of
+/// that cost begins with a diagonal step. The cell `from` counts as free.
 fn shortest_around(from: (i32, i32), to: (i32, i32), free: u8) -> Option<(u64, bool)> {
     let bit = |c: (i32, i32)| STEPS.iter().position(|&s| s == c);
     // The middle is free: a diagonal step may pass beside it.
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn a_corner_that_ends_forces_the_turn() {
-        // Came eastwards; the cell north of the one before is blocked.
+        // Arrival towards the east; the cell north of the previous one is blocked.
         let free = !(1u8 << 3);
         assert_eq!(Moves::new().after(0, free), 0b0000_0111);
     }

@@ -1,6 +1,6 @@
 //! Lazy Theta* (Nash, Koenig and Tovey, "Lazy Theta*: Any-Angle Path Planning and Path Length Analysis in 3D", 2010):
-//! paths whose corners see each other in any direction. Not the shortest such path always, but never longer than what
-//! the same corners give on the grid, and seldom a percent from the shortest.
+//! any-angle paths whose successive corners are in line of sight. Not always the shortest such path, but never longer
+//! than the grid path through the same corners, and seldom more than one percent longer than the shortest.
 
 use super::moves::steps_possible;
 use super::{GridPath, NoPath, STEPS, check, distance, pack, unpack};
@@ -9,7 +9,7 @@ use crate::passable::Passable;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Lazy Theta* whose memory is kept from search to search: 24 bytes a cell.
+/// Lazy Theta* that reuses its memory from search to search: 24 bytes per cell.
 #[derive(Default)]
 pub struct LazyTheta {
     nodes: Vec<Node>,
@@ -26,16 +26,16 @@ struct Node {
 }
 
 impl LazyTheta {
-    /// Memory is taken with the first search.
+    /// A search without memory; the first search allocates it.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A short path between two cells that need not follow the grid: only its corners are given. Between two corners every
-    /// cell that the line touches may be entered ([`line_of_sight`]).
+    /// A short path between two cells that need not follow the grid: only its corners are given. Between two corners
+    /// every cell that the line touches may be entered ([`line_of_sight`]).
     ///
     /// # Errors
-    /// Why there is none: an end outside or blocked, or nothing that leads there.
+    /// When an end is outside or blocked, or the goal cannot be reached.
     pub fn search(&mut self, passable: &Passable, start: Cell, goal: Cell) -> Result<GridPath, NoPath> {
         check(passable, start, goal)?;
         let width = passable.frame().width();
@@ -56,7 +56,7 @@ impl LazyTheta {
             }
             let Node { cost, parent, .. } = self.nodes[index(at)];
             let parent = cell_of(parent);
-            // The grandparent is taken for granted; `settle` looks when the cell is expanded.
+            // Line of sight to the grandparent is assumed; `settle` checks it when the cell is expanded.
             let from_cost = cost - distance(parent, at);
             for next in neighbours(passable, at) {
                 self.offer(index(next), next, parent, from_cost + distance(parent, next), goal);
@@ -81,12 +81,12 @@ impl LazyTheta {
         if fresh || (!node.done && cost < node.cost - 1e-12) {
             let parent = pack(parent.x as i32, parent.y as i32);
             *node = Node { cost, parent, generation: self.generation, done: false };
-            // Bits of positive floats are ordered as the floats are.
+            // The bits of positive floats have the order of the floats.
             self.queue.push(Reverse(((cost + distance(at, goal)).to_bits(), pack(at.x as i32, at.y as i32))));
         }
     }
 
-    /// Expands a cell: if it does not see the parent it was given, its best expanded neighbour becomes its parent.
+    /// Expands a cell: without line of sight to its assumed parent, its best expanded neighbour becomes its parent.
     fn settle(&mut self, passable: &Passable, at: Cell, width: usize) {
         let index = |c: Cell| c.y as usize * width + c.x as usize;
         self.nodes[index(at)].done = true;
@@ -120,7 +120,7 @@ fn cell_of(word: u32) -> Cell {
     Cell::new(x as u32, y as u32)
 }
 
-/// The cells that one step leads to.
+/// The cells that can be reached in one step.
 fn neighbours(passable: &Passable, at: Cell) -> impl Iterator<Item = Cell> {
     let directions = steps_possible(passable.neighbours(at.x as i32, at.y as i32));
     (0..8).filter(move |d| directions >> d & 1 != 0).map(move |d| {
@@ -129,7 +129,7 @@ fn neighbours(passable: &Passable, at: Cell) -> impl Iterator<Item = Cell> {
     })
 }
 
-/// Whether every cell that the line between the middles of two cells touches may be entered; where the line passes exactly
+/// Whether every cell that the line between two cell centres touches may be entered; where the line passes exactly
 /// through a corner, both cells beside it count.
 pub fn line_of_sight(passable: &Passable, a: Cell, b: Cell) -> bool {
     if !passable.is_free(a) || !passable.is_free(b) {
@@ -138,7 +138,7 @@ pub fn line_of_sight(passable: &Passable, a: Cell, b: Cell) -> bool {
     let (dx, dy) = (i64::from(a.x.abs_diff(b.x)), i64::from(a.y.abs_diff(b.y)));
     let (step_x, step_y) = (if b.x > a.x { 1 } else { -1 }, if b.y > a.y { 1 } else { -1 });
     let (mut x, mut y) = (a.x as i32, a.y as i32);
-    // Which border of the cell comes first: positive the one across x, negative that across y.
+    // Which border of the cell is crossed first: positive the one across x, negative that across y.
     let mut lead = dx - dy;
     while (x, y) != (b.x as i32, b.y as i32) {
         match lead.signum() {

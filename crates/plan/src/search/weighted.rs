@@ -1,7 +1,7 @@
 //! A* over cells that differ in cost: a step costs its length times the mean of the costs of the cells it joins.
 //!
-//! Exact in whole numbers, as for equal costs; the distance ahead is weighed by the least cost on the map, so that the
-//! first time the goal is taken from the queue its cost is the least.
+//! Exact in whole numbers, as for equal costs; the heuristic uses the least cost on the map, so that the cost of the
+//! goal is the least when it is first taken from the queue.
 
 use super::astar::Words;
 use super::buckets::Buckets;
@@ -12,13 +12,13 @@ use crate::grid::{Cell, Grid};
 /// Cost of a cell that may not be entered.
 pub const BLOCKED: u8 = 255;
 
-/// A* over weighted cells whose memory is kept from search to search: 8 bytes a cell.
+/// A* over weighted cells that reuses its memory from search to search: 8 bytes per cell.
 pub struct WeightedAStar {
     words: Words,
     queue: Buckets,
 }
 
-/// Keys of a bucket, as a power of two.
+/// Width of a bucket in keys, as a power of two.
 const BUCKET_SHIFT: u32 = 12;
 
 impl Default for WeightedAStar {
@@ -28,17 +28,17 @@ impl Default for WeightedAStar {
 }
 
 impl WeightedAStar {
-    /// Memory is taken with the first search.
+    /// A search without memory; the first search allocates it.
     pub fn new() -> Self {
         let span = 4 * DIAGONAL * u64::from(BLOCKED);
         Self { words: Words::new(), queue: Buckets::new(BUCKET_SHIFT, span) }
     }
 
-    /// The cheapest path between two cells. Costs are 1 to 254, [`BLOCKED`] for what may not be entered; 0 counts as 1.
-    /// The cost of the path is its length in cells times the mean costs it went over.
+    /// The cheapest path between two cells. Costs are 1 to 254, or [`BLOCKED`] for cells that may not be entered; 0
+    /// counts as 1. The cost of the path is the sum over its steps of length in cells times mean cost.
     ///
     /// # Errors
-    /// Why there is none: an end outside or blocked, or nothing that leads there.
+    /// When an end is outside or blocked, or the goal cannot be reached.
     pub fn search(&mut self, costs: &Grid<u8>, start: Cell, goal: Cell) -> Result<GridPath, NoPath> {
         let least_cost = check(costs, start, goal)?;
         let (width, height) = (costs.frame().width() as i32, costs.frame().height() as i32);
@@ -91,13 +91,13 @@ impl WeightedAStar {
     }
 }
 
-/// Length times mean cost, in floating point.
+/// Sum of step length times mean cost, in floating point.
 pub(crate) fn cost_of(costs: &Grid<u8>, cells: &[Cell]) -> f64 {
     let at = |c: Cell| f64::from(costs.get(c).unwrap_or(BLOCKED).max(1));
     cells.windows(2).map(|w| super::distance(w[0], w[1]) * 0.5 * (at(w[0]) + at(w[1]))).sum()
 }
 
-/// Both ends are free; the least cost of all cells.
+/// Checks that both ends are free; returns the least cost of all cells.
 fn check(costs: &Grid<u8>, start: Cell, goal: Cell) -> Result<u64, NoPath> {
     let least = costs.values().iter().copied().min().unwrap_or(BLOCKED);
     if least == BLOCKED {
