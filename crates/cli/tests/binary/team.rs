@@ -6,7 +6,7 @@ use crate::{cairn, fails, folder, json, stderr, stdout};
 fn block() -> String {
     let mut lines: Vec<String> = (0..24)
         .map(|k| {
-            let turn = if k % 6 == 5 { 1.5708 } else { 0.01 };
+            let turn = if k % 6 == 5 { std::f64::consts::FRAC_PI_2 } else { 0.01 };
             format!("EDGE_SE2 {k} {} 1 0 {turn} 100 0 0 100 0 400", k + 1)
         })
         .collect();

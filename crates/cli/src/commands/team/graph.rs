@@ -270,7 +270,7 @@ fn exchanged(round: &Round, chi2: f64, above: f64) -> Exchanged {
 
 /// The first exchange from which on the team stays within a part of the optimum.
 fn reached(within: f64, above: &[f64], rounds: &[Round]) -> Option<Reached> {
-    let exchanges = above.iter().rposition(|a| !(*a <= within)).map_or(1, |k| k + 2);
+    let exchanges = above.iter().rposition(|a| a.is_nan() || *a > within).map_or(1, |k| k + 2);
     let done = rounds.get(..exchanges)?;
     let robots = done.first()?.sent.len();
     let most = |of: fn(&Round) -> &Vec<usize>| {
