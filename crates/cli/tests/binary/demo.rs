@@ -55,7 +55,7 @@ fn one_camera_after_a_turn_stops_with_the_reason_and_misleads_nobody() {
     if too_slow() {
         return;
     }
-    let out = folder("demo-mono");
+    let out = folder("demo-mono-turn");
     let args = [
         "demo",
         "--sensor",
