@@ -74,7 +74,8 @@ pub fn open(
 ) -> PyResult<Source> {
     let name = source.into_os_string().into_string();
     let name = name.map_err(|name| PyValueError::new_err(format!("{} is not UTF-8", name.display())))?;
-    let options = OpenOptions { rig: rig.map(|r| r.get().inner.clone()), start_s, frames };
+    let options =
+        OpenOptions { rig: rig.map(|r| r.get().inner.clone()), start_s, frames, ..OpenOptions::default() };
     on_thread(py, move || {
         let opened = cairn::sources::open(&name, options).map_err(raise)?;
         Source::reading(opened)

@@ -116,6 +116,8 @@ pub fn state_name(state: GuideState) -> &'static str {
         GuideState::Stopped(why) => match why {
             StopReason::TrackingLost => "stopped: tracking lost",
             StopReason::PoseStale => "stopped: pose too old",
+            StopReason::PicturesLate => "stopped: pictures too late",
+            StopReason::AgeUnknown => "stopped: age of pictures unknown",
             StopReason::Obstacle => "stopped: obstacle",
             StopReason::UnknownGround => "stopped: unknown ground",
             StopReason::ScaleUncertain => "stopped: scale uncertain",
