@@ -9,8 +9,9 @@ use cairn_filter::chi2;
 use cairn_filter::ekf::{Association, EkfConfig, EkfSlam, Linearisation};
 use cairn_filter::log::{Log, load};
 use cairn_filter::run::{align, position_rmse, run};
-use cairn_filter::simulate::{Dice, World};
+use cairn_filter::simulate::World;
 use cairn_geometry::Se2;
+use cairn_random::Random;
 use nalgebra::{Matrix3, Vector3};
 use std::error::Error;
 use std::path::PathBuf;
@@ -157,9 +158,13 @@ fn nees(world: &World, seed: u64, config: EkfConfig) -> Vec<f64> {
     let simulated = world.drive(seed);
     let mut filter = EkfSlam::new(config);
     // The initial pose has errors of 5 cm and 2 degrees (standard deviation), drawn at random.
-    let mut dice = Dice::new(seed + 1_000_000);
+    let mut random = Random::new(seed + 1_000_000);
     let deviations = Vector3::new(0.05, 0.05, 0.035);
-    let start = Se2::from_xy_angle(0.05 * dice.normal(), 0.05 * dice.normal(), 0.035 * dice.normal());
+    let start = Se2::from_xy_angle(
+        0.05 * random.standard_normal(),
+        0.05 * random.standard_normal(),
+        0.035 * random.standard_normal(),
+    );
     let covariance = Matrix3::from_diagonal(&deviations.component_mul(&deviations));
     let Ok(id) = filter.add_robot(&start, &covariance) else { return Vec::new() };
     let mut values = Vec::with_capacity(simulated.steps.len());

@@ -7,34 +7,9 @@ use crate::log::{Sighting, Step, Target};
 use crate::measure::{Kind, Measurement, expected};
 use crate::motion::VelocityModel;
 use cairn_geometry::{Se2, Vec2};
+use cairn_random::Random;
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_2, TAU};
-
-/// Random numbers from a seed (splitmix64; Steele, Lea, Flood 2014).
-#[derive(Clone, Debug)]
-pub struct Dice(u64);
-
-impl Dice {
-    /// A generator; the same seed gives the same numbers.
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// Uniform in [0, 1).
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Normal with mean 0 and standard deviation 1 (Box and Muller 1958).
-    pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (TAU * self.uniform()).cos()
-    }
-}
 
 /// Description of a world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,14 +80,14 @@ pub struct Simulated {
 impl World {
     /// Drives through the world once, with the noise of this seed.
     pub fn drive(&self, seed: u64) -> Simulated {
-        let mut dice = Dice::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d).wrapping_add(1));
+        let mut random = Random::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d).wrapping_add(1));
         // The circle's centre is to the left of the start.
         let centre = Vec2::new(0.0, self.radius_m);
-        let mut spread = Dice::new(77);
+        let mut spread = Random::new(77);
         let landmarks: Vec<Vec2> = (0..self.landmarks)
             .map(|k| {
-                let angle = TAU * (k as f64 + spread.uniform()) / self.landmarks as f64;
-                let radius = self.radius_m + self.margin_m * (2.0 * spread.uniform() - 1.0);
+                let angle = TAU * (k as f64 + spread.unit()) / self.landmarks as f64;
+                let radius = self.radius_m + self.margin_m * (2.0 * spread.unit() - 1.0);
                 centre + Vec2::new(angle.cos(), angle.sin()) * radius
             })
             .collect();
@@ -124,15 +99,15 @@ impl World {
             let turn_rad_s = self.steer(&pose, &centre);
             let (speed, turn) = (self.velocity.speed / dt.sqrt(), self.velocity.turn / dt.sqrt());
             let driven = self.velocity.motion(
-                self.speed_m_s + speed * dice.normal(),
-                turn_rad_s + turn * dice.normal(),
+                self.speed_m_s + speed * random.standard_normal(),
+                turn_rad_s + turn * random.standard_normal(),
                 dt,
             );
             pose = pose * driven.before_from_after;
             let at = Vector3::new(pose.translation.x, pose.translation.y, pose.rotation.log());
             truth.push(at);
             let motion = self.velocity.motion(self.speed_m_s, turn_rad_s, dt);
-            let sightings = self.seen(&at, &landmarks, &mut dice);
+            let sightings = self.seen(&at, &landmarks, &mut random);
             steps.push(Step { time_s: (k + 1) as f64 * dt, motion, sightings });
         }
         Simulated { steps, truth, landmarks }
@@ -146,32 +121,32 @@ impl World {
         self.speed_m_s / self.radius_m + 0.16 * off_m.clamp(-4.0, 4.0) - 0.8 * heading
     }
 
-    fn seen(&self, pose: &Vector3<f64>, landmarks: &[Vec2], dice: &mut Dice) -> Vec<Sighting> {
+    fn seen(&self, pose: &Vector3<f64>, landmarks: &[Vec2], random: &mut Random) -> Vec<Sighting> {
         let distance = |p: &Vec2| (p - pose.xy()).norm();
         let mut near: Vec<usize> = (0..landmarks.len())
             .filter(|k| (0.5..self.reach_m).contains(&distance(&landmarks[*k])))
             .collect();
         near.sort_by(|a, b| distance(&landmarks[*a]).total_cmp(&distance(&landmarks[*b])));
         near.truncate(self.most);
-        let measured = |k: usize, dice: &mut Dice| {
+        let measured = |k: usize, random: &mut Random| {
             let z = expected(self.kind, pose, &landmarks[k].push(0.0));
             match self.kind {
                 Kind::Range => {
-                    Measurement::range((z.x + self.range_m * dice.normal()).max(0.0), self.range_m)
+                    Measurement::range((z.x + self.range_m * random.standard_normal()).max(0.0), self.range_m)
                 }
                 Kind::Bearing => {
-                    Measurement::bearing(z.x + self.bearing_rad * dice.normal(), self.bearing_rad)
+                    Measurement::bearing(z.x + self.bearing_rad * random.standard_normal(), self.bearing_rad)
                 }
                 _ => {
                     let polar = expected(Kind::RangeBearing, pose, &landmarks[k].push(0.0));
-                    let range = (polar.x + self.range_m * dice.normal()).max(0.0);
-                    let bearing = polar.y + self.bearing_rad * dice.normal();
+                    let range = (polar.x + self.range_m * random.standard_normal()).max(0.0);
+                    let bearing = polar.y + self.bearing_rad * random.standard_normal();
                     Measurement::range_bearing(range, bearing, self.range_m, self.bearing_rad)
                 }
             }
         };
         let sighting =
-            |k| Some(Sighting { target: Target::Landmark(k as u32), measurement: measured(k, dice).ok()? });
+            |k| Some(Sighting { target: Target::Landmark(k as u32), measurement: measured(k, random).ok()? });
         near.into_iter().filter_map(sighting).collect()
     }
 }

@@ -8,8 +8,9 @@ use cairn_filter::log::{Sighting, Target};
 use cairn_filter::measure::{Kind, Measurement, expected};
 use cairn_filter::motion::Motion;
 use cairn_filter::run::align;
-use cairn_filter::simulate::{Dice, Simulated, World};
+use cairn_filter::simulate::{Simulated, World};
 use cairn_geometry::{Se2, Vec2};
+use cairn_random::Random;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 
@@ -294,19 +295,24 @@ fn a_slip_of_the_wheels_is_recovered_from() {
 #[test]
 fn a_landmark_that_is_carried_away_is_found_again() {
     let mut filter = started(EkfConfig::default());
-    let see = |x: f64, label: u32, dice: &mut Dice| Sighting {
+    let see = |x: f64, label: u32, random: &mut Random| Sighting {
         target: Target::Landmark(label),
-        measurement: Measurement::range_bearing(x + 0.02 * dice.normal(), 0.1 * f64::from(label), 0.03, 0.01)
-            .unwrap(),
+        measurement: Measurement::range_bearing(
+            x + 0.02 * random.standard_normal(),
+            0.1 * f64::from(label),
+            0.03,
+            0.01,
+        )
+        .unwrap(),
     };
-    let mut dice = Dice::new(1);
+    let mut random = Random::new(1);
     for k in 0..60 {
         let carried = if k < 20 { 5.0 } else { 8.0 };
         let sightings = [
-            see(4.0, 1, &mut dice),
-            see(6.0, 2, &mut dice),
-            see(7.0, 4, &mut dice),
-            see(carried, 3, &mut dice),
+            see(4.0, 1, &mut random),
+            see(6.0, 2, &mut random),
+            see(7.0, 4, &mut random),
+            see(carried, 3, &mut random),
         ];
         filter.observe(0, &sightings).unwrap();
     }

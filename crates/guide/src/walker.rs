@@ -6,7 +6,7 @@
 
 use crate::announcer::speaking_time;
 use crate::phrases::Side;
-use crate::random::Random;
+use cairn_random::Random;
 use cairn_sensor::Stamp;
 
 /// What a clause asks for.

@@ -2,7 +2,8 @@
 
 use cairn_geometry::Vec3;
 use cairn_guide::trial::{Noise, random_route, walk_out};
-use cairn_guide::{CleanConfig, CleanedRoute, Ground, Random, clean, clean_line, largest_distance, length};
+use cairn_guide::{CleanConfig, CleanedRoute, Ground, clean, clean_line, largest_distance, length};
+use cairn_random::Random;
 use proptest::prelude::*;
 
 type Line = Vec<(Vec3, bool)>;

@@ -327,7 +327,7 @@ mod tests {
             .collect()
     }
 
-    fn random_grid(random: &mut crate::random::Random) -> Grid<bool> {
+    fn random_grid(random: &mut cairn_random::Random) -> Grid<bool> {
         let (w, h) = (1 + random.below(150), 1 + random.below(60));
         let density = [0.0, 0.002, 0.02, 0.2, 0.6, 0.97][random.below(6)];
         let frame = GridFrame::unit(w, h).unwrap();
@@ -338,7 +338,7 @@ mod tests {
 
     #[test]
     fn equal_to_looking_at_every_obstacle() {
-        let mut random = crate::random::Random::new(1);
+        let mut random = cairn_random::Random::new(1);
         for _ in 0..400 {
             let grid = random_grid(&mut random);
             assert!(DistanceField::new(&grid).squared() == by_all_pairs(&grid), "{:?}", grid.frame());
@@ -347,7 +347,7 @@ mod tests {
 
     #[test]
     fn an_update_is_equal_to_computing_everything() {
-        let mut random = crate::random::Random::new(2);
+        let mut random = cairn_random::Random::new(2);
         for _ in 0..100 {
             let mut grid = random_grid(&mut random);
             let mut field = DistanceField::new(&grid);
@@ -366,7 +366,7 @@ mod tests {
 
     #[test]
     fn clearance_is_never_more_than_it_is() {
-        let mut random = crate::random::Random::new(3);
+        let mut random = cairn_random::Random::new(3);
         let frame = GridFrame::new(40, 30, 0.05, cairn_geometry::Se2::from_xy_angle(1.0, -2.0, 0.3)).unwrap();
         let mut grid = Grid::filled(frame, false);
         (0..9).for_each(|_| {

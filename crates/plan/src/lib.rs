@@ -10,7 +10,6 @@ pub mod moving_ai;
 pub mod occupancy;
 mod passable;
 pub mod picture;
-pub mod random;
 pub mod route;
 pub mod search;
 pub mod smooth;

@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn as_short_as_looking_at_all_pairs() {
-        let mut random = crate::random::Random::new(77);
+        let mut random = cairn_random::Random::new(77);
         for _ in 0..30 {
             let routes: Vec<Vec<Vec3>> = (0..5)
                 .map(|_| {

@@ -8,10 +8,10 @@ use cairn_plan::control::{
     State, Surroundings, moved,
 };
 use cairn_plan::costmap::{Detection, DynamicConfig, DynamicLayer};
-use cairn_plan::random::Random;
 use cairn_plan::search::{AStar, NoPath, Place};
 use cairn_plan::smooth::{SmoothConfig, clearance_of, smooth};
 use cairn_plan::{Cell, CostConfig, Costmap, Grid, GridFrame};
+use cairn_random::Random;
 
 fn navigator() -> Navigator {
     Navigator::new(NavigatorConfig::new(PursuitConfig::new(Limits::differential_drive())))

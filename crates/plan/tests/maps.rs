@@ -5,9 +5,9 @@ use cairn_plan::anchored::AnchoredGrid;
 use cairn_plan::costmap::{Detection, DynamicConfig, DynamicLayer};
 use cairn_plan::map_server::{self, Mode, UNKNOWN};
 use cairn_plan::occupancy::ScanRejected;
-use cairn_plan::random::Random;
 use cairn_plan::search::{BLOCKED, WeightedAStar};
 use cairn_plan::{Cell, CostConfig, Costmap, Grid, GridFrame, OccupancyConfig, OccupancyGrid, moving_ai};
+use cairn_random::Random;
 use std::path::PathBuf;
 
 fn folder(name: &str) -> PathBuf {
@@ -251,25 +251,35 @@ fn a_costmap_mended_is_a_costmap_made_anew() {
 
 #[test]
 fn people_are_tracked_through_each_other_and_forgotten() {
-    let mut layer = DynamicLayer::new(DynamicConfig::default());
-    let mut random = Random::new(31);
     let truth = |t: f64| [Vec2::new(-3.0 + 1.2 * t, 0.0), Vec2::new(3.0 - 0.9 * t, 0.9)];
-    for k in 0..50 {
-        let t = 0.1 * f64::from(k);
-        let seen = truth(t).map(|p| Detection {
-            position: p + Vec2::new(random.normal(0.0, 0.05), random.normal(0.0, 0.05)),
-            radius_m: 0.3,
-        });
-        let observed = layer.observe(t, &seen);
-        assert!(k == 0 || (observed.matched, observed.begun) == (2, 0), "at {t} s: {observed:?}");
+    let mut layer = DynamicLayer::new(DynamicConfig::default());
+    let (mut position, mut velocity) = (0.0, 0.0);
+    for seed in 0..40 {
+        layer = DynamicLayer::new(DynamicConfig::default());
+        let mut random = Random::new(seed);
+        for k in 0..50 {
+            let t = 0.1 * f64::from(k);
+            let seen = truth(t).map(|p| Detection {
+                position: p + Vec2::new(random.normal(0.0, 0.05), random.normal(0.0, 0.05)),
+                radius_m: 0.3,
+            });
+            let observed = layer.observe(t, &seen);
+            assert!(k == 0 || (observed.matched, observed.begun) == (2, 0), "at {t} s: {observed:?}");
+        }
+        let tracks = layer.tracks();
+        assert_eq!(tracks.iter().map(|t| t.id).collect::<Vec<_>>(), [0, 1], "nobody changed place");
+        for (track, (true_at, v)) in tracks.iter().zip(truth(4.9).into_iter().zip([1.2, -0.9])) {
+            position += (track.position - true_at).norm_squared() / 80.0;
+            velocity += (track.velocity - Vec2::new(v, 0.0)).norm_squared() / 80.0;
+        }
     }
-    let tracks = layer.tracks();
-    assert_eq!(tracks.iter().map(|t| t.id).collect::<Vec<_>>(), [0, 1], "nobody changed place");
-    for (track, (true_at, v)) in tracks.iter().zip(truth(4.9).into_iter().zip([1.2, -0.9])) {
-        assert!(
-            (track.position - true_at).norm() < 0.1 && (track.velocity - Vec2::new(v, 0.0)).norm() < 0.15
-        );
-    }
+    // RMS in the plane; a single detection is off by 0.071 m. 10 % above what it was when this was written.
+    assert!(
+        position.sqrt() < 0.052 && velocity.sqrt() < 0.156,
+        "{} m, {} m/s",
+        position.sqrt(),
+        velocity.sqrt()
+    );
     // One second later, the first object is 1.2 m farther on.
     let ahead = truth(5.9)[0];
     assert!(layer.clearance_m(ahead, 1.0) < 0.0 && layer.clearance_m(ahead, 0.0) > 0.3);

@@ -1,11 +1,11 @@
 //! Every search compared with a simple reference on thousands of random grids, and on the Moving AI benchmarks.
 
-use cairn_plan::random::Random;
 use cairn_plan::search::{
     AStar, BLOCKED, DStarLite, GridPath, JumpPoint, LazyTheta, NoPath, Place, WeightedAStar, free_cell,
     line_of_sight,
 };
 use cairn_plan::{Cell, DistanceField, Grid, GridFrame, Passable, moving_ai};
+use cairn_random::Random;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::path::PathBuf;

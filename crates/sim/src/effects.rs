@@ -1,6 +1,6 @@
 //! Image effects of a sensor: motion blur, exposure, vignette, noise.
 
-use crate::random::Random;
+use cairn_random::Random;
 use cairn_sensor::{Camera, DepthImage, GrayImage};
 
 /// The sensor's deviations from a perfect one.
@@ -71,10 +71,12 @@ const NOISE_TABLE: usize = 1 << 16;
 impl Sensor {
     /// For a camera; `seed` and `stream` select its noise.
     pub fn new(camera: &Camera, effects: Effects, seed: u64, stream: u64) -> Self {
-        let mut random = Random::new(seed, 0x5E11 ^ stream << 8);
+        let mut random = Random::stream(seed, 0x5E11 ^ stream << 8);
         let scale = effects.noise * 256.0;
         let noise = if scale > 0.0 {
-            (0..NOISE_TABLE).map(|_| (random.normal() * scale).clamp(-32000.0, 32000.0) as i16).collect()
+            (0..NOISE_TABLE)
+                .map(|_| (random.standard_normal() * scale).clamp(-32000.0, 32000.0) as i16)
+                .collect()
         } else {
             Vec::new()
         };
@@ -142,7 +144,7 @@ impl Sensor {
         let mut table = [0f32; 1024];
         if k > 0.0 {
             for t in &mut table {
-                *t = (self.random.normal() * k) as f32;
+                *t = (self.random.standard_normal() * k) as f32;
             }
         }
         for row in depth.data_mut().chunks_exact_mut(width) {

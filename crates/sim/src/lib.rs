@@ -4,7 +4,6 @@ mod config;
 mod effects;
 mod imu_feed;
 mod live;
-mod random;
 mod render;
 mod smooth;
 mod source;

@@ -184,7 +184,7 @@ impl LiveRig {
 
 /// People who walk to and fro beside the straight legs of the world's first route.
 fn passers(world: &World, count: usize, seed: u64) -> Vec<Passer> {
-    let mut random = crate::random::Random::new(seed, 0x9A55);
+    let mut random = cairn_random::Random::stream(seed, 0x9A55);
     let Some(route) = world.routes().first() else { return Vec::new() };
     let legs: Vec<_> = route.points.windows(2).filter(|w| (w[1] - w[0]).norm() > 2.0).collect();
     if legs.is_empty() {
@@ -197,8 +197,8 @@ fn passers(world: &World, count: usize, seed: u64) -> Vec<Passer> {
             let side = cairn_geometry::Vec2::new(-d.y, d.x) * if random.chance(0.5) { 0.62 } else { -0.62 };
             Passer {
                 line: vec![leg[0] + side, leg[1] + side],
-                speed: random.range(0.7, 1.4),
-                start: random.range(0.0, 30.0),
+                speed: random.uniform(0.7, 1.4),
+                start: random.uniform(0.0, 30.0),
                 clothes: i,
             }
         })

@@ -4,6 +4,7 @@ use cairn_atlas::store::{About, MapFile, Table};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Snapshot};
 use cairn_eval::process::cpu_s;
 use cairn_geometry::{Se3, So3, Vec3};
+use cairn_random::Random;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Descriptor, Frame, RectifiedCamera, SensorMode};
@@ -48,26 +49,10 @@ fn camera() -> RectifiedCamera {
     }
 }
 
-/// A seeded pseudo-random generator (SplitMix64).
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in [0, 1).
-    fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn descriptor(&mut self) -> Descriptor {
-        let words: [u64; 4] = std::array::from_fn(|_| self.next());
-        std::array::from_fn(|i| words[i / 8].to_le_bytes()[i % 8])
-    }
+/// A descriptor of random bits.
+fn descriptor(random: &mut Random) -> Descriptor {
+    let words: [u64; 4] = std::array::from_fn(|_| random.bits());
+    std::array::from_fn(|i| words[i / 8].to_le_bytes()[i % 8])
 }
 
 /// A landmark that is still visible.
@@ -82,7 +67,7 @@ struct InView {
 /// m ahead, observed with half a pixel of noise and some flipped descriptor bits until they leave the view or are
 /// missed, five times on average; nine of ten features observe a landmark.
 pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
-    let (camera, mut rng) = (camera(), SplitMix(1));
+    let (camera, mut rng) = (camera(), Random::new(1));
     let mut map = Snapshot::new();
     let mut in_view: Vec<InView> = Vec::new();
     let mut world_from_camera = Se3::identity();
@@ -100,7 +85,7 @@ pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
             if visible {
                 let mut descriptor = l.descriptor;
                 (0..8).for_each(|_| {
-                    let bit = rng.next() as usize % 256;
+                    let bit = rng.below(256);
                     descriptor[bit / 8] ^= 1 << (bit % 8);
                 });
                 let depth = (world_from_camera.inverse() * l.position).z;
@@ -113,7 +98,7 @@ pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
         while frame.len() < features {
             let pixel = [752.0 * rng.unit(), 480.0 * rng.unit()];
             let (depth, octave, descriptor) =
-                (1.0 + 14.0 * rng.unit().powi(2), (8.0 * rng.unit().powi(2)) as u8, rng.descriptor());
+                (1.0 + 14.0 * rng.unit().powi(2), (8.0 * rng.unit().powi(2)) as u8, descriptor(&mut rng));
             if frame.len() * 10 < features * 9
                 && let Some(landmark) = LandmarkId::from_index(next)
             {
@@ -139,7 +124,7 @@ pub fn corridor(key_frames: usize, features: usize) -> Snapshot {
 /// Adds a feature at a pixel with up to half a pixel of noise.
 fn add(
     frame: &mut Frame,
-    rng: &mut SplitMix,
+    rng: &mut Random,
     camera: &RectifiedCamera,
     at: [f64; 2],
     depth: f64,

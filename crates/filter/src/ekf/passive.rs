@@ -107,12 +107,12 @@ pub(crate) struct Passive {
     /// Rows of the active region against everything, as they were when it became active: `W`.
     cross: DMatrix<f64>,
     free: Vec<usize>,
-    /// First indices of all landmarks.
+    /// First inrandoms of all landmarks.
     landmarks: BTreeSet<usize>,
 }
 
 impl Passive {
-    /// Allocates indices for a variable of this size; those of removed landmarks are used again.
+    /// Allocates inrandoms for a variable of this size; those of removed landmarks are used again.
     pub fn allot(&mut self, size: usize) -> usize {
         if let (2, Some(store)) = (size, self.free.pop()) {
             self.landmarks.insert(store);
@@ -128,7 +128,7 @@ impl Passive {
         store
     }
 
-    /// Releases the indices of a landmark.
+    /// Releases the inrandoms of a landmark.
     pub fn release(&mut self, store: usize) {
         self.landmarks.remove(&store);
         self.free.push(store);
@@ -181,7 +181,7 @@ impl Passive {
     ) {
         let Some(heading) = numbers.iter().position(|(at, _)| *at == HEADING) else { return };
         let mut d = DVector::zeros(moved.len());
-        // Robots are always active, so passive variables are landmarks, two indices each.
+        // Robots are always active, so passive variables are landmarks, two inrandoms each.
         for store in self.landmarks.iter().filter(|s| !numbers.iter().any(|(_, n)| n == *s)) {
             (d[*store], d[store + 1]) = (-moved[store + 1], moved[*store]);
         }

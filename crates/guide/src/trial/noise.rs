@@ -1,9 +1,9 @@
 //! Errors between the true poses and the guide's input: noise, drift, corrections, losses.
 
 use super::Reading;
-use crate::random::Random;
 use crate::route::Confidence;
 use cairn_geometry::{Se3, So3, Vec3};
+use cairn_random::Random;
 use cairn_sensor::Stamp;
 
 /// The level of pose errors.

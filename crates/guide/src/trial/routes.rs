@@ -3,10 +3,10 @@
 use super::noise::Noise;
 use super::{STEP_S, camera_pose};
 use crate::ground::{Ground, cross, direction, heading_of, wrap};
-use crate::random::Random;
 use crate::recorder::{RecordInput, Recorder, RecorderConfig};
 use crate::route::{Anchor, Confidence, Route};
 use cairn_geometry::{Pose, Se3, So3, Vec2, Vec3};
+use cairn_random::Random;
 use cairn_sensor::Stamp;
 
 /// A route of 20 to 150 m with 3 to 12 turns (no more than one each 5 m), each segment at least 2.5 m; with

@@ -18,7 +18,7 @@ pub fn figures(willow: &Grid<i8>) {
     });
     for (name, every) in [("one obstacle in 100 cells", 100), ("one obstacle in all", usize::MAX)] {
         let mut few = blocked.map(|_| false);
-        let mut random = cairn_plan::random::Random::new(1);
+        let mut random = cairn_random::Random::new(1);
         let len = few.frame().len();
         for _ in 0..(len / every).max(1) {
             few.values_mut()[random.below(len)] = true;

@@ -55,7 +55,7 @@ pub fn inflated(map: &Grid<i8>, radius_m: f64) -> Grid<bool> {
 /// A start pose and a goal some distance away, drawn by a seed.
 pub fn a_route(costs: &cairn_plan::Costmap) -> (cairn_geometry::Se2, cairn_geometry::Vec2) {
     let (frame, passable) = (*costs.frame(), costs.passable());
-    let mut random = cairn_plan::random::Random::new(4);
+    let mut random = cairn_random::Random::new(4);
     let mut astar = cairn_plan::search::AStar::new();
     loop {
         let [a, b] = [(); 2].map(|()| frame.cell(random.below(frame.len())));

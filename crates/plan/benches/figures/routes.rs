@@ -4,9 +4,9 @@ use crate::spread;
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::trial::{Drive, SimulatedBody, drive};
 use cairn_plan::control::{Limits, MppiConfig, Navigator, NavigatorConfig, PursuitConfig, State};
-use cairn_plan::random::Random;
 use cairn_plan::search::BLOCKED;
 use cairn_plan::{CostConfig, Costmap, Grid};
+use cairn_random::Random;
 use std::collections::BTreeMap;
 
 pub fn figures(willow: &Grid<i8>, count: usize) {

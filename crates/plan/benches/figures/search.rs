@@ -1,9 +1,9 @@
 //! Searches between random cells of the largest free part of the map.
 
 use crate::{cpu_ms, inflated, repeat, spread};
-use cairn_plan::random::Random;
 use cairn_plan::search::{AStar, BLOCKED, DStarLite, GridPath, JumpPoint, LazyTheta, NoPath, WeightedAStar};
 use cairn_plan::{Cell, Grid, Passable};
+use cairn_random::Random;
 use std::hint::black_box;
 
 pub fn figures(willow: &Grid<i8>) {

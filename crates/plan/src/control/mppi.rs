@@ -11,8 +11,8 @@ use super::ahead::Surroundings;
 use super::motion::{Limits, Motion, moved};
 use super::pursuit::Following;
 use super::reference::ReferencePath;
-use crate::random::Random;
 use cairn_geometry::{Se2, Vec2};
+use cairn_random::Random;
 use std::collections::VecDeque;
 
 /// Number and length of the roll-outs, and the cost weights.

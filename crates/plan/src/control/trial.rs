@@ -3,8 +3,8 @@
 use super::motion::{Limits, Motion, moved};
 use super::navigator::{Navigator, Reason, State};
 use crate::costmap::{Costmap, DynamicLayer};
-use crate::random::Random;
 use cairn_geometry::{Se2, Vec2};
+use cairn_random::Random;
 use std::collections::VecDeque;
 
 /// A body that executes commands after a delay.

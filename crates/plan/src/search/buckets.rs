@@ -77,7 +77,7 @@ mod tests {
     #[test]
     fn comes_out_by_bucket() {
         let mut queue = Buckets::new(3, 1000);
-        let mut random = crate::random::Random::new(1);
+        let mut random = cairn_random::Random::new(1);
         queue.clear(500);
         let (mut least, mut held) = (500u64, Vec::new());
         for round in 0..20_000u32 {

@@ -1,7 +1,7 @@
 //! What a surface is made of: the base coat that fills a canvas.
 
 use super::Canvas;
-use crate::random::lattice;
+use super::lattice::lattice;
 
 /// A base coat.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,6 +2,7 @@
 
 mod canvas;
 mod decor;
+mod lattice;
 mod material;
 mod mips;
 mod noise;

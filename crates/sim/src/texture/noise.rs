@@ -3,7 +3,7 @@
 //!
 //! Source: lattice noise with smooth interpolation, as in Perlin, "An image synthesizer" (1985).
 
-use crate::random::lattice;
+use super::lattice::lattice;
 
 /// Tiles of different periods, values about -127..127.
 pub(crate) struct Noise {

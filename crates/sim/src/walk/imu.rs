@@ -4,8 +4,8 @@
 //! inertial navigation" (2006), eq. 4-6: white noise `sigma / sqrt(dt)`, bias step `sigma_walk * sqrt(dt)`.
 
 use super::Motion;
-use crate::random::Random;
 use cairn_geometry::{Se3, Vec3};
+use cairn_random::Random;
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 
 /// Gravity along -z of the world.
@@ -48,8 +48,14 @@ pub(crate) struct ImuSim {
 impl ImuSim {
     /// From the first sample at time 0.
     pub fn new(config: ImuConfig, seed: u64) -> Self {
-        let mut random = Random::new(seed, 0x1A1);
-        let mut vector = |s: f64| Vec3::new(random.normal() * s, random.normal() * s, random.normal() * s);
+        let mut random = Random::stream(seed, 0x1A1);
+        let mut vector = |s: f64| {
+            Vec3::new(
+                random.standard_normal() * s,
+                random.standard_normal() * s,
+                random.standard_normal() * s,
+            )
+        };
         let (gyro_bias, accel_bias) =
             if config.noisy { (vector(2e-3), vector(2e-2)) } else { Default::default() };
         Self { config, random, gyro_bias, accel_bias, next: 0 }
@@ -70,7 +76,8 @@ impl ImuSim {
         if self.config.noisy {
             let (n, root) = (self.config.noise, self.config.rate_hz.sqrt());
             let r = &mut self.random;
-            let mut vector = |s: f64| Vec3::new(r.normal() * s, r.normal() * s, r.normal() * s);
+            let mut vector =
+                |s: f64| Vec3::new(r.standard_normal() * s, r.standard_normal() * s, r.standard_normal() * s);
             gyro += self.gyro_bias + vector(n.gyro * root);
             accel += self.accel_bias + vector(n.accel * root);
             self.gyro_bias += vector(n.gyro_walk / root);

@@ -398,7 +398,7 @@ fn agreement(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
+    use cairn_random::Random;
 
     /// Ten seconds hand-held: exact readings at 200 Hz, poses at 120 Hz with noise, a gap, a clock offset and
     /// misaligned axes.
@@ -419,8 +419,10 @@ mod tests {
                 ImuSample::new(Stamp(i * 5_000_000), s.rate + gyro_bias, force + accel_bias)
             })
             .collect();
-        let mut random = Random::new(1, 1);
-        let mut vector = |s: f64| Vec3::new(random.normal(), random.normal(), random.normal()) * s;
+        let mut random = Random::stream(1, 1);
+        let mut vector = |s: f64| {
+            Vec3::new(random.standard_normal(), random.standard_normal(), random.standard_normal()) * s
+        };
         let (offset, askew) = (0.007, Vec3::new(0.02, -0.01, 0.015));
         let poses: Vec<(Stamp, Se3)> = (40..1200)
             .filter(|i| !(500..620).contains(i))

@@ -1,7 +1,7 @@
 //! Faults of an IMU stream: a lower rate, a clock offset, lost samples, bias jumps.
 
-use crate::random::Random;
 use cairn_geometry::Vec3;
+use cairn_random::Random;
 use cairn_sensor::ImuSample;
 
 /// The faults of a stream of readings, simulated or recorded; the default is none.
@@ -37,7 +37,7 @@ pub(crate) struct Troubled {
 impl Troubled {
     pub fn new(troubles: ImuTroubles, seed: u64) -> Self {
         let (pending, bias) = (Vec::new(), [Vec3::zeros(); 2]);
-        Self { troubles, random: Random::new(seed, 0x7B0B), pending, bias, next_step: None }
+        Self { troubles, random: Random::stream(seed, 0x7B0B), pending, bias, next_step: None }
     }
 
     /// The reading that is output after this one, if any.
@@ -49,7 +49,7 @@ impl Troubled {
                 self.next_step = Some(next.plus_seconds(t.bias_steps_s));
                 for (bias, size) in self.bias.iter_mut().zip(t.bias_step) {
                     let r = &mut self.random;
-                    *bias += Vec3::new(r.normal(), r.normal(), r.normal()) * size;
+                    *bias += Vec3::new(r.standard_normal(), r.standard_normal(), r.standard_normal()) * size;
                 }
             }
         }

@@ -2,9 +2,9 @@
 
 use super::plan::{Footprint, distance_to_segment};
 use super::{Face, NamedRoute, WorldOptions};
-use crate::random::Random;
 use crate::texture::{Canvas, Noise, Texture};
 use cairn_geometry::{Vec2, Vec3};
+use cairn_random::Random;
 
 /// Frame of one side of a box: its origin, axes, width and height.
 pub(crate) type Side = ([Vec3; 3], f64, f64);
@@ -129,7 +129,7 @@ impl Builder {
             lights: Vec::new(),
             ambient: 0.5,
             sun: None,
-            random: Random::new(seed, 0),
+            random: Random::stream(seed, 0),
             seed,
             noise: Noise::new(seed),
         }
@@ -137,7 +137,7 @@ impl Builder {
 
     /// Starts a stream of randomness that depends only on the seed and this number.
     pub fn stream(&mut self, stream: u64) {
-        self.random = Random::new(self.seed, stream);
+        self.random = Random::stream(self.seed, stream);
     }
 
     /// Paints and lights a rectangle, stores it, and returns its texture and texels per metre.

@@ -4,9 +4,9 @@ use super::NamedRoute;
 use super::build::Builder;
 use super::furniture::Piece;
 use super::plan::{self, Dress, Room};
-use crate::random::Random;
 use crate::texture::Material;
 use cairn_geometry::Vec2;
+use cairn_random::Random;
 
 /// A piece of corridor.
 pub(super) fn hallway(r: &mut Random, area: [f64; 4], stream: u64) -> Room {
@@ -42,7 +42,7 @@ pub(super) fn line_walls(
         let piece = pieces[b.random.below(pieces.len())];
         let half = piece.half();
         let gap = half.x + 0.03;
-        let (tx, ty) = (b.random.range(x0, x1), b.random.range(y0, y1));
+        let (tx, ty) = (b.random.uniform(x0, x1), b.random.uniform(y0, y1));
         let (at, yaw) = match b.random.below(4) {
             0 => (Vec2::new(x0 + gap, ty), 0.0),
             1 => (Vec2::new(x1 - gap, ty), std::f64::consts::PI),
@@ -69,9 +69,9 @@ fn furnish(b: &mut Builder, rooms: &[Room], margin: f64) {
 /// A ring of corridors of 2.4 m with a branch; sizes differ by seed.
 pub(super) fn ring(b: &mut Builder) {
     let r = &mut b.random;
-    let (w, d, k) = (r.range(18.0, 24.0), r.range(11.0, 15.0), 2.4);
-    let branch = r.range(6.0, 9.0);
-    let bx = (r.range(0.35, 0.6) * w).round();
+    let (w, d, k) = (r.uniform(18.0, 24.0), r.uniform(11.0, 15.0), 2.4);
+    let branch = r.uniform(6.0, 9.0);
+    let bx = (r.uniform(0.35, 0.6) * w).round();
     let areas = [
         [0.0, 0.0, w, k],
         [w - k, k, w, d - k],
@@ -100,8 +100,8 @@ pub(super) fn ring(b: &mut Builder) {
 pub(super) fn demo(b: &mut Builder) {
     let k = 2.4;
     let r = &mut b.random;
-    let (a, c, d) = (r.range(11.0, 12.5), r.range(8.5, 10.0), r.range(10.0, 11.5));
-    let e = r.range(9.0, 10.0);
+    let (a, c, d) = (r.uniform(11.0, 12.5), r.uniform(8.5, 10.0), r.uniform(10.0, 11.5));
+    let e = r.uniform(9.0, 10.0);
     let (x1, y1) = (a, c);
     let x2 = x1 + d;
     let areas = [

@@ -70,12 +70,19 @@ pub(crate) fn wardrobes(b: &mut Builder) -> Vec<Wardrobe> {
             let frame = [Vec3::new(0.0, 0.0, -50.0), Vec3::x(), -Vec3::z()];
             let (lamps, ambient, sun) = (std::mem::take(&mut b.lights), b.ambient, b.sun.take());
             b.ambient = 0.8;
-            let (shirt, trousers) = (b.random.rangef(50.0, 210.0), b.random.rangef(30.0, 110.0));
+            let (shirt, trousers) = (b.random.uniform_f32(50.0, 210.0), b.random.uniform_f32(30.0, 110.0));
             let parts = [
                 b.paint(frame, 0.62, 0.62, 0.005, |c, r| {
                     Material::Carpet(shirt).coat(c);
                     for k in 0..4 {
-                        c.rect(0.0, 0.08 + 0.15 * k as f32, 0.62, r.rangef(0.02, 0.06), 255.0 - shirt, 0.8);
+                        c.rect(
+                            0.0,
+                            0.08 + 0.15 * k as f32,
+                            0.62,
+                            r.uniform_f32(0.02, 0.06),
+                            255.0 - shirt,
+                            0.8,
+                        );
                     }
                     Decor::picture(c, r, 0.12, 0.15, 0.22, 0.22);
                 }),

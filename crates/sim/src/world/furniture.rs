@@ -90,15 +90,15 @@ fn wood(b: &mut Builder, block: &Block, tone: f32) {
 }
 
 fn desk(b: &mut Builder, p: Put) {
-    let tone = b.random.rangef(110.0, 200.0);
+    let tone = b.random.uniform_f32(110.0, 200.0);
     wood(b, &p.part(0.0, 0.0, 0.7, [0.8, 1.6, 0.04], 0.0), tone);
     for (x, y) in [(-0.35, -0.74), (-0.35, 0.74), (0.35, -0.74), (0.35, 0.74)] {
         wood(b, &p.part(x, y, 0.0, [0.06, 0.06, 0.7], 0.0), tone - 50.0);
     }
     wood(b, &p.part(-0.33, 0.0, 0.3, [0.03, 1.4, 0.4], 0.0), tone - 20.0);
     // The screen is at the back and faces along -x, towards the chair's side or away, at random.
-    let side = b.random.range(-0.35, 0.35);
-    let turn = b.random.range(-0.4, 0.4);
+    let side = b.random.uniform(-0.35, 0.35);
+    let turn = b.random.uniform(-0.4, 0.4);
     wood(b, &p.part(-0.15, side, 0.74, [0.05, 0.1, 0.12], turn), 40.0);
     b.block(&p.part(-0.15, side, 0.84, [0.05, 0.56, 0.36], turn), |which, c, r| {
         Material::Board(45.0).coat(c);
@@ -118,10 +118,10 @@ fn desk(b: &mut Builder, p: Put) {
 /// Books, cups and paper on a board.
 fn clutter(b: &mut Builder, p: Put, base: f64, count: usize, reach: [f64; 2]) {
     for _ in 0..count {
-        let (x, y) = (b.random.range(-reach[0], reach[0]), b.random.range(-reach[1], reach[1]));
-        let size = [b.random.range(0.08, 0.24), b.random.range(0.08, 0.28), b.random.range(0.02, 0.16)];
-        let turn = b.random.range(-0.8, 0.8);
-        let tone = b.random.rangef(40.0, 225.0);
+        let (x, y) = (b.random.uniform(-reach[0], reach[0]), b.random.uniform(-reach[1], reach[1]));
+        let size = [b.random.uniform(0.08, 0.24), b.random.uniform(0.08, 0.28), b.random.uniform(0.02, 0.16)];
+        let turn = b.random.uniform(-0.8, 0.8);
+        let tone = b.random.uniform_f32(40.0, 225.0);
         b.block(&p.part(x, y, base, size, turn), |_, c, r| {
             Material::Board(tone).coat(c);
             let (w, h) = (c.width_m(), c.height_m());
@@ -133,7 +133,7 @@ fn clutter(b: &mut Builder, p: Put, base: f64, count: usize, reach: [f64; 2]) {
 }
 
 fn chair(b: &mut Builder, p: Put) {
-    let tone = b.random.rangef(50.0, 150.0);
+    let tone = b.random.uniform_f32(50.0, 150.0);
     b.block(&p.part(0.0, 0.0, 0.43, [0.44, 0.44, 0.06], 0.0), |_, c, _| Material::Carpet(tone).coat(c));
     b.block(&p.part(-0.2, 0.0, 0.52, [0.05, 0.42, 0.42], 0.0), |_, c, r| {
         Material::Carpet(tone).coat(c);
@@ -149,8 +149,8 @@ fn chair(b: &mut Builder, p: Put) {
 }
 
 fn shelf(b: &mut Builder, p: Put, ceiling: f64) {
-    let tone = b.random.rangef(80.0, 190.0);
-    let height = b.random.range(1.5, 2.1).min(ceiling - 0.1);
+    let tone = b.random.uniform_f32(80.0, 190.0);
+    let height = b.random.uniform(1.5, 2.1).min(ceiling - 0.1);
     b.block(&p.part(0.0, 0.0, 0.0, [0.32, 1.2, height], 0.0), |which, c, r| {
         if which == Which::Front {
             Decor::books(c, r, tone);
@@ -162,7 +162,7 @@ fn shelf(b: &mut Builder, p: Put, ceiling: f64) {
 }
 
 fn cabinet(b: &mut Builder, p: Put) {
-    let tone = b.random.rangef(90.0, 200.0);
+    let tone = b.random.uniform_f32(90.0, 200.0);
     b.block(&p.part(0.0, 0.0, 0.0, [0.44, 1.0, 0.85], 0.0), |which, c, r| {
         Material::Board(tone).coat(c);
         if which == Which::Front {
@@ -182,7 +182,7 @@ fn cabinet(b: &mut Builder, p: Put) {
 }
 
 fn plant(b: &mut Builder, p: Put) {
-    let pot = b.random.rangef(60.0, 210.0);
+    let pot = b.random.uniform_f32(60.0, 210.0);
     b.block(&p.part(0.0, 0.0, 0.0, [0.28, 0.28, 0.32], 0.0), |_, c, r| {
         Material::Board(pot).coat(c);
         let w = c.width_m();
@@ -190,15 +190,15 @@ fn plant(b: &mut Builder, p: Put) {
         Decor::wear(c, r, 30.0, 50.0);
     });
     for i in 0..5 {
-        let (x, y) = (b.random.range(-0.13, 0.13), b.random.range(-0.13, 0.13));
-        let size = [b.random.range(0.12, 0.3), b.random.range(0.12, 0.3), b.random.range(0.15, 0.4)];
-        let (base, turn) = (0.32 + 0.16 * f64::from(i), b.random.range(0.0, 1.5));
+        let (x, y) = (b.random.uniform(-0.13, 0.13), b.random.uniform(-0.13, 0.13));
+        let size = [b.random.uniform(0.12, 0.3), b.random.uniform(0.12, 0.3), b.random.uniform(0.15, 0.4)];
+        let (base, turn) = (0.32 + 0.16 * f64::from(i), b.random.uniform(0.0, 1.5));
         b.block(&p.part(x, y, base, size, turn), |_, c, _| Material::Leaves(105.0).coat(c));
     }
 }
 
 fn sofa(b: &mut Builder, p: Put) {
-    let tone = b.random.rangef(60.0, 170.0);
+    let tone = b.random.uniform_f32(60.0, 170.0);
     let parts = [
         (0.0, 0.0, 0.08, [0.84, 1.8, 0.34]),
         (-0.32, 0.0, 0.42, [0.2, 1.8, 0.42]),
@@ -212,7 +212,7 @@ fn sofa(b: &mut Builder, p: Put) {
         });
     }
     for y in [-0.4, 0.35] {
-        let turn = b.random.range(-0.5, 0.5);
+        let turn = b.random.uniform(-0.5, 0.5);
         b.block(&p.part(-0.12, y, 0.42, [0.14, 0.4, 0.36], turn), |_, c, r| {
             let (w, h) = (c.width_m(), c.height_m());
             Decor::picture(c, r, 0.0, 0.0, w, h);
@@ -224,9 +224,9 @@ fn cartons(b: &mut Builder, p: Put) {
     let mut base = 0.0;
     for i in 0..3 {
         let k = 1.0 - 0.15 * f64::from(i);
-        let size = [0.56 * k, 0.64 * k, b.random.range(0.25, 0.42)];
-        let turn = b.random.range(-0.25, 0.25) * f64::from(i.min(1));
-        let tone = b.random.rangef(120.0, 180.0);
+        let size = [0.56 * k, 0.64 * k, b.random.uniform(0.25, 0.42)];
+        let turn = b.random.uniform(-0.25, 0.25) * f64::from(i.min(1));
+        let tone = b.random.uniform_f32(120.0, 180.0);
         b.block(&p.part(0.0, 0.0, base, size, turn), |_, c, r| {
             Material::Board(tone).coat(c);
             let (w, h) = (c.width_m(), c.height_m());
@@ -245,14 +245,14 @@ fn column(b: &mut Builder, p: Put, ceiling: f64) {
         Decor::wear(c, r, 8.0, 50.0);
         let (w, h) = (c.width_m(), c.height_m());
         c.rect(0.0, h - 0.3, w, 0.3, 70.0, 1.0);
-        let y = h - 1.2 - r.rangef(0.2, 0.5);
+        let y = h - 1.2 - r.uniform_f32(0.2, 0.5);
         Decor::picture(c, r, 0.06, y, w - 0.12, 0.5);
         Decor::notice(c, r, 0.12, y + 0.6, 0.21, 0.29);
     });
 }
 
 fn bench(b: &mut Builder, p: Put) {
-    let tone = b.random.rangef(90.0, 170.0);
+    let tone = b.random.uniform_f32(90.0, 170.0);
     b.block(&p.part(0.0, 0.0, 0.42, [0.36, 1.4, 0.05], 0.0), |_, c, r| {
         Material::Planks(tone).coat(c);
         Decor::wear(c, r, 10.0, 50.0);

@@ -10,7 +10,7 @@ use cairn_geometry::Vec2;
 
 /// A hall of about 22 by 15 m, 4 m high.
 pub(super) fn build(b: &mut Builder) {
-    let (w, d) = (b.random.range(20.0, 24.0), b.random.range(14.0, 16.5));
+    let (w, d) = (b.random.uniform(20.0, 24.0), b.random.uniform(14.0, 16.5));
     let walls = [Material::Brick(120.0), Material::Plaster(160.0), Material::Paper(165.0)];
     let floors = [Material::Tiles(130.0, 0.6), Material::Planks(120.0), Material::Tiles(140.0, 0.35)];
     let room = Room {
@@ -51,8 +51,8 @@ pub(super) fn build(b: &mut Builder) {
     ];
     for _ in 0..90 {
         let piece = pieces[b.random.below(pieces.len())];
-        let at = Vec2::new(b.random.range(1.0, w - 1.0), b.random.range(1.0, d - 1.0));
-        let yaw = b.random.range(-3.1, 3.1);
+        let at = Vec2::new(b.random.uniform(1.0, w - 1.0), b.random.uniform(1.0, d - 1.0));
+        let yaw = b.random.uniform(-3.1, 3.1);
         if b.has_room(at, piece.half(), yaw, 0.55) {
             piece.place(b, at, yaw, room.height);
         }

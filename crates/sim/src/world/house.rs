@@ -8,9 +8,9 @@ use cairn_geometry::{Vec2, Vec3};
 pub(super) fn house(b: &mut Builder, at: Vec2, size: Vec3, yaw: f64) {
     b.add_obstacle(at, Vec2::new(size.x / 2.0, size.y / 2.0), yaw);
     let wall = match b.random.below(3) {
-        0 => Material::Brick(b.random.rangef(95.0, 140.0)),
-        1 => Material::Plaster(b.random.rangef(150.0, 200.0)),
-        _ => Material::Brick(b.random.rangef(70.0, 100.0)),
+        0 => Material::Brick(b.random.uniform_f32(95.0, 140.0)),
+        1 => Material::Plaster(b.random.uniform_f32(150.0, 200.0)),
+        _ => Material::Brick(b.random.uniform_f32(70.0, 100.0)),
     };
     let poor = b.options.poor_walls;
     b.block(&Block { at, base: 0.0, size, yaw, texel: 0.01 }, |which, c, r| {
@@ -25,16 +25,16 @@ pub(super) fn house(b: &mut Builder, at: Vec2, size: Vec3, yaw: f64) {
         Decor::wear(c, r, 1.5, 50.0);
         let (w, h) = (c.width_m(), c.height_m());
         let floors = (h / 2.7) as usize;
-        let door = if which == Which::Front { r.rangef(0.25, 0.7) * w } else { -9.0 };
+        let door = if which == Which::Front { r.uniform_f32(0.25, 0.7) * w } else { -9.0 };
         for floor in 0..floors {
             let y = h - 2.3 - 2.7 * floor as f32;
-            let mut x = r.rangef(0.5, 1.1);
+            let mut x = r.uniform_f32(0.5, 1.1);
             while x + 1.3 < w {
-                let (ww, wh) = (r.rangef(0.8, 1.2), r.rangef(1.1, 1.35));
+                let (ww, wh) = (r.uniform_f32(0.8, 1.2), r.uniform_f32(1.1, 1.35));
                 if floor > 0 || (x - door - 0.5).abs() > 1.4 {
                     Decor::window(c, r, x, y, ww, wh);
                 }
-                x += ww + r.rangef(0.6, 1.5);
+                x += ww + r.uniform_f32(0.6, 1.5);
             }
         }
         if which == Which::Front {
@@ -84,24 +84,24 @@ fn roof(b: &mut Builder, at: Vec2, size: Vec3, yaw: f64) {
 /// A tree: a trunk and a crown of turned boxes.
 pub(super) fn tree(b: &mut Builder, at: Vec2) {
     b.add_obstacle(at, Vec2::new(0.16, 0.16), 0.0);
-    let height = b.random.range(2.0, 2.8);
-    let yaw = b.random.range(0.0, 1.5);
+    let height = b.random.uniform(2.0, 2.8);
+    let yaw = b.random.uniform(0.0, 1.5);
     let trunk = Block { at, base: 0.0, size: Vec3::new(0.28, 0.28, height), yaw, texel: 0.006 };
     b.block(&trunk, |_, c, r| {
         Material::Planks(80.0).coat(c);
         Decor::wear(c, r, 25.0, 50.0);
     });
     for _ in 0..7 {
-        let s = b.random.range(0.9, 1.9);
-        let offset = Vec2::new(b.random.range(-0.8, 0.8), b.random.range(-0.8, 0.8));
+        let s = b.random.uniform(0.9, 1.9);
+        let offset = Vec2::new(b.random.uniform(-0.8, 0.8), b.random.uniform(-0.8, 0.8));
         let leaf = Block {
             at: at + offset,
-            base: height - 0.4 + b.random.range(0.0, 1.6),
-            size: Vec3::new(s, s * b.random.range(0.7, 1.2), s * b.random.range(0.6, 1.0)),
-            yaw: b.random.range(0.0, 1.5),
+            base: height - 0.4 + b.random.uniform(0.0, 1.6),
+            size: Vec3::new(s, s * b.random.uniform(0.7, 1.2), s * b.random.uniform(0.6, 1.0)),
+            yaw: b.random.uniform(0.0, 1.5),
             texel: 0.016,
         };
-        let tone = b.random.rangef(95.0, 130.0);
+        let tone = b.random.uniform_f32(95.0, 130.0);
         b.block(&leaf, |_, c, _| Material::Leaves(tone).coat(c));
     }
 }
@@ -129,7 +129,7 @@ pub(super) fn pole(b: &mut Builder, at: Vec2, yaw: f64) {
 /// A parked car along its own x.
 pub(super) fn car(b: &mut Builder, at: Vec2, yaw: f64) {
     b.add_obstacle(at, Vec2::new(2.1, 0.88), yaw);
-    let paint = b.random.rangef(40.0, 215.0);
+    let paint = b.random.uniform_f32(40.0, 215.0);
     let body = Block { at, base: 0.18, size: Vec3::new(4.2, 1.76, 0.68), yaw, texel: 0.008 };
     b.block(&body, |which, c, r| {
         Material::Board(paint).coat(c);
@@ -184,6 +184,6 @@ pub(super) fn hedge(b: &mut Builder, from: Vec2, to: Vec2) {
     let d = to - from;
     let (at, yaw) = ((from + to) / 2.0, d.y.atan2(d.x));
     b.add_obstacle(at, Vec2::new(d.norm() / 2.0, 0.25), yaw);
-    let size = Vec3::new(d.norm(), 0.5, b.random.range(0.8, 1.2));
+    let size = Vec3::new(d.norm(), 0.5, b.random.uniform(0.8, 1.2));
     b.block(&Block { at, base: 0.0, size, yaw, texel: 0.01 }, |_, c, _| Material::Leaves(105.0).coat(c));
 }

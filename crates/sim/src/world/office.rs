@@ -14,7 +14,7 @@ const DOOR: f64 = 1.0;
 /// Four rooms on each side of a corridor of 2.4 m.
 pub(super) fn build(b: &mut Builder) {
     let k = 2.4;
-    let (wide, deep) = (b.random.range(5.2, 6.2), b.random.range(4.8, 5.6));
+    let (wide, deep) = (b.random.uniform(5.2, 6.2), b.random.uniform(4.8, 5.6));
     let n = 4;
     let length = n as f64 * (wide + WALL) + 1.0;
     let mut rooms = vec![hallway(&mut b.random, [0.0, 0.0, length, k], 1)];
@@ -27,7 +27,7 @@ pub(super) fn build(b: &mut Builder) {
             let index = rooms.len() as u64;
             let stream = if b.options.look_alike { 500 } else { index | 1 << 40 };
             b.stream(stream);
-            let door_x = x0 + wide * b.random.range(0.3, 0.7);
+            let door_x = x0 + wide * b.random.uniform(0.3, 0.7);
             let walls = [
                 Material::Plaster(168.0),
                 Material::Paper(165.0),
@@ -98,7 +98,7 @@ fn furnish(b: &mut Builder, room: &Room, keep: NamedRoute) {
     let [x0, y0, x1, y1] = room.area;
     let middle = Vec2::new(0.5 * (x0 + x1), 0.5 * (y0 + y1));
     let yaw =
-        b.random.range(-0.3, 0.3) + if b.random.chance(0.5) { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+        b.random.uniform(-0.3, 0.3) + if b.random.chance(0.5) { std::f64::consts::FRAC_PI_2 } else { 0.0 };
     for (piece, dx) in [(Piece::Desk, 0.0), (Piece::Chair, -0.75)] {
         let at = middle + Vec2::new(yaw.cos(), yaw.sin()) * dx;
         if b.has_room(at, piece.half(), yaw, 0.45) {

@@ -3,9 +3,9 @@
 //! Where a higher room meets a lower one (a door in its wall), the wall above the lower one remains.
 
 use super::build::{Builder, Lamp};
-use crate::random::Random;
 use crate::texture::{Decor, Material};
 use cairn_geometry::{Vec2, Vec3};
+use cairn_random::Random;
 
 /// How a room's walls are decorated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -135,7 +135,7 @@ fn slab(b: &mut Builder, room: &Room) {
             c.line((cx - 0.57, cy), (cx + 0.57, cy), 0.02, 190.0, 1.0);
         }
         for _ in 0..(cw * ch * 0.25) as usize {
-            let (px, py) = (r.rangef(0.0, cw), r.rangef(0.0, ch));
+            let (px, py) = (r.uniform_f32(0.0, cw), r.uniform_f32(0.0, ch));
             if r.chance(0.5) {
                 c.disc(px, py, 0.07, 60.0, 1.0);
                 c.disc(px, py, 0.045, 215.0, 1.0);
@@ -246,33 +246,33 @@ fn rows(c: &mut crate::texture::Canvas<'_>, r: &mut Random) {
     let (w, h) = (c.width_m(), c.height_m());
     let mut y = h - 2.5;
     while y > 0.2 {
-        let row = r.rangef(0.7, 1.1).min(y - 0.1);
-        let mut x = r.rangef(0.1, 0.8);
+        let row = r.uniform_f32(0.7, 1.1).min(y - 0.1);
+        let mut x = r.uniform_f32(0.1, 0.8);
         while x < w - 0.5 && row > 0.3 {
-            let pw = r.rangef(0.5, 1.4).min(w - x - 0.1);
+            let pw = r.uniform_f32(0.5, 1.4).min(w - x - 0.1);
             Decor::picture(c, r, x, y - row, pw, row);
-            x += pw + r.rangef(0.15, 0.7);
+            x += pw + r.uniform_f32(0.15, 0.7);
         }
-        y -= row + r.rangef(0.15, 0.4);
+        y -= row + r.uniform_f32(0.15, 0.4);
     }
 }
 
 /// Hangs things side by side along a wall.
 fn dress(c: &mut crate::texture::Canvas<'_>, r: &mut Random, dress: Dress) {
     let (w, h) = (c.width_m(), c.height_m());
-    let skirting = r.rangef(40.0, 110.0);
+    let skirting = r.uniform_f32(40.0, 110.0);
     c.rect(0.0, h - 0.1, w, 0.1, skirting, 1.0);
     c.rect(0.0, h - 0.105, w, 0.008, 215.0, 1.0);
     if r.chance(0.4) {
         let y = h - 0.95;
-        c.rect(0.0, y, w, 0.09, r.rangef(60.0, 120.0), 1.0);
+        c.rect(0.0, y, w, 0.09, r.uniform_f32(60.0, 120.0), 1.0);
     }
     if r.chance(0.5) {
-        let y = r.rangef(0.12, 0.35);
-        c.rect(0.0, y, w, 0.06, r.rangef(90.0, 225.0), 1.0);
+        let y = r.uniform_f32(0.12, 0.35);
+        c.rect(0.0, y, w, 0.06, r.uniform_f32(90.0, 225.0), 1.0);
         c.rect(0.0, y + 0.05, w, 0.012, 60.0, 0.8);
     }
-    let mut x = r.rangef(0.15, 0.7);
+    let mut x = r.uniform_f32(0.15, 0.7);
     while x < w - 0.3 {
         let room = w - x - 0.15;
         let pick = r.below(10);
@@ -282,24 +282,24 @@ fn dress(c: &mut crate::texture::Canvas<'_>, r: &mut Random, dress: Dress) {
                 1.35
             }
             (Dress::Corridor, 3..=4) | (Dress::Room, 0..=1) if room > 1.3 => {
-                let bw = r.rangef(1.0, 1.8).min(room);
-                let bh = r.rangef(0.7, 1.0);
+                let bw = r.uniform_f32(1.0, 1.8).min(room);
+                let bh = r.uniform_f32(0.7, 1.0);
                 Decor::board(c, r, x, h - 1.9, bw, bh);
                 bw
             }
             (Dress::Room | Dress::Hall | Dress::Gallery, 2..=4) if room > 1.5 => {
-                let (ww, wh) = (r.rangef(1.0, 1.4), r.rangef(1.0, 1.3));
+                let (ww, wh) = (r.uniform_f32(1.0, 1.4), r.uniform_f32(1.0, 1.3));
                 Decor::window(c, r, x + 0.12, h - 2.25, ww, wh);
                 ww + 0.3
             }
             (Dress::Hall | Dress::Gallery, 5..=7) if room > 2.0 => {
-                let (pw, ph) = (r.rangef(1.2, 1.9), r.rangef(1.0, 1.8));
+                let (pw, ph) = (r.uniform_f32(1.2, 1.9), r.uniform_f32(1.0, 1.8));
                 Decor::picture(c, r, x, h - 1.0 - ph, pw, ph);
                 pw
             }
             (_, 5..=6) => {
                 let (nw, nh) = (0.21_f32.min(room), 0.297);
-                let y = h - r.rangef(1.4, 1.9);
+                let y = h - r.uniform_f32(1.4, 1.9);
                 for k in 0..2 + r.below(2) {
                     Decor::notice(c, r, x, y + k as f32 * (nh + 0.03), nw, nh);
                 }
@@ -318,11 +318,11 @@ fn dress(c: &mut crate::texture::Canvas<'_>, r: &mut Random, dress: Dress) {
                 0.2
             }
             _ => {
-                let (pw, ph) = (r.rangef(0.35, 1.0).min(room), r.rangef(0.35, 0.9));
+                let (pw, ph) = (r.uniform_f32(0.35, 1.0).min(room), r.uniform_f32(0.35, 0.9));
                 Decor::picture(c, r, x, h - 1.05 - ph, pw, ph);
                 pw
             }
         };
-        x += used + r.rangef(0.15, 0.9);
+        x += used + r.uniform_f32(0.15, 0.9);
     }
 }

@@ -14,7 +14,7 @@ const PAVED: f64 = 6.0;
 pub(super) fn build(b: &mut Builder) {
     b.ambient = 0.78;
     b.sun = Some((Vec3::new(0.45, -0.55, 0.7).normalize(), 0.5));
-    let length = b.random.range(52.0, 62.0);
+    let length = b.random.uniform(52.0, 62.0);
     let y = 0.5 * (ROAD + PAVED);
     let end = length - 3.0;
     let block = [(3.0, -y), (end, -y), (end, y), (3.0, y), (3.0, -y)];
@@ -31,8 +31,8 @@ pub(super) fn build(b: &mut Builder) {
     }
     for (k, x0, side) in [(0, -8.0, 0.0), (1, length + 8.0, std::f64::consts::PI)] {
         b.stream(0xE0 + k);
-        let size = Vec3::new(7.0, b.random.range(9.0, 13.0), 5.6);
-        let shift = b.random.range(-2.0, 2.0);
+        let size = Vec3::new(7.0, b.random.uniform(9.0, 13.0), 5.6);
+        let shift = b.random.uniform(-2.0, 2.0);
         house::house(b, Vec2::new(x0, shift), size, side);
     }
 }
@@ -54,7 +54,7 @@ fn flat(b: &mut Builder, area: [f64; 4], texel: f64, material: Material, wear: f
                 c.rect(0.0, y, w, 0.09, 200.0, 0.8);
             }
             for _ in 0..(w / 9.0) as usize {
-                let (px, py) = (r.rangef(1.0, w - 1.0), r.rangef(0.8, h - 0.8));
+                let (px, py) = (r.uniform_f32(1.0, w - 1.0), r.uniform_f32(0.8, h - 0.8));
                 c.disc(px, py, 0.32, 60.0, 1.0);
                 c.disc(px, py, 0.27, 90.0, 1.0);
                 for k in -2..=2 {
@@ -103,11 +103,11 @@ fn horizon(b: &mut Builder, length: f64) {
             for tone in [150.0, 120.0, 92.0] {
                 let mut x = -20.0;
                 while x < w {
-                    let (r2, up) = (r.rangef(4.0, 26.0), r.rangef(2.0, 9.0) + (tone - 92.0) * 0.16);
-                    c.shape([x - r2, h - up, x + r2, h], tone + r.rangef(-12.0, 12.0), 1.0, |px, py| {
+                    let (r2, up) = (r.uniform_f32(4.0, 26.0), r.uniform_f32(2.0, 9.0) + (tone - 92.0) * 0.16);
+                    c.shape([x - r2, h - up, x + r2, h], tone + r.uniform_f32(-12.0, 12.0), 1.0, |px, py| {
                         (((px - x) / r2).powi(2) + ((h - py) / up).powi(2)).sqrt().mul_add(up, -up)
                     });
-                    x += r.rangef(3.0, 14.0);
+                    x += r.uniform_f32(3.0, 14.0);
                 }
             }
         });
@@ -123,9 +123,9 @@ fn row(b: &mut Builder, length: f64, side: f64) {
     b.stream(if side > 0.0 { 0x71 } else { 0x72 });
     let mut x = 0.5;
     while x + 7.0 < length {
-        let wide = b.random.range(7.0, 11.0).min(length - x);
-        let deep = b.random.range(6.0, 8.0);
-        let back = b.random.range(1.6, 3.6);
+        let wide = b.random.uniform(7.0, 11.0).min(length - x);
+        let deep = b.random.uniform(6.0, 8.0);
+        let back = b.random.uniform(1.6, 3.6);
         let size = Vec3::new(deep, wide, if b.random.chance(0.6) { 5.6 } else { 3.1 });
         let at = Vec2::new(x + wide / 2.0, side * (PAVED + back + deep / 2.0));
         house::house(b, at, size, -side * std::f64::consts::FRAC_PI_2);
@@ -136,12 +136,12 @@ fn row(b: &mut Builder, length: f64, side: f64) {
         if b.random.chance(0.7) {
             house::hedge(b, Vec2::new(x + wide * 0.6, y), Vec2::new(x + wide - 0.2, y));
         }
-        x += wide + b.random.range(0.8, 4.0);
+        x += wide + b.random.uniform(0.8, 4.0);
     }
     let mut x = 4.0;
     while x < length - 3.0 {
         let kerb = Vec2::new(x, side * (ROAD + 0.3));
-        let (tree, yaw) = (b.random.chance(0.6), b.random.range(0.0, 1.5));
+        let (tree, yaw) = (b.random.chance(0.6), b.random.uniform(0.0, 1.5));
         // Walkers cut corners by some decimetres.
         if b.has_room(kerb, Vec2::new(0.16, 0.16), yaw, 0.8) {
             if tree {
@@ -150,14 +150,14 @@ fn row(b: &mut Builder, length: f64, side: f64) {
                 house::pole(b, kerb, yaw);
             }
         }
-        x += b.random.range(5.0, 9.0);
+        x += b.random.uniform(5.0, 9.0);
     }
     let mut x = 7.0;
     while x < length - 9.0 {
         if b.random.chance(0.55) {
-            let yaw = b.random.range(-0.04, 0.04);
+            let yaw = b.random.uniform(-0.04, 0.04);
             house::car(b, Vec2::new(x, side * (ROAD - 1.05)), yaw);
         }
-        x += b.random.range(6.0, 11.0);
+        x += b.random.uniform(6.0, 11.0);
     }
 }
