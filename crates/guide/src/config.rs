@@ -99,6 +99,8 @@ pub struct GuideConfig {
     pub stale_s: f64,
     /// "Stop" is repeated after this.
     pub stop_again_s: f64,
+    /// A stop that comes with advice to walk differently (the scale is unknown) is repeated after this.
+    pub advice_again_s: f64,
     /// Poses must be good for this long before guidance goes on.
     pub resume_s: f64,
     /// Weak tracking (a bridged stretch) is said when it has lasted this long.
@@ -171,6 +173,7 @@ impl Default for GuideConfig {
             stopped_again_s: 15.0,
             stale_s: 0.5,
             stop_again_s: 3.0,
+            advice_again_s: 18.0,
             resume_s: 1.0,
             weak_s: 1.0,
             leg_m: 12.0,

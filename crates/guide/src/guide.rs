@@ -300,10 +300,13 @@ impl Guide {
             return None;
         }
         let before = self.halted.filter(|h| h.reason == reason).map(|h| (h.said, h.times));
-        // What helps takes a while to say and to do.
-        let patience = if reason == StopReason::ScaleUncertain { 6.0 } else { 1.0 };
+        // With unknown scale the advice is two sentences and a turn of the body: it takes a while to say and to follow.
+        let again_s = match reason {
+            StopReason::ScaleUncertain => self.config.advice_again_s,
+            _ => self.config.stop_again_s,
+        };
         let (said, times) = match before {
-            Some((said, times)) if now - said < patience * self.config.stop_again_s => (said, times),
+            Some((said, times)) if now - said < again_s => (said, times),
             Some((_, times)) => (now, times + 1),
             None => (now, 1),
         };

@@ -19,5 +19,5 @@ pub use offset::{OffsetConfig, OffsetUnknown, TimeOffset, time_offset};
 pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestConfig};
-pub use state::{Bias, GRAVITY_M_S2, Gravity, NavState};
+pub use state::{Bias, Gravity, NavState};
 pub use window::{BiasPrior, ImuFactors, ImuLink, Motion, MotionFreedom};

@@ -1,8 +1,8 @@
 //! Statistics of a stretch of IMU readings: rate, holes, norms, units. For calibration checks and at start-up.
 
-use crate::{GRAVITY_M_S2, Moves, Rest, RestConfig};
+use crate::{Moves, Rest, RestConfig};
 use cairn_geometry::Vec3;
-use cairn_sensor::{ImuSample, ImuSensor};
+use cairn_sensor::{GRAVITY_M_S2, ImuSample, ImuSensor};
 
 /// Length of a piece that is examined on its own, seconds.
 const PIECE_S: f64 = 0.5;

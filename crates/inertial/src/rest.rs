@@ -6,8 +6,9 @@
 //!
 //! A motion at constant velocity without rotation looks the same to an IMU. Where there is a camera, it must be asked too.
 
-use crate::{Bias, GRAVITY_M_S2};
+use crate::Bias;
 use cairn_geometry::Vec3;
+use cairn_sensor::GRAVITY_M_S2;
 use cairn_sensor::{ImuNoise, ImuSample};
 use nalgebra::SMatrix;
 

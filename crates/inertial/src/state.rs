@@ -1,10 +1,8 @@
 //! The state of an IMU: biases, pose, velocity; and gravity.
 
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3};
+use cairn_sensor::GRAVITY_M_S2;
 use nalgebra::{Matrix3x2, SVector, Vector2};
-
-/// Standard gravity, m/s^2; places on earth differ by 0.3 %.
-pub const GRAVITY_M_S2: f64 = 9.80665;
 
 /// The biases of an IMU, to be subtracted from its readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -16,7 +16,7 @@ pub use image::{DepthImage, GrayImage, Image};
 pub use lens::Distortion;
 pub use live::{ClockReading, Live};
 pub use merge::{Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream, Why};
-pub use packet::{FramePacket, ImuSample};
+pub use packet::{FramePacket, GRAVITY_M_S2, ImuSample};
 pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
 pub use skips::{SkipCount, SkipKind, Skipped, Skips};
 pub use source::{Source, SourceError, SourceInfo};

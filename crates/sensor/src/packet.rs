@@ -4,6 +4,9 @@ use crate::{DepthImage, GrayImage, Stamp};
 use cairn_geometry::Vec3;
 use std::sync::Arc;
 
+/// Standard gravity, m/s^2; places on earth differ by 0.3 %.
+pub const GRAVITY_M_S2: f64 = 9.80665;
+
 /// One reading of the inertial sensor, in the body (IMU) frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {

@@ -19,8 +19,7 @@ pub use render::Renderer;
 pub use smooth::SmoothRig;
 pub use source::SimSource;
 pub use walk::{
-    Agreement, BodyState, GRAVITY_M_S2, ImuConfig, ImuTroubles, Motion, Stride, Walker, read_readings,
-    read_tum,
+    Agreement, BodyState, ImuConfig, ImuTroubles, Motion, Stride, Walker, read_readings, read_tum,
 };
 pub use world::{Figure, NamedRoute, Passer, World, WorldKind, WorldOptions};
 pub use write::{write_euroc, write_tum};

@@ -15,7 +15,7 @@ pub struct SimSource {
     rig: Rig,
     info: SourceInfo,
     motion: Motion,
-    feel: Option<ImuFeed>,
+    imu_feed: Option<ImuFeed>,
     agreement: Option<Agreement>,
     epoch: Stamp,
     next: usize,
@@ -78,14 +78,14 @@ impl SimSource {
             .collect();
         let info = SourceInfo { name, frames: Some(frames), rate_hz: config.rate_hz, truth, assumed: None };
         let rig = config.rig();
-        let feel = rig.imu.as_ref().zip(config.imu).map(|(sensor, imu)| {
+        let imu_feed = rig.imu.as_ref().zip(config.imu).map(|(sensor, imu)| {
             let readings = match readings {
                 Some(list) => Readings::Recorded(list.into_iter()),
                 None => Readings::Simulated(Box::new(ImuSim::new(imu, config.seed))),
             };
             ImuFeed::new(readings, Troubled::new(config.troubles, config.seed), sensor.rate_hz)
         });
-        Ok(Self { live, rig, info, motion, feel, agreement, epoch, next: 0 })
+        Ok(Self { live, rig, info, motion, imu_feed, agreement, epoch, next: 0 })
     }
 
     /// The world.
@@ -244,8 +244,8 @@ impl Source for SimSource {
         self.next += 1;
         let motion = &self.motion;
         let mut packet = self.live.packet_along(stamp, &|dt| motion.pose(seconds + dt));
-        if let Some(feel) = &mut self.feel {
-            packet.imu = feel.until(motion, self.epoch, stamp);
+        if let Some(imu_feed) = &mut self.imu_feed {
+            packet.imu = imu_feed.until(motion, self.epoch, stamp);
         }
         Ok(Some(packet))
     }

@@ -1,7 +1,8 @@
 //! A rig with an IMU that is moved frame by frame: its readings belong to the motion that its camera sees.
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sim::{GRAVITY_M_S2, ImuConfig, SimConfig, SimSensor, SmoothRig, WorldKind};
+use cairn_sensor::GRAVITY_M_S2;
+use cairn_sim::{ImuConfig, SimConfig, SimSensor, SmoothRig, WorldKind};
 
 fn config() -> SimConfig {
     SimConfig {

@@ -1,8 +1,8 @@
 //! The contract of the simulated source: times, determinism, IMU readings, errors.
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{FramePacket, ImuSample, Source, Stamp};
-use cairn_sim::{CameraPath, Effects, GRAVITY_M_S2, LiveRig, SimConfig, SimSource, WorldKind};
+use cairn_sensor::{FramePacket, GRAVITY_M_S2, ImuSample, Source, Stamp};
+use cairn_sim::{CameraPath, Effects, LiveRig, SimConfig, SimSource, WorldKind};
 
 fn small(text: &str) -> SimConfig {
     SimConfig::parse(&format!("{text}&resolution=160x120&detail=0.2")).unwrap()

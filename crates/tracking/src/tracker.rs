@@ -540,7 +540,7 @@ impl Tracker {
                 self.locate_from(snapshot, &frame, &located.world_from_camera, prior.as_ref(), &mut matches);
         }
         let need = match (&prior, self.since_recovery < 30) {
-            // The IMU constrains the pose too.
+            // The prior constrains the pose too: from the IMU, or that the camera turns on the spot.
             (Some(_), _) => self.need(&frame).min(MIN_INLIERS_WITH_IMU),
             (None, true) => self.config.min_inliers * 3 / 2,
             (None, false) => self.need(&frame),

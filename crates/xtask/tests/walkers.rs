@@ -2,8 +2,8 @@
 
 use cairn_geometry::Vec3;
 use cairn_inertial::{Bias, Gravity, ImuBuffer, NavState};
-use cairn_sensor::{Source, Stamp};
-use cairn_sim::{GRAVITY_M_S2, SimConfig, SimSource};
+use cairn_sensor::{GRAVITY_M_S2, Source, Stamp};
+use cairn_sim::{SimConfig, SimSource};
 use std::f64::consts::PI;
 
 /// Errors after one second, starting every half second: position in metres and rotation in radians, RMS and maximum.

@@ -1,8 +1,9 @@
 //! The tests of an initialisation, each a value with its number.
 
 use super::{Initial, InitialiseConfig, Scale, Seen};
-use crate::{GRAVITY_M_S2, Preintegrated};
+use crate::Preintegrated;
 use cairn_geometry::{Se3, Vec3};
+use cairn_sensor::GRAVITY_M_S2;
 use std::fmt;
 
 /// What is tested.

@@ -5,8 +5,9 @@
 //! position and velocity, gravity, scale and the accelerometer's bias.
 
 use super::map::Problem;
-use crate::{Bias, GRAVITY_M_S2, Gravity, Preintegrated};
+use crate::{Bias, Gravity, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, So3, Vec3};
+use cairn_sensor::GRAVITY_M_S2;
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 /// Seconds of the sequence that the linear guess uses: over longer times the random walk of the bias and the rotation errors

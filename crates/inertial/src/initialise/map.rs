@@ -7,8 +7,9 @@
 use super::chain::{Block, Chain, SHARED, STATE, Step};
 use super::guess::{self, Guess};
 use super::{Initial, InitialiseConfig, Scale, Seen};
-use crate::{Bias, GRAVITY_M_S2, Gravity, NavState, Preintegrated};
+use crate::{Bias, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3, hat};
+use cairn_sensor::GRAVITY_M_S2;
 use cairn_sensor::ImuNoise;
 use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Trial};
 use nalgebra::{SMatrix, SVector, Vector2};

@@ -6,10 +6,7 @@
 use super::Motion;
 use cairn_geometry::{Se3, Vec3};
 use cairn_random::Random;
-use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
-
-/// Gravity along -z of the world.
-pub const GRAVITY_M_S2: f64 = 9.81;
+use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, ImuSensor, Stamp};
 
 /// The config of the simulated IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]

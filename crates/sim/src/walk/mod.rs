@@ -9,7 +9,7 @@ mod trajectory;
 mod troubles;
 mod walker;
 
-pub use imu::{GRAVITY_M_S2, ImuConfig};
+pub use imu::ImuConfig;
 pub use motion::{BodyState, Motion};
 pub use readings::read_readings;
 pub use recorded::Agreement;

@@ -28,7 +28,7 @@ const CLOCK_ROUNDS: usize = 3;
 const COMPARE_S: f64 = 0.05;
 /// The largest clock offset that is accepted, seconds.
 const MOST_OFFSET_S: f64 = 0.1;
-const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -super::GRAVITY_M_S2);
+const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -cairn_sensor::GRAVITY_M_S2);
 
 /// How well measured poses and readings agree, before and after smoothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
