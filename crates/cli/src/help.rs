@@ -9,7 +9,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Start here", &["demo", "run", "doctor"]),
     ("Maps and routes", &["map", "route", "mesh", "plan"]),
     ("A phone or another screen", &["serve"]),
-    ("Recordings, cameras, figures", &["rig", "eval", "sim", "config", "vocab"]),
+    ("Recordings, cameras, figures", &["rig", "eval", "bench", "sim", "config", "vocab"]),
     ("Solvers and filters", &["solve", "team", "ekf"]),
 ];
 

@@ -114,6 +114,53 @@ pub fn histogram(labels: &Labels, values: &[f64], marks: &[Mark]) -> Figure {
     canvas.finish(&labels.title, &labels.description)
 }
 
+/// One row of a dot chart.
+#[derive(Clone, Debug, Default)]
+pub struct Dots {
+    /// Name at the left.
+    pub label: String,
+    /// Values; those that are not positive numbers are left out.
+    pub values: Vec<f64>,
+}
+
+/// Rows of dots over one logarithmic axis, so that values of any size can be compared.
+pub fn dot_chart(labels: &Labels, rows: &[Dots]) -> Figure {
+    const ROW: f64 = 22.0;
+    let longest = rows.iter().map(|r| r.label.chars().count()).max().unwrap_or(0);
+    let left = (20.0 + 7.2 * longest as f64).min(0.5 * WIDTH);
+    let bottom = 12.0 + ROW * rows.len() as f64;
+    let mut canvas = Canvas::new(WIDTH, bottom + 48.0);
+    let positive = |v: &&f64| v.is_finite() && **v > 0.0;
+    let all = rows.iter().flat_map(|r| r.values.iter().filter(positive)).map(|v| v.log10());
+    let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let (low, high) = if low > high { (0.0, 1.0) } else { ((low - 0.05).floor(), (high + 0.05).ceil()) };
+    let at = |v: f64| left + (v.log10() - low) / (high - low) * (WIDTH - 24.0 - left);
+    for power in low as i32..=high as i32 {
+        let value = 10f64.powi(power);
+        canvas.line((at(value), 8.0), (at(value), bottom), Tone::Muted, 1.0);
+        let decimals = (-power).max(0) as usize;
+        canvas.text(
+            (at(value), bottom + 18.0),
+            Anchor::Middle,
+            Tone::Muted,
+            "small",
+            &format!("{value:.decimals$}"),
+        );
+        for between in (2..10).map(|m| f64::from(m) * value).filter(|_| power < high as i32) {
+            canvas.line((at(between), 8.0), (at(between), bottom), Tone::Grid, 1.0);
+        }
+    }
+    for (k, row) in rows.iter().enumerate() {
+        let level = 12.0 + ROW * (k as f64 + 0.5);
+        canvas.text((left - 10.0, level + 4.0), Anchor::End, Tone::Ink, "small", &row.label);
+        for value in row.values.iter().filter(positive) {
+            canvas.disc((at(*value), level), 4.0, Tone::First, false);
+        }
+    }
+    canvas.text((0.5 * (left + WIDTH), bottom + 38.0), Anchor::Middle, Tone::Ink, "", &labels.x);
+    canvas.finish(&labels.title, &labels.description)
+}
+
 /// The axes of a chart and the mapping from values to pixels.
 struct Axes {
     left: f64,

@@ -7,6 +7,7 @@ use crate::coverage::{coverage_of_frames, coverage_of_reference};
 use crate::error::EvalError;
 use crate::read::{Format, TrajectoryFile};
 use crate::relative::{Delta, pairs};
+use crate::segments::{KittiErrors, kitti_errors};
 use crate::statistics::Statistics;
 use crate::write::seconds_text;
 use cairn_geometry::{Sim3, Trajectory, Vec3, associate, umeyama};
@@ -121,6 +122,8 @@ pub struct Evaluation {
     pub rpe_m: Option<Statistics>,
     /// Relative pose error (RPE), rotation angle, in degrees.
     pub rpe_deg: Option<Statistics>,
+    /// The drift over segments of 100 to 800 m as in the KITTI odometry benchmark; `None` on shorter trajectories.
+    pub kitti: Option<KittiErrors>,
     /// Remarks for the reader, in sentences.
     pub notes: Vec<String>,
     /// The alignment.
@@ -212,9 +215,10 @@ pub fn evaluate(
         Association::Index => matches.len() as f64 / reference.len() as f64,
     };
     let mut notes = Vec::new();
-    let (mut ate_deg, mut rpe_m, mut rpe_deg) = (None, None, None);
+    let (mut ate_deg, mut rpe_m, mut rpe_deg, mut kitti) = (None, None, None, None);
     if options.rotations {
         ate_deg = Statistics::of(&matched.angles_deg());
+        kitti = kitti_errors(&matched.reference, &matched.estimate);
         let (metres, degrees) = matched.relative(options);
         (rpe_m, rpe_deg) = (Statistics::of(&metres), Statistics::of(&degrees));
         if metres.is_empty() {
@@ -234,6 +238,7 @@ pub fn evaluate(
         delta: options.delta.to_string(),
         rpe_m,
         rpe_deg,
+        kitti,
         notes,
         reference_from_estimate: aligned_from_estimate,
         errors,

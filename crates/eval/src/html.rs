@@ -129,6 +129,15 @@ impl Page {
         self.body.push_str("</tbody></table>");
     }
 
+    /// A list of links to other files, by relative address.
+    pub fn links(&mut self, links: &[(String, String)]) {
+        self.body.push_str("<ul>");
+        for (text, address) in links {
+            let _ = write!(self.body, "<li><a href=\"{}\">{}</a></li>", escape(address), escape(text));
+        }
+        self.body.push_str("</ul>");
+    }
+
     /// Long text that is collapsed, such as a configuration.
     pub fn folded(&mut self, summary: &str, text: &str) {
         let _ = write!(

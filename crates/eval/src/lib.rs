@@ -14,13 +14,14 @@ pub mod process;
 mod read;
 mod relative;
 mod report;
+mod segments;
 mod statistics;
 mod status_summary;
 mod svg;
 mod timeline;
 mod write;
 
-pub use chart::{Labels, Mark, Series, histogram, line_chart};
+pub use chart::{Dots, Labels, Mark, Series, dot_chart, histogram, line_chart};
 pub use coverage::{coverage_of_frames, coverage_of_reference};
 pub use error::{EvalError, FileError};
 pub use evaluate::{
@@ -34,6 +35,7 @@ pub use plan::{Event, Marker, Plan, PlanLine};
 pub use read::{Format, KITTI_STEP_NS, TrajectoryFile, parse_trajectory};
 pub use relative::Delta;
 pub use report::{LiveReport, Lost, RunReport, ScaleReport, SkipReport};
+pub use segments::{KittiErrors, SegmentErrors};
 pub use statistics::Statistics;
 pub use status_summary::{GateStanding, ImuStanding, StatusSummary};
 pub use svg::{Figure, Tone};

@@ -99,6 +99,12 @@ fn text(e: &Evaluation) -> String {
             lines.push(format!("{name:<8}  {:.6} {unit} RMSE{over}{}", s.rmse, rest(s, unit)));
         }
     }
+    if let Some(k) = &e.kitti {
+        lines.push(format!(
+            "KITTI     {:.4} %, {:.4} deg/100 m over {} segments of 100 to 800 m",
+            k.all.translation_percent, k.all.rotation_deg_per_100m, k.all.segments
+        ));
+    }
     lines.extend(e.notes.iter().map(|note| format!("note      {note}")));
     lines.join("\n")
 }

@@ -1,5 +1,6 @@
 //! One file per command: its arguments and its output.
 
+pub mod bench;
 pub mod completions;
 pub mod config;
 pub mod doctor;

@@ -1,6 +1,7 @@
 //! The binary as a user sees it: exit codes, one-line errors with a hint, valid JSON.
 
 mod bag;
+mod bench;
 mod config;
 mod demo;
 mod doctor;
@@ -65,7 +66,7 @@ fn every_listed_command_has_help_and_json() {
     for name in ["run", "demo", "doctor", "completions", "map", "ekf", "team"] {
         assert!(names.contains(&name), "{name}: {help}");
     }
-    assert_eq!(names.len(), 17, "{help}");
+    assert_eq!(names.len(), 18, "{help}");
     for name in names.iter().filter(|name| **name != "help") {
         let output = cairn(&[name, "--help"]);
         assert_eq!(output.status.code(), Some(0), "{name}");
