@@ -63,6 +63,8 @@ fn help(words: &[&str], known: &mut BTreeMap<String, String>) -> String {
 
 /// What is wrong with a command line (without the word cairn), if anything.
 fn wrong(line: &str, known: &mut BTreeMap<String, String>) -> Option<String> {
+    // In a table a bar is written as "\\|".
+    let line = line.replace("\\|", "|");
     let words: Vec<&str> = line.split_whitespace().collect();
     let first = *words.first()?;
     if !first.chars().all(|c| c.is_ascii_lowercase()) {
