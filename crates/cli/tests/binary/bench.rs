@@ -7,7 +7,7 @@ fn recordings_sensors_and_repeats_become_one_table() {
     let root = folder("bench");
     let (walks, out) = (root.join("walks"), root.join("out"));
     for (name, seed) in [("one", "1"), ("two", "2")] {
-        let address = format!("sim:office?seed={seed}&sensor=stereo&rate=10&duration=2&width=320&height=200");
+        let address = format!("sim:office?seed={seed}&sensor=stereo&rate=10&duration=2&resolution=320x240");
         let to = walks.join(name);
         let made = cairn(&["sim", &address, "--out", &to.to_string_lossy()]);
         assert!(made.status.success(), "{}", stderr(&made));
@@ -69,7 +69,7 @@ fn a_run_that_fails_is_a_row_and_an_exit_code() {
     let wrong = root.join("wrong.toml");
     std::fs::write(&wrong, "[tracker]\nno_such_entry = 1\n").unwrap();
     let out = root.join("out").to_string_lossy().into_owned();
-    let source = "sim:office?rate=5&duration=1&width=160&height=100";
+    let source = "sim:office?rate=5&duration=1&resolution=160x120";
     let done =
         cairn(&["bench", source, "--out", &out, "--sensor", "mono", "--config", &wrong.to_string_lossy()]);
     assert_eq!(done.status.code(), Some(1));
