@@ -3,6 +3,7 @@
 use crate::{Change, KeyFrameId, Snapshot};
 use cairn_geometry::Sim3;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// The effect of one commit.
@@ -35,21 +36,35 @@ pub struct Subscription {
     pub start: Arc<Snapshot>,
     /// Every commit since, in order.
     pub changes: Receiver<Arc<Published>>,
+    latest: Arc<AtomicU64>,
+}
+
+impl Subscription {
+    /// How many commits there are after the one that produced this version. What is not read stays in memory: a reader
+    /// that falls far behind drops the subscription and subscribes again.
+    pub fn behind(&self, version: u64) -> u64 {
+        self.latest.load(Ordering::Acquire).saturating_sub(version)
+    }
 }
 
 /// The senders of all subscriptions.
 #[derive(Debug, Default)]
-pub(crate) struct Subscribers(Vec<Sender<Arc<Published>>>);
+pub(crate) struct Subscribers {
+    to: Vec<Sender<Arc<Published>>>,
+    /// The latest version that was published.
+    latest: Arc<AtomicU64>,
+}
 
 impl Subscribers {
     pub fn subscribe(&mut self, start: Arc<Snapshot>) -> Subscription {
         let (to, changes) = channel();
-        self.0.push(to);
-        Subscription { start, changes }
+        self.to.push(to);
+        self.latest.fetch_max(start.version, Ordering::AcqRel);
+        Subscription { start, changes, latest: self.latest.clone() }
     }
 
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.to.is_empty()
     }
 
     /// Sends to all subscribers, and drops those that have closed. `next` is the snapshot after the changes.
@@ -64,6 +79,7 @@ impl Subscribers {
         });
         let removed = removed.collect();
         let published = Arc::new(Published { version: next.version, changes, removed });
-        self.0.retain(|to| to.send(published.clone()).is_ok());
+        self.latest.store(next.version, Ordering::Release);
+        self.to.retain(|to| to.send(published.clone()).is_ok());
     }
 }

@@ -352,9 +352,11 @@ proptest! {
         for subscription in [Some(from_the_start), subscribed_later].into_iter().flatten() {
             let mut mirror = Mirror::of(&subscription.start);
             for published in subscription.changes.try_iter() {
+                prop_assert_eq!(subscription.behind(mirror.version()), snapshot.version() - mirror.version());
                 prop_assert_eq!(published.version, mirror.version() + 1, "out of order");
                 mirror.take(&published);
             }
+            prop_assert_eq!(subscription.behind(mirror.version()), 0);
             prop_assert_eq!(&mirror, &Mirror::of(&snapshot));
             for (k, camera_from_it) in &anchored {
                 let (there, here) = (mirror.resolve(*k, camera_from_it), snapshot.resolve(*k, camera_from_it));
