@@ -200,8 +200,11 @@ impl Session {
         };
         self.frame = Some(packet.stamp);
         self.ages.came(self.now);
-        if self.picture.there(self.now) && self.guiding.is_none() {
-            self.say(&self.text("walk-picture-back"), Priority::Normal);
+        if self.picture.there(self.now) {
+            self.withdraw("walk-no-picture");
+            if self.guiding.is_none() {
+                self.say(&self.text("walk-picture-back"), Priority::Normal);
+            }
         }
         if output.died.is_some() {
             self.say(&self.text("walk-mapping-failed"), Priority::Urgent);
@@ -254,7 +257,10 @@ impl Session {
                 self.begin_guiding(facing.unwrap_or(self.config.facing), *again)
             }
             Command::Halt => match self.guiding.take() {
-                Some(_) => Ok(self.text("walk-guidance-ended")),
+                Some(_) => {
+                    self.voice.drop_waiting();
+                    Ok(self.text("walk-guidance-ended"))
+                }
                 None => Err(self.text("walk-not-guiding")),
             },
             Command::Repeat => {
@@ -435,6 +441,13 @@ impl Session {
         self.pushed = Some((text.to_owned(), None));
     }
 
+    /// A line that still waits is not said any more: its reason is gone.
+    fn withdraw(&mut self, id: &str) {
+        if self.voice.waiting() == Some(&self.text(id)) {
+            self.voice.drop_waiting();
+        }
+    }
+
     fn speak(&mut self, now: Stamp) {
         self.drop_old_direction();
         let Some(u) = self.voice.poll(now) else { return };
@@ -495,6 +508,9 @@ impl Session {
         }
         let place = self.place.as_ref();
         let words = self.recording.as_mut().and_then(|r| r.observe(seen, place));
+        if words == Some("guide-found") {
+            self.withdraw("walk-lost");
+        }
         // Under guidance the guide reports on tracking; before the first pose nothing can be lost.
         if let Some(words) = words.filter(|_| self.guiding.is_none() && self.place.is_some()) {
             self.say(&self.text(words), Priority::High);
@@ -643,5 +659,37 @@ impl Session {
             }
             self.pushed = Some((words, turn));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_engine::{Config, Runner, SensorMode};
+    use cairn_sensor::{Camera, Rig};
+
+    #[test]
+    fn a_waiting_line_dies_with_its_reason_and_settings_are_not_said() {
+        let rig = Rig::mono(Camera::pinhole(320, 240, 220.0, 220.0, 159.5, 119.5));
+        let engine = Engine::new(&rig, SensorMode::Mono, 30.0, Runner::Lockstep, &Config::default()).unwrap();
+        let mut session = Session::new(engine, SessionConfig::default());
+        session.say(&session.text("walk-mapping-failed"), Priority::Urgent);
+        session.speak(session.now);
+        session.say(&session.text("walk-no-picture"), Priority::High);
+        session.withdraw("walk-lost");
+        assert!(session.voice.waiting().is_some());
+        session.withdraw("walk-no-picture");
+        assert_eq!(session.voice.waiting(), None);
+        session.events();
+        session.command(&Command::parse("set language de").unwrap()).unwrap();
+        session.command(&Command::parse("set speed 90").unwrap()).unwrap();
+        assert!(session.events().is_empty() && session.language() == Language::German);
+        assert_eq!(session.voice.config().rate, 0.5);
+        session.tick(Stamp::from_seconds(60.0));
+        let answer = session.command(&Command::parse("guide").unwrap()).unwrap_err();
+        let Some(Event::Said(said)) = session.events().pop() else { panic!("nothing was said") };
+        assert_eq!(said.text, "Es gibt noch keine Route. Erst eine aufnehmen oder laden.");
+        assert_eq!((said.text, said.language), (answer, Language::German));
+        assert_eq!(session.status().words, "Ich warte auf das erste Bild der Kamera.");
     }
 }

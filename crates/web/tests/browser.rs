@@ -140,7 +140,7 @@ fn page_records_and_guides_home_in_a_browser() {
     wait(&mut browser, &phone, "frames", "#s-tracking", 10.0);
     browser.key(&phone, "r");
     wait(&mut browser, &phone, "Recording", "#log", 10.0);
-    wait(&mut browser, &phone, "Tracking.", "#s-tracking", 12.0);
+    wait(&mut browser, &phone, "I know where we are.", "#s-tracking", 12.0);
     wait(&mut browser, &phone, "Recording.", "#state-now", 5.0);
     wait(&mut browser, &phone, " s old", "#age-now", 5.0);
     browser.picture(&phone, &folder.join("phone-recording.png"));
@@ -319,11 +319,39 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
 
     // Settings are there again after a reload.
     browser.click(&phone, "[name=told][value=reader]");
-    browser.eval(&phone, "rate.value = 1.6; rate.dispatchEvent(new Event('change')); sounds.click()");
+    let set = |input: &str, value: &str| {
+        format!(
+            "document.getElementById('{input}').value = '{value}'; document.getElementById('{input}').dispatchEvent(new Event('change'));"
+        )
+    };
+    browser.eval(
+        &phone,
+        &(set("speed", "240") + &set("unit", "steps") + &set("directions", "clock") + "sounds.click()"),
+    );
+    assert_eq!(browser.eval(&phone, "document.getElementById('step-line').hidden"), false);
+    // Another language, at once and after a reload; plurals and decimals as the catalogue has them.
+    let english = browser.text(&phone, "#commands");
+    assert!(english.contains("Guide home G") && english.contains("Halt guidance H"), "{english}");
+    browser.eval(&phone, &set("language", "de"));
+    wait(&mut browser, &phone, "Niemand steuert diesen Gang", "#control", 5.0);
+    browser.picture(&phone, &folder.join("phone-german.png"));
     browser.reload(&phone);
-    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
-    let kept = "[document.querySelector('[name=told]:checked').value, rate.value, sounds.checked].join()";
-    assert_eq!(browser.eval(&phone, kept), "reader,1.6,false");
+    wait(&mut browser, &phone, "Niemand steuert diesen Gang", "#control", 20.0);
+    accessible(&mut browser, &phone, "in German");
+    let german = browser.text(&phone, "#commands");
+    assert!(german.contains("Heimführen G") && german.contains("Führung beenden H"), "{german}");
+    let formatted = browser.eval(
+        &phone,
+        r#"(async () => {
+            const { Words } = await import('/words.js');
+            const w = await Words.in('de');
+            const frames = (frames) => w.text('page-frames', { tracked: 1, frames, matches: 7 });
+            return [frames(1), frames(3), w.text('page-age', { seconds: w.number(2.5, 1) })].join(' | ');
+        })()"#,
+    );
+    assert_eq!(formatted, "1 von 1 Bild; 7 Treffer. | 1 von 3 Bildern; 7 Treffer. | Bild 2,5 s alt");
+    let kept = "[document.querySelector('[name=told]:checked').value, speed.value, unit.value, directions.value, sounds.checked, language.value, document.documentElement.lang].join()";
+    assert_eq!(browser.eval(&phone, kept), "reader,240,steps,clock,false,de,de");
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
 

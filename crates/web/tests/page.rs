@@ -166,9 +166,19 @@ async fn page_is_served_over_tls_with_content_policy() {
         let _ = tls.read_to_string(&mut text);
         text
     };
-    for path in
-        ["/", "/app.js", "/pace.js", "/camera.js", "/senses.js", "/view.js", "/style.css", "/icon.svg"]
-    {
+    for path in [
+        "/",
+        "/words.js",
+        "/words/en.json",
+        "/words/es.json",
+        "/app.js",
+        "/pace.js",
+        "/camera.js",
+        "/senses.js",
+        "/view.js",
+        "/style.css",
+        "/icon.svg",
+    ] {
         let text = get(path);
         assert!(text.starts_with("HTTP/1.1 200"), "{path}: {text}");
         assert!(text.contains("content-security-policy: default-src 'none'"), "{path}");
@@ -177,6 +187,8 @@ async fn page_is_served_over_tls_with_content_policy() {
         assert!(!foreign.contains("http://") && !foreign.contains("https://"), "{path} names another host");
     }
     assert!(get("/secret").starts_with("HTTP/1.1 404"));
+    let german = get("/ HTTP/1.1\r\nAccept-Language: de-AT, en;q=0.5\r\nX-Rest:");
+    assert!(german.contains("<html lang=\"de\">") && german.contains(">Aufnahme beenden</span>"), "{german}");
     // Without TLS the answer gives the right address.
     let mut plain = TcpStream::connect(server.address()).unwrap();
     plain.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
@@ -215,6 +227,23 @@ async fn token_is_required_and_one_page_controls() {
     let view = next(&mut watcher, "view").await;
     assert!(view["points"].as_array().unwrap().len() > 50 && view["camera"].is_array());
 
+    // The page that holds the walk decides how it is spoken to, and needs no answer to that; each page is refused in
+    // its own language.
+    let settings = |language: &str| json!({ "settings": { "language": language, "lines": [format!("set language {language}"), "set unit feet"] } });
+    send(&mut watcher, settings("es")).await;
+    send(&mut watcher, json!({ "command": "record" })).await;
+    assert_eq!(next(&mut watcher, "refused").await, "Otro dispositivo controla este recorrido.");
+    send(&mut walker, settings("de")).await;
+    send(&mut walker, json!({ "command": "guide home" })).await;
+    let refused = next(&mut walker, "did").await;
+    assert_eq!(refused["text"], "Es gibt noch keine Route. Erst eine aufnehmen oder laden.");
+    assert_eq!(next(&mut walker, "said").await["language"], "de");
+    while next(&mut watcher, "status").await["language"] != "de" {}
+    send(
+        &mut walker,
+        json!({ "settings": { "language": "en", "lines": ["set language en", "set unit metres"] } }),
+    )
+    .await;
     send(&mut walker, json!({ "command": "guide home" })).await;
     let refused = next(&mut walker, "did").await;
     assert!(refused["ok"] == false && refused["text"].as_str().unwrap().contains("no route"), "{refused}");
