@@ -70,9 +70,10 @@ pub struct MergedMaps {
     pub notes: Vec<String>,
 }
 
-/// Puts saved maps of the same camera into one, and joins those that show the same places ([`Closer::join_maps`]). Ids
-/// of the first file stay; those of the others are shifted behind them, and their routes with them, so that every route
-/// stays anchored to the key frames that it was recorded with and moves with them. Maps in which no place is recognised
+/// Puts saved maps of the same camera into one, and joins those that show the same places ([`Closer::join_maps`]). Every
+/// key frame keeps its name (robot and number), and so every recorded route stays anchored to the key frames that it was
+/// recorded with and moves with them. Where two files have key frames of one name, as of the same robot that began twice
+/// from nothing, the robot of the later file gets another number, in its attached routes too, and a note says so. Maps in which no place is recognised
 /// with certainty stay apart, each in a frame of its own; a later run joins them when it sees both.
 ///
 /// # Errors
@@ -112,9 +113,14 @@ impl MergedMaps {
         }
         let (snapshot, shift) = self.file.snapshot.beside(&other.snapshot).map_err(unfit)?;
         self.file.snapshot = snapshot;
+        for (was, is) in &shift.robots {
+            self.notes.push(format!(
+                "{name}: its robot {was} is robot {is} in the new file; routes recorded with it: map export --routes"
+            ));
+        }
         for (part, bytes) in other.attached {
             let bytes = match part.strip_prefix(ROUTE_PREFIX) {
-                Some(route) => shifted(&bytes, &shift).map_err(|source| MergeError::Route {
+                Some(route) => renamed(bytes, &shift).map_err(|source| MergeError::Route {
                     name: name.to_owned(),
                     route: route.to_owned(),
                     source,
@@ -171,13 +177,14 @@ impl MergedMaps {
     }
 }
 
-/// A route anchored to the same key frames under their new numbers.
-fn shifted(bytes: &[u8], shift: &Shift) -> Result<Vec<u8>, RouteError> {
-    let mut route = Route::read(bytes)?;
+/// A route anchored to the same key frames, where a robot has another number now.
+fn renamed(bytes: Vec<u8>, shift: &Shift) -> Result<Vec<u8>, RouteError> {
+    let mut route = Route::read(bytes.as_slice())?;
+    if shift.robots.is_empty() {
+        return Ok(bytes);
+    }
     for point in &mut route.points {
-        let seq = u32::try_from(point.anchor.seq as usize + shift.key_frames);
-        point.anchor.seq =
-            seq.map_err(|_| RouteError::Header("the number of a key frame is too large".into()))?;
+        point.anchor.robot = shift.robot(point.anchor.robot);
     }
     route.to_bytes().map_err(|e| RouteError::Header(e.to_string()))
 }

@@ -204,7 +204,7 @@ impl Session {
         if output.died.is_some() {
             self.say("Stop. Mapping has failed. Save the recording and start again.", Priority::Urgent);
         }
-        let seen = record_input(&output);
+        let seen = record_input(&output, &self.engine.snapshot());
         self.confidence = seen.confidence;
         if tracked(&seen) {
             self.place = Place::of(&output, &seen).or(self.place);
