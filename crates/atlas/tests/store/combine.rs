@@ -45,7 +45,7 @@ fn combined_snapshot_contains_both() {
 /// Two robots with numbers of their own: every name stays, and each goes on counting after the merge.
 #[test]
 fn names_of_different_robots_stay() {
-    let (a, b) = (snapshot(3, 1, 6).continued_by(7), snapshot(4, 1, 6).continued_by(8));
+    let (a, b) = (snapshot(3, 1, 6).continued_by(7), snapshot(6, 1, 6).continued_by(8));
     let one = |robot: u16| {
         let empty = Snapshot::new().continued_by(robot);
         let k = KeyFrame::new(empty.next_key_frame_id(), Arc::new(Frame::default()), Se3::identity(), None);
