@@ -1,21 +1,30 @@
 //! Combining two snapshots: the maps of the second are added, unaligned, until a place is recognised.
 
-use crate::{KeyFrameId, LandmarkId, MapId, MapPrior, Observation, Snapshot};
+use crate::{KeyFrameId, LandmarkId, MapId, MapPrior, Observation, RobotId, Snapshot};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// How ids were shifted when a snapshot was added to another.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How ids were shifted when a snapshot was added to another, and names where both had the same ones.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shift {
     /// Added to the index of every key frame.
     pub key_frames: usize,
     /// Added to the index of every landmark.
     pub landmarks: usize,
+    /// New numbers of robots of the other snapshot, whose names would have been those of other key frames here. What
+    /// refers to names, such as a recorded route, has to follow.
+    pub robots: BTreeMap<RobotId, RobotId>,
 }
 
 impl Shift {
     /// The id of a key frame after the shift; `None` when there are no more ids.
     pub fn key_frame(&self, id: KeyFrameId) -> Option<KeyFrameId> {
         KeyFrameId::from_index(id.index() + self.key_frames)
+    }
+
+    /// The number of a robot after it.
+    pub fn robot(&self, robot: RobotId) -> RobotId {
+        self.robots.get(&robot).copied().unwrap_or(robot)
     }
 
     /// The id of a landmark after the shift; `None` when there are no more ids.
@@ -30,7 +39,8 @@ impl Shift {
 
 impl Snapshot {
     /// This snapshot with all maps of another added, unaligned: what the other holds keeps its order and gets
-    /// ids after those of this one. The disparity correction stays that of this snapshot.
+    /// ids after those of this one; names stay, except of a robot that both have. The disparity correction stays that
+    /// of this snapshot.
     ///
     /// # Errors
     ///
@@ -39,7 +49,9 @@ impl Snapshot {
         if self.octaves != other.octaves {
             return Err(format!("one map has {:?}, the other {:?}", self.octaves, other.octaves));
         }
-        let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark };
+        let robots =
+            self.renamed_robots(other).ok_or("there are not enough numbers for the robots of both maps")?;
+        let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark, robots };
         let snapshot = self.combined(other, &shift).ok_or("there are not enough ids for both maps")?;
         Ok((snapshot, shift))
     }
@@ -47,6 +59,7 @@ impl Snapshot {
     fn combined(&self, other: &Snapshot, shift: &Shift) -> Option<Snapshot> {
         let mut snapshot = self.clone();
         snapshot.version = self.version.max(other.version) + 1;
+        snapshot.names = Arc::new(self.names_with(other, &shift.robots));
         snapshot.next_key_frame = shift.key_frames + other.next_key_frame;
         snapshot.next_landmark = shift.landmarks + other.next_landmark;
         // The ids that the next ones will have must be ids too.

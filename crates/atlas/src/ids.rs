@@ -1,4 +1,5 @@
-//! Ids in an atlas: ordered, never reused; an unknown id is answered with `None`.
+//! Ids in an atlas: ordered by creation, never reused; an unknown id is answered with `None`. Who created what, on which
+//! robot, is in `names.rs`.
 
 use std::num::NonZeroU32;
 

@@ -1,6 +1,7 @@
 //! Snapshots: all key frames and landmarks of an atlas at one version, in one map or several.
 
 use crate::arena::Arena;
+use crate::names::Names;
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, PlaceIndex};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::{Octaves, RectifiedCamera};
@@ -22,6 +23,7 @@ pub struct Snapshot {
     /// How often the unit of length of each map was changed.
     pub(crate) rescalings: Arc<BTreeMap<MapId, u32>>,
     pub(crate) places: PlaceIndex,
+    pub(crate) names: Arc<Names>,
     pub(crate) right_offset: f64,
     pub(crate) imu_offset: f64,
     pub(crate) next_key_frame: usize,
@@ -52,6 +54,7 @@ impl Snapshot {
             gravity_alignments: Arc::default(),
             rescalings: Arc::default(),
             places: PlaceIndex::default(),
+            names: Arc::default(),
             right_offset: 0.0,
             imu_offset: 0.0,
             next_key_frame: 0,

@@ -1,5 +1,6 @@
 //! The one error type of the facade, with the errors of the crates below as sources.
 
+use crate::MergeError;
 use cairn_atlas::store::StoreError;
 use cairn_engine::{ConfigError, OpenMapError};
 use cairn_eval::EvalError;
@@ -38,6 +39,9 @@ pub enum Error {
     /// A saved map does not fit the camera.
     #[error(transparent)]
     OpenMap(#[from] OpenMapError),
+    /// Saved maps could not be put into one.
+    #[error(transparent)]
+    Merge(#[from] MergeError),
     /// There are no key frames: nothing to save, or to be localised in.
     #[error("the map has no key frames")]
     EmptyMap,

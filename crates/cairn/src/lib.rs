@@ -66,15 +66,19 @@ mod changes;
 mod error;
 mod events;
 mod map;
+mod merge;
 mod slam;
 mod walk;
 
 pub use accuracy::accuracy;
 pub use builder::{Builder, sensor_mode_of};
+#[doc(no_inline)]
+pub use cairn_mapping::{Apart, Junction, MapJoin, Seam, Support};
 pub use changes::Changes;
 pub use error::Error;
 pub use events::{MapEvent, MapEvents};
 pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
+pub use merge::{Attempt, MapOfFile, MergeError, MergedMaps, merge_maps};
 pub use slam::Slam;
 
 #[doc(no_inline)]

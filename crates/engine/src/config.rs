@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
+    /// The robot (phone, person) after which new key frames and landmarks are named, also in a map of others: with numbers of
+    /// their own, maps and routes can be brought together without renaming anything.
+    pub robot: u16,
     /// Feature extraction, stereo matching, depth.
     pub front_end: FrontEndConfig,
     /// Tracking.
@@ -28,6 +31,7 @@ impl Default for Config {
         let mut front_end = FrontEndConfig::default();
         front_end.orb.features = 0;
         Self {
+            robot: 0,
             front_end,
             tracker: TrackerConfig::default(),
             mapper: MapperConfig::default(),

@@ -115,6 +115,7 @@ impl Engine {
         config: &Config,
     ) -> Self {
         let model = *front_end.model();
+        let snapshot = snapshot.continued_by(config.robot);
         // Opened and checked before the first image rather than at it.
         cairn_vision::bow::Vocabulary::current();
         let tracker = Tracker::new(model, config.front_end_for(rig).orb.features, rate_hz, config.tracker);

@@ -1,13 +1,15 @@
 //! The input of the path recorder for a frame: the interface between mapping and guidance.
 
 use crate::Output;
+use cairn_atlas::Snapshot;
 use cairn_geometry::{Camera, Pose, Se3, World};
 use cairn_guide::{Anchor, Confidence, RecordInput};
 use cairn_tracking::State;
 
 /// The frame's pose in the odometry frame and its unit, with its anchor and a confidence; a frame without a pose is
-/// recorded as lost.
-pub fn record_input(output: &Output) -> RecordInput {
+/// recorded as lost. The snapshot knows the lasting name of the key frame that it is anchored to; any version since that
+/// key frame will do.
+pub fn record_input(output: &Output, snapshot: &Snapshot) -> RecordInput {
     let lost = RecordInput {
         stamp: output.stamp,
         odom_from_camera: Pose::new(Se3::identity()),
@@ -20,11 +22,11 @@ pub fn record_input(output: &Output) -> RecordInput {
     let Some((anchored, odometry)) = output.anchored.zip(output.odometry) else { return lost };
     let world_from_camera: Pose<World, Camera> = Pose::new(anchored.world_from_camera);
     let evidence = &output.evidence;
+    let name = snapshot.key_frame_name(anchored.reference);
     RecordInput {
         odom_from_camera: odometry.world_from_odom.inverse().then(&world_from_camera),
         segment: odometry.segment,
-        // Indices fit in 32 bits; there is only one robot so far.
-        anchor: Anchor { robot: 0, seq: anchored.reference.index() as u32 },
+        anchor: Anchor { robot: name.robot, seq: name.seq },
         anchor_from_camera: anchored.reference_from_camera,
         confidence: match output.state {
             State::Coasting { .. } | State::RotationOnly { .. } => Confidence::Low,

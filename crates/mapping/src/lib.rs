@@ -16,6 +16,8 @@ mod synthetic;
 mod tests;
 mod triangulation;
 
-pub use closing::{Accepted, Closed, Closer, CloserConfig, Joined, Refusal, Verdict};
+pub use closing::{
+    Accepted, Apart, Closed, Closer, CloserConfig, Joined, Junction, MapJoin, Refusal, Seam, Support, Verdict,
+};
 pub use inertial::InertialConfig;
 pub use mapper::{MapStart, Mapped, Mapper, MapperConfig, Submitted};

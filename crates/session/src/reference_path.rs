@@ -2,7 +2,7 @@
 
 use crate::guidance::Place;
 use crate::ready::readiness;
-use cairn_atlas::{KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{KeyFrameId, KeyFrameName, MapId, Snapshot};
 use cairn_geometry::{Odom, Se3, Sim3, Similarity, So3, Vec3, World};
 use cairn_guide::{
     Anchor, CleanConfig, CleanedRoute, Facing, Ground, ManeuverPlan, ManeuverPlanConfig, ManeuverPlanError,
@@ -130,8 +130,8 @@ impl ReferencePath {
 
     /// Whether a map holds any of a route's points: then poses in it are in the route's unit of length.
     pub fn is_in(&self, snapshot: &Snapshot, route: &Route, map: MapId) -> bool {
-        let anchors: BTreeSet<u32> = route.points.iter().map(|p| p.anchor.seq).collect();
-        let key_frames = anchors.into_iter().filter_map(|seq| KeyFrameId::from_index(seq as usize));
+        let anchors: BTreeSet<Anchor> = route.points.iter().map(|p| p.anchor).collect();
+        let key_frames = anchors.into_iter().filter_map(|anchor| key_frame_of(snapshot, anchor));
         let mut alive = key_frames.filter_map(|id| snapshot.surviving_ancestor(id));
         alive.any(|(id, _)| snapshot.key_frame(id).is_some_and(|k| k.map == map))
     }
@@ -217,5 +217,10 @@ fn ground_of(map: &Snapshot, route: &Route, in_world: &[PlacedPoint]) -> Ground 
 
 /// The pose of the keyframe that a route point is anchored to, with its unit of length.
 pub fn standing(map: &Snapshot, anchor: Anchor) -> Option<Sim3> {
-    map.world_from_here(KeyFrameId::from_index(anchor.seq as usize)?)
+    map.world_from_here(key_frame_of(map, anchor)?)
+}
+
+/// The key frame that a route point is anchored to, by its lasting name; perhaps a removed one.
+fn key_frame_of(map: &Snapshot, anchor: Anchor) -> Option<KeyFrameId> {
+    map.key_frame_named(KeyFrameName { robot: anchor.robot, seq: anchor.seq })
 }

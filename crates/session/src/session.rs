@@ -209,7 +209,7 @@ impl Session {
         if output.died.is_some() {
             self.say(&self.text("walk-mapping-failed"), Priority::Urgent);
         }
-        let seen = record_input(&output);
+        let seen = record_input(&output, &self.engine.snapshot());
         self.confidence = seen.confidence;
         if tracked(&seen) {
             self.place = Place::of(&output, &seen).or(self.place);

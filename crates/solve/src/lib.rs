@@ -11,6 +11,7 @@
 pub mod bal;
 mod bundle;
 mod chow_test;
+mod clique;
 mod dense;
 mod factors;
 pub mod g2o;
@@ -27,6 +28,7 @@ mod text;
 
 pub use bundle::{Bundle, BundleConfig, Freedom, Observation, RightOffset};
 pub use chow_test::chow_test;
+pub use clique::{Clique, maximum_clique};
 pub use dense::{DenseNormal, minimise_dense};
 pub use factors::{Equations, Factors, NoFactors, Variable};
 pub use levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Outcome, Problem, Trial};

@@ -1,7 +1,7 @@
 //! Outlier rejection of loop closures between robots.
 //!
 //! There are three steps. First, of the loops between two robots only the largest set of pairwise consistent ones is
-//! kept ([`crate::maximum_clique`]). Second, the graph of all shared poses is solved with weights that fall to zero for
+//! kept ([`cairn_solve::maximum_clique`]). Second, the graph of all shared poses is solved with weights that fall to zero for
 //! loops that disagree with all the others together: graduated non-convexity with truncated least squares (Yang,
 //! Antonante, Tzoumas, Carlone, "Graduated non-convexity for robust spatial perception", 2020, proposition 4 and
 //! algorithm 1). Third, loops that were left out but agree with the result are accepted again.
@@ -10,12 +10,12 @@
 //! themselves, and is never less than one.
 
 use crate::LoopId;
-use crate::clique::maximum_clique;
 use crate::consistency::{LoopGroup, groups};
 use crate::graphs::Measurement;
 use crate::joint::{Joint, Team};
 use cairn_geometry::LieGroup;
 use cairn_solve::graph::{Metric, Rigid};
+use cairn_solve::maximum_clique;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Greatest factor by which the given variances are assumed to be too small.

@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod clique;
 mod consistency;
 mod digest;
 mod envelope;
@@ -19,7 +18,6 @@ mod words;
 /// Greatest number of robots in a team that a robot keeps track of, itself included.
 pub const MAX_ROBOTS: usize = 256;
 
-pub use clique::{Clique, maximum_clique};
 pub use exchange::{Exchange, Round};
 pub use graphs::{GraphsError, Measurement, RobotGraph, Whole, split};
 pub use ids::{LoopId, PoseId, RobotId};

@@ -49,6 +49,13 @@ struct Heard {
     rejected: Option<Vec<u32>>,
 }
 
+impl Heard {
+    /// Whether what the robot shares is missing or outdated.
+    fn is_missing(&self) -> bool {
+        self.shared.is_none() || self.known_epoch != self.epoch
+    }
+}
+
 /// One robot of a team.
 #[derive(Clone, Debug)]
 pub struct Robot<G, const D: usize> {
@@ -170,9 +177,7 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
 
     /// Robots whose [`Shared`] is missing or outdated here.
     fn missing(&self) -> Vec<RobotId> {
-        let missing =
-            |(id, h): (&RobotId, &Heard)| (h.shared.is_none() || h.known_epoch != h.epoch).then_some(*id);
-        self.heard.iter().filter_map(missing).collect()
+        self.heard.iter().filter_map(|(id, h)| h.is_missing().then_some(*id)).collect()
     }
 
     /// Processes a message. `from` is the sender according to the network, which must authenticate it.
@@ -190,15 +195,19 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         if usize::from(message.dimension) != D {
             return Err(Refused::Dimension { found: message.dimension, expected: D as u8 });
         }
-        let newest = self.heard.get(&from).map_or(0, |h| h.number);
-        if message.number <= newest {
-            return Err(Refused::Old { robot: from, number: message.number, newest });
+        let mut heard = self.heard.get(&from).cloned().unwrap_or_default();
+        // What is said once may be overtaken by the next message: it still holds as long as its epoch is the newest.
+        let is_late = message.number <= heard.number;
+        let holds = message.shared.is_some() && message.epoch == heard.epoch && heard.is_missing();
+        if is_late && !holds {
+            return Err(Refused::Old { robot: from, number: message.number, newest: heard.number });
         }
         if !self.heard.contains_key(&from) && self.heard.len() + 1 >= MAX_ROBOTS {
             return Err(Refused::TooManyRobots);
         }
-        let mut heard = self.heard.get(&from).cloned().unwrap_or_default();
-        (heard.number, heard.epoch) = (message.number, message.epoch);
+        if !is_late {
+            (heard.number, heard.epoch) = (message.number, message.epoch);
+        }
         if let Some(shared) = message.shared {
             let known = SharedGraph::read(from, &shared, &message.estimate)?;
             (heard.known_epoch, heard.shared, heard.rejected) =

@@ -3,21 +3,19 @@
 use cairn_geometry::{LieGroup, Manifold, Se3, So3};
 use cairn_solve::Loss;
 use cairn_solve::graph::PoseGraph;
+use cairn_solve::ransac::Rng;
 use cairn_team::{Exchange, JudgeConfig, LoopId, Measurement, NetworkConfig, PoseId, RobotGraph, RobotId};
 use nalgebra::{SMatrix, SVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random numbers (splitmix64).
-struct Dice(u64);
+/// Random numbers.
+struct Dice(Rng);
 
 impl Dice {
     fn roll(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        f64::from(self.0.next_u32()) / 2f64.powi(32)
     }
+    /// A normally distributed number (Box and Muller 1958).
     fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.roll()).ln()).sqrt() * (std::f64::consts::TAU * self.roll()).cos()
     }
@@ -25,7 +23,7 @@ impl Dice {
         SVector::from_fn(|k, _| self.normal() * if k < 3 { 0.05 } else { 0.01 })
     }
     fn below(&mut self, n: usize) -> usize {
-        (self.roll() * n as f64) as usize
+        self.0.below(n as u32) as usize
     }
 }
 
@@ -53,7 +51,7 @@ fn team(
     shares: bool,
     seed: u64,
 ) -> (Vec<RobotGraph<Se3, 6>>, BTreeSet<LoopId>) {
-    let mut dice = Dice(seed);
+    let mut dice = Dice(Rng::new(seed));
     let mut ways: Vec<Vec<Se3>> = Vec::new();
     for r in 0..robots {
         let mut way = vec![Se3::new(So3::exp(&[0.0, 0.0, r as f64].into()), [r as f64, 0.0, 0.0].into())];

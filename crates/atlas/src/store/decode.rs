@@ -1,4 +1,4 @@
-//! Decoding: from the parts of a file to a snapshot, versions 1 to 3; see `encode.rs` for the layout.
+//! Decoding: from the parts of a file to a snapshot, versions 1 to 4; see `encode.rs` for the layout.
 //!
 //! A file may contain anything: every number is checked before it is used, and invalid content is an error
 //! that names the part.
@@ -8,9 +8,10 @@ use super::container::Parts;
 use super::encode::{CHUNK, NO_PICK};
 use super::wire::Decoder;
 use super::{ATTACHED, MapFile, StoreError};
+use crate::names::{Names, Stretch, Stretches};
 use crate::{
     InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, PlaceIndex,
-    Snapshot,
+    RobotId, Snapshot,
 };
 use cairn_geometry::{Sim3, Vec3};
 use cairn_inertial::Bias;
@@ -88,6 +89,10 @@ pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreE
         damage.or(motion, "velocities, biases and which maps are upright are forgotten", || {
             key_frames.iter_mut().for_each(|k| k.motion = None);
         })?;
+    }
+    if parts.version >= 4 {
+        let robots = read_robots(parts, &mut snapshot);
+        damage.or(robots, "which robot created what is forgotten", || ())?;
     }
     let (mut landmarks, mut picks) = read_landmarks(parts, &snapshot, &counts)?;
     let whole = damage.count();
@@ -320,6 +325,29 @@ fn read_motion(
         k.ok_or_else(wrong)?.motion = Some(motion);
     }
     snapshot.gravity_alignments = Arc::new(gravity_alignments);
+    Ok(())
+}
+
+fn read_robots(parts: &Parts, snapshot: &mut Snapshot) -> Result<(), StoreError> {
+    let bytes = parts.get("robots")?;
+    let mut d = Decoder::new("robots", &bytes);
+    let mut stretches = |next: usize| {
+        let mut read = Vec::new();
+        for _ in 0..d.u32()? {
+            let (first, robot, seq) = (d.u32()? as usize, d.u32()?, d.u32()?);
+            let robot =
+                RobotId::try_from(robot).map_err(|_| d.wrong(format!("there is no robot {robot}")))?;
+            read.push(Stretch { first, robot, seq });
+        }
+        let read = Stretches(read);
+        read.is_valid(next)
+            .then_some(read)
+            .ok_or_else(|| d.wrong("two ids would have one name, or one has none"))
+    };
+    let key_frames = stretches(snapshot.next_key_frame)?;
+    let landmarks = stretches(snapshot.next_landmark)?;
+    d.end()?;
+    snapshot.names = Arc::new(Names { key_frames, landmarks });
     Ok(())
 }
 

@@ -1,4 +1,4 @@
-//! Encoding: from a snapshot to the parts of a file, version 3. `decode.rs` is the inverse; read the two
+//! Encoding: from a snapshot to the parts of a file, version 4. `decode.rs` is the inverse; read the two
 //! together.
 //!
 //! Parts hold columns (see `wire.rs`). Key frames and landmarks refer to each other by row: the index in
@@ -14,6 +14,7 @@
 //! | gone | parents of removed key frames, and their poses there |
 //! | landmarks | ids, positions, and which observation gave the descriptor |
 //! | words | words of each key frame, by the vocabulary that made them |
+//! | robots | since version 4: which robot created which key frames and landmarks |
 //! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
 //!
 //! Words are used as stored when this program has the vocabulary that made them, else computed again.
@@ -62,7 +63,9 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     let rows = Rows::new(snapshot);
     let key_frames: Vec<&KeyFrame> = snapshot.key_frames().collect();
     let mut names: Vec<String> =
-        ["about", "worlds", "key frames", "motion", "gone", "landmarks", "words"].map(String::from).into();
+        ["about", "worlds", "key frames", "motion", "gone", "landmarks", "words", "robots"]
+            .map(String::from)
+            .into();
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
     let mut parts = PartsWriter::begin(out, super::VERSION, names)?;
@@ -73,6 +76,7 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.put(&gone(snapshot))?;
     parts.put(&landmarks(snapshot))?;
     parts.put(&words(&key_frames))?;
+    parts.put(&robots(snapshot))?;
     for chunk in key_frames.chunks(CHUNK) {
         parts.put(&features(chunk, &rows))?;
     }
@@ -210,6 +214,20 @@ fn words(key_frames: &[&KeyFrame]) -> Vec<u8> {
     e.column_u32(&node_steps);
     let features: Vec<u16> = bags().flat_map(|b| b.nodes()).map(|(_, feature)| *feature).collect();
     e.column(features.iter().map(|f| f.to_le_bytes()));
+    e.0
+}
+
+/// Stretches of ids, first those of key frames, then those of landmarks.
+fn robots(snapshot: &Snapshot) -> Vec<u8> {
+    let mut e = Encoder::default();
+    for stretches in [&snapshot.names.key_frames, &snapshot.names.landmarks] {
+        e.u32(stretches.0.len() as u32);
+        for s in &stretches.0 {
+            e.u32(s.first as u32);
+            e.u32(u32::from(s.robot));
+            e.u32(s.seq);
+        }
+    }
     e.0
 }
 

@@ -25,7 +25,7 @@ use std::io::{BufWriter, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// The format version that is written; versions from 1 to this are read.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// Prefix of the names of attached parts, which mean nothing to the map.
 const ATTACHED: &str = "attached/";
 

@@ -1,6 +1,7 @@
 //! One file per format version, kept for good: each can still be loaded.
 
 use crate::history::{file, same};
+use cairn_atlas::KeyFrameName;
 use cairn_atlas::store::{MapFile, Table, VERSION};
 use cairn_vision::SensorMode;
 use std::path::PathBuf;
@@ -21,6 +22,7 @@ fn writes_the_fixture() {
         f.snapshot.maps().any(|(_, prior)| prior.is_some())
             && f.snapshot.maps().any(|(map, _)| f.snapshot.is_gravity_aligned(map))
             && f.snapshot.removed_key_frame_count() > 0
+            && f.snapshot.robots().len() > 1
             && f.snapshot.key_frames().any(|k| !k.links.is_empty())
     };
     let saved = (0..1000).map(|seed| file(seed, 10, 12)).find(has_everything).unwrap();
@@ -60,6 +62,17 @@ fn version_1_opens() {
     assert_eq!((l.observations.len(), l.descriptor[..4].to_vec()), (1, vec![239, 67, 214, 41]));
     assert_eq!(opened.attached["way/home"], b"{\"format\":1}\n".repeat(3));
     assert_eq!(snapshot.check(), Ok(()));
+}
+
+/// Files from before robots had numbers: all was created by robot 0, in order.
+#[test]
+fn older_versions_are_of_robot_0() {
+    for version in 1..=3 {
+        let snapshot = MapFile::load(&fixture(version)).unwrap().snapshot;
+        assert_eq!(snapshot.robots().into_keys().collect::<Vec<_>>(), [0]);
+        let last = snapshot.key_frames().last().unwrap().id;
+        assert_eq!(snapshot.key_frame_name(last), KeyFrameName { robot: 0, seq: last.index() as u32 });
+    }
 }
 
 #[test]

@@ -71,7 +71,10 @@ fn frame(dice: &mut Dice, features: usize) -> Arc<Frame> {
 /// A snapshot after `steps` steps of a history.
 pub fn snapshot(seed: u64, steps: usize, features: usize) -> Snapshot {
     let (mut dice, mut snapshot) = (Dice(seed), Snapshot::new());
-    for _ in 0..steps {
+    for n in 0..steps {
+        if n == steps / 2 {
+            snapshot = snapshot.continued_by((seed % 3) as u16);
+        }
         let changes = step(&mut dice, &snapshot, features);
         snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes }).0;
     }
@@ -155,10 +158,22 @@ pub fn described(snapshot: &Snapshot) -> String {
         .map(|i| snapshot.surviving_ancestor(KeyFrameId::from_index(i).unwrap()))
         .collect();
     let next = (snapshot.next_key_frame_id(), snapshot.next_landmark_id());
+    let names: Vec<_> =
+        (0..next.0.index()).map(|i| snapshot.key_frame_name(KeyFrameId::from_index(i).unwrap())).collect();
+    let landmark_names: Vec<_> = snapshot.landmarks().map(|l| snapshot.landmark_name(l.id)).collect();
+    let names = (names, landmark_names);
     let places: Vec<_> =
         snapshot.key_frames().map(|k| snapshot.places().query(&k.bag, 9, |_| true)).collect();
-    let all =
-        (places, snapshot.version(), snapshot.octaves(), snapshot.right_offset(), next, maps, ancestors);
+    let all = (
+        places,
+        names,
+        snapshot.version(),
+        snapshot.octaves(),
+        snapshot.right_offset(),
+        next,
+        maps,
+        ancestors,
+    );
     format!("{all:?}\n{}\n{}", key_frames.join("\n"), landmarks.join("\n"))
 }
 

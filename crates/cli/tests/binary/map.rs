@@ -130,6 +130,44 @@ fn merged_file_has_both_maps_and_routes() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// Two robots walk the same corridor: one map, and the routes of both are what they were, without any renumbering.
+#[test]
+fn maps_of_two_robots_become_one_and_keep_their_routes() {
+    let folder = folder("map-join");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let walk = |robot: &str, more: &str| {
+        let world =
+            format!("sim:demo?seed=5&resolution=320x240&sensor=rgbd&rate=10&detail=0.5&duration=9&{more}");
+        let (map, route) = (path(&format!("{robot}.map")), path(&format!("{robot}.route")));
+        let done = cairn(&["run", &world, "--robot", robot, "--map-out", &map, "--record", &route]);
+        assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+        map
+    };
+    let (a, b, both) = (walk("1", "start=0"), walk("2", "start=1&height=1.4"), path("both.map"));
+    let merged = json(&cairn(&["map", "merge", &a, &b, "--out", &both, "--json"]));
+    let joined = &merged["joined"][0];
+    assert_eq!((&merged["maps"], merged["notes"].as_array().unwrap().len()), (&1.into(), 0), "{merged}");
+    assert!(joined["seams"].as_u64() >= Some(5) && joined["covered"] == joined["shown"], "{merged}");
+    assert!((joined["scale"].as_f64().unwrap() - 1.0).abs() < 1e-9 && joined["rms"].as_f64() < Some(0.1));
+    let infos = json(&cairn(&["map", "info", &a, &b, &both, "--json"]));
+    let infos = infos["maps"].as_array().unwrap();
+    assert_eq!(infos[2]["robots"]["2"], infos[1]["key_frames"], "{}", infos[2]);
+    let length = |map: usize, route: usize| infos[map]["routes"][route]["length_m"].as_f64().unwrap();
+    assert!((length(2, 1) / length(1, 0) - 1.0).abs() < 0.02, "{} {}", length(2, 1), length(1, 0));
+    let routes = path("routes");
+    std::fs::create_dir(&routes).unwrap();
+    assert_eq!(cairn(&["map", "export", &both, "--routes", &routes]).status.code(), Some(0));
+    for name in ["1.route", "2.route"] {
+        assert_eq!(
+            std::fs::read(folder.join("routes").join(name)).unwrap(),
+            std::fs::read(path(name)).unwrap()
+        );
+    }
+    let text = stdout(&cairn(&["map", "merge", &a, &b, "--out", &both, "--overwrite"]));
+    assert!(text.contains("joined    ") && text.contains("seams agree") && text.contains(" rms "), "{text}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// The route with every key frame number far beyond those of the map.
 fn anchored_elsewhere(text: &str) -> String {
     text.replace("\"seq\":", "\"seq\":4000")

@@ -58,9 +58,12 @@ fn fuse_matches(
     same: impl Iterator<Item = (usize, LandmarkId)>,
 ) -> Vec<Change> {
     let Some(k) = snapshot.key_frame(here) else { return Vec::new() };
-    same.map(|(feature, old)| match k.landmarks[feature] {
-        Some(new) => Change::Fuse(new, old),
-        None => Change::Observe(old, here, feature as u16),
-    })
-    .collect()
+    // With several places recognised, another one may have fused them before.
+    same.filter(|(_, old)| snapshot.landmark(*old).is_some())
+        .filter_map(|(feature, old)| match k.landmarks[feature] {
+            Some(new) if new == old => None,
+            Some(new) => Some(Change::Fuse(new, old)),
+            None => Some(Change::Observe(old, here, feature as u16)),
+        })
+        .collect()
 }

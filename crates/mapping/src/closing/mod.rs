@@ -6,6 +6,7 @@
 mod candidates;
 mod correct;
 mod draft;
+mod join;
 mod relax;
 mod relocation_prior;
 #[cfg(test)]
@@ -21,7 +22,8 @@ use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
 use cairn_sensor::ImuSensor;
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
-use relax::relax;
+pub use join::{Apart, Junction, MapJoin, Seam, Support};
+use relax::{Loop, relax};
 use relocation_prior::{prior_displacement, prior_rotation};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -408,11 +410,9 @@ impl Closer {
         let there = snapshot.key_frame(place.old).map_or(here.map, |k| k.map);
         let joined = if there == here.map {
             let freedom = self.freedom(snapshot, here, place.old);
-            let metre_in_map_units = match freedom {
-                Freedom::Similar => 0.25 * median_depth(snapshot, here).unwrap_or(0.0),
-                _ => 1.0,
-            };
-            draft.push(relax(snapshot, here, place.old, world_from_here, metre_in_map_units, freedom));
+            let metre_in_map_units = metre_in_map_units(snapshot, here, freedom);
+            let found = Loop { here: here.id, old: place.old, world_from_here: *world_from_here };
+            draft.push(relax(snapshot, here.map, &[found], None, metre_in_map_units, freedom, |_| false));
             draft.push(vec![Change::Link(here.id, place.old)]);
             Joined::Loop
         } else {
@@ -462,6 +462,14 @@ impl Closer {
             None => Window::whole(snapshot, &self.camera, map).solve(&window, stop_requested),
         };
         if stopped { Vec::new() } else { result.changes.changes }
+    }
+}
+
+/// A metre in units of the map of a key frame; where these are unknown, a fourth of the median depth stands for it.
+fn metre_in_map_units(snapshot: &Snapshot, here: &KeyFrame, freedom: Freedom) -> f64 {
+    match freedom {
+        Freedom::Similar => 0.25 * median_depth(snapshot, here).unwrap_or(0.0),
+        _ => 1.0,
     }
 }
 

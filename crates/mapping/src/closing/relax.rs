@@ -3,7 +3,7 @@
 //! similarities after Strasdat, Montiel & Davison, "Scale drift-aware large scale monocular SLAM", RSS 2010).
 
 use super::Freedom;
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{LieGroup, Se3, Sim3, So3, YawPose};
 use cairn_solve::Loss;
 use cairn_solve::graph::{GraphConfig, PoseGraph};
@@ -17,22 +17,33 @@ const MIN_SHARED: u32 = 80;
 const RADIANS_PER_METRE: f64 = 0.25;
 
 /// An edge between two key frames: by index, with their relative pose in the map, or as corrected by a loop.
-pub(super) struct Edge {
-    pub a: usize,
-    pub b: usize,
-    pub a_from_b: Sim3,
+struct Edge {
+    a: usize,
+    b: usize,
+    a_from_b: Sim3,
 }
 
-/// The changes of loop closing that puts key frame `here` at `world_from_here`, as seen from `old`.
+/// A key frame and its pose as seen from an earlier visit of the same place; the scale is length there for each here.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Loop {
+    pub here: KeyFrameId,
+    pub old: KeyFrameId,
+    pub world_from_here: Sim3,
+}
+
+/// The changes that distribute over a map what these loops contradict. The root stays, and the key frames that are
+/// `fixed`. The key frame `unmeasured` does not know how it lies to its parent: it was the root of a map that has been
+/// merged along these loops.
 pub(super) fn relax(
     snapshot: &Snapshot,
-    here: &KeyFrame,
-    old: KeyFrameId,
-    world_from_here: &Sim3,
+    map: MapId,
+    loops: &[Loop],
+    unmeasured: Option<KeyFrameId>,
     metre_in_map_units: f64,
     freedom: Freedom,
+    fixed: impl Fn(KeyFrameId) -> bool,
 ) -> Vec<Change> {
-    let chain: Vec<&KeyFrame> = snapshot.key_frames_of(here.map).collect();
+    let chain: Vec<&KeyFrame> = snapshot.key_frames_of(map).collect();
     let slots: BTreeMap<KeyFrameId, usize> = chain.iter().enumerate().map(|(i, k)| (k.id, i)).collect();
     let poses: Vec<Se3> = chain.iter().map(|k| k.world_from_camera).collect();
     let mut edges = Vec::new();
@@ -40,6 +51,7 @@ pub(super) fn relax(
         let strong = k.covisible.iter().take_while(|(_, n)| *n >= MIN_SHARED).map(|(id, _)| *id);
         let mut to: Vec<KeyFrameId> = k
             .parent
+            .filter(|_| unmeasured != Some(k.id))
             .into_iter()
             .chain(k.links.iter().copied())
             .chain(strong)
@@ -51,19 +63,21 @@ pub(super) fn relax(
             edges.push(Edge { a, b, a_from_b: (poses[a].inverse() * poses[b]).into() });
         }
     }
-    let (Some(a), Some(b)) = (slots.get(&old).copied(), slots.get(&here.id).copied()) else {
-        return Vec::new();
-    };
-    edges.push(Edge { a, b, a_from_b: Sim3::from(poses[a]).inverse() * *world_from_here });
+    for l in loops {
+        let (Some(a), Some(b)) = (slots.get(&l.old).copied(), slots.get(&l.here).copied()) else {
+            return Vec::new();
+        };
+        edges.push(Edge { a, b, a_from_b: Sim3::from(poses[a]).inverse() * l.world_from_here });
+    }
+    let fixed: Vec<bool> = chain.iter().enumerate().map(|(i, k)| i == 0 || fixed(k.id)).collect();
     let optimised: Vec<Sim3> = match freedom {
-        Freedom::AlignGravity => optimise_four_dof(&poses, &edges, metre_in_map_units),
+        Freedom::AlignGravity => optimise_four_dof(&poses, &fixed, &edges, metre_in_map_units),
         Freedom::Metric => {
-            solve::<Se3, 6>(&poses, &edges, metre_in_map_units, |s| Se3::new(s.rotation, s.translation))
-                .into_iter()
-                .map(Sim3::from)
-                .collect()
+            let rigid = |s: &Sim3| Se3::new(s.rotation, s.translation);
+            let solved = solve::<Se3, 6>(&poses, &fixed, &edges, metre_in_map_units, rigid);
+            solved.into_iter().map(Sim3::from).collect()
         }
-        Freedom::Similar => solve::<Sim3, 7>(&poses, &edges, metre_in_map_units, |s| *s),
+        Freedom::Similar => solve::<Sim3, 7>(&poses, &fixed, &edges, metre_in_map_units, |s| *s),
     };
     let mut shifts: BTreeMap<KeyFrameId, Sim3> = BTreeMap::new();
     let mut changes = Vec::new();
@@ -84,7 +98,7 @@ pub(super) fn relax(
 
 /// Optimises the poses of a gravity-aligned map, roll and pitch of which are known: four degrees of freedom
 /// each (Qin, Li, Shen, "VINS-Mono", TRO 2018, section VIII-C).
-fn optimise_four_dof(poses: &[Se3], edges: &[Edge], metre_in_map_units: f64) -> Vec<Sim3> {
+fn optimise_four_dof(poses: &[Se3], fixed: &[bool], edges: &[Edge], metre_in_map_units: f64) -> Vec<Sim3> {
     let split: Vec<(YawPose, So3)> = poses.iter().map(YawPose::split).collect();
     let levels: Vec<Se3> = split.iter().map(|(level, _)| level.tilted(&So3::identity())).collect();
     let between = |t: &Edge| {
@@ -94,13 +108,14 @@ fn optimise_four_dof(poses: &[Se3], edges: &[Edge], metre_in_map_units: f64) -> 
     };
     let edges: Vec<Edge> = edges.iter().map(between).collect();
     let lift = |s: &Sim3| YawPose::split(&Se3::new(s.rotation, s.translation)).0;
-    let optimised = solve::<YawPose, 4>(&levels, &edges, metre_in_map_units, lift);
+    let optimised = solve::<YawPose, 4>(&levels, fixed, &edges, metre_in_map_units, lift);
     optimised.iter().zip(&split).map(|(level, (_, tilt))| level.tilted(tilt).into()).collect()
 }
 
-/// Optimises poses under edges; the first stays fixed.
-pub(super) fn solve<G: LieGroup<D> + Copy, const D: usize>(
+/// Optimises poses under edges; some stay fixed.
+fn solve<G: LieGroup<D> + Copy, const D: usize>(
     poses: &[Se3],
+    fixed: &[bool],
     edges: &[Edge],
     metre_in_map_units: f64,
     lift: impl Fn(&Sim3) -> G,
@@ -109,8 +124,8 @@ where
     Const<D>: ToTypenum + DimMin<Const<D>, Output = Const<D>>,
 {
     let mut graph = PoseGraph::<G, D>::new();
-    for (i, pose) in poses.iter().enumerate() {
-        graph.add_vertex(lift(&Sim3::from(*pose)), i == 0);
+    for (pose, fixed) in poses.iter().zip(fixed) {
+        graph.add_vertex(lift(&Sim3::from(*pose)), *fixed);
     }
     let mut information = SMatrix::<f64, D, D>::zeros();
     for i in 0..D {
@@ -130,6 +145,10 @@ where
 mod tests {
     use super::*;
     use cairn_geometry::{So2, Vec3};
+
+    fn first(n: usize) -> Vec<bool> {
+        (0..n).map(|i| i == 0).collect()
+    }
 
     /// A circle walked with a small error in each step, and a loop edge to its true end.
     #[test]
@@ -151,8 +170,9 @@ mod tests {
         let error = |poses: &[Se3]| -> f64 {
             poses.iter().zip(&truth).map(|(a, b)| (a.translation - b.translation).norm()).sum::<f64>() / 41.0
         };
-        let rigid = solve::<Se3, 6>(&drifted, &edges, 1.0, |s| Se3::new(s.rotation, s.translation));
-        let similar: Vec<Se3> = solve::<Sim3, 7>(&drifted, &edges, 1.0, |s| *s)
+        let rigid =
+            solve::<Se3, 6>(&drifted, &first(41), &edges, 1.0, |s| Se3::new(s.rotation, s.translation));
+        let similar: Vec<Se3> = solve::<Sim3, 7>(&drifted, &first(41), &edges, 1.0, |s| *s)
             .iter()
             .map(|s| Se3::new(s.rotation, s.translation))
             .collect();
@@ -186,7 +206,7 @@ mod tests {
         // The loop edge has an error of tilt that contradicts gravity.
         let off = Se3::new(So3::exp(&Vec3::new(0.02, 0.02, 0.0)), Vec3::zeros());
         edges.push(Edge { a: 0, b: 40, a_from_b: (truth[0].inverse() * truth[40] * off).into() });
-        let optimised = optimise_four_dof(&drifted, &edges, 1.0);
+        let optimised = optimise_four_dof(&drifted, &first(41), &edges, 1.0);
         let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
             (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0
         };
@@ -215,7 +235,7 @@ mod tests {
             .collect();
         let end = Sim3::new(truth[40].rotation, truth[40].translation, 1.0 / 0.99_f64.powi(40));
         edges.push(Edge { a: 0, b: 40, a_from_b: end });
-        let optimised = solve::<Sim3, 7>(&drifted, &edges, 1.0, |s| *s);
+        let optimised = solve::<Sim3, 7>(&drifted, &first(41), &edges, 1.0, |s| *s);
         let error = |at: &dyn Fn(usize) -> Vec3| -> f64 {
             (0..41).map(|i| (at(i) - truth[i].translation).norm()).sum::<f64>() / 41.0
         };

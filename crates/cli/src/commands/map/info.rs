@@ -8,6 +8,7 @@ use cairn_atlas::store::{MapFile, Table, sensor_name};
 use cairn_atlas::{MapId, Snapshot};
 use cairn_guide::{CleanConfig, Route, RouteError, survey};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -26,6 +27,8 @@ struct Info {
     removed_key_frames: usize,
     landmarks: usize,
     observations: usize,
+    /// Key frames that each robot created.
+    robots: BTreeMap<u16, usize>,
     maps: Vec<MapReport>,
     routes: Vec<RouteReport>,
     parts: Vec<Part>,
@@ -122,6 +125,7 @@ fn info(path: &Path) -> Result<Info, Failure> {
         removed_key_frames: snapshot.removed_key_frame_count(),
         landmarks: snapshot.landmark_count(),
         observations: snapshot.landmarks().map(|l| l.observations.len()).sum(),
+        robots: snapshot.robots(),
         maps: all.maps().map(|id| map(&all, id)).collect(),
         routes: routes_of(&file)
             .map(|(name, bytes, read)| route(name, bytes.len(), read, snapshot))
@@ -164,7 +168,8 @@ fn route(name: &str, bytes: usize, read: Result<Route, RouteError>, snapshot: &S
     match read {
         Ok(route) => {
             let here = |anchor: cairn_guide::Anchor| {
-                snapshot.world_from_here(cairn_atlas::KeyFrameId::from_index(anchor.seq as usize)?)
+                let name = cairn_atlas::KeyFrameName { robot: anchor.robot, seq: anchor.seq };
+                snapshot.world_from_here(snapshot.key_frame_named(name)?)
             };
             let (info, ..) = survey(&route, here, &CleanConfig::default());
             (report.points, report.length_m) = (info.points, info.length_m);
@@ -192,6 +197,10 @@ fn text(i: &Info) -> String {
         "total     {} key frames ({} removed), {} landmarks, {} observations",
         i.key_frames, i.removed_key_frames, i.landmarks, i.observations
     );
+    if i.robots.keys().any(|robot| *robot != 0) {
+        let each: Vec<String> = i.robots.iter().map(|(robot, n)| format!("{n} by robot {robot}")).collect();
+        let _ = writeln!(text, "key frames {}", each.join(", "));
+    }
     for m in &i.maps {
         let [a, b] = m.bounds;
         let _ = writeln!(

@@ -1,22 +1,21 @@
-//! `cairn map merge`: several saved maps in one file. They stay separate, unaligned maps; a later run joins them when
-//! it recognises a place.
+//! `cairn map merge`: several saved maps in one file, joined where they show the same places.
 
 use super::{failed, open};
 use crate::failure::Failure;
 use crate::map_lock::MapLock;
 use crate::output::Output;
 use crate::outputs::Outputs;
-use cairn::ROUTE_PREFIX;
-use cairn_atlas::Shift;
-use cairn_atlas::store::MapFile;
-use cairn_guide::Route;
+use cairn::{Attempt, Config, Junction, MapOfFile, MergeError, MergedMaps, ROUTE_PREFIX, merge_maps};
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// Puts several saved maps of the same camera, with their recorded routes, into one file.
+/// Puts several saved maps of the same camera, with their recorded routes, into one file, and joins those that show the
+/// same places.
 ///
-/// The maps stay separate and unaligned; a later run joins them when it recognises a place that they share.
+/// Two maps become one when at least three places that are apart from each other are recognised, agree with each other,
+/// and are not contradicted. Maps where that is not certain stay apart in the file, with the reason; a later run joins
+/// them when it sees both.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The saved maps.
@@ -38,8 +37,56 @@ struct Merged {
     landmarks: usize,
     maps: usize,
     routes: usize,
+    /// Maps that became one.
+    joined: Vec<JoinedReport>,
+    /// Maps of which it is not certain that they show the same places.
+    apart: Vec<ApartReport>,
     /// Notes for the user.
     notes: Vec<String>,
+}
+
+/// A map: its file, and the number of its root key frame there.
+#[derive(Serialize)]
+struct MapReport {
+    file: String,
+    root: usize,
+}
+
+#[derive(Serialize)]
+struct JoinedReport {
+    from: MapReport,
+    into: MapReport,
+    /// Key frames in which a place of the other map was recognised, and that agree.
+    seams: usize,
+    /// Recognised places that were left out because they do not agree.
+    left_out: usize,
+    /// Key frames of the younger map that stand in the older one, and how many of them show it.
+    covered: usize,
+    shown: usize,
+    /// Median number of landmarks that agree in a seam.
+    inliers: usize,
+    /// Root mean square distance between each seam and the agreed similarity, units of the older map; and to where the
+    /// key frames are after the adjustment.
+    rms: f64,
+    rms_after: f64,
+    /// Length in the older map for each length in the younger.
+    scale: f64,
+    /// Rotation from the younger to the older, degrees, and translation.
+    rotation_deg: f64,
+    translation: [f64; 3],
+    /// Mean and greatest distance by which key frames of the younger and of the older map were moved by the adjustment.
+    moved: [f64; 2],
+    older_moved: [f64; 2],
+    fused_landmarks: usize,
+}
+
+#[derive(Serialize)]
+struct ApartReport {
+    from: MapReport,
+    into: MapReport,
+    /// Key frames that were compared.
+    compared: usize,
+    why: String,
 }
 
 /// Merges the files.
@@ -47,74 +94,81 @@ struct Merged {
 /// # Errors
 /// When a file cannot be read or written, or the maps are of different cameras.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
-    let Some((first, others)) = a.files.split_first() else { return Ok(()) };
     let outputs = Outputs::new(a.overwrite);
     let outputs = a.files.iter().fold(outputs, |outputs, file| outputs.input("a map to merge", Some(file)));
     let outputs = outputs.output_map("--out", Some(&a.out)).checked()?;
     let out = outputs.file("--out").unwrap_or(&a.out);
     let _lock = MapLock::take(out)?;
-    let mut into = open(first)?;
-    let mut notes = Vec::new();
-    for path in others {
-        add(&mut into, open(path)?, path, &mut notes)?;
-    }
-    let bytes = into.save(out).map_err(|e| failed(&a.out, &e))?;
-    let merged = Merged {
-        out: a.out.clone(),
-        bytes,
-        key_frames: into.snapshot.key_frame_count(),
-        landmarks: into.snapshot.landmark_count(),
-        maps: into.snapshot.maps().count(),
-        routes: into.attached.keys().filter(|name| name.starts_with(ROUTE_PREFIX)).count(),
-        notes,
-    };
-    output.result(&merged, text)
+    let files = a.files.iter().map(|path| Ok((path.display().to_string(), open(path)?)));
+    let files = files.collect::<Result<Vec<_>, Failure>>()?;
+    let merged = merge_maps(files, &Config::default()).map_err(unmerged)?;
+    let bytes = merged.file.save(out).map_err(|e| failed(&a.out, &e))?;
+    output.result(&report(a.out.clone(), bytes, merged), text)
 }
 
-fn add(into: &mut MapFile, other: MapFile, path: &Path, notes: &mut Vec<String>) -> Result<(), Failure> {
-    let shown = path.display().to_string();
-    let (a, b) = (&other.about, &into.about);
-    let octaves = (other.snapshot.octaves(), into.snapshot.octaves());
-    let fits = b.fits(octaves.1, a.sensor, &a.camera, octaves.0).map_err(|why| {
-        let hint = "only maps made with the same camera can be put into one file";
-        Failure::new(&shown, format!("does not fit the first map: {why}"), hint)
-    })?;
-    notes.extend(fits.into_iter().map(|note| format!("{shown}: {note}")));
-    let offsets = (into.snapshot.right_offset(), other.snapshot.right_offset());
-    if (offsets.0 - offsets.1).abs() > 0.05 {
-        let (kept, left) = offsets;
-        notes.push(format!(
-            "{shown}: right-image offset {left:+.3} px replaced by the first map's {kept:+.3} px"
-        ));
-    }
-    let (snapshot, shift) = into
-        .snapshot
-        .beside(&other.snapshot)
-        .map_err(|why| Failure::new(&shown, why, "save the maps in several files"))?;
-    into.snapshot = snapshot;
-    for (name, bytes) in other.attached {
-        let bytes =
-            if name.starts_with(ROUTE_PREFIX) { shifted(&bytes, &shift, &shown, &name)? } else { bytes };
-        let mut free = name.clone();
-        let mut n = 2;
-        while into.attached.contains_key(&free) {
-            free = format!("{name}-{n}");
-            n += 1;
+fn unmerged(error: MergeError) -> Failure {
+    match error {
+        MergeError::Empty => Failure::new("map merge", error.to_string(), "name at least two maps"),
+        MergeError::Unfit { name, why } => {
+            let hint = "only maps made with the same camera can be put into one file";
+            Failure::new(name, format!("does not fit the first map: {why}"), hint)
         }
-        into.attached.insert(free, bytes);
+        MergeError::Route { name, route, source } => {
+            Failure::new(name, format!("route {route}: {source}"), "record the route again")
+        }
     }
-    Ok(())
 }
 
-/// A route anchored to the same key frames under their new numbers.
-fn shifted(bytes: &[u8], shift: &Shift, shown: &str, name: &str) -> Result<Vec<u8>, Failure> {
-    let wrong = |why: String| Failure::new(shown, format!("{name}: {why}"), "record the route again");
-    let mut route = Route::read(bytes).map_err(|e| wrong(e.to_string()))?;
-    for point in &mut route.points {
-        let seq = u32::try_from(point.anchor.seq as usize + shift.key_frames);
-        point.anchor.seq = seq.map_err(|_| wrong("the number of a key frame is too large".into()))?;
+fn report(out: PathBuf, bytes: u64, merged: MergedMaps) -> Merged {
+    let (file, mut joined, mut apart) = (&merged.file, Vec::new(), Vec::new());
+    for attempt in &merged.attempts {
+        match &attempt.join.result {
+            Ok(junction) => joined.push(joined_report(attempt, junction)),
+            Err(why) => apart.push(ApartReport {
+                from: map(&attempt.from),
+                into: map(&attempt.into),
+                compared: attempt.join.compared,
+                why: why.to_string(),
+            }),
+        }
     }
-    route.to_bytes().map_err(|e| wrong(e.to_string()))
+    Merged {
+        out,
+        bytes,
+        key_frames: file.snapshot.key_frame_count(),
+        landmarks: file.snapshot.landmark_count(),
+        maps: file.snapshot.maps().count(),
+        routes: file.attached.keys().filter(|name| name.starts_with(ROUTE_PREFIX)).count(),
+        joined,
+        apart,
+        notes: merged.notes,
+    }
+}
+
+fn map(of: &MapOfFile) -> MapReport {
+    MapReport { file: of.name.clone(), root: of.root }
+}
+
+fn joined_report(attempt: &Attempt, j: &Junction) -> JoinedReport {
+    let mut inliers: Vec<usize> = j.seams.iter().map(|s| s.inliers).collect();
+    inliers.sort_unstable();
+    JoinedReport {
+        from: map(&attempt.from),
+        into: map(&attempt.into),
+        seams: j.seams.len(),
+        left_out: j.left_out,
+        covered: j.support.expected,
+        shown: j.support.shown,
+        inliers: inliers.get(inliers.len() / 2).copied().unwrap_or(0),
+        rms: j.rms,
+        rms_after: j.rms_after,
+        scale: j.into_from.scale,
+        rotation_deg: j.into_from.rotation.angle().to_degrees(),
+        translation: j.into_from.translation.into(),
+        moved: j.moved,
+        older_moved: j.older_moved,
+        fused_landmarks: j.fused,
+    }
 }
 
 fn text(m: &Merged) -> String {
@@ -126,6 +180,43 @@ fn text(m: &Merged) -> String {
         "total     {} key frames, {} landmarks, {} maps, {} routes",
         m.key_frames, m.landmarks, m.maps, m.routes
     );
+    let name = |map: &MapReport| match map.root {
+        0 => map.file.clone(),
+        root => format!("{} (map {root})", map.file),
+    };
+    for j in &m.joined {
+        let _ = writeln!(text, "joined    {} into {}", name(&j.from), name(&j.into));
+        let _ = writeln!(
+            text,
+            "          {} seams agree ({} left out), {} landmarks each in the median, {} landmarks fused",
+            j.seams, j.left_out, j.inliers, j.fused_landmarks
+        );
+        let _ = writeln!(
+            text,
+            "          {} of {} key frames that stand in the older map show it",
+            j.shown, j.covered
+        );
+        let _ = writeln!(
+            text,
+            "          {:.3} rms between the seams, {:.3} after the adjustment; scale {:.4}, turned by {:.1} degrees",
+            j.rms, j.rms_after, j.scale, j.rotation_deg
+        );
+        let _ = writeln!(
+            text,
+            "          moved by {:.3} in the mean, {:.3} at most; the older map by {:.3}, {:.3}",
+            j.moved[0], j.moved[1], j.older_moved[0], j.older_moved[1]
+        );
+    }
+    for a in &m.apart {
+        let _ = writeln!(
+            text,
+            "apart     {} and {}: {} ({} key frames compared)",
+            name(&a.from),
+            name(&a.into),
+            a.why,
+            a.compared
+        );
+    }
     for note in &m.notes {
         let _ = writeln!(text, "note      {note}");
     }

@@ -97,6 +97,10 @@ pub struct Arguments {
     /// Saves the map with the routes recorded in it, periodically and at the end, however the run ends.
     #[arg(help_heading = MAPS, long, value_name = "FILE")]
     pub map_out: Option<PathBuf>,
+    /// Names new key frames after this robot (phone, person): maps and routes of several can then be merged without
+    /// renaming anything.
+    #[arg(help_heading = MAPS, long, value_name = "N")]
+    pub robot: Option<u16>,
     /// Seconds between saves of the map during the run.
     #[arg(help_heading = MAPS, long, default_value_t = 30.0, value_name = "S", requires = "map_out")]
     pub map_every: f64,

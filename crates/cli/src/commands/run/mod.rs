@@ -58,6 +58,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     }
     a.guide.as_deref().map(route::check).transpose()?;
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
+    config.robot = a.robot.unwrap_or(config.robot);
     let mut script = a.script.as_deref().map_or_else(|| Ok(Script::default()), read_script)?;
     let live = is_live(&a.source);
     let say = a.say.clone().unwrap_or(match live || a.guide.is_some() || a.script.is_some() || a.lines {

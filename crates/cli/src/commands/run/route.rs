@@ -31,8 +31,8 @@ pub fn resume(path: &Path, map: &MapFile) -> Result<Recorder, Failure> {
         |e: RouteError| Failure::new(&shown, e.to_string(), "give another name to record a new route");
     let mut route = Route::load(path).map_err(failed)?;
     let known = |anchor: Anchor| {
-        cairn_atlas::KeyFrameId::from_index(anchor.seq as usize)
-            .is_some_and(|id| map.snapshot.surviving_ancestor(id).is_some())
+        let name = cairn_atlas::KeyFrameName { robot: anchor.robot, seq: anchor.seq };
+        (map.snapshot.key_frame_named(name)).is_some_and(|id| map.snapshot.surviving_ancestor(id).is_some())
     };
     // After a crash the route is newer than the map: its last points are anchored to key frames that were not saved.
     match route.reanchor(known) {

@@ -1,0 +1,190 @@
+//! Several saved maps in one: put into one file, and joined where they show the same places.
+
+use crate::ROUTE_PREFIX;
+use cairn_atlas::store::MapFile;
+use cairn_atlas::{Atlas, MapId, Shift};
+use cairn_engine::Config;
+use cairn_guide::{Route, RouteError};
+use cairn_mapping::{Closer, MapJoin};
+use std::collections::BTreeMap;
+
+/// Largest difference of the disparity corrections of two stereo maps that needs no note, pixels.
+const RIGHT_OFFSET_PX: f64 = 0.05;
+
+/// Why maps cannot be put into one file.
+#[derive(Debug, thiserror::Error)]
+pub enum MergeError {
+    /// There is none.
+    #[error("there is no map to merge")]
+    Empty,
+    /// One was made with another camera or other sensors than the first, or there are not enough ids.
+    #[error("{name}: does not fit the first map: {why}")]
+    Unfit {
+        /// Which, as it was given.
+        name: String,
+        /// What differs, with both numbers.
+        why: String,
+    },
+    /// A recorded route in one of them cannot be read.
+    #[error("{name}: {route}: {source}")]
+    Route {
+        /// Which map, as it was given.
+        name: String,
+        /// The route.
+        route: String,
+        /// Why not.
+        source: RouteError,
+    },
+}
+
+/// A map of one of the files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MapOfFile {
+    /// The file, as it was given.
+    pub name: String,
+    /// Number of the map's root in that file.
+    pub root: usize,
+}
+
+/// An attempt to join two maps.
+#[derive(Clone, Debug)]
+pub struct Attempt {
+    /// The younger.
+    pub from: MapOfFile,
+    /// The older.
+    pub into: MapOfFile,
+    /// What came of it; its changes are already made.
+    pub join: MapJoin,
+}
+
+/// Saved maps in one.
+#[derive(Clone, Debug)]
+pub struct MergedMaps {
+    /// The maps, joined as far as they show the same places, with the recorded routes of all files.
+    pub file: MapFile,
+    /// For every two maps the last attempt to join them, in the order of the attempts.
+    pub attempts: Vec<Attempt>,
+    /// Where the maps that stay apart come from, by their root in the new file.
+    pub maps: BTreeMap<MapId, Vec<MapOfFile>>,
+    /// What a user should know: small differences of the cameras.
+    pub notes: Vec<String>,
+}
+
+/// Puts saved maps of the same camera into one, and joins those that show the same places ([`Closer::join_maps`]). Every
+/// key frame keeps its name (robot and number), and so every recorded route stays anchored to the key frames that it was
+/// recorded with and moves with them. Where two files have key frames of one name, as of the same robot that began twice
+/// from nothing, the robot of the later file gets another number, in its attached routes too, and a note says so. Maps in which no place is recognised
+/// with certainty stay apart, each in a frame of its own; a later run joins them when it sees both.
+///
+/// # Errors
+/// [`MergeError`] when a map does not fit the first one, or one of its routes is damaged.
+pub fn merge_maps(files: Vec<(String, MapFile)>, config: &Config) -> Result<MergedMaps, MergeError> {
+    let mut files = files.into_iter();
+    let (name, first) = files.next().ok_or(MergeError::Empty)?;
+    let own = |name: &str, id: MapId| MapOfFile { name: name.to_owned(), root: id.root().index() };
+    let maps = first.snapshot.maps().map(|(id, _)| (id, vec![own(&name, id)])).collect();
+    let mut merged = MergedMaps { file: first, attempts: Vec::new(), maps, notes: Vec::new() };
+    for (name, other) in files {
+        let roots: Vec<MapId> = other.snapshot.maps().map(|(id, _)| id).collect();
+        let shift = merged.add(&name, other)?;
+        for id in roots {
+            if let Some(root) = shift.key_frame(id.root()) {
+                merged.maps.insert(MapId(root), vec![own(&name, id)]);
+            }
+        }
+    }
+    merged.join(config);
+    Ok(merged)
+}
+
+impl MergedMaps {
+    /// Puts another file beside what is there.
+    fn add(&mut self, name: &str, other: MapFile) -> Result<Shift, MergeError> {
+        let unfit = |why: String| MergeError::Unfit { name: name.to_owned(), why };
+        let (a, b) = (&other.about, &self.file.about);
+        let octaves = (other.snapshot.octaves(), self.file.snapshot.octaves());
+        let fits = b.fits(octaves.1, a.sensor, &a.camera, octaves.0).map_err(unfit)?;
+        self.notes.extend(fits.into_iter().map(|note| format!("{name}: {note}")));
+        let (kept, left) = (self.file.snapshot.right_offset(), other.snapshot.right_offset());
+        if (kept - left).abs() > RIGHT_OFFSET_PX {
+            self.notes.push(format!(
+                "{name}: right-image offset {left:+.3} px replaced by the first map's {kept:+.3} px"
+            ));
+        }
+        let (snapshot, shift) = self.file.snapshot.beside(&other.snapshot).map_err(unfit)?;
+        self.file.snapshot = snapshot;
+        for (was, is) in &shift.robots {
+            self.notes.push(format!(
+                "{name}: its robot {was} is robot {is} in the new file; routes recorded with it: map export --routes"
+            ));
+        }
+        for (part, bytes) in other.attached {
+            let bytes = match part.strip_prefix(ROUTE_PREFIX) {
+                Some(route) => renamed(bytes, &shift).map_err(|source| MergeError::Route {
+                    name: name.to_owned(),
+                    route: route.to_owned(),
+                    source,
+                })?,
+                None => bytes,
+            };
+            let mut free = part.clone();
+            let mut n = 2;
+            while self.file.attached.contains_key(&free) {
+                free = format!("{part}-{n}");
+                n += 1;
+            }
+            self.file.attached.insert(free, bytes);
+        }
+        Ok(shift)
+    }
+
+    /// Tries every two maps, until no more of them become one.
+    fn join(&mut self, config: &Config) {
+        let closer = Closer::new(self.file.about.camera, config.closer, config.mapper.window);
+        let mut atlas = Atlas::new(self.file.snapshot.clone());
+        let mut again = true;
+        while again {
+            again = false;
+            let ids: Vec<MapId> = self.maps.keys().copied().collect();
+            for (n, from) in ids.iter().enumerate() {
+                for into in &ids[..n] {
+                    if !self.maps.contains_key(into) {
+                        continue;
+                    }
+                    let mut join = closer.join_maps(atlas.latest(), *into, *from);
+                    atlas.commit(std::mem::take(&mut join.changes));
+                    let joined = join.result.is_ok();
+                    self.note(join);
+                    if joined {
+                        again = true;
+                        break;
+                    }
+                }
+            }
+        }
+        self.file.snapshot = (**atlas.latest()).clone();
+    }
+
+    fn note(&mut self, join: MapJoin) {
+        let name = |id| self.maps.get(&id).and_then(|of| of.first()).cloned();
+        let (Some(from), Some(into)) = (name(join.from), name(join.into)) else { return };
+        if join.result.is_ok() {
+            let moved = self.maps.remove(&join.from).unwrap_or_default();
+            self.maps.entry(join.into).or_default().extend(moved);
+        }
+        self.attempts.retain(|a| a.join.result.is_ok() || (&a.from, &a.into) != (&from, &into));
+        self.attempts.push(Attempt { from, into, join });
+    }
+}
+
+/// A route anchored to the same key frames, where a robot has another number now.
+fn renamed(bytes: Vec<u8>, shift: &Shift) -> Result<Vec<u8>, RouteError> {
+    let mut route = Route::read(bytes.as_slice())?;
+    if shift.robots.is_empty() {
+        return Ok(bytes);
+    }
+    for point in &mut route.points {
+        point.anchor.robot = shift.robot(point.anchor.robot);
+    }
+    route.to_bytes().map_err(|e| RouteError::Header(e.to_string()))
+}

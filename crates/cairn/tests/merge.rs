@@ -1,0 +1,112 @@
+//! Saved maps of two walks through one simulated place become one map; those of different places stay apart.
+
+use cairn::geometry::{Se3, Vec3, umeyama};
+use cairn::sensor::Stamp;
+use cairn::{Config, MergedMaps, Slam, map_file, merge_maps, open};
+use cairn_atlas::store::MapFile;
+use std::collections::BTreeMap;
+
+/// Small images, so that a walk takes a second or two.
+const SMALL: &str = "resolution=320x240&rate=10&detail=0.5";
+
+/// A walk: its map, and the true pose of the body at each time.
+struct Walk {
+    file: MapFile,
+    truth: BTreeMap<Stamp, Se3>,
+}
+
+fn walk(world: &str, options: &str) -> Walk {
+    let mut source = open(&format!("sim:{world}?{SMALL}&{options}")).expect("a world");
+    let mut slam = Slam::for_source(&*source).build().expect("it can be built");
+    while let Some(frame) = source.next_packet().expect("a simulated world can be read") {
+        slam.track(&frame).expect("a frame in order");
+    }
+    slam.finish();
+    let truth = source.info().truth.iter().copied().collect();
+    let file = map_file(slam.session(), &BTreeMap::new()).expect("a map with key frames");
+    Walk { file, truth }
+}
+
+fn merge(walks: &[&Walk]) -> MergedMaps {
+    let files = walks.iter().enumerate().map(|(n, w)| (format!("{n}.map"), w.file.clone())).collect();
+    let merged = merge_maps(files, &Config::default()).expect("the same camera");
+    merged.file.snapshot.check().expect("a sound map");
+    merged
+}
+
+/// Root mean square error of the positions of all key frames, or only those of one walk, aligned by SE3.
+fn ate(file: &MapFile, walks: &[&Walk], only: Option<usize>) -> f64 {
+    let (mut estimated, mut true_ones) = (Vec::new(), Vec::new());
+    let mut first = 0;
+    for (n, w) in walks.iter().enumerate() {
+        let next = first + w.file.snapshot.next_key_frame_id().index();
+        let of = |index: usize| (first..next).contains(&index) && only.is_none_or(|only| only == n);
+        for k in file.snapshot.key_frames().filter(|k| of(k.id.index())) {
+            let truth = w.truth.get(&k.frame.stamp).expect("a true pose at each frame");
+            estimated.push(k.world_from_camera.translation);
+            true_ones.push((*truth * file.about.camera.body_from_camera).translation);
+        }
+        first = next;
+    }
+    let fit = umeyama(&true_ones, &estimated, false).expect("a walk is not a straight line");
+    let squares: f64 =
+        estimated.iter().zip(&true_ones).map(|(e, t): (&Vec3, &Vec3)| (fit * *e - *t).norm_squared()).sum();
+    (squares / estimated.len() as f64).sqrt()
+}
+
+#[test]
+fn two_walks_of_one_house_become_one_map_and_get_no_worse() {
+    for (seed, sensor) in [(5, "rgbd"), (6, "stereo"), (9, "rgbd")] {
+        let common = format!("seed={seed}&sensor={sensor}");
+        let a = walk("demo", &format!("{common}&duration=24"));
+        let b = walk("demo", &format!("{common}&start=9&duration=16&speed=1.05&height=1.4"));
+        let merged = merge(&[&a, &b]);
+        let [attempt] = &merged.attempts[..] else { panic!("{:?}", merged.attempts) };
+        let junction = attempt.join.result.as_ref().unwrap_or_else(|apart| panic!("seed {seed}: {apart}"));
+        let own = [&a, &b].map(|w| ate(&w.file, &[w], None));
+        let both = ate(&merged.file, &[&a, &b], None);
+        let parts = [0, 1].map(|n| ate(&merged.file, &[&a, &b], Some(n)));
+        println!(
+            "seed {seed} {sensor}: {} seams, {} left out, {:?}, rms {:.3} m, after {:.3} m; ATE alone {own:.3?} m, merged {parts:.3?} m, both {both:.3} m",
+            junction.seams.len(),
+            junction.left_out,
+            junction.support,
+            junction.rms,
+            junction.rms_after
+        );
+        assert_eq!(merged.file.snapshot.maps().count(), 1);
+        assert!(both <= 1.2 * own[0].min(own[1]), "seed {seed}: {both} of {own:?}");
+        assert!((0..2).all(|n| parts[n] <= 1.2 * own[n]), "seed {seed}: {parts:?} of {own:?}");
+    }
+}
+
+#[test]
+fn different_houses_stay_apart() {
+    for seed in 1..=3 {
+        let house = |seed: usize| walk("demo", &format!("seed={seed}&sensor=rgbd&duration=14"));
+        let merged = merge(&[&house(seed), &house(seed + 10)]);
+        assert!(merged.attempts.iter().all(|a| a.join.result.is_err()), "seed {seed}: {:?}", merged.attempts);
+        assert_eq!(merged.file.snapshot.maps().count(), 2);
+    }
+}
+
+/// An office in which all rooms on one side are the same, walked by three people, each in another room and a piece of
+/// the corridor: what is joined is joined where it is.
+#[test]
+fn rooms_that_look_alike_are_never_joined_wrongly() {
+    for seed in 1..=2 {
+        let office = format!("seed={seed}&sensor=rgbd&look_alike=1&duration=26");
+        let walks = [0, 26, 52].map(|start| walk("office", &format!("{office}&start={start}")));
+        for (a, b) in [(0, 1), (0, 2), (1, 2)] {
+            let pair = [&walks[a], &walks[b]];
+            let merged = merge(&pair);
+            match &merged.attempts[0].join.result {
+                Err(apart) => println!("seed {seed}, parts {a} and {b}: {apart}"),
+                Ok(_) => {
+                    let both = ate(&merged.file, &pair, None);
+                    assert!(both < 0.1, "seed {seed}, parts {a} and {b}: joined wrongly, ATE {both} m");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Seams: key frames of one map in which places of another are recognised, by words first and then by geometry.
+
+use super::Seam;
+use crate::closing::{Closer, Freedom, with_gravity_of};
+use cairn_adjust::{RecogniseConfig, Recognised, recognise};
+use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_geometry::Sim3;
+use std::collections::BTreeSet;
+
+/// Seams that are judged, at most: of more, evenly chosen ones.
+const MOST: usize = 400;
+
+/// A seam with what was recognised.
+#[derive(Clone, Debug)]
+pub(super) struct Found {
+    pub seam: Seam,
+    pub place: Recognised,
+    /// Pose of the key frame in the older map; the scale is length there for each length here.
+    pub world_from_here: Sim3,
+    pub freedom: Freedom,
+}
+
+impl Closer {
+    /// All seams between two maps, in the order of their key frames, and the number of key frames compared.
+    pub(super) fn seams(&self, snapshot: &Snapshot, from: MapId, into: MapId) -> (usize, Vec<Found>) {
+        let (mut compared, mut found) = (0, Vec::new());
+        for here in snapshot.key_frames_of(from) {
+            let in_older = |id: KeyFrameId| snapshot.key_frame(id).is_some_and(|k| k.map == into);
+            let places = snapshot.places_like(&here.bag, self.config.candidates, usize::MAX, &[], in_older);
+            compared += usize::from(!places.is_empty());
+            found.extend(places.iter().filter_map(|(old, _)| self.seam(snapshot, here, *old)));
+        }
+        let (all, step) = (found.len(), found.len().div_ceil(MOST).max(1));
+        let even = |(k, f)| (k % step == 0 || all <= MOST).then_some(f);
+        (compared, found.into_iter().enumerate().filter_map(even).collect())
+    }
+
+    /// The seam between a key frame and a place of the other map, if it is recognised there.
+    pub(super) fn seam(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> Option<Found> {
+        let config = RecogniseConfig { seed: self.config.need / 2, need: self.config.need, share: 0.5 };
+        let (seed, known) = (here.id.index() as u64, BTreeSet::new());
+        let place = recognise(snapshot, &self.camera, &here.frame, old, &known, &config, seed).ok()?;
+        let scale = self.scale(snapshot, here, &place).ok()?;
+        let there = place.world_from_camera;
+        let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
+        let freedom = self.freedom(snapshot, here, old);
+        if freedom == Freedom::AlignGravity {
+            world_from_here = with_gravity_of(here, &world_from_here).ok()?;
+        }
+        let seam = Seam {
+            key_frame: here.id,
+            place: old,
+            inliers: place.inliers,
+            expected: place.expected,
+            into_from: world_from_here * Sim3::from(here.world_from_camera).inverse(),
+        };
+        Some(Found { seam, place, world_from_here, freedom })
+    }
+}
