@@ -4,7 +4,7 @@
 //! is an obstacle, the floor below it and ceilings above it are not. So a table top counts although the camera looks over
 //! the legs, and a door lintel does not.
 
-use cairn_geometry::{Se2, Se3};
+use cairn_geometry::{Se2, Se3, So3, Vec3};
 
 /// How a depth image becomes a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +19,7 @@ pub struct DepthScanConfig {
 
 impl Default for DepthScanConfig {
     fn default() -> Self {
-        Self { band_m: (0.08, 1.3), max_range_m: 6.0, min_pixels: 3 }
+        Self { band_m: (0.08, 1.3), max_range_m: 6.0, min_pixels: 2 }
     }
 }
 
@@ -41,14 +41,26 @@ pub struct DepthCamera {
 /// Most pixels of one bearing that may be demanded.
 const MOST_PIXELS: usize = 8;
 
+/// What is the same for a pixel in every image.
+#[derive(Clone, Copy, Debug)]
+struct Pixel {
+    /// Its bearing's bin.
+    bin: u32,
+    /// Horizontal distance for each metre of depth.
+    range: f32,
+    /// Rise for each metre of depth.
+    rise: f32,
+}
+
 /// Turns depth images of one camera into scans.
 #[derive(Clone, Debug)]
 pub struct DepthScanner {
     config: DepthScanConfig,
     camera: DepthCamera,
+    pixels: Vec<Pixel>,
     /// The nearest obstacles of each bearing, ascending, and the farthest surface of any height.
     nearest: Vec<([f32; MOST_PIXELS], f32)>,
-    /// Bearing of the first column's bin and the width of a bin, in radians.
+    /// Bearing of the first bin's edge and the width of a bin, in radians.
     bins: (f64, f64),
 }
 
@@ -64,13 +76,31 @@ impl DepthScanner {
         if !sound || width == 0 || height == 0 {
             return None;
         }
-        // A bin is as wide as a column in the middle of the image; the corners of a tilted image reach beyond its middle row.
-        let half = |x: f64| (x / camera.focal.0).atan().abs();
-        let reach = 1.3 * half(camera.centre.0).max(half(width as f64 - camera.centre.0));
-        let step = 1.0 / camera.focal.0;
-        let count = (2.0 * reach / step).ceil() as usize;
-        let nearest = vec![([f32::INFINITY; MOST_PIXELS], 0.0); count];
-        Some(Self { config, camera, nearest, bins: (-reach, step) })
+        let mut scanner = Self { config, camera, pixels: Vec::new(), nearest: Vec::new(), bins: (0.0, 1.0) };
+        // Rays are turned so that x lies along the optical axis over the ground: bearings are then around 0.
+        let turn = So3::exp(&Vec3::new(0.0, 0.0, -scanner.body_from_sensor().rotation.log()));
+        let c = &scanner.camera;
+        let rotation = (turn * c.body_from_camera.rotation).matrix();
+        let ray = |x: usize, y: usize| {
+            let (u, v) = (x as f64 - c.centre.0, y as f64 - c.centre.1);
+            rotation * Vec3::new(u / c.focal.0, v / c.focal.1, 1.0)
+        };
+        let rays: Vec<Vec3> =
+            (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| ray(x, y)).collect();
+        let bearing = |r: &Vec3| r.y.atan2(r.x);
+        let (low, high) =
+            rays.iter().map(bearing).fold((f64::MAX, f64::MIN), |(l, h), b| (l.min(b), h.max(b)));
+        // A bin is as wide as a column in the middle of the image.
+        let step = 1.0 / c.focal.0;
+        let pixel = |r: &Vec3| Pixel {
+            bin: ((bearing(r) - low) / step) as u32,
+            range: r.xy().norm() as f32,
+            rise: r.z as f32,
+        };
+        scanner.pixels = rays.iter().map(pixel).collect();
+        scanner.bins = (low, step);
+        scanner.nearest = vec![([f32::INFINITY; MOST_PIXELS], 0.0); ((high - low) / step) as usize + 1];
+        Some(scanner)
     }
 
     /// The camera.
@@ -81,7 +111,7 @@ impl DepthScanner {
     /// Pose of the scan's origin in the frame of the body: below the camera, x along its optical axis.
     pub fn body_from_sensor(&self) -> Se2 {
         let pose = &self.camera.body_from_camera;
-        let axis = pose.rotation * cairn_geometry::Vec3::z();
+        let axis = pose.rotation * Vec3::z();
         Se2::from_xy_angle(pose.translation.x, pose.translation.y, axis.y.atan2(axis.x))
     }
 
@@ -89,7 +119,7 @@ impl DepthScanner {
     /// may be too low to be seen.
     pub fn blind_m(&self) -> f64 {
         let c = &self.camera;
-        let ray = cairn_geometry::Vec3::new(0.0, (c.size.1 as f64 - 0.5 - c.centre.1) / c.focal.1, 1.0);
+        let ray = Vec3::new(0.0, (c.size.1 as f64 - 0.5 - c.centre.1) / c.focal.1, 1.0);
         let ray = c.body_from_camera.rotation * ray;
         let height = c.body_from_camera.translation.z - self.config.band_m.0;
         if ray.z >= 0.0 { self.config.max_range_m } else { (height / -ray.z) * ray.xy().norm() }
@@ -104,30 +134,19 @@ impl DepthScanner {
             return Vec::new();
         }
         self.nearest.fill(([f32::INFINITY; MOST_PIXELS], 0.0));
-        let c = self.camera.clone();
-        // Rays are turned so that x lies along the optical axis over the ground: bearings are then around 0.
-        let turn = cairn_geometry::So3::exp(&cairn_geometry::Vec3::new(
-            0.0,
-            0.0,
-            -self.body_from_sensor().rotation.log(),
-        ));
-        let rotation = (turn * c.body_from_camera.rotation).matrix();
+        let metres = self.camera.metres_per_unit as f32;
+        let mounted = self.camera.body_from_camera.translation.z;
         let (low, high) = self.config.band_m;
+        let (low, high) = ((low - mounted) as f32, (high - mounted) as f32);
+        let max_range = self.config.max_range_m as f32;
         let needed = self.config.min_pixels.clamp(1, MOST_PIXELS);
-        for (y, row) in depth.chunks_exact(width).enumerate() {
-            let v = (y as f64 - c.centre.1) / c.focal.1;
-            for (x, &units) in row.iter().enumerate().filter(|(_, units)| **units > 0) {
-                let z = f64::from(units) * c.metres_per_unit;
-                let ray = cairn_geometry::Vec3::new((x as f64 - c.centre.0) / c.focal.0, v, 1.0);
-                let at = rotation * ray * z;
-                let range = at.xy().norm();
-                let bin = ((at.y.atan2(at.x) - self.bins.0) / self.bins.1).floor();
-                let Some(place) = self.nearest.get_mut(bin.max(0.0) as usize) else { continue };
-                place.1 = place.1.max(range as f32);
-                let over_ground = at.z + c.body_from_camera.translation.z;
-                if over_ground >= low && over_ground <= high && range <= self.config.max_range_m {
-                    keep_nearest(&mut place.0[..needed], range as f32);
-                }
+        for (&units, pixel) in depth.iter().zip(&self.pixels).filter(|(units, _)| **units > 0) {
+            let z = f32::from(units) * metres;
+            let (range, rise) = (pixel.range * z, pixel.rise * z);
+            let Some(place) = self.nearest.get_mut(pixel.bin as usize) else { continue };
+            place.1 = place.1.max(range);
+            if rise >= low && rise <= high && range <= max_range {
+                keep_nearest(&mut place.0[..needed], range);
             }
         }
         self.rays(needed)
@@ -157,7 +176,6 @@ fn keep_nearest(nearest: &mut [f32], range: f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_geometry::{So3, Vec3};
 
     /// A camera 0.8 m above the ground, pitched down by 20 degrees, looking along the body's x.
     fn camera() -> DepthCamera {

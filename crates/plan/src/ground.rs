@@ -28,7 +28,7 @@ pub struct GroundConfig {
     pub new_beyond_m: f64,
     /// Points of one new thing are this near to each other, in metres.
     pub gap_m: f64,
-    /// Fewer points than this are no thing.
+    /// Fewer points than this are not tracked; they stay out of the grid all the same.
     pub min_points: usize,
     /// What has stood in one place for this long goes into the grid, in seconds.
     pub settle_s: f64,
@@ -44,7 +44,7 @@ impl Default for GroundConfig {
             local_side_m: 6.0,
             new_beyond_m: 0.2,
             gap_m: 0.25,
-            min_points: 4,
+            min_points: 3,
             settle_s: 2.5,
         }
     }
@@ -65,6 +65,8 @@ pub enum GroundError {
 const BEHIND_M: f64 = 0.12;
 /// Least and greatest radius of a new thing, in metres.
 const RADIUS_M: (f64, f64) = (0.2, 0.6);
+/// Scan points this near to the rim of a track may be of the tracked thing, in metres.
+const NEAR_M: f64 = 0.25;
 /// A track this near to a cluster is the cluster's, in metres.
 const SAME_M: f64 = 0.5;
 
@@ -114,9 +116,10 @@ impl<K: Copy + Ord> GroundMap<K> {
     ) -> Result<(), GroundError> {
         let world_from_sensor = *world_from_key * key_from_sensor;
         let clusters = self.new_things(&world_from_sensor, rays);
-        let detections: Vec<Detection> = clusters.iter().map(|c| c.detection).collect();
+        let things = || clusters.iter().filter(|c| c.rays.len() >= self.config.min_points);
+        let detections: Vec<Detection> = things().map(|c| c.detection).collect();
         self.moving.observe(time_s, &detections);
-        let mut known = vec![true; rays.len()];
+        let mut known = self.beside_tracks(&world_from_sensor, rays);
         for cluster in &clusters {
             let at = cluster.detection.position;
             let away = |t: &&Track| (t.position - at).norm();
@@ -210,8 +213,21 @@ impl<K: Copy + Ord> GroundMap<K> {
                 None => clusters.push(vec![(ray, point)]),
             }
         }
-        clusters.retain(|c| c.len() >= self.config.min_points);
         clusters.iter().map(|c| Cluster::of(c, world_from_sensor.translation)).collect()
+    }
+
+    /// For each ray, whether it ends away from everything that is tracked and has not settled: the arm of a person who
+    /// passes a wall is not told from the wall by its place alone.
+    fn beside_tracks(&self, world_from_sensor: &Se2, rays: &[(f64, f64)]) -> Vec<bool> {
+        let mut beside = vec![true; rays.len()];
+        let settle_s = self.config.settle_s;
+        for track in self.moving.tracks().iter().filter(|t| t.still_for_s() < settle_s) {
+            let reach_m = track.radius_m + NEAR_M;
+            for (ray, point) in hits(world_from_sensor, rays, self.config.occupancy.max_range_m) {
+                beside[ray] &= (point - track.position).norm() > reach_m;
+            }
+        }
+        beside
     }
 
     /// The map of values of a ROS `OccupancyGrid`; `None` before the first scan.

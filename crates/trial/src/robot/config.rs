@@ -56,10 +56,10 @@ impl RobotConfig {
     pub fn new(seed: u64) -> Self {
         let radius_m = 0.2;
         let limits = Limits {
-            linear: 0.6,
+            linear: 0.7,
             backwards: 0.15,
             angular: 1.2,
-            acceleration: 0.6,
+            acceleration: 0.7,
             deceleration: 1.0,
             angular_acceleration: 3.0,
         };

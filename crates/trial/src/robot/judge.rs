@@ -67,7 +67,8 @@ impl Judge {
         let person = household.to_person_m(at) - self.radius_m;
         self.wall_clearance_m = self.wall_clearance_m.min(wall);
         self.person_clearance_m = self.person_clearance_m.min(person);
-        for (k, (clear_m, with)) in [(wall, Touched::Wall), (person, Touched::Person)].into_iter().enumerate() {
+        for (k, (clear_m, with)) in [(wall, Touched::Wall), (person, Touched::Person)].into_iter().enumerate()
+        {
             if clear_m < 0.0 && !self.touching[k] {
                 self.collisions.push(Collision { t_s, at: at.into(), with, speed });
             }

@@ -3,11 +3,11 @@
 //! The ground frame is the robot's own frame where it was switched on. The engine's map begins at the first camera, whose
 //! pose on the robot is known, so the two frames differ by a constant. Between tracked frames the wheels carry the pose on.
 
+use super::TrialError;
 use cairn_atlas::KeyFrameId;
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_geometry::{Se2, Se3};
 use cairn_sensor::{FramePacket, Rig};
-use super::TrialError;
 
 /// The pose of the robot after a frame.
 #[derive(Clone, Copy, Debug)]

