@@ -2,12 +2,12 @@
 //! Exploration", 1997). A robot that drives to them one after the other sees all that it can reach.
 //!
 //! Frontier cells are free and touch an unknown cell; connected ones form a frontier. The one with the shortest drive is
-//! next. A frontier itself is often too near to walls to be entered, so the robot is sent to the reachable cell from
-//! which it is nearest.
+//! next. A frontier itself is often too near to walls to be entered, and its surroundings are seen from a little farther
+//! away, so the robot is sent to the nearest reachable cell from which it sees the middle of the frontier close by.
 
 use crate::grid::{Cell, Grid, GridFrame};
 use crate::passable::Passable;
-use crate::search::{DIAGONAL, STEPS, STRAIGHT, steps_possible};
+use crate::search::{DIAGONAL, STEPS, STRAIGHT, line_of_sight, steps_possible};
 use cairn_geometry::Vec2;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -17,7 +17,8 @@ use std::collections::BinaryHeap;
 pub struct FrontierConfig {
     /// Frontiers of fewer cells are ignored: nothing fits through them.
     pub min_cells: usize,
-    /// A frontier counts as reachable when a reachable cell is this near, in metres.
+    /// A frontier counts as reachable when a reachable cell is this near, in metres. The robot is not sent nearer than it
+    /// must.
     pub approach_m: f64,
 }
 
@@ -82,8 +83,9 @@ pub fn frontiers(map: &Grid<i8>, config: &FrontierConfig) -> Vec<Frontier> {
     found
 }
 
-/// The frontiers that can be approached from a cell over passable ground, the shortest drive first.
+/// The frontiers of a map that can be approached from a cell over passable ground, the shortest drive first.
 pub fn approaches(
+    map: &Grid<i8>,
     frontiers: Vec<Frontier>,
     passable: &Passable,
     from: Cell,
@@ -91,25 +93,29 @@ pub fn approaches(
 ) -> Vec<Approach> {
     let frame = *passable.frame();
     let drive = drive_lengths(passable, from);
+    let seen_free = Passable::from_values(map, |v| v == 0);
     let reach = (config.approach_m / frame.resolution_m()).ceil() as i32;
     let around = |cell: Cell| {
         let offsets = (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| (dx, dy)));
         offsets.map(move |(dx, dy)| shifted(cell, dx, dy))
     };
+    let best_for = |target: Cell| {
+        let away = |c: Cell| (frame.centre(c) - frame.centre(target)).norm();
+        let reachable = around(target).filter_map(|c| {
+            let length = *drive.get(frame.index(c)?)?;
+            (length != u64::MAX && away(c) <= config.approach_m).then_some((c, length, away(c)))
+        });
+        let reachable: Vec<(Cell, u64, f64)> = reachable.collect();
+        let in_view = reachable.iter().filter(|(c, _, _)| line_of_sight(&seen_free, *c, target));
+        let soonest = in_view.min_by_key(|(c, length, _)| (*length, c.y, c.x));
+        let nearest = || reachable.iter().min_by(|a, b| a.2.total_cmp(&b.2).then(a.1.cmp(&b.1)));
+        soonest.or_else(nearest).copied()
+    };
     let approach = |frontier: Frontier| {
-        // The reachable cell nearest to the middle of the frontier, or to any of its cells.
-        let nearest = |target: Cell| {
-            let away = |c: Cell| (frame.centre(c) - frame.centre(target)).norm();
-            let reachable = around(target).filter_map(|c| {
-                let length = *drive.get(frame.index(c)?)?;
-                (length != u64::MAX && away(c) <= config.approach_m).then_some((c, length, away(c)))
-            });
-            reachable.min_by(|a, b| a.2.total_cmp(&b.2).then(a.1.cmp(&b.1)))
-        };
-        let middle = frame.cell_at(frontier.middle).and_then(nearest);
+        let middle = frame.cell_at(frontier.middle).and_then(best_for);
         let any = || {
-            let all = frontier.cells.iter().step_by(4).filter_map(|&c| nearest(c));
-            all.min_by(|a, b| a.2.total_cmp(&b.2).then(a.1.cmp(&b.1)))
+            let all = frontier.cells.iter().step_by(4).filter_map(|&c| best_for(c));
+            all.min_by(|a, b| a.1.cmp(&b.1).then(a.2.total_cmp(&b.2)))
         };
         let (cell, length, _) = middle.or_else(any)?;
         let drive_m = length as f64 / STRAIGHT as f64 * frame.resolution_m();
@@ -207,10 +213,11 @@ mod tests {
         let found = frontiers(&map, &config);
         assert_eq!(found.len(), 1);
         assert_eq!(found[0].cells, [2, 3, 4].map(|y| Cell::new(7, y)));
-        let near = approaches(found, &passable(&map), Cell::new(1, 1), &config);
-        assert_eq!(map.frame().cell_at(near[0].goal), Some(Cell::new(7, 3)));
-        let expected = (4.0 + 2.0 * std::f64::consts::SQRT_2) * 0.1;
-        assert!((near[0].drive_m - expected).abs() < 1e-4, "{}", near[0].drive_m);
+        // Two cells from the frontier it is seen close enough.
+        let close = FrontierConfig { approach_m: 0.21, ..config };
+        let near = approaches(&map, found, &passable(&map), Cell::new(1, 3), &close);
+        assert_eq!(map.frame().cell_at(near[0].goal), Some(Cell::new(5, 3)));
+        assert!((near[0].drive_m - 0.4).abs() < 1e-9, "{}", near[0].drive_m);
         let strict = FrontierConfig { min_cells: 4, ..config };
         assert!(frontiers(&map, &strict).is_empty());
     }
@@ -225,10 +232,12 @@ mod tests {
         let config = FrontierConfig { min_cells: 3, approach_m: 0.25 };
         let found = frontiers(&map, &config);
         assert_eq!(found.len(), 2, "{found:?}");
-        let near = approaches(found, &passable(&map), Cell::new(8, 1), &config);
+        let near = approaches(&map, found, &passable(&map), Cell::new(8, 1), &config);
         assert_eq!(near.len(), 1, "the ground behind the wall cannot be reached");
-        assert!(near[0].goal.x < 0.3);
+        assert!(near[0].goal.x < 0.4, "{}", near[0].goal);
         // From a cell that is not in the grid nothing can be reached.
-        assert!(approaches(frontiers(&map, &config), &passable(&map), Cell::new(99, 0), &config).is_empty());
+        assert!(
+            approaches(&map, frontiers(&map, &config), &passable(&map), Cell::new(99, 0), &config).is_empty()
+        );
     }
 }

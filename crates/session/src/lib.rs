@@ -19,6 +19,7 @@ mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
+mod take_me;
 
 pub use age::Age;
 pub use command::{Command, HELP};
@@ -31,3 +32,4 @@ pub use reference_path::{ReferencePath, standing};
 pub use script::{Script, ScriptError, When};
 pub use session::{Session, SessionConfig};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
+pub use take_me::{Destination, NoWay, Planned, WalkedRoutes};

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             })
             .collect();
         println!(
-            "seed {seed}: {} collisions {:?}, clearance {:.2?}, explored {:.0} s, {:.0} s in all, {:.0} m, known {:.2}, error {:.3?}, lost {}, loops {:?}, door {:?}, plans {}, goals {goals:?}, {:.1} s",
+            "seed {seed}: {} collisions {:?}, clearance {:.2?}, explored {:.0} s, {:.0} s in all, {:.0} m, known {:.2}, error {:.3?}, lost {} refused {}, loops {:?}, door {:?}, plans {}, goals {goals:?}, {:.1} s",
             end.collisions.len(),
             end.collisions.first(),
             end.clearance_m,
@@ -33,12 +33,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             end.known,
             end.position_error_m,
             end.lost,
+            end.refused,
             end.loops,
             end.door_closed_s,
             end.plans,
             began.elapsed().as_secs_f64()
         );
         if count == 1 {
+            for (t, at, cells) in &end.targets {
+                println!("target {t:.1} {:.2} {:.2} {cells}", at.x, at.y);
+            }
             for (t, state, reason) in &end.states {
                 println!("{t:6.1} {state} {}", reason.as_deref().unwrap_or(""));
             }

@@ -9,7 +9,7 @@ use cairn_atlas::KeyFrameId;
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::{Motion, Navigator, Reason, State};
 use cairn_plan::depth_scan::{DepthCamera, DepthScanner};
-use cairn_plan::frontier::{Approach, approaches, frontiers};
+use cairn_plan::frontier::{Approach, Frontier, FrontierConfig, approaches, frontiers};
 use cairn_plan::ground::GroundMap;
 use cairn_plan::random::Random;
 use cairn_sensor::FramePacket;
@@ -23,8 +23,12 @@ const CHECK_S: f64 = 0.5;
 const SAME_M: f64 = 0.5;
 /// The poses of all key frames are compared with the grid's after this time, seconds.
 const POSES_S: f64 = 2.0;
-/// Without a tracked pose for this many frames the robot stops.
+/// Without a tracked pose for this many frames the robot stops, seconds later it turns to find its place.
 const MISSED: usize = 4;
+/// Frames without a tracked pose after which it turns.
+const LOST: usize = 20;
+/// A goal that cannot be reached is looked at from within this distance, metres.
+const NEAR_GOAL_M: f64 = 1.5;
 /// A goal is tried so often before NO_PATH is final; the robot looks around in between.
 const TRIES: usize = 5;
 
@@ -83,6 +87,8 @@ pub struct Pilot {
     pub explored_s: Option<f64>,
     /// Changes of the navigator's state with their time and reason.
     pub states: Vec<(f64, State, Option<String>)>,
+    /// Frontiers driven to: seconds, goal on the ground, cells.
+    pub targets: Vec<(f64, Vec2, usize)>,
     /// How often a path was planned.
     pub plans: usize,
     /// How often the grid was laid again.
@@ -125,6 +131,7 @@ impl Pilot {
             ends: Vec::new(),
             explored_s: None,
             states: Vec::new(),
+            targets: Vec::new(),
             plans: 0,
             laid_again: 0,
             last_reason: None,
@@ -176,7 +183,12 @@ impl Pilot {
             turn - TAU * (turn / TAU).round()
         });
         let decision = if localiser.missed() >= MISSED {
-            Decision { motion: self.towards(motion, Motion::stop()), state: State::Blocked, reason: None }
+            let rate = if localiser.missed() >= LOST { LOOK_RATE / 2.0 } else { 0.0 };
+            Decision {
+                motion: self.towards(motion, Motion::new(0.0, rate)),
+                state: State::Blocked,
+                reason: None,
+            }
         } else {
             self.act(t_s, &pose, motion, turned)
         };
@@ -277,11 +289,12 @@ impl Pilot {
             return self.visit_next(t_s, 0, motion);
         };
         self.navigator.set_goal(next.goal);
+        self.targets.push((t_s, next.goal, next.frontier.cells.len()));
         (self.target, self.checked_s) = (Some(next), t_s);
         self.navigate(t_s, pose, motion)
     }
 
-    fn frontiers(&self) -> Vec<cairn_plan::frontier::Frontier> {
+    fn frontiers(&self) -> Vec<Frontier> {
         self.ground.map().map_or_else(Vec::new, |map| frontiers(map, &self.config.frontier))
     }
 
@@ -294,7 +307,18 @@ impl Pilot {
         let passable = costs.passable();
         // A body that stands a little too near to a wall starts from the free cell next to it.
         let from = nearest_free(&passable, from, 6)?;
-        approaches(all, &passable, from, &self.config.frontier).into_iter().next()
+        approaches(costs.map(), all, &passable, from, &self.config.frontier).into_iter().next()
+    }
+
+    /// The place near a goal from which it can be looked at, if that is not here.
+    fn near_goal(&self, pose: &Se2, goal: Vec2) -> Option<Vec2> {
+        let costs = self.ground.costs()?;
+        let passable = costs.passable();
+        let from = nearest_free(&passable, costs.frame().cell_at(pose.translation)?, 6)?;
+        let target = Frontier { cells: vec![costs.frame().cell_at(goal)?], middle: goal };
+        let config = FrontierConfig { approach_m: NEAR_GOAL_M, ..self.config.frontier };
+        let all = approaches(costs.map(), vec![target], &passable, from, &config);
+        all.first().map(|a| a.goal).filter(|at| (at - pose.translation).norm() > SAME_M)
     }
 
     /// A free place about a metre away.
@@ -342,10 +366,10 @@ impl Pilot {
             State::NoPath if tries < TRIES && !late => {
                 let then = Then::Visit { goal, began_s, tries: tries + 1 };
                 self.task = Task::Look { turned: 0.0, then };
-                if tries > 1
-                    && let Some(aside) = self.aside(pose)
-                {
-                    self.navigator.set_goal(aside);
+                // What is in the way may have gone: from near the goal that is seen best, else from another place.
+                let near = self.near_goal(pose, self.goals[goal]);
+                if let Some(at) = near.or_else(|| if tries > 1 { self.aside(pose) } else { None }) {
+                    self.navigator.set_goal(at);
                     self.task = Task::Aside(then);
                 }
             }

@@ -2,10 +2,10 @@
 
 use super::household::Household;
 use super::judge::{Collision, Judge};
-use super::localiser::Localiser;
+use super::localiser::{Localiser, over_ground};
 use super::pilot::Pilot;
 use super::{RobotConfig, TrialError};
-use cairn_geometry::{Se2, Se3, So3, Vec2, Vec3};
+use cairn_geometry::{Se2, Vec2};
 use cairn_plan::Grid;
 use cairn_plan::control::State;
 use cairn_plan::control::trial::SimulatedBody;
@@ -49,6 +49,8 @@ pub struct Moment {
     pub estimate: Se2,
     /// State of its navigator.
     pub state: State,
+    /// The goal it is driving to; `None` while it explores.
+    pub goal: Option<usize>,
 }
 
 /// Everything that a trial leaves.
@@ -72,12 +74,16 @@ pub struct End {
     pub position_error_m: [f64; 2],
     /// Frames that were not tracked.
     pub lost: usize,
+    /// Frames whose tracked pose was not that of the wheels, and was not used.
+    pub refused: usize,
     /// Loops and merges accepted, and how often the grid was laid again.
     pub loops: [usize; 2],
     /// When the door closed, seconds.
     pub door_closed_s: Option<f64>,
     /// How often a path was planned.
     pub plans: usize,
+    /// Frontiers driven to: seconds, true place, cells.
+    pub targets: Vec<(f64, Vec2, usize)>,
     /// Changes of the navigator's state: seconds, state, reason.
     pub states: Vec<(f64, State, Option<String>)>,
     /// Milliseconds from image to pose, frame by frame.
@@ -163,10 +169,7 @@ impl Trial {
         let mut wheels = Se2::identity();
         for frame in 0u32.. {
             t_s = f64::from(frame) * dt;
-            if self.pilot.is_done()
-                || t_s > most_s
-                || std::env::var("ROBOT_STOP").is_ok_and(|v| t_s > v.parse().unwrap())
-            {
+            if self.pilot.is_done() || t_s > most_s {
                 break;
             }
             wheels = self.frame(t_s, dt, wheels)?;
@@ -186,7 +189,13 @@ impl Trial {
         let decision = self.pilot.step(t_s, &packet, &located, &self.localiser, self.body.motion)?;
         self.plan_ms.push(began.elapsed().as_secs_f64() * 1e3);
         let estimate = self.start * located.ground_from_body;
-        self.path.push(Moment { t_s, truth: self.body.truth, estimate, state: decision.state });
+        self.path.push(Moment {
+            t_s,
+            truth: self.body.truth,
+            estimate,
+            state: decision.state,
+            goal: self.pilot.goal(),
+        });
         let places: Vec<Vec2> = goals(self.household.world()).map(|(_, at)| at).collect();
         while let Some(at) =
             places.get(self.errors.len()).filter(|_| self.errors.len() < self.pilot.ends.len())
@@ -245,9 +254,11 @@ impl Trial {
             known: map.as_ref().map_or(0.0, |map| known(map, &world, self.config.radius_m)),
             position_error_m: [rms, self.path.iter().map(error).fold(0.0, f64::max)],
             lost: self.localiser.lost,
+            refused: self.localiser.refused,
             loops: [self.localiser.loops, self.pilot.laid_again],
             door_closed_s: self.door_closed_s,
             plans: self.pilot.plans,
+            targets: self.pilot.targets.iter().map(|(t, at, n)| (*t, self.start * *at, *n)).collect(),
             states: self.pilot.states,
             step_ms: self.localiser.step_ms,
             plan_ms: self.plan_ms,
@@ -261,12 +272,6 @@ impl Trial {
 /// The goals of a world: name and place.
 fn goals(world: &World) -> impl Iterator<Item = (String, Vec2)> + '_ {
     GOALS.iter().filter_map(|&k| world.places().get(k).cloned())
-}
-
-/// A pose on the floor in three dimensions.
-fn over_ground(pose: &Se2) -> Se3 {
-    let turn = So3::exp(&Vec3::new(0.0, 0.0, pose.rotation.log()));
-    Se3::new(turn, Vec3::new(pose.translation.x, pose.translation.y, 0.0))
 }
 
 /// The same map in a frame moved by a pose.
