@@ -19,7 +19,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (7, &["cairn-team"]),
     (8, &["cairn-engine"]),
     (9, &["cairn-session"]),
-    (10, &["cairn-web"]),
+    (10, &["cairn-web", "cairn-trial"]),
     (11, &["cairn"]),
     (12, &["cairn-cli", "cairn-python", "xtask"]),
 ];

@@ -3,8 +3,11 @@
 pub mod anchored;
 pub mod control;
 pub mod costmap;
+pub mod depth_scan;
 pub mod distance;
+pub mod frontier;
 pub mod grid;
+pub mod ground;
 pub mod map_server;
 pub mod moving_ai;
 pub mod occupancy;

@@ -18,6 +18,9 @@ pub struct OccupancyConfig {
     pub miss: f64,
     /// Log odds are clamped to these two bounds, so that a cell can still change its state later.
     pub bounds: (f64, f64),
+    /// Cells nearer than this to the sensor are not marked as free, in metres: what is too low to be seen by a camera
+    /// close by must not be taken away. 0 for a laser that scans a plane.
+    pub min_range_m: f64,
     /// Returns farther than this are not used as hits, in metres.
     pub max_range_m: f64,
     /// A cell is occupied above this probability.
@@ -32,6 +35,7 @@ impl Default for OccupancyConfig {
             hit: 1.4,
             miss: -0.7,
             bounds: (-2.0, 3.5),
+            min_range_m: 0.0,
             max_range_m: 10.0,
             occupied_threshold: 0.65,
             free_threshold: 0.196,
@@ -130,7 +134,10 @@ impl OccupancyGrid {
             let reach = range.min(self.config.max_range_m);
             let end = *world_from_sensor * Vec2::new(reach * bearing.cos(), reach * bearing.sin());
             let hit = self.frame().cell_at(end).filter(|_| ends);
-            self.pass(t, end, hit, &mut report);
+            if reach > self.config.min_range_m {
+                let from = t + (end - t) * (self.config.min_range_m.max(0.0) / reach);
+                self.pass(from, end, hit, &mut report);
+            }
             match hit {
                 Some(cell) => {
                     report.hits += 1;

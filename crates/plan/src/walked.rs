@@ -62,11 +62,24 @@ pub struct Stretch {
     pub backwards: bool,
 }
 
+/// A recorded point that a path passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Passed {
+    /// Index of the recorded route.
+    pub route: usize,
+    /// Index of its point.
+    pub point: usize,
+    /// Whether the route is walked against the direction of recording here.
+    pub backwards: bool,
+}
+
 /// A route over walked ground.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WalkedPath {
     /// Points in metres, world, from the start to the goal, both included.
     pub points: Vec<Vec3>,
+    /// The recorded points that it passes, in order, none twice running.
+    pub passed: Vec<Passed>,
     /// The stretches it follows, in order.
     pub stretches: Vec<Stretch>,
     /// Length in metres.
@@ -82,6 +95,8 @@ pub struct WalkedGraph {
     points: Vec<Vec3>,
     /// Route index of each point.
     routes: Vec<usize>,
+    /// For each point, the nearest recorded one of its route.
+    recorded: Vec<usize>,
     edges: Vec<Vec<u32>>,
 }
 
@@ -89,10 +104,13 @@ impl WalkedGraph {
     /// From routes in metres, world, z up. A point that is not finite cuts its route in two: callers insert one where
     /// the ground in between is not known.
     pub fn new(routes: &[Vec<Vec3>], config: WalkedConfig) -> Self {
-        let mut graph = Self { config, points: Vec::new(), routes: Vec::new(), edges: Vec::new() };
+        let mut graph =
+            Self { config, points: Vec::new(), routes: Vec::new(), recorded: Vec::new(), edges: Vec::new() };
         for (route, line) in routes.iter().enumerate() {
+            let mut first = 0;
             for piece in line.split(|p| !p.iter().all(|v| v.is_finite())) {
-                graph.add_piece(route, piece);
+                graph.add_piece(route, first, piece);
+                first += piece.len() + 1;
             }
         }
         graph.join();
@@ -109,7 +127,8 @@ impl WalkedGraph {
         self.points.is_empty()
     }
 
-    fn add_piece(&mut self, route: usize, piece: &[Vec3]) {
+    /// Adds a piece of a route without gaps; `first` is the index of its first point in the route.
+    fn add_piece(&mut self, route: usize, first: usize, piece: &[Vec3]) {
         let mut last: Option<usize> = None;
         for (k, &to) in piece.iter().enumerate() {
             let from = if k == 0 { to } else { piece[k - 1] };
@@ -118,6 +137,7 @@ impl WalkedGraph {
                 let here = self.points.len();
                 self.points.push(from + (to - from) * (part as f64 / parts));
                 self.routes.push(route);
+                self.recorded.push(first + if 2 * part >= parts as usize { k } else { k.saturating_sub(1) });
                 self.edges.push(Vec::new());
                 if let Some(last) = last {
                     self.edges[last].push(here as u32);
@@ -199,6 +219,29 @@ impl WalkedGraph {
         Err(NotWalked::NotJoined { expanded })
     }
 
+    /// Whether a step follows a route, and then whether against its direction.
+    fn along_route(&self, from: usize, to: usize) -> Option<bool> {
+        // Points of a route have successive indices; a jump to another stretch belongs to no route.
+        (from.abs_diff(to) == 1 && self.routes[from] == self.routes[to]).then_some(to < from)
+    }
+
+    /// The recorded points that a path over nodes passes.
+    fn passed(&self, nodes: &[usize]) -> Vec<Passed> {
+        let direction = |k: usize| {
+            let after = nodes.get(k + 1).and_then(|&to| self.along_route(nodes[k], to));
+            let before = k.checked_sub(1).and_then(|b| self.along_route(nodes[b], nodes[k]));
+            after.or(before).unwrap_or(false)
+        };
+        let mut passed: Vec<Passed> = Vec::with_capacity(nodes.len());
+        for (k, &node) in nodes.iter().enumerate() {
+            let (route, point) = (self.routes[node], self.recorded[node]);
+            if passed.last().is_none_or(|last| (last.route, last.point) != (route, point)) {
+                passed.push(Passed { route, point, backwards: direction(k) });
+            }
+        }
+        passed
+    }
+
     fn trace(&self, best: &[(f64, u32)], goal: usize, ends: [Vec3; 2], expanded: usize) -> WalkedPath {
         let mut nodes = vec![goal];
         while let Some(&parent) = nodes.last().map(|&n| &best[n].1).filter(|&&p| p != u32::MAX) {
@@ -207,9 +250,8 @@ impl WalkedGraph {
         nodes.reverse();
         let mut stretches: Vec<Stretch> = Vec::new();
         for pair in nodes.windows(2) {
-            // Points of a route have successive indices; a jump to another stretch belongs to no route.
-            if pair[0].abs_diff(pair[1]) == 1 && self.routes[pair[0]] == self.routes[pair[1]] {
-                let stretch = Stretch { route: self.routes[pair[0]], backwards: pair[1] < pair[0] };
+            if let Some(backwards) = self.along_route(pair[0], pair[1]) {
+                let stretch = Stretch { route: self.routes[pair[0]], backwards };
                 if stretches.last() != Some(&stretch) {
                     stretches.push(stretch);
                 }
@@ -218,7 +260,7 @@ impl WalkedGraph {
         let points: Vec<Vec3> =
             std::iter::once(ends[0]).chain(nodes.iter().map(|&n| self.points[n])).chain([ends[1]]).collect();
         let length_m = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
-        WalkedPath { points, stretches, length_m, expanded }
+        WalkedPath { points, passed: self.passed(&nodes), stretches, length_m, expanded }
     }
 }
 
@@ -246,6 +288,9 @@ mod tests {
             path.stretches,
             [Stretch { route: 0, backwards: false }, Stretch { route: 1, backwards: true }]
         );
+        let ends =
+            [path.passed.first(), path.passed.last()].map(|p| p.map(|p| (p.route, p.point, p.backwards)));
+        assert_eq!(ends, [Some((0, 0, false)), Some((1, 0, true))]);
         let off = |p: &Vec3| p.y.abs().min((p.x - 12.0).abs());
         assert!(path.points.iter().all(|p| off(p) < 0.7), "nothing leads across what nobody walked");
         let upstairs = graph.path(Vec3::zeros(), Vec3::new(20.0, 10.0, 3.0));

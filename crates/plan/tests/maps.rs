@@ -264,7 +264,7 @@ fn people_are_tracked_through_each_other_and_forgotten() {
                 radius_m: 0.3,
             });
             let observed = layer.observe(t, &seen);
-            assert!(k == 0 || (observed.matched, observed.begun) == (2, 0), "at {t} s: {observed:?}");
+            assert!(k == 0 || (observed.matched, observed.started) == (2, 0), "at {t} s: {observed:?}");
         }
         let tracks = layer.tracks();
         assert_eq!(tracks.iter().map(|t| t.id).collect::<Vec<_>>(), [0, 1], "nobody changed place");
@@ -287,7 +287,7 @@ fn people_are_tracked_through_each_other_and_forgotten() {
     let bad = Detection { position: Vec2::new(f64::NAN, 0.0), radius_m: 0.2 };
     let ghost = Detection { position: Vec2::new(0.0, 30.0), radius_m: 0.2 };
     let observed = layer.observe(5.0, &[ghost, bad]);
-    assert_eq!((observed.begun, observed.rejected, observed.matched), (1, 1, 0));
+    assert_eq!((observed.started, observed.rejected, observed.matched), (1, 1, 0));
     assert!(layer.observe(5.0, &[]).out_of_order && layer.observe(f64::NAN, &[]).out_of_order);
     assert_eq!(layer.observe(6.05, &[]).forgotten, 3, "who left is gone within a second");
     assert_eq!(layer.clearance_m(ahead, 0.0), f64::INFINITY);

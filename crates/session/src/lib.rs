@@ -20,6 +20,7 @@ mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
+mod take_me;
 
 pub use age::Age;
 pub use command::{Command, KEYS, Key, help, key_of};
@@ -33,3 +34,4 @@ pub use script::{Script, ScriptError, When};
 pub use session::{Session, SessionConfig};
 pub use settings::{STEP_M, STEPS_M, Setting, WORDS_PER_MINUTE};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
+pub use take_me::{Destination, NoWay, Planned, WalkedRoutes};

@@ -207,7 +207,7 @@ impl ReferencePath {
 }
 
 /// The ground plane of a walk, in the map's frame.
-fn ground_of(map: &Snapshot, route: &Route, in_world: &[PlacedPoint]) -> Ground {
+pub(crate) fn ground_of(map: &Snapshot, route: &Route, in_world: &[PlacedPoint]) -> Ground {
     if map.is_gravity_aligned_throughout() {
         return Ground::z_up();
     }

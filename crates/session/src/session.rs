@@ -5,6 +5,7 @@
 //! the guide then says stop.
 
 mod look;
+mod take_me;
 
 use crate::age::Ages;
 use crate::command::Command;

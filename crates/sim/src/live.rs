@@ -59,6 +59,8 @@ pub struct LiveRig {
     world: Arc<World>,
     lenses: Vec<Lens>,
     passers: Vec<Passer>,
+    /// People whom the caller moves.
+    people: Vec<Figure>,
     last: Option<(Stamp, Se3)>,
 }
 
@@ -89,7 +91,7 @@ impl LiveRig {
         };
         let lenses = rig.cameras.iter().enumerate().map(lens).collect::<Result<_, SourceError>>()?;
         let passers = passers(&world, config.passers_by, config.seed);
-        Ok(Self { config: config.clone(), rig, world, lenses, passers, last: None })
+        Ok(Self { config: config.clone(), rig, world, lenses, passers, people: Vec::new(), last: None })
     }
 
     /// The rig, without IMU.
@@ -100,6 +102,17 @@ impl LiveRig {
     /// The world it is in.
     pub fn world(&self) -> &Arc<World> {
         &self.world
+    }
+
+    /// Switches to another world from the next packet on: a door has been closed, for instance.
+    pub fn set_world(&mut self, world: &Arc<World>) {
+        self.world = Arc::clone(world);
+        self.lenses.iter_mut().for_each(|lens| lens.renderer.set_world(world));
+    }
+
+    /// Places people for the next packets, beside the passers-by of the config.
+    pub fn set_people(&mut self, people: &[Figure]) {
+        self.people = people.to_vec();
     }
 
     /// The packet seen from a body pose; blur follows the motion since the previous packet.
@@ -141,7 +154,10 @@ impl LiveRig {
         let begin = Instant::now();
         let times = self.sub_frames(pose_at);
         let gain = self.lenses.first_mut().map_or(1.0, |lens| lens.sensor.gain(stamp.seconds()));
-        let people = |dt: &f64| self.passers.iter().map(|p| p.figure(stamp.seconds() + dt)).collect();
+        let people = |dt: &f64| {
+            let passers = self.passers.iter().map(|p| p.figure(stamp.seconds() + dt));
+            passers.chain(self.people.iter().copied()).collect()
+        };
         let figures = times.iter().map(people).collect();
         let size = (self.config.camera.width, self.config.camera.height);
         let scene = Scene { pose_at, times, figures, gain, size };

@@ -171,7 +171,7 @@ fn live_rig_matches_source() {
         assert_eq!(a.images, b.images);
     }
     assert!(live.packet(Stamp(0), &Se3::identity()).is_err());
-    assert_eq!(WorldKind::ALL.len(), 7);
+    assert_eq!(WorldKind::ALL.len(), 8);
 }
 
 /// Writes a motion with its exact readings in the format of recordings, and returns the two files.

@@ -12,6 +12,7 @@ mod home;
 mod once;
 mod out;
 mod report;
+mod robot;
 mod seeds;
 
 use crate::commands::run::Sensor;
@@ -45,6 +46,10 @@ pub struct Arguments {
     /// Walks only the first M metres of the route (5 to 1000).
     #[arg(long, value_name = "M", value_parser = metres)]
     metres: Option<f64>,
+    /// A robot instead of a walker: it explores an apartment that it does not know and is sent to three rooms, while
+    /// people walk about and a door closes.
+    #[arg(long, conflicts_with_all = ["facing", "sensor", "metres"])]
+    robot: bool,
     /// The folder for the report, the transcript, the route and the trajectories.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
@@ -77,6 +82,13 @@ fn metres(text: &str) -> Result<f64, String> {
 
 /// Runs one demo or a table of them.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    if arguments.robot {
+        let seeds = arguments.seeds.map(|count| (0..count).map(|k| arguments.seed.saturating_add(k)));
+        return match seeds {
+            Some(seeds) => robot::many(seeds, output),
+            None => robot::one(arguments.seed, &arguments.out, arguments.overwrite, output),
+        };
+    }
     let facings: &[Facing] = match arguments.facing {
         FacingArgument::Home => &[Facing::Home],
         FacingArgument::Back => &[Facing::Back],

@@ -216,13 +216,28 @@ impl Navigator {
         self.path.as_ref()
     }
 
-    /// One step, to be called once per period: the command for this time (seconds), pose, motion and surroundings.
+    /// One step, to be called once per period: the command for this time (seconds), pose, motion and surroundings. Paths
+    /// are planned on `costs`, and so is the collision check.
     pub fn step(
         &mut self,
         time_s: f64,
         world_from_body: &Se2,
         motion: Motion,
         costs: &Costmap,
+        moving: Option<&DynamicLayer>,
+    ) -> Step {
+        self.step_locally(time_s, world_from_body, motion, costs, costs, moving)
+    }
+
+    /// As [`Navigator::step`], with a second costmap of the ground around the body for the collision check: a window that
+    /// moves with it and holds what the sensors see now. It reaches farther than the body looks ahead.
+    pub fn step_locally(
+        &mut self,
+        time_s: f64,
+        world_from_body: &Se2,
+        motion: Motion,
+        costs: &Costmap,
+        local: &Costmap,
         moving: Option<&DynamicLayer>,
     ) -> Step {
         let (t, r) = (world_from_body.translation, world_from_body.rotation);
@@ -241,8 +256,9 @@ impl Navigator {
             State::Planning => self.plan(world_from_body, motion, costs, moving),
             State::Executing | State::Blocked => {
                 let radius_m = costs.config().touch_m(costs.frame().resolution_m());
-                let around = Surroundings { field: costs.field(), moving, radius_m };
-                self.follow(time_s, world_from_body, motion, &around)
+                let [around, everywhere] =
+                    [local, costs].map(|map| Surroundings { field: map.field(), moving, radius_m });
+                self.follow(time_s, world_from_body, motion, &around, &everywhere)
             }
         }
     }
@@ -368,12 +384,19 @@ impl Navigator {
         best.filter(|c| away(c) <= self.config.start_slack_m).ok_or(blocked)
     }
 
-    fn follow(&mut self, time_s: f64, pose: &Se2, motion: Motion, around: &Surroundings) -> Step {
+    fn follow(
+        &mut self,
+        time_s: f64,
+        pose: &Se2,
+        motion: Motion,
+        around: &Surroundings,
+        everywhere: &Surroundings,
+    ) -> Step {
         let Some(path) = self.path.take() else {
             self.plan_again(self.why);
             return self.stand(motion, Some(self.why));
         };
-        let step = self.follow_path(time_s, pose, motion, around, &path);
+        let step = self.follow_path(time_s, pose, motion, [around, everywhere], &path);
         if self.state != State::Planning {
             self.path = Some(path);
         }
@@ -385,7 +408,7 @@ impl Navigator {
         time_s: f64,
         pose: &Se2,
         motion: Motion,
-        around: &Surroundings,
+        [around, everywhere]: [&Surroundings; 2],
         path: &ReferencePath,
     ) -> Step {
         if let Some(step) = self.recover(time_s, pose, motion, around, path) {
@@ -398,7 +421,7 @@ impl Navigator {
             self.plan_again(why);
             return self.stand(motion, Some(why));
         }
-        if let Some(blocked_m) = blocked_along(path, along_m, around) {
+        if let Some(blocked_m) = blocked_along(path, along_m, everywhere) {
             self.plan_again(Reason::MapChanged(blocked_m));
             return self.stand(motion, Some(self.why));
         }

@@ -11,6 +11,9 @@ use cairn_geometry::Vec2;
 /// 99 % bound of chi-square with two degrees of freedom.
 const GATE: f64 = 9.210;
 
+/// An object that stays within this distance of a place stands still, in metres.
+const STILL_M: f64 = 0.15;
+
 /// Configuration of the tracks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DynamicConfig {
@@ -56,6 +59,10 @@ pub struct Track {
     pub seen: u32,
     /// Time of the last detection, in seconds.
     pub last_seen_s: f64,
+    /// Where the object has stood since [`Track::still_since_s`], in metres, world.
+    still_at: Vec2,
+    /// Since when the object has not left that place, in seconds.
+    still_since_s: f64,
     /// Covariance of position and speed along one axis: position-position, position-speed, speed-speed.
     covariance: [f64; 3],
 }
@@ -67,6 +74,11 @@ impl Track {
         let variance = pp + 2.0 * ahead_s * pv + ahead_s * ahead_s * vv;
         (self.position + self.velocity * ahead_s, variance.max(0.0).sqrt())
     }
+
+    /// For how long the object has stood in one place, in seconds, by its last detection.
+    pub fn still_for_s(&self) -> f64 {
+        self.last_seen_s - self.still_since_s
+    }
 }
 
 /// What became of the detections of one instant.
@@ -74,8 +86,8 @@ impl Track {
 pub struct Observed {
     /// Detections that continued a track.
     pub matched: usize,
-    /// Detections that began a track.
-    pub begun: usize,
+    /// Detections that started a new track.
+    pub started: usize,
     /// Tracks that were removed.
     pub forgotten: usize,
     /// Detections with NaN, infinity or a radius below zero.
@@ -124,8 +136,8 @@ impl DynamicLayer {
         observed.rejected = detections.len() - sound.len();
         let free = self.matched(&sound, &mut observed);
         for detection in free {
-            self.begin(&detection);
-            observed.begun += 1;
+            self.start(&detection);
+            observed.started += 1;
         }
         observed
     }
@@ -164,7 +176,7 @@ impl DynamicLayer {
         detections.iter().zip(taken).filter(|(_, taken)| !taken).map(|(d, _)| *d).collect()
     }
 
-    fn begin(&mut self, detection: &Detection) {
+    fn start(&mut self, detection: &Detection) {
         self.tracks.push(Track {
             id: self.next_id,
             position: detection.position,
@@ -172,6 +184,8 @@ impl DynamicLayer {
             radius_m: detection.radius_m,
             seen: 1,
             last_seen_s: self.time_s,
+            still_at: detection.position,
+            still_since_s: self.time_s,
             covariance: [self.config.position_sigma_m.powi(2), 0.0, self.config.speed_sigma.powi(2)],
         });
         self.next_id += 1;
@@ -201,4 +215,7 @@ fn update(track: &mut Track, detection: &Detection, noise: f64, time_s: f64) {
     track.radius_m += 0.3 * (detection.radius_m - track.radius_m);
     track.seen += 1;
     track.last_seen_s = time_s;
+    if (track.position - track.still_at).norm() > STILL_M {
+        (track.still_at, track.still_since_s) = (track.position, time_s);
+    }
 }

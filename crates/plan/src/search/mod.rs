@@ -16,6 +16,7 @@ mod weighted;
 pub use astar::AStar;
 pub use dstar_lite::DStarLite;
 pub use jump::JumpPoint;
+pub(crate) use moves::steps_possible;
 pub use theta::{LazyTheta, line_of_sight};
 pub use weighted::{BLOCKED, WeightedAStar};
 

@@ -54,6 +54,11 @@ impl Renderer {
         &self.world
     }
 
+    /// Renders another world from now on.
+    pub fn set_world(&mut self, world: &Arc<World>) {
+        self.world = Arc::clone(world);
+    }
+
     /// Renders the world without passers-by; see [`Renderer::render_with`].
     pub fn render(&mut self, world_from_camera: &Se3, image: &mut GrayImage, depth: Option<&mut DepthImage>) {
         self.render_with(world_from_camera, &[], image, depth);

@@ -79,6 +79,10 @@ pub(crate) struct Builder {
     pub plan: Vec<(Vec2, Vec2)>,
     /// Routes.
     pub routes: Vec<NamedRoute>,
+    /// Places with a name.
+    pub places: Vec<(String, Vec2)>,
+    /// Doors that can be closed: the ends of the leaf.
+    pub doors: Vec<(Vec2, Vec2)>,
     /// Lamps.
     pub lights: Vec<Lamp>,
     /// Light from everywhere.
@@ -126,6 +130,8 @@ impl Builder {
             footprints: Vec::new(),
             plan: Vec::new(),
             routes: Vec::new(),
+            places: Vec::new(),
+            doors: Vec::new(),
             lights: Vec::new(),
             ambient: 0.5,
             sun: None,

@@ -1,5 +1,6 @@
 //! Worlds: textured flat faces, obstacles, and routes that can be walked.
 
+mod apartment;
 mod arena;
 mod build;
 mod corridor;
@@ -42,11 +43,13 @@ pub enum WorldKind {
     Arena,
     /// A straight corridor with a plain end, for turning around there.
     DeadEnd,
+    /// Five furnished rooms around a corridor, with doors that can be closed.
+    Apartment,
 }
 
 impl WorldKind {
     /// All of them.
-    pub const ALL: [WorldKind; 7] = [
+    pub const ALL: [WorldKind; 8] = [
         WorldKind::Corridor,
         WorldKind::Office,
         WorldKind::Hall,
@@ -54,6 +57,7 @@ impl WorldKind {
         WorldKind::Demo,
         WorldKind::Arena,
         WorldKind::DeadEnd,
+        WorldKind::Apartment,
     ];
 
     /// Its name in `sim:NAME`.
@@ -66,6 +70,7 @@ impl WorldKind {
             WorldKind::Demo => "demo",
             WorldKind::Arena => "arena",
             WorldKind::DeadEnd => "dead-end",
+            WorldKind::Apartment => "apartment",
         }
     }
 }
@@ -97,11 +102,13 @@ pub struct WorldOptions {
     pub detail: f64,
     /// Width, depth and height of the arena, metres; without it 10 x 8 x 4.
     pub size_m: Option<[f64; 3]>,
+    /// Index of a door of the apartment that is closed ([`World::doors`]).
+    pub closed_door: Option<usize>,
 }
 
 impl Default for WorldOptions {
     fn default() -> Self {
-        Self { poor_walls: 0.0, look_alike: false, detail: 1.0, size_m: None }
+        Self { poor_walls: 0.0, look_alike: false, detail: 1.0, size_m: None, closed_door: None }
     }
 }
 
@@ -115,6 +122,8 @@ pub struct World {
     footprints: Vec<Footprint>,
     plan: Vec<(Vec2, Vec2)>,
     routes: Vec<NamedRoute>,
+    places: Vec<(String, Vec2)>,
+    doors: Vec<(Vec2, Vec2)>,
     pub(crate) wardrobe: Vec<figure::Wardrobe>,
 }
 
@@ -130,6 +139,7 @@ impl World {
             WorldKind::Street => street::build(&mut b),
             WorldKind::Arena => arena::build(&mut b),
             WorldKind::DeadEnd => deadend::build(&mut b),
+            WorldKind::Apartment => apartment::build(&mut b),
         }
         let wardrobe = figure::wardrobes(&mut b);
         World {
@@ -141,6 +151,8 @@ impl World {
             footprints: b.footprints,
             plan: b.plan,
             routes: b.routes,
+            places: b.places,
+            doors: b.doors,
             wardrobe,
         }
     }
@@ -163,6 +175,16 @@ impl World {
     /// A route by name.
     pub fn route(&self, name: &str) -> Option<&NamedRoute> {
         self.routes.iter().find(|w| w.name == name)
+    }
+
+    /// Places with a name, where there is room to stand: the rooms of an apartment. Metres.
+    pub fn places(&self) -> &[(String, Vec2)] {
+        &self.places
+    }
+
+    /// Doors that can be closed ([`WorldOptions::closed_door`]), as the two ends of the closed leaf, metres.
+    pub fn doors(&self) -> &[(Vec2, Vec2)] {
+        &self.doors
     }
 
     /// Floor plan: walls and outlines of furniture seen from above, as segments in metres.

@@ -92,7 +92,7 @@ pub(super) fn build(b: &mut Builder) {
 }
 
 /// Furniture along the walls and in the middle, clear of the routes and of places that must stay free.
-fn furnish(b: &mut Builder, room: &Room, keep: NamedRoute) {
+pub(super) fn furnish(b: &mut Builder, room: &Room, keep: NamedRoute) {
     b.routes.push(keep);
     b.stream(room.stream ^ 0xF00D);
     let [x0, y0, x1, y1] = room.area;

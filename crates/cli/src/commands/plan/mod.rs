@@ -1,4 +1,6 @@
-//! `cairn plan`: a path on a map of the ground, with its picture.
+//! `cairn plan`: a path on a map of the ground, or a way over the recorded routes of a saved map, with its picture.
+
+mod walked;
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -12,17 +14,26 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Finds a path on a map that never cuts a corner and keeps the body clear of walls; unknown ground is not entered.
+/// Finds a path on a map that never cuts a corner and keeps the body clear of walls; or the way over recorded routes.
+///
+/// On a grid, unknown ground is not entered. In a map that cairn run saved, the way leads only where someone walked: routes
+/// that meet are joined there. Places are the starts and ends of the routes.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The map: the YAML of a ROS map_server map, or a Moving AI `.map`.
+    /// The map: the YAML of a ROS map_server map, a Moving AI `.map`, or a saved map `.cairn`.
     grid: PathBuf,
-    /// Where it begins, in metres of the map (cells of a `.map`).
-    #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
-    from: Vec2,
-    /// Where it leads, in metres of the map (cells of a `.map`).
-    #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
-    to: Vec2,
+    /// Where it begins, in metres of the map (cells of a `.map`), or by its name in a saved map.
+    #[arg(long, value_name = "X,Y|NAME", value_parser = place, allow_hyphen_values = true)]
+    from: Place,
+    /// Where it leads, likewise: "kitchen" is where the route kitchen.route ends, "kitchen start" where it starts.
+    #[arg(long, value_name = "X,Y|NAME", value_parser = place, allow_hyphen_values = true)]
+    to: Place,
+    /// Recorded routes to go by in a saved map, instead of those saved with it.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    routes: Vec<PathBuf>,
+    /// Write the way as a route, for cairn run to be guided along it ("guide home again").
+    #[arg(long, value_name = "FILE.route")]
+    route_out: Option<PathBuf>,
     /// Radius of the body in metres [default: 0.2; 0 for a `.map`].
     #[arg(long, value_name = "M")]
     radius: Option<f64>,
@@ -59,7 +70,39 @@ struct Planned {
     points: Vec<[f64; 2]>,
 }
 
+/// A place on the command line.
+#[derive(Clone, Debug)]
+enum Place {
+    /// By its coordinates.
+    At(Vec2),
+    /// By its name.
+    Named(String),
+}
+
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    match arguments.grid.extension().is_some_and(|e| e == "cairn") {
+        true => walked::run(arguments, output),
+        false => on_grid(arguments, output),
+    }
+}
+
+/// The point of a place on a grid.
+fn at(place: &Place) -> Result<Vec2, Failure> {
+    match place {
+        Place::At(at) => Ok(*at),
+        Place::Named(name) => {
+            let why = "this map has no places with names";
+            Err(Failure::new(name.clone(), why, "give --from and --to as X,Y, or a saved map (.cairn)"))
+        }
+    }
+}
+
+fn on_grid(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    let (from, to) = (at(&arguments.from)?, at(&arguments.to)?);
+    if !arguments.routes.is_empty() || arguments.route_out.is_some() {
+        let why = "routes lie in a map that cairn run saved";
+        return Err(Failure::new("--routes", why, "give a saved map (.cairn)"));
+    }
     let name = arguments.grid.display().to_string();
     let form = arguments.out.as_deref().map(Form::of).transpose()?;
     let image = image_of(&arguments.grid);
@@ -79,7 +122,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let inflation_m = usual.inflation_m.max(2.0 * (radius_m + margin_m) + 2.0 * map.frame().resolution_m());
     let costs = CostConfig { radius_m, margin_m, inflation_m, ..usual };
     let began = Instant::now();
-    let found = route::plan(&map, &costs, arguments.search, arguments.from, arguments.to);
+    let found = route::plan(&map, &costs, arguments.search, from, to);
     let ms = began.elapsed().as_secs_f64() * 1e3;
     let route = found.map_err(|e| Failure::new(&name, e.to_string(), hint(&e)))?;
     if let Some(form) = form {
@@ -173,12 +216,13 @@ fn draw(form: Form, map: &Grid<i8>, route: &Route) -> Result<Vec<u8>, Failure> {
     bytes.map_err(|e| Failure::new("the picture", e.to_string(), "use a smaller map"))
 }
 
-/// Two numbers with a comma between. What is no finite point is told by the search.
-fn point(text: &str) -> Result<Vec2, String> {
+/// Two numbers with a comma between, or a name. What is no finite point is told by the search.
+fn place(text: &str) -> Result<Place, String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
-        Some(&[x, y]) => Ok(Vec2::new(x, y)),
-        _ => Err("expected two numbers as X,Y".to_owned()),
+        Some(&[x, y]) => Ok(Place::At(Vec2::new(x, y))),
+        None if text.chars().any(char::is_alphabetic) => Ok(Place::Named(text.to_owned())),
+        _ => Err("expected two numbers as X,Y, or a name".to_owned()),
     }
 }
 
