@@ -56,10 +56,10 @@ impl Jamb {
 /// second one from its neighbour.
 pub(super) fn build(b: &mut Builder) {
     let r = &mut b.random;
-    let widths = [r.range(3.6, 4.4), r.range(3.6, 4.4), r.range(3.6, 4.4)];
-    let (above, below) = (r.range(3.6, 4.4), r.range(3.6, 4.4));
+    let widths = [r.uniform(3.6, 4.4), r.uniform(3.6, 4.4), r.uniform(3.6, 4.4)];
+    let (above, below) = (r.uniform(3.6, 4.4), r.uniform(3.6, 4.4));
     let length = widths.iter().sum::<f64>() + 2.0 * WALL;
-    let split = 0.5 * (length - WALL) + r.range(-0.5, 0.5);
+    let split = 0.5 * (length - WALL) + r.uniform(-0.5, 0.5);
     let (low, high) = (CORRIDOR + WALL, CORRIDOR + WALL + above);
     let second = widths[0] + WALL;
     let third = second + widths[1] + WALL;
@@ -72,13 +72,14 @@ pub(super) fn build(b: &mut Builder) {
     ];
     let mut jambs = Vec::new();
     for (i, [x0, _, x1, _]) in areas.iter().enumerate() {
-        let x = x0 + (x1 - x0) * r.range(0.3, 0.7);
+        let x = x0 + (x1 - x0) * r.uniform(0.3, 0.7);
         jambs.push(Jamb::along_x(x, if i < 3 { CORRIDOR } else { -WALL }));
     }
-    let inner = [(widths[0], low + above * r.range(0.4, 0.65)), (split, -WALL - below * r.range(0.4, 0.65))];
+    let inner =
+        [(widths[0], low + above * r.uniform(0.4, 0.65)), (split, -WALL - below * r.uniform(0.4, 0.65))];
     jambs.extend(inner.map(|(x, y)| Jamb::along_y(x, y)));
     let spots = areas.map(|[x0, y0, x1, y1]| {
-        Vec2::new(x0 + (x1 - x0) * r.range(0.35, 0.65), y0 + (y1 - y0) * r.range(0.4, 0.6))
+        Vec2::new(x0 + (x1 - x0) * r.uniform(0.35, 0.65), y0 + (y1 - y0) * r.uniform(0.4, 0.6))
     });
     let mut rooms = vec![hallway(r, [0.0, 0.0, length, CORRIDOR], 1)];
     for (i, area) in areas.into_iter().enumerate() {
@@ -111,12 +112,8 @@ pub(super) fn build(b: &mut Builder) {
 
 fn furnished_room(b: &mut Builder, area: [f64; 4], stream: u64) -> Room {
     b.stream(stream | 1 << 40);
-    let walls = [
-        Material::Plaster(168.0),
-        Material::Paper(165.0),
-        Material::Plaster(145.0),
-        Material::Brick(125.0),
-    ];
+    let walls =
+        [Material::Plaster(168.0), Material::Paper(165.0), Material::Plaster(145.0), Material::Brick(125.0)];
     let floors = [Material::Carpet(105.0), Material::Planks(135.0), Material::Tiles(130.0, 0.5)];
     let (wall, floor) = (walls[b.random.below(4)], floors[b.random.below(3)]);
     Room { area, height: HEIGHT, wall, floor, dress: Dress::Room, stream: stream | 1 << 40 }

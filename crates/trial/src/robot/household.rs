@@ -145,7 +145,7 @@ impl Household {
 
 /// One person walks along the corridor, one between two rooms on either side of it; more take turns.
 fn people(world: &World, config: &RobotConfig) -> Vec<Person> {
-    let mut random = cairn_plan::random::Random::new(config.seed ^ 0x9E09_1E5D);
+    let mut random = cairn_random::Random::new(config.seed ^ 0x9E09_1E5D);
     let corridor: Vec<Vec2> = world.route("corridor").map(|r| r.points.clone()).unwrap_or_default();
     let (places, doors) = (world.places(), world.doors());
     let across: Vec<Vec2> = match (places, doors) {

@@ -11,7 +11,7 @@ use cairn_plan::control::{Motion, Navigator, Reason, State};
 use cairn_plan::depth_scan::{DepthCamera, DepthScanner};
 use cairn_plan::frontier::{Approach, Frontier, FrontierConfig, approaches, frontiers};
 use cairn_plan::ground::GroundMap;
-use cairn_plan::random::Random;
+use cairn_random::Random;
 use cairn_sensor::FramePacket;
 use std::f64::consts::{PI, TAU};
 
