@@ -42,3 +42,5 @@ pub use recorder::{RecordInput, Recorder, RecorderConfig, RecorderEvent};
 pub use route::{Anchor, Confidence, PlacedPoint, Route, RouteHeader, RoutePoint, Stretch};
 pub use store::{Durable, RouteError, RouteWriter};
 pub use walker::Walker;
+
+pub use cairn_phrases::Language;

@@ -280,7 +280,7 @@ async fn token_is_required_and_one_page_controls() {
     assert_eq!(gone["held"], true);
     for refused in [json!({ "take": true }), json!({ "command": "halt" })] {
         send(&mut watcher, refused).await;
-        assert!(next(&mut watcher, "refused").await.as_str().unwrap().contains("Another device"));
+        assert!(next(&mut watcher, "refused").await.as_str().unwrap().contains("Otro dispositivo"));
     }
     // The page comes back by itself with its secret; then the other one takes over.
     let mut walker = enter(&server, "one").await;

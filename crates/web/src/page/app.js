@@ -161,6 +161,10 @@ function hello({ id, camera: name }) {
   rest = 300;
   ownCamera = name === '';
   link(ownCamera ? 'page-connected' : 'page-connected-to', { camera: name });
+  if (lastStatus === null) {
+    $('state-now').dataset.text = 'page-no-picture-yet';
+    $('state-now').textContent = t('page-no-picture-yet');
+  }
   pace.reset();
   // The server's new connection does not know which messages this page found late.
   late = false;
