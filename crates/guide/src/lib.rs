@@ -10,6 +10,7 @@ mod facing;
 mod ground;
 mod guide;
 mod info;
+mod losses;
 mod maneuvers;
 mod matcher;
 mod motion;

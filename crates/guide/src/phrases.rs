@@ -336,6 +336,9 @@ pub fn reason_words(reason: StopReason) -> &'static str {
         StopReason::ScaleUncertain => {
             "I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back."
         }
+        StopReason::CannotRelocalise => {
+            "I keep losing my place here and cannot guide you on. It helps to walk backwards, or to let the camera face back."
+        }
         StopReason::StageDied => "Part of the guide stopped working.",
     }
 }
