@@ -99,7 +99,7 @@ pub struct GuideConfig {
     pub stale_s: f64,
     /// "Stop" is repeated after this.
     pub stop_again_s: f64,
-    /// A stop that comes with advice to walk differently (the scale is unknown) is repeated after this.
+    /// A stop that comes with advice to walk differently is repeated after this.
     pub advice_again_s: f64,
     /// Poses must be good for this long before guidance goes on.
     pub resume_s: f64,

@@ -34,6 +34,8 @@ pub enum StopReason {
     UnknownGround,
     /// The pose is in a unit of length that is not comparable with the route's: distances along it would be guesses.
     ScaleUncertain,
+    /// Tracking is lost again and again at one place, or stays lost: looking round does not help.
+    CannotRelocalise,
     /// A part of the system has stopped working.
     StageDied,
 }

@@ -10,6 +10,7 @@ use crate::correction::{Easing, Told};
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
 use crate::facing::{Facing, Heading};
 use crate::ground::{Ground, heading_of};
+use crate::losses::Losses;
 use crate::maneuvers::{Maneuver, ManeuverPlan};
 use crate::matcher::{Match, Matcher};
 use crate::motion::Motion;
@@ -90,6 +91,9 @@ pub struct Guide {
     pub(crate) motion: Motion,
     pub(crate) phase: Phase,
     halted: Option<Halt>,
+    losses: Losses,
+    /// Since when the first pose is waited for.
+    waiting_since: Option<Stamp>,
     started: bool,
     /// The next first direction follows one that was not heard, not a stop.
     again: bool,
@@ -107,6 +111,8 @@ pub struct Guide {
 
 /// How many times "stop" is said while tracking is lost before the walker is asked to look round.
 const STOPS_BEFORE_LOOK_ROUND: u32 = 4;
+/// Seconds for which the first pose is waited for in silence.
+const SILENT_S: f64 = 10.0;
 /// Seconds that it takes to say the warning before walking backwards.
 const WARNING_S: f64 = 8.0;
 /// When starting from standing, a turn this near is the first thing to do, metres.
@@ -172,6 +178,8 @@ impl Guide {
             motion: Motion::default(),
             phase: Phase::Begin,
             halted: None,
+            losses: Losses::default(),
+            waiting_since: None,
             started: false,
             again: false,
             last_match: None,
@@ -246,8 +254,18 @@ impl Guide {
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
         let moved = self.heading(&input.odom_from_camera);
         let (Some(moved), None) = (moved, self.stop_reason(input)) else {
-            return self.halt(self.stop_reason(input).unwrap_or(StopReason::TrackingLost), input.now);
+            let reason = self.stop_reason(input).unwrap_or(StopReason::TrackingLost);
+            let reason = self.or_given_up(reason, input.now);
+            return self.halt(reason, input.now);
         };
+        if self.losses.are_final_at(self.matcher.along_m()) {
+            // The walker may come on along the route with the help of others.
+            let at = self.matcher.update(&self.plan, &moved.position, input.now);
+            self.last_match = Some(at);
+            if self.losses.are_final_at(at.along_m) {
+                return self.halt(StopReason::CannotRelocalise, input.now);
+            }
+        }
         if !self.has_recovered(input.now) {
             return None;
         }
@@ -293,16 +311,30 @@ impl Guide {
         }
     }
 
+    /// Counts a loss of tracking that begins now; where it is one too many, or lasts too long, that is the reason.
+    fn or_given_up(&mut self, reason: StopReason, now: Stamp) -> StopReason {
+        if reason != StopReason::TrackingLost || !self.started {
+            return reason;
+        }
+        if self.halted.is_none() {
+            self.losses.begin(self.matcher.along_m(), now);
+        }
+        if self.losses.are_final(now) { StopReason::CannotRelocalise } else { reason }
+    }
+
     /// Says stop at once, and again while the reason lasts.
     fn halt(&mut self, reason: StopReason, now: Stamp) -> Option<CueKind> {
         if !self.started && self.halted.is_none() && reason == StopReason::TrackingLost {
-            // The walker was not told to move yet: wait for the first pose in silence.
-            return None;
+            // The walker was not told to move yet: wait for the first pose in silence, but not for long.
+            let since = *self.waiting_since.get_or_insert(now);
+            if now - since < SILENT_S {
+                return None;
+            }
         }
         let before = self.halted.filter(|h| h.reason == reason).map(|h| (h.said, h.times));
-        // With unknown scale the advice is two sentences and a turn of the body: it takes a while to say and to follow.
+        // Advice is two sentences and a turn of the body: it takes a while to say and to follow.
         let again_s = match reason {
-            StopReason::ScaleUncertain => self.config.advice_again_s,
+            StopReason::ScaleUncertain | StopReason::CannotRelocalise => self.config.advice_again_s,
             _ => self.config.stop_again_s,
         };
         let (said, times) = match before {
@@ -329,6 +361,7 @@ impl Guide {
             return false;
         }
         self.halted = None;
+        self.losses.resume(now);
         self.again = false;
         self.motion.clear();
         // The words that follow tell the whole direction anew.

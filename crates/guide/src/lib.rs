@@ -11,6 +11,7 @@ mod ground;
 mod guide;
 mod info;
 mod listener;
+mod losses;
 mod maneuvers;
 mod matcher;
 mod motion;

@@ -398,6 +398,7 @@ pub fn reason_words(reason: StopReason, language: Language) -> String {
         StopReason::Obstacle => "stop-obstacle",
         StopReason::UnknownGround => "stop-unknown-ground",
         StopReason::ScaleUncertain => "stop-scale",
+        StopReason::CannotRelocalise => "stop-relocalise",
         StopReason::StageDied => "stop-stage-died",
     })
 }

@@ -419,6 +419,51 @@ fn long_loss_asks_the_walker_to_turn() {
     assert_eq!(walker.find("Stop. I lost my place.").len(), 4);
 }
 
+/// Loses tracking for `lost_s`, then has it back for four seconds: the walker stays where he is.
+fn lose_and_find(walker: &mut ScriptedWalker, lost_s: f64) {
+    walker.confidence = Confidence::Lost;
+    walker.stand(lost_s);
+    walker.confidence = Confidence::Good;
+    walker.stand(4.0);
+}
+
+const GIVEN_UP: &str = "Stop. I keep losing my place here and cannot guide you on.";
+
+#[test]
+fn tracking_lost_again_and_again_at_one_place_ends_directions_with_the_reason() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(5.0, 1.0);
+    lose_and_find(&mut walker, 20.0);
+    lose_and_find(&mut walker, 20.0);
+    assert!(!walker.words().iter().any(|w| w.starts_with(GIVEN_UP)), "{:?}", walker.words());
+    let third = walker.t;
+    lose_and_find(&mut walker, 20.0);
+    walker.stand(60.0);
+    let after: Vec<_> = walker.spoken().into_iter().filter(|said| said.0 > third).collect();
+    assert!(after.len() > 2 && after.iter().all(|said| said.2.starts_with(GIVEN_UP)), "{after:?}");
+    assert!(after[0].2.contains("It helps to walk backwards"), "{after:?}");
+    assert_eq!(walker.guide.state(), GuideState::Stopped(StopReason::CannotRelocalise));
+    // Brought farther along the route, the walker is guided again.
+    walker.go(4.0, 1.0);
+    walker.stand(2.0);
+    assert!(!matches!(walker.guide.state(), GuideState::Stopped(_)), "{:?}", walker.guide.state());
+}
+
+#[test]
+fn looking_round_is_given_up_after_a_minute_and_a_place_found_later_is_taken() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(5.0, 1.0);
+    walker.confidence = Confidence::Lost;
+    let lost_at = walker.t;
+    walker.stand(100.0);
+    let look = walker.find("Let me find my place. Turn slightly left.");
+    assert!(look.iter().all(|said| said.0 - lost_at < 60.0), "{look:?}");
+    assert!(walker.words().last().unwrap().starts_with(GIVEN_UP), "{:?}", walker.words());
+    walker.confidence = Confidence::Good;
+    walker.stand(2.0);
+    assert_eq!(walker.words().last().unwrap(), "I found my place. Continue 25 metres, then turn left.");
+}
+
 #[test]
 fn stale_pose_stops_guidance() {
     let mut walker = ScriptedWalker::on_test_route(default_config());

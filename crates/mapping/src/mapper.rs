@@ -64,6 +64,10 @@ pub struct MapStart {
     pub imu: Option<ImuSegment>,
     /// Whether its lengths are metres and its z axis points up from the start.
     pub gravity_aligned: bool,
+    /// The first key frame of the previous map that rests on assumed depths. Once the camera moved on, its landmarks
+    /// have parallax, but their scale is none: it and those after it are removed, so that neither recognition nor a
+    /// merge takes scale from them.
+    pub assumed_since: Option<KeyFrameId>,
 }
 
 impl Default for MapStart {
@@ -74,6 +78,7 @@ impl Default for MapStart {
             speed: None,
             imu: None,
             gravity_aligned: false,
+            assumed_since: None,
         }
     }
 }
@@ -212,6 +217,7 @@ impl Mapper {
             changes.push(Change::Observe(id, a, *i));
             changes.push(Change::Observe(id, b, *j));
         }
+        changes.extend(start.assumed_since.into_iter().flat_map(|since| removed_since(&before, since)));
         atlas.commit(changes);
         let window = WindowConfig { iterations: [10, 10], tolerance: 1e-6, ..self.config.window };
         let result = Window::whole(atlas.latest(), &self.camera, MapId(a)).solve(&window, || false);
@@ -367,6 +373,14 @@ fn rescaled(snapshot: &Snapshot, reference: KeyFrameId, factor: f64, sigma_log_s
     let prior = snapshot.maps().find(|(id, _)| *id == map).and_then(|(_, prior)| prior.copied());
     let prior = prior.map(|prior| Change::MapPrior(map, MapPrior { sigma_log_scale, ..prior }));
     [Change::Rescale(map, factor)].into_iter().chain(prior).collect()
+}
+
+/// Changes that remove a key frame and all later ones, the newest first; roots stay.
+fn removed_since(snapshot: &Snapshot, since: KeyFrameId) -> Vec<Change> {
+    let later = snapshot.key_frames().filter(|k| k.id >= since && k.parent.is_some());
+    let mut ids: Vec<KeyFrameId> = later.map(|k| k.id).collect();
+    ids.reverse();
+    ids.into_iter().map(Change::RemoveKeyFrame).collect()
 }
 
 /// The motion of a key frame without an IMU factor to an earlier one.

@@ -339,6 +339,45 @@ fn mapper_starts_from_a_pair_and_goes_on_in_its_unit() {
     assert_exact(&world, atlas.latest(), &world_from_map, 0.01);
 }
 
+/// Points seen in both views, in the camera frame of the first (at the origin, not turned), in baselines.
+fn points_in_both(world: &World, views: [&View; 2], baseline: f64) -> Vec<(u16, u16, Vec3)> {
+    let second = |point| views[1].points.binary_search(point).ok();
+    let both = views[0].points.iter().enumerate().filter_map(|(i, point)| Some((i, second(point)?, *point)));
+    both.map(|(i, j, point)| (i as u16, j as u16, world.points[point] / baseline)).collect()
+}
+
+#[test]
+fn a_map_that_begins_after_assumed_depths_removes_the_key_frames_that_rest_on_them() {
+    let world = World::around(mono(), 65);
+    let path = sideways(6, 0.2);
+    let (mut atlas, ids) = world.exact_map(&path);
+    let before = atlas.latest().clone();
+    let views = world.walk(&path, 10.0, 0.5);
+    let points = points_in_both(&world, [&views[0], &views[1]], 0.2);
+    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+    let to_from_root = Se3::identity();
+    let prior = MapPrior { to: ids[5], to_from_root, sigma: 1.0, sigma_rad: 0.1, sigma_log_scale: 2.0 };
+    let start = MapStart { map_prior: Some(prior), assumed_since: Some(ids[4]), ..MapStart::default() };
+    let [first, second] = [&views[0].frame, &views[1].frame];
+    let newest = mapper
+        .start_pair(&mut atlas, first, second, pose(1.0, 0.0, 0.0), &points, &start)
+        .expect("a map of its own");
+    let after = atlas.latest();
+    after.check().unwrap();
+    let alive = |id: &KeyFrameId| after.key_frame(*id).is_some();
+    assert!(ids[..4].iter().all(alive) && !ids[4..].iter().any(alive) && alive(&newest));
+    // What was anchored to them stays where it was.
+    let moved = after.resolve(ids[5], &Se3::identity()).map(|at| off(&at, &path[5]).0);
+    assert!(moved.is_some_and(|m| m < 1e-9), "{moved:?}");
+    // No landmark is known by them any more, and those of the other key frames are untouched.
+    let observed = |id: &KeyFrameId| after.landmarks().any(|l| l.feature_in(*id).is_some());
+    assert!(!ids[4..].iter().any(observed));
+    let held = |s: &Snapshot| s.key_frame(ids[1]).map_or(0, |k| k.landmarks.iter().flatten().count());
+    assert_eq!(held(after), held(&before));
+    let (_, prior) = after.maps().last().expect("the new map");
+    assert!(prior.is_some(), "the new map knows where it began");
+}
+
 #[test]
 fn a_rescale_request_changes_the_lengths_of_its_map_alone() {
     let world = World::around(mono(), 63);

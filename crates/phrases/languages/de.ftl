@@ -146,6 +146,7 @@ stop-age-unknown = Ich weiß nicht, wie alt die Bilder sind.
 stop-obstacle = Etwas ist im Weg.
 stop-unknown-ground = Ich sehe den Boden vor uns nicht.
 stop-scale = Hier kann ich Entfernungen nicht beurteilen. Es hilft, zurückzudrehen und rückwärts zu gehen, oder die Kamera nach hinten schauen zu lassen.
+stop-relocalise = Hier verliere ich den Ort immer wieder und kann nicht weiter führen. Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
 stop-stage-died = Ein Teil der Führung arbeitet nicht mehr.
 
 ## Before leaving: will the route be recognised?

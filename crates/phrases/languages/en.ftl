@@ -132,6 +132,7 @@ stop-age-unknown = I do not know how old the pictures are.
 stop-obstacle = Something is in the way.
 stop-unknown-ground = I cannot see the ground ahead.
 stop-scale = I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back.
+stop-relocalise = I keep losing my place here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
 stop-stage-died = Part of the guide has stopped working.
 
 ## Before leaving: will the route be recognised?

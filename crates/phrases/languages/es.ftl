@@ -132,6 +132,7 @@ stop-age-unknown = No sé de cuándo son las imágenes.
 stop-obstacle = Hay algo en el camino.
 stop-unknown-ground = No veo el suelo de delante.
 stop-scale = Aquí no puedo calcular distancias. Ayuda volverse y caminar hacia atrás, o que la cámara mire hacia atrás.
+stop-relocalise = Aquí pierdo el lugar una y otra vez y no puedo seguir guiando. Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
 stop-stage-died = Una parte de la guía ha dejado de funcionar.
 
 ## Before leaving: will the route be recognised?

@@ -121,6 +121,7 @@ pub fn state_name(state: GuideState) -> &'static str {
             StopReason::Obstacle => "stopped: obstacle",
             StopReason::UnknownGround => "stopped: unknown ground",
             StopReason::ScaleUncertain => "stopped: scale uncertain",
+            StopReason::CannotRelocalise => "stopped: cannot relocalise",
             StopReason::StageDied => "stopped: failure",
         },
     }

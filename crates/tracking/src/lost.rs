@@ -157,6 +157,7 @@ impl Tracker {
                 speed: None,
                 sigma_log_scale: self.sigma_log_scale(),
                 gravity_aligned: true,
+                assumed_since: None,
             });
         }
         let untracked_s = frame.stamp - last.frame.stamp;
@@ -176,6 +177,7 @@ impl Tracker {
             speed: None,
             sigma_log_scale: self.sigma_log_scale(),
             gravity_aligned: false,
+            assumed_since: self.scale_support.assumed_since(),
         })
     }
 

@@ -55,6 +55,11 @@ impl ScaleSupport {
         };
     }
 
+    /// Once scale is no longer supported: the first key frame that rests on assumed depths.
+    pub fn assumed_since(&self) -> Option<KeyFrameId> {
+        self.few.filter(|_| self.is_lost()).map(|(_, before)| before)
+    }
+
     /// Whether scale is no longer supported.
     pub fn is_lost(&self) -> bool {
         self.few.is_some_and(|(frames, _)| frames >= FEW_FRAMES)
@@ -92,15 +97,16 @@ impl Pace {
     }
 
     /// The median speed over the frames in which the walker was walking, and the number of these frames. Standing and
-    /// turning on the spot do not count: only speeds above half of the ninth decile do. `None` for fewer than `least`
-    /// frames.
+    /// turning on the spot do not count: only speeds above half of the ninth decile do, or of the `least`-th greatest
+    /// where that is more, so that a few steps and a long stop after them do not make the stop the walk. `None` for
+    /// fewer than `least` frames.
     fn walking(&self, least: usize) -> Option<(f64, usize)> {
         let mut sorted: Vec<f64> = self.speeds.iter().copied().filter(|s| s.is_finite()).collect();
         if sorted.len() < least {
             return None;
         }
         sorted.sort_unstable_by(f64::total_cmp);
-        let fast = sorted[sorted.len() * 9 / 10];
+        let fast = sorted[(sorted.len() * 9 / 10).max(sorted.len() - least)];
         let walked = &sorted[sorted.partition_point(|s| *s <= 0.5 * fast)..];
         let median = walked.get(walked.len() / 2).copied()?;
         (walked.len() >= least && median > 0.0).then_some((median, walked.len()))
@@ -114,6 +120,9 @@ const COMPARED_S: [f64; 5] = [0.25, 0.5, 1.0, 3.0, 10.0];
 /// Standard deviation of the logarithm of scale before the first comparison, and after each: an assumption of how
 /// well a walker keeps the same speed from one stretch to the next. A walker who sets off after a stop is slower.
 pub(crate) const PACE_SIGMA: [f64; 6] = [2.0, 0.7, 0.5, 0.3, 0.2, 0.15];
+
+/// Logarithm of the ratio of the pace to a speed that is standing still in any case: a twentieth of the pace.
+const STANDING_LOG: f64 = 3.0;
 
 /// The least share of the time between two frames with parallax in which the walker must have been walking.
 const LEAST_WALKED: f64 = 0.05;
@@ -132,14 +141,19 @@ pub(crate) struct PaceComparison {
 
 impl PaceComparison {
     /// The factor by which lengths in the map have to change, and the standard deviation of the logarithm of scale
-    /// after that; `None` until the walk was long enough.
+    /// after that; `None` until the walk was long enough. One that is far slower than believed is no walk: there the
+    /// poses of somebody who stands still tremble.
     pub fn due(&mut self, pace: &Pace, rate_hz: f64) -> Option<(f64, f64)> {
         let (now, frames) = pace.walking(FIRST_FEW)?;
         if (frames as f64) < COMPARED_S.get(self.done)? * rate_hz {
             return None;
         }
+        let factor = self.pace / now;
+        if factor.ln() > (3.0 * PACE_SIGMA[self.done]).min(STANDING_LOG) {
+            return None;
+        }
         self.done += 1;
-        Some((self.pace / now, PACE_SIGMA[self.done]))
+        Some((factor, PACE_SIGMA[self.done]))
     }
 
     /// Whether the walk in the map was too short for a speed of its own: the speed taken over is used instead.
@@ -244,6 +258,7 @@ impl Tracker {
             speed: None,
             sigma_log_scale: self.sigma_log_scale(),
             gravity_aligned: false,
+            assumed_since: self.scale_support.assumed_since(),
         })
     }
 
@@ -373,6 +388,24 @@ mod tests {
         assert!((speed - 1.1).abs() < 0.02 && frames == 201, "{speed} {frames}");
         pace.rescale(2.0);
         assert!((pace.walking(LEAST).unwrap().0 - 2.2).abs() < 0.04);
+    }
+
+    #[test]
+    fn a_few_steps_and_a_long_stop_are_no_slow_walk() {
+        let map = MapId(KeyFrameId::FIRST);
+        let tremble = |k: i32| 1e-3 * f64::from(1 + k % 7);
+        for (steps, compared) in [(24, 3), (0, 0)] {
+            let mut comparison = PaceComparison { map, pace: 1.0, done: 0 };
+            let mut pace = Pace::default();
+            let mut found = Vec::new();
+            for k in 0..steps + 500 {
+                pace.push(if k < steps { 0.8 } else { tremble(k) });
+                found.extend(comparison.due(&pace, 20.0));
+            }
+            // After 0.25, 0.5 and 1 s of walking where there were 1.2 s of it, and never because of the stop.
+            assert_eq!(found.len(), compared, "{found:?}");
+            assert!(found.iter().all(|(factor, _)| (factor - 1.25).abs() < 1e-9), "{found:?}");
+        }
     }
 
     #[test]

@@ -91,6 +91,9 @@ pub struct RelocationPrior {
     /// Whether the orientation comes from a gravity-aligned map, so that a new map with depth is
     /// gravity-aligned from the start.
     pub gravity_aligned: bool,
+    /// Where scale had lost its support: the first key frame since. It and the later ones rest on assumed depths, and
+    /// are removed when the new map begins.
+    pub assumed_since: Option<KeyFrameId>,
 }
 
 /// A request to mapping to create key frames.

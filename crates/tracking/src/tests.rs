@@ -374,6 +374,8 @@ fn scale_without_parallax_is_reported_lost_and_a_new_map_is_requested_on_the_way
     let truth = pose(0.015 + 0.03 * frames.round(), 0.0, 0.0);
     assert!(off(&prior.anchored.world_from_camera, &truth).0 < 5e-3);
     assert!(prior.sigma > 0.0 && prior.sigma_log_scale > 0.0, "{prior:?}");
+    // What comes after the four key frames rests on assumed depths.
+    assert_eq!(prior.assumed_since, Some(atlas.latest().next_key_frame_id()));
 }
 
 #[test]

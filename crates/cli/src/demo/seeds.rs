@@ -71,16 +71,17 @@ pub fn run(configs: impl Iterator<Item = DemoConfig>, output: &Output) -> Result
     ))
 }
 
-const HEAD: &str = "seed  facing     arrived  error m  route m  back m  said  /100 m  ATE m   coverage  lost  ms p50   p99  wall s";
+const HEAD: &str = "seed  facing     arrived  error m  off m  route m  back m  said  /100 m  ATE m   coverage  lost  ms p50   p99  wall s";
 
 fn row(f: &Figures) -> String {
     let (p50, p99) = f.ms.map_or((0.0, 0.0), |ms| (ms.p50, ms.p99));
     format!(
-        "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>7.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
+        "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>5.2}  {:>7.1}  {:>6.1}  {:>4}  {:>6.1}  {:.4}  {:>8.4}  {:>4}  {:>6.1}  {:>4.1}  {:>6.1}",
         f.seed,
         f.facing,
         outcome(f),
         f.arrival_error_m,
+        f.farthest_off_m,
         f.cleaned_m,
         f.walked_home_m,
         f.said.len(),

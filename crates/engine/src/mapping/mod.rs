@@ -247,6 +247,7 @@ fn map_start(relocation_prior: &Option<RelocationPrior>, imu: &Option<ImuSegment
         }),
         speed: prior.speed,
         gravity_aligned: metric && prior.gravity_aligned,
+        assumed_since: prior.assumed_since,
         ..MapStart::default()
     });
     // The first map starts nearly upright, where the IMU shows the up direction.
