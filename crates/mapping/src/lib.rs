@@ -9,6 +9,7 @@ mod inertial;
 mod insert;
 mod mapper;
 mod rotation_only;
+mod scale_check;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
@@ -19,3 +20,4 @@ mod triangulation;
 pub use closing::{Accepted, Closed, Closer, CloserConfig, Joined, Refusal, Verdict};
 pub use inertial::InertialConfig;
 pub use mapper::{MapStart, Mapped, Mapper, MapperConfig, Submitted};
+pub use scale_check::{ScaleCheck, ScaleVerdict};
