@@ -10,7 +10,7 @@ use crate::status::{FrameResult, Status, StatusTracker};
 use cairn_atlas::{KeyFrameId, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_inertial::Attempt;
-use cairn_mapping::{Closer, Mapper, Verdict};
+use cairn_mapping::{Closer, Mapper, ScaleCheck, ScaleVerdict, Verdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{AnchoredPose, Evidence, KeyFrameRequest, Odometry, State, Tracked, Tracker};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
@@ -31,6 +31,8 @@ pub struct Engine {
     header: Header,
     log: Log,
     status_tracker: StatusTracker,
+    /// Whether the IMU contradicts the scale of the map at present.
+    scale_contradicted: bool,
     died: Option<String>,
 }
 
@@ -57,6 +59,8 @@ pub struct Output {
     pub scale: Option<Scale>,
     /// The last attempt to initialise gravity, scale and biases, if there was one.
     pub attempt: Option<Attempt>,
+    /// What the IMU says of the scale of a metric map, where a key frame was checked since the last packet.
+    pub scale_check: Option<ScaleCheck>,
     /// The evidence for the pose.
     pub evidence: Evidence,
     /// Milliseconds from the decoded image to features.
@@ -146,6 +150,7 @@ impl Engine {
             header,
             log: Log::default(),
             status_tracker,
+            scale_contradicted: false,
             died: None,
         }
     }
@@ -188,6 +193,9 @@ impl Engine {
         self.mapping.record_frame(&FrameRecord { stamp: packet.stamp, version, idle, map_created, digest });
         self.mapping.poll(&mut done);
         let snapshot = self.snapshot();
+        if let Some(check) = done.scale_check {
+            self.scale_contradicted = check.verdict == ScaleVerdict::Contradicted;
+        }
         let metric = tracked.pose.is_some() && (gravity_aligned || self.front_end.model().has_depth());
         let scale_supported = tracked.scale_supported;
         self.log.push(Logged {
@@ -202,7 +210,8 @@ impl Engine {
         let scale = tracked
             .pose
             .and_then(|p| map_of(&snapshot, p.reference))
-            .map(|map| Scale { metric, ..scale_of(&snapshot, map, depth, scale_supported) });
+            .map(|map| Scale { metric, ..scale_of(&snapshot, map, depth, scale_supported) })
+            .map(|scale| Scale { supported: scale.supported && !self.scale_contradicted, ..scale });
         let died = done.died.filter(|_| self.died.is_none());
         self.died = self.died.take().or_else(|| died.clone());
         self.status_tracker.update(&FrameResult {
@@ -218,6 +227,7 @@ impl Engine {
             others: snapshot.maps().nth(1).is_some(),
             points: tracked.evidence.inliers,
             attempt: done.attempt.as_ref(),
+            scale_check: done.scale_check,
             verdicts: &done.verdicts,
             died: self.died.as_deref(),
             mapping: !self.localize_only,
@@ -231,6 +241,7 @@ impl Engine {
             metric,
             scale,
             attempt: done.attempt,
+            scale_check: done.scale_check,
             anchored: tracked.pose,
             evidence: tracked.evidence,
             extract_ms,

@@ -14,14 +14,14 @@ mod status;
 
 pub use background::background;
 pub use cairn_inertial::{Gate, GateKind};
-pub use cairn_mapping::{Accepted, Joined, Refusal, Verdict};
+pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Verdict};
 pub use cairn_tracking::{AnchoredPose, Evidence, MotionSource, Odometry, State};
 pub use cairn_vision::SensorMode;
 pub use config::{Config, ConfigError};
 pub use engine::{Engine, Finished, Output, PoseTime};
 pub use journal::{Journal, JournalError};
 pub use log::{Log, Logged};
-pub use mapping::{Replayed, Runner, Stopped};
+pub use mapping::{Delays, Replayed, Runner, Stopped};
 pub use record::record_input;
 pub use saved::OpenMapError;
 pub use scale::{Scale, ScaleStretch};

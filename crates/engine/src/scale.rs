@@ -14,7 +14,7 @@ pub struct Scale {
     /// and for metric maps, about 0.15 where the walker's pace sets it.
     pub sigma_log: f64,
     /// False while the unit of length rests on nothing (a turn on the spot with one camera): lengths of this frame are
-    /// assumed.
+    /// assumed; and while the IMU contradicts it ([`crate::ScaleCheck`]).
     pub supported: bool,
 }
 

@@ -6,6 +6,7 @@
 //! it grows. Nothing is discarded meanwhile, and if the initialisation never succeeds, visual mapping goes on.
 
 use crate::clocks::Clocks;
+use crate::scale_check::{Contradiction, ScaleCheck};
 use crate::triangulation::median_depth;
 use cairn_adjust::{ImuModel, Window, WindowConfig, WindowResult};
 use cairn_atlas::{
@@ -14,6 +15,7 @@ use cairn_atlas::{
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::{
     Attempt, Gate, GateKind, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose, initialise,
+    of_data_sheet,
 };
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
 use cairn_vision::RectifiedCamera;
@@ -53,26 +55,29 @@ const INITIALISATION_S: f64 = 20.0;
 const REFINE_AT_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
 
 /// Below this speed the camera counts as stationary, m/s.
-const STATIONARY_M_S: f64 = 0.05;
+pub(crate) const STATIONARY_M_S: f64 = 0.05;
 
 /// The IMU state of mapping.
 #[derive(Debug)]
 pub(crate) struct Inertial {
     /// Noise of the data sheet.
     data_sheet: ImuNoise,
-    imu: ImuModel,
+    pub imu: ImuModel,
     pub config: InertialConfig,
     clocks: Clocks,
     /// For each gravity-aligned map, how often it was adjusted as a whole.
     refined: BTreeMap<MapId, usize>,
+    /// The last check of the scale, where it contradicted the map.
+    pub contradicted: Option<Contradiction>,
 }
 
 impl Inertial {
     pub fn new(sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
-        let noise = sensor.noise.times([config.noise_times; 2]);
+        let data_sheet = of_data_sheet(&sensor.noise);
+        let noise = data_sheet.times([config.noise_times; 2]);
         let imu = ImuModel { imu_from_camera, noise };
-        let clocks = Clocks::new(sensor);
-        Self { data_sheet: sensor.noise, imu, config, clocks, refined: BTreeMap::new() }
+        let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
+        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), contradicted: None }
     }
 
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
@@ -145,19 +150,35 @@ impl Inertial {
     }
 
     /// Gravity-aligns the map of a key frame when that is possible, or refines it when that is due; returns
-    /// the attempt made.
+    /// the attempt made, and in a gravity-aligned map what the readings say of its scale.
     pub fn align_or_refine(
         &mut self,
         atlas: &mut Atlas,
         camera: &RectifiedCamera,
         centre: KeyFrameId,
         config: &WindowConfig,
-    ) -> Option<Attempt> {
+    ) -> (Option<Attempt>, Option<ScaleCheck>) {
         self.update_time_offset(atlas, centre);
         let snapshot = atlas.latest().clone();
-        let map = snapshot.key_frame(centre)?.map;
+        let aligned = snapshot.key_frame(centre).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
         let chain = chain(&snapshot, centre);
-        let (first, last) = (snapshot.key_frame(*chain.first()?)?, snapshot.key_frame(centre)?);
+        let check = match aligned && !camera.has_depth() {
+            true => self.check_scale(atlas, camera, &chain, config),
+            false => None,
+        };
+        (self.align_or_refine_chain(atlas, camera, &chain, config), check)
+    }
+
+    fn align_or_refine_chain(
+        &mut self,
+        atlas: &mut Atlas,
+        camera: &RectifiedCamera,
+        chain: &[KeyFrameId],
+        config: &WindowConfig,
+    ) -> Option<Attempt> {
+        let snapshot = atlas.latest().clone();
+        let (first, last) = (snapshot.key_frame(*chain.first()?)?, snapshot.key_frame(*chain.last()?)?);
+        let map = last.map;
         let seconds = last.frame.stamp - first.frame.stamp;
         let mut attempt_made = None;
         if snapshot.is_gravity_aligned(map) {
@@ -170,7 +191,7 @@ impl Inertial {
             }
             *times += 1;
         } else {
-            let mut attempt = self.attempt(&snapshot, camera, &chain)?;
+            let mut attempt = self.attempt(&snapshot, camera, chain, INITIALISATION_S)?;
             let compared = f64::from(u8::from(self.clocks.is_decided()));
             attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
             let found = attempt.accepted().cloned();
@@ -180,14 +201,7 @@ impl Inertial {
             self.clocks.clear_rotations();
             self.imu.noise = self.data_sheet.times(noise_times);
             let centre_point = snapshot.world_from_camera(map.root())?.translation;
-            atlas.commit(self.align_gravity(
-                &snapshot,
-                map,
-                &chain,
-                &found,
-                camera.has_depth(),
-                centre_point,
-            ));
+            atlas.commit(self.align_gravity(&snapshot, map, chain, &found, camera.has_depth(), centre_point));
             self.refined.insert(map, REFINE_AT_S.iter().filter(|due| seconds >= **due).count());
         }
         let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
@@ -213,16 +227,17 @@ impl Inertial {
         }
     }
 
-    fn attempt(
+    /// The initialisation with the key frames of the last `seconds` of a chain.
+    pub fn attempt(
         &self,
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         chain: &[KeyFrameId],
+        seconds: f64,
     ) -> Option<Attempt> {
         let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
-        let frames: Vec<&KeyFrame> =
-            frames.into_iter().filter(|k| last - k.frame.stamp <= INITIALISATION_S).collect();
+        let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.frame.stamp <= seconds).collect();
         let poses: Vec<SeenPose> = frames
             .iter()
             .map(|k| SeenPose { stamp: k.frame.stamp, world_from_camera: k.world_from_camera })

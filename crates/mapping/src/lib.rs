@@ -9,6 +9,7 @@ mod inertial;
 mod insert;
 mod mapper;
 mod rotation_only;
+mod scale_check;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
@@ -21,3 +22,4 @@ pub use closing::{
 };
 pub use inertial::InertialConfig;
 pub use mapper::{MapStart, Mapped, Mapper, MapperConfig, Submitted};
+pub use scale_check::{ScaleCheck, ScaleVerdict};

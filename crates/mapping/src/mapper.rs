@@ -7,6 +7,7 @@ use crate::fuse::{around, fuse_into};
 use crate::inertial::{Inertial, InertialConfig};
 use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::rotation_only::landmarks_by_rotation;
+use crate::scale_check::ScaleCheck;
 use crate::triangulation::create_landmarks;
 use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{
@@ -115,6 +116,8 @@ pub struct Mapped {
     pub adjustment: Option<Report>,
     /// The attempt to initialise gravity, scale and biases, when there was one.
     pub attempt: Option<Attempt>,
+    /// What the IMU says of the scale of a metric map, where it does.
+    pub scale_check: Option<ScaleCheck>,
 }
 
 /// The mapping stage.
@@ -275,7 +278,8 @@ impl Mapper {
             self.recent_landmarks.admit(&new_landmarks.ids, id);
             created += new_landmarks.ids.len();
         }
-        if !depth {
+        // Where the IMU carries the pose, their invented depth would set the scale of what follows.
+        if !depth && !atlas.latest().is_gravity_aligned(map) {
             let mut new_landmarks = NewLandmarks::after(atlas.latest());
             let oriented = landmarks_by_rotation(atlas.latest(), &self.camera, id, &mut new_landmarks);
             atlas.commit(oriented);
@@ -284,7 +288,13 @@ impl Mapper {
         }
 
         if submitted.orientation_only {
-            return Some(Mapped { key_frame: id, created, adjustment: None, attempt: None });
+            return Some(Mapped {
+                key_frame: id,
+                created,
+                adjustment: None,
+                attempt: None,
+                scale_check: None,
+            });
         }
         let mut adjustment = None;
         if !stop() {
@@ -313,11 +323,11 @@ impl Mapper {
                 redundant(atlas.latest(), &self.camera, id, self.config.redundant_share);
             atlas.commit(redundant_key_frame.into_iter().collect());
         }
-        let attempt = match &mut self.inertial {
+        let (attempt, scale_check) = match &mut self.inertial {
             Some(inertial) => inertial.align_or_refine(atlas, &self.camera, id, &self.config.window),
-            None => None,
+            None => (None, None),
         };
-        Some(Mapped { key_frame: id, created, adjustment, attempt })
+        Some(Mapped { key_frame: id, created, adjustment, attempt, scale_check })
     }
 
     /// Final bundle adjustment of each map at the end of a run; maps of more than `final_adjustment_key_frames` are

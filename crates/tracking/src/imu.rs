@@ -8,7 +8,7 @@
 use crate::state::AnchoredPose;
 use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_inertial::{Bias, Gravity, ImuBuffer, NavEstimate, Rest, RestConfig};
+use cairn_inertial::{Bias, Gravity, ImuBuffer, NavEstimate, Rest, RestConfig, of_data_sheet};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use nalgebra::SMatrix;
 
@@ -69,7 +69,7 @@ pub(crate) struct InertialFilter {
 impl InertialFilter {
     /// `imu_from_camera` in metres; `noise_times` scales the white noise of the data sheet.
     pub fn new(sensor: &ImuSensor, imu_from_camera: Se3, noise_times: f64) -> Self {
-        let noise = sensor.noise.times([noise_times; 2]);
+        let noise = of_data_sheet(&sensor.noise).times([noise_times; 2]);
         Self {
             buffer: ImuBuffer::in_stream(&ImuSensor { noise, ..*sensor }),
             noise: sensor.noise,

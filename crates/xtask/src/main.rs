@@ -242,6 +242,18 @@ enum Command {
         /// The first seed.
         #[arg(long, default_value_t = 1)]
         from: u64,
+        /// Seeds of latencies of mapping and closing for each walk of a phone, beside lockstep.
+        #[arg(long, default_value_t = 1)]
+        delays: u64,
+        /// Longest time that a key frame keeps mapping busy in these, frames of 1/20 s.
+        #[arg(long, default_value_t = 10)]
+        most_frames: u32,
+        /// The noise of the phone's readings.
+        #[arg(long, value_enum, default_value = "overstated")]
+        noise: visual_inertial::phone::Noise,
+        /// Metres of the phone's route out.
+        #[arg(long, default_value_t = 19.5)]
+        metres: f64,
         /// Runs of each configuration for the cost.
         #[arg(long, default_value_t = 3)]
         times: usize,
@@ -434,6 +446,10 @@ fn run(command: Command) -> Result<(), String> {
             seconds,
             seeds,
             from,
+            delays,
+            most_frames,
+            noise,
+            metres,
             times,
             config,
             verbose,
@@ -447,6 +463,10 @@ fn run(command: Command) -> Result<(), String> {
                 sensors,
                 seconds,
                 seeds: from..=from + seeds.saturating_sub(1),
+                delays,
+                most_frames,
+                noise,
+                metres,
                 times,
                 config: config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?,
                 verbose,

@@ -25,8 +25,8 @@ impl Inline {
         let start = Instant::now();
         let result = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, request, || false)));
         done.ms.push(start.elapsed().as_secs_f64() * 1e3);
-        let closed = result.and_then(|(id, attempt)| {
-            done.attempt = attempt.or(done.attempt.take());
+        let closed = result.and_then(|taken| {
+            let id = done.taken(taken);
             catch_unwind(AssertUnwindSafe(|| close_inline(closer, atlas, id, stop, done))).map(|()| id)
         });
         closed.unwrap_or_else(|cause| {

@@ -1,18 +1,21 @@
-//! Mapping and closing: inline (lockstep), on their own threads, or replayed from a journal.
+//! Mapping and closing: inline (lockstep), with drawn latencies, on their own threads, or replayed from a journal.
 
+mod delayed;
 mod inline;
 mod replay;
 mod threaded;
 
+pub use delayed::Delays;
 pub use replay::{Replayed, Stopped};
 
 use crate::journal::{FrameRecord, Header, Journal, Record};
 use cairn_atlas::{Atlas, ImuSegment, KeyFrameId, LandmarkId, MapPrior, Snapshot, Subscription};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::Attempt;
-use cairn_mapping::{Closer, MapStart, Mapper, Submitted, Verdict};
+use cairn_mapping::{Closer, MapStart, Mapper, ScaleCheck, ScaleVerdict, Submitted, Verdict};
 use cairn_sensor::Stamp;
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, RelocationPrior};
+use delayed::Delayed;
 use inline::Inline;
 use replay::Replay;
 use std::io::Write;
@@ -28,6 +31,8 @@ pub enum Runner {
     Lockstep,
     /// Mapping and closing on their own threads; tracking never waits for them.
     Threaded,
+    /// As on threads, with latencies drawn by a seed instead of those of the machine: bit-identical from run to run.
+    Delayed(Delays),
 }
 
 /// The work that mapping and closing have finished since they were last polled.
@@ -41,6 +46,8 @@ pub(crate) struct Done {
     pub verdicts: Vec<Verdict>,
     /// The last attempt to initialise gravity, scale and biases.
     pub attempt: Option<Attempt>,
+    /// The last check of a metric scale; a correction stays until it is polled.
+    pub scale_check: Option<ScaleCheck>,
     /// Why a stage failed, if one did.
     pub died: Option<String>,
 }
@@ -51,13 +58,37 @@ impl Done {
         self.close_ms.extend(other.close_ms);
         self.verdicts.extend(other.verdicts);
         self.attempt = other.attempt.or(self.attempt.take());
+        self.check(other.scale_check);
         self.died = self.died.take().or(other.died);
+    }
+
+    /// Takes a result of mapping; returns its key frame.
+    fn taken(&mut self, taken: Taken) -> Option<KeyFrameId> {
+        self.attempt = taken.attempt.or(self.attempt.take());
+        self.check(taken.scale_check);
+        taken.key_frame
+    }
+
+    fn check(&mut self, newer: Option<ScaleCheck>) {
+        let corrected = |c: &ScaleCheck| c.verdict == ScaleVerdict::Corrected;
+        if !self.scale_check.as_ref().is_some_and(corrected) || newer.as_ref().is_some_and(corrected) {
+            self.scale_check = newer.or(self.scale_check);
+        }
     }
 }
 
-/// Mapping and closing, in one of the three forms.
+/// What mapping made of a request.
+#[derive(Default)]
+struct Taken {
+    key_frame: Option<KeyFrameId>,
+    attempt: Option<Attempt>,
+    scale_check: Option<ScaleCheck>,
+}
+
+/// Mapping and closing, in one of the four forms.
 pub(crate) enum Mapping {
     Inline(Box<Inline>),
+    Delayed(Box<Delayed>),
     Thread(Threaded),
     Replay(Box<Replay>),
 }
@@ -65,11 +96,13 @@ pub(crate) enum Mapping {
 impl Mapping {
     pub fn new(runner: Runner, mapper: Mapper, closer: Closer, snapshot: Snapshot) -> Self {
         let atlas = Atlas::new(snapshot);
+        if runner == Runner::Threaded {
+            return Self::Thread(Threaded::spawn(mapper, closer, atlas));
+        }
+        let stages = Inline { mapper, closer, atlas, stop: Arc::default() };
         match runner {
-            Runner::Lockstep => {
-                Self::Inline(Box::new(Inline { mapper, closer, atlas, stop: Arc::default() }))
-            }
-            Runner::Threaded => Self::Thread(Threaded::spawn(mapper, closer, atlas)),
+            Runner::Delayed(delays) => Self::Delayed(Box::new(Delayed::new(stages, delays))),
+            _ => Self::Inline(Box::new(stages)),
         }
     }
 
@@ -108,6 +141,7 @@ impl Mapping {
     pub fn snapshot_for(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
         match self {
             Self::Inline(inline) => (inline.atlas.latest().clone(), true),
+            Self::Delayed(delayed) => delayed.snapshot_for(done),
             Self::Thread(thread) => (thread.reader.latest(), thread.idle()),
             Self::Replay(replay) => replay.snapshot_for(stamp, done),
         }
@@ -116,6 +150,7 @@ impl Mapping {
     pub fn latest(&self) -> Arc<Snapshot> {
         match self {
             Self::Inline(inline) => inline.atlas.latest().clone(),
+            Self::Delayed(delayed) => delayed.current.clone(),
             Self::Thread(thread) => thread.reader.latest(),
             Self::Replay(replay) => replay.current.clone(),
         }
@@ -125,6 +160,7 @@ impl Mapping {
     pub fn subscribe(&mut self) -> Option<Subscription> {
         match self {
             Self::Inline(inline) => Some(inline.atlas.subscribe()),
+            Self::Delayed(delayed) => Some(delayed.stages.atlas.subscribe()),
             Self::Thread(thread) => thread.subscribe(),
             Self::Replay(replay) => Some(replay.stages.atlas.subscribe()),
         }
@@ -133,6 +169,7 @@ impl Mapping {
     pub fn note(&mut self, seen: Vec<(LandmarkId, bool)>) {
         match self {
             Self::Inline(inline) => inline.mapper.note(&seen),
+            Self::Delayed(delayed) => delayed.note(seen),
             Self::Thread(thread) => thread.note(seen),
             Self::Replay(replay) => replay.note(seen),
         }
@@ -143,6 +180,7 @@ impl Mapping {
     pub fn submit(&mut self, request: KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
         match self {
             Self::Inline(inline) => inline.submit(&request, done),
+            Self::Delayed(delayed) => delayed.submit(request, done),
             Self::Thread(thread) => thread.submit(request),
             Self::Replay(replay) => replay.submit(request, done),
         }
@@ -159,7 +197,7 @@ impl Mapping {
     /// Writes the result of a frame to the journal, or compares it in a replay.
     pub fn record_frame(&mut self, frame: &FrameRecord) {
         match self {
-            Self::Inline(_) => {}
+            Self::Inline(_) | Self::Delayed(_) => {}
             Self::Thread(thread) => thread.journal.write(&Record::Frame(*frame)),
             Self::Replay(replay) => replay.compare(frame),
         }
@@ -168,7 +206,7 @@ impl Mapping {
     /// Writes the final map to the journal, or compares it in a replay.
     pub fn record_end(&mut self, version: u64, digest: u64) {
         match self {
-            Self::Inline(_) => {}
+            Self::Inline(_) | Self::Delayed(_) => {}
             Self::Thread(thread) => thread.journal.write(&Record::End { version, digest }),
             Self::Replay(replay) => replay.compare_end(version, digest),
         }
@@ -185,6 +223,7 @@ impl Mapping {
     pub fn stop(&self) -> &Arc<AtomicBool> {
         match self {
             Self::Inline(inline) => &inline.stop,
+            Self::Delayed(delayed) => &delayed.stages.stop,
             Self::Thread(thread) => &thread.stop,
             Self::Replay(replay) => &replay.stages.stop,
         }
@@ -194,6 +233,7 @@ impl Mapping {
     pub fn finish(&mut self, into: &mut Done) {
         match self {
             Self::Inline(inline) => inline.final_adjustment(into),
+            Self::Delayed(delayed) => delayed.finish(into),
             Self::Thread(thread) => thread.finish(into),
             Self::Replay(replay) => replay.finish(into),
         }
@@ -205,8 +245,8 @@ fn take(
     atlas: &mut Atlas,
     request: &KeyFrameRequest,
     stop: impl FnMut() -> bool,
-) -> (Option<KeyFrameId>, Option<Attempt>) {
-    let id = match request {
+) -> Taken {
+    let key_frame = match request {
         KeyFrameRequest::First { frame, relocation_prior, imu } => {
             Some(mapper.start(atlas, frame, &map_start(relocation_prior, imu, true)))
         }
@@ -228,10 +268,14 @@ fn take(
                 rescale,
             };
             let mapped = mapper.step(atlas, &submitted, stop);
-            return mapped.map_or((None, None), |m| (Some(m.key_frame), m.attempt));
+            return mapped.map_or(Taken::default(), |m| Taken {
+                key_frame: Some(m.key_frame),
+                attempt: m.attempt,
+                scale_check: m.scale_check,
+            });
         }
     };
-    (id, None)
+    Taken { key_frame, ..Taken::default() }
 }
 
 /// The initial state of a map: at the prior pose in the previous map, or as the first one.

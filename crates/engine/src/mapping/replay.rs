@@ -262,10 +262,7 @@ impl Replay {
         };
         let Inline { mapper, atlas, .. } = &mut self.stages;
         let outcome = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &request, stop)));
-        let id = outcome.map(|(id, attempt)| {
-            done.attempt = attempt.or(done.attempt.take());
-            id
-        });
+        let id = outcome.map(|taken| done.taken(taken));
         done.ms.push(start.elapsed().as_secs_f64() * 1e3);
         self.answer = id.unwrap_or_else(|cause| {
             done.died = Some(text_of(&cause));

@@ -214,15 +214,16 @@ impl MappingThread {
                     asked += 1;
                     stop_after.is_some()
                 };
-                let mut id = catch_unwind(AssertUnwindSafe(|| {
+                let taken = catch_unwind(AssertUnwindSafe(|| {
                     take(&mut self.mapper, &mut self.atlas, &request, stop)
                 }));
                 self.journal.write(&Record::KeyFrameRequest { stop_after });
                 self.waiting.fetch_sub(1, Ordering::Relaxed);
                 let ms = vec![start.elapsed().as_secs_f64() * 1e3];
-                let attempt = id.as_mut().ok().and_then(|(_, attempt)| attempt.take());
-                let _ = self.results.send(Done { ms, attempt, ..Done::default() });
-                let (id, _) = id.unwrap_or_else(|cause| std::panic::resume_unwind(cause));
+                let mut done = Done { ms, ..Done::default() };
+                let id = taken.map(|taken| done.taken(taken));
+                let _ = self.results.send(done);
+                let id = id.unwrap_or_else(|cause| std::panic::resume_unwind(cause));
                 let _ = reply.try_send(id);
                 if let Some(id) = id {
                     self.job(Job::Place(self.atlas.latest().clone(), id));

@@ -164,6 +164,15 @@ pub enum StatusEvent {
         /// Relative standard deviation of the scale.
         sigma: f64,
     },
+    /// The IMU contradicts the scale of the last seconds in a metric map.
+    ScaleContradicted {
+        /// The map.
+        map: usize,
+        /// Metres in a metre of the map there, by the readings.
+        scale: f64,
+        /// Whether the last seconds have been put right; if not, lengths are not supported until they are.
+        corrected: bool,
+    },
     /// Tracking was lost and has been recovered.
     Relocalised {
         /// Seconds without a pose.

@@ -36,6 +36,7 @@ fn tracked(t: f64, imu: &[ImuSample]) -> FrameResult<'_> {
         others: false,
         points: 120,
         attempt: None,
+        scale_check: None,
         verdicts: &[],
         died: None,
         mapping: true,

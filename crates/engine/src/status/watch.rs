@@ -3,7 +3,7 @@
 use super::{ImuStatus, Phase, Status, StatusEvent, Wait};
 use cairn_atlas::{MapId, Snapshot};
 use cairn_inertial::{Attempt, GateKind};
-use cairn_mapping::{Joined, Verdict};
+use cairn_mapping::{Joined, ScaleCheck, ScaleVerdict, Verdict};
 use cairn_sensor::{ImuSample, Stamp};
 use cairn_tracking::State;
 
@@ -25,6 +25,7 @@ pub(crate) struct FrameResult<'a> {
     pub others: bool,
     pub points: usize,
     pub attempt: Option<&'a Attempt>,
+    pub scale_check: Option<ScaleCheck>,
     pub verdicts: &'a [Verdict],
     /// Why a stage has failed, now or before.
     pub died: Option<&'a str>,
@@ -139,6 +140,11 @@ impl StatusTracker {
                 let (scale, sigma) = (if self.depth { 1.0 } else { found.scale }, found.scale_sigma);
                 s.events.push(StatusEvent::GravityAligned { map, scale, sigma });
             }
+        }
+        let contradicted = result.scale_check.filter(|c| c.verdict != ScaleVerdict::Agrees);
+        if let (Some(check), Some(map)) = (contradicted, s.map) {
+            let corrected = check.verdict == ScaleVerdict::Corrected;
+            s.events.push(StatusEvent::ScaleContradicted { map, scale: check.scale, corrected });
         }
         let joined = result.verdicts.iter().filter_map(|v| Some((v.result.ok()?.joined, v)));
         s.events.extend(joined.map(|(joined, v)| match joined {

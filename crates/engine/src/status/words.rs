@@ -52,6 +52,13 @@ impl fmt::Display for StatusEvent {
                     100.0 * sigma
                 )
             }
+            Self::ScaleContradicted { map, scale, corrected } => {
+                let then = if *corrected { "put right" } else { "not put right yet" };
+                write!(
+                    f,
+                    "the motion sensor contradicts the scale of map {map} by a factor of {scale:.3}: {then}"
+                )
+            }
             Self::Relocalised { after_s } => write!(f, "relocalised after {after_s:.2} s"),
         }
     }

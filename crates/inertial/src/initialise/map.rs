@@ -48,6 +48,9 @@ impl cairn_solve::Problem for Search<'_> {
     }
 }
 
+/// Least factor on the covariance by the residuals.
+const LEAST_FACTOR: f64 = 0.25;
+
 /// The measurements and settings.
 pub struct Problem {
     pub rotations: Vec<So3>,
@@ -322,7 +325,8 @@ impl Problem {
         let residual = self.residual(cost);
         let (_, chain) = self.linearise(state, NORM_SIGMA)?;
         let mut covariance = chain.solve(0.0)?.covariance;
-        covariance *= residual.max(1.0);
+        // The a posteriori variance factor: poses are mostly better than stated.
+        covariance *= residual.max(LEAST_FACTOR);
         let (_, free) = self.linearise(state, 1.0)?;
         let free = free.solve(0.0)?;
         let norm = GRAVITY_M_S2 * (1.0 + free.shared[3]);

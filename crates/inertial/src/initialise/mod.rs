@@ -131,7 +131,7 @@ pub struct Initial {
     pub states: Vec<NavState>,
     /// Of (log scale, gravity's tilt (2), gyro bias (3), accel bias (3)).
     pub covariance: SMatrix<f64, 9, 9>,
-    /// Weighted squared residual per degree of freedom; the covariance is raised by it where it is over 1.
+    /// Weighted squared residual per degree of freedom; the covariance is multiplied by it, but by no less than a quarter.
     pub residual: f64,
     /// Estimated factor of the white noise of gyroscope and accelerometer over their data sheets.
     pub noise_times: [f64; 2],

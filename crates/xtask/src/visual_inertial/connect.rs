@@ -4,14 +4,20 @@ use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_sensor::Rig;
 
-/// An engine in lockstep; it uses the rig's IMU if the sensor mode includes it.
+/// An engine; it uses the rig's IMU if the sensor mode includes it.
 ///
 /// # Errors
 /// When the rig does not have the sensors.
-pub fn engine(rig: &Rig, sensor: Sensor, rate_hz: f64, config: &Config) -> Result<Engine, String> {
+pub fn engine(
+    rig: &Rig,
+    sensor: Sensor,
+    rate_hz: f64,
+    runner: Runner,
+    config: &Config,
+) -> Result<Engine, String> {
     let mut config = config.clone();
     config.inertial.enabled = sensor.is_inertial();
-    Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())
+    Engine::new(rig, sensor.mode(), rate_hz, runner, &config).map_err(|e| e.to_string())
 }
 
 /// Seconds to add to an IMU stamp to get the image clock, as estimated by the engine (0 if it estimated none); `None`

@@ -2,12 +2,14 @@
 //! data; turning round in front of plain walls; one minute of standing still; cost.
 
 pub mod connect;
+pub mod phone;
 mod ran;
 mod recorded;
 mod semi_real;
 mod walked;
 
 use crate::Sensor;
+use cairn_engine::Delays;
 use ran::{Figures, HEAD, RunOptions, row};
 use serde::Serialize;
 use std::fmt::Write;
@@ -24,6 +26,8 @@ pub enum Trial {
     Turn,
     /// A minute of standing still.
     Rest,
+    /// Out and home with a phone's rates and assumed noise.
+    Phone,
     /// Times with and without IMU.
     Cost,
 }
@@ -43,12 +47,27 @@ pub struct Chosen {
     pub seconds: Option<f64>,
     /// Seeds of the turns.
     pub seeds: std::ops::RangeInclusive<u64>,
+    /// Seeds of latencies for each walk of a phone; 0: in lockstep alone.
+    pub delays: u64,
+    /// Longest time that a key frame keeps mapping busy in these, frames.
+    pub most_frames: u32,
+    /// The noise of the phone's readings.
+    pub noise: phone::Noise,
+    /// Metres of the phone's route out.
+    pub metres: f64,
     /// Runs of each configuration for the cost.
     pub times: usize,
     /// Configuration of the engine.
     pub config: cairn_engine::Config,
     /// Print every frame on stderr.
     pub verbose: bool,
+}
+
+impl Chosen {
+    fn latencies(&self) -> impl Iterator<Item = Delays> {
+        let most_frames = self.most_frames;
+        (1..=self.delays).map(move |seed| Delays { seed, most_frames })
+    }
 }
 
 /// All that was measured.
@@ -59,6 +78,7 @@ pub struct Measured {
     semi_real: Vec<Figures>,
     turns: Vec<walked::Turn>,
     rests: Vec<walked::Rest>,
+    phones: Vec<phone::Walked>,
     costs: Vec<recorded::Cost>,
 }
 
@@ -98,6 +118,17 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
                     let rest = walked::rest(1, options, dark)?;
                     eprint!("{}", row(&rest.figures));
                     out.rests.push(rest);
+                }
+            }
+            Trial::Phone => {
+                for seed in chosen.seeds.clone() {
+                    for delays in std::iter::once(None).chain(chosen.latencies().map(Some)) {
+                        for options in options(&[Sensor::MonoImu]) {
+                            let walked = phone::walk(seed, delays, chosen.noise, chosen.metres, &options)?;
+                            eprint!("{}", phone::row(&walked));
+                            out.phones.push(walked);
+                        }
+                    }
                 }
             }
             Trial::Cost => {
@@ -191,6 +222,12 @@ pub fn tables(m: &Measured) -> String {
                 or(f.scale_percent)
             );
         }
+    }
+    if !m.phones.is_empty() {
+        t += "\n## A phone's rates and assumed noise\n\n";
+        t += phone::HEAD;
+        m.phones.iter().for_each(|w| t += &phone::row(w));
+        t += &phone::summary(&m.phones);
     }
     if !m.costs.is_empty() {
         t += "\n## Cost\n\n| sensors | image to pose ms without / with IMU | increase % | features to pose ms without / with IMU | increase % |\n|---|---|---|---|---|\n";

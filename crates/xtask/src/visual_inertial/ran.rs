@@ -4,12 +4,17 @@
 use super::connect;
 use crate::Sensor;
 use cairn_atlas::MapId;
-use cairn_engine::{Config, Engine};
+use cairn_engine::{Config, Engine, Odometry, Runner};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec3};
 use cairn_sensor::{Source, Stamp};
 use serde::Serialize;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Seconds of odometry that the live scale is measured over.
+const SCALE_S: f64 = 2.0;
+/// Metres that the body must have gone in that time.
+const LEAST_WALKED_M: f64 = 1.0;
 
 /// Options of a run.
 #[derive(Clone, Debug)]
@@ -41,6 +46,8 @@ pub struct Ran {
     pub poses: Vec<(Stamp, Se3)>,
     /// Live poses; from the first metric one on, if there is one.
     pub live: Vec<(Stamp, Se3)>,
+    /// Odometry of the metric poses.
+    pub moved: Vec<(Stamp, Odometry)>,
     /// When each map was created; the first is the start.
     pub map_created: Vec<Stamp>,
     /// Number of maps that contain final poses.
@@ -95,8 +102,17 @@ pub struct Figures {
 /// # Errors
 /// When the source or the engine fails.
 pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String> {
+    run_in(source, options, Runner::Lockstep)
+}
+
+/// Runs a source in a given runner.
+///
+/// # Errors
+/// When the source or the engine fails.
+pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> Result<Ran, String> {
     let rig = source.rig().clone();
-    let mut engine = connect::engine(&rig, options.sensor, source.info().rate_hz, &options.config)?;
+    let mut engine = connect::engine(&rig, options.sensor, source.info().rate_hz, runner, &options.config)?;
+    let mut moved = Vec::new();
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
     let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
     while stamps.len() < options.frames {
@@ -114,9 +130,15 @@ pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String>
                 out.evidence.inliers,
                 if out.metric { "" } else { " not metric" }
             );
+            if let Some(check) = &out.scale_check {
+                eprintln!("{check:?}");
+            }
             if let Some(attempt) = &out.attempt {
                 let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
-                let found = attempt.found.as_ref().map(|f| (f.scale, f.scale_sigma, f.bias, f.noise_times));
+                let found = attempt
+                    .found
+                    .as_ref()
+                    .map(|f| (f.scale, f.scale_sigma, f.residual, f.noise_times, f.bias));
                 eprintln!("initialising: {} {found:?}", gates.join("; "));
             }
         }
@@ -128,6 +150,7 @@ pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String>
         if metric_at.is_none() && out.metric {
             metric_at = Some(packet.stamp);
         }
+        moved.extend(out.odometry.filter(|_| out.metric).map(|o| (packet.stamp, o)));
         stamps.push(packet.stamp);
         track_ms.push(out.track_ms);
         step_ms.push(out.extract_ms + out.track_ms);
@@ -142,6 +165,7 @@ pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String>
         truth,
         poses: engine.trajectory(),
         live: since_metric(engine.live_trajectory(), metric_at),
+        moved,
         map_created,
         pose_maps: pose_maps(&engine),
         metric_at,
@@ -195,6 +219,40 @@ impl Ran {
             track_ms: Percentiles::of(&self.track_ms).unwrap_or_default(),
             step_ms: Percentiles::of(&self.step_ms).unwrap_or_default(),
         })
+    }
+
+    /// The live scale of metric poses against the truth while the body walks: the largest error in percent, and for how
+    /// many seconds it was more than 10 %. Each is of the odometry over [`SCALE_S`].
+    pub fn live_scale(&self) -> (f64, f64) {
+        let truth: BTreeMap<Stamp, Se3> = self.truth.iter().copied().collect();
+        let (mut worst, mut wrong_s) = (0.0_f64, 0.0);
+        for (i, (to, now)) in self.moved.iter().enumerate() {
+            let from = self.moved[..i].iter().rev().find(|(t, _)| *to - *t >= SCALE_S);
+            let Some((from, then)) =
+                from.filter(|(t, o)| o.segment == now.segment && *to - *t < SCALE_S + 0.5)
+            else {
+                continue;
+            };
+            let (Some(a), Some(b)) = (truth.get(from), truth.get(to)) else { continue };
+            let truly = (b.translation - a.translation).norm();
+            if truly < LEAST_WALKED_M {
+                continue;
+            }
+            let at = |o: &Odometry| o.odom_from_body.se3.translation;
+            let found = (at(now) - at(then)).norm() * now.world_from_odom.sim3.scale;
+            let off = 100.0 * (found / truly).ln().abs();
+            worst = worst.max(off);
+            wrong_s += if off > 10.0 { *to - self.moved[i - 1].0 } else { 0.0 };
+        }
+        (worst, wrong_s)
+    }
+
+    /// RMSE of the live poses since the first metric one, after SE3 alignment.
+    ///
+    /// # Errors
+    /// When the times of the ground truth do not increase.
+    pub fn live_ate(&self) -> Result<Option<f64>, String> {
+        Ok(ate(&self.truth, &self.live, Align::Se3)?.filter(|_| self.metric_at.is_some()).map(|r| r.0))
     }
 
     /// Largest movement between two instants, metres: of the live poses from the first of them; of the ground truth;

@@ -101,7 +101,7 @@ pub fn rest(seed: u64, options: &RunOptions, dark: bool) -> Result<Rest, String>
 }
 
 /// The first `most` metres of a route.
-fn cut(route: &[Vec2], most: f64) -> Vec<Vec2> {
+pub(super) fn cut(route: &[Vec2], most: f64) -> Vec<Vec2> {
     let (mut out, mut left) = (route.first().copied().into_iter().collect::<Vec<_>>(), most);
     for w in route.windows(2) {
         let length = (w[1] - w[0]).norm();

@@ -1,0 +1,167 @@
+//! A walk out and home with one camera and the motion sensors of a phone, whose rig states more noise than they have;
+//! in lockstep, and with seeded latencies of mapping and closing.
+
+use super::ran::{Figures, RunOptions, run_in};
+use cairn_engine::{Delays, Runner};
+use cairn_geometry::Vec2;
+use cairn_sensor::{Camera, FramePacket, ImuNoise, ImuSample, Rig, Skips, Source, SourceError, SourceInfo};
+use cairn_sim::{CameraPath, ImuConfig, SimConfig, SimSource, Walker, WorldKind};
+use cairn_solve::ransac::Rng;
+use serde::Serialize;
+
+/// The noise that the rig of a phone states (`cairn_sources`, phones and bags without a calibration).
+pub const STATED: ImuNoise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
+/// Readings a second.
+const IMU_HZ: f64 = 60.0;
+/// One frame in so many is dropped in a delayed run.
+const DROPPED: u32 = 8;
+
+/// Result of one walk.
+#[derive(Clone, Debug, Serialize)]
+pub struct Walked {
+    /// The figures of the run.
+    pub figures: Figures,
+    /// Seed of the world and of the sensors.
+    pub seed: u64,
+    /// Seed of the latencies; `None` in lockstep.
+    pub delays: Option<u64>,
+    /// RMSE of the live poses from the first metric one on, metres.
+    pub live_ate_m: Option<f64>,
+    /// Largest error of the live scale over two seconds of walking while it was called metric, percent.
+    pub live_scale_percent: f64,
+    /// Seconds of walking in which the live scale was called metric and more than 10 % off.
+    pub wrong_s: f64,
+}
+
+/// How the sensors are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Noise {
+    /// The readings have the noise of an ADIS16448, the rig states [`STATED`].
+    Overstated,
+    /// The readings have the noise that is stated.
+    AsStated,
+}
+
+/// Walks the demo's route for `metres`, turns on the spot and walks home.
+///
+/// # Errors
+/// When the run fails.
+pub fn walk(
+    seed: u64,
+    delays: Option<Delays>,
+    noise: Noise,
+    metres: f64,
+    options: &RunOptions,
+) -> Result<Walked, String> {
+    let mut config = SimConfig::new(WorldKind::Demo, seed);
+    config.sensor = options.sensor.simulated();
+    config.camera = Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5);
+    config.walker = Walker { turn_rate: 0.8, ..Walker::default() };
+    let mut imu = ImuConfig { rate_hz: IMU_HZ, ..ImuConfig::default() };
+    if noise == Noise::AsStated {
+        imu.noise = STATED;
+    }
+    config.imu = Some(imu);
+    let plain = SimSource::new(&config).map_err(|e| e.to_string())?;
+    let route = plain.world().routes().first().ok_or("the world has no route")?.points.clone();
+    let out = super::walked::cut(&route, metres);
+    let home = out.iter().rev().skip(1).copied();
+    config.route = CameraPath::Points(out.iter().copied().chain(home).collect::<Vec<Vec2>>());
+    let inner = SimSource::in_world(&config, plain.world().clone()).map_err(|e| e.to_string())?;
+    let mut rig = inner.rig().clone();
+    if let Some(imu) = &mut rig.imu {
+        imu.noise = STATED;
+    }
+    let drops = delays.map(|d| Rng::new(d.seed ^ 0xD0));
+    let mut source = Phone { inner, rig, drops, delivered: 0 };
+    let runner = delays.map_or(Runner::Lockstep, Runner::Delayed);
+    let ran = run_in(&mut source, options, runner)?;
+    let name = match delays {
+        Some(d) => format!("phone, seed {seed}, delays {}", d.seed),
+        None => format!("phone, seed {seed}, lockstep"),
+    };
+    let (live_scale_percent, wrong_s) = ran.live_scale();
+    Ok(Walked {
+        figures: ran.figures(&name, options, 0.0)?,
+        seed,
+        delays: delays.map(|d| d.seed),
+        live_ate_m: ran.live_ate()?,
+        live_scale_percent,
+        wrong_s,
+    })
+}
+
+/// Header of the table of [`row`]s.
+pub const HEAD: &str = "| run | ATE m (after Sim3) | live ATE m | scale error % | worst live scale error % | s more than 10 % off | first metric pose s | coverage | maps |\n|---|---|---|---|---|---|---|---|---|\n";
+
+/// One row of the table.
+pub fn row(w: &Walked) -> String {
+    let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    let f = &w.figures;
+    format!(
+        "| {} | {} ({}) | {} | {} | {:.1} | {:.1} | {} | {:.3} | {} |\n",
+        f.name,
+        or(f.ate_m, 3),
+        or(f.ate_sim3_m, 3),
+        or(w.live_ate_m, 3),
+        or(f.scale_percent, 2),
+        w.live_scale_percent,
+        w.wrong_s,
+        or(f.metric_s, 1),
+        f.coverage,
+        f.worlds
+    )
+}
+
+/// How many of the walks were good.
+pub fn summary(walks: &[Walked]) -> String {
+    let count = |is: &dyn Fn(&Walked) -> bool| walks.iter().filter(|w| is(w)).count();
+    format!(
+        "\nScale within 2 %: {} of {n}; metric within 6 s: {} of {n}; never more than 10 % off for over 2 s: {} of {n}.\n",
+        count(&|w| w.figures.scale_percent.is_some_and(|s| s <= 2.0)),
+        count(&|w| w.figures.metric_s.is_some_and(|s| s <= 6.0)),
+        count(&|w| w.wrong_s <= 2.0),
+        n = walks.len()
+    )
+}
+
+/// The simulated source with the rig of a phone; drops frames where it is loaded, as a player in real time does.
+struct Phone {
+    inner: SimSource,
+    rig: Rig,
+    drops: Option<Rng>,
+    delivered: usize,
+}
+
+impl Source for Phone {
+    fn info(&self) -> &SourceInfo {
+        self.inner.info()
+    }
+
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        let Some(mut packet) = self.inner.next_packet()? else { return Ok(None) };
+        self.delivered += 1;
+        while self.delivered > 1 && self.drops.as_mut().is_some_and(|rng| rng.below(DROPPED) == 0) {
+            let Some(mut next) = self.inner.next_packet()? else { break };
+            let mut imu: Vec<ImuSample> = std::mem::take(&mut packet.imu);
+            // Samples synthesised for the image that is left out are no longer needed.
+            imu.retain(|sample| !sample.is_synthesised());
+            imu.append(&mut next.imu);
+            next.imu = imu;
+            packet = next;
+        }
+        Ok(Some(packet))
+    }
+
+    fn skipped(&self) -> &[String] {
+        self.inner.skipped()
+    }
+
+    fn skips(&self) -> Skips {
+        self.inner.skips()
+    }
+}
