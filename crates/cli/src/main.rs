@@ -14,6 +14,7 @@ mod output;
 mod outputs;
 mod progress;
 mod style;
+mod surface;
 mod terminal;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};

@@ -59,6 +59,8 @@ pub struct Output {
     pub attempt: Option<Attempt>,
     /// The evidence for the pose.
     pub evidence: Evidence,
+    /// Whether tracking asked mapping to make this frame a key frame; mapping may decline.
+    pub key_frame_requested: bool,
     /// Milliseconds from the decoded image to features.
     pub extract_ms: f64,
     /// Milliseconds from features to the pose.
@@ -180,6 +182,7 @@ impl Engine {
             digest.anchored(Some(&anchored));
             self.log.amend(stamp, anchored);
         }
+        let key_frame_requested = tracked.request.is_some() && !self.localize_only;
         let map_created = self.submit(&mut tracked, &mut done);
         digest.state(tracked.state);
         digest.anchored(tracked.pose.as_ref());
@@ -232,6 +235,7 @@ impl Engine {
             attempt: done.attempt,
             anchored: tracked.pose,
             evidence: tracked.evidence,
+            key_frame_requested,
             extract_ms,
             track_ms,
             map_ms: done.ms,

@@ -3,7 +3,7 @@
 //! An instruction is a landmark, the action, and what comes next. "Continue" and "move", never "walk". The first
 //! clause says what to do now, so that it can be acted on while the rest is still being said.
 
-use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
+use crate::cue::{Ahead, Cue, CueKind, First, Next, Obstacle, StopReason};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
 
@@ -107,6 +107,12 @@ impl PhraseConfig {
             CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
             CueKind::Resume(First::Turn(a)) => format!("I found my place. {}.", capital(&self.turn(a, back))),
             CueKind::Resume(First::Go(ahead)) => format!("I found my place. {}", self.go(&ahead, back, back)),
+            CueKind::Clear(First::Turn(a)) => format!("The way is clear. {}.", capital(&self.turn(a, back))),
+            CueKind::Clear(First::Go(ahead)) => format!("The way is clear. {}", self.go(&ahead, back, back)),
+            CueKind::Around(First::Turn(a)) => {
+                format!("There is room beside it. Slow down. {}.", capital(&self.turn(a, back)))
+            }
+            CueKind::Around(First::Go(_)) => "There is room ahead. Move slowly.".into(),
             CueKind::Correction(First::Turn(a)) => format!("Correction. {}.", capital(&self.turn(a, back))),
             CueKind::Correction(First::Go(ahead)) => format!("Correction. {}", self.go(&ahead, back, back)),
             CueKind::Approach(ahead) => self.approach(&ahead, back),
@@ -143,9 +149,29 @@ impl PhraseConfig {
             }
             CueKind::Arrived => "Stop. You have arrived. Guidance ends.".into(),
             CueKind::LookRound(a) => format!("Let me find my place. {}.", capital(&self.turn(a, back))),
+            CueKind::Stop(StopReason::Obstacle(obstacle)) => format!("Stop. {}", self.obstacle(&obstacle)),
             CueKind::Stop(reason) => format!("Stop. {}", reason_words(reason)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
         })
+    }
+
+    /// What is in the way, and where: "Something is in the way, half a metre to your left."
+    fn obstacle(&self, obstacle: &Obstacle) -> String {
+        let what = if obstacle.overhead { "Something hangs in the way" } else { "Something is in the way" };
+        if !self.metric {
+            return format!("{what}.");
+        }
+        let (ahead, left) = (f64::from(obstacle.ahead_cm) / 100.0, f64::from(obstacle.left_cm) / 100.0);
+        let distance = match (self.unit, ahead.hypot(left)) {
+            (Unit::Metres, near) if near < 0.75 => "half a metre".into(),
+            (_, near) => self.distance(near),
+        };
+        let side = Side::of(left).word();
+        match left.abs() {
+            l if l < 0.15 => format!("{what}, {distance} ahead."),
+            l if l < 0.6 * ahead => format!("{what}, {distance} ahead, a little to your {side}."),
+            _ => format!("{what}, {distance} to your {side}."),
+        }
     }
 
     /// A distance in words in the configured unit: rounded to 1 below 10, to 5 from 10, to 10 from 50.
@@ -331,7 +357,9 @@ pub fn reason_words(reason: StopReason) -> &'static str {
         StopReason::PoseStale => "No picture from the camera.",
         StopReason::PicturesLate => "The pictures come too late.",
         StopReason::AgeUnknown => "I do not know how old the pictures are.",
-        StopReason::Obstacle => "Something is in the way.",
+        StopReason::Obstacle(Obstacle { overhead: false, .. }) => "Something is in the way.",
+        StopReason::Obstacle(Obstacle { overhead: true, .. }) => "Something hangs in the way.",
+        StopReason::Drop => "The ground drops ahead.",
         StopReason::UnknownGround => "I cannot see the ground ahead.",
         StopReason::ScaleUncertain => {
             "I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back."
@@ -400,6 +428,25 @@ mod tests {
         assert_eq!(words(&styled(DirectionStyle::Clock), turn), "Turn to 9 o'clock now.");
         assert_eq!(words(&styled(DirectionStyle::Degrees), turn), "Turn left 90 degrees now.");
         assert_eq!(words(&PhraseConfig::default(), turn), "Turn left now.");
+    }
+
+    #[test]
+    fn an_obstacle_is_said_with_side_and_distance() {
+        let said = |ahead, left, overhead| {
+            words(
+                &PhraseConfig::default(),
+                CueKind::Stop(StopReason::Obstacle(Obstacle::at(ahead, left, overhead))),
+            )
+        };
+        assert_eq!(said(0.3, 0.4, false), "Stop. Something is in the way, half a metre to your left.");
+        assert_eq!(said(2.1, 0.05, false), "Stop. Something is in the way, 2 metres ahead.");
+        assert_eq!(
+            said(1.6, -0.4, true),
+            "Stop. Something hangs in the way, 2 metres ahead, a little to your right."
+        );
+        let guessed = PhraseConfig { metric: false, ..PhraseConfig::default() };
+        let obstacle = StopReason::Obstacle(Obstacle::at(1.0, 0.0, false));
+        assert_eq!(words(&guessed, CueKind::Stop(obstacle)), "Stop. Something is in the way.");
     }
 
     #[test]

@@ -19,6 +19,7 @@ mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
+mod way_ahead;
 
 pub use age::Age;
 pub use command::{Command, HELP};

@@ -23,5 +23,5 @@ pub use walk::{
     Agreement, BodyState, GRAVITY_M_S2, ImuConfig, ImuTroubles, Motion, Stride, Walker, read_readings,
     read_tum,
 };
-pub use world::{Figure, NamedRoute, Passer, World, WorldKind, WorldOptions};
+pub use world::{Figure, NamedRoute, Passer, Thing, World, WorldKind, WorldOptions};
 pub use write::{write_euroc, write_tum};

@@ -123,6 +123,9 @@ pub struct Arguments {
     /// points, images with features, spoken words, events.
     #[arg(help_heading = RESULTS, long, value_name = "OUT.mcap")]
     pub mcap: Option<PathBuf>,
+    /// Writes the surface of what the depth sensor saw, from the final poses: .ply, .glb or .obj.
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.ply")]
+    pub mesh: Option<PathBuf>,
     /// Writes what --replay needs to reproduce the poses of this run bit for bit.
     #[arg(help_heading = RUNNING, long, value_name = "FILE", requires = "realtime")]
     pub journal: Option<PathBuf>,
