@@ -32,8 +32,8 @@ const NEAR_M: f64 = 0.45;
 const NEAR_S: [f64; 2] = [1.0, 1.75];
 /// An obstacle has at least so many voxels of five centimetres within a quarter of a metre.
 const CLUSTER_VOXELS: u32 = 4;
-/// What was in the way is gone when the strip has been free this much farther, metres, for this long, seconds.
-const FREE_M: f64 = 0.4;
+/// What was in the way is gone when the strip has been free this far, metres, for this long, seconds.
+const HELD_M: f64 = 3.0;
 const FREE_S: f64 = 0.5;
 /// Slower than this the walker stands, m/s.
 const STANDING_M_S: f64 = 0.15;
@@ -166,7 +166,8 @@ impl WayAhead {
             self.state = State::Stopped;
             return Found { stop: Some(StopReason::Drop), detour: None };
         }
-        let reach = stop_m + if self.state == State::Free { 0.0 } else { FREE_M };
+        // What he was stopped for stays in view while he stands: by then he would be stopped for less.
+        let reach = if self.state == State::Free { stop_m } else { stop_m.max(HELD_M) };
         let on_route = first_hit(&obstacles, &line, HALF_M, reach, CLUSTER_VOXELS);
         let straight = [walker.position, walker.position + direction(walker.course) * 4.0];
         let turning = guiding.guide.state() == GuideState::Turning;

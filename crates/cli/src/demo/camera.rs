@@ -87,10 +87,14 @@ impl DemoCamera {
         let walk = SessionConfig {
             source: config.source(),
             record_to: Some("route".into()),
+            phrases: config.speaking.phrases(),
+            announcer: config.speaking.announcer(),
             ..SessionConfig::default()
         };
         let mut session = Session::new(engine, walk).on_disk(Box::new(NullDisk));
-        session.watch_way(rendered.rig()).map_err(|e| rig_failure(e.to_string()))?;
+        if config.obstacles > 0 {
+            session.watch_way(rendered.rig()).map_err(|e| rig_failure(e.to_string()))?;
+        }
         Ok(Self {
             rendered,
             session,

@@ -18,6 +18,7 @@ mod seeds;
 use crate::commands::run::Sensor;
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::speaking::Speaking;
 use cairn_engine::SensorMode;
 use cairn_guide::Facing;
 use clap::ValueEnum;
@@ -59,6 +60,8 @@ pub struct Arguments {
     /// Replaces the files of an earlier demo in that folder.
     #[arg(long)]
     overwrite: bool,
+    #[command(flatten)]
+    speaking: Speaking,
 }
 
 /// How the walker faces on the return.
@@ -98,7 +101,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let config = |seed, facing| DemoConfig {
         obstacles: arguments.obstacles as usize,
         dense: arguments.dense,
-        ..DemoConfig::new(seed, facing, arguments.sensor, arguments.metres)
+        ..DemoConfig::new(seed, facing, arguments.sensor, arguments.metres, arguments.speaking.clone())
     };
     match (arguments.seeds, facings) {
         (Some(count), _) => {

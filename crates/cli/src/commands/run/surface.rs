@@ -7,6 +7,7 @@ use crate::surface::{Surface, form};
 use cairn_dense::SubmapConfig;
 use cairn_engine::{DenseMapper, Engine, SensorMode};
 use cairn_sensor::Rig;
+use cairn_session::Session;
 
 /// A dense mapper that follows the engine, if a surface is wanted.
 ///
@@ -37,8 +38,22 @@ pub fn write(
     })
 }
 
-/// The rig as it is used: without its depth sensor where the run does not use depth.
-pub fn rig_in_use(rig: &Rig, mode: SensorMode) -> Rig {
-    let depth = rig.depth.clone().filter(|_| mode == SensorMode::Rgbd);
-    Rig { depth, ..rig.clone() }
+/// Watches the walker's way, if that is wanted.
+///
+/// # Errors
+/// Without depth.
+pub fn watch_way(a: &Arguments, session: &mut Session, rig: &Rig, mode: SensorMode) -> Result<(), Failure> {
+    if !a.watch_way {
+        return Ok(());
+    }
+    let watched = mode == SensorMode::Rgbd
+        && session.watch_way(rig).map_err(|e| {
+            Failure::new("the depth sensor of the rig", e.to_string(), "correct it with --rig")
+        })?;
+    match watched {
+        true => Ok(()),
+        false => {
+            Err(Failure::usage("--watch-way", "needs depth", "give a source with depth and --sensor rgbd"))
+        }
+    }
 }
