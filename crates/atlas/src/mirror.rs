@@ -1,7 +1,7 @@
 //! A mirror of the key frames of an atlas, kept up to date by the stream of changes alone.
 
 use crate::change::scaling_about;
-use crate::{Change, KeyFrameId, MapId, MapPrior, Published, Snapshot};
+use crate::{Change, KeyFrameId, MapId, MapPrior, Published, Removed, Snapshot};
 use cairn_geometry::{Se3, Sim3};
 use std::collections::BTreeMap;
 
@@ -54,9 +54,20 @@ impl Mirror {
 
     /// Applies one commit; each must be passed once and in order.
     pub fn take(&mut self, published: &Published) {
+        self.take_with(published, |_, _, _| {});
+    }
+
+    /// As [`Mirror::take`]; `then` is called after each change with the mirror as it is by then, and for a removed key
+    /// frame with what took over.
+    pub fn take_with(
+        &mut self,
+        published: &Published,
+        mut then: impl FnMut(&Self, &Change, Option<&Removed>),
+    ) {
         self.version = published.version;
         let mut removals = published.removed.iter();
         for change in &published.changes {
+            let mut removal = None;
             match change {
                 Change::AddKeyFrame(k) => {
                     let parents_map = k.parent.and_then(|p| self.key_frames.get(&p)).map(|p| p.map);
@@ -95,8 +106,8 @@ impl Mirror {
                     }
                 }
                 Change::Rescale(map, factor) => {
-                    let Some(root) = self.key_frames.get(&map.root()) else { continue };
-                    let by = scaling_about(&root.world_from_camera.translation, *factor);
+                    let root = self.key_frames.get(&map.root()).map(|k| k.world_from_camera.translation);
+                    let by = root.map(|root| scaling_about(&root, *factor)).unwrap_or_else(Sim3::identity);
                     for k in self.key_frames.values_mut().filter(|k| k.map == *map) {
                         k.world_from_camera = by.transform_pose(&k.world_from_camera);
                         k.unit *= by.scale;
@@ -104,7 +115,8 @@ impl Mirror {
                 }
                 Change::RemoveKeyFrame(id) => {
                     self.key_frames.remove(id);
-                    if let Some(r) = removals.next() {
+                    removal = removals.next();
+                    if let Some(r) = removal {
                         self.removed.insert(r.key_frame, (r.parent, r.parent_from_it));
                     }
                 }
@@ -120,6 +132,7 @@ impl Mirror {
                 | Change::RemoveLandmark(_)
                 | Change::Link(..) => {}
             }
+            then(self, change, removal);
         }
     }
 

@@ -15,6 +15,7 @@ mod outputs;
 mod progress;
 mod speaking;
 mod style;
+mod surface;
 mod terminal;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};

@@ -25,7 +25,7 @@ pub use block::BlockKey;
 pub use error::DenseError;
 pub use export::{PointCloud, write_glb, write_obj, write_pcd, write_ply, write_ply_points};
 pub use frame::DepthFrame;
-pub use mesh::{Mesh, MeshConfig, Mesher, draw};
+pub use mesh::{Mesh, MeshConfig, Mesher, draw, overview};
 pub use noise::DepthNoise;
 pub use occupancy::{Occupancy, OccupancyConfig, OccupancyGrid};
 pub use prepare::{DepthConfig, DepthPreparer};

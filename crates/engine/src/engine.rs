@@ -63,6 +63,8 @@ pub struct Output {
     pub scale_check: Option<ScaleCheck>,
     /// The evidence for the pose.
     pub evidence: Evidence,
+    /// Whether tracking asked mapping to make this frame a key frame; mapping may decline.
+    pub key_frame_requested: bool,
     /// Milliseconds from the decoded image to features.
     pub extract_ms: f64,
     /// Milliseconds from features to the pose.
@@ -186,6 +188,7 @@ impl Engine {
             digest.anchored(Some(&anchored));
             self.log.amend(stamp, anchored);
         }
+        let key_frame_requested = tracked.request.is_some() && !self.localize_only;
         let map_created = self.submit(&mut tracked, &mut done);
         digest.state(tracked.state);
         digest.anchored(tracked.pose.as_ref());
@@ -244,6 +247,7 @@ impl Engine {
             scale_check: done.scale_check,
             anchored: tracked.pose,
             evidence: tracked.evidence,
+            key_frame_requested,
             extract_ms,
             track_ms,
             map_ms: done.ms,

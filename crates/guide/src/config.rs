@@ -105,6 +105,8 @@ pub struct GuideConfig {
     pub resume_s: f64,
     /// Weak tracking (a bridged stretch) is said when it has lasted this long.
     pub weak_s: f64,
+    /// Past an obstacle the walker is turned for more than this.
+    pub detour_tolerance_deg: f64,
     /// Walking backwards: a leg ends after this, unless the rest fits within [`Self::leg_most_m`].
     pub leg_m: f64,
     /// Walking backwards: the longest leg.
@@ -176,6 +178,7 @@ impl Default for GuideConfig {
             advice_again_s: 18.0,
             resume_s: 1.0,
             weak_s: 1.0,
+            detour_tolerance_deg: 12.0,
             leg_m: 12.0,
             leg_most_m: 15.0,
             check_s: 2.0,

@@ -60,6 +60,7 @@ impl Told {
         match *kind {
             Start { first: First::Go(ahead), .. }
             | Resume(First::Go(ahead))
+            | Clear(First::Go(ahead))
             | Correction(First::Go(ahead))
             | Approach(ahead)
             | StopTurning(ahead)
@@ -70,6 +71,8 @@ impl Told {
             StairsNow(_) | Waypoint => self.next = None,
             Start { first: First::Turn(turn), .. }
             | Resume(First::Turn(turn))
+            | Clear(First::Turn(turn))
+            | Around(First::Turn(turn))
             | Correction(First::Turn(turn))
             | Rotate(turn)
             | Adjust(turn)

@@ -29,7 +29,9 @@ pub enum StopReason {
     /// Nobody knows when the pictures were taken.
     AgeUnknown,
     /// An obstacle is ahead.
-    Obstacle,
+    Obstacle(Obstacle),
+    /// The ground ends ahead: a step down, a kerb, stairs.
+    Drop,
     /// The ground ahead was not seen.
     UnknownGround,
     /// The pose is in a unit of length that is not comparable with the route's: distances along it would be guesses.
@@ -38,6 +40,37 @@ pub enum StopReason {
     CannotRelocalise,
     /// A part of the system has stopped working.
     StageDied,
+}
+
+impl StopReason {
+    /// Whether both are reasons of one kind, wherever the obstacle is by now.
+    pub fn is_like(&self, other: &Self) -> bool {
+        std::mem::discriminant(self) == std::mem::discriminant(other)
+    }
+
+    /// Whether it is the way that is in doubt, not the pose: the walker may be led past it.
+    pub fn is_in_the_way(&self) -> bool {
+        matches!(self, Self::Obstacle(_) | Self::Drop | Self::UnknownGround)
+    }
+}
+
+/// Where an obstacle is, as the walker meets it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Obstacle {
+    /// Centimetres ahead of the walker.
+    pub ahead_cm: u16,
+    /// Centimetres to his left (negative: to his right).
+    pub left_cm: i16,
+    /// It begins at chest or head height: a cane passes under it.
+    pub overhead: bool,
+}
+
+impl Obstacle {
+    /// From metres ahead and to the left.
+    pub fn at(ahead_m: f64, left_m: f64, overhead: bool) -> Self {
+        // Casts of floats saturate.
+        Self { ahead_cm: (100.0 * ahead_m) as u16, left_cm: (100.0 * left_m) as i16, overhead }
+    }
 }
 
 /// What comes next on the route.
@@ -88,6 +121,10 @@ pub enum CueKind {
     },
     /// Tracking has recovered after a stop; what to do now.
     Resume(First),
+    /// What was in the way is gone, or the walker stands where he can go on; what to do now.
+    Clear(First),
+    /// There is room beside what is in the way; the first thing to do to pass it.
+    Around(First),
     /// A correction of the map contradicts what was said; what to do now.
     Correction(First),
     /// A turn or stairs are near.
@@ -204,6 +241,7 @@ impl Cue {
             | StairsNow(_)
             | Rotate(_)
             | Correction(_)
+            | Around(_)
             | StopTurning(_)
             | Adjust(_)
             | OffPath { .. }
@@ -212,9 +250,14 @@ impl Cue {
             | StepAside(_)
             | EndMissed { .. }
             | Arrived => Priority::High,
-            Start { .. } | Resume(_) | Approach(_) | Go { .. } | Stopped { .. } | SlowDown | Weak => {
-                Priority::Normal
-            }
+            Start { .. }
+            | Resume(_)
+            | Clear(_)
+            | Approach(_)
+            | Go { .. }
+            | Stopped { .. }
+            | SlowDown
+            | Weak => Priority::Normal,
             Progress(_) | Waypoint | OnCourse | BackOnPath => Priority::Low,
         }
     }
@@ -242,7 +285,9 @@ impl Cue {
         match self.kind {
             OnCourse | BackOnPath => Some(Earcon::OnCourse),
             OffPath { .. } | WrongWay(_) | StepAside(_) => Some(Earcon::OffCourse),
-            TurnNow { .. } | Rotate(_) | Correction(First::Turn(_)) | EndMissed { .. } => Some(Earcon::Turn),
+            TurnNow { .. } | Rotate(_) | Correction(First::Turn(_)) | Around(_) | EndMissed { .. } => {
+                Some(Earcon::Turn)
+            }
             Waypoint => Some(Earcon::Waypoint),
             Arrived => Some(Earcon::Arrival),
             Stop(_) | LookRound(_) => Some(Earcon::Stop),

@@ -16,7 +16,7 @@ use crate::matcher::{Match, Matcher};
 use crate::motion::Motion;
 use crate::route::Confidence;
 use crate::turning::Turning;
-use cairn_geometry::{Camera, Odom, Pose};
+use cairn_geometry::{Camera, Odom, Pose, Vec2};
 use cairn_sensor::Stamp;
 
 /// The input of one step.
@@ -97,6 +97,10 @@ pub struct Guide {
     started: bool,
     /// The next first direction follows one that was not heard, not a stop.
     again: bool,
+    /// The next first direction follows a stop for something in the way.
+    cleared: bool,
+    /// A heading past what is in the way, in place of the route's.
+    detour: Option<f64>,
     last_match: Option<Match>,
     /// Index of the next maneuver that is not done yet.
     pub(crate) next: usize,
@@ -182,6 +186,8 @@ impl Guide {
             waiting_since: None,
             started: false,
             again: false,
+            cleared: false,
+            detour: None,
             last_match: None,
             next: 0,
             memory: Memory::default(),
@@ -231,12 +237,35 @@ impl Guide {
         self.memory.announced_at_m = self.memory.announced_at_m.min(along);
     }
 
+    /// Leads the walker along another heading than the route's, past something in the way: radians on the ground plane.
+    /// `None` leads back to the route.
+    pub fn detour(&mut self, heading: Option<f64>) {
+        self.detour = heading.filter(|h| h.is_finite());
+    }
+
+    /// The heading of a detour under way, in radians.
+    pub fn detour_heading(&self) -> Option<f64> {
+        self.detour
+    }
+
+    /// Where the walker is led now: the next point of the route to go to, never past the next turn, and metres along the
+    /// route to it. `None` before the first good pose.
+    pub fn aim_point(&self) -> Option<(f64, Vec2)> {
+        let at = self.last_match?;
+        let along = (at.along_m + self.config.look_ahead_m).min(self.next_at_m());
+        Some((along, self.plan.point_at(along)))
+    }
+
     /// A cue was dropped before it was said, because its pose had become too old: the next step directs the walker anew.
     pub fn not_heard(&mut self, cue: &CueKind) {
         if matches!(self.phase, Phase::Done) || matches!(cue, CueKind::Progress(_)) {
             return;
         }
-        self.again = !matches!(cue, CueKind::Start { .. } | CueKind::Resume(_));
+        self.again = !matches!(
+            cue,
+            CueKind::Start { .. } | CueKind::Resume(_) | CueKind::Clear(_) | CueKind::Around(_)
+        );
+        self.cleared = matches!(cue, CueKind::Clear(_) | CueKind::Around(_));
         self.started &= !matches!(cue, CueKind::Start { .. });
         self.phase = Phase::Begin;
     }
@@ -331,7 +360,7 @@ impl Guide {
                 return None;
             }
         }
-        let before = self.halted.filter(|h| h.reason == reason).map(|h| (h.said, h.times));
+        let before = self.halted.filter(|h| h.reason.is_like(&reason)).map(|h| (h.said, h.times));
         // Advice is two sentences and a turn of the body: it takes a while to say and to follow.
         let again_s = match reason {
             StopReason::ScaleUncertain | StopReason::CannotRelocalise => self.config.advice_again_s,
@@ -360,6 +389,7 @@ impl Guide {
         if now - since < self.config.resume_s {
             return false;
         }
+        self.cleared = halt.reason.is_in_the_way();
         self.halted = None;
         self.losses.resume(now);
         self.again = false;
@@ -391,7 +421,11 @@ impl Guide {
             .maneuvers()
             .partition_point(|m| m.end_m < along + 0.3 || m.at_m < along + RIGHT_AHEAD_M);
         let turn = now.walker.turn_to(self.aim(now));
-        let first = if turn.abs().to_degrees() < self.config.turn_tolerance_deg {
+        let tolerance_deg = match self.detour {
+            Some(_) => self.config.detour_tolerance_deg,
+            None => self.config.turn_tolerance_deg,
+        };
+        let first = if turn.abs().to_degrees() < tolerance_deg {
             self.set_out(now);
             First::Go(self.ahead(now))
         } else {
@@ -404,6 +438,9 @@ impl Guide {
             self.memory.set_out = Some(now.stamp.plus_seconds(WARNING_S));
         }
         let again = std::mem::take(&mut self.again);
+        if std::mem::take(&mut self.cleared) && self.started {
+            return if self.detour.is_some() { CueKind::Around(first) } else { CueKind::Clear(first) };
+        }
         match (std::mem::replace(&mut self.started, true), again, first) {
             (false, ..) => CueKind::Start { total_m: self.plan.length(), first },
             (true, false, _) => CueKind::Resume(first),
@@ -438,6 +475,9 @@ impl Guide {
 
     /// The heading towards the look-ahead point on the route, which never lies past the next turn.
     pub(crate) fn aim(&self, now: &Now) -> f64 {
+        if let Some(heading) = self.detour {
+            return heading;
+        }
         if self.stuck_beside_route(now) {
             return heading_of(&(now.at.foot - now.walker.position));
         }

@@ -30,7 +30,7 @@ pub mod walker;
 pub use announcer::{Announcer, AnnouncerConfig, Utterance, WORDS_PER_MINUTE, speaking_time};
 pub use clean::{CleanConfig, CleanedRoute, Cut, clean, clean_line, largest_distance, length};
 pub use config::GuideConfig;
-pub use cue::{Ahead, Cue, CueKind, Earcon, First, Next, Priority, StopReason};
+pub use cue::{Ahead, Cue, CueKind, Earcon, First, Next, Obstacle, Priority, StopReason};
 pub use facing::{Facing, Heading};
 pub use ground::{Ground, cross, direction, heading_of, wrap};
 pub use guide::{Guide, GuideError, GuideInput, GuideState};

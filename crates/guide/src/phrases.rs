@@ -4,7 +4,7 @@
 //! be acted on while the rest is still being said. Here the clauses are chosen and put together; their words are in
 //! the language's file.
 
-use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
+use crate::cue::{Ahead, Cue, CueKind, First, Next, Obstacle, StopReason};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
 use cairn_phrases::{Arg, Language};
@@ -139,6 +139,9 @@ impl PhraseConfig {
         Some(match cue.kind {
             CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
             CueKind::Resume(first) => after("guide-found", self.first(&first, back)),
+            CueKind::Clear(first) => after("guide-clear", self.first(&first, back)),
+            CueKind::Around(First::Turn(a)) => self.with("guide-around", "turn", &turn(a)),
+            CueKind::Around(First::Go(_)) => text("guide-around-ahead"),
             CueKind::Correction(first) => after("guide-correction", self.first(&first, back)),
             CueKind::Approach(ahead) => self.approach(&ahead, back),
             CueKind::TurnNow { turn_rad, stairs } => self.turn_now(turn_rad, stairs, back),
@@ -167,9 +170,31 @@ impl PhraseConfig {
             ),
             CueKind::Arrived => text("guide-arrived"),
             CueKind::LookRound(a) => self.with("guide-look-round", "turn", &turn(a)),
+            CueKind::Stop(StopReason::Obstacle(obstacle)) if self.metric => {
+                after("guide-stop", self.obstacle(&obstacle))
+            }
             CueKind::Stop(reason) => after("guide-stop", reason_words(reason, self.language)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
         })
+    }
+
+    /// What is in the way, and where: "Something is in the way, half a metre to your left."
+    fn obstacle(&self, obstacle: &Obstacle) -> String {
+        let (ahead, left) = (f64::from(obstacle.ahead_cm) / 100.0, f64::from(obstacle.left_cm) / 100.0);
+        let far = ahead.hypot(left);
+        let near = self.unit == Unit::Metres && far < 0.75;
+        let side = Side::of(left);
+        let place = match (left.abs(), side) {
+            (l, _) if l < 0.15 => "ahead",
+            (l, Side::Left) if l < 0.6 * ahead => "ahead-left",
+            (l, Side::Right) if l < 0.6 * ahead => "ahead-right",
+            _ => side.name(),
+        };
+        let what = if obstacle.overhead { "overhead" } else { "standing" };
+        let how_far = if near { "near" } else { "far" };
+        let args: [(&str, Arg); 3] =
+            [("what", what.into()), ("near", how_far.into()), ("place", place.into())];
+        self.language.say("guide-obstacle", &[&args[..], &self.rounded(far)].concat())
     }
 
     /// A distance in words in the configured unit: rounded to 1 below 10, to 5 from 10, to 10 from 50.
@@ -395,7 +420,9 @@ pub fn reason_words(reason: StopReason, language: Language) -> String {
         StopReason::PoseStale => "stop-no-picture",
         StopReason::PicturesLate => "stop-pictures-late",
         StopReason::AgeUnknown => "stop-age-unknown",
-        StopReason::Obstacle => "stop-obstacle",
+        StopReason::Obstacle(Obstacle { overhead: false, .. }) => "stop-obstacle",
+        StopReason::Obstacle(Obstacle { overhead: true, .. }) => "stop-overhead",
+        StopReason::Drop => "stop-drop",
         StopReason::UnknownGround => "stop-unknown-ground",
         StopReason::ScaleUncertain => "stop-scale",
         StopReason::CannotRelocalise => "stop-relocalise",
@@ -473,6 +500,8 @@ mod tests {
                 CueKind::Start { total_m: 20.0, first: First::Turn(a) },
                 CueKind::Resume(First::Turn(a)),
                 CueKind::Correction(First::Turn(a)),
+                CueKind::Clear(First::Turn(a)),
+                CueKind::Around(First::Turn(a)),
                 CueKind::Rotate(a),
                 CueKind::Adjust(a),
                 off(a, true),
@@ -510,6 +539,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn an_obstacle_is_said_with_side_and_distance() {
+        let said = |ahead, left, overhead| {
+            words(
+                &PhraseConfig::default(),
+                CueKind::Stop(StopReason::Obstacle(Obstacle::at(ahead, left, overhead))),
+            )
+        };
+        assert_eq!(said(0.3, 0.4, false), "Stop. Something is in the way, half a metre to your left.");
+        assert_eq!(said(2.1, 0.05, false), "Stop. Something is in the way, 2 metres ahead.");
+        assert_eq!(
+            said(1.6, -0.4, true),
+            "Stop. Something hangs in the way, 2 metres ahead, a little to your right."
+        );
+        let guessed = PhraseConfig { metric: false, ..PhraseConfig::default() };
+        let obstacle = StopReason::Obstacle(Obstacle::at(1.0, 0.0, false));
+        assert_eq!(words(&guessed, CueKind::Stop(obstacle)), "Stop. Something is in the way.");
     }
 
     #[test]

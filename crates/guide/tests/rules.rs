@@ -481,14 +481,38 @@ fn stale_pose_stops_guidance() {
 fn external_hazards_stop_and_new_reason_is_said_at_once() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(2.0, 1.0);
-    walker.hazard = Some(StopReason::Obstacle);
+    let obstacle = |ahead_m| StopReason::Obstacle(Obstacle::at(ahead_m, 0.3, false));
+    walker.hazard = Some(obstacle(1.2));
     walker.stand(1.0);
     walker.hazard = Some(StopReason::UnknownGround);
     walker.stand(1.0);
     assert_eq!(
         &walker.words()[1..],
-        ["Stop. Something is in the way.", "Stop. I cannot see the ground ahead."]
+        [
+            "Stop. Something is in the way, 1 metre ahead, a little to your left.",
+            "Stop. I cannot see the ground ahead."
+        ]
     );
+    // An obstacle that comes nearer is not a new reason.
+    let said = walker.words().len();
+    for k in 0..10 {
+        walker.hazard = Some(obstacle(1.2 - 0.05 * f64::from(k)));
+        walker.stand(0.1);
+    }
+    assert_eq!(walker.words().len(), said + 1, "{:?}", walker.words());
+    // There is room to the right, then what was in the way is gone.
+    walker.hazard = None;
+    walker.guide.detour(Some(-0.6));
+    walker.stand(1.5);
+    assert!(
+        walker.words().last().unwrap().starts_with("There is room beside it. Slow down. Turn slightly right")
+    );
+    walker.guide.detour(None);
+    walker.hazard = Some(obstacle(1.0));
+    walker.stand(0.5);
+    walker.hazard = None;
+    walker.stand(1.5);
+    assert!(walker.words().last().unwrap().starts_with("The way is clear."), "{:?}", walker.words());
 }
 
 #[test]

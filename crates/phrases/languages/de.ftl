@@ -105,6 +105,22 @@ guide-start-unmeasured = Die Führung beginnt. Entfernungen kann ich nicht messe
 guide-start-back = Die Kamera schaut nach hinten.
 guide-start-backwards = Vorsicht, jetzt geht es rückwärts. Langsam gehen, und nur auf ebenem Boden.
 guide-found = Ich weiß wieder, wo wir sind.
+guide-clear = Der Weg ist frei.
+guide-around = Daneben ist Platz. Langsamer. { CAPITAL($turn) }.
+guide-around-ahead = Voraus ist Platz. Langsam weitergehen.
+guide-obstacle = { $what ->
+    [overhead] Etwas hängt im Weg
+   *[standing] Etwas ist im Weg
+}, { $near ->
+    [near] einen halben Meter
+   *[far] { distance }
+} { $place ->
+    [ahead] voraus
+    [ahead-left] voraus, etwas links
+    [ahead-right] voraus, etwas rechts
+    [left] links von Ihnen
+   *[right] rechts von Ihnen
+}.
 guide-correction = Korrektur.
 guide-stop = Halt.
 guide-stop-turning = Nicht weiter drehen.
@@ -144,6 +160,8 @@ stop-no-picture = Von der Kamera kommt kein Bild.
 stop-pictures-late = Die Bilder kommen zu spät.
 stop-age-unknown = Ich weiß nicht, wie alt die Bilder sind.
 stop-obstacle = Etwas ist im Weg.
+stop-overhead = Etwas hängt im Weg.
+stop-drop = Der Boden fällt vor uns ab.
 stop-unknown-ground = Ich sehe den Boden vor uns nicht.
 stop-scale = Hier kann ich Entfernungen nicht beurteilen. Es hilft, zurückzudrehen und rückwärts zu gehen, oder die Kamera nach hinten schauen zu lassen.
 stop-relocalise = Hier verliere ich den Ort immer wieder und kann nicht weiter führen. Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.

@@ -91,6 +91,22 @@ guide-start-unmeasured = Guidance starts. I cannot measure distances.
 guide-start-back = The camera faces behind you.
 guide-start-backwards = Caution, you will move backwards. Go slowly and only on flat ground.
 guide-found = I found my place.
+guide-clear = The way is clear.
+guide-around = There is room beside it. Slow down. { CAPITAL($turn) }.
+guide-around-ahead = There is room ahead. Move slowly.
+guide-obstacle = { $what ->
+    [overhead] Something hangs in the way
+   *[standing] Something is in the way
+}, { $near ->
+    [near] half a metre
+   *[far] { distance }
+} { $place ->
+    [ahead] ahead
+    [ahead-left] ahead, a little to your left
+    [ahead-right] ahead, a little to your right
+    [left] to your left
+   *[right] to your right
+}.
 guide-correction = Correction.
 guide-stop = Stop.
 guide-stop-turning = Stop turning.
@@ -130,6 +146,8 @@ stop-no-picture = No picture from the camera.
 stop-pictures-late = The pictures come too late.
 stop-age-unknown = I do not know how old the pictures are.
 stop-obstacle = Something is in the way.
+stop-overhead = Something hangs in the way.
+stop-drop = The ground drops ahead.
 stop-unknown-ground = I cannot see the ground ahead.
 stop-scale = I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back.
 stop-relocalise = I keep losing my place here and cannot guide you on. It helps to walk backwards, or to let the camera face back.

@@ -85,6 +85,22 @@ guide-start-unmeasured = Empieza la guía. No puedo medir distancias.
 guide-start-back = La cámara mira hacia atrás.
 guide-start-backwards = Atención, va a caminar hacia atrás. Vaya despacio y solo por suelo llano.
 guide-found = Ya sé dónde estamos.
+guide-clear = El camino está libre.
+guide-around = Hay sitio al lado. Más despacio. { CAPITAL($turn) }.
+guide-around-ahead = Hay sitio delante. Avance despacio.
+guide-obstacle = { $what ->
+    [overhead] Algo cuelga en el camino
+   *[standing] Hay algo en el camino
+}, a { $near ->
+    [near] medio metro
+   *[far] { distance }
+} { $place ->
+    [ahead] delante
+    [ahead-left] delante, un poco a su izquierda
+    [ahead-right] delante, un poco a su derecha
+    [left] a su izquierda
+   *[right] a su derecha
+}.
 guide-correction = Corrección.
 guide-stop = Alto.
 guide-stop-turning = Deje de girar.
@@ -130,6 +146,8 @@ stop-no-picture = No llega imagen de la cámara.
 stop-pictures-late = Las imágenes llegan demasiado tarde.
 stop-age-unknown = No sé de cuándo son las imágenes.
 stop-obstacle = Hay algo en el camino.
+stop-overhead = Algo cuelga en el camino.
+stop-drop = El suelo baja de golpe delante.
 stop-unknown-ground = No veo el suelo de delante.
 stop-scale = Aquí no puedo calcular distancias. Ayuda volverse y caminar hacia atrás, o que la cámara mire hacia atrás.
 stop-relocalise = Aquí pierdo el lugar una y otra vez y no puedo seguir guiando. Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.

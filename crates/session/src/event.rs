@@ -83,7 +83,10 @@ pub fn turn_of(cue: &Cue) -> Option<f64> {
         TurnNow { turn_rad, .. } | EndMissed { turn_rad, .. } => Some(turn_rad),
         Rotate(a) | WrongWay(a) | Adjust(a) | LookRound(a) => Some(a),
         OffPath { turn_rad, bearing_rad, .. } => Some(if turn_rad == 0.0 { bearing_rad } else { turn_rad }),
-        Start { first: First::Turn(a), .. } | Resume(First::Turn(a)) => Some(a),
+        Start { first: First::Turn(a), .. }
+        | Resume(First::Turn(a))
+        | Clear(First::Turn(a))
+        | Around(First::Turn(a)) => Some(a),
         Approach(ahead) => of_next(ahead.next),
         StepAside(left_m) => Some(left_m.signum() * std::f64::consts::FRAC_PI_2),
         _ => None,

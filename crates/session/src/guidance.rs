@@ -9,8 +9,8 @@ use cairn_atlas::Snapshot;
 use cairn_engine::Output;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Similarity, World};
 use cairn_guide::{
-    Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, ManeuverPlanError, RecordInput,
-    Route, StopReason, Travel, wrap,
+    Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, GuideState, Heading,
+    ManeuverPlanError, RecordInput, Route, StopReason, Travel, wrap,
 };
 use cairn_sensor::Stamp;
 
@@ -117,14 +117,26 @@ impl Guiding {
 
     /// The direction in which the route continues, relative to the walker: radians, positive left.
     pub fn bearing_of_route(&self, place: &Place) -> f64 {
-        let walker = self.facing.heading(&self.reference_path.ground, &self.in_metres(place));
-        match (walker, self.guide.place()) {
+        match (self.walker(place), self.guide.place()) {
             (Some(walker), Some(at)) => wrap(walker.turn_to(at.heading)),
             _ => 0.0,
         }
     }
 
-    fn in_metres(&self, place: &Place) -> Pose<Odom, Camera> {
+    /// The walker's position and heading, in metres.
+    pub fn walker(&self, place: &Place) -> Option<Heading> {
+        self.facing.heading(&self.reference_path.ground, &self.in_metres(place))
+    }
+
+    /// What in the way the guide has stopped for, if for that.
+    pub fn stopped_for(&self) -> Option<StopReason> {
+        match self.guide.state() {
+            GuideState::Stopped(reason) if reason.is_in_the_way() => Some(reason),
+            _ => None,
+        }
+    }
+
+    pub fn in_metres(&self, place: &Place) -> Pose<Odom, Camera> {
         let pose = place.odom_from_camera.se3;
         Pose::new(Se3::new(pose.rotation, pose.translation * self.reference_path.metres_per_unit()))
     }

@@ -20,7 +20,11 @@ mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
+<<<<<<< HEAD
 mod take_me;
+=======
+mod way_ahead;
+>>>>>>> dense
 
 pub use age::Age;
 pub use command::{Command, KEYS, Key, help, key_of};

@@ -16,6 +16,8 @@ use crate::guidance::{Guiding, Place};
 use crate::recording::{Recording, latest, next_path, tracked};
 use crate::settings::Setting;
 use crate::status::Status;
+use crate::way_ahead::WayAhead;
+use cairn_dense::DenseError;
 use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::Vec3;
 use cairn_guide::{
@@ -23,7 +25,7 @@ use cairn_guide::{
     RecordInput, Recorder, Route, StopReason, Travel, ready_words,
 };
 use cairn_phrases::{Arg, Language};
-use cairn_sensor::{FramePacket, Live, Stamp};
+use cairn_sensor::{FramePacket, Live, Rig, Stamp};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -102,6 +104,8 @@ pub struct Session {
     recorded: Vec<(Option<PathBuf>, Route)>,
     route: Option<RouteAtHand>,
     guiding: Option<Guiding>,
+    /// What is in the walker's way; only with depth, and where it was asked for.
+    way_ahead: Option<WayAhead>,
     voice: Announcer,
     /// The text queued last, and the turn it asks for.
     pushed: Option<(String, Option<f64>)>,
@@ -138,6 +142,7 @@ impl Session {
             recorded: Vec::new(),
             route: None,
             guiding: None,
+            way_ahead: None,
             voice,
             pushed: None,
             direction: None,
@@ -161,6 +166,21 @@ impl Session {
     /// a second by the time it is heard, or whose age is not known.
     pub fn follow(&mut self, live: Arc<dyn Live>) {
         self.ages.follow(live);
+    }
+
+    /// Watches the walker's way with the rig's depth sensor while he is guided and the camera looks where he walks:
+    /// obstacles, drops and missing depth stop him, and he is led past what leaves room. False without a depth sensor.
+    ///
+    /// # Errors
+    /// A depth camera that cannot be used.
+    pub fn watch_way(&mut self, rig: &Rig) -> Result<bool, DenseError> {
+        self.way_ahead = WayAhead::new(rig, &self.engine.front_end().model().body_from_camera)?;
+        Ok(self.way_ahead.is_some())
+    }
+
+    /// Milliseconds that watching the way took at the last packet; `None` where it is not watched or nobody is guided.
+    pub fn way_ahead_ms(&self) -> Option<f64> {
+        self.way_ahead.as_ref().filter(|_| self.guiding.is_some()).map(|w| w.cost_ms)
     }
 
     /// The engine.
@@ -226,6 +246,7 @@ impl Session {
             self.update_metric(output.metric && self.engine.is_metric());
         }
         self.record(&seen);
+        self.observe_way(packet, tracked(&seen));
         self.guide(packet.stamp);
         self.speak(packet.stamp);
         Ok(output)
@@ -618,6 +639,19 @@ impl Session {
         (other_map || too_long).then_some(StopReason::ScaleUncertain)
     }
 
+    /// Takes the depth of a packet, while somebody is guided.
+    fn observe_way(&mut self, packet: &FramePacket, tracked: bool) {
+        let Some(way_ahead) = &mut self.way_ahead else { return };
+        match (&self.guiding, &self.place) {
+            (Some(guiding), Some(place)) if guiding.facing == Facing::Home => {
+                if tracked {
+                    way_ahead.observe(packet, guiding, place);
+                }
+            }
+            _ => way_ahead.reset(),
+        }
+    }
+
     /// A step of the guide, with the last pose.
     fn guide(&mut self, now: Stamp) {
         // Measured after the engine's step, so that its processing time counts.
@@ -633,6 +667,11 @@ impl Session {
             return;
         }
         guiding.started = true;
+        let hazard = hazard.or_else(|| {
+            let found = self.way_ahead.as_mut()?.look(guiding, &place, now);
+            guiding.guide.detour(found.detour);
+            found.stop
+        });
         let map = self.engine.snapshot();
         let cue = guiding.step(&map, &held.route, &place, self.confidence, hazard, now);
         let ahead = guiding.bearing_of_route(&place);

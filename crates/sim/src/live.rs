@@ -4,7 +4,7 @@
 use crate::config::{SimConfig, SimSensor};
 use crate::effects::Sensor;
 use crate::render::Renderer;
-use crate::world::{Figure, Passer, World};
+use crate::world::{Figure, Passer, Thing, World};
 use cairn_geometry::{Manifold, Se3};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigCamera, SourceError, Stamp};
 use std::sync::Arc;
@@ -24,6 +24,7 @@ struct Scene<'a> {
     times: Vec<f64>,
     /// People at those times.
     figures: Vec<Vec<Figure>>,
+    things: &'a [Thing],
     gain: f64,
     size: (usize, usize),
 }
@@ -36,7 +37,7 @@ impl Lens {
         self.sensor.begin(width * height);
         for (i, (dt, people)) in scene.times.iter().zip(&scene.figures).enumerate() {
             let pose = (scene.pose_at)(*dt) * self.body_from_camera;
-            self.sensor.add(self.renderer.draw(&pose, people));
+            self.sensor.add(self.renderer.draw(&pose, people, scene.things));
             if with_depth && i == scene.times.len() / 2 {
                 let mut d = DepthImage::new(width, height);
                 self.renderer.depth(&mut d);
@@ -59,8 +60,12 @@ pub struct LiveRig {
     world: Arc<World>,
     lenses: Vec<Lens>,
     passers: Vec<Passer>,
+<<<<<<< HEAD
     /// People whom the caller moves.
     people: Vec<Figure>,
+=======
+    things: Vec<Thing>,
+>>>>>>> dense
     last: Option<(Stamp, Se3)>,
 }
 
@@ -91,7 +96,8 @@ impl LiveRig {
         };
         let lenses = rig.cameras.iter().enumerate().map(lens).collect::<Result<_, SourceError>>()?;
         let passers = passers(&world, config.passers_by, config.seed);
-        Ok(Self { config: config.clone(), rig, world, lenses, passers, people: Vec::new(), last: None })
+        let (people, things) = (Vec::new(), Vec::new());
+        Ok(Self { config: config.clone(), rig, world, lenses, passers, people, things, last: None })
     }
 
     /// The rig, without IMU.
@@ -104,6 +110,7 @@ impl LiveRig {
         &self.world
     }
 
+<<<<<<< HEAD
     /// Switches to another world from the next packet on: a door has been closed, for instance.
     pub fn set_world(&mut self, world: &Arc<World>) {
         self.world = Arc::clone(world);
@@ -113,6 +120,13 @@ impl LiveRig {
     /// Places people for the next packets, beside the passers-by of the config.
     pub fn set_people(&mut self, people: &[Figure]) {
         self.people = people.to_vec();
+    }
+
+=======
+    /// Puts these things into the world, in place of those put in before.
+    pub fn put(&mut self, things: Vec<Thing>) {
+        self.things = things;
+>>>>>>> dense
     }
 
     /// The packet seen from a body pose; blur follows the motion since the previous packet.
@@ -160,7 +174,7 @@ impl LiveRig {
         };
         let figures = times.iter().map(people).collect();
         let size = (self.config.camera.width, self.config.camera.height);
-        let scene = Scene { pose_at, times, figures, gain, size };
+        let scene = Scene { pose_at, times, figures, things: &self.things, gain, size };
         let with_depth = self.config.sensor == SimSensor::Rgbd;
         let (mut images, mut depth) = (Vec::with_capacity(self.lenses.len()), None);
         if let Some((first, others)) = self.lenses.split_first_mut() {

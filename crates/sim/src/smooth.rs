@@ -8,7 +8,7 @@ use crate::config::SimConfig;
 use crate::imu_feed::{ImuFeed, Readings};
 use crate::live::LiveRig;
 use crate::walk::{ImuSim, Motion, Troubled};
-use crate::world::World;
+use crate::world::{Thing, World};
 use cairn_geometry::Se3;
 use cairn_sensor::{FramePacket, Rig, SourceError, Stamp};
 use std::sync::Arc;
@@ -49,6 +49,11 @@ impl SmoothRig {
     /// The world it is in.
     pub fn world(&self) -> &Arc<World> {
         self.live.world()
+    }
+
+    /// As [`LiveRig::put`].
+    pub fn put(&mut self, things: Vec<Thing>) {
+        self.live.put(things);
     }
 
     /// Takes the body's next pose, one frame after the one before. Returns the packet of two frames ago with the body's true

@@ -3,10 +3,8 @@
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::outputs::Outputs;
-use cairn_dense::{
-    DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume, write_glb, write_obj,
-    write_ply,
-};
+use crate::surface::form;
+use cairn_dense::{DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume};
 use cairn_eval::load_trajectory;
 use cairn_geometry::Trajectory;
 use cairn_sensor::{FramePacket, Image};
@@ -57,20 +55,7 @@ const APART_NS: u64 = 20_000_000;
 /// Reads the source, fuses, writes.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let name = arguments.out.display().to_string();
-    let ending = arguments.out.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    let write: fn(&Mesh, &mut Vec<u8>) -> std::io::Result<()> = match ending.as_deref() {
-        Some("ply") => |mesh, to| write_ply(mesh, to),
-        Some("obj") => |mesh, to| write_obj(mesh, to),
-        // A camera's world begins with y down.
-        Some("glb") => |mesh, to| write_glb(mesh, [0.0, -1.0, 0.0], to),
-        _ => {
-            return Err(Failure::new(
-                name,
-                "has no ending that names a form",
-                "end it in .ply, .glb or .obj",
-            ));
-        }
-    };
+    let write = form(&arguments.out)?;
     let outputs = Outputs::new(arguments.overwrite)
         .input("the source", Some(Path::new(&arguments.source)))
         .input("--poses", arguments.poses.as_deref())
@@ -79,7 +64,9 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let (mesh, mut report) = fuse(arguments)?;
     outputs.write("--out", || {
         let mut bytes = Vec::new();
-        write(&mesh, &mut bytes).map_err(|e| Failure::new(&name, e.to_string(), "use a larger --voxel"))?;
+        // A camera's world begins with y down.
+        write(&mesh, [0.0, -1.0, 0.0], &mut bytes)
+            .map_err(|e| Failure::new(&name, e.to_string(), "use a larger --voxel"))?;
         Ok(bytes)
     })?;
     report.file = name.clone();

@@ -5,13 +5,16 @@
 //! the announced heading is kept. Where that does not help, the walker stops and waits for an announcement.
 
 use super::config::DemoConfig;
+use super::obstacles::Obstacles;
 use cairn_geometry::{Se3, Vec2};
 use cairn_guide::Walker;
 use cairn_sensor::Stamp;
 use cairn_sim::{Stride, World};
 
 /// Radius of the body, metres: half the width of a person, the least distance to a wall.
-const BODY_M: f64 = 0.25;
+pub const BODY_M: f64 = 0.25;
+/// How far the body gives way to what it runs into, metres.
+const HELD_M: f64 = 0.05;
 /// Reach of the cane ahead of the body, metres.
 const CANE_M: f64 = 0.7;
 /// Largest sideways detour around an obstacle before the walker gives up, metres.
@@ -58,13 +61,17 @@ impl Body {
     }
 
     /// Advances by `dt` seconds; returns the camera's true pose.
-    pub fn step(&mut self, world: &World, dt: f64, now: Stamp) -> Se3 {
+    pub fn step(&mut self, world: &World, obstacles: &Obstacles, dt: f64, now: Stamp) -> Se3 {
         let from = self.place();
         self.walker.step(dt, now);
         let step = self.place() - from;
         if step.norm() > 1e-9 {
             let free = self.free(world, from, step);
             let to = if free { from + step } else { self.around(world, from, step) };
+            // What he does not feel he runs into, and it holds him.
+            let into = obstacles.clearance(&to) < BODY_M - HELD_M
+                && obstacles.clearance(&to) < obstacles.clearance(&from);
+            let to = if into { from } else { to };
             self.blocked += usize::from(!free);
             if free {
                 self.detour = None;

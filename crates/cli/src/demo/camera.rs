@@ -6,13 +6,14 @@
 use super::config::DemoConfig;
 use crate::failure::Failure;
 use cairn_atlas::Snapshot;
-use cairn_engine::{Config, Engine, Output, Runner};
+use cairn_dense::SubmapConfig;
+use cairn_engine::{Config, DenseMapper, Engine, Output, Runner};
 use cairn_eval::StageTimes;
 use cairn_geometry::{Se3, Trajectory};
 use cairn_guide::Durable;
 use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_session::{Command, Disk, Event, Medium, Said, Session, SessionConfig};
-use cairn_sim::{LiveRig, SmoothRig};
+use cairn_sim::{LiveRig, SmoothRig, Thing};
 use std::io;
 use std::path::Path;
 use std::time::Instant;
@@ -21,6 +22,8 @@ use std::time::Instant;
 pub struct DemoCamera {
     rendered: Rendered,
     session: Session,
+    /// Surfaces, where they are wanted.
+    pub dense: Option<DenseMapper>,
     /// True poses of the camera, one for each frame.
     pub truth: Trajectory,
     /// Milliseconds of each frame: "render", "extract" (feature extraction), "track", "step" (image to pose), and "map"
@@ -48,6 +51,13 @@ impl Rendered {
         }
     }
 
+    fn put(&mut self, things: Vec<Thing>) {
+        match self {
+            Self::Camera(live) => live.put(things),
+            Self::WithImu(smooth) => smooth.put(things),
+        }
+    }
+
     /// The next packet, with the body's true pose at its stamp.
     fn packet(&mut self, stamp: Stamp, pose: &Se3) -> Result<Option<(FramePacket, Se3)>, Failure> {
         Ok(match self {
@@ -60,6 +70,7 @@ impl Rendered {
 impl DemoCamera {
     /// Starts a session in a simulated world, with the sensors of the configuration.
     pub fn new(config: &DemoConfig) -> Result<Self, Failure> {
+        let rig_failure = |e: String| Failure::new("the rig of the demo", e, "choose another --sensor");
         let sim = &config.sim;
         let rendered = match sim.imu {
             None => Rendered::Camera(Box::new(LiveRig::new(sim)?)),
@@ -68,8 +79,11 @@ impl DemoCamera {
         let mode = config.sensor.mode();
         let mut settings = Config::default();
         settings.inertial.enabled = config.sensor.has_imu();
-        let engine = Engine::new(rendered.rig(), mode, sim.rate_hz, Runner::Lockstep, &settings)
-            .map_err(|e| Failure::new("the rig of the demo", e.to_string(), "choose another --sensor"))?;
+        let mut engine = Engine::new(rendered.rig(), mode, sim.rate_hz, Runner::Lockstep, &settings)
+            .map_err(|e| rig_failure(e.to_string()))?;
+        let dense =
+            config.dense.then(|| DenseMapper::new(&mut engine, rendered.rig(), SubmapConfig::default()));
+        let dense = dense.transpose().map_err(|e| rig_failure(e.to_string()))?;
         let walk = SessionConfig {
             source: config.source(),
             record_to: Some("route".into()),
@@ -77,9 +91,14 @@ impl DemoCamera {
             announcer: config.speaking.announcer(),
             ..SessionConfig::default()
         };
+        let mut session = Session::new(engine, walk).on_disk(Box::new(NullDisk));
+        if config.obstacles > 0 {
+            session.watch_way(rendered.rig()).map_err(|e| rig_failure(e.to_string()))?;
+        }
         Ok(Self {
             rendered,
-            session: Session::new(engine, walk).on_disk(Box::new(NullDisk)),
+            session,
+            dense,
             truth: Trajectory::new(),
             times: StageTimes::new(),
             step_ms: Vec::new(),
@@ -100,8 +119,16 @@ impl DemoCamera {
         if let Some(why) = &output.died {
             return Err(bug(format!("mapping has stopped: {why}")));
         }
+        if let Some(dense) = &mut self.dense {
+            dense.on_packet(&packet, &output);
+        }
         self.note(&output);
         Ok(self.said())
+    }
+
+    /// Puts things into the world, in place of those put in before.
+    pub fn put(&mut self, things: Vec<Thing>) {
+        self.rendered.put(things);
     }
 
     /// Gives a command; returns the announcements that start now.
@@ -127,6 +154,9 @@ impl DemoCamera {
         self.times.add_ms("extract", output.extract_ms);
         self.times.add_ms("track", output.track_ms);
         self.times.add_ms("step", output.extract_ms + output.track_ms);
+        if let Some(ms) = self.session.way_ahead_ms() {
+            self.times.add_ms("way ahead", ms);
+        }
         self.step_ms.push(output.extract_ms + output.track_ms);
         for ms in &output.map_ms {
             self.times.add_ms("map", *ms);

@@ -24,6 +24,10 @@ pub struct DemoConfig {
     pub metres: Option<f64>,
     /// Seed of the world, the sensor noise and the walker.
     pub seed: u64,
+    /// How many things are put into the way after the route was recorded.
+    pub obstacles: usize,
+    /// Whether surfaces are made of the depth.
+    pub dense: bool,
     /// How Cairn speaks; the walker understands that language.
     pub speaking: Speaking,
 }
@@ -45,7 +49,7 @@ impl DemoConfig {
             walker: Walker { turn_rate: 0.8, ..Walker::default() },
             ..SimConfig::new(WorldKind::Demo, seed)
         };
-        Self { sim, sensor, facing, metres, seed, speaking }
+        Self { sim, sensor, facing, metres, seed, obstacles: 0, dense: false, speaking }
     }
 
     /// The name of the source, written into the route's file.

@@ -6,6 +6,7 @@
 use super::body::Body;
 use super::camera::DemoCamera;
 use super::config::DemoConfig;
+use super::obstacles::Obstacles;
 use super::out::WalkedOut;
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -54,6 +55,8 @@ pub struct Return {
     pub took_s: f64,
     /// Number of frames in which a wall or an obstacle blocked the walker.
     pub blocked: usize,
+    /// What was in the way, and what became of the walker there.
+    pub obstacles: Obstacles,
 }
 
 /// Guides the walker back to the start.
@@ -74,6 +77,9 @@ pub fn walk_back(
         now = turn_camera(camera, &mut body, now, dt)?;
     }
     let began = now;
+    let back: Vec<Vec2> = out.corners.iter().rev().copied().collect();
+    let mut obstacles = Obstacles::along(&back, config.obstacles, config.seed);
+    camera.put(obstacles.things());
     let planned = reference_path(camera, &out.route);
     let plan = planned
         .plan()
@@ -88,6 +94,7 @@ pub fn walk_back(
         turns: plan.maneuvers().len(),
         took_s: 0.0,
         blocked: 0,
+        obstacles: Obstacles::default(),
     };
     let mut said = camera.ask(&Command::Guide { facing: Some(config.facing), again: false })?;
     home.hear(&mut body, &said);
@@ -96,9 +103,14 @@ pub fn walk_back(
     let (mut standing_s, mut stopped_s) = (0.0, 0.0);
     while now - began < limit_s && standing_s < STANDING_S && stopped_s < STOPPED_S {
         now = now.plus_seconds(dt);
-        let pose = body.step(camera.world(), dt, now);
+        let pose = body.step(camera.world(), &obstacles, dt, now);
+        if obstacles.step(&body.place(), body.walker.is_standing(), dt) {
+            camera.put(obstacles.things());
+        }
         said = camera.see(now, &pose)?;
         home.hear(&mut body, &said);
+        let (place, heading) = (body.place(), body.walker.pose().2);
+        said.iter().for_each(|s| obstacles.hear(&s.text, camera.world(), &place, heading, &back));
         home.path.push(body.place());
         home.arrived = camera.session().has_arrived();
         standing_s = if home.arrived && body.walker.is_standing() { standing_s + dt } else { 0.0 };
@@ -113,6 +125,7 @@ pub fn walk_back(
     }
     home.took_s = now - began;
     home.blocked = body.blocked;
+    home.obstacles = obstacles;
     home.cleaned = reference_path(camera, &out.route).cleaned;
     Ok(home)
 }

@@ -9,6 +9,7 @@ mod body;
 mod camera;
 mod config;
 mod home;
+mod obstacles;
 mod once;
 mod out;
 mod report;
@@ -19,6 +20,7 @@ use crate::commands::run::Sensor;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::speaking::Speaking;
+use cairn_engine::SensorMode;
 use cairn_guide::Facing;
 use clap::ValueEnum;
 use config::DemoConfig;
@@ -46,10 +48,20 @@ pub struct Arguments {
     /// Walks only the first M metres of the route (5 to 1000).
     #[arg(long, value_name = "M", value_parser = metres)]
     metres: Option<f64>,
+<<<<<<< HEAD
     /// A robot instead of a walker: it explores an apartment that it does not know and is sent to three rooms, while
     /// people walk about and a door closes.
     #[arg(long, conflicts_with_all = ["facing", "sensor", "metres"])]
     robot: bool,
+=======
+    /// Puts N things into the walker's way after the route was recorded (boxes on the floor, boxes at head height, a barrier
+    /// that is taken away later); needs depth. The walker's cane does not feel them.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=20))]
+    obstacles: u64,
+    /// Also writes the surface of what was seen as surface.ply and a picture of it as surface.png; needs depth.
+    #[arg(long)]
+    dense: bool,
+>>>>>>> dense
     /// The folder for the report, the transcript, the route and the trajectories.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
@@ -95,8 +107,16 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         FacingArgument::Backwards => &[Facing::Backwards],
         FacingArgument::All => &[Facing::Home, Facing::Back, Facing::Backwards],
     };
-    let config = |seed, facing| {
-        DemoConfig::new(seed, facing, arguments.sensor, arguments.metres, arguments.speaking.clone())
+    let depth = arguments.sensor.mode() == SensorMode::Rgbd;
+    for (option, given) in [("--obstacles", arguments.obstacles > 0), ("--dense", arguments.dense)] {
+        if given && !depth {
+            return Err(Failure::usage(option, "needs depth", "add --sensor rgbd or rgbd-imu"));
+        }
+    }
+    let config = |seed, facing| DemoConfig {
+        obstacles: arguments.obstacles as usize,
+        dense: arguments.dense,
+        ..DemoConfig::new(seed, facing, arguments.sensor, arguments.metres, arguments.speaking.clone())
     };
     match (arguments.seeds, facings) {
         (Some(count), _) => {

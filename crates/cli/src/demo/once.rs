@@ -6,6 +6,7 @@ use super::home::{Return, Spoken, to_floor_plan, walk_back};
 use super::out::walk_out;
 use crate::failure::Failure;
 use crate::progress::Progress;
+use crate::surface::Surface;
 use cairn_eval::{Align, EvalOptions, Evaluation, Percentiles, Stages, evaluate, process};
 use cairn_geometry::{Trajectory, Vec2, Vec3};
 use cairn_guide::Route;
@@ -47,6 +48,13 @@ pub struct Figures {
     pub home_s: f64,
     /// Number of frames in which a wall or an obstacle blocked the walker.
     pub held_up: usize,
+    /// How many things were put in the way after the route was recorded.
+    pub obstacles: usize,
+    /// How often the walker touched something that was put in his way.
+    pub touched: usize,
+    /// How often he was stopped for something in the way, and how often nothing was there.
+    pub way_stops: usize,
+    pub false_stops: usize,
     /// Where the guide gave up directions before the walker had arrived, and why.
     pub stopped: Option<String>,
     /// Farthest that the walker got from the path walked out, metres, by the truth.
@@ -110,6 +118,8 @@ pub struct Demo {
     pub start: Vec2,
     /// Where the walker turned back.
     pub far_end: Vec2,
+    /// The surface of what was seen, where it was wanted.
+    pub surface: Option<Surface>,
 }
 
 /// Runs the walk out and the return.
@@ -128,6 +138,8 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
     // Without depth and IMU the map has a unit of its own.
     let align = if camera.session().status().metric { Align::Se3 } else { Align::Sim3 };
     let options = EvalOptions { align, max_difference_s: 1e-6, ..EvalOptions::default() };
+    let aligned = camera.snapshot().is_gravity_aligned_throughout();
+    let surface = camera.dense.as_mut().map(|mapper| Surface::of(mapper, aligned)).transpose()?;
     let evaluation = evaluate(&camera.truth, &estimate, &options)
         .map_err(|e| Failure::new("the demo", e.to_string(), "try another --seed"))?;
     let world_from_map = evaluation.reference_from_estimate;
@@ -153,6 +165,10 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         walked_home_m: home.path.windows(2).map(|w| (w[1] - w[0]).norm()).sum(),
         home_s: home.took_s,
         held_up: home.blocked,
+        obstacles: home.obstacles.count,
+        touched: home.obstacles.touched,
+        way_stops: home.obstacles.stops,
+        false_stops: home.obstacles.false_stops,
         misled: (home.arrived && arrival_error_m > ARRIVAL_M) || farthest_off_m > MISLED_M,
         stopped: home.stopped,
         farthest_off_m,
@@ -184,6 +200,7 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         path_home: path,
         start,
         far_end: out.turning_point.0,
+        surface,
         route: out.route,
         truth: std::mem::take(&mut camera.truth),
         evaluation,

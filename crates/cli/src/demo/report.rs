@@ -6,6 +6,7 @@ use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::Output;
 use crate::outputs::Outputs;
+use crate::surface::form;
 use cairn_eval::{
     Event, Figure, Marker, Page, Plan, PlanLine, Said, Tone, error_over_time, times_over_frames, to_tum,
 };
@@ -18,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// When the demo fails, the walker did not arrive, or a file cannot be written.
 pub fn run(config: &DemoConfig, folder: &Path, overwrite: bool, output: &Output) -> Result<(), Failure> {
-    let outputs = checked(folder, overwrite)?;
+    let outputs = checked(folder, overwrite, config.dense)?;
     let demo = once(config)?;
     let plan = plan(&demo);
     interrupt::in_order();
@@ -38,14 +39,18 @@ pub fn run(config: &DemoConfig, folder: &Path, overwrite: bool, output: &Output)
 const FILES: [&str; 7] =
     ["report.html", "plan.svg", "demo.json", "transcript.txt", "truth.tum", "estimate.tum", "demo.route"];
 
+/// The files of a surface.
+const SURFACE: [&str; 2] = ["surface.ply", "surface.png"];
+
 /// Checks before the walk that all files can be written.
-fn checked(folder: &Path, overwrite: bool) -> Result<Outputs, Failure> {
+fn checked(folder: &Path, overwrite: bool, dense: bool) -> Result<Outputs, Failure> {
     let elsewhere = |f: Failure| Failure { hint: "choose another folder with --out".into(), ..f };
     crate::outputs::folder(folder).map_err(elsewhere)?;
     // An interrupted demo leaves no empty folder behind; one with files in it is not removed.
     let made = folder.to_owned();
     interrupt::before_exit(move || drop(std::fs::remove_dir(&made)));
-    let paths = FILES.map(|name| (name, folder.join(name)));
+    let names = FILES.into_iter().chain(SURFACE.into_iter().filter(|_| dense));
+    let paths: Vec<_> = names.map(|name| (name, folder.join(name))).collect();
     // A recorded route is otherwise never replaced; that of an earlier demo is, if the user says so.
     let add = |outputs: Outputs, (name, path): &(&'static str, PathBuf)| match *name {
         "demo.route" if overwrite => outputs.output_kept(name, Some(path)),
@@ -71,8 +76,16 @@ fn write_files(demo: &Demo, plan: &Figure, outputs: &Outputs) -> Result<(), Fail
         route,
     ];
     let written = FILES.into_iter().zip(contents).map(|(name, bytes)| outputs.write(name, || Ok(bytes)));
-    Failure::all(written.filter_map(Result::err))
+    let mut failures: Vec<Failure> = written.filter_map(Result::err).collect();
+    if let Some(surface) = &demo.surface {
+        let ply = outputs.write(SURFACE[0], || surface.bytes(form(Path::new(SURFACE[0]))?, SURFACE[0]));
+        failures.extend(
+            [ply, outputs.write(SURFACE[1], || surface.picture())].into_iter().filter_map(Result::err),
+        );
+    }
+    Failure::all(failures)
 }
+
 /// The announcements, one line each with its time.
 fn transcript(f: &Figures) -> String {
     let mut text = String::new();
@@ -136,6 +149,18 @@ fn summary(f: &Figures) -> String {
         row("mapping", format!("{ms} ms per key frame"));
     }
     let memory = f.peak_rss_mb.map_or("unknown".into(), |m| format!("{m:.0} MB"));
+    if f.obstacles > 0 || f.way_stops > 0 {
+        row(
+            "in the way",
+            format!(
+                "{} things put in; touched {}, stopped {} times, {} of them for nothing",
+                f.obstacles, f.touched, f.way_stops, f.false_stops
+            ),
+        );
+    }
+    if let Some(ms) = f.stages.get("way ahead") {
+        row("way ahead", format!("{ms} ms for each frame of the return"));
+    }
     row("map", format!("{} key frames, {} landmarks; peak memory {memory}", f.keyframes, f.landmarks));
     row("time", format!("{:.1} s for {:.0} s of walking", f.wall_s, f.walk_s));
     text

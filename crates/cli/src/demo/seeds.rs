@@ -115,7 +115,25 @@ fn summary(tally: &Tally) -> String {
             lines.push(line(facing, &here));
         }
     }
+    lines.extend(way(&tally.each));
     lines.join("\n")
+}
+
+/// What was in the way of all of them, where something was put there.
+fn way(each: &[Figures]) -> Option<String> {
+    let sum = |of: fn(&Figures) -> usize| each.iter().map(of).sum::<usize>();
+    let metres: f64 = each.iter().map(|f| f.walked_home_m).sum();
+    (sum(|f| f.obstacles) > 0 || sum(|f| f.way_stops) > 0).then(|| {
+        format!(
+            "in the way: {} things, touched {} times in {} of {} walks; {} stops, {} of them for nothing in {metres:.0} m",
+            sum(|f| f.obstacles),
+            sum(|f| f.touched),
+            each.iter().filter(|f| f.touched > 0).count(),
+            each.len(),
+            sum(|f| f.way_stops),
+            sum(|f| f.false_stops),
+        )
+    })
 }
 
 fn line(name: &str, each: &[Figures]) -> String {

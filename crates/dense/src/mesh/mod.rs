@@ -1,10 +1,12 @@
 //! Triangle meshes of the surface: whole and welded, or block by block.
 
 mod draw;
+mod overview;
 mod samples;
 mod table;
 
 pub use draw::draw;
+pub use overview::overview;
 
 use crate::block::{BlockKey, KeyHasher, SIDE};
 use crate::tsdf::TsdfVolume;

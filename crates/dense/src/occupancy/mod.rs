@@ -340,6 +340,61 @@ impl OccupancyGrid {
         })
     }
 
+    /// Calls `f` with the centre of each voxel in a box (metres, of the grid's frame) whose log-odds are at least
+    /// `least`, which is above zero; in a fixed order.
+    pub fn occupied_within(&self, low: &Vec3, high: &Vec3, least: i8, mut f: impl FnMut(Vec3)) {
+        let voxel = self.config.voxel_m;
+        let group_m = voxel * f64::from(SIDE as i32 * GROUP);
+        let least = least.max(1);
+        let inside = |p: &Vec3| (0..3).all(|k| p[k] >= low[k] && p[k] <= high[k]);
+        let touches =
+            |corner: &Vec3, side: f64| (0..3).all(|k| corner[k] <= high[k] && corner[k] + side >= low[k]);
+        for key in &self.keys {
+            let corner = Vec3::from(key.0.map(f64::from)) * group_m;
+            let Some(&slot) = self.table.get(key).filter(|_| touches(&corner, group_m)) else { continue };
+            for (i, &entry) in self.groups.at(slot).0.iter().enumerate() {
+                let place = [i & 3, i >> 2 & 3, i >> 4].map(|v| v as f64 * SIDE as f64 * voxel);
+                let corner = corner + Vec3::from(place);
+                let full = entry & FULL != 0;
+                if !full && value(entry) < least || !touches(&corner, voxel * SIDE as f64) {
+                    continue;
+                }
+                let odds = |j: usize| if full { self.blocks.at(entry & !FULL).0[j] } else { value(entry) };
+                for j in (0..VOXELS).filter(|&j| odds(j) >= least) {
+                    let local = [j & 7, j >> 3 & 7, j >> 6].map(|v| (v as f64 + 0.5) * voxel);
+                    let centre = corner + Vec3::from(local);
+                    if inside(&centre) {
+                        f(centre);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Forgets what lies farther from a place than `radius_m`, by groups of 32 voxels along each axis: memory stays
+    /// bounded on a long walk.
+    pub fn forget_beyond(&mut self, centre: &Vec3, radius_m: f64) {
+        let group_m = self.config.voxel_m * f64::from(SIDE as i32 * GROUP);
+        let far = |key: &BlockKey| {
+            let corner = Vec3::from(key.0.map(f64::from)) * group_m;
+            let near = centre.sup(&corner).inf(&corner.add_scalar(group_m));
+            (near - centre).norm() > radius_m
+        };
+        let mut keys = std::mem::take(&mut self.keys);
+        keys.retain(|key| {
+            let gone = far(key).then(|| self.table.remove(key)).flatten();
+            if let Some(slot) = gone {
+                for &entry in self.groups.at(slot).0.iter().filter(|e| **e & FULL != 0) {
+                    self.blocks.give_back(entry & !FULL);
+                    self.full -= 1;
+                }
+                self.groups.give_back(slot);
+            }
+            gone.is_none()
+        });
+        self.keys = keys;
+    }
+
     /// Bytes of all blocks and tables.
     pub fn bytes(&self) -> usize {
         self.groups.bytes() + self.blocks.bytes() + self.table.capacity() * 17 + self.keys.capacity() * 12

@@ -5,10 +5,13 @@
 
 mod columns;
 mod distance;
+mod floor;
 mod ground;
 mod hazard;
+mod local;
 
 pub use columns::{Columns, Span, Window};
 pub use distance::distance_field;
 pub use ground::{Cell, Ground, GroundConfig, Surface};
 pub use hazard::{Hazard, HazardConfig, HazardKind, hazards};
+pub use local::{Blocked, Hit, LocalConfig, LocalSpace, first_hit};

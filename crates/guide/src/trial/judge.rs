@@ -246,6 +246,8 @@ fn name(kind: &CueKind) -> &'static str {
     match kind {
         CueKind::Start { .. } => "start",
         CueKind::Resume(_) => "resume",
+        CueKind::Clear(_) => "clear",
+        CueKind::Around(_) => "around",
         CueKind::Correction(_) => "correction",
         CueKind::Approach(_) => "approach",
         CueKind::TurnNow { .. } | CueKind::StairsNow(_) => "turn now",

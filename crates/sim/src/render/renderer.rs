@@ -4,7 +4,7 @@ use super::passes;
 use super::raster::Visibility;
 use super::setup::{Setup, View};
 use crate::texture::Texture;
-use crate::world::{Figure, World};
+use crate::world::{Figure, Thing, World};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, RigError};
 use std::sync::Arc;
@@ -73,7 +73,7 @@ impl Renderer {
         image: &mut GrayImage,
         depth: Option<&mut DepthImage>,
     ) {
-        self.draw(world_from_camera, figures);
+        self.draw(world_from_camera, figures, &[]);
         image.resize(self.camera.width, self.camera.height);
         for (o, g) in image.data_mut().iter_mut().zip(&self.grey) {
             *o = ((u32::from(*g) + 128) >> 8).min(255) as u8;
@@ -84,12 +84,13 @@ impl Renderer {
     }
 
     /// Renders and returns 256 times the grey level of each pixel.
-    pub(crate) fn draw(&mut self, world_from_camera: &Se3, figures: &[Figure]) -> &[u16] {
+    pub(crate) fn draw(&mut self, world_from_camera: &Se3, figures: &[Figure], things: &[Thing]) -> &[u16] {
         let view = View::new(&self.camera, world_from_camera);
         self.setups.clear();
         self.setups.extend(self.world.faces.iter().filter_map(|f| view.setup(f)));
-        for figure in figures {
-            self.setups.extend(figure.faces(&self.world).iter().filter_map(|f| view.setup(f)));
+        let added = figures.iter().map(|f| f.faces(&self.world));
+        for faces in added.chain(things.iter().map(|t| t.faces(&self.world))) {
+            self.setups.extend(faces.iter().filter_map(|f| view.setup(f)));
         }
         let textures: Vec<&Texture> = self.world.textures.iter().collect();
         passes::run(&mut self.seen, &self.setups, &textures, &mut self.grey);

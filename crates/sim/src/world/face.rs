@@ -1,5 +1,6 @@
 //! A flat textured piece of surface.
 
+use super::plan::distance_to_segment;
 use cairn_geometry::{Vec2, Vec3};
 
 /// A convex polygon in a plane. The plane's frame has its origin at the texture's upper left corner, `along`
@@ -36,5 +37,21 @@ impl Face {
         let radius = corners.iter().map(|c| (c - mid).norm()).fold(0.0, f64::max);
         let centre = origin + along * mid.x + down * mid.y;
         Self { origin, along, down, corners, texture, texels_per_m, centre, radius }
+    }
+
+    /// Metres from a point to the nearest point of the polygon.
+    pub fn distance(&self, p: &Vec3) -> f64 {
+        let d = p - self.origin;
+        let at = Vec2::new(d.dot(&self.along), d.dot(&self.down));
+        let off = d.dot(&self.along.cross(&self.down));
+        let edges = || self.corners.iter().zip(self.corners.iter().cycle().skip(1));
+        let across = |(a, b): (&Vec2, &Vec2)| (b - a).perp(&(at - a));
+        let sides = edges().map(across);
+        let (low, high) = sides.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+        let beside = match low >= 0.0 || high <= 0.0 {
+            true => 0.0,
+            false => edges().map(|(a, b)| distance_to_segment(&at, a, b)).fold(f64::MAX, f64::min),
+        };
+        off.hypot(beside)
     }
 }

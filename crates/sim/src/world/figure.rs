@@ -11,6 +11,13 @@ pub(crate) struct Wardrobe {
     parts: [(usize, f64); 3],
 }
 
+impl Wardrobe {
+    /// The texture of the cloth, and its texels per metre.
+    pub fn cloth(&self) -> (usize, f64) {
+        self.parts[0]
+    }
+}
+
 /// A figure at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figure {

@@ -14,14 +14,16 @@ mod office;
 mod plan;
 mod route;
 mod street;
+mod thing;
 
 pub(crate) use face::Face;
 pub use figure::{Figure, Passer};
 pub use route::NamedRoute;
+pub use thing::Thing;
 
 use crate::texture::Texture;
 use build::Builder;
-use cairn_geometry::Vec2;
+use cairn_geometry::{Vec2, Vec3};
 use plan::Footprint;
 use std::fmt;
 use std::str::FromStr;
@@ -206,6 +208,17 @@ impl World {
         }
         let p = Vec2::new(x, y);
         self.plan.iter().map(|(a, b)| plan::distance_to_segment(&p, a, b)).fold(f64::MAX, f64::min)
+    }
+
+    /// Metres from a point to the nearest surface of the world; people and things put in later do not count.
+    pub fn distance_to_surface(&self, p: &Vec3) -> f64 {
+        let mut best = f64::MAX;
+        for face in &self.faces {
+            if (face.centre - p).norm() - face.radius < best {
+                best = best.min(face.distance(p));
+            }
+        }
+        best
     }
 
     /// Number of flat faces.

@@ -126,6 +126,12 @@ pub struct Arguments {
     /// points, images with features, spoken words, events.
     #[arg(help_heading = RESULTS, long, value_name = "OUT.mcap")]
     pub mcap: Option<PathBuf>,
+    /// Watches the way of a guided walker with the depth sensor, and stops him for what is in it.
+    #[arg(help_heading = RUNNING, long)]
+    pub watch_way: bool,
+    /// Writes the surface of what the depth sensor saw, from the final poses: .ply, .glb or .obj.
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.ply")]
+    pub mesh: Option<PathBuf>,
     /// Writes what --replay needs to reproduce the poses of this run bit for bit.
     #[arg(help_heading = RUNNING, long, value_name = "FILE", requires = "realtime")]
     pub journal: Option<PathBuf>,

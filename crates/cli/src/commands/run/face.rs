@@ -10,7 +10,7 @@ use crate::failure::Failure;
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::terminal::Terminal;
-use cairn_engine::Output;
+use cairn_engine::{DenseMapper, Output};
 use cairn_sensor::FramePacket;
 use cairn_session::{Command, Event, Face, Session};
 use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, VoiceError, WavVoice};
@@ -95,6 +95,7 @@ pub struct RunFace<'t, 'a> {
     saver: Saver<'a>,
     events: &'t mut Option<Events>,
     mcap: Option<&'t mut mcap::Recording>,
+    dense: Option<&'t mut DenseMapper>,
     /// Whether the signal that ends the run has been passed on.
     quitting: bool,
     /// The replay has reached the end of its journal or a difference.
@@ -123,6 +124,7 @@ impl<'t, 'a> RunFace<'t, 'a> {
             saver,
             events,
             mcap: None,
+            dense: None,
             quitting: false,
             replay_stopped: false,
         }
@@ -131,6 +133,12 @@ impl<'t, 'a> RunFace<'t, 'a> {
     /// Also writes the run to an MCAP file, if there is one.
     pub fn with_mcap(mut self, mcap: Option<&'t mut mcap::Recording>) -> Self {
         self.mcap = mcap;
+        self
+    }
+
+    /// Also makes surfaces of the depth.
+    pub fn with_dense(mut self, dense: Option<&'t mut DenseMapper>) -> Self {
+        self.dense = dense;
         self
     }
 
@@ -188,6 +196,9 @@ impl Face for RunFace<'_, '_> {
                 log(done);
                 if let Some(events) = self.events {
                     events.write(done.stamp, &done.verdicts);
+                }
+                if let Some(dense) = &mut self.dense {
+                    dense.on_packet(packet, done);
                 }
                 if let Some(mcap) = &mut self.mcap {
                     mcap.frame(packet, done, session.engine());

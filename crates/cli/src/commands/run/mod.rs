@@ -14,6 +14,7 @@ mod results;
 mod route;
 mod sensor;
 mod status;
+mod surface;
 mod tally;
 
 use super::serve::rig_of;
@@ -97,8 +98,10 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut engine = journal::engine(a, &outputs, engine, &source.info().name, replayed)?;
     let mut events = Events::begin(outputs.file("--events"), &mut engine)?;
     let mut mcap = mcap::Recording::begin(outputs.file("--mcap"))?;
+    let mut dense = surface::begin(a, &mut engine, &rig)?;
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
     let mut session = Session::new(engine, session_config(a, &outputs, live));
+    surface::watch_way(a, &mut session, &rig, sensor.mode())?;
     if let Some(lines) = &mut status {
         lines.update(&session.standing(), session.age());
     }
@@ -116,7 +119,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let saver = map::Saver::new(a, outputs.file("--map-out"), map_in);
     let mut face =
         RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status)
-            .with_mcap(mcap.as_mut());
+            .with_mcap(mcap.as_mut())
+            .with_dense(dense.as_mut());
     let (driven, skips, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())
@@ -182,6 +186,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         failures.extend(results::write_reports(&outputs, engine, &ended, &tally));
     }
     if report.tracked > 0 {
+        let surface = surface::write(dense.as_mut(), &outputs, a, engine);
+        failures.extend(surface.err());
         failures.extend(results::write_trajectories(&outputs, a.frame, &rig, engine));
     } else if interrupted {
         warn("interrupted before the first pose: there is no trajectory to write");

@@ -1,0 +1,218 @@
+//! Dense mapping beside the sparse one: the depth of key frames goes into submaps that follow every change of the map.
+//!
+//! In: depth images of the frames that may become key frames, and the stream of changes ([`crate::Engine::subscribe`]).
+//! Out: a [`DenseMap`] whose submaps are where the map's key frames are. A loop, a merge or a new unit of length moves
+//! submaps as soon as the change is read; key frames that moved inside their submap are fused again by
+//! [`DenseMapper::step`], in slices that the caller bounds. The caller decides when that happens: there is no thread here.
+
+use crate::{Engine, Output};
+use cairn_atlas::{Change, KeyFrameId, MapId, Mirror, Published, Subscription};
+use cairn_dense::{
+    AnchorId, DenseError, DenseMap, MapId as DenseMapId, Progress, SubmapConfig, TsdfConfig, TsdfVolume,
+};
+use cairn_geometry::{Se3, Vec3};
+use cairn_sensor::{Camera, DepthImage, FramePacket, Rig, Stamp};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::sync::mpsc::TryRecvError;
+
+/// Depth images that wait for mapping to make their frame a key frame: at most so many, the oldest are dropped. At
+/// 640x480 one takes 0.6 MB.
+const MOST_OFFERED: usize = 48;
+
+/// Why a dense mapper cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DenseSetupError {
+    /// The rig has no depth sensor, or the engine does not use it.
+    #[error("surfaces need depth: the engine runs without a depth sensor")]
+    NoDepth,
+    /// Mapping has failed before.
+    #[error("mapping is not running")]
+    NoMapping,
+    /// The depth camera or the config cannot be used.
+    #[error(transparent)]
+    Dense(#[from] DenseError),
+}
+
+/// Counts of what a dense mapper did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DenseCounts {
+    /// Key frames whose depth was fused.
+    pub key_frames: usize,
+    /// Key frames without depth: it was not offered, or too little of it was valid.
+    pub without_depth: usize,
+    /// Key frames that were removed from the map, whose depth is anchored to their parents now.
+    pub removed: usize,
+    /// Maps that were merged into another.
+    pub merges: usize,
+    /// Changes that could not be followed, such as a pose that is not finite.
+    pub refused: usize,
+}
+
+/// Submaps that follow the engine's map.
+pub struct DenseMapper {
+    map: DenseMap,
+    mirror: Mirror,
+    from: Subscription,
+    camera_from_depth: Se3,
+    offered: VecDeque<(Stamp, Arc<DepthImage>)>,
+    /// Key frames that moved since the dense map was last aligned.
+    moved: BTreeMap<KeyFrameId, Se3>,
+    counts: DenseCounts,
+    /// The stream has ended: mapping is gone.
+    ended: bool,
+}
+
+impl DenseMapper {
+    /// A dense mapper that follows an engine from now on.
+    ///
+    /// # Errors
+    /// [`DenseSetupError`] without a depth sensor or without mapping, and for a config out of range.
+    pub fn new(engine: &mut Engine, rig: &Rig, config: SubmapConfig) -> Result<Self, DenseSetupError> {
+        let model = *engine.front_end().model();
+        let sensor = rig.depth.as_ref().filter(|_| engine.mode == crate::SensorMode::Rgbd);
+        let sensor = sensor.ok_or(DenseSetupError::NoDepth)?;
+        let from = engine.subscribe().ok_or(DenseSetupError::NoMapping)?;
+        let camera_from_depth = model.body_from_camera.inverse() * sensor.body_from_depth;
+        Self::following(from, sensor.camera, sensor.metres_per_unit, camera_from_depth, config)
+    }
+
+    /// A dense mapper that follows a stream of changes: depth images of `camera` in units of `metres_per_unit`, mounted
+    /// at `camera_from_depth` on the camera whose poses key frames have.
+    ///
+    /// # Errors
+    /// An invalid camera or config.
+    pub fn following(
+        from: Subscription,
+        camera: Camera,
+        metres_per_unit: f64,
+        camera_from_depth: Se3,
+        config: SubmapConfig,
+    ) -> Result<Self, DenseSetupError> {
+        let mut map = DenseMap::new(config, camera, metres_per_unit)?;
+        let mirror = Mirror::of(&from.start);
+        for (id, k) in mirror.key_frames() {
+            map.add_anchor(anchor(id), dense_map(k.map), k.world_from_camera)?;
+        }
+        let (offered, moved, counts) = (VecDeque::new(), BTreeMap::new(), DenseCounts::default());
+        Ok(Self { map, mirror, from, camera_from_depth, offered, moved, counts, ended: false })
+    }
+
+    /// Takes the depth of a packet that the engine has processed, where its frame may become a key frame, and follows
+    /// the changes of the map so far.
+    pub fn on_packet(&mut self, packet: &FramePacket, output: &Output) {
+        if let Some(depth) = packet.depth.as_ref().filter(|_| output.key_frame_requested) {
+            self.offer(packet.stamp, depth.clone());
+        }
+        self.follow();
+    }
+
+    /// Takes the depth image of a frame that may become a key frame.
+    pub fn offer(&mut self, stamp: Stamp, depth: Arc<DepthImage>) {
+        if self.offered.len() >= MOST_OFFERED {
+            self.offered.pop_front();
+        }
+        self.offered.push_back((stamp, depth));
+    }
+
+    /// Follows all changes of the map so far; submaps are at their new poses afterwards.
+    pub fn follow(&mut self) {
+        while !self.ended {
+            match self.from.changes.try_recv() {
+                Ok(published) => self.take(&published),
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => self.ended = true,
+            }
+        }
+        align(&mut self.map, &mut self.moved, &mut self.counts);
+    }
+
+    fn take(&mut self, published: &Published) {
+        let Self { map, mirror, camera_from_depth, offered, moved, counts, .. } = self;
+        mirror.take_with(published, |mirror, change, removal| match change {
+            Change::AddKeyFrame(k) => {
+                let Some(known) = mirror.key_frame(k.id) else { return };
+                let depth = offered.iter().position(|(stamp, _)| *stamp == k.frame.stamp);
+                let depth = depth.and_then(|i| offered.drain(..=i).next_back());
+                let (id, in_map, pose) = (anchor(k.id), dense_map(known.map), known.world_from_camera);
+                let fused =
+                    depth.is_some_and(|(_, d)| map.insert(id, in_map, pose, *camera_from_depth, &d).is_ok());
+                counts.key_frames += usize::from(fused);
+                counts.without_depth += usize::from(!fused);
+                if !fused {
+                    counts.refused += usize::from(map.add_anchor(id, in_map, pose).is_err());
+                }
+            }
+            Change::MoveKeyFrame(id, pose) => drop(moved.insert(*id, *pose)),
+            Change::AlignGravity(of, _) | Change::Rescale(of, _) => {
+                let all = mirror.key_frames().filter(|(_, k)| k.map == *of);
+                moved.extend(all.map(|(id, k)| (id, k.world_from_camera)));
+            }
+            Change::Merge { from, into, into_from, .. } => {
+                align(map, moved, counts);
+                counts.merges += 1;
+                counts.refused +=
+                    usize::from(map.merge(dense_map(*from), dense_map(*into), into_from).is_err());
+            }
+            Change::RemoveKeyFrame(id) => {
+                align(map, moved, counts);
+                counts.removed += 1;
+                let done = removal.map(|r| map.remove(anchor(*id), anchor(r.parent)));
+                counts.refused += usize::from(!matches!(done, Some(Ok(()))));
+            }
+            _ => {}
+        });
+    }
+
+    /// Fuses key frames again that moved inside their submap, at most about `images` fusions, starting nearest to a place
+    /// of the map's frame. One fusion is the cost of one image.
+    pub fn step(&mut self, near: &Vec3, images: usize) -> Progress {
+        self.map.step(near, images)
+    }
+
+    /// The submaps.
+    pub fn map(&self) -> &DenseMap {
+        &self.map
+    }
+
+    /// What was done so far.
+    pub fn counts(&self) -> DenseCounts {
+        self.counts
+    }
+
+    /// The map with the most key frames, the oldest of these: the one whose surface is worth writing.
+    pub fn largest_map(&self) -> Option<MapId> {
+        let count = |map: MapId| self.mirror.key_frames().filter(|(_, k)| k.map == map).count();
+        self.mirror
+            .maps()
+            .map(|(map, _)| (count(map), map))
+            .max_by_key(|(n, map)| (*n, std::cmp::Reverse(*map)))
+            .map(|(_, map)| map)
+    }
+
+    /// The surface of a map, fused from the stored depth with the poses that key frames have now: without seams.
+    ///
+    /// # Errors
+    /// A config out of range, poses out of range.
+    pub fn surface(&mut self, map: MapId, config: TsdfConfig) -> Result<TsdfVolume, DenseError> {
+        self.map.fuse_all(dense_map(map), config)
+    }
+}
+
+/// Moves the anchors of key frames.
+fn align(map: &mut DenseMap, moved: &mut BTreeMap<KeyFrameId, Se3>, counts: &mut DenseCounts) {
+    if moved.is_empty() {
+        return;
+    }
+    let all: Vec<(AnchorId, Se3)> =
+        std::mem::take(moved).into_iter().map(|(id, p)| (anchor(id), p)).collect();
+    counts.refused += usize::from(map.align(&all).is_err());
+}
+
+fn anchor(id: KeyFrameId) -> AnchorId {
+    AnchorId(id.index() as u64)
+}
+
+fn dense_map(map: MapId) -> DenseMapId {
+    DenseMapId(map.root().index() as u64)
+}

@@ -1,0 +1,251 @@
+//! Surfaces follow the map: after any history of changes they are those fused afresh from the final poses.
+
+use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_dense::{
+    DepthConfig, DepthPreparer, MeshConfig, Mesher, OccupancyConfig, SubmapConfig, TsdfConfig, TsdfVolume,
+};
+use cairn_engine::DenseMapper;
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
+use cairn_sensor::{Camera, DepthImage, Stamp};
+use cairn_vision::Frame;
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+const VOXEL_M: f64 = 0.05;
+
+fn camera() -> Camera {
+    Camera::pinhole(80, 60, 70.0, 70.0, 39.5, 29.5)
+}
+
+fn config() -> SubmapConfig {
+    SubmapConfig {
+        tsdf: TsdfConfig { voxel_m: VOXEL_M, ..TsdfConfig::default() },
+        occupancy: OccupancyConfig { voxel_m: 0.1, ..OccupancyConfig::default() },
+        reach_m: 1.5,
+        ..SubmapConfig::default()
+    }
+}
+
+/// Depth in millimetres of a wall 2 m ahead, and 1.7 m right of x = 0.5 m, as a camera at `x` metres sees it.
+fn wall(x: f64) -> DepthImage {
+    let x = x + mounted().translation.x;
+    let at = |i: usize| {
+        let slope = ((i % 80) as f64 - 39.5) / 70.0;
+        let side = (0.5 - x) / slope;
+        let z = if x + slope * 1.7 > 0.5 {
+            1.7
+        } else if x < 0.5 && (1.7..2.0).contains(&side) {
+            side
+        } else {
+            2.0
+        };
+        (z * 1000.0 + 0.5) as u16
+    };
+    DepthImage::from_vec(80, 60, (0..80 * 60).map(at).collect()).expect("all pixels")
+}
+
+fn pose(x: f64, wobble: [f64; 3]) -> Se3 {
+    Se3::new(So3::exp(&Vec3::new(0.0, wobble[0], wobble[1])), Vec3::new(x, wobble[2], 0.0))
+}
+
+/// The camera of the depth sensor beside that of the key frames.
+fn mounted() -> Se3 {
+    Se3::new(So3::identity(), Vec3::new(0.05, 0.0, 0.0))
+}
+
+#[derive(Clone, Debug)]
+enum Event {
+    Add { parent: Option<usize>, x: f64, depth: bool },
+    Move(Vec<[f64; 3]>),
+    Merge([f64; 3]),
+    Align([f64; 3]),
+    Remove(usize),
+    Step(usize),
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let small = || [-0.04f64..0.04, -0.04f64..0.04, -0.05f64..0.05];
+    let parent = prop::option::weighted(0.85, 0usize..40);
+    prop_oneof![
+        5 => (parent, -1.0f64..3.0, prop::bool::weighted(0.9)).prop_map(|(parent, x, depth)| Event::Add { parent, x, depth }),
+        2 => proptest::collection::vec(small(), 1..6).prop_map(Event::Move),
+        1 => small().prop_map(Event::Merge),
+        1 => small().prop_map(Event::Align),
+        1 => (0usize..20).prop_map(Event::Remove),
+        2 => (1usize..6).prop_map(Event::Step),
+    ]
+}
+
+fn ids(snapshot: &Snapshot) -> Vec<KeyFrameId> {
+    snapshot.key_frames().map(|k| k.id).collect()
+}
+
+/// The changes of an event on a snapshot; some commits hold several kinds, as those of mapping do.
+fn changes(event: &Event, snapshot: &Snapshot) -> Vec<Change> {
+    let ids = ids(snapshot);
+    let maps: Vec<MapId> = snapshot.maps().map(|(m, _)| m).collect();
+    match event {
+        Event::Add { parent, x, .. } => {
+            let id = snapshot.next_key_frame_id();
+            let parent = parent.filter(|_| !ids.is_empty()).map(|p| ids[p % ids.len()]);
+            let mut frame = Frame::default();
+            frame.stamp = Stamp(id.index() as i64 + 1);
+            let key_frame = KeyFrame::new(id, Arc::new(frame), pose(*x, [0.0; 3]), parent);
+            vec![Change::AddKeyFrame(Box::new(key_frame))]
+        }
+        Event::Move(by) => (ids.iter().zip(by.iter().cycle()))
+            .filter_map(|(id, w)| {
+                let at = snapshot.key_frame(*id)?.world_from_camera;
+                Some(Change::MoveKeyFrame(*id, at * pose(w[2], *w)))
+            })
+            .collect(),
+        Event::Merge(w) if maps.len() > 1 => {
+            let (from, into) = (maps[1], maps[0]);
+            let moved = snapshot
+                .key_frame(from.root())
+                .map(|k| Change::MoveKeyFrame(k.id, k.world_from_camera * pose(0.02, *w)));
+            let p = pose(0.3, *w);
+            let into_from = Sim3::new(p.rotation, p.translation, 1.0);
+            let merge = Change::Merge { from, into, into_from, parent: into.root() };
+            moved.into_iter().chain([merge]).collect()
+        }
+        Event::Align(w) if !maps.is_empty() => {
+            let p = pose(0.0, *w);
+            vec![Change::AlignGravity(maps[0], Sim3::new(p.rotation, p.translation, 1.0))]
+        }
+        Event::Remove(n) if !ids.is_empty() => {
+            let id = ids[n % ids.len()];
+            let at = snapshot.key_frame(id).map_or_else(Se3::identity, |k| k.world_from_camera);
+            vec![Change::MoveKeyFrame(id, at * pose(0.03, [0.0, 0.02, 0.0])), Change::RemoveKeyFrame(id)]
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// The distance that a share of the vertices has at most to the nearest of others, in metres, looked for within three
+/// voxels.
+fn distance_of(share: f64, from: &[Vec3], to: &[Vec3]) -> f64 {
+    let cell = |p: &Vec3| [p.x, p.y, p.z].map(|v| (v / (3.0 * VOXEL_M)).floor() as i32);
+    let mut cells: BTreeMap<[i32; 3], Vec<Vec3>> = BTreeMap::new();
+    to.iter().for_each(|p| cells.entry(cell(p)).or_default().push(*p));
+    let near = |p: &Vec3| {
+        let c = cell(p);
+        let around = (0..27).map(|i| [c[0] + i % 3 - 1, c[1] + i / 3 % 3 - 1, c[2] + i / 9 - 1]);
+        let all = around.filter_map(|k| cells.get(&k)).flatten();
+        all.map(|q| (q - p).norm()).fold(3.0 * VOXEL_M, f64::min)
+    };
+    let mut all: Vec<f64> = from.iter().map(near).collect();
+    all.sort_by(f64::total_cmp);
+    let last = all.len().saturating_sub(1);
+    all.get((last as f64 * share) as usize).copied().unwrap_or(0.0)
+}
+
+fn vertices(volume: &TsdfVolume) -> Vec<Vec3> {
+    let mesh = Mesher::new(MeshConfig::default()).whole(volume);
+    mesh.positions.iter().map(|p| Vec3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]))).collect()
+}
+
+/// A map with a history, and what follows it.
+struct Followed {
+    atlas: Atlas,
+    mapper: DenseMapper,
+    /// Key frames with depth, and where they truly were.
+    fused: Vec<(KeyFrameId, f64)>,
+}
+
+impl Followed {
+    fn through(events: &[Event]) -> Self {
+        let mut atlas = Atlas::new(Snapshot::new());
+        let from = atlas.subscribe();
+        let mapper = DenseMapper::following(from, camera(), 0.001, mounted(), config()).expect("a camera");
+        let mut all = Self { atlas, mapper, fused: Vec::new() };
+        for event in events {
+            let snapshot = all.atlas.latest().clone();
+            let id = snapshot.next_key_frame_id();
+            if let Event::Add { x, depth: true, .. } = event {
+                all.mapper.offer(Stamp(id.index() as i64 + 1), Arc::new(wall(*x)));
+                all.fused.push((id, *x));
+            }
+            all.atlas.commit(changes(event, &snapshot));
+            if let Event::Step(n) = event {
+                all.mapper.follow();
+                all.mapper.step(&Vec3::zeros(), *n);
+            }
+        }
+        all
+    }
+
+    /// Follows to the end, with the work that waits.
+    fn finish(&mut self) {
+        self.mapper.follow();
+        for _ in 0..10_000 {
+            if self.mapper.step(&Vec3::zeros(), 50).waiting == 0 {
+                return;
+            }
+        }
+        panic!("the work does not end");
+    }
+
+    /// The depth of a map, fused with the poses that its key frames have in the latest snapshot.
+    fn fresh(&self, map: MapId) -> Vec<Vec3> {
+        let snapshot = self.atlas.latest();
+        let mut preparer = DepthPreparer::new(DepthConfig::default(), camera(), 0.001).expect("a camera");
+        let mut fresh = TsdfVolume::new(config().tsdf).expect("in range");
+        for (id, x) in &self.fused {
+            let alive = snapshot.surviving_ancestor(*id).and_then(|(id, _)| snapshot.key_frame(id));
+            if alive.is_some_and(|k| k.map == map) {
+                let pose = snapshot.resolve(*id, &mounted()).expect("an anchor");
+                fresh.integrate(preparer.prepare(&wall(*x)).expect("depth"), None, &pose).expect("a pose");
+            }
+        }
+        vertices(&fresh)
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_history_of_the_map_ends_as_if_fused_afresh(events in proptest::collection::vec(event(), 8..30)) {
+        let mut all = Followed::through(&events);
+        all.finish();
+        prop_assert_eq!(all.mapper.counts().key_frames, all.fused.len());
+        prop_assert_eq!(all.mapper.counts().refused, 0);
+        for (map, _) in all.atlas.latest().clone().maps() {
+            let fresh = all.fresh(map);
+            let whole = vertices(&all.mapper.surface(map, config().tsdf).expect("poses"));
+            prop_assert!(distance_of(1.0, &whole, &fresh) < 0.1 * VOXEL_M, "surface");
+            prop_assert!(distance_of(1.0, &fresh, &whole) < 0.1 * VOXEL_M, "holes");
+        }
+    }
+
+    /// Whatever the poses went through, once they are right the submaps show one wall, where it is.
+    #[test]
+    fn submaps_recover_from_any_poses(events in proptest::collection::vec(event(), 8..30)) {
+        let events: Vec<Event> = events.into_iter().filter(|e| !matches!(e, Event::Remove(_))).collect();
+        let mut all = Followed::through(&events);
+        let right = all.fused.iter().map(|(id, x)| Change::MoveKeyFrame(*id, pose(*x, [0.0; 3]))).collect();
+        all.atlas.commit(right);
+        all.finish();
+        for (map, _) in all.atlas.latest().clone().maps() {
+            let fresh = all.fresh(map);
+            let submaps = all.mapper.map().submaps().filter(|s| s.map.0 == map.root().index() as u64);
+            let live: Vec<Vec3> =
+                submaps.flat_map(|s| vertices(s.tsdf).into_iter().map(move |p| s.world_from_submap * p)).collect();
+            // Nothing doubled or left behind; the rims where images of two submaps meet may be open.
+            let off = [distance_of(0.97, &fresh, &live), distance_of(1.0, &live, &fresh)];
+            prop_assert!(off.iter().all(|off| *off < 1.5 * VOXEL_M), "{off:?} m");
+        }
+    }
+}
+
+#[test]
+fn a_rig_without_depth_is_refused() {
+    use cairn_engine::{Config, DenseSetupError, Engine, Runner, SensorMode};
+    let rig = cairn_sensor::Rig::mono(Camera::pinhole(640, 480, 500.0, 500.0, 320.0, 240.0));
+    let mut engine =
+        Engine::new(&rig, SensorMode::Mono, 30.0, Runner::Lockstep, &Config::default()).expect("a rig");
+    let refused = DenseMapper::new(&mut engine, &rig, SubmapConfig::default()).err();
+    assert_eq!(refused, Some(DenseSetupError::NoDepth));
+}
