@@ -81,8 +81,17 @@ pub enum CueKind {
     Start {
         /// Metres of the whole route.
         total_m: f64,
+        /// Metres that are left of it: fewer where the walker joins it on its way.
+        left_m: f64,
         /// What to do first.
         first: First,
+    },
+    /// Guidance cannot begin: the walker is not on the route, and nobody walked the ground between.
+    Away {
+        /// Metres to its nearest point.
+        distance_m: f64,
+        /// Where that lies, radians, positive to the walker's left.
+        bearing_rad: f64,
     },
     /// Tracking has recovered after a stop; what to do now.
     Resume(First),
@@ -210,9 +219,14 @@ impl Cue {
             | StepAside(_)
             | EndMissed { .. }
             | Arrived => Priority::High,
-            Start { .. } | Resume(_) | Approach(_) | Go { .. } | Stopped { .. } | SlowDown | Weak => {
-                Priority::Normal
-            }
+            Start { .. }
+            | Away { .. }
+            | Resume(_)
+            | Approach(_)
+            | Go { .. }
+            | Stopped { .. }
+            | SlowDown
+            | Weak => Priority::Normal,
             Progress(_) | Waypoint | OnCourse | BackOnPath => Priority::Low,
         }
     }

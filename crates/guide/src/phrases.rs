@@ -6,6 +6,7 @@
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
+use serde::{Deserialize, Serialize};
 
 /// The unit in which distances are said.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +48,8 @@ impl Default for PhraseConfig {
 }
 
 /// A side of the walker's own body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Side {
     /// Left.
     Left,
@@ -104,7 +106,8 @@ impl PhraseConfig {
     pub fn words(&self, cue: &Cue) -> Option<String> {
         let back = cue.facing == Facing::Backwards;
         Some(match cue.kind {
-            CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
+            CueKind::Start { total_m, left_m, first } => self.start(total_m, left_m, &first, cue.facing),
+            CueKind::Away { distance_m, bearing_rad } => self.away(distance_m, bearing_rad),
             CueKind::Resume(First::Turn(a)) => format!("I found my place. {}.", capital(&self.turn(a, back))),
             CueKind::Resume(First::Go(ahead)) => format!("I found my place. {}", self.go(&ahead, back, back)),
             CueKind::Correction(First::Turn(a)) => format!("Correction. {}.", capital(&self.turn(a, back))),
@@ -164,10 +167,13 @@ impl PhraseConfig {
         format!("{rounded} {}", if rounded == 1 { one } else { many })
     }
 
-    fn start(&self, total_m: f64, first: &First, facing: Facing) -> String {
-        let mut s = match self.metric {
-            true => format!("The route is {}. ", self.distance(total_m)),
-            false => "Guidance starts. I cannot measure distances. ".into(),
+    fn start(&self, total_m: f64, left_m: f64, first: &First, facing: Facing) -> String {
+        let joins = total_m - left_m > crate::guide::AT_START_M;
+        let mut s = match (self.metric, joins) {
+            (true, false) => format!("The route is {}. ", self.distance(total_m)),
+            (true, true) => format!("You are on the route, {} to go. ", self.distance(left_m)),
+            (false, false) => "Guidance starts. I cannot measure distances. ".into(),
+            (false, true) => "You are on the route. I cannot measure distances. ".into(),
         };
         match facing {
             Facing::Home => {}
@@ -182,6 +188,19 @@ impl PhraseConfig {
             First::Go(ahead) => self.go(ahead, back, back),
         };
         s
+    }
+
+    /// The walker is not on the route, and no one has walked between him and it.
+    fn away(&self, distance_m: f64, bearing_rad: f64) -> String {
+        let place = match Direction::of(bearing_rad) {
+            Direction::Straight => "ahead".to_owned(),
+            Direction::Around => "behind you".to_owned(),
+            Direction::Slight(s) | Direction::Turn(s) | Direction::Sharp(s) => {
+                format!("to your {}", s.word())
+            }
+        };
+        let at = if self.metric { format!("{} away, ", self.distance(distance_m)) } else { "away, ".into() };
+        format!("The route is {at}{place}. I do not know the ground between. Go there, and I will guide you.")
     }
 
     /// "turn left", "rotate right", "turn around".

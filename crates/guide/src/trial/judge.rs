@@ -242,6 +242,7 @@ impl Judge {
 fn name(kind: &CueKind) -> &'static str {
     match kind {
         CueKind::Start { .. } => "start",
+        CueKind::Away { .. } => "away",
         CueKind::Resume(_) => "resume",
         CueKind::Correction(_) => "correction",
         CueKind::Approach(_) => "approach",
