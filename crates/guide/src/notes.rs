@@ -58,7 +58,7 @@ impl RouteNote {
     /// How many notes a route may have.
     pub const MOST: usize = 1000;
     /// How many characters a note may have.
-    pub const LONGEST: usize = 200;
+    pub const LONGEST: usize = 120;
 
     /// Whether it can be kept.
     ///

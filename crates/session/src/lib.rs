@@ -10,6 +10,7 @@ mod guidance;
 #[cfg(test)]
 mod guidance_tests;
 mod inbox;
+mod library;
 mod ready;
 mod recording;
 mod reference_path;
@@ -21,11 +22,15 @@ mod status;
 mod synthetic;
 
 pub use age::Age;
-pub use command::{Command, HELP};
+pub use command::{Command, HELP, Which};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Face, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use inbox::{Inbox, Item, feed};
+pub use library::{
+    Kept, LONGEST_NAME, LibraryError, MOST_KEY_FRAMES, MOST_ROUTES, MapKeeper, RouteEntry, RouteListed,
+    RoutesLock, WallClock, WallTime, routes_in,
+};
 pub use ready::{landmarks_in_view, readiness};
 pub use reference_path::{ReferencePath, standing};
 pub use script::{Script, ScriptError, When};

@@ -29,8 +29,16 @@ fn folder(name: &str) -> PathBuf {
 
 fn server(name: &str, camera: CameraSource) -> Server {
     let session = SessionConfig { folder: folder(name), ..SessionConfig::default() };
-    Server::start(ServeConfig { lan: false, port: 0, keep: None, camera, config: Config::default(), session })
-        .unwrap()
+    Server::start(ServeConfig {
+        lan: false,
+        port: 0,
+        keep: None,
+        routes: None,
+        camera,
+        config: Config::default(),
+        session,
+    })
+    .unwrap()
 }
 
 /// A walk through a world, played in real time.
@@ -166,9 +174,18 @@ async fn page_is_served_over_tls_with_content_policy() {
         let _ = tls.read_to_string(&mut text);
         text
     };
-    for path in
-        ["/", "/app.js", "/pace.js", "/camera.js", "/senses.js", "/view.js", "/style.css", "/icon.svg"]
-    {
+    for path in [
+        "/",
+        "/app.js",
+        "/pace.js",
+        "/camera.js",
+        "/senses.js",
+        "/routes.js",
+        "/buttons.js",
+        "/view.js",
+        "/style.css",
+        "/icon.svg",
+    ] {
         let text = get(path);
         assert!(text.starts_with("HTTP/1.1 200"), "{path}: {text}");
         assert!(text.contains("content-security-policy: default-src 'none'"), "{path}");

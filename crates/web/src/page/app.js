@@ -1,6 +1,8 @@
 // The page: its web socket, the status on the screen, and the commands.
+import { MediaButtons } from './buttons.js';
 import { Camera } from './camera.js';
 import { Pace } from './pace.js';
+import { MainButton, Noting, RouteList } from './routes.js';
 import { Senses } from './senses.js';
 import { Picture, MapView } from './view.js';
 
@@ -23,6 +25,12 @@ const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
 const picture = new Picture($('picture'));
 const map = new MapView($('map'), $('map-words'));
 const pace = new Pace();
+const routes = new RouteList(command);
+const noting = new Noting(command);
+const main = new MainButton();
+const media = new MediaButtons(command);
+// The newest status; null before the first picture, and while there is no connection.
+let latest = null;
 let socket = null;
 let me = null;
 let controls = false;
@@ -73,7 +81,7 @@ function connect() {
   heard = performance.now();
   mine.binaryType = 'arraybuffer';
   mine.onopen = () => {
-    send(JSON.stringify({ hello: { token, walk: !watchOnly, secret, origin: performance.timeOrigin } }));
+    send(JSON.stringify({ hello: { token, walk: !watchOnly, secret, origin: performance.timeOrigin, zone_min: -new Date().getTimezoneOffset() } }));
     want();
   };
   mine.onmessage = (event) => {
@@ -93,6 +101,7 @@ function ended() {
   if (me !== null || down !== null) lost('The connection is lost.');
   $('link').textContent = 'Not connected. Trying again.';
   me = null;
+  latest = null;
   control(null, held);
   setTimeout(connect, rest);
   rest = Math.min(2 * rest, 5000);
@@ -115,6 +124,7 @@ function take(message) {
     control: (v) => control(v.id, v.held),
     got: () => pace.got(performance.now()),
     view: (v) => map.take(v),
+    routes: (v) => routes.take(v),
   };
   known[kind]?.(value);
 }
@@ -163,6 +173,12 @@ function control(id, isHeld) {
   for (const button of document.querySelectorAll('[data-command]')) {
     button.setAttribute('aria-disabled', controls || (free && !watchOnly) ? 'false' : 'true');
   }
+  showMain();
+}
+
+// The main button is there where neither the walk has to be taken nor the camera to be started first.
+function showMain() {
+  main.show(latest, $('take').hidden && $('camera').hidden && me !== null);
 }
 // Control that this page asked for itself needs no announcement the first time.
 let isQuiet = true;
@@ -216,6 +232,9 @@ function doubt(text) {
 
 function status(s) {
   guiding = s.guiding !== null;
+  latest = s;
+  showMain();
+  routes.ask(s.question, controls);
   frameMs = s.frame_ms;
   showState(s);
   set('s-tracking', `${s.words} ${s.tracked} of ${s.frames} frames; ${s.inliers} matches.`);
@@ -225,15 +244,15 @@ function status(s) {
     ? `${initialised ? '' : 'scale and gravity not known, '}${imu.batch} readings a picture, ${imu.synthesised} interpolated, ${imu.gaps} gaps`
     : 'not used');
   set('s-recording', s.recording
-    ? `${s.recording.points} points, ${s.recording.length.toFixed(1)} ${s.metric ? 'metres' : 'units'}, ${s.recording.file}`
+    ? `${s.recording.points} points, ${s.recording.length.toFixed(1)} ${s.metric ? 'metres' : 'units'}, ${s.recording.notes} notes, ${s.recording.file}`
       + (s.recording.trouble ? `; not on disk: ${s.recording.trouble}` : '')
     : 'no');
-  set('s-route', s.route ? `${s.route.file}, ${s.route.points} points${s.route.here ? '' : ', of another map'}` : 'none');
+  set('s-route', s.route ? `${s.route.name}, ${s.route.points} points${s.route.here ? '' : ', of another map'}` : 'none');
   set('s-guiding', s.guiding
     ? `${s.guiding.facing}, ${s.guiding.state}, ${s.guiding.along_m.toFixed(1)} of ${s.guiding.length_m.toFixed(1)}${s.metric ? ' metres' : ''}`
     : 'none');
   set('s-scale', s.metric ? 'metres' : 'not known, so no distances are said');
-  set('s-map', `${s.key_frames} keyframes, ${s.landmarks} landmarks`);
+  set('s-map', `${s.key_frames} keyframes, ${s.landmarks} landmarks${s.map_trouble ? `; not saved: ${s.map_trouble}` : ''}`);
   set('s-time', `${clock(s.t_s)}, ${s.step_ms.toFixed(1)} ms a picture, ${s.dropped} dropped`);
   map.camera(s);
 }
@@ -310,8 +329,12 @@ setInterval(() => {
   else if (age !== null) becameFresh();
 }, 100);
 
+let touched = false;
 function command(line) {
   senses.wake();
+  // A page may play sound only once it has been touched.
+  if (!touched && $('media').checked) media.set(true);
+  touched = true;
   if (me === null) {
     refused('The connection is lost. Trying again.');
     return;
@@ -325,15 +348,21 @@ function command(line) {
 
 document.addEventListener('click', (event) => {
   const button = event.target.closest('[data-command]');
-  if (button) command(button.dataset.command);
+  if (button?.dataset.command) command(button.dataset.command);
 });
 
-const KEYS = { r: 'record', s: 'stop', l: 'load', g: 'guide home', b: 'guide backwards', h: 'halt', p: 'repeat', i: 'status' };
+const KEYS = { r: 'record', s: 'stop', o: 'routes', l: 'load', g: 'guide home', b: 'guide backwards', h: 'halt', p: 'repeat', i: 'status' };
 document.addEventListener('keydown', (event) => {
   const typing = event.target.closest?.('input:not([type=checkbox]):not([type=radio]), textarea, select');
   if (!$('keys').checked || typing || event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
-  const line = KEYS[event.key.toLowerCase()];
-  if (line) {
+  // A dialog has its own keys.
+  if (document.querySelector('dialog.small[open]')) return;
+  const key = event.key.toLowerCase();
+  const line = /^[1-9]$/.test(key) ? `load ${key}` : KEYS[key];
+  if (key === 'n' && !$('note').hidden) {
+    event.preventDefault();
+    noting.open();
+  } else if (line) {
     event.preventDefault();
     command(line);
   }
@@ -362,6 +391,7 @@ $('camera').addEventListener('click', async () => {
   $('own').hidden = false;
   $('seen').hidden = true;
   $('camera').hidden = true;
+  showMain();
   $('commands').focus();
   want();
 });
@@ -384,7 +414,7 @@ function keep(name, value) {
   }
 }
 
-for (const name of ['rate', 'volume', 'sounds', 'vibrate', 'keys']) {
+for (const name of ['rate', 'volume', 'sounds', 'vibrate', 'keys', 'media']) {
   const input = $(name);
   const value = () => (input.type === 'checkbox' ? input.checked : Number(input.value));
   if (name in kept) input[input.type === 'checkbox' ? 'checked' : 'value'] = kept[name];
@@ -392,6 +422,7 @@ for (const name of ['rate', 'volume', 'sounds', 'vibrate', 'keys']) {
   input.addEventListener('change', () => {
     senses.set(name, value());
     keep(name, value());
+    if (name === 'media') media.set(value());
   });
 }
 for (const radio of document.querySelectorAll('[name=told]')) {

@@ -1,0 +1,161 @@
+// The kept routes: their list with its buttons, the dialogs about them, and the one main button of the walk.
+
+// The words of this file, in one place.
+const WORDS = {
+  none: 'No route has been recorded yet.',
+  count: (n) => (n === 1 ? '1 route' : `${n} routes`),
+  loaded: 'This route is at hand.',
+  load: 'Load',
+  rename: 'Rename',
+  remove: 'Delete',
+  notes: (n) => (n === 1 ? '1 note' : `${n} notes`),
+  whyNot: (why) => `Cannot be walked: ${why}.`,
+  wait: 'Wait for the picture',
+  record: 'Record',
+  stop: 'Stop recording',
+  halt: 'Halt guidance',
+  home: 'Guide home',
+  again: 'Guide from start to end',
+};
+// A button whose meaning has just changed ignores a press that was meant for the meaning before.
+const CHANGED_MS = 500;
+
+const $ = (id) => document.getElementById(id);
+
+function make(kind, properties, ...inside) {
+  const element = Object.assign(document.createElement(kind), properties);
+  element.append(...inside);
+  return element;
+}
+
+// The list of the routes, newest first.
+export class RouteList {
+  constructor(command) {
+    this.command = command;
+    this.shown = '';
+    $('rename').querySelector('form').addEventListener('submit', (event) => {
+      event.preventDefault();
+      const name = $('rename-name').value.trim();
+      $('rename').close();
+      if (name) command(`rename ${this.renaming} ${name}`);
+    });
+    $('rename-leave').addEventListener('click', () => $('rename').close());
+    for (const [id, line] of [['question-yes', 'yes'], ['question-no', 'no']]) {
+      $(id).addEventListener('click', () => { $('question').close(); command(line); });
+    }
+    $('question').addEventListener('cancel', () => command('no'));
+  }
+
+  take(routes) {
+    const text = JSON.stringify(routes);
+    if (text === this.shown) return;
+    this.shown = text;
+    $('routes-count').textContent = WORDS.count(routes.length);
+    $('routes-none').hidden = routes.length > 0;
+    // A list that is rebuilt keeps the focus where it was.
+    const focus = document.activeElement?.dataset?.route;
+    $('route-list').replaceChildren(...routes.map((route) => this.item(route)));
+    if (focus) document.querySelector(`[data-route="${CSS.escape(focus)}"]`)?.focus();
+  }
+
+  item(route) {
+    const label = (word) => `${word} ${route.words}`;
+    const button = (word, what, action) => {
+      const made = make('button', { type: 'button', textContent: word });
+      made.setAttribute('aria-label', label(word));
+      made.dataset.route = `${what} ${route.number}`;
+      made.addEventListener('click', action);
+      return made;
+    };
+    const load = button(WORDS.load, 'load', () => this.command(`load ${route.number}`));
+    if (route.why_not) load.setAttribute('aria-disabled', 'true');
+    const rename = button(WORDS.rename, 'rename', () => {
+      this.renaming = route.number;
+      $('rename-title').textContent = route.words;
+      $('rename-name').value = route.name ?? '';
+      $('rename').showModal();
+      $('rename-name').select();
+    });
+    const remove = button(WORDS.remove, 'delete', () => this.command(`delete ${route.number}`));
+    remove.classList.add('halt');
+    const more = [];
+    if (route.loaded) more.push(WORDS.loaded);
+    if (route.notes) more.push(`${WORDS.notes(route.notes)}.`);
+    if (route.why_not) more.push(WORDS.whyNot(route.why_not));
+    const item = make('li', {}, make('p', { className: 'name', textContent: route.words }));
+    if (more.length) item.append(make('p', { className: 'more', textContent: more.join(' ') }));
+    item.append(make('div', { className: 'three' }, load, rename, remove));
+    item.classList.toggle('loaded', route.loaded);
+    return item;
+  }
+
+  // A question of the session is asked on the page that holds the walk, and taken back with its reason.
+  ask(question, controls) {
+    const open = $('question').open;
+    if (question && controls && this.asked !== question) {
+      $('question-title').textContent = question.replace(/ Answer yes or no\.$/, '');
+      if (!open) $('question').showModal();
+    } else if (!question && open) $('question').close();
+    this.asked = question;
+  }
+}
+
+// A landmark: the place is that of the moment at which the dialog opens.
+export class Noting {
+  constructor(command) {
+    this.command = command;
+    $('note').addEventListener('click', () => this.open());
+    $('noting-leave').addEventListener('click', () => $('noting').close());
+    $('noting').querySelector('form').addEventListener('submit', (event) => {
+      event.preventDefault();
+      const side = document.querySelector('[name=side]:checked').value;
+      $('noting').close();
+      command(`note ${side} ${$('noting-text').value.trim()}`.replace(/\s+/g, ' ').trim());
+    });
+  }
+
+  open() {
+    if ($('note').hidden || $('noting').open) return;
+    this.command('mark');
+    $('noting-text').value = '';
+    $('side-none').checked = true;
+    $('noting').showModal();
+  }
+}
+
+// The main button: what most likely comes next.
+export class MainButton {
+  constructor() {
+    this.changed = -Infinity;
+    $('main').addEventListener('click', (event) => {
+      if (performance.now() - this.changed < CHANGED_MS) event.stopPropagation();
+    });
+  }
+
+  // `status` is null before the first picture.
+  show(status, shown) {
+    const button = $('main');
+    const state = !status || status.frames === 0 ? 'wait' : status.recording ? 'stop' : status.guiding ? 'halt'
+      : status.route?.here ? (status.route.is_new ? 'home' : 'again') : 'record';
+    const commands = { wait: '', record: 'record', stop: 'stop', halt: 'halt', home: 'guide home', again: 'guide again' };
+    button.hidden = !shown;
+    if (button.dataset.state !== state) {
+      this.changed = performance.now();
+      button.dataset.state = state;
+      button.dataset.command = commands[state];
+      button.querySelector('.label').textContent = WORDS[state];
+    }
+    const length = status?.recording && status.metric && status.recording.length >= 1
+      ? `, ${Math.round(status.recording.length)} m` : '';
+    const more = button.querySelector('.more');
+    if (more.textContent !== length) more.textContent = length;
+    $('note').hidden = !status?.recording || !shown;
+    $('other').hidden = state !== 'home' && state !== 'again' || !shown;
+    if ($('other').dataset.state !== state) {
+      $('other').dataset.state = state;
+      $('other').dataset.command = state === 'home' ? 'guide again' : 'guide home';
+      $('other').textContent = state === 'home' ? WORDS.again : WORDS.home;
+    }
+    $('anew').hidden = $('other').hidden;
+  }
+}
