@@ -9,6 +9,7 @@ use crate::ground::{Ground, wrap};
 use crate::phrases::Side;
 use crate::route::{Anchor, seven, stamp_ns};
 use cairn_geometry::Se3;
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -100,17 +101,15 @@ impl RouteNote {
     }
 
     /// The note in words: "Door on your left."
-    pub fn words(&self, lies: Option<Lies>) -> String {
-        let mut text = self.text.clone();
-        if let Some(first) = text.chars().next() {
-            text.replace_range(..first.len_utf8(), &first.to_uppercase().to_string());
-        }
-        match lies {
-            None => format!("{text}."),
-            Some(Lies::Beside(side)) => format!("{text} on your {}.", side.word()),
-            Some(Lies::Ahead) => format!("{text} ahead."),
-            Some(Lies::Behind) => format!("{text} behind you."),
-        }
+    pub fn words(&self, lies: Option<Lies>, language: Language) -> String {
+        let text = ("text", (&self.text).into());
+        let place = match lies {
+            None => return language.say("guide-note", &[text]),
+            Some(Lies::Beside(side)) => side.name(),
+            Some(Lies::Ahead) => "ahead",
+            Some(Lies::Behind) => "behind",
+        };
+        language.say("guide-note-at", &[text, ("place", place.into())])
     }
 }
 
@@ -145,7 +144,7 @@ mod tests {
         let told = |facing: Facing, pose: Se3| {
             let walker = facing.heading(&ground, &Pose::new(pose)).unwrap();
             assert!(RouteNote::is_passed(&ground, &left.odom_from_camera, &walker), "{walker:?}");
-            left.words(left.lies(&ground, &left.odom_from_camera, &walker))
+            left.words(left.lies(&ground, &left.odom_from_camera, &walker), Language::English)
         };
         use std::f64::consts::PI;
         assert_eq!(told(Facing::Home, camera(3.0, 0.0, 0.0)), "Door on your left.");
@@ -157,7 +156,7 @@ mod tests {
         // Round a corner.
         assert_eq!(told(Facing::Home, camera(5.0, -2.0, FRAC_PI_2)), "Door ahead.");
         assert_eq!(told(Facing::Home, camera(5.0, 2.0, -FRAC_PI_2)), "Door behind you.");
-        assert_eq!(note(None).words(None), "Door.");
+        assert_eq!(note(None).words(None, Language::German), "Door.");
     }
 
     #[test]

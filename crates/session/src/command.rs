@@ -1,7 +1,9 @@
 //! The commands of a session, the same everywhere: keys on a terminal or the page, lines for screen readers and
 //! scripts.
 
+use crate::settings::{self, Setting};
 use cairn_guide::{Facing, Side};
+use cairn_phrases::Language;
 use std::path::PathBuf;
 
 /// Which route.
@@ -54,40 +56,72 @@ pub enum Command {
     Repeat,
     /// Say the present state.
     Status,
+    /// Change how Cairn speaks.
+    Set(Setting),
     /// End the session.
     Quit,
 }
 
+/// A key that gives a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Key {
+    /// The key, in lower case.
+    pub key: char,
+    /// The command as a line.
+    pub line: &'static str,
+    /// The id of what it does, in the catalogue.
+    pub does: &'static str,
+}
+
+const fn key(key: char, line: &'static str, does: &'static str) -> Key {
+    Key { key, line, does }
+}
+
+/// The keys of the terminal, the page and the help.
+pub const KEYS: [Key; 14] = [
+    key('r', "record", "key-record"),
+    key('s', "stop", "key-stop"),
+    key('n', "note", "key-note"),
+    key('o', "routes", "key-routes"),
+    key('l', "load", "key-load"),
+    key('d', "delete", "key-delete"),
+    key('y', "yes", "key-yes"),
+    key('x', "no", "key-no"),
+    key('g', "guide", "key-guide"),
+    key('b', "backwards", "key-backwards"),
+    key('h', "halt", "key-halt"),
+    key('p', "repeat", "key-repeat"),
+    key('i', "status", "key-status"),
+    key('q', "quit", "key-quit"),
+];
+
+/// The key of a command given as a line, if it has one.
+pub fn key_of(line: &str) -> Option<char> {
+    KEYS.iter().find(|k| k.line == line).map(|k| k.key)
+}
+
 /// All commands with their keys, for people.
-pub const HELP: &str = "r record, s stop recording, n note a landmark, o list the routes, l load the latest route, 1-9 load \
-                        that route, d delete the route at hand, y yes, x no, g guide home, b guide backwards, h halt, p \
-                        repeat, i status, q quit; with lines also: load NUMBER or FILE, rename [NUMBER] NAME, delete \
-                        [NUMBER], mark, note [left|right] TEXT, guide home|back|backwards [again]";
+pub fn help(language: Language) -> String {
+    let keys: Vec<String> = KEYS.iter().map(|k| format!("{} {}", k.key, language.text(k.does))).collect();
+    let lines = format!(
+        "load NUMBER|FILE (1-9), rename [NUMBER] NAME, delete [NUMBER], mark, note [left|right] TEXT, guide \
+         home|back|backwards [again], {}",
+        settings::FORMS
+    );
+    format!("{}; {}", keys.join(", "), language.say("key-lines", &[("lines", (&lines).into())]))
+}
 
 impl Command {
     /// The command of a key, in either case.
     pub fn of_key(key: char) -> Option<Self> {
-        Some(match key.to_ascii_lowercase() {
-            'r' => Self::Record,
-            's' => Self::Stop,
-            'n' => Self::Note { text: String::new(), side: None },
-            'o' => Self::Routes,
-            'l' => Self::Load(Which::Latest),
-            digit @ '1'..='9' => Self::Load(Which::Number(u32::from(digit) - u32::from('0'))),
-            'd' => Self::Delete(None),
-            'y' => Self::Answer(true),
-            'x' => Self::Answer(false),
-            'g' => Self::Guide { facing: None, again: false },
-            'b' => Self::Guide { facing: Some(Facing::Backwards), again: false },
-            'h' => Self::Halt,
-            'p' => Self::Repeat,
-            'i' => Self::Status,
-            'q' => Self::Quit,
-            _ => return None,
-        })
+        let key = key.to_ascii_lowercase();
+        if let Some(number) = key.to_digit(10).filter(|n| *n > 0) {
+            return Some(Self::Load(Which::Number(number)));
+        }
+        KEYS.iter().find(|k| k.key == key).and_then(|k| Self::parse(k.line).ok())
     }
 
-    /// Parses a line: a word of [`HELP`], or a single key.
+    /// Parses a line: one of those that [`help`] lists, or a single key.
     ///
     /// # Errors
     /// What is wrong with the line, for the user.
@@ -107,6 +141,7 @@ impl Command {
             "yes" => Self::Answer(true),
             "no" => Self::Answer(false),
             "guide" => return guide(&rest),
+            "set" => return Ok(Self::Set(Setting::parse(&rest)?)),
             "halt" => Self::Halt,
             "backwards" => Self::Guide { facing: Some(Facing::Backwards), again: false },
             "repeat" => Self::Repeat,
@@ -115,7 +150,7 @@ impl Command {
             one => {
                 let mut letters = one.chars();
                 let key = letters.next().filter(|_| letters.next().is_none()).and_then(Self::of_key);
-                key.ok_or_else(|| format!("\"{one}\" is not a command; {HELP}"))?
+                key.ok_or_else(|| format!("\"{one}\" is not a command; {}", help(Language::English)))?
             }
         };
         match rest.first() {
@@ -200,6 +235,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn every_key_is_a_command_that_the_help_names() {
+        for language in Language::ALL {
+            let help = help(language);
+            for k in KEYS {
+                assert!(Command::of_key(k.key).is_some(), "{k:?}");
+                assert!(help.contains(&format!("{} {}", k.key, language.text(k.does))), "{help}");
+            }
+        }
+        let mut keys = KEYS.map(|k| k.key);
+        keys.sort_unstable();
+        assert!(keys.windows(2).all(|w| w[0] != w[1]), "one key for two commands: {keys:?}");
+    }
+
+    #[test]
     fn keys_and_lines_are_equivalent() {
         for (key, line) in [
             ('R', "record"),
@@ -247,10 +296,16 @@ mod tests {
         assert_eq!(note("note rightmost door"), ("rightmost door".to_owned(), None));
         assert_eq!(note("note İ on the left").0, "İ on the left");
         assert_eq!(note("n"), (String::new(), None));
+        assert_eq!(
+            Command::parse("set language de").unwrap(),
+            Command::Set(Setting::Language(Language::German))
+        );
         let again = Command::Guide { facing: Some(Facing::Back), again: true };
         assert_eq!(Command::parse(" guide BACK again ").unwrap(), again);
         for wrong in [
             "",
+            "set",
+            "set language xx",
             "fly",
             "record now",
             "guide away",

@@ -9,9 +9,10 @@ use cairn_atlas::Snapshot;
 use cairn_engine::Output;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Similarity, World};
 use cairn_guide::{
-    Anchor, Confidence, Cue, Facing, Guide, GuideConfig, GuideInput, GuideState, RecordInput, Route,
-    RouteNote, StopReason, Travel, wrap,
+    Anchor, Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, GuideState,
+    ManeuverPlanError, RecordInput, Route, RouteNote, StopReason, Travel, wrap,
 };
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 
 /// A pose, in the odometry frame and in the map.
@@ -46,6 +47,26 @@ impl Place {
     }
 }
 
+/// Why a route cannot be walked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum NoGuidance {
+    /// What is wrong with the route.
+    Plan(ManeuverPlanError),
+    /// What is wrong with walking it in this way.
+    Guide(GuideError),
+}
+
+impl NoGuidance {
+    /// The sentence that says it.
+    pub fn id(self) -> &'static str {
+        match self {
+            Self::Plan(ManeuverPlanError::TooShort(_)) => "walk-route-too-short",
+            Self::Plan(ManeuverPlanError::NotFinite(_)) => "walk-route-damaged",
+            Self::Guide(GuideError::BackwardsOnStairs) => "walk-stairs-backwards",
+        }
+    }
+}
+
 /// Guidance in progress.
 pub(crate) struct Guiding {
     pub guide: Guide,
@@ -69,7 +90,7 @@ impl Guiding {
     /// Starts guidance along a route, from the last known place.
     ///
     /// # Errors
-    /// Why the route cannot be walked in this way, in words.
+    /// Why the route cannot be walked in this way.
     pub fn begin(
         map: &Snapshot,
         route: &Route,
@@ -77,12 +98,11 @@ impl Guiding {
         facing: Facing,
         place: Option<&Place>,
         now: Stamp,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, NoGuidance> {
         let reference_path = ReferencePath::new(map, route, travel, place, now);
-        let plan = reference_path.plan().map_err(|e| format!("I cannot guide: {e}."))?;
+        let plan = reference_path.plan().map_err(NoGuidance::Plan)?;
         let config = GuideConfig { facing, ..GuideConfig::default() };
-        let guide =
-            Guide::new(plan, reference_path.ground, config).map_err(|e| format!("I cannot guide: {e}."))?;
+        let guide = Guide::new(plan, reference_path.ground, config).map_err(NoGuidance::Guide)?;
         let is_elsewhere = !place.is_some_and(|p| reference_path::is_reachable(map, route, p.anchor));
         Ok(Self {
             guide,
@@ -108,7 +128,13 @@ impl Guiding {
     }
 
     /// The note that the walker passes and was not told yet, in words.
-    pub fn note(&mut self, map: &Snapshot, route: &Route, place: &Place) -> Option<String> {
+    pub fn note(
+        &mut self,
+        map: &Snapshot,
+        route: &Route,
+        place: &Place,
+        language: Language,
+    ) -> Option<String> {
         if self.told.iter().all(|told| *told) || self.guide.state() != GuideState::Moving {
             return None;
         }
@@ -121,7 +147,7 @@ impl Guiding {
         let ((note, at), told) =
             passed.min_by(|((_, a), _), ((_, b), _)| distance(a).total_cmp(&distance(b)))?;
         *told = true;
-        Some(note.words(note.lies(&ground, at, &walker)))
+        Some(note.words(note.lies(&ground, at, &walker), language))
     }
 
     /// A step of the guide with the last known place; `route` is the one of [`Guiding::begin`].

@@ -116,7 +116,7 @@ impl Recording {
         }
     }
 
-    /// Takes a frame's pose; returns the words for the walker, if any are due. `place` is the last known one.
+    /// Takes a frame's pose; returns the id of a sentence for the walker, if one is due. `place` is the last known one.
     pub fn observe(&mut self, input: &RecordInput, place: Option<&Place>) -> Option<&'static str> {
         if let Some(place) = place.filter(|place| self.segment != Some(place.segment)) {
             self.segment = Some(place.segment);
@@ -138,11 +138,11 @@ impl Recording {
         match (self.trouble.now().is_some(), self.trouble_announced) {
             (true, false) => {
                 self.trouble_announced = true;
-                return Some("The disk is full. The route is kept in memory.");
+                return Some("walk-disk-full");
             }
             (false, true) => {
                 self.trouble_announced = false;
-                return Some("The route is on disk again.");
+                return Some("walk-disk-again");
             }
             _ => {}
         }
@@ -151,7 +151,7 @@ impl Recording {
 
     /// A loss is announced at once, a return after it has lasted a second, and no warning is repeated too often.
     fn words(&mut self, event: Option<RecorderEvent>, input: &RecordInput) -> Option<&'static str> {
-        const WEAK: &str = "Slow down. I cannot see well.";
+        const WEAK: &str = "guide-weak";
         self.placed |= tracked(input);
         let back = match tracked(input) {
             true => self.place.there(input.stamp),
@@ -161,17 +161,16 @@ impl Recording {
             }
         };
         match event {
-            Some(RecorderEvent::Lost) => (self.placed && self.place.lost())
-                .then_some("I lost my place. Stand still, or turn back a little. Recording is paused."),
+            Some(RecorderEvent::Lost) => (self.placed && self.place.lost()).then_some("walk-lost"),
             Some(RecorderEvent::Bridging) => self.warnings.due(WEAK, input.stamp).then_some(WEAK),
-            Some(RecorderEvent::Resumed { .. }) | None => back.then_some("I found my place."),
+            Some(RecorderEvent::Resumed { .. }) | None => back.then_some("guide-found"),
         }
     }
 
-    /// Notes a landmark at this place; refused when there are too many.
-    pub fn note(&mut self, text: &str, side: Option<Side>, place: &Place) -> Result<(), String> {
+    /// Notes a landmark at this place. The error is the id of the sentence that says why not.
+    pub fn note(&mut self, text: &str, side: Option<Side>, place: &Place) -> Result<(), &'static str> {
         if self.route().notes.len() >= RouteNote::MOST {
-            return Err(format!("A route has at most {} notes.", RouteNote::MOST));
+            return Err("walk-note-too-many");
         }
         let pose = place.odom_from_camera.se3;
         // As for the points: in metres where that is known, else in the unit of the odometry.
@@ -184,7 +183,7 @@ impl Recording {
             anchor_from_camera: place.anchor_from_camera,
             odom_from_camera: Se3::new(pose.rotation, pose.translation * unit),
         };
-        note.check()?;
+        note.check().map_err(|_| "walk-note-too-long")?;
         // The patient file keeps what it could not write.
         let _ = self.recorder.note(note);
         Ok(())

@@ -32,7 +32,7 @@ pub(crate) fn walk(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError
     hub.running.store(false, Ordering::Relaxed);
     match &result {
         Err(e) => hub.broadcast(&ToPage::Trouble(&e.to_string())),
-        Ok(()) => hub.broadcast(&ToPage::Trouble("The walk has ended.")),
+        Ok(()) => hub.broadcast(&ToPage::Ended(true)),
     }
     result
 }
@@ -43,7 +43,7 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
     if let Some(folder) = &serve.routes {
         let taken = RoutesLock::take(folder);
         lock = Some(taken.map_err(|e| SourceError::new("the routes", e.to_string(), cure_of(&e)))?);
-        let listed = routes_in(folder, wall_of(hub)());
+        let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
         hub.routes.send_replace(ToPage::Routes(&listed).text().into());
     }
     let (source, mode, has_imu): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
@@ -176,7 +176,11 @@ impl Face for PageFace {
         }
     }
 
-    fn did(&mut self, _: &Session, _: &Command, done: &Result<String, String>) {
+    fn did(&mut self, _: &Session, command: &Command, done: &Result<String, String>) {
+        // A page that sets how it is spoken to, as it does whenever it connects, needs no answer.
+        if matches!(command, Command::Set(_)) {
+            return;
+        }
         let (ok, text) = match done {
             Ok(text) => (true, text),
             Err(text) => (false, text),

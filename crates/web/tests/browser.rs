@@ -304,13 +304,13 @@ fn page_keeps_routes_for_another_day_in_a_browser() {
         accessible(&mut browser, &phone, &format!("routes, {scheme}"));
     }
     browser.click(&phone, "[data-route='delete 1']");
-    wait(&mut browser, &phone, "Delete route 1, to the kitchen", "#question-title", 5.0);
+    wait(&mut browser, &phone, "Route 1, to the kitchen", "#question-words", 5.0);
     accessible(&mut browser, &phone, "a question");
     browser.picture(&phone, &folder.join("phone-question-dark.png"));
     browser.click(&phone, "#question-no");
     wait(&mut browser, &phone, "Nothing was deleted.", "#log", 5.0);
     browser.click(&phone, "[data-route='delete 1']");
-    wait(&mut browser, &phone, "Delete route 1", "#question-title", 5.0);
+    wait(&mut browser, &phone, "Route 1", "#question-words", 5.0);
     browser.click(&phone, "#question-yes");
     wait(&mut browser, &phone, "is deleted.", "#log", 5.0);
     assert!(!kept.join("route-0001.route").exists());
@@ -440,7 +440,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
             const { MediaButtons } = await import('/buttons.js');
             const [handlers, lines] = [{}, []];
             navigator.mediaSession.setActionHandler = (action, handler) => { handlers[action] = handler; };
-            const media = new MediaButtons((line) => lines.push(line));
+            const media = new MediaButtons((line) => lines.push(line), (id) => id);
             media.set(true);
             await new Promise((done) => setTimeout(done, 300));
             const plays = !media.sound.paused && media.sound.duration;

@@ -43,7 +43,7 @@ pub struct RouteListed {
     /// Number of notes.
     pub notes: usize,
     /// Why it cannot be walked with the map at hand.
-    pub why_not: Option<&'static str>,
+    pub why_not: Option<String>,
     /// It is the route at hand.
     pub loaded: bool,
 }
@@ -53,7 +53,7 @@ impl RouteListed {
         entry: &RouteEntry,
         now: WallTime,
         phrases: &PhraseConfig,
-        why_not: Option<&'static str>,
+        why_not: Option<words::WhyNot>,
         loaded: bool,
     ) -> Self {
         Self {
@@ -62,7 +62,7 @@ impl RouteListed {
             words: words::route(entry, now, phrases),
             recorded_s: entry.recorded_s,
             notes: entry.notes,
-            why_not,
+            why_not: why_not.map(|why| words::why_not(why, phrases.language)),
             loaded,
         }
     }

@@ -87,13 +87,12 @@ impl RouteFolder {
         self.path.join(format!("route-{:04}.route", highest.saturating_add(1)))
     }
 
-    /// Gives a route a name, in its file, completely or not at all.
+    /// Gives a route a name that [`checked_name`] accepted, in its file, completely or not at all.
     ///
     /// # Errors
-    /// Why not, in words.
-    pub fn rename(&mut self, number: u32, name: &str, disk: &dyn Disk) -> Result<(), String> {
-        let name = checked_name(name)?;
-        let path = self.get(number).map(|e| e.path.clone()).ok_or("it is gone")?;
+    /// Why the file cannot be read or written.
+    pub fn rename(&mut self, number: u32, name: String, disk: &dyn Disk) -> Result<(), String> {
+        let Some(path) = self.get(number).map(|e| e.path.clone()) else { return Ok(()) };
         let mut route = Route::load(&path).map_err(|e| e.to_string())?;
         route.header.name = Some(name);
         replace(disk, &path, &route).map_err(|e| e.to_string())
@@ -117,13 +116,13 @@ pub(crate) fn replace(disk: &dyn Disk, path: &Path, route: &Route) -> io::Result
 /// A name in the form that is kept.
 ///
 /// # Errors
-/// What is wrong with it, in words.
-pub(crate) fn checked_name(name: &str) -> Result<String, String> {
+/// The id of the sentence that says what is wrong with it.
+pub(crate) fn checked_name(name: &str) -> Result<String, &'static str> {
     let name = name.split_whitespace().collect::<Vec<_>>().join(" ");
     match name.chars().count() {
-        0 => Err("the name is empty".into()),
-        n if n > LONGEST_NAME => Err(format!("the name is longer than {LONGEST_NAME} letters")),
-        _ if name.chars().any(char::is_control) => Err("the name has signs that cannot be said".into()),
+        0 => Err("walk-name-empty"),
+        n if n > LONGEST_NAME => Err("walk-name-long"),
+        _ if name.chars().any(char::is_control) => Err("walk-name-unsayable"),
         _ => Ok(name),
     }
 }

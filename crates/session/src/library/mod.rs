@@ -9,18 +9,18 @@ mod keeper;
 mod wall;
 pub(crate) mod words;
 
+use cairn_guide::PhraseConfig;
 pub use entry::{RouteEntry, RouteListed};
-pub(crate) use folder::{RouteFolder, latest};
+pub(crate) use folder::{RouteFolder, checked_name, latest};
 pub use keeper::{Kept, LibraryError, MapKeeper, RoutesLock};
 pub use wall::{WallClock, WallTime};
 
 /// The routes of a folder, newest first, before a session is there that could say which of them can be walked.
-pub fn routes_in(folder: &std::path::Path, now: WallTime) -> Vec<RouteListed> {
+pub fn routes_in(folder: &std::path::Path, now: WallTime, phrases: &PhraseConfig) -> Vec<RouteListed> {
     let mut routes = RouteFolder::new(folder);
     routes.refresh(None);
-    let phrases = cairn_guide::PhraseConfig::default();
-    let why_not = |e: &RouteEntry| e.damage.as_ref().map(|_| words::why_not(words::WhyNot::Unreadable));
-    routes.newest_first().into_iter().map(|e| RouteListed::of(e, now, &phrases, why_not(e), false)).collect()
+    let damaged = |e: &RouteEntry| e.damage.as_ref().map(|_| words::WhyNot::Unreadable);
+    routes.newest_first().into_iter().map(|e| RouteListed::of(e, now, phrases, damaged(e), false)).collect()
 }
 
 /// How many routes a library takes; further ones are recorded into memory only.

@@ -4,7 +4,7 @@ use super::{Asked, RouteAtHand, Session};
 use crate::command::Which;
 use crate::guidance::Guiding;
 use crate::library::words::WhyNot;
-use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, words};
+use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
 use cairn_guide::{Priority, Route, Side, Travel};
 use cairn_sensor::Stamp;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ impl Session {
         let (now, phrases) = ((self.wall)(), self.config.phrases);
         let held = self.route.as_ref().and_then(|w| w.path.as_deref());
         let listed = |e: &RouteEntry| {
-            let why_not = self.why_not(e).map(words::why_not);
+            let why_not = self.why_not(e);
             RouteListed::of(e, now, &phrases, why_not, held == Some(&e.path))
         };
         self.folder.newest_first().into_iter().map(listed).collect()
@@ -62,8 +62,8 @@ impl Session {
     pub(super) fn short_name(&self, path: Option<&Path>, route: &Route) -> String {
         let file = || path.and_then(Path::file_name).map(|n| n.to_string_lossy().into_owned());
         match path.and_then(|p| self.folder.by_path(p)) {
-            Some(entry) => words::short(entry),
-            None => route.header.name.clone().or_else(file).unwrap_or_else(|| "in memory".into()),
+            Some(entry) => words::short(entry, self.language()),
+            None => route.header.name.clone().or_else(file).unwrap_or_else(|| self.text("walk-in-memory")),
         }
     }
 
@@ -76,17 +76,17 @@ impl Session {
 
     pub(super) fn load(&mut self, which: &Which) -> Result<String, String> {
         if self.guiding.is_some() {
-            return Err(words::GUIDING.into());
+            return Err(self.text("walk-halt-first"));
         }
         self.refresh();
         let path = self.path_of(which)?;
         let held = self.route.as_ref().filter(|w| w.path.as_deref() == Some(&path));
         let route = match held {
             Some(held) => held.route.clone(),
-            None => Route::load(&path).map_err(|e| words::failed("read", e))?,
+            None => Route::load(&path).map_err(|e| self.because("walk-route-unreadable", e))?,
         };
         if route.points.len() < 2 {
-            return Err("That route is empty.".into());
+            return Err(self.text("walk-route-empty"));
         }
         // A recording in progress ends, complete: the route to be walked is another one from now on.
         self.drop_unasked();
@@ -97,8 +97,8 @@ impl Session {
             Some(entry) => words::route(entry, (self.wall)(), &self.config.phrases),
             None => self.short_name(Some(&path), &route),
         };
-        let why_not = (!here).then(|| words::why_not(WhyNot::OtherMap));
-        let text = words::loaded(&named, route.notes.len(), why_not);
+        let why_not = (!here).then_some(WhyNot::OtherMap);
+        let text = words::loaded(&named, route.notes.len(), why_not, self.language());
         self.route = Some(RouteAtHand { route, path: Some(path), here });
         Ok(match ended {
             Some(Ok(ended) | Err(ended)) => format!("{ended} {text}"),
@@ -109,14 +109,16 @@ impl Session {
     fn path_of(&self, which: &Which) -> Result<PathBuf, String> {
         match which {
             Which::File(path) => Ok(path.clone()),
-            Which::Number(number) => {
-                self.folder.get(*number).map(|e| e.path.clone()).ok_or_else(|| words::unknown(*number))
-            }
+            Which::Number(number) => self
+                .folder
+                .get(*number)
+                .map(|e| e.path.clone())
+                .ok_or_else(|| words::unknown(*number, self.language())),
             Which::Latest => {
                 let newest = self.folder.newest_first().into_iter().find(|e| e.damage.is_none());
                 let newest = newest.map(|e| e.path.clone());
                 let other = || crate::library::latest(self.folder.path());
-                newest.or_else(other).ok_or_else(|| "There is no recorded route to load.".into())
+                newest.or_else(other).ok_or_else(|| self.text("walk-no-saved-route"))
             }
         }
     }
@@ -127,72 +129,82 @@ impl Session {
         if let Some(number) = number {
             let being = self.recording.as_ref().and_then(|r| r.path.as_deref());
             if being.is_some_and(|p| p == self.folder.path().join(format!("route-{number:04}.route"))) {
-                return Err(words::BEING_RECORDED.into());
+                return Err(self.text("walk-being-recorded"));
             }
-            return self.folder.get(number).map(|e| e.number).ok_or_else(|| words::unknown(number));
+            return self
+                .folder
+                .get(number)
+                .map(|e| e.number)
+                .ok_or_else(|| words::unknown(number, self.language()));
         }
         let held = self.route.as_ref().and_then(|w| w.path.as_deref());
         let entry = held.and_then(|path| self.folder.by_path(path));
-        entry.map(|e| e.number).ok_or_else(|| "There is no route at hand. Say which number.".into())
+        entry.map(|e| e.number).ok_or_else(|| self.text("walk-no-route-at-hand"))
     }
 
     pub(super) fn rename(&mut self, number: Option<u32>, name: &str) -> Result<String, String> {
         let number = self.number(number)?;
-        self.folder.rename(number, name, &*self.disk).map_err(|why| words::failed("named", why))?;
+        let name = checked_name(name).map_err(|id| self.text(id))?;
+        let named = self.folder.rename(number, name, &*self.disk);
+        named.map_err(|why| self.because("walk-rename-failed", why))?;
         self.refresh();
-        let entry = self.folder.get(number).cloned().ok_or_else(|| words::unknown(number))?;
+        let entry =
+            self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.language()))?;
         if let Some(held) = self.route.as_mut().filter(|w| w.path.as_deref() == Some(&entry.path)) {
             held.route.header.name.clone_from(&entry.name);
         }
-        Ok(words::renamed(&entry))
+        Ok(words::about("walk-renamed", &words::short(&entry, self.language()), self.language()))
     }
 
     pub(super) fn ask_delete(&mut self, number: Option<u32>) -> Result<String, String> {
         let number = self.number(number)?;
-        let entry = self.folder.get(number).ok_or_else(|| words::unknown(number))?;
+        let entry = self.folder.get(number).ok_or_else(|| words::unknown(number, self.language()))?;
         let held = self.route.as_ref().and_then(|w| w.path.as_deref()) == Some(&entry.path);
         if held && self.guiding.is_some() {
-            return Err(words::GUIDING.into());
+            return Err(self.text("walk-halt-first"));
         }
-        let words = words::ask_delete(&words::route(entry, (self.wall)(), &self.config.phrases));
+        let route = words::route(entry, (self.wall)(), &self.config.phrases);
+        let words = words::about("walk-ask-delete", &route, self.language());
         self.asked = Some(Asked { number, words: words.clone(), at: self.now });
         Ok(words)
     }
 
     pub(super) fn take_answer(&mut self, yes: bool) -> Result<String, String> {
         let asked = self.asked.take().filter(|asked| self.now - asked.at <= ASKED_S);
-        let number = asked.ok_or(words::NO_QUESTION)?.number;
+        let number = asked.ok_or_else(|| self.text("walk-no-question"))?.number;
         if !yes {
-            return Ok(words::KEPT.into());
+            return Ok(self.text("walk-nothing-deleted"));
         }
-        let entry = self.folder.get(number).cloned().ok_or_else(|| words::unknown(number))?;
-        self.folder.remove(number).map_err(|e| words::failed("deleted", e))?;
+        let entry =
+            self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.language()))?;
+        self.folder.remove(number).map_err(|e| self.because("walk-delete-failed", e))?;
         if self.route.as_ref().is_some_and(|w| w.path.as_deref() == Some(&entry.path)) {
             self.route = None;
         }
         self.recorded_here.remove(&entry.path);
         self.recorded.retain(|(path, _)| path.as_ref() != Some(&entry.path));
         self.refresh();
-        Ok(words::deleted(&entry))
+        Ok(words::about("walk-deleted", &words::short(&entry, self.language()), self.language()))
     }
 
     pub(super) fn mark(&mut self) -> Result<String, String> {
-        self.recording.as_ref().ok_or(words::NOT_RECORDING)?;
-        self.marked = Some(self.place_now().ok_or(words::NO_PLACE)?);
-        Ok(words::MARKED.into())
+        self.recording.as_ref().ok_or_else(|| self.text("walk-note-no-recording"))?;
+        self.marked = Some(self.place_now().ok_or_else(|| self.text("walk-note-no-place"))?);
+        Ok(self.text("walk-marked"))
     }
 
     pub(super) fn note(&mut self, text: &str, side: Option<Side>) -> Result<String, String> {
         let here = self.place_now();
         let marked = self.marked.take().filter(|p| self.now - p.stamp <= MARKED_S);
-        let recording = self.recording.as_mut().ok_or(words::NOT_RECORDING)?;
-        let place = marked.or(here).ok_or(words::NO_PLACE)?;
+        let language = self.language();
+        let recording = self.recording.as_mut().ok_or_else(|| language.text("walk-note-no-recording"))?;
+        let place = marked.or(here).ok_or_else(|| language.text("walk-note-no-place"))?;
         let text = match text.trim() {
-            "" => words::LANDMARK,
-            text => text,
+            "" => language.text("walk-landmark"),
+            text => text.to_owned(),
         };
-        recording.note(text, side, &place)?;
-        Ok(words::noted(text, side))
+        recording.note(&text, side, &place).map_err(|id| language.text(id))?;
+        Ok(words::noted(&text, side, language))
     }
 
     /// The place of the last frame, where that had one.
@@ -204,8 +216,9 @@ impl Session {
     pub(super) fn keep(&mut self) {
         let Some(keeper) = &mut self.keeper else { return };
         if keeper.pass(&self.engine, self.recording.is_some(), self.now) {
-            let words =
-                keeper.trouble().map_or_else(|| words::MAP_SAVED_AGAIN.to_owned(), words::map_not_saved);
+            let trouble = keeper.trouble().map(str::to_owned);
+            let saved = || self.text("walk-map-saved");
+            let words = trouble.map_or_else(saved, |why| self.because("walk-map-not-saved", why));
             self.say(&words, Priority::High);
         }
     }
@@ -235,7 +248,7 @@ impl Session {
             };
             if due && !speaking && !self.picture.is_lost() {
                 guiding.searched = Some(now);
-                self.say(words::SEARCHING, Priority::Normal);
+                self.say(&self.text("walk-searching"), Priority::Normal);
             }
         }
         here.is_some()

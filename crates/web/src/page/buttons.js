@@ -18,8 +18,9 @@ function silence() {
 
 export class MediaButtons {
   // `command` is called with the line of a command.
-  constructor(command) {
+  constructor(command, t) {
     this.command = command;
+    this.t = t;
     this.sound = null;
   }
 
@@ -39,7 +40,7 @@ export class MediaButtons {
       this.sound.loop = true;
     }
     if (on) {
-      session.metadata = new MediaMetadata({ title: 'Cairn', artist: 'Guidance' });
+      session.metadata = new MediaMetadata({ title: 'Cairn', artist: this.t('page-guidance-label') });
       this.sound.play().catch(() => {});
     } else this.sound?.pause();
   }

@@ -1,22 +1,5 @@
 // The kept routes: their list with its buttons, the dialogs about them, and the one main button of the walk.
 
-// The words of this file, in one place.
-const WORDS = {
-  none: 'No route has been recorded yet.',
-  count: (n) => (n === 1 ? '1 route' : `${n} routes`),
-  loaded: 'This route is at hand.',
-  load: 'Load',
-  rename: 'Rename',
-  remove: 'Delete',
-  notes: (n) => (n === 1 ? '1 note' : `${n} notes`),
-  whyNot: (why) => `Cannot be walked: ${why}.`,
-  wait: 'Wait for the picture',
-  record: 'Record',
-  stop: 'Stop recording',
-  halt: 'Halt guidance',
-  home: 'Guide home',
-  again: 'Guide from start to end',
-};
 // A button whose meaning has just changed ignores a press that was meant for the meaning before.
 const CHANGED_MS = 500;
 
@@ -30,9 +13,9 @@ function make(kind, properties, ...inside) {
 
 // The list of the routes, newest first.
 export class RouteList {
-  constructor(command) {
-    this.command = command;
-    this.shown = '';
+  // `command` takes a line, `t` gives the page's sentences.
+  constructor(command, t) {
+    Object.assign(this, { command, t, routes: [], shown: '' });
     $('rename').querySelector('form').addEventListener('submit', (event) => {
       event.preventDefault();
       const name = $('rename-name').value.trim();
@@ -50,38 +33,44 @@ export class RouteList {
     const text = JSON.stringify(routes);
     if (text === this.shown) return;
     this.shown = text;
-    $('routes-count').textContent = WORDS.count(routes.length);
-    $('routes-none').hidden = routes.length > 0;
+    this.routes = routes;
+    this.show();
+  }
+
+  // The list in the language of the page.
+  show() {
+    $('routes-count').textContent = this.t('page-routes-count', { count: this.routes.length });
+    $('routes-none').hidden = this.routes.length > 0;
     // A list that is rebuilt keeps the focus where it was.
     const focus = document.activeElement?.dataset?.route;
-    $('route-list').replaceChildren(...routes.map((route) => this.item(route)));
+    $('route-list').replaceChildren(...this.routes.map((route) => this.item(route)));
     if (focus) document.querySelector(`[data-route="${CSS.escape(focus)}"]`)?.focus();
   }
 
   item(route) {
-    const label = (word) => `${word} ${route.words}`;
-    const button = (word, what, action) => {
-      const made = make('button', { type: 'button', textContent: word });
-      made.setAttribute('aria-label', label(word));
+    const { t } = this;
+    const button = (id, what, action) => {
+      const made = make('button', { type: 'button', textContent: t(id) });
+      made.setAttribute('aria-label', t('page-labelled', { action: t(id), route: route.words }));
       made.dataset.route = `${what} ${route.number}`;
       made.addEventListener('click', action);
       return made;
     };
-    const load = button(WORDS.load, 'load', () => this.command(`load ${route.number}`));
+    const load = button('page-load-one', 'load', () => this.command(`load ${route.number}`));
     if (route.why_not) load.setAttribute('aria-disabled', 'true');
-    const rename = button(WORDS.rename, 'rename', () => {
+    const rename = button('page-rename', 'rename', () => {
       this.renaming = route.number;
       $('rename-title').textContent = route.words;
       $('rename-name').value = route.name ?? '';
       $('rename').showModal();
       $('rename-name').select();
     });
-    const remove = button(WORDS.remove, 'delete', () => this.command(`delete ${route.number}`));
+    const remove = button('page-delete', 'delete', () => this.command(`delete ${route.number}`));
     remove.classList.add('halt');
     const more = [];
-    if (route.loaded) more.push(WORDS.loaded);
-    if (route.notes) more.push(`${WORDS.notes(route.notes)}.`);
-    if (route.why_not) more.push(WORDS.whyNot(route.why_not));
+    if (route.loaded) more.push(t('page-route-loaded'));
+    if (route.notes) more.push(t('page-notes-count', { count: route.notes }));
+    if (route.why_not) more.push(t('page-why-not', { why: route.why_not }));
     const item = make('li', {}, make('p', { className: 'name', textContent: route.words }));
     if (more.length) item.append(make('p', { className: 'more', textContent: more.join(' ') }));
     item.append(make('div', { className: 'three' }, load, rename, remove));
@@ -93,7 +82,7 @@ export class RouteList {
   ask(question, controls) {
     const open = $('question').open;
     if (question && controls && this.asked !== question) {
-      $('question-title').textContent = question.replace(/ Answer yes or no\.$/, '');
+      $('question-words').textContent = question;
       if (!open) $('question').showModal();
     } else if (!question && open) $('question').close();
     this.asked = question;
@@ -125,7 +114,8 @@ export class Noting {
 
 // The main button: what most likely comes next.
 export class MainButton {
-  constructor() {
+  constructor(t) {
+    this.t = t;
     this.changed = -Infinity;
     $('main').addEventListener('click', (event) => {
       if (performance.now() - this.changed < CHANGED_MS) event.stopPropagation();
@@ -137,25 +127,32 @@ export class MainButton {
     const button = $('main');
     const state = !status || status.frames === 0 ? 'wait' : status.recording ? 'stop' : status.guiding ? 'halt'
       : status.route?.here ? (status.route.is_new ? 'home' : 'again') : 'record';
-    const commands = { wait: '', record: 'record', stop: 'stop', halt: 'halt', home: 'guide home', again: 'guide again' };
+    const [command, label] = {
+      wait: ['status', 'page-wait-picture'], record: ['record', 'page-record'], stop: ['stop', 'page-stop'],
+      halt: ['halt', 'page-halt'], home: ['guide', 'page-guide-home'], again: ['guide again', 'page-guide-again'],
+    }[state];
     button.hidden = !shown;
     if (button.dataset.state !== state) {
       this.changed = performance.now();
       button.dataset.state = state;
-      button.dataset.command = commands[state];
-      button.querySelector('.label').textContent = WORDS[state];
+      button.dataset.command = command;
     }
+    this.write(button, label);
     const length = status?.recording && status.metric && status.recording.length >= 1
       ? `, ${Math.round(status.recording.length)} m` : '';
     const more = button.querySelector('.more');
     if (more.textContent !== length) more.textContent = length;
     $('note').hidden = !status?.recording || !shown;
     $('other').hidden = state !== 'home' && state !== 'again' || !shown;
-    if ($('other').dataset.state !== state) {
-      $('other').dataset.state = state;
-      $('other').dataset.command = state === 'home' ? 'guide again' : 'guide home';
-      $('other').textContent = state === 'home' ? WORDS.again : WORDS.home;
-    }
+    $('other').dataset.command = state === 'home' ? 'guide again' : 'guide';
+    this.write($('other'), state === 'home' ? 'page-guide-again' : 'page-guide-home');
     $('anew').hidden = $('other').hidden;
+  }
+
+  // Text is set only when it changes, so that a screen reader keeps its position.
+  write(button, id) {
+    const label = button.querySelector('.label');
+    label.dataset.text = id;
+    if (label.textContent !== this.t(id)) label.textContent = this.t(id);
   }
 }
