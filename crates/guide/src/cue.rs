@@ -116,8 +116,17 @@ pub enum CueKind {
     Start {
         /// Metres of the whole route.
         total_m: f64,
+        /// Metres that are left of it: fewer where the walker joins it on its way.
+        left_m: f64,
         /// What to do first.
         first: First,
+    },
+    /// Guidance cannot begin: the walker is not on the route, and nobody walked the ground between.
+    Away {
+        /// Metres to its nearest point.
+        distance_m: f64,
+        /// Where that lies, radians, positive to the walker's left.
+        bearing_rad: f64,
     },
     /// Tracking has recovered after a stop; what to do now.
     Resume(First),
@@ -251,6 +260,7 @@ impl Cue {
             | EndMissed { .. }
             | Arrived => Priority::High,
             Start { .. }
+            | Away { .. }
             | Resume(_)
             | Clear(_)
             | Approach(_)

@@ -121,6 +121,12 @@ const SILENT_S: f64 = 10.0;
 const WARNING_S: f64 = 8.0;
 /// When starting from standing, a turn this near is the first thing to do, metres.
 const RIGHT_AHEAD_M: f64 = 1.0;
+/// Within this distance of the start of a route the walker is at its start, metres.
+pub(crate) const AT_START_M: f64 = 3.0;
+/// A walker nearer to the route than this can join it, metres.
+const JOIN_REACH_M: f64 = 5.0;
+/// A walker who is farther away is told so at this interval, seconds.
+const AWAY_AGAIN_S: f64 = 12.0;
 /// Angle of each turn that a lost walker is asked for, radians.
 const LOOK_ROUND_RAD: f64 = 0.7;
 
@@ -163,6 +169,8 @@ pub(crate) struct Memory {
     pub fast_said: Option<Stamp>,
     pub weak_since: Option<Stamp>,
     pub weak_said: bool,
+    /// When a walker who is not on the route was last told where it is.
+    pub away_said: Option<Stamp>,
 }
 
 impl Guide {
@@ -263,9 +271,14 @@ impl Guide {
         }
         self.again = !matches!(
             cue,
-            CueKind::Start { .. } | CueKind::Resume(_) | CueKind::Clear(_) | CueKind::Around(_)
+            CueKind::Start { .. }
+                | CueKind::Away { .. }
+                | CueKind::Resume(_)
+                | CueKind::Clear(_)
+                | CueKind::Around(_)
         );
         self.cleared = matches!(cue, CueKind::Clear(_) | CueKind::Around(_));
+        self.memory.away_said = None;
         self.started &= !matches!(cue, CueKind::Start { .. });
         self.phase = Phase::Begin;
     }
@@ -302,10 +315,17 @@ impl Guide {
         self.motion.push(input.pose_stamp, &moved);
         self.pose = Some(input.odom_from_camera);
         let walker = self.eased(&input.odom_from_camera, input.now).unwrap_or(moved);
-        let at = self.matcher.update(&self.plan, &walker.position, input.now);
+        let joins = !self.started;
+        let at = match joins {
+            true => self.matcher.join(&self.plan, &walker.position, AT_START_M),
+            false => self.matcher.update(&self.plan, &walker.position, input.now),
+        };
         self.last_match = Some(at);
         let speed = input.speed.filter(|v| v.is_finite()).unwrap_or_else(|| self.motion.speed());
         let now = Now { stamp: input.now, walker, at, speed };
+        if joins && (at.foot - now.walker.position).norm() > JOIN_REACH_M {
+            return self.away(&now);
+        }
         if let Some(kind) = self.weak(input).or_else(|| self.corrected(&now)) {
             return Some(kind);
         }
@@ -322,6 +342,17 @@ impl Guide {
     /// The walker's position and heading at a pose of the camera.
     pub(crate) fn heading(&self, odom_from_camera: &Pose<Odom, Camera>) -> Option<Heading> {
         self.config.facing.heading(&self.ground, odom_from_camera)
+    }
+
+    /// The walker is not on the route: says where it is, and waits.
+    fn away(&mut self, now: &Now) -> Option<CueKind> {
+        if self.memory.away_said.is_some_and(|said| now.stamp - said < AWAY_AGAIN_S) {
+            return None;
+        }
+        self.memory.away_said = Some(now.stamp);
+        let to_route = now.at.foot - now.walker.position;
+        let bearing_rad = now.walker.turn_to(heading_of(&to_route));
+        Some(CueKind::Away { distance_m: to_route.norm(), bearing_rad })
     }
 
     pub(crate) fn is_halted(&self) -> bool {
@@ -442,7 +473,10 @@ impl Guide {
             return if self.detour.is_some() { CueKind::Around(first) } else { CueKind::Clear(first) };
         }
         match (std::mem::replace(&mut self.started, true), again, first) {
-            (false, ..) => CueKind::Start { total_m: self.plan.length(), first },
+            (false, ..) => {
+                let total_m = self.plan.length();
+                CueKind::Start { total_m, left_m: (total_m - along).max(0.0), first }
+            }
             (true, false, _) => CueKind::Resume(first),
             (true, true, First::Turn(turn)) => CueKind::Rotate(turn),
             (true, true, First::Go(ahead)) => CueKind::Go { ahead, check: false },

@@ -29,6 +29,11 @@ impl Default for MatcherConfig {
     }
 }
 
+/// Legs whose distances from the walker differ by less than this are equally near, metres.
+const SAME_LEG_M: f64 = 0.7;
+/// Points of neighbouring legs that are nearer to each other than this are of one passing, metres.
+const JOINED_LEGS_M: f64 = 1.5;
+
 /// A place on the route.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Match {
@@ -74,6 +79,46 @@ impl Matcher {
     /// Metres along at the last match.
     pub fn along_m(&self) -> f64 {
         self.along_m
+    }
+
+    /// The first match, anywhere on the route. A walker within `start_m` of the start is matched near it, although the
+    /// route may end at the same place; elsewhere the nearest point counts, and where several legs are about as near, the
+    /// earliest: then no part of the route is missed.
+    pub fn join(&mut self, plan: &ManeuverPlan, position: &Vec2, start_m: f64) -> Match {
+        let near_start = (plan.point_at(0.0) - position).norm() <= start_m;
+        let found = match near_start {
+            true => {
+                self.along_m = 0.0;
+                self.nearest(plan, position, 0.0, 2.0 * start_m)
+            }
+            false => self.earliest_near(plan, position),
+        };
+        self.place(found.along_m);
+        found
+    }
+
+    /// The nearest point on the earliest leg that is as near as the nearest, give or take [`SAME_LEG_M`].
+    fn earliest_near(&mut self, plan: &ManeuverPlan, position: &Vec2) -> Match {
+        let along = plan.along();
+        let mut legs: Vec<Match> = Vec::with_capacity(along.len());
+        for leg in along.windows(2) {
+            self.along_m = leg[0];
+            legs.push(self.nearest(plan, position, leg[0], leg[1] - 1e-9));
+        }
+        let away = |m: &Match| (m.foot - position).norm();
+        let least = legs.iter().map(away).fold(f64::INFINITY, f64::min);
+        let Some(first) = legs.iter().position(|m| away(m) <= least + SAME_LEG_M) else {
+            return self.nearest(plan, position, f64::NEG_INFINITY, f64::INFINITY);
+        };
+        // Along one passing, the nearest of its legs.
+        let mut best = legs[first];
+        for (near, next) in legs[first..].windows(2).map(|w| (&w[0], &w[1])) {
+            if away(next) > least + SAME_LEG_M || next.along_m - near.along_m > 2.0 * JOINED_LEGS_M {
+                break;
+            }
+            best = if away(next) < away(&best) { *next } else { best };
+        }
+        best
     }
 
     /// The match for a position on the ground plane.
@@ -172,5 +217,32 @@ mod tests {
             m = matcher.update(&r, &far, Stamp::from_seconds(1.0 + 0.1 * k as f64));
         }
         assert!((m.along_m - 70.0).abs() < 1e-9 && (m.cross_m + 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn walker_joins_anywhere_and_at_the_start_of_a_closed_route() {
+        // A closed walk whose end lies beside its start, with a spur that is walked out and back.
+        let r = plan(&[
+            [0., 0.],
+            [20., 0.],
+            [20., 10.],
+            [30., 10.],
+            [20., 10.2],
+            [20., 20.],
+            [0., 20.],
+            [0., 0.5],
+        ]);
+        let join = |x: f64, y: f64| Matcher::new(MatcherConfig::default()).join(&r, &Vec2::new(x, y), 3.0);
+        assert!(join(0.2, 0.4).along_m < 0.5, "at the start, not at the end");
+        for (x, y, along) in [(12.0, 0.8, 12.0), (20.4, 6.0, 26.0), (10.0, 19.5, 69.8)] {
+            let m = join(x, y);
+            assert!((m.along_m - along).abs() < 1.5, "({x}, {y}): {m:?}");
+        }
+        // Out and back on the same line: the way out counts, so that nothing is missed.
+        assert!((join(26.0, 10.1).along_m - 36.0).abs() < 0.5, "{:?}", join(26.0, 10.1));
+        // Later matches continue from there.
+        let mut matcher = Matcher::new(MatcherConfig::default());
+        matcher.join(&r, &Vec2::new(12.0, 0.8), 3.0);
+        assert!((matcher.update(&r, &Vec2::new(12.5, 0.5), Stamp(0)).along_m - 12.5).abs() < 1e-9);
     }
 }

@@ -8,6 +8,7 @@ use crate::cue::{Ahead, Cue, CueKind, First, Next, Obstacle, StopReason};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
 use cairn_phrases::{Arg, Language};
+use serde::{Deserialize, Serialize};
 
 /// The unit in which distances are said.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +78,8 @@ impl Manner {
 }
 
 /// A side of the walker's own body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Side {
     /// Left.
     Left,
@@ -107,7 +109,7 @@ impl Side {
     }
 
     /// Its name in the catalogue.
-    fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Side::Left => "left",
             Side::Right => "right",
@@ -137,7 +139,12 @@ impl PhraseConfig {
         let after = |id: &str, rest: String| format!("{} {rest}", text(id));
         let turn = |angle_rad: f64| self.turn(angle_rad, if back { Manner::Backwards } else { Manner::Spot });
         Some(match cue.kind {
-            CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
+            CueKind::Start { total_m, left_m, first } => self.start(total_m, left_m, &first, cue.facing),
+            CueKind::Away { distance_m, bearing_rad } => self.measured(
+                ["guide-away", "guide-away-unmeasured"],
+                distance_m,
+                &[("place", (&self.place(bearing_rad, back)).into())],
+            ),
             CueKind::Resume(first) => after("guide-found", self.first(&first, back)),
             CueKind::Clear(first) => after("guide-clear", self.first(&first, back)),
             CueKind::Around(First::Turn(a)) => self.with("guide-around", "turn", &turn(a)),
@@ -234,8 +241,12 @@ impl PhraseConfig {
         self.with("guide-sentence", "clause", clause)
     }
 
-    fn start(&self, total_m: f64, first: &First, facing: Facing) -> String {
-        let mut sentences = vec![self.measured(["guide-start", "guide-start-unmeasured"], total_m, &[])];
+    fn start(&self, total_m: f64, left_m: f64, first: &First, facing: Facing) -> String {
+        let joins = total_m - left_m > crate::guide::AT_START_M;
+        let mut sentences = vec![match joins {
+            true => self.measured(["guide-join", "guide-join-unmeasured"], left_m, &[]),
+            false => self.measured(["guide-start", "guide-start-unmeasured"], total_m, &[]),
+        }];
         match facing {
             Facing::Home => {}
             Facing::Back => sentences.push(self.language.text("guide-start-back")),
@@ -497,7 +508,7 @@ mod tests {
             for kind in [
                 CueKind::TurnNow { turn_rad: a, stairs: None },
                 CueKind::TurnNow { turn_rad: a, stairs: Some(Stairs::Up) },
-                CueKind::Start { total_m: 20.0, first: First::Turn(a) },
+                CueKind::Start { total_m: 20.0, left_m: 20.0, first: First::Turn(a) },
                 CueKind::Resume(First::Turn(a)),
                 CueKind::Correction(First::Turn(a)),
                 CueKind::Clear(First::Turn(a)),

@@ -2,6 +2,7 @@
 //! once.
 
 use crate::ground::Ground;
+use crate::notes::RouteNote;
 use crate::route::{Anchor, Confidence, Route, RouteHeader, RoutePoint, Stretch};
 use crate::store::RouteWriter;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Sim3};
@@ -89,6 +90,12 @@ impl Recorder {
         }
     }
 
+    /// The same with another header: with a name, a date, an atlas.
+    pub fn with_header(mut self, header: RouteHeader) -> Self {
+        self.route.header = header;
+        self
+    }
+
     /// Continues an earlier recording after a gap: see [`RouteWriter::resume`].
     pub fn resume(config: RecorderConfig, route: Route) -> Self {
         let last = route.points.last().map(|p| (p.stamp, p.odom_from_camera));
@@ -127,11 +134,21 @@ impl Recorder {
     /// # Errors
     /// The disk's error; the route in memory has the new scale all the same.
     pub fn found_scale(&mut self, carried: Sim3, ground: &Ground) -> io::Result<()> {
-        let header = RouteHeader::new(true, ground, self.route.header.source.clone());
-        let header = RouteHeader { carried: Some(carried), ..header };
+        let up = RouteHeader::new(true, ground, "").up;
+        let header = RouteHeader { metric: true, up, carried: Some(carried), ..self.route.header.clone() };
         self.route.apply_header(header.clone());
         self.last_good = self.last_good.map(|(t, pose)| (t, carried.transform_pose(&pose)));
         self.writer.as_mut().map_or(Ok(()), |w| w.append_header(&header))
+    }
+
+    /// Adds a note, on disk at once; its poses are in the frame and unit of the points.
+    ///
+    /// # Errors
+    /// The disk's error; the note is still kept in memory.
+    pub fn note(&mut self, note: RouteNote) -> io::Result<()> {
+        let written = self.writer.as_mut().map_or(Ok(()), |w| w.append_note(&note));
+        self.route.notes.push(note);
+        written
     }
 
     /// Ends the recording: syncs it to disk and returns the route.

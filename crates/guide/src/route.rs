@@ -1,6 +1,7 @@
 //! A recorded route: points that are anchored to keyframes and follow them when the map is corrected.
 
 use crate::ground::Ground;
+use crate::notes::RouteNote;
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_sensor::Stamp;
 use serde::{Deserialize, Serialize};
@@ -79,6 +80,15 @@ pub struct RouteHeader {
     /// `[x, y, z, qx, qy, qz, qw, scale]`. Only in a later line.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "eight")]
     pub carried: Option<Sim3>,
+    /// The name that its walker gave it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// When its recording began: seconds since 1970-01-01 00:00 UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded_s: Option<i64>,
+    /// The identity of the atlas in whose key frames it is anchored, where that atlas is kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub atlas: Option<String>,
 }
 
 impl RouteHeader {
@@ -94,7 +104,17 @@ impl RouteHeader {
         let up = ground.up();
         let format = Self::FORMAT.to_owned();
         let source = source.into();
-        Self { format, version: Self::VERSION, metric, up: [up.x, up.y, up.z], source, carried: None }
+        Self {
+            format,
+            version: Self::VERSION,
+            metric,
+            up: [up.x, up.y, up.z],
+            source,
+            carried: None,
+            name: None,
+            recorded_s: None,
+            atlas: None,
+        }
     }
 
     /// The ground plane of the poses; z up when the header's direction is not usable.
@@ -110,6 +130,8 @@ pub struct Route {
     pub header: RouteHeader,
     /// The points in the order of time.
     pub points: Vec<RoutePoint>,
+    /// What the walker noted along it, in the order of time.
+    pub notes: Vec<RouteNote>,
     /// True when the file's last line was truncated by a crash and left out.
     pub torn: bool,
 }
@@ -130,13 +152,14 @@ pub struct PlacedPoint {
 impl Route {
     /// A route without points.
     pub fn new(header: RouteHeader) -> Self {
-        Self { header, points: Vec::new(), torn: false }
+        Self { header, points: Vec::new(), notes: Vec::new(), torn: false }
     }
 
     /// Takes a later header: the poses recorded so far are transformed into its frame and unit.
     pub fn apply_header(&mut self, mut header: RouteHeader) {
         if let Some(carried) = header.carried.take() {
-            let poses = self.points.iter_mut().map(|p| &mut p.odom_from_camera);
+            let notes = self.notes.iter_mut().map(|n| &mut n.odom_from_camera);
+            let poses = self.points.iter_mut().map(|p| &mut p.odom_from_camera).chain(notes);
             poses.for_each(|pose| *pose = carried.transform_pose(pose));
         }
         self.header = header;
@@ -144,9 +167,18 @@ impl Route {
 
     /// Re-anchors points whose keyframe is unknown to the keyframe of the nearest earlier point that has a known one
     /// (for the first points: later), at their recorded relative pose. Returns how many; `None` when no keyframe is
-    /// known.
+    /// known. Notes are re-anchored likewise, to the nearest point in time.
     pub fn reanchor(&mut self, known: impl Fn(Anchor) -> bool) -> Option<usize> {
         let first = *self.points.iter().find(|p| known(p.anchor))?;
+        let near_in_time = |stamp: Stamp, points: &[RoutePoint]| {
+            let later = points.partition_point(|p| p.stamp < stamp);
+            points[..later].iter().rev().chain(&points[later..]).find(|p| known(p.anchor)).copied()
+        };
+        for note in self.notes.iter_mut().filter(|n| !known(n.anchor)) {
+            let near = near_in_time(note.stamp, &self.points).unwrap_or(first);
+            let near_from_here = near.odom_from_camera.inverse() * note.odom_from_camera;
+            (note.anchor, note.anchor_from_camera) = (near.anchor, near.anchor_from_camera * near_from_here);
+        }
         let (mut near, mut count) = (first, 0);
         for p in &mut self.points {
             if known(p.anchor) {
@@ -191,6 +223,24 @@ impl Route {
         out
     }
 
+    /// Resolves every note as [`Route::resolve`] does the points: the pose of the camera where it was taken. A note whose
+    /// keyframe is gone keeps its recorded place relative to the nearest placed point in time.
+    pub fn resolve_notes(&self, frame_from_anchor: impl Fn(Anchor) -> Option<Sim3>) -> Vec<Se3> {
+        let mut placed_points = None;
+        let mut place = |note: &RouteNote| {
+            if let Some(frame_from_anchor) = frame_from_anchor(note.anchor).filter(Sim3::is_finite) {
+                return frame_from_anchor.transform_pose(&note.anchor_from_camera);
+            }
+            let placed = placed_points.get_or_insert_with(|| self.resolve(&frame_from_anchor));
+            let near =
+                (self.points.iter().zip(placed.iter())).min_by_key(|(p, _)| p.stamp.0.abs_diff(note.stamp.0));
+            near.map_or(note.odom_from_camera, |(p, placed)| {
+                placed.frame_from_camera * p.odom_from_camera.inverse() * note.odom_from_camera
+            })
+        };
+        self.notes.iter().map(&mut place).collect()
+    }
+
     /// The points as they were recorded, in the odom frame of that recording.
     pub fn as_recorded(&self) -> Vec<PlacedPoint> {
         self.resolve(|_| None)
@@ -217,7 +267,7 @@ impl Route {
     }
 }
 
-mod stamp_ns {
+pub(crate) mod stamp_ns {
     use cairn_sensor::Stamp;
     use serde::{Deserialize, Deserializer, Serializer};
 
@@ -258,7 +308,7 @@ mod eight {
 }
 
 /// A pose as `[x, y, z, qx, qy, qz, qw]`.
-mod seven {
+pub(crate) mod seven {
     use super::{Se3, So3, Vec3};
     use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 

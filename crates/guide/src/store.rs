@@ -1,9 +1,10 @@
-//! A route on disk: one JSON object a line, the header first, only ever appended to.
+//! A route on disk: one JSON object a line, the header first, then points and notes, only ever appended to.
 //!
 //! Each line ends with the CRC-32 of what stands before it in the line, `,"crc":"xxxxxxxx"}`; files of earlier builds have
 //! none. A crash can truncate at most the last line; reading leaves that line out and reports it, and recording can continue
 //! after the complete lines. A broken line anywhere else is an error that names the line.
 
+use crate::notes::RouteNote;
 use crate::route::{Route, RouteHeader, RoutePoint};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
@@ -107,6 +108,15 @@ impl RouteWriter {
         write_line(&mut *self.out, point)
     }
 
+    /// Appends a note, and syncs it.
+    ///
+    /// # Errors
+    /// The writer's error.
+    pub fn append_note(&mut self, note: &RouteNote) -> io::Result<()> {
+        write_line(&mut *self.out, note)?;
+        self.out.make_durable()
+    }
+
     /// Appends a header that replaces the previous one, and syncs it.
     ///
     /// # Errors
@@ -199,6 +209,9 @@ impl Route {
         for p in &self.points {
             writer.append(p)?;
         }
+        for note in &self.notes {
+            writer.append_note(note)?;
+        }
         writer.make_durable()
     }
 
@@ -210,10 +223,11 @@ impl Route {
         let mut bytes: Vec<u8> = Vec::new();
         write_line(&mut bytes, &self.header)?;
         self.points.iter().try_for_each(|p| write_line(&mut bytes, p))?;
+        self.notes.iter().try_for_each(|n| write_line(&mut bytes, n))?;
         Ok(bytes)
     }
 
-    /// Reads a route: header, then points; later headers replace the one before.
+    /// Reads a route: header, then points and notes; later headers replace the one before.
     ///
     /// # Errors
     /// [`RouteError`], with the line where there is one.
@@ -238,17 +252,15 @@ impl Route {
         let mut route = Route::new(header);
         while let Some(number) = next(&mut line)? {
             let whole = line.last() == Some(&b'\n');
-            let checksum = check_line(&line, checked);
-            match checksum.and_then(|()| parse_point(&line, &route)) {
-                Ok(point) => route.points.push(point),
+            match check_line(&line, checked).and_then(|()| parse_line(&line, &route)) {
+                Ok(Line::Point(point)) => route.points.push(point),
+                Ok(Line::Note(note)) => route.notes.push(note),
+                Ok(Line::Header(header)) => {
+                    check_header(&header)?;
+                    route.apply_header(header);
+                }
                 Err(_) if !whole => route.torn = true,
-                Err(why) => match serde_json::from_slice::<RouteHeader>(&line) {
-                    Ok(header) if check_line(&line, checked).is_ok() => {
-                        check_header(&header)?;
-                        route.apply_header(header);
-                    }
-                    _ => return Err(RouteError::Line { line: number, why }),
-                },
+                Err(why) => return Err(RouteError::Line { line: number, why }),
             }
         }
         Ok(route)
@@ -267,6 +279,28 @@ fn check_header(header: &RouteHeader) -> Result<(), RouteError> {
         return Err(RouteError::Header(format!("{:?} does not point up", header.up)));
     }
     Ok(())
+}
+
+/// A line after the first.
+enum Line {
+    Point(RoutePoint),
+    Note(RouteNote),
+    Header(RouteHeader),
+}
+
+/// What a line is, by its first key.
+fn parse_line(line: &[u8], route: &Route) -> Result<Line, String> {
+    if line.starts_with(b"{\"format\"") {
+        return serde_json::from_slice(line).map(Line::Header).map_err(|e| e.to_string());
+    }
+    if line.starts_with(b"{\"note\"") {
+        let note: RouteNote = serde_json::from_slice(line).map_err(|e| e.to_string())?;
+        if route.notes.len() >= RouteNote::MOST {
+            return Err(format!("there are more than {} notes", RouteNote::MOST));
+        }
+        return note.check().map(|()| Line::Note(note));
+    }
+    parse_point(line, route).map(Line::Point)
 }
 
 fn parse_point(line: &[u8], route: &Route) -> Result<RoutePoint, String> {
@@ -391,6 +425,46 @@ mod tests {
         for cut in second..bytes.len() {
             let route = Route::read(&bytes[..cut]).unwrap();
             assert!((1..=3).contains(&route.points.len()), "cut at {cut}");
+        }
+    }
+
+    #[test]
+    fn notes_and_names_round_trip_and_old_files_have_none() {
+        let old = Route::read(text().as_bytes()).unwrap();
+        assert!(old.notes.is_empty() && old.header.name.is_none());
+        let p = old.points[1];
+        let note = RouteNote {
+            text: "door to the yard".into(),
+            side: Some(crate::Side::Left),
+            stamp: p.stamp,
+            anchor: p.anchor,
+            anchor_from_camera: p.anchor_from_camera,
+            odom_from_camera: p.odom_from_camera,
+        };
+        let mut bytes = old.to_bytes().unwrap();
+        // A note may be taken before the last point, and the name come last.
+        write_line(&mut bytes, &note).unwrap();
+        let header =
+            RouteHeader { name: Some("to the kitchen".into()), recorded_s: Some(5), ..old.header.clone() };
+        write_line(&mut bytes, &header).unwrap();
+        let read = Route::read(&bytes[..]).unwrap();
+        assert_eq!((read.header.name.as_deref(), read.header.recorded_s), (Some("to the kitchen"), Some(5)));
+        assert_eq!((&read.notes[0].text, read.notes[0].side, read.points.len()), (&note.text, note.side, 3));
+        assert_eq!(Route::read(&read.to_bytes().unwrap()[..]).unwrap().notes.len(), 1);
+        // Every altered byte of the note is found, a torn one is left out.
+        let from = bytes.windows(7).position(|w| w == b"{\"note\"").unwrap();
+        let to = from + bytes[from..].iter().position(|b| *b == b'\n').unwrap();
+        for at in from..to {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 0x10;
+            assert!(Route::read(&damaged[..]).is_err(), "byte {at}");
+        }
+        for cut in from + 1..to - 1 {
+            let torn = Route::read(&bytes[..cut]).unwrap();
+            assert_eq!((torn.notes.len(), torn.points.len(), torn.torn), (0, 3, true), "cut at {cut}");
+        }
+        for wrong in ["", "a\nb", &"x".repeat(121)] {
+            assert!(RouteNote { text: wrong.into(), ..note.clone() }.check().is_err(), "{wrong:?}");
         }
     }
 

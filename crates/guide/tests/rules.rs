@@ -752,3 +752,29 @@ fn a_new_segment_of_odometry_is_no_motion() {
     assert!(walker.words().len() - before <= 1, "{:?}", &walker.words()[before..]);
     assert!((walker.guide.place().unwrap().along_m - 15.0).abs() < 0.2);
 }
+
+#[test]
+fn a_walker_joins_on_the_way_and_is_told_how_much_is_left() {
+    let mut w = ScriptedWalker::on_test_route(GuideConfig::default());
+    // Twelve metres along, a little beside it, facing away from where it leads.
+    (w.x, w.y, w.heading) = (12.0, 1.0, std::f64::consts::PI);
+    w.stand(1.0);
+    assert_eq!(w.words(), ["You are on the route, 40 metres to go. Turn around."]);
+    w.turn(180.0, 45.0).go(20.0, 0.8);
+    assert_eq!(w.count(|k| matches!(k, CueKind::Start { .. } | CueKind::Away { .. })), 1);
+    assert_eq!(w.find("Turn left now").len(), 1, "{:?}", w.words());
+}
+
+#[test]
+fn a_walker_who_is_not_on_the_route_is_not_led_across_unknown_ground() {
+    let mut w = ScriptedWalker::on_test_route(GuideConfig::default());
+    (w.x, w.y) = (10.0, 12.0);
+    w.stand(30.0);
+    let words = w.words();
+    let away = "The route is 10 metres away, to your right. I do not know the ground between. Go there, and I will guide you.";
+    assert_eq!(words, [away; 3]);
+    // He goes there by himself.
+    w.turn(-90.0, 45.0).go(9.0, 0.8);
+    let words = w.words();
+    assert!(words[3..].iter().any(|s| s.starts_with("You are on the route, 40 metres to go.")), "{words:?}");
+}

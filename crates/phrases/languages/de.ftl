@@ -104,6 +104,17 @@ guide-start = Die Route ist { distance } lang.
 guide-start-unmeasured = Die Führung beginnt. Entfernungen kann ich nicht messen.
 guide-start-back = Die Kamera schaut nach hinten.
 guide-start-backwards = Vorsicht, jetzt geht es rückwärts. Langsam gehen, und nur auf ebenem Boden.
+guide-join = Auf der Route, noch { distance }.
+guide-join-unmeasured = Auf der Route. Ich kann keine Entfernungen messen.
+guide-away = Die Route ist { distance } entfernt, { $place }. Den Boden dazwischen kenne ich nicht. Bitte dorthin gehen, dann führe ich.
+guide-away-unmeasured = Die Route ist { $place }. Den Boden dazwischen kenne ich nicht. Bitte dorthin gehen, dann führe ich.
+guide-note = { CAPITAL($text) }.
+guide-note-at = { CAPITAL($text) } { $place ->
+    [left] links
+    [right] rechts
+    [ahead] voraus
+   *[behind] hinten
+}.
 guide-found = Ich weiß wieder, wo wir sind.
 guide-clear = Der Weg ist frei.
 guide-around = Daneben ist Platz. Langsamer. { CAPITAL($turn) }.
@@ -192,8 +203,62 @@ walk-nothing-recorded = Aufnahme beendet. Es wurde nichts aufgenommen.
 walk-file-incomplete = Aufnahme beendet, aber die Datei ist unvollständig: { $why }. Die Route bleibt im Speicher.
 walk-no-route = Es gibt noch keine Route. Erst eine aufnehmen oder laden.
 walk-no-saved-route = Es gibt keine aufgenommene Route zum Laden.
-walk-loaded = Route geladen, { distance }.
-walk-loaded-unmeasured = Route geladen.
+walk-routes-none = Es gibt keine aufgenommene Route.
+walk-routes = { $count ->
+    [one] Eine Route.
+   *[other] { $count } Routen.
+}
+walk-routes-older = { $count ->
+    [one] Und eine ältere Route.
+   *[other] Und { $count } ältere Routen.
+}
+walk-route-number = Route { $number }
+walk-route-named = Route { $number }, { $name }
+walk-when = { $days ->
+    [0] von heute
+    [1] von gestern
+   *[other] von vor { $days } Tagen
+}
+walk-when-weeks = von vor { $weeks } Wochen
+walk-when-months = von vor { $months } Monaten
+walk-when-years = von vor { $years } Jahren
+walk-with-notes = { $count ->
+    [one] mit einer Notiz
+   *[other] mit { $count } Notizen
+}
+walk-route-loaded = { $route }. Geladen.
+walk-route-loaded-elsewhere = { $route }. Geladen, aber ich kann darauf nicht führen: { $why }.
+walk-why-other-map = sie wurde mit einer anderen Kamera oder auf einer anderen Karte aufgenommen
+walk-why-damaged = ihre Datei ist beschädigt
+walk-unknown-route = Es gibt keine Route { $number }.
+walk-no-route-at-hand = Es ist keine Route geladen. Bitte die Nummer sagen.
+walk-renamed = { $route }. Der Name ist gespeichert.
+walk-name-empty = Der Name ist leer.
+walk-name-long = Der Name ist zu lang.
+walk-name-unsayable = Der Name hat Zeichen, die man nicht sprechen kann.
+walk-rename-failed = Die Route lässt sich nicht benennen: { $why }.
+walk-ask-delete = Soll ich diese Route löschen? { $route }. Bitte mit Ja oder Nein antworten.
+walk-deleted = { $route }: gelöscht.
+walk-delete-failed = Die Route lässt sich nicht löschen: { $why }.
+walk-nothing-deleted = Es wurde nichts gelöscht.
+walk-no-question = Es ist keine Frage offen.
+walk-being-recorded = Diese Route wird gerade aufgenommen. Bitte erst die Aufnahme beenden.
+walk-halt-first = Die Führung läuft. Bitte erst anhalten.
+walk-note-no-recording = Notizen gehören zu einer Route. Bitte erst die Aufnahme beginnen.
+walk-note-no-place = Ich weiß nicht, wo wir sind. Bitte die Notiz gleich noch einmal versuchen.
+walk-note-too-many = Diese Route hat zu viele Notizen.
+walk-note-too-long = Diese Notiz ist zu lang.
+walk-marked = Der Ort ist gemerkt. Nun bitte sagen, was hier ist.
+walk-noted = Notiert: { $text }.
+walk-noted-side = Notiert: { $text } { $side ->
+    [left] links
+   *[right] rechts
+}.
+walk-landmark = Orientierungspunkt
+walk-searching = Diesen Ort erkenne ich noch nicht. Bitte langsam auf der Stelle drehen oder näher zur Route gehen.
+walk-map-not-saved = Die Karte lässt sich nicht speichern: { $why }. Die Routen von heute gelten, bis ich ausgeschaltet werde.
+walk-map-saved = Die Karte wird wieder gespeichert.
+walk-library-full = Aufnahme nur im Speicher, weil für weitere Routen kein Platz ist. Bitte erst einige löschen.
 walk-route-unreadable = Die Route ist nicht lesbar: { $why }.
 walk-route-empty = Diese Route ist leer.
 walk-other-map = Diese Route gehört zu einer Karte, die nicht geladen ist.
@@ -260,6 +325,11 @@ wait-place = einen Ort, den ich kenne ({ $have } von { $need } Treffern)
 
 key-record = aufnehmen
 key-stop = Aufnahme beenden
+key-note = Orientierungspunkt notieren
+key-routes = Routen ansagen
+key-delete = geladene Route löschen
+key-yes = ja
+key-no = nein
 key-load = die letzte Route laden
 key-guide = heimführen
 key-backwards = rückwärts führen
@@ -294,6 +364,40 @@ page-guide-backwards = Rückwärts gehen
 page-halt = Führung beenden
 page-load = Die letzte Route laden
 page-guide-again = Vom Anfang zum Ende führen
+page-routes = Routen
+page-routes-none = Es wurde noch keine Route aufgenommen.
+page-routes-count = { $count ->
+    [one] { $count } Route
+   *[other] { $count } Routen
+}
+page-route-loaded = Diese Route ist geladen.
+page-load-one = Laden
+page-rename = Benennen
+page-delete = Löschen
+page-labelled = { $action }: { $route }
+page-notes-count = { $count ->
+    [one] { $count } Notiz.
+   *[other] { $count } Notizen.
+}
+page-why-not = Kann nicht gegangen werden: { $why }.
+page-wait-picture = Auf das Bild warten
+page-note = Orientierungspunkt notieren
+page-anew = Neue Route aufnehmen
+page-all-commands = Alle Befehle
+page-say-routes = Routen ansagen
+page-note-title = Was ist hier?
+page-note-text = Ein paar Wörter, zum Beispiel Tür oder Brunnen
+page-note-where = Wo ist es?
+page-note-left = links
+page-note-right = rechts
+page-note-here = genau hier
+page-note-save = Notiz speichern
+page-name-text = Ihr Name, zum Beispiel zur Küche
+page-name-save = Namen speichern
+page-delete-title = Die Route löschen?
+page-delete-no = Nein, behalten
+page-delete-yes = Ja, löschen
+page-map-not-saved = { $map }; nicht gespeichert: { $why }
 page-repeat = Noch einmal sagen
 page-status = Den Zustand sagen
 page-done = Erledigt: { $text }
@@ -448,6 +552,7 @@ page-directions-degrees = in Grad
 page-speed = Wörter pro Minute
 page-volume = Lautstärke
 page-sounds = Kurze Töne zu den Worten
+page-media = Tasten am Kopfhörer und auf dem Sperrbildschirm: Wiedergabe wiederholt, Stopp beendet die Führung
 page-vibration = Vibration
 page-keys = Einzelne Tasten geben Befehle: { $keys }
 page-dark = Bildschirm dunkel schalten

@@ -90,6 +90,17 @@ guide-start = The route is { distance } long.
 guide-start-unmeasured = Guidance starts. I cannot measure distances.
 guide-start-back = The camera faces behind you.
 guide-start-backwards = Caution, you will move backwards. Go slowly and only on flat ground.
+guide-join = You are on the route, { distance } to go.
+guide-join-unmeasured = You are on the route. I cannot measure distances.
+guide-away = The route is { distance } away, { $place }. I do not know the ground between. Go there, and I will guide you.
+guide-away-unmeasured = The route is { $place }. I do not know the ground between. Go there, and I will guide you.
+guide-note = { CAPITAL($text) }.
+guide-note-at = { CAPITAL($text) } { $place ->
+    [left] on your left
+    [right] on your right
+    [ahead] ahead
+   *[behind] behind you
+}.
 guide-found = I found my place.
 guide-clear = The way is clear.
 guide-around = There is room beside it. Slow down. { CAPITAL($turn) }.
@@ -178,8 +189,62 @@ walk-nothing-recorded = Recording has ended. Nothing was recorded.
 walk-file-incomplete = Recording has ended, but the file is incomplete: { $why }. The route is kept in memory.
 walk-no-route = There is no route yet. Record or load one first.
 walk-no-saved-route = There is no recorded route to load.
-walk-loaded = The route is loaded, { distance }.
-walk-loaded-unmeasured = The route is loaded.
+walk-routes-none = There is no recorded route.
+walk-routes = { $count ->
+    [one] One route.
+   *[other] { $count } routes.
+}
+walk-routes-older = { $count ->
+    [one] And one older route.
+   *[other] And { $count } older routes.
+}
+walk-route-number = Route { $number }
+walk-route-named = Route { $number }, { $name }
+walk-when = { $days ->
+    [0] today
+    [1] yesterday
+   *[other] { $days } days ago
+}
+walk-when-weeks = { $weeks } weeks ago
+walk-when-months = { $months } months ago
+walk-when-years = { $years } years ago
+walk-with-notes = { $count ->
+    [one] with one note
+   *[other] with { $count } notes
+}
+walk-route-loaded = { $route }. Loaded.
+walk-route-loaded-elsewhere = { $route }. Loaded, but I cannot guide along it: { $why }.
+walk-why-other-map = it was recorded with another camera or on another map
+walk-why-damaged = its file is damaged
+walk-unknown-route = There is no route { $number }.
+walk-no-route-at-hand = There is no route at hand. Say which number.
+walk-renamed = { $route }. The name is kept.
+walk-name-empty = The name is empty.
+walk-name-long = The name is too long.
+walk-name-unsayable = The name has signs that cannot be said.
+walk-rename-failed = The route cannot be named: { $why }.
+walk-ask-delete = Shall I delete this route? { $route }. Answer yes or no.
+walk-deleted = { $route } is deleted.
+walk-delete-failed = The route cannot be deleted: { $why }.
+walk-nothing-deleted = Nothing was deleted.
+walk-no-question = There is no question to answer.
+walk-being-recorded = That route is being recorded. Stop the recording first.
+walk-halt-first = Guidance is running. Halt it first.
+walk-note-no-recording = Notes belong to a route. Start recording first.
+walk-note-no-place = I do not know where I am. Try the note again in a moment.
+walk-note-too-many = This route has too many notes.
+walk-note-too-long = That note is too long.
+walk-marked = The place is marked. Now say what is here.
+walk-noted = Noted: { $text }.
+walk-noted-side = Noted: { $text } on the { $side ->
+    [left] left
+   *[right] right
+}.
+walk-landmark = landmark
+walk-searching = I do not recognise this place yet. Turn slowly on the spot, or go nearer to the route.
+walk-map-not-saved = The map cannot be saved: { $why }. Today's routes can be walked until I am switched off.
+walk-map-saved = The map is saved again.
+walk-library-full = Recording in memory only, because there is no room for more routes. Delete some first.
 walk-route-unreadable = The route cannot be read: { $why }.
 walk-route-empty = That route is empty.
 walk-other-map = That route belongs to a map that is not loaded.
@@ -246,6 +311,11 @@ wait-place = a place that I know ({ $have } of { $need } matches)
 
 key-record = record
 key-stop = stop recording
+key-note = note a landmark
+key-routes = say the routes
+key-delete = delete the route at hand
+key-yes = yes
+key-no = no
 key-load = load the latest route
 key-guide = guide home
 key-backwards = guide backwards
@@ -280,6 +350,40 @@ page-guide-backwards = Walk backwards
 page-halt = Halt guidance
 page-load = Load the latest route
 page-guide-again = Guide from start to end
+page-routes = Routes
+page-routes-none = No route has been recorded yet.
+page-routes-count = { $count ->
+    [one] { $count } route
+   *[other] { $count } routes
+}
+page-route-loaded = This route is at hand.
+page-load-one = Load
+page-rename = Rename
+page-delete = Delete
+page-labelled = { $action }: { $route }
+page-notes-count = { $count ->
+    [one] { $count } note.
+   *[other] { $count } notes.
+}
+page-why-not = Cannot be walked: { $why }.
+page-wait-picture = Wait for the picture
+page-note = Note a landmark
+page-anew = Record a new route
+page-all-commands = All commands
+page-say-routes = Say the routes
+page-note-title = What is here?
+page-note-text = A few words, such as door or drinking fountain
+page-note-where = Where is it?
+page-note-left = on the left
+page-note-right = on the right
+page-note-here = right here
+page-note-save = Save the note
+page-name-text = Its name, such as to the kitchen
+page-name-save = Save the name
+page-delete-title = Delete the route?
+page-delete-no = No, keep it
+page-delete-yes = Yes, delete it
+page-map-not-saved = { $map }; not saved: { $why }
 page-repeat = Say it again
 page-status = Say the status
 page-done = Done: { $text }
@@ -440,6 +544,7 @@ page-directions-degrees = in degrees
 page-speed = Words a minute
 page-volume = Volume
 page-sounds = Short sounds with the words
+page-media = Headset and lock-screen buttons: play says it again, stop halts guidance
 page-vibration = Vibration
 page-keys = Single keys give commands: { $keys }
 page-dark = Make the screen dark

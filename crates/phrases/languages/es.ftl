@@ -84,6 +84,20 @@ guide-start = La ruta mide { distance }.
 guide-start-unmeasured = Empieza la guía. No puedo medir distancias.
 guide-start-back = La cámara mira hacia atrás.
 guide-start-backwards = Atención, va a caminar hacia atrás. Vaya despacio y solo por suelo llano.
+guide-join = Está en la ruta, { $distance ->
+    [one] falta
+   *[other] faltan
+} { distance }.
+guide-join-unmeasured = Está en la ruta. No puedo medir distancias.
+guide-away = La ruta está a { distance }, { $place }. No conozco el suelo que hay en medio. Vaya hasta allí y le guiaré.
+guide-away-unmeasured = La ruta está { $place }. No conozco el suelo que hay en medio. Vaya hasta allí y le guiaré.
+guide-note = { CAPITAL($text) }.
+guide-note-at = { CAPITAL($text) } { $place ->
+    [left] a su izquierda
+    [right] a su derecha
+    [ahead] delante
+   *[behind] detrás de usted
+}.
 guide-found = Ya sé dónde estamos.
 guide-clear = El camino está libre.
 guide-around = Hay sitio al lado. Más despacio. { CAPITAL($turn) }.
@@ -178,8 +192,62 @@ walk-nothing-recorded = Fin de la grabación. No se ha grabado nada.
 walk-file-incomplete = Fin de la grabación, pero el archivo está incompleto: { $why }. La ruta sigue en la memoria.
 walk-no-route = Todavía no hay ninguna ruta. Grabe o cargue una primero.
 walk-no-saved-route = No hay ninguna ruta grabada que cargar.
-walk-loaded = Ruta cargada, { distance }.
-walk-loaded-unmeasured = Ruta cargada.
+walk-routes-none = No hay ninguna ruta grabada.
+walk-routes = { $count ->
+    [one] Una ruta.
+   *[other] { $count } rutas.
+}
+walk-routes-older = { $count ->
+    [one] Y una ruta más antigua.
+   *[other] Y { $count } rutas más antiguas.
+}
+walk-route-number = Ruta { $number }
+walk-route-named = Ruta { $number }, { $name }
+walk-when = { $days ->
+    [0] de hoy
+    [1] de ayer
+   *[other] de hace { $days } días
+}
+walk-when-weeks = de hace { $weeks } semanas
+walk-when-months = de hace { $months } meses
+walk-when-years = de hace { $years } años
+walk-with-notes = { $count ->
+    [one] con una nota
+   *[other] con { $count } notas
+}
+walk-route-loaded = { $route }. Cargada.
+walk-route-loaded-elsewhere = { $route }. Cargada, pero no puedo guiarle por ella: { $why }.
+walk-why-other-map = se grabó con otra cámara o en otro mapa
+walk-why-damaged = su archivo está dañado
+walk-unknown-route = No hay ninguna ruta { $number }.
+walk-no-route-at-hand = No hay ninguna ruta cargada. Diga qué número.
+walk-renamed = { $route }. Nombre guardado.
+walk-name-empty = El nombre está vacío.
+walk-name-long = El nombre es demasiado largo.
+walk-name-unsayable = El nombre tiene signos que no se pueden decir.
+walk-rename-failed = No se puede dar nombre a la ruta: { $why }.
+walk-ask-delete = ¿Borro esta ruta? { $route }. Responda sí o no.
+walk-deleted = { $route }: borrada.
+walk-delete-failed = No se puede borrar la ruta: { $why }.
+walk-nothing-deleted = No se ha borrado nada.
+walk-no-question = No hay ninguna pregunta que responder.
+walk-being-recorded = Esa ruta se está grabando. Termine antes la grabación.
+walk-halt-first = La guía está en marcha. Deténgala antes.
+walk-note-no-recording = Las notas son de una ruta. Empiece antes a grabar.
+walk-note-no-place = No sé dónde estamos. Repita la nota dentro de un momento.
+walk-note-too-many = Esta ruta tiene demasiadas notas.
+walk-note-too-long = Esa nota es demasiado larga.
+walk-marked = Lugar marcado. Diga ahora qué hay aquí.
+walk-noted = Anotado: { $text }.
+walk-noted-side = Anotado: { $text } a la { $side ->
+    [left] izquierda
+   *[right] derecha
+}.
+walk-landmark = punto de referencia
+walk-searching = Todavía no reconozco este lugar. Gire despacio sobre sí, o acérquese a la ruta.
+walk-map-not-saved = No se puede guardar el mapa: { $why }. Las rutas de hoy sirven hasta que me apague.
+walk-map-saved = El mapa vuelve a guardarse.
+walk-library-full = Grabo solo en la memoria, porque no caben más rutas. Borre antes algunas.
 walk-route-unreadable = No se puede leer la ruta: { $why }.
 walk-route-empty = Esa ruta está vacía.
 walk-other-map = Esa ruta es de un mapa que no está cargado.
@@ -249,6 +317,11 @@ wait-place = un lugar que conozca ({ $have } de { $need } coincidencias)
 
 key-record = grabar
 key-stop = terminar la grabación
+key-note = anotar un punto de referencia
+key-routes = decir las rutas
+key-delete = borrar la ruta cargada
+key-yes = sí
+key-no = no
 key-load = cargar la última ruta
 key-guide = guiar de vuelta
 key-backwards = guiar hacia atrás
@@ -283,6 +356,40 @@ page-guide-backwards = Caminar hacia atrás
 page-halt = Terminar la guía
 page-load = Cargar la última ruta
 page-guide-again = Guiar de principio a fin
+page-routes = Rutas
+page-routes-none = Todavía no se ha grabado ninguna ruta.
+page-routes-count = { $count ->
+    [one] { $count } ruta
+   *[other] { $count } rutas
+}
+page-route-loaded = Esta ruta está cargada.
+page-load-one = Cargar
+page-rename = Nombre
+page-delete = Borrar
+page-labelled = { $action }: { $route }
+page-notes-count = { $count ->
+    [one] { $count } nota.
+   *[other] { $count } notas.
+}
+page-why-not = No se puede recorrer: { $why }.
+page-wait-picture = Espere la imagen
+page-note = Anotar un punto de referencia
+page-anew = Grabar una ruta nueva
+page-all-commands = Todas las órdenes
+page-say-routes = Decir las rutas
+page-note-title = ¿Qué hay aquí?
+page-note-text = Unas palabras, como puerta o fuente
+page-note-where = ¿Dónde está?
+page-note-left = a la izquierda
+page-note-right = a la derecha
+page-note-here = aquí mismo
+page-note-save = Guardar la nota
+page-name-text = Su nombre, como a la cocina
+page-name-save = Guardar el nombre
+page-delete-title = ¿Borrar la ruta?
+page-delete-no = No, conservarla
+page-delete-yes = Sí, borrarla
+page-map-not-saved = { $map }; sin guardar: { $why }
 page-repeat = Repetir
 page-status = Decir el estado
 page-done = Hecho: { $text }
@@ -443,6 +550,7 @@ page-directions-degrees = en grados
 page-speed = Palabras por minuto
 page-volume = Volumen
 page-sounds = Sonidos breves con las palabras
+page-media = Botones de los auriculares y de la pantalla de bloqueo: reproducir repite, parar termina la guía
 page-vibration = Vibración
 page-keys = Teclas sueltas dan órdenes: { $keys }
 page-dark = Oscurecer la pantalla

@@ -2,9 +2,20 @@
 //! scripts.
 
 use crate::settings::{self, Setting};
-use cairn_guide::Facing;
+use cairn_guide::{Facing, Side};
 use cairn_phrases::Language;
 use std::path::PathBuf;
+
+/// Which route.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Which {
+    /// The one recorded last.
+    Latest,
+    /// The one with this number in the folder of the routes.
+    Number(u32),
+    /// The one in this file.
+    File(PathBuf),
+}
 
 /// What a walker can ask for.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,8 +24,25 @@ pub enum Command {
     Record,
     /// End the recording; the route can be walked home from now on.
     Stop,
-    /// Load a recorded route: this file, else the latest one.
-    Load(Option<PathBuf>),
+    /// Say which routes there are.
+    Routes,
+    /// Load a recorded route: it is the one at hand from then on.
+    Load(Which),
+    /// Give a route a name: this one, else the one at hand.
+    Rename(Option<u32>, String),
+    /// Delete a route after asking: this one, else the one at hand.
+    Delete(Option<u32>),
+    /// Answer the question that was asked.
+    Answer(bool),
+    /// Remember this place for the next note.
+    Mark,
+    /// Note what is here, in the route being recorded.
+    Note {
+        /// What is here; may be empty.
+        text: String,
+        /// On which side, as the camera looks.
+        side: Option<Side>,
+    },
     /// Start guidance along the route.
     Guide {
         /// How the camera is mounted relative to the walker; the session's default without it.
@@ -50,10 +78,15 @@ const fn key(key: char, line: &'static str, does: &'static str) -> Key {
 }
 
 /// The keys of the terminal, the page and the help.
-pub const KEYS: [Key; 9] = [
+pub const KEYS: [Key; 14] = [
     key('r', "record", "key-record"),
     key('s', "stop", "key-stop"),
+    key('n', "note", "key-note"),
+    key('o', "routes", "key-routes"),
     key('l', "load", "key-load"),
+    key('d', "delete", "key-delete"),
+    key('y', "yes", "key-yes"),
+    key('x', "no", "key-no"),
     key('g', "guide", "key-guide"),
     key('b', "backwards", "key-backwards"),
     key('h', "halt", "key-halt"),
@@ -70,7 +103,11 @@ pub fn key_of(line: &str) -> Option<char> {
 /// All commands with their keys, for people.
 pub fn help(language: Language) -> String {
     let keys: Vec<String> = KEYS.iter().map(|k| format!("{} {}", k.key, language.text(k.does))).collect();
-    let lines = format!("load FILE, guide home|back|backwards [again], {}", settings::FORMS);
+    let lines = format!(
+        "load NUMBER|FILE (1-9), rename [NUMBER] NAME, delete [NUMBER], mark, note [left|right] TEXT, guide \
+         home|back|backwards [again], {}",
+        settings::FORMS
+    );
     format!("{}; {}", keys.join(", "), language.say("key-lines", &[("lines", (&lines).into())]))
 }
 
@@ -78,6 +115,9 @@ impl Command {
     /// The command of a key, in either case.
     pub fn of_key(key: char) -> Option<Self> {
         let key = key.to_ascii_lowercase();
+        if let Some(number) = key.to_digit(10).filter(|n| *n > 0) {
+            return Some(Self::Load(Which::Number(number)));
+        }
         KEYS.iter().find(|k| k.key == key).and_then(|k| Self::parse(k.line).ok())
     }
 
@@ -92,11 +132,14 @@ impl Command {
         let command = match first.as_str() {
             "record" => Self::Record,
             "stop" => Self::Stop,
-            "load" => {
-                let (_, path) = line.trim().split_at(4);
-                let path = path.trim();
-                return Ok(Self::Load((!path.is_empty()).then(|| PathBuf::from(path))));
-            }
+            "routes" | "list" => Self::Routes,
+            "load" => return Ok(Self::Load(which(after(line)))),
+            "rename" => return rename(after(line)),
+            "note" => return Ok(note(after(line))),
+            "delete" => return delete(&rest),
+            "mark" => Self::Mark,
+            "yes" => Self::Answer(true),
+            "no" => Self::Answer(false),
             "guide" => return guide(&rest),
             "set" => return Ok(Self::Set(Setting::parse(&rest)?)),
             "halt" => Self::Halt,
@@ -115,6 +158,62 @@ impl Command {
             Some(word) => Err(format!("unexpected \"{word}\" after \"{first}\"")),
         }
     }
+}
+
+/// What follows the first word of a line.
+fn after(line: &str) -> &str {
+    line.trim().split_once(char::is_whitespace).map_or("", |(_, rest)| rest.trim())
+}
+
+fn which(text: &str) -> Which {
+    match (text.is_empty(), text.parse()) {
+        (true, _) => Which::Latest,
+        (_, Ok(number)) => Which::Number(number),
+        _ => Which::File(text.into()),
+    }
+}
+
+fn rename(text: &str) -> Result<Command, String> {
+    let numbered = text.split_once(char::is_whitespace).and_then(|(n, name)| Some((n.parse().ok()?, name)));
+    let (number, name) = match numbered {
+        Some((number, name)) => (Some(number), name.trim()),
+        None => (None, text),
+    };
+    match name.is_empty() || number.is_none() && name.parse::<u32>().is_ok() {
+        true => Err("a name is missing: write rename 3 to the kitchen".into()),
+        false => Ok(Command::Rename(number, name.to_owned())),
+    }
+}
+
+fn delete(words: &[&str]) -> Result<Command, String> {
+    match words {
+        [] => Ok(Command::Delete(None)),
+        [number] => {
+            let number = number.parse().map_err(|_| format!("\"{number}\" is not the number of a route"))?;
+            Ok(Command::Delete(Some(number)))
+        }
+        [_, more, ..] => Err(format!("unexpected \"{more}\" after \"delete\"")),
+    }
+}
+
+/// "left door", "door on the left" and "door on my left" are the same note.
+fn note(text: &str) -> Command {
+    let lower = text.to_lowercase();
+    for (side, word) in [(Side::Left, "left"), (Side::Right, "right")] {
+        let begins = lower.strip_prefix(word).is_some_and(|rest| rest.starts_with(char::is_whitespace));
+        if begins {
+            return Command::Note { text: text[word.len()..].trim().to_owned(), side: Some(side) };
+        }
+        for lead in ["on the", "to the", "on my", "to my", "on your", "to your"] {
+            let ending = format!(" {lead} {word}");
+            // Lower-case letters may have another length: only where both agree the ending can be cut off.
+            if lower.len() == text.len() && lower.trim_end_matches('.').ends_with(&ending) {
+                let end = lower.trim_end_matches('.').len() - ending.len();
+                return Command::Note { text: text[..end].trim().to_owned(), side: Some(side) };
+            }
+        }
+    }
+    Command::Note { text: text.to_owned(), side: None }
 }
 
 fn guide(words: &[&str]) -> Result<Command, String> {
@@ -160,23 +259,63 @@ mod tests {
             ('b', "backwards"),
             ('b', "guide backwards"),
             ('p', "repeat"),
+            ('o', "routes"),
+            ('d', "delete"),
+            ('y', "yes"),
+            ('x', "no"),
+            ('n', "note"),
+            ('3', "load 3"),
             ('q', "quit"),
         ] {
             let command = Command::of_key(key).unwrap();
             assert_eq!(Command::parse(line).unwrap(), command);
             assert_eq!(Command::parse(&key.to_string()).unwrap(), command);
         }
+        let load = |line: &str| match Command::parse(line).unwrap() {
+            Command::Load(which) => which,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(load("load my route.route"), Which::File("my route.route".into()));
         assert_eq!(
-            Command::parse("load my route.route").unwrap(),
-            Command::Load(Some("my route.route".into()))
+            (load("load"), load("load 12"), load("7")),
+            (Which::Latest, Which::Number(12), Which::Number(7))
         );
+        assert_eq!(
+            Command::parse("rename 3 to the  kitchen"),
+            Ok(Command::Rename(Some(3), "to the  kitchen".into()))
+        );
+        assert_eq!(Command::parse("rename home"), Ok(Command::Rename(None, "home".into())));
+        assert_eq!(Command::parse("delete 4"), Ok(Command::Delete(Some(4))));
+        let note = |line: &str| match Command::parse(line).unwrap() {
+            Command::Note { text, side } => (text, side),
+            other => panic!("{other:?}"),
+        };
+        let door = ("door".to_owned(), Some(Side::Left));
+        assert_eq!((note("note left door"), note("note door on the left.")), (door.clone(), door.clone()));
+        assert_eq!(note("note door on my LEFT"), door);
+        assert_eq!(note("note rightmost door"), ("rightmost door".to_owned(), None));
+        assert_eq!(note("note İ on the left").0, "İ on the left");
+        assert_eq!(note("n"), (String::new(), None));
         assert_eq!(
             Command::parse("set language de").unwrap(),
             Command::Set(Setting::Language(Language::German))
         );
         let again = Command::Guide { facing: Some(Facing::Back), again: true };
         assert_eq!(Command::parse(" guide BACK again ").unwrap(), again);
-        for wrong in ["", "set", "set language xx", "fly", "record now", "guide away", "x"] {
+        for wrong in [
+            "",
+            "set",
+            "set language xx",
+            "fly",
+            "record now",
+            "guide away",
+            "z",
+            "rename",
+            "rename 3 ",
+            "delete x",
+            "delete 1 2",
+            "yes please",
+        ] {
             assert!(Command::parse(wrong).is_err(), "{wrong}");
         }
     }

@@ -38,13 +38,19 @@ impl Medium for Box<dyn Medium> {
     }
 }
 
-/// Makes new files; one that exists is an error.
+/// Makes new files, where one that exists is an error, and replaces files.
 pub trait Disk: Send {
     /// Creates an empty file.
     ///
     /// # Errors
     /// The system's error, also when the file exists.
     fn create(&self, path: &Path) -> io::Result<Box<dyn Medium>>;
+
+    /// Gives a file this content, completely or not at all.
+    ///
+    /// # Errors
+    /// The system's error; the file is then as it was.
+    fn replace(&self, path: &Path, content: &[u8]) -> io::Result<()>;
 }
 
 /// The machine's own file system.
@@ -54,6 +60,25 @@ pub struct OwnDisk;
 impl Disk for OwnDisk {
     fn create(&self, path: &Path) -> io::Result<Box<dyn Medium>> {
         Ok(Box::new(File::options().write(true).create_new(true).open(path)?))
+    }
+
+    fn replace(&self, path: &Path, content: &[u8]) -> io::Result<()> {
+        // A neighbour that a killed process left behind is overwritten by the next attempt.
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(".new");
+        let part = path.with_file_name(name);
+        let written = File::create(&part).and_then(|mut file| {
+            file.write_all(content)?;
+            file.sync_all()
+        });
+        written.and_then(|()| std::fs::rename(&part, path)).inspect_err(|_| {
+            let _ = std::fs::remove_file(&part);
+        })?;
+        match path.parent() {
+            // The new name is on disk when the folder is.
+            Some(folder) if !folder.as_os_str().is_empty() && cfg!(unix) => File::open(folder)?.sync_all(),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -4,14 +4,15 @@
 //! the odometry frame by the current `world_from_odom`; where that or the map changes so that the route moves in the
 //! odometry frame, the guide is given the change.
 
-use crate::reference_path::{Moved, ReferencePath};
+use crate::reference_path::{self, Moved, ReferencePath};
 use cairn_atlas::Snapshot;
 use cairn_engine::Output;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Similarity, World};
 use cairn_guide::{
-    Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, GuideState, Heading,
-    ManeuverPlanError, RecordInput, Route, StopReason, Travel, wrap,
+    Anchor, Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, GuideState, Heading,
+    ManeuverPlanError, RecordInput, Route, RouteNote, StopReason, Travel, wrap,
 };
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 
 /// A pose, in the odometry frame and in the map.
@@ -25,6 +26,9 @@ pub(crate) struct Place {
     pub world_from_odom: Similarity<World, Odom>,
     /// The segment of odometry it belongs to.
     pub segment: u32,
+    /// The key frame it is anchored to, and the camera's pose in it.
+    pub anchor: Anchor,
+    pub anchor_from_camera: Se3,
 }
 
 impl Place {
@@ -37,6 +41,8 @@ impl Place {
             odom_from_camera: seen.odom_from_camera,
             world_from_odom: odometry.world_from_odom,
             segment: odometry.segment,
+            anchor: seen.anchor,
+            anchor_from_camera: seen.anchor_from_camera,
         })
     }
 }
@@ -66,8 +72,18 @@ pub(crate) struct Guiding {
     pub guide: Guide,
     pub reference_path: ReferencePath,
     pub facing: Facing,
+    /// Whether from start to end, instead of home.
+    pub again: bool,
     pub asked: Stamp,
     pub started: bool,
+    /// The walker was not in the route's map when it began: then it begins anew once he is.
+    pub is_elsewhere: bool,
+    /// When he was last told so.
+    pub searched: Option<Stamp>,
+    /// Which notes he has been told.
+    told: Vec<bool>,
+    /// What was last found of [`Guiding::is_in_reach`]: for a version of the map and a key frame.
+    reach: Option<(u64, Anchor, bool)>,
 }
 
 impl Guiding {
@@ -87,7 +103,51 @@ impl Guiding {
         let plan = reference_path.plan().map_err(NoGuidance::Plan)?;
         let config = GuideConfig { facing, ..GuideConfig::default() };
         let guide = Guide::new(plan, reference_path.ground, config).map_err(NoGuidance::Guide)?;
-        Ok(Self { guide, reference_path, facing, asked: now, started: false })
+        let is_elsewhere = !place.is_some_and(|p| reference_path::is_reachable(map, route, p.anchor));
+        Ok(Self {
+            guide,
+            reference_path,
+            facing,
+            again: travel == Travel::Again,
+            asked: now,
+            started: false,
+            is_elsewhere,
+            searched: None,
+            told: vec![false; route.notes.len()],
+            reach: None,
+        })
+    }
+
+    /// Whether the route lies in a map that has to do with the one of this key frame.
+    pub fn is_in_reach(&mut self, map: &Snapshot, route: &Route, from: Anchor) -> bool {
+        let known = self.reach.filter(|(version, at, _)| *version == map.version() && *at == from);
+        let is_in_reach =
+            known.map_or_else(|| reference_path::is_reachable(map, route, from), |(.., found)| found);
+        self.reach = Some((map.version(), from, is_in_reach));
+        is_in_reach
+    }
+
+    /// The note that the walker passes and was not told yet, in words.
+    pub fn note(
+        &mut self,
+        map: &Snapshot,
+        route: &Route,
+        place: &Place,
+        language: Language,
+    ) -> Option<String> {
+        if self.told.iter().all(|told| *told) || self.guide.state() != GuideState::Moving {
+            return None;
+        }
+        let ground = self.reference_path.ground;
+        let walker = self.facing.heading(&ground, &self.in_metres(place))?;
+        let taken = self.reference_path.notes(map, route);
+        let notes = route.notes.iter().zip(&taken).zip(&mut self.told).filter(|(_, told)| !**told);
+        let passed = notes.filter(|((_, at), _)| RouteNote::is_passed(&ground, at, &walker));
+        let distance = |at: &Se3| (ground.plane(&at.translation) - walker.position).norm();
+        let ((note, at), told) =
+            passed.min_by(|((_, a), _), ((_, b), _)| distance(a).total_cmp(&distance(b)))?;
+        *told = true;
+        Some(note.words(note.lies(&ground, at, &walker), language))
     }
 
     /// A step of the guide with the last known place; `route` is the one of [`Guiding::begin`].

@@ -188,6 +188,8 @@ fn walk(drift: Se3, seed: u64) -> Walked {
                 odom_from_camera: Pose::new(odom),
                 world_from_odom: odometry.world_from_odom,
                 segment: odometry.segment,
+                anchor: Anchor { robot: 0, seq: u32::try_from(found.reference.index()).unwrap() },
+                anchor_from_camera: found.reference_from_camera,
             });
         }
         let Some(place) = place else { panic!("not tracked from the beginning: {:?}", tracked.state) };

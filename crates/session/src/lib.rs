@@ -10,6 +10,7 @@ mod guidance;
 #[cfg(test)]
 mod guidance_tests;
 mod inbox;
+mod library;
 mod ready;
 mod recording;
 mod reference_path;
@@ -20,18 +21,19 @@ mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
-<<<<<<< HEAD
 mod take_me;
-=======
 mod way_ahead;
->>>>>>> dense
 
 pub use age::Age;
-pub use command::{Command, KEYS, Key, help, key_of};
+pub use command::{Command, KEYS, Key, Which, help, key_of};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Face, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use inbox::{Inbox, Item, feed};
+pub use library::{
+    Kept, LONGEST_NAME, LibraryError, MOST_KEY_FRAMES, MOST_ROUTES, MapKeeper, RouteEntry, RouteListed,
+    RoutesLock, WallClock, WallTime, routes_in,
+};
 pub use ready::{landmarks_in_view, readiness};
 pub use reference_path::{ReferencePath, standing};
 pub use script::{Script, ScriptError, When};

@@ -7,12 +7,24 @@ use crate::reference_path::standing;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3, Sim3, So3, Vec3};
 use cairn_guide::{
-    Confidence, Ground, RecordInput, Recorder, RecorderConfig, RecorderEvent, Route, RouteHeader,
-    RouteWriter, Stretch,
+    Confidence, Ground, RecordInput, Recorder, RecorderConfig, RecorderEvent, Route, RouteHeader, RouteNote,
+    RouteWriter, Side, Stretch,
 };
 use cairn_sensor::Stamp;
 use std::io;
 use std::path::{Path, PathBuf};
+
+/// What a recording says of itself in its file.
+pub(crate) struct About<'a> {
+    /// Whether lengths are metres.
+    pub metric: bool,
+    /// A description of the image source.
+    pub source: &'a str,
+    /// When it begins: seconds since 1970-01-01 00:00 UTC.
+    pub recorded_s: Option<i64>,
+    /// The identity of the atlas, where it is kept.
+    pub atlas: Option<String>,
+}
 
 /// A route being recorded.
 pub(crate) struct Recording {
@@ -35,21 +47,27 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// Starts; when the file cannot be created, the recording continues in memory and the reason is returned.
+    /// Without a `path` it is in memory only.
     pub fn begin(
         disk: &dyn Disk,
-        path: &Path,
+        path: Option<&Path>,
         map: &Snapshot,
         place: Option<&Place>,
-        metric: bool,
-        source: &str,
+        about: About,
     ) -> (Self, Option<String>) {
         let ground = ground_of(map, place);
-        let header = RouteHeader::new(metric, &ground, source);
-        let recorder = Recorder::new(RecorderConfig::default(), metric, &ground, source);
-        let opened = disk.create(path).and_then(|file| {
+        let header = RouteHeader {
+            recorded_s: about.recorded_s,
+            atlas: about.atlas,
+            ..RouteHeader::new(about.metric, &ground, about.source)
+        };
+        let recorder = Recorder::new(RecorderConfig::default(), about.metric, &ground, about.source)
+            .with_header(header.clone());
+        let opened = path.map(|path| disk.create(path)).transpose().and_then(|file| {
+            let Some(file) = file else { return Ok(None) };
             let file = PatientFile::new(file);
             let trouble = file.trouble();
-            RouteWriter::new(Box::new(file), &header).map(|w| (w, trouble))
+            RouteWriter::new(Box::new(file), &header).map(|w| Some((w, trouble)))
         });
         let plain = |recorder, trouble, path| Self {
             recorder,
@@ -66,9 +84,10 @@ impl Recording {
             warnings: Warnings::default(),
         };
         match opened {
-            Ok((writer, trouble)) => {
-                (plain(recorder.with_writer(writer), trouble, Some(path.to_owned())), None)
+            Ok(Some((writer, trouble))) => {
+                (plain(recorder.with_writer(writer), trouble, path.map(Path::to_owned)), None)
             }
+            Ok(None) => (plain(recorder, Trouble::default(), None), None),
             Err(e) => (plain(recorder, Trouble::default(), None), Some(e.to_string())),
         }
     }
@@ -148,6 +167,28 @@ impl Recording {
         }
     }
 
+    /// Notes a landmark at this place. The error is the id of the sentence that says why not.
+    pub fn note(&mut self, text: &str, side: Option<Side>, place: &Place) -> Result<(), &'static str> {
+        if self.route().notes.len() >= RouteNote::MOST {
+            return Err("walk-note-too-many");
+        }
+        let pose = place.odom_from_camera.se3;
+        // As for the points: in metres where that is known, else in the unit of the odometry.
+        let unit = if self.route().header.metric { place.world_from_odom.sim3.scale } else { self.unit };
+        let note = RouteNote {
+            text: text.to_owned(),
+            side,
+            stamp: place.stamp,
+            anchor: place.anchor,
+            anchor_from_camera: place.anchor_from_camera,
+            odom_from_camera: Se3::new(pose.rotation, pose.translation * unit),
+        };
+        note.check().map_err(|_| "walk-note-too-long")?;
+        // The patient file keeps what it could not write.
+        let _ = self.recorder.note(note);
+        Ok(())
+    }
+
     /// The scale of the map was initialised: lengths are metres from now on, including what was walked before.
     pub fn found_scale(&mut self, map: &Snapshot, place: Option<&Place>) {
         let unit = place.map_or(1.0, |place| place.world_from_odom.sim3.scale);
@@ -210,30 +251,4 @@ fn ground_of(map: &Snapshot, place: Option<&Place>) -> Ground {
 /// Whether a frame counts as tracked.
 pub(crate) fn tracked(input: &RecordInput) -> bool {
     input.confidence != Confidence::Lost
-}
-
-/// `route-0007.route`: one more than the highest number in the folder.
-pub(crate) fn next_path(folder: &Path) -> PathBuf {
-    let highest = routes_in(folder).into_iter().filter_map(|(n, _)| n).max().unwrap_or(0);
-    folder.join(format!("route-{:04}.route", highest + 1))
-}
-
-/// The route written last: by its time, then by its number.
-pub(crate) fn latest(folder: &Path) -> Option<PathBuf> {
-    let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
-    let mut routes = routes_in(folder);
-    routes.sort_by(|(a, p), (b, q)| written(p).cmp(&written(q)).then(a.cmp(b)).then(p.cmp(q)));
-    routes.pop().map(|(_, path)| path)
-}
-
-fn routes_in(folder: &Path) -> Vec<(Option<u32>, PathBuf)> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
-    let number = |path: &Path| {
-        let stem = path.file_stem()?.to_str()?;
-        stem.strip_prefix("route-").or_else(|| stem.strip_prefix("way-"))?.parse::<u32>().ok()
-    };
-    (entries.flatten().map(|e| e.path()))
-        .filter(|p| p.extension().is_some_and(|e| e == "route" || e == "way") && p.is_file())
-        .map(|p| (number(&p), p))
-        .collect()
 }

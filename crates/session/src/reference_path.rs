@@ -199,6 +199,12 @@ impl ReferencePath {
         readiness(map, camera, &in_world, self.frame.odom_from_world.sim3.scale, &self.world_ground, facing)
     }
 
+    /// Where the notes of the route were taken: poses of the camera in the odometry frame, in metres.
+    pub(crate) fn notes(&self, map: &Snapshot, route: &Route) -> Vec<Se3> {
+        let in_world = route.resolve_notes(|a| standing(map, a));
+        in_world.iter().map(|p| self.frame.odom_from_world.sim3.transform_pose(p)).collect()
+    }
+
     /// The corners of the cleaned route in the map's frame and unit.
     pub fn corners(&self) -> impl Iterator<Item = Vec3> {
         let world_from_odom = self.frame.odom_from_world.inverse().sim3;
@@ -223,4 +229,24 @@ pub fn standing(map: &Snapshot, anchor: Anchor) -> Option<Sim3> {
 /// The key frame that a route point is anchored to, by its lasting name; perhaps a removed one.
 fn key_frame_of(map: &Snapshot, anchor: Anchor) -> Option<KeyFrameId> {
     map.key_frame_named(KeyFrameName { robot: anchor.robot, seq: anchor.seq })
+}
+
+/// Whether a route lies in the map of this key frame, or in one whose place relative to it is known: maps that were begun
+/// one from the other. The frames of other maps have nothing in common.
+pub(crate) fn is_reachable(snapshot: &Snapshot, route: &Route, from: Anchor) -> bool {
+    let map_of = |anchor: Anchor| {
+        let (id, _) = snapshot.surviving_ancestor(KeyFrameId::from_index(anchor.seq as usize)?)?;
+        snapshot.key_frame(id).map(|k| k.map)
+    };
+    let former = |map: MapId| {
+        let (_, prior) = snapshot.maps().find(|(id, _)| *id == map)?;
+        let to = prior?.to.index();
+        map_of(Anchor { robot: 0, seq: u32::try_from(to).ok()? }).filter(|former| *former < map)
+    };
+    let first = |map: MapId| std::iter::successors(Some(map), |map| former(*map)).last();
+    let Some(here) = map_of(from).and_then(first) else { return false };
+    let anchors: BTreeSet<u32> = route.points.iter().map(|p| p.anchor.seq).collect();
+    let maps: BTreeSet<MapId> =
+        anchors.into_iter().filter_map(|seq| map_of(Anchor { robot: 0, seq })).collect();
+    maps.into_iter().any(|map| first(map) == Some(here))
 }

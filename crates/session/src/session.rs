@@ -5,6 +5,7 @@
 //! the guide then says stop.
 
 mod look;
+mod routes;
 mod take_me;
 
 use crate::age::Ages;
@@ -13,7 +14,8 @@ use crate::disk::{Disk, OwnDisk};
 use crate::dwell::{Dwell, Warnings};
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::guidance::{Guiding, Place};
-use crate::recording::{Recording, latest, next_path, tracked};
+use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
+use crate::recording::{About, Recording, tracked};
 use crate::settings::Setting;
 use crate::status::Status;
 use crate::way_ahead::WayAhead;
@@ -26,7 +28,7 @@ use cairn_guide::{
 };
 use cairn_phrases::{Arg, Language};
 use cairn_sensor::{FramePacket, Live, Rig, Stamp};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -69,6 +71,8 @@ impl Default for SessionConfig {
 
 /// Missing images are announced after this many seconds.
 const PICTURE_TIMEOUT_S: f64 = 1.0;
+/// A route of fewer points, three metres, leads nowhere.
+const SHORT_POINTS: usize = 60;
 /// The first words of guidance wait at most this long for other utterances to end, seconds.
 const FIRST_WORDS_WAIT_S: f64 = 12.0;
 
@@ -82,6 +86,13 @@ struct RouteAtHand {
     path: Option<PathBuf>,
     /// It is anchored to the map of this session.
     here: bool,
+}
+
+/// A question that waits for yes or no: whether to delete a route.
+struct Asked {
+    number: u32,
+    words: String,
+    at: Stamp,
 }
 
 /// One walk.
@@ -100,8 +111,19 @@ pub struct Session {
     unsupported: Option<Stamp>,
     recording: Option<Recording>,
     auto_recorded: bool,
-    /// Finished recordings of this session, with their files.
+    /// The recording in progress began by itself.
+    is_auto: bool,
+    /// Finished recordings of this session, with their files; where the atlas is kept, only those that are not on disk.
     recorded: Vec<(Option<PathBuf>, Route)>,
+    /// The files of all recordings of this session: their routes are in its map.
+    recorded_here: BTreeSet<PathBuf>,
+    folder: RouteFolder,
+    keeper: Option<MapKeeper>,
+    wall: WallClock,
+    /// A question that waits for yes or no.
+    asked: Option<Asked>,
+    /// The place of the next note.
+    marked: Option<Place>,
     route: Option<RouteAtHand>,
     guiding: Option<Guiding>,
     /// What is in the walker's way; only with depth, and where it was asked for.
@@ -126,9 +148,16 @@ impl Session {
     pub fn new(engine: Engine, config: SessionConfig) -> Self {
         let voice = Announcer::new(config.announcer);
         let status = Status { metric: engine.is_metric(), ..Status::default() };
+        let folder = RouteFolder::new(&config.folder);
         Self {
             engine,
             config,
+            folder,
+            keeper: None,
+            wall: Arc::new(WallTime::now),
+            recorded_here: BTreeSet::new(),
+            asked: None,
+            marked: None,
             disk: Box::new(OwnDisk),
             began: None,
             now: Stamp::default(),
@@ -139,6 +168,7 @@ impl Session {
             unsupported: None,
             recording: None,
             auto_recorded: false,
+            is_auto: false,
             recorded: Vec::new(),
             route: None,
             guiding: None,
@@ -159,6 +189,15 @@ impl Session {
     /// Writes routes to another disk.
     pub fn on_disk(mut self, disk: Box<dyn Disk>) -> Self {
         self.disk = disk;
+        self
+    }
+
+    /// Keeps routes and their atlas in the keeper's folder, for another day.
+    pub fn keeping(mut self, keeper: MapKeeper) -> Self {
+        self.folder = RouteFolder::new(keeper.folder());
+        self.wall = keeper.wall().clone();
+        self.folder.refresh(None);
+        self.keeper = Some(keeper);
         self
     }
 
@@ -247,6 +286,7 @@ impl Session {
         }
         self.record(&seen);
         self.observe_way(packet, tracked(&seen));
+        self.keep();
         self.guide(packet.stamp);
         self.speak(packet.stamp);
         Ok(output)
@@ -271,10 +311,20 @@ impl Session {
     /// # Errors
     /// Why the command could not be carried out, in words, which are also said.
     pub fn command(&mut self, command: &Command) -> Result<String, String> {
+        // Whatever else is asked for, the question is no longer open.
+        if !matches!(command, Command::Answer(_) | Command::Repeat | Command::Status) {
+            self.asked = None;
+        }
         let done = match command {
             Command::Record => self.begin_recording(None),
             Command::Stop => self.end_recording(),
-            Command::Load(path) => self.load(path.as_deref()),
+            Command::Routes => Ok(self.list_words()),
+            Command::Load(which) => self.load(which),
+            Command::Rename(number, name) => self.rename(*number, name),
+            Command::Delete(number) => self.ask_delete(*number),
+            Command::Answer(yes) => self.take_answer(*yes),
+            Command::Mark => self.mark(),
+            Command::Note { text, side } => self.note(text, *side),
             Command::Guide { facing, again } => {
                 self.begin_guiding(facing.unwrap_or(self.config.facing), *again)
             }
@@ -392,11 +442,18 @@ impl Session {
     /// When a file does not hold all of its route.
     pub fn close(&mut self) -> Result<(), String> {
         self.guiding = None;
+        let recorded = self.close_recording();
+        let kept = self.keeper.as_mut().map_or(Ok(()), |keeper| keeper.end(&self.engine));
+        recorded.and(kept.map_err(|why| format!("the map of the routes is not saved: {why}")))
+    }
+
+    fn close_recording(&mut self) -> Result<(), String> {
+        self.drop_unasked();
         let Some(recording) = self.recording.take() else { return Ok(()) };
         let (route, path, whole) = recording.finish();
         let name = path.as_ref().map_or_else(|| "the route".to_owned(), |p| p.display().to_string());
         let points = route.points.len();
-        self.add_recorded(&path, &route);
+        self.add_recorded(&path, &route, whole.is_ok());
         self.route = Some(RouteAtHand { route, path, here: true });
         whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
     }
@@ -423,10 +480,20 @@ impl Session {
         PhraseConfig { metric: phrases.metric && self.status.metric, ..phrases }
     }
 
-    fn add_recorded(&mut self, path: &Option<PathBuf>, route: &Route) {
-        if !route.points.is_empty() {
+    fn add_recorded(&mut self, path: &Option<PathBuf>, route: &Route, is_on_disk: bool) {
+        self.marked = None;
+        if route.points.is_empty() {
+            return;
+        }
+        self.recorded_here.extend(path.clone());
+        if let Some(keeper) = &mut self.keeper {
+            keeper.make_due();
+        }
+        // A session that keeps its routes may last for days: what is on disk is not held in memory.
+        if self.keeper.is_none() || !is_on_disk {
             self.recorded.push((path.clone(), route.clone()));
         }
+        self.folder.refresh(None);
     }
 
     fn since_start(&self, t: Stamp) -> f64 {
@@ -527,6 +594,7 @@ impl Session {
                 Ok(words) => self.say(&words, Priority::Normal),
                 Err(words) => self.say(&words, Priority::High),
             }
+            self.is_auto = self.recording.is_some();
         }
         let place = self.place.as_ref();
         let words = self.recording.as_mut().and_then(|r| r.observe(seen, place));
@@ -543,26 +611,46 @@ impl Session {
         if self.recording.is_some() {
             return Err(self.text("walk-already-recording"));
         }
-        self.auto_recorded = true;
+        (self.auto_recorded, self.is_auto) = (true, false);
         let named = path.or_else(|| self.config.record_to.take());
         if named.is_none() {
             // Where the file cannot be created, the recording reports it.
-            let _ = std::fs::create_dir_all(&self.config.folder);
+            let _ = std::fs::create_dir_all(self.folder.path());
         }
-        let path = named.unwrap_or_else(|| next_path(&self.config.folder));
+        let is_full = named.is_none() && self.is_full();
+        let path = named.or_else(|| (!is_full).then(|| self.folder.next_path()));
         let (metric, map, place) = (self.status.metric, self.engine.snapshot(), self.place.as_ref());
-        let (recording, trouble) =
-            Recording::begin(&*self.disk, &path, &map, place, metric, &self.config.source);
+        let kept = self.keeper.as_ref();
+        let about = About {
+            metric,
+            source: &self.config.source,
+            recorded_s: kept.map(|_| (self.wall)().unix_s),
+            atlas: kept.map(|k| k.id().to_owned()),
+        };
+        let (recording, trouble) = Recording::begin(&*self.disk, path.as_deref(), &map, place, about);
         self.recording = Some(recording);
         Ok(match (trouble, metric) {
             (Some(why), _) => {
-                let file = path.display().to_string();
+                let file = path.unwrap_or_default().display().to_string();
                 let args: [(&str, Arg); 2] = [("file", (&file).into()), ("why", (&why).into())];
                 self.language().say("walk-recording-in-memory", &args)
             }
+            (None, _) if is_full => self.text("walk-library-full"),
             (None, true) => self.text("walk-recording"),
             (None, false) => self.text("walk-recording-unmeasured"),
         })
+    }
+
+    /// Drops a recording that nobody asked for and that is too short to lead anywhere, where routes are kept for another
+    /// day: else every visit would leave one.
+    fn drop_unasked(&mut self) {
+        let is_unasked = self.is_auto && self.keeper.is_some();
+        let short = |r: &mut Recording| r.route().points.len() < SHORT_POINTS && r.route().notes.is_empty();
+        let Some(recording) = self.recording.take_if(|r| is_unasked && short(r)) else { return };
+        let (_, path, _) = recording.finish();
+        if let Some(path) = path {
+            let _ = std::fs::remove_file(path);
+        }
     }
 
     fn end_recording(&mut self) -> Result<String, String> {
@@ -570,38 +658,14 @@ impl Session {
         let length = recording.length();
         let (route, path, whole) = recording.finish();
         if route.points.len() < 2 {
+            self.folder.refresh(None);
             return Err(self.text("walk-nothing-recorded"));
         }
-        self.add_recorded(&path, &route);
+        self.add_recorded(&path, &route, whole.is_ok());
         self.route = Some(RouteAtHand { route, path, here: true });
         whole.map_err(|e| self.because("walk-file-incomplete", e))?;
         let phrases = PhraseConfig { metric: self.engine.is_metric(), ..self.phrases() };
         Ok(phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]))
-    }
-
-    fn load(&mut self, path: Option<&Path>) -> Result<String, String> {
-        let path = match path {
-            Some(path) => path.to_owned(),
-            None => latest(&self.config.folder).ok_or_else(|| self.text("walk-no-saved-route"))?,
-        };
-        if let Some(held) = self.route.as_ref().filter(|w| w.path.as_deref() == Some(&path)) {
-            return Ok(self.loaded_words(&held.route));
-        }
-        let route = Route::load(&path).map_err(|e| self.because("walk-route-unreadable", e))?;
-        if route.points.len() < 2 {
-            return Err(self.text("walk-route-empty"));
-        }
-        let words = self.loaded_words(&route);
-        self.route = Some(RouteAtHand { route, path: Some(path), here: self.config.map_is_loaded });
-        Ok(words)
-    }
-
-    /// That a route is at hand, with its length where that is known.
-    fn loaded_words(&self, route: &Route) -> String {
-        let at = |k: usize| route.points[k].odom_from_camera.translation;
-        let length = (1..route.points.len()).map(|k| (at(k) - at(k - 1)).norm()).sum();
-        let phrases = PhraseConfig { metric: route.header.metric, ..self.config.phrases };
-        phrases.measured(["walk-loaded", "walk-loaded-unmeasured"], length, &[])
     }
 
     fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, String> {
@@ -659,9 +723,17 @@ impl Session {
         let died = self.dead.as_ref().map(|_| StopReason::StageDied);
         let hazard = died.or(too_old).or_else(|| self.scale_hazard());
         let speaking = self.voice.is_speaking(now);
+        if !self.is_at_route(now, speaking) {
+            return;
+        }
         let (Some(guiding), Some(place), Some(held)) = (&mut self.guiding, self.place, &self.route) else {
             return;
         };
+        let is_silent = !speaking && self.voice.waiting().is_none();
+        let map = self.engine.snapshot();
+        // In a map that has nothing to do with the route's the place on the route is not known.
+        let elsewhere = (guiding.started && guiding.is_elsewhere).then_some(StopReason::TrackingLost);
+        let hazard = hazard.or(elsewhere);
         // The first words of guidance do not cut off the answer to the command, and are not dropped because of it.
         if !guiding.started && speaking && now - guiding.asked < FIRST_WORDS_WAIT_S {
             return;
@@ -672,12 +744,18 @@ impl Session {
             guiding.guide.detour(found.detour);
             found.stop
         });
-        let map = self.engine.snapshot();
         let cue = guiding.step(&map, &held.route, &place, self.confidence, hazard, now);
         let ahead = guiding.bearing_of_route(&place);
+        let has_words = cue.as_ref().is_some_and(|cue| cue.earcon().is_none() || cue.is_direction());
+        let note = (is_silent && !has_words && self.confidence == Confidence::Good)
+            .then(|| guiding.note(&map, &held.route, &place, self.config.phrases.language))
+            .flatten();
         let arrived = guiding.guide.state() == GuideState::Arrived;
         if let Some(cue) = cue {
             self.cue(&cue, ahead, now);
+        }
+        if let Some(note) = note {
+            self.say(&note, Priority::Normal);
         }
         if arrived {
             self.arrived = true;

@@ -46,6 +46,10 @@ pub struct Status {
     pub recording: Option<RecordingStatus>,
     /// The route at hand, if any.
     pub route: Option<RouteStatus>,
+    /// A question that waits for yes or no.
+    pub question: Option<String>,
+    /// Why the map is not on disk as it is, where it is kept.
+    pub map_trouble: Option<String>,
     /// Guidance in progress, if any.
     pub guiding: Option<GuidingStatus>,
     /// The last utterance.
@@ -63,6 +67,8 @@ pub struct RecordingStatus {
     pub gaps: usize,
     /// The file's name.
     pub file: String,
+    /// Number of notes.
+    pub notes: usize,
     /// Why data is waiting to be written, if it is.
     pub trouble: Option<String>,
 }
@@ -72,10 +78,14 @@ pub struct RecordingStatus {
 pub struct RouteStatus {
     /// The file's name.
     pub file: String,
+    /// "Route 3, to the kitchen"; the file's name for one without a number.
+    pub name: String,
     /// Number of points.
     pub points: usize,
     /// It was recorded on this map.
     pub here: bool,
+    /// It was recorded in this session, not loaded from another day.
+    pub is_new: bool,
 }
 
 /// Guidance in progress.

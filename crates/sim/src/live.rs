@@ -60,12 +60,9 @@ pub struct LiveRig {
     world: Arc<World>,
     lenses: Vec<Lens>,
     passers: Vec<Passer>,
-<<<<<<< HEAD
     /// People whom the caller moves.
     people: Vec<Figure>,
-=======
     things: Vec<Thing>,
->>>>>>> dense
     last: Option<(Stamp, Se3)>,
 }
 
@@ -110,7 +107,6 @@ impl LiveRig {
         &self.world
     }
 
-<<<<<<< HEAD
     /// Switches to another world from the next packet on: a door has been closed, for instance.
     pub fn set_world(&mut self, world: &Arc<World>) {
         self.world = Arc::clone(world);
@@ -122,11 +118,9 @@ impl LiveRig {
         self.people = people.to_vec();
     }
 
-=======
     /// Puts these things into the world, in place of those put in before.
     pub fn put(&mut self, things: Vec<Thing>) {
         self.things = things;
->>>>>>> dense
     }
 
     /// The packet seen from a body pose; blur follows the motion since the previous packet.

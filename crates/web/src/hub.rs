@@ -7,7 +7,7 @@ use crate::invitation::same;
 use crate::wire::ToPage;
 use cairn_session::{Command, Inbox};
 use cairn_sources::PhonePort;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{broadcast, watch};
 
@@ -48,6 +48,10 @@ pub(crate) struct Hub {
     /// The status, of which only the newest matters.
     pub status: watch::Sender<Arc<str>>,
     pub view: watch::Sender<Arc<str>>,
+    /// The kept routes.
+    pub routes: watch::Sender<Arc<str>>,
+    /// Seconds that the pages' local time is ahead of UTC.
+    pub zone_s: AtomicI32,
     pub picture: watch::Sender<Shared>,
     holder: Mutex<Option<Holder>>,
     next: AtomicU64,
@@ -67,7 +71,9 @@ impl Hub {
             maps_wanted: AtomicU64::new(0),
             messages: broadcast::Sender::new(BEHIND),
             status: watch::Sender::new(empty.clone()),
-            view: watch::Sender::new(empty),
+            view: watch::Sender::new(empty.clone()),
+            routes: watch::Sender::new(empty),
+            zone_s: AtomicI32::new(0),
             picture: watch::Sender::new(Arc::from([].as_slice())),
             holder: Mutex::new(None),
             next: AtomicU64::new(1),

@@ -7,7 +7,7 @@ use crate::link::{ASK_EVERY, GONE_AFTER, Link};
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
 use cairn_phrases::Language;
-use cairn_session::Command;
+use cairn_session::{Command, Which};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -46,6 +46,7 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
         messages: hub.messages.subscribe(),
         status: hub.status.subscribe(),
         view: hub.view.subscribe(),
+        routes: hub.routes.subscribe(),
         picture: hub.picture.subscribe(),
         wants: Wants { hub: hub.clone(), picture: false, map: false },
         link: Link::new(Instant::now()),
@@ -60,6 +61,7 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
         hub.port.page(client.guest.page);
     }
     client.status.mark_changed();
+    client.routes.mark_changed();
     client.converse(&mut socket).await;
     hub.left(id);
 }
@@ -68,11 +70,13 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
 async fn hello(socket: &mut WebSocket, hub: &Hub) -> Result<Guest, Language> {
     let Some(Ok(Message::Text(text))) = socket.recv().await else { return Err(Language::default()) };
     match serde_json::from_str(&text) {
-        Ok(FromPage::Hello { token, walk, secret, origin, language }) => {
+        Ok(FromPage::Hello { token, walk, secret, origin, zone_min, language }) => {
             let language = language.parse().unwrap_or_default();
             if !same(&token, &hub.token) {
                 return Err(language);
             }
+            // No place on Earth is farther from UTC than fourteen hours.
+            hub.zone_s.store(60 * i32::from(zone_min).clamp(-14 * 60, 14 * 60), Ordering::Relaxed);
             let mut hasher = DefaultHasher::new();
             (&secret, origin.to_bits()).hash(&mut hasher);
             Ok(Guest { walk, secret, page: hasher.finish(), language })
@@ -89,6 +93,7 @@ struct Client {
     messages: broadcast::Receiver<Arc<str>>,
     status: watch::Receiver<Arc<str>>,
     view: watch::Receiver<Arc<str>>,
+    routes: watch::Receiver<Arc<str>>,
     picture: watch::Receiver<Shared>,
     wants: Wants,
 }
@@ -149,6 +154,10 @@ impl Client {
                 Ok(()) = self.status.changed(), if free => {
                     let status = self.status.borrow_and_update();
                     (Some(text(&status)), status.len())
+                }
+                Ok(()) = self.routes.changed(), if free => {
+                    let routes = self.routes.borrow_and_update();
+                    (Some(text(&routes)), routes.len())
                 }
                 Ok(()) = self.view.changed(), if free && self.wants.map => {
                     let view = self.view.borrow_and_update();
@@ -254,8 +263,8 @@ impl Client {
         let command = Command::parse(line)?;
         let text = |id: &str| self.guest.language.text(id);
         match command {
-            // Files are chosen on the terminal, and the server is stopped there.
-            Command::Quit | Command::Load(Some(_)) => Err(text("page-terminal-only")),
+            // Other files are chosen on the terminal, and the server is stopped there.
+            Command::Quit | Command::Load(Which::File(_)) => Err(text("page-terminal-only")),
             _ if !self.hub.running.load(Ordering::Relaxed) => Err(text("page-no-picture-yet")),
             _ => {
                 self.hub.inbox.command(command);

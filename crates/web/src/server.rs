@@ -57,6 +57,9 @@ pub struct ServeConfig {
     /// The folder of the certificate, so that a phone asks only once whether to trust it; without a folder there is a
     /// new certificate at each start.
     pub keep: Option<PathBuf>,
+    /// The folder in which maps and routes are kept for another day; without one, routes are recorded into the session's
+    /// folder and the map ends with the session.
+    pub routes: Option<PathBuf>,
     /// The session's camera.
     pub camera: CameraSource,
     /// The engine's config.
@@ -260,8 +263,10 @@ fn router(hub: Arc<Hub>, session: &SessionConfig) -> Router {
         .route("/style.css", file("text/css; charset=utf-8", include_str!("page/style.css")))
         .route("/app.js", file(SCRIPT, include_str!("page/app.js")))
         .route("/pace.js", file(SCRIPT, include_str!("page/pace.js")))
+        .route("/buttons.js", file(SCRIPT, include_str!("page/buttons.js")))
         .route("/camera.js", file(SCRIPT, include_str!("page/camera.js")))
         .route("/senses.js", file(SCRIPT, include_str!("page/senses.js")))
+        .route("/routes.js", file(SCRIPT, include_str!("page/routes.js")))
         .route("/view.js", file(SCRIPT, include_str!("page/view.js")))
         .route("/icon.svg", file("image/svg+xml", include_str!("page/icon.svg")))
         .route("/ws", get(socket))

@@ -5,8 +5,12 @@ use crate::server::{CameraSource, ServeConfig};
 use crate::wire::{self, ToPage};
 use cairn_engine::{Engine, Output, Runner, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
-use cairn_session::{Command, Event, Face, Script, Session, drive_live, feed};
+use cairn_session::{
+    Command, Event, Face, LibraryError, MapKeeper, RoutesLock, Script, Session, WallClock, WallTime,
+    drive_live, feed, routes_in,
+};
 use cairn_sources::{PhoneSource, Validator};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -34,6 +38,14 @@ pub(crate) fn walk(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError
 }
 
 fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
+    // Routes are locked, and shown, before there is a picture.
+    let mut lock = None;
+    if let Some(folder) = &serve.routes {
+        let taken = RoutesLock::take(folder);
+        lock = Some(taken.map_err(|e| SourceError::new("the routes", e.to_string(), cure_of(&e)))?);
+        let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
+        hub.routes.send_replace(ToPage::Routes(&listed).text().into());
+    }
     let (source, mode, has_imu): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
         CameraSource::Page { rig } => {
             let phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
@@ -50,11 +62,22 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
     let name = source.info().name.clone();
     let mut config = serve.config;
     config.inertial.enabled = has_imu;
-    let engine = Engine::new(source.rig(), mode, source.info().rate_hz, Runner::Threaded, &config)
-        .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
+    let (rig, rate_hz) = (source.rig(), source.info().rate_hz);
     let mut session_config = serve.session;
     session_config.source.clone_from(&name);
-    let mut session = Session::new(engine, session_config);
+    let mut session = match lock {
+        None => {
+            let engine = Engine::new(rig, mode, rate_hz, Runner::Threaded, &config)
+                .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
+            Session::new(engine, session_config)
+        }
+        Some(lock) => {
+            let kept = MapKeeper::open(lock, rig, mode, rate_hz, Runner::Threaded, &config);
+            let kept = kept.map_err(|e| SourceError::new(&name, e.to_string(), cure_of(&e)))?;
+            kept.notes.iter().for_each(|note| hub.broadcast(&ToPage::Doubt(note)));
+            Session::new(kept.engine, session_config).keeping(kept.keeper.with_clock(wall_of(hub)))
+        }
+    };
     feed(source, hub.inbox.clone()).map_err(|e| {
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;
@@ -67,6 +90,20 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
     closed.map_err(|why| SourceError::new(&name, why, "make room on the disk"))
 }
 
+fn cure_of(error: &LibraryError) -> &'static str {
+    match error {
+        LibraryError::Busy(_) => "stop the other program, or give another folder with --data",
+        LibraryError::Folder { .. } => "give another folder with --data",
+        LibraryError::Rig(_) => "give a calibration with --rig",
+    }
+}
+
+/// The time of day where the pages are.
+fn wall_of(hub: &Arc<Hub>) -> WallClock {
+    let hub = hub.clone();
+    Arc::new(move || WallTime { offset_s: hub.zone_s.load(Ordering::Relaxed), ..WallTime::now() })
+}
+
 /// Reports the session's events to the hub.
 struct PageFace {
     hub: Arc<Hub>,
@@ -75,11 +112,13 @@ struct PageFace {
     view: Option<Instant>,
     /// The time of the last image in the clock of its page, if it is from one.
     frame_ms: Option<f64>,
+    /// The routes that the pages have: a version, and the route at hand.
+    routes: Option<(u64, Option<PathBuf>)>,
 }
 
 impl PageFace {
     fn new(hub: Arc<Hub>) -> Self {
-        Self { hub, status: None, picture: None, view: None, frame_ms: None }
+        Self { hub, status: None, picture: None, view: None, frame_ms: None, routes: None }
     }
 
     fn send_status(&self, session: &Session) {
@@ -87,6 +126,16 @@ impl PageFace {
         let dropped = self.hub.inbox.dropped();
         let message = ToPage::Status { frame_ms: self.frame_ms, status: &status, dropped };
         self.hub.status.send_replace(message.text().into());
+    }
+
+    /// The kept routes, where they have changed.
+    fn send_routes(&mut self, session: &Session) {
+        let (version, held) = session.routes_version();
+        if self.routes.as_ref().is_some_and(|(v, h)| *v == version && h.as_deref() == held) {
+            return;
+        }
+        self.routes = Some((version, held.map(Path::to_owned)));
+        self.hub.routes.send_replace(ToPage::Routes(&session.routes()).text().into());
     }
 
     /// The last messages when the session has ended.
@@ -144,6 +193,7 @@ impl Face for PageFace {
     fn passed(&mut self, session: &Session) {
         if due(&mut self.status, STATUS_EVERY) {
             self.send_status(session);
+            self.send_routes(session);
         }
         if self.hub.maps_wanted.load(Ordering::Relaxed) > 0 && due(&mut self.view, VIEW_EVERY) {
             self.hub.view.send_replace(ToPage::View(&session.view(MOST_POINTS)).text().into());

@@ -1,7 +1,7 @@
 //! The messages of the web socket. Text is JSON with one key that names the kind; images are binary.
 
 use cairn_geometry::Vec3;
-use cairn_session::{Event, Status, View, earcon_name};
+use cairn_session::{Event, RouteListed, Status, View, earcon_name};
 use cairn_sources::Motion;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +18,9 @@ pub(crate) enum FromPage {
         secret: String,
         #[serde(default)]
         origin: f64,
+        /// Minutes that the page's local time is ahead of UTC.
+        #[serde(default)]
+        zone_min: i16,
         /// The code of the page's language.
         #[serde(default)]
         language: String,
@@ -80,6 +83,8 @@ pub(crate) enum ToPage<'a> {
     },
     /// The map to draw.
     View(&'a View),
+    /// The kept routes, newest first.
+    Routes(&'a [RouteListed]),
     /// An image was refused, or the walk has failed.
     Trouble(&'a str),
     /// The walk has ended.

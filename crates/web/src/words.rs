@@ -6,7 +6,7 @@ use cairn_session::{KEYS, STEP_M, SessionConfig};
 use serde_json::{Map, Value, json};
 
 /// Keys that are commands of the terminal only.
-const NOT_ON_THE_PAGE: [&str; 1] = ["quit"];
+const NOT_ON_THE_PAGE: [&str; 4] = ["quit", "delete", "yes", "no"];
 
 /// The document in a language. Elements name their text by `data-text`, their label by `data-label` and the description
 /// of their role by `data-role`.

@@ -6,46 +6,27 @@
 //! `cargo test --release -p cairn-web --test browser -- --ignored --nocapture`.
 
 mod cdp;
+mod walked;
 
 use cairn_engine::{Config, Engine, Runner, SensorMode};
-use cairn_geometry::Se3;
-use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
+use cairn_sensor::{FramePacket, Rig, Source, Stamp};
 use cairn_session::{Command, Event, Session, SessionConfig};
-use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
+use cairn_sim::{SimConfig, SimSource};
+use cairn_sources::Paced;
 use cairn_web::{CameraSource, ServeConfig, Server};
 use cdp::{Browser, Tab};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use walked::{RATE_HZ, camera};
 
-/// Images per second of the camera.
-const RATE_HZ: f64 = 15.0;
 /// Seconds of the walk before the camera starts, and of the way out, with a corner in its middle.
 const START_S: f64 = 8.5;
 const OUT_S: f64 = 16.0;
 
-fn camera() -> Camera {
-    Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5)
-}
-
 /// The images of the way out.
 fn route_out() -> Vec<FramePacket> {
-    let config = SimConfig {
-        sensor: SimSensor::Mono,
-        imu: None,
-        camera: camera(),
-        rate_hz: RATE_HZ,
-        body_from_camera: Se3::identity(),
-        walker: Walker { speed: 0.7, turn_rate: 0.5, ..Walker::default() },
-        ..SimConfig::new(WorldKind::Demo, 3)
-    };
-    let mut rig = LiveRig::new(&config).unwrap();
-    let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
-    let packet = |k: usize| {
-        let t = START_S + k as f64 / RATE_HZ;
-        rig.packet(Stamp::from_seconds(t), &motion.pose(t)).unwrap()
-    };
-    (0..(OUT_S * RATE_HZ) as usize).map(packet).collect()
+    walked::route_out(START_S, OUT_S)
 }
 
 /// The way out, then the same in reverse: the view of a camera facing back on the way home. The file is played in a
@@ -116,6 +97,7 @@ fn page_records_and_guides_home_in_a_browser() {
         lan: false,
         port: 0,
         keep: None,
+        routes: None,
         camera,
         config: Config::default(),
         session,
@@ -207,6 +189,139 @@ fn page_records_and_guides_home_in_a_browser() {
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
 
+/// A walk through the building, played in real time: its lengths are metres.
+fn building() -> CameraSource {
+    let open = || {
+        let config = SimConfig::parse("sim:demo?sensor=rgbd&rate=10&resolution=480x360")?;
+        let source: Box<dyn Source> = Box::new(Paced::new(Box::new(SimSource::new(&config)?)));
+        Ok((source, SensorMode::Rgbd, false))
+    };
+    CameraSource::Source { name: "sim:demo".into(), open: Box::new(open) }
+}
+
+fn keeping(folder: &Path) -> Server {
+    Server::start(ServeConfig {
+        lan: false,
+        port: 0,
+        keep: None,
+        routes: Some(folder.to_owned()),
+        camera: building(),
+        config: Config::default(),
+        session: SessionConfig::default(),
+    })
+    .unwrap()
+}
+
+/// Records a route with a note, names it, ends the server; another one finds it, guides along it and tells the note.
+#[test]
+#[ignore = "needs Chromium, and a minute: see .ci/run"]
+fn page_keeps_routes_for_another_day_in_a_browser() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-routes");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let video = folder.join("none.y4m");
+    write_video(&video, &walked::route_out(0.0, 0.1));
+    let Some(mut browser) = Browser::start(&folder, &video) else {
+        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
+        return;
+    };
+    let kept = folder.join("routes");
+    let server = keeping(&kept);
+    let url = server.invitation().urls[0].clone();
+    let phone = browser.open(&url, [390, 844]);
+    browser.scheme(&phone, "light");
+    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
+    wait(&mut browser, &phone, "No route has been recorded yet.", "#routes-none", 5.0);
+    browser.click(&phone, "#take");
+    wait(&mut browser, &phone, "Record", "#main", 20.0);
+    accessible(&mut browser, &phone, "before a route, light");
+    settle();
+    browser.click(&phone, "#main");
+    wait(&mut browser, &phone, "Stop recording", "#main", 10.0);
+    wait(&mut browser, &phone, " m", "#main .more", 10.0);
+    accessible(&mut browser, &phone, "recording, light");
+    // Far enough that on the other day the first words are over when the note is passed.
+    std::thread::sleep(Duration::from_secs(8));
+    browser.picture(&phone, &folder.join("phone-recording-light.png"));
+    browser.key(&phone, "n");
+    wait(&mut browser, &phone, "What is here?", "#noting", 5.0);
+    // The focus is in the field: letters are text there and no commands.
+    browser.eval(&phone, "document.querySelector('#noting-text').focus()");
+    browser.write(&phone, "glass door");
+    browser.click(&phone, "[name=side][value=left]");
+    accessible(&mut browser, &phone, "a note, light");
+    browser.picture(&phone, &folder.join("phone-note-light.png"));
+    browser.click(&phone, "#noting [type=submit]");
+    wait(&mut browser, &phone, "Noted: glass door on the left.", "#log", 5.0);
+    std::thread::sleep(Duration::from_secs(6));
+    browser.click(&phone, "#main");
+    wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
+    wait(&mut browser, &phone, "Guide home", "#main", 5.0);
+    wait(&mut browser, &phone, "Route 1", "#route-list", 5.0);
+    browser.click(&phone, "[data-route='rename 1']");
+    browser.write(&phone, "to the kitchen");
+    accessible(&mut browser, &phone, "a name, light");
+    browser.click(&phone, "#rename [type=submit]");
+    wait(&mut browser, &phone, "Route 1, to the kitchen, ", "#route-list", 5.0);
+    wait(&mut browser, &phone, " metres, today", "#route-list", 1.0);
+    drop(server);
+
+    // Another start of the program.
+    let server = keeping(&kept);
+    let url = server.invitation().urls[0].clone();
+    let phone = browser.open(&url, [390, 844]);
+    browser.scheme(&phone, "light");
+    wait(&mut browser, &phone, "Route 1, to the kitchen, ", "#route-list", 10.0);
+    browser.click(&phone, "#take");
+    wait(&mut browser, &phone, "You control this walk", "#control", 5.0);
+    wait(&mut browser, &phone, "Record", "#main", 10.0);
+    browser.key(&phone, "1");
+    wait(&mut browser, &phone, "with one note. Loaded.", "#log", 10.0);
+    wait(&mut browser, &phone, "Guide from start to end", "#main", 5.0);
+    settle();
+    browser.click(&phone, "#main");
+    wait(&mut browser, &phone, "Halt guidance", "#main", 5.0);
+    wait(&mut browser, &phone, "Guiding", "#state-now", 8.0);
+    browser.picture(&phone, &folder.join("phone-guiding-light.png"));
+    let desk = browser.open(&url, [1400, 900]);
+    wait(&mut browser, &desk, "you watch", "#control", 10.0);
+    wait(&mut browser, &phone, "Glass door on your left.", "#log", 40.0);
+    std::thread::sleep(Duration::from_millis(500));
+    for scheme in ["light", "dark"] {
+        browser.scheme(&desk, scheme);
+        // The map is drawn anew with the next one.
+        std::thread::sleep(Duration::from_millis(1500));
+        browser.picture(&desk, &folder.join(format!("desk-guiding-{scheme}.png")));
+        accessible(&mut browser, &desk, &format!("watching, {scheme}"));
+    }
+    wait(&mut browser, &phone, "You have arrived", "#log", 40.0);
+    println!("what the phone said:\n{}", browser.text(&phone, "#log"));
+    // Deleting asks.
+    for scheme in ["light", "dark"] {
+        browser.scheme(&phone, scheme);
+        browser.eval(&phone, "document.querySelector('#routes').scrollIntoView()");
+        browser.picture(&phone, &folder.join(format!("phone-routes-{scheme}.png")));
+        accessible(&mut browser, &phone, &format!("routes, {scheme}"));
+    }
+    browser.click(&phone, "[data-route='delete 1']");
+    wait(&mut browser, &phone, "Route 1, to the kitchen", "#question-words", 5.0);
+    accessible(&mut browser, &phone, "a question");
+    browser.picture(&phone, &folder.join("phone-question-dark.png"));
+    browser.click(&phone, "#question-no");
+    wait(&mut browser, &phone, "Nothing was deleted.", "#log", 5.0);
+    browser.click(&phone, "[data-route='delete 1']");
+    wait(&mut browser, &phone, "Route 1", "#question-words", 5.0);
+    browser.click(&phone, "#question-yes");
+    wait(&mut browser, &phone, "is deleted.", "#log", 5.0);
+    assert!(!kept.join("route-0001.route").exists());
+    assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
+}
+
+/// The main button ignores a press within half a second after its meaning changed.
+fn settle() {
+    std::thread::sleep(Duration::from_millis(600));
+}
+
 /// The page's own parts: speech that never floods and is given once and by one voice, settings that are stored,
 /// images that shrink on a slow link.
 #[test]
@@ -227,6 +342,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
         lan: false,
         port: 0,
         keep: None,
+        routes: None,
         camera,
         config: Config::default(),
         session,
@@ -316,6 +432,24 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     let paced: Vec<[f64; 3]> = serde_json::from_str(paced.as_str().unwrap()).unwrap();
     assert_eq!([paced[0][0], paced[3][0]], [640.0, 320.0]);
     assert!(paced[1][1] <= 90.0 && paced[2][1] <= 90.0, "{paced:?}");
+
+    // Buttons of a headset are commands while they are turned on.
+    let pressed = browser.eval(
+        &phone,
+        r#"(async () => {
+            const { MediaButtons } = await import('/buttons.js');
+            const [handlers, lines] = [{}, []];
+            navigator.mediaSession.setActionHandler = (action, handler) => { handlers[action] = handler; };
+            const media = new MediaButtons((line) => lines.push(line), (id) => id);
+            media.set(true);
+            await new Promise((done) => setTimeout(done, 300));
+            const plays = !media.sound.paused && media.sound.duration;
+            for (const action of ['pause', 'play', 'stop']) handlers[action]();
+            media.set(false);
+            return JSON.stringify([lines, plays, handlers.stop, media.sound.paused]);
+        })()"#,
+    );
+    assert_eq!(pressed, r#"[["repeat","repeat","halt"],2,null,true]"#);
 
     // Settings are there again after a reload.
     browser.click(&phone, "[name=told][value=reader]");

@@ -29,8 +29,16 @@ fn folder(name: &str) -> PathBuf {
 
 fn server(name: &str, camera: CameraSource) -> Server {
     let session = SessionConfig { folder: folder(name), ..SessionConfig::default() };
-    Server::start(ServeConfig { lan: false, port: 0, keep: None, camera, config: Config::default(), session })
-        .unwrap()
+    Server::start(ServeConfig {
+        lan: false,
+        port: 0,
+        keep: None,
+        routes: None,
+        camera,
+        config: Config::default(),
+        session,
+    })
+    .unwrap()
 }
 
 /// A walk through a world, played in real time.
@@ -175,6 +183,8 @@ async fn page_is_served_over_tls_with_content_policy() {
         "/pace.js",
         "/camera.js",
         "/senses.js",
+        "/routes.js",
+        "/buttons.js",
         "/view.js",
         "/style.css",
         "/icon.svg",

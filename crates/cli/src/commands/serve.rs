@@ -19,7 +19,8 @@ use std::path::{Path, PathBuf};
 ///
 /// Without SOURCE the images come from the browser's camera: open the address on the phone (scan the QR code shown with
 /// --lan) and start the camera there. With SOURCE its images are used, played in real time, and the page gives the
-/// commands. On a terminal keys give commands too; they are listed below.
+/// commands. Every recorded route is kept with its map, and can be named, loaded and walked another day. On a terminal
+/// keys give commands too; they are listed below.
 #[derive(clap::Args)]
 #[command(after_long_help = crate::speaking::keys())]
 pub struct Arguments {
@@ -43,9 +44,12 @@ pub struct Arguments {
     /// Reads commands from standard input, one per line (for screen readers), instead of single keys.
     #[arg(long)]
     lines: bool,
-    /// The folder for recorded routes.
-    #[arg(long, alias = "ways", value_name = "DIR", default_value = "routes")]
-    routes: PathBuf,
+    /// The folder in which the certificate, maps and routes are kept for another day; by default the user's data folder.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Keeps maps and routes in this folder instead of the data folder's "routes".
+    #[arg(long, alias = "ways", value_name = "DIR")]
+    routes: Option<PathBuf>,
     #[command(flatten)]
     speaking: Speaking,
 }
@@ -58,9 +62,12 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
     let source = a.source.as_deref().unwrap_or_default();
     let rig = a.rig.as_deref().map(|path| rig_of(path, source, &mut config)).transpose()?;
-    crate::outputs::folder_later(&a.routes)?;
+    let data = a.data.clone().or_else(data_folder);
+    let beside = data.as_ref().map_or_else(|| PathBuf::from("routes"), |data| data.join("routes"));
+    let routes = a.routes.clone().unwrap_or(beside);
+    crate::outputs::folder_later(&routes)?;
     let session = SessionConfig {
-        folder: a.routes.clone(),
+        folder: routes.clone(),
         auto_record: Some(100),
         facing: Facing::Home,
         phrases: a.speaking.phrases(),
@@ -71,7 +78,15 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         None => CameraSource::Page { rig: rig.map(Box::new) },
         Some(source) => camera_of(source, rig, a.sensor),
     };
-    let config = ServeConfig { lan: a.lan, port: a.port, keep: data_folder(), camera, config, session };
+    let config = ServeConfig {
+        lan: a.lan,
+        port: a.port,
+        keep: data,
+        routes: Some(routes.clone()),
+        camera,
+        config,
+        session,
+    };
     let server = Server::start(config).map_err(|e| {
         let cure = match &e {
             WebError::Port { .. } => "give another --port, or stop the program that uses it",
@@ -83,12 +98,13 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         eprintln!("the certificate could not be saved, the browser will ask again at the next start: {why}");
     }
     let invitation = server.invitation();
-    let shown = serde_json::json!({ "urls": invitation.urls, "token": invitation.token });
+    let shown = serde_json::json!({ "urls": invitation.urls, "token": invitation.token, "routes": routes });
     output.result(&shown, |_| {
         let mut text = if a.lan { invitation.qr() } else { String::new() };
         for url in &invitation.urls {
             text += &format!("{url}\n");
         }
+        text += &format!("Maps and routes are kept in {}.\n", routes.display());
         text += "The certificate is self-signed: the browser asks once whether to trust it.\n";
         text + if a.lan { "" } else { "Only this machine can connect; use --lan to connect from a phone.\n" }
     })?;

@@ -207,6 +207,10 @@ impl Disk for NullDisk {
     fn create(&self, _: &Path) -> io::Result<Box<dyn Medium>> {
         Ok(Box::new(NullDisk))
     }
+
+    fn replace(&self, _: &Path, _: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 impl Medium for NullDisk {

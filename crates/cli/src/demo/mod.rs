@@ -48,12 +48,10 @@ pub struct Arguments {
     /// Walks only the first M metres of the route (5 to 1000).
     #[arg(long, value_name = "M", value_parser = metres)]
     metres: Option<f64>,
-<<<<<<< HEAD
     /// A robot instead of a walker: it explores an apartment that it does not know and is sent to three rooms, while
     /// people walk about and a door closes.
     #[arg(long, conflicts_with_all = ["facing", "sensor", "metres"])]
     robot: bool,
-=======
     /// Puts N things into the walker's way after the route was recorded (boxes on the floor, boxes at head height, a barrier
     /// that is taken away later); needs depth. The walker's cane does not feel them.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=20))]
@@ -61,7 +59,6 @@ pub struct Arguments {
     /// Also writes the surface of what was seen as surface.ply and a picture of it as surface.png; needs depth.
     #[arg(long)]
     dense: bool,
->>>>>>> dense
     /// The folder for the report, the transcript, the route and the trajectories.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,

@@ -87,10 +87,12 @@ fn unavailable_voices_are_reported_before_the_run() {
 fn serve_prints_its_address_and_reports_a_taken_port() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    fails(&["serve", "--port", &port], &[&format!("port {port}"), "another --port"]);
+    let data = std::env::temp_dir().join(format!("cairn-serve-{}", std::process::id()));
+    let data_text = data.to_str().unwrap();
+    fails(&["serve", "--port", &port, "--data", data_text], &[&format!("port {port}"), "another --port"]);
     drop(taken);
     let mut child = Command::new(env!("CARGO_BIN_EXE_cairn"))
-        .args(["serve", "--port", &port, "--lan", "--lines"])
+        .args(["serve", "--port", &port, "--lan", "--lines", "--data", data_text])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()
@@ -98,7 +100,13 @@ fn serve_prints_its_address_and_reports_a_taken_port() {
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
     let url = lines.find(|l| l.starts_with("https://")).unwrap();
     assert!(url.contains(&format!(":{port}/#k=")) && url.len() > 50, "{url}");
+    // Routes of one folder have one writer.
+    fails(
+        &["serve", "--port", "0", "--data", data_text],
+        &["another program keeps its routes there", "--data"],
+    );
     // It quits on command, although no image has arrived.
     writeln!(child.stdin.take().unwrap(), "quit").unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(0));
+    std::fs::remove_dir_all(&data).unwrap();
 }

@@ -245,6 +245,7 @@ impl Judge {
 fn name(kind: &CueKind) -> &'static str {
     match kind {
         CueKind::Start { .. } => "start",
+        CueKind::Away { .. } => "away",
         CueKind::Resume(_) => "resume",
         CueKind::Clear(_) => "clear",
         CueKind::Around(_) => "around",

@@ -31,13 +31,18 @@ impl Session {
             length: r.length(),
             gaps: r.gaps(),
             file: name(&r.path),
+            notes: r.route().notes.len(),
             trouble: r.trouble(),
         });
         s.route = self.route.as_ref().map(|w| RouteStatus {
             file: name(&w.path),
+            name: self.short_name(w.path.as_deref(), &w.route),
             points: w.route.points.len(),
             here: w.here,
+            is_new: w.path.as_ref().is_none_or(|path| self.recorded_here.contains(path)),
         });
+        s.question = self.asked.as_ref().map(|asked| asked.words.clone());
+        s.map_trouble = self.keeper.as_ref().and_then(|k| k.trouble().map(str::to_owned));
         s.guiding = self.guiding.as_ref().map(|g| {
             let place = g.guide.place();
             GuidingStatus {

@@ -1,6 +1,8 @@
 // The page: its web socket, the status on the screen, and the commands.
+import { MediaButtons } from './buttons.js';
 import { Camera } from './camera.js';
 import { Pace } from './pace.js';
+import { MainButton, Noting, RouteList } from './routes.js';
 import { Senses } from './senses.js';
 import { Picture, MapView } from './view.js';
 import { Words } from './words.js';
@@ -46,6 +48,12 @@ const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
 const picture = new Picture($('picture'));
 const map = new MapView($('map'), $('map-words'), t);
 const pace = new Pace();
+const routes = new RouteList(command, t);
+const noting = new Noting(command);
+const main = new MainButton(t);
+const media = new MediaButtons(command, t);
+// The newest status; null before the first picture, and while there is no connection.
+let latest = null;
 let socket = null;
 let me = null;
 let controls = false;
@@ -97,7 +105,12 @@ function connect() {
   heard = performance.now();
   mine.binaryType = 'arraybuffer';
   mine.onopen = () => {
-    send(JSON.stringify({ hello: { token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language } }));
+    send(JSON.stringify({
+      hello: {
+        token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language,
+        zone_min: -new Date().getTimezoneOffset(),
+      },
+    }));
     want();
   };
   mine.onmessage = (event) => {
@@ -117,6 +130,7 @@ function ended() {
   if (me !== null || down !== null) lost('page-connection-lost');
   link('page-trying-again');
   me = null;
+  latest = null;
   control(null, held);
   setTimeout(connect, rest);
   rest = Math.min(2 * rest, 5000);
@@ -147,6 +161,7 @@ function take(message) {
     control: (v) => control(v.id, v.held),
     got: () => pace.got(performance.now()),
     view: (v) => map.take(v),
+    routes: (v) => routes.take(v),
   };
   known[kind]?.(value);
 }
@@ -205,6 +220,12 @@ function showControl(id) {
   for (const button of document.querySelectorAll('[data-command]')) {
     button.setAttribute('aria-disabled', controls || (free && !watchOnly) ? 'false' : 'true');
   }
+  showMain();
+}
+
+// The main button is there where neither the walk has to be taken nor the camera to be started first.
+function showMain() {
+  main.show(latest, $('take').hidden && $('camera').hidden && me !== null);
 }
 let holder = null;
 // Control that this page asked for itself needs no announcement the first time.
@@ -262,6 +283,9 @@ function doubt(text) {
 
 function status(s) {
   guiding = s.guiding !== null;
+  latest = s;
+  showMain();
+  routes.ask(s.question, controls);
   frameMs = s.frame_ms;
   lastStatus = s;
   showState(s);
@@ -273,13 +297,14 @@ function status(s) {
     ? t(initialised ? 'page-imu' : 'page-imu-unaligned', { readings: imu.batch, interpolated: imu.synthesised, gaps: imu.gaps })
     : t('page-not-used'));
   set('s-recording', recordingText(s.recording, s.metric));
-  set('s-route', s.route ? t(s.route.here ? 'page-route' : 'page-route-elsewhere', s.route) : t('page-none'));
+  set('s-route', s.route ? t(s.route.here ? 'page-route' : 'page-route-elsewhere', { ...s.route, file: s.route.name }) : t('page-none'));
   const g = s.guiding;
   set('s-guiding', g ? t(s.metric ? 'page-guiding-metres' : 'page-guiding', {
     facing: g.facing, state: g.state.split(' ')[0], along: number(g.along_m), length: number(g.length_m),
   }) : t('page-none'));
   set('s-scale', t(s.metric ? 'page-metres' : 'page-no-scale'));
-  set('s-map', t('page-map-size', { places: s.key_frames, points: s.landmarks }));
+  const size = t('page-map-size', { places: s.key_frames, points: s.landmarks });
+  set('s-map', s.map_trouble ? t('page-map-not-saved', { map: size, why: s.map_trouble }) : size);
   set('s-time', t('page-time', { clock: clock(s.t_s), ms: number(s.step_ms), dropped: s.dropped }));
   map.camera(s);
 }
@@ -366,8 +391,12 @@ setInterval(() => {
   else if (age !== null) becameFresh();
 }, 100);
 
+let touched = false;
 function command(line) {
   senses.wake();
+  // A page may play sound only once it has been touched.
+  if (!touched && $('media').checked) media.set(true);
+  touched = true;
   if (me === null) {
     refused(t('page-connection-lost-retry'));
     return;
@@ -381,14 +410,20 @@ function command(line) {
 
 document.addEventListener('click', (event) => {
   const button = event.target.closest('[data-command]');
-  if (button) command(button.dataset.command);
+  if (button?.dataset.command) command(button.dataset.command);
 });
 
 document.addEventListener('keydown', (event) => {
   const typing = event.target.closest?.('input:not([type=checkbox]):not([type=radio]), textarea, select');
   if (!$('keys').checked || typing || event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
-  const line = words.keys[event.key.toLowerCase()];
-  if (line) {
+  // A dialog has its own keys.
+  if (document.querySelector('dialog.small[open]')) return;
+  const key = event.key.toLowerCase();
+  const line = /^[1-9]$/.test(key) ? `load ${key}` : words.keys[key];
+  if (line === 'note') {
+    event.preventDefault();
+    noting.open();
+  } else if (line) {
     event.preventDefault();
     command(line);
   }
@@ -417,11 +452,12 @@ $('camera').addEventListener('click', async () => {
   $('own').hidden = false;
   $('seen').hidden = true;
   $('camera').hidden = true;
+  showMain();
   $('commands').focus();
   want();
 });
 
-for (const name of ['volume', 'sounds', 'vibrate', 'keys']) {
+for (const name of ['volume', 'sounds', 'vibrate', 'keys', 'media']) {
   const input = $(name);
   const value = () => (input.type === 'checkbox' ? input.checked : Number(input.value));
   if (name in kept) input[input.type === 'checkbox' ? 'checked' : 'value'] = kept[name];
@@ -429,6 +465,7 @@ for (const name of ['volume', 'sounds', 'vibrate', 'keys']) {
   input.addEventListener('change', () => {
     senses.set(name, value());
     keep(name, value());
+    if (name === 'media') media.set(value());
   });
 }
 
@@ -467,12 +504,15 @@ function showWords() {
   for (const button of document.querySelectorAll('[data-command]')) {
     const key = Object.keys(words.keys).find((k) => words.keys[k] === button.dataset.command);
     button.querySelector('kbd')?.remove();
-    if (!key) continue;
+    // The commands of these two change.
+    if (!key || button.id === 'main' || button.id === 'other') continue;
     const shown = document.createElement('kbd');
     shown.ariaHidden = 'true';
     shown.textContent = key.toUpperCase();
     button.append(' ', shown);
   }
+  routes.show();
+  showMain();
   if (lastStatus !== null) status(lastStatus);
 }
 

@@ -107,7 +107,9 @@ export class MapView {
     const { view, canvas } = this;
     const ctx = canvas.getContext('2d', { alpha: false });
     const [w, h] = [canvas.width, canvas.height];
-    ctx.fillStyle = '#0a0e13';
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+    ctx.fillStyle = colour('canvas');
     ctx.fillRect(0, 0, w, h);
     if (!view || view.key_frames.length === 0) return;
     const [right, up] = this.axes();
@@ -117,7 +119,7 @@ export class MapView {
     const [[x0, x1], [y0, y1]] = [bounds(0), bounds(1)];
     const scale = this.zoom * 0.75 * Math.min(w / Math.max(x1 - x0, 0.5), h / Math.max(y1 - y0, 0.5));
     const at = (p) => { const [x, y] = flat(p); return [w / 2 + (x - (x0 + x1) / 2) * scale, h / 2 - (y - (y0 + y1) / 2) * scale]; };
-    ctx.fillStyle = '#6f8296';
+    ctx.fillStyle = colour('point');
     for (const p of view.points) {
       const [x, y] = at(p);
       if (x > 0 && x < w && y > 0 && y < h) ctx.fillRect(x, y, 1.5, 1.5);
@@ -131,25 +133,25 @@ export class MapView {
       ctx.stroke();
       ctx.setLineDash([]);
     };
-    line(view.recorded, '#8fb4ff', 5);
-    line(view.plan, '#ffd479', 3, [8, 5]);
-    ctx.fillStyle = '#7be0a0';
+    line(view.recorded, colour('route'), 5);
+    line(view.plan, colour('plan'), 3, [8, 5]);
+    ctx.fillStyle = colour('go');
     for (const p of view.key_frames) {
       const [x, y] = at(p);
       ctx.fillRect(x - 1.5, y - 1.5, 3, 3);
     }
-    if (view.camera) this.arrow(ctx, at, view.camera, 22 / scale);
+    if (view.camera) this.arrow(ctx, at, view.camera, 22 / scale, [colour('eye'), colour('text')]);
   }
 
   // The camera: a wedge that opens in its viewing direction.
-  arrow(ctx, at, [place, side, , ahead], size) {
+  arrow(ctx, at, [place, side, , ahead], size, [fill, edge]) {
     const to = (s, a) => place.map((v, i) => v + size * (s * side[i] + a * ahead[i]));
     ctx.beginPath();
     [place, to(-0.5, 1), to(0.5, 1)].forEach((p, i) => ctx[i ? 'lineTo' : 'moveTo'](...at(p)));
     ctx.closePath();
-    ctx.fillStyle = '#ff9d8a';
+    ctx.fillStyle = fill;
     ctx.fill();
-    [ctx.strokeStyle, ctx.lineWidth] = ['#fff', 1.5];
+    [ctx.strokeStyle, ctx.lineWidth] = [edge, 1.5];
     ctx.stroke();
   }
 }

@@ -34,7 +34,14 @@ impl Browser {
     pub fn start(folder: &Path, video: &Path) -> Option<Self> {
         let program = std::env::var("CHROMIUM").unwrap_or_else(|_| "chromium".into());
         let mut child = Command::new(program)
-            .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--mute-audio", "--no-first-run"])
+            .args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--hide-scrollbars",
+                "--mute-audio",
+                "--no-first-run",
+            ])
             .args(["--remote-debugging-port=0", "--ignore-certificate-errors", "--disable-dev-shm-usage"])
             .args(["--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream"])
             // Background pages run as if they were in front.
@@ -129,9 +136,12 @@ impl Browser {
         answer["result"]["value"].clone()
     }
 
-    /// The text of an element, line by line; empty where there is no such element.
+    /// The text of an element, line by line, also where it is folded away; empty where there is no such element.
     pub fn text(&mut self, tab: &Tab, element: &str) -> String {
-        let find = format!("document.querySelector({})?.innerText ?? ''", json!(element));
+        let find = format!(
+            "(() => {{ const e = document.querySelector({}); return e?.innerText || e?.textContent || ''; }})()",
+            json!(element)
+        );
         self.eval(tab, &find).as_str().unwrap_or_default().to_owned()
     }
 
@@ -143,6 +153,17 @@ impl Browser {
             json!(element)
         );
         self.eval(tab, &click);
+    }
+
+    /// Shows the page in the "light" or the "dark" scheme.
+    pub fn scheme(&mut self, tab: &Tab, scheme: &str) {
+        let features = json!([{ "name": "prefers-color-scheme", "value": scheme }]);
+        self.ask(Some(&tab.session), "Emulation.setEmulatedMedia", json!({ "features": features }));
+    }
+
+    /// Types text where the focus is.
+    pub fn write(&mut self, tab: &Tab, text: &str) {
+        self.ask(Some(&tab.session), "Input.insertText", json!({ "text": text }));
     }
 
     /// Presses a key.
@@ -166,7 +187,7 @@ impl Browser {
 
     /// Saves a screenshot.
     pub fn picture(&mut self, tab: &Tab, path: &Path) {
-        let parameters = json!({ "format": "png", "captureBeyondViewport": true });
+        let parameters = json!({ "format": "png", "captureBeyondViewport": false });
         let answer = self.ask(Some(&tab.session), "Page.captureScreenshot", parameters);
         std::fs::write(path, from_base64(answer["data"].as_str().unwrap())).unwrap();
     }

@@ -10,21 +10,22 @@ mod pace;
 mod phone;
 mod proxy;
 mod table;
+#[path = "../walked/mod.rs"]
+mod walked;
 
 use cairn_engine::Config;
-use cairn_geometry::Se3;
-use cairn_sensor::{Camera, GrayImage, Rig, Stamp};
+use cairn_sensor::{GrayImage, Rig};
 use cairn_session::SessionConfig;
-use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
 use cairn_web::{CameraSource, ServeConfig, Server};
 use futures_util::{SinkExt, StreamExt};
-use phone::{Album, Clock, Leg, Phone, RATE_HZ, Walk};
+use phone::{Album, Clock, Leg, Phone, Walk};
 use proxy::{Net, Proxy, Random};
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio_rustls::TlsConnector;
 use tokio_tungstenite::tungstenite::Message;
+use walked::camera;
 
 /// Where the walk begins in the world, and its duration, seconds; there is a corner in it.
 const START_S: f64 = 9.5;
@@ -36,29 +37,10 @@ const STALE_MS: f64 = 500.0;
 /// Time that a message to the judge may take on loopback, milliseconds, which is not the server's fault.
 const HEARING_MS: f64 = 15.0;
 
-fn camera() -> Camera {
-    Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5)
-}
-
 /// The images of the way out.
 fn pictures() -> Vec<GrayImage> {
-    let config = SimConfig {
-        sensor: SimSensor::Mono,
-        imu: None,
-        camera: camera(),
-        rate_hz: RATE_HZ,
-        body_from_camera: Se3::identity(),
-        walker: Walker { speed: 0.7, turn_rate: 0.5, ..Walker::default() },
-        ..SimConfig::new(WorldKind::Demo, 3)
-    };
-    let mut rig = LiveRig::new(&config).unwrap();
-    let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
-    let picture = |k: usize| {
-        let t = START_S + k as f64 / RATE_HZ;
-        let packet = rig.packet(Stamp::from_seconds(t), &motion.pose(t)).unwrap();
-        GrayImage::clone(&packet.images[0])
-    };
-    (0..(OUT_S * RATE_HZ) as usize).map(picture).collect()
+    let out = walked::route_out(START_S, OUT_S);
+    out.iter().map(|packet| GrayImage::clone(&packet.images[0])).collect()
 }
 
 /// The network and its disturbances on a leg.
@@ -142,6 +124,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
         lan: false,
         port: 0,
         keep: None,
+        routes: None,
         camera: CameraSource::Page { rig },
         config: Config::default(),
         session,

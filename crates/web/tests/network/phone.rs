@@ -3,6 +3,7 @@
 //! Its walker obeys: stands still on "stop", goes on with a direction.
 
 use crate::pace::{LEVELS, Pace};
+use crate::walked::RATE_HZ;
 use cairn_sensor::GrayImage;
 use futures_util::{SinkExt, StreamExt};
 use image::codecs::jpeg::JpegEncoder;
@@ -25,8 +26,6 @@ const GONE: Duration = Duration::from_secs(3);
 const OPEN: Duration = Duration::from_secs(10);
 /// Time from the exposure to the encoded image.
 const ENCODING: Duration = Duration::from_millis(30);
-/// Images per second that the walk was made for: a moving walker advances by this many images a second.
-pub const RATE_HZ: f64 = 15.0;
 
 /// A clock that differs from this machine's.
 #[derive(Clone, Copy, Debug)]
@@ -221,6 +220,7 @@ impl Phone {
             let passed = before.elapsed().as_secs_f64();
             before = Instant::now();
             if self.goes {
+                // A moving walker advances by as many images a second as the walk was made for.
                 let step = RATE_HZ * passed;
                 self.at =
                     if goal > self.at { (self.at + step).min(goal) } else { (self.at - step).max(goal) };

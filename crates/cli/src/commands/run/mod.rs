@@ -31,7 +31,7 @@ use cairn_files::MIB;
 use cairn_guide::AnnouncerConfig;
 use cairn_sensor::{Rig, Skips, Source, Stamp};
 use cairn_session::{
-    Age, Command, Inbox, Item, Script, Session, SessionConfig, drive_live, drive_lockstep, feed,
+    Age, Command, Inbox, Item, Script, Session, SessionConfig, Which, drive_live, drive_lockstep, feed,
 };
 use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waiting_for};
 use cairn_vision::bow::Vocabulary;
@@ -243,7 +243,7 @@ fn begin(
     }
     let Some(path) = &a.guide else { return Ok(()) };
     let commands = [
-        Command::Load(Some(path.clone())),
+        Command::Load(Which::File(path.clone())),
         Command::Guide { facing: Some(a.facing.facing()), again: !a.back },
     ];
     for command in &commands {

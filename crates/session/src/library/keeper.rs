@@ -1,0 +1,392 @@
+//! Keeps the atlas that the routes of a folder are anchored in: opens it at the start of a session, saves it while routes
+//! are recorded and at the end.
+//!
+//! All routes of a folder that were recorded with one camera share one atlas. A place that is not recognised begins a new
+//! map in it, and maps are merged where a place is recognised, so that routes of one building come to lie in one map.
+//!
+//! *After a crash* the saved atlas is older than the routes. Points that are anchored to key frames which were not saved
+//! are anchored to the nearest saved ones before anything new is mapped, for the numbers of those key frames will be given
+//! again. A route that no saved key frame carries is detached from the atlas: it can be listed, not walked. Until those
+//! files are rewritten, the atlas is not saved.
+
+use super::folder::{numbered, replace};
+use super::{MOST_KEY_FRAMES, WallClock, WallTime};
+use crate::disk::OwnDisk;
+use cairn_atlas::store::MapFile;
+use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
+use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
+use cairn_guide::{Anchor, Route};
+use cairn_sensor::{Rig, Stamp};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Instant, SystemTime};
+
+/// Interval of the saves while a route is recorded, seconds.
+const SAVE_EVERY_S: f64 = 10.0;
+/// Saving takes at most this share of the time.
+const SAVING_SHARE: f64 = 0.05;
+
+/// Why a folder of routes cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LibraryError {
+    /// Another program uses it.
+    #[error("{0}: another program keeps its routes there")]
+    Busy(String),
+    /// The folder cannot be written.
+    #[error("{path}: {source}")]
+    Folder {
+        /// The folder.
+        path: String,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// The rig cannot serve the mode.
+    #[error(transparent)]
+    Rig(#[from] cairn_sensor::RigError),
+}
+
+/// An engine in the kept atlas, and its keeper.
+pub struct Kept {
+    /// The engine.
+    pub engine: Engine,
+    /// The keeper, for [`crate::Session::keeping`].
+    pub keeper: MapKeeper,
+    /// What the user should know: damage, small differences of the camera.
+    pub notes: Vec<String>,
+}
+
+/// The keeper of an atlas.
+pub struct MapKeeper {
+    folder: PathBuf,
+    id: String,
+    /// Held while the session lasts: a folder has one writer.
+    _lock: File,
+    wall: WallClock,
+    /// Rewritten routes that are not on disk yet.
+    unwritten: Vec<(PathBuf, Route)>,
+    /// Routes whose key frames were not saved.
+    detached: BTreeSet<PathBuf>,
+    /// The version that is on disk.
+    saved: Option<u64>,
+    work: Option<(u64, JoinHandle<(Result<u64, String>, f64)>)>,
+    last: Option<Stamp>,
+    pause_s: f64,
+    is_due: bool,
+    trouble: Option<String>,
+}
+
+impl MapKeeper {
+    /// Opens the atlas of a folder that was made with this camera, else begins one; the folder is created.
+    ///
+    /// # Errors
+    /// [`LibraryError::Rig`] when the rig cannot serve the mode.
+    pub fn open(
+        folder: RoutesLock,
+        rig: &Rig,
+        mode: SensorMode,
+        rate_hz: f64,
+        runner: Runner,
+        config: &Config,
+    ) -> Result<Kept, LibraryError> {
+        let (lock, folder) = (folder.file, &*folder.folder);
+        let mut notes = Vec::new();
+        let mut found = None;
+        for path in atlases(folder) {
+            let Some(file) = read(&path, &mut notes) else { continue };
+            match opened(rig, mode, rate_hz, runner, config, folder, &path, file) {
+                Ok((engine, small)) => {
+                    notes.extend(small);
+                    found = Some((path, engine));
+                    break;
+                }
+                Err(OpenMapError::Rig(e)) => return Err(e.into()),
+                Err(OpenMapError::Camera(_)) => {}
+            }
+        }
+        let (id, engine) = match found {
+            Some((path, engine)) => (id_of(&path).unwrap_or_default(), engine),
+            None => (new_id(folder), Engine::new(rig, mode, rate_hz, runner, config)?),
+        };
+        let mut keeper = Self {
+            folder: folder.to_owned(),
+            id,
+            _lock: lock,
+            wall: Arc::new(WallTime::now),
+            unwritten: Vec::new(),
+            detached: BTreeSet::new(),
+            saved: None,
+            work: None,
+            last: None,
+            pause_s: SAVE_EVERY_S,
+            is_due: false,
+            trouble: None,
+        };
+        keeper.saved = keeper.path().exists().then(|| engine.snapshot().version());
+        keeper.reanchor(&engine.snapshot());
+        Ok(Kept { engine, keeper, notes })
+    }
+
+    /// Takes the time of day from another clock.
+    pub fn with_clock(mut self, wall: WallClock) -> Self {
+        self.wall = wall;
+        self
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The identity of the atlas.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// Why the atlas is not on disk as it is, if so.
+    pub fn trouble(&self) -> Option<&str> {
+        self.trouble.as_deref()
+    }
+
+    pub(crate) fn wall(&self) -> &WallClock {
+        &self.wall
+    }
+
+    /// Whether a route in this file, with this header, is anchored in the atlas.
+    pub(crate) fn holds(&self, path: &Path, atlas: Option<&str>) -> bool {
+        atlas == Some(&self.id) && !self.detached.contains(path)
+    }
+
+    /// The next save is due as soon as possible: a route is complete.
+    pub(crate) fn make_due(&mut self) {
+        self.is_due = true;
+    }
+
+    /// Starts a save on a thread of its own where one is due; `recording` says that a route is being recorded. True when
+    /// [`MapKeeper::trouble`] came or went.
+    pub(crate) fn pass(&mut self, engine: &Engine, recording: bool, now: Stamp) -> bool {
+        let mut changed = false;
+        if self.work.as_ref().is_some_and(|(_, work)| work.is_finished()) {
+            changed = self.wait();
+        }
+        let waited = self.last.is_none_or(|t| now - t >= self.pause_s);
+        let retry = self.trouble.is_some() && waited;
+        if self.work.is_none() && (self.is_due || retry || recording && waited) {
+            self.last = Some(now);
+            self.is_due = false;
+            changed |= self.begin(engine);
+        }
+        changed
+    }
+
+    /// The file of the atlas.
+    fn path(&self) -> PathBuf {
+        self.folder.join(format!("atlas-{}.map", self.id))
+    }
+
+    /// Waits for the save in progress and saves once more where the map has changed.
+    ///
+    /// # Errors
+    /// Why it is not on disk.
+    pub(crate) fn end(&mut self, engine: &Engine) -> Result<(), String> {
+        self.wait();
+        self.begin(engine);
+        self.wait();
+        self.trouble.clone().map_or(Ok(()), Err)
+    }
+
+    /// Begins a save; true when trouble came.
+    fn begin(&mut self, engine: &Engine) -> bool {
+        let snapshot = engine.snapshot();
+        let count = snapshot.key_frame_count();
+        if count == 0 || self.saved == Some(snapshot.version()) {
+            return false;
+        }
+        let before = self.trouble.is_some();
+        if count > MOST_KEY_FRAMES {
+            self.trouble =
+                Some(format!("the map has {count} key frames, at most {MOST_KEY_FRAMES} are kept"));
+            return !before;
+        }
+        if let Err(e) = self.write_routes() {
+            self.trouble = Some(e.to_string());
+            return !before;
+        }
+        let version = snapshot.version();
+        let program = concat!("cairn ", env!("CARGO_PKG_VERSION"));
+        let file = engine.to_save(program, BTreeMap::new());
+        let path = self.path();
+        let save = move || {
+            let began = Instant::now();
+            let saved = file.save(&path).map_err(|e| e.to_string());
+            (saved, began.elapsed().as_secs_f64())
+        };
+        match std::thread::Builder::new().name("cairn-save".into()).spawn(save) {
+            Ok(work) => self.work = Some((version, work)),
+            Err(e) => self.trouble = Some(e.to_string()),
+        }
+        self.trouble.is_some() != before
+    }
+
+    /// Takes the result of the save in progress; true when trouble came or went.
+    fn wait(&mut self) -> bool {
+        let Some((version, work)) = self.work.take() else { return false };
+        let before = self.trouble.is_some();
+        match work.join() {
+            Ok((Ok(_), took_s)) => {
+                self.saved = Some(version);
+                self.trouble = None;
+                self.pause_s = SAVE_EVERY_S.max(took_s / SAVING_SHARE);
+            }
+            Ok((Err(why), _)) => self.trouble = Some(why),
+            Err(_) => self.trouble = Some("saving the map failed by an error of the program".into()),
+        }
+        self.trouble.is_some() != before
+    }
+
+    /// Anchors the routes of the atlas to key frames that it holds.
+    fn reanchor(&mut self, map: &Snapshot) {
+        let known = |a: Anchor| {
+            KeyFrameId::from_index(a.seq as usize).is_some_and(|id| map.surviving_ancestor(id).is_some())
+        };
+        for (_, path) in numbered(&self.folder) {
+            let Ok(mut route) = Route::load(&path) else { continue };
+            if route.header.atlas.as_deref() != Some(&self.id) {
+                continue;
+            }
+            match route.reanchor(known) {
+                Some(0) => continue,
+                Some(_) => {}
+                None => {
+                    route.header.atlas = None;
+                    self.detached.insert(path.clone());
+                }
+            }
+            self.unwritten.push((path, route));
+        }
+        // What cannot be written now is tried again before the atlas is saved.
+        let _ = self.write_routes();
+    }
+
+    fn write_routes(&mut self) -> io::Result<()> {
+        while let Some((path, route)) = self.unwritten.last() {
+            // A route that was deleted meanwhile needs no anchors.
+            if path.exists() {
+                replace(&OwnDisk, path, route)?;
+            }
+            self.unwritten.pop();
+        }
+        Ok(())
+    }
+}
+
+/// The engine in an atlas, which is trimmed first where it is large.
+#[expect(clippy::too_many_arguments, reason = "all that an engine needs, and where the atlas comes from")]
+fn opened(
+    rig: &Rig,
+    mode: SensorMode,
+    rate_hz: f64,
+    runner: Runner,
+    config: &Config,
+    folder: &Path,
+    path: &Path,
+    mut file: MapFile,
+) -> Result<(Engine, Vec<String>), OpenMapError> {
+    if file.snapshot.key_frame_count() > MOST_KEY_FRAMES / 2 {
+        file.snapshot = trimmed(file.snapshot, &needed(folder, id_of(path).as_deref()));
+    }
+    Engine::in_map(rig, mode, rate_hz, runner, config, &file)
+}
+
+/// The key frames that the routes of an atlas are anchored to.
+fn needed(folder: &Path, id: Option<&str>) -> BTreeSet<u32> {
+    let routes = numbered(folder).into_iter().filter_map(|(_, path)| Route::load(&path).ok());
+    let of_it = routes.filter(|route| route.header.atlas.as_deref() == id);
+    of_it.flat_map(|route| route.points.into_iter().map(|p| p.anchor.seq)).collect()
+}
+
+/// A snapshot without the maps that no route is in; of each its root remains.
+fn trimmed(snapshot: Snapshot, needed: &BTreeSet<u32>) -> Snapshot {
+    let standing = needed.iter().filter_map(|seq| {
+        let (id, _) = snapshot.surviving_ancestor(KeyFrameId::from_index(*seq as usize)?)?;
+        snapshot.key_frame(id).map(|k| k.map)
+    });
+    let maps: BTreeSet<_> = standing.collect();
+    let spare = snapshot.key_frames().filter(|k| !maps.contains(&k.map) && k.parent.is_some());
+    let changes: Vec<Change> = spare.map(|k| Change::RemoveKeyFrame(k.id)).collect();
+    let mut atlas = Atlas::new(snapshot);
+    atlas.commit(changes);
+    (**atlas.latest()).clone()
+}
+
+/// The content of an atlas. What is damaged is set aside, and what is whole of it is used.
+fn read(path: &Path, notes: &mut Vec<String>) -> Option<MapFile> {
+    let why = match MapFile::load(path) {
+        Ok(file) => return (file.snapshot.key_frame_count() > 0).then_some(file),
+        Err(e) => e.to_string(),
+    };
+    let bytes = cairn_atlas::store::read_file(path, cairn_atlas::store::Length::Any).ok();
+    let whole = bytes.and_then(|bytes| MapFile::salvage(&bytes).ok());
+    let aside = path.with_extension("map-damaged");
+    let _ = std::fs::rename(path, &aside);
+    let kept = if whole.is_some() { "what is whole of it is used" } else { "its routes cannot be walked" };
+    notes.push(format!("the map is damaged ({why}); {kept}; it is kept as {}", aside.display()));
+    whole.map(|(file, _)| file)
+}
+
+/// The right to write into a folder of routes; the system takes it back when the program ends, however it does.
+pub struct RoutesLock {
+    folder: PathBuf,
+    file: File,
+}
+
+impl RoutesLock {
+    /// Takes it; the folder is created.
+    ///
+    /// # Errors
+    /// [`LibraryError`] when another program has it, or the folder cannot be written.
+    pub fn take(folder: &Path) -> Result<Self, LibraryError> {
+        locked(folder).map(|file| Self { folder: folder.to_owned(), file })
+    }
+}
+
+fn locked(folder: &Path) -> Result<File, LibraryError> {
+    let shown = folder.display().to_string();
+    let fail = |source| LibraryError::Folder { path: shown.clone(), source };
+    std::fs::create_dir_all(folder).map_err(fail)?;
+    let path = folder.join(".lock");
+    let file = File::options().write(true).create(true).truncate(false).open(path).map_err(fail)?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(LibraryError::Busy(shown)),
+        // On file systems without locks there is no protection.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+    }
+}
+
+/// The atlases of a folder, the one written last first.
+fn atlases(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let mut all: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| id_of(p).is_some()).collect();
+    let written = |p: &PathBuf| std::fs::metadata(p).and_then(|m| m.modified()).ok();
+    all.sort_by(|a, b| written(b).cmp(&written(a)).then(a.cmp(b)));
+    all
+}
+
+/// The identity in the name of an atlas file.
+fn id_of(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_str()?;
+    name.strip_prefix("atlas-")?.strip_suffix(".map").map(str::to_owned)
+}
+
+/// A new identity: it must differ from those of all atlases that routes may name, also of deleted ones.
+fn new_id(folder: &Path) -> String {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    let mut id = since.as_nanos() as u64 ^ u64::from(std::process::id()).rotate_right(16);
+    while folder.join(format!("atlas-{id:016x}.map")).exists() {
+        id = id.wrapping_add(1);
+    }
+    format!("{id:016x}")
+}

@@ -1,0 +1,158 @@
+// The kept routes: their list with its buttons, the dialogs about them, and the one main button of the walk.
+
+// A button whose meaning has just changed ignores a press that was meant for the meaning before.
+const CHANGED_MS = 500;
+
+const $ = (id) => document.getElementById(id);
+
+function make(kind, properties, ...inside) {
+  const element = Object.assign(document.createElement(kind), properties);
+  element.append(...inside);
+  return element;
+}
+
+// The list of the routes, newest first.
+export class RouteList {
+  // `command` takes a line, `t` gives the page's sentences.
+  constructor(command, t) {
+    Object.assign(this, { command, t, routes: [], shown: '' });
+    $('rename').querySelector('form').addEventListener('submit', (event) => {
+      event.preventDefault();
+      const name = $('rename-name').value.trim();
+      $('rename').close();
+      if (name) command(`rename ${this.renaming} ${name}`);
+    });
+    $('rename-leave').addEventListener('click', () => $('rename').close());
+    for (const [id, line] of [['question-yes', 'yes'], ['question-no', 'no']]) {
+      $(id).addEventListener('click', () => { $('question').close(); command(line); });
+    }
+    $('question').addEventListener('cancel', () => command('no'));
+  }
+
+  take(routes) {
+    const text = JSON.stringify(routes);
+    if (text === this.shown) return;
+    this.shown = text;
+    this.routes = routes;
+    this.show();
+  }
+
+  // The list in the language of the page.
+  show() {
+    $('routes-count').textContent = this.t('page-routes-count', { count: this.routes.length });
+    $('routes-none').hidden = this.routes.length > 0;
+    // A list that is rebuilt keeps the focus where it was.
+    const focus = document.activeElement?.dataset?.route;
+    $('route-list').replaceChildren(...this.routes.map((route) => this.item(route)));
+    if (focus) document.querySelector(`[data-route="${CSS.escape(focus)}"]`)?.focus();
+  }
+
+  item(route) {
+    const { t } = this;
+    const button = (id, what, action) => {
+      const made = make('button', { type: 'button', textContent: t(id) });
+      made.setAttribute('aria-label', t('page-labelled', { action: t(id), route: route.words }));
+      made.dataset.route = `${what} ${route.number}`;
+      made.addEventListener('click', action);
+      return made;
+    };
+    const load = button('page-load-one', 'load', () => this.command(`load ${route.number}`));
+    if (route.why_not) load.setAttribute('aria-disabled', 'true');
+    const rename = button('page-rename', 'rename', () => {
+      this.renaming = route.number;
+      $('rename-title').textContent = route.words;
+      $('rename-name').value = route.name ?? '';
+      $('rename').showModal();
+      $('rename-name').select();
+    });
+    const remove = button('page-delete', 'delete', () => this.command(`delete ${route.number}`));
+    remove.classList.add('halt');
+    const more = [];
+    if (route.loaded) more.push(t('page-route-loaded'));
+    if (route.notes) more.push(t('page-notes-count', { count: route.notes }));
+    if (route.why_not) more.push(t('page-why-not', { why: route.why_not }));
+    const item = make('li', {}, make('p', { className: 'name', textContent: route.words }));
+    if (more.length) item.append(make('p', { className: 'more', textContent: more.join(' ') }));
+    item.append(make('div', { className: 'three' }, load, rename, remove));
+    item.classList.toggle('loaded', route.loaded);
+    return item;
+  }
+
+  // A question of the session is asked on the page that holds the walk, and taken back with its reason.
+  ask(question, controls) {
+    const open = $('question').open;
+    if (question && controls && this.asked !== question) {
+      $('question-words').textContent = question;
+      if (!open) $('question').showModal();
+    } else if (!question && open) $('question').close();
+    this.asked = question;
+  }
+}
+
+// A landmark: the place is that of the moment at which the dialog opens.
+export class Noting {
+  constructor(command) {
+    this.command = command;
+    $('note').addEventListener('click', () => this.open());
+    $('noting-leave').addEventListener('click', () => $('noting').close());
+    $('noting').querySelector('form').addEventListener('submit', (event) => {
+      event.preventDefault();
+      const side = document.querySelector('[name=side]:checked').value;
+      $('noting').close();
+      command(`note ${side} ${$('noting-text').value.trim()}`.replace(/\s+/g, ' ').trim());
+    });
+  }
+
+  open() {
+    if ($('note').hidden || $('noting').open) return;
+    this.command('mark');
+    $('noting-text').value = '';
+    $('side-none').checked = true;
+    $('noting').showModal();
+  }
+}
+
+// The main button: what most likely comes next.
+export class MainButton {
+  constructor(t) {
+    this.t = t;
+    this.changed = -Infinity;
+    $('main').addEventListener('click', (event) => {
+      if (performance.now() - this.changed < CHANGED_MS) event.stopPropagation();
+    });
+  }
+
+  // `status` is null before the first picture.
+  show(status, shown) {
+    const button = $('main');
+    const state = !status || status.frames === 0 ? 'wait' : status.recording ? 'stop' : status.guiding ? 'halt'
+      : status.route?.here ? (status.route.is_new ? 'home' : 'again') : 'record';
+    const [command, label] = {
+      wait: ['status', 'page-wait-picture'], record: ['record', 'page-record'], stop: ['stop', 'page-stop'],
+      halt: ['halt', 'page-halt'], home: ['guide', 'page-guide-home'], again: ['guide again', 'page-guide-again'],
+    }[state];
+    button.hidden = !shown;
+    if (button.dataset.state !== state) {
+      this.changed = performance.now();
+      button.dataset.state = state;
+      button.dataset.command = command;
+    }
+    this.write(button, label);
+    const length = status?.recording && status.metric && status.recording.length >= 1
+      ? `, ${Math.round(status.recording.length)} m` : '';
+    const more = button.querySelector('.more');
+    if (more.textContent !== length) more.textContent = length;
+    $('note').hidden = !status?.recording || !shown;
+    $('other').hidden = state !== 'home' && state !== 'again' || !shown;
+    $('other').dataset.command = state === 'home' ? 'guide again' : 'guide';
+    this.write($('other'), state === 'home' ? 'page-guide-again' : 'page-guide-home');
+    $('anew').hidden = $('other').hidden;
+  }
+
+  // Text is set only when it changes, so that a screen reader keeps its position.
+  write(button, id) {
+    const label = button.querySelector('.label');
+    label.dataset.text = id;
+    if (label.textContent !== this.t(id)) label.textContent = this.t(id);
+  }
+}
