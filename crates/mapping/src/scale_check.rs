@@ -76,7 +76,8 @@ impl Inertial {
         let attempt = self.attempt(&snapshot, camera, chain, CHECK_S)?;
         let found = attempt.found.as_ref()?;
         let is_good = |g: &Gate| g.passed || matches!(g.kind, GateKind::ScaleSigma | GateKind::GravitySigma);
-        if !attempt.gates.iter().all(is_good) || !(found.scale_sigma < MOST_SIGMA) {
+        if !attempt.gates.iter().all(is_good) || found.scale_sigma.is_nan() || found.scale_sigma > MOST_SIGMA
+        {
             return None;
         }
         let now = last.frame.stamp;
