@@ -13,6 +13,7 @@ mod map_lock;
 mod output;
 mod outputs;
 mod progress;
+mod speaking;
 mod style;
 mod terminal;
 

@@ -1,6 +1,7 @@
 //! Commands from standard input: single keys on a terminal, or lines (for screen readers and pipes).
 
-use cairn_session::Command;
+use cairn_phrases::Language;
+use cairn_session::{Command, help};
 use std::io::{BufRead, IsTerminal, Read};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -11,8 +12,9 @@ pub struct Terminal {
 }
 
 impl Terminal {
-    /// Reads lines if `lines`; else single keys if `keys` and stdin is a terminal; else nothing.
-    pub fn new(lines: bool, keys: bool) -> Self {
+    /// Reads lines if `lines`; else single keys if `keys` and stdin is a terminal; else nothing. Help on the keys is in the
+    /// language.
+    pub fn new(lines: bool, keys: bool, language: Language) -> Self {
         let (sender, commands) = channel();
         if lines {
             spawn(move || read_lines(std::io::stdin().lock(), &sender));
@@ -21,8 +23,8 @@ impl Terminal {
         let raw = if keys && std::io::stdin().is_terminal() { raw::Raw::begin() } else { None };
         match raw {
             Some(raw) => {
-                eprintln!("{}", cairn_session::HELP);
-                spawn(move || read_keys(std::io::stdin().lock(), &sender));
+                eprintln!("{}", help(language));
+                spawn(move || read_keys(std::io::stdin().lock(), &sender, language));
                 Self { commands: Some(commands), _raw: Some(raw) }
             }
             None => Self { commands: None, _raw: None },
@@ -69,14 +71,14 @@ fn read_lines(input: impl BufRead, sender: &Sender<Result<Command, String>>) {
     }
 }
 
-fn read_keys(mut input: impl Read, sender: &Sender<Result<Command, String>>) {
+fn read_keys(mut input: impl Read, sender: &Sender<Result<Command, String>>, language: Language) {
     let mut key = [0];
     while input.read_exact(&mut key).is_ok() {
         let answer = match key[0] {
             // Control-C and Control-D: a raw terminal sends no signal.
             3 | 4 => Ok(Command::Quit),
             b'\r' | b'\n' | b' ' => continue,
-            key => Command::of_key(char::from(key)).ok_or_else(|| cairn_session::HELP.to_owned()),
+            key => Command::of_key(char::from(key)).ok_or_else(|| help(language)),
         };
         if sender.send(answer).is_err() {
             return;
@@ -135,7 +137,7 @@ mod tests {
     fn lines_and_keys_parse_to_the_same_commands() {
         let (sender, answers) = channel();
         read_lines("record\n\nstop\nfly\nquit\n".as_bytes(), &sender);
-        read_keys("R s\nx\u{3}".as_bytes(), &sender);
+        read_keys("R s\nx\u{3}".as_bytes(), &sender, Language::English);
         drop(sender);
         let all: Vec<_> = answers.iter().collect();
         assert_eq!(all[0], Ok(Command::Record));

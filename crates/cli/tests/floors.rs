@@ -10,7 +10,7 @@ use std::process::Command;
 
 /// Each floor with its packages; ARCHITECTURE.md has the same table.
 const FLOORS: &[(u8, &[&str])] = &[
-    (1, &["cairn-files", "cairn-geometry"]),
+    (1, &["cairn-files", "cairn-geometry", "cairn-phrases"]),
     (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
     (3, &["cairn-vision", "cairn-sim", "cairn-inertial", "cairn-bag"]),
     (4, &["cairn-sources", "cairn-atlas", "cairn-filter"]),

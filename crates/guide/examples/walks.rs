@@ -23,7 +23,18 @@ fn trial(seed: u64, row: usize) -> Outcome {
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     let line = random_route(seed, crossing);
-    run(&line, &TrialConfig { facing, travel, noise, corridor_m, cut_detours: !crossing, seed })
+    run(
+        &line,
+        &TrialConfig {
+            facing,
+            travel,
+            noise,
+            corridor_m,
+            cut_detours: !crossing,
+            phrases: cairn_guide::PhraseConfig::default(),
+            seed,
+        },
+    )
 }
 
 fn name(row: usize) -> String {

@@ -7,10 +7,13 @@ use crate::cue::Priority;
 use cairn_sensor::Stamp;
 use std::collections::VecDeque;
 
+/// Words a minute at rate 1.
+pub const WORDS_PER_MINUTE: f64 = 180.0;
+
 /// Config of the queue.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnnouncerConfig {
-    /// Speech rate, 0.1 to 2; 1 is three words a second.
+    /// Speech rate, 0.1 to 2; 1 is [`WORDS_PER_MINUTE`].
     pub rate: f64,
     /// Volume, 0 to 1; passed on to the sink.
     pub volume: f64,
@@ -52,11 +55,11 @@ pub struct Announcer {
     history: VecDeque<Utterance>,
 }
 
-/// Estimated seconds that a voice takes for a text at a rate (three words a second at rate 1).
+/// Estimated seconds that a voice takes for a text at a rate ([`WORDS_PER_MINUTE`] at rate 1).
 pub fn speaking_time(text: &str, rate: f64) -> f64 {
     let words = text.split_whitespace().count() as f64;
     let pauses = text.matches(['.', ',']).count() as f64;
-    (words / 3.0 + 0.1 * pauses) / rate.clamp(0.1, 2.0)
+    (words * 60.0 / WORDS_PER_MINUTE + 0.1 * pauses) / rate.clamp(0.1, 2.0)
 }
 
 impl Announcer {
@@ -68,6 +71,11 @@ impl Announcer {
             ..config
         };
         Self { config, speaking: None, waiting: None, last: None, dropped: 0, history: VecDeque::new() }
+    }
+
+    /// Sets the rate by the words a minute of a voice.
+    pub fn set_words_per_minute(&mut self, words: f64) {
+        self.config.rate = (words / WORDS_PER_MINUTE).clamp(0.1, 2.0);
     }
 
     /// The config in use, after clamping.

@@ -1,11 +1,13 @@
-//! From cues to English words.
+//! From cues to sentences of the catalogue ([`cairn_phrases`]), in the walker's language and units.
 //!
-//! An instruction is a landmark, the action, and what comes next. "Continue" and "move", never "walk". The first
-//! clause says what to do now, so that it can be acted on while the rest is still being said.
+//! An instruction is a landmark, the action, and what comes next. The first clause says what to do now, so that it can
+//! be acted on while the rest is still being said. Here the clauses are chosen and put together; their words are in
+//! the language's file.
 
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
+use cairn_phrases::{Arg, Language};
 
 /// The unit in which distances are said.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +34,8 @@ pub enum DirectionStyle {
 /// Config of the phrases.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhraseConfig {
+    /// The language.
+    pub language: Language,
     /// The unit of distances.
     pub unit: Unit,
     /// The form of directions.
@@ -42,7 +46,33 @@ pub struct PhraseConfig {
 
 impl Default for PhraseConfig {
     fn default() -> Self {
-        Self { unit: Unit::Metres, directions: DirectionStyle::Words, metric: true }
+        Self {
+            language: Language::default(),
+            unit: Unit::Metres,
+            directions: DirectionStyle::Words,
+            metric: true,
+        }
+    }
+}
+
+/// How a turn is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Manner {
+    /// At a turn of the route.
+    Corner,
+    /// Standing.
+    Spot,
+    /// By a walker who moves backwards.
+    Backwards,
+}
+
+impl Manner {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Corner => "corner",
+            Self::Spot => "spot",
+            Self::Backwards => "back",
+        }
     }
 }
 
@@ -76,8 +106,8 @@ impl Side {
         if angle_rad >= 0.0 { Side::Left } else { Side::Right }
     }
 
-    /// "left" or "right".
-    pub fn word(self) -> &'static str {
+    /// Its name in the catalogue.
+    fn name(self) -> &'static str {
         match self {
             Side::Left => "left",
             Side::Right => "right",
@@ -103,246 +133,273 @@ impl PhraseConfig {
     /// The words of a cue; `None` for cues that are sounds only.
     pub fn words(&self, cue: &Cue) -> Option<String> {
         let back = cue.facing == Facing::Backwards;
+        let text = |id: &str| self.language.text(id);
+        let after = |id: &str, rest: String| format!("{} {rest}", text(id));
+        let turn = |angle_rad: f64| self.turn(angle_rad, if back { Manner::Backwards } else { Manner::Spot });
         Some(match cue.kind {
             CueKind::Start { total_m, first } => self.start(total_m, &first, cue.facing),
-            CueKind::Resume(First::Turn(a)) => format!("I found my place. {}.", capital(&self.turn(a, back))),
-            CueKind::Resume(First::Go(ahead)) => format!("I found my place. {}", self.go(&ahead, back, back)),
-            CueKind::Correction(First::Turn(a)) => format!("Correction. {}.", capital(&self.turn(a, back))),
-            CueKind::Correction(First::Go(ahead)) => format!("Correction. {}", self.go(&ahead, back, back)),
+            CueKind::Resume(first) => after("guide-found", self.first(&first, back)),
+            CueKind::Correction(first) => after("guide-correction", self.first(&first, back)),
             CueKind::Approach(ahead) => self.approach(&ahead, back),
             CueKind::TurnNow { turn_rad, stairs } => self.turn_now(turn_rad, stairs, back),
-            CueKind::StairsNow(stairs) => format!("Stairs now, {}.", stairs_verb(stairs)),
-            CueKind::Rotate(a) if back => format!("Stop. {}.", capital(&self.turn(a, true))),
-            CueKind::Rotate(a) => format!("{}.", capital(&self.turn(a, false))),
-            CueKind::StopTurning(ahead) => format!("Stop turning. {}", self.go(&ahead, back, back)),
+            CueKind::StairsNow(stairs) => self.with("guide-stairs-now", "stairs", &self.stairs(stairs)),
+            CueKind::Rotate(a) if back => after("guide-stop", self.sentence(&turn(a))),
+            CueKind::Rotate(a) => self.sentence(&turn(a)),
+            CueKind::StopTurning(ahead) => after("guide-stop-turning", self.go(&ahead, back, back)),
             CueKind::Go { ahead, check } => self.go(&ahead, back, check),
-            CueKind::Adjust(a) => format!("{}.", capital(&small_turn(a, back))),
+            CueKind::Adjust(a) => self.sentence(&self.bear(a, back)),
             CueKind::Progress(ahead) => self.progress(&ahead, back),
             CueKind::OffPath { distance_m, bearing_rad, turn_rad, on_spot } => {
-                let turn = if on_spot { self.turn(turn_rad, back) } else { small_turn(turn_rad, back) };
+                let turn = if on_spot { turn(turn_rad) } else { self.bear(turn_rad, back) };
                 self.off_path(distance_m, bearing_rad, (turn_rad != 0.0).then_some(turn), back)
             }
-            CueKind::WrongWay(a) => format!("Wrong way. {}.", capital(&self.turn(a, back))),
-            CueKind::Stopped { ahead, on_path: true } => {
-                format!("You are on the path. {}", self.go(&ahead, back, false))
-            }
+            CueKind::WrongWay(a) => self.with("guide-wrong-way", "turn", &turn(a)),
+            CueKind::Stopped { ahead, on_path: true } => after("guide-on-path", self.go(&ahead, back, false)),
             CueKind::Stopped { ahead, on_path: false } => self.go(&ahead, back, false),
-            CueKind::CheckBehind => "Stop. Check behind you.".into(),
-            CueKind::StepAside(left_m) => {
-                format!("Stop. Step back and to your {}.", Side::of(left_m).word())
-            }
-            CueKind::SlowDown => "Slow down.".into(),
-            CueKind::Weak => "Slow down. I cannot see well.".into(),
-            CueKind::EndMissed { distance_m, turn_rad } => {
-                let at = if self.metric { self.distance(distance_m) } else { "near".into() };
-                format!(
-                    "Stop. {}, the end is {at}{}.",
-                    capital(&self.turn(turn_rad, back)),
-                    if self.metric { " away" } else { "" }
-                )
-            }
-            CueKind::Arrived => "Stop. You have arrived. Guidance ends.".into(),
-            CueKind::LookRound(a) => format!("Let me find my place. {}.", capital(&self.turn(a, back))),
-            CueKind::Stop(reason) => format!("Stop. {}", reason_words(reason)),
+            CueKind::CheckBehind => after("guide-stop", text("guide-check-behind")),
+            CueKind::StepAside(left_m) => self.with("guide-step-aside", "side", Side::of(left_m).name()),
+            CueKind::SlowDown => text("guide-slow-down"),
+            CueKind::Weak => text("guide-weak"),
+            CueKind::EndMissed { distance_m, turn_rad } => self.measured(
+                ["guide-end-missed", "guide-end-missed-unmeasured"],
+                distance_m,
+                &[("turn", (&turn(turn_rad)).into())],
+            ),
+            CueKind::Arrived => text("guide-arrived"),
+            CueKind::LookRound(a) => self.with("guide-look-round", "turn", &turn(a)),
+            CueKind::Stop(reason) => after("guide-stop", reason_words(reason, self.language)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
         })
     }
 
     /// A distance in words in the configured unit: rounded to 1 below 10, to 5 from 10, to 10 from 50.
     pub fn distance(&self, metres: f64) -> String {
-        let (value, one, many) = match self.unit {
-            Unit::Metres => (metres, "metre", "metres"),
-            Unit::Feet => (metres / 0.3048, "foot", "feet"),
-            Unit::Steps(length) => (metres / length.max(0.1), "step", "steps"),
+        self.language.say("distance", &self.rounded(metres))
+    }
+
+    /// The sentence with this id, and the distance in it; without a known scale the other one.
+    pub fn measured(&self, [measured, unmeasured]: [&str; 2], metres: f64, args: &[(&str, Arg)]) -> String {
+        match self.metric {
+            true => self.language.say(measured, &[args, &self.rounded(metres)].concat()),
+            false => self.language.say(unmeasured, args),
+        }
+    }
+
+    /// The values of a distance, for the catalogue.
+    fn rounded(&self, metres: f64) -> [(&'static str, Arg<'static>); 2] {
+        let (value, unit) = match self.unit {
+            Unit::Metres => (metres, "metres"),
+            Unit::Feet => (metres / 0.3048, "feet"),
+            Unit::Steps(length) => (metres / length.max(0.1), "steps"),
         };
         let grain = match value {
             v if v >= 50.0 => 10.0,
             v if v >= 10.0 => 5.0,
             _ => 1.0,
         };
-        let rounded = ((value / grain).round() * grain).max(1.0) as i64;
-        format!("{rounded} {}", if rounded == 1 { one } else { many })
+        let rounded = ((value / grain).round() * grain).max(1.0);
+        [("distance", Arg::Number(rounded, 0)), ("unit", unit.into())]
+    }
+
+    fn with(&self, id: &str, name: &str, value: &str) -> String {
+        self.language.say(id, &[(name, value.into())])
+    }
+
+    fn sentence(&self, clause: &str) -> String {
+        self.with("guide-sentence", "clause", clause)
     }
 
     fn start(&self, total_m: f64, first: &First, facing: Facing) -> String {
-        let mut s = match self.metric {
-            true => format!("The route is {}. ", self.distance(total_m)),
-            false => "Guidance starts. I cannot measure distances. ".into(),
-        };
+        let mut sentences = vec![self.measured(["guide-start", "guide-start-unmeasured"], total_m, &[])];
         match facing {
             Facing::Home => {}
-            Facing::Back => s += "The camera faces behind you. ",
-            Facing::Backwards => {
-                s += "Caution, you will move backwards. Go slowly and only on flat ground. ";
-            }
+            Facing::Back => sentences.push(self.language.text("guide-start-back")),
+            Facing::Backwards => sentences.push(self.language.text("guide-start-backwards")),
         }
-        let back = facing == Facing::Backwards;
-        s += &match first {
-            First::Turn(a) => format!("{}.", capital(&self.turn(*a, back))),
+        sentences.push(self.first(first, facing == Facing::Backwards));
+        sentences.join(" ")
+    }
+
+    /// What to do first.
+    fn first(&self, first: &First, back: bool) -> String {
+        match first {
+            First::Turn(a) => {
+                self.sentence(&self.turn(*a, if back { Manner::Backwards } else { Manner::Spot }))
+            }
             First::Go(ahead) => self.go(ahead, back, back),
-        };
-        s
+        }
     }
 
     /// "turn left", "rotate right", "turn around".
-    fn turn(&self, angle_rad: f64, back: bool) -> String {
-        let verb = if back { "rotate" } else { "turn" };
+    fn turn(&self, angle_rad: f64, manner: Manner) -> String {
+        let (side, kind) = (Side::of(angle_rad), ("kind", manner.name().into()));
+        let to = match (Direction::of(angle_rad), side) {
+            (Direction::Straight, _) => return self.bear(angle_rad, manner == Manner::Backwards),
+            (Direction::Slight(_), Side::Left) => "slightly-left",
+            (Direction::Slight(_), Side::Right) => "slightly-right",
+            (Direction::Turn(_), Side::Left) => "left",
+            (Direction::Turn(_), Side::Right) => "right",
+            (Direction::Sharp(_), Side::Left) => "sharp-left",
+            (Direction::Sharp(_), Side::Right) => "sharp-right",
+            (Direction::Around, _) => "around",
+        };
         match self.directions {
-            DirectionStyle::Words => match Direction::of(angle_rad) {
-                Direction::Straight => small_turn(angle_rad, back),
-                Direction::Slight(side) => format!("{verb} slightly {}", side.word()),
-                Direction::Turn(side) => format!("{verb} {}", side.word()),
-                Direction::Sharp(side) => format!("{verb} sharp {}", side.word()),
-                Direction::Around => format!("{verb} around"),
-            },
-            DirectionStyle::Clock => format!("{verb} to {}", clock(angle_rad)),
+            DirectionStyle::Words => self.language.say("guide-turn", &[kind, ("to", to.into())]),
+            DirectionStyle::Clock => {
+                let hour = ("hour", clock_hour(angle_rad).into());
+                self.language.say("guide-turn-clock", &[kind, hour])
+            }
             DirectionStyle::Degrees => {
-                let deg = ((angle_rad.to_degrees().abs() / 10.0).round() * 10.0).max(10.0);
-                format!("{verb} {} {deg} degrees", Side::of(angle_rad).word())
+                let degrees = (angle_rad.to_degrees().abs() / 10.0).round() * 10.0;
+                let degrees = ("degrees", Arg::Number(degrees.max(10.0), 0));
+                self.language.say("guide-turn-degrees", &[kind, ("side", side.name().into()), degrees])
             }
         }
+    }
+
+    /// A correction made without stopping: "bear left".
+    fn bear(&self, angle_rad: f64, back: bool) -> String {
+        let kind = if back { Manner::Backwards } else { Manner::Corner };
+        let side = Side::of(angle_rad).name();
+        self.language.say("guide-bear", &[("kind", kind.name().into()), ("side", side.into())])
+    }
+
+    fn stairs(&self, stairs: Stairs) -> String {
+        let way = match stairs {
+            Stairs::Up => "up",
+            Stairs::Down => "down",
+        };
+        self.with("guide-stairs", "way", way)
+    }
+
+    fn corner(&self, turn_rad: f64, back: bool) -> String {
+        self.turn(turn_rad, if back { Manner::Backwards } else { Manner::Corner })
     }
 
     fn next(&self, next: &Next, back: bool) -> String {
         match next {
-            Next::Turn { turn_rad, stairs: None } => self.turn(*turn_rad, back),
+            Next::Turn { turn_rad, stairs: None } => self.corner(*turn_rad, back),
             Next::Turn { turn_rad, stairs: Some(s) } => {
-                format!("{} and {}", self.turn(*turn_rad, back), stairs_verb(*s))
+                let (turn, stairs) = (self.corner(*turn_rad, back), self.stairs(*s));
+                let args = [("turn", (&turn).into()), ("stairs", (&stairs).into())];
+                self.language.say("guide-turn-and-stairs", &args)
             }
-            Next::Stairs(s) => stairs_verb(*s).into(),
-            Next::End => "arrive".into(),
+            Next::Stairs(s) => self.stairs(*s),
+            Next::End => self.language.text("guide-arrive"),
         }
     }
 
     /// ", then in 3 metres turn right" for a turn that follows soon.
-    fn then(&self, ahead: &Ahead, back: bool) -> String {
-        match &ahead.then {
-            Some((d, next)) if self.metric => {
-                format!(", then in {} {}", self.distance(*d), self.next(next, back))
-            }
-            Some((_, next)) => format!(", then soon {}", self.next(next, back)),
-            None => String::new(),
-        }
+    fn after(&self, ahead: &Ahead, back: bool) -> String {
+        ahead.then.as_ref().map_or(String::new(), |(metres, next)| {
+            let next = self.next(next, back);
+            self.measured(["guide-after", "guide-after-unmeasured"], *metres, &[("next", (&next).into())])
+        })
     }
 
     fn go(&self, ahead: &Ahead, back: bool, check: bool) -> String {
-        let mut s = String::new();
-        if check {
-            s += "Check behind you. ";
-        }
         // The last few metres after a halt are walked slowly, so that the walker can stop where he is told.
         let last = ahead.next == Next::End && ahead.distance_m < 3.0;
-        s += match (back, last) {
-            (true, _) => "Move back",
-            (false, true) => "Move slowly",
-            (false, false) => "Continue",
+        let ids = match (back, last) {
+            (true, _) => ["guide-move-back", "guide-move-back-unmeasured"],
+            (false, true) => ["guide-move-slowly", "guide-move-slowly-unmeasured"],
+            (false, false) => ["guide-continue", "guide-continue-unmeasured"],
         };
-        if self.metric {
-            s += &format!(" {}", self.distance(ahead.distance_m));
+        let go = self.measured(ids, ahead.distance_m, &[]);
+        let sentence = match &ahead.next {
+            Next::End => self.with("guide-go-end", "go", &go),
+            next => {
+                let (next, after) = (self.next(next, back), self.after(ahead, back));
+                let args = [("go", (&go).into()), ("next", (&next).into()), ("after", (&after).into())];
+                self.language.say("guide-go", &args)
+            }
+        };
+        match check {
+            true => format!("{} {sentence}", self.language.text("guide-check-behind")),
+            false => sentence,
         }
-        s += &match &ahead.next {
-            Next::End => " to the end".into(),
-            next => format!(", then {}", self.next(next, back)),
-        };
-        s + &self.then(ahead, back) + "."
     }
 
     fn approach(&self, ahead: &Ahead, back: bool) -> String {
         if ahead.next == Next::End {
-            let rest = if self.metric { self.distance(ahead.distance_m) } else { "a little".into() };
-            return format!("Slow down, {rest} to the end.");
+            let ids = ["guide-approach-end", "guide-approach-end-unmeasured"];
+            return self.measured(ids, ahead.distance_m, &[]);
         }
-        let lead = match self.metric {
-            true => format!("In {}, ", self.distance(ahead.distance_m)),
-            false => "Soon, ".into(),
-        };
-        format!("{lead}{}{}.", self.next(&ahead.next, back), self.then(ahead, back))
+        let (next, after) = (self.next(&ahead.next, back), self.after(ahead, back));
+        let args = [("next", (&next).into()), ("after", (&after).into())];
+        self.measured(["guide-approach", "guide-approach-unmeasured"], ahead.distance_m, &args)
     }
 
     fn turn_now(&self, turn_rad: f64, stairs: Option<Stairs>, back: bool) -> String {
-        let halt = if back { "Stop. " } else { "" };
-        let now = if back { "" } else { " now" };
-        let stairs = stairs.map_or(String::new(), |s| format!(", and {}", stairs_verb(s)));
-        format!("{halt}{}{now}{stairs}.", capital(&self.turn(turn_rad, back)))
+        let turn = self.corner(turn_rad, back);
+        let stairs =
+            stairs.map_or(String::new(), |s| self.with("guide-and-stairs", "stairs", &self.stairs(s)));
+        let id = if back { "guide-turn-now-back" } else { "guide-turn-now" };
+        self.language.say(id, &[("turn", (&turn).into()), ("stairs", (&stairs).into())])
     }
 
     fn progress(&self, ahead: &Ahead, back: bool) -> String {
-        let left = match self.metric {
-            true => format!("{} more", self.distance(ahead.distance_m)),
-            false => "On the path".into(),
-        };
-        match &ahead.next {
-            Next::End => format!("{left}, to the end."),
-            next => format!("{left}, then {}.", self.next(next, back)),
+        if ahead.next == Next::End {
+            let ids = ["guide-progress-end", "guide-progress-end-unmeasured"];
+            return self.measured(ids, ahead.distance_m, &[]);
         }
+        let next = self.next(&ahead.next, back);
+        let ids = ["guide-progress", "guide-progress-unmeasured"];
+        self.measured(ids, ahead.distance_m, &[("next", (&next).into())])
     }
 
     fn off_path(&self, distance_m: f64, bearing_rad: f64, turn: Option<String>, back: bool) -> String {
-        let at = if self.metric { format!("{} ", self.distance(distance_m)) } else { String::new() };
-        let place = match Direction::of(bearing_rad) {
-            Direction::Straight => "ahead".to_owned(),
-            Direction::Around => "behind you".to_owned(),
-            Direction::Slight(s) | Direction::Turn(s) | Direction::Sharp(s) => {
-                format!("to your {}", s.word())
-            }
-        };
-        // A walker moving backwards has the course behind him: ahead on the course is behind the chest.
-        let place = match (back, Direction::of(bearing_rad)) {
-            (true, Direction::Straight) => "behind you".to_owned(),
-            (true, Direction::Around) => "in front of you".to_owned(),
-            _ => place,
-        };
         match turn {
             // What to do comes first: the walker is still moving while this is said.
-            Some(turn) if self.metric => format!("Off the path. {}, it is {at}away.", capital(&turn)),
-            Some(turn) => format!("Off the path. {}.", capital(&turn)),
-            None => format!("Off the path. It is {at}{place}."),
+            Some(turn) => {
+                let ids = ["guide-off-path", "guide-off-path-unmeasured"];
+                self.measured(ids, distance_m, &[("turn", (&turn).into())])
+            }
+            None => {
+                let place = self.place(bearing_rad, back);
+                let ids = ["guide-off-path-place", "guide-off-path-place-unmeasured"];
+                self.measured(ids, distance_m, &[("place", (&place).into())])
+            }
         }
+    }
+
+    /// Where something lies: "to your left". A walker moving backwards has the course behind him: ahead on the course
+    /// is behind the chest.
+    fn place(&self, bearing_rad: f64, back: bool) -> String {
+        if self.directions == DirectionStyle::Clock && !back {
+            return self.language.say("guide-place-clock", &[("hour", clock_hour(bearing_rad).into())]);
+        }
+        let place = match (Direction::of(bearing_rad), back) {
+            (Direction::Straight, false) => "ahead",
+            (Direction::Around, true) => "front",
+            (Direction::Straight, true) | (Direction::Around, false) => "behind",
+            (Direction::Slight(s) | Direction::Turn(s) | Direction::Sharp(s), _) => s.name(),
+        };
+        self.with("guide-place", "place", place)
     }
 }
 
-/// "9 o'clock"; straight ahead is 12, a quarter to the left is 9.
-pub fn clock(angle_rad: f64) -> String {
+/// The hour of a direction on a clock face: straight ahead is 12, a quarter to the left is 9.
+pub fn clock_hour(angle_rad: f64) -> usize {
     let sector = (-angle_rad.to_degrees() / 30.0).round() as i64;
-    let hour = match sector.rem_euclid(12) {
+    match sector.rem_euclid(12) {
         0 => 12,
-        h => h,
-    };
-    format!("{hour} o'clock")
-}
-
-/// A correction made without stopping.
-fn small_turn(angle_rad: f64, back: bool) -> String {
-    let side = Side::of(angle_rad).word();
-    if back { format!("rotate {side} a little") } else { format!("bear {side}") }
-}
-
-fn stairs_verb(stairs: Stairs) -> &'static str {
-    match stairs {
-        Stairs::Up => "go upstairs",
-        Stairs::Down => "go downstairs",
+        hour => hour as usize,
     }
 }
 
 /// Why the walker must stop, in a sentence.
-pub fn reason_words(reason: StopReason) -> &'static str {
-    match reason {
-        StopReason::TrackingLost => "I lost my place.",
-        StopReason::PoseStale => "No picture from the camera.",
-        StopReason::PicturesLate => "The pictures come too late.",
-        StopReason::AgeUnknown => "I do not know how old the pictures are.",
-        StopReason::Obstacle => "Something is in the way.",
-        StopReason::UnknownGround => "I cannot see the ground ahead.",
-        StopReason::ScaleUncertain => {
-            "I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back."
-        }
-        StopReason::StageDied => "Part of the guide stopped working.",
-    }
-}
-
-fn capital(s: &str) -> String {
-    let mut chars = s.chars();
-    chars.next().map_or(String::new(), |c| c.to_uppercase().collect::<String>() + chars.as_str())
+pub fn reason_words(reason: StopReason, language: Language) -> String {
+    language.text(match reason {
+        StopReason::TrackingLost => "stop-tracking-lost",
+        StopReason::PoseStale => "stop-no-picture",
+        StopReason::PicturesLate => "stop-pictures-late",
+        StopReason::AgeUnknown => "stop-age-unknown",
+        StopReason::Obstacle => "stop-obstacle",
+        StopReason::UnknownGround => "stop-unknown-ground",
+        StopReason::ScaleUncertain => "stop-scale",
+        StopReason::StageDied => "stop-stage-died",
+    })
 }
 
 #[cfg(test)]
@@ -390,16 +447,68 @@ mod tests {
 
     #[test]
     fn clock_and_degree_styles() {
-        for (deg, text) in
-            [(0, "12 o'clock"), (90, "9 o'clock"), (-90, "3 o'clock"), (180, "6 o'clock"), (-25, "1 o'clock")]
-        {
-            assert_eq!(clock((deg as f64).to_radians()), text);
+        for (deg, hour) in [(0, 12), (90, 9), (-90, 3), (180, 6), (-25, 1)] {
+            assert_eq!(clock_hour(f64::from(deg).to_radians()), hour);
         }
         let turn = CueKind::TurnNow { turn_rad: 1.6, stairs: None };
         let styled = |directions| PhraseConfig { directions, ..PhraseConfig::default() };
         assert_eq!(words(&styled(DirectionStyle::Clock), turn), "Turn to 9 o'clock now.");
         assert_eq!(words(&styled(DirectionStyle::Degrees), turn), "Turn left 90 degrees now.");
         assert_eq!(words(&PhraseConfig::default(), turn), "Turn left now.");
+    }
+
+    /// Every turn is to the same side in every language, unit and form, as a listener of that language hears it.
+    #[test]
+    fn sides_are_the_same_in_every_language() {
+        use crate::walker::side_of;
+        let ahead = Ahead { distance_m: 6.1, next: Next::End, then: None };
+        for degrees in (-150..=150).step_by(15).filter(|d: &i32| d.abs() > 15) {
+            let a = f64::from(degrees).to_radians();
+            let off =
+                |turn_rad, on_spot| CueKind::OffPath { distance_m: 2.0, bearing_rad: a, turn_rad, on_spot };
+            for kind in [
+                CueKind::TurnNow { turn_rad: a, stairs: None },
+                CueKind::TurnNow { turn_rad: a, stairs: Some(Stairs::Up) },
+                CueKind::Start { total_m: 20.0, first: First::Turn(a) },
+                CueKind::Resume(First::Turn(a)),
+                CueKind::Correction(First::Turn(a)),
+                CueKind::Rotate(a),
+                CueKind::Adjust(a),
+                off(a, true),
+                off(a, false),
+                CueKind::WrongWay(a),
+                CueKind::StepAside(a),
+                CueKind::EndMissed { distance_m: 1.0, turn_rad: a },
+                CueKind::LookRound(a),
+                CueKind::Go { ahead, check: false },
+                off(0.0, false),
+            ] {
+                for facing in [Facing::Home, Facing::Backwards] {
+                    for style in [DirectionStyle::Words, DirectionStyle::Clock, DirectionStyle::Degrees] {
+                        for (language, metric) in
+                            Language::ALL.into_iter().flat_map(|l| [(l, true), (l, false)])
+                        {
+                            let config =
+                                PhraseConfig { language, directions: style, metric, unit: Unit::Steps(0.65) };
+                            let text = config.words(&Cue { stamp: Stamp(0), facing, kind }).unwrap();
+                            let turns =
+                                !matches!(kind, CueKind::Go { .. } | CueKind::OffPath { turn_rad: 0.0, .. });
+                            assert_eq!(
+                                side_of(&text, language),
+                                turns.then_some(Side::of(a)),
+                                "{degrees}: {text}"
+                            );
+                            assert!(
+                                !text.contains("guide-")
+                                    && !text.contains(['{', '$'])
+                                    && !text.contains("  "),
+                                "{text}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
     }
 
     #[test]

@@ -37,6 +37,9 @@ impl Default for ReadyConfig {
     }
 }
 
+/// From this share of its length on, the whole route is said to be affected.
+const WHOLE: f64 = 0.9;
+
 /// A stretch of the route as recorded, from its start. Metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadyStretch {
@@ -101,27 +104,28 @@ pub fn ready(
     out
 }
 
-/// What is said about it before leaving: that the route will be recognised, or how many metres may not be.
-pub fn ready_words(stretches: &[ReadyStretch], phrases: &PhraseConfig) -> String {
-    let part = |which: Readiness| {
-        let metres = stretches.iter().filter(|s| s.readiness == which).map(|s| s.to_m - s.from_m).sum();
-        match phrases.metric {
-            true => format!("About {}", phrases.distance(metres)),
-            false => "Part".into(),
-        }
-    };
+/// What is said about it before leaving, to help deciding: that the route will be recognised, or how much of it may not
+/// be, and whether another way of carrying the camera would help. `with_camera_back` are the stretches as they would be
+/// with the camera facing back, where that is another way.
+pub fn ready_words(
+    stretches: &[ReadyStretch],
+    with_camera_back: Option<&[ReadyStretch]>,
+    phrases: &PhraseConfig,
+) -> String {
+    let text = |id: &str| phrases.language.text(id);
     let any = |which: Readiness| stretches.iter().any(|s| s.readiness == which);
-    match (any(Readiness::Stop), any(Readiness::Reduced)) {
-        _ if stretches.is_empty() => "There is no route yet.".into(),
-        (false, false) => "I should recognise this whole route.".into(),
-        (false, true) => {
-            format!("{} of this route will be hard for me to recognise.", part(Readiness::Reduced))
-        }
-        (true, _) => format!(
-            "{} of this route I have not seen from this direction. If I lose my place there, I will ask you to stop.",
-            part(Readiness::Stop)
-        ),
-    }
+    let (worst, ids, all) = match (any(Readiness::Stop), any(Readiness::Reduced)) {
+        _ if stretches.is_empty() => return text("ready-none"),
+        (false, false) => return text("ready-all"),
+        (false, true) => (Readiness::Reduced, ["ready-hard", "ready-hard-unmeasured"], "ready-hard-all"),
+        (true, _) => (Readiness::Stop, ["ready-unseen", "ready-unseen-unmeasured"], "ready-unseen-all"),
+    };
+    let length = |of: &mut dyn Iterator<Item = &ReadyStretch>| of.map(|s| s.to_m - s.from_m).sum::<f64>();
+    let affected_m = length(&mut stretches.iter().filter(|s| s.readiness == worst));
+    let whole = affected_m >= WHOLE * length(&mut stretches.iter());
+    let words = if whole { text(all) } else { phrases.measured(ids, affected_m, &[]) };
+    let helps = with_camera_back.is_some_and(|s| s.iter().all(|s| s.readiness == Readiness::TwoWay));
+    if helps { format!("{words} {}", text("ready-camera-back")) } else { words }
 }
 
 #[cfg(test)]
@@ -157,7 +161,10 @@ mod tests {
             let s = check(facing, None);
             assert_eq!((s.len(), s[0].readiness), (1, Readiness::TwoWay));
             assert!((s[0].to_m - 10.0).abs() < 1e-9);
-            assert_eq!(ready_words(&s, &PhraseConfig::default()), "I should recognise this whole route.");
+            assert_eq!(
+                ready_words(&s, None, &PhraseConfig::default()),
+                "I should recognise this whole route."
+            );
         }
     }
 
@@ -169,8 +176,17 @@ mod tests {
             [Readiness::Reduced, Readiness::TwoWay]
         );
         assert!((s[0].to_m - 6.0).abs() < 0.15, "{s:?}");
-        let words = ready_words(&s, &PhraseConfig::default());
+        let words = ready_words(&s, None, &PhraseConfig::default());
         assert_eq!(words, "About 6 metres of this route will be hard for me to recognise.");
+        // One thing that helps deciding: with the camera facing back the same route is ready.
+        let words = ready_words(&s, Some(&check(Facing::Back, None)), &PhraseConfig::default());
+        assert!(words.ends_with("With the camera facing back, I should recognise it."), "{words}");
+        let unseen = |to_m| [ReadyStretch { from_m: 0.0, to_m, seen: 3, readiness: Readiness::Stop }, s[1]];
+        let words = ready_words(&unseen(100.0), None, &PhraseConfig::default());
+        assert!(words.starts_with("I have not seen this route from this direction. "), "{words}");
+        let words =
+            ready_words(&unseen(6.0), None, &PhraseConfig { metric: false, ..PhraseConfig::default() });
+        assert!(words.starts_with("I have not seen part of this route from this direction. "), "{words}");
     }
 
     #[test]
@@ -178,11 +194,10 @@ mod tests {
         let s = check(Facing::Back, Some(70));
         assert!(s.iter().any(|s| s.readiness == Readiness::Stop), "{s:?}");
         assert!(
-            ready_words(&s, &PhraseConfig::default())
-                .contains("of this route I have not seen from this direction.")
+            ready_words(&s, None, &PhraseConfig::default()).contains("of this route from this direction.")
         );
         let none = ready(&[], 1.0, &Ground::z_up(), Facing::Home, &ReadyConfig::default(), |_| 0);
-        assert_eq!(ready_words(&none, &PhraseConfig::default()), "There is no route yet.");
+        assert_eq!(ready_words(&none, None, &PhraseConfig::default()), "There is no route yet.");
     }
 
     #[test]

@@ -1,15 +1,17 @@
 //! A simulated blind walker who reacts only to the spoken words.
 //!
-//! It parses the English that is said, clause by clause, and knows nothing of the route, the map or the cues.
+//! It understands what is said in its language, clause by clause, and knows nothing of the route, the map or the cues.
 //! It reacts late, turns too far (17 degrees on average: Ahmetovic et al. 2018), veers, and keeps going
 //! until told otherwise.
 
 use crate::announcer::speaking_time;
+use crate::listener::{Meaning, is_future, understand};
 use crate::phrases::Side;
 use crate::random::Random;
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 
-/// What a clause asks for.
+/// What the walker will do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Stop,
@@ -75,6 +77,7 @@ pub struct Walker {
     /// Veer in radians a metre.
     veer: f64,
     speech_rate: f64,
+    language: Language,
 }
 
 impl Walker {
@@ -101,6 +104,7 @@ impl Walker {
             turn_rate,
             veer: 0.0,
             speech_rate: 1.0,
+            language: Language::default(),
         };
         walker.draw_veer();
         walker
@@ -109,6 +113,12 @@ impl Walker {
     /// Sets the speech rate of the voice, which decides when a clause has been heard to its end.
     pub fn with_speech_rate(mut self, rate: f64) -> Self {
         self.speech_rate = rate;
+        self
+    }
+
+    /// Sets the language that the walker understands.
+    pub fn with_language(mut self, language: Language) -> Self {
+        self.language = language;
         self
     }
 
@@ -140,7 +150,7 @@ impl Walker {
                 let before = said.clone();
                 said += clause;
                 let plain = clause.trim().trim_end_matches(['.', ',']).to_lowercase();
-                future |= is_future(&plain);
+                future |= is_future(self.language, &plain);
                 if future {
                     continue;
                 }
@@ -158,43 +168,32 @@ impl Walker {
         }
     }
 
-    /// What a clause asks for now; `None` for information.
+    /// What the walker will do at a clause, as inaccurately as people do it; `None` for information.
     fn parse_clause(&mut self, clause: &str) -> Option<Action> {
-        let words: Vec<&str> = clause.split_whitespace().collect();
-        let words = if words.first() == Some(&"then") { &words[1..] } else { &words[..] };
-        let sign = match (words.contains(&"left"), words.contains(&"right")) {
-            (true, false) => 1.0,
-            (false, true) => -1.0,
-            _ => 0.0,
-        };
-        match words {
-            ["stop", "turning", ..] => Some(Action::StopTurning),
-            ["stop", ..] => Some(Action::Stop),
-            ["continue", ..] => Some(Action::Forward),
-            ["move", "back", ..] => Some(Action::Back),
-            ["move", "slowly", ..] => Some(Action::ForwardSlowly),
-            ["move", ..] => Some(Action::Forward),
-            ["step", "back", ..] => Some(Action::Step(sign)),
-            ["slow", "down", ..] => Some(Action::Slow),
-            ["bear", ..] | ["rotate", _, "a", "little", ..] => {
+        Some(match understand(self.language, clause)? {
+            Meaning::Stop => Action::Stop,
+            Meaning::StopTurning => Action::StopTurning,
+            Meaning::Forward => Action::Forward,
+            Meaning::ForwardSlowly => Action::ForwardSlowly,
+            Meaning::Back => Action::Back,
+            Meaning::Step(side) => Action::Step(side),
+            Meaning::Slow => Action::Slow,
+            Meaning::Bear(side) => {
                 // A small course change is overshot by a share of the overshoot of a full turn.
                 let angle = 15.0 + 0.25 * self.random.normal(17.0, 8.0);
-                Some(Action::Bear(sign * angle.to_radians()))
+                Action::Bear(side * angle.to_radians())
             }
-            ["turn" | "rotate", "to", hour, ..] => {
-                let hour: f64 = hour.parse().ok()?;
-                let left = crate::ground::wrap(-(30.0 * hour).to_radians()).to_degrees();
-                let angle = left.abs() + self.random.normal(17.0, 8.0);
-                Some(Action::Turn((angle * left.signum()).to_radians()))
+            Meaning::Turn(degrees) => self.turn(degrees.abs(), degrees.signum()),
+            Meaning::TurnAround => {
+                let side = [1.0, -1.0][self.random.below(2)];
+                self.turn(180.0, side)
             }
-            ["turn" | "rotate", rest @ ..] => {
-                let asked = asked_degrees(rest)?;
-                let sign = if sign == 0.0 { [1.0, -1.0][self.random.below(2)] } else { sign };
-                let angle = (asked + self.random.normal(17.0, 8.0)).max(5.0);
-                Some(Action::Turn(sign * angle.to_radians()))
-            }
-            _ => None,
-        }
+        })
+    }
+
+    fn turn(&mut self, degrees: f64, side: f64) -> Action {
+        let angle = (degrees + self.random.normal(17.0, 8.0)).max(5.0);
+        Action::Turn(side * angle.to_radians())
     }
 
     /// Advances the simulation by `dt` seconds; returns the true pose after it.
@@ -302,40 +301,24 @@ impl Walker {
     }
 }
 
-/// True for clauses about what comes later: "in 6 metres", "soon", "then turn left" after "continue".
-fn is_future(clause: &str) -> bool {
-    let mut words = clause.split_whitespace();
-    match words.next() {
-        Some("in") | Some("soon") => true,
-        Some("then") => !matches!(words.next(), Some("continue") | Some("move")),
-        _ => false,
+/// The side of the first direction in a text, as a walker with this language understands it.
+pub fn side_of(text: &str, language: Language) -> Option<Side> {
+    for sentence in text.to_lowercase().split('.') {
+        for clause in sentence.split(',').map(str::trim) {
+            if is_future(language, clause) {
+                break;
+            }
+            match understand(language, clause) {
+                Some(Meaning::Turn(side) | Meaning::Bear(side) | Meaning::Step(side)) => {
+                    return Some(Side::of(side));
+                }
+                // What follows is for later.
+                Some(Meaning::Forward | Meaning::ForwardSlowly | Meaning::Back) => break,
+                _ => {}
+            }
+        }
     }
-}
-
-/// The angle that a walker takes the words to mean, in degrees.
-fn asked_degrees(words: &[&str]) -> Option<f64> {
-    if let Some(k) = words.iter().position(|w| *w == "degrees") {
-        return words.get(k.checked_sub(1)?)?.parse().ok();
-    }
-    Some(match words {
-        ["slightly", ..] => 40.0,
-        ["sharp", ..] => 135.0,
-        ["around", ..] => 180.0,
-        ["left" | "right", ..] => 90.0,
-        _ => return None,
-    })
-}
-
-/// The side of the first direction in a text, as the walker understands it.
-pub fn side_of(text: &str) -> Option<Side> {
-    let mut parser = Walker::new(0, (0.0, 0.0, 0.0));
-    parser.hear(text, Stamp(0));
-    let around = text.to_lowercase().contains(" around");
-    parser.pending.iter().find_map(|h| match &h.action {
-        Action::Turn(_) if around => None,
-        Action::Turn(a) | Action::Bear(a) | Action::Step(a) => Some(Side::of(*a)),
-        _ => None,
-    })
+    None
 }
 
 #[cfg(test)]
@@ -381,9 +364,9 @@ mod tests {
         for text in [
             "In 6 metres, turn left.",
             "Soon, turn left.",
-            "10 metres more, then turn left.",
+            "Another 10 metres, then turn left.",
             "Off the path. It is 2 metres to your left.",
-            "The route is 10 metres.",
+            "The route is 10 metres long.",
         ] {
             let (walker, metres, turned) = after(&[(text, 0.0)], 15.0);
             assert!(walker.is_standing() && metres == 0.0 && turned == 0.0, "{text}");
@@ -411,10 +394,13 @@ mod tests {
 
     #[test]
     fn side_of_reads_the_first_direction() {
-        assert_eq!(side_of("Off the path. Bear left, it is 2 metres away."), Some(Side::Left));
-        assert_eq!(side_of("Stop. Step back and to your right."), Some(Side::Right));
-        assert_eq!(side_of("Continue 5 metres, then turn left."), None);
-        assert_eq!(side_of("Turn around."), None);
-        assert_eq!(side_of("Turn to 9 o'clock now."), Some(Side::Left));
+        assert_eq!(
+            side_of("Off the path. Bear left, it is 2 metres away.", Language::English),
+            Some(Side::Left)
+        );
+        assert_eq!(side_of("Stop. Step back and to your right.", Language::English), Some(Side::Right));
+        assert_eq!(side_of("Continue 5 metres, then turn left.", Language::English), None);
+        assert_eq!(side_of("Turn around.", Language::English), None);
+        assert_eq!(side_of("Turn to 9 o'clock now.", Language::English), Some(Side::Left));
     }
 }

@@ -121,14 +121,14 @@ fn words_of_a_route_with_one_turn() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(29.9, 1.0).stand(0.4).turn(90.0, 40.0).go(22.0, 1.0);
     let words = walker.words();
-    assert_eq!(words[0], "The route is 50 metres. Continue 30 metres, then turn left.");
+    assert_eq!(words[0], "The route is 50 metres long. Continue 30 metres, then turn left.");
     let expected = [
-        "20 metres more, then turn left.",
-        "10 metres more, then turn left.",
+        "Another 20 metres, then turn left.",
+        "Another 10 metres, then turn left.",
         "In 6 metres, turn left.",
         "Turn left now.",
         "Stop turning. Continue 20 metres to the end.",
-        "9 metres more, to the end.",
+        "Another 9 metres to the end.",
         "Slow down, 5 metres to the end.",
         "Stop. You have arrived. Guidance ends.",
     ];
@@ -187,11 +187,11 @@ fn progress_every_ten_metres_unless_off() {
     let straight = [[0., 0., 0.], [45., 0., 0.]];
     let mut walker = ScriptedWalker::new(&straight, default_config());
     walker.go(40.5, 0.7);
-    let at: Vec<f64> = walker.find("more").iter().map(|f| f.1.round()).collect();
+    let at: Vec<f64> = walker.find("Another").iter().map(|f| f.1.round()).collect();
     assert_eq!(at, [10.0, 20.0, 30.0, 40.0]);
     let mut walker = ScriptedWalker::new(&straight, GuideConfig { progress_m: None, ..default_config() });
     walker.go(40.0, 0.7);
-    assert!(walker.find("more").is_empty());
+    assert!(walker.find("Another").is_empty());
 }
 
 #[test]

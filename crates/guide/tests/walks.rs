@@ -2,25 +2,45 @@
 //! `CAIRN_UPDATE=1 cargo test -p cairn-guide --test walks` rewrites the transcripts.
 
 use cairn_guide::trial::{Noise, Outcome, Tally, TrialConfig, random_route, run};
-use cairn_guide::{Facing, Travel};
+use cairn_guide::{DirectionStyle, Facing, PhraseConfig, Travel};
+use cairn_phrases::Language;
+use std::ops::Range;
 use std::path::PathBuf;
 
 fn trial(seed: u64, facing: Facing, noise: Noise) -> Outcome {
+    trial_in(PhraseConfig::default(), seed, facing, noise)
+}
+
+fn trial_in(phrases: PhraseConfig, seed: u64, facing: Facing, noise: Noise) -> Outcome {
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     run(
         &random_route(seed, crossing),
-        &TrialConfig { facing, travel: Travel::Home, noise, corridor_m, cut_detours: !crossing, seed },
+        &TrialConfig {
+            facing,
+            travel: Travel::Home,
+            noise,
+            corridor_m,
+            cut_detours: !crossing,
+            phrases,
+            seed,
+        },
     )
 }
 
 fn tally(facing: Facing, noise: Noise) -> Tally {
+    tally_in(PhraseConfig::default(), 1000..1100, facing, noise)
+}
+
+fn tally_in(phrases: PhraseConfig, seeds: Range<u64>, facing: Facing, noise: Noise) -> Tally {
     let mut tally = Tally::default();
-    for seed in 1000..1100 {
-        tally.add(&trial(seed, facing, noise));
+    for seed in seeds {
+        tally.add(&trial_in(phrases, seed, facing, noise));
     }
     println!(
-        "{facing:?} {noise:?}: {:.3} arrived, {:.2} off, {} wrong of {}, {:.1} said",
+        "{} {:?} {facing:?} {noise:?}: {:.3} arrived, {:.2} off, {} wrong of {}, {:.1} said",
+        phrases.language,
+        phrases.directions,
         tally.arrival_rate(),
         tally.off_path_per_50_m(),
         tally.wrong_side,
@@ -48,6 +68,26 @@ fn walkers_arrive_home() {
     }
 }
 
+/// A walker who understands only Spanish or German arrives by the sentences of that language; likewise by clock
+/// directions.
+#[test]
+fn walkers_arrive_home_in_every_language() {
+    for language in Language::ALL {
+        for directions in [DirectionStyle::Words, DirectionStyle::Clock] {
+            let phrases = PhraseConfig { language, directions, ..PhraseConfig::default() };
+            for facing in [Facing::Home, Facing::Backwards] {
+                let t = tally_in(phrases, 1000..1040, facing, Noise::None);
+                assert!(
+                    t.arrival_rate() >= 0.99,
+                    "{language} {directions:?} {facing:?}: {}",
+                    t.arrival_rate()
+                );
+                assert!(t.wrong_side as f64 <= 0.001 * t.said as f64, "{} wrong of {}", t.wrong_side, t.said);
+            }
+        }
+    }
+}
+
 #[test]
 fn trials_are_deterministic() {
     assert_eq!(trial(7, Facing::Home, Noise::Usual), trial(7, Facing::Home, Noise::Usual));
@@ -56,12 +96,17 @@ fn trials_are_deterministic() {
 #[test]
 fn transcripts() {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/transcripts");
-    for (name, seed, facing, noise) in [
-        ("home", 1, Facing::Home, Noise::None),
-        ("home-with-losses", 2, Facing::Home, Noise::Usual),
-        ("backwards", 5, Facing::Backwards, Noise::None),
+    let english = PhraseConfig::default();
+    let language = |language| PhraseConfig { language, ..english };
+    for (name, seed, facing, noise, phrases) in [
+        ("home", 1, Facing::Home, Noise::None, english),
+        ("home-with-losses", 2, Facing::Home, Noise::Usual, english),
+        ("backwards", 5, Facing::Backwards, Noise::None, english),
+        ("home-spanish", 2, Facing::Home, Noise::Usual, language(Language::Spanish)),
+        ("home-german", 2, Facing::Home, Noise::Usual, language(Language::German)),
+        ("backwards-german", 5, Facing::Backwards, Noise::None, language(Language::German)),
     ] {
-        let o = trial(seed, facing, noise);
+        let o = trial_in(phrases, seed, facing, noise);
         let text = format!(
             "{:.0} m home in {:.0} s, {:.1} m from the end, {} utterances\n\n{}",
             o.length_m,

@@ -5,6 +5,7 @@
 //! has no age.
 
 use cairn_guide::StopReason;
+use cairn_phrases::{Arg, Language};
 use cairn_sensor::{ClockReading, Live, Stamp};
 use serde::{Serialize, Serializer};
 use std::sync::Arc;
@@ -59,15 +60,15 @@ impl Age {
         }
     }
 
-    /// As a sentence, for the status on request; empty for a recording.
-    pub fn words(&self) -> Option<String> {
+    /// As a sentence, for the status on request; `None` for a recording.
+    pub fn words(&self, language: Language) -> Option<String> {
         match *self {
             Age::Recorded => None,
-            Age::Unknown => Some("I do not know how old the picture is.".into()),
+            Age::Unknown => Some(language.text("walk-age-unknown")),
             Age::Known { age_s, bound_s, .. } => {
                 let oldest = (age_s + bound_s).max(0.0);
-                let late = if self.is_stale() { ", too old to guide" } else { "" };
-                Some(format!("The picture is {oldest:.1} seconds old{late}."))
+                let id = if self.is_stale() { "walk-age-too-old" } else { "walk-age" };
+                Some(language.say(id, &[("seconds", Arg::Number(oldest, 1))]))
             }
         }
     }
@@ -176,7 +177,7 @@ mod tests {
         assert!(known(f64::NAN, 0.0, 0.0));
         assert!(Age::Unknown.is_stale() && !Age::Recorded.is_stale());
         let age = Age::Known { age_s: 0.15, bound_s: 0.05, delivery_s: 0.05 };
-        assert_eq!(age.words().unwrap(), "The picture is 0.2 seconds old.");
+        assert_eq!(age.words(Language::English).unwrap(), "The picture is 0.2 seconds old.");
         let json = |age: Age| serde_json::to_value(age).unwrap();
         assert_eq!(json(age)["age_s"], 0.15);
         assert_eq!(json(Age::Unknown), "unknown");

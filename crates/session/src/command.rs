@@ -1,7 +1,9 @@
 //! The commands of a session, the same everywhere: keys on a terminal or the page, lines for screen readers and
 //! scripts.
 
+use crate::settings::{self, Setting};
 use cairn_guide::Facing;
+use cairn_phrases::Language;
 use std::path::PathBuf;
 
 /// What a walker can ask for.
@@ -26,32 +28,60 @@ pub enum Command {
     Repeat,
     /// Say the present state.
     Status,
+    /// Change how Cairn speaks.
+    Set(Setting),
     /// End the session.
     Quit,
 }
 
+/// A key that gives a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Key {
+    /// The key, in lower case.
+    pub key: char,
+    /// The command as a line.
+    pub line: &'static str,
+    /// The id of what it does, in the catalogue.
+    pub does: &'static str,
+}
+
+const fn key(key: char, line: &'static str, does: &'static str) -> Key {
+    Key { key, line, does }
+}
+
+/// The keys of the terminal, the page and the help.
+pub const KEYS: [Key; 9] = [
+    key('r', "record", "key-record"),
+    key('s', "stop", "key-stop"),
+    key('l', "load", "key-load"),
+    key('g', "guide", "key-guide"),
+    key('b', "backwards", "key-backwards"),
+    key('h', "halt", "key-halt"),
+    key('p', "repeat", "key-repeat"),
+    key('i', "status", "key-status"),
+    key('q', "quit", "key-quit"),
+];
+
+/// The key of a command given as a line, if it has one.
+pub fn key_of(line: &str) -> Option<char> {
+    KEYS.iter().find(|k| k.line == line).map(|k| k.key)
+}
+
 /// All commands with their keys, for people.
-pub const HELP: &str = "r record, s stop recording, l load the latest route, g guide home, b guide backwards, h halt, \
-                        p repeat, i status, q quit; with lines also: load FILE, guide home|back|backwards [again]";
+pub fn help(language: Language) -> String {
+    let keys: Vec<String> = KEYS.iter().map(|k| format!("{} {}", k.key, language.text(k.does))).collect();
+    let lines = format!("load FILE, guide home|back|backwards [again], {}", settings::FORMS);
+    format!("{}; {}", keys.join(", "), language.say("key-lines", &[("lines", (&lines).into())]))
+}
 
 impl Command {
     /// The command of a key, in either case.
     pub fn of_key(key: char) -> Option<Self> {
-        Some(match key.to_ascii_lowercase() {
-            'r' => Self::Record,
-            's' => Self::Stop,
-            'l' => Self::Load(None),
-            'g' => Self::Guide { facing: None, again: false },
-            'b' => Self::Guide { facing: Some(Facing::Backwards), again: false },
-            'h' => Self::Halt,
-            'p' => Self::Repeat,
-            'i' => Self::Status,
-            'q' => Self::Quit,
-            _ => return None,
-        })
+        let key = key.to_ascii_lowercase();
+        KEYS.iter().find(|k| k.key == key).and_then(|k| Self::parse(k.line).ok())
     }
 
-    /// Parses a line: a word of [`HELP`], or a single key.
+    /// Parses a line: one of those that [`help`] lists, or a single key.
     ///
     /// # Errors
     /// What is wrong with the line, for the user.
@@ -68,6 +98,7 @@ impl Command {
                 return Ok(Self::Load((!path.is_empty()).then(|| PathBuf::from(path))));
             }
             "guide" => return guide(&rest),
+            "set" => return Ok(Self::Set(Setting::parse(&rest)?)),
             "halt" => Self::Halt,
             "backwards" => Self::Guide { facing: Some(Facing::Backwards), again: false },
             "repeat" => Self::Repeat,
@@ -76,7 +107,7 @@ impl Command {
             one => {
                 let mut letters = one.chars();
                 let key = letters.next().filter(|_| letters.next().is_none()).and_then(Self::of_key);
-                key.ok_or_else(|| format!("\"{one}\" is not a command; {HELP}"))?
+                key.ok_or_else(|| format!("\"{one}\" is not a command; {}", help(Language::English)))?
             }
         };
         match rest.first() {
@@ -105,6 +136,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn every_key_is_a_command_that_the_help_names() {
+        for language in Language::ALL {
+            let help = help(language);
+            for k in KEYS {
+                assert!(Command::of_key(k.key).is_some(), "{k:?}");
+                assert!(help.contains(&format!("{} {}", k.key, language.text(k.does))), "{help}");
+            }
+        }
+        let mut keys = KEYS.map(|k| k.key);
+        keys.sort_unstable();
+        assert!(keys.windows(2).all(|w| w[0] != w[1]), "one key for two commands: {keys:?}");
+    }
+
+    #[test]
     fn keys_and_lines_are_equivalent() {
         for (key, line) in [
             ('R', "record"),
@@ -125,9 +170,13 @@ mod tests {
             Command::parse("load my route.route").unwrap(),
             Command::Load(Some("my route.route".into()))
         );
+        assert_eq!(
+            Command::parse("set language de").unwrap(),
+            Command::Set(Setting::Language(Language::German))
+        );
         let again = Command::Guide { facing: Some(Facing::Back), again: true };
         assert_eq!(Command::parse(" guide BACK again ").unwrap(), again);
-        for wrong in ["", "fly", "record now", "guide away", "x"] {
+        for wrong in ["", "set", "set language xx", "fly", "record now", "guide away", "x"] {
             assert!(Command::parse(wrong).is_err(), "{wrong}");
         }
     }

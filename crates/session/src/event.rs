@@ -1,6 +1,7 @@
 //! The events of a session for its user interfaces: utterances that start now, and earcons.
 
 use cairn_guide::{Cue, CueKind, Earcon, First, Next, Priority};
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 use serde::Serialize;
 
@@ -23,6 +24,8 @@ pub struct Said {
     pub stamp: Stamp,
     /// The text.
     pub text: String,
+    /// Its language.
+    pub language: Language,
     /// 0 urgent, 1 high, 2 normal, 3 low.
     pub priority: u8,
     /// The current utterance must be interrupted.

@@ -9,7 +9,8 @@ use cairn_atlas::Snapshot;
 use cairn_engine::Output;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Similarity, World};
 use cairn_guide::{
-    Confidence, Cue, Facing, Guide, GuideConfig, GuideInput, RecordInput, Route, StopReason, Travel, wrap,
+    Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, ManeuverPlanError, RecordInput,
+    Route, StopReason, Travel, wrap,
 };
 use cairn_sensor::Stamp;
 
@@ -40,6 +41,26 @@ impl Place {
     }
 }
 
+/// Why a route cannot be walked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum NoGuidance {
+    /// What is wrong with the route.
+    Plan(ManeuverPlanError),
+    /// What is wrong with walking it in this way.
+    Guide(GuideError),
+}
+
+impl NoGuidance {
+    /// The sentence that says it.
+    pub fn id(self) -> &'static str {
+        match self {
+            Self::Plan(ManeuverPlanError::TooShort(_)) => "walk-route-too-short",
+            Self::Plan(ManeuverPlanError::NotFinite(_)) => "walk-route-damaged",
+            Self::Guide(GuideError::BackwardsOnStairs) => "walk-stairs-backwards",
+        }
+    }
+}
+
 /// Guidance in progress.
 pub(crate) struct Guiding {
     pub guide: Guide,
@@ -53,7 +74,7 @@ impl Guiding {
     /// Starts guidance along a route, from the last known place.
     ///
     /// # Errors
-    /// Why the route cannot be walked in this way, in words.
+    /// Why the route cannot be walked in this way.
     pub fn begin(
         map: &Snapshot,
         route: &Route,
@@ -61,12 +82,11 @@ impl Guiding {
         facing: Facing,
         place: Option<&Place>,
         now: Stamp,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, NoGuidance> {
         let reference_path = ReferencePath::new(map, route, travel, place, now);
-        let plan = reference_path.plan().map_err(|e| format!("I cannot guide: {e}."))?;
+        let plan = reference_path.plan().map_err(NoGuidance::Plan)?;
         let config = GuideConfig { facing, ..GuideConfig::default() };
-        let guide =
-            Guide::new(plan, reference_path.ground, config).map_err(|e| format!("I cannot guide: {e}."))?;
+        let guide = Guide::new(plan, reference_path.ground, config).map_err(NoGuidance::Guide)?;
         Ok(Self { guide, reference_path, facing, asked: now, started: false })
     }
 

@@ -15,6 +15,7 @@ mod recording;
 mod reference_path;
 mod script;
 mod session;
+mod settings;
 mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
@@ -22,7 +23,7 @@ mod synthetic;
 mod take_me;
 
 pub use age::Age;
-pub use command::{Command, HELP};
+pub use command::{Command, KEYS, Key, help, key_of};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Face, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
@@ -31,5 +32,6 @@ pub use ready::{landmarks_in_view, readiness};
 pub use reference_path::{ReferencePath, standing};
 pub use script::{Script, ScriptError, When};
 pub use session::{Session, SessionConfig};
+pub use settings::{STEP_M, STEPS_M, Setting, WORDS_PER_MINUTE};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 pub use take_me::{Destination, NoWay, Planned, WalkedRoutes};

@@ -97,7 +97,7 @@ impl Recording {
         }
     }
 
-    /// Takes a frame's pose; returns the words for the walker, if any are due. `place` is the last known one.
+    /// Takes a frame's pose; returns the id of a sentence for the walker, if one is due. `place` is the last known one.
     pub fn observe(&mut self, input: &RecordInput, place: Option<&Place>) -> Option<&'static str> {
         if let Some(place) = place.filter(|place| self.segment != Some(place.segment)) {
             self.segment = Some(place.segment);
@@ -119,11 +119,11 @@ impl Recording {
         match (self.trouble.now().is_some(), self.trouble_announced) {
             (true, false) => {
                 self.trouble_announced = true;
-                return Some("The disk is full. The route is kept in memory.");
+                return Some("walk-disk-full");
             }
             (false, true) => {
                 self.trouble_announced = false;
-                return Some("The route is on disk again.");
+                return Some("walk-disk-again");
             }
             _ => {}
         }
@@ -132,7 +132,7 @@ impl Recording {
 
     /// A loss is announced at once, a return after it has lasted a second, and no warning is repeated too often.
     fn words(&mut self, event: Option<RecorderEvent>, input: &RecordInput) -> Option<&'static str> {
-        const WEAK: &str = "Slow down. I cannot see well.";
+        const WEAK: &str = "guide-weak";
         self.placed |= tracked(input);
         let back = match tracked(input) {
             true => self.place.there(input.stamp),
@@ -142,10 +142,9 @@ impl Recording {
             }
         };
         match event {
-            Some(RecorderEvent::Lost) => (self.placed && self.place.lost())
-                .then_some("I lost my place. Stand still, or turn back a little. Recording is paused."),
+            Some(RecorderEvent::Lost) => (self.placed && self.place.lost()).then_some("walk-lost"),
             Some(RecorderEvent::Bridging) => self.warnings.due(WEAK, input.stamp).then_some(WEAK),
-            Some(RecorderEvent::Resumed { .. }) | None => back.then_some("I found my place."),
+            Some(RecorderEvent::Resumed { .. }) | None => back.then_some("guide-found"),
         }
     }
 

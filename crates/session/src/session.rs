@@ -14,6 +14,7 @@ use crate::dwell::{Dwell, Warnings};
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::guidance::{Guiding, Place};
 use crate::recording::{Recording, latest, next_path, tracked};
+use crate::settings::Setting;
 use crate::status::Status;
 use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::Vec3;
@@ -21,6 +22,7 @@ use cairn_guide::{
     Announcer, AnnouncerConfig, Confidence, Cue, CueKind, Facing, GuideState, PhraseConfig, Priority,
     RecordInput, Recorder, Route, StopReason, Travel, ready_words,
 };
+use cairn_phrases::{Arg, Language};
 use cairn_sensor::{FramePacket, Live, Stamp};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -42,7 +44,7 @@ pub struct SessionConfig {
     pub facing: Facing,
     /// The map was loaded: routes from files are anchored to it.
     pub map_is_loaded: bool,
-    /// Unit and form of distances and directions.
+    /// Language, unit and form of what is said.
     pub phrases: PhraseConfig,
     /// Rate, volume and queueing of the voice.
     pub announcer: AnnouncerConfig,
@@ -192,7 +194,7 @@ impl Session {
             }
             Err(_) => {
                 // The engine's state cannot be trusted after a panic.
-                self.dead = Some("tracking stopped by an error of the program".into());
+                self.dead = Some(self.text("walk-tracking-failed"));
                 self.tick(packet.stamp);
                 return Err("tracking stopped by an error of the program".into());
             }
@@ -200,10 +202,10 @@ impl Session {
         self.frame = Some(packet.stamp);
         self.ages.came(self.now);
         if self.picture.there(self.now) && self.guiding.is_none() {
-            self.say("The picture is back.", Priority::Normal);
+            self.say(&self.text("walk-picture-back"), Priority::Normal);
         }
         if output.died.is_some() {
-            self.say("Stop. Mapping has failed. Save the recording and start again.", Priority::Urgent);
+            self.say(&self.text("walk-mapping-failed"), Priority::Urgent);
         }
         let seen = record_input(&output);
         self.confidence = seen.confidence;
@@ -231,7 +233,7 @@ impl Session {
         self.now = self.now.max(now);
         let silent = self.frame.is_some_and(|t| self.now - t > PICTURE_TIMEOUT_S);
         if silent && self.picture.lost() && self.guiding.is_none() {
-            self.say("No picture from the camera. Stand still.", Priority::High);
+            self.say(&self.text("walk-no-picture"), Priority::High);
         }
         if let Some(why) = self.ages.trouble().filter(|why| self.warnings.due(why, self.now)) {
             self.say(&why, Priority::High);
@@ -253,16 +255,24 @@ impl Session {
                 self.begin_guiding(facing.unwrap_or(self.config.facing), *again)
             }
             Command::Halt => match self.guiding.take() {
-                Some(_) => Ok("Guidance has ended.".into()),
-                None => Err("Guidance is not running.".into()),
+                Some(_) => Ok(self.text("walk-guidance-ended")),
+                None => Err(self.text("walk-not-guiding")),
             },
             Command::Repeat => {
                 self.voice.repeat(self.now);
                 self.speak(self.now);
-                return Ok(self.status.last_words.clone());
+                match self.status.last_words.as_str() {
+                    "" => Ok(self.text("walk-nothing-to-repeat")),
+                    words => return Ok(words.to_owned()),
+                }
             }
             Command::Status => Ok(self.status_words()),
-            Command::Quit => Ok("Goodbye.".into()),
+            Command::Quit => Ok(self.text("walk-goodbye")),
+            Command::Set(setting) => {
+                // Not said: the page sets what it keeps at every connection.
+                self.set(*setting);
+                return Ok(self.text("walk-set"));
+            }
         };
         self.answer(done)
     }
@@ -372,7 +382,7 @@ impl Session {
         }
         if let Some(recording) = self.recording.as_mut().filter(|r| !r.route().header.metric) {
             recording.found_scale(&self.engine.snapshot(), self.place.as_ref());
-            self.say("I can measure distances now.", Priority::Normal);
+            self.say(&self.text("walk-distances-known"), Priority::Normal);
         }
         if let Some(held) = self.route.as_mut().filter(|w| w.here && !w.route.header.metric) {
             held.route.header.metric = true;
@@ -396,6 +406,31 @@ impl Session {
         self.began.map_or(0.0, |b| t - b)
     }
 
+    /// The language of what is said.
+    pub fn language(&self) -> Language {
+        self.config.phrases.language
+    }
+
+    /// Changes how it is said from now on.
+    fn set(&mut self, setting: Setting) {
+        let phrases = &mut self.config.phrases;
+        match setting {
+            Setting::Language(language) => phrases.language = language,
+            Setting::Unit(unit) => phrases.unit = unit,
+            Setting::Directions(style) => phrases.directions = style,
+            Setting::WordsPerMinute(words) => self.voice.set_words_per_minute(words),
+        }
+    }
+
+    fn text(&self, id: &str) -> String {
+        self.language().text(id)
+    }
+
+    /// A sentence with a reason in it.
+    fn because(&self, id: &str, why: impl ToString) -> String {
+        self.language().say(id, &[("why", (&why.to_string()).into())])
+    }
+
     fn say(&mut self, text: &str, priority: Priority) {
         self.voice.push(text, priority, self.now);
         self.pushed = Some((text.to_owned(), None));
@@ -414,6 +449,7 @@ impl Session {
             priority: rank(u.priority),
             interrupts: u.interrupts,
             duration_s: u.duration_s,
+            language: self.language(),
             text: u.text,
             turn_rad,
             pose,
@@ -462,13 +498,13 @@ impl Session {
         let words = self.recording.as_mut().and_then(|r| r.observe(seen, place));
         // Under guidance the guide reports on tracking; before the first pose nothing can be lost.
         if let Some(words) = words.filter(|_| self.guiding.is_none() && self.place.is_some()) {
-            self.say(words, Priority::High);
+            self.say(&self.text(words), Priority::High);
         }
     }
 
     fn begin_recording(&mut self, path: Option<PathBuf>) -> Result<String, String> {
         if self.recording.is_some() {
-            return Err("Already recording.".into());
+            return Err(self.text("walk-already-recording"));
         }
         self.auto_recorded = true;
         let named = path.or_else(|| self.config.record_to.take());
@@ -482,45 +518,53 @@ impl Session {
             Recording::begin(&*self.disk, &path, &map, place, metric, &self.config.source);
         self.recording = Some(recording);
         Ok(match (trouble, metric) {
-            (Some(why), _) => format!("Recording in memory only: {}: {why}.", path.display()),
-            (None, true) => "Recording.".into(),
-            (None, false) => "Recording. I cannot measure distances yet.".into(),
+            (Some(why), _) => {
+                let file = path.display().to_string();
+                let args: [(&str, Arg); 2] = [("file", (&file).into()), ("why", (&why).into())];
+                self.language().say("walk-recording-in-memory", &args)
+            }
+            (None, true) => self.text("walk-recording"),
+            (None, false) => self.text("walk-recording-unmeasured"),
         })
     }
 
     fn end_recording(&mut self) -> Result<String, String> {
-        let recording = self.recording.take().ok_or("Recording is not running.")?;
+        let recording = self.recording.take().ok_or_else(|| self.text("walk-not-recording"))?;
         let length = recording.length();
         let (route, path, whole) = recording.finish();
         if route.points.len() < 2 {
-            return Err("Recording has ended. Nothing was recorded.".into());
+            return Err(self.text("walk-nothing-recorded"));
         }
         self.add_recorded(&path, &route);
         self.route = Some(RouteAtHand { route, path, here: true });
-        whole.map_err(|e| {
-            format!("Recording has ended, but the file is incomplete: {e}. The route is kept in memory.")
-        })?;
-        Ok(match self.engine.is_metric() {
-            true => format!("Recording has ended, {}.", self.phrases().distance(length)),
-            false => "Recording has ended.".into(),
-        })
+        whole.map_err(|e| self.because("walk-file-incomplete", e))?;
+        let phrases = PhraseConfig { metric: self.engine.is_metric(), ..self.phrases() };
+        Ok(phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]))
     }
 
     fn load(&mut self, path: Option<&Path>) -> Result<String, String> {
         let path = match path {
             Some(path) => path.to_owned(),
-            None => latest(&self.config.folder).ok_or("There is no recorded route to load.")?,
+            None => latest(&self.config.folder).ok_or_else(|| self.text("walk-no-saved-route"))?,
         };
         if let Some(held) = self.route.as_ref().filter(|w| w.path.as_deref() == Some(&path)) {
-            return Ok(format!("Route loaded, {} points.", held.route.points.len()));
+            return Ok(self.loaded_words(&held.route));
         }
-        let route = Route::load(&path).map_err(|e| format!("The route cannot be read: {e}."))?;
+        let route = Route::load(&path).map_err(|e| self.because("walk-route-unreadable", e))?;
         if route.points.len() < 2 {
-            return Err("That route is empty.".into());
+            return Err(self.text("walk-route-empty"));
         }
-        let words = format!("Route loaded, {} points.", route.points.len());
+        let words = self.loaded_words(&route);
         self.route = Some(RouteAtHand { route, path: Some(path), here: self.config.map_is_loaded });
         Ok(words)
+    }
+
+    /// That a route is at hand, with its length where that is known.
+    fn loaded_words(&self, route: &Route) -> String {
+        let at = |k: usize| route.points[k].odom_from_camera.translation;
+        let length = (1..route.points.len()).map(|k| (at(k) - at(k - 1)).norm()).sum();
+        let phrases = PhraseConfig { metric: route.header.metric, ..self.config.phrases };
+        phrases.measured(["walk-loaded", "walk-loaded-unmeasured"], length, &[])
     }
 
     fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, String> {
@@ -528,18 +572,20 @@ impl Session {
             self.end_recording()?;
         }
         self.update_metric(self.status.metric);
-        let held = self.route.as_ref().ok_or("There is no route yet. Record or load one first.")?;
+        let held = self.route.as_ref().ok_or_else(|| self.text("walk-no-route"))?;
         if !held.here {
-            return Err("That route belongs to a map that is not loaded.".into());
+            return Err(self.text("walk-other-map"));
         }
         let travel = if again { Travel::Again } else { Travel::Home };
         let (map, place) = (self.engine.snapshot(), self.place.as_ref());
-        let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now)?;
+        let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now)
+            .map_err(|why| self.text(why.id()))?;
         // The guide's first words give the length and the first direction; before that, whether the map covers the
         // route is said.
         let camera = self.engine.front_end().model();
-        let ready = guiding.reference_path.readiness(&map, &held.route, camera, facing);
-        let words = ready_words(&ready, &self.phrases());
+        let ready = |facing| guiding.reference_path.readiness(&map, &held.route, camera, facing);
+        let with_camera_back = (facing == Facing::Home).then(|| ready(Facing::Back));
+        let words = ready_words(&ready(facing), with_camera_back.as_deref(), &self.phrases());
         self.guiding = Some(guiding);
         self.arrived = false;
         Ok(words)

@@ -2,6 +2,7 @@
 
 use crate::age::Age;
 use cairn_engine::Phase;
+use cairn_phrases::Language;
 use serde::Serialize;
 
 /// The status.
@@ -11,10 +12,16 @@ pub struct Status {
     pub t_s: f64,
     /// The engine's phase; WAIT_FRAMES also when images no longer arrive.
     pub phase: Phase,
-    /// The same in a sentence.
+    /// The language of the words here.
+    pub language: Language,
+    /// The phase in a sentence.
     pub words: String,
+    /// What is waited for, as parts of a sentence.
+    pub waits: Vec<String>,
     /// The state in large print: whether the walker is guided, or why not.
     pub headline: String,
+    /// Whether that is a reason to stop.
+    pub alarm: bool,
     /// How old the last picture is.
     pub age: Age,
     /// The engine's full status.

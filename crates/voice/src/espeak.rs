@@ -4,15 +4,18 @@
 
 use crate::earcon::earcon;
 use crate::{Voice, VoiceError};
-use cairn_guide::Earcon;
+use cairn_guide::{Earcon, WORDS_PER_MINUTE};
+use cairn_phrases::Language;
 use std::ffi::OsString;
 use std::io::{ErrorKind, Read, Write};
 use std::process::{Child, Command, Stdio};
 
-/// Rate and volume of speech.
+/// Language, rate and volume of speech.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpeechConfig {
-    /// 0.1 to 2; 1 is 175 words a minute.
+    /// The language, which chooses the voice.
+    pub language: Language,
+    /// 0.1 to 2; 1 is 180 words a minute.
     pub rate: f64,
     /// 0 to 1.
     pub volume: f64,
@@ -20,7 +23,7 @@ pub struct SpeechConfig {
 
 impl Default for SpeechConfig {
     fn default() -> Self {
-        Self { rate: 1.0, volume: 1.0 }
+        Self { language: Language::default(), rate: 1.0, volume: 1.0 }
     }
 }
 
@@ -69,12 +72,25 @@ impl Espeak {
         }
     }
 
+    /// Chooses the voice of a language.
+    pub fn set_language(&mut self, language: Language) {
+        self.config.language = language;
+    }
+
     /// Starts the program with the words on its standard input; `extra` are its first arguments.
     fn start(&self, text: &str, extra: &[&str], out: Stdio) -> std::io::Result<Child> {
-        let speed = (175.0 * self.config.rate.clamp(0.1, 2.0)).round().max(80.0);
+        let speed = (WORDS_PER_MINUTE * self.config.rate.clamp(0.1, 2.0)).round().max(80.0);
         let loud = (100.0 * self.config.volume.clamp(0.0, 1.0)).round();
         let mut child = Command::new(&self.program)
-            .args(["-v", "en", "-s", &format!("{speed}"), "-a", &format!("{loud}"), "--stdin"])
+            .args([
+                "-v",
+                self.config.language.code(),
+                "-s",
+                &format!("{speed}"),
+                "-a",
+                &format!("{loud}"),
+                "--stdin",
+            ])
             .args(extra)
             .stdin(Stdio::piped())
             .stdout(out)
@@ -190,6 +206,10 @@ impl EspeakVoice {
 }
 
 impl Voice for EspeakVoice {
+    fn set_language(&mut self, language: Language) {
+        self.espeak.set_language(language);
+    }
+
     fn say(&mut self, text: &str, _: f64, interrupts: bool) {
         self.check_child();
         if interrupts {
@@ -302,6 +322,18 @@ mod tests {
         voice.end().unwrap();
         assert_eq!(lines(&log), ["one", "stop", "three"]);
         assert_eq!(voice.restarts(), 0);
+    }
+
+    #[test]
+    fn the_language_chooses_the_voice() {
+        let (espeak, log) = fake("language", "printf '%s\\n' \"$2 $4\" >> $LOG");
+        let mut voice = EspeakVoice::new(espeak);
+        for language in Language::ALL {
+            voice.set_language(language);
+            voice.say("1", 0.0, true);
+            voice.end().unwrap();
+        }
+        assert_eq!(lines(&log), ["en 180", "es 180", "de 180"]);
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub use text::{NoVoice, TextVoice};
 pub use wav::WavVoice;
 
 use cairn_guide::Earcon;
+use cairn_phrases::Language;
 
 /// Why a voice cannot speak, with a remedy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -24,6 +25,8 @@ pub struct VoiceError {
 
 /// An output for speech. Times are seconds since the start of the walk and never decrease.
 pub trait Voice: Send {
+    /// The language of what is said from now on.
+    fn set_language(&mut self, _: Language) {}
     /// Starts saying words now; `interrupts` breaks off the present utterance.
     fn say(&mut self, text: &str, t_s: f64, interrupts: bool);
     /// Starts an earcon now, from `bearing_rad` (positive: the walker's left).

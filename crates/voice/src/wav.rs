@@ -7,6 +7,7 @@ use crate::earcon::earcon;
 use crate::espeak::Espeak;
 use crate::{Voice, VoiceError};
 use cairn_guide::Earcon;
+use cairn_phrases::Language;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -123,6 +124,10 @@ fn at_rate(samples: &[f32], from: u32) -> Vec<f32> {
 }
 
 impl Voice for WavVoice {
+    fn set_language(&mut self, language: Language) {
+        self.espeak.set_language(language);
+    }
+
     fn say(&mut self, text: &str, t_s: f64, interrupts: bool) {
         self.write_until(t_s);
         if interrupts {

@@ -9,6 +9,7 @@ mod server;
 mod tls;
 mod walk;
 mod wire;
+mod words;
 
 pub use certificate::Certificate;
 pub use invitation::{Invitation, lan_address};

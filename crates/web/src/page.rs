@@ -6,6 +6,7 @@ use crate::invitation::same;
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
+use cairn_phrases::Language;
 use cairn_session::Command;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -23,14 +24,20 @@ struct Guest {
     secret: String,
     /// Identifies this load of the page, which has a clock of its own.
     page: u64,
+    /// In which the page is answered.
+    language: Language,
 }
 
 /// One page, from its hello until it disconnects.
 pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
-    let Ok(Some(guest)) = tokio::time::timeout(HELLO_WITHIN, hello(&mut socket, &hub)).await else {
-        let text = ToPage::Trouble("The key is wrong. Open the page with the code on the terminal.").text();
-        let _ = socket.send(Message::Text(text.into())).await;
-        return;
+    let guest = match tokio::time::timeout(HELLO_WITHIN, hello(&mut socket, &hub)).await {
+        Ok(Ok(guest)) => guest,
+        wrong => {
+            let language = wrong.ok().and_then(Result::err).unwrap_or_default();
+            let text = ToPage::Trouble(&language.text("page-wrong-key")).text();
+            let _ = socket.send(Message::Text(text.into())).await;
+            return;
+        }
     };
     let id = hub.number();
     let guest = if guest.secret.is_empty() { Guest { page: id, ..guest } } else { guest };
@@ -57,16 +64,20 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
     hub.left(id);
 }
 
-/// The first message, if it has the right token.
-async fn hello(socket: &mut WebSocket, hub: &Hub) -> Option<Guest> {
-    let Some(Ok(Message::Text(text))) = socket.recv().await else { return None };
+/// The first message, if it has the right token; else the language in which that is said.
+async fn hello(socket: &mut WebSocket, hub: &Hub) -> Result<Guest, Language> {
+    let Some(Ok(Message::Text(text))) = socket.recv().await else { return Err(Language::default()) };
     match serde_json::from_str(&text) {
-        Ok(FromPage::Hello { token, walk, secret, origin }) if same(&token, &hub.token) => {
+        Ok(FromPage::Hello { token, walk, secret, origin, language }) => {
+            let language = language.parse().unwrap_or_default();
+            if !same(&token, &hub.token) {
+                return Err(language);
+            }
             let mut hasher = DefaultHasher::new();
             (&secret, origin.to_bits()).hash(&mut hasher);
-            Some(Guest { walk, secret, page: hasher.finish() })
+            Ok(Guest { walk, secret, page: hasher.finish(), language })
         }
-        _ => None,
+        _ => Err(Language::default()),
     }
 }
 
@@ -204,7 +215,12 @@ impl Client {
                 Ok(FromPage::Take(true)) if self.begins(false) => None,
                 Ok(FromPage::TakeOver(true)) if self.begins(true) => None,
                 Ok(FromPage::Command(_) | FromPage::Take(true) | FromPage::TakeOver(true)) => {
-                    Some(refusal("Another device holds this walk.".into()))
+                    Some(refusal(self.guest.language.text("page-other-holds")))
+                }
+                Ok(FromPage::Settings { language, lines }) => {
+                    self.guest.language = language.parse().unwrap_or(self.guest.language);
+                    let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
+                    wrong.map(refusal)
                 }
                 Ok(FromPage::Want { picture, map }) => {
                     self.wants.set(picture, map);
@@ -226,12 +242,21 @@ impl Client {
         holds
     }
 
+    /// Changes how the session speaks; also before its first picture.
+    fn setting(&self, line: &str) -> Result<(), String> {
+        if let command @ Command::Set(_) = Command::parse(line)? {
+            self.hub.inbox.command(command);
+        }
+        Ok(())
+    }
+
     fn command(&self, line: &str) -> Result<(), String> {
         let command = Command::parse(line)?;
+        let text = |id: &str| self.guest.language.text(id);
         match command {
             // Files are chosen on the terminal, and the server is stopped there.
-            Command::Quit | Command::Load(Some(_)) => Err("That can only be done at the terminal.".into()),
-            _ if !self.hub.running.load(Ordering::Relaxed) => Err("There is no picture yet.".into()),
+            Command::Quit | Command::Load(Some(_)) => Err(text("page-terminal-only")),
+            _ if !self.hub.running.load(Ordering::Relaxed) => Err(text("page-no-picture-yet")),
             _ => {
                 self.hub.inbox.command(command);
                 Ok(())

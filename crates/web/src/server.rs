@@ -6,13 +6,15 @@ use crate::invitation::{Invitation, lan_address, new_token};
 use crate::page::page;
 use crate::tls::TlsListener;
 use crate::walk::walk;
+use crate::words;
 use axum::Router;
 use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use cairn_engine::{Config, SensorMode};
+use cairn_phrases::Language;
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_session::{Command, SessionConfig};
 use rustls::pki_types::CertificateDer;
@@ -127,7 +129,7 @@ impl Server {
             .build()
             .map_err(|e| machine(e.to_string()))?;
         let (stop, stopped) = oneshot::channel();
-        let router = router(hub.clone());
+        let router = router(hub.clone(), &config.session);
         let web = std::thread::Builder::new().name("cairn-web".into()).spawn(move || {
             let serve = async {
                 let listener = TcpListener::from_std(listener).and_then(|l| TlsListener::new(l, tls));
@@ -233,12 +235,28 @@ impl Remote {
     }
 }
 
-fn router(hub: Arc<Hub>) -> Router {
+fn router(hub: Arc<Hub>, session: &SessionConfig) -> Router {
     const HTML: &str = "text/html; charset=utf-8";
+    const JSON: &str = "application/json";
     const SCRIPT: &str = "text/javascript; charset=utf-8";
-    let file = |kind: &'static str, text: &'static str| get(async move || with_headers(kind, text));
-    Router::new()
-        .route("/", file(HTML, include_str!("page/index.html")))
+    let file = |kind: &'static str, text: &'static str| get(async move || with_headers(kind, text.into()));
+    let documents = Language::ALL.map(|l| words::document(include_str!("page/index.html"), l));
+    // A language that was chosen for the session, else the one that the browser prefers.
+    let chosen = Some(session.phrases.language).filter(|l| *l != Language::default());
+    let document = move |headers: HeaderMap| {
+        let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|v| v.to_str().ok()).unwrap_or_default();
+        let language = chosen.unwrap_or_else(|| Language::preferred(accepted));
+        std::future::ready(with_headers(HTML, documents[language as usize].clone()))
+    };
+    let mut router = Router::new();
+    for language in Language::ALL {
+        let catalogue = words::catalogue(language, session);
+        let answer = move || std::future::ready(with_headers(JSON, catalogue.clone()));
+        router = router.route(&format!("/words/{language}.json"), get(answer));
+    }
+    router
+        .route("/", get(document))
+        .route("/words.js", file(SCRIPT, include_str!("page/words.js")))
         .route("/style.css", file("text/css; charset=utf-8", include_str!("page/style.css")))
         .route("/app.js", file(SCRIPT, include_str!("page/app.js")))
         .route("/pace.js", file(SCRIPT, include_str!("page/pace.js")))
@@ -251,7 +269,7 @@ fn router(hub: Arc<Hub>) -> Router {
 }
 
 /// Nothing is loaded from other hosts, and no other page may frame this one.
-fn with_headers(kind: &'static str, text: &'static str) -> Response {
+fn with_headers(kind: &'static str, text: String) -> Response {
     const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; \
                           connect-src 'self'; media-src 'self' blob: mediastream:; base-uri 'none'; \
                           form-action 'none'; frame-ancestors 'none'";

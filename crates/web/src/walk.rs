@@ -28,7 +28,7 @@ pub(crate) fn walk(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError
     hub.running.store(false, Ordering::Relaxed);
     match &result {
         Err(e) => hub.broadcast(&ToPage::Trouble(&e.to_string())),
-        Ok(()) => hub.broadcast(&ToPage::Trouble("The walk has ended.")),
+        Ok(()) => hub.broadcast(&ToPage::Ended(true)),
     }
     result
 }
@@ -127,7 +127,11 @@ impl Face for PageFace {
         }
     }
 
-    fn did(&mut self, _: &Session, _: &Command, done: &Result<String, String>) {
+    fn did(&mut self, _: &Session, command: &Command, done: &Result<String, String>) {
+        // A page that sets how it is spoken to, as it does whenever it connects, needs no answer.
+        if matches!(command, Command::Set(_)) {
+            return;
+        }
         let (ok, text) = match done {
             Ok(text) => (true, text),
             Err(text) => (false, text),

@@ -18,6 +18,9 @@ pub(crate) enum FromPage {
         secret: String,
         #[serde(default)]
         origin: f64,
+        /// The code of the page's language.
+        #[serde(default)]
+        language: String,
     },
     /// The answer to a ping: its number, and the page's time in milliseconds.
     Pong { n: u64, ms: f64 },
@@ -25,6 +28,9 @@ pub(crate) enum FromPage {
     Late(bool),
     /// A command of the session, as a line.
     Command(String),
+    /// The code of the page's language, and how the walker wants to be spoken to, as lines of the session; these count
+    /// from the page that holds the walk.
+    Settings { language: String, lines: Vec<String> },
     /// Motion: milliseconds, angular rate, specific force, each in the image axes.
     Motion(Vec<[f64; 7]>),
     /// What the page wants to receive: images, the map.
@@ -74,8 +80,10 @@ pub(crate) enum ToPage<'a> {
     },
     /// The map to draw.
     View(&'a View),
-    /// An image was refused, or the walk has ended.
+    /// An image was refused, or the walk has failed.
     Trouble(&'a str),
+    /// The walk has ended.
+    Ended(bool),
     /// An implausible calibration or sensor: shown on the screen, not spoken.
     Doubt(&'a str),
 }

@@ -5,6 +5,7 @@ use super::run::{Sensor, read_config};
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::Output;
+use crate::speaking::Speaking;
 use crate::terminal::Terminal;
 use cairn_engine::Config;
 use cairn_guide::Facing;
@@ -18,8 +19,9 @@ use std::path::{Path, PathBuf};
 ///
 /// Without SOURCE the images come from the browser's camera: open the address on the phone (scan the QR code shown with
 /// --lan) and start the camera there. With SOURCE its images are used, played in real time, and the page gives the
-/// commands.
+/// commands. On a terminal keys give commands too; they are listed below.
 #[derive(clap::Args)]
+#[command(after_long_help = crate::speaking::keys())]
 pub struct Arguments {
     /// A recording, sim:WORLD or video, as for cairn run, used instead of the browser's camera.
     source: Option<String>,
@@ -44,6 +46,8 @@ pub struct Arguments {
     /// The folder for recorded routes.
     #[arg(long, alias = "ways", value_name = "DIR", default_value = "routes")]
     routes: PathBuf,
+    #[command(flatten)]
+    speaking: Speaking,
 }
 
 /// Serves until the source ends or the program is stopped.
@@ -59,6 +63,8 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         folder: a.routes.clone(),
         auto_record: Some(100),
         facing: Facing::Home,
+        phrases: a.speaking.phrases(),
+        announcer: a.speaking.announcer(),
         ..SessionConfig::default()
     };
     let camera = match &a.source {
@@ -92,7 +98,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     interrupt::at_request(move || remote.command(Command::Quit));
     let remote = server.remote();
     // Dropping it restores the terminal.
-    let mut terminal = Terminal::new(a.lines, true);
+    let mut terminal = Terminal::new(a.lines, true, a.speaking.language);
     terminal.forward(move |command| remote.command(command));
     Ok(server.wait()?)
 }

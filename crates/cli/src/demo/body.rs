@@ -47,7 +47,9 @@ impl Body {
     /// A body standing at a place (metres) with a heading (radians).
     pub fn new(config: &DemoConfig, place: Vec2, heading: f64) -> Self {
         Self {
-            walker: Walker::new(config.seed, (place.x, place.y, heading)),
+            walker: Walker::new(config.seed, (place.x, place.y, heading))
+                .with_language(config.speaking.language)
+                .with_speech_rate(config.speaking.announcer().rate),
             mount: 0.0,
             blocked: 0,
             stride: Stride::new(config.sim.walker.clone()),

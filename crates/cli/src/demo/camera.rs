@@ -73,6 +73,8 @@ impl DemoCamera {
         let walk = SessionConfig {
             source: config.source(),
             record_to: Some("route".into()),
+            phrases: config.speaking.phrases(),
+            announcer: config.speaking.announcer(),
             ..SessionConfig::default()
         };
         Ok(Self {

@@ -1,6 +1,7 @@
 //! The configuration of one demo: the world, the camera, the walker.
 
 use crate::commands::run::Sensor;
+use crate::speaking::Speaking;
 use cairn_engine::SensorMode;
 use cairn_geometry::Se3;
 use cairn_guide::Facing;
@@ -23,11 +24,13 @@ pub struct DemoConfig {
     pub metres: Option<f64>,
     /// Seed of the world, the sensor noise and the walker.
     pub seed: u64,
+    /// How Cairn speaks; the walker understands that language.
+    pub speaking: Speaking,
 }
 
 impl DemoConfig {
     /// The demo with a given seed. The body frame is the camera's: on the chest at 1.3 m, pitched 5 degrees down.
-    pub fn new(seed: u64, facing: Facing, sensor: Sensor, metres: Option<f64>) -> Self {
+    pub fn new(seed: u64, facing: Facing, sensor: Sensor, metres: Option<f64>, speaking: Speaking) -> Self {
         let sim = SimConfig {
             sensor: match sensor.mode() {
                 SensorMode::Mono => SimSensor::Mono,
@@ -42,7 +45,7 @@ impl DemoConfig {
             walker: Walker { turn_rate: 0.8, ..Walker::default() },
             ..SimConfig::new(WorldKind::Demo, seed)
         };
-        Self { sim, sensor, facing, metres, seed }
+        Self { sim, sensor, facing, metres, seed, speaking }
     }
 
     /// The name of the source, written into the route's file.

@@ -10,7 +10,7 @@ use super::out::WalkedOut;
 use crate::failure::Failure;
 use crate::progress::Progress;
 use cairn_geometry::{Vec2, Vec3};
-use cairn_guide::{CleanedRoute, Facing, Route, Travel};
+use cairn_guide::{CleanedRoute, Facing, Route, Travel, reason_words};
 use cairn_sensor::Stamp;
 use cairn_session::{Command, ReferencePath, Said};
 use std::f64::consts::PI;
@@ -108,7 +108,8 @@ pub fn walk_back(
         progress.step(50 + (50.0 * along_m / length_m) as usize);
     }
     if stopped_s >= STOPPED_S {
-        home.stopped = camera.session().stop_reason().map(|reason| cairn_guide::reason_words(reason).into());
+        home.stopped =
+            camera.session().stop_reason().map(|reason| reason_words(reason, camera.session().language()));
     }
     home.took_s = now - began;
     home.blocked = body.blocked;

@@ -18,6 +18,7 @@ mod seeds;
 use crate::commands::run::Sensor;
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::speaking::Speaking;
 use cairn_guide::Facing;
 use clap::ValueEnum;
 use config::DemoConfig;
@@ -55,6 +56,8 @@ pub struct Arguments {
     /// Replaces the files of an earlier demo in that folder.
     #[arg(long)]
     overwrite: bool,
+    #[command(flatten)]
+    speaking: Speaking,
 }
 
 /// How the walker faces on the return.
@@ -92,7 +95,9 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         FacingArgument::Backwards => &[Facing::Backwards],
         FacingArgument::All => &[Facing::Home, Facing::Back, Facing::Backwards],
     };
-    let config = |seed, facing| DemoConfig::new(seed, facing, arguments.sensor, arguments.metres);
+    let config = |seed, facing| {
+        DemoConfig::new(seed, facing, arguments.sensor, arguments.metres, arguments.speaking.clone())
+    };
     match (arguments.seeds, facings) {
         (Some(count), _) => {
             let seeds = (0..count).map(|k| arguments.seed.saturating_add(k));

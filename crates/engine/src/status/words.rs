@@ -1,6 +1,9 @@
-//! A status in words: a line for a terminal, a sentence for the person holding the camera.
+//! A status in words: a line in English for a terminal and for tools, and sentences of the catalogue for the person
+//! holding the camera.
 
 use super::{ImuStatus, Phase, Status, StatusEvent, Wait};
+use cairn_inertial::GateKind;
+use cairn_phrases::{Arg, Language};
 use std::fmt;
 
 impl fmt::Display for Phase {
@@ -100,41 +103,68 @@ impl fmt::Display for Status {
 }
 
 impl Status {
-    /// The phase in a sentence or two, for the person holding the camera.
+    /// The phase in a sentence or two, for the person holding the camera, in English.
     pub fn words(&self) -> String {
+        self.words_in(Language::English)
+    }
+
+    /// The phase in a sentence or two, for the person holding the camera.
+    pub fn words_in(&self, language: Language) -> String {
+        let text = |id: &str| language.text(id);
+        let counted = |id: &str, have: usize, need: usize| {
+            language.say(id, &[("have", have.into()), ("need", need.into())])
+        };
         match (self.phase, self.waits.first()) {
-            (Phase::LoadingVocab, _) => "Getting ready.".into(),
-            (Phase::WaitFrames, _) if self.frames == 0 => "Waiting for the first camera image.".into(),
-            (Phase::WaitFrames, _) => "No image from the camera.".into(),
-            (Phase::WaitImu, _) => "The motion sensor is not responding.".into(),
+            (Phase::LoadingVocab, _) => text("phase-loading"),
+            (Phase::WaitFrames, _) if self.frames == 0 => text("phase-first-image"),
+            (Phase::WaitFrames, _) => text("phase-no-image"),
+            (Phase::WaitImu, _) => text("phase-no-imu"),
             (Phase::WaitMotion | Phase::Initializing, Some(Wait::Points { have, need })) => {
-                format!("Starting up: {have} of {need} points found. Move the camera sideways.")
+                counted("phase-points", *have, *need)
             }
-            (Phase::WaitMotion, Some(Wait::Parallax { .. })) => {
-                "Starting up: enough points found. Move the camera sideways.".into()
-            }
-            (Phase::WaitMotion, _) => {
-                "Tracking by camera. Distances are not known yet: move the camera back and forth, and up and down."
-                    .into()
-            }
-            (Phase::Initializing, _) => "Tracking by camera. Distances are not known yet.".into(),
-            (Phase::Tracking, _) => "Tracking.".into(),
+            (Phase::WaitMotion, Some(Wait::Parallax { .. })) => text("phase-parallax"),
+            (Phase::WaitMotion, _) => text("phase-unmeasured-move"),
+            (Phase::Initializing, _) => text("phase-unmeasured"),
+            (Phase::Tracking, _) => text("phase-tracking"),
             (Phase::Coasting, Some(Wait::Sight { since_s, sigma })) => {
-                format!("Tracking by motion sensor for {since_s:.1} s, accurate to {sigma:.2} m.")
+                let args = [("seconds", Arg::Number(*since_s, 1)), ("metres", Arg::Number(*sigma, 2))];
+                language.say("phase-coasting-since", &args)
             }
             (Phase::Coasting, Some(Wait::Translation { since_s })) => {
-                format!("Tracking rotation only for {since_s:.1} s. The position is not known until the camera moves on.")
+                language.say("phase-rotation", &[("seconds", Arg::Number(*since_s, 1))])
             }
-            (Phase::Coasting, _) => "Tracking by motion sensor.".into(),
-            (Phase::Lost, Some(Wait::Place { have, need })) => {
-                format!("Tracking is lost: {have} of {need} matches.")
-            }
-            (Phase::Lost, _) => "Tracking is lost.".into(),
-            (Phase::Resetting, _) => "Tracking was lost. A new map has been started, and the old one is kept.".into(),
+            (Phase::Coasting, _) => text("phase-coasting"),
+            (Phase::Lost, Some(Wait::Place { have, need })) => counted("phase-lost-matches", *have, *need),
+            (Phase::Lost, _) => text("phase-lost"),
+            (Phase::Resetting, _) => text("phase-new-map"),
             (Phase::Error, _) => match &self.error {
-                Some(error) => format!("Something is wrong: {error}."),
-                None => "Something is wrong.".into(),
+                Some(error) => language.say("phase-error-why", &[("why", error.into())]),
+                None => text("phase-error"),
             },
+        }
+    }
+}
+
+impl Wait {
+    /// What is waited for, for the person holding the camera: a part of a sentence.
+    pub fn words_in(&self, language: Language) -> String {
+        let counted = |id: &str, have: usize, need: usize| {
+            language.say(id, &[("have", have.into()), ("need", need.into())])
+        };
+        match self {
+            Self::Points { have, need } => counted("wait-points", *have, *need),
+            Self::Parallax { .. } => language.text("wait-parallax"),
+            Self::Reading { .. } => language.text("wait-imu"),
+            Self::FirstTry => language.text("wait-first-try"),
+            Self::Gate(gate) => language.text(match gate.kind {
+                GateKind::KeyFrames | GateKind::Seconds => "wait-time",
+                GateKind::Excitation => "wait-excitation",
+                GateKind::Baseline => "wait-baseline",
+                _ => "wait-precision",
+            }),
+            Self::Sight { .. } => language.text("wait-matches"),
+            Self::Translation { .. } => language.text("wait-translation"),
+            Self::Place { have, need } => counted("wait-place", *have, *need),
         }
     }
 }

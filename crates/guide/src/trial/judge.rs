@@ -10,6 +10,7 @@ use crate::matcher::{Match, Matcher, MatcherConfig};
 use crate::phrases::Side;
 use crate::walker::{Walker, side_of};
 use cairn_geometry::Vec2;
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -119,6 +120,7 @@ impl Tally {
 
 pub(crate) struct Judge {
     plan: ManeuverPlan,
+    language: Language,
     facing: Facing,
     off_m: f64,
     dwell_s: f64,
@@ -137,6 +139,7 @@ impl Judge {
         let outcome = Outcome { length_m: plan.length(), ..Outcome::default() };
         Self {
             plan,
+            language: config.phrases.language,
             facing: config.facing,
             off_m: s.off_m,
             dwell_s: s.off_dwell_s,
@@ -189,7 +192,7 @@ impl Judge {
         let there = self.place_m.filter(|m| {
             (self.plan.point_at(*m) - truth.position).norm() <= self.off_m && (*m - along_m).abs() > 1.0
         });
-        let wrong_side = side_of(&said.text).is_some_and(|side| {
+        let wrong_side = side_of(&said.text, self.language).is_some_and(|side| {
             [Some(along_m), there].into_iter().flatten().all(|m| self.wrong(side, &truth, m))
         });
         self.outcome.wrong_side += usize::from(wrong_side);
@@ -283,6 +286,7 @@ mod tests {
             noise: Noise::None,
             corridor_m: 3.0,
             cut_detours: true,
+            phrases: crate::PhraseConfig::default(),
             seed: 0,
         };
         for (text, wrong) in [("Turn left now.", 0), ("Turn right now.", 1), ("Turn around.", 0)] {

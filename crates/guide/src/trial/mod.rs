@@ -39,6 +39,8 @@ pub struct TrialConfig {
     pub corridor_m: f64,
     /// Whether detours are cut before guidance.
     pub cut_detours: bool,
+    /// Language, unit and form of what is said; the walker understands this language.
+    pub phrases: PhraseConfig,
     /// Seed of the walker, the recording and the noise.
     pub seed: u64,
 }
@@ -91,13 +93,14 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
     let guide_config = guide_config(config.facing, config.corridor_m);
     let Ok(mut guide) = Guide::new(plan, ground, guide_config) else { return Outcome::default() };
     let mut voice = Announcer::new(AnnouncerConfig::default());
-    let phrases = PhraseConfig::default();
+    let phrases = config.phrases;
     let mut noise = PoseNoise::new(config.noise, config.seed);
     let at = start.odom_from_camera.translation;
     // Facing as on the way out. Another day the walker starts with an arbitrary heading.
     let facing = ground.heading(&start.odom_from_camera).unwrap_or(0.0)
         + if config.travel == Travel::Again { 2.4 * ((config.seed % 7) as f64 / 3.0 - 1.0) } else { 0.0 };
-    let mut walker = Walker::new(config.seed, (at.x, at.y, facing));
+    let walker = Walker::new(config.seed, (at.x, at.y, facing));
+    let mut walker = walker.with_language(phrases.language);
 
     let mut told_from_world = Se3::identity();
     let limit_s = 90.0 + judge.length() / if config.facing == Facing::Backwards { 0.08 } else { 0.2 };

@@ -8,6 +8,7 @@ use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 use cairn_engine::Phase;
 use cairn_geometry::Vec3;
 use cairn_guide::{Facing, GuideState, StopReason, reason_words};
+use cairn_phrases::Arg;
 use std::path::PathBuf;
 
 impl Session {
@@ -16,13 +17,15 @@ impl Session {
         let mut s = self.status.clone();
         let name = |path: &Option<PathBuf>| {
             let name = path.as_ref().and_then(|p| p.file_name());
-            name.map_or_else(|| "in memory".into(), |n| n.to_string_lossy().into_owned())
+            name.map_or_else(|| self.text("walk-in-memory"), |n| n.to_string_lossy().into_owned())
         };
         s.t_s = self.since_start(self.now);
         s.engine = self.standing();
-        (s.phase, s.words) = (s.engine.phase, s.engine.words());
+        s.language = self.language();
+        (s.phase, s.words) = (s.engine.phase, s.engine.words_in(s.language));
+        s.waits = s.engine.waits.iter().map(|wait| wait.words_in(s.language)).collect();
         s.age = self.age();
-        s.headline = self.headline(&s.words);
+        (s.headline, s.alarm) = self.headline(&s.words);
         s.recording = self.recording.as_ref().map(|r| RecordingStatus {
             points: r.route().points.len(),
             length: r.length(),
@@ -53,19 +56,26 @@ impl Session {
         self.ages.of(self.frame)
     }
 
-    /// The state in large print: the last instruction to the walker to move or stop.
-    fn headline(&self, words: &str) -> String {
+    /// The state in large print: the last instruction to the walker to move or stop; and whether it is an alarm.
+    fn headline(&self, words: &str) -> (String, bool) {
+        let why = |reason| reason_words(reason, self.language());
         match self.guiding.as_ref().map(|g| g.guide.state()) {
-            Some(GuideState::Stopped(reason)) => return format!("Stop. {}", reason_words(reason)),
-            _ if self.dead.is_some() || self.picture.is_lost() => return words.to_owned(),
-            Some(state) => return format!("Guiding, {}.", state_name(state)),
+            Some(GuideState::Stopped(reason)) => {
+                return (format!("{} {}", self.text("guide-stop"), why(reason)), true);
+            }
+            _ if self.dead.is_some() || self.picture.is_lost() => return (words.to_owned(), true),
+            Some(state) => {
+                // The first word of the name is that of the catalogue.
+                let name = state_name(state).split(' ').next().unwrap_or_default();
+                return (self.language().say("walk-guiding", &[("state", name.into())]), false);
+            }
             None => {}
         }
         match self.age() {
-            Age::Unknown => reason_words(StopReason::AgeUnknown).to_owned(),
-            age if age.is_stale() => reason_words(StopReason::PicturesLate).to_owned(),
-            _ if self.recording.is_some() => format!("Recording. {words}"),
-            _ => words.to_owned(),
+            Age::Unknown => (why(StopReason::AgeUnknown), true),
+            age if age.is_stale() => (why(StopReason::PicturesLate), true),
+            _ if self.recording.is_some() => (format!("{} {words}", self.text("walk-recording")), false),
+            _ => (words.to_owned(), false),
         }
     }
 
@@ -125,21 +135,19 @@ impl Session {
     pub(super) fn status_words(&self) -> String {
         let s = self.status();
         let mut words = s.headline.clone();
-        if let Some(age) = s.age.words() {
-            words += &format!(" {age}");
-        }
+        let mut add = |sentence: String| words = format!("{words} {sentence}");
+        s.age.words(s.language).into_iter().for_each(&mut add);
+        let phrases = self.phrases();
         if let Some(r) = &s.recording {
-            match s.metric {
-                true => words += &format!(" {} recorded.", self.phrases().distance(r.length)),
-                false if s.headline.starts_with("Recording") => {}
-                false => words += " Recording.",
+            let says_so = s.headline.starts_with(&self.text("walk-recording"));
+            if phrases.metric || !says_so {
+                add(phrases.measured(["walk-length-so-far", "walk-recording"], r.length, &[]));
             }
         }
         if let Some(g) = &s.guiding {
-            words += &match s.metric {
-                true => format!(" {} to go.", self.phrases().distance(g.length_m - g.along_m)),
-                false => format!(" {:.0} percent done.", 100.0 * g.along_m / g.length_m.max(1e-9)),
-            };
+            let done = 100.0 * g.along_m / g.length_m.max(1e-9);
+            let percent = [("percent", Arg::Number(done, 0))];
+            add(phrases.measured(["walk-to-go", "walk-percent-done"], g.length_m - g.along_m, &percent));
         }
         words
     }

@@ -3,6 +3,7 @@ import { Camera } from './camera.js';
 import { Pace } from './pace.js';
 import { Senses } from './senses.js';
 import { Picture, MapView } from './view.js';
+import { Words } from './words.js';
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
@@ -19,9 +20,31 @@ const BACK_MS = 1000;
 // "Stop" is repeated while its reason lasts.
 const AGAIN_MS = 3000;
 
+// Settings are stored in this browser.
+const kept = (() => {
+  try {
+    return JSON.parse(localStorage.getItem('cairn-settings')) ?? {};
+  } catch {
+    return {};
+  }
+})();
+
+function keep(name, value) {
+  kept[name] = value;
+  try {
+    localStorage.setItem('cairn-settings', JSON.stringify(kept));
+  } catch {
+    // A private window stores nothing.
+  }
+}
+
+// The page is in the language that was chosen here, else in the one that the server found best.
+let words = await Words.in(kept.language ?? document.documentElement.lang).catch(() => Words.in('en'));
+const t = (id, values) => words.text(id, values);
+
 const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
 const picture = new Picture($('picture'));
-const map = new MapView($('map'), $('map-words'));
+const map = new MapView($('map'), $('map-words'), t);
 const pace = new Pace();
 let socket = null;
 let me = null;
@@ -29,6 +52,7 @@ let controls = false;
 let held = false;
 let ownCamera = false;
 let guiding = false;
+let lastStatus = null;
 let heard = 0;
 // Why the link is down, and when that was last said.
 let down = null;
@@ -67,13 +91,13 @@ const camera = new Camera($('video'), {
 });
 
 function connect() {
-  if (down === null) $('link').textContent = 'Connecting.';
+  if (down === null) link('page-connecting');
   const mine = new WebSocket(`wss://${location.host}/ws`);
   socket = mine;
   heard = performance.now();
   mine.binaryType = 'arraybuffer';
   mine.onopen = () => {
-    send(JSON.stringify({ hello: { token, walk: !watchOnly, secret, origin: performance.timeOrigin } }));
+    send(JSON.stringify({ hello: { token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language } }));
     want();
   };
   mine.onmessage = (event) => {
@@ -90,12 +114,19 @@ function ended() {
   socket.onclose = null;
   socket.close();
   socket = null;
-  if (me !== null || down !== null) lost('The connection is lost.');
-  $('link').textContent = 'Not connected. Trying again.';
+  if (me !== null || down !== null) lost('page-connection-lost');
+  link('page-trying-again');
   me = null;
   control(null, held);
   setTimeout(connect, rest);
   rest = Math.min(2 * rest, 5000);
+}
+
+// The line about the connection, kept as an id so that it follows the language.
+let linkNow = ['page-connecting', {}];
+function link(id, values = {}) {
+  linkNow = [id, values];
+  set('link', t(id, values));
 }
 
 function send(data) {
@@ -112,6 +143,7 @@ function take(message) {
   const [kind, value] = Object.entries(message)[0];
   const known = {
     hello, said, sound, did, status, trouble, doubt, refused, ping,
+    ended: () => trouble(t('page-walk-ended')),
     control: (v) => control(v.id, v.held),
     got: () => pace.got(performance.now()),
     view: (v) => map.take(v),
@@ -128,14 +160,14 @@ function hello({ id, camera: name }) {
   me = id;
   rest = 300;
   ownCamera = name === '';
-  $('link').textContent = ownCamera ? 'Connected.' : `Connected; the camera is ${name}.`;
+  link(ownCamera ? 'page-connected' : 'page-connected-to', { camera: name });
   pace.reset();
   // The server's new connection does not know which messages this page found late.
   late = false;
   if (down !== null) {
     down = null;
     senses.drop('link');
-    senses.say({ text: 'Connected again.', priority: 2 });
+    senses.say({ text: t('page-connected-again'), priority: 2 });
   }
 }
 
@@ -145,25 +177,32 @@ function control(id, isHeld) {
   held = isHeld;
   if (controls !== had) pace.reset();
   if (had && !controls && me !== null) {
-    const text = 'Stop. Another device has taken over this walk.';
+    const text = t('page-taken-over');
     senses.say({ text, priority: 0 });
     write({ text, priority: 0 });
   } else if (controls && !had && !isQuiet) {
-    senses.say({ text: 'You hold this walk now.', priority: 1 });
+    senses.say({ text: t('page-controls-now'), priority: 1 });
   }
   if (controls) isQuiet = false;
+  if (controls && !had) speakLikeThis();
+  showControl(id);
+}
+
+function showControl(id) {
+  holder = id;
   const free = me !== null && !held;
   const other = me !== null && held && !controls;
-  set('control', controls ? 'You control this walk.'
-    : me === null ? '' : free ? `Nobody controls this walk. ${ownCamera ? 'Start the camera to begin.' : 'The first command takes it.'}`
-      : id === null ? 'The device that controls this walk is away; the walk waits for it.' : 'Another device controls this walk; you watch.');
+  set('control', controls ? t('page-controls')
+    : me === null ? '' : free ? t(ownCamera ? 'page-free-camera' : 'page-free')
+      : t(id === null ? 'page-away' : 'page-watching'));
   $('take').hidden = !(other || (free && (watchOnly || !ownCamera)));
-  $('take').textContent = other ? 'Take over this walk' : 'Take control';
+  $('take').textContent = t(other ? 'page-take-over' : 'page-take');
   $('camera').hidden = !((controls || (free && !watchOnly)) && ownCamera) || camera.running;
   for (const button of document.querySelectorAll('[data-command]')) {
     button.setAttribute('aria-disabled', controls || (free && !watchOnly) ? 'false' : 'true');
   }
 }
+let holder = null;
 // Control that this page asked for itself needs no announcement the first time.
 let isQuiet = true;
 
@@ -178,10 +217,13 @@ function said(words) {
   write(words);
 }
 
-function write({ text, priority, t_s }) {
+function write({ text, priority, t_s, language = words.language }) {
+  delete $('words').dataset.text;
   $('words').textContent = text;
+  $('words').lang = language;
   $('words').classList.toggle('urgent', priority === 0);
   const line = document.createElement('li');
+  line.lang = language;
   line.textContent = t_s === undefined ? text : `${clock(t_s)} ${text}`;
   $('log').append(line);
   while ($('log').children.length > 200) $('log').firstChild.remove();
@@ -197,7 +239,7 @@ function sound({ name, bearing_rad }) {
 }
 
 function did({ ok, text }) {
-  $('answer').textContent = ok ? `Done: ${text}` : `Not done: ${text}`;
+  $('answer').textContent = t(ok ? 'page-done' : 'page-not-done', { text });
 }
 
 function refused(text) {
@@ -211,47 +253,56 @@ function trouble(text) {
 }
 
 function doubt(text) {
-  $('answer').textContent = `Warning: ${text}`;
+  $('answer').textContent = t('page-warning', { text });
 }
 
 function status(s) {
   guiding = s.guiding !== null;
   frameMs = s.frame_ms;
+  lastStatus = s;
   showState(s);
-  set('s-tracking', `${s.words} ${s.tracked} of ${s.frames} frames; ${s.inliers} matches.`);
-  const { waits, imu, initialised } = s.engine;
-  set('s-phase', waits.length ? `${s.phase}, waits for ${waits.join(', ')}` : s.phase);
+  const number = (value, decimals = 1) => words.number(value, decimals);
+  set('s-tracking', `${s.words} ${t('page-frames', { tracked: s.tracked, frames: s.frames, matches: s.inliers })}`);
+  const { imu, initialised } = s.engine;
+  set('s-phase', s.waits.length ? t('page-waits', { phase: s.phase, waits: s.waits.join(', ') }) : s.phase);
   set('s-imu', imu
-    ? `${initialised ? '' : 'scale and gravity not known, '}${imu.batch} readings a picture, ${imu.synthesised} interpolated, ${imu.gaps} gaps`
-    : 'not used');
-  set('s-recording', s.recording
-    ? `${s.recording.points} points, ${s.recording.length.toFixed(1)} ${s.metric ? 'metres' : 'units'}, ${s.recording.file}`
-      + (s.recording.trouble ? `; not on disk: ${s.recording.trouble}` : '')
-    : 'no');
-  set('s-route', s.route ? `${s.route.file}, ${s.route.points} points${s.route.here ? '' : ', of another map'}` : 'none');
-  set('s-guiding', s.guiding
-    ? `${s.guiding.facing}, ${s.guiding.state}, ${s.guiding.along_m.toFixed(1)} of ${s.guiding.length_m.toFixed(1)}${s.metric ? ' metres' : ''}`
-    : 'none');
-  set('s-scale', s.metric ? 'metres' : 'not known, so no distances are said');
-  set('s-map', `${s.key_frames} keyframes, ${s.landmarks} landmarks`);
-  set('s-time', `${clock(s.t_s)}, ${s.step_ms.toFixed(1)} ms a picture, ${s.dropped} dropped`);
+    ? t(initialised ? 'page-imu' : 'page-imu-unaligned', { readings: imu.batch, interpolated: imu.synthesised, gaps: imu.gaps })
+    : t('page-not-used'));
+  set('s-recording', recordingText(s.recording, s.metric));
+  set('s-route', s.route ? t(s.route.here ? 'page-route' : 'page-route-elsewhere', s.route) : t('page-none'));
+  const g = s.guiding;
+  set('s-guiding', g ? t(s.metric ? 'page-guiding-metres' : 'page-guiding', {
+    facing: g.facing, state: g.state.split(' ')[0], along: number(g.along_m), length: number(g.length_m),
+  }) : t('page-none'));
+  set('s-scale', t(s.metric ? 'page-metres' : 'page-no-scale'));
+  set('s-map', t('page-map-size', { places: s.key_frames, points: s.landmarks }));
+  set('s-time', t('page-time', { clock: clock(s.t_s), ms: number(s.step_ms), dropped: s.dropped }));
   map.camera(s);
+}
+
+function recordingText(recording, metric) {
+  if (!recording) return t('page-no');
+  const { points, file, trouble: why } = recording;
+  const recorded = t(metric ? 'page-recorded' : 'page-recorded-units', { points, file, length: words.number(recording.length, 1) });
+  return why ? t('page-not-on-disk', { recorded, why }) : recorded;
 }
 
 // Text is set only when it changes, so that a screen reader keeps its position.
 function set(id, text) {
+  delete $(id).dataset.text;
   if ($(id).textContent !== text) $(id).textContent = text;
 }
 
 // In large print the last instruction about moving, and the age of the image behind it.
-function showState({ headline, age }) {
-  set('state-now', late ? 'Stop. The pictures come too late.' : headline);
-  $('state-now').classList.toggle('urgent', late || /^(Stop|No |The pictures come|I do not know)/.test(headline));
+function showState({ headline, alarm, age, language }) {
+  set('state-now', late ? t('page-pictures-late') : headline);
+  $('state-now').lang = late ? words.language : language;
+  $('state-now').classList.toggle('urgent', late || alarm);
   const own = ownAge();
   const seconds = own !== null ? own / 1000 : age?.age_s;
-  set('age-now', age === 'unknown' && own === null ? 'Nobody knows how old the picture is.'
-    : seconds === undefined ? '' : `Picture ${Math.max(seconds, 0).toFixed(1)} s old`
-      + (age?.bound_s >= 0.05 && own === null ? `, give or take ${age.bound_s.toFixed(2)} s` : ''));
+  const shown = { seconds: words.number(Math.max(seconds ?? 0, 0), 1), bound: words.number(age?.bound_s ?? 0, 2) };
+  set('age-now', age === 'unknown' && own === null ? t('page-age-unknown')
+    : seconds === undefined ? '' : t(age?.bound_s >= 0.05 && own === null ? 'page-age-about' : 'page-age', shown));
 }
 
 // Age of the newest image with a pose, milliseconds; null where this page did not capture it.
@@ -264,7 +315,7 @@ function becameLate() {
   if (late) return;
   late = true;
   send(JSON.stringify({ late: true }));
-  const text = 'Stop. The pictures come too late.';
+  const text = t('page-pictures-late');
   set('state-now', text);
   $('state-now').classList.add('urgent');
   // The server may have said it already, or something equally urgent.
@@ -287,11 +338,12 @@ function lost(why) {
   down = why;
   if (performance.now() - downSaid < AGAIN_MS) return;
   downSaid = performance.now();
-  const text = guiding || camera.running ? `Stop. ${why}` : why;
+  const stops = { 'page-connection-lost': 'page-connection-lost-stop', 'page-no-answer': 'page-no-answer-stop' };
+  const text = t(guiding || camera.running ? stops[why] : why);
   set('state-now', text);
   $('state-now').classList.add('urgent');
   set('age-now', '');
-  for (const id of ['s-tracking', 's-phase', 's-imu', 's-recording', 's-guiding', 's-time']) set(id, 'not known without a connection');
+  for (const id of ['s-tracking', 's-phase', 's-imu', 's-recording', 's-guiding', 's-time']) set(id, t('page-unknown-offline'));
   senses.say({ text, priority: 0, interrupts: true, kind: 'link' });
   write({ text, priority: 0 });
 }
@@ -299,7 +351,7 @@ function lost(why) {
 setInterval(() => {
   const silence = performance.now() - heard;
   if (socket && silence > (me === null ? OPEN_MS : GONE_MS)) ended();
-  else if (me !== null && guiding && silence > SILENT_MS && ownAge() === null) lost('The computer does not answer.');
+  else if (me !== null && guiding && silence > SILENT_MS && ownAge() === null) lost('page-no-answer');
   else if (me !== null && silence < SILENT_MS && down !== null) {
     down = null;
     senses.drop('link');
@@ -313,11 +365,11 @@ setInterval(() => {
 function command(line) {
   senses.wake();
   if (me === null) {
-    refused('The connection is lost. Trying again.');
+    refused(t('page-connection-lost-retry'));
     return;
   }
   if (held && !controls) {
-    refused('Another device holds this walk.');
+    refused(t('page-other-holds'));
     return;
   }
   send(JSON.stringify({ command: line }));
@@ -328,11 +380,10 @@ document.addEventListener('click', (event) => {
   if (button) command(button.dataset.command);
 });
 
-const KEYS = { r: 'record', s: 'stop', l: 'load', g: 'guide home', b: 'guide backwards', h: 'halt', p: 'repeat', i: 'status' };
 document.addEventListener('keydown', (event) => {
   const typing = event.target.closest?.('input:not([type=checkbox]):not([type=radio]), textarea, select');
   if (!$('keys').checked || typing || event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
-  const line = KEYS[event.key.toLowerCase()];
+  const line = words.keys[event.key.toLowerCase()];
   if (line) {
     event.preventDefault();
     command(line);
@@ -355,7 +406,7 @@ $('camera').addEventListener('click', async () => {
   try {
     await camera.start();
   } catch (error) {
-    did({ ok: false, text: `the camera is not available (${error.name}). Allow it in the browser and try again.` });
+    did({ ok: false, text: t('page-camera-refused', { why: error.name }) });
     return;
   }
   send(JSON.stringify({ take: true }));
@@ -366,25 +417,7 @@ $('camera').addEventListener('click', async () => {
   want();
 });
 
-// Settings are stored in this browser.
-const kept = (() => {
-  try {
-    return JSON.parse(localStorage.getItem('cairn-settings')) ?? {};
-  } catch {
-    return {};
-  }
-})();
-
-function keep(name, value) {
-  kept[name] = value;
-  try {
-    localStorage.setItem('cairn-settings', JSON.stringify(kept));
-  } catch {
-    // A private window stores nothing.
-  }
-}
-
-for (const name of ['rate', 'volume', 'sounds', 'vibrate', 'keys']) {
+for (const name of ['volume', 'sounds', 'vibrate', 'keys']) {
   const input = $(name);
   const value = () => (input.type === 'checkbox' ? input.checked : Number(input.value));
   if (name in kept) input[input.type === 'checkbox' ? 'checked' : 'value'] = kept[name];
@@ -394,6 +427,61 @@ for (const name of ['rate', 'volume', 'sounds', 'vibrate', 'keys']) {
     keep(name, value());
   });
 }
+
+// How the walker wants to be spoken to: applied to guidance by the page that holds the walk, each time it gets it.
+function speakLikeThis() {
+  const unit = $('unit').value === 'steps' ? `steps ${Number($('step').value) / 100}` : $('unit').value;
+  const lines = [`language ${words.language}`, `unit ${unit}`, `directions ${$('directions').value}`, `speed ${$('speed').value}`];
+  send(JSON.stringify({ settings: { language: words.language, lines: lines.map((line) => `set ${line}`) } }));
+}
+
+function showSpeaking() {
+  $('speed-shown').textContent = $('speed').value;
+  $('step-line').hidden = $('unit').value !== 'steps';
+  // A browser's voice says about 180 words a minute at rate 1.
+  senses.set('rate', Number($('speed').value) / 180);
+}
+
+for (const name of ['speed', 'unit', 'step', 'directions']) {
+  $(name).value = kept[name] ?? words.speaking[name];
+  $(name).addEventListener('change', () => {
+    if (!$(name).checkValidity()) return;
+    keep(name, $(name).value);
+    showSpeaking();
+    speakLikeThis();
+  });
+}
+showSpeaking();
+
+// Everything on the page in the chosen language.
+function showWords() {
+  words.show(document);
+  senses.set('language', words.language);
+  set('link', t(...linkNow));
+  showControl(holder);
+  $('keys-shown').textContent = t('page-keys', { keys: Object.keys(words.keys).join(', ').toUpperCase() });
+  for (const button of document.querySelectorAll('[data-command]')) {
+    const key = Object.keys(words.keys).find((k) => words.keys[k] === button.dataset.command);
+    button.querySelector('kbd')?.remove();
+    if (!key) continue;
+    const shown = document.createElement('kbd');
+    shown.ariaHidden = 'true';
+    shown.textContent = key.toUpperCase();
+    button.append(' ', shown);
+  }
+  if (lastStatus !== null) status(lastStatus);
+}
+
+for (const [code, name] of words.languages) $('language').append(new Option(name, code, false, code === words.language));
+for (const option of $('language').options) option.lang = option.value;
+$('language').addEventListener('change', async () => {
+  words = await Words.in($('language').value).catch(() => words);
+  keep('language', words.language);
+  showWords();
+  speakLikeThis();
+});
+showWords();
+
 for (const radio of document.querySelectorAll('[name=told]')) {
   if (kept.told === radio.value) {
     radio.checked = true;
@@ -411,4 +499,4 @@ $('light').addEventListener('click', () => $('darkness').close());
 document.addEventListener('visibilitychange', want);
 
 if (token) connect();
-else $('link').textContent = 'The key is missing: open the page with the code or the address shown on the terminal.';
+else link('page-missing-key');

@@ -22,7 +22,7 @@ const SAME_MS = 1500;
 
 export class Senses {
   constructor({ polite, urgent }) {
-    Object.assign(this, { polite, urgent, told: 'voice', rate: 1.1, volume: 1, sounds: true, vibrate: true });
+    Object.assign(this, { polite, urgent, told: 'voice', language: 'en', rate: 1.1, volume: 1, sounds: true, vibrate: true });
     Object.assign(this, { speaking: null, waiting: null, said: { text: '', at: -Infinity }, urgentAt: -Infinity });
     setInterval(() => this.next(), 100);
   }
@@ -60,23 +60,23 @@ export class Senses {
     this.audio?.resume();
   }
 
-  say({ text, priority, interrupts, turn_rad, kind }) {
+  say({ text, priority, interrupts, turn_rad, kind, language }) {
     const now = performance.now();
     if (text === this.said.text && now - this.said.at < SAME_MS) return;
     this.said = { text, at: now };
     if (priority === 0) {
       this.urgentAt = now;
       this.shake('stop');
-    } else if (/^Stop\. You have arrived/.test(text)) this.shake('arrival');
-    else if (typeof turn_rad === 'number' && priority === 1) this.shake(Math.abs(turn_rad) > 2.6 ? 'around' : turn_rad > 0 ? 'left' : 'right');
-    const line = { text, priority, kind: kind ?? '', at: now };
+    } else if (typeof turn_rad === 'number' && priority === 1) this.shake(Math.abs(turn_rad) > 2.6 ? 'around' : turn_rad > 0 ? 'left' : 'right');
+    const line = { text, priority, kind: kind ?? '', at: now, language: language ?? this.language };
     if (this.told === 'reader') this.show(line);
     else if (this.told === 'voice' && window.speechSynthesis) this.queue(line, interrupts || priority === 0);
   }
 
-  show({ text, priority, kind }) {
+  show({ text, priority, kind, language }) {
     const region = priority <= 1 ? this.urgent : this.polite;
     region.dataset.kind = kind;
+    region.lang = language;
     // A repeated text must still be a change, or the screen reader does not read it.
     region.textContent = region.textContent === text ? `${text}\u00a0` : text;
   }
@@ -90,7 +90,7 @@ export class Senses {
     speechSynthesis.cancel();
     [this.speaking, this.waiting] = [line, null];
     const words = new SpeechSynthesisUtterance(line.text);
-    [words.rate, words.volume, words.lang] = [this.rate, this.volume, 'en'];
+    [words.rate, words.volume, words.lang] = [this.rate, this.volume, line.language];
     words.onend = () => { if (this.speaking === line) this.speaking = null; };
     words.onerror = words.onend;
     // Not every browser reports the end of speech: two words a second is a slow voice.
@@ -113,6 +113,7 @@ export class Senses {
 
   // An earcon from its direction: bearing in radians, positive to the left.
   sound(name, bearing) {
+    if (name === 'arrival') this.shake('arrival');
     if (!this.sounds || !this.audio || this.told === 'silent' || this.volume === 0) return;
     const pan = this.audio.createStereoPanner();
     pan.pan.value = -Math.sin(bearing || 0);

@@ -33,8 +33,9 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((v) => v / n); };
 
 export class MapView {
-  constructor(canvas, words) {
-    Object.assign(this, { canvas, words, yaw: 0.6, pitch: 1.0, zoom: 1, view: null });
+  // `t` gives a sentence of the page by its id and values.
+  constructor(canvas, words, t) {
+    Object.assign(this, { canvas, words, t, yaw: 0.6, pitch: 1.0, zoom: 1, view: null });
     canvas.addEventListener('keydown', (event) => this.key(event));
     canvas.addEventListener('pointerdown', (event) => { this.from = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); });
     canvas.addEventListener('pointerup', () => { this.from = null; });
@@ -75,14 +76,16 @@ export class MapView {
 
   // The same in words, for people who cannot see it.
   camera({ key_frames, landmarks, recording, guiding, metric }) {
-    const parts = [key_frames ? `A map of ${key_frames} places and ${landmarks} points.` : 'There is no map yet.'];
-    if (recording && metric) parts.push(`The recorded route is ${Math.round(recording.length)} metres long.`);
-    if (guiding) parts.push(`The walker is ${Math.round((100 * guiding.along_m) / (guiding.length_m || 1))} percent along the route.`);
+    const { t } = this;
+    const parts = [key_frames ? t('page-map-words', { places: key_frames, points: landmarks }) : t('page-no-map')];
+    if (recording && metric) parts.push(t('page-map-route', { metres: Math.round(recording.length) }));
+    if (guiding) parts.push(t('page-map-walker', { percent: Math.round((100 * guiding.along_m) / (guiding.length_m || 1)) }));
     const text = parts.join(' ');
     // Not with every status: text that changes constantly cannot be read.
     const now = performance.now();
     if (text !== this.words.textContent && now - (this.told ?? -1e9) > 5000) {
       this.told = now;
+      delete this.words.dataset.text;
       this.words.textContent = text;
     }
   }

@@ -2,7 +2,8 @@
 
 use super::face::Say;
 use super::sensor::Sensor;
-use cairn_guide::{DirectionStyle, Facing, Unit};
+use crate::speaking::{Speaking, between};
+use cairn_guide::Facing;
 use cairn_sources::{NamedTopic, SourceKind};
 use std::path::PathBuf;
 
@@ -10,7 +11,7 @@ const SOURCE: &str = "Source and calibration";
 const RESULTS: &str = "Results";
 const MAPS: &str = "Maps";
 const ROUTES: &str = "Routes and guidance";
-const SPEECH: &str = "Announcements";
+const SPEECH: &str = crate::speaking::HEADING;
 const RUNNING: &str = "How it runs";
 
 /// Runs SLAM on a recording or a live source; records routes and guides along them.
@@ -18,8 +19,9 @@ const RUNNING: &str = "How it runs";
 /// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes, or just PNG or JPEG images), a ROS bag
 /// (.bag, .db3 or the folder of ros2 bag, also of the RealSense SDK), an MCAP file, sim:WORLD, a video file, camera:N,
 /// rtsp://..., rtmp://... or rtmp-listen://HOST:PORT/NAME; its kind is detected automatically. On a terminal, in real
-/// time, keys give commands: r record, s stop, l load, g guide home, b backwards, h halt, p repeat, i state, q quit.
+/// time, keys give commands; they are listed below.
 #[derive(clap::Args)]
+#[command(after_long_help = crate::speaking::keys())]
 pub struct Arguments {
     /// The recording, live stream or simulated world; --help lists the kinds.
     pub source: String,
@@ -70,18 +72,15 @@ pub struct Arguments {
     /// --lines or a live source, else none.
     #[arg(help_heading = SPEECH, long, value_name = "HOW")]
     pub say: Option<Say>,
-    /// Speed of the speech, 0.1 to 2.
-    #[arg(help_heading = SPEECH, long, default_value_t = 1.0, value_name = "R", value_parser = between(0.1, 2.0))]
-    pub rate: f64,
+    /// Speed of the speech, 0.1 to 2; 1 is 180 words a minute. See also --words-per-minute.
+    #[arg(help_heading = SPEECH, long, value_name = "R", value_parser = between(0.1, 2.0),
+        conflicts_with = "words_per_minute")]
+    pub rate: Option<f64>,
     /// Volume of speech and sounds, 0 to 1.
     #[arg(help_heading = SPEECH, long, default_value_t = 1.0, value_name = "V", value_parser = between(0.0, 1.0))]
     pub volume: f64,
-    /// The unit of spoken distances.
-    #[arg(help_heading = SPEECH, long, value_enum, default_value = "metres")]
-    pub unit: UnitArgument,
-    /// How directions are announced.
-    #[arg(help_heading = SPEECH, long, value_enum, default_value = "words")]
-    pub directions: DirectionsArgument,
+    #[command(flatten)]
+    pub speaking: Speaking,
     /// Executes the commands in this file at given times and places, one per line: "at 5 record",
     /// "near X Y Z WITHIN stop", "tracked 100 record", "arrived quit".
     #[arg(help_heading = ROUTES, long, value_name = "FILE")]
@@ -182,58 +181,6 @@ pub enum Whose {
     Body,
     /// The first camera.
     Cam0,
-}
-
-/// A parser for a number within bounds.
-fn between(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    move |text| match text.parse::<f64>() {
-        Ok(v) if (low..=high).contains(&v) => Ok(v),
-        _ => Err(format!("must be a number from {low} to {high}")),
-    }
-}
-
-/// The unit of distances.
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum UnitArgument {
-    /// Metres.
-    Metres,
-    /// Feet.
-    Feet,
-    /// Steps of 65 cm.
-    Steps,
-}
-
-impl UnitArgument {
-    /// The type that phrases use.
-    pub fn unit(self) -> Unit {
-        match self {
-            Self::Metres => Unit::Metres,
-            Self::Feet => Unit::Feet,
-            Self::Steps => Unit::Steps(0.65),
-        }
-    }
-}
-
-/// How directions are announced.
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum DirectionsArgument {
-    /// "Turn left."
-    Words,
-    /// "Turn to 9 o'clock."
-    Clock,
-    /// "Turn left 90 degrees."
-    Degrees,
-}
-
-impl DirectionsArgument {
-    /// The type that phrases use.
-    pub fn style(self) -> DirectionStyle {
-        match self {
-            Self::Words => DirectionStyle::Words,
-            Self::Clock => DirectionStyle::Clock,
-            Self::Degrees => DirectionStyle::Degrees,
-        }
-    }
 }
 
 /// How the walker faces relative to the camera.

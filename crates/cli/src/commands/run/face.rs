@@ -167,6 +167,7 @@ impl Face for RunFace<'_, '_> {
                 if let Some(mcap) = &mut self.mcap {
                     mcap.said(said);
                 }
+                self.voice.set_language(said.language);
                 self.voice.say(&said.text, said.t_s, said.interrupts);
             }
             Event::Sound(s) => self.voice.sound(s.earcon, s.bearing_rad, s.t_s),

@@ -27,7 +27,7 @@ pub use arguments::{Arguments, Kind};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Journal, Runner, Status};
 use cairn_files::MIB;
-use cairn_guide::{AnnouncerConfig, PhraseConfig};
+use cairn_guide::AnnouncerConfig;
 use cairn_sensor::{Rig, Skips, Source, Stamp};
 use cairn_session::{
     Age, Command, Inbox, Item, Script, Session, SessionConfig, drive_live, drive_lockstep, feed,
@@ -64,7 +64,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         true => Say::Text,
         false => Say::None,
     });
-    let speech = SpeechConfig { rate: a.rate, volume: a.volume };
+    let speech = speech_of(a);
     say.check(speech)?;
     if live && (a.journal.is_some() || a.replay.is_some()) {
         return Err(Failure::new(
@@ -111,7 +111,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut tally = Tally::new(began);
     let truth = source.info().truth.clone();
     let name = source.info().name.clone();
-    let terminal = Terminal::new(a.lines, a.realtime || live);
+    let terminal = Terminal::new(a.lines, a.realtime || live, a.speaking.language);
     let saver = map::Saver::new(a, outputs.file("--map-out"), map_in);
     let mut face =
         RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status)
@@ -202,9 +202,18 @@ fn session_config(a: &Arguments, outputs: &Outputs, live: bool) -> SessionConfig
             .then_some(AUTO_RECORD),
         facing: a.facing.facing(),
         map_is_loaded: a.map_in.is_some(),
-        phrases: PhraseConfig { unit: a.unit.unit(), directions: a.directions.style(), metric: true },
-        announcer: AnnouncerConfig { rate: a.rate, volume: a.volume, ..AnnouncerConfig::default() },
+        phrases: a.speaking.phrases(),
+        announcer: announcer_of(a),
     }
+}
+
+fn announcer_of(a: &Arguments) -> AnnouncerConfig {
+    let announcer = a.speaking.announcer();
+    AnnouncerConfig { rate: a.rate.unwrap_or(announcer.rate), volume: a.volume, ..announcer }
+}
+
+fn speech_of(a: &Arguments) -> SpeechConfig {
+    SpeechConfig { language: a.speaking.language, rate: announcer_of(a).rate, volume: a.volume }
 }
 
 /// A live run is recorded automatically after this many tracked frames.

@@ -1,0 +1,443 @@
+# What Cairn says and shows to a walker, in German. The comments on the ids are in en.ftl.
+#
+# Infinitives instead of "Sie" or "du" ("links abbiegen"): short, and polite to everybody. A distance has a dative for
+# "in 6 Metern".
+
+## Distances
+
+distance = { $unit ->
+    [feet] { $distance } Fuß
+    [steps] { $distance ->
+        [one] { $distance } Schritt
+       *[other] { $distance } Schritte
+    }
+   *[metres] { $distance } Meter
+}
+    .dative = { $unit ->
+        [feet] { $distance } Fuß
+        [steps] { $distance ->
+            [one] { $distance } Schritt
+           *[other] { $distance } Schritten
+        }
+       *[metres] { $distance ->
+            [one] { $distance } Meter
+           *[other] { $distance } Metern
+        }
+    }
+
+## Clauses of the guide
+
+guide-turn = { $kind ->
+    [corner] { $to ->
+        [left] links abbiegen
+        [right] rechts abbiegen
+        [slightly-left] leicht links abbiegen
+        [slightly-right] leicht rechts abbiegen
+        [sharp-left] scharf links abbiegen
+        [sharp-right] scharf rechts abbiegen
+       *[around] umdrehen
+    }
+   *[spot] { $to ->
+        [left] nach links drehen
+        [right] nach rechts drehen
+        [slightly-left] etwas nach links drehen
+        [slightly-right] etwas nach rechts drehen
+        [sharp-left] weit nach links drehen
+        [sharp-right] weit nach rechts drehen
+       *[around] umdrehen
+    }
+}
+guide-turn-clock = { $kind ->
+    [corner] auf { $hour } Uhr abbiegen
+   *[spot] auf { $hour } Uhr drehen
+}
+guide-turn-degrees = { $kind ->
+    [corner] { $degrees } Grad { $side ->
+        [left] links
+       *[right] rechts
+    } abbiegen
+   *[spot] { $degrees } Grad nach { $side ->
+        [left] links
+       *[right] rechts
+    } drehen
+}
+guide-bear = { $kind ->
+    [back] ein wenig nach { $side ->
+        [left] links
+       *[right] rechts
+    } drehen
+   *[other] etwas { $side ->
+        [left] links
+       *[right] rechts
+    } halten
+}
+guide-stairs = { $way ->
+    [up] die Treppe hinauf
+   *[down] die Treppe hinunter
+}
+guide-turn-and-stairs = { $turn } und { $stairs }
+guide-and-stairs = , und { $stairs }
+guide-arrive = ist das Ziel da
+guide-continue = { distance } weitergehen
+guide-continue-unmeasured = weitergehen
+guide-move-slowly = langsam { distance } weitergehen
+guide-move-slowly-unmeasured = langsam weitergehen
+guide-move-back = { distance } rückwärtsgehen
+guide-move-back-unmeasured = rückwärtsgehen
+guide-after = , dann in { distance.dative } { $next }
+guide-after-unmeasured = , dann bald { $next }
+guide-place = { $place ->
+    [ahead] vorn
+    [behind] hinten
+    [front] vorn
+    [left] links
+   *[right] rechts
+}
+guide-place-clock = auf { $hour } Uhr
+
+## Sentences of the guide
+
+guide-sentence = { CAPITAL($clause) }.
+guide-go = { CAPITAL($go) }, dann { $next }{ $after }.
+guide-go-end = { CAPITAL($go) } bis zum Ziel.
+guide-start = Die Route ist { distance } lang.
+guide-start-unmeasured = Die Führung beginnt. Entfernungen kann ich nicht messen.
+guide-start-back = Die Kamera schaut nach hinten.
+guide-start-backwards = Vorsicht, jetzt geht es rückwärts. Langsam gehen, und nur auf ebenem Boden.
+guide-found = Ich weiß wieder, wo wir sind.
+guide-correction = Korrektur.
+guide-stop = Halt.
+guide-stop-turning = Nicht weiter drehen.
+guide-approach = In { distance.dative } { $next }{ $after }.
+guide-approach-unmeasured = Bald { $next }{ $after }.
+guide-approach-end = Langsamer, { distance } bis zum Ziel.
+guide-approach-end-unmeasured = Langsamer, das Ziel ist nah.
+guide-turn-now = Jetzt { $turn }{ $stairs }.
+guide-turn-now-back = Halt. { CAPITAL($turn) }{ $stairs }.
+guide-stairs-now = Jetzt kommt die Treppe, { $stairs }.
+guide-progress = Noch { distance }, dann { $next }.
+guide-progress-unmeasured = Weiter auf der Route, dann { $next }.
+guide-progress-end = Noch { distance } bis zum Ziel.
+guide-progress-end-unmeasured = Weiter auf der Route bis zum Ziel.
+guide-off-path = Neben der Route. { CAPITAL($turn) }, sie ist { distance } entfernt.
+guide-off-path-unmeasured = Neben der Route. { CAPITAL($turn) }.
+guide-off-path-place = Neben der Route. Sie liegt { distance } entfernt, { $place }.
+guide-off-path-place-unmeasured = Neben der Route. Sie liegt { $place }.
+guide-wrong-way = Falsche Richtung. { CAPITAL($turn) }.
+guide-on-path = Sie sind auf der Route.
+guide-check-behind = Nach hinten prüfen.
+guide-step-aside = Halt. Einen Schritt zurück und nach { $side ->
+    [left] links
+   *[right] rechts
+}.
+guide-slow-down = Langsamer.
+guide-weak = Langsamer. Ich sehe nicht gut.
+guide-end-missed = Halt. { CAPITAL($turn) }, das Ziel ist { distance } entfernt.
+guide-end-missed-unmeasured = Halt. { CAPITAL($turn) }, das Ziel ist nah.
+guide-arrived = Halt. Sie sind am Ziel. Die Führung endet.
+guide-look-round = Ich suche, wo wir sind. { CAPITAL($turn) }.
+
+## Why the walker must stop
+
+stop-tracking-lost = Ich weiß nicht, wo wir sind.
+stop-no-picture = Von der Kamera kommt kein Bild.
+stop-pictures-late = Die Bilder kommen zu spät.
+stop-age-unknown = Ich weiß nicht, wie alt die Bilder sind.
+stop-obstacle = Etwas ist im Weg.
+stop-unknown-ground = Ich sehe den Boden vor uns nicht.
+stop-scale = Hier kann ich Entfernungen nicht beurteilen. Es hilft, zurückzudrehen und rückwärts zu gehen, oder die Kamera nach hinten schauen zu lassen.
+stop-stage-died = Ein Teil der Führung arbeitet nicht mehr.
+
+## Before leaving: will the route be recognised?
+
+ready-none = Es gibt noch keine Route.
+ready-all = Diese Route sollte ich ganz wiedererkennen.
+ready-hard = Etwa { distance } dieser Route werde ich schwer wiedererkennen.
+ready-hard-unmeasured = Einen Teil dieser Route werde ich schwer wiedererkennen.
+ready-hard-all = Diese Route werde ich schwer wiedererkennen.
+ready-unseen = Etwa { distance } dieser Route habe ich aus dieser Richtung nicht gesehen. Wenn ich dort nicht weiß, wo wir sind, bitte ich anzuhalten.
+ready-unseen-unmeasured = Einen Teil dieser Route habe ich aus dieser Richtung nicht gesehen. Wenn ich dort nicht weiß, wo wir sind, bitte ich anzuhalten.
+ready-unseen-all = Diese Route habe ich aus dieser Richtung nicht gesehen. Wenn ich nicht weiß, wo wir sind, bitte ich anzuhalten.
+ready-camera-back = Mit der Kamera nach hinten sollte ich sie wiedererkennen.
+
+## Answers and news of a walk
+
+walk-recording = Aufnahme läuft.
+walk-recording-unmeasured = Aufnahme läuft. Entfernungen kann ich noch nicht messen.
+walk-recording-in-memory = Aufnahme nur im Speicher, weil die Datei nicht geschrieben werden kann: { $file }: { $why }.
+walk-already-recording = Die Aufnahme läuft schon.
+walk-not-recording = Es läuft keine Aufnahme.
+walk-recorded = Aufnahme beendet, { distance }.
+walk-recorded-unmeasured = Aufnahme beendet.
+walk-nothing-recorded = Aufnahme beendet. Es wurde nichts aufgenommen.
+walk-file-incomplete = Aufnahme beendet, aber die Datei ist unvollständig: { $why }. Die Route bleibt im Speicher.
+walk-no-route = Es gibt noch keine Route. Erst eine aufnehmen oder laden.
+walk-no-saved-route = Es gibt keine aufgenommene Route zum Laden.
+walk-loaded = Route geladen, { distance }.
+walk-loaded-unmeasured = Route geladen.
+walk-route-unreadable = Die Route ist nicht lesbar: { $why }.
+walk-route-empty = Diese Route ist leer.
+walk-other-map = Diese Route gehört zu einer Karte, die nicht geladen ist.
+walk-way-here-unknown = Ich weiß noch nicht, wo Sie sind.
+walk-way-unknown = Ich kenne keinen Ort namens { $place }.
+walk-way-ambiguous = Ich kenne mehr als einen Ort namens { $place }.
+walk-way-other-map = Ich kenne den Weg zu { $place } nicht: Noch kein Weg hat den Ort mit dieser Karte verbunden.
+walk-way-far = Sie sind zu weit von den aufgezeichneten Wegen entfernt, um zu { $place } geführt zu werden.
+walk-way-not-joined = Ich kenne den Weg zu { $place } nicht: Kein aufgezeichneter Weg führt von hier dorthin.
+walk-way-there = Sie sind schon dort.
+walk-route-too-short = Ich kann nicht führen: Die Route ist zu kurz.
+walk-stairs-backwards = Ich kann nicht führen: Die Route hat Treppen und darf nicht rückwärts gegangen werden.
+walk-route-damaged = Ich kann nicht führen: Die Route ist beschädigt.
+walk-guidance-ended = Führung beendet.
+walk-not-guiding = Es läuft keine Führung.
+walk-goodbye = Auf Wiedersehen.
+walk-nothing-to-repeat = Ich habe noch nichts gesagt.
+walk-in-memory = im Speicher
+walk-set = Erledigt.
+walk-picture-back = Das Bild ist wieder da.
+walk-no-picture = Von der Kamera kommt kein Bild. Bitte stehen bleiben.
+walk-mapping-failed = Halt. Die Karte ist ausgefallen. Die Aufnahme sichern und neu beginnen.
+walk-tracking-failed = Ein Fehler des Programms hat die Ortung beendet.
+walk-distances-known = Jetzt kann ich Entfernungen messen.
+walk-disk-full = Die Festplatte ist voll. Die Route bleibt im Speicher.
+walk-disk-again = Die Route ist wieder auf der Festplatte.
+walk-lost = Ich weiß nicht, wo wir sind. Bitte stehen bleiben oder ein Stück zurückdrehen. Die Aufnahme pausiert.
+walk-age = Das Bild ist { $seconds } Sekunden alt.
+walk-age-too-old = Das Bild ist { $seconds } Sekunden alt, zu alt zum Führen.
+walk-age-unknown = Ich weiß nicht, wie alt das Bild ist.
+walk-length-so-far = { distance } aufgenommen.
+walk-to-go = Noch { distance }.
+walk-percent-done = { $percent } Prozent geschafft.
+walk-guiding = Führung, { page-guide-state }.
+
+## The state of tracking
+
+phase-loading = Ich bereite mich vor.
+phase-first-image = Ich warte auf das erste Bild der Kamera.
+phase-no-image = Von der Kamera kommt kein Bild.
+phase-no-imu = Der Bewegungssensor antwortet nicht.
+phase-points = Ich fange an: { $have } von { $need } Punkten gefunden. Die Kamera seitwärts bewegen.
+phase-parallax = Ich fange an: genug Punkte gefunden. Die Kamera seitwärts bewegen.
+phase-unmeasured-move = Ich weiß, wo wir sind, aber nicht, wie weit alles weg ist: die Kamera vor und zurück sowie auf und ab bewegen.
+phase-unmeasured = Ich weiß, wo wir sind, kann aber noch keine Entfernungen messen.
+phase-tracking = Ich weiß, wo wir sind.
+phase-coasting = Ich folge nur dem Bewegungssensor.
+phase-coasting-since = Ich folge nur dem Bewegungssensor, seit { $seconds } s, auf { $metres } m genau.
+phase-rotation = Ich kann nur Drehungen der Kamera folgen, seit { $seconds } s. Weitergehen, damit ich weiß, wo wir sind.
+phase-lost = Ich weiß nicht, wo wir sind.
+phase-lost-matches = Ich weiß nicht, wo wir sind: { $have } von { $need } Treffern.
+phase-new-map = Ich wusste nicht, wo wir sind, und habe eine neue Karte begonnen. Die alte bleibt erhalten.
+phase-error = Etwas stimmt nicht.
+phase-error-why = Etwas stimmt nicht: { $why }.
+
+## What is waited for
+
+wait-points = Punkte für den Anfang einer Karte ({ $have } von { $need })
+wait-parallax = eine Seitwärtsbewegung der Kamera
+wait-imu = einen Messwert des Bewegungssensors
+wait-first-try = mehr Weg, um Entfernungen zu messen
+wait-time = mehr Zeit, um Entfernungen zu messen
+wait-excitation = lebhaftere Bewegung, um Entfernungen zu messen
+wait-baseline = einen längeren Weg, um Entfernungen zu messen
+wait-precision = eine bessere Messung der Entfernungen
+wait-matches = etwas, das schon zu sehen war
+wait-translation = einen Schritt zur Seite oder nach vorn
+wait-place = einen Ort, den ich kenne ({ $have } von { $need } Treffern)
+
+## Keys and commands
+
+key-record = aufnehmen
+key-stop = Aufnahme beenden
+key-load = die letzte Route laden
+key-guide = heimführen
+key-backwards = rückwärts führen
+key-halt = Führung beenden
+key-repeat = noch einmal sagen
+key-status = den Zustand sagen
+key-quit = beenden
+key-lines = als Zeilen auch: { $lines }
+
+## The page: its parts
+
+page-skip = Zu den Befehlen
+page-now = Jetzt
+page-words = Zuletzt gesagt
+page-commands = Befehle
+page-state = Zustand
+page-pictures = Bilder
+page-settings = Einstellungen
+page-log = Alles, was gesagt wurde
+page-nothing-said = Es wurde noch nichts gesagt.
+
+## The page: commands
+
+page-take = Steuerung übernehmen
+page-take-over = Diesen Gang übernehmen
+page-start-camera = Kamera einschalten
+page-record = Aufnehmen
+page-stop = Aufnahme beenden
+page-guide-home = Heimführen
+page-guide-back = Heimführen, Kamera nach hinten
+page-guide-backwards = Rückwärts gehen
+page-halt = Führung beenden
+page-load = Die letzte Route laden
+page-guide-again = Vom Anfang zum Ende führen
+page-repeat = Noch einmal sagen
+page-status = Den Zustand sagen
+page-done = Erledigt: { $text }
+page-not-done = Nicht erledigt: { $text }
+page-warning = Warnung: { $text }
+page-camera-refused = Die Kamera ist nicht verfügbar ({ $why }). Im Browser erlauben und noch einmal versuchen.
+page-terminal-only = Das geht nur am Terminal.
+page-no-picture-yet = Es gibt noch kein Bild.
+page-wrong-key = Der Schlüssel ist falsch. Die Seite mit dem Code vom Terminal öffnen.
+page-missing-key = Der Schlüssel fehlt: Die Seite mit dem Code oder der Adresse vom Terminal öffnen.
+page-walk-ended = Der Gang ist beendet.
+
+## The page: who holds the walk
+
+page-controls = Dieses Gerät steuert den Gang.
+page-controls-now = Dieses Gerät steuert jetzt den Gang.
+page-free-camera = Niemand steuert diesen Gang. Zum Anfangen die Kamera einschalten.
+page-free = Niemand steuert diesen Gang. Der erste Befehl übernimmt ihn.
+page-away = Das Gerät, das diesen Gang steuert, ist weg; der Gang wartet darauf.
+page-watching = Ein anderes Gerät steuert diesen Gang; dieses schaut zu.
+page-other-holds = Ein anderes Gerät steuert diesen Gang.
+page-taken-over = Halt. Ein anderes Gerät hat diesen Gang übernommen.
+page-ask-title = Diesen Gang übernehmen?
+page-ask = Ein anderes Gerät steuert ihn. Nach dem Übernehmen führt jenes nicht mehr, und seine Kamera wird nicht mehr benutzt.
+page-leave = Nicht übernehmen
+page-over = Übernehmen
+
+## The page: connection and age of the picture
+
+page-connecting = Verbindung wird aufgebaut.
+page-connected = Verbunden.
+page-connected-to = Verbunden; die Kamera ist { $camera }.
+page-not-connected-yet = Noch nicht verbunden.
+page-trying-again = Nicht verbunden. Neuer Versuch.
+page-connected-again = Wieder verbunden.
+page-connection-lost = Die Verbindung ist weg.
+page-connection-lost-retry = Die Verbindung ist weg. Neuer Versuch.
+page-connection-lost-stop = Halt. Die Verbindung ist weg.
+page-no-answer = Der Rechner antwortet nicht.
+page-no-answer-stop = Halt. Der Rechner antwortet nicht.
+page-pictures-late = Halt. Die Bilder kommen zu spät.
+page-age = Bild { $seconds } s alt
+page-age-about = Bild { $seconds } s alt, auf { $bound } s genau
+page-age-unknown = Niemand weiß, wie alt das Bild ist.
+
+## The page: the table of the state
+
+page-tracking-label = Ortung
+page-phase-label = Phase
+page-imu-label = Bewegungssensor
+page-recording-label = Aufnahme
+page-route-label = Route
+page-guidance-label = Führung
+page-scale-label = Maßstab
+page-map-label = Karte
+page-time-label = Zeit
+page-not-started = noch nicht begonnen
+page-unknown-offline = ohne Verbindung nicht bekannt
+page-frames = { $tracked } von { $frames ->
+    [one] { $frames } Bild
+   *[other] { $frames } Bildern
+}; { $matches } Treffer.
+page-waits = { $phase }, wartet auf { $waits }
+page-not-used = nicht benutzt
+page-imu = { $readings ->
+    [one] { $readings } Messwert
+   *[other] { $readings } Messwerte
+} je Bild, { $interpolated } interpoliert, { $gaps ->
+    [one] { $gaps } Lücke
+   *[other] { $gaps } Lücken
+}
+page-imu-unaligned = Maßstab und Schwerkraft nicht bekannt, { page-imu }
+page-recorded = { $points ->
+    [one] { $points } Punkt
+   *[other] { $points } Punkte
+}, { $length } Meter, { $file }
+page-recorded-units = { $points ->
+    [one] { $points } Punkt
+   *[other] { $points } Punkte
+}, { $length } Einheiten, { $file }
+page-not-on-disk = { $recorded }; nicht auf der Festplatte: { $why }
+page-no = nein
+page-none = keine
+page-route = { $file }, { $points ->
+    [one] { $points } Punkt
+   *[other] { $points } Punkte
+}
+page-route-elsewhere = { page-route }, von einer anderen Karte
+page-guiding = { $facing ->
+    [home] vorwärts
+    [back] Kamera nach hinten
+   *[backwards] rückwärts
+}, { page-guide-state }, { $along } von { $length }
+page-guide-state = { $state ->
+    [turning] Drehung
+    [moving] unterwegs
+    [checking] Prüfung nach hinten
+    [stepping] Schritt zur Seite
+    [stopped] angehalten
+    [arrived] am Ziel
+   *[waiting] wartet
+}
+page-guiding-metres = { page-guiding } Metern
+page-metres = Meter
+page-no-scale = nicht bekannt, darum werden keine Entfernungen genannt
+page-map-size = { $places ->
+    [one] { $places } Schlüsselbild
+   *[other] { $places } Schlüsselbilder
+}, { $points ->
+    [one] { $points } Landmarke
+   *[other] { $points } Landmarken
+}
+page-map-empty = leer
+page-time = { $clock }, { $ms } ms je Bild, { $dropped } ausgelassen
+
+## The page: pictures
+
+page-own-label = Was diese Kamera sieht
+page-own-caption = Diese Kamera.
+page-picture-label = Das Bild, das den Gang führt, mit den Merkmalen darin
+page-picture-caption = Das Bild, das den Gang führt; die Punkte sind Merkmale.
+page-map-role = Karte in drei Dimensionen
+page-map-title = Karte und Route
+page-map-help = Pfeiltasten drehen die Ansicht, Plus und Minus ändern ihre Größe.
+page-no-map = Es gibt noch keine Karte.
+page-map-words = Eine Karte mit { $places ->
+    [one] { $places } Ort
+   *[other] { $places } Orten
+} und { $points ->
+    [one] { $points } Punkt
+   *[other] { $points } Punkten
+}.
+page-map-route = Die aufgenommene Route ist { $metres } Meter lang.
+page-map-walker = { $percent } Prozent der Route sind gegangen.
+
+## The page: settings
+
+page-language = Sprache
+page-told = Wie Anweisungen kommen
+page-told-voice = mit der Stimme dieser Seite
+page-told-reader = mit meinem Screenreader
+page-told-silent = nur als Text und Vibration
+page-unit = Entfernungen in
+page-unit-metres = Metern
+page-unit-feet = Fuß
+page-unit-steps = Schritten
+page-step = Länge eines Schritts in Zentimetern
+page-directions = Richtungen
+page-directions-words = links und rechts
+page-directions-clock = wie auf der Uhr, „auf 2 Uhr“
+page-directions-degrees = in Grad
+page-speed = Wörter pro Minute
+page-volume = Lautstärke
+page-sounds = Kurze Töne zu den Worten
+page-vibration = Vibration
+page-keys = Einzelne Tasten geben Befehle: { $keys }
+page-dark = Bildschirm dunkel schalten
+page-dark-title = Der Bildschirm ist dunkel, um Strom zu sparen. Die Führung läuft weiter.
+page-light = Bildschirm hell schalten

@@ -1,0 +1,435 @@
+# What Cairn says and shows to a walker, in English.
+#
+# Plain words, as a sighted friend would say them. What to do comes first, so that it can be acted on while the rest is
+# still being said. "Continue" and "move", never "walk": not everybody walks. CAPITAL(...) puts a capital letter at the
+# beginning. $unit is metres, feet or steps.
+
+## Distances
+
+distance = { $unit ->
+    [feet] { $distance ->
+        [one] { $distance } foot
+       *[other] { $distance } feet
+    }
+    [steps] { $distance ->
+        [one] { $distance } step
+       *[other] { $distance } steps
+    }
+   *[metres] { $distance ->
+        [one] { $distance } metre
+       *[other] { $distance } metres
+    }
+}
+
+## Clauses of the guide. $kind is corner (a turn of the route), spot (turn while standing) or back (the walker goes
+## backwards).
+
+guide-turn = { $kind ->
+    [back] rotate
+   *[other] turn
+} { $to ->
+    [left] left
+    [right] right
+    [slightly-left] slightly left
+    [slightly-right] slightly right
+    [sharp-left] sharp left
+    [sharp-right] sharp right
+   *[around] around
+}
+guide-turn-clock = { $kind ->
+    [back] rotate
+   *[other] turn
+} to { $hour } o'clock
+guide-turn-degrees = { $kind ->
+    [back] rotate
+   *[other] turn
+} { $side ->
+    [left] left
+   *[right] right
+} { $degrees } degrees
+guide-bear = { $kind ->
+    [back] rotate { $side ->
+        [left] left
+       *[right] right
+    } a little
+   *[other] bear { $side ->
+        [left] left
+       *[right] right
+    }
+}
+guide-stairs = { $way ->
+    [up] go upstairs
+   *[down] go downstairs
+}
+guide-turn-and-stairs = { $turn } and { $stairs }
+guide-and-stairs = , and { $stairs }
+guide-arrive = you arrive
+guide-continue = continue { distance }
+guide-continue-unmeasured = continue
+guide-move-slowly = move slowly { distance }
+guide-move-slowly-unmeasured = move slowly
+guide-move-back = move back { distance }
+guide-move-back-unmeasured = move back
+guide-after = , then in { distance } { $next }
+guide-after-unmeasured = , then soon { $next }
+guide-place = { $place ->
+    [ahead] ahead
+    [behind] behind you
+    [front] in front of you
+    [left] to your left
+   *[right] to your right
+}
+guide-place-clock = at { $hour } o'clock
+
+## Sentences of the guide
+
+guide-sentence = { CAPITAL($clause) }.
+guide-go = { CAPITAL($go) }, then { $next }{ $after }.
+guide-go-end = { CAPITAL($go) } to the end.
+guide-start = The route is { distance } long.
+guide-start-unmeasured = Guidance starts. I cannot measure distances.
+guide-start-back = The camera faces behind you.
+guide-start-backwards = Caution, you will move backwards. Go slowly and only on flat ground.
+guide-found = I found my place.
+guide-correction = Correction.
+guide-stop = Stop.
+guide-stop-turning = Stop turning.
+guide-approach = In { distance }, { $next }{ $after }.
+guide-approach-unmeasured = Soon, { $next }{ $after }.
+guide-approach-end = Slow down, { distance } to the end.
+guide-approach-end-unmeasured = Slow down, the end is near.
+guide-turn-now = { CAPITAL($turn) } now{ $stairs }.
+guide-turn-now-back = Stop. { CAPITAL($turn) }{ $stairs }.
+guide-stairs-now = Stairs now, { $stairs }.
+guide-progress = Another { distance }, then { $next }.
+guide-progress-unmeasured = Still on the path, then { $next }.
+guide-progress-end = Another { distance } to the end.
+guide-progress-end-unmeasured = Still on the path to the end.
+guide-off-path = Off the path. { CAPITAL($turn) }, it is { distance } away.
+guide-off-path-unmeasured = Off the path. { CAPITAL($turn) }.
+guide-off-path-place = Off the path. It is { distance } { $place }.
+guide-off-path-place-unmeasured = Off the path. It is { $place }.
+guide-wrong-way = Wrong way. { CAPITAL($turn) }.
+guide-on-path = You are on the path.
+guide-check-behind = Check behind you.
+guide-step-aside = Stop. Step back and to your { $side ->
+    [left] left
+   *[right] right
+}.
+guide-slow-down = Slow down.
+guide-weak = Slow down. I cannot see well.
+guide-end-missed = Stop. { CAPITAL($turn) }, the end is { distance } away.
+guide-end-missed-unmeasured = Stop. { CAPITAL($turn) }, the end is near.
+guide-arrived = Stop. You have arrived. Guidance ends.
+guide-look-round = Let me find my place. { CAPITAL($turn) }.
+
+## Why the walker must stop
+
+stop-tracking-lost = I lost my place.
+stop-no-picture = No picture from the camera.
+stop-pictures-late = The pictures come too late.
+stop-age-unknown = I do not know how old the pictures are.
+stop-obstacle = Something is in the way.
+stop-unknown-ground = I cannot see the ground ahead.
+stop-scale = I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back.
+stop-stage-died = Part of the guide has stopped working.
+
+## Before leaving: will the route be recognised?
+
+ready-none = There is no route yet.
+ready-all = I should recognise this whole route.
+ready-hard = About { distance } of this route will be hard for me to recognise.
+ready-hard-unmeasured = Part of this route will be hard for me to recognise.
+ready-hard-all = This route will be hard for me to recognise.
+ready-unseen = I have not seen about { distance } of this route from this direction. If I lose my place there, I will ask you to stop.
+ready-unseen-unmeasured = I have not seen part of this route from this direction. If I lose my place there, I will ask you to stop.
+ready-unseen-all = I have not seen this route from this direction. If I lose my place, I will ask you to stop.
+ready-camera-back = With the camera facing back, I should recognise it.
+
+## Answers and news of a walk
+
+walk-recording = Recording.
+walk-recording-unmeasured = Recording. I cannot measure distances yet.
+walk-recording-in-memory = Recording in memory only, because the file cannot be written: { $file }: { $why }.
+walk-already-recording = I am already recording.
+walk-not-recording = I am not recording.
+walk-recorded = Recording has ended, { distance }.
+walk-recorded-unmeasured = Recording has ended.
+walk-nothing-recorded = Recording has ended. Nothing was recorded.
+walk-file-incomplete = Recording has ended, but the file is incomplete: { $why }. The route is kept in memory.
+walk-no-route = There is no route yet. Record or load one first.
+walk-no-saved-route = There is no recorded route to load.
+walk-loaded = The route is loaded, { distance }.
+walk-loaded-unmeasured = The route is loaded.
+walk-route-unreadable = The route cannot be read: { $why }.
+walk-route-empty = That route is empty.
+walk-other-map = That route belongs to a map that is not loaded.
+walk-way-here-unknown = I do not know yet where you are.
+walk-way-unknown = I do not know a place called { $place }.
+walk-way-ambiguous = I know more than one place called { $place }.
+walk-way-other-map = I do not know the way to { $place }: no walk has joined it to this map yet.
+walk-way-far = You are too far from the recorded routes to be taken to { $place }.
+walk-way-not-joined = I do not know the way to { $place }: no recorded route leads there from here.
+walk-way-there = You are there already.
+walk-route-too-short = I cannot guide you: the route is too short.
+walk-stairs-backwards = I cannot guide you: the route has stairs, and must not be walked backwards.
+walk-route-damaged = I cannot guide you: the route is damaged.
+walk-guidance-ended = Guidance has ended.
+walk-not-guiding = Guidance is not running.
+walk-goodbye = Goodbye.
+walk-nothing-to-repeat = I have not said anything yet.
+walk-in-memory = in memory
+walk-set = Done.
+walk-picture-back = The picture is back.
+walk-no-picture = No picture from the camera. Stand still.
+walk-mapping-failed = Stop. Mapping has failed. Save the recording and start again.
+walk-tracking-failed = Tracking was stopped by an error of the program.
+walk-distances-known = I can measure distances now.
+walk-disk-full = The disk is full. The route is kept in memory.
+walk-disk-again = The route is on disk again.
+walk-lost = I lost my place. Stand still, or turn back a little. Recording is paused.
+walk-age = The picture is { $seconds } seconds old.
+walk-age-too-old = The picture is { $seconds } seconds old, too old to guide.
+walk-age-unknown = I do not know how old the picture is.
+walk-length-so-far = { distance } recorded.
+walk-to-go = { distance } to go.
+walk-percent-done = { $percent } percent done.
+walk-guiding = Guiding, { page-guide-state }.
+
+## The state of tracking, for the person who holds the camera
+
+phase-loading = Getting ready.
+phase-first-image = Waiting for the first camera image.
+phase-no-image = No image from the camera.
+phase-no-imu = The motion sensor is not responding.
+phase-points = Starting up: { $have } of { $need } points found. Move the camera sideways.
+phase-parallax = Starting up: enough points found. Move the camera sideways.
+phase-unmeasured-move = I know where we are, but not how far things are: move the camera back and forth, and up and down.
+phase-unmeasured = I know where we are, but I cannot measure distances yet.
+phase-tracking = I know where we are.
+phase-coasting = I follow by motion sensor only.
+phase-coasting-since = I follow by motion sensor only, for { $seconds } s, to within { $metres } m.
+phase-rotation = I can only follow turns of the camera, for { $seconds } s. Move on, so that I can tell where we are.
+phase-lost = I lost my place.
+phase-lost-matches = I lost my place: { $have } of { $need } matches.
+phase-new-map = I lost my place and started a new map. The old one is kept.
+phase-error = Something is wrong.
+phase-error-why = Something is wrong: { $why }.
+
+## What is waited for, as a part of a list
+
+wait-points = points to start a map ({ $have } of { $need })
+wait-parallax = sideways motion of the camera
+wait-imu = a reading of the motion sensor
+wait-first-try = more of the way, to measure distances
+wait-time = more time, to measure distances
+wait-excitation = livelier motion, to measure distances
+wait-baseline = a longer way, to measure distances
+wait-precision = a better measurement of distances
+wait-matches = something that was seen before
+wait-translation = a step to the side or forwards
+wait-place = a place that I know ({ $have } of { $need } matches)
+
+## Keys and commands
+
+key-record = record
+key-stop = stop recording
+key-load = load the latest route
+key-guide = guide home
+key-backwards = guide backwards
+key-halt = halt guidance
+key-repeat = say it again
+key-status = say the status
+key-quit = quit
+key-lines = with lines also: { $lines }
+
+## The page: its parts
+
+page-skip = To the commands
+page-now = Now
+page-words = Last words
+page-commands = Commands
+page-state = State
+page-pictures = Pictures
+page-settings = Settings
+page-log = Everything that was said
+page-nothing-said = Nothing has been said yet.
+
+## The page: commands
+
+page-take = Take control
+page-take-over = Take over this walk
+page-start-camera = Start the camera
+page-record = Record
+page-stop = Stop recording
+page-guide-home = Guide home
+page-guide-back = Guide home, camera facing back
+page-guide-backwards = Walk backwards
+page-halt = Halt guidance
+page-load = Load the latest route
+page-guide-again = Guide from start to end
+page-repeat = Say it again
+page-status = Say the status
+page-done = Done: { $text }
+page-not-done = Not done: { $text }
+page-warning = Warning: { $text }
+page-camera-refused = The camera is not available ({ $why }). Allow it in the browser and try again.
+page-terminal-only = That can only be done at the terminal.
+page-no-picture-yet = There is no picture yet.
+page-wrong-key = The key is wrong. Open the page with the code on the terminal.
+page-missing-key = The key is missing: open the page with the code or the address shown on the terminal.
+page-walk-ended = The walk has ended.
+
+## The page: who holds the walk
+
+page-controls = You control this walk.
+page-controls-now = You control this walk now.
+page-free-camera = Nobody controls this walk. Start the camera to begin.
+page-free = Nobody controls this walk. The first command takes it.
+page-away = The device that controls this walk is away; the walk waits for it.
+page-watching = Another device controls this walk; you watch.
+page-other-holds = Another device holds this walk.
+page-taken-over = Stop. Another device has taken over this walk.
+page-ask-title = Take over this walk?
+page-ask = Another device holds it. If you take it over, that device no longer guides, and its camera is not used any more.
+page-leave = Leave it
+page-over = Take over
+
+## The page: connection and age of the picture
+
+page-connecting = Connecting.
+page-connected = Connected.
+page-connected-to = Connected; the camera is { $camera }.
+page-not-connected-yet = Not connected yet.
+page-trying-again = Not connected. Trying again.
+page-connected-again = Connected again.
+page-connection-lost = The connection is lost.
+page-connection-lost-retry = The connection is lost. Trying again.
+page-connection-lost-stop = Stop. The connection is lost.
+page-no-answer = The computer does not answer.
+page-no-answer-stop = Stop. The computer does not answer.
+page-pictures-late = Stop. The pictures come too late.
+page-age = Picture { $seconds } s old
+page-age-about = Picture { $seconds } s old, give or take { $bound } s
+page-age-unknown = Nobody knows how old the picture is.
+
+## The page: the table of the state
+
+page-tracking-label = Tracking
+page-phase-label = Phase
+page-imu-label = Motion sensor
+page-recording-label = Recording
+page-route-label = Route
+page-guidance-label = Guidance
+page-scale-label = Scale
+page-map-label = Map
+page-time-label = Time
+page-not-started = not started
+page-unknown-offline = not known without a connection
+page-frames = { $frames ->
+    [one] { $tracked } of { $frames } frame
+   *[other] { $tracked } of { $frames } frames
+}; { $matches ->
+    [one] { $matches } match
+   *[other] { $matches } matches
+}.
+page-waits = { $phase }, waits for { $waits }
+page-not-used = not used
+page-imu = { $readings ->
+    [one] { $readings } reading
+   *[other] { $readings } readings
+} a picture, { $interpolated } interpolated, { $gaps ->
+    [one] { $gaps } gap
+   *[other] { $gaps } gaps
+}
+page-imu-unaligned = scale and gravity not known, { page-imu }
+page-recorded = { $points ->
+    [one] { $points } point
+   *[other] { $points } points
+}, { $length } metres, { $file }
+page-recorded-units = { $points ->
+    [one] { $points } point
+   *[other] { $points } points
+}, { $length } units, { $file }
+page-not-on-disk = { $recorded }; not on disk: { $why }
+page-no = no
+page-none = none
+page-route = { $file }, { $points ->
+    [one] { $points } point
+   *[other] { $points } points
+}
+page-route-elsewhere = { page-route }, of another map
+page-guiding = { $facing ->
+    [home] facing home
+    [back] camera facing back
+   *[backwards] walking backwards
+}, { page-guide-state }, { $along } of { $length }
+page-guide-state = { $state ->
+    [turning] turning
+    [moving] moving
+    [checking] checking behind
+    [stepping] stepping aside
+    [stopped] stopped
+    [arrived] arrived
+   *[waiting] waiting
+}
+page-guiding-metres = { page-guiding } metres
+page-metres = metres
+page-no-scale = not known, so no distances are said
+page-map-size = { $places ->
+    [one] { $places } key frame
+   *[other] { $places } key frames
+}, { $points ->
+    [one] { $points } landmark
+   *[other] { $points } landmarks
+}
+page-map-empty = empty
+page-time = { $clock }, { $ms } ms a picture, { $dropped } dropped
+
+## The page: pictures
+
+page-own-label = What this camera sees
+page-own-caption = This camera.
+page-picture-label = The image that guides the walk, with the features found in it
+page-picture-caption = The image that guides the walk; dots are features.
+page-map-role = map in three dimensions
+page-map-title = Map and route
+page-map-help = Arrow keys turn the view, plus and minus change its size.
+page-no-map = There is no map yet.
+page-map-words = A map of { $places ->
+    [one] { $places } place
+   *[other] { $places } places
+} and { $points ->
+    [one] { $points } point
+   *[other] { $points } points
+}.
+page-map-route = The recorded route is { $metres ->
+    [one] { $metres } metre
+   *[other] { $metres } metres
+} long.
+page-map-walker = The walker is { $percent } percent along the route.
+
+## The page: settings
+
+page-language = Language
+page-told = How directions are given
+page-told-voice = by this page's own voice
+page-told-reader = by my screen reader
+page-told-silent = by text and vibration only
+page-unit = Distances in
+page-unit-metres = metres
+page-unit-feet = feet
+page-unit-steps = steps
+page-step = Length of a step in centimetres
+page-directions = Directions
+page-directions-words = left and right
+page-directions-clock = like a clock, "to 2 o'clock"
+page-directions-degrees = in degrees
+page-speed = Words a minute
+page-volume = Volume
+page-sounds = Short sounds with the words
+page-vibration = Vibration
+page-keys = Single keys give commands: { $keys }
+page-dark = Make the screen dark
+page-dark-title = The screen is dark to save power. Guidance continues.
+page-light = Make the screen light

@@ -1,0 +1,438 @@
+# What Cairn says and shows to a walker, in Spanish. The comments on the ids are in en.ftl.
+#
+# "Usted", with the verb first. An interval is "a los 3 metros" or "en 3 metros".
+
+## Distances
+
+distance = { $unit ->
+    [feet] { $distance ->
+        [one] { $distance } pie
+       *[other] { $distance } pies
+    }
+    [steps] { $distance ->
+        [one] { $distance } paso
+       *[other] { $distance } pasos
+    }
+   *[metres] { $distance ->
+        [one] { $distance } metro
+       *[other] { $distance } metros
+    }
+}
+
+## Clauses of the guide
+
+guide-turn = { $to ->
+    [left] gire a la izquierda
+    [right] gire a la derecha
+    [slightly-left] gire ligeramente a la izquierda
+    [slightly-right] gire ligeramente a la derecha
+    [sharp-left] gire mucho a la izquierda
+    [sharp-right] gire mucho a la derecha
+   *[around] dé media vuelta
+}
+guide-turn-clock = gire { $hour ->
+    [1] a la 1
+   *[other] a las { $hour }
+}
+guide-turn-degrees = gire { $degrees } grados a la { $side ->
+    [left] izquierda
+   *[right] derecha
+}
+guide-bear = { $kind ->
+    [back] gire un poco a la { $side ->
+        [left] izquierda
+       *[right] derecha
+    }
+   *[other] más a la { $side ->
+        [left] izquierda
+       *[right] derecha
+    }
+}
+guide-stairs = { $way ->
+    [up] suba la escalera
+   *[down] baje la escalera
+}
+guide-turn-and-stairs = { $turn } y { $stairs }
+guide-and-stairs = , y { $stairs }
+guide-arrive = habrá llegado
+guide-continue = continúe { distance }
+guide-continue-unmeasured = continúe
+guide-move-slowly = avance despacio { distance }
+guide-move-slowly-unmeasured = avance despacio
+guide-move-back = retroceda { distance }
+guide-move-back-unmeasured = retroceda
+guide-after = , luego, en { distance }, { $next }
+guide-after-unmeasured = , y enseguida { $next }
+guide-place = { $place ->
+    [ahead] delante
+    [behind] detrás de usted
+    [front] delante de usted
+    [left] a su izquierda
+   *[right] a su derecha
+}
+guide-place-clock = { $hour ->
+    [1] a la 1
+   *[other] a las { $hour }
+}
+
+## Sentences of the guide
+
+guide-sentence = { CAPITAL($clause) }.
+guide-go = { CAPITAL($go) }, luego { $next }{ $after }.
+guide-go-end = { CAPITAL($go) } hasta el final.
+guide-start = La ruta mide { distance }.
+guide-start-unmeasured = Empieza la guía. No puedo medir distancias.
+guide-start-back = La cámara mira hacia atrás.
+guide-start-backwards = Atención, va a caminar hacia atrás. Vaya despacio y solo por suelo llano.
+guide-found = Ya sé dónde estamos.
+guide-correction = Corrección.
+guide-stop = Alto.
+guide-stop-turning = Deje de girar.
+guide-approach = En { distance }, { $next }{ $after }.
+guide-approach-unmeasured = Pronto, { $next }{ $after }.
+guide-approach-end = Más despacio, { distance } hasta el final.
+guide-approach-end-unmeasured = Más despacio, el final está cerca.
+guide-turn-now = { CAPITAL($turn) } ahora{ $stairs }.
+guide-turn-now-back = Alto. { CAPITAL($turn) }{ $stairs }.
+guide-stairs-now = Escalera ahora, { $stairs }.
+guide-progress = { $distance ->
+    [one] Queda
+   *[other] Quedan
+} { distance }, luego { $next }.
+guide-progress-unmeasured = Sigue en la ruta, luego { $next }.
+guide-progress-end = { $distance ->
+    [one] Queda
+   *[other] Quedan
+} { distance } hasta el final.
+guide-progress-end-unmeasured = Sigue en la ruta hasta el final.
+guide-off-path = Fuera de la ruta. { CAPITAL($turn) }, está a { distance }.
+guide-off-path-unmeasured = Fuera de la ruta. { CAPITAL($turn) }.
+guide-off-path-place = Fuera de la ruta. Está a { distance }, { $place }.
+guide-off-path-place-unmeasured = Fuera de la ruta. Está { $place }.
+guide-wrong-way = Dirección equivocada. { CAPITAL($turn) }.
+guide-on-path = Está en la ruta.
+guide-check-behind = Compruebe detrás de usted.
+guide-step-aside = Alto. Dé un paso atrás y a la { $side ->
+    [left] izquierda
+   *[right] derecha
+}.
+guide-slow-down = Más despacio.
+guide-weak = Más despacio. No veo bien.
+guide-end-missed = Alto. { CAPITAL($turn) }, el final está a { distance }.
+guide-end-missed-unmeasured = Alto. { CAPITAL($turn) }, el final está cerca.
+guide-arrived = Alto. Ha llegado. Termina la guía.
+guide-look-round = Déjeme ver dónde estamos. { CAPITAL($turn) }.
+
+## Why the walker must stop
+
+stop-tracking-lost = No sé dónde estamos.
+stop-no-picture = No llega imagen de la cámara.
+stop-pictures-late = Las imágenes llegan demasiado tarde.
+stop-age-unknown = No sé de cuándo son las imágenes.
+stop-obstacle = Hay algo en el camino.
+stop-unknown-ground = No veo el suelo de delante.
+stop-scale = Aquí no puedo calcular distancias. Ayuda volverse y caminar hacia atrás, o que la cámara mire hacia atrás.
+stop-stage-died = Una parte de la guía ha dejado de funcionar.
+
+## Before leaving: will the route be recognised?
+
+ready-none = Todavía no hay ninguna ruta.
+ready-all = Debería reconocer toda la ruta.
+ready-hard = Me costará reconocer cerca de { distance } de esta ruta.
+ready-hard-unmeasured = Me costará reconocer una parte de esta ruta.
+ready-hard-all = Me costará reconocer esta ruta.
+ready-unseen = No he visto en este sentido cerca de { distance } de esta ruta. Si ahí no sé dónde estamos, le pediré que se detenga.
+ready-unseen-unmeasured = No he visto en este sentido una parte de esta ruta. Si ahí no sé dónde estamos, le pediré que se detenga.
+ready-unseen-all = No he visto esta ruta en este sentido. Si no sé dónde estamos, le pediré que se detenga.
+ready-camera-back = Con la cámara mirando hacia atrás debería reconocerla.
+
+## Answers and news of a walk
+
+walk-recording = Grabando.
+walk-recording-unmeasured = Grabando. Todavía no puedo medir distancias.
+walk-recording-in-memory = Grabo solo en la memoria, porque no se puede escribir el archivo: { $file }: { $why }.
+walk-already-recording = Ya estoy grabando.
+walk-not-recording = No estoy grabando.
+walk-recorded = Fin de la grabación, { distance }.
+walk-recorded-unmeasured = Fin de la grabación.
+walk-nothing-recorded = Fin de la grabación. No se ha grabado nada.
+walk-file-incomplete = Fin de la grabación, pero el archivo está incompleto: { $why }. La ruta sigue en la memoria.
+walk-no-route = Todavía no hay ninguna ruta. Grabe o cargue una primero.
+walk-no-saved-route = No hay ninguna ruta grabada que cargar.
+walk-loaded = Ruta cargada, { distance }.
+walk-loaded-unmeasured = Ruta cargada.
+walk-route-unreadable = No se puede leer la ruta: { $why }.
+walk-route-empty = Esa ruta está vacía.
+walk-other-map = Esa ruta es de un mapa que no está cargado.
+walk-way-here-unknown = Todavía no sé dónde está usted.
+walk-way-unknown = No conozco ningún lugar llamado { $place }.
+walk-way-ambiguous = Conozco más de un lugar llamado { $place }.
+walk-way-other-map = No conozco el camino a { $place }: ningún recorrido lo ha unido aún a este mapa.
+walk-way-far = Está demasiado lejos de las rutas grabadas para ir a { $place }.
+walk-way-not-joined = No conozco el camino a { $place }: ninguna ruta grabada lleva allí desde aquí.
+walk-way-there = Ya está allí.
+walk-route-too-short = No puedo guiarle: la ruta es demasiado corta.
+walk-stairs-backwards = No puedo guiarle: la ruta tiene escaleras y no se debe recorrer hacia atrás.
+walk-route-damaged = No puedo guiarle: la ruta está dañada.
+walk-guidance-ended = Fin de la guía.
+walk-not-guiding = La guía no está en marcha.
+walk-goodbye = Adiós.
+walk-nothing-to-repeat = Todavía no he dicho nada.
+walk-in-memory = en la memoria
+walk-set = Hecho.
+walk-picture-back = Vuelve a haber imagen.
+walk-no-picture = No llega imagen de la cámara. No se mueva.
+walk-mapping-failed = Alto. El mapa ha fallado. Guarde la grabación y empiece de nuevo.
+walk-tracking-failed = Un error del programa ha detenido el seguimiento.
+walk-distances-known = Ya puedo medir distancias.
+walk-disk-full = El disco está lleno. La ruta sigue en la memoria.
+walk-disk-again = La ruta vuelve a estar en el disco.
+walk-lost = No sé dónde estamos. No se mueva, o vuelva un poco atrás. La grabación está en pausa.
+walk-age = La imagen es de hace { $seconds } segundos.
+walk-age-too-old = La imagen es de hace { $seconds } segundos, demasiado antigua para guiar.
+walk-age-unknown = No sé de cuándo es la imagen.
+walk-length-so-far = Grabado hasta ahora: { distance }.
+walk-to-go = { $distance ->
+    [one] Falta
+   *[other] Faltan
+} { distance }.
+walk-percent-done = { $percent } por ciento recorrido.
+walk-guiding = Guiando, { page-guide-state }.
+
+## The state of tracking
+
+phase-loading = Preparando.
+phase-first-image = Esperando la primera imagen de la cámara.
+phase-no-image = No llega imagen de la cámara.
+phase-no-imu = El sensor de movimiento no responde.
+phase-points = Empezando: { $have } de { $need } puntos encontrados. Mueva la cámara hacia un lado.
+phase-parallax = Empezando: hay suficientes puntos. Mueva la cámara hacia un lado.
+phase-unmeasured-move = Sé dónde estamos, pero no a qué distancia está todo: mueva la cámara adelante y atrás, y arriba y abajo.
+phase-unmeasured = Sé dónde estamos, pero todavía no puedo medir distancias.
+phase-tracking = Sé dónde estamos.
+phase-coasting = Sigo solo con el sensor de movimiento.
+phase-coasting-since = Sigo solo con el sensor de movimiento, desde hace { $seconds } s, con { $metres } m de error.
+phase-rotation = Solo puedo seguir los giros de la cámara, desde hace { $seconds } s. Avance para que sepa dónde estamos.
+phase-lost = No sé dónde estamos.
+phase-lost-matches = No sé dónde estamos: { $have } de { $need } coincidencias.
+phase-new-map = No sabía dónde estábamos y he empezado un mapa nuevo. El anterior se conserva.
+phase-error = Algo va mal.
+phase-error-why = Algo va mal: { $why }.
+
+## What is waited for
+
+wait-points = puntos para empezar un mapa ({ $have } de { $need })
+wait-parallax = movimiento lateral de la cámara
+wait-imu = una lectura del sensor de movimiento
+wait-first-try = más recorrido, para medir distancias
+wait-time = más tiempo, para medir distancias
+wait-excitation = un movimiento más vivo, para medir distancias
+wait-baseline = un recorrido más largo, para medir distancias
+wait-precision = una medida mejor de las distancias
+wait-matches = algo que ya se haya visto
+wait-translation = un paso a un lado o adelante
+wait-place = un lugar que conozca ({ $have } de { $need } coincidencias)
+
+## Keys and commands
+
+key-record = grabar
+key-stop = terminar la grabación
+key-load = cargar la última ruta
+key-guide = guiar de vuelta
+key-backwards = guiar hacia atrás
+key-halt = terminar la guía
+key-repeat = repetir
+key-status = decir el estado
+key-quit = salir
+key-lines = por líneas también: { $lines }
+
+## The page: its parts
+
+page-skip = A las órdenes
+page-now = Ahora
+page-words = Lo último que se dijo
+page-commands = Órdenes
+page-state = Estado
+page-pictures = Imágenes
+page-settings = Ajustes
+page-log = Todo lo que se ha dicho
+page-nothing-said = Todavía no se ha dicho nada.
+
+## The page: commands
+
+page-take = Tomar el control
+page-take-over = Hacerse cargo de este recorrido
+page-start-camera = Encender la cámara
+page-record = Grabar
+page-stop = Terminar la grabación
+page-guide-home = Guiar de vuelta
+page-guide-back = Guiar de vuelta, cámara hacia atrás
+page-guide-backwards = Caminar hacia atrás
+page-halt = Terminar la guía
+page-load = Cargar la última ruta
+page-guide-again = Guiar de principio a fin
+page-repeat = Repetir
+page-status = Decir el estado
+page-done = Hecho: { $text }
+page-not-done = No se ha hecho: { $text }
+page-warning = Aviso: { $text }
+page-camera-refused = La cámara no está disponible ({ $why }). Permítala en el navegador e inténtelo otra vez.
+page-terminal-only = Eso solo se puede hacer en la terminal.
+page-no-picture-yet = Todavía no hay imagen.
+page-wrong-key = La clave no es correcta. Abra la página con el código de la terminal.
+page-missing-key = Falta la clave: abra la página con el código o la dirección de la terminal.
+page-walk-ended = El recorrido ha terminado.
+
+## The page: who holds the walk
+
+page-controls = Usted controla este recorrido.
+page-controls-now = Ahora usted controla este recorrido.
+page-free-camera = Nadie controla este recorrido. Encienda la cámara para empezar.
+page-free = Nadie controla este recorrido. La primera orden toma el control.
+page-away = El dispositivo que controla este recorrido no está; el recorrido le espera.
+page-watching = Otro dispositivo controla este recorrido; usted mira.
+page-other-holds = Otro dispositivo controla este recorrido.
+page-taken-over = Alto. Otro dispositivo se ha hecho cargo de este recorrido.
+page-ask-title = ¿Hacerse cargo de este recorrido?
+page-ask = Lo controla otro dispositivo. Si se hace cargo, ese dispositivo deja de guiar y su cámara ya no se usa.
+page-leave = Dejarlo
+page-over = Hacerse cargo
+
+## The page: connection and age of the picture
+
+page-connecting = Conectando.
+page-connected = Conectado.
+page-connected-to = Conectado; la cámara es { $camera }.
+page-not-connected-yet = Todavía sin conexión.
+page-trying-again = Sin conexión. Intentándolo otra vez.
+page-connected-again = Conectado otra vez.
+page-connection-lost = Se ha perdido la conexión.
+page-connection-lost-retry = Se ha perdido la conexión. Intentándolo otra vez.
+page-connection-lost-stop = Alto. Se ha perdido la conexión.
+page-no-answer = El ordenador no responde.
+page-no-answer-stop = Alto. El ordenador no responde.
+page-pictures-late = Alto. Las imágenes llegan demasiado tarde.
+page-age = Imagen de hace { $seconds } s
+page-age-about = Imagen de hace { $seconds } s, más o menos { $bound } s
+page-age-unknown = Nadie sabe de cuándo es la imagen.
+
+## The page: the table of the state
+
+page-tracking-label = Seguimiento
+page-phase-label = Fase
+page-imu-label = Sensor de movimiento
+page-recording-label = Grabación
+page-route-label = Ruta
+page-guidance-label = Guía
+page-scale-label = Escala
+page-map-label = Mapa
+page-time-label = Tiempo
+page-not-started = no ha empezado
+page-unknown-offline = sin conexión no se sabe
+page-frames = { $frames ->
+    [one] { $tracked } de { $frames } imagen
+   *[other] { $tracked } de { $frames } imágenes
+}; { $matches ->
+    [one] { $matches } coincidencia
+   *[other] { $matches } coincidencias
+}.
+page-waits = { $phase }, espera { $waits }
+page-not-used = no se usa
+page-imu = { $readings ->
+    [one] { $readings } lectura
+   *[other] { $readings } lecturas
+} por imagen, { $interpolated } interpoladas, { $gaps ->
+    [one] { $gaps } hueco
+   *[other] { $gaps } huecos
+}
+page-imu-unaligned = escala y gravedad desconocidas, { page-imu }
+page-recorded = { $points ->
+    [one] { $points } punto
+   *[other] { $points } puntos
+}, { $length } metros, { $file }
+page-recorded-units = { $points ->
+    [one] { $points } punto
+   *[other] { $points } puntos
+}, { $length } unidades, { $file }
+page-not-on-disk = { $recorded }; no está en el disco: { $why }
+page-no = no
+page-none = ninguna
+page-route = { $file }, { $points ->
+    [one] { $points } punto
+   *[other] { $points } puntos
+}
+page-route-elsewhere = { page-route }, de otro mapa
+page-guiding = { $facing ->
+    [home] de frente
+    [back] cámara hacia atrás
+   *[backwards] caminando hacia atrás
+}, { page-guide-state }, { $along } de { $length }
+page-guide-state = { $state ->
+    [turning] girando
+    [moving] avanzando
+    [checking] comprobando detrás
+    [stepping] apartándose
+    [stopped] parado
+    [arrived] en el destino
+   *[waiting] esperando
+}
+page-guiding-metres = { page-guiding } metros
+page-metres = metros
+page-no-scale = desconocida, por eso no se dicen distancias
+page-map-size = { $places ->
+    [one] { $places } fotograma clave
+   *[other] { $places } fotogramas clave
+}, { $points ->
+    [one] { $points } punto de referencia
+   *[other] { $points } puntos de referencia
+}
+page-map-empty = vacío
+page-time = { $clock }, { $ms } ms por imagen, { $dropped } descartadas
+
+## The page: pictures
+
+page-own-label = Lo que ve esta cámara
+page-own-caption = Esta cámara.
+page-picture-label = La imagen que guía el recorrido, con los puntos encontrados en ella
+page-picture-caption = La imagen que guía el recorrido; los puntos son rasgos encontrados.
+page-map-role = mapa en tres dimensiones
+page-map-title = Mapa y ruta
+page-map-help = Las flechas giran la vista, más y menos cambian el tamaño.
+page-no-map = Todavía no hay mapa.
+page-map-words = Un mapa de { $places ->
+    [one] { $places } lugar
+   *[other] { $places } lugares
+} y { $points ->
+    [one] { $points } punto
+   *[other] { $points } puntos
+}.
+page-map-route = La ruta grabada mide { $metres ->
+    [one] { $metres } metro
+   *[other] { $metres } metros
+}.
+page-map-walker = El caminante ha recorrido el { $percent } por ciento de la ruta.
+
+## The page: settings
+
+page-language = Idioma
+page-told = Cómo se dan las indicaciones
+page-told-voice = con la voz de esta página
+page-told-reader = con mi lector de pantalla
+page-told-silent = solo con texto y vibración
+page-unit = Distancias en
+page-unit-metres = metros
+page-unit-feet = pies
+page-unit-steps = pasos
+page-step = Longitud de un paso en centímetros
+page-directions = Direcciones
+page-directions-words = izquierda y derecha
+page-directions-clock = como un reloj, «a las 2»
+page-directions-degrees = en grados
+page-speed = Palabras por minuto
+page-volume = Volumen
+page-sounds = Sonidos breves con las palabras
+page-vibration = Vibración
+page-keys = Teclas sueltas dan órdenes: { $keys }
+page-dark = Oscurecer la pantalla
+page-dark-title = La pantalla está oscura para ahorrar batería. La guía continúa.
+page-light = Encender la pantalla

@@ -1,0 +1,119 @@
+//! The page's sentences: the document with its texts filled in, and the catalogue of a language for its script.
+
+use cairn_guide::{DirectionStyle, PhraseConfig, Unit, WORDS_PER_MINUTE};
+use cairn_phrases::{Language, page_messages};
+use cairn_session::{KEYS, STEP_M, SessionConfig};
+use serde_json::{Map, Value, json};
+
+/// Keys that are commands of the terminal only.
+const NOT_ON_THE_PAGE: [&str; 1] = ["quit"];
+
+/// The document in a language. Elements name their text by `data-text`, their label by `data-label` and the description
+/// of their role by `data-role`.
+pub(crate) fn document(html: &str, language: Language) -> String {
+    let html = html.replacen("lang=\"en\"", &format!("lang=\"{language}\""), 1);
+    let mut out = String::with_capacity(2 * html.len());
+    for tag in html.split_inclusive('>') {
+        let named = |attribute: &str| {
+            let (_, rest) = tag.split_once(&format!("{attribute}=\""))?;
+            rest.split('"').next().map(|id| escaped(&language.text(id)))
+        };
+        let (mut tag_with_labels, text) = (tag.to_owned(), named("data-text").unwrap_or_default());
+        for (attribute, name) in [("data-label", "aria-label"), ("data-role", "aria-roledescription")] {
+            if let Some(label) = named(attribute) {
+                let end = tag_with_labels.len() - 1;
+                tag_with_labels.insert_str(end, &format!(" {name}=\"{label}\""));
+            }
+        }
+        out += &tag_with_labels;
+        out += &text;
+    }
+    out
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// What the script needs of a language: its sentences, the keys with their commands, all languages, and how the session
+/// speaks until the page says otherwise.
+pub(crate) fn catalogue(language: Language, session: &SessionConfig) -> String {
+    let keys = KEYS.iter().filter(|k| !NOT_ON_THE_PAGE.contains(&k.line));
+    let keys: Map<String, Value> = keys.map(|k| (k.key.to_string(), k.line.into())).collect();
+    let languages = Language::ALL.map(|l| [l.code(), l.name()]);
+    json!({
+        "language": language,
+        "languages": languages,
+        "keys": keys,
+        "speaking": speaking(&session.phrases, session.announcer.rate),
+        "messages": page_messages(language),
+    })
+    .to_string()
+}
+
+fn speaking(phrases: &PhraseConfig, rate: f64) -> Value {
+    let (unit, step_m) = match phrases.unit {
+        Unit::Metres => ("metres", STEP_M),
+        Unit::Feet => ("feet", STEP_M),
+        Unit::Steps(step_m) => ("steps", step_m),
+    };
+    let directions = match phrases.directions {
+        DirectionStyle::Words => "words",
+        DirectionStyle::Clock => "clock",
+        DirectionStyle::Degrees => "degrees",
+    };
+    let speed = (rate * WORDS_PER_MINUTE).round();
+    json!({ "unit": unit, "step": (100.0 * step_m).round(), "directions": directions, "speed": speed })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HTML: &str = include_str!("page/index.html");
+
+    #[test]
+    fn every_text_of_the_document_is_filled_in() {
+        for language in Language::ALL {
+            let html = document(HTML, language);
+            assert!(
+                html.starts_with(&format!("<!doctype html>\n<html lang=\"{language}\">")),
+                "{}",
+                &html[..60]
+            );
+            for id in ["page-record", "page-map-help", "page-dark-title"] {
+                assert!(html.contains(&format!(">{}</", escaped(&language.text(id)))), "{language}: {id}");
+            }
+            assert!(html.contains(&format!("aria-label=\"{}\"", language.text("page-map-title"))));
+            assert!(!html.contains(">page-") && !html.contains("\"page-map-title\" aria-label=\"page-"));
+        }
+    }
+
+    #[test]
+    fn no_text_of_the_document_is_outside_of_the_catalogue() {
+        let body = HTML.split_once("<body>").unwrap().1;
+        let texts = body.split('<').filter_map(|part| part.split_once('>')).map(|(_, text)| text.trim());
+        let words: Vec<&str> = texts.filter(|t| t.chars().any(char::is_alphabetic)).collect();
+        assert_eq!(words, ["Cairn", "WAIT_FRAMES"], "a name and a code, the same in all languages");
+        assert!(!body.contains("aria-label=\"") && !body.contains("title=\""));
+    }
+
+    #[test]
+    fn catalogue_has_the_keys_of_the_terminal() {
+        let text = catalogue(Language::German, &SessionConfig::default());
+        let catalogue: Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(catalogue["keys"]["g"], "guide");
+        assert_eq!(catalogue["keys"].as_object().unwrap().len(), KEYS.len() - NOT_ON_THE_PAGE.len());
+        assert_eq!(catalogue["languages"][2], json!(["de", "Deutsch"]));
+        assert_eq!(
+            catalogue["speaking"],
+            json!({"unit": "metres", "step": 65.0, "directions": "words", "speed": 180.0})
+        );
+        assert_eq!(catalogue["messages"]["page-no"], json!(["nein"]));
+        // Every button gives a command that exists.
+        for button in HTML.split("data-command=\"").skip(1) {
+            let line = button.split('"').next().unwrap();
+            assert!(cairn_session::Command::parse(line).is_ok(), "{line}");
+        }
+    }
+}
