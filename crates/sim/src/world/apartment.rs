@@ -111,12 +111,8 @@ pub(super) fn build(b: &mut Builder) {
 
 fn furnished_room(b: &mut Builder, area: [f64; 4], stream: u64) -> Room {
     b.stream(stream | 1 << 40);
-    let walls = [
-        Material::Plaster(168.0),
-        Material::Paper(165.0),
-        Material::Plaster(145.0),
-        Material::Brick(125.0),
-    ];
+    let walls =
+        [Material::Plaster(168.0), Material::Paper(165.0), Material::Plaster(145.0), Material::Brick(125.0)];
     let floors = [Material::Carpet(105.0), Material::Planks(135.0), Material::Tiles(130.0, 0.5)];
     let (wall, floor) = (walls[b.random.below(4)], floors[b.random.below(3)]);
     Room { area, height: HEIGHT, wall, floor, dress: Dress::Room, stream: stream | 1 << 40 }
