@@ -24,7 +24,7 @@ pub struct FrontierConfig {
 
 impl Default for FrontierConfig {
     fn default() -> Self {
-        Self { min_cells: 11, approach_m: 0.8 }
+        Self { min_cells: 14, approach_m: 0.8 }
     }
 }
 

@@ -95,6 +95,8 @@ pub struct WalkedGraph {
     points: Vec<Vec3>,
     /// Route index of each point.
     routes: Vec<usize>,
+    /// Distance along its route, for each point; after a gap it goes on far away.
+    along_m: Vec<f64>,
     /// For each point, the nearest recorded one of its route.
     recorded: Vec<usize>,
     edges: Vec<Vec<u32>>,
@@ -104,8 +106,14 @@ impl WalkedGraph {
     /// From routes in metres, world, z up. A point that is not finite cuts its route in two: callers insert one where
     /// the ground in between is not known.
     pub fn new(routes: &[Vec<Vec3>], config: WalkedConfig) -> Self {
-        let mut graph =
-            Self { config, points: Vec::new(), routes: Vec::new(), recorded: Vec::new(), edges: Vec::new() };
+        let mut graph = Self {
+            config,
+            points: Vec::new(),
+            routes: Vec::new(),
+            recorded: Vec::new(),
+            along_m: Vec::new(),
+            edges: Vec::new(),
+        };
         for (route, line) in routes.iter().enumerate() {
             let mut first = 0;
             for piece in line.split(|p| !p.iter().all(|v| v.is_finite())) {
@@ -130,6 +138,7 @@ impl WalkedGraph {
     /// Adds a piece of a route without gaps; `first` is the index of its first point in the route.
     fn add_piece(&mut self, route: usize, first: usize, piece: &[Vec3]) {
         let mut last: Option<usize> = None;
+        let mut along_m = self.along_m.last().map_or(0.0, |along| along + 1e3);
         for (k, &to) in piece.iter().enumerate() {
             let from = if k == 0 { to } else { piece[k - 1] };
             let parts = ((to - from).norm() / self.config.spacing_m.max(0.05)).ceil().clamp(1.0, 1e5);
@@ -137,6 +146,8 @@ impl WalkedGraph {
                 let here = self.points.len();
                 self.points.push(from + (to - from) * (part as f64 / parts));
                 self.routes.push(route);
+                along_m += if k == 0 { 0.0 } else { (to - from).norm() / parts };
+                self.along_m.push(along_m);
                 self.recorded.push(first + if 2 * part >= parts as usize { k } else { k.saturating_sub(1) });
                 self.edges.push(Vec::new());
                 if let Some(last) = last {
@@ -163,7 +174,10 @@ impl WalkedGraph {
             for &j in near.filter_map(|s| squares.get(&s)).flatten() {
                 let off = self.points[j as usize] - p;
                 let meets = off.xy().norm() <= join_m && off.z.abs() <= self.config.join_height_m;
-                if meets && j as usize != i && !self.edges[i].contains(&j) {
+                // Near by on the same stretch one walks along it.
+                let same = self.routes[i] == self.routes[j as usize]
+                    && (self.along_m[i] - self.along_m[j as usize]).abs() < 3.0 * join_m;
+                if meets && !same && !self.edges[i].contains(&j) {
                     self.edges[i].push(j);
                 }
             }

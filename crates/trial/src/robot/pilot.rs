@@ -29,6 +29,10 @@ const MISSED: usize = 4;
 const LOST: usize = 20;
 /// A goal that cannot be reached is looked at from within this distance, metres.
 const NEAR_GOAL_M: f64 = 1.5;
+/// Frontiers that were given up are tried again so often before exploration ends.
+const ROUNDS: usize = 1;
+/// A blocked goal is moved by at most this, metres.
+const GOAL_TOLERANCE_M: f64 = 0.2;
 /// A goal is tried so often before NO_PATH is final; the robot looks around in between.
 const TRIES: usize = 5;
 
@@ -76,6 +80,8 @@ pub struct Pilot {
     task: Task,
     target: Option<Approach>,
     given_up: Vec<Vec2>,
+    /// How often the frontiers that were given up have been tried again.
+    rounds: usize,
     checked_s: f64,
     poses_s: f64,
     heading: Option<f64>,
@@ -123,6 +129,7 @@ impl Pilot {
             task: Task::Look { turned: 0.0, then: Then::Explore },
             target: None,
             given_up: Vec::new(),
+            rounds: 0,
             checked_s: 0.0,
             poses_s: 0.0,
             heading: None,
@@ -230,7 +237,7 @@ impl Pilot {
                     match then {
                         Then::Explore => Task::Explore,
                         Then::Visit { goal, began_s, tries } => {
-                            self.navigator.set_goal(self.goals[goal]);
+                            self.navigator.set_goal(self.free_goal(self.goals[goal]));
                             Task::Visit { goal, began_s, tries }
                         }
                     }
@@ -286,6 +293,13 @@ impl Pilot {
         }
         let next = self.next_frontier(pose);
         let Some(next) = next else {
+            // What was given up may be reached now: someone stood in the door, the map was corrected.
+            if self.rounds < ROUNDS && !self.given_up.is_empty() {
+                self.rounds += 1;
+                self.given_up.clear();
+                self.task = Task::Look { turned: 0.0, then: Then::Explore };
+                return self.turn(motion, 0.0);
+            }
             return self.visit_next(t_s, 0, motion);
         };
         self.navigator.set_goal(next.goal);
@@ -308,6 +322,18 @@ impl Pilot {
         // A body that stands a little too near to a wall starts from the free cell next to it.
         let from = nearest_free(&passable, from, 6)?;
         approaches(costs.map(), all, &passable, from, &self.config.frontier).into_iter().next()
+    }
+
+    /// A goal, or the free place nearest to it where it is blocked and there is one within the tolerance.
+    fn free_goal(&self, goal: Vec2) -> Vec2 {
+        let near = || {
+            let passable = self.ground.costs()?.passable();
+            let frame = *passable.frame();
+            let cell = frame.cell_at(goal).filter(|c| !passable.is_free(*c))?;
+            let reach = (GOAL_TOLERANCE_M / frame.resolution_m()) as i32;
+            Some(frame.centre(nearest_free(&passable, cell, reach)?))
+        };
+        near().filter(|at| (at - goal).norm() <= GOAL_TOLERANCE_M).unwrap_or(goal)
     }
 
     /// The place near a goal from which it can be looked at, if that is not here.
@@ -340,7 +366,7 @@ impl Pilot {
         self.explored_s.get_or_insert(t_s);
         match self.goals.get(goal) {
             Some(&at) => {
-                self.navigator.set_goal(at);
+                self.navigator.set_goal(self.free_goal(at));
                 self.task = Task::Visit { goal, began_s: t_s, tries: 1 };
             }
             None => {
