@@ -45,7 +45,7 @@ impl Snapshot {
     /// # Errors
     ///
     /// A description, when the octaves differ or there are not enough ids.
-    pub fn beside(&self, other: &Snapshot) -> Result<(Snapshot, Shift), String> {
+    pub fn combined_with(&self, other: &Snapshot) -> Result<(Snapshot, Shift), String> {
         if self.octaves != other.octaves {
             return Err(format!("one map has {:?}, the other {:?}", self.octaves, other.octaves));
         }

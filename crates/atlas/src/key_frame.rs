@@ -3,7 +3,7 @@
 use crate::{InertialState, KeyFrameId, LandmarkId, MapId};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Frame;
-use cairn_vision::bow::Bag;
+use cairn_vision::bow::BagOfWords;
 use std::sync::Arc;
 
 /// A key frame: features, the pose they were seen from, and the landmarks they show.
@@ -16,7 +16,7 @@ pub struct KeyFrame {
     /// The map it belongs to (set on insertion: its parent's, or a new one).
     pub map: MapId,
     /// Its bag of words, for place recognition; empty where it shall not be found.
-    pub bag: Arc<Bag>,
+    pub bag: Arc<BagOfWords>,
     /// The pose of the camera.
     pub world_from_camera: Se3,
     /// Units of the map per unit of length at the time the key frame was created: 1 until a map without
@@ -65,7 +65,7 @@ impl KeyFrame {
     }
 
     /// Adds the bag of words of its features.
-    pub fn with_bag(self, bag: Arc<Bag>) -> Self {
+    pub fn with_bag(self, bag: Arc<BagOfWords>) -> Self {
         Self { bag, ..self }
     }
 }

@@ -1,12 +1,12 @@
 //! Place recognition index: an inverted index from words to key frames.
 //!
 //! A persistent value like the snapshot it is part of: cloning is cheap, and a change copies only the lists
-//! it touches. The score of a key frame is [`Bag::similarity`] with the query, summed over the words in the
+//! it touches. The score of a key frame is [`BagOfWords::similarity`] with the query, summed over the words in the
 //! same order, so that it is equal to the last bit.
 
 use crate::arena::Arena;
 use crate::{KeyFrameId, Snapshot};
-use cairn_vision::bow::Bag;
+use cairn_vision::bow::BagOfWords;
 
 /// Key frames by their words.
 #[derive(Clone, Debug, Default)]
@@ -17,7 +17,7 @@ pub struct PlaceIndex {
 
 impl PlaceIndex {
     /// The index of key frames in rising order of id; the same as inserting them one by one, but faster.
-    pub(crate) fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a Bag)> + Clone) -> Self {
+    pub(crate) fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a BagOfWords)> + Clone) -> Self {
         let mut counts: Vec<usize> = Vec::new();
         for (word, _) in key_frames.clone().flat_map(|(_, bag)| bag.words()) {
             let word = word.0 as usize;
@@ -38,7 +38,7 @@ impl PlaceIndex {
     }
 
     /// Adds a key frame; one that is already there with these words is left as it is.
-    pub fn insert(&mut self, id: KeyFrameId, bag: &Bag) {
+    pub fn insert(&mut self, id: KeyFrameId, bag: &BagOfWords) {
         for &(word, weight) in bag.words() {
             let word = word.0 as usize;
             match self.words.get_mut(word) {
@@ -54,7 +54,7 @@ impl PlaceIndex {
     }
 
     /// Removes a key frame; `bag` is the one it was added with.
-    pub fn remove(&mut self, id: KeyFrameId, bag: &Bag) {
+    pub fn remove(&mut self, id: KeyFrameId, bag: &BagOfWords) {
         for &(word, _) in bag.words() {
             let word = word.0 as usize;
             if self.words.get(word).is_none_or(|list| list.iter().all(|(k, _)| *k != id)) {
@@ -72,7 +72,7 @@ impl PlaceIndex {
     /// is above zero; at most `limit`, and only those that `accept` admits.
     pub fn query(
         &self,
-        bag: &Bag,
+        bag: &BagOfWords,
         limit: usize,
         accept: impl Fn(KeyFrameId) -> bool,
     ) -> Vec<(KeyFrameId, f64)> {
@@ -115,9 +115,9 @@ impl Snapshot {
     /// The places of any map most similar to a bag, best first, with their similarity: one key frame of each
     /// group of neighbours, `most` at most, none of the groups of those in `tried`, and only key frames that
     /// `accept` admits. A group is formed by the `neighbours` that share most landmarks with a key frame.
-    pub fn places_like(
+    pub fn similar_key_frames(
         &self,
-        bag: &Bag,
+        bag: &BagOfWords,
         most: usize,
         neighbours: usize,
         tried: &[KeyFrameId],

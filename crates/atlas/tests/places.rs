@@ -3,7 +3,7 @@
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, PlaceIndex, Snapshot};
 use cairn_geometry::Se3;
 use cairn_vision::Frame;
-use cairn_vision::bow::{Bag, WordId};
+use cairn_vision::bow::{BagOfWords, WordId};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,16 +13,20 @@ fn id(i: usize) -> KeyFrameId {
 }
 
 /// A bag with weights that sum to 1; word numbers from a small and a far range.
-fn bag() -> impl Strategy<Value = Bag> {
+fn bag() -> impl Strategy<Value = BagOfWords> {
     prop::collection::btree_map(prop_oneof![0u32..40, 70_000u32..70_020], 1u32..50, 0..25).prop_map(|words| {
         let sum: u32 = words.values().sum();
         let words = words.into_iter().map(|(w, n)| (WordId(w), n as f32 / sum as f32)).collect();
-        Bag::from_parts(words, vec![]).unwrap()
+        BagOfWords::from_parts(words, vec![]).unwrap()
     })
 }
 
 /// The answer by comparing with all key frames.
-fn by_comparison(all: &BTreeMap<KeyFrameId, Bag>, query: &Bag, limit: usize) -> Vec<(KeyFrameId, f64)> {
+fn by_comparison(
+    all: &BTreeMap<KeyFrameId, BagOfWords>,
+    query: &BagOfWords,
+    limit: usize,
+) -> Vec<(KeyFrameId, f64)> {
     let mut found: Vec<(KeyFrameId, f64)> = all
         .iter()
         .map(|(k, b)| (*k, query.similarity(b)))

@@ -111,7 +111,7 @@ impl MergedMaps {
                 "{name}: right-image offset {left:+.3} px replaced by the first map's {kept:+.3} px"
             ));
         }
-        let (snapshot, shift) = self.file.snapshot.beside(&other.snapshot).map_err(unfit)?;
+        let (snapshot, shift) = self.file.snapshot.combined_with(&other.snapshot).map_err(unfit)?;
         self.file.snapshot = snapshot;
         for (was, is) in &shift.robots {
             self.notes.push(format!(

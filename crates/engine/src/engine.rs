@@ -33,7 +33,7 @@ pub struct Engine {
     status_tracker: StatusTracker,
     /// Whether the IMU contradicts the scale of the map at present.
     scale_contradicted: bool,
-    died: Option<String>,
+    stage_failed: Option<String>,
 }
 
 /// The result of one packet.
@@ -76,7 +76,7 @@ pub struct Output {
     /// Verdicts of closing on places that may have been seen before.
     pub verdicts: Vec<Verdict>,
     /// Why mapping failed, reported once; tracking goes on with the map as it is.
-    pub died: Option<String>,
+    pub stage_failed: Option<String>,
     /// The same for people.
     pub status: Status,
 }
@@ -153,7 +153,7 @@ impl Engine {
             log: Log::default(),
             status_tracker,
             scale_contradicted: false,
-            died: None,
+            stage_failed: None,
         }
     }
 
@@ -215,8 +215,8 @@ impl Engine {
             .and_then(|p| map_of(&snapshot, p.reference))
             .map(|map| Scale { metric, ..scale_of(&snapshot, map, depth, scale_supported) })
             .map(|scale| Scale { supported: scale.supported && !self.scale_contradicted, ..scale });
-        let died = done.died.filter(|_| self.died.is_none());
-        self.died = self.died.take().or_else(|| died.clone());
+        let stage_failed = done.stage_failed.filter(|_| self.stage_failed.is_none());
+        self.stage_failed = self.stage_failed.take().or_else(|| stage_failed.clone());
         self.status_tracker.update(&FrameResult {
             stamp: tracked.stamp,
             imu: &packet.imu,
@@ -232,7 +232,7 @@ impl Engine {
             attempt: done.attempt.as_ref(),
             scale_check: done.scale_check,
             verdicts: &done.verdicts,
-            died: self.died.as_deref(),
+            stage_failed: self.stage_failed.as_deref(),
             mapping: !self.localize_only,
         });
         Ok(Output {
@@ -253,7 +253,7 @@ impl Engine {
             map_ms: done.ms,
             close_ms: done.close_ms,
             verdicts: done.verdicts,
-            died,
+            stage_failed,
             status: self.status_tracker.status().clone(),
         })
     }
@@ -417,7 +417,7 @@ impl Engine {
         if !self.mapping.stop().load(Ordering::Relaxed) {
             self.mapping.record_end(snapshot.version(), digest.value());
         }
-        self.died = self.died.take().or(done.died);
+        self.stage_failed = self.stage_failed.take().or(done.stage_failed);
         Finished { map_ms: done.ms, close_ms: done.close_ms, verdicts: done.verdicts }
     }
 

@@ -43,7 +43,7 @@ fn walk(delays: Delays) -> (Engine, Vec<Output>, Vec<(Stamp, Se3)>) {
     while let Some(packet) = source.next_packet().unwrap() {
         outputs.push(engine.on_packet(&packet).unwrap());
     }
-    assert!(outputs.iter().all(|o: &Output| o.died.is_none()));
+    assert!(outputs.iter().all(|o: &Output| o.stage_failed.is_none()));
     engine.finish();
     engine.snapshot().check().unwrap();
     let truth = source.info().truth.clone();

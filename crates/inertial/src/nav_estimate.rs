@@ -106,13 +106,13 @@ impl NavEstimate {
     }
 
     /// Standard deviation of the position in its least certain direction, metres.
-    pub fn place_sigma(&self) -> f64 {
+    pub fn position_sigma(&self) -> f64 {
         let own: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(0, 0).into();
         own.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
 
     /// Standard deviation of the direction about its least certain axis, radians.
-    pub fn turn_sigma(&self) -> f64 {
+    pub fn rotation_sigma(&self) -> f64 {
         let own: SMatrix<f64, 3, 3> = self.covariance.fixed_view::<3, 3>(3, 3).into();
         own.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
@@ -230,7 +230,7 @@ mod tests {
             let pull = covariance * own * carried.world_from_camera.local(&measured);
             let seen = carried.seen(&carried.world_from_camera.retract(&pull), &covariance).unwrap();
             sums[1] += error(&seen);
-            assert!(seen.place_sigma() < carried.place_sigma());
+            assert!(seen.position_sigma() < carried.position_sigma());
         }
         for mean in sums.map(|s| s / 300.0) {
             assert!(

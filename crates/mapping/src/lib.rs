@@ -21,5 +21,5 @@ pub use closing::{
     Accepted, Apart, Closed, Closer, CloserConfig, Joined, Junction, MapJoin, Refusal, Seam, Support, Verdict,
 };
 pub use inertial::InertialConfig;
-pub use mapper::{MapStart, Mapped, Mapper, MapperConfig, Submitted};
+pub use mapper::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};
 pub use scale_check::{ScaleCheck, ScaleVerdict};

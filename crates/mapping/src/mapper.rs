@@ -86,7 +86,7 @@ impl Default for MapStart {
 
 /// A frame that is to become a key frame of an existing map.
 #[derive(Clone, Copy, Debug)]
-pub struct Submitted<'a> {
+pub struct KeyFrameInput<'a> {
     /// The frame.
     pub frame: &'a Arc<Frame>,
     /// The landmark that each feature shows.
@@ -234,11 +234,11 @@ impl Mapper {
     pub fn step(
         &mut self,
         atlas: &mut Atlas,
-        submitted: &Submitted,
+        input: &KeyFrameInput,
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
-        let Submitted { frame, landmarks, reference, reference_from_camera, imu, .. } = *submitted;
-        if let Some((factor, sigma_log_scale)) = submitted.rescale {
+        let KeyFrameInput { frame, landmarks, reference, reference_from_camera, imu, .. } = *input;
+        if let Some((factor, sigma_log_scale)) = input.rescale {
             let changes = rescaled(atlas.latest(), reference, factor, sigma_log_scale);
             atlas.commit(changes);
         }
@@ -264,7 +264,7 @@ impl Mapper {
         self.recent_landmarks.admit(&new_landmarks.ids, id);
         let mut created = new_landmarks.ids.len();
 
-        if !submitted.orientation_only {
+        if !input.orientation_only {
             let snapshot = atlas.latest().clone();
             let mut new_landmarks = NewLandmarks::after(&snapshot);
             atlas.commit(create_landmarks(
@@ -287,7 +287,7 @@ impl Mapper {
             created += new_landmarks.ids.len();
         }
 
-        if submitted.orientation_only {
+        if input.orientation_only {
             return Some(Mapped {
                 key_frame: id,
                 created,

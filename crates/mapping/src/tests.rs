@@ -6,7 +6,7 @@ use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::rotation_only::landmarks_by_rotation;
 use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
 use crate::triangulation::create_landmarks;
-use crate::{MapStart, Mapped, Mapper, MapperConfig, Submitted};
+use crate::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};
 use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use std::collections::BTreeSet;
@@ -245,12 +245,12 @@ fn submit(
     world: &World,
     view: &View,
     at: &Se3,
-    change: impl FnOnce(&mut Submitted),
+    change: impl FnOnce(&mut KeyFrameInput),
 ) -> Mapped {
     let landmarks = world.matches(atlas.latest(), view);
     let reference = atlas.latest().newest_key_frame().expect("a map").id;
     let reference_from_camera = atlas.latest().anchor(reference, at).expect("there");
-    let mut submitted = Submitted {
+    let mut submitted = KeyFrameInput {
         frame: &view.frame,
         landmarks: &landmarks,
         reference,

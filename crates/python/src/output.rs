@@ -267,7 +267,7 @@ impl Output {
 
     /// Why mapping failed, reported once, or None; tracking goes on with the map as it is.
     #[getter]
-    fn died(&self) -> Option<&str> {
-        self.inner.died.as_deref()
+    fn stage_failed(&self) -> Option<&str> {
+        self.inner.stage_failed.as_deref()
     }
 }

@@ -15,7 +15,7 @@ pub use camera::Camera;
 pub use image::{DepthImage, GrayImage, Image};
 pub use lens::Distortion;
 pub use live::{ClockReading, Live};
-pub use merge::{Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream, Why};
+pub use merge::{DropReason, Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream};
 pub use packet::{FramePacket, GRAVITY_M_S2, ImuSample};
 pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
 pub use skips::{SkipCount, SkipKind, Skipped, Skips};

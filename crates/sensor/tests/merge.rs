@@ -1,7 +1,7 @@
 //! The merge of streams: order, waiting, dropped and synthesised data.
 
 use cairn_geometry::Vec3;
-use cairn_sensor::{Dropped, ImuSample, Merge, MergeConfig, Merged, Stamp, Stream, Why};
+use cairn_sensor::{DropReason, Dropped, ImuSample, Merge, MergeConfig, Merged, Stamp, Stream};
 
 const MS: i64 = 1_000_000;
 
@@ -83,18 +83,18 @@ fn invalid_samples_are_dropped_and_counted() {
     let mut m = merge(with_imu());
     let why = |r: Result<Option<cairn_sensor::ImuGap>, Dropped>| r.err().map(|d| d.why);
     assert_eq!(why(m.push_imu(sample(5.0))), None);
-    assert_eq!(why(m.push_imu(sample(5.0))), Some(Why::Repeated));
-    assert_eq!(why(m.push_imu(sample(4.0))), Some(Why::Backwards));
+    assert_eq!(why(m.push_imu(sample(5.0))), Some(DropReason::Repeated));
+    assert_eq!(why(m.push_imu(sample(4.0))), Some(DropReason::Backwards));
     let nan = ImuSample { accel: Vec3::new(0.0, f64::NAN, 0.0), ..sample(6.0) };
-    assert_eq!(why(m.push_imu(nan)), Some(Why::NotFinite));
+    assert_eq!(why(m.push_imu(nan)), Some(DropReason::NotFinite));
     // One wrong stamp far ahead does not block the following samples.
     assert_eq!(why(m.push_imu(sample(900_000.0))), None);
     let dropped = m.push_imu(sample(10.0)).unwrap_err();
-    assert_eq!((dropped.stamp, dropped.why), (ms(900_000.0), Why::JumpsAhead));
+    assert_eq!((dropped.stamp, dropped.why), (ms(900_000.0), DropReason::JumpsAhead));
     assert_eq!(why(m.push_imu(sample(15.0))), None);
     m.push_image(0, ms(12.0), 1).unwrap();
-    assert_eq!(m.push_image(0, ms(12.0), 2).unwrap_err().why, Why::Repeated);
-    assert_eq!(m.push_image(7, ms(13.0), 2).unwrap_err().why, Why::Unknown);
+    assert_eq!(m.push_image(0, ms(12.0), 2).unwrap_err().why, DropReason::Repeated);
+    assert_eq!(m.push_image(7, ms(13.0), 2).unwrap_err().why, DropReason::Unknown);
     assert_eq!(times(&m.pop().unwrap()), [5.0, 10.0, 15.0]);
     assert_eq!((m.counts().imu_dropped, m.counts().images_dropped), (4, 2));
 }

@@ -14,17 +14,17 @@ use std::time::{Duration, Instant};
 const TICK: Duration = Duration::from_millis(50);
 
 /// The output side of a session: a terminal, the page, a voice.
-pub trait Face {
+pub trait Observer {
     /// An utterance or an earcon starts now.
-    fn heard(&mut self, _session: &Session, _event: &Event) {}
+    fn on_event(&mut self, _session: &Session, _event: &Event) {}
     /// A packet was processed; `Err` gives the reason why it was rejected.
-    fn saw(&mut self, _session: &Session, _packet: &FramePacket, _output: &Result<Output, String>) {}
+    fn on_output(&mut self, _session: &Session, _packet: &FramePacket, _output: &Result<Output, String>) {}
     /// A command was carried out, or the reason why it was not.
-    fn did(&mut self, _session: &Session, _command: &Command, _done: &Result<String, String>) {}
+    fn on_command(&mut self, _session: &Session, _command: &Command, _done: &Result<String, String>) {}
     /// Called after every packet and about twenty times a second.
-    fn passed(&mut self, _session: &Session) {}
+    fn on_step(&mut self, _session: &Session) {}
     /// Commands that have arrived meanwhile, for callers that drive without an inbox.
-    fn asked(&mut self) -> Vec<Command> {
+    fn take_commands(&mut self) -> Vec<Command> {
         Vec::new()
     }
 }
@@ -46,17 +46,17 @@ pub fn drive_lockstep(
     session: &mut Session,
     source: &mut dyn Source,
     script: &mut Script,
-    face: &mut dyn Face,
+    observer: &mut dyn Observer,
 ) -> Result<Ended, SourceError> {
     while let Some(packet) = source.next_packet()? {
         let output = session.on_packet(&packet);
-        face.saw(session, &packet, &output);
+        observer.on_output(session, &packet, &output);
         let mut commands = script.due(session);
-        commands.extend(face.asked());
-        if carry_out(session, &commands, face) {
+        commands.extend(observer.take_commands());
+        if carry_out(session, &commands, observer) {
             return Ok(Ended::Asked);
         }
-        after(session, face);
+        after(session, observer);
     }
     Ok(Ended::Source)
 }
@@ -70,7 +70,7 @@ pub fn drive_live(
     session: &mut Session,
     inbox: &Inbox,
     script: &mut Script,
-    face: &mut dyn Face,
+    observer: &mut dyn Observer,
 ) -> Result<Ended, SourceError> {
     let arrivals = Arc::new(Arrivals::default());
     // Where the time of capture is not known, the age is judged from the time of arrival: the capture was no later.
@@ -85,18 +85,18 @@ pub fn drive_live(
             Item::Packet(packet, put) => {
                 arrivals.put(packet.stamp, put);
                 let output = session.on_packet(&packet);
-                face.saw(session, &packet, &output);
+                observer.on_output(session, &packet, &output);
             }
             Item::Command(command) => commands.push(command),
             Item::Ended(result) => return result.map(|()| Ended::Source),
             Item::Nothing => {}
         }
         commands.extend(script.due(session));
-        commands.extend(face.asked());
-        if carry_out(session, &commands, face) {
+        commands.extend(observer.take_commands());
+        if carry_out(session, &commands, observer) {
             return Ok(Ended::Asked);
         }
-        after(session, face);
+        after(session, observer);
     }
 }
 
@@ -122,21 +122,21 @@ impl Live for Arrivals {
 }
 
 /// Carries out the commands; true when one of them was quit.
-fn carry_out(session: &mut Session, commands: &[Command], face: &mut dyn Face) -> bool {
+fn carry_out(session: &mut Session, commands: &[Command], observer: &mut dyn Observer) -> bool {
     for command in commands {
         let done = session.command(command);
-        face.did(session, command, &done);
+        observer.on_command(session, command, &done);
         if *command == Command::Quit {
-            after(session, face);
+            after(session, observer);
             return true;
         }
     }
     false
 }
 
-fn after(session: &mut Session, face: &mut dyn Face) {
+fn after(session: &mut Session, observer: &mut dyn Observer) {
     for event in session.events() {
-        face.heard(session, &event);
+        observer.on_event(session, &event);
     }
-    face.passed(session);
+    observer.on_step(session);
 }

@@ -27,7 +27,7 @@ mod way_ahead;
 pub use age::Age;
 pub use command::{Command, KEYS, Key, Which, help, key_of};
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
-pub use drive::{Ended, Face, drive_live, drive_lockstep};
+pub use drive::{Ended, Observer, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use inbox::{Inbox, Item, feed};
 pub use library::{
@@ -35,7 +35,7 @@ pub use library::{
     RoutesLock, WallClock, WallTime, routes_in,
 };
 pub use ready::{landmarks_in_view, readiness};
-pub use reference_path::{ReferencePath, standing};
+pub use reference_path::{ReferencePath, anchor_in_map};
 pub use script::{Script, ScriptError, When};
 pub use session::{Session, SessionConfig};
 pub use settings::{STEP_M, STEPS_M, Setting, WORDS_PER_MINUTE};

@@ -3,7 +3,7 @@
 use crate::disk::{Disk, PatientFile, Trouble};
 use crate::dwell::{Dwell, Warnings};
 use crate::guidance::Place;
-use crate::reference_path::standing;
+use crate::reference_path::anchor_in_map;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3, Sim3, So3, Vec3};
 use cairn_guide::{
@@ -196,7 +196,7 @@ impl Recording {
             Sim3::new(So3::identity(), Vec3::zeros(), unit / std::mem::replace(&mut self.unit, unit));
         // The patient file keeps what it could not write.
         let _ = self.recorder.found_scale(carried, &ground_of(map, place));
-        let at: Vec<Vec3> = (self.route().resolve(|a| standing(map, a)).iter())
+        let at: Vec<Vec3> = (self.route().resolve(|a| anchor_in_map(map, a)).iter())
             .map(|p| p.frame_from_camera.translation)
             .collect();
         self.length = at.windows(2).map(|w| (w[1] - w[0]).norm()).sum();

@@ -105,7 +105,7 @@ impl ReferencePath {
         place: Option<&Place>,
         now: Stamp,
     ) -> Self {
-        let in_world = route.resolve(|a| standing(map, a));
+        let in_world = route.resolve(|a| anchor_in_map(map, a));
         let world_ground = ground_of(map, route, &in_world);
         let frame = OdomFrame::at(place, route.metres_per_unit(&in_world));
         let ground = world_ground.rotated(&frame.odom_from_world.sim3.rotation);
@@ -166,7 +166,7 @@ impl ReferencePath {
             return None;
         }
         (self.checked, self.version, self.frame) = (now, map.version(), frame);
-        let points = frame.placed(&route.resolve(|a| standing(map, a)));
+        let points = frame.placed(&route.resolve(|a| anchor_in_map(map, a)));
         let moves =
             || self.points.iter().zip(&points).map(|(a, b)| (&a.frame_from_camera, &b.frame_from_camera));
         let moved_m = moves().map(|(a, b)| (a.translation - b.translation).norm()).fold(0.0, f64::max);
@@ -195,13 +195,13 @@ impl ReferencePath {
             (Travel::Again, Facing::Home) => Facing::Back,
             (Travel::Again, _) => Facing::Home,
         };
-        let in_world = route.resolve(|a| standing(map, a));
+        let in_world = route.resolve(|a| anchor_in_map(map, a));
         readiness(map, camera, &in_world, self.frame.odom_from_world.sim3.scale, &self.world_ground, facing)
     }
 
     /// Where the notes of the route were taken: poses of the camera in the odometry frame, in metres.
     pub(crate) fn notes(&self, map: &Snapshot, route: &Route) -> Vec<Se3> {
-        let in_world = route.resolve_notes(|a| standing(map, a));
+        let in_world = route.resolve_notes(|a| anchor_in_map(map, a));
         in_world.iter().map(|p| self.frame.odom_from_world.sim3.transform_pose(p)).collect()
     }
 
@@ -222,7 +222,7 @@ pub(crate) fn ground_of(map: &Snapshot, route: &Route, in_world: &[PlacedPoint])
 }
 
 /// The pose of the keyframe that a route point is anchored to, with its unit of length.
-pub fn standing(map: &Snapshot, anchor: Anchor) -> Option<Sim3> {
+pub fn anchor_in_map(map: &Snapshot, anchor: Anchor) -> Option<Sim3> {
     map.world_from_here(key_frame_of(map, anchor)?)
 }
 

@@ -266,7 +266,7 @@ impl Session {
                 self.say(&self.text("walk-picture-back"), Priority::Normal);
             }
         }
-        if output.died.is_some() {
+        if output.stage_failed.is_some() {
             self.say(&self.text("walk-mapping-failed"), Priority::Urgent);
         }
         let seen = record_input(&output, &self.engine.snapshot());
@@ -720,8 +720,8 @@ impl Session {
     fn guide(&mut self, now: Stamp) {
         // Measured after the engine's step, so that its processing time counts.
         let too_old = self.ages.hazard(self.frame, self.now);
-        let died = self.dead.as_ref().map(|_| StopReason::StageDied);
-        let hazard = died.or(too_old).or_else(|| self.scale_hazard());
+        let stage_failed = self.dead.as_ref().map(|_| StopReason::StageDied);
+        let hazard = stage_failed.or(too_old).or_else(|| self.scale_hazard());
         let speaking = self.voice.is_speaking(now);
         if !self.is_at_route(now, speaking) {
             return;

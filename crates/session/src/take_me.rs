@@ -6,7 +6,7 @@
 //! Nothing leads over ground that nobody walked, through a gap of a recording, or from one map of the atlas into another
 //! that is not merged with it.
 
-use crate::reference_path::{ground_of, standing};
+use crate::reference_path::{anchor_in_map, ground_of};
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_guide::{Ground, PlacedPoint, Route, RouteHeader, RoutePoint, Stretch};
@@ -228,7 +228,7 @@ impl<'a> WalkedRoutes<'a> {
 
 impl<'a> Resolved<'a> {
     fn new(map: &Snapshot, name: String, route: &'a Route) -> Self {
-        let points = route.resolve(|a| standing(map, a));
+        let points = route.resolve(|a| anchor_in_map(map, a));
         let map_of = |p: &RoutePoint| {
             let (id, _) = map.surviving_ancestor(KeyFrameId::from_index(p.anchor.seq as usize)?)?;
             Some(map.key_frame(id)?.map)
@@ -312,7 +312,7 @@ mod tests {
         let last = planned.route.points.last().unwrap();
         let heading = Ground::z_up().heading(&last.odom_from_camera).unwrap();
         assert!((heading - std::f64::consts::FRAC_PI_2).abs() < 0.01, "{heading}");
-        let anchored = planned.route.resolve(|a| standing(&map, a));
+        let anchored = planned.route.resolve(|a| anchor_in_map(&map, a));
         let off = anchored
             .iter()
             .zip(&planned.route.points)

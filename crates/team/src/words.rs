@@ -8,7 +8,7 @@
 use crate::RobotId;
 use crate::envelope::{Kind, open, seal};
 use crate::message::Refused;
-use cairn_vision::bow::{Bag, Vocabulary, WordId};
+use cairn_vision::bow::{BagOfWords, Vocabulary, WordId};
 use serde::{Deserialize, Serialize};
 
 /// Greatest length of a message with the words of a keyframe, in bytes.
@@ -34,7 +34,7 @@ pub struct KeyFrameWords {
 
 impl KeyFrameWords {
     /// From the bag of words of a keyframe. Also returns how many of its words were left out to fit the limit.
-    pub fn new(robot: RobotId, seq: u32, bag: &Bag, vocabulary: &Vocabulary) -> (Self, usize) {
+    pub fn new(robot: RobotId, seq: u32, bag: &BagOfWords, vocabulary: &Vocabulary) -> (Self, usize) {
         let mut counted = counts(bag, vocabulary);
         // The words of greatest weight first.
         counted.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.0.cmp(&b.0)));
@@ -87,7 +87,7 @@ impl KeyFrameWords {
     ///
     /// # Errors
     /// When the words are of another vocabulary, or one of them is not in this one.
-    pub fn bag(&self, vocabulary: &Vocabulary) -> Result<Bag, Refused> {
+    pub fn bag(&self, vocabulary: &Vocabulary) -> Result<BagOfWords, Refused> {
         if self.vocabulary != vocabulary.facts().checksum {
             return Err(Refused::Inconsistent("its words are of another vocabulary"));
         }
@@ -101,7 +101,7 @@ impl KeyFrameWords {
             .collect();
         let sum: f64 = weighted.iter().map(|(_, w)| w).sum();
         let words = weighted.into_iter().map(|(word, w)| (word, (w / sum) as f32)).collect();
-        Bag::from_parts(words, Vec::new()).map_err(|_| Refused::Inconsistent("a word has no weight"))
+        BagOfWords::from_parts(words, Vec::new()).map_err(|_| Refused::Inconsistent("a word has no weight"))
     }
 
     /// Word ids in rising order, each repeated as often as it was seen.
@@ -120,7 +120,7 @@ impl KeyFrameWords {
 
 /// Words with counts and weights. A count is the weight divided by the inverse document frequency, as a multiple of the
 /// smallest.
-fn counts(bag: &Bag, vocabulary: &Vocabulary) -> Vec<(u32, u16, f32)> {
+fn counts(bag: &BagOfWords, vocabulary: &Vocabulary) -> Vec<(u32, u16, f32)> {
     let ratio = |(word, weight): &(WordId, f32)| weight / vocabulary.weight(*word);
     let ratios: Vec<f32> = bag.words().iter().map(ratio).collect();
     let least = ratios.iter().copied().filter(|r| r.is_finite()).fold(f32::INFINITY, f32::min);

@@ -2,7 +2,7 @@
 
 use cairn_team::{KeyFrameWords, MAX_WORDS_BYTES, Refused, VERSION};
 use cairn_vision::Descriptor;
-use cairn_vision::bow::{Bag, Vocabulary};
+use cairn_vision::bow::{BagOfWords, Vocabulary};
 use proptest::prelude::*;
 
 /// Random descriptors: a part specific to the image (seed `own`), and one of the place (seed `shared`).
@@ -29,7 +29,7 @@ fn descriptors(own: u64, shared: u64, count: usize, part: f64) -> Vec<Descriptor
         .collect()
 }
 
-fn bag(own: u64, shared: u64, count: usize) -> Bag {
+fn bag(own: u64, shared: u64, count: usize) -> BagOfWords {
     Vocabulary::embedded().bag(&descriptors(own, shared, count, 0.4))
 }
 

@@ -28,7 +28,7 @@ impl Tracker {
     /// Whether the pose predicted by the IMU is still accurate enough to coast with.
     pub(crate) fn may_coast(&self, frame: &Frame, predicted: &NavEstimate) -> bool {
         predicted.world_from_camera.is_finite()
-            && predicted.place_sigma() <= self.config.coast_sigma
+            && predicted.position_sigma() <= self.config.coast_sigma
             && self.inertial.as_ref().is_some_and(|i| i.carried_s(frame.stamp) <= self.config.coast_s)
     }
 
@@ -53,7 +53,7 @@ impl Tracker {
         self.lost_frames += 1;
         self.velocity = None;
         let since_s = self.located.map_or(0.0, |t| frame.stamp - t);
-        let sigma = predicted.place_sigma();
+        let sigma = predicted.position_sigma();
         let mut due = false;
         if let Some(inertial) = &mut self.inertial {
             inertial.coast(frame.stamp, &anchored, predicted);
@@ -149,7 +149,7 @@ impl Tracker {
                 snapshot.surviving_ancestor(last.anchored.reference)?.0,
                 predicted.world_from_camera,
             )?;
-            let (sigma, sigma_rad) = (predicted.place_sigma(), predicted.turn_sigma());
+            let (sigma, sigma_rad) = (predicted.position_sigma(), predicted.rotation_sigma());
             return Some(RelocationPrior {
                 anchored,
                 sigma,

@@ -45,7 +45,7 @@ pub(crate) fn candidates(
         found.extend(all.get(1 + turn % NEAR).map(|(_, id)| *id));
     }
     let bag = Vocabulary::current().bag(&frame.descriptors);
-    let similar = snapshot.places_like(&bag, SIMILAR, GROUP, &found, |_| true);
+    let similar = snapshot.similar_key_frames(&bag, SIMILAR, GROUP, &found, |_| true);
     found.extend(similar.into_iter().map(|(id, _)| id));
     found
 }

@@ -1,7 +1,7 @@
 //! Vocabularies: training, damaged files, words, bags, matching through the direct index, and import of DBoW2 text.
 
 use cairn_vision::bow::{
-    Bag, Dbow2Error, NodeMatchConfig, TrainConfig, TrainError, Vocabulary, VocabularyError, WordId,
+    BagOfWords, Dbow2Error, NodeMatchConfig, TrainConfig, TrainError, Vocabulary, VocabularyError, WordId,
     import_dbow2, match_through_nodes, train,
 };
 use cairn_vision::{Descriptor, hamming};
@@ -119,16 +119,16 @@ fn training_rejects_too_little_data_and_bad_config() {
 #[test]
 fn similarity_is_the_l1_score() {
     let (v, images) = small();
-    let bags: Vec<Bag> = images.iter().map(|i| v.bag(i)).collect();
+    let bags: Vec<BagOfWords> = images.iter().map(|i| v.bag(i)).collect();
     for a in &bags {
         let sum: f64 = a.words().iter().map(|(_, w)| f64::from(*w)).sum();
         assert!((sum - 1.0).abs() < 1e-5);
         assert!((a.similarity(a) - 1.0).abs() < 1e-5);
-        assert_eq!(a.similarity(&Bag::default()), 0.0);
+        assert_eq!(a.similarity(&BagOfWords::default()), 0.0);
         for b in &bags {
             assert_eq!(a.similarity(b), b.similarity(a));
             // One minus half the L1 distance.
-            let of = |bag: &Bag, word| {
+            let of = |bag: &BagOfWords, word| {
                 bag.words().iter().find(|(w, _)| *w == word).map_or(0.0, |(_, x)| f64::from(*x))
             };
             let mut words: Vec<WordId> = a.words().iter().chain(b.words()).map(|(w, _)| *w).collect();
@@ -139,10 +139,10 @@ fn similarity_is_the_l1_score() {
         }
     }
     assert!(v.bag(&[]).is_empty());
-    assert_eq!(Bag::from_parts(bags[0].words().to_vec(), bags[0].nodes().to_vec()).unwrap(), bags[0]);
+    assert_eq!(BagOfWords::from_parts(bags[0].words().to_vec(), bags[0].nodes().to_vec()).unwrap(), bags[0]);
     let mut wrong = bags[0].words().to_vec();
     wrong.swap(0, 1);
-    assert!(Bag::from_parts(wrong, vec![]).is_err());
+    assert!(BagOfWords::from_parts(wrong, vec![]).is_err());
 }
 
 #[test]

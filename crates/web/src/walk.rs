@@ -6,7 +6,7 @@ use crate::wire::{self, ToPage};
 use cairn_engine::{Engine, Output, Runner, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
-    Command, Event, Face, LibraryError, MapKeeper, RoutesLock, Script, Session, WallClock, WallTime,
+    Command, Event, LibraryError, MapKeeper, Observer, RoutesLock, Script, Session, WallClock, WallTime,
     drive_live, feed, routes_in,
 };
 use cairn_sources::{PhoneSource, Validator};
@@ -82,10 +82,10 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;
     hub.running.store(true, Ordering::Relaxed);
-    let mut face = PageFace::new(hub.clone());
-    let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut face);
+    let mut observer = PageObserver::new(hub.clone());
+    let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut observer);
     let closed = session.close();
-    face.finish(&mut session);
+    observer.finish(&mut session);
     ended?;
     closed.map_err(|why| SourceError::new(&name, why, "make room on the disk"))
 }
@@ -105,7 +105,7 @@ fn wall_of(hub: &Arc<Hub>) -> WallClock {
 }
 
 /// Reports the session's events to the hub.
-struct PageFace {
+struct PageObserver {
     hub: Arc<Hub>,
     status: Option<Instant>,
     picture: Option<Instant>,
@@ -116,7 +116,7 @@ struct PageFace {
     routes: Option<(u64, Option<PathBuf>)>,
 }
 
-impl PageFace {
+impl PageObserver {
     fn new(hub: Arc<Hub>) -> Self {
         Self { hub, status: None, picture: None, view: None, frame_ms: None, routes: None }
     }
@@ -141,7 +141,7 @@ impl PageFace {
     /// The last messages when the session has ended.
     fn finish(&mut self, session: &mut Session) {
         for event in session.events() {
-            self.heard(session, &event);
+            self.on_event(session, &event);
         }
         self.send_status(session);
     }
@@ -156,8 +156,8 @@ fn due(last: &mut Option<Instant>, every: Duration) -> bool {
     due
 }
 
-impl Face for PageFace {
-    fn heard(&mut self, _: &Session, event: &Event) {
+impl Observer for PageObserver {
+    fn on_event(&mut self, _: &Session, event: &Event) {
         let pose_ms = match event {
             Event::Said(said) => said.pose.and_then(|pose| self.hub.port.page_ms(pose)),
             Event::Sound(_) => None,
@@ -165,7 +165,7 @@ impl Face for PageFace {
         let _ = self.hub.messages.send(wire::event(event, pose_ms).into());
     }
 
-    fn saw(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+    fn on_output(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
         self.frame_ms = self.hub.port.page_ms(packet.stamp);
         if self.hub.pictures_wanted.load(Ordering::Relaxed) == 0 || !due(&mut self.picture, PICTURE_EVERY) {
             return;
@@ -176,7 +176,7 @@ impl Face for PageFace {
         }
     }
 
-    fn did(&mut self, _: &Session, command: &Command, done: &Result<String, String>) {
+    fn on_command(&mut self, _: &Session, command: &Command, done: &Result<String, String>) {
         // A page that sets how it is spoken to, as it does whenever it connects, needs no answer.
         if matches!(command, Command::Set(_)) {
             return;
@@ -190,7 +190,7 @@ impl Face for PageFace {
         self.view = None;
     }
 
-    fn passed(&mut self, session: &Session) {
+    fn on_step(&mut self, session: &Session) {
         if due(&mut self.status, STATUS_EVERY) {
             self.send_status(session);
             self.send_routes(session);

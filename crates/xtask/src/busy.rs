@@ -141,7 +141,7 @@ fn run_in_real_time(engine: &mut Engine, packets: &[FramePacket]) -> Result<Step
         let before = thread_cpu_ms();
         let out = engine.on_packet(packet).map_err(|e| e.to_string())?;
         let after = thread_cpu_ms();
-        if let Some(cause) = out.died {
+        if let Some(cause) = out.stage_failed {
             return Err(cause);
         }
         if out.anchored.is_some() {

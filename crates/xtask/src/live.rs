@@ -8,7 +8,9 @@
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::Percentiles;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig, Stamp};
-use cairn_session::{Command as Ask, Event, Face, Inbox, Script, Session, SessionConfig, drive_live, feed};
+use cairn_session::{
+    Command as Ask, Event, Inbox, Observer, Script, Session, SessionConfig, drive_live, feed,
+};
 use cairn_sim::{LiveRig, SimConfig, SimSensor, WorldKind};
 use cairn_sources::{OpenOptions, open};
 use cairn_voice::{Espeak, SpeechConfig};
@@ -243,8 +245,8 @@ impl Stopwatch {
     }
 }
 
-impl Face for Stopwatch {
-    fn saw(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+impl Observer for Stopwatch {
+    fn on_output(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
         let now = Instant::now();
         let began = *self.began.get_or_insert(now);
         let Ok(output) = output else { return };
@@ -268,14 +270,14 @@ impl Face for Stopwatch {
         self.pose_ms[minute].push((now - handed).as_secs_f64() * 1e3);
     }
 
-    fn heard(&mut self, _: &Session, event: &Event) {
+    fn on_event(&mut self, _: &Session, event: &Event) {
         if let (Event::Said(_), Some(posed)) = (event, self.posed) {
             self.words_ms.push(posed.elapsed().as_secs_f64() * 1e3);
         }
     }
 
     /// Records the first outbound walk; asks for guidance at each far end; quits when the time is over.
-    fn asked(&mut self) -> Vec<Ask> {
+    fn take_commands(&mut self) -> Vec<Ask> {
         if self.began.is_some_and(|t| t.elapsed().as_secs_f64() > 60.0 * self.minutes) {
             return vec![Ask::Quit];
         }

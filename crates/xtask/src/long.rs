@@ -50,7 +50,7 @@ pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, Strin
             eprintln!("minute {}: {}", minutes.len(), line(&minutes[minutes.len() - 1]));
         }
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
-        if let Some(cause) = out.died {
+        if let Some(cause) = out.stage_failed {
             return Err(cause);
         }
         current.step_ms.push(out.extract_ms + out.track_ms);

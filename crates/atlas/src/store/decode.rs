@@ -16,7 +16,7 @@ use crate::{
 use cairn_geometry::{Sim3, Vec3};
 use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
-use cairn_vision::bow::{Bag, Vocabulary, WordId};
+use cairn_vision::bow::{BagOfWords, Vocabulary, WordId};
 use cairn_vision::{Descriptor, Frame, Octaves, RectifiedCamera};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -475,7 +475,7 @@ fn read_feature_part(
 }
 
 /// The words of a key frame, computed.
-fn bag_of(k: &KeyFrame) -> Arc<Bag> {
+fn bag_of(k: &KeyFrame) -> Arc<BagOfWords> {
     Arc::new(Vocabulary::current().bag(&k.frame.descriptors))
 }
 
@@ -502,11 +502,11 @@ fn read_words(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreErr
             let passed = sums(&node_steps[node_span.clone()]).zip(&features[node_span]);
             let words = weighted.map(|(word, weight)| (WordId(word), *weight)).collect();
             let nodes = passed.map(|(node, feature)| (node, *feature)).collect();
-            Bag::from_parts(words, nodes).map_err(|e| d.wrong(e.to_string()))?
+            BagOfWords::from_parts(words, nodes).map_err(|e| d.wrong(e.to_string()))?
         } else if words[i] > 0 {
             vocabulary.bag(&k.frame.descriptors)
         } else {
-            Bag::default()
+            BagOfWords::default()
         };
         let known = vocabulary.facts().nodes;
         let valid = bag.words().last().is_none_or(|(word, _)| word.0 < known)

@@ -11,7 +11,7 @@ use std::sync::Arc;
 fn combined_snapshot_contains_both() {
     for seed in 0..20 {
         let (a, b) = (snapshot(seed, 12, 12), snapshot(seed + 100, 9, 12));
-        let (both, shift) = a.beside(&b).unwrap();
+        let (both, shift) = a.combined_with(&b).unwrap();
         assert_eq!(both.check(), Ok(()));
         assert_eq!(both.key_frame_count(), a.key_frame_count() + b.key_frame_count());
         assert_eq!(both.landmark_count(), a.landmark_count() + b.landmark_count());
@@ -52,14 +52,14 @@ fn names_of_different_robots_stay() {
         let changes = vec![Change::AddKeyFrame(Box::new(k))];
         empty.apply(&ChangeSet { base: empty.version(), changes }).0
     };
-    let (both, shift) = one(7).beside(&one(8)).unwrap();
+    let (both, shift) = one(7).combined_with(&one(8)).unwrap();
     assert!(shift.robots.is_empty());
     let named = |robot, seq| both.key_frame_named(KeyFrameName { robot, seq }).map(KeyFrameId::index);
     assert_eq!([named(7, 0), named(8, 0), named(7, 1), named(0, 0)], [Some(0), Some(1), None, None]);
     let next = both.clone().continued_by(7);
     assert_eq!(next.key_frame_name(next.next_key_frame_id()), KeyFrameName { robot: 7, seq: 1 });
     // Both began as robot 0: that of the second gets another number.
-    let (both, shift) = a.beside(&b).unwrap();
+    let (both, shift) = a.combined_with(&b).unwrap();
     assert_eq!(shift.robots.keys().copied().collect::<Vec<_>>(), [0]);
     assert!(!both.robots().is_empty());
 }
@@ -67,5 +67,5 @@ fn names_of_different_robots_stay() {
 #[test]
 fn different_octaves_are_refused() {
     let other = Snapshot::with_octaves(Octaves { levels: 4, factor: 1.5 });
-    assert!(Snapshot::new().beside(&other).unwrap_err().contains("levels: 4"));
+    assert!(Snapshot::new().combined_with(&other).unwrap_err().contains("levels: 4"));
 }

@@ -116,7 +116,7 @@ impl DemoCamera {
         self.times.add("render", begin.elapsed());
         self.truth.push(packet.stamp.0, truth).map_err(|e| bug(e.to_string()))?;
         let output = self.session.on_packet(&packet).map_err(bug)?;
-        if let Some(why) = &output.died {
+        if let Some(why) = &output.stage_failed {
             return Err(bug(format!("mapping has stopped: {why}")));
         }
         if let Some(dense) = &mut self.dense {

@@ -145,7 +145,7 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
     let world_from_map = evaluation.reference_from_estimate;
     let place = |p: &Vec3| world_from_map * *p;
     let map = camera.snapshot();
-    let recorded: Vec<Vec3> = (out.route.resolve(|a| cairn_session::standing(&map, a)).iter())
+    let recorded: Vec<Vec3> = (out.route.resolve(|a| cairn_session::anchor_in_map(&map, a)).iter())
         .map(|p| p.frame_from_camera.translation)
         .collect();
     let last = home.path.last().copied().unwrap_or(out.turning_point.0);

@@ -170,7 +170,7 @@ impl Delayed {
         let outcome = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, request, stop)));
         done.ms.push(start.elapsed().as_secs_f64() * 1e3);
         self.answer = outcome.map(|taken| done.taken(taken)).unwrap_or_else(|cause| {
-            done.died = Some(text_of(&cause));
+            done.stage_failed = Some(text_of(&cause));
             None
         });
         self.free_at = self.frame + u64::from(latency);
@@ -220,7 +220,7 @@ impl Delayed {
                 let latency = self.rng.below(CLOSING_TIMES * self.delays.most_frames + 1);
                 self.closing = Some((self.frame + u64::from(latency), snapshot, closed));
             }
-            Err(cause) => done.died = Some(text_of(&cause).replace("mapping", "closing")),
+            Err(cause) => done.stage_failed = Some(text_of(&cause).replace("mapping", "closing")),
         }
     }
 }

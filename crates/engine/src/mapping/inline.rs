@@ -30,7 +30,7 @@ impl Inline {
             catch_unwind(AssertUnwindSafe(|| close_inline(closer, atlas, id, stop, done))).map(|()| id)
         });
         closed.unwrap_or_else(|cause| {
-            done.died = Some(text_of(&cause));
+            done.stage_failed = Some(text_of(&cause));
             None
         })
     }
@@ -41,7 +41,7 @@ impl Inline {
         if let Err(cause) =
             catch_unwind(AssertUnwindSafe(|| self.mapper.final_adjustment(&mut self.atlas, stop)))
         {
-            done.died = Some(text_of(&cause));
+            done.stage_failed = Some(text_of(&cause));
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::journal::{FrameRecord, Header, Journal, Record};
 use cairn_atlas::{Atlas, ImuSegment, KeyFrameId, LandmarkId, MapPrior, Snapshot, Subscription};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::Attempt;
-use cairn_mapping::{Closer, MapStart, Mapper, ScaleCheck, ScaleVerdict, Submitted, Verdict};
+use cairn_mapping::{Closer, KeyFrameInput, MapStart, Mapper, ScaleCheck, ScaleVerdict, Verdict};
 use cairn_sensor::Stamp;
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, RelocationPrior};
 use delayed::Delayed;
@@ -49,7 +49,7 @@ pub(crate) struct Done {
     /// The last check of a metric scale; a correction stays until it is polled.
     pub scale_check: Option<ScaleCheck>,
     /// Why a stage failed, if one did.
-    pub died: Option<String>,
+    pub stage_failed: Option<String>,
 }
 
 impl Done {
@@ -59,7 +59,7 @@ impl Done {
         self.verdicts.extend(other.verdicts);
         self.attempt = other.attempt.or(self.attempt.take());
         self.check(other.scale_check);
-        self.died = self.died.take().or(other.died);
+        self.stage_failed = self.stage_failed.take().or(other.stage_failed);
     }
 
     /// Takes a result of mapping; returns its key frame.
@@ -258,7 +258,7 @@ fn take(
             let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
             let imu = imu.as_ref();
             let (orientation_only, rescale) = (*orientation_only, *rescale);
-            let submitted = Submitted {
+            let submitted = KeyFrameInput {
                 frame,
                 landmarks,
                 reference,

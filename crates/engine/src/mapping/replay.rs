@@ -265,7 +265,7 @@ impl Replay {
         let id = outcome.map(|taken| done.taken(taken));
         done.ms.push(start.elapsed().as_secs_f64() * 1e3);
         self.answer = id.unwrap_or_else(|cause| {
-            done.died = Some(text_of(&cause));
+            done.stage_failed = Some(text_of(&cause));
             None
         });
         if let Some(id) = self.answer {
@@ -291,7 +291,7 @@ impl Replay {
                     self.closed.push_back((number, snapshot, closed));
                 }
             }
-            Err(cause) => done.died = Some(text_of(&cause).replace("mapping", "closing")),
+            Err(cause) => done.stage_failed = Some(text_of(&cause).replace("mapping", "closing")),
         }
     }
 }

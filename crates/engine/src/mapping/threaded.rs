@@ -191,7 +191,7 @@ impl MappingThread {
                 }
             }));
             if let Err(cause) = &handled {
-                let _ = self.results.send(Done { died: Some(text_of(cause)), ..Done::default() });
+                let _ = self.results.send(Done { stage_failed: Some(text_of(cause)), ..Done::default() });
             }
             if end.is_some() || handled.is_err() {
                 return;
@@ -301,8 +301,8 @@ fn spawn_closing(
                     }
                 }
                 Err(cause) => {
-                    let died = Some(text_of(&cause).replace("mapping", "closing"));
-                    let _ = results.send(Done { close_ms, died, ..Done::default() });
+                    let stage_failed = Some(text_of(&cause).replace("mapping", "closing"));
+                    let _ = results.send(Done { close_ms, stage_failed, ..Done::default() });
                     return;
                 }
             }

@@ -38,7 +38,7 @@ fn tracked(t: f64, imu: &[ImuSample]) -> FrameResult<'_> {
         attempt: None,
         scale_check: None,
         verdicts: &[],
-        died: None,
+        stage_failed: None,
         mapping: true,
     }
 }
@@ -216,7 +216,7 @@ fn errors_are_transient_or_permanent() {
     assert_eq!(tracker.status().words(), "Something is wrong: the image has another size.");
     assert_eq!(after(&mut tracker, &tracked(0.1, &[])), Phase::Tracking, "only one image was bad");
     assert_eq!(tracker.status().error, None);
-    let dead = FrameResult { died: Some("mapping died"), ..tracked(0.2, &[]) };
+    let dead = FrameResult { stage_failed: Some("mapping died"), ..tracked(0.2, &[]) };
     assert_eq!(after(&mut tracker, &dead), Phase::Error);
     assert!(tracker.status().valid, "tracking goes on");
 }

@@ -28,7 +28,7 @@ pub(crate) struct FrameResult<'a> {
     pub scale_check: Option<ScaleCheck>,
     pub verdicts: &'a [Verdict],
     /// Why a stage has failed, now or before.
-    pub died: Option<&'a str>,
+    pub stage_failed: Option<&'a str>,
     /// Whether the map may change.
     pub mapping: bool,
 }
@@ -76,7 +76,7 @@ impl StatusTracker {
         self.update_map(result);
         self.collect_events(result);
         let (phase, waits) = self.phase_and_waits(result);
-        let error = result.died.map(str::to_owned);
+        let error = result.stage_failed.map(str::to_owned);
         self.status = Status { phase, waits, error, ..std::mem::take(&mut self.status) };
     }
 
@@ -175,7 +175,7 @@ impl StatusTracker {
             State::Tracking => self.initialisation(),
         };
         // What is waited for is reported also in the error phase.
-        (if result.died.is_some() { Phase::Error } else { phase }, waits)
+        (if result.stage_failed.is_some() { Phase::Error } else { phase }, waits)
     }
 
     /// Scale and gravity are not known: what the last attempt lacked.

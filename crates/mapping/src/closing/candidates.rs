@@ -26,7 +26,7 @@ pub(super) fn candidates(snapshot: &Snapshot, here: &KeyFrame, reach: f64, limit
     let neighbours = here.covisible.iter().take(5).filter_map(|(id, _)| snapshot.key_frame(*id));
     let usual = neighbours.map(|k| k.bag.similarity(&here.bag)).fold(0.0, f64::max);
     let (left, all) = (limit.saturating_sub(found.len()), usize::MAX);
-    let similar = snapshot.places_like(&here.bag, left, all, &found, |id| !known.contains(&id));
+    let similar = snapshot.similar_key_frames(&here.bag, left, all, &found, |id| !known.contains(&id));
     found.extend(
         similar.into_iter().filter(|(_, similarity)| *similarity >= MIN_SIMILARITY * usual).map(|(id, _)| id),
     );

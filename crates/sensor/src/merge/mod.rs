@@ -13,7 +13,7 @@ mod queue;
 
 use crate::{ImuSample, Stamp};
 use queue::StreamQueue;
-pub use queue::{Dropped, Why};
+pub use queue::{DropReason, Dropped};
 
 /// Noise of a synthesised sample relative to a real one. Holding a sample for one period of 5 ms, at the 10 rad/s^2 of
 /// a moving hand, gives a rate error of 0.05 rad/s, some twenty times the white noise of a MEMS gyroscope; most motion
@@ -154,7 +154,7 @@ impl<I, D> Merge<I, D> {
     pub fn push_image(&mut self, camera: usize, stamp: Stamp, image: I) -> Result<(), Dropped> {
         let result = match self.cameras.get_mut(camera) {
             Some(stream) => stream.push(stamp, image),
-            None => Err(Dropped { stamp, why: Why::Unknown }),
+            None => Err(Dropped { stamp, why: DropReason::Unknown }),
         };
         self.counts.images_dropped += result.is_err() as usize;
         self.advance_to(self.cameras.get(camera).and_then(StreamQueue::last));
@@ -182,7 +182,7 @@ impl<I, D> Merge<I, D> {
         let finite = sample.gyro.iter().chain(sample.accel.iter()).all(|v| v.is_finite());
         let result = match finite {
             true => self.imu.push(stamp, ImuSample { stamp, ..sample }),
-            false => Err(Dropped { stamp, why: Why::NotFinite }),
+            false => Err(Dropped { stamp, why: DropReason::NotFinite }),
         };
         self.counts.imu_dropped += result.is_err() as usize;
         self.advance_to(self.imu.last());

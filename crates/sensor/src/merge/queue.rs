@@ -9,7 +9,7 @@ const JUMP_S: f64 = 1.0;
 
 /// Why an item was dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum DropReason {
     /// Its time is earlier than that of a previous item.
     Backwards,
     /// Its time is the same as that of a previous item.
@@ -28,10 +28,10 @@ pub struct Dropped {
     /// Time of the dropped item, in the image clock.
     pub stamp: Stamp,
     /// Reason.
-    pub why: Why,
+    pub why: DropReason,
 }
 
-impl fmt::Display for Why {
+impl fmt::Display for DropReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Backwards => "the time goes backwards",
@@ -79,19 +79,19 @@ impl<T> StreamQueue<T> {
     pub fn push(&mut self, stamp: Stamp, item: T) -> Result<Option<(Stamp, Stamp)>, Dropped> {
         let fail = |stamp, why| Err(Dropped { stamp, why });
         match self.last {
-            Some(last) if stamp < last => return fail(stamp, Why::Backwards),
-            Some(last) if stamp == last => return fail(stamp, Why::Repeated),
+            Some(last) if stamp < last => return fail(stamp, DropReason::Backwards),
+            Some(last) if stamp == last => return fail(stamp, DropReason::Repeated),
             _ => {}
         }
         let mut step = None;
         if let Some((ahead, suspect)) = self.suspect.take() {
             if stamp < ahead {
                 self.accept(stamp, item);
-                return fail(ahead, Why::JumpsAhead);
+                return fail(ahead, DropReason::JumpsAhead);
             }
             if stamp == ahead {
                 self.suspect = Some((ahead, suspect));
-                return fail(stamp, Why::Repeated);
+                return fail(stamp, DropReason::Repeated);
             }
             step = self.accept(ahead, suspect);
         }

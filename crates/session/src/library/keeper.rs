@@ -59,6 +59,9 @@ pub struct Kept {
     pub notes: Vec<String>,
 }
 
+/// A save on its thread: the bytes written or why not, and the seconds it took.
+type Saving = JoinHandle<(Result<u64, String>, f64)>;
+
 /// The keeper of an atlas.
 pub struct MapKeeper {
     folder: PathBuf,
@@ -72,7 +75,8 @@ pub struct MapKeeper {
     detached: BTreeSet<PathBuf>,
     /// The version that is on disk.
     saved: Option<u64>,
-    work: Option<(u64, JoinHandle<(Result<u64, String>, f64)>)>,
+    /// The version that is being saved.
+    work: Option<(u64, Saving)>,
     last: Option<Stamp>,
     pause_s: f64,
     is_due: bool,

@@ -3,7 +3,7 @@
 use super::Session;
 use crate::age::Age;
 use crate::recording::Recording;
-use crate::reference_path::standing;
+use crate::reference_path::anchor_in_map;
 use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 use cairn_engine::Phase;
 use cairn_geometry::Vec3;
@@ -20,7 +20,7 @@ impl Session {
             name.map_or_else(|| self.text("walk-in-memory"), |n| n.to_string_lossy().into_owned())
         };
         s.t_s = self.since_start(self.now);
-        s.engine = self.standing();
+        s.engine = self.engine_status();
         s.language = self.language();
         (s.phase, s.words) = (s.engine.phase, s.engine.words_in(s.language));
         s.waits = s.engine.waits.iter().map(|wait| wait.words_in(s.language)).collect();
@@ -85,7 +85,7 @@ impl Session {
     }
 
     /// The engine's status, combined with what only the session knows: missing images, or an engine that failed.
-    pub fn standing(&self) -> cairn_engine::Status {
+    pub fn engine_status(&self) -> cairn_engine::Status {
         let mut s = self.engine.status().clone();
         s.t_s = self.since_start(self.now);
         let beyond = match &self.dead {
@@ -111,7 +111,7 @@ impl Session {
             .filter(|w| w.here)
             .map(|w| &w.route));
         let recorded = route.map_or_else(Vec::new, |route| {
-            let anchored = route.resolve(|a| standing(&map, a));
+            let anchored = route.resolve(|a| anchor_in_map(&map, a));
             let each = anchored.len().div_ceil(600).max(1);
             anchored.iter().step_by(each).map(|p| single(&p.frame_from_camera.translation)).collect()
         });
@@ -125,7 +125,7 @@ impl Session {
                 .guiding
                 .as_ref()
                 .map_or_else(Vec::new, |g| g.reference_path.corners().map(|p| single(&p)).collect()),
-            camera: self.camera().filter(|_| self.standing().valid),
+            camera: self.camera().filter(|_| self.engine_status().valid),
         }
     }
 

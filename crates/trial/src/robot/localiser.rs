@@ -83,7 +83,7 @@ impl Localiser {
     /// When the images do not fit the rig, or a stage of the engine died.
     pub fn step(&mut self, packet: &FramePacket, wheels: Se2) -> Result<Located, TrialError> {
         let output = self.engine.on_packet(packet).map_err(|e| TrialError::Engine(e.to_string()))?;
-        if let Some(why) = output.died {
+        if let Some(why) = output.stage_failed {
             return Err(TrialError::Engine(why));
         }
         self.step_ms.push(output.extract_ms + output.track_ms);

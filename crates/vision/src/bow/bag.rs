@@ -8,14 +8,14 @@ pub struct WordId(pub u32);
 
 /// The bag-of-words vector of one image (words and weights) and its direct index (the node of each feature).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Bag {
+pub struct BagOfWords {
     /// Sorted by word; weights are positive and sum to 1.
     words: Vec<(WordId, f32)>,
     /// Node and feature index, sorted.
     nodes: Vec<(u32, u16)>,
 }
 
-impl Bag {
+impl BagOfWords {
     /// From sorted words with weights of any scale (words of weight zero are dropped) and nodes in any order.
     pub(super) fn new(words: Vec<(WordId, f64)>, mut nodes: Vec<(u32, u16)>) -> Self {
         let sum: f64 = words.iter().map(|(_, w)| *w).sum();
@@ -25,7 +25,7 @@ impl Bag {
         Self { words, nodes }
     }
 
-    /// A bag from the values of [`Bag::words`] and [`Bag::nodes`], for loading one from a file.
+    /// A bag from the values of [`BagOfWords::words`] and [`BagOfWords::nodes`], for loading one from a file.
     ///
     /// # Errors
     /// When the words or nodes are not strictly sorted, or a weight is not in `0 < weight <= 1`.
@@ -54,7 +54,7 @@ impl Bag {
 
     /// L1 similarity score of two images, 0 to 1: `1 - |v - w| / 2` (Galvez-Lopez and Tardos 2012, equation 2). For
     /// weights that sum to 1 it equals the sum over the common words of the smaller weight.
-    pub fn similarity(&self, other: &Bag) -> f64 {
+    pub fn similarity(&self, other: &BagOfWords) -> f64 {
         let (mut i, mut j, mut sum) = (0, 0, 0.0);
         while let (Some((a, v)), Some((b, w))) = (self.words.get(i), other.words.get(j)) {
             if a == b {

@@ -1,7 +1,7 @@
 //! Feature matching between two images through the direct index: only features below the same node of the vocabulary
 //! tree are compared (Galvez-Lopez and Tardos 2012, section III-A).
 
-use super::Bag;
+use super::BagOfWords;
 use crate::{Descriptor, best_two};
 
 /// Thresholds of [`match_through_nodes`].
@@ -20,7 +20,7 @@ impl Default for NodeMatchConfig {
 }
 
 /// One image: its bag and the descriptors it was computed from.
-pub type BowImage<'a> = (&'a Bag, &'a [Descriptor]);
+pub type BowImage<'a> = (&'a BagOfWords, &'a [Descriptor]);
 
 /// Matched features, `[first, second]`, sorted by the first; each feature occurs at most once. Only features accepted
 /// by the two filters take part. Bags of different vocabularies give meaningless matches, but no panic.

@@ -4,7 +4,7 @@
 //! A [`Vocabulary`] is a tree of cluster centres over binary descriptors (Nister and Stewenius, "Scalable recognition
 //! with a vocabulary tree", CVPR 2006; over bits: Galvez-Lopez and Tardos, "Bags of binary words for fast place
 //! recognition in image sequences", T-RO 2012). A descriptor descends the tree, at each node to the nearest child; the
-//! leaf it reaches is its word. A [`Bag`] holds the words of one image with tf-idf weights and, as direct index, the
+//! leaf it reaches is its word. A [`BagOfWords`] holds the words of one image with tf-idf weights and, as direct index, the
 //! node of a middle level that each feature passed, so that the features of two images are matched without comparing
 //! all with all ([`match_through_nodes`]).
 //!
@@ -18,7 +18,7 @@ mod matching;
 mod train;
 mod vocabulary;
 
-pub use bag::{Bag, WordId};
+pub use bag::{BagOfWords, WordId};
 pub use dbow2::{Dbow2Error, import_dbow2};
 pub use format::VocabularyError;
 pub use matching::{NodeMatchConfig, match_through_nodes};

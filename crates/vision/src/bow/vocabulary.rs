@@ -1,6 +1,6 @@
 //! The vocabulary: a validated view of its file, and quantisation of descriptors by descending its tree.
 
-use super::bag::Bag;
+use super::bag::BagOfWords;
 use super::format::{self, Arrays};
 use super::{VocabularyError, WordId};
 use crate::{Descriptor, best_two_of};
@@ -105,7 +105,7 @@ impl Vocabulary {
 
     /// The bag of an image (at most 65,535 features; the rest is ignored): words weighted by tf-idf and normalised to
     /// sum 1, with the direct index of the features.
-    pub fn bag(&self, descriptors: &[Descriptor]) -> Bag {
+    pub fn bag(&self, descriptors: &[Descriptor]) -> BagOfWords {
         let arrays = self.arrays();
         let mut words = Vec::with_capacity(descriptors.len());
         let mut nodes = Vec::with_capacity(descriptors.len());
@@ -119,7 +119,7 @@ impl Vocabulary {
             let word = same[0];
             (WordId(word), same.len() as f64 * f64::from(arrays.weight(word as usize)))
         });
-        Bag::new(weighted.collect(), nodes)
+        BagOfWords::new(weighted.collect(), nodes)
     }
 
     /// The leaf that a descriptor reaches, and the node it passes at the level of the direct index (or the leaf, if it

@@ -7,7 +7,7 @@ pub mod times;
 
 use cairn_sensor::GrayImage;
 use cairn_sources::{OpenOptions, open};
-use cairn_vision::bow::{Bag, Vocabulary};
+use cairn_vision::bow::{BagOfWords, Vocabulary};
 use cairn_vision::{Descriptor, Features, OrbConfig, OrbExtractor};
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ pub struct View {
     /// Its features.
     pub features: Features,
     /// Its bag of words.
-    pub bag: Bag,
+    pub bag: BagOfWords,
 }
 
 impl View {

@@ -3,7 +3,7 @@
 use cairn_atlas::{KeyFrameId, PlaceIndex};
 use cairn_solve::ransac::Rng;
 use cairn_vision::Descriptor;
-use cairn_vision::bow::{Bag, Vocabulary};
+use cairn_vision::bow::{BagOfWords, Vocabulary};
 use serde::Serialize;
 use std::hint::black_box;
 use std::time::Instant;
@@ -13,7 +13,7 @@ use std::time::Instant;
 pub struct Times {
     /// Checking and opening the built-in vocabulary.
     pub open_ms: f64,
-    /// Bag of words of 1,000 descriptors.
+    /// BagOfWords of words of 1,000 descriptors.
     pub bag_ms: f64,
     /// Adding a key frame to an index of 1,000 of which another version is still in use.
     pub insert_ms: f64,
@@ -37,7 +37,7 @@ pub fn measure(frames: &[Vec<Descriptor>]) -> Times {
     let Some(first) = (!all.is_empty()).then(&mut mixture) else {
         return Times { open_ms, bag_ms: 0.0, insert_ms: 0.0, query_ms: 0.0, similarity_ms: 0.0 };
     };
-    let bags: Vec<Bag> = (0..1001).map(|_| vocabulary.bag(&mixture())).collect();
+    let bags: Vec<BagOfWords> = (0..1001).map(|_| vocabulary.bag(&mixture())).collect();
     let mut index = PlaceIndex::default();
     let ids: Vec<KeyFrameId> = (0..1001).filter_map(KeyFrameId::from_index).collect();
     for (id, bag) in ids.iter().zip(&bags).take(1000) {

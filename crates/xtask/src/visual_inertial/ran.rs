@@ -118,7 +118,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
     while stamps.len() < options.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
-        if let Some(cause) = out.died {
+        if let Some(cause) = out.stage_failed {
             return Err(format!("frame {}: {cause}", stamps.len()));
         }
         if options.verbose {

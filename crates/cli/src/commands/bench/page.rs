@@ -5,6 +5,9 @@ use super::row::Row;
 use super::table::{HEADS, KITTI_HEADS, cells, groups, kitti, legend};
 use cairn_eval::{Dots, Labels, Page, dot_chart};
 
+/// The value of a run that a figure shows.
+type Figure = fn(&Row) -> Option<f64>;
+
 /// The page.
 pub fn of(results: &Results) -> String {
     let mut page = Page::new("Benchmark", &legend(results));
@@ -21,7 +24,7 @@ pub fn of(results: &Results) -> String {
         );
     }
     page.heading("Figures");
-    let figures: [(&str, &str, fn(&Row) -> Option<f64>); 4] = [
+    let figures: [(&str, &str, Figure); 4] = [
         ("Absolute trajectory error", "ATE (RMSE), m", |r| r.ate_m),
         ("Error of the live poses", "live ATE (RMSE), m", |r| r.live_ate_m),
         ("Time of a step, median", "ms", |r| r.step_p50_ms),

@@ -89,7 +89,7 @@ impl Recording {
             self.put(self.channels.events, stamp, &message);
         };
         done.status.events.iter().for_each(|event| say(Level::Info, &event.to_string()));
-        done.died.iter().for_each(|cause| say(Level::Warning, cause));
+        done.stage_failed.iter().for_each(|cause| say(Level::Warning, cause));
         if self.phase.replace(done.status.phase) != Some(done.status.phase) {
             let message = foxglove::log(ns, Level::Info, "cairn", &done.status.phase.to_string());
             self.put(self.channels.events, stamp, &message);

@@ -2,11 +2,11 @@
 
 mod arguments;
 mod events;
-mod face;
 mod history;
 mod journal;
 mod map;
 mod mcap;
+mod observer;
 mod page;
 mod picture;
 mod problems;
@@ -37,7 +37,7 @@ use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waitin
 use cairn_vision::bow::Vocabulary;
 use cairn_voice::SpeechConfig;
 use events::Events;
-use face::{RunFace, Say};
+use observer::{RunObserver, Say};
 use results::Outcome;
 pub use sensor::Sensor;
 use status::StatusLines;
@@ -103,7 +103,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut session = Session::new(engine, session_config(a, &outputs, live));
     surface::watch_way(a, &mut session, &rig, sensor.mode())?;
     if let Some(lines) = &mut status {
-        lines.update(&session.standing(), session.age());
+        lines.update(&session.engine_status(), session.age());
     }
     begin(&mut session, a, &outputs, map_in.as_ref())?;
     if interrupt::requested() {
@@ -117,17 +117,17 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let name = source.info().name.clone();
     let terminal = Terminal::new(a.lines, a.realtime || live, a.speaking.language);
     let saver = map::Saver::new(a, outputs.file("--map-out"), map_in);
-    let mut face =
-        RunFace::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status)
+    let mut observer =
+        RunObserver::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status)
             .with_mcap(mcap.as_mut())
             .with_dense(dense.as_mut());
     let (driven, skips, skipped) = if live {
         let inbox = Inbox::new();
         feed(source, inbox.clone())
             .map_err(|e| Failure::new(&a.source, e.to_string(), "close other programs and try again"))?;
-        let driven = drive_live(&mut session, &inbox, &mut script, &mut face);
+        let driven = drive_live(&mut session, &inbox, &mut script, &mut observer);
         inbox.close();
-        face.tally.dropped = inbox.dropped();
+        observer.tally.dropped = inbox.dropped();
         // A stream's child process ends with it; without one that listens, its port would stay taken.
         let ended = Instant::now();
         while interrupt::requested() && ended.elapsed() < Duration::from_millis(300) {
@@ -138,21 +138,21 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         (driven, Skips::default(), Vec::new())
     } else if a.realtime {
         let mut paced = Paced::new(source).cancelled_by(interrupt::cancel());
-        let driven = drive_lockstep(&mut session, &mut paced, &mut script, &mut face);
-        face.tally.dropped = paced.dropped();
+        let driven = drive_lockstep(&mut session, &mut paced, &mut script, &mut observer);
+        observer.tally.dropped = paced.dropped();
         (driven, paced.skips(), paced.skipped().to_vec())
     } else if let Some(stamps) = stamps {
         let mut picked = Picked::new(source, stamps);
-        let driven = drive_lockstep(&mut session, &mut picked, &mut script, &mut face);
-        face.tally.dropped = picked.passed();
+        let driven = drive_lockstep(&mut session, &mut picked, &mut script, &mut observer);
+        observer.tally.dropped = picked.passed();
         (driven, picked.skips(), picked.skipped().to_vec())
     } else {
         let mut source = source;
-        let driven = drive_lockstep(&mut session, &mut *source, &mut script, &mut face);
+        let driven = drive_lockstep(&mut session, &mut *source, &mut script, &mut observer);
         (driven, source.skips(), source.skipped().to_vec())
     };
     let aloud = matches!(say, Say::Speech);
-    let (saver, voice_ended) = face.end(aloud);
+    let (saver, voice_ended) = observer.end(aloud);
     let finished = session.engine_mut().finish();
     let last = session.engine().log().frames().last().map_or(Stamp::default(), |f| f.stamp);
     tally.after(&finished, last);

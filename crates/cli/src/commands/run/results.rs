@@ -1,7 +1,7 @@
 //! The files of a run: which there are, and writing reports and trajectories at its end.
 
 use super::arguments::{Arguments, Whose};
-use super::face::Say;
+use super::observer::Say;
 use super::page;
 use super::tally::Tally;
 use crate::failure::Failure;

@@ -73,7 +73,7 @@ impl Tally {
         if done.world_from_body.is_some() && self.first_pose_s.is_none() {
             self.first_pose_s = Some(self.began.elapsed().as_secs_f64());
         }
-        if let Some(cause) = &done.died {
+        if let Some(cause) = &done.stage_failed {
             self.lost.push(Lost { t: done.stamp.seconds(), reason: cause.clone() });
         }
         self.last_state = match done.state {

@@ -26,7 +26,8 @@ impl Closer {
         let (mut compared, mut found) = (0, Vec::new());
         for here in snapshot.key_frames_of(from) {
             let in_older = |id: KeyFrameId| snapshot.key_frame(id).is_some_and(|k| k.map == into);
-            let places = snapshot.places_like(&here.bag, self.config.candidates, usize::MAX, &[], in_older);
+            let places =
+                snapshot.similar_key_frames(&here.bag, self.config.candidates, usize::MAX, &[], in_older);
             compared += usize::from(!places.is_empty());
             found.extend(places.iter().filter_map(|(old, _)| self.seam(snapshot, here, *old)));
         }

@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use crate::terminal::Terminal;
 use cairn_engine::{DenseMapper, Output};
 use cairn_sensor::FramePacket;
-use cairn_session::{Command, Event, Face, Session};
+use cairn_session::{Command, Event, Observer, Session};
 use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, VoiceError, WavVoice};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -85,7 +85,7 @@ fn fail(e: VoiceError) -> Failure {
 }
 
 /// Callbacks of a run.
-pub struct RunFace<'t, 'a> {
+pub struct RunObserver<'t, 'a> {
     /// Counts and times.
     pub tally: &'t mut Tally,
     progress: Progress,
@@ -102,7 +102,7 @@ pub struct RunFace<'t, 'a> {
     replay_stopped: bool,
 }
 
-impl<'t, 'a> RunFace<'t, 'a> {
+impl<'t, 'a> RunObserver<'t, 'a> {
     /// Callbacks for a run of `frames` frames, where that is known.
     pub fn new(
         tally: &'t mut Tally,
@@ -168,8 +168,8 @@ fn log(done: &Output) {
     }
 }
 
-impl Face for RunFace<'_, '_> {
-    fn heard(&mut self, _: &Session, event: &Event) {
+impl Observer for RunObserver<'_, '_> {
+    fn on_event(&mut self, _: &Session, event: &Event) {
         match event {
             Event::Said(said) => {
                 if let Some(mcap) = &mut self.mcap {
@@ -182,10 +182,10 @@ impl Face for RunFace<'_, '_> {
         }
     }
 
-    fn saw(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+    fn on_output(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
         match output {
             Ok(done) => {
-                if let Some(cause) = &done.died {
+                if let Some(cause) = &done.stage_failed {
                     self.progress.warn(cause);
                 }
                 self.tally.frame(packet, done);
@@ -206,7 +206,7 @@ impl Face for RunFace<'_, '_> {
             }
             Err(why) => self.tally.rejected(packet, why),
         }
-        let status = session.standing();
+        let status = session.engine_status();
         if let Some(lines) = &mut self.status {
             lines.update(&status, session.age());
         }
@@ -218,21 +218,21 @@ impl Face for RunFace<'_, '_> {
         self.progress.step(self.tally.frames);
     }
 
-    fn did(&mut self, _: &Session, _: &Command, done: &Result<String, String>) {
+    fn on_command(&mut self, _: &Session, _: &Command, done: &Result<String, String>) {
         if let Err(why) = done {
             self.progress.warn(why);
         }
     }
 
-    fn passed(&mut self, session: &Session) {
+    fn on_step(&mut self, session: &Session) {
         self.voice.pass(session.elapsed_s());
         if let Some(lines) = &mut self.status {
-            lines.update(&session.standing(), session.age());
+            lines.update(&session.engine_status(), session.age());
         }
         self.saver.save_if_due(session, |text| self.progress.warn(text));
     }
 
-    fn asked(&mut self) -> Vec<Command> {
+    fn take_commands(&mut self) -> Vec<Command> {
         let (mut commands, mistakes) = self.terminal.asked();
         mistakes.iter().for_each(|why| self.progress.warn(why));
         if interrupt::requested() && !std::mem::replace(&mut self.quitting, true) {
