@@ -289,7 +289,7 @@ mod tests {
         let along = route(&[v(0.0, 0.0), v(20.0, 0.0)], &ids, &keys);
         let branch = route(&[v(12.0, 9.0), v(12.0, 0.4)], &ids, &keys);
         let routes = [("corridor".to_owned(), &along), ("Kitchen".to_owned(), &branch)];
-        let walked = WalkedRoutes::new(&map, routes);
+        let walked = WalkedRoutes::new(map, routes);
         let names: Vec<String> = walked.destinations().into_iter().map(|d| d.name).collect();
         assert_eq!(names, ["corridor start", "corridor end", "Kitchen start", "Kitchen end"]);
         let to = walked.destination("kitchen START").unwrap();
@@ -300,7 +300,7 @@ mod tests {
         assert!((planned.path.length_m - 19.0).abs() < 0.6, "{} m", planned.path.length_m);
 
         // The planned route follows the map, and is spoken: one turn to the left on the way out.
-        let reference = crate::ReferencePath::in_map(&map, &planned.route, Travel::Again);
+        let reference = crate::ReferencePath::in_map(map, &planned.route, Travel::Again);
         let plan = reference.plan().unwrap();
         let turns: Vec<f64> =
             plan.maneuvers().iter().map(|m| m.turn_rad.to_degrees()).filter(|d| d.abs() > 20.0).collect();
@@ -312,7 +312,7 @@ mod tests {
         let last = planned.route.points.last().unwrap();
         let heading = Ground::z_up().heading(&last.odom_from_camera).unwrap();
         assert!((heading - std::f64::consts::FRAC_PI_2).abs() < 0.01, "{heading}");
-        let anchored = planned.route.resolve(|a| anchor_in_map(&map, a));
+        let anchored = planned.route.resolve(|a| anchor_in_map(map, a));
         let off = anchored
             .iter()
             .zip(&planned.route.points)
@@ -336,13 +336,13 @@ mod tests {
         let far = route(&[v(12.0, 30.0), v(12.0, 5.0)], &ids, &keys);
         let all = |along: &Route| -> Result<Planned, NoWay> {
             let routes = [("a".to_owned(), along), ("b".to_owned(), &far), ("a".to_owned(), along)];
-            let walked = WalkedRoutes::new(&map, routes.iter().map(|(n, r)| (n.clone(), *r)).take(2));
+            let walked = WalkedRoutes::new(map, routes.iter().map(|(n, r)| (n.clone(), *r)).take(2));
             let to = walked.destination("a")?;
             walked.take_me(to.map, Vec3::zeros(), &to)
         };
         assert!(all(&along).is_ok());
         let walked = WalkedRoutes::new(
-            &map,
+            map,
             [("a".to_owned(), &along), ("b".to_owned(), &far), ("a".to_owned(), &far)],
         );
         assert_eq!(walked.destination("a start"), Err(NoWay::Ambiguous("a start".into())));
