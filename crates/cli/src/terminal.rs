@@ -137,7 +137,7 @@ mod tests {
     fn lines_and_keys_parse_to_the_same_commands() {
         let (sender, answers) = channel();
         read_lines("record\n\nstop\nfly\nquit\n".as_bytes(), &sender);
-        read_keys("R s\nx\u{3}".as_bytes(), &sender, Language::English);
+        read_keys("R s\nz\u{3}".as_bytes(), &sender, Language::English);
         drop(sender);
         let all: Vec<_> = answers.iter().collect();
         assert_eq!(all[0], Ok(Command::Record));

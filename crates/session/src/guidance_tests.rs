@@ -129,8 +129,10 @@ impl Walked {
     /// A direction said within ten seconds after the correction that contradicts the previous one: it sends the
     /// walker to the other side before the walker can have followed, or away from where the route truly is.
     fn contradiction(&self) -> Option<&str> {
-        let sides =
-            self.said.iter().filter_map(|s| Some((s, side_of(&s.words, cairn_phrases::Language::English)?)));
+        // What is announced for later ("In 6 metres, turn left.") is not a direction to follow now.
+        let is_for_now = |s: &&Said| !s.words.contains("In ") && !s.words.contains(", then ");
+        let sides = (self.said.iter().filter(is_for_now))
+            .filter_map(|s| Some((s, side_of(&s.words, cairn_phrases::Language::English)?)));
         let sides: Vec<(&Said, Side)> = sides.collect();
         let near = |s: &Said| (self.corrected_s..self.corrected_s + 10.0).contains(&s.t_s);
         let other = |w: &&[(&Said, Side)]| w[1].0.t_s - w[0].0.t_s < 2.5 && w[0].1 != w[1].1;

@@ -16,7 +16,7 @@ use axum::routing::get;
 use cairn_engine::{Config, SensorMode};
 use cairn_phrases::Language;
 use cairn_sensor::{Rig, Source, SourceError};
-use cairn_session::{Command, SessionConfig};
+use cairn_session::{Command, LibraryError, RoutesLock, SessionConfig};
 use rustls::pki_types::CertificateDer;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -79,6 +79,9 @@ pub enum WebError {
         /// The system's error.
         source: std::io::Error,
     },
+    /// The routes cannot be kept where they should be.
+    #[error(transparent)]
+    Routes(#[from] LibraryError),
     /// Another failure of the system, such as no thread or no random numbers.
     #[error("{0}")]
     Machine(String),
@@ -100,13 +103,14 @@ impl Server {
     /// Binds the port, makes a token, loads or makes a certificate, and starts.
     ///
     /// # Errors
-    /// When the port is in use, or the system provides no thread or random number.
+    /// When the port is in use, another program keeps its routes in the same folder, or the system provides no thread or random number.
     pub fn start(config: ServeConfig) -> Result<Self, WebError> {
         let machine = |why: String| WebError::Machine(why);
         let host: IpAddr = if config.lan { Ipv4Addr::UNSPECIFIED.into() } else { Ipv4Addr::LOCALHOST.into() };
         let listener = std::net::TcpListener::bind((host, config.port))
             .and_then(|l| l.set_nonblocking(true).map(|()| l))
             .map_err(|source| WebError::Port { port: config.port, source })?;
+        let routes = config.routes.as_deref().map(RoutesLock::take).transpose()?;
         let address = listener.local_addr().map_err(|e| machine(e.to_string()))?;
         let lan = if config.lan { lan_address() } else { None };
         let mut addresses: Vec<IpAddr> = lan.into_iter().collect();
@@ -150,7 +154,7 @@ impl Server {
         });
         let web = web.map_err(|e| machine(e.to_string()))?;
         let shared = hub.clone();
-        let work = move || walk(&shared, config);
+        let work = move || walk(&shared, config, routes);
         let walk = std::thread::Builder::new().name("cairn-walk".into()).spawn(work);
         let walk = walk.map_err(|e| machine(e.to_string()))?;
         Ok(Self {

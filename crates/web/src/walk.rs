@@ -25,9 +25,13 @@ const VIEW_EVERY: Duration = Duration::from_millis(1000);
 const MOST_POINTS: usize = 4000;
 
 /// Runs the session until the source ends; a failure is sent to the pages and returned.
-pub(crate) fn walk(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
+pub(crate) fn walk(
+    hub: &Arc<Hub>,
+    serve: ServeConfig,
+    routes: Option<RoutesLock>,
+) -> Result<(), SourceError> {
     // A session that was ended before its first picture has not failed.
-    let result = run_session(hub, serve)
+    let result = run_session(hub, serve, routes)
         .or_else(|e| if hub.shutting_down.load(Ordering::Relaxed) { Ok(()) } else { Err(e) });
     hub.running.store(false, Ordering::Relaxed);
     match &result {
@@ -37,12 +41,9 @@ pub(crate) fn walk(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError
     result
 }
 
-fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
-    // Routes are locked, and shown, before there is a picture.
-    let mut lock = None;
+fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> Result<(), SourceError> {
+    // Routes are shown before there is a picture.
     if let Some(folder) = &serve.routes {
-        let taken = RoutesLock::take(folder);
-        lock = Some(taken.map_err(|e| SourceError::new("the routes", e.to_string(), cure_of(&e)))?);
         let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
         hub.routes.send_replace(ToPage::Routes(&listed).text().into());
     }
@@ -92,8 +93,7 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig) -> Result<(), SourceError> {
 
 fn cure_of(error: &LibraryError) -> &'static str {
     match error {
-        LibraryError::Busy(_) => "stop the other program, or give another folder with --data",
-        LibraryError::Folder { .. } => "give another folder with --data",
+        LibraryError::Busy(_) | LibraryError::Folder { .. } => "give another folder with --data",
         LibraryError::Rig(_) => "give a calibration with --rig",
     }
 }

@@ -10,7 +10,7 @@ use crate::terminal::Terminal;
 use cairn_engine::Config;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
-use cairn_session::{Command, SessionConfig};
+use cairn_session::{Command, LibraryError, SessionConfig};
 use cairn_sources::{OpenOptions, Paced, Validator, is_live, named_rig, open, waiting_for};
 use cairn_web::{CameraSource, ServeConfig, Server, WebError};
 use std::path::{Path, PathBuf};
@@ -90,6 +90,10 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let server = Server::start(config).map_err(|e| {
         let cure = match &e {
             WebError::Port { .. } => "give another --port, or stop the program that uses it",
+            WebError::Routes(LibraryError::Busy(_)) => {
+                "stop the other program, or give another folder with --data"
+            }
+            WebError::Routes(_) => "give another folder with --data",
             WebError::Machine(_) => "try again",
         };
         Failure::new("the page", e.to_string(), cure)

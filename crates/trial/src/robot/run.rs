@@ -234,7 +234,10 @@ impl Trial {
                 at: at.into(),
                 reached: reached && error_m <= self.config.arrival_m,
                 state,
-                reason: end.and_then(|e| e.reason.clone()),
+                reason: match end {
+                    Some(end) => end.reason.clone(),
+                    None => Some("the time was over before its turn came".to_owned()),
+                },
                 error_m,
                 seconds: end.map_or(0.0, |e| e.seconds),
             }
