@@ -107,6 +107,8 @@ struct Said {
     t_s: f64,
     words: String,
     turn_rad: f64,
+    /// On the first leg, more than 4 m before the corner; from there on directions concern the turn of the route.
+    is_in_corridor: bool,
 }
 
 /// The result of a walk.
@@ -135,7 +137,8 @@ impl Walked {
             .filter_map(|s| Some((s, side_of(&s.words, cairn_phrases::Language::English)?)));
         let sides: Vec<(&Said, Side)> = sides.collect();
         let near = |s: &Said| (self.corrected_s..self.corrected_s + 10.0).contains(&s.t_s);
-        let other = |w: &&[(&Said, Side)]| w[1].0.t_s - w[0].0.t_s < 2.5 && w[0].1 != w[1].1;
+        let other =
+            |w: &&[(&Said, Side)]| w[1].0.is_in_corridor && w[1].0.t_s - w[0].0.t_s < 2.5 && w[0].1 != w[1].1;
         let followed = sides.windows(2).filter(other).map(|w| w[1].0);
         let away =
             sides.iter().filter(|(s, side)| s.turn_rad.abs() > AWAY_RAD && Side::of(s.turn_rad) != *side);
@@ -206,10 +209,9 @@ fn walk(drift: Se3, seed: u64) -> Walked {
         }
         if let Some(said) = voice.poll(now) {
             walker.hear(&said.text, now);
-            // On the first leg; from 4 m before the corner on, directions concern the turn.
-            let in_corridor = x < CORNER_M - 4.0;
-            let turn_rad = if in_corridor { wrap((-y).atan2(3.0) - heading) } else { 0.0 };
-            walked.said.push(Said { t_s, words: said.text, turn_rad });
+            let is_in_corridor = x < CORNER_M - 4.0;
+            let turn_rad = if is_in_corridor { wrap((-y).atan2(3.0) - heading) } else { 0.0 };
+            walked.said.push(Said { t_s, words: said.text, turn_rad, is_in_corridor });
         }
         walked.arrived = guiding.guide.state() == GuideState::Arrived;
         if walked.arrived && walker.is_standing() {
