@@ -23,7 +23,7 @@ use std::time::Instant;
 pub struct Delays {
     /// Seed of the latencies.
     pub seed: u64,
-    /// Longest time that a key frame keeps mapping busy, frames; closing takes up to [`CLOSING_TIMES`] as long.
+    /// Longest time that a key frame keeps mapping busy, frames; closing takes up to 3 times as long.
     pub most_frames: u32,
 }
 
