@@ -464,6 +464,8 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     );
     assert_eq!(browser.eval(&phone, "document.getElementById('step-line').hidden"), false);
     // Another language, at once and after a reload; plurals and decimals as the catalogue has them.
+    let unfold = "document.querySelector('#commands details').open = true";
+    browser.eval(&phone, unfold);
     let english = browser.text(&phone, "#commands");
     assert!(english.contains("Guide home G") && english.contains("Halt guidance H"), "{english}");
     browser.eval(&phone, &set("language", "de"));
@@ -472,6 +474,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     browser.reload(&phone);
     wait(&mut browser, &phone, "Niemand steuert diesen Gang", "#control", 20.0);
     accessible(&mut browser, &phone, "in German");
+    browser.eval(&phone, unfold);
     let german = browser.text(&phone, "#commands");
     assert!(german.contains("Heimführen G") && german.contains("Führung beenden H"), "{german}");
     let formatted = browser.eval(
