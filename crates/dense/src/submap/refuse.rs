@@ -108,7 +108,7 @@ impl DenseMap {
         let config = self.config.occupancy;
         let Some(submap) = self.submaps[index].as_mut() else { return false };
         let (mut grid, from) = match submap.rebuilt.take() {
-            Some(begun) => begun,
+            Some(partial) => partial,
             None => match OccupancyGrid::new(config) {
                 Ok(grid) => (grid, 0),
                 Err(_) => return false,
