@@ -2,7 +2,7 @@
 """Pairs cairn's pose graphs with GTSAM and g2o on the same files: costs in the same convention, and times on one core.
 
     pip install gtsam g2o-python scipy 'numpy<2'
-    cargo build --release -p cairn-cli -p xtask
+    cargo build --release -p cairn-cli -p bench
     taskset -c 0 python3 tools/compare_graphs.py FOLDER [--repeat 7] [--only NAME]
 
 FOLDER holds g2o files. All start from odometry, chained along the edges between neighbours in id. Costs are half the sum

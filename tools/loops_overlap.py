@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How much two photographs of the folder `loops` overlap, by means that share nothing with Cairn's.
 
-    tools/loops_overlap.py > crates/xtask/src/places/overlap.txt
+    tools/loops_overlap.py > crates/bench/src/places/overlap.txt
 
 SIFT features, mutual best matches with a ratio of 0.75, a fundamental matrix by MAGSAC (OpenCV). Printed: a line for each
 pair that is marked in the loop matrix, `later earlier inliers`, photographs counted from 1; and as a comment the most

@@ -2,8 +2,8 @@
 //! engine improves, and never loosened to make a test pass.
 
 use std::path::Path;
-use xtask::recordings::{RECORDINGS, data_folder, recording};
-use xtask::{MeasureOptions, Measured, accuracy::run_here, halves};
+use bench::recordings::{RECORDINGS, data_folder, recording};
+use bench::{MeasureOptions, Measured, accuracy::run_here, halves};
 
 /// Runs a recording; prints "skipped" if it is missing.
 fn run(name: &str, frames: usize) -> Option<Measured> {

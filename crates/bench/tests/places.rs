@@ -2,9 +2,9 @@
 //! limit is tightened when recognition improves, and never loosened to make a test pass.
 
 use cairn_vision::bow::Vocabulary;
-use xtask::places::loops::{self, CANDIDATES, Gate};
-use xtask::places::page::{ENOUGH, SOME, Verdict, words_alone};
-use xtask::recordings::data_folder;
+use bench::places::loops::{self, CANDIDATES, Gate};
+use bench::places::page::{ENOUGH, SOME, Verdict, words_alone};
+use bench::recordings::data_folder;
 
 #[test]
 fn verified_pairs_are_in_the_loop_matrix() {

@@ -137,7 +137,7 @@ pub fn page(figures: &[Figures]) -> String {
 const HEAD: &str = "# IMU drift and initialisation
 
 Real sensors on real motion (EuRoC: an ADIS16448 on a quadrotor; TUM-VI: a handheld BMI160), without images: ground-truth
-poses with added noise replace the camera. `cargo run --release -p xtask -- inertial --write` prints and writes this page.
+poses with added noise replace the camera. `cargo run --release -p bench -- inertial --write` prints and writes this page.
 
 How it is measured. The reference values of gravity, biases and velocities are estimated from the exact poses at their true
 scale, in windows of 20 s (`reference.rs`). The first table shows how well ground truth and sensor agree: the clocks of V1_02

@@ -54,7 +54,7 @@ pub fn run(data: &Path, recording: &Recording) -> Result<Halves, String> {
     let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
     let with_scale = !engine.is_metric();
     let true_from_map: Sim3 = umeyama(&target, &from, with_scale).map_err(|e| e.to_string())?;
-    let bytes = engine.to_save("xtask", BTreeMap::new()).write().map_err(|e| e.to_string())?;
+    let bytes = engine.to_save("bench", BTreeMap::new()).write().map_err(|e| e.to_string())?;
     let file = MapFile::read(&bytes).map_err(|e| e.to_string())?;
     let (second, _) =
         Engine::in_map(&rig, mode, rate_hz, Runner::Lockstep, &config, &file).map_err(|e| e.to_string())?;

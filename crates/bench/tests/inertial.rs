@@ -1,8 +1,8 @@
 //! Limits for initialisation and drift on real IMU data, at a few starts of two recordings; docs/inertial.md has the
 //! full table.
 
-use xtask::inertial::{Chosen, Figures, run};
-use xtask::recordings::data_folder;
+use bench::inertial::{Chosen, Figures, run};
+use bench::recordings::data_folder;
 
 /// The figures of a recording; prints "skipped" if it is missing.
 fn figures(recording: &str, condition: &str, every: usize) -> Option<Figures> {
@@ -58,12 +58,12 @@ fn time_offset_of_20_ms_is_estimated_within_a_millisecond() {
 
 #[test]
 fn real_imu_data_raise_no_warnings() {
-    for name in xtask::inertial::data::NAMES {
+    for name in bench::inertial::data::NAMES {
         if !data_folder().join("imu-truth").join(name).exists() {
             println!("skipped: imu-truth/{name} is not in {}", data_folder().display());
             continue;
         }
-        let motion = xtask::inertial::data::Motion::read(&data_folder(), name).expect("it is read");
+        let motion = bench::inertial::data::Motion::read(&data_folder(), name).expect("it is read");
         let readings = cairn_inertial::Readings::of(&motion.samples, &motion.sensor);
         println!("{name}: {readings:?}");
         assert_eq!(readings.doubts(&motion.sensor), [], "{name}: {readings:?}");

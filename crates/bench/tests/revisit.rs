@@ -2,8 +2,8 @@
 
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
-use xtask::Sensor;
-use xtask::revisit::{Revisit, Trial, line};
+use bench::Sensor;
+use bench::revisit::{Revisit, Trial, line};
 
 #[test]
 fn maps_merge_after_a_covered_camera() {

@@ -5,7 +5,7 @@ use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec3};
 use cairn_sensor::Stamp;
 use cairn_sources::{OpenOptions, open};
-use xtask::recordings::data_folder;
+use bench::recordings::data_folder;
 
 /// When the camera turns about in the recording, seconds from its first frame.
 const TURN_S: [f64; 2] = [64.5, 67.5];

@@ -308,7 +308,7 @@ pub fn page(m: &Measured) -> String {
 
 const INTRODUCTION: &str = "# Visual-inertial SLAM
 
-`cargo run --release -p xtask -- visual-inertial --write` prints and writes this page. Recordings are read from
+`cargo run --release -p bench -- visual-inertial --write` prints and writes this page. Recordings are read from
 `CAIRN_DATA`, else from `../shared/data` beside the checkout. Lockstep, default configuration.
 
 ATE is the RMSE of the final trajectory after SE3 alignment with the ground truth, without scale; in brackets after Sim3

@@ -5,7 +5,7 @@ use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use cairn_sources::{OpenOptions, open};
 use std::collections::BTreeMap;
-use xtask::recordings::data_folder;
+use bench::recordings::data_folder;
 
 /// A run: the outputs, and the truth comparable to them.
 struct Run {

@@ -151,7 +151,7 @@ pub fn page(rows: &[Row]) -> String {
 
 const HEAD: &str = "# Pose graphs
 
-`cargo run --release -p xtask -- graphs --write` writes this page from the g2o files in `graphs/` of the recordings
+`cargo run --release -p bench -- graphs --write` writes this page from the g2o files in `graphs/` of the recordings
 (`CAIRN_DATA`, else `../shared/data` beside the checkout).
 
 ";

@@ -112,7 +112,7 @@ impl Day {
         config.route = CameraPath::Poses(poses);
         config.duration_s = None;
         let mut source = SimSource::in_world(&config, self.source.world().clone()).map_err(text)?;
-        let file = self.engine.to_save("xtask", BTreeMap::new());
+        let file = self.engine.to_save("bench", BTreeMap::new());
         let rig = source.rig().clone();
         let (engine, _) =
             Engine::in_map(&rig, self.sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default(), &file)

@@ -104,7 +104,7 @@ pub fn page(rows: &[Row]) -> String {
     let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "an unknown processor".into());
     format!(
         "# Accuracy\n\n\
-         `cargo run --release -p xtask -- accuracy --write` writes this page. Recordings are read from `CAIRN_DATA`, else\n\
+         `cargo run --release -p bench -- accuracy --write` writes this page. Recordings are read from `CAIRN_DATA`, else\n\
          from `../shared/data` beside the checkout.\n\n{}\n\
          Lockstep, default configuration. ATE is the RMSE of the final trajectory against the ground truth after alignment; coverage\n\
          is the share of packets that have a pose. A step lasts from the decoded image to the pose; times are those of the run with the lowest median, {cpu}.\n\

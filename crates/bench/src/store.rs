@@ -151,10 +151,10 @@ fn add(
 /// When the folder or the file cannot be written or read, or a different map is read.
 pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> Result<Stored, String> {
     let map = corridor(key_frames, features);
-    let about = About { program: "cairn xtask".into(), sensor: SensorMode::Stereo, camera: camera() };
+    let about = About { program: "cairn bench".into(), sensor: SensorMode::Stereo, camera: camera() };
     let file = MapFile { snapshot: map, about, attached: BTreeMap::new() };
     std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    let path = folder.join(format!("cairn-xtask-store-{}.map", std::process::id()));
+    let path = folder.join(format!("cairn-bench-store-{}.map", std::process::id()));
     let measured = measure(&file, &path, times);
     let _ = std::fs::remove_file(&path);
     measured

@@ -2,8 +2,8 @@
 
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
-use xtask::walks::{Walk, line, run};
-use xtask::{MeasureOptions, Sensor, measure};
+use bench::walks::{Walk, line, run};
+use bench::{MeasureOptions, Sensor, measure};
 
 #[test]
 fn short_walks_are_tracked_to_the_end() {

@@ -96,7 +96,7 @@ fn build_map(packets: &[FramePacket], rig: &Rig, sensor: Sensor, rate_hz: f64) -
         engine.on_packet(packet).map_err(|e| e.to_string())?;
     }
     engine.finish();
-    Ok(engine.to_save("xtask", BTreeMap::new()))
+    Ok(engine.to_save("bench", BTreeMap::new()))
 }
 
 /// Times of the steps, and seconds of each full adjustment in parallel.

@@ -1,4 +1,4 @@
-//! `xtask`: measurements of the whole engine. Tables on stdout, progress on stderr.
+//! `bench`: measurements of the whole engine. Tables on stdout, progress on stderr.
 
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -6,11 +6,11 @@ use cairn_sources::{OpenOptions, open};
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use xtask::nextday::{self, Day};
-use xtask::recordings::{RECORDINGS, data_folder, recording};
-use xtask::revisit::{Revisit, Trial};
-use xtask::walks::{WORLDS, Walk};
-use xtask::{
+use bench::nextday::{self, Day};
+use bench::recordings::{RECORDINGS, data_folder, recording};
+use bench::revisit::{Revisit, Trial};
+use bench::walks::{WORLDS, Walk};
+use bench::{
     MeasureOptions, Sensor, accuracy, busy, graphs, halves, inertial, live, long, measure, places, revisit,
     store, visual_inertial, walks,
 };
@@ -311,7 +311,7 @@ fn main() -> ExitCode {
     match run(Arguments::parse().command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
-            eprintln!("xtask: {why}");
+            eprintln!("bench: {why}");
             ExitCode::FAILURE
         }
     }
