@@ -7,31 +7,31 @@ use crate::subproblem::Subproblem;
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::Vec3;
 use cairn_inertial::{ImuFactors, MotionFreedom};
+use cairn_settings::Settings;
 use cairn_solve::{Bundle, BundleConfig, Freedom, NoFactors, Report, RightOffset};
 use cairn_vision::RectifiedCamera;
 use std::mem::take;
 
 /// How large a window may be and how long it is solved.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct WindowConfig {
-    /// Key frames that move, at most.
+    /// Key frames that a local bundle adjustment moves, at most.
+    #[setting(default = 16, range = 2..=1000)]
     pub key_frames: usize,
-    /// Fixed key frames whose observations count, at most.
+    /// Fixed key frames that also observe its landmarks, at most.
+    #[setting(default = 24, range = 1..=10000)]
     pub anchors: usize,
     /// Maximum number of steps before outliers are left out, and after.
+    #[setting(default = [5, 6], range = 1..=1000)]
     pub iterations: [usize; 2],
     /// Converged when a step lowers the cost by less than this part of it.
+    #[setting(default = 1e-4, range = 0.0..=1.0)]
     pub tolerance: f64,
-    /// Standard deviation in pixels of the disparity error of the stereo calibration, which windows estimate around the
-    /// map's value; 0 keeps that value. While the map's value is zero, windows report where it would move, and leave it.
+    /// Standard deviation in pixels of the disparity error of the stereo calibration, which windows estimate around
+    /// the map's value; 0 keeps that value. While the map's value is zero, windows report where it would move, and
+    /// leave it.
+    #[setting(default = 0.2, range = 0.0..=5.0)]
     pub right_offset_sigma: f64,
-}
-
-impl Default for WindowConfig {
-    fn default() -> Self {
-        Self { key_frames: 16, anchors: 24, iterations: [5, 6], tolerance: 1e-4, right_offset_sigma: 0.2 }
-    }
 }
 
 /// A copied window.

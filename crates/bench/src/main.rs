@@ -1,11 +1,5 @@
 //! `bench`: measurements of the whole engine. Tables on stdout, progress on stderr.
 
-use cairn_engine::Config;
-use cairn_sim::WorldKind;
-use cairn_sources::{OpenOptions, open};
-use clap::{Parser, Subcommand};
-use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use bench::nextday::{self, Day};
 use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
@@ -14,6 +8,12 @@ use bench::{
     MeasureOptions, Sensor, accuracy, busy, graphs, halves, inertial, live, long, measure, places, revisit,
     store, visual_inertial, walks,
 };
+use cairn_engine::Config;
+use cairn_sim::WorldKind;
+use cairn_sources::{OpenOptions, open};
+use clap::{Parser, Subcommand};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 /// Measures the whole engine.
 #[derive(Parser)]

@@ -1,11 +1,11 @@
 //! The odometry on recordings: motions between its poses compared with the truth, beside those of the live poses in the map.
 
+use bench::recordings::data_folder;
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use cairn_sources::{OpenOptions, open};
 use std::collections::BTreeMap;
-use bench::recordings::data_folder;
 
 /// A run: the outputs, and the truth comparable to them.
 struct Run {

@@ -1,10 +1,10 @@
 //! Limits for place recognition on the photographs with a loop matrix, slightly below the figures of docs/places.md. A
 //! limit is tightened when recognition improves, and never loosened to make a test pass.
 
-use cairn_vision::bow::Vocabulary;
 use bench::places::loops::{self, CANDIDATES, Gate};
 use bench::places::page::{ENOUGH, SOME, Verdict, words_alone};
 use bench::recordings::data_folder;
+use cairn_vision::bow::Vocabulary;
 
 #[test]
 fn verified_pairs_are_in_the_loop_matrix() {

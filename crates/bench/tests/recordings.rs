@@ -1,9 +1,9 @@
 //! Limits for the engine on the real recordings, 10 % above the measured figures. A limit is tightened when the
 //! engine improves, and never loosened to make a test pass.
 
-use std::path::Path;
 use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::{MeasureOptions, Measured, accuracy::run_here, halves};
+use std::path::Path;
 
 /// Runs a recording; prints "skipped" if it is missing.
 fn run(name: &str, frames: usize) -> Option<Measured> {

@@ -1,9 +1,9 @@
 //! The camera is covered around a corner: a new map begins, and the maps merge when a place is recognised again.
 
-use cairn_engine::Config;
-use cairn_sim::WorldKind;
 use bench::Sensor;
 use bench::revisit::{Revisit, Trial, line};
+use cairn_engine::Config;
+use cairn_sim::WorldKind;
 
 #[test]
 fn maps_merge_after_a_covered_camera() {

@@ -1,11 +1,11 @@
 //! One camera and a turn on the spot: the unit of length is not invented in silence.
 
+use bench::recordings::data_folder;
 use cairn_engine::{Config, Engine, Runner, ScaleStretch, SensorMode};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec3};
 use cairn_sensor::Stamp;
 use cairn_sources::{OpenOptions, open};
-use bench::recordings::data_folder;
 
 /// When the camera turns about in the recording, seconds from its first frame.
 const TURN_S: [f64; 2] = [64.5, 67.5];

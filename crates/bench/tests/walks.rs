@@ -1,9 +1,9 @@
 //! Short simulated walks are tracked to the end with little drift.
 
-use cairn_sim::WorldKind;
-use cairn_sources::{OpenOptions, open};
 use bench::walks::{Walk, line, run};
 use bench::{MeasureOptions, Sensor, measure};
+use cairn_sim::WorldKind;
+use cairn_sources::{OpenOptions, open};
 
 #[test]
 fn short_walks_are_tracked_to_the_end() {

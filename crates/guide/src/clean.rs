@@ -10,37 +10,31 @@ use crate::ground::Ground;
 use crate::route::{PlacedPoint, Stretch};
 use crate::tracks::{Tracks, to_segment};
 use cairn_geometry::Vec3;
+use cairn_settings::Settings;
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
 /// What counts as the same ground, and how much may be simplified. Metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct CleanConfig {
     /// Whether detours are removed; off for a route that is to be walked exactly as recorded.
+    #[setting(default = true)]
     pub cut_detours: bool,
     /// The two ends of a cut lie within this distance of each other.
+    #[setting(default = 1.0, range = 0.0..=100.0)]
     pub corridor_m: f64,
     /// Ground within this distance of a recorded point counts as walked: half the width of a person.
+    #[setting(default = 0.30, range = 0.0..=100.0)]
     pub walked_m: f64,
     /// A cut must save at least this.
+    #[setting(default = 1.0, range = 0.0..=100.0)]
     pub saving_m: f64,
     /// Simplification: the result deviates from the recorded route by at most this.
+    #[setting(default = 0.30, range = 0.0..=100.0)]
     pub tolerance_m: f64,
     /// Segments shorter than this are merged where the tolerance allows.
+    #[setting(default = 1.0, range = 0.0..=100.0)]
     pub min_segment_m: f64,
-}
-
-impl Default for CleanConfig {
-    fn default() -> Self {
-        Self {
-            cut_detours: true,
-            corridor_m: 1.0,
-            walked_m: 0.30,
-            saving_m: 1.0,
-            tolerance_m: 0.30,
-            min_segment_m: 1.0,
-        }
-    }
 }
 
 /// Where a detour was left out.

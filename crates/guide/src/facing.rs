@@ -6,10 +6,11 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// One of the three ways to walk a route back.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Facing {
     /// The walker faces and moves where the camera looks.
+    #[default]
     Home,
     /// The camera looks backwards: the walker faces and moves along minus the optical axis.
     Back,

@@ -21,6 +21,7 @@ mod phrases;
 mod ready;
 mod recorder;
 mod route;
+mod settings;
 mod steer;
 mod store;
 mod tracks;
@@ -43,6 +44,7 @@ pub use phrases::{Direction, DirectionStyle, PhraseConfig, Side, Unit, clock_hou
 pub use ready::{Readiness, ReadyConfig, ReadyStretch, pose_back, ready, ready_words};
 pub use recorder::{RecordInput, Recorder, RecorderConfig, RecorderEvent};
 pub use route::{Anchor, Confidence, PlacedPoint, Route, RouteHeader, RoutePoint, Stretch};
+pub use settings::RouteConfig;
 pub use store::{Durable, RouteError, RouteWriter};
 pub use walker::Walker;
 

@@ -3,6 +3,7 @@
 use crate::clean::CleanedRoute;
 use crate::ground::{Ground, heading_of, wrap};
 use cairn_geometry::{Vec2, Vec3};
+use cairn_settings::Settings;
 
 /// The direction in which a route is walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,24 +15,23 @@ pub enum Travel {
 }
 
 /// How maneuvers are derived from a polyline.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct ManeuverPlanConfig {
     /// A bend below this angle is not a turn, degrees.
+    #[setting(default = 20.0, range = 0.0..=180.0)]
     pub straight_deg: f64,
     /// Bends to the same side within this distance of each other are one corner, metres.
+    #[setting(default = 2.0, range = 0.0..=100.0)]
     pub corner_m: f64,
     /// Turns nearer to each other than this are announced together, metres (as NavCog).
+    #[setting(default = 4.0, range = 0.0..=100.0)]
     pub compound_m: f64,
     /// Stairs rise at least this, metres.
+    #[setting(default = 1.0, range = 0.0..=100.0)]
     pub stairs_rise_m: f64,
     /// Stairs are at least this steep: rise over run.
+    #[setting(default = 0.3, range = 0.0..=10.0)]
     pub stairs_slope: f64,
-}
-
-impl Default for ManeuverPlanConfig {
-    fn default() -> Self {
-        Self { straight_deg: 20.0, corner_m: 2.0, compound_m: 4.0, stairs_rise_m: 1.0, stairs_slope: 0.3 }
-    }
 }
 
 /// A flight of stairs, in walking direction.

@@ -7,26 +7,26 @@ use crate::ground::cross;
 use crate::maneuvers::ManeuverPlan;
 use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
+use cairn_settings::Settings;
 
 /// The extent of the search.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct MatcherConfig {
     /// Metres searched behind the last match.
+    #[setting(default = 4.0, range = 0.0..=100.0)]
     pub behind_m: f64,
     /// Metres searched ahead of it.
+    #[setting(default = 4.0, range = 0.0..=100.0)]
     pub ahead_m: f64,
     /// Penalty in metres of distance for each metre along the route between a candidate and the last match.
+    #[setting(default = 0.1, range = 0.0..=10.0)]
     pub along_weight: f64,
     /// When the walker is farther than this from the window for [`Self::lost_s`], the whole route is searched.
+    #[setting(default = 6.0, range = 0.0..=100.0)]
     pub lost_m: f64,
     /// Seconds.
+    #[setting(default = 5.0, range = 0.0..=600.0)]
     pub lost_s: f64,
-}
-
-impl Default for MatcherConfig {
-    fn default() -> Self {
-        Self { behind_m: 4.0, ahead_m: 4.0, along_weight: 0.1, lost_m: 6.0, lost_s: 5.0 }
-    }
 }
 
 /// Legs whose distances from the walker differ by less than this are equally near, metres.

@@ -225,7 +225,10 @@ impl Guide {
     }
 
     fn progress(&mut self, now: &Now) -> Option<CueKind> {
-        let step = self.config.progress_m?;
+        let step = self.config.progress_m;
+        if step == 0.0 {
+            return None;
+        }
         // Not when the approach of a turn or the end will announce the distance anyway.
         let soon = if self.next_maneuver().is_some() { self.config.approach_m + 3.0 } else { 3.0 };
         if now.at.along_m - self.memory.announced_at_m < step || self.next_at_m() - now.at.along_m < soon {

@@ -8,6 +8,7 @@ use crate::ground::Ground;
 use crate::phrases::PhraseConfig;
 use crate::route::{PlacedPoint, Stretch};
 use cairn_geometry::{Se3, So3};
+use cairn_settings::Settings;
 
 /// How reliable tracking will be on a stretch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -21,20 +22,17 @@ pub enum Readiness {
 }
 
 /// The limits of the classes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct ReadyConfig {
     /// Landmarks in view from which on a pose can be found at all.
+    #[setting(default = 30, range = 0..=100_000)]
     pub least: usize,
     /// Landmarks in view from which on tracking is reliable.
+    #[setting(default = 80, range = 0..=100_000)]
     pub enough: usize,
     /// Spacing of the checks along the route, metres.
+    #[setting(default = 2.0, range = 0.01..=100.0)]
     pub stretch_m: f64,
-}
-
-impl Default for ReadyConfig {
-    fn default() -> Self {
-        Self { least: 30, enough: 80, stretch_m: 2.0 }
-    }
 }
 
 /// From this share of its length on, the whole route is said to be affected.

@@ -7,23 +7,21 @@ use crate::route::{Anchor, Confidence, Route, RouteHeader, RoutePoint, Stretch};
 use crate::store::RouteWriter;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Sim3};
 use cairn_sensor::Stamp;
+use cairn_settings::Settings;
 use std::io;
 
 /// Config of the recorder.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct RecorderConfig {
     /// Metres between points.
+    #[setting(default = 0.05, range = 0.01..=100.0)]
     pub step_m: f64,
     /// Degrees between points.
+    #[setting(default = 5.0, range = 0.0..=180.0)]
     pub step_deg: f64,
     /// Seconds between syncs of the appended points to disk.
+    #[setting(default = 1.0, range = 0.01..=100.0)]
     pub sync_s: f64,
-}
-
-impl Default for RecorderConfig {
-    fn default() -> Self {
-        Self { step_m: 0.05, step_deg: 5.0, sync_s: 1.0 }
-    }
 }
 
 /// One pose passed to the recorder.

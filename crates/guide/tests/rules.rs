@@ -189,7 +189,7 @@ fn progress_every_ten_metres_unless_off() {
     walker.go(40.5, 0.7);
     let at: Vec<f64> = walker.find("Another").iter().map(|f| f.1.round()).collect();
     assert_eq!(at, [10.0, 20.0, 30.0, 40.0]);
-    let mut walker = ScriptedWalker::new(&straight, GuideConfig { progress_m: None, ..default_config() });
+    let mut walker = ScriptedWalker::new(&straight, GuideConfig { progress_m: 0.0, ..default_config() });
     walker.go(40.0, 0.7);
     assert!(walker.find("Another").is_empty());
 }
@@ -277,7 +277,7 @@ fn repeated_misses_within_reach_count_as_arrived() {
 
 /// A config without small corrections, to test the rules behind them.
 fn without_corrections() -> GuideConfig {
-    GuideConfig { adjust_dwell_s: 1e9, progress_m: None, ..default_config() }
+    GuideConfig { adjust_dwell_s: 1e9, progress_m: 0.0, ..default_config() }
 }
 
 #[test]

@@ -18,29 +18,27 @@ use cairn_inertial::{
     of_data_sheet,
 };
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
+use cairn_settings::Settings;
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Configuration of the use of the IMU.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct InertialConfig {
     /// Whether the IMU is used, where there is one.
+    #[setting(default = false)]
     pub enabled: bool,
     /// Factor on the IMU's white noise until more is known: hand-held sensors in practice are noisier than their data
     /// sheets.
+    #[setting(default = 5.0, range = 0.1..=1e3)]
     pub noise_times: f64,
     /// Key frames, linked by IMU factors, that a local bundle adjustment moves.
+    #[setting(default = 10, range = 2..=100)]
     pub chain: usize,
-    /// Largest map, in key frames, that is adjusted as a whole with its IMU factors.
+    /// Largest map, in key frames, that is adjusted as a whole with its IMU factors; 0: never.
+    #[setting(default = 1000, range = 0..=10000)]
     pub whole_key_frames: usize,
-}
-
-impl Default for InertialConfig {
-    fn default() -> Self {
-        Self { enabled: false, noise_times: 5.0, chain: 10, whole_key_frames: 1000 }
-    }
 }
 
 /// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position

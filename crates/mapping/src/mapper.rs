@@ -16,39 +16,32 @@ use cairn_atlas::{
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Attempt;
 use cairn_sensor::ImuSensor;
+use cairn_settings::Settings;
 use cairn_solve::Report;
 use cairn_vision::{Frame, RectifiedCamera};
 use std::sync::Arc;
 
 /// Configuration of mapping.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct MapperConfig {
-    /// Neighbours searched for new landmarks.
+    /// Neighbouring key frames searched for new landmarks.
+    #[setting(default = 10, range = 1..=1000)]
     pub grow_neighbours: usize,
-    /// Neighbours searched for duplicate landmarks.
+    /// Neighbouring key frames searched for duplicate landmarks.
+    #[setting(default = 10, range = 0..=1000)]
     pub fuse_neighbours: usize,
     /// The window of the local bundle adjustment.
+    #[setting(section)]
     pub window: WindowConfig,
     /// A key frame is culled when more than this share of its landmarks is observed by three others.
+    #[setting(default = 0.9, range = 0.1..=1.0)]
     pub redundant_share: f64,
-    /// Largest map, in key frames, that gets a final bundle adjustment when a run ends.
+    /// Largest map, in key frames, that gets a final bundle adjustment when a run ends; 0: never.
+    #[setting(default = 2000, range = 0..=10000)]
     pub final_adjustment_key_frames: usize,
     /// Landmarks that a key frame should have at least after adding points from depth, where it has enough features.
+    #[setting(default = 100, range = 0..=100000)]
     pub depth_points: usize,
-}
-
-impl Default for MapperConfig {
-    fn default() -> Self {
-        Self {
-            grow_neighbours: 10,
-            fuse_neighbours: 10,
-            window: WindowConfig::default(),
-            redundant_share: 0.9,
-            final_adjustment_key_frames: 2000,
-            depth_points: 100,
-        }
-    }
 }
 
 /// The initial state of a new map.

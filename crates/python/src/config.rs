@@ -64,7 +64,7 @@ impl Config {
 
     /// Every entry with its default and a comment, as TOML.
     #[staticmethod]
-    fn default_toml() -> &'static str {
+    fn default_toml() -> String {
         cairn::Config::default_toml()
     }
 

@@ -10,7 +10,7 @@ use cairn_engine::Output;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Similarity, World};
 use cairn_guide::{
     Anchor, Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, GuideState, Heading,
-    ManeuverPlanError, RecordInput, Route, RouteNote, StopReason, Travel, wrap,
+    ManeuverPlanError, RecordInput, Route, RouteConfig, RouteNote, StopReason, Travel, wrap,
 };
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
@@ -98,10 +98,11 @@ impl Guiding {
         facing: Facing,
         place: Option<&Place>,
         now: Stamp,
+        config: &RouteConfig,
     ) -> Result<Self, NoGuidance> {
-        let reference_path = ReferencePath::new(map, route, travel, place, now);
+        let reference_path = ReferencePath::new(map, route, travel, place, now, config);
         let plan = reference_path.plan().map_err(NoGuidance::Plan)?;
-        let config = GuideConfig { facing, ..GuideConfig::default() };
+        let config = GuideConfig { facing, ..config.guide };
         let guide = Guide::new(plan, reference_path.ground, config).map_err(NoGuidance::Guide)?;
         let is_elsewhere = !place.is_some_and(|p| reference_path::is_reachable(map, route, p.anchor));
         Ok(Self {

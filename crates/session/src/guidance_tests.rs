@@ -9,7 +9,7 @@ use cairn_guide::trial::camera_pose;
 use cairn_guide::walker::side_of;
 use cairn_guide::{
     Anchor, Announcer, AnnouncerConfig, Confidence, Facing, Ground, GuideState, PhraseConfig, Route,
-    RouteHeader, RoutePoint, Side, Stretch, Travel, Walker, wrap,
+    RouteConfig, RouteHeader, RoutePoint, Side, Stretch, Travel, Walker, wrap,
 };
 use cairn_sensor::Stamp;
 use cairn_solve::ransac::Rng;
@@ -201,7 +201,16 @@ fn walk(drift: Se3, seed: u64) -> Walked {
         let confidence = if tracked.pose.is_some() { Confidence::Good } else { Confidence::Lost };
         let (map, route) = (corridor.atlas.latest(), &corridor.route);
         let guiding = guiding.get_or_insert_with(|| {
-            Guiding::begin(map, route, Travel::Again, Facing::Home, Some(&place), now).expect("a route")
+            Guiding::begin(
+                map,
+                route,
+                Travel::Again,
+                Facing::Home,
+                Some(&place),
+                now,
+                &RouteConfig::default(),
+            )
+            .expect("a route")
         });
         let cue = guiding.step(map, route, &place, confidence, None, now);
         if let Some((words, priority)) = cue.and_then(|c| Some((phrases.words(&c)?, c.priority()))) {

@@ -2,6 +2,7 @@
 
 mod age;
 mod command;
+mod config;
 mod disk;
 mod drive;
 mod dwell;
@@ -26,6 +27,7 @@ mod way_ahead;
 
 pub use age::Age;
 pub use command::{Command, KEYS, Key, Which, help, key_of};
+pub use config::FileConfig;
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Observer, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};

@@ -21,9 +21,10 @@ pub fn readiness(
     metres_per_unit: f64,
     ground: &Ground,
     facing: Facing,
+    config: &ReadyConfig,
 ) -> Vec<ReadyStretch> {
     let near = NEAR_M / metres_per_unit;
-    ready(anchored, metres_per_unit, ground, facing, &ReadyConfig::default(), |pose| {
+    ready(anchored, metres_per_unit, ground, facing, config, |pose| {
         landmarks_in_view(map, camera, pose, near)
     })
 }

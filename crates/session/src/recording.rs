@@ -54,6 +54,7 @@ impl Recording {
         map: &Snapshot,
         place: Option<&Place>,
         about: About,
+        config: RecorderConfig,
     ) -> (Self, Option<String>) {
         let ground = ground_of(map, place);
         let header = RouteHeader {
@@ -61,8 +62,7 @@ impl Recording {
             atlas: about.atlas,
             ..RouteHeader::new(about.metric, &ground, about.source)
         };
-        let recorder = Recorder::new(RecorderConfig::default(), about.metric, &ground, about.source)
-            .with_header(header.clone());
+        let recorder = Recorder::new(config, about.metric, &ground, about.source).with_header(header.clone());
         let opened = path.map(|path| disk.create(path)).transpose().and_then(|file| {
             let Some(file) = file else { return Ok(None) };
             let file = PatientFile::new(file);

@@ -5,8 +5,8 @@ use crate::ready::readiness;
 use cairn_atlas::{KeyFrameId, KeyFrameName, MapId, Snapshot};
 use cairn_geometry::{Odom, Se3, Sim3, Similarity, So3, Vec3, World};
 use cairn_guide::{
-    Anchor, CleanConfig, CleanedRoute, Facing, Ground, ManeuverPlan, ManeuverPlanConfig, ManeuverPlanError,
-    PlacedPoint, ReadyStretch, Route, Travel, clean,
+    Anchor, CleanedRoute, Facing, Ground, ManeuverPlan, ManeuverPlanError, PlacedPoint, ReadyStretch, Route,
+    RouteConfig, Travel, clean,
 };
 use cairn_sensor::Stamp;
 use cairn_vision::RectifiedCamera;
@@ -46,6 +46,7 @@ pub struct ReferencePath {
     frame: OdomFrame,
     /// The unit of length of the map became known.
     unit_is_due: bool,
+    config: RouteConfig,
     /// When the map was last checked, and its version.
     checked: Stamp,
     version: u64,
@@ -92,8 +93,8 @@ impl OdomFrame {
 
 impl ReferencePath {
     /// Resolves and cleans a route in the frame of the map.
-    pub fn in_map(map: &Snapshot, route: &Route, travel: Travel) -> Self {
-        Self::new(map, route, travel, None, Stamp::default())
+    pub fn in_map(map: &Snapshot, route: &Route, travel: Travel, config: &RouteConfig) -> Self {
+        Self::new(map, route, travel, None, Stamp::default(), config)
     }
 
     /// Resolves and cleans a route in the odometry frame of a place; before the first pose, in that of the map. Without
@@ -104,15 +105,27 @@ impl ReferencePath {
         travel: Travel,
         place: Option<&Place>,
         now: Stamp,
+        config: &RouteConfig,
     ) -> Self {
         let in_world = route.resolve(|a| anchor_in_map(map, a));
         let world_ground = ground_of(map, route, &in_world);
         let frame = OdomFrame::at(place, route.metres_per_unit(&in_world));
         let ground = world_ground.rotated(&frame.odom_from_world.sim3.rotation);
         let points = frame.placed(&in_world);
-        let cleaned = clean(&points, 1.0, &ground, &CleanConfig::default());
+        let cleaned = clean(&points, 1.0, &ground, &config.clean);
         let (checked, version, unit_is_due) = (now, map.version(), false);
-        Self { ground, world_ground, cleaned, travel, points, frame, unit_is_due, checked, version }
+        Self {
+            ground,
+            world_ground,
+            cleaned,
+            travel,
+            points,
+            frame,
+            unit_is_due,
+            checked,
+            version,
+            config: *config,
+        }
     }
 
     /// Metres per unit of the odometry.
@@ -125,7 +138,7 @@ impl ReferencePath {
     /// # Errors
     /// [`ManeuverPlanError`] for a cleaned route that is not usable, such as one with a single point.
     pub fn plan(&self) -> Result<ManeuverPlan, ManeuverPlanError> {
-        ManeuverPlan::from_route(&self.cleaned, self.travel, &self.ground, &ManeuverPlanConfig::default())
+        ManeuverPlan::from_route(&self.cleaned, self.travel, &self.ground, &self.config.maneuvers)
     }
 
     /// Whether a map holds any of a route's points: then poses in it are in the route's unit of length.
@@ -150,7 +163,7 @@ impl ReferencePath {
         now: Stamp,
     ) -> Option<Moved> {
         if self.frame.segment != Some(place.segment) || std::mem::take(&mut self.unit_is_due) {
-            let rebuilt = Self::new(map, route, self.travel, Some(place), now);
+            let rebuilt = Self::new(map, route, self.travel, Some(place), now, &self.config);
             let same_unit = (rebuilt.metres_per_unit() / self.metres_per_unit() - 1.0).abs() < SAME_UNIT;
             if self.frame.segment != Some(place.segment) || !same_unit {
                 *self = rebuilt;
@@ -176,7 +189,7 @@ impl ReferencePath {
         let near = moves()
             .min_by(|(a, _), (b, _)| (a.translation - at).norm().total_cmp(&(b.translation - at).norm()));
         let moved = near.map_or_else(Se3::identity, |(a, b)| *b * a.inverse());
-        self.cleaned = clean(&points, 1.0, &self.ground, &CleanConfig::default());
+        self.cleaned = clean(&points, 1.0, &self.ground, &self.config.clean);
         self.points = points;
         self.plan().ok().map(|plan| Moved::Corrected { plan, moved })
     }
@@ -196,7 +209,15 @@ impl ReferencePath {
             (Travel::Again, _) => Facing::Home,
         };
         let in_world = route.resolve(|a| anchor_in_map(map, a));
-        readiness(map, camera, &in_world, self.frame.odom_from_world.sim3.scale, &self.world_ground, facing)
+        readiness(
+            map,
+            camera,
+            &in_world,
+            self.frame.odom_from_world.sim3.scale,
+            &self.world_ground,
+            facing,
+            &self.config.ready,
+        )
     }
 
     /// Where the notes of the route were taken: poses of the camera in the odometry frame, in metres.

@@ -24,7 +24,7 @@ use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::Vec3;
 use cairn_guide::{
     Announcer, AnnouncerConfig, Confidence, Cue, CueKind, Facing, GuideState, PhraseConfig, Priority,
-    RecordInput, Recorder, Route, StopReason, Travel, ready_words,
+    RecordInput, Recorder, Route, RouteConfig, StopReason, Travel, ready_words,
 };
 use cairn_phrases::{Arg, Language};
 use cairn_sensor::{FramePacket, Live, Rig, Stamp};
@@ -52,6 +52,8 @@ pub struct SessionConfig {
     pub phrases: PhraseConfig,
     /// Rate, volume and queueing of the voice.
     pub announcer: AnnouncerConfig,
+    /// How routes are recorded, cleaned and guided.
+    pub route: RouteConfig,
 }
 
 impl Default for SessionConfig {
@@ -65,6 +67,7 @@ impl Default for SessionConfig {
             map_is_loaded: false,
             phrases: PhraseConfig::default(),
             announcer: AnnouncerConfig::default(),
+            route: RouteConfig::default(),
         }
     }
 }
@@ -387,6 +390,11 @@ impl Session {
         ended.chain(self.recording.iter().map(|r| (r.path.as_deref(), r.route())))
     }
 
+    /// What it was begun with.
+    pub fn config(&self) -> &SessionConfig {
+        &self.config
+    }
+
     /// Continues a recording that has a file already, in the map it was recorded in.
     pub fn resume_recording(&mut self, recorder: Recorder, path: &Path) {
         self.auto_recorded = true;
@@ -627,7 +635,8 @@ impl Session {
             recorded_s: kept.map(|_| (self.wall)().unix_s),
             atlas: kept.map(|k| k.id().to_owned()),
         };
-        let (recording, trouble) = Recording::begin(&*self.disk, path.as_deref(), &map, place, about);
+        let (recording, trouble) =
+            Recording::begin(&*self.disk, path.as_deref(), &map, place, about, self.config.route.recorder);
         self.recording = Some(recording);
         Ok(match (trouble, metric) {
             (Some(why), _) => {
@@ -679,7 +688,7 @@ impl Session {
         }
         let travel = if again { Travel::Again } else { Travel::Home };
         let (map, place) = (self.engine.snapshot(), self.place.as_ref());
-        let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now)
+        let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now, &self.config.route)
             .map_err(|why| self.text(why.id()))?;
         // The guide's first words give the length and the first direction; before that, whether the map covers the
         // route is said.

@@ -244,7 +244,7 @@ mod tests {
     use crate::synthetic::{World, stereo};
     use cairn_atlas::Atlas;
     use cairn_guide::trial::camera_pose;
-    use cairn_guide::{Anchor, CleanConfig, ManeuverPlan, ManeuverPlanConfig, Travel, clean};
+    use cairn_guide::{Anchor, CleanConfig, ManeuverPlan, ManeuverPlanConfig, RouteConfig, Travel, clean};
 
     /// A map of a corridor along x, and routes along lines of places, anchored to its nearest key frames.
     fn corridor() -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
@@ -300,7 +300,8 @@ mod tests {
         assert!((planned.path.length_m - 19.0).abs() < 0.6, "{} m", planned.path.length_m);
 
         // The planned route follows the map, and is spoken: one turn to the left on the way out.
-        let reference = crate::ReferencePath::in_map(map, &planned.route, Travel::Again);
+        let reference =
+            crate::ReferencePath::in_map(map, &planned.route, Travel::Again, &RouteConfig::default());
         let plan = reference.plan().unwrap();
         let turns: Vec<f64> =
             plan.maneuvers().iter().map(|m| m.turn_rad.to_degrees()).filter(|d| d.abs() > 20.0).collect();

@@ -15,6 +15,7 @@ use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Manifold, Se3, So3};
 use cairn_inertial::NavEstimate;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
+use cairn_settings::Settings;
 use cairn_solve::PosePrior;
 use cairn_vision::{Frame, RectifiedCamera};
 use nalgebra::SVector;
@@ -22,34 +23,26 @@ use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
 /// Configuration of tracking.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct TrackerConfig {
     /// Inlier matches needed to accept a pose.
+    #[setting(default = 25, range = 6..=10000)]
     pub min_inliers: usize,
     /// Key frames in the local map, at most.
+    #[setting(default = 40, range = 1..=10000)]
     pub local_key_frames: usize,
     /// Frames between two key frames, at least.
+    #[setting(default = 1, range = 0..=10000)]
     pub min_key_frame_gap: usize,
     /// Seconds without a pose after which a new map begins, if the place has not been recognised by then.
+    #[setting(default = 0.5, range = 0.0..=1e4)]
     pub new_map_s: f64,
     /// Standard deviation of the position in metres up to which the IMU may carry the pose (coasting).
+    #[setting(default = 1.0, range = 0.0..=100.0)]
     pub coast_sigma: f64,
     /// Longest time in motion for which it may do so, in seconds.
+    #[setting(default = 6.0, range = 0.0..=15.0)]
     pub coast_s: f64,
-}
-
-impl Default for TrackerConfig {
-    fn default() -> Self {
-        Self {
-            min_inliers: 25,
-            local_key_frames: 40,
-            min_key_frame_gap: 1,
-            new_map_s: 0.5,
-            coast_sigma: 1.0,
-            coast_s: 6.0,
-        }
-    }
 }
 
 /// Frames buffered while there is no map, so that they get their poses afterwards.

@@ -7,32 +7,30 @@
 
 use cairn_geometry::{Mat3, Se3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage, DepthSensor};
+use cairn_settings::Settings;
 
 /// Radius around a feature within which the depth must fit one plane, in pixels of its level.
 const REACH: f64 = 2.0;
 
 /// Configuration of the depth lookup.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct DepthConfig {
     /// Baseline in metres of the virtual projector: one pixel of error in `right_x` corresponds to a depth error of
     /// `depth^2 / (baseline * fx)`. 0.075 m (the distance between a Kinect's projector and camera) and fx = 535 give
     /// depth^2 / 40 m. That is well above the sensor's random noise (depth^2 / 700 m, Khoshelham and Elberink 2012)
     /// and leaves a margin for imperfect registration, rounding and motion between the two exposures.
+    #[setting(default = 0.075, range = 1e-3..=10.0)]
     pub virtual_baseline: f64,
     /// Depth in metres up to which a point is "close".
+    #[setting(default = 3.6, range = 0.1..=1e3)]
     pub close_depth: f64,
     /// Maximum depth in metres; larger measurements are ignored.
+    #[setting(default = 20.0, range = 0.1..=1e3)]
     pub max_depth: f64,
-    /// Maximum spread (largest minus smallest) of the residuals of the depths around the feature from the plane fitted
-    /// to them, relative to the depth.
+    /// Maximum spread (largest minus smallest) of the residuals of the depths around the feature from the plane
+    /// fitted to them, relative to the depth.
+    #[setting(default = 0.05, range = 0.0..=10.0)]
     pub edge_spread: f32,
-}
-
-impl Default for DepthConfig {
-    fn default() -> Self {
-        Self { virtual_baseline: 0.075, close_depth: 3.6, max_depth: 20.0, edge_spread: 0.05 }
-    }
 }
 
 /// Looks up feature depths in the images of one sensor.

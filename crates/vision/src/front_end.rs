@@ -7,6 +7,7 @@ use crate::stereo::{Side, StereoConfig, StereoMatcher};
 use crate::{Frame, Octaves, RectifiedCamera};
 use cairn_geometry::{So3, Vec2, Vec3};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, RigError};
+use cairn_settings::Settings;
 
 /// Maximum number of features of one frame: the limit of the lookup grid of a [`Frame`].
 const MAX_FEATURES: usize = 65_535;
@@ -23,28 +24,20 @@ pub enum SensorMode {
 }
 
 /// Configuration of the front end.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct FrontEndConfig {
     /// Feature extraction.
+    #[setting(section)]
     pub orb: OrbConfig,
     /// Stereo matching.
+    #[setting(section)]
     pub stereo: StereoConfig,
     /// Depth lookup.
+    #[setting(section)]
     pub depth: DepthConfig,
     /// True to extract the features of the right image on a second thread; the result is the same.
+    #[setting(default = true)]
     pub two_threads: bool,
-}
-
-impl Default for FrontEndConfig {
-    fn default() -> Self {
-        Self {
-            orb: OrbConfig::default(),
-            stereo: StereoConfig::default(),
-            depth: DepthConfig::default(),
-            two_threads: true,
-        }
-    }
 }
 
 /// Why a packet cannot be processed.

@@ -16,6 +16,7 @@ use crate::orb::{Backend, hamming};
 use crate::rectify::Rectifier;
 use crate::{Descriptor, Octaves};
 use cairn_sensor::GrayImage;
+use cairn_settings::Settings;
 use patch::{AREA, Fit, PADDED, Patch, Template, dot, energy};
 use sample::sample;
 use seeds::DisparitySeeds;
@@ -29,47 +30,39 @@ const CONVERGED_STEP: f32 = 0.05;
 const MIN_FIRST_CORRELATION: f32 = 0.5;
 
 /// Configuration of the stereo matcher.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct StereoConfig {
-    /// Maximum Hamming distance in bits of matching descriptors.
+    /// Largest Hamming distance between the descriptors of one point, of 256 bits.
+    #[setting(default = 75, range = 0..=256)]
     pub max_hamming: u32,
     /// Half height of the searched band of rows, in pixels of the feature's level.
+    #[setting(default = 2.0, range = 0.5..=100.0)]
     pub row_tolerance: f64,
-    /// Minimum depth searched, in baselines.
+    /// Smallest depth searched, in baselines.
+    #[setting(default = 1.0, range = 0.1..=100.0)]
     pub min_depth_baselines: f64,
     /// Disparity in pixels below which a point is treated as infinitely far: it gets a right x, but no depth.
+    #[setting(default = 0.3, range = 0.0..=100.0)]
     pub min_disparity: f64,
-    /// Depth up to which a point is "close", in baselines.
+    /// Depth up to which a point is close (well located from one view), in baselines.
+    #[setting(default = 40.0, range = 1.0..=1e4)]
     pub close_baselines: f64,
-    /// Maximum shift of a match by the alignment, in pixels of the level.
+    /// Largest shift of a match by the sub-pixel alignment, in pixels of the level.
+    #[setting(default = 2.5, range = 0.1..=20.0)]
     pub max_shift: f64,
     /// Minimum zero-mean normalised cross-correlation of the aligned patches.
+    #[setting(default = 0.8, range = -1.0..=1.0)]
     pub min_correlation: f32,
     /// Matches for which one minus the correlation exceeds this many times the median are dropped.
+    #[setting(default = 8.0, range = 1.0..=1e4)]
     pub max_over_median: f32,
     /// Maximum standard deviation of the disparity in pixels of the level, estimated from residual and texture.
+    #[setting(default = 0.3, range = 1e-3..=100.0)]
     pub max_sigma: f32,
-    /// Minimum correlation of a match at the disparity of a neighbour, tried for features without a match of their own;
-    /// a value above one disables such matches.
+    /// Minimum correlation of a match at the disparity of a neighbour, tried for features without a match of their
+    /// own; a value above one disables such matches.
+    #[setting(default = 0.95, range = -1.0..=2.0)]
     pub borrow_correlation: f32,
-}
-
-impl Default for StereoConfig {
-    fn default() -> Self {
-        Self {
-            max_hamming: 75,
-            row_tolerance: 2.0,
-            min_depth_baselines: 1.0,
-            min_disparity: 0.3,
-            close_baselines: 40.0,
-            max_shift: 2.5,
-            min_correlation: 0.8,
-            max_over_median: 8.0,
-            max_sigma: 0.3,
-            borrow_correlation: 0.95,
-        }
-    }
 }
 
 /// Features and pyramid of one camera of the pair.

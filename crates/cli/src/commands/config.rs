@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
-use cairn_engine::Config;
+use cairn_session::FileConfig;
 
 /// Prints the complete default configuration as TOML, with a comment for each entry.
 ///
@@ -16,5 +16,5 @@ pub struct Arguments {}
 /// # Errors
 /// When stdout cannot be written.
 pub fn run(_: &Arguments, output: &Output) -> Result<(), Failure> {
-    output.result(&Config::default(), |_| Config::default_toml().to_owned())
+    output.result(&FileConfig::default(), |_| FileConfig::default_toml())
 }

@@ -10,7 +10,7 @@ use crate::terminal::Terminal;
 use cairn_engine::Config;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
-use cairn_session::{Command, LibraryError, SessionConfig};
+use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
 use cairn_sources::{OpenOptions, Paced, Validator, is_live, named_rig, open, waiting_for};
 use cairn_web::{CameraSource, ServeConfig, Server, WebError};
 use std::path::{Path, PathBuf};
@@ -59,7 +59,8 @@ pub struct Arguments {
 /// # Errors
 /// When the configuration, the rig or the source cannot be used, or the server cannot start.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
-    let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
+    let FileConfig { engine: mut config, route: settings } =
+        a.config.as_deref().map_or_else(|| Ok(FileConfig::default()), read_config)?;
     let source = a.source.as_deref().unwrap_or_default();
     let rig = a.rig.as_deref().map(|path| rig_of(path, source, &mut config)).transpose()?;
     let data = a.data.clone().or_else(data_folder);
@@ -72,6 +73,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         facing: Facing::Home,
         phrases: a.speaking.phrases(),
         announcer: a.speaking.announcer(),
+        route: settings,
         ..SessionConfig::default()
     };
     let camera = match &a.source {

@@ -11,7 +11,7 @@ use super::out::WalkedOut;
 use crate::failure::Failure;
 use crate::progress::Progress;
 use cairn_geometry::{Vec2, Vec3};
-use cairn_guide::{CleanedRoute, Facing, Route, Travel, reason_words};
+use cairn_guide::{CleanedRoute, Facing, Route, RouteConfig, Travel, reason_words};
 use cairn_sensor::Stamp;
 use cairn_session::{Command, ReferencePath, Said};
 use std::f64::consts::PI;
@@ -132,7 +132,7 @@ pub fn walk_back(
 
 /// The route placed by the current map, as the session follows it.
 fn reference_path(camera: &DemoCamera, route: &Route) -> ReferencePath {
-    ReferencePath::in_map(&camera.snapshot(), route, Travel::Home)
+    ReferencePath::in_map(&camera.snapshot(), route, Travel::Home, &RouteConfig::default())
 }
 
 impl Return {

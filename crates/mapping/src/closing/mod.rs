@@ -20,6 +20,7 @@ use cairn_adjust::{
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
 use cairn_sensor::ImuSensor;
+use cairn_settings::Settings;
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
 pub use join::{Apart, Junction, MapJoin, Seam, Support};
@@ -35,26 +36,24 @@ const MAX_LOG_SCALE: [f64; 2] = [0.7, 2.5];
 const MAX_TILT_RAD: f64 = 0.09;
 
 /// Configuration of loop closing and map merging.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct CloserConfig {
     /// Whether loops are closed and maps merged at all.
+    #[setting(default = true)]
     pub enabled: bool,
     /// Candidate places compared for each key frame, at most.
+    #[setting(default = 3, range = 1..=100)]
     pub candidates: usize,
-    /// Inlier matches needed.
+    /// Inlier matches needed to accept a place.
+    #[setting(default = 40, range = 10..=10000)]
     pub need: usize,
     /// The plausible drift as a share of the distance travelled between the two visits, with metric scale and
     /// without.
+    #[setting(default = [0.05, 0.05], range = 0.0..=10.0)]
     pub drift: [f64; 2],
-    /// Largest map, in key frames, that is adjusted as a whole after a loop.
+    /// Largest map, in key frames, that is adjusted as a whole after a loop; 0: never.
+    #[setting(default = 1000, range = 0..=10000)]
     pub whole_key_frames: usize,
-}
-
-impl Default for CloserConfig {
-    fn default() -> Self {
-        Self { enabled: true, candidates: 3, need: 40, drift: [0.05, 0.05], whole_key_frames: 1000 }
-    }
 }
 
 /// Why a candidate was refused.

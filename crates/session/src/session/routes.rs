@@ -235,9 +235,15 @@ impl Session {
         }
         if let (Some(place), true) = (&here, was_elsewhere) {
             let travel = if guiding.again { Travel::Again } else { Travel::Home };
-            if let Ok(anew) =
-                Guiding::begin(&map, &held.route, travel, guiding.facing, Some(place), guiding.asked)
-            {
+            if let Ok(anew) = Guiding::begin(
+                &map,
+                &held.route,
+                travel,
+                guiding.facing,
+                Some(place),
+                guiding.asked,
+                &self.config.route,
+            ) {
                 *guiding = anew;
             }
         }

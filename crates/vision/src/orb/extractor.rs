@@ -7,27 +7,26 @@ use super::fast_score::scores_around;
 use super::{Backend, Pyramid, descriptor, orientation, subpixel};
 use crate::Descriptor;
 use cairn_sensor::GrayImage;
+use cairn_settings::Settings;
 
 /// Configuration of the extractor.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct OrbConfig {
-    /// Maximum number of features per image.
+    /// Features per image, at most; 0: one for every 300 pixels of the image, 500 to 2000.
+    #[setting(default = 1000, range = 0..=16000)]
     pub features: usize,
-    /// Pyramid levels (1 to 16).
+    /// Levels of the image pyramid.
+    #[setting(default = 8, range = 1..=16)]
     pub levels: usize,
-    /// Ratio between neighbouring levels (1.05 to 1.6).
+    /// Scale ratio between neighbouring levels.
+    #[setting(default = 1.2, range = 1.05..=1.6)]
     pub factor: f64,
     /// FAST threshold in gray levels, used in cells with strong corners.
+    #[setting(default = 20, range = 1..=255)]
     pub fast_high: u8,
     /// FAST threshold in gray levels for cells where nothing passes the high one.
+    #[setting(default = 7, range = 1..=255)]
     pub fast_low: u8,
-}
-
-impl Default for OrbConfig {
-    fn default() -> Self {
-        Self { features: 1000, levels: 8, factor: 1.2, fast_high: 20, fast_low: 7 }
-    }
 }
 
 /// Features of one image, struct of arrays: every vector has the same length.

@@ -7,7 +7,7 @@ use crate::output::Output;
 use crate::outputs::Outputs;
 use cairn_eval::{Marker, Plan, PlanLine, Tone};
 use cairn_geometry::Vec2;
-use cairn_guide::{Maneuver, Route, Travel};
+use cairn_guide::{Maneuver, Route, RouteConfig, Travel};
 use cairn_session::{Destination, NoWay, Planned, ReferencePath, WalkedRoutes};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -132,7 +132,8 @@ fn hint(walked: &WalkedRoutes) -> String {
 
 /// The turns of the cleaned way.
 fn turns(file: &cairn_atlas::store::MapFile, planned: &Planned) -> Result<Vec<Maneuver>, Failure> {
-    let reference = ReferencePath::in_map(&file.snapshot, &planned.route, Travel::Again);
+    let reference =
+        ReferencePath::in_map(&file.snapshot, &planned.route, Travel::Again, &RouteConfig::default());
     let plan = reference.plan().map_err(|e| {
         Failure::new(
             format!("the way to {}", planned.to.name),

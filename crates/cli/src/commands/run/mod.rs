@@ -28,10 +28,11 @@ pub use arguments::{Arguments, Kind};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Journal, Runner, Status};
 use cairn_files::MIB;
-use cairn_guide::AnnouncerConfig;
+use cairn_guide::{AnnouncerConfig, RouteConfig};
 use cairn_sensor::{Rig, Skips, Source, Stamp};
 use cairn_session::{
-    Age, Command, Inbox, Item, Script, Session, SessionConfig, Which, drive_live, drive_lockstep, feed,
+    Age, Command, FileConfig, Inbox, Item, Script, Session, SessionConfig, Which, drive_live, drive_lockstep,
+    feed,
 };
 use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waiting_for};
 use cairn_vision::bow::Vocabulary;
@@ -58,7 +59,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         vocabulary(path)?;
     }
     a.guide.as_deref().map(route::check).transpose()?;
-    let mut config = a.config.as_deref().map_or_else(|| Ok(Config::default()), read_config)?;
+    let FileConfig { engine: mut config, route: settings } =
+        a.config.as_deref().map_or_else(|| Ok(FileConfig::default()), read_config)?;
     config.robot = a.robot.unwrap_or(config.robot);
     let mut script = a.script.as_deref().map_or_else(|| Ok(Script::default()), read_script)?;
     let live = is_live(&a.source);
@@ -100,7 +102,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut mcap = mcap::Recording::begin(outputs.file("--mcap"))?;
     let mut dense = surface::begin(a, &mut engine, &rig)?;
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
-    let mut session = Session::new(engine, session_config(a, &outputs, live));
+    let mut session = Session::new(engine, session_config(a, &outputs, live, settings));
     surface::watch_way(a, &mut session, &rig, sensor.mode())?;
     if let Some(lines) = &mut status {
         lines.update(&session.engine_status(), session.age());
@@ -174,7 +176,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         .collect();
     let engine = session.engine();
     let interrupted = interrupt::requested();
-    let mut report = tally.report(engine, &config, &skips);
+    let mut report = tally.report(engine, &FileConfig { engine: config, route: settings }, &skips);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
     // No figure without ground truth, or where it has no time in common with the run.
     report.accuracy = cairn::accuracy(engine, &truth).ok();
@@ -199,7 +201,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     output.result(&ended, |ended| tally::text(ended, a.realtime || live))
 }
 
-fn session_config(a: &Arguments, outputs: &Outputs, live: bool) -> SessionConfig {
+fn session_config(a: &Arguments, outputs: &Outputs, live: bool, route: RouteConfig) -> SessionConfig {
     SessionConfig {
         folder: a.routes.clone(),
         record_to: outputs.file("--record").map(Path::to_owned),
@@ -211,6 +213,7 @@ fn session_config(a: &Arguments, outputs: &Outputs, live: bool) -> SessionConfig
         map_is_loaded: a.map_in.is_some(),
         phrases: a.speaking.phrases(),
         announcer: announcer_of(a),
+        route,
     }
 }
 
@@ -234,7 +237,7 @@ fn begin(
     map: Option<&MapFile>,
 ) -> Result<(), Failure> {
     if let (Some(path), Some(map)) = (outputs.file("--record").filter(|path| path.exists()), map) {
-        session.resume_recording(route::resume(path, map)?, path);
+        session.resume_recording(route::resume(path, map, session.config().route.recorder)?, path);
     } else if a.record.is_some() {
         let started = session.command(&Command::Record);
         started.map_err(|why| Failure::new("recording", why, "give another --record"))?;
@@ -316,11 +319,11 @@ fn vocabulary(path: &Path) -> Result<(), Failure> {
 ///
 /// # Errors
 /// When the file cannot be read or an entry is unknown or invalid.
-pub fn read_config(path: &Path) -> Result<Config, Failure> {
+pub fn read_config(path: &Path) -> Result<FileConfig, Failure> {
     let shown = path.display().to_string();
     let text = cairn_files::read_text(path, 16 * MIB)
         .map_err(|e| Failure::new(&shown, e.to_string(), "check the path, or see cairn config"))?;
-    Config::from_toml(&text).map_err(|e| {
+    FileConfig::from_toml(&text).map_err(|e| {
         let place = e.line.map_or_else(|| shown.clone(), |line| format!("{shown}, line {line}"));
         Failure::new(place, e.why, "run cairn config to see every entry with its meaning")
     })

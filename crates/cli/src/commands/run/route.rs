@@ -25,7 +25,7 @@ pub fn check(path: &Path) -> Result<(), Failure> {
 ///
 /// # Errors
 /// When the file cannot be read or written, or the route belongs to another map; it is then left unchanged.
-pub fn resume(path: &Path, map: &MapFile) -> Result<Recorder, Failure> {
+pub fn resume(path: &Path, map: &MapFile, config: RecorderConfig) -> Result<Recorder, Failure> {
     let shown = path.display().to_string();
     let failed =
         |e: RouteError| Failure::new(&shown, e.to_string(), "give another name to record a new route");
@@ -51,5 +51,5 @@ pub fn resume(path: &Path, map: &MapFile) -> Result<Recorder, Failure> {
         }
     }
     let (route, writer) = RouteWriter::resume(path).map_err(failed)?;
-    Ok(Recorder::resume(RecorderConfig::default(), route).with_writer(writer))
+    Ok(Recorder::resume(config, route).with_writer(writer))
 }

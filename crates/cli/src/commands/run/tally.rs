@@ -4,13 +4,14 @@ use super::history::History;
 use super::results::Outcome;
 use super::status::{self, StatusTally};
 use crate::style::{self, Paint};
-use cairn_engine::{Config, Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};
+use cairn_engine::{Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};
 use cairn_eval::{
     Align, EvalOptions, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport, SkipReport,
     StageTimes, evaluate,
 };
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, SkipCount, SkipKind, Skipped, Skips, Stamp};
+use cairn_session::FileConfig;
 use std::fmt::{Display, Write};
 use std::time::Instant;
 
@@ -119,7 +120,7 @@ impl Tally {
     }
 
     /// The report so far, without source and sensor, which are not known here.
-    pub fn report(&self, engine: &Engine, config: &Config, skips: &Skips) -> RunReport {
+    pub fn report(&self, engine: &Engine, config: &FileConfig, skips: &Skips) -> RunReport {
         let snapshot = engine.snapshot();
         let mut report = RunReport {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -157,7 +158,7 @@ fn skip_report(s: &SkipCount) -> SkipReport {
 
 /// The configuration as `cairn config --json` prints it: converted through text, so that 0.8 in single precision stays
 /// 0.8.
-fn as_printed(config: &Config) -> serde_json::Value {
+fn as_printed(config: &FileConfig) -> serde_json::Value {
     // Everything in a configuration can be written as JSON.
     let text = serde_json::to_string(config).unwrap_or_default();
     serde_json::from_str(&text).unwrap_or_default()
