@@ -5,9 +5,7 @@
 //! atlases are joined in one piece, so a name follows from a short table of stretches: nothing is stored at each key
 //! frame or landmark, and ids stay four bytes.
 
-use crate::{KeyFrameId, LandmarkId, Snapshot};
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
+use std::collections::BTreeMap;
 
 /// A robot, phone or person that creates key frames; 0 where nobody said.
 pub type RobotId = u16;
@@ -50,7 +48,7 @@ impl Stretches {
         Self(vec![Stretch { first: 0, robot, seq: 0 }])
     }
 
-    fn name(&self, index: usize) -> (RobotId, u32) {
+    pub(crate) fn name(&self, index: usize) -> (RobotId, u32) {
         let at = self.0.partition_point(|s| s.first <= index).saturating_sub(1);
         self.0.get(at).map_or((0, index as u32), |s| (s.robot, s.seq + (index - s.first) as u32))
     }
@@ -61,7 +59,7 @@ impl Stretches {
         self.0.iter().zip(ends).map(|(s, end)| (s, end.saturating_sub(s.first)))
     }
 
-    fn index(&self, robot: RobotId, seq: u32, next: usize) -> Option<usize> {
+    pub(crate) fn index(&self, robot: RobotId, seq: u32, next: usize) -> Option<usize> {
         self.lengths(next).find_map(|(s, length)| {
             let beyond = seq.checked_sub(s.seq)? as usize;
             (s.robot == robot && beyond < length).then_some(s.first + beyond)
@@ -74,7 +72,7 @@ impl Stretches {
         own.map(|(s, length)| s.seq + length as u32).max().unwrap_or(0)
     }
 
-    fn continue_as(&mut self, robot: RobotId, next: usize) {
+    pub(crate) fn continue_as(&mut self, robot: RobotId, next: usize) {
         let seq = self.next_seq(robot, next);
         if self.0.last().is_some_and(|s| s.first == next) {
             self.0.pop();
@@ -84,7 +82,13 @@ impl Stretches {
         }
     }
 
-    fn append(&mut self, next: usize, other: &Self, other_next: usize, renamed: &BTreeMap<RobotId, RobotId>) {
+    pub(crate) fn append(
+        &mut self,
+        next: usize,
+        other: &Self,
+        other_next: usize,
+        renamed: &BTreeMap<RobotId, RobotId>,
+    ) {
         if self.0.last().is_some_and(|s| s.first == next) {
             self.0.pop();
         }
@@ -98,7 +102,7 @@ impl Stretches {
     }
 
     /// The robots of which both have an id of the same name.
-    fn clashes<'a>(
+    pub(crate) fn clashes<'a>(
         &'a self,
         next: usize,
         other: &'a Self,
@@ -140,79 +144,11 @@ impl Default for Names {
     }
 }
 
-impl Snapshot {
-    /// The same snapshot in which this robot creates the next key frames and landmarks: its numbers go on where they
-    /// ended.
-    pub fn continued_by(mut self, robot: RobotId) -> Self {
-        let names = Arc::make_mut(&mut self.names);
-        names.key_frames.continue_as(robot, self.next_key_frame);
-        names.landmarks.continue_as(robot, self.next_landmark);
-        self
-    }
-
-    /// The robots that created key frames here, each with how many of them exist.
-    pub fn robots(&self) -> BTreeMap<RobotId, usize> {
-        let mut count = BTreeMap::new();
-        for k in self.key_frames() {
-            *count.entry(self.key_frame_name(k.id).robot).or_insert(0) += 1;
-        }
-        count
-    }
-
-    /// The lasting name of a key frame, also of a removed one.
-    pub fn key_frame_name(&self, id: KeyFrameId) -> KeyFrameName {
-        let (robot, seq) = self.names.key_frames.name(id.index());
-        KeyFrameName { robot, seq }
-    }
-
-    /// The id in this atlas of the key frame with a name, also of a removed one; `None` where it was never here.
-    pub fn key_frame_named(&self, name: KeyFrameName) -> Option<KeyFrameId> {
-        KeyFrameId::from_index(self.names.key_frames.index(name.robot, name.seq, self.next_key_frame)?)
-    }
-
-    /// The lasting name of a landmark, also of a removed one.
-    pub fn landmark_name(&self, id: LandmarkId) -> LandmarkName {
-        let (robot, seq) = self.names.landmarks.name(id.index());
-        LandmarkName { robot, seq }
-    }
-
-    /// The id in this atlas of the landmark with a name, also of a removed one; `None` where it was never here.
-    pub fn landmark_named(&self, name: LandmarkName) -> Option<LandmarkId> {
-        LandmarkId::from_index(self.names.landmarks.index(name.robot, name.seq, self.next_landmark)?)
-    }
-
-    /// New numbers for those robots of another snapshot of which both have a key frame or landmark of the same name;
-    /// `None` when there are no more numbers.
-    pub(crate) fn renamed_robots(&self, other: &Snapshot) -> Option<BTreeMap<RobotId, RobotId>> {
-        let (a, b) = (&self.names, &other.names);
-        let key_frames = a.key_frames.clashes(self.next_key_frame, &b.key_frames, other.next_key_frame);
-        let landmarks = a.landmarks.clashes(self.next_landmark, &b.landmarks, other.next_landmark);
-        let clashes: BTreeSet<RobotId> = key_frames.chain(landmarks).collect();
-        let all = [a, b].into_iter().flat_map(|n| n.key_frames.0.iter().chain(&n.landmarks.0));
-        let mut taken: BTreeSet<RobotId> = all.map(|s| s.robot).collect();
-        let mut renamed = BTreeMap::new();
-        for robot in clashes {
-            let free = (0..=RobotId::MAX).find(|r| !taken.contains(r))?;
-            taken.insert(free);
-            renamed.insert(robot, free);
-        }
-        Some(renamed)
-    }
-
-    /// The names after those of another snapshot have been added.
-    pub(crate) fn names_with(&self, other: &Snapshot, renamed: &BTreeMap<RobotId, RobotId>) -> Names {
-        let mut names = (*self.names).clone();
-        let add = &other.names;
-        names.key_frames.append(self.next_key_frame, &add.key_frames, other.next_key_frame, renamed);
-        names.landmarks.append(self.next_landmark, &add.landmarks, other.next_landmark, renamed);
-        names
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::collections::BTreeSet;
 
     #[test]
     fn a_robot_that_comes_back_goes_on_counting() {

@@ -4,9 +4,10 @@
 //! from the camera frame to its rectified frame, `P` projects from that frame; for the right camera `P[3] = -fx *
 //! baseline`.
 
+use crate::error::DecodeError;
 use crate::message::is_foxglove;
 use crate::protobuf::{Field, doubles, fields, stamp_ns, text};
-use crate::wire::{DecodeError, Header, Wire, WireFormat};
+use crate::wire::{Header, Wire, WireFormat};
 use cairn_geometry::{Mat3, Se3, So3, Vec3};
 use cairn_sensor::{Camera, Distortion, check_rotation};
 

@@ -1,5 +1,7 @@
 //! Errors that concern a whole bag, and the position of damage.
 
+use std::fmt;
+
 use std::io;
 
 /// Why a bag could not be opened or a message could not be read.
@@ -58,5 +60,17 @@ pub(crate) struct Damage {
 impl Damage {
     pub fn new(at: u64, why: impl Into<String>) -> Self {
         Self { at, why: why.into() }
+    }
+}
+
+/// Why a message cannot be decoded.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{0}")]
+pub struct DecodeError(pub String);
+
+impl DecodeError {
+    /// An error with this text.
+    pub fn new(why: impl fmt::Display) -> Self {
+        Self(why.to_string())
     }
 }

@@ -18,9 +18,9 @@ mod write;
 
 pub use bag::{Bag, is_bag};
 pub use calibration::{CameraInfo, stereo_left_from_right};
-pub use error::BagError;
+pub use error::{BagError, DecodeError};
 pub use index::{Entry, Topic};
 pub use message::{CompressedImage, ImageMessage, ImuMessage, MessageKind, TransformStamped};
 pub use message::{float32, key_value, static_transforms, transform};
-pub use wire::{DecodeError, Header, Wire, WireFormat};
+pub use wire::{Header, Wire, WireFormat};
 pub use write::{Channel, McapWriter, foxglove};

@@ -1,8 +1,9 @@
 //! The supported ROS messages, with the fields that are used. `sensor_msgs`, `geometry_msgs` and `tf2_msgs` have the
 //! same layout in ROS 1 and ROS 2; [`Wire`] handles the difference in serialisation.
 
+use crate::error::DecodeError;
 use crate::protobuf::{Field, fields, stamp_ns, text};
-use crate::wire::{DecodeError, Header, Wire, WireFormat};
+use crate::wire::{Header, Wire, WireFormat};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{ImuSample, Stamp};
 

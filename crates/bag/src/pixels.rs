@@ -3,8 +3,8 @@
 //! Encodings are those of `sensor_msgs/image_encodings` and of the RealSense SDK. The luminance of colour is weighted
 //! as in BT.601 (0.299, 0.587, 0.114); of 16-bit gray the high byte is used.
 
+use crate::error::DecodeError;
 use crate::message::ImageMessage;
-use crate::wire::DecodeError;
 use cairn_sensor::{DepthImage, GrayImage};
 
 /// Size of the largest image, pixels.

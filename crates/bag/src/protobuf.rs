@@ -1,6 +1,6 @@
 //! Fields of a protobuf message (protobuf.dev/programming-guides/encoding), for Foxglove's schemas in that encoding.
 
-use crate::wire::DecodeError;
+use crate::error::DecodeError;
 
 /// The value of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]

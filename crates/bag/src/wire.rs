@@ -1,6 +1,6 @@
 //! Serialisation of messages: ROS 1 (packed, little-endian) and ROS 2 (CDR of DDS, OMG formal/2002-06-51, 15.3).
 
-use std::fmt;
+use crate::error::DecodeError;
 
 /// How messages are serialised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,18 +13,6 @@ pub enum WireFormat {
     Protobuf,
     /// Another encoding, which is not supported.
     Other,
-}
-
-/// Why a message cannot be decoded.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{0}")]
-pub struct DecodeError(pub String);
-
-impl DecodeError {
-    /// An error with this text.
-    pub fn new(why: impl fmt::Display) -> Self {
-        Self(why.to_string())
-    }
 }
 
 /// A `std_msgs/Header`.

@@ -132,3 +132,26 @@ impl Builder {
         Ok(Slam { session, attached, notes, last: None })
     }
 }
+
+/// How a [`Slam`] comes to be.
+impl Slam {
+    /// SLAM with these cameras of a rig, and its IMU where it has one, in lockstep at about 30 frames a second;
+    /// [`Slam::builder`] has the other choices.
+    ///
+    /// # Errors
+    /// As [`Builder::build`].
+    pub fn new(rig: &Rig, mode: SensorMode, config: &Config) -> Result<Self, Error> {
+        Self::builder(rig).sensor(mode).config(config).build()
+    }
+
+    /// Builds from a rig. Where nothing else is said: all its sensors ([`crate::sensor_mode_of`]), 30 frames a second, the
+    /// default configuration, lockstep, an empty map.
+    pub fn builder(rig: &Rig) -> Builder {
+        Builder::new(rig)
+    }
+
+    /// Builds from the rig and the frame rate of a source.
+    pub fn for_source(source: &dyn Source) -> Builder {
+        Builder::of(source)
+    }
+}

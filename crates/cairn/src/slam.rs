@@ -1,11 +1,11 @@
 //! SLAM: frames in; poses, the map and its changes out; save and load.
 
-use crate::{Builder, Changes, Error, Map, MapEvents, accuracy, map_file};
+use crate::{Changes, Error, Map, MapEvents, accuracy, map_file};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Finished, Output, SensorMode, Status};
+use cairn_engine::{Engine, Finished, Output, Status};
 use cairn_eval::Evaluation;
 use cairn_geometry::{Se3, Trajectory};
-use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Rig, Source, Stamp};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Stamp};
 use cairn_session::Session;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -26,26 +26,6 @@ pub struct Slam {
 }
 
 impl Slam {
-    /// SLAM with these cameras of a rig, and its IMU where it has one, in lockstep at about 30 frames a second;
-    /// [`Slam::builder`] has the other choices.
-    ///
-    /// # Errors
-    /// As [`Builder::build`].
-    pub fn new(rig: &Rig, mode: SensorMode, config: &Config) -> Result<Self, Error> {
-        Self::builder(rig).sensor(mode).config(config).build()
-    }
-
-    /// Builds from a rig. Where nothing else is said: all its sensors ([`crate::sensor_mode_of`]), 30 frames a second, the
-    /// default configuration, lockstep, an empty map.
-    pub fn builder(rig: &Rig) -> Builder {
-        Builder::new(rig)
-    }
-
-    /// Builds from the rig and the frame rate of a source.
-    pub fn for_source(source: &dyn Source) -> Builder {
-        Builder::of(source)
-    }
-
     /// Processes a frame. A lost pose is no error: see [`Output::state`].
     ///
     /// # Errors

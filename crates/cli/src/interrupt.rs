@@ -5,7 +5,7 @@
 //! clean up, and then ended with a message. A second TERM or Ctrl-C stops at once; a second hang-up does not, because a
 //! closing terminal may send several. The exit code is 130 in all cases.
 
-use crate::output::note;
+use crate::output::{INTERRUPTED, NOTHING, note};
 use cairn_sources::Cancel;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -13,14 +13,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The exit code of a command that a signal ended early.
-pub const INTERRUPTED: u8 = 130;
-
 /// How long a command without results may take to clean up.
 const GRACE: Duration = Duration::from_millis(400);
-
-/// What is said when there is nothing to write.
-pub const NOTHING: &str = "interrupted: nothing was written";
 
 type Action = Box<dyn FnMut() + Send>;
 

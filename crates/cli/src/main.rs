@@ -74,7 +74,7 @@ fn main() -> ExitCode {
     }
     interrupt::listen();
     match run(arguments.command, &output, began) {
-        Ok(()) if interrupt::requested() => ExitCode::from(interrupt::INTERRUPTED),
+        Ok(()) if interrupt::requested() => ExitCode::from(output::INTERRUPTED),
         Ok(()) => ExitCode::SUCCESS,
         Err(_) if interrupt::requested() && !interrupt::is_in_order() => output.interrupted(),
         Err(failure) => output.fail(&failure),

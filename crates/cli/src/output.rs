@@ -1,11 +1,15 @@
 //! Results on stdout: text for people or JSON for machines, never both. A closed pipe is not an error.
 
 use crate::failure::Failure;
-use crate::interrupt;
 use crate::style::{self, Paint};
 use serde::Serialize;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
+
+/// The exit code of a command that a signal ended early.
+pub const INTERRUPTED: u8 = 130;
+/// What is said when there is nothing to write.
+pub const NOTHING: &str = "interrupted: nothing was written";
 
 /// The output format of this invocation.
 pub struct Output {
@@ -50,8 +54,8 @@ impl Output {
         if self.json {
             let _ = print(&serde_json::json!({ "interrupted": true }).to_string());
         }
-        note(interrupt::NOTHING);
-        ExitCode::from(interrupt::INTERRUPTED)
+        note(NOTHING);
+        ExitCode::from(INTERRUPTED)
     }
 
     /// Prints the failure on stderr, with --json also as an object on stdout; returns exit code 1, or 2 for wrong

@@ -1,6 +1,7 @@
 //! Camera models: projection of points in the camera frame to pixels, and the inverse.
 
-use crate::{Distortion, RigError};
+use crate::Distortion;
+use crate::error::RigError;
 use cairn_geometry::{Vec2, Vec3};
 
 /// Maximum width and height in pixels: lookup tables grow with them.

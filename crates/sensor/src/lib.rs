@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod camera;
+mod error;
 mod image;
 mod lens;
 mod live;
@@ -12,12 +13,13 @@ mod source;
 mod stamp;
 
 pub use camera::Camera;
+pub use error::RigError;
 pub use image::{DepthImage, GrayImage, Image};
 pub use lens::Distortion;
 pub use live::{ClockReading, Live};
 pub use merge::{DropReason, Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream};
 pub use packet::{FramePacket, GRAVITY_M_S2, ImuSample};
-pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, check_rotation};
+pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, check_rotation};
 pub use skips::{SkipCount, SkipKind, Skipped, Skips};
 pub use source::{Source, SourceError, SourceInfo};
 pub use stamp::Stamp;

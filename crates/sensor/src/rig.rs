@@ -1,12 +1,8 @@
 //! The rig: calibration of its cameras, depth sensor and IMU, and their extrinsics.
 
 use crate::Camera;
+use crate::error::RigError;
 use cairn_geometry::{Mat3, Se3};
-
-/// What is wrong with a rig, with the number that is wrong.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{0}")]
-pub struct RigError(pub String);
 
 /// One camera of the rig.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,8 @@
 //! A walker is guided along a corridor while the map is corrected: tracking, odometry, route and guide together, on a
 //! synthetic map.
 
-use crate::guidance::{Guiding, Place};
+use crate::guidance::Guiding;
+use crate::place::Place;
 use crate::synthetic::{FEATURES, RATE_HZ, World, off, stereo};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Pose, Se3, Sim3, So3, Vec2, Vec3};

@@ -12,6 +12,7 @@ mod guidance;
 mod guidance_tests;
 mod inbox;
 mod library;
+mod place;
 mod ready;
 mod recording;
 mod reference_path;

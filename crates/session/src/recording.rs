@@ -2,7 +2,7 @@
 
 use crate::disk::{Disk, PatientFile, Trouble};
 use crate::dwell::{Dwell, Warnings};
-use crate::guidance::Place;
+use crate::place::Place;
 use crate::reference_path::anchor_in_map;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3, Sim3, So3, Vec3};

@@ -1,6 +1,6 @@
 //! A recorded route as a reference path in the odometry frame: it is updated when the map is corrected.
 
-use crate::guidance::Place;
+use crate::place::Place;
 use crate::ready::readiness;
 use cairn_atlas::{KeyFrameId, KeyFrameName, MapId, Snapshot};
 use cairn_geometry::{Odom, Se3, Sim3, Similarity, So3, Vec3, World};

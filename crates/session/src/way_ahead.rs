@@ -8,7 +8,8 @@
 //! that is left to warn of what he is about to walk into, wherever he was led. A way past an obstacle is searched on a grid
 //! of what is seen (A*), with as much clearance as there is, up to [`CLEARANCES_M`].
 
-use crate::guidance::{Guiding, Place};
+use crate::guidance::Guiding;
+use crate::place::Place;
 use cairn_dense::DenseError;
 use cairn_dense::walk::{Blocked, Hit, LocalConfig, LocalSpace, first_hit};
 use cairn_geometry::{Se2, Se3, So3, Vec2};

@@ -1,6 +1,67 @@
 //! The header of every message: `version` (1 byte), `kind` (1), CRC-32 of the rest (4, little endian), then the body.
 
-use crate::message::{Refused, VERSION};
+use crate::ids::RobotId;
+
+/// The version that this program reads and writes.
+pub const VERSION: u8 = 1;
+
+/// Why a message was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// It is longer than the limit ([`MAX_BYTES`], for words [`crate::MAX_WORDS_BYTES`]).
+    #[error("the message has {0} bytes, more than are read")]
+    TooLong(usize),
+    /// It is shorter than its header.
+    #[error("the message ends after {0} bytes")]
+    TooShort(usize),
+    /// It has another version.
+    #[error("the message has version {0}, this program reads version {VERSION}")]
+    Version(u8),
+    /// It is of another kind than expected, or of an unknown one.
+    #[error("the message is of kind {0}, another one was expected here")]
+    Kind(u8),
+    /// The checksum does not match the bytes.
+    #[error("the checksum of the message does not fit its bytes")]
+    Checksum,
+    /// The bytes are not a valid message, or there are extra bytes after it.
+    #[error("the message cannot be decoded")]
+    Encoding,
+    /// The sender named in the message is not the robot that it came from.
+    #[error("robot {from} sent a message as robot {claimed}")]
+    WrongSender {
+        /// The robot that it came from.
+        from: RobotId,
+        /// The sender named in the message.
+        claimed: RobotId,
+    },
+    /// The sender named in the message is the robot that received it.
+    #[error("a message claims to be from this robot")]
+    OwnId,
+    /// A message with this number or a higher one was received before: this one is late, a duplicate, or replayed.
+    #[error("message {number} of robot {robot} came after number {newest}")]
+    Old {
+        /// The sender.
+        robot: RobotId,
+        /// Its number.
+        number: u32,
+        /// The highest number received before.
+        newest: u32,
+    },
+    /// Its poses have another dimension.
+    #[error("the message is about poses of {found} dimensions, not {expected}")]
+    Dimension {
+        /// Dimension of the message.
+        found: u8,
+        /// Dimension of this team.
+        expected: u8,
+    },
+    /// Its parts contradict each other.
+    #[error("the message contradicts itself: {0}")]
+    Inconsistent(&'static str),
+    /// There are more robots than [`crate::MAX_ROBOTS`].
+    #[error("there are too many robots to listen to one more")]
+    TooManyRobots,
+}
 
 const HEADER: usize = 6;
 

@@ -18,11 +18,12 @@ mod words;
 /// Greatest number of robots in a team that a robot keeps track of, itself included.
 pub const MAX_ROBOTS: usize = 256;
 
+pub use envelope::{Refused, VERSION};
 pub use exchange::{Exchange, Round};
 pub use graphs::{GraphsError, Measurement, RobotGraph, Whole, split};
 pub use ids::{LoopId, PoseId, RobotId};
 pub use judge::{JudgeConfig, Judgement, Verdict};
-pub use message::{Estimate, MAX_BYTES, Message, Refused, Shared, VERSION};
+pub use message::{Estimate, MAX_BYTES, Message, Shared};
 pub use network::{Network, NetworkConfig, Packet};
 pub use robot::{Robot, RobotError};
 pub use words::{KeyFrameWords, MAX_WORDS_BYTES};

@@ -10,11 +10,12 @@
 use crate::digest::{
     Located, SharedGraph, decode_estimate, decode_shared, encode_part, encode_poses, encode_shared,
 };
+use crate::envelope::Refused;
 use crate::graphs::{GraphsError, Measurement, RobotGraph};
 use crate::joint::{Joint, Known, Team, loops};
 use crate::judge::{JudgeConfig, Judgement, judge};
 use crate::keep::choose;
-use crate::message::{Estimate, Message, Refused, Shared};
+use crate::message::{Estimate, Message, Shared};
 use crate::{LoopId, MAX_ROBOTS, PoseId, RobotId};
 use cairn_solve::Loss;
 use cairn_solve::graph::{CondenseError, GraphConfig, Metric, PoseGraph, Rigid, lowest_start};

@@ -6,8 +6,8 @@
 //! are the same, up to rounding. If the code is longer than a kilobyte, the words of least weight are left out.
 
 use crate::RobotId;
+use crate::envelope::Refused;
 use crate::envelope::{Kind, open, seal};
-use crate::message::Refused;
 use cairn_vision::bow::{BagOfWords, Vocabulary, WordId};
 use serde::{Deserialize, Serialize};
 

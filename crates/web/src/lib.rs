@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod certificate;
+mod config;
 mod hub;
 mod invitation;
 mod link;
@@ -12,5 +13,6 @@ mod wire;
 mod words;
 
 pub use certificate::Certificate;
+pub use config::{CameraSource, OpenSource, ServeConfig};
 pub use invitation::{Invitation, lan_address};
-pub use server::{CameraSource, OpenSource, Remote, ServeConfig, Server, WebError};
+pub use server::{Remote, Server, WebError};

@@ -1,6 +1,7 @@
 //! The server: the page's files, and a web socket for each page.
 
 use crate::certificate::Certificate;
+use crate::config::{CameraSource, ServeConfig};
 use crate::hub::Hub;
 use crate::invitation::{Invitation, lan_address, new_token};
 use crate::page::page;
@@ -13,13 +14,11 @@ use axum::extract::ws::WebSocketUpgrade;
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use cairn_engine::{Config, SensorMode};
 use cairn_phrases::Language;
-use cairn_sensor::{Rig, Source, SourceError};
+use cairn_sensor::SourceError;
 use cairn_session::{Command, LibraryError, RoutesLock, SessionConfig};
 use rustls::pki_types::CertificateDer;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -28,45 +27,6 @@ use tokio::sync::oneshot;
 
 /// The largest message of a page: an image.
 const LARGEST: usize = 4 << 20;
-
-/// Opens a source that is not the page's camera; returns it with its camera mode and whether its IMU is used.
-pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, bool), SourceError> + Send>;
-
-/// The session's camera.
-pub enum CameraSource {
-    /// The camera of the page that holds the walk.
-    Page {
-        /// The calibration; estimated when absent.
-        rig: Option<Box<Rig>>,
-    },
-    /// Another source.
-    Source {
-        /// Its name, for people.
-        name: String,
-        /// Opens it; called on the session's thread, may block.
-        open: OpenSource,
-    },
-}
-
-/// Config of a server.
-pub struct ServeConfig {
-    /// Reachable from the local network, not only from this machine.
-    pub lan: bool,
-    /// The port; 0 selects a free one.
-    pub port: u16,
-    /// The folder of the certificate, so that a phone asks only once whether to trust it; without a folder there is a
-    /// new certificate at each start.
-    pub keep: Option<PathBuf>,
-    /// The folder in which maps and routes are kept for another day; without one, routes are recorded into the session's
-    /// folder and the map ends with the session.
-    pub routes: Option<PathBuf>,
-    /// The session's camera.
-    pub camera: CameraSource,
-    /// The engine's config.
-    pub config: Config,
-    /// The session's config.
-    pub session: SessionConfig,
-}
 
 /// Why the page cannot be served.
 #[derive(Debug, thiserror::Error)]

@@ -1,7 +1,7 @@
 //! The session's thread: opens the source, drives the session, and reports to the hub.
 
+use crate::config::{CameraSource, ServeConfig};
 use crate::hub::Hub;
-use crate::server::{CameraSource, ServeConfig};
 use crate::wire::{self, ToPage};
 use cairn_engine::{Engine, Output, Runner, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};

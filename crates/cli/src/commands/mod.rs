@@ -6,6 +6,7 @@ pub mod config;
 pub mod doctor;
 pub mod ekf;
 pub mod eval;
+mod given;
 pub mod map;
 pub mod mesh;
 pub mod plan;

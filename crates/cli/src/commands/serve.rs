@@ -1,19 +1,18 @@
 //! `cairn serve`: the web page for a phone or another screen.
 
-use super::rig::rig_for;
-use super::run::{Sensor, read_config};
+use super::given::{read_config, rig_of};
+use super::run::Sensor;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::Output;
 use crate::speaking::Speaking;
 use crate::terminal::Terminal;
-use cairn_engine::Config;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
-use cairn_sources::{OpenOptions, Paced, Validator, is_live, named_rig, open, waiting_for};
+use cairn_sources::{OpenOptions, Paced, Validator, is_live, open, waiting_for};
 use cairn_web::{CameraSource, ServeConfig, Server, WebError};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Serves an accessible web page over HTTPS: use a phone's camera for guidance, or watch from another screen.
 ///
@@ -135,20 +134,6 @@ fn data_folder() -> Option<PathBuf> {
             .or_else(|| named("HOME").map(|home| home.join(".local/share"))),
     };
     base.map(|base| base.join("cairn"))
-}
-
-/// A rig by name or file; a file that does not state the size of its images gets that of the source. A built-in rig also sets its number of features, unless the configuration sets one.
-///
-/// # Errors
-/// When the file cannot be read or is invalid.
-pub fn rig_of(path: &Path, source: &str, config: &mut Config) -> Result<Rig, Failure> {
-    if let Some(named) = path.to_str().and_then(named_rig).filter(|_| !path.exists()) {
-        if config.front_end.orb.features == 0 {
-            config.front_end.orb.features = named.features;
-        }
-        return Ok(named.rig);
-    }
-    rig_for(path, source)
 }
 
 fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> CameraSource {

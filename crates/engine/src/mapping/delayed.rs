@@ -6,9 +6,10 @@
 //! if another one had arrived. Closing works on the snapshot of its job, and its changes arrive after a latency of
 //! their own, to be rebased onto the map of that time. A request that starts a map is waited for.
 
+use super::done::Done;
 use super::inline::Inline;
 use super::threaded::{Job, commit};
-use super::{Done, take, text_of};
+use super::work::{take, text_of};
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_mapping::Closed;
 use cairn_solve::ransac::Rng;

@@ -1,6 +1,7 @@
 //! Mapping and closing inline, in step with tracking.
 
-use super::{Done, take, text_of};
+use super::done::Done;
+use super::work::{take, text_of};
 use cairn_atlas::{Atlas, KeyFrameId};
 use cairn_mapping::{Closer, Mapper};
 use cairn_tracking::KeyFrameRequest;

@@ -1,21 +1,22 @@
 //! Mapping and closing: inline (lockstep), with drawn latencies, on their own threads, or replayed from a journal.
 
 mod delayed;
+mod done;
 mod inline;
 mod replay;
 mod threaded;
+mod work;
 
 pub use delayed::Delays;
 pub use replay::{Replayed, Stopped};
 
 use crate::journal::{FrameRecord, Header, Journal, Record};
-use cairn_atlas::{Atlas, ImuSegment, KeyFrameId, LandmarkId, MapPrior, Snapshot, Subscription};
-use cairn_geometry::{Se3, So3, Vec3};
-use cairn_inertial::Attempt;
-use cairn_mapping::{Closer, KeyFrameInput, MapStart, Mapper, ScaleCheck, ScaleVerdict, Verdict};
+use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Snapshot, Subscription};
+use cairn_mapping::{Closer, Mapper};
 use cairn_sensor::Stamp;
-use cairn_tracking::{AnchoredPose, KeyFrameRequest, RelocationPrior};
+use cairn_tracking::KeyFrameRequest;
 use delayed::Delayed;
+pub(crate) use done::Done;
 use inline::Inline;
 use replay::Replay;
 use std::io::Write;
@@ -33,56 +34,6 @@ pub enum Runner {
     Threaded,
     /// As on threads, with latencies drawn by a seed instead of those of the machine: bit-identical from run to run.
     Delayed(Delays),
-}
-
-/// The work that mapping and closing have finished since they were last polled.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Done {
-    /// Milliseconds of each key frame in mapping.
-    pub ms: Vec<f64>,
-    /// Milliseconds of each key frame in closing, and of each adjustment of a whole map.
-    pub close_ms: Vec<f64>,
-    /// Verdicts of closing.
-    pub verdicts: Vec<Verdict>,
-    /// The last attempt to initialise gravity, scale and biases.
-    pub attempt: Option<Attempt>,
-    /// The last check of a metric scale; a correction stays until it is polled.
-    pub scale_check: Option<ScaleCheck>,
-    /// Why a stage failed, if one did.
-    pub stage_failed: Option<String>,
-}
-
-impl Done {
-    fn take(&mut self, other: Done) {
-        self.ms.extend(other.ms);
-        self.close_ms.extend(other.close_ms);
-        self.verdicts.extend(other.verdicts);
-        self.attempt = other.attempt.or(self.attempt.take());
-        self.check(other.scale_check);
-        self.stage_failed = self.stage_failed.take().or(other.stage_failed);
-    }
-
-    /// Takes a result of mapping; returns its key frame.
-    fn taken(&mut self, taken: Taken) -> Option<KeyFrameId> {
-        self.attempt = taken.attempt.or(self.attempt.take());
-        self.check(taken.scale_check);
-        taken.key_frame
-    }
-
-    fn check(&mut self, newer: Option<ScaleCheck>) {
-        let corrected = |c: &ScaleCheck| c.verdict == ScaleVerdict::Corrected;
-        if !self.scale_check.as_ref().is_some_and(corrected) || newer.as_ref().is_some_and(corrected) {
-            self.scale_check = newer.or(self.scale_check);
-        }
-    }
-}
-
-/// What mapping made of a request.
-#[derive(Default)]
-struct Taken {
-    key_frame: Option<KeyFrameId>,
-    attempt: Option<Attempt>,
-    scale_check: Option<ScaleCheck>,
 }
 
 /// Mapping and closing, in one of the four forms.
@@ -238,83 +189,4 @@ impl Mapping {
             Self::Replay(replay) => replay.finish(into),
         }
     }
-}
-
-fn take(
-    mapper: &mut Mapper,
-    atlas: &mut Atlas,
-    request: &KeyFrameRequest,
-    stop: impl FnMut() -> bool,
-) -> Taken {
-    let key_frame = match request {
-        KeyFrameRequest::First { frame, relocation_prior, imu } => {
-            Some(mapper.start(atlas, frame, &map_start(relocation_prior, imu, true)))
-        }
-        KeyFrameRequest::Pair { first, second, first_from_second, points, relocation_prior, imu } => {
-            let map_start = map_start(relocation_prior, imu, false);
-            mapper.start_pair(atlas, first, second, *first_from_second, points, &map_start)
-        }
-        KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale } => {
-            let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
-            let imu = imu.as_ref();
-            let (orientation_only, rescale) = (*orientation_only, *rescale);
-            let submitted = KeyFrameInput {
-                frame,
-                landmarks,
-                reference,
-                reference_from_camera,
-                imu,
-                orientation_only,
-                rescale,
-            };
-            let mapped = mapper.step(atlas, &submitted, stop);
-            return mapped.map_or(Taken::default(), |m| Taken {
-                key_frame: Some(m.key_frame),
-                attempt: m.attempt,
-                scale_check: m.scale_check,
-            });
-        }
-    };
-    Taken { key_frame, ..Taken::default() }
-}
-
-/// The initial state of a map: at the prior pose in the previous map, or as the first one.
-fn map_start(relocation_prior: &Option<RelocationPrior>, imu: &Option<ImuSegment>, metric: bool) -> MapStart {
-    let map_start = relocation_prior.map_or(MapStart::default(), |prior| MapStart {
-        world_from_camera: prior.anchored.world_from_camera,
-        map_prior: Some(MapPrior {
-            to: prior.anchored.reference,
-            to_from_root: prior.anchored.reference_from_camera,
-            sigma: prior.sigma,
-            sigma_rad: prior.sigma_rad,
-            sigma_log_scale: prior.sigma_log_scale,
-        }),
-        speed: prior.speed,
-        gravity_aligned: metric && prior.gravity_aligned,
-        assumed_since: prior.assumed_since,
-        ..MapStart::default()
-    });
-    // The first map starts nearly upright, where the IMU shows the up direction.
-    let up = imu.as_ref().and_then(|s| s.up).filter(|_| relocation_prior.is_none());
-    let world_from_camera =
-        up.map_or(map_start.world_from_camera, |up| Se3::new(upright(&up), Vec3::zeros()));
-    MapStart { imu: imu.clone(), world_from_camera, ..map_start }
-}
-
-/// The smallest rotation that takes a direction to the z axis.
-fn upright(up: &Vec3) -> So3 {
-    let axis = up.cross(&Vec3::z());
-    match axis.try_normalize(1e-9) {
-        Some(axis) => So3::exp(&(axis * up.angle(&Vec3::z()))),
-        None if up.z < 0.0 => So3::exp(&(Vec3::x() * std::f64::consts::PI)),
-        None => So3::identity(),
-    }
-}
-
-fn text_of(cause: &Box<dyn std::any::Any + Send>) -> String {
-    let text = cause
-        .downcast_ref::<&str>()
-        .map(|s| s.to_string())
-        .or_else(|| cause.downcast_ref::<String>().cloned());
-    format!("mapping stopped: {}", text.unwrap_or_else(|| "no reason given".into()))
 }

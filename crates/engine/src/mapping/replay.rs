@@ -5,9 +5,10 @@
 //! executed until it does. Closing jobs run as soon as they are queued, before their results are needed;
 //! their changes wait until the journal says that they were committed.
 
+use super::done::Done;
 use super::inline::Inline;
 use super::threaded::{Job, commit};
-use super::{Done, take, text_of};
+use super::work::{take, text_of};
 use crate::journal::{FrameRecord, JobRecord, Journal, Record};
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_mapping::Closed;

@@ -1,6 +1,7 @@
 //! Mapping and closing on their own threads.
 
-use super::{Done, take, text_of};
+use super::done::Done;
+use super::work::{take, text_of};
 use crate::background;
 use crate::journal::{JobRecord, JournalWriter, Record};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, MapId, Reader, Snapshot, Subscription};

@@ -24,7 +24,7 @@ use cairn_settings::Settings;
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
 pub use join::{Apart, Junction, MapJoin, Seam, Support};
-use relax::{Loop, relax};
+use relax::{Freedom, Loop, relax};
 use relocation_prior::{prior_displacement, prior_rotation};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -168,17 +168,6 @@ pub struct Closed {
     pub verdicts: Vec<Verdict>,
     /// A key frame of the map that was corrected and should be adjusted as a whole when there is time.
     pub joined: Option<KeyFrameId>,
-}
-
-/// The degrees of freedom that drift and may therefore be corrected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Freedom {
-    /// Position and heading: gravity and scale are known.
-    AlignGravity,
-    /// Position and orientation.
-    Metric,
-    /// Position, orientation and scale.
-    Similar,
 }
 
 /// The recognised pose of a key frame, with roll and pitch taken from its own gravity-aligned map.

@@ -2,13 +2,23 @@
 //! over the connected key frames (the essential graph of Mur-Artal et al. 2015, section VII-D, with
 //! similarities after Strasdat, Montiel & Davison, "Scale drift-aware large scale monocular SLAM", RSS 2010).
 
-use super::Freedom;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{LieGroup, Se3, Sim3, So3, YawPose};
 use cairn_solve::Loss;
 use cairn_solve::graph::{GraphConfig, PoseGraph};
 use nalgebra::{Const, DimMin, SMatrix, ToTypenum};
 use std::collections::BTreeMap;
+
+/// The degrees of freedom that drift and may therefore be corrected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Freedom {
+    /// Position and heading: gravity and scale are known.
+    AlignGravity,
+    /// Position and orientation.
+    Metric,
+    /// Position, orientation and scale.
+    Similar,
+}
 
 /// Key frames that share this many landmarks are connected by an edge.
 const MIN_SHARED: u32 = 80;

@@ -8,7 +8,7 @@ mod brown_conrady;
 mod fisheye;
 mod positive;
 
-use crate::RigError;
+use crate::error::RigError;
 use cairn_geometry::Vec3;
 
 /// Lens distortion, with the coefficients in the usual order of the model.

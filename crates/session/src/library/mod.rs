@@ -6,13 +6,15 @@
 mod entry;
 mod folder;
 mod keeper;
+mod listed;
 mod wall;
 pub(crate) mod words;
 
 use cairn_guide::PhraseConfig;
-pub use entry::{RouteEntry, RouteListed};
+pub use entry::RouteEntry;
 pub(crate) use folder::{RouteFolder, checked_name, latest};
 pub use keeper::{Kept, LibraryError, MapKeeper, RoutesLock};
+pub use listed::RouteListed;
 pub use wall::{WallClock, WallTime};
 
 /// The routes of a folder, newest first, before a session is there that could say which of them can be walked.

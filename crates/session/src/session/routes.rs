@@ -208,7 +208,7 @@ impl Session {
     }
 
     /// The place of the last frame, where that had one.
-    fn place_now(&self) -> Option<crate::guidance::Place> {
+    fn place_now(&self) -> Option<crate::place::Place> {
         self.place.filter(|p| Some(p.stamp) == self.frame && self.confidence != cairn_guide::Confidence::Lost)
     }
 

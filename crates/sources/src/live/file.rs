@@ -3,7 +3,7 @@
 use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle};
 use super::rig_for;
-use crate::open::OpenOptions;
+use crate::options::OpenOptions;
 use crate::prefetch::Prefetch;
 use cairn_sensor::{FramePacket, Rig, SkipKind, Skipped, Skips, Source, SourceError, SourceInfo, Stamp};
 use std::ffi::OsString;

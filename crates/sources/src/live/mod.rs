@@ -15,7 +15,7 @@ mod stream;
 pub use address::waiting_for;
 pub use phone::{Motion, PhonePort, PhoneSource};
 
-use crate::open::OpenOptions;
+use crate::options::OpenOptions;
 use address::Address;
 use cairn_sensor::{Camera, Rig, Source, SourceError};
 

@@ -1,6 +1,6 @@
 //! The command-line arguments of `cairn run`.
 
-use super::observer::Say;
+use super::say::Say;
 use super::sensor::Sensor;
 use crate::speaking::{Speaking, between};
 use cairn_guide::Facing;

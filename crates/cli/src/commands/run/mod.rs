@@ -7,17 +7,19 @@ mod journal;
 mod map;
 mod mcap;
 mod observer;
+mod outcome;
 mod page;
 mod picture;
 mod problems;
 mod results;
 mod route;
+mod say;
 mod sensor;
 mod status;
 mod surface;
 mod tally;
 
-use super::serve::rig_of;
+use super::given::{read_config, rig_of};
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::map_lock::MapLock;
@@ -38,8 +40,9 @@ use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waitin
 use cairn_vision::bow::Vocabulary;
 use cairn_voice::SpeechConfig;
 use events::Events;
-use observer::{RunObserver, Say};
-use results::Outcome;
+use observer::RunObserver;
+use outcome::Outcome;
+use say::Say;
 pub use sensor::Sensor;
 use status::StatusLines;
 use std::path::Path;
@@ -313,20 +316,6 @@ fn vocabulary(path: &Path) -> Result<(), Failure> {
     let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| fail(e.to_string()))?;
     let vocabulary = Vocabulary::open(bytes).map_err(|e| fail(e.to_string()))?;
     Vocabulary::install(vocabulary).map_err(|_| fail("another vocabulary is in use".into()))
-}
-
-/// Reads a configuration file; entries it leaves out keep their defaults.
-///
-/// # Errors
-/// When the file cannot be read or an entry is unknown or invalid.
-pub fn read_config(path: &Path) -> Result<FileConfig, Failure> {
-    let shown = path.display().to_string();
-    let text = cairn_files::read_text(path, 16 * MIB)
-        .map_err(|e| Failure::new(&shown, e.to_string(), "check the path, or see cairn config"))?;
-    FileConfig::from_toml(&text).map_err(|e| {
-        let place = e.line.map_or_else(|| shown.clone(), |line| format!("{shown}, line {line}"));
-        Failure::new(place, e.why, "run cairn config to see every entry with its meaning")
-    })
 }
 
 fn warn_of_skipped(skipped: &[String]) {

@@ -13,76 +13,8 @@ use crate::terminal::Terminal;
 use cairn_engine::{DenseMapper, Output};
 use cairn_sensor::FramePacket;
 use cairn_session::{Command, Event, Observer, Session};
-use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, VoiceError, WavVoice};
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use cairn_voice::Voice;
 use tracing::{debug, info, trace};
-
-/// How announcements are given.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Say {
-    /// Lines of text.
-    Text,
-    /// Spoken aloud.
-    Speech,
-    /// Spoken into a WAV file.
-    Wav(PathBuf),
-    /// Not at all.
-    None,
-}
-
-impl FromStr for Say {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        Ok(match text {
-            "text" => Self::Text,
-            "speech" => Self::Speech,
-            "none" => Self::None,
-            other => match other.strip_prefix("wav:").filter(|path| !path.is_empty()) {
-                Some(path) => Self::Wav(path.into()),
-                None => return Err("write text, speech, wav:FILE or none".into()),
-            },
-        })
-    }
-}
-
-impl Say {
-    /// Checks that the speech program is there, where it is needed.
-    ///
-    /// # Errors
-    /// When it is missing.
-    pub fn check(&self, config: SpeechConfig) -> Result<(), Failure> {
-        match self {
-            Self::Speech | Self::Wav(_) => Espeak::find(config).map(drop).map_err(fail),
-            Self::Text | Self::None => Ok(()),
-        }
-    }
-
-    /// The voice, with the checked file of wav:FILE; if the result is JSON, announcements as text go to stderr.
-    ///
-    /// # Errors
-    /// When the speech program is missing or the WAV file cannot be created.
-    pub fn voice(
-        &self,
-        config: SpeechConfig,
-        wav: Option<&Path>,
-        json: bool,
-    ) -> Result<Box<dyn Voice>, Failure> {
-        let espeak = || Espeak::find(config).map_err(fail);
-        Ok(match self {
-            Self::Text if json => Box::new(TextVoice::new(std::io::stderr())),
-            Self::Text => Box::new(TextVoice::new(std::io::stdout())),
-            Self::Speech => Box::new(EspeakVoice::new(espeak()?)),
-            Self::Wav(path) => Box::new(WavVoice::create(wav.unwrap_or(path), espeak()?).map_err(fail)?),
-            Self::None => Box::new(NoVoice),
-        })
-    }
-}
-
-fn fail(e: VoiceError) -> Failure {
-    Failure::new("voice", e.why, e.cure)
-}
 
 /// Callbacks of a run.
 pub struct RunObserver<'t, 'a> {
@@ -147,7 +79,7 @@ impl<'t, 'a> RunObserver<'t, 'a> {
     pub fn end(mut self, aloud: bool) -> (Saver<'a>, Result<(), Failure>) {
         let voice_ended = match aloud && interrupt::requested() {
             true => Ok(()),
-            false => self.voice.end().map_err(fail),
+            false => self.voice.end().map_err(super::say::fail),
         };
         (self.saver, voice_ended)
     }

@@ -2,8 +2,8 @@
 //! and cost.
 
 use super::history::{History, Tracking};
+use super::outcome::Outcome;
 use super::picture;
-use super::results::Outcome;
 use super::tally::{Tally, plural};
 use cairn_atlas::Snapshot;
 use cairn_eval::{Page, RunReport, error_over_time, times_histogram, times_over_frames};

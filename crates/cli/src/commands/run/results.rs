@@ -1,29 +1,18 @@
 //! The files of a run: which there are, and writing reports and trajectories at its end.
 
 use super::arguments::{Arguments, Whose};
-use super::observer::Say;
+use super::outcome::Outcome;
 use super::page;
+use super::say::Say;
 use super::tally::Tally;
 use crate::failure::Failure;
 use crate::outputs::Outputs;
 use cairn_engine::{Engine, PoseTime};
-use cairn_eval::{RunReport, to_tum};
+use cairn_eval::to_tum;
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::Rig;
-use serde::Serialize;
 use std::fs::File;
 use std::path::Path;
-
-/// The report with how the run ended.
-#[derive(Serialize)]
-pub struct Outcome<'a> {
-    #[serde(flatten)]
-    pub report: &'a RunReport,
-    /// Whether a signal ended the run before its source did.
-    pub interrupted: bool,
-    /// What went wrong, in sentences, the worst first.
-    pub problems: Vec<String>,
-}
 
 /// Checks before the run that every result can be written.
 ///

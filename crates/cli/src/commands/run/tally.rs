@@ -1,7 +1,7 @@
 //! Counts and times of a run, frame by frame; the report and its text.
 
 use super::history::History;
-use super::results::Outcome;
+use super::outcome::Outcome;
 use super::status::{self, StatusTally};
 use crate::style::{self, Paint};
 use cairn_engine::{Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};

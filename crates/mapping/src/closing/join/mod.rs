@@ -12,10 +12,11 @@ mod stitch;
 mod tests;
 
 use super::{Closer, metre_in_map_units};
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{Change, KeyFrame, MapId, Snapshot};
 use cairn_geometry::{Sim3, Vec3};
 use consistency::{agreeing, rivals};
 use seams::Found;
+pub use seams::Seam;
 use std::fmt;
 
 /// Places far enough from each other to be independent that must agree.
@@ -29,21 +30,6 @@ const RIVAL: f64 = 0.5;
 /// Of the key frames that stand where the other map was mapped and look the same way, the share that must show it
 /// (measured in simulated houses: all of them in right merges, 0.61 to 0.73 where rooms look alike).
 const SUPPORT: f64 = 0.85;
-
-/// A place of the older map, recognised in a key frame of the younger one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seam {
-    /// The key frame of the younger map.
-    pub key_frame: KeyFrameId,
-    /// The key frame of the older map around which its landmarks are.
-    pub place: KeyFrameId,
-    /// Landmarks of the older map that are inliers.
-    pub inliers: usize,
-    /// Landmarks of the older map that should be in view.
-    pub expected: usize,
-    /// From the younger map to the older one, by this seam alone.
-    pub into_from: Sim3,
-}
 
 /// Two maps that are one now.
 #[derive(Clone, Debug)]

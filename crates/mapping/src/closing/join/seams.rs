@@ -1,6 +1,5 @@
 //! Seams: key frames of one map in which places of another are recognised, by words first and then by geometry.
 
-use super::Seam;
 use crate::closing::{Closer, Freedom, with_gravity_of};
 use cairn_adjust::{RecogniseConfig, Recognised, recognise};
 use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
@@ -9,6 +8,21 @@ use std::collections::BTreeSet;
 
 /// Seams that are judged, at most: of more, evenly chosen ones.
 const MOST: usize = 400;
+
+/// A place of the older map, recognised in a key frame of the younger one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seam {
+    /// The key frame of the younger map.
+    pub key_frame: KeyFrameId,
+    /// The key frame of the older map around which its landmarks are.
+    pub place: KeyFrameId,
+    /// Landmarks of the older map that are inliers.
+    pub inliers: usize,
+    /// Landmarks of the older map that should be in view.
+    pub expected: usize,
+    /// From the younger map to the older one, by this seam alone.
+    pub into_from: Sim3,
+}
 
 /// A seam with what was recognised.
 #[derive(Clone, Debug)]

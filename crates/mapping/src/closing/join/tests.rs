@@ -4,7 +4,7 @@ use super::*;
 use crate::synthetic::{World, mono, off, pose, stereo};
 use crate::{CloserConfig, MapJoin};
 use cairn_adjust::WindowConfig;
-use cairn_atlas::Atlas;
+use cairn_atlas::{Atlas, KeyFrameId};
 use cairn_geometry::{Se3, So3};
 use cairn_vision::RectifiedCamera;
 use std::f64::consts::TAU;

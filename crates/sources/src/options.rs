@@ -1,0 +1,37 @@
+//! What a source is opened with.
+
+use crate::{Cancel, NamedTopic};
+use cairn_sensor::Rig;
+
+/// Options for reading a source.
+#[derive(Clone, Debug, Default)]
+pub struct OpenOptions {
+    /// A rig to use instead of the source's own. It also decides what is read: with one camera, only that
+    /// one's images.
+    pub rig: Option<Rig>,
+    /// What a folder is taken for; without it its kind is detected.
+    pub kind: Option<SourceKind>,
+    /// Seconds after the first image to start at.
+    pub start_s: f64,
+    /// The largest number of packets to read.
+    pub frames: Option<usize>,
+    /// Topics of a bag by sensor, where they should not be found by their types and names.
+    pub topics: Vec<NamedTopic>,
+    /// Ends waiting: for a stream to open, and for the next packet.
+    pub cancel: Cancel,
+}
+
+/// A kind of recording that is a folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SourceKind {
+    /// EuRoC and TUM-VI.
+    Euroc,
+    /// TUM RGB-D.
+    Tum,
+    /// KITTI odometry.
+    Kitti,
+    /// 7-Scenes.
+    SevenScenes,
+    /// Images of one camera.
+    Images,
+}
