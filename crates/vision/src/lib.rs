@@ -21,7 +21,9 @@ pub use depth::DepthConfig;
 pub use frame::{Descriptor, Frame, Octaves, RectifiedCamera};
 pub use front_end::{FrontEnd, FrontEndConfig, FrontEndError, SensorMode};
 pub use matching::{DescriptorQuery, match_descriptors};
-pub use orb::{BestTwo, Features, OrbConfig, OrbExtractor, Pyramid, best_two, best_two_of, hamming};
+pub use orb::{
+    BestTwo, DESCRIPTOR_ID, Features, OrbConfig, OrbExtractor, Pyramid, best_two, best_two_of, hamming,
+};
 pub use p3p::p3p;
 pub use pnp::{PnpConfig, PnpRejected, PnpResult, pnp_ransac};
 pub use rectify::{RectifiedPair, Rectifier, rectify_pair};

@@ -5,7 +5,7 @@
 
 use super::about::{About, pose};
 use super::container::Parts;
-use super::encode::{CHUNK, NO_PICK};
+use super::encode::{CHUNK, DESCRIPTORS, NO_PICK};
 use super::wire::Decoder;
 use super::{ATTACHED, MapFile, StoreError};
 use crate::names::{Names, Stretch, Stretches};
@@ -17,7 +17,7 @@ use cairn_geometry::{Sim3, Vec3};
 use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::{BagOfWords, Vocabulary, WordId};
-use cairn_vision::{Descriptor, Frame, Octaves, RectifiedCamera};
+use cairn_vision::{DESCRIPTOR_ID, Descriptor, Frame, Octaves, RectifiedCamera};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -71,6 +71,10 @@ impl Damage<'_> {
 
 /// Key frames, landmarks and how the map was made cannot be done without.
 pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreError> {
+    match check_descriptors(parts) {
+        Err(e @ StoreError::Descriptors { .. }) => return Err(e),
+        damaged => damage.or(damaged, "taken for the descriptors of this program", || ())?,
+    }
     let (about, mut snapshot, counts) = read_about(parts)?;
     // Each has features, which hardly compress: fewer bytes than this cannot be valid, but would take much
     // memory.
@@ -156,6 +160,16 @@ fn check_priors(snapshot: &mut Snapshot, damage: &mut Damage) -> Result<(), Stor
         snapshot.maps = Arc::new(maps);
     }
     Ok(())
+}
+
+/// Refuses features whose descriptors cannot be compared with those computed here.
+fn check_descriptors(parts: &Parts) -> Result<(), StoreError> {
+    if !parts.names().any(|name| name == DESCRIPTORS) {
+        return Ok(());
+    }
+    let bytes = parts.get(DESCRIPTORS)?;
+    let found = Decoder::new(DESCRIPTORS, &bytes).u32()?;
+    if found == DESCRIPTOR_ID { Ok(()) } else { Err(StoreError::Descriptors { found, known: DESCRIPTOR_ID }) }
 }
 
 fn read_about(parts: &Parts) -> Result<(About, Snapshot, Counts), StoreError> {
@@ -632,6 +646,15 @@ mod tests {
         }
         writer.finish().unwrap();
         out.into_inner()
+    }
+
+    #[test]
+    fn other_descriptors_are_refused_and_none_means_those_of_the_first_release() {
+        let bytes = small().write().unwrap();
+        let other = with_part(&bytes, DESCRIPTORS, |plain| plain[0] ^= 1);
+        for read in [MapFile::read(&other), MapFile::salvage(&other).map(|(file, _)| file)] {
+            assert!(matches!(read, Err(StoreError::Descriptors { .. })));
+        }
     }
 
     #[test]

@@ -15,6 +15,7 @@
 //! | landmarks | ids, positions, and which observation gave the descriptor |
 //! | words | words of each key frame, by the vocabulary that made them |
 //! | robots | since version 4: which robot created which key frames and landmarks |
+//! | descriptors | which descriptors the features have; in files without it, those of the first release |
 //! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
 //!
 //! Words are used as stored when this program has the vocabulary that made them, else computed again.
@@ -25,9 +26,12 @@ use super::container::PartsWriter;
 use super::wire::Encoder;
 use super::{ATTACHED, MapFile, StoreError};
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
+use cairn_vision::DESCRIPTOR_ID;
 use cairn_vision::bow::Vocabulary;
 use std::io::{Seek, Write};
 
+/// The part that tells what the bits of descriptors mean.
+pub(super) const DESCRIPTORS: &str = "descriptors";
 /// Key frames in one part of features.
 pub(super) const CHUNK: usize = 64;
 /// No observation has the landmark's descriptor.
@@ -63,7 +67,7 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     let rows = Rows::new(snapshot);
     let key_frames: Vec<&KeyFrame> = snapshot.key_frames().collect();
     let mut names: Vec<String> =
-        ["about", "worlds", "key frames", "motion", "gone", "landmarks", "words", "robots"]
+        ["about", "worlds", "key frames", "motion", "gone", "landmarks", "words", "robots", DESCRIPTORS]
             .map(String::from)
             .into();
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
@@ -77,6 +81,7 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.put(&landmarks(snapshot))?;
     parts.put(&words(&key_frames))?;
     parts.put(&robots(snapshot))?;
+    parts.put(&DESCRIPTOR_ID.to_le_bytes())?;
     for chunk in key_frames.chunks(CHUNK) {
         parts.put(&features(chunk, &rows))?;
     }

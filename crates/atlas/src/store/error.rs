@@ -27,6 +27,17 @@ pub enum StoreError {
         /// Latest version that this program knows.
         known: u32,
     },
+    /// Its features were described in another way.
+    #[error(
+        "the features of the map have descriptors of kind {found:08x}, this program computes kind {known:08x}: no place in it \
+         could be recognised; map it again, or open it with the program that made it"
+    )]
+    Descriptors {
+        /// Kind of descriptor in the file.
+        found: u32,
+        /// The kind that this program computes.
+        known: u32,
+    },
     /// A part is truncated, damaged or invalid.
     #[error("part '{part}': {why}")]
     Part {

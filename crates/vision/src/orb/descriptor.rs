@@ -4,6 +4,18 @@ use super::Backend;
 use super::pattern::PATTERN;
 use crate::Descriptor;
 
+/// What the bits of a descriptor mean: descriptors of another number cannot be compared with those computed here.
+/// FNV-1a of the pattern of tests.
+pub const DESCRIPTOR_ID: u32 = {
+    let mut hash = 0x811c_9dc5_u32;
+    let mut k = 0;
+    while k < PATTERN.len() * 4 {
+        hash = (hash ^ PATTERN[k / 4][k % 4] as u8 as u32).wrapping_mul(0x0100_0193);
+        k += 1;
+    }
+    hash
+};
+
 /// One bit per test: is the blurred image darker at the first point than at the second?
 ///
 /// `data` is the blurred level, `centre` the index of the keypoint's pixel in it, at least [`super::BORDER`] from

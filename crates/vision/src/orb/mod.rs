@@ -38,6 +38,7 @@ mod subpixel;
 mod tests;
 
 pub use backend::Backend;
+pub use descriptor::DESCRIPTOR_ID;
 #[doc(hidden)]
 pub use extractor::Stage;
 pub use extractor::{Features, OrbConfig, OrbExtractor};

@@ -82,6 +82,11 @@ pub fn failed(path: &Path, error: &StoreError) -> Failure {
             error.to_string(),
             "open it with the version of cairn that wrote it, or a newer one",
         ),
+        StoreError::Descriptors { .. } => Failure::new(
+            shown,
+            error.to_string(),
+            "record the place again with this program, or use the one that made the map",
+        ),
         StoreError::Part { .. } => {
             let hint =
                 "the file is damaged: use a backup; cairn map repair saves what is whole in a new file";
