@@ -41,7 +41,9 @@ impl Subproblem {
         let slots: BTreeMap<KeyFrameId, u32> =
             key_frames.iter().enumerate().map(|(slot, id)| (*id, slot as u32)).collect();
         let mut points = Vec::with_capacity(seen.len());
-        let mut observations = Vec::new();
+        // At most; memory that is not used is not touched.
+        let most = seen.iter().filter_map(|id| snapshot.landmark(*id)).map(|l| l.observations.len()).sum();
+        let mut observations = Vec::with_capacity(most);
         let mut landmarks = Vec::with_capacity(seen.len());
         for l in seen.iter().filter_map(|id| snapshot.landmark(*id)) {
             let first = observations.len();

@@ -367,13 +367,14 @@ impl Snapshot {
         }
         for id in &dirty.key_frames {
             let votes = self.shared(*id);
-            for (other, count) in &votes {
+            // Those that are counted anew themselves get their whole list by that.
+            for (other, count) in votes.iter().filter(|(other, _)| !dirty.key_frames.contains(other)) {
                 self.share(*other, *id, *count);
             }
             for (_, other) in
                 dirty.separated.range((*id, KeyFrameId::FIRST)..).take_while(|(from, _)| from == id)
             {
-                if votes.iter().all(|(v, _)| v != other) {
+                if !dirty.key_frames.contains(other) && votes.iter().all(|(v, _)| v != other) {
                     self.share(*other, *id, 0);
                 }
             }

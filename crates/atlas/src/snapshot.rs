@@ -2,7 +2,7 @@
 
 use crate::arena::Arena;
 use crate::names::Names;
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, PlaceIndex};
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, PlaceIndex};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::{Octaves, RectifiedCamera};
 use std::collections::BTreeMap;
@@ -205,14 +205,21 @@ impl Snapshot {
 
     /// Key frames that observe any of these landmarks, with how many of them, most first.
     pub fn votes<'a>(&self, landmarks: impl IntoIterator<Item = &'a LandmarkId>) -> Vec<(KeyFrameId, u32)> {
-        let mut seen: Vec<KeyFrameId> = Vec::new();
+        let mut counts = vec![0u32; self.next_key_frame];
+        let mut votes: Vec<(KeyFrameId, u32)> = Vec::new();
         for landmark in landmarks.into_iter().filter_map(|id| self.landmark(*id)) {
-            seen.extend(landmark.observations.iter().map(|o| o.key_frame));
+            for Observation { key_frame, .. } in &landmark.observations {
+                let Some(count) = counts.get_mut(key_frame.index()) else { continue };
+                if *count == 0 {
+                    votes.push((*key_frame, 0));
+                }
+                *count += 1;
+            }
         }
-        seen.sort_unstable();
-        let mut votes: Vec<(KeyFrameId, u32)> =
-            seen.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect();
-        votes.sort_by_key(|(id, n)| (std::cmp::Reverse(*n), *id));
+        for (id, n) in &mut votes {
+            *n = counts[id.index()];
+        }
+        votes.sort_unstable_by_key(|(id, n)| (std::cmp::Reverse(*n), *id));
         votes
     }
 

@@ -5,7 +5,7 @@
 
 use crate::factors::{Equations, Factors, NoFactors, Variable};
 use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Problem, Trial};
-use crate::reprojection::View;
+use crate::reprojection::{Linear, View};
 use crate::schur::{Border, More, Normal, Schur, Step};
 use crate::{CHI2_2, CHI2_3, Pinhole, Pixel, Report, Stop, huber};
 use cairn_geometry::{Manifold, Mat3, Se3, Vec3};
@@ -174,7 +174,8 @@ impl Bundle {
         let mut adjustment = Adjustment::new(self, factors, robust);
         let slot = adjustment.slot.get(pose).copied().flatten()?;
         adjustment.linearise()?;
-        adjustment.schur.covariance(&adjustment.normal, slot as usize, FLOOR)
+        let Adjustment { bundle, schur, normal, .. } = &mut adjustment;
+        schur.covariance(normal, &bundle.couplings(robust), slot as usize, FLOOR)
     }
 
     /// For each pose its block row, when it is free.
@@ -225,24 +226,19 @@ impl Bundle {
             border.points.fill(Vec3::zeros());
         }
         normal.cost += 0.5 * information * from_prior.powi(2);
-        for (o, coupling) in self.observations.iter_mut().zip(&mut normal.couplings) {
+        for o in &mut self.observations {
             if o.weight <= 0.0 {
                 continue;
             }
-            let point = o.point as usize;
-            let pixel = shifted(&o.pixel, offset);
-            let Some(l) = self.camera.linearise(&views[o.pose as usize], &self.points[point], &pixel) else {
+            let (view, point) = (&views[o.pose as usize], o.point as usize);
+            let Some(seen) = Seen::of(&self.camera, view, &self.points[point], o, offset, robust) else {
                 // An observation of a point behind the camera cannot be fitted: it is left out.
                 o.weight = 0.0;
                 continue;
             };
+            let (l, w, by_point) = (&seen.linear, seen.weight, seen.by_point());
             let r = Vec3::from(l.residual);
-            let chi2 = r.norm_squared() * o.weight;
-            let (loss, slope) = if robust { huber(chi2, Self::bound(o)) } else { (chi2, 1.0) };
-            normal.cost += 0.5 * loss;
-            let w = slope * o.weight;
-            // Rows of the Jacobians are held as columns here.
-            let by_point = Mat3::from_columns(&l.by_point.map(Vec3::from));
+            normal.cost += 0.5 * seen.loss;
             normal.points[point] += by_point * by_point.transpose() * w;
             normal.point_gradients[point] += by_point * r * w;
             let slot = slot[o.pose as usize].map(|s| s as usize);
@@ -256,12 +252,26 @@ impl Bundle {
                 }
             }
             if let Some(s) = slot {
-                let by_pose = SMatrix::<f64, 6, 3>::from_columns(&l.by_pose.map(SVector::<f64, 6>::from));
+                let by_pose = seen.by_pose();
                 let weighted = by_pose * w;
                 normal.cameras[s] += weighted * by_pose.transpose();
                 normal.camera_gradients[s] += weighted * r;
-                *coupling = weighted * by_point.transpose();
             }
+        }
+    }
+
+    /// Gives each observation's block of the normal equations, pose by point, at this state; zero for those left out.
+    fn couplings(&self, robust: bool) -> impl Fn(usize) -> SMatrix<f64, 6, 3> {
+        let views: Vec<View> = self.poses.iter().map(View::new).collect();
+        let offset = self.right_offset.value;
+        move |k| {
+            let o = &self.observations[k];
+            let (view, point) = (&views[o.pose as usize], &self.points[o.point as usize]);
+            let seen = (o.weight > 0.0).then(|| Seen::of(&self.camera, view, point, o, offset, robust));
+            seen.flatten().map_or_else(SMatrix::zeros, |seen| {
+                let weighted = seen.by_pose() * seen.weight;
+                weighted * seen.by_point().transpose()
+            })
         }
     }
 
@@ -272,6 +282,42 @@ impl Bundle {
             None => *pose,
         });
         (poses.collect(), self.points.iter().zip(&step.points).map(|(p, d)| p + d).collect())
+    }
+}
+
+/// An observation, linearised.
+struct Seen {
+    linear: Linear,
+    loss: f64,
+    /// Inverse variance with the slope of the loss.
+    weight: f64,
+}
+
+impl Seen {
+    /// `None` behind the camera.
+    #[inline(always)]
+    fn of(
+        camera: &Pinhole,
+        view: &View,
+        point: &Vec3,
+        o: &Observation,
+        offset: f64,
+        robust: bool,
+    ) -> Option<Self> {
+        let linear = camera.linearise(view, point, &shifted(&o.pixel, offset))?;
+        let chi2 = Vec3::from(linear.residual).norm_squared() * o.weight;
+        let (loss, slope) = if robust { huber(chi2, Bundle::bound(o)) } else { (chi2, 1.0) };
+        Some(Self { linear, loss, weight: slope * o.weight })
+    }
+
+    /// Rows of the Jacobian by the point, held as columns.
+    fn by_point(&self) -> Mat3 {
+        Mat3::from_columns(&self.linear.by_point.map(Vec3::from))
+    }
+
+    /// The same by the pose.
+    fn by_pose(&self) -> SMatrix<f64, 6, 3> {
+        SMatrix::<f64, 6, 3>::from_columns(&self.linear.by_pose.map(SVector::<f64, 6>::from))
     }
 }
 
@@ -352,7 +398,9 @@ impl<F: Factors> Problem for Adjustment<'_, F> {
     }
 
     fn attempt(&mut self, damping: f64) -> Option<Trial> {
-        let step = self.schur.step(&self.normal, self.border.as_ref(), damping, FLOOR);
+        let couplings = self.bundle.couplings(self.robust);
+        let step = self.schur.step(&self.normal, &couplings, self.border.as_ref(), damping, FLOOR);
+        drop(couplings);
         let first = !std::mem::replace(&mut self.has_asked, true);
         let step = step?;
         if first {

@@ -36,6 +36,7 @@ impl Loss {
 /// Huber's loss of a squared whitened residual: `(cost, weight)` with the bound `delta2` (squared).
 ///
 /// Source: Huber (1964); the weight is that of iteratively re-weighted least squares.
+#[inline]
 pub fn huber(chi2: f64, delta2: f64) -> (f64, f64) {
     if chi2 <= delta2 {
         (chi2, 1.0)

@@ -60,8 +60,6 @@ pub struct Normal<const P: usize> {
     /// Of each point.
     pub points: Vec<Mat3>,
     pub point_gradients: Vec<Vec3>,
-    /// Of each observation: camera by point.
-    pub couplings: Vec<SMatrix<f64, P, 3>>,
     pub cost: f64,
     pattern: Arc<Pattern>,
     /// Blocks of two cameras from factors beside points, in the order of the pattern's links.
@@ -160,7 +158,6 @@ impl<const P: usize> Normal<P> {
         self.camera_gradients.fill(SVector::zeros());
         self.points.fill(Mat3::zeros());
         self.point_gradients.fill(Vec3::zeros());
-        self.couplings.fill(SMatrix::zeros());
         self.camera_links.fill(SMatrix::zeros());
         self.more_gradient.fill(0.0);
         self.more_diagonal.fill(0.0);
@@ -338,7 +335,6 @@ impl<const P: usize> Schur<P> {
             camera_gradients: vec![SVector::zeros(); self.pattern.cameras],
             points: vec![Mat3::zeros(); self.ranges.len()],
             point_gradients: vec![Vec3::zeros(); self.ranges.len()],
-            couplings: vec![SMatrix::zeros(); self.slots.len()],
             cost: 0.0,
             camera_links: vec![SMatrix::zeros(); links],
             more_gradient: vec![0.0; self.pattern.analysis.dimension() - P * self.pattern.cameras],
@@ -362,18 +358,22 @@ impl<const P: usize> Schur<P> {
     }
 
     /// The step with every diagonal entry raised by `lambda` of itself and `floor`; `None` when it is singular.
+    ///
+    /// `coupling` gives an observation's block of the normal equations, camera by point. There are more of them than of
+    /// everything else, and each is needed twice or three times in a step only: so they need not be stored.
     pub fn step(
         &mut self,
         normal: &Normal<P>,
+        coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
         border: Option<&Border<P>>,
         lambda: f64,
         floor: f64,
     ) -> Option<Step<P>> {
         let damping = |h: f64| lambda * h + floor;
-        let (mut right, inverses) = self.factor_reduced(normal, &damping)?;
+        let (mut right, inverses) = self.factor_reduced(normal, coupling, &damping)?;
         self.factor.solve(&mut right);
         let (border_pull, border_information) = match border {
-            Some(border) => self.along(normal, border, &inverses, lambda, &mut right)?,
+            Some(border) => self.along(normal, coupling, border, &inverses, lambda, &mut right)?,
             None => (0.0, 0.0),
         };
         let border = border.filter(|border| !border.held);
@@ -388,7 +388,7 @@ impl<const P: usize> Schur<P> {
             }
             for k in self.observations(point) {
                 if let Some(slot) = self.slots[k] {
-                    rest -= normal.couplings[k].tr_mul(&cameras[slot as usize]);
+                    rest -= coupling(k).tr_mul(&cameras[slot as usize]);
                 }
             }
             points.push(inverse * rest);
@@ -413,10 +413,11 @@ impl<const P: usize> Schur<P> {
     pub fn covariance(
         &mut self,
         normal: &Normal<P>,
+        coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
         camera: usize,
         floor: f64,
     ) -> Option<SMatrix<f64, P, P>> {
-        let (right, _) = self.factor_reduced(normal, &|_| floor)?;
+        let (right, _) = self.factor_reduced(normal, coupling, &|_| floor)?;
         let at = self.pattern.analysis.offset(camera);
         let mut covariance = SMatrix::<f64, P, P>::zeros();
         for k in 0..P {
@@ -432,6 +433,7 @@ impl<const P: usize> Schur<P> {
     fn factor_reduced(
         &mut self,
         normal: &Normal<P>,
+        coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
         damping: &impl Fn(f64) -> f64,
     ) -> Option<(Vec<f64>, Vec<Mat3>)> {
         let reduced = &mut self.reduced;
@@ -451,7 +453,7 @@ impl<const P: usize> Schur<P> {
             (0..d).for_each(|i| block[i * d + i] += damping(block[i * d + i]));
         }
         let mut cameras: Vec<SVector<f64, P>> = normal.camera_gradients.iter().map(|g| -g).collect();
-        let inverses = self.reduce(normal, damping, &mut cameras);
+        let inverses = self.reduce(normal, coupling, damping, &mut cameras);
         let mut right: Vec<f64> = cameras.iter().flat_map(|v| v.iter().copied()).collect();
         right.extend(normal.more_gradient.iter().map(|g| -g));
         for (row, components) in &self.held {
@@ -479,6 +481,7 @@ impl<const P: usize> Schur<P> {
     fn along(
         &self,
         normal: &Normal<P>,
+        coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
         border: &Border<P>,
         inverses: &[Mat3],
         lambda: f64,
@@ -493,7 +496,7 @@ impl<const P: usize> Schur<P> {
             right += mv.dot(&normal.point_gradients[point]);
             for k in self.observations(point) {
                 if let Some(slot) = self.slots[k] {
-                    ties[slot as usize] -= normal.couplings[k] * mv;
+                    ties[slot as usize] -= coupling(k) * mv;
                 }
             }
         }
@@ -526,11 +529,13 @@ impl<const P: usize> Schur<P> {
     fn reduce(
         &mut self,
         normal: &Normal<P>,
+        coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
         damping: &impl Fn(f64) -> f64,
         right: &mut [SVector<f64, P>],
     ) -> Vec<Mat3> {
         let mut inverses = Vec::with_capacity(normal.points.len());
-        let mut seen: Vec<(u32, usize, SMatrix<f64, P, 3>)> = Vec::new();
+        // Of each observation of a point: the camera, the coupling, and that times the point's inverse.
+        let mut seen: Vec<(u32, SMatrix<f64, P, 3>, SMatrix<f64, P, 3>)> = Vec::new();
         for (point, block) in normal.points.iter().enumerate() {
             let mut damped = *block;
             (0..3).for_each(|k| damped[(k, k)] += damping(block[(k, k)]));
@@ -540,18 +545,19 @@ impl<const P: usize> Schur<P> {
             seen.clear();
             for k in self.observations(point) {
                 if let Some(slot) = self.slots[k] {
-                    let wv = normal.couplings[k] * inverse;
+                    let w = coupling(k);
+                    let wv = w * inverse;
                     right[slot as usize] += wv * normal.point_gradients[point];
-                    seen.push((slot, k, wv));
+                    seen.push((slot, w, wv));
                 }
             }
             for (a, _, wv) in &seen {
-                for (b, k, _) in &seen {
+                for (b, w, _) in &seen {
                     if a > b {
                         let pair = self.pair(*a, *b);
-                        subtract(&mut self.reduced.off[pair], wv, &normal.couplings[*k]);
+                        subtract(&mut self.reduced.off[pair], wv, w);
                     } else if a == b {
-                        subtract(&mut self.reduced.diagonal[*a as usize], wv, &normal.couplings[*k]);
+                        subtract(&mut self.reduced.diagonal[*a as usize], wv, w);
                     }
                 }
             }

@@ -1,7 +1,7 @@
 //! The local map: the part of the map around a frame, matched by projection.
 
 use crate::match_last::{LOOSE, Matches};
-use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
+use cairn_atlas::{KeyFrameId, Landmark, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{Frame, RectifiedCamera, Target, search};
 
@@ -16,6 +16,9 @@ pub(crate) struct LocalMap {
     /// For each landmark index, the round in which it was collected.
     rounds: Vec<u32>,
     round: u32,
+    /// For each landmark index, the last search before which it was matched.
+    matched: Vec<u32>,
+    searches: u32,
 }
 
 impl LocalMap {
@@ -77,7 +80,7 @@ impl LocalMap {
     /// Projects the collected landmarks and adds the matches found to `matches`; returns the landmarks that
     /// should be in view (including those matched before).
     pub fn search(
-        &self,
+        &mut self,
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         frame: &Frame,
@@ -86,41 +89,33 @@ impl LocalMap {
         matches: &mut Matches,
     ) -> Vec<LandmarkId> {
         let octaves = snapshot.octaves();
-        let camera_from_world = pose.inverse();
-        let rotation = camera_from_world.rotation.matrix();
-        let before: std::collections::BTreeSet<LandmarkId> =
-            matches.landmarks.iter().flatten().copied().collect();
-        let mut expected: Vec<LandmarkId> = before.iter().copied().collect();
+        let scales: Vec<f64> = (0..octaves.levels).map(|level| octaves.scale(level as u8)).collect();
+        let mut expected: Vec<LandmarkId> = matches.landmarks.iter().flatten().copied().collect();
+        expected.sort_unstable();
+        expected.dedup();
+        self.searches += 1;
+        self.matched.resize(self.rounds.len(), 0);
+        for id in &expected {
+            if let Some(matched) = self.matched.get_mut(id.index()) {
+                *matched = self.searches;
+            }
+        }
+        // All are projected first: the landmarks lie scattered in memory, and without a search in between the processor
+        // fetches several at a time.
+        let visible = self.visible(snapshot, camera, pose);
+        expected.extend(visible.iter().map(|v| v.landmark.id));
         let mut owner: Vec<Option<(LandmarkId, u32)>> = vec![None; frame.len()];
-        for id in &self.landmarks {
-            if before.contains(id) {
-                continue;
-            }
-            let Some(l) = snapshot.landmark(*id) else { continue };
-            let q = rotation * l.position + camera_from_world.translation;
-            let Some([u, v, right]) = camera.project(&q) else { continue };
-            if !camera.contains(u, v) {
-                continue;
-            }
-            let distance = q.norm();
-            if distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
-                continue;
-            }
-            let cosine = (l.position - pose.translation).dot(&l.normal) / distance;
-            if cosine < 0.5 {
-                continue;
-            }
-            expected.push(*id);
-            let level = octaves.predict(l.max_distance, distance);
+        for v in &visible {
             // Seen from nearly the same direction as before: a small window is enough (Mur-Artal et al. 2015,
             // section V-D).
-            let radius = factor * if cosine > 0.998 { 2.5 } else { 4.0 };
+            let radius = factor * if v.cosine > 0.998 { 2.5 } else { 4.0 };
+            let level = octaves.predict(v.landmark.max_distance, v.distance);
             let target = Target {
-                pixel: [u as f32, v as f32],
-                right_x: if camera.has_depth() { right as f32 } else { f32::NAN },
-                radius: (radius * octaves.scale(level)) as f32,
+                pixel: [v.projected[0] as f32, v.projected[1] as f32],
+                right_x: if camera.has_depth() { v.projected[2] as f32 } else { f32::NAN },
+                radius: (radius * scales[level as usize]) as f32,
                 octaves: [level.saturating_sub(1), level],
-                descriptor: &l.descriptor,
+                descriptor: &v.landmark.descriptor,
             };
             let Some(found) = search(frame, &target, |i| matches.landmarks[i].is_none()) else { continue };
             let same_level = found.second_octave == frame.octave[found.feature] && found.second != u32::MAX;
@@ -130,7 +125,7 @@ impl LocalMap {
             }
             let slot = &mut owner[found.feature];
             if slot.is_none_or(|(_, d)| found.distance < d) {
-                *slot = Some((*id, found.distance));
+                *slot = Some((v.landmark.id, found.distance));
             }
         }
         for (feature, slot) in owner.iter().enumerate() {
@@ -140,4 +135,36 @@ impl LocalMap {
         }
         expected
     }
+
+    /// The collected landmarks that should be in view at a pose, without those that were matched before this search.
+    fn visible<'a>(&self, snapshot: &'a Snapshot, camera: &RectifiedCamera, pose: &Se3) -> Vec<Visible<'a>> {
+        let camera_from_world = pose.inverse();
+        let rotation = camera_from_world.rotation.matrix();
+        let of = |id: &LandmarkId| {
+            let landmark = snapshot.landmark(*id)?;
+            let q = rotation * landmark.position + camera_from_world.translation;
+            let projected = camera.project(&q)?;
+            if !camera.contains(projected[0], projected[1]) {
+                return None;
+            }
+            let distance = q.norm();
+            if distance < 0.8 * landmark.min_distance || distance > 1.2 * landmark.max_distance {
+                return None;
+            }
+            let cosine = (landmark.position - pose.translation).dot(&landmark.normal) / distance;
+            (cosine >= 0.5).then_some(Visible { landmark, projected, distance, cosine })
+        };
+        self.landmarks.iter().filter(|id| self.matched[id.index()] != self.searches).filter_map(of).collect()
+    }
+}
+
+/// A landmark that should be in view.
+struct Visible<'a> {
+    landmark: &'a Landmark,
+    /// Pixel and right x.
+    projected: [f64; 3],
+    /// From the camera.
+    distance: f64,
+    /// Of the angle between the view and the mean view so far.
+    cosine: f64,
 }

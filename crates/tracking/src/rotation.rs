@@ -123,9 +123,10 @@ pub(crate) fn rotation_between(
     guess: &So3,
     share: f64,
 ) -> Between {
+    let back = guess.inverse();
     let expected: Vec<Option<[f32; 2]>> = (first.px.iter())
         .map(|px| {
-            let [u, v, _] = camera.project(&(guess.inverse() * camera.unproject(*px, 1.0)))?;
+            let [u, v, _] = camera.project(&(back * camera.unproject(*px, 1.0)))?;
             camera.contains(u, v).then_some([u as f32, v as f32])
         })
         .collect();
@@ -156,16 +157,23 @@ fn ransac(pairs: &[(Vec3, Vec3)], within_rad: f64, seed: u64) -> Option<(So3, us
         return None;
     }
     let mut rng = Rng::new(seed);
-    let agree = |r: &So3| -> Vec<usize> {
-        (0..pairs.len()).filter(|i| (pairs[*i].0 - *r * pairs[*i].1).norm() < within_rad).collect()
+    let agrees = |r: &So3, (a, b): &(Vec3, Vec3)| (a - *r * *b).norm() < within_rad;
+    let agree = |r: &So3| -> Vec<usize> { (0..pairs.len()).filter(|i| agrees(r, &pairs[*i])).collect() };
+    // Whether more than `least` agree; asks no further pairs than that takes.
+    let more_than = |r: &So3, least: usize| {
+        let mut may_fail = pairs.len().saturating_sub(least);
+        pairs.len() > least
+            && pairs.iter().all(|pair| {
+                may_fail -= usize::from(!agrees(r, pair));
+                may_fail > 0
+            })
     };
     let mut best: Vec<usize> = Vec::new();
     for _ in 0..SAMPLES {
         let (a, b) = (rng.below(pairs.len() as u32) as usize, rng.below(pairs.len() as u32) as usize);
         let Some(r) = wahba([a, b].iter().map(|i| &pairs[*i]).filter(|_| a != b)) else { continue };
-        let agreeing = agree(&r);
-        if agreeing.len() > best.len() {
-            best = agreeing;
+        if more_than(&r, best.len()) {
+            best = agree(&r);
         }
     }
     for _ in 0..2 {

@@ -37,7 +37,7 @@ fn main() {
 }
 
 fn images(name: &str, images: &[GrayImage]) {
-    for backend in [Backend::Scalar, Backend::Avx2] {
+    for backend in [Backend::Scalar, Backend::Avx2, Backend::Avx512] {
         if !backend.available() {
             println!("skipped: {backend:?} is not available");
             continue;

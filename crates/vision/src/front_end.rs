@@ -2,6 +2,7 @@
 
 use crate::depth::{DepthConfig, DepthLookup};
 use crate::orb::{Features, OrbConfig, OrbExtractor};
+use crate::parallel::{both, in_halves};
 use crate::rectify::{Rectifier, rectify_pair};
 use crate::stereo::{Side, StereoConfig, StereoMatcher};
 use crate::{Frame, Octaves, RectifiedCamera};
@@ -35,7 +36,7 @@ pub struct FrontEndConfig {
     /// Depth lookup.
     #[setting(section)]
     pub depth: DepthConfig,
-    /// True to extract the features of the right image on a second thread; the result is the same.
+    /// True to divide the work on an image or a pair between two threads; the result is the same.
     #[setting(default = true)]
     pub two_threads: bool,
 }
@@ -98,8 +99,9 @@ struct CameraFeatures {
 }
 
 impl CameraFeatures {
-    fn new(config: OrbConfig) -> Self {
-        Self { extractor: OrbExtractor::new(config), features: Features::default(), px: Vec::new() }
+    fn new(config: OrbConfig, two_threads: bool) -> Self {
+        let extractor = OrbExtractor::new(config).with_two_threads(two_threads);
+        Self { extractor, features: Features::default(), px: Vec::new() }
     }
 
     /// Extracts and rectifies; features outside the view of the rectified camera get NaN.
@@ -154,8 +156,10 @@ impl FrontEnd {
             orb: OrbConfig { features: config.orb.features.min(MAX_FEATURES), ..config.orb },
             ..config
         };
-        let left = CameraFeatures::new(config.orb);
-        let used = left.extractor.config();
+        // The two images of a pair are the two parts of its work.
+        let two_parts = config.two_threads && sensor != SensorMode::Stereo;
+        let left = CameraFeatures::new(config.orb, two_parts);
+        let used = *left.extractor.config();
         let octaves = Octaves { levels: used.levels, factor: used.factor };
         let first = rig.cameras.first().ok_or_else(|| RigError("the rig has no camera".into()))?;
         let mut cameras = vec![(first.name.clone(), [first.camera.width, first.camera.height])];
@@ -185,7 +189,10 @@ impl FrontEnd {
                 let model = RectifiedCamera { close_depth, ..pair.camera };
                 let matcher =
                     StereoMatcher::new(config.stereo, pair.left, pair.right, octaves, model.baseline_fx);
-                (model, Kind::Stereo(Box::new(Pair { matcher, right: CameraFeatures::new(config.orb) })))
+                (
+                    model,
+                    Kind::Stereo(Box::new(Pair { matcher, right: CameraFeatures::new(config.orb, false) })),
+                )
             }
         };
         Ok(Self { model, octaves, config, cameras, left, kind })
@@ -217,22 +224,17 @@ impl FrontEnd {
                 self.left.run(&packet.images[0], map);
                 self.left.drop_unrectified();
                 if let Some(depth) = &packet.depth {
-                    add_depth(&mut frame, depth, &self.left, lookup, &self.model, &self.octaves);
+                    let (left, two_threads) = (&self.left, self.config.two_threads);
+                    add_depth(&mut frame, depth, left, lookup, &self.model, &self.octaves, two_threads);
                 }
             }
             Kind::Stereo(pair) => {
                 let Pair { matcher, right } = pair.as_mut();
-                if self.config.two_threads {
-                    std::thread::scope(|s| {
-                        s.spawn(|| right.run(&packet.images[1], matcher.right()));
-                        self.left.run(&packet.images[0], matcher.left());
-                    });
-                } else {
-                    right.run(&packet.images[1], matcher.right());
-                    self.left.run(&packet.images[0], matcher.left());
-                }
+                let (first, second) = (&packet.images[0], &packet.images[1]);
+                let two = self.config.two_threads;
+                both(two, || self.left.run(first, matcher.left()), || right.run(second, matcher.right()));
                 self.left.drop_unrectified();
-                matcher.run(self.left.side(), right.side(), &mut frame.right_x, &mut frame.depth);
+                matcher.run(self.left.side(), right.side(), two, &mut frame.right_x, &mut frame.depth);
             }
         }
         let n = self.left.px.len();
@@ -298,12 +300,14 @@ fn add_depth(
     lookup: &DepthLookup,
     model: &RectifiedCamera,
     octaves: &Octaves,
+    two_threads: bool,
 ) {
-    for (i, (&raw, &px)) in camera.features.raw.iter().zip(&camera.px).enumerate() {
-        let ray: Vec3 = model.unproject(px, 1.0);
+    let depth_of = |i: usize| {
+        let ray: Vec3 = model.unproject(camera.px[i], 1.0);
         let scale = octaves.scale(camera.features.octave[i]);
-        let depth = lookup.find(image, raw, &ray, scale).unwrap_or(f32::NAN);
-        frame.depth.push(depth);
-        frame.right_x.push(px[0] - (model.baseline_fx / depth as f64) as f32);
-    }
+        lookup.find(image, camera.features.raw[i], &ray, scale).unwrap_or(f32::NAN)
+    };
+    frame.depth = in_halves(camera.px.len(), two_threads, |range| range.map(depth_of).collect());
+    let right_x = |(px, depth): (&[f32; 2], &f32)| px[0] - (model.baseline_fx / *depth as f64) as f32;
+    frame.right_x = camera.px.iter().zip(&frame.depth).map(right_x).collect();
 }

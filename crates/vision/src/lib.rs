@@ -9,6 +9,7 @@ mod front_end;
 mod matching;
 pub mod orb;
 mod p3p;
+mod parallel;
 mod pnp;
 mod rectify;
 mod roots;

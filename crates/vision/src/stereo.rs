@@ -13,6 +13,7 @@ mod seeds;
 mod warp;
 
 use crate::orb::{Backend, hamming};
+use crate::parallel::in_halves;
 use crate::rectify::Rectifier;
 use crate::{Descriptor, Octaves};
 use cairn_sensor::GrayImage;
@@ -93,7 +94,6 @@ pub(crate) struct StereoMatcher {
     starts: Vec<u32>,
     /// Right features sorted by rectified row.
     order: Vec<RowFeature>,
-    found: Vec<StereoMatch>,
     seeds: DisparitySeeds,
     backend: Backend,
 }
@@ -112,6 +112,13 @@ struct StereoMatch {
     left: u32,
     disparity: f32,
     correlation: f32,
+}
+
+/// A match at the disparity of a neighbour.
+#[derive(Clone, Copy, Debug)]
+struct BorrowedMatch {
+    left: u32,
+    disparity: f64,
 }
 
 /// Correlation of the left patch with a right patch, given the least-squares `gain` between their contrasts.
@@ -134,7 +141,7 @@ impl StereoMatcher {
         octaves: Octaves,
         baseline_fx: f64,
     ) -> Self {
-        let (starts, order, found) = (Vec::new(), Vec::new(), Vec::new());
+        let (starts, order) = (Vec::new(), Vec::new());
         Self {
             config,
             left,
@@ -143,7 +150,6 @@ impl StereoMatcher {
             baseline_fx,
             starts,
             order,
-            found,
             seeds: DisparitySeeds::default(),
             backend: Backend::detect(),
         }
@@ -160,37 +166,53 @@ impl StereoMatcher {
     }
 
     /// Writes the rectified right x and the depth of each left feature, NaN without a match; points that are
-    /// practically at infinity get only a right x.
-    pub(crate) fn run(&mut self, left: Side, right: Side, right_x: &mut Vec<f32>, depth: &mut Vec<f32>) {
+    /// practically at infinity get only a right x. With two threads each takes half of the features; the result is the
+    /// same.
+    pub(crate) fn run(
+        &mut self,
+        left: Side,
+        right: Side,
+        two_threads: bool,
+        right_x: &mut Vec<f32>,
+        depth: &mut Vec<f32>,
+    ) {
         right_x.clear();
         right_x.resize(left.px.len(), f32::NAN);
         depth.clear();
         depth.resize(left.px.len(), f32::NAN);
         let Some(first_row) = self.sort_rows(&right) else { return };
-        let mut found = std::mem::take(&mut self.found);
-        found.clear();
-        for i in 0..left.px.len() {
-            let Some(j) = self.best_candidate(&left, i, &right, first_row) else { continue };
-            let start = (left.px[i][0] - right.px[j][0]) as f64;
-            let template = self.template(&left, i);
-            if let Some(a) = template.and_then(|t| self.align(&left, i, &t, &right, start)) {
-                found.push(StereoMatch {
-                    left: i as u32,
-                    disparity: a.disparity as f32,
-                    correlation: a.correlation,
-                });
-            }
-        }
+        let this = &*self;
+        let found = in_halves(left.px.len(), two_threads, |range| {
+            range.filter_map(|i| this.match_feature(&left, i, &right, first_row)).collect()
+        });
         let correlation_gate = self.correlation_gate(&found);
         for f in found.iter().filter(|f| f.correlation >= correlation_gate) {
             let i = f.left as usize;
             (right_x[i], depth[i]) = self.right_x_and_depth(left.px[i][0], f.disparity as f64);
         }
-        self.found = found;
         if self.config.borrow_correlation <= 1.0 {
+            self.seeds.fill(left.px, &found, depth);
             let correlation_gate = correlation_gate.max(self.config.borrow_correlation);
-            self.match_from_neighbours(&left, &right, correlation_gate, right_x, depth);
+            let this = &*self;
+            let matched = &*right_x;
+            let borrowed = in_halves(left.px.len(), two_threads, |range| {
+                // Those matched by the first pass are left out. Matches of this pass are not used as seeds.
+                let open = range.filter(|i| !matched[*i].is_finite());
+                open.filter_map(|i| this.match_as_neighbours(&left, i, &right, correlation_gate)).collect()
+            });
+            for m in borrowed {
+                let i = m.left as usize;
+                (right_x[i], depth[i]) = self.right_x_and_depth(left.px[i][0], m.disparity);
+            }
         }
+    }
+
+    /// First pass: the match of a left feature with the right feature of the nearest descriptor.
+    fn match_feature(&self, left: &Side, i: usize, right: &Side, first_row: i32) -> Option<StereoMatch> {
+        let j = self.best_candidate(left, i, right, first_row)?;
+        let start = (left.px[i][0] - right.px[j][0]) as f64;
+        let a = self.align(left, i, &self.template(left, i)?, right, start)?;
+        Some(StereoMatch { left: i as u32, disparity: a.disparity as f32, correlation: a.correlation })
     }
 
     /// The right x and the depth of a match. Points too far away for a depth keep their right x: keeping only
@@ -201,33 +223,21 @@ impl StereoMatcher {
         (left_x - disparity as f32, depth as f32)
     }
 
-    /// Second pass: features without a match of their own try the disparities of matched neighbours.
-    fn match_from_neighbours(
-        &mut self,
+    /// Second pass: a feature without a match of its own tries the disparities of matched neighbours.
+    fn match_as_neighbours(
+        &self,
         left: &Side,
+        i: usize,
         right: &Side,
         correlation_gate: f32,
-        right_x: &mut [f32],
-        depth: &mut [f32],
-    ) {
-        let mut seeds = std::mem::take(&mut self.seeds);
-        seeds.fill(left.px, &self.found, depth);
-        for i in 0..left.px.len() {
-            // Matched by the first pass. Matches of this pass are not used as seeds.
-            if right_x[i].is_finite() {
-                continue;
-            }
-            let Some(template) = self.template(left, i) else { continue };
-            let scale = self.octaves.scale(left.octave[i]) as f32;
-            for disparity in seeds.near(left.px[i], scale) {
-                let aligned = self.align(left, i, &template, right, disparity as f64);
-                if let Some(a) = aligned.filter(|a| a.correlation >= correlation_gate) {
-                    (right_x[i], depth[i]) = self.right_x_and_depth(left.px[i][0], a.disparity);
-                    break;
-                }
-            }
-        }
-        self.seeds = seeds;
+    ) -> Option<BorrowedMatch> {
+        let template = self.template(left, i)?;
+        let scale = self.octaves.scale(left.octave[i]) as f32;
+        self.seeds.near(left.px[i], scale).find_map(|disparity| {
+            let aligned = self.align(left, i, &template, right, disparity as f64);
+            let aligned = aligned.filter(|a| a.correlation >= correlation_gate)?;
+            Some(BorrowedMatch { left: i as u32, disparity: aligned.disparity })
+        })
     }
 
     /// Sorts the right features into buckets by row; returns the row of the first bucket, `None` without features.

@@ -5,6 +5,7 @@ use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Probl
 use crate::schur::{More, Normal, Schur};
 use crate::{CHI2_2, Loss, Report, Stop};
 use cairn_geometry::{Manifold, Vec3};
+use nalgebra::SMatrix;
 
 /// Settings of [`Bal::solve`].
 #[derive(Clone, Copy, Debug)]
@@ -79,6 +80,8 @@ struct Adjustment {
     points: Vec<Vec3>,
     tried: (Vec<BalCamera>, Vec<Vec3>),
     normal: Normal<9>,
+    /// Of each observation: camera by point.
+    couplings: Vec<SMatrix<f64, 9, 3>>,
 }
 
 impl Adjustment {
@@ -90,13 +93,14 @@ impl Adjustment {
         let schur = Schur::new(cameras.len(), points.len(), seen, More::default());
         let normal = schur.normal();
         let tried = (cameras.clone(), points.clone());
-        Self { loss, observations, schur, cameras, points, tried, normal }
+        let couplings = vec![SMatrix::zeros(); observations.len()];
+        Self { loss, observations, schur, cameras, points, tried, normal, couplings }
     }
 
     fn build(&mut self) {
         let normal = &mut self.normal;
         normal.clear();
-        for (o, coupling) in self.observations.iter().zip(&mut normal.couplings) {
+        for (o, coupling) in self.observations.iter().zip(&mut self.couplings) {
             let (camera, point) = (o.camera as usize, o.point as usize);
             let p = self.cameras[camera].linearise(&self.points[point]);
             let r = p.pixel - o.pixel;
@@ -119,7 +123,7 @@ impl Problem for Adjustment {
     }
 
     fn attempt(&mut self, damping: f64) -> Option<Trial> {
-        let step = self.schur.step(&self.normal, None, damping, 1e-12)?;
+        let step = self.schur.step(&self.normal, &|k| self.couplings[k], None, damping, 1e-12)?;
         let (cameras, points) = &mut self.tried;
         for ((to, from), d) in cameras.iter_mut().zip(&self.cameras).zip(&step.cameras) {
             *to = from.retract(d);

@@ -35,10 +35,13 @@ impl Blurred {
                 std::array::from_fn(|k| image.row((y + k).saturating_sub(MARGIN).min(h - 1)));
             let out = &mut self.data[y * w..];
             #[cfg(target_arch = "x86_64")]
-            if backend == Backend::Avx2 {
-                super::blur_avx2::columns(rows, &mut self.scratch[MARGIN..]);
+            if backend.has_avx2() {
+                let wide = backend == Backend::Avx512;
+                let columns = if wide { super::blur_avx512::columns } else { super::blur_avx2::columns };
+                let row = if wide { super::blur_avx512::row } else { super::blur_avx2::row };
+                columns(rows, &mut self.scratch[MARGIN..]);
                 replicate(&mut self.scratch, w);
-                super::blur_avx2::row(&self.scratch, &mut out[..w + SLACK], w);
+                row(&self.scratch, &mut out[..w + SLACK], w);
                 continue;
             }
             let _ = backend;

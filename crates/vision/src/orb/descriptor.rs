@@ -28,8 +28,10 @@ pub(super) fn describe(
     backend: Backend,
 ) -> Descriptor {
     #[cfg(target_arch = "x86_64")]
-    if backend == Backend::Avx2 {
-        return super::descriptor_avx2::describe(data, stride, centre, direction);
+    match backend {
+        Backend::Avx512 => return super::descriptor_avx512::describe(data, stride, centre, direction),
+        Backend::Avx2 => return super::descriptor_avx2::describe(data, stride, centre, direction),
+        Backend::Scalar => {}
     }
     let _ = backend;
     let value = |x: i8, y: i8| data[centre.wrapping_add_signed(offset([x, y], direction, stride))];

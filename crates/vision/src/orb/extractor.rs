@@ -6,6 +6,7 @@ use super::fast::{self, Corner, corners};
 use super::fast_score::scores_around;
 use super::{Backend, Pyramid, descriptor, orientation, subpixel};
 use crate::Descriptor;
+use crate::parallel::both;
 use cairn_sensor::GrayImage;
 use cairn_settings::Settings;
 
@@ -63,6 +64,15 @@ impl Features {
         self.response.clear();
         self.descriptors.clear();
     }
+
+    /// Adds all features of another image or level.
+    fn append(&mut self, other: &Self) {
+        self.raw.extend_from_slice(&other.raw);
+        self.octave.extend_from_slice(&other.octave);
+        self.angle.extend_from_slice(&other.angle);
+        self.response.extend_from_slice(&other.response);
+        self.descriptors.extend_from_slice(&other.descriptors);
+    }
 }
 
 /// Extracts ORB features; reuse one from image to image to reuse its buffers.
@@ -70,14 +80,29 @@ impl Features {
 pub struct OrbExtractor {
     config: OrbConfig,
     backend: Backend,
+    two_threads: bool,
     pyramid: Pyramid,
-    /// Corners of each level.
-    corners: Vec<Vec<Corner>>,
+    levels: Vec<Level>,
+    /// One for each thread.
+    scratch: [Scratch; 2],
+}
+
+/// What is found on one level of the pyramid.
+#[derive(Clone, Debug, Default)]
+struct Level {
+    /// Corners; after the selection those that become features.
+    corners: Vec<Corner>,
+    features: Features,
+    /// Cosine and sine of the orientation of each feature, in units of 1/16384.
+    directions: Vec<[i16; 2]>,
+}
+
+/// Buffers of the stages.
+#[derive(Clone, Debug, Default)]
+struct Scratch {
     fast: fast::Scratch,
     distribution: distribute::Scratch,
     blurred: Blurred,
-    /// Cosine and sine of the orientation of each feature, in units of 1/16384.
-    directions: Vec<[i16; 2]>,
 }
 
 /// Maximum number of levels.
@@ -102,13 +127,17 @@ impl OrbExtractor {
         Self {
             config,
             backend: if backend.available() { backend } else { Backend::Scalar },
+            two_threads: false,
             pyramid,
-            corners: vec![Vec::new(); levels],
-            fast: fast::Scratch::default(),
-            distribution: distribute::Scratch::default(),
-            blurred: Blurred::default(),
-            directions: Vec::new(),
+            levels: vec![Level::default(); levels],
+            scratch: Default::default(),
         }
+    }
+
+    /// The same with the levels of the pyramid divided between the calling thread and a second one; the result is the
+    /// same.
+    pub fn with_two_threads(self, two_threads: bool) -> Self {
+        Self { two_threads, ..self }
     }
 
     /// The configuration in use, after clamping.
@@ -125,80 +154,144 @@ impl OrbExtractor {
     ///
     /// An image too small for a patch (32 pixels or less on a side) gives no features.
     pub fn extract(&mut self, image: &GrayImage, out: &mut Features) {
-        for stage in Stage::ALL {
-            self.run(stage, image, out);
+        if !self.two_threads {
+            for stage in Stage::ALL {
+                self.run(stage, image, out);
+            }
+            return;
         }
+        self.pyramid.build(image, self.backend);
+        self.detect();
+        let given = self.shares();
+        let (pyramid, backend) = (&self.pyramid, self.backend);
+        each(pyramid, true, &mut self.levels, &mut self.scratch, |at, image, level, scratch| {
+            level.select(image, given[at], scratch);
+            level.refine(pyramid, at, image, backend);
+            level.describe(image, scratch, backend);
+        });
+        self.collect(out);
     }
 
     /// One stage of [`OrbExtractor::extract`], which runs all in order; public only for benches.
     #[doc(hidden)]
     pub fn run(&mut self, stage: Stage, image: &GrayImage, out: &mut Features) {
+        let given = if stage == Stage::Select { self.shares() } else { [0; MAX_LEVELS] };
+        let (pyramid, backend) = (&self.pyramid, self.backend);
+        let (levels, scratch) = (&mut self.levels, &mut self.scratch);
         match stage {
-            Stage::Downsample => self.pyramid.build(image, self.backend),
+            Stage::Downsample => self.pyramid.build(image, backend),
             Stage::Detect => self.detect(),
-            Stage::Select => self.select(),
-            Stage::Refine => self.refine(out),
-            Stage::Describe => self.describe(out),
+            Stage::Select => {
+                each(pyramid, false, levels, scratch, |at, image, l, s| l.select(image, given[at], s))
+            }
+            Stage::Refine => {
+                each(pyramid, false, levels, scratch, |at, image, l, _| l.refine(pyramid, at, image, backend))
+            }
+            Stage::Describe => {
+                each(pyramid, false, levels, scratch, |_, image, l, s| l.describe(image, s, backend));
+                self.collect(out);
+            }
         }
     }
 
     /// Detects the corners of all levels.
     fn detect(&mut self) {
-        let thresholds = [self.config.fast_low, self.config.fast_high];
-        for (level, found) in self.pyramid.levels().iter().zip(&mut self.corners) {
-            corners(level, thresholds, &mut self.fast, found, self.backend);
-        }
+        let (thresholds, backend) = ([self.config.fast_low, self.config.fast_high], self.backend);
+        let (two_threads, levels, scratch) = (self.two_threads, &mut self.levels, &mut self.scratch);
+        each(&self.pyramid, two_threads, levels, scratch, |_, image, level, scratch| {
+            corners(image, thresholds, &mut scratch.fast, &mut level.corners, backend);
+        });
     }
 
-    /// Selects the corners that become features.
-    fn select(&mut self) {
-        let levels = self.pyramid.levels();
+    /// How many features each level gets.
+    fn shares(&self) -> [usize; MAX_LEVELS] {
+        let n = self.pyramid.levels().len();
         let mut available = [0usize; MAX_LEVELS];
-        for (n, found) in available.iter_mut().zip(&self.corners[..levels.len()]) {
-            *n = found.len();
+        for (available, level) in available.iter_mut().zip(&self.levels[..n]) {
+            *available = level.corners.len();
         }
         let mut given = [0usize; MAX_LEVELS];
-        let n = levels.len();
         shares(&available[..n], self.config.features, self.config.factor, &mut given[..n]);
-        for ((level, found), wanted) in levels.iter().zip(&mut self.corners).zip(given) {
-            distribute(found, level.width(), level.height(), wanted, &mut self.distribution);
+        given
+    }
+
+    /// Puts the features of all levels together.
+    fn collect(&self, out: &mut Features) {
+        out.clear();
+        for level in &self.levels[..self.pyramid.levels().len()] {
+            out.append(&level.features);
         }
+    }
+}
+
+impl Level {
+    /// Selects the corners that become features.
+    fn select(&mut self, image: &GrayImage, wanted: usize, scratch: &mut Scratch) {
+        distribute(&mut self.corners, image.width(), image.height(), wanted, &mut scratch.distribution);
     }
 
     /// Sub-pixel position, orientation and the other attributes of the features, except their descriptors.
-    fn refine(&mut self, out: &mut Features) {
+    fn refine(&mut self, pyramid: &Pyramid, level: usize, image: &GrayImage, backend: Backend) {
+        let Self { corners, features: out, directions } = self;
         out.clear();
-        self.directions.clear();
-        for (level, (image, corners)) in self.pyramid.levels().iter().zip(&self.corners).enumerate() {
-            for c in corners {
-                let (x, y) = (c.x as usize, c.y as usize);
-                let offset = subpixel::peak(&scores_around(image, x, y, self.backend));
-                let direction = orientation::direction(orientation::moments(image, x, y, self.backend));
-                out.raw.push(self.pyramid.to_image(level, [x as f32 + offset[0], y as f32 + offset[1]]));
-                out.octave.push(level as u8);
-                out.angle.push((direction[1] as f32).atan2(direction[0] as f32));
-                out.response.push(c.score as f32);
-                self.directions.push(direction);
-            }
+        directions.clear();
+        for c in corners.iter() {
+            let (x, y) = (c.x as usize, c.y as usize);
+            let offset = subpixel::peak(&scores_around(image, x, y, backend));
+            let direction = orientation::direction(orientation::moments(image, x, y, backend));
+            out.raw.push(pyramid.to_image(level, [x as f32 + offset[0], y as f32 + offset[1]]));
+            out.octave.push(level as u8);
+            out.angle.push((direction[1] as f32).atan2(direction[0] as f32));
+            out.response.push(c.score as f32);
+            directions.push(direction);
         }
     }
 
     /// Descriptors of the features.
-    fn describe(&mut self, out: &mut Features) {
-        out.descriptors.clear();
-        let mut directions = self.directions.iter();
-        for (image, corners) in self.pyramid.levels().iter().zip(&self.corners) {
-            if corners.is_empty() {
-                continue;
-            }
-            self.blurred.run(image, self.backend);
-            let (data, stride) = (self.blurred.data(), self.blurred.stride());
-            for (c, &direction) in corners.iter().zip(&mut directions) {
-                let centre = c.y as usize * stride + c.x as usize;
-                out.descriptors.push(descriptor::describe(data, stride, centre, direction, self.backend));
-            }
+    fn describe(&mut self, image: &GrayImage, scratch: &mut Scratch, backend: Backend) {
+        if self.corners.is_empty() {
+            return;
+        }
+        let blurred = &mut scratch.blurred;
+        blurred.run(image, backend);
+        let (data, stride) = (blurred.data(), blurred.stride());
+        let descriptors = self.corners.iter().zip(&self.directions).map(|(c, &direction)| {
+            let centre = c.y as usize * stride + c.x as usize;
+            descriptor::describe(data, stride, centre, direction, backend)
+        });
+        self.features.descriptors.extend(descriptors);
+    }
+}
+
+/// Runs `work` for each level, with its number and image. With two threads, each level goes to the one that has fewer
+/// pixels so far.
+fn each(
+    pyramid: &Pyramid,
+    two_threads: bool,
+    levels: &mut [Level],
+    scratch: &mut [Scratch; 2],
+    work: impl Fn(usize, &GrayImage, &mut Level, &mut Scratch) + Sync,
+) {
+    let [first, second] = scratch;
+    let all = pyramid.levels().iter().zip(levels).enumerate();
+    if !two_threads {
+        return all.for_each(|(at, (image, level))| work(at, image, level, first));
+    }
+    let (mut here, mut there, mut ahead) = (Vec::new(), Vec::new(), 0isize);
+    for item in all {
+        let pixels = item.1.0.data().len() as isize;
+        if ahead > 0 {
+            there.push(item);
+            ahead -= pixels;
+        } else {
+            here.push(item);
+            ahead += pixels;
         }
     }
+    let run = |items: Vec<(usize, (&GrayImage, &mut Level))>, scratch: &mut Scratch| {
+        items.into_iter().for_each(|(at, (image, level))| work(at, image, level, scratch));
+    };
+    both(true, || run(here, first), || run(there, second));
 }
 
 /// The stages of the extraction.

@@ -110,8 +110,10 @@ fn keep_strong(corners: &mut Vec<Corner>, from: usize, high: u8, thresholds: &mu
 /// Non-maximum suppression: appends the local maxima of the middle of three rows of scores.
 fn peaks(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>, backend: Backend) {
     #[cfg(target_arch = "x86_64")]
-    if backend == Backend::Avx2 {
-        return super::fast_avx2::peaks(rows, y, x0, x1, out);
+    match backend {
+        Backend::Avx512 => return super::fast_avx512::peaks(rows, y, x0, x1, out),
+        Backend::Avx2 => return super::fast_avx2::peaks(rows, y, x0, x1, out),
+        Backend::Scalar => {}
     }
     let _ = backend;
     let [above, here, below] = rows;

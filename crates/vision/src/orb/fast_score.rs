@@ -35,8 +35,10 @@ pub(super) fn score_row(
     backend: Backend,
 ) {
     #[cfg(target_arch = "x86_64")]
-    if backend == Backend::Avx2 {
-        return super::fast_avx2::score_row(image, y, x0, thresholds, out);
+    match backend {
+        Backend::Avx512 => return super::fast_avx512::score_row(image, y, x0, thresholds, out),
+        Backend::Avx2 => return super::fast_avx2::score_row(image, y, x0, thresholds, out),
+        Backend::Scalar => {}
     }
     let _ = backend;
     for (cell, &threshold) in thresholds.iter().enumerate() {
@@ -52,6 +54,10 @@ pub(super) fn score_row(
 
 /// Scores, without threshold, of the 5 x 5 pixels around a pixel at least [`super::BORDER`] from the edge, row by row.
 pub(super) fn scores_around(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [[u8; 5]; 5] {
+    #[cfg(target_arch = "x86_64")]
+    if backend == Backend::Avx512 {
+        return super::fast_avx512::scores_around(image, x, y);
+    }
     let mut out = [[0; 5]; 5];
     for (v, out) in out.iter_mut().enumerate() {
         let y = y + v - 2;
@@ -162,7 +168,7 @@ mod tests {
         };
         let image = GrayImage::from_vec(w, h, (0..w * h).map(&mut next).collect()).unwrap();
         let (mut corners, mut row) = (0, vec![0; w + 64]);
-        for backend in [Backend::Scalar, Backend::detect()] {
+        for backend in Backend::every() {
             for y in 16..24 {
                 score_row(&image, y, 16, &[0, 0], &mut row, backend);
                 for x in 16..w - 16 {

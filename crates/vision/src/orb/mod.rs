@@ -6,20 +6,27 @@
 //! (sub-pixel refinement), `orientation` (intensity centroid), `blur` and `descriptor` (steered
 //! BRIEF; both after Rublee et al., "ORB: an efficient alternative to SIFT or SURF", ICCV 2011).
 //!
-//! Every hot loop exists twice: portable Rust, and AVX2 selected at run time; the two are bit-identical.
+//! Every hot loop exists twice: portable Rust, and AVX2 selected at run time; those that gain most by it a third time, for
+//! AVX-512. All are bit-identical.
 
 mod backend;
 mod blur;
 #[cfg(target_arch = "x86_64")]
 mod blur_avx2;
+#[cfg(target_arch = "x86_64")]
+mod blur_avx512;
 mod descriptor;
 #[cfg(target_arch = "x86_64")]
 mod descriptor_avx2;
+#[cfg(target_arch = "x86_64")]
+mod descriptor_avx512;
 mod distribute;
 mod extractor;
 mod fast;
 #[cfg(target_arch = "x86_64")]
 mod fast_avx2;
+#[cfg(target_arch = "x86_64")]
+mod fast_avx512;
 mod fast_score;
 mod hamming;
 #[cfg(target_arch = "x86_64")]
@@ -27,6 +34,8 @@ mod hamming_x86;
 mod orientation;
 #[cfg(target_arch = "x86_64")]
 mod orientation_avx2;
+#[cfg(target_arch = "x86_64")]
+mod orientation_avx512;
 mod pattern;
 mod pyramid;
 mod resize;

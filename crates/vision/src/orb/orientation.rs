@@ -14,8 +14,10 @@ pub(super) const HALF_WIDTH: [usize; RADIUS + 1] =
 /// First moments `[m10, m01]` of the disc around a pixel at least [`RADIUS`] from the edge (at least 16 for AVX2).
 pub(super) fn moments(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [i32; 2] {
     #[cfg(target_arch = "x86_64")]
-    if backend == Backend::Avx2 {
-        return super::orientation_avx2::moments(image, x, y);
+    match backend {
+        Backend::Avx512 => return super::orientation_avx512::moments(image, x, y),
+        Backend::Avx2 => return super::orientation_avx2::moments(image, x, y),
+        Backend::Scalar => {}
     }
     let _ = backend;
     let (mut m10, mut m01) = (0i32, 0i32);

@@ -56,7 +56,7 @@ impl Resize {
         for (y, tap) in self.rows.iter().enumerate() {
             let rows: [&[u8]; TAPS] = std::array::from_fn(|k| source.row(tap.start + k));
             #[cfg(target_arch = "x86_64")]
-            if let (Backend::Avx2, Some(blocks)) = (backend, &self.blocks) {
+            if let (true, Some(blocks)) = (backend.has_avx2(), &self.blocks) {
                 super::resize_avx2::combine_rows(rows, tap.weights, &mut self.scratch);
                 super::resize_avx2::combine_columns(&self.scratch, blocks, &self.columns, out.row_mut(y));
                 continue;

@@ -46,7 +46,7 @@ pub(super) fn sample(
 ) -> Option<()> {
     let lattice = Lattice::new(image, centre, affine)?;
     #[cfg(target_arch = "x86_64")]
-    if backend == Backend::Avx2 {
+    if backend.has_avx2() {
         super::sample_avx2::sample(image, &lattice, out);
         return Some(());
     }
