@@ -1,0 +1,379 @@
+//! From messages to packets: pictures of one instant with the IMU readings up to them, in order of time.
+//!
+//! Lost, late and repeated messages, wrong sizes, numbers that are not finite: counted and said once ([`Faults`]); the
+//! next good picture goes on. A clock that goes backwards for good (a bag played again, a simulator set back) is
+//! followed: the packets' own time goes on, with a gap in which no motion is believed, and the map is kept.
+
+use crate::faults::Faults;
+use crate::messages::Imu;
+use crate::pictures::Picture;
+use crate::setup::Role;
+use cairn::sensor::{
+    DepthImage, Dropped, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, MergeCounts, Rig, SkipKind,
+    Stamp,
+};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+/// How long a picture waits for its partners, seconds.
+const WAIT_S: f64 = 0.1;
+/// Time that goes backwards by more than this is another time, not a late message, seconds.
+const BACKWARDS_S: f64 = 1.0;
+/// So many pictures in a row confirm it.
+const CONFIRMED: usize = 3;
+/// Gap between the last packet of one time and the first of the next, seconds: longer than any motion is extrapolated.
+const GAP_S: f64 = 2.0;
+
+/// Translates the packets' time back to that of the messages.
+#[derive(Clone, Default)]
+pub struct Clock(Arc<Mutex<Vec<(Stamp, i64)>>>);
+
+impl Clock {
+    /// The messages' time of a packet.
+    pub fn of_messages(&self, packet: Stamp) -> Stamp {
+        let steps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let offset = steps.iter().rev().find(|(from, _)| *from <= packet).map_or(0, |(_, offset)| *offset);
+        Stamp(packet.0.saturating_sub(offset))
+    }
+
+    /// The packets' time of a message that comes now.
+    pub fn of_packets(&self, message: Stamp) -> Stamp {
+        Stamp(message.0.saturating_add(self.offset()))
+    }
+
+    /// From this packet on, packets are later than their messages by `offset` nanoseconds.
+    fn change(&self, from: Stamp, offset: i64) {
+        let mut steps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // Packets of older times have long been dealt with.
+        if steps.len() > 7 {
+            steps.remove(0);
+        }
+        steps.push((from, offset));
+    }
+
+    fn offset(&self) -> i64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).last().map_or(0, |(_, offset)| *offset)
+    }
+
+    /// How often the time went backwards.
+    pub fn jumps(&self) -> usize {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
+}
+
+/// Puts packets together.
+pub struct Assembler {
+    config: MergeConfig,
+    merge: Merge<Arc<GrayImage>, Arc<DepthImage>>,
+    counted: MergeCounts,
+    sizes: Vec<[usize; 2]>,
+    depth_size: Option<[usize; 2]>,
+    faults: Faults,
+    clock: Clock,
+    /// The newest time of a picture of the first camera, in the packets' time, and how many since were far before it.
+    newest: Option<Stamp>,
+    backwards: usize,
+    /// Milliseconds of decoding since the last packet.
+    decode_ms: f64,
+}
+
+impl Assembler {
+    /// For the cameras, depth and IMU of a rig. `pair_within_s`: what pictures of one instant differ by at most.
+    pub fn new(rig: &Rig, pair_within_s: f64, faults: Faults) -> Self {
+        let config = MergeConfig {
+            cameras: rig.cameras.len(),
+            depth: rig.depth.is_some(),
+            imu_period_s: rig.imu.as_ref().map(|imu| 1.0 / imu.rate_hz),
+            imu_offset_s: rig.imu.as_ref().map_or(0.0, |imu| imu.offset_s),
+            same_instant_s: pair_within_s,
+            wait_s: WAIT_S,
+            ..MergeConfig::default()
+        };
+        Self {
+            config,
+            merge: Merge::new(config),
+            counted: MergeCounts::default(),
+            sizes: rig.cameras.iter().map(|c| [c.camera.width, c.camera.height]).collect(),
+            depth_size: rig.depth.as_ref().map(|d| [d.camera.width, d.camera.height]),
+            faults,
+            clock: Clock::default(),
+            newest: None,
+            backwards: 0,
+            decode_ms: 0.0,
+        }
+    }
+
+    /// The clock of the packets.
+    pub fn clock(&self) -> Clock {
+        self.clock.clone()
+    }
+
+    /// Takes a picture.
+    pub fn picture(&mut self, role: Role, picture: &Picture) {
+        let stamp = picture.header().stamp.stamp();
+        if role == Role::Image {
+            self.follow_clock(stamp);
+        }
+        let stamp = self.packet_time(stamp);
+        let started = Instant::now();
+        let taken = match role {
+            Role::Image => self.gray(0, "left", stamp, picture),
+            Role::Right => self.gray(1, "right", stamp, picture),
+            Role::Depth => self.depth(stamp, picture),
+        };
+        self.decode_ms += started.elapsed().as_secs_f64() * 1e3;
+        if let Err(dropped) = taken {
+            let (kind, name) = match role {
+                Role::Image => (SkipKind::Frame, "pictures"),
+                Role::Right => (SkipKind::Frame, "right pictures"),
+                Role::Depth => (SkipKind::Depth, "depth images"),
+            };
+            self.dropped(kind, name, &dropped);
+        }
+    }
+
+    fn gray(&mut self, camera: usize, name: &str, stamp: Stamp, picture: &Picture) -> Result<(), Dropped> {
+        let image = match picture.gray() {
+            Ok(image) => image,
+            Err(why) => {
+                self.faults.count(SkipKind::Frame, &format!("{name} pictures cannot be read"), &why);
+                return Ok(());
+            }
+        };
+        let (found, expected) = ([image.width(), image.height()], self.sizes.get(camera));
+        if expected.is_some_and(|e| *e != found) {
+            let details = format!("{}x{} pixels, the calibration is for {:?}", found[0], found[1], expected);
+            self.faults.count(SkipKind::Frame, &format!("{name} pictures of another size"), &details);
+            return Ok(());
+        }
+        self.merge.push_image(camera, stamp, Arc::new(image))
+    }
+
+    fn depth(&mut self, stamp: Stamp, picture: &Picture) -> Result<(), Dropped> {
+        let depth = match picture.depth() {
+            Ok(depth) => depth,
+            Err(why) => {
+                self.faults.count(SkipKind::Depth, "depth images cannot be read", &why);
+                return Ok(());
+            }
+        };
+        let found = [depth.width(), depth.height()];
+        if self.depth_size.is_some_and(|e| e != found) {
+            let details = format!("{found:?} pixels, the calibration is for {:?}", self.depth_size);
+            self.faults.count(SkipKind::Depth, "depth images of another size", &details);
+            return Ok(());
+        }
+        self.merge.push_depth(stamp, Arc::new(depth))
+    }
+
+    /// Takes a reading of the IMU.
+    pub fn imu(&mut self, reading: &Imu) {
+        let stamp = self.packet_time(reading.header.stamp.stamp());
+        let sample =
+            ImuSample::new(stamp, reading.angular_velocity.vector(), reading.linear_acceleration.vector());
+        if let Err(dropped) = self.merge.push_imu(sample) {
+            self.dropped(SkipKind::Imu, "IMU readings", &dropped);
+        }
+    }
+
+    fn dropped(&self, kind: SkipKind, name: &str, dropped: &Dropped) {
+        let at = self.clock.of_messages(dropped.stamp);
+        self.faults.count(kind, &format!("{name} dropped, {}", dropped.why), &format!("at {at} s"));
+    }
+
+    /// The next packet, when it is complete or has waited long enough.
+    pub fn packet(&mut self) -> Option<FramePacket> {
+        let merged = self.merge.pop();
+        self.tell_counts();
+        let merged = merged?;
+        let decode_ms = std::mem::take(&mut self.decode_ms);
+        let (stamp, images) = (merged.stamp, merged.images);
+        Some(FramePacket { stamp, images, depth: merged.depth, imu: merged.imu, decode_ms })
+    }
+
+    fn packet_time(&self, stamp: Stamp) -> Stamp {
+        self.clock.of_packets(stamp)
+    }
+
+    /// Notices that the time of the messages went backwards, and begins anew with another offset.
+    fn follow_clock(&mut self, stamp: Stamp) {
+        let now = self.packet_time(stamp);
+        let Some(newest) = self.newest else {
+            self.newest = Some(now);
+            return;
+        };
+        if newest - now < BACKWARDS_S {
+            self.backwards = 0;
+            self.newest = Some(newest.max(now));
+            return;
+        }
+        self.backwards += 1;
+        if self.backwards < CONFIRMED {
+            return;
+        }
+        let next = newest.plus_seconds(GAP_S);
+        let details = format!("from {} s to {stamp} s; the map is kept", self.clock.of_messages(newest));
+        self.faults.count(SkipKind::Other, "the time of the pictures went backwards", &details);
+        self.clock.change(next, next.0.saturating_sub(stamp.0));
+        (self.merge, self.counted) = (Merge::new(self.config), MergeCounts::default());
+        (self.newest, self.backwards) = (Some(next), 0);
+    }
+
+    /// What the merge left out by itself.
+    fn tell_counts(&mut self) {
+        let (now, before) = (*self.merge.counts(), self.counted);
+        let lines: [(usize, usize, SkipKind, &str, &str); 4] = [
+            (
+                now.unpaired,
+                before.unpaired,
+                SkipKind::Frame,
+                "pictures without a partner of the same time",
+                "are the cameras triggered together? --pair-within-ms allows more",
+            ),
+            (
+                now.synthesised,
+                before.synthesised,
+                SkipKind::Imu,
+                "IMU readings that came too late were replaced",
+                "",
+            ),
+            (now.without_imu, before.without_imu, SkipKind::Imu, "pictures without IMU readings", ""),
+            (now.imu_gaps, before.imu_gaps, SkipKind::Imu, "gaps between IMU readings", ""),
+        ];
+        for (now, before, kind, reason, details) in lines {
+            (before..now).for_each(|_| self.faults.count(kind, reason, details));
+        }
+        self.counted = now;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::messages::{Header, Image, Time, Vector3};
+    use cairn::geometry::Se3;
+    use cairn::sensor::{Camera, ImuNoise, ImuSensor, RigCamera};
+
+    const MS: i64 = 1_000_000;
+
+    fn rig(cameras: usize, imu: bool) -> Rig {
+        let mut rig = Rig::mono(Camera::pinhole(8, 6, 8.0, 8.0, 4.0, 3.0));
+        if cameras == 2 {
+            let mut pose = Se3::identity();
+            pose.translation.x = 0.1;
+            rig.cameras.push(RigCamera {
+                name: "cam1".into(),
+                body_from_camera: pose,
+                ..rig.cameras[0].clone()
+            });
+        }
+        let noise = ImuNoise { gyro: 1e-3, gyro_walk: 1e-5, accel: 1e-2, accel_walk: 1e-4 };
+        rig.imu =
+            imu.then_some(ImuSensor { body_from_imu: Se3::identity(), rate_hz: 200.0, noise, offset_s: 0.0 });
+        rig
+    }
+
+    fn picture(ms: i64, width: u32) -> Picture {
+        let header = Header { stamp: Time::of(Stamp(ms * MS)), frame_id: "camera".into() };
+        let data = vec![7; 6 * width as usize];
+        Picture::Raw(Image {
+            header,
+            height: 6,
+            width,
+            encoding: "mono8".into(),
+            is_bigendian: 0,
+            step: width,
+            data,
+        })
+    }
+
+    fn reading(ms: i64, gyro: f64) -> Imu {
+        let header = Header { stamp: Time::of(Stamp(ms * MS)), frame_id: "imu".into() };
+        let angular_velocity = Vector3 { x: gyro, y: 0.0, z: 0.0 };
+        let linear_acceleration = Vector3 { x: 0.0, y: 0.0, z: 9.8 };
+        Imu { header, angular_velocity, linear_acceleration, ..Imu::default() }
+    }
+
+    fn drain(assembler: &mut Assembler) -> Vec<FramePacket> {
+        std::iter::from_fn(|| assembler.packet()).collect()
+    }
+
+    #[test]
+    fn pairs_by_approximate_time_and_what_is_lost() {
+        let faults = Faults::default();
+        let mut assembler = Assembler::new(&rig(2, false), 0.005, faults.clone());
+        let mut packets = Vec::new();
+        for k in 0..60 {
+            let t = 1000 + 33 * k;
+            if k != 10 {
+                assembler.picture(Role::Image, &picture(t, 8));
+            }
+            if k != 20 {
+                assembler.picture(Role::Right, &picture(t + 3, 8));
+            }
+            if k == 30 {
+                assembler.picture(Role::Image, &picture(t, 8)); // twice
+                assembler.picture(Role::Image, &picture(t - 33, 8)); // late
+            }
+            packets.extend(drain(&mut assembler));
+        }
+        assert_eq!(packets.len(), 58);
+        assert!(packets.iter().all(|p| p.images.len() == 2));
+        let counts = faults.counts();
+        let of =
+            |text: &str| counts.iter().filter(|s| s.reason.contains(text)).map(|s| s.count).sum::<usize>();
+        assert_eq!((of("partner"), of("repeated"), of("backwards")), (2, 1, 1));
+    }
+
+    #[test]
+    fn bad_pictures_and_readings_are_counted_and_the_next_goes_on() {
+        let faults = Faults::default();
+        let mut assembler = Assembler::new(&rig(1, true), 0.005, faults.clone());
+        let mut packets = Vec::new();
+        for k in 0..100 {
+            let t = 1000 + 5 * k;
+            assembler.imu(&reading(t, if k == 50 { f64::NAN } else { 0.1 }));
+            if k % 10 == 5 {
+                assembler.picture(Role::Image, &picture(t, if k == 45 { 9 } else { 8 }));
+            }
+            if k == 60 {
+                let Picture::Raw(mut broken) = picture(t + 1, 8) else { unreachable!() };
+                broken.data.truncate(20);
+                assembler.picture(Role::Image, &Picture::Raw(broken.clone()));
+                assembler.picture(Role::Image, &Picture::Raw(Image { encoding: "bayer".into(), ..broken }));
+            }
+            packets.extend(drain(&mut assembler));
+        }
+        assert_eq!(packets.len(), 9);
+        let samples: Vec<_> = packets.iter().flat_map(|p| p.imu.iter()).collect();
+        assert!(samples.iter().all(|s| s.gyro.x.is_finite()));
+        let reasons: Vec<_> = faults.counts().iter().map(|s| (s.reason.clone(), s.count)).collect();
+        let of = |text: &str| reasons.iter().filter(|(r, _)| r.contains(text)).map(|(_, n)| n).sum::<usize>();
+        assert_eq!((of("size"), of("cannot be read"), of("not finite")), (1, 2, 1), "{reasons:?}");
+    }
+
+    #[test]
+    fn a_clock_that_is_set_back_is_followed() {
+        let faults = Faults::default();
+        let mut assembler = Assembler::new(&rig(1, false), 0.005, faults.clone());
+        let clock = assembler.clock();
+        let mut packets = Vec::new();
+        for round in 0..2 {
+            for k in 0..30 {
+                assembler.picture(Role::Image, &picture(50_000 + 33 * k, 8));
+                packets.extend(drain(&mut assembler));
+            }
+            assert_eq!(clock.jumps(), round);
+        }
+        // Two pictures confirm that it was set back.
+        assert_eq!(packets.len(), 58);
+        assert!(packets.windows(2).all(|w| w[0].stamp < w[1].stamp));
+        assert!(packets[30].stamp - packets[29].stamp >= GAP_S - 1e-9);
+        let times: Vec<i64> = packets.iter().map(|p| clock.of_messages(p.stamp).0 / MS).collect();
+        assert_eq!((times[0], times[29], times[30], times[57]), (50_000, 50_957, 50_066, 50_957));
+        // One picture of a wrong time is no other time.
+        assembler.picture(Role::Image, &picture(1, 8));
+        assembler.picture(Role::Image, &picture(51_000, 8));
+        assert_eq!((drain(&mut assembler).len(), clock.jumps()), (1, 1));
+    }
+}
