@@ -12,7 +12,8 @@ use cairn::sensor::{
     DepthImage, Dropped, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, MergeCounts, Rig, SkipKind,
     Stamp,
 };
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// How long a picture waits for its partners, seconds.
@@ -24,40 +25,53 @@ const CONFIRMED: usize = 3;
 /// Gap between the last packet of one time and the first of the next, seconds: longer than any motion is extrapolated.
 const GAP_S: f64 = 2.0;
 
-/// Translates the packets' time back to that of the messages.
+/// One stretch of the messages' time.
+#[derive(Clone, Copy)]
+struct Period {
+    /// The first packet of it.
+    from: Stamp,
+    /// Nanoseconds by which packets are later than their messages.
+    offset: i64,
+    number: usize,
+}
+
+/// Translates between the packets' time, which only goes on, and that of the messages, which may be set back.
 #[derive(Clone, Default)]
-pub struct Clock(Arc<Mutex<Vec<(Stamp, i64)>>>);
+pub struct Clock(Arc<Mutex<VecDeque<Period>>>);
 
 impl Clock {
     /// The messages' time of a packet.
     pub fn of_messages(&self, packet: Stamp) -> Stamp {
-        let steps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let offset = steps.iter().rev().find(|(from, _)| *from <= packet).map_or(0, |(_, offset)| *offset);
-        Stamp(packet.0.saturating_sub(offset))
+        Stamp(packet.0.saturating_sub(self.at(packet).map_or(0, |period| period.offset)))
     }
 
     /// The packets' time of a message that comes now.
     pub fn of_packets(&self, message: Stamp) -> Stamp {
-        Stamp(message.0.saturating_add(self.offset()))
+        Stamp(message.0.saturating_add(self.lock().back().map_or(0, |period| period.offset)))
+    }
+
+    /// How often the time had been set back before a packet.
+    pub fn period(&self, packet: Stamp) -> usize {
+        self.at(packet).map_or(0, |period| period.number)
+    }
+
+    fn at(&self, packet: Stamp) -> Option<Period> {
+        self.lock().iter().rev().find(|period| period.from <= packet).copied()
     }
 
     /// From this packet on, packets are later than their messages by `offset` nanoseconds.
-    fn change(&self, from: Stamp, offset: i64) {
-        let mut steps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+    fn begin(&self, from: Stamp, offset: i64) {
+        let mut periods = self.lock();
+        let number = periods.back().map_or(0, |period| period.number) + 1;
         // Packets of older times have long been dealt with.
-        if steps.len() > 7 {
-            steps.remove(0);
+        if periods.len() > 7 {
+            periods.pop_front();
         }
-        steps.push((from, offset));
+        periods.push_back(Period { from, offset, number });
     }
 
-    fn offset(&self) -> i64 {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).last().map_or(0, |(_, offset)| *offset)
-    }
-
-    /// How often the time went backwards.
-    pub fn jumps(&self) -> usize {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).len()
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Period>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -214,7 +228,7 @@ impl Assembler {
         let next = newest.plus_seconds(GAP_S);
         let details = format!("from {} s to {stamp} s; the map is kept", self.clock.of_messages(newest));
         self.faults.count(SkipKind::Other, "the time of the pictures went backwards", &details);
-        self.clock.change(next, next.0.saturating_sub(stamp.0));
+        self.clock.begin(next, next.0.saturating_sub(stamp.0));
         (self.merge, self.counted) = (Merge::new(self.config), MergeCounts::default());
         (self.newest, self.backwards) = (Some(next), 0);
     }
@@ -359,21 +373,23 @@ mod tests {
         let clock = assembler.clock();
         let mut packets = Vec::new();
         for round in 0..2 {
-            for k in 0..30 {
+            for k in 0..60 {
                 assembler.picture(Role::Image, &picture(50_000 + 33 * k, 8));
                 packets.extend(drain(&mut assembler));
             }
-            assert_eq!(clock.jumps(), round);
+            assert_eq!(clock.period(packets[packets.len() - 1].stamp), round);
         }
         // Two pictures confirm that it was set back.
-        assert_eq!(packets.len(), 58);
+        assert_eq!(packets.len(), 118);
         assert!(packets.windows(2).all(|w| w[0].stamp < w[1].stamp));
-        assert!(packets[30].stamp - packets[29].stamp >= GAP_S - 1e-9);
+        assert!(packets[60].stamp - packets[59].stamp >= GAP_S - 1e-9);
+        assert_eq!([0, 59, 60, 117].map(|k: usize| clock.period(packets[k].stamp)), [0, 0, 1, 1]);
         let times: Vec<i64> = packets.iter().map(|p| clock.of_messages(p.stamp).0 / MS).collect();
-        assert_eq!((times[0], times[29], times[30], times[57]), (50_000, 50_957, 50_066, 50_957));
+        assert_eq!((times[0], times[59], times[60], times[117]), (50_000, 51_947, 50_066, 51_947));
         // One picture of a wrong time is no other time.
         assembler.picture(Role::Image, &picture(1, 8));
-        assembler.picture(Role::Image, &picture(51_000, 8));
-        assert_eq!((drain(&mut assembler).len(), clock.jumps()), (1, 1));
+        assembler.picture(Role::Image, &picture(51_980, 8));
+        let more = drain(&mut assembler);
+        assert_eq!((more.len(), clock.period(more[0].stamp)), (1, 1));
     }
 }

@@ -73,10 +73,15 @@ impl FrameTree {
         self.restarts
     }
 
+    /// The motion up to the next pose is not known: the odometry goes on where it is.
+    pub fn break_off(&mut self) {
+        self.restarts += usize::from(self.last.take().is_some());
+    }
+
     /// Tracking begins anew, in another map: the odometry goes on where it is.
     pub fn begin_anew(&mut self) {
-        self.restarts += usize::from(self.last.is_some());
-        (self.last, self.map_from_world) = (None, None);
+        self.break_off();
+        self.map_from_world = None;
     }
 
     /// The transforms at a pose.
@@ -240,6 +245,12 @@ mod tests {
             before = Some(out.odom_from_base);
         }
         assert_eq!(tree.restarts(), 1);
+        // Nor when its clock was set back meanwhile.
+        tree.break_off();
+        let there = tree.step(&Tracked { segment: 1, ..tracked(3) });
+        assert!(near(&there.odom_from_base, &before.unwrap()) && there.motion.is_none());
+        assert!(near(&(there.map_from_odom * there.odom_from_base), &robot(3)));
+        assert_eq!(tree.restarts(), 2);
     }
 
     #[test]

@@ -134,10 +134,13 @@ mod tests {
         let wall = DepthImage::from_vec(64, 48, vec![2000; 64 * 48]).unwrap();
         let key = KeyFrameId::from_index(0).unwrap();
         // The robot looks along +y.
-        let map_from_base =
-            Se3::new(So3::exp(&Vec3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2)), Vec3::zeros());
-        let map_from_key = map_from_base * base_from_depth;
-        grid.observe(&wall, key, &map_from_key, &map_from_base).unwrap();
+        let turned = So3::exp(&Vec3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2));
+        let at = |x: f64| Se3::new(turned, Vec3::new(x, 0.0, 0.0));
+        let map_from_key = at(0.0) * base_from_depth;
+        // It moves along the wall: one scan alone does not make a cell free.
+        for x in [-0.2, 0.0, 0.2] {
+            grid.observe(&wall, key, &map_from_key, &at(x)).unwrap();
+        }
         let m = grid.message(Header::default()).unwrap();
         let value = |x: f64, y: f64| {
             let (r, o) = (f64::from(m.info.resolution), &m.info.origin.position);
@@ -147,7 +150,7 @@ mod tests {
         assert_eq!((value(0.0, 2.02), value(0.0, 1.0), value(0.0, 2.5)), (100, 0, -1));
         assert_eq!(m.data.len(), (m.info.width * m.info.height) as usize);
         // Standing still adds nothing.
-        grid.observe(&wall, key, &map_from_key, &map_from_base).unwrap();
+        grid.observe(&wall, key, &map_from_key, &at(0.2)).unwrap();
         assert_eq!(grid.message(Header::default()).unwrap(), m);
         let fisheye = Camera { distortion: Distortion::Equidistant([0.1; 4]), ..camera };
         assert!(GroundGrid::new(&DepthSensor { camera: fisheye, ..sensor }, base_from_depth, 5.0).is_err());

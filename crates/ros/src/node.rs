@@ -318,8 +318,11 @@ impl<'a> Node<'a> {
         let stamp = self.clock.of_messages(packet.stamp);
         self.map = output.scale.map(|scale| scale.map).or(self.map);
         let aligned = self.map.is_some_and(|map| self.slam.map().snapshot().is_gravity_aligned(map));
+        let restarts = self.tree.restarts();
+        if before.is_some_and(|(before, _)| self.clock.period(before) != self.clock.period(packet.stamp)) {
+            self.tree.break_off();
+        }
         if let Some(tracked) = results::tracked(&output, aligned) {
-            let restarts = self.tree.restarts();
             let transforms = self.tree.step(&tracked);
             let dt_s = before.map_or(0.0, |(before, _)| packet.stamp - before);
             self.network.odometry.publish(results::odometry(stamp, &self.names, &transforms, dt_s));

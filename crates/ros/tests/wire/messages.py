@@ -12,13 +12,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 # Services are two messages; a message without fields has this one in DDS.
-STORE.register(get_types_from_msg("uint8 structure_needs_at_least_one_member", "std_srvs/srv/Trigger_Request"))
-STORE.register(get_types_from_msg("bool success\nstring message", "std_srvs/srv/Trigger_Response"))
 # rmw_cyclonedds puts a header before requests and responses.
 STORE.register(
-    get_types_from_msg("uint64 guid\nint64 seq\nuint8 structure_needs_at_least_one_member", "cyclone/srv/Trigger_Request")
+    get_types_from_msg("uint64 guid\nint64 seq\nuint8 structure_needs_at_least_one_member", "cyclone/msg/Trigger_Request")
 )
-STORE.register(get_types_from_msg("uint64 guid\nint64 seq\nbool success\nstring message", "cyclone/srv/Trigger_Response"))
+STORE.register(get_types_from_msg("uint64 guid\nint64 seq\nbool success\nstring message", "cyclone/msg/Trigger_Response"))
 
 BASE = {
     "bool": bool, "string": str, "byte": uint8, "char": uint8, "uint8": uint8, "int8": int8, "uint16": uint16, "int16": int16,

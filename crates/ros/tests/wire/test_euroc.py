@@ -1,5 +1,6 @@
 """A real recording on the wire: CycloneDDS plays it, the node tracks it, CycloneDDS receives the results."""
 
+import os
 import time
 
 import numpy as np
@@ -29,6 +30,8 @@ def check(out, player, frames, most_m, scale=False, first=0):
     times, positions = np.array([t for t, _ in poses]), np.array([p[:3, 3] for _, p in poses])
     error, factor = ate(times, positions, player.truth(), scale)
     coverage = len(times) / (frames - first)
+    values = {v.key: v.value for v in out["/diagnostics"][-1][1].status[0].values}
+    processed, with_pose = int(values["frames"]), int(values["frames with a pose"])
 
     # tf is the tree of REP 105: odom -> base_link continuous, map -> base_link the pose.
     tree = [{(t.header.frame_id, t.child_frame_id): t for t in m.transforms} for _, m in out["/tf"]]
@@ -46,12 +49,18 @@ def check(out, player, frames, most_m, scale=False, first=0):
     cloud = out["/points"][-1][1]
     points = np.frombuffer(bytes(cloud.data), dtype="<f4").reshape(-1, 3)
     path = out["/path"][-1][1].poses
+    of_path = [(seconds(p.header), [p.pose.position.x, p.pose.position.y, p.pose.position.z]) for p in path]
+    corrected, _ = ate(np.array([t for t, _ in of_path]), np.array([p for _, p in of_path]), player.truth(), scale)
     print(
-        f"ATE {error:.4f} m (scale {factor:.3f}), coverage {coverage:.2f}, fastest odom {speed.max():.2f} m/s, latency "
-        f"{median:.1f} ms median {worst:.1f} ms p99, {len(points)} points, {len(path)} key frames"
+        f"ATE {error:.4f} m as told, {corrected:.4f} m of the path at the end (scale {factor:.3f}), coverage {coverage:.2f} "
+        f"({with_pose} poses of {processed} taken), fastest odom {speed.max():.2f} m/s, "
+        f"latency {median:.1f} ms median {worst:.1f} ms p99, {len(points)} points, {len(path)} key frames"
     )
-    assert error < most_m and coverage > 0.9
-    assert speed.max() < 3.0 * (1 if not scale else factor), "odom jumped"
+    # A machine that does other work leaves out pictures; those it takes have a pose.
+    busy = os.getloadavg()[0] > os.cpu_count()
+    assert error < most_m and corrected < most_m
+    assert with_pose > 0.9 * processed and coverage > (0.4 if busy else 0.9), (processed, with_pose, coverage)
+    assert speed.max() * factor < 3.0, "odom jumped"
     assert len(points) == cloud.width and len(points) > 300 and np.isfinite(points).all()
     assert 5 < len(path) < frames and path[0].header.frame_id == "map"
     return odom

@@ -3,12 +3,12 @@
 import time
 
 import pytest
-from messages import header, make, message
+from messages import header, make
 from player import Player
 from test_euroc import begin, outputs, seconds
 from wire import until
 
-REQUEST, RESPONSE = "cyclone/srv/Trigger_Request", "cyclone/srv/Trigger_Response"
+REQUEST, RESPONSE = "cyclone/msg/Trigger_Request", "cyclone/msg/Trigger_Response"
 
 
 class Caller:
@@ -40,7 +40,7 @@ def test_services(wire, node, euroc, tmp_path):
     call = {name: Caller(wire, f"/cairn/{name}") for name in names}
     route = wire.listen("/route", "nav_msgs/msg/Path", latched=True)
     begin(player, child)
-    assert call["halt"]() [0] is False
+    assert call["halt"]()[0] is False
     player.play(10)
     assert call["record"]()[0]
     player.play(120, first=10)
@@ -106,9 +106,7 @@ def test_garbage_on_the_wire(wire, node, euroc):
     player, out = Player(wire, euroc, imu=False), outputs(wire)
     child = node(*player.arguments())
     begin(player, child)
-    good = message("sensor_msgs/msg/Image")
-
-    class Garbage(good):
+    class Garbage(player.raw["cam0"].data_type):
         def __init__(self, data):
             self.data = data
 
