@@ -75,6 +75,21 @@ impl Clock {
     }
 }
 
+/// A picture that can be used.
+enum Pixels {
+    Gray(Arc<GrayImage>),
+    Depth(Arc<DepthImage>),
+}
+
+impl Pixels {
+    fn size(&self) -> [usize; 2] {
+        match self {
+            Self::Gray(image) => [image.width(), image.height()],
+            Self::Depth(depth) => [depth.width(), depth.height()],
+        }
+    }
+}
+
 /// Puts packets together.
 pub struct Assembler {
     config: MergeConfig,
@@ -122,67 +137,59 @@ impl Assembler {
         self.clock.clone()
     }
 
-    /// Takes a picture.
+    /// Takes a picture. One that cannot be used says nothing of the time either.
     pub fn picture(&mut self, role: Role, picture: &Picture) {
+        let (kind, name) = match role {
+            Role::Image => (SkipKind::Frame, "left pictures"),
+            Role::Right => (SkipKind::Frame, "right pictures"),
+            Role::Depth => (SkipKind::Depth, "depth images"),
+        };
         let stamp = picture.header().stamp.stamp();
+        if stamp == Stamp(0) {
+            self.faults.count(kind, &format!("{name} without a time"), "the stamp of the header is 0");
+            return;
+        }
+        let started = Instant::now();
+        let pixels = match role {
+            Role::Depth => picture.depth().map(|depth| Pixels::Depth(Arc::new(depth))),
+            Role::Image | Role::Right => picture.gray().map(|image| Pixels::Gray(Arc::new(image))),
+        };
+        self.decode_ms += started.elapsed().as_secs_f64() * 1e3;
+        let pixels = match pixels {
+            Ok(pixels) => pixels,
+            Err(why) => return self.faults.count(kind, &format!("{name} cannot be read"), &why),
+        };
+        let (found, expected) = (pixels.size(), self.size_of(role));
+        if expected.is_some_and(|expected| expected != found) {
+            let details =
+                format!("{found:?} pixels, the calibration is for {:?}", expected.unwrap_or_default());
+            return self.faults.count(kind, &format!("{name} of another size"), &details);
+        }
         if role == Role::Image {
             self.follow_clock(stamp);
         }
-        let stamp = self.packet_time(stamp);
-        let started = Instant::now();
-        let taken = match role {
-            Role::Image => self.gray(0, "left", stamp, picture),
-            Role::Right => self.gray(1, "right", stamp, picture),
-            Role::Depth => self.depth(stamp, picture),
+        let stamp = self.clock.of_packets(stamp);
+        let taken = match pixels {
+            Pixels::Gray(image) => self.merge.push_image(usize::from(role == Role::Right), stamp, image),
+            Pixels::Depth(depth) => self.merge.push_depth(stamp, depth),
         };
-        self.decode_ms += started.elapsed().as_secs_f64() * 1e3;
         if let Err(dropped) = taken {
-            let (kind, name) = match role {
-                Role::Image => (SkipKind::Frame, "pictures"),
-                Role::Right => (SkipKind::Frame, "right pictures"),
-                Role::Depth => (SkipKind::Depth, "depth images"),
-            };
             self.dropped(kind, name, &dropped);
         }
     }
 
-    fn gray(&mut self, camera: usize, name: &str, stamp: Stamp, picture: &Picture) -> Result<(), Dropped> {
-        let image = match picture.gray() {
-            Ok(image) => image,
-            Err(why) => {
-                self.faults.count(SkipKind::Frame, &format!("{name} pictures cannot be read"), &why);
-                return Ok(());
-            }
-        };
-        let (found, expected) = ([image.width(), image.height()], self.sizes.get(camera));
-        if expected.is_some_and(|e| *e != found) {
-            let details = format!("{}x{} pixels, the calibration is for {:?}", found[0], found[1], expected);
-            self.faults.count(SkipKind::Frame, &format!("{name} pictures of another size"), &details);
-            return Ok(());
+    /// Width and height by the calibration.
+    fn size_of(&self, role: Role) -> Option<[usize; 2]> {
+        match role {
+            Role::Image => self.sizes.first().copied(),
+            Role::Right => self.sizes.get(1).copied(),
+            Role::Depth => self.depth_size,
         }
-        self.merge.push_image(camera, stamp, Arc::new(image))
-    }
-
-    fn depth(&mut self, stamp: Stamp, picture: &Picture) -> Result<(), Dropped> {
-        let depth = match picture.depth() {
-            Ok(depth) => depth,
-            Err(why) => {
-                self.faults.count(SkipKind::Depth, "depth images cannot be read", &why);
-                return Ok(());
-            }
-        };
-        let found = [depth.width(), depth.height()];
-        if self.depth_size.is_some_and(|e| e != found) {
-            let details = format!("{found:?} pixels, the calibration is for {:?}", self.depth_size);
-            self.faults.count(SkipKind::Depth, "depth images of another size", &details);
-            return Ok(());
-        }
-        self.merge.push_depth(stamp, Arc::new(depth))
     }
 
     /// Takes a reading of the IMU.
     pub fn imu(&mut self, reading: &Imu) {
-        let stamp = self.packet_time(reading.header.stamp.stamp());
+        let stamp = self.clock.of_packets(reading.header.stamp.stamp());
         let sample =
             ImuSample::new(stamp, reading.angular_velocity.vector(), reading.linear_acceleration.vector());
         if let Err(dropped) = self.merge.push_imu(sample) {
@@ -205,13 +212,9 @@ impl Assembler {
         Some(FramePacket { stamp, images, depth: merged.depth, imu: merged.imu, decode_ms })
     }
 
-    fn packet_time(&self, stamp: Stamp) -> Stamp {
-        self.clock.of_packets(stamp)
-    }
-
     /// Notices that the time of the messages went backwards, and begins anew with another offset.
     fn follow_clock(&mut self, stamp: Stamp) {
-        let now = self.packet_time(stamp);
+        let now = self.clock.of_packets(stamp);
         let Some(newest) = self.newest else {
             self.newest = Some(now);
             return;
@@ -354,7 +357,12 @@ mod tests {
                 let Picture::Raw(mut broken) = picture(t + 1, 8) else { unreachable!() };
                 broken.data.truncate(20);
                 assembler.picture(Role::Image, &Picture::Raw(broken.clone()));
-                assembler.picture(Role::Image, &Picture::Raw(Image { encoding: "bayer".into(), ..broken }));
+                let bayer = Image { encoding: "bayer".into(), ..broken.clone() };
+                // Nor do pictures that cannot be used set the clock back.
+                let old = Image { header: Header::new(Stamp(7), "camera"), ..broken };
+                (0..5).for_each(|_| assembler.picture(Role::Image, &Picture::Raw(old.clone())));
+                assembler.picture(Role::Image, &Picture::Raw(bayer));
+                assembler.picture(Role::Image, &picture(0, 8));
             }
             packets.extend(drain(&mut assembler));
         }
@@ -363,7 +371,11 @@ mod tests {
         assert!(samples.iter().all(|s| s.gyro.x.is_finite()));
         let reasons: Vec<_> = faults.counts().iter().map(|s| (s.reason.clone(), s.count)).collect();
         let of = |text: &str| reasons.iter().filter(|(r, _)| r.contains(text)).map(|(_, n)| n).sum::<usize>();
-        assert_eq!((of("size"), of("cannot be read"), of("not finite")), (1, 2, 1), "{reasons:?}");
+        assert_eq!(
+            (of("size"), of("cannot be read"), of("not finite"), of("without a time")),
+            (1, 7, 1, 1),
+            "{reasons:?}"
+        );
     }
 
     #[test]

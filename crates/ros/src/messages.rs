@@ -24,14 +24,8 @@ macro_rules! messages {
 messages! {
     /// `builtin_interfaces/Time`.
     Time { sec: i32, nanosec: u32, }
-    /// `builtin_interfaces/Duration`.
-    Duration { sec: i32, nanosec: u32, }
-    /// `rosgraph_msgs/Clock`.
-    Clock { clock: Time, }
     /// `std_msgs/Header`.
     Header { stamp: Time, frame_id: String, }
-    /// `std_msgs/ColorRGBA`, each from 0 to 1.
-    ColorRGBA { r: f32, g: f32, b: f32, a: f32, }
     /// `std_msgs/String`.
     Text { data: String, }
     /// `geometry_msgs/Point`, metres.

@@ -6,8 +6,8 @@
 
 use crate::faults::{Faults, Severity};
 use crate::messages::{
-    CameraInfo, Clock, CompressedImage, DiagnosticArray, Image, Imu, OccupancyGrid, Odometry, Path,
-    PointCloud2, PoseStamped, TFMessage, Text, TriggerRequest, TriggerResponse,
+    CameraInfo, CompressedImage, DiagnosticArray, Image, Imu, OccupancyGrid, Odometry, Path, PointCloud2,
+    PoseStamped, TFMessage, Text, TriggerRequest, TriggerResponse,
 };
 use crate::options::{Options, Rmw, Topics, transport};
 use crate::pictures::Picture;
@@ -41,8 +41,6 @@ pub enum Incoming {
     Imu(Imu),
     /// Transforms that stay.
     Static(TFMessage),
-    /// The simulated time.
-    Clock(Clock),
     /// A service was called.
     Asked(Service, RmwRequestId),
     /// A message that could not be read.
@@ -132,7 +130,6 @@ enum Input {
     Info(String, Role, Subscription<CameraInfo>),
     Imu(String, Subscription<Imu>),
     Static(String, Subscription<TFMessage>),
-    Clock(String, Subscription<Clock>),
 }
 
 /// A publisher with its name.
@@ -354,10 +351,6 @@ impl Maker<'_> {
         }
         let (name, s) = self.input("/tf_static", ("tf2_msgs", "TFMessage"), latched)?;
         inputs.push(Input::Static(name, s));
-        if self.options.use_sim_time {
-            let (name, s) = self.input("/clock", ("rosgraph_msgs", "Clock"), depth(1))?;
-            inputs.push(Input::Clock(name, s));
-        }
         Ok(inputs)
     }
 
@@ -389,7 +382,6 @@ impl Input {
             Self::Info(name, role, s) => messages(name, s, |m| Incoming::Info(*role, m)),
             Self::Imu(name, s) => messages(name, s, Incoming::Imu),
             Self::Static(name, s) => messages(name, s, Incoming::Static),
-            Self::Clock(name, s) => messages(name, s, Incoming::Clock),
         }
     }
 }

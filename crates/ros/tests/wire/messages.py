@@ -17,6 +17,8 @@ STORE.register(
     get_types_from_msg("uint64 guid\nint64 seq\nuint8 structure_needs_at_least_one_member", "cyclone/msg/Trigger_Request")
 )
 STORE.register(get_types_from_msg("uint64 guid\nint64 seq\nbool success\nstring message", "cyclone/msg/Trigger_Response"))
+# What is not an image.
+STORE.register(get_types_from_msg("uint32[] data", "garbage/msg/Blob"))
 
 BASE = {
     "bool": bool, "string": str, "byte": uint8, "char": uint8, "uint8": uint8, "int8": int8, "uint16": uint16, "int16": int16,

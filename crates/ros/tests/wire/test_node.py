@@ -2,11 +2,12 @@
 
 import time
 
+import numpy as np
 import pytest
 from messages import header, make
 from player import Player
 from test_euroc import begin, outputs, seconds
-from wire import until
+from wire import Wire, until
 
 REQUEST, RESPONSE = "cyclone/msg/Trigger_Request", "cyclone/msg/Trigger_Response"
 
@@ -49,6 +50,11 @@ def test_services(wire, node, euroc, tmp_path):
     done, words = call["save_map"]()
     assert done and (tmp_path / "home.map").stat().st_size > 10_000, words
     assert until(lambda: route and len(route[-1][1].poses) > 3, 5), "the route is published"
+    said = wire.listen("/cairn/said", "std_msgs/msg/String")
+    done, words = call["guide_home"]()
+    print("guide_home:", done, words)
+    assert words and until(lambda: said, 5), "the guide speaks"
+    print("said:", [m.data for _, m in said])
     poses = len(out["/pose"])
     done, words = call["load_map"]()
     assert done, words
@@ -102,23 +108,21 @@ def test_wrong_usage_ends_with_a_reason(node, arguments):
 
 
 def test_garbage_on_the_wire(wire, node, euroc):
-    """A publisher whose bytes are not an image: it is said, and the next image is used."""
+    """A publisher that calls something else an image: it is said, and the next image is used."""
     player, out = Player(wire, euroc, imu=False), outputs(wire)
     child = node(*player.arguments())
     begin(player, child)
-    class Garbage(player.raw["cam0"].data_type):
-        def __init__(self, data):
-            self.data = data
-
-        def serialize(self, **_):
-            return self.data
-
-    for data in (b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 200, b"\0\1\0\0" + bytes(40)):
-        for _ in range(3):
-            player.raw["cam0"].write(Garbage(data))
+    stranger = Wire()
+    image = "sensor_msgs::msg::dds_::Image_"
+    write = stranger.writer("/left/image_raw", "garbage/msg/Blob", dds_name=image)
+    for words in ([], [0xFFFFFFFF] * 50, [3, 5, 0, 480, 640, 6] + [0] * 40, [0, 0, 1, 0, 0x7FFFFFFF, 0x7FFFFFFF, 1, 0, 0, 0xFFFF]):
+        for _ in range(5):
+            write(make("garbage/msg/Blob", data=np.array(words, dtype=np.uint32)))
             time.sleep(0.02)
+    assert until(lambda: child.said("a message cannot be read"), 5), child.lines
+    stranger.close()
     before = len(out["/odom"])
     player.play(60)
-    assert until(lambda: len(out["/odom"]) > before + 50, 5), "\n".join(child.lines)
-    assert child.said("cannot be read")
+    assert until(lambda: len(out["/odom"]) > before + 40, 5), "\n".join(child.lines)
+    assert not child.said("went backwards"), "what is no image says nothing of the time"
     assert child.end() == 0
