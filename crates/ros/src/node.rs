@@ -76,9 +76,8 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
             * options.pair_within_ms.unwrap_or(if topics.depth.is_some() { 20.0 } else { 10.0 }),
     };
     let thread = std::thread::Builder::new().name("cairn-ros-assemble".into());
-    thread
-        .spawn(move || worker.run(setup, &tell))
-        .map_err(|e| NodeError::Setup(format!("no thread can be started: {e}")))?;
+    let reader = thread.spawn(move || worker.run(setup, &tell));
+    let reader = reader.map_err(|e| NodeError::Setup(format!("no thread can be started: {e}")))?;
     let Some((found, clock)) = wait(&network, &told, &faults, stop)? else { return Ok(()) };
     for note in &found.notes {
         faults.say(Severity::Info, note);
@@ -88,14 +87,18 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
     while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| Instant::now() < until) {
         match inbox.take(TICK) {
             Item::Packet(packet, _) => node.packet(&packet, inbox.dropped()),
-            Item::Ended(_) => return Err(NodeError::Setup("the node's reader has stopped".into())),
-            Item::Command(_) | Item::Nothing => node.idle(),
+            _ if reader.is_finished() => return Err(stopped()),
+            Item::Ended(_) | Item::Command(_) | Item::Nothing => node.idle(),
         }
         node.step()?;
     }
     inbox.close();
     node.close();
     Ok(())
+}
+
+fn stopped() -> NodeError {
+    NodeError::Setup("the thread that takes the messages has stopped by an error of the program".into())
 }
 
 fn read_config(path: &Path) -> Result<Config, NodeError> {
@@ -137,7 +140,7 @@ fn wait(
                 faults.say(Severity::Info, &format!("waiting for {}", lines.join(", ")));
             }
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(NodeError::Setup("the node's reader has stopped".into()));
+                return Err(stopped());
             }
         }
     }
@@ -525,11 +528,14 @@ impl<'a> Node<'a> {
         self.counts = Counts { ages_ms: Vec::new(), steps_ms: Vec::new(), ..counts };
     }
 
+    /// Ends what is in progress.
     fn close(&mut self) {
-        if let Err(cairn::Error::Refused(why)) = self.slam.stop_recording().map(|_| ())
-            && self.slam.session().is_recording()
-        {
-            self.faults.say(Severity::Warn, &why);
+        if !self.slam.session().is_recording() {
+            return;
+        }
+        match self.serve(Service::StopRecording) {
+            Ok(words) => self.faults.say(Severity::Info, &words),
+            Err(why) => self.faults.say(Severity::Warn, &why),
         }
     }
 }
