@@ -377,6 +377,8 @@ mod tests {
         assert_eq!(o.remapped("~/save_map"), "/robot/keep");
         assert_eq!((o.remapped("path").as_str(), o.remapped("/tf").as_str()), ("/robot/path", "/tf"));
         assert_eq!(o.remapped("~/guide_home"), "/robot/cairn/guide_home");
+        let o = options("-r /robot/pose:=here --namespace /robot/").unwrap();
+        assert_eq!((o.remapped("pose").as_str(), o.remapped("/pose").as_str()), ("/robot/here", "/pose"));
     }
 
     #[test]
