@@ -12,3 +12,4 @@ pub mod options;
 pub mod pictures;
 pub mod results;
 pub mod setup;
+pub mod worker;

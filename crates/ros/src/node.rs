@@ -1,34 +1,29 @@
 //! The node at work: messages become packets on one thread, packets become poses on another, results go out.
 
-use crate::assemble::{Assembler, Clock};
+use crate::assemble::Clock;
 use crate::faults::{Faults, Severity};
 use crate::frames::{FrameTree, Transforms};
 use crate::grid::GroundGrid;
 use crate::messages::{Header, Text};
-use crate::network::{Incoming, MOST_WAITING, Network, Service};
+use crate::network::{MOST_WAITING, Network, Service};
 use crate::options::{Options, Topics};
 use crate::results::{self, FrameNames};
 use crate::setup::{Found, Setup};
+use crate::worker::{Calls, Told, Worker};
 use cairn::atlas::MapId;
 use cairn::geometry::Se3;
 use cairn::guide::Facing;
 use cairn::sensor::{ClockReading, FramePacket, Live, SkipKind, Stamp};
 use cairn::session::{Event, Inbox, Item};
 use cairn::{Config, Output, Slam};
-use ros2_client::RmwRequestId;
-use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// How often the node looks around while no packet comes.
 const TICK: Duration = Duration::from_millis(50);
-/// How long the place of the camera on the robot is waited for after all the rest is known.
-const BASE_WAIT: Duration = Duration::from_secs(2);
-/// How often it is said what is waited for.
-const REMIND: Duration = Duration::from_secs(5);
 /// Interval of diagnostics, and of path, points and grid.
 const SLOW: Duration = Duration::from_secs(1);
 
@@ -42,8 +37,6 @@ pub enum NodeError {
     #[error(transparent)]
     Slam(#[from] cairn::Error),
 }
-
-type Calls = Arc<Mutex<VecDeque<(Service, RmwRequestId)>>>;
 
 /// Runs the node until `stop` is set.
 ///
@@ -107,13 +100,6 @@ fn read_config(path: &Path) -> Result<Config, NodeError> {
     Config::from_toml(&text).map_err(|e| fail(&e))
 }
 
-enum Told {
-    /// What is waited for.
-    Missing(Vec<String>),
-    Found(Box<Found>, Clock),
-    Failed(String),
-}
-
 /// Waits for the first messages; says what is missing. `None` when the node is to stop.
 fn wait(
     network: &Network,
@@ -145,80 +131,6 @@ fn wait(
         }
     }
     Ok(None)
-}
-
-/// Takes messages: first for the setup, then as packets.
-struct Worker {
-    messages: Receiver<Incoming>,
-    inbox: Arc<Inbox>,
-    calls: Calls,
-    faults: Faults,
-    pair_within_s: f64,
-}
-
-impl Worker {
-    fn run(self, mut setup: Setup, tell: &Sender<Told>) {
-        let Some(found) = self.set_up(&mut setup, tell) else { return };
-        let mut assembler = Assembler::new(&found.rig, self.pair_within_s, self.faults.clone());
-        let has_imu = found.rig.imu.is_some();
-        if tell.send(Told::Found(Box::new(found), assembler.clock())).is_err() {
-            return;
-        }
-        while let Ok(incoming) = self.messages.recv() {
-            match incoming {
-                Incoming::Picture(role, picture) => assembler.picture(role, &picture),
-                Incoming::Imu(reading) if has_imu => assembler.imu(&reading),
-                other => self.other(other),
-            }
-            while let Some(packet) = assembler.packet() {
-                if !self.inbox.put(packet) {
-                    return;
-                }
-            }
-        }
-    }
-
-    /// Waits until the rig is known; `None` when the network has gone.
-    fn set_up(&self, setup: &mut Setup, tell: &Sender<Told>) -> Option<Found> {
-        let mut remind = Instant::now() + Duration::from_secs(2);
-        let mut complete = None;
-        loop {
-            match self.messages.recv_timeout(TICK) {
-                Ok(Incoming::Picture(role, picture)) => setup.picture(role, &picture.header().frame_id),
-                Ok(Incoming::Info(role, info)) => setup.camera_info(role, info),
-                Ok(Incoming::Static(message)) => setup.static_transforms(&message),
-                Ok(Incoming::Imu(reading)) => setup.imu(reading),
-                Ok(other) => self.other(other),
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return None,
-            }
-            let missing = setup.missing();
-            if missing.is_empty() {
-                let since = *complete.get_or_insert_with(Instant::now);
-                if setup.knows_base() || since.elapsed() > BASE_WAIT {
-                    match setup.found() {
-                        Ok(found) => return Some(found),
-                        Err(why) => tell.send(Told::Failed(why)).ok()?,
-                    }
-                }
-            } else if Instant::now() > remind {
-                remind = Instant::now() + REMIND;
-                tell.send(Told::Missing(missing.iter().map(|topic| (*topic).to_owned()).collect())).ok()?;
-            }
-        }
-    }
-
-    fn other(&self, incoming: Incoming) {
-        match incoming {
-            Incoming::Asked(service, id) => {
-                self.calls.lock().unwrap_or_else(PoisonError::into_inner).push_back((service, id));
-            }
-            Incoming::Unreadable(topic, why) => {
-                self.faults.count(SkipKind::Other, &format!("{topic}: a message cannot be read"), &why);
-            }
-            _ => {}
-        }
-    }
 }
 
 /// SLAM with its outputs.
