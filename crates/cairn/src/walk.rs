@@ -4,9 +4,10 @@
 
 use crate::{Error, Slam};
 use cairn_guide::{Facing, GuideState, Route};
-use cairn_sensor::Stamp;
+use cairn_sensor::{Live, Stamp};
 use cairn_session::{Command, Event, Which};
 use std::path::Path;
+use std::sync::Arc;
 
 impl Slam {
     /// Starts to record the route into a new file, point by point, so that a crash loses little. Where the file cannot
@@ -72,6 +73,12 @@ impl Slam {
     /// while frames are late.
     pub fn tick(&mut self, now: Stamp) {
         self.session.tick(now);
+    }
+
+    /// Follows the clock of a live source: no direction is given from a pose that will be older than half a second by the
+    /// time it is heard, or whose age is not known. Without it, the age of a picture counts from when it was given.
+    pub fn follow(&mut self, live: Arc<dyn Live>) {
+        self.session.follow(live);
     }
 
     /// The words and sounds that are due since the last call, in order.

@@ -22,7 +22,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (9, &["cairn-session"]),
     (10, &["cairn-web", "cairn-trial"]),
     (11, &["cairn"]),
-    (12, &["cairn-cli", "cairn-python", "bench"]),
+    (12, &["cairn-cli", "cairn-python", "cairn-ros", "bench"]),
 ];
 
 fn workspace_root() -> &'static Path {

@@ -21,9 +21,9 @@ mod text;
 mod tum;
 mod validator;
 
-pub use bag::{NamedTopic, TopicRole};
+pub use bag::{Frames, NamedTopic, TopicRole};
 pub use cancel::Cancel;
-pub use decode::gray as read_gray;
+pub use decode::{depth_in as decode_depth, gray as read_gray, gray_in as decode_gray};
 pub use imu::read_imu;
 pub use live::{Motion, PhonePort, PhoneSource, guessed, is_live, waiting_for};
 pub use open::{image_size, open};

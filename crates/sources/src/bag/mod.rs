@@ -10,6 +10,7 @@ mod realsense;
 mod rig;
 mod topics;
 
+pub use frames::Frames;
 pub use reader::{BagImu, BagReader};
 pub use topics::{ImuTopics, NamedTopic, TopicRole};
 

@@ -1,0 +1,303 @@
+//! The frames of REP 105: from a tracked pose to `odom -> base_link` and `map -> odom`.
+//!
+//! In: the camera's pose in the odometry frame of tracking, which no correction of the map moves, and its pose in the
+//! map. Out: `odom_from_base`, the sum of the motions from frame to frame, which never jumps; and `map_from_odom`, which
+//! takes what the map corrects. Both frames have x ahead and z up (REP 103), as far as that is known: the odometry frame
+//! begins at the robot with the robot's axes, made level by the accelerometer where there is one; a map aligned with
+//! gravity is level.
+//!
+//! A transform of tf has no scale. Where the map's unit of length has changed since the odometry began, motions are
+//! scaled to the map's unit, from then on.
+
+use cairn::geometry::{Se3, So3, Vec3};
+
+/// A pose as tracking gives it.
+#[derive(Clone, Copy, Debug)]
+pub struct Tracked {
+    /// Number of the stretch of odometry: the motion between two of them is not known.
+    pub segment: u32,
+    /// The camera in the odometry frame of tracking.
+    pub odom_from_camera: Se3,
+    /// The camera in the map.
+    pub world_from_camera: Se3,
+    /// Units of length of the map in one of the odometry.
+    pub scale: f64,
+    /// Lengths of the map are metres, so that lever arms can be added.
+    pub metric: bool,
+    /// The map's z axis is up.
+    pub gravity_aligned: bool,
+}
+
+/// The two transforms to publish.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transforms {
+    /// Maps the odometry frame to the map.
+    pub map_from_odom: Se3,
+    /// Maps the robot to the odometry frame.
+    pub odom_from_base: Se3,
+    /// The motion of the robot since the pose before, in its own frame; `None` where it is not known, and taken to be none.
+    pub motion: Option<Se3>,
+}
+
+/// Turns tracked poses into transforms.
+#[derive(Clone, Debug)]
+pub struct FrameTree {
+    base_from_camera: Se3,
+    odom_from_base: Se3,
+    last: Option<(u32, Se3)>,
+    /// From the map of tracking to the published one, and whether it was made for a map aligned with gravity.
+    map_from_world: Option<(Se3, bool)>,
+    /// The last pose of the robot in the published map.
+    map_from_base: Se3,
+    restarts: usize,
+}
+
+impl FrameTree {
+    /// For a camera (optical frame: z ahead, x right) at this place of the robot. `up` is the upward direction in the
+    /// robot's frame as the accelerometer saw it at the start, not normalised; `None` where the robot stands level.
+    pub fn new(base_from_camera: Se3, up: Option<Vec3>) -> Self {
+        let level = up.and_then(|up| level_from_base(&up)).unwrap_or_else(So3::identity);
+        let start = Se3::new(level, Vec3::zeros());
+        Self {
+            base_from_camera,
+            odom_from_base: start,
+            last: None,
+            map_from_world: None,
+            map_from_base: start,
+            restarts: 0,
+        }
+    }
+
+    /// How often the odometry began anew after motion that was not observed.
+    pub fn restarts(&self) -> usize {
+        self.restarts
+    }
+
+    /// The motion up to the next pose is not known: the odometry goes on where it is.
+    pub fn break_off(&mut self) {
+        self.restarts += usize::from(self.last.take().is_some());
+    }
+
+    /// Tracking begins anew, in another map: the odometry goes on where it is.
+    pub fn begin_anew(&mut self) {
+        self.break_off();
+        self.map_from_world = None;
+    }
+
+    /// The transforms at a pose.
+    pub fn step(&mut self, tracked: &Tracked) -> Transforms {
+        let base_from_camera = self.base_from_camera(tracked.metric);
+        let motion = match self.last {
+            Some((segment, before)) if segment == tracked.segment => {
+                let mut motion = before.inverse() * tracked.odom_from_camera;
+                if tracked.metric {
+                    motion.translation *= tracked.scale;
+                }
+                Some(base_from_camera * motion * base_from_camera.inverse())
+            }
+            Some(_) => {
+                self.restarts += 1;
+                None
+            }
+            None => None,
+        };
+        self.last = Some((tracked.segment, tracked.odom_from_camera));
+        self.odom_from_base = self.odom_from_base * motion.unwrap_or_else(Se3::identity);
+        let world_from_base = tracked.world_from_camera * base_from_camera.inverse();
+        let (map_from_world, aligned) = match self.map_from_world {
+            Some((map, aligned)) if aligned || !tracked.gravity_aligned => (map, aligned),
+            Some(_) | None if tracked.gravity_aligned => (self.level_map(&world_from_base, &motion), true),
+            _ => (self.odom_from_base * world_from_base.inverse(), false),
+        };
+        self.map_from_world = Some((map_from_world, aligned));
+        self.map_from_base = map_from_world * world_from_base;
+        Transforms {
+            map_from_odom: self.map_from_base * self.odom_from_base.inverse(),
+            odom_from_base: self.odom_from_base,
+            motion,
+        }
+    }
+
+    /// The published map for a map aligned with gravity: level, and the robot keeps heading and place.
+    fn level_map(&self, world_from_base: &Se3, motion: &Option<Se3>) -> Se3 {
+        let expected = self.map_from_base * motion.unwrap_or_else(Se3::identity);
+        let heading = |pose: &Se3| {
+            let ahead = pose.rotation * Vec3::x();
+            ahead.y.atan2(ahead.x)
+        };
+        let rotation = So3::exp(&(Vec3::z() * (heading(&expected) - heading(world_from_base))));
+        Se3::new(rotation, expected.translation - rotation * world_from_base.translation)
+    }
+
+    /// From the map of tracking to the published one; `None` before the first pose.
+    pub fn map_from_world(&self) -> Option<Se3> {
+        self.map_from_world.map(|(map, _)| map)
+    }
+
+    /// The camera on the robot; only its direction where lengths are not metres.
+    pub fn base_from_camera(&self, metric: bool) -> Se3 {
+        let arm = if metric { self.base_from_camera.translation } else { Vec3::zeros() };
+        Se3::new(self.base_from_camera.rotation, arm)
+    }
+}
+
+/// The optical frame of a camera (z ahead, x right, y down) that looks ahead, at the robot's origin (x ahead, y left, z up).
+pub fn looking_ahead() -> Se3 {
+    let rotation = cairn::geometry::Mat3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
+    Se3::new(So3::from_matrix(&rotation), Vec3::zeros())
+}
+
+/// The smallest rotation that takes `up` to z; `None` for a vector that is no gravity.
+fn level_from_base(up: &Vec3) -> Option<So3> {
+    let length = up.norm();
+    if !(5.0..15.0).contains(&length) {
+        return None;
+    }
+    let up = up / length;
+    let axis = up.cross(&Vec3::z());
+    let angle = axis.norm().atan2(up.z);
+    let axis = axis.try_normalize(1e-9)?;
+    Some(So3::exp(&(axis * angle)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turned(x: f64, y: f64, yaw: f64) -> Se3 {
+        Se3::new(So3::exp(&Vec3::new(0.0, 0.0, yaw)), Vec3::new(x, y, 0.0))
+    }
+
+    /// A robot that drives a curve; its camera looks ahead from 0.3 m before its origin, 0.2 m up.
+    fn robot(k: usize) -> Se3 {
+        let s = k as f64 * 0.05;
+        turned(s, 0.3 * s * s, 0.6 * s)
+    }
+
+    fn base_from_camera() -> Se3 {
+        Se3::new(So3::identity(), Vec3::new(0.3, 0.0, 0.2)) * looking_ahead()
+    }
+
+    fn tracked(k: usize) -> Tracked {
+        // The frame of tracking is that of its first camera.
+        let camera = |k| robot(k) * base_from_camera();
+        let pose = camera(0).inverse() * camera(k);
+        Tracked {
+            segment: 0,
+            odom_from_camera: pose,
+            world_from_camera: pose,
+            scale: 1.0,
+            metric: true,
+            gravity_aligned: false,
+        }
+    }
+
+    fn near(a: &Se3, b: &Se3) -> bool {
+        (a.matrix() - b.matrix()).norm() < 1e-9
+    }
+
+    #[test]
+    fn the_robot_drives_in_its_own_axes() {
+        let mut tree = FrameTree::new(base_from_camera(), None);
+        for k in 0..20 {
+            let out = tree.step(&tracked(k));
+            assert!(near(&out.odom_from_base, &robot(k)), "{k}: {:?}", out.odom_from_base);
+            assert!(near(&out.map_from_odom, &Se3::identity()));
+        }
+    }
+
+    #[test]
+    fn corrections_of_the_map_move_the_map_alone() {
+        let mut tree = FrameTree::new(base_from_camera(), None);
+        let correction = turned(0.4, -0.2, 0.1);
+        for k in 0..20 {
+            let mut t = tracked(k);
+            if k >= 10 {
+                // In the frame of the first camera, as tracking gives it.
+                let about = base_from_camera().inverse() * correction * base_from_camera();
+                t.world_from_camera = about * t.world_from_camera;
+            }
+            let out = tree.step(&t);
+            assert!(near(&out.odom_from_base, &robot(k)));
+            let expected = if k >= 10 { correction } else { Se3::identity() };
+            assert!(near(&out.map_from_odom, &expected), "{k}");
+        }
+    }
+
+    #[test]
+    fn odometry_never_jumps_when_it_begins_anew() {
+        let mut tree = FrameTree::new(base_from_camera(), None);
+        let mut before: Option<Se3> = None;
+        for k in 0..20 {
+            let mut t = tracked(k);
+            if k >= 10 {
+                t.segment = 1;
+                t.odom_from_camera = turned(50.0, 3.0, 2.0) * t.odom_from_camera;
+            }
+            let out = tree.step(&t);
+            if let Some(before) = before {
+                let step = (before.inverse() * out.odom_from_base).translation.norm();
+                assert!(step < 0.06, "{k}: {step} m");
+            }
+            assert_eq!(out.motion.is_none(), k == 0 || k == 10);
+            // The map still has the robot where it is.
+            assert!(near(&(out.map_from_odom * out.odom_from_base), &robot(k)), "{k}");
+            before = Some(out.odom_from_base);
+        }
+        assert_eq!(tree.restarts(), 1);
+        // Nor when its clock was set back meanwhile.
+        tree.break_off();
+        let there = tree.step(&Tracked { segment: 1, ..tracked(3) });
+        assert!(near(&there.odom_from_base, &before.unwrap()) && there.motion.is_none());
+        assert!(near(&(there.map_from_odom * there.odom_from_base), &robot(3)));
+        assert_eq!(tree.restarts(), 2);
+    }
+
+    #[test]
+    fn a_change_of_the_unit_scales_motions_from_then_on() {
+        let mut tree = FrameTree::new(looking_ahead(), None);
+        let mut path = Vec::new();
+        for k in 0..21 {
+            let along = |metres: f64| Se3::new(So3::identity(), Vec3::new(0.0, 0.0, metres));
+            // The odometry began in a unit of two metres; the map is metric from frame 10.
+            let metric = k >= 10;
+            let metres = 0.1 * k as f64;
+            let out = tree.step(&Tracked {
+                segment: 0,
+                odom_from_camera: along(0.5 * metres),
+                world_from_camera: along(if metric { metres } else { 0.5 * metres }),
+                scale: if metric { 2.0 } else { 1.0 },
+                metric,
+                gravity_aligned: false,
+            });
+            path.push(out.odom_from_base.translation.x);
+        }
+        assert!((path[9] - 0.45).abs() < 1e-9 && (path[20] - path[9] - 1.1).abs() < 1e-9, "{path:?}");
+    }
+
+    #[test]
+    fn a_tilted_start_is_made_level_and_alignment_keeps_the_heading() {
+        // The robot's nose is 0.2 rad down at the start: up, as it sees it, leans backwards.
+        let pitch = So3::exp(&Vec3::new(0.0, 0.2, 0.0));
+        let up = pitch.inverse() * Vec3::new(0.0, 0.0, 9.81);
+        let mut tree = FrameTree::new(looking_ahead(), Some(up));
+        let mut t = tracked(0);
+        (t.odom_from_camera, t.world_from_camera) = (Se3::identity(), Se3::identity());
+        let out = tree.step(&t);
+        assert!((out.odom_from_base.rotation.inverse() * pitch).angle() < 1e-9);
+        // The map is aligned with gravity, with a heading of its own, 1 rad off.
+        let level = Se3::new(So3::exp(&Vec3::new(0.0, 0.0, 1.0)) * pitch, Vec3::new(5.0, 6.0, 7.0));
+        t.world_from_camera = level * looking_ahead();
+        t.gravity_aligned = true;
+        let out = tree.step(&t);
+        let map_from_base = out.map_from_odom * out.odom_from_base;
+        assert!(near(&map_from_base, &Se3::new(pitch, Vec3::zeros())), "{map_from_base:?}");
+        // Corrections after that stay in the map.
+        t.world_from_camera.translation += Vec3::new(0.1, 0.0, 0.0);
+        let moved = tree.step(&t).map_from_odom.translation;
+        assert!((moved.norm() - 0.1).abs() < 1e-9);
+        assert!(
+            FrameTree::new(looking_ahead(), Some(Vec3::new(0.0, 0.0, 0.3))).odom_from_base == Se3::identity()
+        );
+    }
+}

@@ -1,0 +1,407 @@
+//! The node on the network: what it subscribes to, what it publishes, its services.
+//!
+//! Sensors are read with best effort, so that drivers of both kinds match and nothing is sent twice; results are reliable,
+//! so that subscribers of both kinds match. A subscriber that does not keep up never holds the node: what it misses is
+//! counted.
+
+use crate::faults::{Faults, Severity};
+use crate::messages::{
+    CameraInfo, CompressedImage, DiagnosticArray, Image, Imu, OccupancyGrid, Odometry, Path, PointCloud2,
+    PoseStamped, TFMessage, Text, TriggerRequest, TriggerResponse,
+};
+use crate::options::{Options, Rmw, Topics, transport};
+use crate::pictures::Picture;
+use crate::setup::Role;
+use cairn::sensor::SkipKind;
+use futures::stream::{LocalBoxStream, SelectAll, StreamExt};
+use ros2_client::dds::rustdds::{DomainParticipantStatusEvent, StatusEvented};
+use ros2_client::dds::{
+    Context, ContextOptions, Node, Publisher, RosoutRaw, Server, ServiceMapping, Subscription,
+};
+use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
+use ros2_client::{MessageTypeName, Name, NodeName, NodeOptions, RmwRequestId, ServiceTypeName};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, TrySendError};
+
+/// Messages that may wait between the network and the node.
+pub const MOST_WAITING: usize = 256;
+/// Samples of a sensor that may wait in the reader.
+const SENSOR_DEPTH: usize = 16;
+
+/// Something that came in.
+#[derive(Debug)]
+pub enum Incoming {
+    /// A picture.
+    Picture(Role, Picture),
+    /// A calibration.
+    Info(Role, CameraInfo),
+    /// A reading.
+    Imu(Imu),
+    /// Transforms that stay.
+    Static(TFMessage),
+    /// A service was called.
+    Asked(Service, RmwRequestId),
+    /// A message that could not be read.
+    Unreadable(String, String),
+}
+
+/// The services, all of type `std_srvs/Trigger`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Service {
+    /// Save the map.
+    SaveMap,
+    /// Begin anew in the saved map.
+    LoadMap,
+    /// Begin anew without a map.
+    Reset,
+    /// Record the route.
+    Record,
+    /// End the recording.
+    StopRecording,
+    /// Guide back to where the route began.
+    GuideHome,
+    /// Guide along the route from its start to its end.
+    GuideAgain,
+    /// End guidance.
+    Halt,
+}
+
+impl Service {
+    /// All.
+    pub const ALL: [Self; 8] = [
+        Self::SaveMap,
+        Self::LoadMap,
+        Self::Reset,
+        Self::Record,
+        Self::StopRecording,
+        Self::GuideHome,
+        Self::GuideAgain,
+        Self::Halt,
+    ];
+
+    /// Its name in the node's namespace.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SaveMap => "~/save_map",
+            Self::LoadMap => "~/load_map",
+            Self::Reset => "~/reset",
+            Self::Record => "~/record",
+            Self::StopRecording => "~/stop_recording",
+            Self::GuideHome => "~/guide_home",
+            Self::GuideAgain => "~/guide_again",
+            Self::Halt => "~/halt",
+        }
+    }
+}
+
+type TriggerServer = Server<TriggerRequest, TriggerResponse>;
+
+/// The node.
+pub struct Network {
+    /// Poses in the odometry frame, with the velocity.
+    pub odometry: Output<Odometry>,
+    /// Poses in the map.
+    pub pose: Output<PoseStamped>,
+    /// The key frames of the map, in order of time.
+    pub path: Output<Path>,
+    /// The route that is recorded or followed.
+    pub route: Output<Path>,
+    /// The landmarks of the map.
+    pub points: Output<PointCloud2>,
+    /// The occupancy grid.
+    pub grid: Output<OccupancyGrid>,
+    /// Transforms.
+    pub tf: Output<TFMessage>,
+    /// What the node is doing.
+    pub diagnostics: Output<DiagnosticArray>,
+    /// What the guide says.
+    pub said: Output<Text>,
+    servers: Vec<(Service, Arc<TriggerServer>)>,
+    inputs: Option<Vec<Input>>,
+    node: Node,
+    context: Context,
+}
+
+enum Input {
+    Image(String, Role, Subscription<Image>),
+    Compressed(String, Role, Subscription<CompressedImage>),
+    Info(String, Role, Subscription<CameraInfo>),
+    Imu(String, Subscription<Imu>),
+    Static(String, Subscription<TFMessage>),
+}
+
+/// A publisher with its name.
+pub struct Output<M: Serialize> {
+    name: String,
+    publisher: Publisher<M>,
+    faults: Faults,
+}
+
+impl<M: Serialize> Output<M> {
+    /// Publishes; a subscriber that does not keep up is counted.
+    pub fn publish(&self, message: M) {
+        if let Err(e) = self.publisher.publish(message) {
+            let why = e.to_string();
+            self.faults.count(SkipKind::Other, &format!("{}: could not be published", self.name), &why);
+        }
+    }
+
+    /// Its absolute name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl Network {
+    /// Joins the domain, with the topics to read.
+    ///
+    /// # Errors
+    /// A name that ROS does not allow; a network that cannot be used.
+    pub fn join(options: &Options, topics: &Topics, faults: &Faults) -> Result<Self, String> {
+        let text = |e: &dyn std::fmt::Display| format!("the network cannot be used: {e}");
+        let context = Context::with_options(ContextOptions::new().domain_id(options.domain_id()));
+        let context = context.map_err(|e| text(&e))?;
+        let name = NodeName::new(&options.namespace, &options.name);
+        let name = name.map_err(|e| format!("{} in {}: {e}", options.name, options.namespace))?;
+        // Its parameter services would speak the form of fastrtps only, and the flags are not parameters.
+        let with = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
+        let mut node = context.new_node(name, with).map_err(|e| text(&e))?;
+        let logger = node.logging_handle();
+        faults.also_to(Box::new(move |severity, line| {
+            let level = match severity {
+                Severity::Info => ros2_client::ros2::LogLevel::Info,
+                Severity::Warn => ros2_client::ros2::LogLevel::Warn,
+                Severity::Error => ros2_client::ros2::LogLevel::Error,
+            };
+            let now = ros2_client::builtin_interfaces::Time::now();
+            logger.rosout_raw(now, level, logger.base_name(), line, "", "", 0);
+        }));
+        let mut make = Maker { node: &mut node, options, faults };
+        let inputs = make.inputs(topics)?;
+        let latched = results(1).durability(Durability::TransientLocal);
+        let diagnostics = make.output("/diagnostics", ("diagnostic_msgs", "DiagnosticArray"), results(10))?;
+        Ok(Self {
+            odometry: make.output("odom", ("nav_msgs", "Odometry"), results(10))?,
+            pose: make.output("pose", ("geometry_msgs", "PoseStamped"), results(10))?,
+            path: make.output("path", ("nav_msgs", "Path"), results(1))?,
+            route: make.output("route", ("nav_msgs", "Path"), latched.clone())?,
+            points: make.output("points", ("sensor_msgs", "PointCloud2"), results(1))?,
+            grid: make.output("map", ("nav_msgs", "OccupancyGrid"), latched)?,
+            tf: make.output("/tf", ("tf2_msgs", "TFMessage"), results(100))?,
+            said: make.output("~/said", ("std_msgs", "String"), results(10))?,
+            servers: make.servers()?,
+            diagnostics,
+            inputs: Some(inputs),
+            node,
+            context,
+        })
+    }
+
+    /// Starts to read: messages go to `to`, and are dropped and counted where nobody takes them. Once only.
+    ///
+    /// # Errors
+    /// When no thread can be started.
+    pub fn listen(&mut self, to: SyncSender<Incoming>, faults: &Faults) -> Result<(), String> {
+        let inputs = self.inputs.take().unwrap_or_default();
+        let (servers, faults) = (self.servers.clone(), faults.clone());
+        let read = move || {
+            let mut all = SelectAll::new();
+            inputs.iter().for_each(|input| all.push(input.stream()));
+            servers.iter().for_each(|(service, server)| all.push(calls(*service, server)));
+            futures::executor::block_on(async {
+                while let Some(incoming) = all.next().await {
+                    match to.try_send(incoming) {
+                        Ok(()) => {}
+                        Err(TrySendError::Full(_)) => {
+                            faults.count(
+                                SkipKind::Other,
+                                "messages came faster than they could be taken",
+                                "",
+                            );
+                        }
+                        Err(TrySendError::Disconnected(_)) => return,
+                    }
+                }
+            });
+        };
+        let thread = std::thread::Builder::new().name("cairn-ros-in".into());
+        thread.spawn(read).map(|_| ()).map_err(|e| format!("no thread can be started: {e}"))
+    }
+
+    /// Says which publishers and subscribers do not match this node because of their quality of service. Ends with the
+    /// program.
+    ///
+    /// # Errors
+    /// When no thread can be started.
+    pub fn watch_matches(&self, faults: &Faults) -> Result<(), String> {
+        let events = self.context.domain_participant().status_listener();
+        let faults = faults.clone();
+        let watch = move || {
+            futures::executor::block_on(events.as_async_status_stream().for_each(|event| {
+                let line = match event {
+                    DomainParticipantStatusEvent::RemoteWriterQosIncompatible { .. } => {
+                        "a publisher offers less than is asked for: best effort where --reliable asks for more"
+                    }
+                    DomainParticipantStatusEvent::RemoteReaderQosIncompatible { .. } => {
+                        "a subscriber asks for more than is offered: only map, route and rosout are latched"
+                    }
+                    _ => return futures::future::ready(()),
+                };
+                faults.count(SkipKind::Other, line, "");
+                futures::future::ready(())
+            }));
+        };
+        let thread = std::thread::Builder::new().name("cairn-ros-match".into());
+        thread.spawn(watch).map(|_| ()).map_err(|e| format!("no thread can be started: {e}"))
+    }
+
+    /// Answers a call.
+    pub fn answer(
+        &self,
+        service: Service,
+        id: RmwRequestId,
+        result: Result<String, String>,
+    ) -> Result<(), String> {
+        let Some((_, server)) = self.servers.iter().find(|(s, _)| *s == service) else { return Ok(()) };
+        let success = result.is_ok();
+        let message = result.unwrap_or_else(|why| why);
+        server.send_response(id, TriggerResponse { success, message }).map_err(|e| e.to_string())
+    }
+
+    /// How many publishers of a topic are known.
+    pub fn publishers_of(&self, topic: &str) -> usize {
+        self.node.publisher_count(topic)
+    }
+}
+
+/// Reliable, and never waiting for a subscriber.
+fn results(depth: usize) -> QosProfile {
+    QosProfile::publisher_default()
+        .reliability(Reliability::Reliable { when_full: WhenFull::Fail })
+        .history(History::KeepLast { depth })
+}
+
+struct Maker<'a> {
+    node: &'a mut Node,
+    options: &'a Options,
+    faults: &'a Faults,
+}
+
+impl Maker<'_> {
+    fn output<M: Serialize>(
+        &mut self,
+        name: &str,
+        kind: (&str, &str),
+        qos: QosProfile,
+    ) -> Result<Output<M>, String> {
+        let name = self.options.remapped(name);
+        let fail = |e: &dyn std::fmt::Display| format!("{name}: {e}");
+        let dds_name = Name::parse(&name).map_err(|e| fail(&e))?;
+        let topic = self.node.create_topic(&dds_name, MessageTypeName::new(kind.0, kind.1), &qos);
+        let topic = topic.map_err(|e| fail(&e))?;
+        let publisher = self.node.create_publisher(&topic, Some(qos)).map_err(|e| fail(&e))?;
+        Ok(Output { name, publisher, faults: self.faults.clone() })
+    }
+
+    fn input<M: DeserializeOwned + 'static>(
+        &mut self,
+        name: &str,
+        kind: (&str, &str),
+        qos: QosProfile,
+    ) -> Result<(String, Subscription<M>), String> {
+        let name = self.options.remapped(name);
+        let fail = |e: &dyn std::fmt::Display| format!("{name}: {e}");
+        let dds_name = Name::parse(&name).map_err(|e| fail(&e))?;
+        let topic = self.node.create_topic(&dds_name, MessageTypeName::new(kind.0, kind.1), &qos);
+        let topic = topic.map_err(|e| fail(&e))?;
+        let subscription = self.node.create_subscription(&topic, Some(qos)).map_err(|e| fail(&e))?;
+        Ok((name, subscription))
+    }
+
+    fn inputs(&mut self, topics: &Topics) -> Result<Vec<Input>, String> {
+        let depth = |depth| QosProfile::subscription_default().history(History::KeepLast { depth });
+        let mut sensor = depth(SENSOR_DEPTH);
+        if self.options.reliable {
+            sensor = sensor.reliability_reliable(WhenFull::Fail);
+        }
+        let latched = results(100).durability(Durability::TransientLocal);
+        let mut inputs = Vec::new();
+        let mut cameras = vec![(Role::Image, &topics.image, &topics.image_info)];
+        cameras.extend(topics.right.as_ref().map(|(topic, info)| (Role::Right, topic, info)));
+        cameras.extend(topics.depth.as_ref().map(|(topic, info)| (Role::Depth, topic, info)));
+        for (role, topic, info) in cameras {
+            if transport(topic).is_some() {
+                let (name, s) = self.input(topic, ("sensor_msgs", "CompressedImage"), sensor.clone())?;
+                inputs.push(Input::Compressed(name, role, s));
+            } else {
+                let (name, s) = self.input(topic, ("sensor_msgs", "Image"), sensor.clone())?;
+                inputs.push(Input::Image(name, role, s));
+            }
+            if self.options.rig.is_none() {
+                let (name, s) = self.input(info, ("sensor_msgs", "CameraInfo"), depth(1))?;
+                inputs.push(Input::Info(name, role, s));
+            }
+        }
+        if let Some(topic) = &topics.imu {
+            let (name, s) =
+                self.input(topic, ("sensor_msgs", "Imu"), sensor.history(History::KeepLast { depth: 200 }))?;
+            inputs.push(Input::Imu(name, s));
+        }
+        let (name, s) = self.input("/tf_static", ("tf2_msgs", "TFMessage"), latched)?;
+        inputs.push(Input::Static(name, s));
+        Ok(inputs)
+    }
+
+    fn servers(&mut self) -> Result<Vec<(Service, Arc<TriggerServer>)>, String> {
+        let form = match self.options.service_form() {
+            Rmw::Fastrtps => ServiceMapping::Enhanced,
+            Rmw::Cyclonedds => ServiceMapping::Cyclone,
+        };
+        let kind = ServiceTypeName::new("std_srvs", "Trigger");
+        let mut servers = Vec::new();
+        for service in Service::ALL {
+            let name = self.options.remapped(service.name());
+            let fail = |e: &dyn std::fmt::Display| format!("{name}: {e}");
+            let dds_name = Name::parse(&name).map_err(|e| fail(&e))?;
+            let server = self.node.create_server(form, &dds_name, &kind, results(10), results(10));
+            servers.push((service, Arc::new(server.map_err(|e| fail(&e))?)));
+        }
+        Ok(servers)
+    }
+}
+
+impl Input {
+    fn stream(&self) -> LocalBoxStream<'_, Incoming> {
+        match self {
+            Self::Image(name, role, s) => messages(name, s, |m| Incoming::Picture(*role, Picture::Raw(m))),
+            Self::Compressed(name, role, s) => {
+                messages(name, s, |m| Incoming::Picture(*role, Picture::File(m)))
+            }
+            Self::Info(name, role, s) => messages(name, s, |m| Incoming::Info(*role, m)),
+            Self::Imu(name, s) => messages(name, s, Incoming::Imu),
+            Self::Static(name, s) => messages(name, s, Incoming::Static),
+        }
+    }
+}
+
+fn messages<'a, M: DeserializeOwned + 'static>(
+    name: &'a str,
+    subscription: &'a Subscription<M>,
+    of: impl Fn(M) -> Incoming + 'a,
+) -> LocalBoxStream<'a, Incoming> {
+    let incoming = subscription.async_stream().map(move |read| match read {
+        Ok((message, _)) => of(message),
+        Err(e) => Incoming::Unreadable(name.to_owned(), e.to_string()),
+    });
+    incoming.boxed_local()
+}
+
+fn calls(service: Service, server: &TriggerServer) -> LocalBoxStream<'_, Incoming> {
+    let incoming = server.receive_request_stream().map(move |read| match read {
+        Ok((id, _)) => Incoming::Asked(service, id),
+        Err(e) => Incoming::Unreadable(service.name().to_owned(), e.to_string()),
+    });
+    incoming.boxed_local()
+}

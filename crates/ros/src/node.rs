@@ -1,0 +1,510 @@
+//! The node at work: messages become packets on one thread, packets become poses on another, results go out.
+
+use crate::assemble::Clock;
+use crate::faults::{Faults, Severity};
+use crate::frames::{FrameTree, Transforms};
+use crate::grid::GroundGrid;
+use crate::messages::{Header, Text};
+use crate::network::{MOST_WAITING, Network, Service};
+use crate::options::{Options, Topics};
+use crate::results::{self, FrameNames};
+use crate::setup::{Found, Setup};
+use crate::worker::{Calls, Told, Worker};
+use cairn::atlas::MapId;
+use cairn::geometry::Se3;
+use cairn::guide::Facing;
+use cairn::sensor::{ClockReading, FramePacket, Live, SkipKind, Stamp};
+use cairn::session::{Event, Inbox, Item};
+use cairn::{Config, Output, Slam};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
+use std::sync::{Arc, PoisonError};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// How often the node looks around while no packet comes.
+const TICK: Duration = Duration::from_millis(50);
+/// Interval of diagnostics, and of path, points and grid.
+const SLOW: Duration = Duration::from_secs(1);
+
+/// Why the node cannot work.
+#[derive(Debug, thiserror::Error)]
+pub enum NodeError {
+    /// A file, a flag or the network.
+    #[error("{0}")]
+    Setup(String),
+    /// The library's error.
+    #[error(transparent)]
+    Slam(#[from] cairn::Error),
+}
+
+/// Runs the node until `stop` is set.
+///
+/// # Errors
+/// When a file cannot be read, the network cannot be used, or the calibration is not possible.
+pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
+    let topics = options.topics().map_err(NodeError::Setup)?;
+    let rig = match &options.rig {
+        Some(path) => Some(cairn::sources::read_rig(path).map_err(cairn::Error::from)?),
+        None => None,
+    };
+    let config = match &options.config {
+        Some(path) => read_config(path)?,
+        None => Config::default(),
+    };
+    let faults = Faults::default();
+    let mut network = Network::join(options, &topics, &faults).map_err(NodeError::Setup)?;
+    let (to, messages) = sync_channel(MOST_WAITING);
+    network.listen(to, &faults).map_err(NodeError::Setup)?;
+    network.watch_matches(&faults).map_err(NodeError::Setup)?;
+    let (inbox, calls) = (Inbox::new(), Calls::default());
+    let setup = Setup::new(options, &topics, rig);
+    let (tell, told) = channel();
+    let worker = Worker {
+        messages,
+        inbox: inbox.clone(),
+        calls: calls.clone(),
+        faults: faults.clone(),
+        pair_within_s: 1e-3
+            * options.pair_within_ms.unwrap_or(if topics.depth.is_some() { 20.0 } else { 10.0 }),
+    };
+    let thread = std::thread::Builder::new().name("cairn-ros-assemble".into());
+    let reader = thread.spawn(move || worker.run(setup, &tell));
+    let reader = reader.map_err(|e| NodeError::Setup(format!("no thread can be started: {e}")))?;
+    let Some((found, clock)) = wait(&network, &told, &faults, stop)? else { return Ok(()) };
+    for note in &found.notes {
+        faults.say(Severity::Info, note);
+    }
+    let mut node = Node::new(options, &topics, network, found, clock, config, faults, calls)?;
+    let until = options.for_s.and_then(|s| Duration::try_from_secs_f64(s).ok()).map(|d| Instant::now() + d);
+    while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| Instant::now() < until) {
+        match inbox.take(TICK) {
+            Item::Packet(packet, _) => node.packet(&packet, inbox.dropped()),
+            _ if reader.is_finished() => return Err(stopped()),
+            Item::Ended(_) | Item::Command(_) | Item::Nothing => node.idle(),
+        }
+        node.step()?;
+    }
+    inbox.close();
+    node.close();
+    Ok(())
+}
+
+fn stopped() -> NodeError {
+    NodeError::Setup("the thread that takes the messages has stopped by an error of the program".into())
+}
+
+fn read_config(path: &Path) -> Result<Config, NodeError> {
+    let fail = |e: &dyn std::fmt::Display| NodeError::Setup(format!("{}: {e}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|e| fail(&e))?;
+    Config::from_toml(&text).map_err(|e| fail(&e))
+}
+
+/// Waits for the first messages; says what is missing. `None` when the node is to stop.
+fn wait(
+    network: &Network,
+    told: &Receiver<Told>,
+    faults: &Faults,
+    stop: &AtomicBool,
+) -> Result<Option<(Found, Clock)>, NodeError> {
+    let mut failed = String::new();
+    while !stop.load(Ordering::Relaxed) {
+        match told.recv_timeout(TICK) {
+            Ok(Told::Found(found, clock)) => return Ok(Some((*found, clock))),
+            // The next calibration may be another: drivers send one that is empty until they are ready.
+            Ok(Told::Failed(why)) if why != failed => {
+                faults.say(Severity::Error, &why);
+                failed = why;
+            }
+            Ok(Told::Failed(_)) | Err(RecvTimeoutError::Timeout) => {}
+            Ok(Told::Missing(topics)) => {
+                let line = |topic: &String| match network.publishers_of(topic) {
+                    0 => format!("{topic} (nobody publishes it)"),
+                    _ => format!("{topic} (no message yet)"),
+                };
+                let lines: Vec<String> = topics.iter().map(line).collect();
+                faults.say(Severity::Info, &format!("waiting for {}", lines.join(", ")));
+            }
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(stopped());
+            }
+        }
+    }
+    Ok(None)
+}
+
+/// SLAM with its outputs.
+struct Node<'a> {
+    options: &'a Options,
+    topics: &'a Topics,
+    network: Network,
+    found: Found,
+    clock: Clock,
+    config: Config,
+    faults: Faults,
+    calls: Calls,
+    names: FrameNames,
+    slam: Slam,
+    tree: FrameTree,
+    grid: Option<GroundGrid>,
+    /// The map of the last pose, and the time of the last packet, in the packets' clock.
+    map: Option<MapId>,
+    last: Option<(Stamp, Instant)>,
+    /// Points of the route as last published.
+    route: Option<usize>,
+    slow: Instant,
+    counts: Counts,
+}
+
+/// Numbers for the diagnostics.
+#[derive(Default)]
+struct Counts {
+    packets: usize,
+    tracked: usize,
+    dropped: usize,
+    /// Milliseconds of the last second: from the stamp to the published result, and of the step alone.
+    ages_ms: Vec<f64>,
+    steps_ms: Vec<f64>,
+    metric: bool,
+    scale: f64,
+}
+
+impl<'a> Node<'a> {
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        options: &'a Options,
+        topics: &'a Topics,
+        network: Network,
+        found: Found,
+        clock: Clock,
+        config: Config,
+        faults: Faults,
+        calls: Calls,
+    ) -> Result<Self, NodeError> {
+        let map = options.map.as_deref().filter(|path| path.exists());
+        let slam = build(options, topics, &found, &config, map, &clock)?;
+        let tree = tree(&slam, &found);
+        let grid = ground_grid(options, &found, &faults);
+        let names = FrameNames {
+            map: options.map_frame.clone(),
+            odom: options.odom_frame.clone(),
+            base: options.base_frame.clone(),
+        };
+        let sensors = if found.rig.imu.is_some() { "with IMU" } else { "without IMU" };
+        let line = match map {
+            Some(path) => format!("{:?} {sensors}, in the map of {}", topics.mode(), path.display()),
+            None => format!("{:?} {sensors}", topics.mode()),
+        };
+        faults.say(Severity::Info, &line);
+        let counts = Counts { scale: 1.0, ..Counts::default() };
+        Ok(Self {
+            options,
+            topics,
+            network,
+            found,
+            clock,
+            config,
+            faults,
+            calls,
+            names,
+            slam,
+            tree,
+            grid,
+            map: None,
+            last: None,
+            route: None,
+            slow: Instant::now(),
+            counts,
+        })
+    }
+
+    fn packet(&mut self, packet: &FramePacket, dropped: usize) {
+        let started = Instant::now();
+        self.counts.packets += 1;
+        self.counts.dropped = dropped;
+        let output = match self.slam.track(packet) {
+            Ok(output) => output,
+            Err(e) => {
+                self.faults.count(SkipKind::Frame, "a picture was refused", &e.to_string());
+                return;
+            }
+        };
+        let before = self.last.replace((packet.stamp, Instant::now()));
+        let stamp = self.clock.of_messages(packet.stamp);
+        self.map = output.scale.map(|scale| scale.map).or(self.map);
+        let aligned = self.map.is_some_and(|map| self.slam.map().snapshot().is_gravity_aligned(map));
+        let restarts = self.tree.restarts();
+        if before.is_some_and(|(before, _)| self.clock.period(before) != self.clock.period(packet.stamp)) {
+            self.tree.break_off();
+        }
+        if let Some(tracked) = results::tracked(&output, aligned) {
+            let transforms = self.tree.step(&tracked);
+            let dt_s = before.map_or(0.0, |(before, _)| packet.stamp - before);
+            self.network.odometry.publish(results::odometry(stamp, &self.names, &transforms, dt_s));
+            if !self.options.no_tf {
+                let with_base = !self.options.no_odom_tf;
+                self.network.tf.publish(results::tf(stamp, &self.names, &transforms, with_base));
+            }
+            self.network.pose.publish(results::pose(stamp, &self.names, &transforms));
+            self.lay(packet, &output, &transforms);
+            self.counts.tracked += 1;
+            (self.counts.metric, self.counts.scale) = (tracked.metric, tracked.scale);
+            if self.tree.restarts() > restarts {
+                let line = "the odometry went on where it was after motion that was not observed";
+                self.faults.count(SkipKind::Other, line, &format!("at {stamp} s"));
+            }
+        }
+        if !self.options.use_sim_time {
+            self.counts.ages_ms.push((wall().0 - stamp.0) as f64 * 1e-6);
+        }
+        self.counts.steps_ms.push(started.elapsed().as_secs_f64() * 1e3);
+        if let Some(why) = &output.stage_failed {
+            self.faults.say(Severity::Error, &format!("mapping has stopped: {why}"));
+        }
+    }
+
+    /// Lays the depth image into the grid.
+    fn lay(&mut self, packet: &FramePacket, output: &Output, transforms: &Transforms) {
+        let (Some(grid), Some(depth), Some(anchored)) = (&mut self.grid, &packet.depth, output.anchored)
+        else {
+            return;
+        };
+        let Some(map_from_world) = self.tree.map_from_world() else { return };
+        let map_from_key =
+            map_from_world * anchored.world_from_camera * anchored.reference_from_camera.inverse();
+        let map_from_base = transforms.map_from_odom * transforms.odom_from_base;
+        if let Err(why) = grid.observe(depth, anchored.reference, &map_from_key, &map_from_base) {
+            self.faults.count(SkipKind::Depth, "a depth image was not laid into the grid", &why);
+        }
+    }
+
+    /// No packet has come for a moment.
+    fn idle(&mut self) {
+        if let Some((stamp, at)) = self.last {
+            self.slam.tick(stamp.plus_seconds(at.elapsed().as_secs_f64()));
+        }
+    }
+
+    /// What is due after every packet and while none comes.
+    fn step(&mut self) -> Result<(), NodeError> {
+        for event in self.slam.heard() {
+            if let Event::Said(said) = event {
+                self.network.said.publish(Text { data: said.text });
+            }
+        }
+        loop {
+            let call = self.calls.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+            let Some((service, id)) = call else { break };
+            let result = self.serve(service);
+            let line = match &result {
+                Ok(words) => format!("{}: {words}", service.name()),
+                Err(why) => format!("{}: refused: {why}", service.name()),
+            };
+            self.faults.say(Severity::Info, &line);
+            if let Err(why) = self.network.answer(service, id, result) {
+                self.faults.count(SkipKind::Other, "an answer could not be sent", &why);
+            }
+        }
+        if self.slow.elapsed() >= SLOW {
+            self.slow = Instant::now();
+            self.publish_map();
+            self.publish_diagnostics();
+        }
+        Ok(())
+    }
+
+    fn serve(&mut self, service: Service) -> Result<String, String> {
+        let text = |e: cairn::Error| e.to_string();
+        match service {
+            Service::SaveMap => {
+                let path =
+                    self.options.map.as_deref().ok_or("no map file was named: start with --map FILE")?;
+                let bytes = self.slam.save(path).map_err(text)?;
+                Ok(format!("{} written, {} kB", path.display(), bytes / 1000))
+            }
+            Service::LoadMap => {
+                let path =
+                    self.options.map.as_deref().ok_or("no map file was named: start with --map FILE")?;
+                self.begin_anew(Some(path))?;
+                Ok(format!("in the map of {}", path.display()))
+            }
+            Service::Reset => {
+                self.begin_anew(None)?;
+                Ok("begun anew".into())
+            }
+            Service::Record => self.slam.record(&self.options.route).map_err(text),
+            Service::StopRecording => {
+                let points = self.slam.stop_recording().map_err(text)?.points.len();
+                Ok(format!("{} points in {}", points, self.options.route.display()))
+            }
+            Service::GuideHome => {
+                self.with_route().and_then(|()| self.slam.guide_home(Facing::Home).map_err(text))
+            }
+            Service::GuideAgain => {
+                self.with_route().and_then(|()| self.slam.guide_again(Facing::Home).map_err(text))
+            }
+            Service::Halt => self.slam.halt().map_err(text),
+        }
+    }
+
+    /// The route at hand, else that of the file.
+    fn with_route(&mut self) -> Result<(), String> {
+        if self.slam.route().is_none() && self.options.route.exists() {
+            self.slam.load_route(&self.options.route).map_err(|e| e.to_string())?;
+        }
+        Ok(())
+    }
+
+    fn begin_anew(&mut self, map: Option<&Path>) -> Result<(), String> {
+        let built = build(self.options, self.topics, &self.found, &self.config, map, &self.clock);
+        let slam = built.map_err(|e| e.to_string())?;
+        self.slam = slam;
+        self.tree.begin_anew();
+        self.grid = ground_grid(self.options, &self.found, &self.faults);
+        (self.map, self.route) = (None, None);
+        Ok(())
+    }
+
+    fn publish_map(&mut self) {
+        let (Some(id), Some((last, _))) = (self.map, self.last) else { return };
+        let (map, stamp) = (self.slam.map(), self.clock.of_messages(last));
+        let time = |at: Stamp| self.clock.of_messages(at);
+        self.network.path.publish(results::path(stamp, &self.names, &map, id, &self.tree, time));
+        self.network.points.publish(results::points(stamp, &self.names, &map, id, &self.tree));
+        if let Some(route) = results::route(stamp, &self.names, &self.slam, id, &self.tree)
+            && self.route != Some(route.poses.len())
+        {
+            self.route = Some(route.poses.len());
+            self.network.route.publish(route);
+        }
+        let (Some(grid), Some(map_from_world)) = (&mut self.grid, self.tree.map_from_world()) else { return };
+        if let Err(why) = grid.follow(map.snapshot(), &map_from_world) {
+            self.faults.count(SkipKind::Other, "the occupancy grid stays as it was", &why);
+        }
+        if let Some(message) = grid.message(Header::new(stamp, &self.names.map)) {
+            self.network.grid.publish(message);
+        }
+    }
+
+    fn publish_diagnostics(&mut self) {
+        let status = self.slam.status();
+        let silent = self.last.is_none_or(|(_, at)| at.elapsed() > SLOW);
+        let counts = std::mem::take(&mut self.counts);
+        let mut message = match (silent, status.phase) {
+            (true, _) => "no pictures".into(),
+            (false, phase) => phase.name().to_lowercase().replace('_', " "),
+        };
+        for wait in &status.waits {
+            message += &format!("; {wait}");
+        }
+        if counts.tracked > 0 && !counts.metric {
+            message += "; lengths are not metres (one camera without an IMU knows no scale)";
+        }
+        let good = !silent && status.valid && counts.metric;
+        let level = if status.error.is_some() { 2 } else { u8::from(!good) };
+        let map = self.slam.map();
+        let mut values: Vec<(String, String)> = vec![
+            ("frames".into(), counts.packets.to_string()),
+            ("frames with a pose".into(), counts.tracked.to_string()),
+            ("frames overtaken".into(), counts.dropped.to_string()),
+            ("metric".into(), counts.metric.to_string()),
+            ("map units in one of the odometry".into(), format!("{:.4}", counts.scale)),
+            ("odometry begun anew".into(), self.tree.restarts().to_string()),
+            ("key frames".into(), map.snapshot().key_frame_count().to_string()),
+            ("landmarks".into(), map.snapshot().landmark_count().to_string()),
+        ];
+        for (name, of) in [("step ms", &counts.steps_ms), ("age of results ms", &counts.ages_ms)] {
+            if let Some([median, max]) = median_and_max(of) {
+                values.push((format!("{name}, median"), format!("{median:.1}")));
+                values.push((format!("{name}, max"), format!("{max:.1}")));
+            }
+        }
+        if let Some(error) = &status.error {
+            values.push(("error".into(), error.clone()));
+        }
+        for skip in self.faults.counts().iter() {
+            values.push((skip.reason.clone(), skip.count.to_string()));
+        }
+        let stamp = if self.options.use_sim_time {
+            self.last.map_or(Stamp(0), |(at, _)| self.clock.of_messages(at))
+        } else {
+            wall()
+        };
+        self.network.diagnostics.publish(results::diagnostics(
+            stamp,
+            &self.options.name,
+            level,
+            message,
+            values,
+        ));
+        self.counts = Counts { ages_ms: Vec::new(), steps_ms: Vec::new(), ..counts };
+    }
+
+    /// Ends what is in progress.
+    fn close(&mut self) {
+        if !self.slam.session().is_recording() {
+            return;
+        }
+        match self.serve(Service::StopRecording) {
+            Ok(words) => self.faults.say(Severity::Info, &words),
+            Err(why) => self.faults.say(Severity::Warn, &why),
+        }
+    }
+}
+
+fn build(
+    options: &Options,
+    topics: &Topics,
+    found: &Found,
+    config: &Config,
+    map: Option<&Path>,
+    clock: &Clock,
+) -> Result<Slam, NodeError> {
+    let mut builder = Slam::builder(&found.rig).sensor(topics.mode()).config(config).threaded();
+    if let Some(path) = map {
+        let file = Slam::load_map(path)?;
+        builder = if options.localize_only { builder.localize_in(file) } else { builder.map(file) };
+    }
+    let mut slam = builder.build()?;
+    // Simulated time says nothing of the age of a picture.
+    if !options.use_sim_time {
+        slam.follow(Arc::new(HostClock(clock.clone())));
+    }
+    Ok(slam)
+}
+
+fn tree(slam: &Slam, found: &Found) -> FrameTree {
+    let body_from_cam0 = found.rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera);
+    let body_from_rectified = slam.engine().front_end().model().body_from_camera;
+    let base_from_rectified = found.base_from_camera * body_from_cam0.inverse() * body_from_rectified;
+    FrameTree::new(base_from_rectified, found.up)
+}
+
+/// The time of this machine in the packets' clock: the age of a picture is what has passed since its stamp.
+struct HostClock(Clock);
+
+impl Live for HostClock {
+    fn clock(&self) -> Option<ClockReading> {
+        Some(ClockReading { now: self.0.of_packets(wall()), bound_s: 0.0, delivery_s: 0.0 })
+    }
+}
+
+/// The grid of a rig with depth; what speaks against it is said.
+fn ground_grid(options: &Options, found: &Found, faults: &Faults) -> Option<GroundGrid> {
+    let depth = found.rig.depth.as_ref()?;
+    let body_from_cam0 = found.rig.cameras.first()?.body_from_camera;
+    let base_from_depth = found.base_from_camera * body_from_cam0.inverse() * depth.body_from_depth;
+    let made = GroundGrid::new(depth, base_from_depth, options.grid_range_m);
+    made.inspect_err(|why| faults.say(Severity::Warn, why)).ok()
+}
+
+fn wall() -> Stamp {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    Stamp(i64::try_from(now.as_nanos()).unwrap_or(i64::MAX))
+}
+
+fn median_and_max(values: &[f64]) -> Option<[f64; 2]> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    Some([*sorted.get(sorted.len() / 2)?, *sorted.last()?])
+}

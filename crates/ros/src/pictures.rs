@@ -1,0 +1,63 @@
+//! From picture messages to images: pixels are converted by the readers of bags and image files.
+
+use crate::messages::{CompressedImage, Header, Image};
+use cairn::sensor::{DepthImage, GrayImage};
+use cairn::sources::{decode_depth, decode_gray};
+
+/// A picture as it came.
+#[derive(Clone, Debug)]
+pub enum Picture {
+    /// Raw pixels.
+    Raw(Image),
+    /// An image file.
+    File(CompressedImage),
+}
+
+impl Picture {
+    /// Time and frame.
+    pub fn header(&self) -> &Header {
+        match self {
+            Self::Raw(image) => &image.header,
+            Self::File(image) => &image.header,
+        }
+    }
+
+    /// Luminance.
+    ///
+    /// # Errors
+    /// When the encoding is not read, or the data are not those of an image of the stated size.
+    pub fn gray(&self) -> Result<GrayImage, String> {
+        match self {
+            Self::Raw(image) => raw(image).gray().map_err(|e| e.to_string()),
+            Self::File(image) => decode_gray(&image.data),
+        }
+    }
+
+    /// Depth in millimetres.
+    ///
+    /// # Errors
+    /// As [`Picture::gray`].
+    pub fn depth(&self) -> Result<DepthImage, String> {
+        match self {
+            Self::Raw(image) => raw(image).depth().map_err(|e| e.to_string()),
+            Self::File(image) => {
+                let header = cairn_bag::Header { stamp_ns: 0, frame_id: String::new() };
+                let message =
+                    cairn_bag::CompressedImage { header, format: image.format.clone(), data: &image.data };
+                decode_depth(message.file().map_err(|e| e.to_string())?)
+            }
+        }
+    }
+}
+
+fn raw(image: &Image) -> cairn_bag::ImageMessage<'_> {
+    cairn_bag::ImageMessage {
+        header: cairn_bag::Header { stamp_ns: 0, frame_id: String::new() },
+        height: image.height,
+        width: image.width,
+        encoding: image.encoding.clone(),
+        big_endian: image.is_bigendian != 0,
+        step: image.step,
+        data: &image.data,
+    }
+}

@@ -1,0 +1,128 @@
+"""What the node does beside tracking: services, another size, a clock that is set back, a name that is wrong."""
+
+import time
+
+import numpy as np
+import pytest
+from messages import header, make
+from player import Player
+from test_euroc import begin, outputs, seconds
+from wire import Wire, until
+
+REQUEST, RESPONSE = "cyclone/msg/Trigger_Request", "cyclone/msg/Trigger_Response"
+
+
+class Caller:
+    """Calls a service as rmw_cyclonedds does: a header with the caller's identity before the message."""
+
+    def __init__(self, wire, name):
+        names = [f"std_srvs::srv::dds_::Trigger_{kind}_" for kind in ("Request", "Response")]
+        self.write = wire.writer(f"{name}Request", REQUEST, reliable=True, prefix="rq", dds_name=names[0])
+        self.answers = wire.listen(f"{name}Reply", RESPONSE, prefix="rr", dds_name=names[1])
+        self.calls = 0
+
+    def __call__(self):
+        self.calls += 1
+        assert until(lambda: self._try(), 10), "no answer"
+        answer = next(a for _, a in self.answers if a.seq == self.calls)
+        return answer.success, answer.message
+
+    def _try(self):
+        self.write(make(REQUEST, guid=4711, seq=self.calls))
+        return until(lambda: any(a.seq == self.calls and a.guid == 4711 for _, a in self.answers), 1.0)
+
+
+def test_services(wire, node, euroc, tmp_path):
+    """A map is saved and found again by a second node; a route is recorded."""
+    player, out = Player(wire, euroc, imu=False), outputs(wire)
+    files = ["--map", tmp_path / "home.map", "--route", tmp_path / "home.route", "--rmw", "cyclonedds"]
+    child = node(*player.arguments(), *files)
+    names = ("save_map", "record", "stop_recording", "guide_home", "halt", "load_map", "reset")
+    call = {name: Caller(wire, f"/cairn/{name}") for name in names}
+    route = wire.listen("/route", "nav_msgs/msg/Path", latched=True)
+    begin(player, child)
+    assert call["halt"]()[0] is False
+    player.play(10)
+    assert call["record"]()[0]
+    player.play(120, first=10)
+    done, words = call["stop_recording"]()
+    assert done and "points" in words, words
+    done, words = call["save_map"]()
+    assert done and (tmp_path / "home.map").stat().st_size > 10_000, words
+    assert until(lambda: route and len(route[-1][1].poses) > 3, 5), "the route is published"
+    said = wire.listen("/cairn/said", "std_msgs/msg/String")
+    done, words = call["guide_home"]()
+    print("guide_home:", done, words)
+    assert words and until(lambda: said, 5), "the guide speaks"
+    print("said:", [m.data for _, m in said])
+    poses = len(out["/pose"])
+    done, words = call["load_map"]()
+    assert done, words
+    player.play(160, first=100)
+    assert until(lambda: len(out["/pose"]) > poses + 30, 5), "the place is found again in the saved map"
+    assert child.end() == 0
+
+
+def test_clock_is_set_back_and_pictures_of_another_size(wire, node, euroc):
+    """A bag that begins again from its start: the map is kept, the stamps follow."""
+    player, out = Player(wire, euroc, imu=False), outputs(wire)
+    child = node(*player.arguments(), "--use-sim-time")
+    begin(player, child)
+    player.play(60)
+    time.sleep(0.5)
+    before = len(out["/odom"])
+    assert before > 50
+
+    def earlier(name, k, message):
+        message.header.stamp.sec -= 1000
+        return [message]
+
+    player.play(60, meddle=earlier)
+    assert until(lambda: len(out["/odom"]) > before + 40, 5), "\n".join(child.lines)
+    times = [seconds(m.header) for _, m in out["/odom"]]
+    assert times[-1] < times[0] - 900
+    jumps = [abs(b.pose.pose.position.x - a.pose.pose.position.x) for (_, a), (_, b) in zip(out["/odom"], out["/odom"][1:])]
+    assert max(jumps) < 0.2, "odom never jumps"
+    small = make("sensor_msgs/msg/Image", height=10, width=10, encoding="mono8", step=10, data=euroc.image("cam0", 0).data[:100])
+    for k in range(50):
+        small.header = header(time.time_ns() - 10**12 + k, "left_optical")
+        player.images["cam0"](small)
+        time.sleep(0.005)
+    assert until(lambda: child.said("another size"), 5)
+    assert sum("another size" in line for line in child.lines) == 1, "said once"
+    assert sum("went backwards" in line for line in child.lines) == 1
+    assert child.end() == 0
+
+
+def test_waiting_is_said(wire, node):
+    child = node("--camera", "stereo")
+    assert until(lambda: child.said("waiting for /camera/left/image_raw (nobody publishes it)"), 20), child.lines
+    assert child.end() == 0
+
+
+@pytest.mark.parametrize("arguments", [(), ("--image", "/a b"), ("--camera", "mono", "--rig", "nowhere.toml")])
+def test_wrong_usage_ends_with_a_reason(node, arguments):
+    child = node(*arguments)
+    assert child.child.wait(timeout=10) == 1
+    assert until(lambda: child.said("error:"), 2), child.lines
+
+
+def test_garbage_on_the_wire(wire, node, euroc):
+    """A publisher that calls something else an image: it is said, and the next image is used."""
+    player, out = Player(wire, euroc, imu=False), outputs(wire)
+    child = node(*player.arguments())
+    begin(player, child)
+    stranger = Wire()
+    image = "sensor_msgs::msg::dds_::Image_"
+    write = stranger.writer("/left/image_raw", "garbage/msg/Blob", dds_name=image)
+    for words in ([], [0xFFFFFFFF] * 50, [3, 5, 0, 480, 640, 6] + [0] * 40, [0, 0, 1, 0, 0x7FFFFFFF, 0x7FFFFFFF, 1, 0, 0, 0xFFFF]):
+        for _ in range(5):
+            write(make("garbage/msg/Blob", data=np.array(words, dtype=np.uint32)))
+            time.sleep(0.02)
+    assert until(lambda: child.said("a message cannot be read"), 5), child.lines
+    stranger.close()
+    before = len(out["/odom"])
+    player.play(60)
+    assert until(lambda: len(out["/odom"]) > before + 40, 5), "\n".join(child.lines)
+    assert not child.said("went backwards"), "what is no image says nothing of the time"
+    assert child.end() == 0
