@@ -14,6 +14,7 @@ mod library;
 mod ready;
 mod recording;
 mod reference_path;
+mod scale_basis;
 mod script;
 mod session;
 mod settings;
