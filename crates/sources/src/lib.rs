@@ -24,7 +24,7 @@ pub use bag::{NamedTopic, TopicRole};
 pub use cancel::Cancel;
 pub use decode::gray as read_gray;
 pub use imu::read_imu;
-pub use live::{Motion, PhonePort, PhoneSource, guessed, is_live, waiting_for};
+pub use live::{Motion, PhonePort, PhoneSource, guessed, is_live, phone_imu, waiting_for};
 pub use open::{OpenOptions, SourceKind, image_size, open};
 pub use paced::Paced;
 pub use picked::Picked;

@@ -3,6 +3,7 @@
 mod certificate;
 mod hub;
 mod invitation;
+mod lens;
 mod link;
 mod page;
 mod server;
