@@ -16,7 +16,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (3, &["cairn-vision", "cairn-sim", "cairn-inertial", "cairn-bag"]),
     (4, &["cairn-sources", "cairn-atlas", "cairn-filter"]),
     (5, &["cairn-adjust", "cairn-dense", "cairn-plan", "cairn-guide"]),
-    (6, &["cairn-tracking", "cairn-mapping", "cairn-voice"]),
+    (6, &["cairn-tracking", "cairn-mapping", "cairn-lens", "cairn-voice"]),
     (7, &["cairn-team"]),
     (8, &["cairn-engine"]),
     (9, &["cairn-session"]),

@@ -445,6 +445,7 @@ page-connection-lost-retry = Die Verbindung ist weg. Neuer Versuch.
 page-connection-lost-stop = Halt. Die Verbindung ist weg.
 page-no-answer = Der Rechner antwortet nicht.
 page-no-answer-stop = Halt. Der Rechner antwortet nicht.
+page-lens-known = Die Linse dieses Telefons ist jetzt bekannt. Ab dem nächsten Start stimmen Drehungen und Entfernungen genauer.
 page-pictures-late = Halt. Die Bilder kommen zu spät.
 page-age = Bild { $seconds } s alt
 page-age-about = Bild { $seconds } s alt, auf { $bound } s genau

@@ -431,6 +431,7 @@ page-connection-lost-retry = The connection is lost. Trying again.
 page-connection-lost-stop = Stop. The connection is lost.
 page-no-answer = The computer does not answer.
 page-no-answer-stop = Stop. The computer does not answer.
+page-lens-known = The lens of this phone is known now. From the next start on, turns and distances are more accurate.
 page-pictures-late = Stop. The pictures come too late.
 page-age = Picture { $seconds } s old
 page-age-about = Picture { $seconds } s old, give or take { $bound } s

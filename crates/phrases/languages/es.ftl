@@ -437,6 +437,7 @@ page-connection-lost-retry = Se ha perdido la conexión. Intentándolo otra vez.
 page-connection-lost-stop = Alto. Se ha perdido la conexión.
 page-no-answer = El ordenador no responde.
 page-no-answer-stop = Alto. El ordenador no responde.
+page-lens-known = Ya se conoce el objetivo de este teléfono. A partir del próximo inicio, los giros y las distancias serán más exactos.
 page-pictures-late = Alto. Las imágenes llegan demasiado tarde.
 page-age = Imagen de hace { $seconds } s
 page-age-about = Imagen de hace { $seconds } s, más o menos { $bound } s

@@ -16,6 +16,7 @@ mod place;
 mod ready;
 mod recording;
 mod reference_path;
+mod scale_basis;
 mod script;
 mod session;
 mod settings;

@@ -17,6 +17,7 @@ use crate::guidance::Guiding;
 use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
 use crate::place::Place;
 use crate::recording::{About, Recording, tracked};
+use crate::scale_basis::ScaleBasis;
 use crate::settings::Setting;
 use crate::status::Status;
 use crate::way_ahead::WayAhead;
@@ -79,10 +80,6 @@ const PICTURE_TIMEOUT_S: f64 = 1.0;
 const SHORT_POINTS: usize = 60;
 /// The first words of guidance wait at most this long for other utterances to end, seconds.
 const FIRST_WORDS_WAIT_S: f64 = 12.0;
-
-/// Longest time for turning around on the spot, seconds: for this long a monocular camera may rely on the previous
-/// scale.
-const TURN_ABOUT_S: f64 = 8.0;
 
 /// A route that can be walked.
 struct RouteAtHand {
@@ -708,9 +705,12 @@ impl Session {
     fn scale_hazard(&self) -> Option<StopReason> {
         let (scale, guiding) = (self.scale.filter(|s| !s.metric)?, self.guiding.as_ref()?);
         let held = self.route.as_ref()?;
-        let other_map = !guiding.reference_path.is_in(&self.engine.snapshot(), &held.route, scale.map);
-        let too_long = self.unsupported.is_some_and(|since| self.now - since > TURN_ABOUT_S);
-        (other_map || too_long).then_some(StopReason::ScaleUncertain)
+        let basis = ScaleBasis {
+            state: guiding.guide.state(),
+            other_map: !guiding.reference_path.is_in(&self.engine.snapshot(), &held.route, scale.map),
+            unsupported_s: self.unsupported.map(|since| self.now - since.max(guiding.asked)),
+        };
+        basis.rules_out_directions().then_some(StopReason::ScaleUncertain)
     }
 
     /// Takes the depth of a packet, while somebody is guided.

@@ -19,6 +19,8 @@ pub struct ImuWatch {
     samples: Vec<ImuSample>,
     images: usize,
     without: usize,
+    /// Of these, those after the first sample.
+    gaps: usize,
     after_s: f64,
 }
 
@@ -29,7 +31,10 @@ impl ImuWatch {
         self.samples.extend(packet.imu.iter().filter(|s| !s.is_synthesised()));
         match self.samples.last() {
             Some(last) if last.stamp >= packet.stamp => self.after_s += last.stamp - packet.stamp,
-            _ => self.without += 1,
+            last => {
+                self.without += 1;
+                self.gaps += usize::from(last.is_some());
+            }
         }
         packet.stamp - *self.first.get_or_insert(packet.stamp)
     }
@@ -114,6 +119,8 @@ impl Validator {
             if self.may_lack_imu && watch.samples.is_empty() {
                 return;
             }
+            // Nor is it doubtful that the sensor starts later than the camera.
+            let watch = if self.may_lack_imu { ImuWatch { without: watch.gaps, ..watch } } else { watch };
             watch.doubts(sensor).iter().for_each(|doubt| (self.report)(doubt));
         }
     }
@@ -213,5 +220,27 @@ mod tests {
             matches!(&slow[..], [a, b] if a.contains("50 samples") && b.contains("rig says 50.0")),
             "{slow:?}"
         );
+    }
+
+    /// A sensor that starts after the camera is no doubt where it was only reckoned with; one that pauses is.
+    #[test]
+    fn late_start_of_a_reckoned_sensor_is_not_doubtful() {
+        let counts = |present: fn(f64) -> bool| {
+            let mut watch = ImuWatch::default();
+            for k in 0..200 {
+                let at = 0.05 * f64::from(k);
+                let stamp = Stamp::from_seconds(at);
+                let after = ImuSample::new(
+                    stamp.plus_seconds(1e-3),
+                    cairn_geometry::Vec3::zeros(),
+                    cairn_geometry::Vec3::new(0.0, -9.8, 0.0),
+                );
+                let imu = if present(at) { vec![after] } else { Vec::new() };
+                watch.packet(&FramePacket { stamp, images: Vec::new(), depth: None, imu, decode_ms: 0.0 });
+            }
+            (watch.without(), watch.gaps)
+        };
+        assert_eq!(counts(|t| t >= 3.0), (60, 0));
+        assert_eq!(counts(|t| !(4.0..6.0).contains(&t)), (40, 40));
     }
 }

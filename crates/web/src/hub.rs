@@ -53,6 +53,8 @@ pub(crate) struct Hub {
     /// Seconds that the pages' local time is ahead of UTC.
     pub zone_s: AtomicI32,
     pub picture: watch::Sender<Shared>,
+    /// The phone whose images are taken; empty where it is not known.
+    phone: Mutex<String>,
     holder: Mutex<Option<Holder>>,
     next: AtomicU64,
 }
@@ -75,6 +77,7 @@ impl Hub {
             routes: watch::Sender::new(empty),
             zone_s: AtomicI32::new(0),
             picture: watch::Sender::new(Arc::from([].as_slice())),
+            phone: Mutex::default(),
             holder: Mutex::new(None),
             next: AtomicU64::new(1),
         }
@@ -140,6 +143,17 @@ impl Hub {
     /// The connection of the page that holds the walk.
     pub fn controller(&self) -> Option<u64> {
         self.holder().as_ref()?.id
+    }
+
+    /// The phone whose images are taken from now on.
+    pub fn set_phone(&self, phone: &str) {
+        // What a page calls itself is kept in a file: no more of it than an identity needs.
+        *self.phone.lock().unwrap_or_else(PoisonError::into_inner) = phone.chars().take(64).collect();
+    }
+
+    /// The phone whose images are taken; empty where it is not known.
+    pub fn phone(&self) -> String {
+        self.phone.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     fn tell_control(&self) {

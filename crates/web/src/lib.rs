@@ -4,6 +4,7 @@ mod certificate;
 mod config;
 mod hub;
 mod invitation;
+mod lens;
 mod link;
 mod page;
 mod server;

@@ -26,6 +26,8 @@ struct Guest {
     page: u64,
     /// In which the page is answered.
     language: Language,
+    /// Identifies the phone, if the page says.
+    phone: String,
 }
 
 /// One page, from its hello until it disconnects.
@@ -58,7 +60,7 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
         return;
     }
     if hub.arrived(id, &client.guest.secret) {
-        hub.port.page(client.guest.page);
+        client.opens_port();
     }
     client.status.mark_changed();
     client.routes.mark_changed();
@@ -70,7 +72,7 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
 async fn hello(socket: &mut WebSocket, hub: &Hub) -> Result<Guest, Language> {
     let Some(Ok(Message::Text(text))) = socket.recv().await else { return Err(Language::default()) };
     match serde_json::from_str(&text) {
-        Ok(FromPage::Hello { token, walk, secret, origin, zone_min, language }) => {
+        Ok(FromPage::Hello { token, walk, secret, origin, zone_min, language, phone }) => {
             let language = language.parse().unwrap_or_default();
             if !same(&token, &hub.token) {
                 return Err(language);
@@ -79,7 +81,7 @@ async fn hello(socket: &mut WebSocket, hub: &Hub) -> Result<Guest, Language> {
             hub.zone_s.store(60 * i32::from(zone_min).clamp(-14 * 60, 14 * 60), Ordering::Relaxed);
             let mut hasher = DefaultHasher::new();
             (&secret, origin.to_bits()).hash(&mut hasher);
-            Ok(Guest { walk, secret, page: hasher.finish(), language })
+            Ok(Guest { walk, secret, page: hasher.finish(), language, phone })
         }
         _ => Err(Language::default()),
     }
@@ -246,9 +248,15 @@ impl Client {
     fn begins(&mut self, over: bool) -> bool {
         let holds = self.hub.take(self.id, &self.guest.secret, over);
         if holds {
-            self.hub.port.page(self.guest.page);
+            self.opens_port();
         }
         holds
+    }
+
+    /// Images come from this page from now on.
+    fn opens_port(&self) {
+        self.hub.port.page(self.guest.page);
+        self.hub.set_phone(&self.guest.phone);
     }
 
     /// Changes how the session speaks; also before its first picture.

@@ -2,6 +2,7 @@
 
 use crate::config::{CameraSource, ServeConfig};
 use crate::hub::Hub;
+use crate::lens::{self, LensWatch};
 use crate::wire::{self, ToPage};
 use cairn_engine::{Engine, Output, Runner, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
@@ -47,9 +48,12 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
         let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
         hub.routes.send_replace(ToPage::Routes(&listed).text().into());
     }
+    let mut lens = None;
     let (source, mode, has_imu): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
         CameraSource::Page { rig } => {
-            let phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
+            let guessed = rig.is_none();
+            let mut phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
+            lens = guessed.then(|| lens_of(hub, serve.keep.clone(), &mut phone)).flatten();
             // A phone with motion data makes the map metric.
             let has_imu = phone.rig().imu.is_some();
             let to_pages = hub.clone();
@@ -83,12 +87,27 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;
     hub.running.store(true, Ordering::Relaxed);
-    let mut observer = PageObserver::new(hub.clone());
+    let mut observer = PageObserver { lens, ..PageObserver::new(hub.clone()) };
     let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut observer);
     let closed = session.close();
     observer.finish(&mut session);
     ended?;
     closed.map_err(|why| SourceError::new(&name, why, "make room on the disk"))
+}
+
+/// Takes the lens that is kept for the phone; where none is, it is watched for. Nothing is kept without a folder, or for a
+/// page that does not say which phone it is on.
+fn lens_of(hub: &Hub, folder: Option<PathBuf>, source: &mut PhoneSource) -> Option<LensWatch> {
+    let (folder, phone) = (folder?, hub.phone());
+    let guess = source.rig().cameras.first()?.camera;
+    if phone.is_empty() {
+        return None;
+    }
+    let known = lens::kept(&folder, &phone, &guess).and_then(|lens| lens.camera(&guess));
+    if source.set_camera(known) {
+        return None;
+    }
+    Some(LensWatch::new(folder, phone, guess))
 }
 
 fn cure_of(error: &LibraryError) -> &'static str {
@@ -114,11 +133,13 @@ struct PageObserver {
     frame_ms: Option<f64>,
     /// The routes that the pages have: a version, and the route at hand.
     routes: Option<(u64, Option<PathBuf>)>,
+    /// While the lens is a guess.
+    lens: Option<LensWatch>,
 }
 
 impl PageObserver {
     fn new(hub: Arc<Hub>) -> Self {
-        Self { hub, status: None, picture: None, view: None, frame_ms: None, routes: None }
+        Self { hub, status: None, picture: None, view: None, frame_ms: None, routes: None, lens: None }
     }
 
     fn send_status(&self, session: &Session) {
@@ -136,6 +157,16 @@ impl PageObserver {
         }
         self.routes = Some((version, held.map(Path::to_owned)));
         self.hub.routes.send_replace(ToPage::Routes(&session.routes()).text().into());
+    }
+
+    /// Estimates the lens while it is a guess.
+    fn watch_lens(&mut self, session: &Session) {
+        let Some(found) = self.lens.as_mut().and_then(|lens| lens.step(session.engine())) else { return };
+        let lens = found.lens;
+        self.hub.broadcast(&ToPage::Lens { focal: lens.focal, radial: lens.radial, sigma: lens.sigma });
+        if let Some(why) = found.not_kept {
+            self.hub.broadcast(&ToPage::Doubt(&why));
+        }
     }
 
     /// The last messages when the session has ended.
@@ -194,6 +225,7 @@ impl Observer for PageObserver {
         if due(&mut self.status, STATUS_EVERY) {
             self.send_status(session);
             self.send_routes(session);
+            self.watch_lens(session);
         }
         if self.hub.maps_wanted.load(Ordering::Relaxed) > 0 && due(&mut self.view, VIEW_EVERY) {
             self.hub.view.send_replace(ToPage::View(&session.view(MOST_POINTS)).text().into());

@@ -24,6 +24,9 @@ pub(crate) enum FromPage {
         /// The code of the page's language.
         #[serde(default)]
         language: String,
+        /// Identifies the phone, the same in every session: its lens is kept by it.
+        #[serde(default)]
+        phone: String,
     },
     /// The answer to a ping: its number, and the page's time in milliseconds.
     Pong { n: u64, ms: f64 },
@@ -91,6 +94,9 @@ pub(crate) enum ToPage<'a> {
     Ended(bool),
     /// An implausible calibration or sensor: shown on the screen, not spoken.
     Doubt(&'a str),
+    /// The lens of the phone is known now, and is used from the next session on: focal length as a share of the longer
+    /// side, distortion, and their standard deviations.
+    Lens { focal: f64, radial: f64, sigma: [f64; 2] },
 }
 
 impl ToPage<'_> {

@@ -12,6 +12,7 @@ mod home;
 mod obstacles;
 mod once;
 mod out;
+mod phone;
 mod report;
 mod robot;
 mod seeds;
@@ -52,6 +53,17 @@ pub struct Arguments {
     /// people walk about and a door closes.
     #[arg(long, conflicts_with_all = ["facing", "sensor", "metres"])]
     robot: bool,
+    /// A phone as phones are instead of a calibrated camera: pictures at 10 to 20 Hz with a rolling shutter and an unknown
+    /// lens, motion at 60 Hz, through the page's own protocol and in real time (about three minutes for each walk).
+    #[arg(long, conflicts_with_all = ["robot", "sensor", "obstacles", "dense"])]
+    phone: bool,
+    /// With --phone: the server is given the phone's true lens, as with cairn serve --rig.
+    #[arg(long, requires = "phone")]
+    known_lens: bool,
+    /// With --phone: milliseconds from the first row of a picture to the last, instead of the phone's own 15 to 25; 0 is a
+    /// global shutter.
+    #[arg(long, value_name = "MS", requires = "phone", value_parser = readout)]
+    readout: Option<f64>,
     /// Puts N things into the walker's way after the route was recorded (boxes on the floor, boxes at head height, a barrier
     /// that is taken away later); needs depth. The walker's cane does not feel them.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=20))]
@@ -89,6 +101,13 @@ fn metres(text: &str) -> Result<f64, String> {
     }
 }
 
+fn readout(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(ms) if (0.0..=100.0).contains(&ms) => Ok(ms),
+        _ => Err("must be milliseconds from 0 to 100".into()),
+    }
+}
+
 /// Runs one demo or a table of them.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     if arguments.robot {
@@ -104,6 +123,22 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         FacingArgument::Backwards => &[Facing::Backwards],
         FacingArgument::All => &[Facing::Home, Facing::Back, Facing::Backwards],
     };
+    if arguments.phone {
+        let seeds = (0..arguments.seeds.unwrap_or(1)).map(|k| arguments.seed.saturating_add(k));
+        let all = facings.iter().flat_map(|f| seeds.clone().map(move |seed| (seed, *f)));
+        let config = |(seed, facing)| {
+            let mut config =
+                DemoConfig::new(seed, facing, Sensor::MonoImu, arguments.metres, arguments.speaking.clone());
+            config.sim.rate_hz = phone::BODY_HZ;
+            config
+        };
+        let options = phone::Options {
+            known_lens: arguments.known_lens,
+            readout_s: arguments.readout.map(|ms| 1e-3 * ms),
+            overwrite: arguments.overwrite,
+        };
+        return phone::run(all.map(config), options, &arguments.out, output);
+    }
     let depth = arguments.sensor.mode() == SensorMode::Rgbd;
     for (option, given) in [("--obstacles", arguments.obstacles > 0), ("--dense", arguments.dense)] {
         if given && !depth {

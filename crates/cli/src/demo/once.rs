@@ -208,7 +208,7 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
 }
 
 /// The distance of a place from a line through corners, metres.
-fn distance_to(corners: &[Vec2], place: Vec2) -> f64 {
+pub fn distance_to(corners: &[Vec2], place: Vec2) -> f64 {
     let to_leg = |leg: &[Vec2]| {
         let d = leg[1] - leg[0];
         let share = ((place - leg[0]).dot(&d) / d.norm_squared().max(1e-12)).clamp(0.0, 1.0);

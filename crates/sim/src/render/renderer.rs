@@ -25,6 +25,14 @@ impl Renderer {
     /// When the camera is not a pinhole, has distortion, or is larger than 4096 pixels on a side.
     pub fn new(world: &Arc<World>, camera: Camera) -> Result<Self, RigError> {
         camera.validate()?;
+        Self::off_centre(world, camera)
+    }
+
+    /// As [`Renderer::new`], for a part of an image: the principal point may lie far outside.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn off_centre(world: &Arc<World>, camera: Camera) -> Result<Self, RigError> {
         if camera.distortion != Distortion::None {
             return Err(RigError("the renderer draws pinhole images only; remove the distortion".into()));
         }

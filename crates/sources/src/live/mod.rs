@@ -13,7 +13,7 @@ mod slot;
 mod stream;
 
 pub use address::waiting_for;
-pub use phone::{Motion, PhonePort, PhoneSource};
+pub use phone::{Motion, PhonePort, PhoneSource, phone_imu};
 
 use crate::options::OpenOptions;
 use address::Address;

@@ -9,8 +9,8 @@ use super::rig_for;
 use crate::decode::gray_jpeg;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{
-    ClockReading, FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig,
-    Source, SourceError, SourceInfo, Stamp, Stream,
+    Camera, ClockReading, FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Live, Merge, MergeConfig,
+    Rig, Source, SourceError, SourceInfo, Stamp, Stream,
 };
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -283,6 +283,19 @@ impl PhoneSource {
         })
     }
 
+    /// Takes another camera for that of the rig, such as one that was estimated earlier for the same phone; `None`, and a
+    /// camera of another size, leave it as it is. True when it was taken.
+    pub fn set_camera(&mut self, camera: Option<Camera>) -> bool {
+        let (Some(camera), Some(own)) = (camera, self.rig.cameras.first_mut()) else { return false };
+        let fits = [camera.width, camera.height] == [own.camera.width, own.camera.height];
+        if fits && camera.validate().is_ok() {
+            own.camera = camera;
+            self.info.assumed = None;
+            return true;
+        }
+        false
+    }
+
     /// The stamp for a time of the page, later than the previous one. Another page's time continues the one before.
     fn stamp(&mut self, ms: f64) -> Stamp {
         let page = self.port.lock().page;
@@ -364,7 +377,7 @@ impl PhoneSource {
 }
 
 /// A phone's IMU as browsers provide it: 60 Hz, noise of a low-cost sensor, in the camera's axes.
-fn phone_imu() -> ImuSensor {
+pub fn phone_imu() -> ImuSensor {
     let noise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
     ImuSensor { body_from_imu: Se3::identity(), rate_hz: 60.0, noise, offset_s: 0.0 }
 }

@@ -87,6 +87,13 @@ function secretOfThisPage() {
 }
 const secret = secretOfThisPage();
 
+// The same for this browser in every session: the server keeps the lens of the phone by it.
+function phoneOfThisBrowser() {
+  if (typeof kept.phone !== 'string') keep('phone', [...crypto.getRandomValues(new Uint8Array(8))].map((b) => b.toString(16).padStart(2, '0')).join(''));
+  return kept.phone;
+}
+const phone = phoneOfThisBrowser();
+
 const camera = new Camera($('video'), {
   pace,
   picture: (bytes) => {
@@ -107,7 +114,7 @@ function connect() {
   mine.onopen = () => {
     send(JSON.stringify({
       hello: {
-        token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language,
+        token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language, phone,
         zone_min: -new Date().getTimezoneOffset(),
       },
     }));
@@ -160,6 +167,7 @@ function take(message) {
     ended: () => trouble(t('page-walk-ended')),
     control: (v) => control(v.id, v.held),
     got: () => pace.got(performance.now()),
+    lens: () => { $('answer').textContent = t('page-lens-known'); },
     view: (v) => map.take(v),
     routes: (v) => routes.take(v),
   };

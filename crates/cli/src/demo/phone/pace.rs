@@ -1,0 +1,74 @@
+//! The page's `pace.js`: when an image is sent, its size and quality.
+
+use std::time::{Duration, Instant};
+
+/// Longer side, quality in percent, approximate number of bytes as a share of the first level's.
+pub const LEVELS: [(usize, u8, f64); 9] = [
+    (640, 80, 1.0),
+    (640, 65, 0.72),
+    (640, 50, 0.56),
+    (480, 60, 0.38),
+    (480, 45, 0.3),
+    (320, 60, 0.2),
+    (320, 45, 0.16),
+    (320, 30, 0.12),
+    (320, 20, 0.09),
+];
+const SHORTEST: Duration = Duration::from_millis(45);
+const PATIENCE: usize = 10;
+
+/// The pace.
+pub struct Pace {
+    /// Index into [`LEVELS`].
+    pub level: usize,
+    /// The shortest of the last round trips, as the server tells it.
+    pub trip_ms: f64,
+    rate: Option<f64>,
+    roomy: usize,
+    under_way: Option<(Instant, usize)>,
+    last: Option<Instant>,
+}
+
+impl Pace {
+    /// Starts at the middle level, as the page.
+    pub fn new() -> Self {
+        Self { level: 2, trip_ms: 0.0, rate: None, roomy: 0, under_way: None, last: None }
+    }
+
+    /// Whether an image may be captured.
+    pub fn may_shoot(&self, now: Instant) -> bool {
+        self.under_way.is_none() && self.last.is_none_or(|last| now - last >= SHORTEST)
+    }
+
+    /// An image of so many bytes has been sent.
+    pub fn sent(&mut self, now: Instant, bytes: usize) {
+        (self.last, self.under_way) = (Some(now), Some((now, bytes)));
+    }
+
+    /// The server has received it.
+    pub fn got(&mut self, now: Instant) {
+        let Some((sent, bytes)) = self.under_way.take() else { return };
+        let took_ms = 1e3 * (now - sent).as_secs_f64();
+        let rate = bytes as f64 / (took_ms - self.trip_ms).max(1.0);
+        let rate = self.rate.map_or(rate, |before| 0.7 * before + 0.3 * rate);
+        self.rate = Some(rate);
+        self.adapt(bytes as f64, rate * (120.0 - 0.6 * self.trip_ms).clamp(20.0, 80.0));
+    }
+
+    fn adapt(&mut self, bytes: f64, budget: f64) {
+        let whole = bytes / LEVELS[self.level].2;
+        if bytes > 1.1 * budget {
+            self.roomy = 0;
+            while self.level < LEVELS.len() - 1 && whole * LEVELS[self.level].2 > budget {
+                self.level += 1;
+            }
+        } else if self.level > 0 && whole * LEVELS[self.level - 1].2 < 0.7 * budget {
+            self.roomy += 1;
+            if self.roomy >= PATIENCE {
+                (self.roomy, self.level) = (0, self.level - 1);
+            }
+        } else {
+            self.roomy = 0;
+        }
+    }
+}

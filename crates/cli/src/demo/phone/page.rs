@@ -1,0 +1,241 @@
+//! The page's side of the web socket: what the phone's browser says and hears.
+
+use super::pace::Pace;
+use cairn_phrases::Language;
+use cairn_web::Server;
+use futures_util::{SinkExt, StreamExt};
+use serde_json::{Value, json};
+use std::sync::Arc;
+use std::time::Instant;
+use tokio_rustls::TlsConnector;
+use tokio_tungstenite::WebSocketStream;
+use tokio_tungstenite::tungstenite::Message;
+
+type Socket = WebSocketStream<tokio_rustls::client::TlsStream<tokio::net::TcpStream>>;
+
+/// Directions from older poses are not given, milliseconds; as the page.
+const STALE_MS: f64 = 500.0;
+/// Words are given again only after the images were fresh for this long, milliseconds; as the page.
+const FRESH_MS: f64 = 1000.0;
+
+/// The phone's clock.
+#[derive(Clone, Copy)]
+pub struct PageClock {
+    began: Instant,
+    offset_ms: f64,
+    drift: f64,
+}
+
+impl PageClock {
+    /// Shows `offset_ms` now, and gains `drift` seconds a second.
+    pub fn new(offset_ms: f64, drift: f64) -> Self {
+        Self { began: Instant::now(), offset_ms, drift }
+    }
+
+    /// Seconds since its beginning, by this machine's clock.
+    pub fn seconds(&self) -> f64 {
+        self.began.elapsed().as_secs_f64()
+    }
+
+    /// What it shows at these seconds since its beginning, milliseconds.
+    pub fn ms_at(&self, seconds: f64) -> f64 {
+        self.offset_ms + 1e3 * seconds * (1.0 + self.drift)
+    }
+
+    /// Seconds since its beginning at which it shows this.
+    pub fn seconds_of(&self, ms: f64) -> f64 {
+        (ms - self.offset_ms) * 1e-3 / (1.0 + self.drift)
+    }
+
+    /// What it shows now, milliseconds.
+    pub fn ms(&self) -> f64 {
+        self.ms_at(self.seconds())
+    }
+}
+
+/// The page.
+pub struct Page {
+    socket: Socket,
+    /// The phone's clock.
+    pub clock: PageClock,
+    /// Decides about images.
+    pub pace: Pace,
+    language: Language,
+    me: Option<u64>,
+    /// Whether this page holds the walk.
+    pub controls: bool,
+    /// The last status.
+    pub status: Value,
+    /// The camera's position in the map when the last view came.
+    pub camera: Option<[f64; 3]>,
+    /// Whether the sound of arrival was played: guidance has ended at the goal.
+    pub arrived: bool,
+    /// Words that wait for the walker.
+    pub heard: Vec<String>,
+    /// Answers to commands: whether they were carried out, and the text.
+    pub answers: Vec<(bool, String)>,
+    /// What was doubted or refused, for people.
+    pub troubles: Vec<String>,
+    /// The lens that the server has found: focal length as a share of the longer side, and distortion.
+    pub lens: Option<[f64; 2]>,
+    /// Directions that were held back because they were too old.
+    pub withheld: usize,
+    late: bool,
+    fresh_since: Option<Instant>,
+}
+
+fn failed(e: impl std::fmt::Display) -> String {
+    e.to_string()
+}
+
+impl Page {
+    /// Opens the page of a server and takes the walk.
+    ///
+    /// # Errors
+    /// What failed on the way.
+    pub async fn open(server: &Server, language: Language, clock: PageClock) -> Result<Self, String> {
+        let mut roots = rustls::RootCertStore::empty();
+        roots.add(server.certificate().clone()).map_err(failed)?;
+        let provider = Arc::new(rustls::crypto::ring::default_provider());
+        let builder =
+            rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
+        let tls = builder.map_err(failed)?.with_root_certificates(roots).with_no_client_auth();
+        let stream = tokio::net::TcpStream::connect(server.address()).await.map_err(failed)?;
+        stream.set_nodelay(true).map_err(failed)?;
+        let name = "localhost".try_into().map_err(failed)?;
+        let stream = TlsConnector::from(Arc::new(tls)).connect(name, stream).await.map_err(failed)?;
+        let (socket, _) =
+            tokio_tungstenite::client_async("wss://localhost/ws", stream).await.map_err(failed)?;
+        let mut page = Self {
+            socket,
+            clock,
+            pace: Pace::new(),
+            language,
+            me: None,
+            controls: false,
+            status: Value::Null,
+            camera: None,
+            arrived: false,
+            heard: Vec::new(),
+            answers: Vec::new(),
+            troubles: Vec::new(),
+            lens: None,
+            withheld: 0,
+            late: false,
+            fresh_since: None,
+        };
+        let token = &server.invitation().token;
+        page.send(json!({ "hello": { "token": token, "walk": true, "secret": "demo", "origin": 1, "phone": "demo" } }))
+            .await?;
+        page.send(json!({ "take": true })).await?;
+        page.send(json!({ "want": { "picture": false, "map": true } })).await?;
+        Ok(page)
+    }
+
+    /// Sends a message.
+    ///
+    /// # Errors
+    /// When the connection has failed.
+    pub async fn send(&mut self, message: Value) -> Result<(), String> {
+        self.socket.send(Message::text(message.to_string())).await.map_err(failed)
+    }
+
+    /// Sends an image with the phone's time.
+    ///
+    /// # Errors
+    /// When the connection has failed.
+    pub async fn picture(&mut self, ms: f64, jpeg: &[u8]) -> Result<(), String> {
+        let mut bytes = ms.to_le_bytes().to_vec();
+        bytes.extend_from_slice(jpeg);
+        self.pace.sent(Instant::now(), bytes.len());
+        self.socket.send(Message::binary(bytes)).await.map_err(failed)
+    }
+
+    /// The next message of the server.
+    ///
+    /// # Errors
+    /// When the connection has ended.
+    pub async fn next(&mut self) -> Result<Message, String> {
+        match self.socket.next().await {
+            Some(message) => message.map_err(failed),
+            None => Err("the server has closed the connection".into()),
+        }
+    }
+
+    /// Takes a message of the server as the page does.
+    ///
+    /// # Errors
+    /// When the connection has failed, or the server says that the walk has.
+    pub async fn take(&mut self, message: Message) -> Result<(), String> {
+        let Message::Text(text) = message else { return Ok(()) };
+        let value: Value = serde_json::from_str(&text).map_err(failed)?;
+        let text_of = |v: &Value| v.as_str().unwrap_or_default().to_owned();
+        if let Some(ping) = value.get("ping") {
+            let ms = self.clock.ms();
+            self.send(json!({ "pong": { "n": ping["n"], "ms": ms } })).await?;
+            self.pace.trip_ms = ping["trip_ms"].as_f64().unwrap_or(self.pace.trip_ms);
+        } else if value.get("got").is_some() {
+            self.pace.got(Instant::now());
+        } else if let Some(hello) = value.get("hello") {
+            self.me = hello["id"].as_u64();
+        } else if let Some(control) = value.get("control") {
+            self.controls = self.me.is_some() && control["id"].as_u64() == self.me;
+        } else if let Some(status) = value.get("status") {
+            self.status = status.clone();
+            self.watch().await?;
+        } else if let Some(view) = value.get("view") {
+            let number = |k: usize| view["camera"][0][k].as_f64();
+            self.camera = number(0).zip(number(1)).zip(number(2)).map(|((x, y), z)| [x, y, z]);
+        } else if let Some(said) = value.get("said") {
+            self.said(said).await?;
+        } else if let Some(sound) = value.get("sound") {
+            self.arrived |= sound["name"] == "arrival";
+        } else if let Some(did) = value.get("did") {
+            self.answers.push((did["ok"] == true, text_of(&did["text"])));
+        } else if let Some(lens) = value.get("lens") {
+            self.lens = lens["focal"].as_f64().zip(lens["radial"].as_f64()).map(|(f, r)| [f, r]);
+        } else if let Some(why) = value.get("trouble").or(value.get("refused")).or(value.get("doubt")) {
+            self.troubles.push(text_of(why));
+        }
+        Ok(())
+    }
+
+    /// Words: a direction is given only while its picture is fresh.
+    async fn said(&mut self, said: &Value) -> Result<(), String> {
+        let text = said["text"].as_str().unwrap_or_default().to_owned();
+        if let Some(pose_ms) = said["pose_ms"].as_f64() {
+            let old = self.clock.ms() - pose_ms > STALE_MS;
+            if old || self.late {
+                self.withheld += 1;
+                return if old { self.became_late().await } else { Ok(()) };
+            }
+        }
+        self.heard.push(text);
+        Ok(())
+    }
+
+    async fn became_late(&mut self) -> Result<(), String> {
+        self.fresh_since = None;
+        if std::mem::replace(&mut self.late, true) {
+            return Ok(());
+        }
+        // The page says this by itself.
+        self.heard.push(self.language.text("page-pictures-late"));
+        self.send(json!({ "late": true })).await
+    }
+
+    /// The end of being late: the pictures were fresh for a while.
+    async fn watch(&mut self) -> Result<(), String> {
+        let age_ms = self.status["frame_ms"].as_f64().map(|ms| self.clock.ms() - ms);
+        if self.late && age_ms.is_some_and(|age| age < STALE_MS) {
+            let since = *self.fresh_since.get_or_insert_with(Instant::now);
+            if since.elapsed().as_secs_f64() * 1e3 >= FRESH_MS {
+                (self.late, self.fresh_since) = (false, None);
+                return self.send(json!({ "late": false })).await;
+            }
+        } else {
+            self.fresh_since = None;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,496 @@
+//! One walk with a phone in real time: out while the route is recorded, and home by what the page says.
+//!
+//! The phone's pictures and readings are drawn from the walker's true body on a thread of its own; everything that the
+//! engine learns of the world comes over the socket, and everything that the walker hears too. Truth is only used to judge.
+
+use super::super::body::Body;
+use super::super::config::DemoConfig;
+use super::super::obstacles::Obstacles;
+use super::super::once::distance_to;
+use super::super::out::corners;
+use super::jpeg::JpegEncoder;
+use super::pace::LEVELS;
+use super::page::{Page, PageClock};
+use cairn_engine::Config;
+use cairn_geometry::{Se3, Vec2, Vec3};
+use cairn_guide::Facing;
+use cairn_random::Random;
+use cairn_sensor::{GrayImage, Rig, Stamp};
+use cairn_session::SessionConfig;
+use cairn_sim::{Effects, Motion, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World};
+use cairn_sources::phone_imu;
+use cairn_web::{CameraSource, ServeConfig, Server};
+use serde_json::json;
+use std::f64::consts::PI;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::task::JoinHandle;
+
+/// Steps a second of the body.
+pub const BODY_HZ: f64 = 50.0;
+/// How often the phone looks at its sensors.
+const TICK: Duration = Duration::from_millis(4);
+/// Motion is sent in batches of this many readings, as by the page.
+const PARCEL: usize = 2;
+/// Time from the exposure to the encoded picture at least, seconds.
+const ENCODING_S: f64 = 0.015;
+/// Longest wait for the server's first status and for answers, seconds.
+const PATIENCE_S: f64 = 20.0;
+/// The first session of a phone ends after this time at the latest, seconds.
+const MEET_S: f64 = 45.0;
+/// Seconds it takes to turn the camera round on the chest.
+const TURN_CAMERA_S: f64 = 4.0;
+/// The walk ends when the walker has stood this long after arrival, ...
+const STANDING_S: f64 = 2.0;
+/// ... or because the guide gives no directions any more.
+const STOPPED_S: f64 = 30.0;
+
+/// One announcement that the walker heard.
+#[derive(Clone, Debug)]
+pub struct Spoken {
+    /// Seconds since the phone was switched on.
+    pub t_s: f64,
+    /// Its text.
+    pub words: String,
+    /// The walker's true position, metres.
+    pub at: Vec2,
+}
+
+/// What the page showed at a moment, and the truth.
+#[derive(Clone, Debug)]
+pub struct Live {
+    /// Seconds since the phone was switched on, when the picture was taken.
+    pub t_s: f64,
+    /// The camera's position in the map's frame and unit.
+    pub said: Vec3,
+    /// Where it was, metres.
+    pub truth: Vec3,
+    /// The engine's phase, the features of the picture and how many agree with the pose, and the milliseconds of the step.
+    pub state: String,
+}
+
+/// What came of a walk.
+#[derive(Default)]
+pub struct Walked {
+    /// Announcements of the return.
+    pub said: Vec<Spoken>,
+    /// The walker's true path on the return, metres.
+    pub path: Vec<Vec2>,
+    /// The path walked out, and where it began.
+    pub corners: Vec<Vec2>,
+    /// Whether the guide announced arrival.
+    pub told_arrival: bool,
+    /// Why the guide gave up directions, when the walker stood for long because of that.
+    pub stopped: Option<String>,
+    /// Where the camera is said to be, and where it was, about once a second.
+    pub live: Vec<Live>,
+    /// Seconds from the first step until the map was metric.
+    pub metric_after_s: Option<f64>,
+    /// Seconds of the way out, and of the return.
+    pub took_s: [f64; 2],
+    /// Pictures sent; those that the server did not use in time; frames with a pose.
+    pub pictures: usize,
+    /// See `pictures`.
+    pub dropped: u64,
+    /// See `pictures`.
+    pub tracked: u64,
+    /// Directions that came too late and were held back by the page.
+    pub withheld: usize,
+    /// What the page showed besides.
+    pub troubles: Vec<String>,
+}
+
+impl Walked {
+    /// True distance from the start at the end, metres.
+    pub fn error_m(&self) -> f64 {
+        let start = self.corners.first().copied().unwrap_or_default();
+        self.path.last().or(self.corners.last()).map_or(f64::NAN, |last| (last - start).norm())
+    }
+
+    /// Farthest from the path walked out, metres.
+    pub fn farthest_off_m(&self) -> f64 {
+        self.path.iter().map(|p| distance_to(&self.corners, *p)).fold(0.0, f64::max)
+    }
+}
+
+/// The first session of a phone: the walker goes the first half minute of the way, then the page is closed. Returns what
+/// the server has told of the lens; it keeps that in the folder.
+///
+/// # Errors
+/// When the server does not start or answer, or the connection breaks.
+pub fn meet(config: &DemoConfig, traits: &PhoneTraits, folder: &Path) -> Result<Option<[f64; 2]>, String> {
+    let server = server(config, None, folder, "met")?;
+    runtime()?.block_on(async {
+        let mut phone = Phone::new(config, traits, page(config, &server).await?)?;
+        phone.begin().await?;
+        let begin = phone.page.clock.seconds();
+        while phone.page.lens.is_none() && phone.page.clock.seconds() - begin < MEET_S {
+            phone.turn().await?;
+        }
+        Ok(phone.page.lens)
+    })
+}
+
+/// Walks out and home.
+///
+/// # Errors
+/// When the server does not start or answer, or the connection breaks.
+pub fn walk(
+    config: &DemoConfig,
+    traits: &PhoneTraits,
+    known_lens: bool,
+    folder: &Path,
+) -> Result<Walked, String> {
+    let rig = known_lens.then(|| Box::new(Rig { imu: Some(phone_imu()), ..Rig::mono(traits.camera) }));
+    let server = server(config, rig, folder, "walked")?;
+    runtime()?.block_on(async {
+        let mut phone = Phone::new(config, traits, page(config, &server).await?)?;
+        phone.out().await?;
+        phone.home().await?;
+        phone.result.withheld = phone.page.withheld;
+        phone.result.troubles = std::mem::take(&mut phone.page.troubles);
+        phone.result.dropped = phone.page.status["dropped"].as_u64().unwrap_or(0);
+        phone.result.tracked = phone.page.status["tracked"].as_u64().unwrap_or(0);
+        Ok(phone.result)
+    })
+}
+
+/// A server as `cairn serve` starts it, with its data in the folder and the routes in one of that name there.
+fn server(config: &DemoConfig, rig: Option<Box<Rig>>, folder: &Path, routes: &str) -> Result<Server, String> {
+    let routes = folder.join(routes);
+    std::fs::create_dir_all(&routes).map_err(|e| format!("{}: {e}", routes.display()))?;
+    let session = SessionConfig {
+        folder: routes.clone(),
+        phrases: config.speaking.phrases(),
+        announcer: config.speaking.announcer(),
+        ..SessionConfig::default()
+    };
+    Server::start(ServeConfig {
+        lan: false,
+        port: 0,
+        keep: Some(folder.to_owned()),
+        routes: Some(routes),
+        camera: CameraSource::Page { rig },
+        config: Config::default(),
+        session,
+    })
+    .map_err(|e| e.to_string())
+}
+
+fn runtime() -> Result<tokio::runtime::Runtime, String> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(|e| e.to_string())
+}
+
+/// The phone's page, with a clock of its own.
+async fn page(config: &DemoConfig, server: &Server) -> Result<Page, String> {
+    let mut random = Random::stream(config.seed, 0xC10C);
+    let clock = PageClock::new(1e12 * random.unit(), random.uniform(-1e-4, 1e-4));
+    Page::open(server, config.speaking.language, clock).await
+}
+
+/// A picture in the making: the phone's time of it, and its bytes.
+type Shot = (RollingCamera, f64, Vec<u8>);
+
+/// The phone and its walker.
+struct Phone<'a> {
+    config: &'a DemoConfig,
+    traits: PhoneTraits,
+    page: Page,
+    world: Arc<World>,
+    obstacles: Obstacles,
+    /// The walk out, and when it began by the phone's clock; before that the walker stands.
+    out: Motion,
+    began_s: Option<f64>,
+    /// The body of the return.
+    body: Option<Body>,
+    /// Since when the camera is being turned round.
+    turning: Option<f64>,
+    motion: PhoneMotion,
+    sensors: MotionSensors,
+    parcel: Vec<[f64; 7]>,
+    camera: Option<RollingCamera>,
+    times: Vec<f64>,
+    /// The camera takes a picture at multiples of its period; the next one.
+    next_picture: u64,
+    shot: Option<JoinHandle<Shot>>,
+    random: Random,
+    result: Walked,
+}
+
+impl<'a> Phone<'a> {
+    fn new(config: &'a DemoConfig, traits: &PhoneTraits, page: Page) -> Result<Self, String> {
+        let world = Arc::new(World::build(config.sim.world, config.seed, &config.sim.options));
+        let points = world.routes().first().map_or(&[][..], |r| &r.points);
+        let corners = corners(points, config.metres);
+        let out = config.sim.walker.motion(&corners);
+        let effects = Effects { noise: 3.0, ..config.sim.effects };
+        let camera = RollingCamera::new(&world, &traits.camera, traits.readout_s, effects, config.seed);
+        let camera = camera.map_err(|e| e.to_string())?;
+        Ok(Self {
+            config,
+            traits: *traits,
+            page,
+            obstacles: Obstacles::default(),
+            motion: PhoneMotion::new(1.0 / BODY_HZ, &out.pose(0.0)),
+            out,
+            began_s: None,
+            body: None,
+            turning: None,
+            sensors: MotionSensors::new(traits, config.seed),
+            parcel: Vec::new(),
+            times: camera.times(),
+            camera: Some(camera),
+            next_picture: 1,
+            shot: None,
+            random: Random::stream(config.seed, 0x57A4),
+            world,
+            result: Walked { corners, ..Walked::default() },
+        })
+    }
+
+    /// Waits for the server; then the walk out begins.
+    async fn begin(&mut self) -> Result<(), String> {
+        self.until(PATIENCE_S, "the server gave no status", |p| p.page.status["frames"].as_u64() > Some(0))
+            .await?;
+        self.began_s = Some(self.page.clock.seconds());
+        Ok(())
+    }
+
+    /// Records the walk out.
+    async fn out(&mut self) -> Result<(), String> {
+        self.begin().await?;
+        self.command("record").await?;
+        let begin = self.began_s.unwrap_or_default();
+        let end_s = self.out.end() + 1.0;
+        while self.page.clock.seconds() - begin < end_s {
+            self.turn().await?;
+            if self.result.metric_after_s.is_none() && self.page.status["metric"] == true {
+                self.result.metric_after_s = Some(self.page.clock.seconds() - begin);
+            }
+        }
+        self.result.took_s[0] = self.page.clock.seconds() - begin;
+        self.page.heard.clear();
+        self.command("stop").await
+    }
+
+    /// Is guided home.
+    async fn home(&mut self) -> Result<(), String> {
+        let (place, heading) = match self.result.corners.as_slice() {
+            [.., a, b] => (*b, (b - a).y.atan2((b - a).x)),
+            _ => return Err("the world has no route".into()),
+        };
+        self.body = Some(Body::new(self.config, place, heading));
+        let facing = self.config.facing;
+        if facing == Facing::Back {
+            self.turning = Some(self.motion.end_s());
+            let until = self.page.clock.seconds() + TURN_CAMERA_S + 0.5;
+            while self.page.clock.seconds() < until {
+                self.turn().await?;
+            }
+        }
+        let name = super::super::config::facing_name(facing);
+        self.command(&format!("guide {name}")).await?;
+        let begin = self.page.clock.seconds();
+        let slowest = if facing == Facing::Backwards { 0.08 } else { 0.2 };
+        let length_m: f64 = self.result.corners.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+        let limit_s = 90.0 + length_m / slowest;
+        let (mut standing_since, mut stopped_since) = (None, None);
+        while self.page.clock.seconds() - begin < limit_s {
+            self.turn().await?;
+            let now = self.page.clock.seconds();
+            let stands = self.body.as_ref().is_some_and(|b| b.walker.is_standing());
+            let state = self.page.status["guiding"]["state"].as_str().unwrap_or_default();
+            self.result.told_arrival |= self.page.arrived;
+            let since = |held: bool, since: &mut Option<f64>| match held {
+                true => now - *since.get_or_insert(now),
+                false => {
+                    *since = None;
+                    0.0
+                }
+            };
+            let done = since(stands && self.result.told_arrival, &mut standing_since) >= STANDING_S;
+            let gave_up = since(stands && state == "stopped", &mut stopped_since) >= STOPPED_S;
+            if gave_up {
+                let text = |key: &str| self.page.status[key].as_str().unwrap_or_default().to_owned();
+                self.result.stopped = Some(format!("{} {}", text("headline"), text("words")));
+            }
+            if done || gave_up {
+                break;
+            }
+        }
+        self.result.took_s[1] = self.page.clock.seconds() - begin;
+        Ok(())
+    }
+
+    /// Gives a command and waits for its answer.
+    async fn command(&mut self, line: &str) -> Result<(), String> {
+        self.page.answers.clear();
+        self.page.send(json!({ "command": line })).await?;
+        self.until(PATIENCE_S, "the server did not answer", |p| !p.page.answers.is_empty()).await?;
+        match self.page.answers.pop() {
+            Some((false, why)) => Err(format!("{line}: {why}")),
+            _ => Ok(()),
+        }
+    }
+
+    async fn until(&mut self, seconds: f64, why: &str, done: impl Fn(&Self) -> bool) -> Result<(), String> {
+        let began = self.page.clock.seconds();
+        while !done(self) {
+            if self.page.clock.seconds() - began > seconds {
+                return Err(format!("{why} within {seconds} s ({})", self.page.troubles.join("; ")));
+            }
+            self.turn().await?;
+        }
+        Ok(())
+    }
+
+    /// A moment: a message of the server, or the next look at the sensors.
+    async fn turn(&mut self) -> Result<(), String> {
+        let message = tokio::select! {
+            biased;
+            message = self.page.next() => Some(message?),
+            () = tokio::time::sleep(TICK) => None,
+        };
+        if let Some(message) = message {
+            let before = self.page.camera.take();
+            self.page.take(message).await?;
+            match self.page.camera {
+                Some([x, y, z]) => self.compare(Vec3::new(x, y, z)),
+                None => self.page.camera = before,
+            }
+        }
+        self.move_body();
+        self.hear();
+        self.send_motion().await?;
+        self.take_picture().await
+    }
+
+    /// Where the camera is said to be, and where it was when the picture before that was taken.
+    fn compare(&mut self, said: Vec3) {
+        let Some(ms) = self.page.status["frame_ms"].as_f64() else { return };
+        let at = (self.page.clock.seconds_of(ms) - self.traits.stamp_delay_s).max(0.0);
+        let truth = self.motion.motion().pose(at.min(self.motion.settled_s())).translation;
+        let s = &self.page.status;
+        let state = format!(
+            "{} {} {} {} {} {}",
+            s["phase"].as_str().unwrap_or("-"),
+            if s["metric"] == true { "metric" } else { "unit" },
+            s["features"],
+            s["inliers"],
+            s["step_ms"].as_f64().unwrap_or_default().round(),
+            LEVELS[self.page.pace.level].0
+        );
+        self.result.live.push(Live { t_s: at, said, truth, state });
+    }
+
+    /// Steps of the body until now and two ahead.
+    fn move_body(&mut self) {
+        let dt = 1.0 / BODY_HZ;
+        while self.motion.end_s() < self.page.clock.seconds() + 2.0 * dt {
+            let now = self.motion.end_s() + dt;
+            let pose = match (&mut self.body, self.began_s) {
+                (Some(body), _) => {
+                    if let Some(since) = self.turning {
+                        let share = ((now - since) / TURN_CAMERA_S).clamp(0.0, 1.0);
+                        body.mount = PI * 0.5 * (1.0 - (PI * share).cos());
+                    }
+                    let pose = body.step(&self.world, &self.obstacles, dt, Stamp::from_seconds(now));
+                    self.result.path.push(body.place());
+                    pose
+                }
+                (None, began) => self.out.pose(began.map_or(0.0, |began| (now - began).max(0.0))),
+            };
+            self.motion.step(&pose);
+        }
+    }
+
+    /// The walker hears what the page says.
+    fn hear(&mut self) {
+        let Some(body) = &mut self.body else { return };
+        let now = self.motion.end_s();
+        for words in self.page.heard.drain(..) {
+            body.walker.hear(&words, Stamp::from_seconds(now));
+            self.result.said.push(Spoken { t_s: now, words, at: body.place() });
+        }
+    }
+
+    async fn send_motion(&mut self) -> Result<(), String> {
+        let until = self.motion.settled_s().min(self.page.clock.seconds());
+        for r in self.sensors.until(self.motion.motion(), until) {
+            let ms = self.page.clock.ms_at(r.stamp.seconds());
+            self.parcel.push([ms, r.gyro.x, r.gyro.y, r.gyro.z, r.accel.x, r.accel.y, r.accel.z]);
+        }
+        if self.parcel.len() >= PARCEL && self.page.controls {
+            let parcel = std::mem::take(&mut self.parcel);
+            return self.page.send(json!({ "motion": parcel })).await;
+        }
+        Ok(())
+    }
+
+    /// Takes the camera's next picture if it is time and the pace allows it; sends the one that is ready.
+    async fn take_picture(&mut self) -> Result<(), String> {
+        if self.shot.as_ref().is_some_and(JoinHandle::is_finished)
+            && let Some(shot) = self.shot.take()
+        {
+            let (camera, ms, jpeg) = shot.await.map_err(|e| e.to_string())?;
+            self.camera = Some(camera);
+            self.result.pictures += 1;
+            self.page.picture(ms, &jpeg).await?;
+        }
+        let now = self.page.clock.seconds();
+        let exposed = |nth: u64| nth as f64 / self.traits.camera_hz;
+        let ready = |nth: u64| exposed(nth) + 0.5 * self.traits.readout_s;
+        // Pictures that nobody took are gone.
+        while ready(self.next_picture + 1) < now {
+            self.next_picture += 1;
+        }
+        let at = exposed(self.next_picture);
+        if ready(self.next_picture) > now.min(self.motion.settled_s()) {
+            return Ok(());
+        }
+        self.next_picture += 1;
+        if !self.page.controls || !self.page.pace.may_shoot(std::time::Instant::now()) {
+            return Ok(());
+        }
+        let Some(mut camera) = self.camera.take() else { return Ok(()) };
+        let poses: Vec<Se3> =
+            self.times.iter().map(|dt| self.motion.motion().pose((at + dt).max(0.0))).collect();
+        let stamp_s =
+            at + self.traits.stamp_delay_s + self.traits.stamp_jitter_s * self.random.standard_normal();
+        let ms = self.page.clock.ms_at(stamp_s.min(now));
+        let (side, quality, _) = LEVELS[self.page.pace.level];
+        self.shot = Some(tokio::task::spawn_blocking(move || {
+            let began = std::time::Instant::now();
+            let image = camera.picture(at, &poses);
+            let scale = side as f64 / image.width().max(image.height()) as f64;
+            let image = if scale < 1.0 { smaller(&image, scale) } else { image };
+            let jpeg = JpegEncoder::new(quality).encode(&image);
+            std::thread::sleep(Duration::from_secs_f64(ENCODING_S).saturating_sub(began.elapsed()));
+            (camera, ms, jpeg)
+        }));
+        Ok(())
+    }
+}
+
+/// An image of a share of the size, bilinear, as a browser's canvas makes it.
+fn smaller(image: &GrayImage, scale: f64) -> GrayImage {
+    let size = [image.width(), image.height()].map(|s| ((s as f64 * scale).round() as usize).max(1));
+    let mut out = GrayImage::new(size[0], size[1]);
+    let at = |k: usize, from: usize, to: usize| {
+        let v = ((k as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, (from - 1) as f64);
+        let i = (v as usize).min(from.saturating_sub(2));
+        (i, v - i as f64)
+    };
+    for y in 0..size[1] {
+        let (j, b) = at(y, image.height(), size[1]);
+        for x in 0..size[0] {
+            let (i, a) = at(x, image.width(), size[0]);
+            let p = |dx: usize, dy: usize| f64::from(image.row(j + dy)[i + dx]);
+            let top = p(0, 0) * (1.0 - a) + p(1, 0) * a;
+            let bottom = p(0, 1) * (1.0 - a) + p(1, 1) * a;
+            out.row_mut(y)[x] = (top * (1.0 - b) + bottom * b + 0.5) as u8;
+        }
+    }
+    out
+}

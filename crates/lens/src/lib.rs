@@ -1,0 +1,11 @@
+#![doc = include_str!("../README.md")]
+
+mod gyro;
+mod model;
+mod problem;
+mod solve;
+
+pub use gyro::GyroLink;
+pub use model::Lens;
+pub use problem::LensProblem;
+pub use solve::LensEstimate;

@@ -1,0 +1,48 @@
+//! The two numbers of a lens, and what they do to a pixel.
+
+use cairn_geometry::Vec2;
+use cairn_sensor::{Camera, Distortion};
+use cairn_solve::Pixel;
+
+/// A lens relative to a guess without distortion: with the pixel's offset `d` from the principal point and
+/// `rho = |d| / (focal * guessed focal length)`, the ray of the pixel is that of an ideal pinhole at
+/// `d * (1 + radial * rho^2)` (Brown's radial polynomial from the distorted to the ideal point, first term).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// The focal length as a multiple of the guessed one.
+    pub focal: f64,
+    /// Radial distortion; about minus the `k1` of models that distort the ideal point.
+    pub radial: f64,
+}
+
+impl Lens {
+    /// The lens as guessed.
+    pub const GUESS: Self = Self { focal: 1.0, radial: 0.0 };
+
+    /// The camera with this lens, for a guess without distortion.
+    pub fn camera(&self, guess: &Camera) -> Camera {
+        Camera {
+            fx: self.focal * guess.fx,
+            fy: self.focal * guess.fy,
+            distortion: Distortion::InverseRadialTangential([self.radial, 0.0, 0.0, 0.0, 0.0]),
+            ..*guess
+        }
+    }
+
+    /// The pixel of an ideal pinhole of the guessed focal length that looks along the same ray.
+    pub(crate) fn ideal(&self, camera: &cairn_solve::Pinhole, pixel: &Pixel) -> Pixel {
+        let d = Vec2::new(pixel[0] - camera.cx, pixel[1] - camera.cy);
+        let x = self.stretched(camera, &d) / self.focal;
+        [camera.cx + x.x, camera.cy + x.y, f64::NAN]
+    }
+
+    /// An offset from the principal point without the distortion, in pixels of the true focal length.
+    pub(crate) fn stretched(&self, camera: &cairn_solve::Pinhole, d: &Vec2) -> Vec2 {
+        d * (1.0 + self.radial * self.rho_squared(camera, d))
+    }
+
+    /// The square of the offset over the focal length.
+    pub(crate) fn rho_squared(&self, camera: &cairn_solve::Pinhole, d: &Vec2) -> f64 {
+        (d.x / camera.fx).powi(2) / self.focal.powi(2) + (d.y / camera.fy).powi(2) / self.focal.powi(2)
+    }
+}

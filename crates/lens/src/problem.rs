@@ -1,0 +1,106 @@
+//! What the estimate is made from: observations of landmarks from key frames, and the gyroscope's rotations between them.
+
+use crate::gyro::GyroLink;
+use cairn_adjust::{pinhole, weight};
+use cairn_atlas::{MapId, Snapshot};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_inertial::Bias;
+use cairn_solve::{Bundle, Freedom, Observation, RightOffset};
+use cairn_vision::RectifiedCamera;
+use std::collections::BTreeMap;
+
+/// Key frames used at most: the newest.
+const MOST_KEY_FRAMES: usize = 80;
+/// A gyroscope's rotation is at least as uncertain as this, radians: the pictures' stamps are.
+const LEAST_SIGMA: f64 = 3e-3;
+/// Landmarks count from this many observations on.
+const LEAST_VIEWS: usize = 3;
+
+/// The problem. Its bundle is in the pixels of the guessed camera.
+#[derive(Clone, Debug)]
+pub struct LensProblem {
+    /// Poses, landmarks and observations as measured.
+    pub bundle: Bundle,
+    /// Rotations by the gyroscope between the poses of the bundle.
+    pub links: Vec<GyroLink>,
+}
+
+impl LensProblem {
+    /// From the newest key frames of a map that was made with a guessed camera without distortion;
+    /// `imu_from_camera` is the rotation from the camera's to the gyroscope's axes. `None` for fewer than five key frames.
+    pub fn of(
+        snapshot: &Snapshot,
+        map: MapId,
+        camera: &RectifiedCamera,
+        imu_from_camera: &So3,
+    ) -> Option<Self> {
+        let mut key_frames: Vec<_> = snapshot.key_frames_of(map).collect();
+        key_frames.sort_by_key(|k| k.id);
+        let key_frames = &key_frames[key_frames.len().saturating_sub(MOST_KEY_FRAMES)..];
+        if key_frames.len() < 5 {
+            return None;
+        }
+        let slots: BTreeMap<_, usize> = key_frames.iter().enumerate().map(|(i, k)| (k.id, i)).collect();
+        let poses: Vec<Se3> = key_frames.iter().map(|k| k.world_from_camera).collect();
+        let mut freedom = vec![Freedom::Free; poses.len()];
+        freedom[0] = Freedom::Fixed;
+        let (points, observations) = observations(snapshot, map, &slots);
+        let links = key_frames.iter().enumerate().filter_map(|(to, k)| {
+            let factor = k.motion.as_ref()?.imu_factor.as_ref()?;
+            let from = *slots.get(&factor.since)?;
+            let (rotation, ..) = factor.sum.gained(&Bias::default());
+            let seconds = factor.sum.seconds();
+            let noise = factor.sum.noise().gyro * seconds.sqrt();
+            let rotation = imu_from_camera.inverse() * rotation * *imu_from_camera;
+            Some(GyroLink { from, to, rotation, seconds, sigma: noise.hypot(LEAST_SIGMA) })
+        });
+        let links = links.collect();
+        let camera = pinhole(camera);
+        let bundle =
+            Bundle { camera, poses, freedom, points, observations, right_offset: RightOffset::default() };
+        Some(Self { bundle, links })
+    }
+}
+
+impl LensProblem {
+    /// The largest angle between the first key frame and another, radians: a lens is only seen well across a turn.
+    pub fn turned_rad(&self) -> f64 {
+        let Some(first) = self.bundle.poses.first() else { return 0.0 };
+        let angle = |p: &Se3| (first.rotation.inverse() * p.rotation).angle();
+        self.bundle.poses.iter().map(angle).fold(0.0, f64::max)
+    }
+}
+
+/// The landmarks that several of these key frames see, and what they see of them.
+fn observations(
+    snapshot: &Snapshot,
+    map: MapId,
+    slots: &BTreeMap<cairn_atlas::KeyFrameId, usize>,
+) -> (Vec<Vec3>, Vec<Observation>) {
+    let (mut points, mut out) = (Vec::new(), Vec::new());
+    for landmark in snapshot.landmarks() {
+        let first = out.len();
+        for o in &landmark.observations {
+            let (Some(slot), Some(k)) = (slots.get(&o.key_frame), snapshot.key_frame(o.key_frame)) else {
+                continue;
+            };
+            if k.map != map {
+                continue;
+            }
+            let feature = o.feature as usize;
+            let [u, v] = k.frame.px[feature];
+            out.push(Observation {
+                pose: *slot as u32,
+                point: points.len() as u32,
+                pixel: [f64::from(u), f64::from(v), f64::NAN],
+                weight: weight(&k.frame, feature, &snapshot.octaves()),
+            });
+        }
+        if out.len() - first < LEAST_VIEWS {
+            out.truncate(first);
+        } else {
+            points.push(landmark.position);
+        }
+    }
+    (points, out)
+}

@@ -1,0 +1,193 @@
+//! The lens of a phone whose calibration nobody gave: estimated while a session runs with a guess, and kept in the data
+//! folder for the next session of the same phone.
+
+use cairn_engine::Engine;
+use cairn_lens::{Lens, LensEstimate, LensProblem};
+use cairn_sensor::{Camera, Distortion};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The file in the data folder.
+const FILE: &str = "lenses.json";
+/// Largest such file that is read, bytes.
+const MOST_BYTES: u64 = 1 << 20;
+/// The estimate is tried from so many key frames on, and again after this time.
+const LEAST_KEY_FRAMES: usize = 30;
+const AGAIN: Duration = Duration::from_secs(8);
+/// An estimate is kept when it is certain to this: focal length (relative) and distortion.
+const CERTAIN: [f64; 2] = [0.01, 0.03];
+/// Only across a turn of so many radians is a focal length told from the distances.
+const LEAST_TURN_RAD: f64 = 1.0;
+/// Two estimates in a row, of more and more key frames, agree to this: focal length (relative) and distortion. What a model
+/// lacks (a rolling shutter, stamps behind the exposure) is not in their standard deviations.
+const AGREE: [f64; 2] = [0.015, 0.03];
+
+/// A kept lens: focal length as a share of the longer side, distortion of the ray's offset (as in [`Lens`]), and their
+/// standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct KeptLens {
+    pub focal: f64,
+    pub radial: f64,
+    pub sigma: [f64; 2],
+}
+
+impl KeptLens {
+    /// The camera with this lens, for images of the size of `guess`.
+    pub fn camera(&self, guess: &Camera) -> Option<Camera> {
+        let f = self.focal * guess.width.max(guess.height) as f64;
+        let camera = Lens { focal: f / guess.fx, radial: self.radial }.camera(guess);
+        camera.validate().is_ok().then_some(camera)
+    }
+}
+
+/// The lens kept for a phone and the shape of its images.
+pub(crate) fn kept(folder: &Path, phone: &str, camera: &Camera) -> Option<KeptLens> {
+    all(folder).get(&key(phone, camera)).copied()
+}
+
+fn all(folder: &Path) -> BTreeMap<String, KeptLens> {
+    // A file that cannot be read is the same as none: the lens is estimated again.
+    let text = cairn_files::read_text(&folder.join(FILE), MOST_BYTES).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
+fn key(phone: &str, camera: &Camera) -> String {
+    let divisor = gcd(camera.width, camera.height).max(1);
+    format!("{phone} {}:{}", camera.width / divisor, camera.height / divisor)
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+fn keep(folder: &Path, phone: &str, camera: &Camera, lens: KeptLens) -> std::io::Result<()> {
+    let mut all = all(folder);
+    all.insert(key(phone, camera), lens);
+    std::fs::create_dir_all(folder)?;
+    let beside = folder.join(format!("{FILE}.new"));
+    std::fs::write(&beside, serde_json::to_string_pretty(&all)?)?;
+    std::fs::rename(beside, folder.join(FILE))
+}
+
+/// Estimates the lens of the phone of a running session.
+pub(crate) struct LensWatch {
+    folder: PathBuf,
+    phone: String,
+    guess: Camera,
+    tried: Option<Instant>,
+    job: Option<JoinHandle<Option<LensEstimate>>>,
+    /// The last certain estimate.
+    before: Option<Lens>,
+    done: bool,
+}
+
+impl LensWatch {
+    /// For a phone whose images are read with a guess; what is found is kept in the folder.
+    pub fn new(folder: PathBuf, phone: String, guess: Camera) -> Self {
+        Self { folder, phone, guess, tried: None, job: None, before: None, done: false }
+    }
+
+    /// Called often: begins an estimate on a thread of its own, or takes a finished one. Returns what was found, once.
+    pub fn step(&mut self, engine: &Engine) -> Option<LensFound> {
+        if self.done || self.guess.distortion != Distortion::None {
+            return None;
+        }
+        if let Some(job) = self.job.take_if(|job| job.is_finished()) {
+            let estimate = job.join().ok().flatten()?;
+            if !self.is_trusted(&estimate) {
+                return None;
+            }
+            self.done = true;
+            let focal = estimate.lens.focal * self.guess.fx / self.guess.width.max(self.guess.height) as f64;
+            let lens = KeptLens { focal, radial: estimate.lens.radial, sigma: estimate.sigma };
+            let kept = keep(&self.folder, &self.phone, &self.guess, lens);
+            return Some(LensFound { lens, not_kept: kept.err().map(|e| e.to_string()) });
+        }
+        if self.job.is_none() && self.tried.is_none_or(|t| t.elapsed() >= AGAIN) {
+            self.job = self.begin(engine);
+            self.tried = self.job.as_ref().map(|_| Instant::now());
+        }
+        None
+    }
+
+    /// Whether an estimate is certain and agrees with the one before it.
+    fn is_trusted(&mut self, estimate: &LensEstimate) -> bool {
+        let certain = estimate.sigma[0] < CERTAIN[0] && estimate.sigma[1] < CERTAIN[1];
+        if !(estimate.converged && certain) {
+            self.before = None;
+            return false;
+        }
+        let agrees = |b: Lens| {
+            (estimate.lens.focal / b.focal).ln().abs() < AGREE[0]
+                && (estimate.lens.radial - b.radial).abs() < AGREE[1]
+        };
+        self.before.replace(estimate.lens).is_some_and(agrees)
+    }
+
+    fn begin(&self, engine: &Engine) -> Option<JoinHandle<Option<LensEstimate>>> {
+        let snapshot = engine.snapshot();
+        let newest = snapshot.key_frames().max_by_key(|k| k.id)?.map;
+        if snapshot.key_frames_of(newest).take(LEAST_KEY_FRAMES).count() < LEAST_KEY_FRAMES {
+            return None;
+        }
+        let camera = *engine.front_end().model();
+        // A phone's motion comes in the axes of its images.
+        let imu_from_camera = cairn_geometry::So3::identity();
+        let work = move || {
+            let problem = LensProblem::of(&snapshot, newest, &camera, &imu_from_camera)?;
+            (problem.turned_rad() >= LEAST_TURN_RAD).then(|| problem.solve())?
+        };
+        std::thread::Builder::new().name("cairn-lens".into()).spawn(work).ok()
+    }
+}
+
+/// A lens that was just found.
+pub(crate) struct LensFound {
+    pub lens: KeptLens,
+    /// Why it could not be kept, if so.
+    pub not_kept: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lens_is_kept_for_its_phone_and_the_shape_of_its_images() {
+        let folder = std::env::temp_dir().join(format!("cairn-lens-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        let camera = |w: usize, h: usize| Camera::pinhole(w, h, 0.7 * w as f64, 0.7 * w as f64, 1.0, 1.0);
+        let lens = KeptLens { focal: 0.8, radial: 0.05, sigma: [0.003, 0.01] };
+        assert_eq!(kept(&folder, "a", &camera(640, 480)), None);
+        keep(&folder, "a", &camera(640, 480), lens).unwrap();
+        keep(&folder, "b", &camera(640, 480), KeptLens { focal: 0.7, ..lens }).unwrap();
+        // Smaller images of the same shape are the same lens; other shapes are cut otherwise.
+        let found = kept(&folder, "a", &camera(320, 240)).unwrap();
+        assert_eq!(found, lens);
+        let camera_320 = found.camera(&camera(320, 240)).unwrap();
+        assert!((camera_320.fx - 256.0).abs() < 1e-9 && camera_320.width == 320);
+        assert_eq!(kept(&folder, "a", &camera(480, 640)), None);
+        std::fs::write(folder.join(FILE), "rubbish").unwrap();
+        assert_eq!(kept(&folder, "a", &camera(640, 480)), None);
+        let _ = std::fs::remove_dir_all(&folder);
+    }
+
+    #[test]
+    fn one_estimate_alone_and_one_that_differs_are_not_trusted() {
+        let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
+        let mut watch = LensWatch::new(PathBuf::new(), "a".into(), guess);
+        let of = |focal: f64, sigma: f64| LensEstimate {
+            lens: Lens { focal, radial: 0.04 },
+            sigma: [sigma, 0.002],
+            rms_px: 0.5,
+            converged: true,
+        };
+        assert!(!watch.is_trusted(&of(1.26, 0.003)), "the first");
+        assert!(!watch.is_trusted(&of(1.18, 0.003)), "another");
+        assert!(!watch.is_trusted(&of(1.18, 0.05)), "an uncertain one");
+        assert!(!watch.is_trusted(&of(1.185, 0.003)) && watch.is_trusted(&of(1.18, 0.003)));
+    }
+}
