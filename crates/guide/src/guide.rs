@@ -5,6 +5,7 @@
 //! poses are in the odom frame, and when a correction of the map moves the route there, the caller passes the moved plan
 //! to [`Guide::correct_route`].
 
+use crate::blind::Blind;
 use crate::config::GuideConfig;
 use crate::correction::{Easing, Told};
 use crate::cue::{Ahead, Cue, CueKind, First, Next, StopReason};
@@ -92,6 +93,7 @@ pub struct Guide {
     pub(crate) phase: Phase,
     halted: Option<Halt>,
     losses: Losses,
+    blind: Blind,
     /// Since when the first pose is waited for.
     waiting_since: Option<Stamp>,
     started: bool,
@@ -191,6 +193,7 @@ impl Guide {
             phase: Phase::Begin,
             halted: None,
             losses: Losses::default(),
+            blind: Blind::default(),
             waiting_since: None,
             started: false,
             again: false,
@@ -295,8 +298,9 @@ impl Guide {
 
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
         let moved = self.heading(&input.odom_from_camera);
-        let (Some(moved), None) = (moved, self.stop_reason(input)) else {
-            let reason = self.stop_reason(input).unwrap_or(StopReason::TrackingLost);
+        let stop = self.stop_reason(input, moved.as_ref());
+        let (Some(moved), None) = (moved, stop) else {
+            let reason = stop.unwrap_or(StopReason::TrackingLost);
             let reason = self.or_given_up(reason, input.now);
             return self.halt(reason, input.now);
         };
@@ -359,13 +363,16 @@ impl Guide {
         self.halted.is_some()
     }
 
-    fn stop_reason(&self, input: &GuideInput) -> Option<StopReason> {
+    fn stop_reason(&mut self, input: &GuideInput, walker: Option<&Heading>) -> Option<StopReason> {
+        let blind_s = walker.map_or(0.0, |w| self.blind.step(input.confidence, input.pose_stamp, w.heading));
         if input.hazard.is_some() {
             input.hazard
         } else if input.confidence == Confidence::Lost {
             Some(StopReason::TrackingLost)
         } else if input.now - input.pose_stamp > self.config.stale_s {
             Some(StopReason::PoseStale)
+        } else if self.started && blind_s > self.config.blind_s {
+            Some(StopReason::TrackingLost)
         } else {
             None
         }

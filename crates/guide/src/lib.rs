@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod announcer;
+mod blind;
 mod clean;
 mod config;
 mod correction;

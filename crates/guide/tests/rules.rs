@@ -547,6 +547,37 @@ fn weak_tracking_is_said_once() {
 }
 
 #[test]
+fn nobody_is_guided_far_without_the_map_in_view() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(2.0, 1.0);
+    walker.confidence = Confidence::Low;
+    walker.go(1.8, 1.0);
+    assert!(walker.find("Stop").is_empty(), "{:?}", walker.words());
+    let until = walker.t;
+    walker.go(6.0, 1.0);
+    let stops = walker.find("I lost my place");
+    assert!((0.1..0.4).contains(&(stops[0].0 - until)), "{stops:?}");
+    // Nothing but stop is said, and no direction, until the map is in view again for a while.
+    let words = walker.words();
+    assert!(words.iter().skip_while(|w| !w.starts_with("Stop")).all(|w| w.starts_with("Stop")), "{words:?}");
+    walker.confidence = Confidence::Good;
+    walker.stand(1.5);
+    assert!(!walker.words().last().unwrap().starts_with("Stop"), "{:?}", walker.words());
+}
+
+#[test]
+fn a_turn_on_the_spot_needs_no_map_in_view() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(28.0, 1.0);
+    walker.confidence = Confidence::Low;
+    walker.turn(90.0, 25.0);
+    assert!(walker.find("I lost my place").is_empty(), "{:?}", walker.words());
+    walker.heading = std::f64::consts::FRAC_PI_2;
+    walker.go(3.0, 1.0);
+    assert_eq!(walker.find("I lost my place").len(), 1, "{:?}", walker.words());
+}
+
+#[test]
 fn corrected_route_keeps_the_walkers_place() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(28.0, 1.0).turn(90.0, 45.0);
