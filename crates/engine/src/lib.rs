@@ -16,7 +16,7 @@ mod status;
 pub use background::background;
 pub use cairn_inertial::{Gate, GateKind};
 pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Verdict};
-pub use cairn_tracking::{AnchoredPose, Evidence, MotionSource, Odometry, State};
+pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, Odometry, State};
 pub use cairn_vision::SensorMode;
 pub use config::{Config, ConfigError};
 pub use dense::{DenseCounts, DenseMapper, DenseSetupError};
