@@ -404,12 +404,8 @@ impl Pilot {
         let late = t_s - began_s > self.config.goal_s;
         match decision.state {
             State::NoPath if tries < TRIES && !late => {
-                // Someone who stood in a door may have gone since: drive there and look.
-                if self.ground.forget_new()? {
-                    self.navigator.set_goal(self.free_goal(self.goals[goal]));
-                    self.task = Task::Visit { goal, began_s, tries: tries + 1 };
-                    return Ok(decision);
-                }
+                // Someone who stood in a door may have gone since: that is seen when the robot comes near again.
+                self.ground.forget_new()?;
                 let then = Then::Visit { goal, began_s, tries: tries + 1 };
                 self.task = Task::Look { turned: 0.0, then };
                 // What is in the way may have gone: from near the goal that is seen best, else from another place.
