@@ -12,7 +12,9 @@ use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_inertial::Attempt;
 use cairn_mapping::{Closer, Mapper, ScaleCheck, ScaleVerdict, Verdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
-use cairn_tracking::{AnchoredPose, Evidence, KeyFrameRequest, Odometry, State, Tracked, Tracker};
+use cairn_tracking::{
+    AnchoredPose, Evidence, KeyFrameRequest, MeasuredMotion, Odometry, State, Tracked, Tracker,
+};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
 use std::io::Write;
 use std::sync::Arc;
@@ -155,6 +157,14 @@ impl Engine {
             scale_contradicted: false,
             stage_failed: None,
         }
+    }
+
+    /// Tells what other sensors (the wheels of a robot) measured of the motion of the body since the packet before; to be
+    /// called before [`Engine::on_packet`] for each packet, and used with depth cameras. It is the first guess and a prior of
+    /// the pose, poses that contradict it are not taken, and it carries the pose where too little is seen
+    /// ([`State::Coasting`]). A journal does not hold it: a run with measured motions cannot be replayed.
+    pub fn motion_measured(&mut self, motion: &MeasuredMotion) {
+        self.tracker.motion_measured(Some(motion));
     }
 
     /// Processes one packet: extract features, track, and submit key frames to mapping.

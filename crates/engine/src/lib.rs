@@ -17,7 +17,7 @@ pub use background::background;
 pub use cairn_inertial::{Gate, GateKind};
 pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Verdict};
 pub use cairn_settings::SettingsError as ConfigError;
-pub use cairn_tracking::{AnchoredPose, Evidence, MotionSource, Odometry, State};
+pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, Odometry, State};
 pub use cairn_vision::SensorMode;
 pub use config::Config;
 pub use dense::{DenseCounts, DenseMapper, DenseSetupError};

@@ -37,8 +37,16 @@ pub enum NotTaken {
 
 #[derive(Clone, Debug)]
 enum Item {
-    Scan { key_from_sensor: Se2, rays: Vec<[f32; 2]> },
-    Step { key_from_body: Se2, radius_m: f64 },
+    /// What a scan saw; or of it only what had newly come and may go again.
+    Scan {
+        key_from_sensor: Se2,
+        rays: Vec<[f32; 2]>,
+        is_new: bool,
+    },
+    Step {
+        key_from_body: Se2,
+        radius_m: f64,
+    },
 }
 
 /// Scans and steps anchored to keyframes with identifiers of type `K`, and the grid built from them.
@@ -77,12 +85,69 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         key_from_sensor: Se2,
         rays: &[(f64, f64)],
     ) -> Result<ScanReport, NotTaken> {
+        self.insert_rays(key, world_from_key, key_from_sensor, rays, false)
+    }
+
+    /// As [`AnchoredGrid::insert_scan`], for rays that end on things that have newly come and may go again
+    /// ([`AnchoredGrid::forget_new`]).
+    ///
+    /// # Errors
+    /// As [`AnchoredGrid::insert_scan`].
+    pub fn insert_new(
+        &mut self,
+        key: K,
+        world_from_key: &Se2,
+        key_from_sensor: Se2,
+        rays: &[(f64, f64)],
+    ) -> Result<ScanReport, NotTaken> {
+        self.insert_rays(key, world_from_key, key_from_sensor, rays, true)
+    }
+
+    fn insert_rays(
+        &mut self,
+        key: K,
+        world_from_key: &Se2,
+        key_from_sensor: Se2,
+        rays: &[(f64, f64)],
+        is_new: bool,
+    ) -> Result<ScanReport, NotTaken> {
         let rays = rays.iter().map(|&(bearing, range)| [bearing as f32, range as f32]).collect();
-        let item = Item::Scan { key_from_sensor, rays };
+        let item = Item::Scan { key_from_sensor, rays, is_new };
         let report = self.lay(&item, world_from_key)?;
         self.keys.insert(key, *world_from_key);
         self.items.push((key, item));
         Ok(report)
+    }
+
+    /// Rebuilds the grid without what was inserted as new ([`AnchoredGrid::insert_new`]); returns how many such scans there
+    /// were.
+    ///
+    /// # Errors
+    /// When the grid cannot be rebuilt: it stays as it was.
+    pub fn forget_new(&mut self) -> Result<usize, NotTaken> {
+        let is_new = |item: &Item| matches!(item, Item::Scan { is_new: true, .. });
+        let count = self.items.iter().filter(|(_, item)| is_new(item)).count();
+        if count > 0 {
+            self.rebuild(self.keys.clone(), |item| !is_new(item))?;
+        }
+        Ok(count)
+    }
+
+    /// Rebuilds the grid from the items that are kept, with these poses; returns how many scans that were.
+    fn rebuild(&mut self, now: BTreeMap<K, Se2>, keep: impl Fn(&Item) -> bool) -> Result<usize, NotTaken> {
+        let mut anew = Self::new(self.resolution_m, self.config);
+        let mut scans = 0;
+        for (key, item) in self.items.iter().filter(|(_, item)| keep(item)) {
+            if let Some(pose) = now.get(key) {
+                anew.lay(item, pose)?;
+                scans += usize::from(matches!(item, Item::Scan { .. }));
+            }
+        }
+        anew.items = std::mem::take(&mut self.items);
+        anew.items.retain(|(key, item)| keep(item) && now.contains_key(key));
+        anew.keys = now;
+        *self = anew;
+        Ok(scans)
     }
 
     /// Records that a body of this radius stood at `key_from_body`. Between two steps less than a metre apart it
@@ -118,18 +183,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         if gone + moved == 0 {
             return Ok(Laid::default());
         }
-        let mut anew = Self::new(self.resolution_m, self.config);
-        let mut scans = 0;
-        for (key, item) in &self.items {
-            if let Some(pose) = now.get(key) {
-                anew.lay(item, pose)?;
-                scans += usize::from(matches!(item, Item::Scan { .. }));
-            }
-        }
-        anew.items = std::mem::take(&mut self.items);
-        anew.items.retain(|(key, _)| now.contains_key(key));
-        anew.keys = now;
-        *self = anew;
+        let scans = self.rebuild(now, |_| true)?;
         Ok(Laid { moved, gone, scans })
     }
 
@@ -142,7 +196,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
 
     fn lay(&mut self, item: &Item, world_from_key: &Se2) -> Result<ScanReport, NotTaken> {
         match item {
-            Item::Scan { key_from_sensor, rays } => {
+            Item::Scan { key_from_sensor, rays, .. } => {
                 let pose = *world_from_key * *key_from_sensor;
                 let longest =
                     rays.iter().map(|r| f64::from(r[1])).filter(|r| r.is_finite()).fold(0.0, f64::max);

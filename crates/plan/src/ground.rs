@@ -3,13 +3,15 @@
 //!
 //! Scans that end on ground known to be free, well away from everything known, see something that moves or has newly come.
 //! Such clusters become detections of a [`DynamicLayer`] and stay out of the grid, so that people leave no trail in it.
-//! What has stood in one place for a while goes into the grid: a door that was closed, a chair that was moved.
+//! What has stood in one place for a while goes into the grid: a door that was closed, a chair that was moved. It may have gone
+//! again unseen: where no path is left, [`GroundMap::forget_new`] opens the ground to be looked at once more.
 
 use crate::anchored::{AnchoredGrid, Laid, NotTaken};
 use crate::costmap::{CostConfig, CostError, Costmap, Detection, DynamicConfig, DynamicLayer, Track};
 use crate::grid::{Cell, Grid};
 use crate::occupancy::OccupancyConfig;
 use cairn_geometry::{Se2, Vec2};
+use std::collections::BTreeSet;
 
 /// Sizes, radii and times.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,13 +80,16 @@ pub struct GroundMap<K> {
     costs: Option<Costmap>,
     local: Option<Costmap>,
     moving: DynamicLayer,
+    /// Where something that had newly come went into the grid, in cells.
+    settled: BTreeSet<[i32; 2]>,
 }
 
 impl<K: Copy + Ord> GroundMap<K> {
     /// Nothing is known.
     pub fn new(config: GroundConfig) -> Self {
         let grid = AnchoredGrid::new(config.resolution_m, config.occupancy);
-        Self { config, grid, costs: None, local: None, moving: DynamicLayer::new(config.dynamic) }
+        let moving = DynamicLayer::new(config.dynamic);
+        Self { config, grid, costs: None, local: None, moving, settled: BTreeSet::new() }
     }
 
     /// Records that the robot stands at `key_from_body`: the ground within `radius_m` is free.
@@ -120,16 +125,29 @@ impl<K: Copy + Ord> GroundMap<K> {
         let detections: Vec<Detection> = things().map(|c| c.detection).collect();
         self.moving.observe(time_s, &detections);
         let mut known = self.beside_tracks(&world_from_sensor, rays);
+        let mut settled_rays = self.take_settled(&world_from_sensor, rays, &mut known);
         for cluster in &clusters {
             let at = cluster.detection.position;
             let away = |t: &&Track| (t.position - at).norm();
             let track = self.moving.tracks().iter().min_by(|a, b| away(a).total_cmp(&away(b)));
             let settled = track.is_some_and(|t| away(&t) < SAME_M && t.still_for_s() >= self.config.settle_s);
-            cluster.rays.iter().for_each(|&ray| known[ray] = settled);
+            cluster.rays.iter().for_each(|&ray| known[ray] = false);
+            if settled {
+                // Only these: what was seen beside something that had settled would spread along a wall.
+                let begin = settled_rays.len();
+                settled_rays.extend(cluster.rays.iter().map(|&ray| rays[ray]));
+                let ends =
+                    hits(&world_from_sensor, &settled_rays[begin..], self.config.occupancy.max_range_m);
+                self.settled.extend(ends.map(|(_, p)| cell_of(&p, self.config.resolution_m)));
+            }
         }
-        let of_known: Vec<(f64, f64)> =
+        let mut of_known: Vec<(f64, f64)> =
             rays.iter().zip(&known).filter(|(_, known)| **known).map(|(ray, _)| *ray).collect();
         self.grid.insert_scan(key, world_from_key, key_from_sensor, &of_known)?;
+        if !settled_rays.is_empty() {
+            self.grid.insert_new(key, world_from_key, key_from_sensor, &settled_rays)?;
+            of_known.append(&mut settled_rays);
+        }
         self.refresh()?;
         self.look_around(&world_from_sensor, &of_known)
     }
@@ -144,6 +162,20 @@ impl<K: Copy + Ord> GroundMap<K> {
             self.refresh()?;
         }
         Ok(laid)
+    }
+
+    /// Forgets what has come to stand on ground that was free before, and returns whether there was anything: it may have
+    /// gone again since it was seen. What is still there is seen again before it is reached.
+    ///
+    /// # Errors
+    /// When the grid cannot be rebuilt: everything stays as it was.
+    pub fn forget_new(&mut self) -> Result<bool, GroundError> {
+        let forgotten = self.grid.forget_new()? > 0;
+        self.settled.clear();
+        if forgotten {
+            self.refresh()?;
+        }
+        Ok(forgotten)
     }
 
     /// Costs of all the ground seen so far.
@@ -216,6 +248,29 @@ impl<K: Copy + Ord> GroundMap<K> {
         clusters.iter().map(|c| Cluster::of(c, world_from_sensor.translation)).collect()
     }
 
+    /// Takes the rays out of those known that end on something that had settled before.
+    fn take_settled(
+        &self,
+        world_from_sensor: &Se2,
+        rays: &[(f64, f64)],
+        known: &mut [bool],
+    ) -> Vec<(f64, f64)> {
+        let mut taken = Vec::new();
+        if self.settled.is_empty() {
+            return taken;
+        }
+        let reach = (self.config.new_beyond_m / self.config.resolution_m).ceil() as i32;
+        for (ray, point) in hits(world_from_sensor, rays, self.config.occupancy.max_range_m) {
+            let [x, y] = cell_of(&point, self.config.resolution_m);
+            let mut columns = self.settled.range([x - reach, i32::MIN]..=[x + reach, i32::MAX]);
+            if known[ray] && columns.any(|c| (c[1] - y).abs() <= reach) {
+                known[ray] = false;
+                taken.push(rays[ray]);
+            }
+        }
+        taken
+    }
+
     /// For each ray, whether it ends away from everything that is tracked and has not settled: the arm of a person who
     /// passes a wall is not told from the wall by its place alone.
     fn beside_tracks(&self, world_from_sensor: &Se2, rays: &[(f64, f64)]) -> Vec<bool> {
@@ -234,6 +289,11 @@ impl<K: Copy + Ord> GroundMap<K> {
     pub fn map(&self) -> Option<&Grid<i8>> {
         self.costs.as_ref().map(Costmap::map)
     }
+}
+
+/// The cell of the world's own raster that holds a point.
+fn cell_of(point: &Vec2, resolution_m: f64) -> [i32; 2] {
+    [point.x, point.y].map(|v| (v / resolution_m).floor() as i32)
 }
 
 /// The ends of rays within range, with their index.
@@ -336,5 +396,28 @@ mod tests {
         assert!(ground.local().unwrap().field().clearance_m(seen_side) < 0.05);
         look(&mut ground, None, 10);
         assert_eq!(value(&ground, seen_side), 0, "free again within a second");
+    }
+
+    #[test]
+    fn what_came_to_stand_can_be_forgotten_and_is_found_again() {
+        let mut ground = GroundMap::new(GroundConfig::default());
+        let here = Se2::from_xy_angle(0.02, 0.03, 0.0);
+        let mut time_s = 0.0;
+        let mut look = |ground: &mut GroundMap<u32>, disc: Option<Vec2>, steps: usize| {
+            for _ in 0..steps {
+                time_s += 0.1;
+                ground.observe(time_s, 0, &Se2::identity(), here, &scan(&here, disc)).unwrap();
+            }
+        };
+        let (box_at, seen_side, wall) = (Vec2::new(1.5, 0.0), Vec2::new(1.31, 0.0), Vec2::new(-2.99, 0.5));
+        look(&mut ground, None, 10);
+        assert!(!ground.forget_new().unwrap(), "nothing came");
+        look(&mut ground, Some(box_at), 35);
+        assert_eq!(value(&ground, seen_side), 100);
+        assert!(ground.forget_new().unwrap());
+        assert_eq!((value(&ground, seen_side), value(&ground, wall)), (0, 100), "the wall was always there");
+        assert!(!ground.forget_new().unwrap(), "once");
+        look(&mut ground, Some(box_at), 35);
+        assert_eq!(value(&ground, seen_side), 100, "it is still there");
     }
 }

@@ -26,11 +26,13 @@ const HALF_M: f64 = 0.30;
 const MARGIN_M: f64 = 0.7;
 /// ... and as much earlier as he walks in this time, seconds: a third of a second to say "stop", up to 1.2 s to react.
 const STOP_S: f64 = 1.9;
+/// Who stands may walk on at this speed before he hears of anything, m/s.
+const WALKING_M_S: f64 = 0.6;
 /// Straight ahead he is stopped before this is left, metres, ...
 const NEAR_M: f64 = 0.45;
-/// ... and as much earlier as he walks in this time, seconds; past an obstacle, where he is led by words close to it, in the
-/// longer one.
-const NEAR_S: [f64; 2] = [1.0, 1.75];
+/// ... and as much earlier as he walks in this time, seconds: to say "stop" and to react; past an obstacle, where he is led by
+/// words close to it, in the longer one.
+const NEAR_S: [f64; 2] = [1.5, 1.75];
 /// An obstacle has at least so many voxels of five centimetres within a quarter of a metre.
 const CLUSTER_VOXELS: u32 = 4;
 /// What was in the way is gone when the strip has been free this far, metres, for this long, seconds.
@@ -40,12 +42,17 @@ const FREE_S: f64 = 0.5;
 const STANDING_M_S: f64 = 0.15;
 /// A walker who was stopped is led past the obstacle once he has stood for this long, seconds.
 const STOOD_S: f64 = 1.5;
-/// Distances of the way past an obstacle from what is seen, metres: the first that leaves a way.
-const CLEARANCES_M: [f64; 3] = [0.7, 0.55, 0.42];
+/// Distances of the way past an obstacle from what is seen, metres: the first that leaves a way. The last is a gap as wide as
+/// a narrow door.
+const CLEARANCES_M: [f64; 4] = [0.7, 0.55, 0.42, 0.34];
+/// A way that was found is not given up because it is not found for a moment, seconds: what is seen has noise.
+const FOUND_S: f64 = 0.6;
 /// The point of the way past an obstacle that the walker is led to, metres ahead.
 const AIM_M: f64 = 0.9;
 /// The way back to the route is searched up to this far beyond the obstacle, metres.
 const BEYOND_M: [f64; 2] = [0.6, 2.4];
+/// ... and no farther aside from it, metres: what lies behind the walls is unknown, not free.
+const ASIDE_M: f64 = 1.3;
 /// Side of the cells that are searched, metres.
 const CELL_M: f64 = 0.1;
 /// A sensor that gave no usable depth for this long is blind, seconds.
@@ -67,6 +74,8 @@ pub(crate) struct WayAhead {
     standing: Option<Stamp>,
     /// Since when the strip has been free, while there is an obstacle.
     free: Option<Stamp>,
+    /// When a way past it was last found, and its heading.
+    way: Option<(Stamp, f64)>,
     state: State,
     search: AStar,
     /// Milliseconds that the last image and the steps since took: for reports only, nothing is decided by it.
@@ -107,6 +116,7 @@ impl WayAhead {
             track: VecDeque::new(),
             standing: None,
             free: None,
+            way: None,
             state: State::Free,
             search: AStar::new(),
             cost_ms: 0.0,
@@ -118,7 +128,7 @@ impl WayAhead {
         if self.began.is_some() {
             self.space.clear();
             (self.segment, self.seen, self.began, self.state) = (None, None, None, State::Free);
-            (self.standing, self.free) = (None, None);
+            (self.standing, self.free, self.way) = (None, None, None);
             self.track.clear();
         }
     }
@@ -162,7 +172,7 @@ impl WayAhead {
         }
         let obstacles = self.space.obstacles();
         let Some(line) = strip(guiding, walker) else { return Found::default() };
-        let stop_m = MARGIN_M + STOP_S * speed;
+        let stop_m = MARGIN_M + STOP_S * speed.max(WALKING_M_S);
         if self.space.drop_along(&line, HALF_M, stop_m.min(2.5)).is_some() {
             self.state = State::Stopped;
             return Found { stop: Some(StopReason::Drop), detour: None };
@@ -197,6 +207,10 @@ impl WayAhead {
                 detour: None,
             }
         };
+        let way = |ahead: &mut Self| {
+            let found = ahead.past(guiding, walker, obstacles, on_route);
+            ahead.hold(found, now)
+        };
         let stood = self.standing.is_some_and(|since| now - since >= STOOD_S);
         if on_route.is_none() {
             self.free.get_or_insert(now);
@@ -218,6 +232,7 @@ impl WayAhead {
             State::Stopped => {
                 let hit = near.or(on_route);
                 let passing = stood.then(|| self.past(guiding, walker, obstacles, on_route)).flatten();
+                self.way = passing.map(|heading| (now, heading));
                 match (passing, hit) {
                     (Some(heading), _) => {
                         self.state = State::Passing;
@@ -228,7 +243,7 @@ impl WayAhead {
                     (None, None) => Found { stop: guiding.stopped_for(), detour: None },
                 }
             }
-            State::Passing => match (near, self.past(guiding, walker, obstacles, on_route)) {
+            State::Passing => match (near, way(self)) {
                 (None, Some(heading)) => Found { stop: None, detour: Some(heading) },
                 // The way straight back to the route is free, but not for long enough yet.
                 (None, None) if on_route.is_none() => {
@@ -240,6 +255,14 @@ impl WayAhead {
                 }
             },
         }
+    }
+
+    /// A way that was found, or the one from a moment ago.
+    fn hold(&mut self, found: Option<f64>, now: Stamp) -> Option<f64> {
+        if let Some(heading) = found {
+            self.way = Some((now, heading));
+        }
+        self.way.filter(|(at, _)| now - *at <= FOUND_S).map(|(_, heading)| heading)
     }
 
     /// The heading of a way past what is in the way, back to the route beyond it.
@@ -262,12 +285,24 @@ impl WayAhead {
                 blocked.set(cell, true);
             }
         }
+        // The route where it passes through the window, with the way to it.
+        let mut near: Vec<Vec2> = vec![walker.position];
+        let window = (begin - reach).max(0.0)..(begin + reach).min(plan.length());
+        let samples = ((window.end - window.start) / 0.25).max(0.0) as usize;
+        near.extend((0..=samples).map(|k| plan.point_at(window.start + 0.25 * k as f64)));
+        let beside = |at: &Vec2| near.iter().any(|p| (p - at).norm() <= ASIDE_M);
         let distances = DistanceField::new(&blocked);
         for clearance_m in CLEARANCES_M {
             let mut free = distances.at_least(clearance_m);
             // The walker stands where he stands: out of there in any direction.
             let here = frame.cell_at(walker.position)?;
-            free_around(&mut free, &blocked, here);
+            free_around(&mut free, &distances, clearance_m, here);
+            for i in 0..side * side {
+                let cell = frame.cell(i);
+                if !beside(&frame.centre(cell)) {
+                    free.set(cell, false);
+                }
+            }
             let passable = Passable::new(&free);
             let start = free_cell(&passable, search::Place::Start, walker.position).ok()?;
             let mut ahead = BEYOND_M[0];
@@ -298,8 +333,9 @@ impl WayAhead {
     }
 }
 
-/// Frees the cells within half a metre of the walker that hold nothing themselves.
-fn free_around(free: &mut Grid<bool>, blocked: &Grid<bool>, here: cairn_plan::Cell) {
+/// Frees the cells within half a metre of the walker that are no nearer to an obstacle than he is himself.
+fn free_around(free: &mut Grid<bool>, distances: &DistanceField, clearance_m: f64, here: cairn_plan::Cell) {
+    let at_least = clearance_m.min(distances.distance_m(here).unwrap_or(0.0) - 0.5 * CELL_M);
     let reach = (0.5 / CELL_M) as i64;
     for dy in -reach..=reach {
         for dx in -reach..=reach {
@@ -308,7 +344,7 @@ fn free_around(free: &mut Grid<bool>, blocked: &Grid<bool>, here: cairn_plan::Ce
                 continue;
             }
             let cell = cairn_plan::Cell::new(x as u32, y as u32);
-            if blocked.get(cell) == Some(false) {
+            if distances.distance_m(cell).is_some_and(|d| d >= at_least && d > 0.0) {
                 free.set(cell, true);
             }
         }

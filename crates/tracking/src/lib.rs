@@ -9,6 +9,9 @@ mod odometry;
 #[cfg(test)]
 mod odometry_tests;
 mod parallax;
+mod reckoning;
+#[cfg(test)]
+mod reckoning_tests;
 mod recover;
 mod rotation;
 mod scale;
@@ -23,5 +26,6 @@ mod tests;
 mod tracker;
 
 pub use odometry::{MotionSource, Odometry};
+pub use reckoning::MeasuredMotion;
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
 pub use tracker::{Tracker, TrackerConfig};

@@ -1,4 +1,4 @@
-//! Too few matches: the IMU carries the pose for a while (coasting), a short blank view (a plain wall) is bridged by
+//! Too few matches: the IMU or another measured motion carries the pose for a while (coasting), a short blank view (a plain wall) is bridged by
 //! the motion model, and after that a new map begins at the last known pose, with a relocation prior.
 
 use crate::scale::PACE_SIGMA;
@@ -43,8 +43,11 @@ impl Tracker {
         idle: bool,
     ) -> Tracked {
         let good = predicted.filter(|predicted| self.may_coast(&frame, predicted));
-        let Some((predicted, anchored)) =
-            good.and_then(|predicted| Some((predicted.clone(), self.predicted_pose(snapshot, &predicted)?)))
+        let reckoned = self.reckoned().filter(|r| good.is_none() && r.may_coast());
+        let carried = (good.as_ref().map(|b| (b.world_from_camera, b.position_sigma())))
+            .or(reckoned.map(|r| (r.world_from_camera, r.sigma[0])));
+        let Some((anchored, sigma)) =
+            carried.and_then(|(pose, sigma)| Some((self.predicted_pose(snapshot, &pose)?, sigma)))
         else {
             let turned = self.track_rotation(&frame, snapshot);
             return turned.unwrap_or_else(|| self.lose(frame, inliers));
@@ -53,9 +56,8 @@ impl Tracker {
         self.lost_frames += 1;
         self.velocity = None;
         let since_s = self.located.map_or(0.0, |t| frame.stamp - t);
-        let sigma = predicted.position_sigma();
-        let mut due = false;
-        if let Some(inertial) = &mut self.inertial {
+        let mut due = reckoned.is_some() && self.since_key_frame as f64 >= COAST_KEY_FRAME_S * self.rate_hz;
+        if let Some((inertial, predicted)) = self.inertial.as_mut().zip(good) {
             inertial.coast(frame.stamp, &anchored, predicted);
             due = inertial.seconds_since_request(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
         }
@@ -64,6 +66,7 @@ impl Tracker {
         let request = (due && idle && have >= (self.features / 12).max(40)).then(|| {
             let landmarks = vec![None; frame.len()];
             self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
+            self.reckoning.restart(false);
             self.since_key_frame = 0;
             let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
             let (orientation_only, rescale) = (false, None);
@@ -88,9 +91,9 @@ impl Tracker {
         }
     }
 
-    fn predicted_pose(&self, snapshot: &Snapshot, predicted: &NavEstimate) -> Option<AnchoredPose> {
+    fn predicted_pose(&self, snapshot: &Snapshot, world_from_camera: &Se3) -> Option<AnchoredPose> {
         let (reference, _) = snapshot.surviving_ancestor(self.last.as_ref()?.anchored.reference)?;
-        anchored_at(snapshot, reference, predicted.world_from_camera)
+        anchored_at(snapshot, reference, *world_from_camera)
     }
 
     /// A request that begins a map, with the IMU data added.
@@ -157,6 +160,18 @@ impl Tracker {
                 speed: None,
                 sigma_log_scale: self.sigma_log_scale(),
                 gravity_aligned: true,
+                assumed_since: None,
+            });
+        }
+        if let Some(reckoned) = self.reckoned() {
+            let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
+            return Some(RelocationPrior {
+                anchored: anchored_at(snapshot, reference, reckoned.world_from_camera)?,
+                sigma: reckoned.sigma[0],
+                sigma_rad: reckoned.sigma[1],
+                speed: None,
+                sigma_log_scale: self.sigma_log_scale(),
+                gravity_aligned: false,
                 assumed_since: None,
             });
         }
@@ -238,6 +253,7 @@ impl Tracker {
         let anchored = anchored_at(snapshot, reference, world_from_camera)?;
         let landmarks = vec![None; frame.len()];
         self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
+        self.reckoning.restart(false);
         self.since_key_frame = 0;
         let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
         Some(KeyFrameRequest::Next {

@@ -40,6 +40,8 @@ pub enum MotionSource {
     Map,
     /// Integrated from the IMU.
     Imu,
+    /// Measured by other means ([`crate::MeasuredMotion`]), where the map gives none.
+    Measured,
     /// The rotation is measured between images, the position is held (see [`State::RotationOnly`]).
     RotationOnly,
     /// Extrapolated from the previous velocity, for up to 0.3 s.
@@ -118,8 +120,8 @@ impl OdometryFilter {
         self.missed += 1;
     }
 
-    /// Adds a frame with its pose in a snapshot, and the landmark that each feature shows. `imu_motion` is the
-    /// camera's motion since the previous frame by the IMU, in metres.
+    /// Adds a frame with its pose in a snapshot, and the landmark that each feature shows. `other_motion` is the
+    /// camera's motion since the previous frame by another source than the map, in metres.
     pub fn step(
         &mut self,
         snapshot: &Snapshot,
@@ -127,11 +129,12 @@ impl OdometryFilter {
         state: State,
         anchored: AnchoredPose,
         landmarks: Vec<Option<LandmarkId>>,
-        imu_motion: Option<Se3>,
+        other_motion: Option<(Se3, MotionSource)>,
     ) {
         let Some(now) = Placed::at(snapshot, frame, state, anchored, landmarks) else { return self.miss() };
         let last = self.last.take();
-        let motion = last.as_ref().and_then(|(last, _)| self.motion(snapshot, last, &now, state, imu_motion));
+        let motion =
+            last.as_ref().and_then(|(last, _)| self.motion(snapshot, last, &now, state, other_motion));
         let odometry = match (last, motion) {
             (Some((_, before)), Some(motion)) => self.go_on(snapshot, &before, &now, &motion),
             (last, _) => self.begin(snapshot, last.map(|(_, before)| before), &now),
@@ -172,7 +175,7 @@ impl OdometryFilter {
         last: &Placed,
         now: &Placed,
         state: State,
-        imu_motion: Option<Se3>,
+        other_motion: Option<(Se3, MotionSource)>,
     ) -> Option<Motion> {
         let here = snapshot.world_from_here(last.anchored.reference)?;
         self.scale *= here.scale / last.unit;
@@ -195,8 +198,8 @@ impl OdometryFilter {
         if let State::RotationOnly { .. } = state {
             return known(Se3::new(resolved.rotation, Vec3::zeros()), MotionSource::RotationOnly);
         }
-        if let Some(motion) = imu_motion.filter(|_| self.is_metric(snapshot, last)) {
-            return known(motion, MotionSource::Imu);
+        if let Some((motion, source)) = other_motion.filter(|_| self.is_metric(snapshot, last)) {
+            return known(motion, source);
         }
         let (_, velocity) = self.velocity.filter(|(at, _)| now.frame.stamp - *at <= EXTRAPOLATED_S)?;
         let mut motion = Se3::exp(&(velocity * elapsed_s));

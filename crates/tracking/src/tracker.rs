@@ -4,8 +4,9 @@ use crate::decide::{Situation, wants_key_frame};
 use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::{Before, Matches, match_last};
-use crate::odometry::{Odometry, OdometryFilter};
+use crate::odometry::{MotionSource, Odometry, OdometryFilter};
 use crate::parallax::ParallaxWatch;
+use crate::reckoning::{DeadReckoning, MeasuredMotion, Reckoned};
 use crate::recover::{candidates, match_key_frame};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::start::Starter;
@@ -107,6 +108,8 @@ pub struct Tracker {
     pub(crate) since_key_frame: usize,
     since_recovery: usize,
     pub(crate) inertial: Option<InertialFilter>,
+    /// Motion that is measured by other means than the camera and the IMU.
+    pub(crate) reckoning: DeadReckoning,
     odometry: OdometryFilter,
 }
 
@@ -139,6 +142,7 @@ impl Tracker {
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
             inertial: None,
+            reckoning: DeadReckoning::default(),
             odometry: OdometryFilter::new(camera),
         }
     }
@@ -160,6 +164,7 @@ impl Tracker {
         self.located = Some(k.frame.stamp);
         self.map_created = Some(k.frame.stamp);
         self.since_key_frame = 0;
+        self.reckoning.restart(true);
         if let Some(inertial) = &mut self.inertial {
             inertial.map_created(k);
         }
@@ -169,6 +174,14 @@ impl Tracker {
     /// The odometry of the last frame; `None` when that has no pose.
     pub fn odometry(&self) -> Option<Odometry> {
         self.odometry.current()
+    }
+
+    /// What other sensors measured of the motion up to the frame that is tracked next; to be told before each
+    /// [`Tracker::step`]. It counts for cameras with depth, whose unit of length is the metre; together with an IMU it
+    /// carries the pose where the IMU does not.
+    pub fn motion_measured(&mut self, motion: Option<&MeasuredMotion>) {
+        let camera_from_body = self.camera.world_from_body(&Se3::identity(), true);
+        self.reckoning.measured(motion.filter(|_| self.camera.has_depth()), &camera_from_body);
     }
 
     /// Tracks one frame, with the IMU readings up to it. `idle` says whether mapping would process a key
@@ -183,6 +196,7 @@ impl Tracker {
         mapping: bool,
     ) -> Tracked {
         self.map_created.get_or_insert(frame.stamp);
+        self.reckoning.advance();
         if let Some(inertial) = &mut self.inertial {
             inertial.take(imu, snapshot);
         }
@@ -198,8 +212,10 @@ impl Tracker {
         let earlier = self.track_waiting_frames(snapshot);
         let imu_motion = (self.inertial.as_ref().zip(self.odometry.last_stamp()))
             .and_then(|(inertial, last)| inertial.moved(last, frame.stamp));
+        let other_motion = (imu_motion.map(|motion| (motion, MotionSource::Imu)))
+            .or(self.reckoning.step().map(|motion| (motion, MotionSource::Measured)));
         let mut tracked = self.track(frame.clone(), snapshot, idle);
-        self.follow(&frame, snapshot, &tracked, imu_motion);
+        self.follow(&frame, snapshot, &tracked, other_motion);
         if self.lost && mapping {
             tracked.request =
                 self.bridge(frame.clone(), snapshot).or_else(|| self.begin_new_map(frame, snapshot));
@@ -215,7 +231,9 @@ impl Tracker {
     /// Finds the pose of a frame: by the motion model, by the reference key frame, or by relocalisation.
     fn track(&mut self, frame: Arc<Frame>, snapshot: &Snapshot, idle: bool) -> Tracked {
         let predicted = self.inertial.as_ref().and_then(|i| i.predict(frame.stamp));
-        let can_coast = predicted.as_ref().is_some_and(|b| self.may_coast(&frame, b));
+        let reckoned = self.reckoned().filter(|_| predicted.is_none());
+        let can_coast = predicted.as_ref().is_some_and(|b| self.may_coast(&frame, b))
+            || reckoned.is_some_and(|r| r.may_coast());
         // A short gap is bridged by the motion model; after a longer one only appearance can find the pose.
         let first_guess = if self.lost && !self.recent(&frame, BRIDGE_S) && !can_coast {
             None
@@ -223,11 +241,13 @@ impl Tracker {
             self.by_motion(&frame, snapshot, predicted.as_ref())
                 .or_else(|| self.by_reference(&frame, snapshot))
         };
-        let carried = predicted.clone().filter(|_| can_coast);
+        let carried =
+            predicted.as_ref().map(|b| b.world_from_camera).or(reckoned.map(|r| r.world_from_camera));
+        let carried = carried.filter(|_| can_coast);
         let (guess, matches, recovered) = match (first_guess, carried) {
             (Some((pose, matches)), _) => (pose, matches, false),
-            // The IMU prediction is accurate enough to search for the map around it.
-            (None, Some(estimate)) => (estimate.world_from_camera, Matches::none(&frame), false),
+            // The prediction is accurate enough to search for the map around it.
+            (None, Some(carried)) => (carried, Matches::none(&frame), false),
             (None, None) => match self.relocalise(&frame, snapshot) {
                 Ok((pose, matches)) => (pose, matches, true),
                 Err(inliers) => return self.miss(frame, snapshot, inliers, predicted, idle),
@@ -247,12 +267,12 @@ impl Tracker {
         frame: &Arc<Frame>,
         snapshot: &Snapshot,
         tracked: &Tracked,
-        imu_motion: Option<Se3>,
+        other_motion: Option<(Se3, MotionSource)>,
     ) {
         let Some(anchored) = tracked.pose else { return self.odometry.miss() };
         let last = self.last.as_ref().filter(|last| Arc::ptr_eq(&last.frame, frame));
         let landmarks = last.map_or_else(Vec::new, |last| last.landmarks.clone());
-        self.odometry.step(snapshot, frame, tracked.state, anchored, landmarks, imu_motion);
+        self.odometry.step(snapshot, frame, tracked.state, anchored, landmarks, other_motion);
     }
 
     fn start(&mut self, frame: Arc<Frame>) -> Tracked {
@@ -398,7 +418,8 @@ impl Tracker {
         located
     }
 
-    /// Predicts by the IMU, else by constant velocity, else by the last pose, and matches around that.
+    /// Predicts by the IMU, else by a measured motion, else by constant velocity, else by the last pose, and matches around
+    /// that.
     pub(crate) fn by_motion(
         &self,
         frame: &Frame,
@@ -408,7 +429,9 @@ impl Tracker {
         let last = self.last.as_ref()?;
         let elapsed = frame.stamp - last.frame.stamp;
         let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * elapsed)));
-        let guess = predicted.map_or(last.anchored.world_from_camera * moved, |b| b.world_from_camera);
+        let reckoned = self.reckoned().map(|r| r.world_from_camera);
+        let guess = predicted.map(|b| b.world_from_camera).or(reckoned);
+        let guess = guess.unwrap_or(last.anchored.world_from_camera * moved);
         self.match_from(last, &guess, frame, snapshot)
     }
 
@@ -502,6 +525,8 @@ impl Tracker {
         let prior = predicted.as_ref().and_then(|b| {
             Some(PosePrior { world_from_camera: b.world_from_camera, information: b.pose_information()? })
         });
+        let reckoned = self.reckoned().filter(|r| prior.is_none() && r.may_coast());
+        let prior = prior.or(reckoned.map(|r| r.prior()));
         let prior = prior.or_else(|| self.parallax.position_prior(snapshot, &guess));
         let fallback = self
             .last
@@ -542,6 +567,9 @@ impl Tracker {
             return self.miss(frame, snapshot, located.inliers, predicted, idle);
         }
         let world_from_camera = located.world_from_camera;
+        if reckoned.is_some_and(|r| !r.agrees(&world_from_camera)) {
+            return self.miss(frame, snapshot, located.inliers, predicted, idle);
+        }
         let Some(anchored) = self.anchor_nearest(snapshot, fallback, world_from_camera) else {
             return self.lose(frame, located.inliers);
         };
@@ -603,6 +631,7 @@ impl Tracker {
             Evidence { features: frame.len(), expected: expected.len(), matched, inliers: located.inliers };
         let stamp = frame.stamp;
         self.last = Some(Last { frame, landmarks: matches.landmarks, anchored });
+        self.reckoning.restart(true);
         let seen = expected.into_iter().map(|id| (id, found.contains(&id))).collect();
         Tracked {
             stamp,
@@ -614,6 +643,11 @@ impl Tracker {
             scale_supported: self.is_scale_supported(),
             seen,
         }
+    }
+
+    /// The pose by dead reckoning from the last one that is kept.
+    pub(crate) fn reckoned(&self) -> Option<Reckoned> {
+        self.reckoning.pose(&self.last.as_ref()?.anchored.world_from_camera)
     }
 
     /// Inlier matches required in a frame: of the few features of a blank wall a good share is enough, where each has

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             })
             .collect();
         println!(
-            "seed {seed}: {} collisions {:?}, clearance {:.2?}, explored {:.0} s, {:.0} s in all, {:.0} m, known {:.2}, error {:.3?}, lost {} refused {}, loops {:?}, door {:?}, plans {}, goals {goals:?}, {:.1} s",
+            "seed {seed}: {} collisions {:?}, clearance {:.2?}, explored {:.0} s, {:.0} s in all, {:.0} m, known {:.2}, error {:.3?}, lost {} coasted {} refused {}, loops {:?}, door {:?}, plans {}, goals {goals:?}, {:.1} s",
             end.collisions.len(),
             end.collisions.first(),
             end.clearance_m,
@@ -33,6 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             end.known,
             end.position_error_m,
             end.lost,
+            end.coasted,
             end.refused,
             end.loops,
             end.door_closed_s,

@@ -190,7 +190,8 @@ impl LocalSpace {
     }
 
     /// Metres along a line (corners in the level frame) at which the ground drops, within `length_m` and half a strip's
-    /// width: space is free below the ground there. `None` where no drop was seen; ground that was not seen is none.
+    /// width: space is free below the ground there, close behind ground that was seen. `None` where no drop was seen; ground
+    /// that was not seen is none.
     pub fn drop_along(&self, line: &[Vec2], half_m: f64, length_m: f64) -> Option<f64> {
         let here_from_level = self.level_from_here.inverse();
         let voxel = self.config.occupancy.voxel_m;
@@ -211,17 +212,17 @@ impl LocalSpace {
             })
         };
         // The edge hides what lies below it: the ground ends where it was last seen.
-        let (mut run, mut edge) = (0, 0.0);
+        let (mut run, mut edge) = (0, None);
         for (along, at, left) in along_line(line, 0.1, length_m) {
             let across = [-half_m, -0.5 * half_m, 0.0, 0.5 * half_m, half_m];
             let count = across.iter().filter(|a| drops(&(at + left * **a))).count();
             run = if count >= 2 { run + 1 } else { 0 };
             if seen(&at) {
-                edge = along;
+                edge = Some(along);
             }
             // A stray ray frees a line of voxels, not an area.
-            if run >= 3 {
-                return Some(edge.min(along));
+            if let Some(edge) = edge.filter(|edge| run >= 3 && along - edge <= EDGE_M) {
+                return Some(edge);
             }
         }
         None
@@ -245,6 +246,9 @@ fn along_line(line: &[Vec2], step_m: f64, length_m: f64) -> impl Iterator<Item =
         .take_while(move |(along, ..)| *along <= length_m)
 }
 
+/// A drop begins at most so far beyond the ground that was seen last, in metres: over an edge 2.5 m away one looks half a metre
+/// beyond it. Farther from it the ground is extrapolated, and may be what is wrong.
+const EDGE_M: f64 = 0.8;
 /// Depth of a cluster of cells that makes an obstacle, in metres.
 const CLUSTER_M: f64 = 0.25;
 

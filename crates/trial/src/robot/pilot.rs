@@ -23,10 +23,10 @@ const CHECK_S: f64 = 0.5;
 const SAME_M: f64 = 0.5;
 /// The poses of all key frames are compared with the grid's after this time, seconds.
 const POSES_S: f64 = 2.0;
-/// Without a tracked pose for this many frames the robot stops, seconds later it turns to find its place.
-const MISSED: usize = 4;
-/// Frames without a tracked pose after which it turns.
-const LOST: usize = 20;
+/// In front of a plain wall the robot turns no faster than this, rad/s: from image to image enough must stay in view.
+const PLAIN_RATE: f64 = 0.5;
+/// A robot that is no longer sure of its place turns at this rate, rad/s: back to where it was, then on all around.
+const FIND_RATE: f64 = 0.4;
 /// A goal that cannot be reached is looked at from within this distance, metres.
 const NEAR_GOAL_M: f64 = 1.5;
 /// Frontiers that were given up are tried again so often before exploration ends.
@@ -85,6 +85,8 @@ pub struct Pilot {
     checked_s: f64,
     poses_s: f64,
     heading: Option<f64>,
+    /// Where it looked when it was last sure of its place and saw enough, radians.
+    seen_heading: Option<f64>,
     stood: bool,
     goals: Vec<Vec2>,
     /// How each goal ended.
@@ -133,6 +135,7 @@ impl Pilot {
             checked_s: 0.0,
             poses_s: 0.0,
             heading: None,
+            seen_heading: None,
             stood: false,
             goals,
             ends: Vec::new(),
@@ -189,18 +192,29 @@ impl Pilot {
             let turn = pose.rotation.log() - before;
             turn - TAU * (turn / TAU).round()
         });
-        let decision = if localiser.missed() >= MISSED {
-            let rate = if localiser.missed() >= LOST { LOOK_RATE / 2.0 } else { 0.0 };
-            Decision {
-                motion: self.towards(motion, Motion::new(0.0, rate)),
-                state: State::Blocked,
-                reason: None,
+        let decision = if located.is_sure {
+            if !located.sees_little {
+                self.seen_heading = Some(pose.rotation.log());
             }
+            self.act(t_s, &pose, motion, turned)?
         } else {
-            self.act(t_s, &pose, motion, turned)
+            let rate = self.finding_rate(&pose);
+            let motion = self.towards(motion, Motion::new(0.0, rate));
+            Decision { motion, state: State::Blocked, reason: None }
         };
+        let decision = Decision { motion: slowed(decision.motion, located.sees_little), ..decision };
         self.note(t_s, &decision);
         Ok(decision)
+    }
+
+    /// The turn of a robot that is not sure of its place: back to where it last saw enough, then all around.
+    fn finding_rate(&mut self, pose: &Se2) -> f64 {
+        let off =
+            self.seen_heading.map_or(0.0, |at| (cairn_geometry::So2::exp(at - pose.rotation.log())).log());
+        if off.abs() < 0.1 {
+            self.seen_heading = None;
+        }
+        if off < 0.0 { -FIND_RATE } else { FIND_RATE }
     }
 
     fn see(
@@ -227,8 +241,8 @@ impl Pilot {
         Ok(())
     }
 
-    fn act(&mut self, t_s: f64, pose: &Se2, motion: Motion, turned: f64) -> Decision {
-        match self.task.clone() {
+    fn act(&mut self, t_s: f64, pose: &Se2, motion: Motion, turned: f64) -> Result<Decision, TrialError> {
+        Ok(match self.task.clone() {
             Task::Look { turned: before, then } => {
                 let turned = before + turned;
                 self.task = if turned < TAU {
@@ -262,9 +276,9 @@ impl Pilot {
                 }
                 self.turn(motion, (1.5 * bearing).clamp(-LOOK_RATE, LOOK_RATE))
             }
-            Task::Visit { goal, began_s, tries } => self.visit(t_s, pose, motion, goal, began_s, tries),
+            Task::Visit { goal, began_s, tries } => self.visit(t_s, pose, motion, goal, began_s, tries)?,
             Task::Rest => self.turn(motion, 0.0),
-        }
+        })
     }
 
     fn explore(&mut self, t_s: f64, pose: &Se2, motion: Motion) -> Decision {
@@ -385,11 +399,13 @@ impl Pilot {
         goal: usize,
         began_s: f64,
         tries: usize,
-    ) -> Decision {
+    ) -> Result<Decision, TrialError> {
         let decision = self.navigate(t_s, pose, motion);
         let late = t_s - began_s > self.config.goal_s;
         match decision.state {
             State::NoPath if tries < TRIES && !late => {
+                // Someone who stood in a door may have gone since: that is seen when the robot comes near again.
+                self.ground.forget_new()?;
                 let then = Then::Visit { goal, began_s, tries: tries + 1 };
                 self.task = Task::Look { turned: 0.0, then };
                 // What is in the way may have gone: from near the goal that is seen best, else from another place.
@@ -403,7 +419,7 @@ impl Pilot {
             state if late => self.end(t_s, goal, began_s, state),
             _ => {}
         }
-        decision
+        Ok(decision)
     }
 
     /// Records how a goal ended; the next one follows with the next step.
@@ -448,6 +464,15 @@ impl Pilot {
             self.states.push((t_s, decision.state, decision.reason.map(|r| r.to_string())));
         }
     }
+}
+
+/// A motion along the same curve, slow enough for a robot that sees little.
+fn slowed(motion: Motion, sees_little: bool) -> Motion {
+    let rate = motion.angular.abs();
+    if !sees_little || rate <= PLAIN_RATE {
+        return motion;
+    }
+    Motion::new(motion.linear * PLAIN_RATE / rate, motion.angular * PLAIN_RATE / rate)
 }
 
 /// The nearest free cell within some cells of another.

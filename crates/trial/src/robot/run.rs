@@ -74,6 +74,8 @@ pub struct End {
     pub position_error_m: [f64; 2],
     /// Frames that were not tracked.
     pub lost: usize,
+    /// Frames whose pose the engine carried on by the wheels, because it saw too little.
+    pub coasted: usize,
     /// Frames whose tracked pose was not that of the wheels, and was not used.
     pub refused: usize,
     /// Loops and merges accepted, and how often the grid was laid again.
@@ -257,6 +259,7 @@ impl Trial {
             known: map.as_ref().map_or(0.0, |map| known(map, &world, self.config.radius_m)),
             position_error_m: [rms, self.path.iter().map(error).fold(0.0, f64::max)],
             lost: self.localiser.lost,
+            coasted: self.localiser.coasted,
             refused: self.localiser.refused,
             loops: [self.localiser.loops, self.pilot.laid_again],
             door_closed_s: self.door_closed_s,
