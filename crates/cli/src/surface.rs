@@ -64,7 +64,7 @@ impl Surface {
         let mut bytes = Vec::new();
         let up = [self.up.x, self.up.y, self.up.z];
         write(&self.mesh, up, &mut bytes)
-            .map_err(|e| Failure::new(name, e.to_string(), "choose another form"))?;
+            .map_err(|e| Failure::new(name, e.to_string(), "use a larger --voxel or another form"))?;
         Ok(bytes)
     }
 

@@ -19,7 +19,7 @@ pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Ver
 pub use cairn_tracking::{AnchoredPose, Evidence, MotionSource, Odometry, State};
 pub use cairn_vision::SensorMode;
 pub use config::{Config, ConfigError};
-pub use dense::{DenseCounts, DenseMapper, DenseSetupError};
+pub use dense::{DenseCounts, DenseMapper, DenseSetupError, Restored, SavedDepthError, saved_dense_map};
 pub use engine::{Engine, Finished, Output, PoseTime};
 pub use journal::{Journal, JournalError};
 pub use log::{Log, Logged};

@@ -1,13 +1,14 @@
 //! Surfaces follow the map: after any history of changes they are those fused afresh from the final poses.
 
+use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_dense::{
     DepthConfig, DepthPreparer, MeshConfig, Mesher, OccupancyConfig, SubmapConfig, TsdfConfig, TsdfVolume,
 };
-use cairn_engine::DenseMapper;
+use cairn_engine::{DenseMapper, saved_dense_map};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_sensor::{Camera, DepthImage, Stamp};
-use cairn_vision::Frame;
+use cairn_vision::{Frame, RectifiedCamera};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -132,20 +133,24 @@ impl Followed {
         let from = atlas.subscribe();
         let mapper = DenseMapper::following(from, camera(), 0.001, mounted(), config()).expect("a camera");
         let mut all = Self { atlas, mapper, fused: Vec::new() };
+        all.go(events);
+        all
+    }
+
+    fn go(&mut self, events: &[Event]) {
         for event in events {
-            let snapshot = all.atlas.latest().clone();
+            let snapshot = self.atlas.latest().clone();
             let id = snapshot.next_key_frame_id();
             if let Event::Add { x, depth: true, .. } = event {
-                all.mapper.offer(Stamp(id.index() as i64 + 1), Arc::new(seen(*x)));
-                all.fused.push((id, *x));
+                self.mapper.offer(Stamp(id.index() as i64 + 1), Arc::new(seen(*x)));
+                self.fused.push((id, *x));
             }
-            all.atlas.commit(changes(event, &snapshot));
+            self.atlas.commit(changes(event, &snapshot));
             if let Event::Step(n) = event {
-                all.mapper.follow();
-                all.mapper.step(&Vec3::zeros(), *n);
+                self.mapper.follow();
+                self.mapper.step(&Vec3::zeros(), *n);
             }
         }
-        all
     }
 
     /// Follows to the end, with the work that waits.
@@ -215,6 +220,81 @@ proptest! {
             prop_assert!(at_step < 3.0 * VOXEL_M, "doubled or left behind: a vertex {at_step} m from the step");
         }
     }
+}
+
+/// A file of the map with the depth of all key frames, written and read.
+fn saved(all: &mut Followed) -> MapFile {
+    let snapshot = (**all.atlas.latest()).clone();
+    let depth = all.mapper.to_save(&snapshot);
+    let camera = RectifiedCamera {
+        fx: 450.0,
+        fy: 450.0,
+        cx: 320.0,
+        cy: 240.0,
+        baseline_fx: 45.0,
+        bounds: [0.0, 0.0, 640.0, 480.0],
+        close_depth: 4.0,
+        body_from_camera: Se3::identity(),
+    };
+    let about = About { program: "a test".into(), sensor: cairn_engine::SensorMode::Rgbd, camera };
+    let mut file = MapFile { snapshot, about, attached: BTreeMap::new() };
+    file.add_depth(&depth);
+    MapFile::read(&file.write().expect("it fits")).expect("as written")
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 16, ..ProptestConfig::default() })]
+
+    /// A map that is saved after any history, loaded and continued ends as one that was never saved.
+    #[test]
+    fn a_saved_map_goes_on(
+        before in proptest::collection::vec(event(), 4..20),
+        after in proptest::collection::vec(event(), 0..10),
+    ) {
+        let mut all = Followed::through(&before);
+        let mut file = saved(&mut all);
+        let (mut whole, restored) = match saved_dense_map(&file, config()) {
+            Ok(loaded) => loaded,
+            Err(e) => {
+                prop_assert!(all.fused.is_empty(), "{}", e);
+                return Ok(());
+            }
+        };
+        prop_assert_eq!((restored.images, restored.lost, restored.other_camera), (all.fused.len(), 0, 0));
+        for (map, _) in file.snapshot.clone().maps() {
+            let id = cairn_dense::MapId(map.root().index() as u64);
+            let of_file = in_order(vertices(&whole.fuse_all(id, config().tsdf).expect("poses")));
+            let live = in_order(vertices(&all.mapper.surface(map, config().tsdf).expect("poses")));
+            prop_assert!(of_file == live, "{} vertices of {}", of_file.len(), live.len());
+        }
+        let parts = file.take_depth().expect("as written");
+        let mut atlas = Atlas::new(file.snapshot);
+        let mut mapper =
+            DenseMapper::following(atlas.subscribe(), camera(), 0.001, mounted(), config()).expect("a camera");
+        let (restored, others) = mapper.restore(parts.clone());
+        prop_assert_eq!((restored.images, others.len()), (all.fused.len(), 0));
+        let mut on = Followed { atlas, mapper, fused: all.fused.clone() };
+        on.go(&after);
+        on.finish();
+        for (map, _) in on.atlas.latest().clone().maps() {
+            let fresh = on.fresh(map);
+            let surface = vertices(&on.mapper.surface(map, config().tsdf).expect("poses"));
+            prop_assert!(distance_of(1.0, &surface, &fresh) < 0.1 * VOXEL_M, "surface");
+            prop_assert!(distance_of(1.0, &fresh, &surface) < 0.1 * VOXEL_M, "holes");
+        }
+        // Another depth camera leaves the parts as they are.
+        let other = Camera { fx: 71.0, ..camera() };
+        let mut mapper =
+            DenseMapper::following(on.atlas.subscribe(), other, 0.001, mounted(), config()).expect("a camera");
+        let (none, others) = mapper.restore(parts.clone());
+        prop_assert_eq!((none.images, none.other_camera, others), (0, all.fused.len(), parts));
+    }
+}
+
+/// Vertices sorted: their order is that in which images were fused.
+fn in_order(mut of: Vec<Vec3>) -> Vec<Vec3> {
+    of.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
+    of
 }
 
 /// The vertices that are not at the step.

@@ -45,14 +45,14 @@ fn check(map: &mut DenseMap) -> usize {
         count += 1;
         let mut field = TsdfVolume::new(map.config.tsdf).expect("in range");
         let mut grid = OccupancyGrid::new(map.config.occupancy).expect("in range");
-        for kept in map.kept.iter().filter(|k| k.submap == index) {
+        for (kept, fused) in map.kept.iter().filter_map(|k| Some((k, *k.inside(index)?))) {
             let frame = map.preparer.prepare(&kept.depth.unpack().expect("whole")).expect("depth").clone();
             let wanted = world_from_submap.inverse()
                 * map.anchors[&kept.hung.anchor].world_from_anchor
                 * kept.hung.pose;
-            field.integrate(&frame, None, &kept.fused).expect("a pose");
-            grid.integrate(&frame, &kept.fused).expect("a pose");
-            let off = kept.fused.inverse() * wanted;
+            field.integrate(&frame, None, &fused).expect("a pose");
+            grid.integrate(&frame, &fused).expect("a pose");
+            let off = fused.inverse() * wanted;
             assert!(off.translation.norm() + 2.0 * off.rotation.log().norm() <= map.config.moved_m + 1e-9);
         }
         let submap = map.submaps[index].as_ref().expect("a place");
@@ -196,4 +196,42 @@ fn bad_input_leaves_the_map_as_it_was() {
     assert!(map.observe(AnchorId(99), &Se3::identity(), &wall(0.0)).is_err());
     assert_eq!(map.submaps().count(), 1);
     assert_eq!(map.step(&Vec3::zeros(), 10).waiting, 0);
+}
+
+#[test]
+fn a_saved_map_goes_on_as_the_one_it_was_saved_from() {
+    let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    for i in 0..12 {
+        let x = f64::from(i) * 0.4;
+        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x))
+            .expect("depth");
+    }
+    // Saved with work waiting: it is done with the poses that were final.
+    map.align(&[(AnchorId(11), pose(4.4, [0.0, 0.0, 0.1]))]).expect("finite");
+    map.remove(AnchorId(5), AnchorId(4)).expect("a parent");
+    let mut again = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    let saved = map.saved();
+    assert!(again.restore(saved[0].clone()).is_err(), "its key frames are not there");
+    for (id, anchor) in &map.anchors {
+        again.add_anchor(*id, anchor.map, anchor.world_from_anchor).expect("finite");
+    }
+    saved.into_iter().for_each(|submap| again.restore(submap).expect("known anchors"));
+    assert_eq!(again.images_of(MapId(0)), 12);
+    let whole = |map: &mut DenseMap| voxels(&map.fuse_all(MapId(0), config().tsdf).expect("poses"));
+    assert_eq!(whole(&mut again), whole(&mut map), "before any work is done");
+    // One more key frame while the work waits, then a loop.
+    for map in [&mut map, &mut again] {
+        map.insert(AnchorId(20), MapId(0), pose(4.0, [0.0; 3]), Se3::identity(), &wall(4.0)).expect("depth");
+        map.step(&Vec3::zeros(), 3);
+        map.align(&[(AnchorId(2), pose(0.8, [0.0, 0.0, -0.1]))]).expect("finite");
+        finish(map);
+        check(map);
+    }
+    assert_eq!(whole(&mut again), whole(&mut map));
+    let last = again.saved().pop().expect("a submap");
+    let small = DenseMap::new(config(), Camera::pinhole(40, 30, 35.0, 35.0, 19.5, 14.5), 0.001);
+    let mut small = small.expect("a camera");
+    small.add_anchor(last.anchor, MapId(0), Se3::identity()).expect("finite");
+    last.frames.iter().for_each(|f| small.add_anchor(f.anchor, MapId(0), Se3::identity()).expect("finite"));
+    assert!(matches!(small.restore(last), Err(DenseError::Size { .. })));
 }
