@@ -1,7 +1,7 @@
 //! Several saved maps in one: put into one file, and joined where they show the same places.
 
 use crate::ROUTE_PREFIX;
-use cairn_atlas::store::MapFile;
+use cairn_atlas::store::{MapFile, StoreError};
 use cairn_atlas::{Atlas, MapId, Shift};
 use cairn_engine::Config;
 use cairn_guide::{Route, RouteError};
@@ -35,6 +35,14 @@ pub enum MergeError {
         /// Why not.
         source: RouteError,
     },
+    /// The depth of key frames in one of them cannot be read.
+    #[error("{name}: {source}")]
+    Depth {
+        /// Which map, as it was given.
+        name: String,
+        /// Why not.
+        source: StoreError,
+    },
 }
 
 /// A map of one of the files.
@@ -60,7 +68,7 @@ pub struct Attempt {
 /// Saved maps in one.
 #[derive(Clone, Debug)]
 pub struct MergedMaps {
-    /// The maps, joined as far as they show the same places, with the recorded routes of all files.
+    /// The maps, joined as far as they show the same places, with the recorded routes and the depth of all files.
     pub file: MapFile,
     /// For every two maps the last attempt to join them, in the order of the attempts.
     pub attempts: Vec<Attempt>,
@@ -99,7 +107,7 @@ pub fn merge_maps(files: Vec<(String, MapFile)>, config: &Config) -> Result<Merg
 
 impl MergedMaps {
     /// Puts another file beside what is there.
-    fn add(&mut self, name: &str, other: MapFile) -> Result<Shift, MergeError> {
+    fn add(&mut self, name: &str, mut other: MapFile) -> Result<Shift, MergeError> {
         let unfit = |why: String| MergeError::Unfit { name: name.to_owned(), why };
         let (a, b) = (&other.about, &self.file.about);
         let octaves = (other.snapshot.octaves(), self.file.snapshot.octaves());
@@ -118,6 +126,10 @@ impl MergedMaps {
                 "{name}: its robot {was} is robot {is} in the new file; routes recorded with it: map export --routes"
             ));
         }
+        let depth =
+            other.take_depth().map_err(|source| MergeError::Depth { name: name.to_owned(), source })?;
+        let depth: Vec<_> = depth.into_iter().map(|part| part.renamed(&shift)).collect();
+        self.file.add_depth(&depth);
         for (part, bytes) in other.attached {
             let bytes = match part.strip_prefix(ROUTE_PREFIX) {
                 Some(route) => renamed(bytes, &shift).map_err(|source| MergeError::Route {

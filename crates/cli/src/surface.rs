@@ -48,7 +48,7 @@ impl Surface {
         let fail = |why: String| Failure::new("the surface", why, "look at the report of the run");
         let map = mapper.largest_map().ok_or_else(|| fail("there is no map".into()))?;
         let volume = mapper.surface(map, TsdfConfig::default()).map_err(|e| fail(e.to_string()))?;
-        let mesh = Mesher::new(MeshConfig::default()).whole(&volume);
+        let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&volume);
         if mesh.positions.is_empty() {
             return Err(fail("no key frame had usable depth".into()));
         }
@@ -64,7 +64,7 @@ impl Surface {
         let mut bytes = Vec::new();
         let up = [self.up.x, self.up.y, self.up.z];
         write(&self.mesh, up, &mut bytes)
-            .map_err(|e| Failure::new(name, e.to_string(), "choose another form"))?;
+            .map_err(|e| Failure::new(name, e.to_string(), "use a larger --voxel or another form"))?;
         Ok(bytes)
     }
 

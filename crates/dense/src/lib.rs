@@ -30,6 +30,8 @@ pub use noise::DepthNoise;
 pub use occupancy::{Occupancy, OccupancyConfig, OccupancyGrid};
 pub use prepare::{DepthConfig, DepthPreparer};
 pub use raycast::{RayCast, raycast};
-pub use submap::{AnchorId, DenseMap, MapId, PackedDepth, Progress, SubmapConfig, SubmapView};
+pub use submap::{
+    AnchorId, DenseMap, MapId, PackedDepth, Progress, SavedFrame, SavedSubmap, SubmapConfig, SubmapView,
+};
 pub use track::{DenseTracked, TrackConfig, track};
 pub use tsdf::{Fused, TsdfConfig, TsdfVolume};

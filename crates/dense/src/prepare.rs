@@ -84,6 +84,11 @@ impl DepthPreparer {
         &self.frame.camera
     }
 
+    /// The sensor's camera, with its lens, and the metres of a unit of its images.
+    pub fn source(&self) -> (Camera, f64) {
+        (self.source, self.metres_per_unit)
+    }
+
     /// A frame from an image in the sensor's units; 0 and 65535 mean no depth. The next call overwrites it: clone it
     /// to keep it.
     ///

@@ -101,7 +101,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for (name, volume, poses) in
         [("as the poses were at the time", &as_made, &live), ("following the map", &whole, &corrected)]
     {
-        let mesh = Mesher::new(MeshConfig::default()).whole(volume);
+        let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(volume);
         let world_from_map = aligned(poses, &truth)?;
         report(
             name,

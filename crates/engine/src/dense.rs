@@ -5,6 +5,10 @@
 //! submaps as soon as the change is read; key frames that moved inside their submap are fused again by
 //! [`DenseMapper::step`], in slices that the caller bounds. The caller decides when that happens: there is no thread here.
 
+mod saved;
+
+pub use saved::{Restored, SavedDepthError, saved_dense_map};
+
 use crate::{Engine, Output};
 use cairn_atlas::{Change, KeyFrameId, MapId, Mirror, Published, Subscription};
 use cairn_dense::{

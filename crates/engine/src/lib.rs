@@ -20,7 +20,7 @@ pub use cairn_settings::SettingsError as ConfigError;
 pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, Odometry, State};
 pub use cairn_vision::SensorMode;
 pub use config::Config;
-pub use dense::{DenseCounts, DenseMapper, DenseSetupError};
+pub use dense::{DenseCounts, DenseMapper, DenseSetupError, Restored, SavedDepthError, saved_dense_map};
 pub use engine::{Engine, Finished, Output, PoseTime};
 pub use journal::{Journal, JournalError};
 pub use log::{Log, Logged};

@@ -15,7 +15,7 @@ use super::StoreError;
 use std::io::{self, Seek, SeekFrom, Write};
 
 /// First bytes of a map file; the line ends reveal a transfer in text mode.
-const MAGIC: [u8; 8] = *b"\x8ccairn\r\n";
+pub const MAGIC: [u8; 8] = *b"\x8ccairn\r\n";
 pub(super) const HEADER: usize = 32;
 /// Bytes of a table entry besides the name.
 const ENTRY: usize = 2 + 1 + 8 + 8 + 4;

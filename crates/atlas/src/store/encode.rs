@@ -17,6 +17,7 @@
 //! | robots | since version 4: which robot created which key frames and landmarks |
 //! | descriptors | which descriptors the features have; in files without it, those of the first release |
 //! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
+//! | attached/NAME | what the map does not know: recorded routes, depth of key frames (`depth.rs`) |
 //!
 //! Words are used as stored when this program has the vocabulary that made them, else computed again.
 //! Observations, normals, ranges and descriptors of landmarks are derived from these when a map is loaded.

@@ -9,12 +9,14 @@ mod about;
 mod atomic;
 mod container;
 mod decode;
+mod depth;
 mod encode;
 mod error;
 mod wire;
 
 pub use about::{About, sensor_name};
-pub use container::PartInfo;
+pub use container::{MAGIC, PartInfo};
+pub use depth::{DEPTH_PREFIX, DepthPart, Place, SavedDepth};
 pub use error::StoreError;
 
 use crate::Snapshot;

@@ -45,7 +45,7 @@ impl Dice {
         Vec3::new(self.real(), self.real(), self.real())
     }
 
-    fn pose(&mut self) -> Se3 {
+    pub fn pose(&mut self) -> Se3 {
         Se3::new(So3::exp(&self.vector()), 5.0 * self.vector())
     }
 }

@@ -3,6 +3,7 @@
 
 mod combine;
 mod damage;
+mod depth;
 mod fixtures;
 mod history;
 mod round_trip;

@@ -274,3 +274,117 @@ fn killed_run_leaves_the_last_saved_map() {
     assert!(!text.contains("\"seq\":90") && points() == before + 1, "{text}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+/// Number of depth images in a saved map.
+fn depth_images(map: &str) -> u64 {
+    json(&cairn(&["map", "info", map, "--json"]))["maps"][0]["depth"]["images"].as_u64().unwrap_or(0)
+}
+
+#[test]
+fn depth_is_saved_meshed_continued_and_merged() {
+    let folder = folder("map-depth");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let live = path("live.ply");
+    let map = save_map(&folder, "a.map", &["--dense", "--mesh", &live]);
+    let images = depth_images(&map);
+    assert!(images >= 2, "{images}");
+    let text = stdout(&cairn(&["map", "info", &map]));
+    assert!(text.contains(&format!("depth     {images} images in ")), "{text}");
+    assert_eq!(stdout(&cairn(&["map", "check", &map])).lines().count(), 1);
+
+    // The mesh of the saved map is that of the run which saved it, to the last byte.
+    let mesh = path("a.ply");
+    let made = json(&cairn(&["mesh", &map, "--out", &mesh, "--json"]));
+    assert_eq!((made["images"].as_u64(), made["lost"].as_u64()), (Some(images), Some(0)), "{made}");
+    assert!(std::fs::read(&mesh).unwrap() == std::fs::read(&live).unwrap(), "{made}");
+    let coarse = json(&cairn(&["mesh", &map, "--out", &path("a.glb"), "--voxel-m", "0.1", "--json"]));
+    assert!(coarse["vertices"].as_u64().unwrap() < made["vertices"].as_u64().unwrap() / 4, "{coarse}");
+    fails(&["mesh", &map, "--out", &mesh], &["a.ply: it exists already"]);
+    let misused = cairn(&["mesh", &map, "--out", &path("b.ply"), "--every", "2"]);
+    assert_eq!(misused.status.code(), Some(2), "{}", stderr(&misused));
+    assert!(stderr(&misused).contains("a saved map has its own poses"), "{}", stderr(&misused));
+
+    // Continued, the depth goes on without being asked for; other sensors leave it as it is.
+    let longer = "sim:demo?duration=6&resolution=320x240&sensor=rgbd";
+    let more = path("more.map");
+    let on = cairn(&["run", longer, "--map-in", &map, "--map-out", &more, "--start", "1", "--json"]);
+    let (before, after) = (made["vertices"].as_u64().unwrap(), json(&on)["keyframes"].as_u64().unwrap());
+    assert!(depth_images(&more) > images, "{} images, {after} key frames", depth_images(&more));
+    let whole = json(&cairn(&["mesh", &more, "--out", &path("more.ply"), "--json"]));
+    assert_eq!((whole["images"].as_u64(), whole["lost"].as_u64()), (Some(depth_images(&more)), Some(0)));
+    assert!(whole["vertices"].as_u64().unwrap() > before, "{whole} after {before}");
+
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Two walks along one corridor, whose key frames have the same names: all depth stands in one surface.
+#[test]
+fn depth_of_merged_maps_is_one_surface() {
+    let folder = folder("map-depth-join");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let walk = |name: &str, more: &str| {
+        let world =
+            format!("sim:demo?seed=5&resolution=320x240&sensor=rgbd&rate=10&detail=0.5&duration=9&{more}");
+        let map = path(name);
+        let done = cairn(&["run", &world, "--dense", "--map-out", &map]);
+        assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+        map
+    };
+    let (a, b, both) = (walk("a.map", "start=0"), walk("b.map", "start=1&height=1.4"), path("both.map"));
+    let merged = json(&cairn(&["map", "merge", &a, &b, "--out", &both, "--json"]));
+    assert_eq!((&merged["maps"], merged["notes"].as_array().unwrap().len()), (&1.into(), 1), "{merged}");
+    let surface = |map: &str| {
+        let made =
+            json(&cairn(&["mesh", map, "--out", &path("x.ply"), "--voxel", "0.05", "--overwrite", "--json"]));
+        assert_eq!((made["lost"].as_u64(), made["other_maps"].as_u64()), (Some(0), Some(0)), "{made}");
+        (made["images"].as_u64().unwrap(), made["vertices"].as_f64().unwrap())
+    };
+    let (one, two, all) = (surface(&a), surface(&b), surface(&both));
+    assert_eq!(all.0, one.0 + two.0);
+    let share = all.1 / one.1.max(two.1);
+    assert!((0.85..1.25).contains(&share), "doubled or lost: {} of {} and {} vertices", all.1, one.1, two.1);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn maps_without_depth_and_with_damaged_depth_are_told() {
+    let folder = folder("map-depth-wrong");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let out = path("x.ply");
+    let without = save_map(&folder, "without.map", &["--frames", "5"]);
+    fails(&["mesh", &without, "--out", &out], &["without.map: the map carries no depth", "--dense"]);
+    let mono = "sim:demo?duration=1&resolution=320x240&sensor=mono";
+    let misused = cairn(&["run", mono, "--dense"]);
+    assert_eq!(misused.status.code(), Some(2), "{}", stderr(&misused));
+    assert!(stderr(&misused).contains("--dense: surfaces need depth"), "{}", stderr(&misused));
+
+    let map = save_map(&folder, "a.map", &["--dense"]);
+    let whole = std::fs::read(&map).unwrap();
+    for (name, bytes) in [
+        ("short.map", whole[..whole.len() - 5000].to_vec()),
+        ("flipped.map", {
+            let mut bytes = whole.clone();
+            let at = bytes.len() - 5000;
+            bytes[at] ^= 16;
+            bytes
+        }),
+    ] {
+        let damaged = path(name);
+        std::fs::write(&damaged, bytes).unwrap();
+        fails(&["mesh", &damaged, "--out", &out], &[name, "cairn map repair"]);
+        fails(&["run", WORLD, "--map-in", &damaged], &[name]);
+        let checked = cairn(&["map", "check", &damaged]);
+        assert!(stdout(&checked).contains("attached/depth/"), "{}", stdout(&checked));
+        let mended = path("mended.map");
+        let repaired = cairn(&["map", "repair", &damaged, "--out", &mended, "--overwrite", "--json"]);
+        let lost = json(&repaired)["lost"].to_string();
+        assert!(lost.contains("attached/depth/"), "{lost}");
+        assert!(depth_images(&mended) < depth_images(&map));
+        assert_eq!(
+            json(&repaired)["landmarks"],
+            json(&cairn(&["map", "info", &map, "--json"]))["maps"][0]["landmarks"]
+        );
+    }
+    assert!(!Path::new(&out).exists());
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -5,14 +5,15 @@
 
 use crate::DenseError;
 use cairn_sensor::DepthImage;
+use std::sync::Arc;
 
-/// A compressed depth image.
+/// A compressed depth image; cloning it copies no pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PackedDepth {
     width: usize,
     height: usize,
     /// Each byte holds two groups of three bits, each with a flag whether more follow.
-    bytes: Box<[u8]>,
+    bytes: Arc<[u8]>,
 }
 
 #[derive(Default)]
@@ -84,7 +85,7 @@ impl PackedDepth {
         if let Some(low) = out.half.take() {
             out.bytes.push(low);
         }
-        Self { width: image.width(), height: image.height(), bytes: out.bytes.into_boxed_slice() }
+        Self { width: image.width(), height: image.height(), bytes: out.bytes.into() }
     }
 
     /// Decompresses the image.
@@ -113,6 +114,21 @@ impl PackedDepth {
         DepthImage::from_vec(self.width, self.height, data).ok_or_else(broken)
     }
 
+    /// One that was saved as bytes. They are not looked at here: [`Self::unpack`] tells whether they are an image.
+    pub fn from_bytes(width: usize, height: usize, bytes: Arc<[u8]>) -> Self {
+        Self { width, height, bytes }
+    }
+
+    /// Width and height of the image in pixels.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// The bytes to save.
+    pub fn as_bytes(&self) -> &Arc<[u8]> {
+        &self.bytes
+    }
+
     /// Size in bytes.
     pub fn bytes(&self) -> usize {
         self.bytes.len()
@@ -135,7 +151,7 @@ mod tests {
 
         #[test]
         fn broken_bytes_are_refused_or_some_image(bytes in proptest::collection::vec(any::<u8>(), 0..80)) {
-            let packed = PackedDepth { width: 16, height: 8, bytes: bytes.into_boxed_slice() };
+            let packed = PackedDepth { width: 16, height: 8, bytes: bytes.into() };
             if let Ok(image) = packed.unpack() {
                 prop_assert_eq!(image.data().len(), 128);
             }

@@ -6,11 +6,13 @@
 
 mod codec;
 mod refuse;
+mod saved;
 #[cfg(test)]
 mod tests;
 
 pub use codec::PackedDepth;
 pub use refuse::Progress;
+pub use saved::{SavedFrame, SavedSubmap};
 
 use crate::prepare::DepthPreparer;
 use crate::{
@@ -80,12 +82,25 @@ struct Submap {
 /// The depth of a key frame.
 struct Kept {
     hung: Hung,
-    /// Index of its submap, and its pose there as it was fused.
-    submap: usize,
-    fused: Se3,
+    /// Where it is fused; `None` for one of a saved map that is still to be fused.
+    inside: Option<Inside>,
     /// Its destination: another submap, after two are joined.
     target: usize,
     depth: PackedDepth,
+}
+
+/// The submap that a frame is fused in, and its pose there as it was fused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Inside {
+    submap: usize,
+    pose: Se3,
+}
+
+impl Kept {
+    /// The pose with which it is fused in a submap.
+    fn inside(&self, submap: usize) -> Option<&Se3> {
+        self.inside.as_ref().filter(|i| i.submap == submap).map(|i| &i.pose)
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -144,6 +159,11 @@ impl DenseMap {
         })
     }
 
+    /// The depth camera, and the metres of a unit of its images.
+    pub fn camera(&self) -> (Camera, f64) {
+        self.preparer.source()
+    }
+
     /// Adds a key frame with its depth: it goes into the submap it overlaps most, or starts a new one.
     ///
     /// # Errors
@@ -169,7 +189,7 @@ impl DenseMap {
         let hung = Hung { anchor: id, pose: Se3::identity() };
         let anchor = Anchor { map, world_from_anchor };
         let mut fresh = None;
-        let (index, fused) = match chosen {
+        let (index, pose) = match chosen {
             Some(index) => (index, self.world_from_submap(index)?.inverse() * world_from_camera),
             None => {
                 fresh = Some(self.empty_submap(hung)?);
@@ -180,13 +200,14 @@ impl DenseMap {
             Some(fresh) => fresh,
             None => self.submaps[index].as_mut().ok_or(DenseError::UnknownAnchor(id.0))?,
         };
-        let result = submap.tsdf.integrate(&frame, None, &fused)?;
-        submap.occupancy.integrate(&frame, &fused)?;
+        let result = submap.tsdf.integrate(&frame, None, &pose)?;
+        submap.occupancy.integrate(&frame, &pose)?;
         self.submaps.extend(fresh.map(Some));
         self.anchors.insert(id, anchor);
         self.active.insert(map, index);
         let hung = Hung { anchor: id, pose: anchor_from_camera };
-        self.kept.push(Kept { hung, submap: index, fused, target: index, depth: PackedDepth::pack(depth) });
+        let inside = Some(Inside { submap: index, pose });
+        self.kept.push(Kept { hung, inside, target: index, depth: PackedDepth::pack(depth) });
         Ok(result)
     }
 
@@ -305,7 +326,7 @@ impl DenseMap {
 
     /// Whether all frames of a submap are scheduled to move to another.
     fn leaves(&self, index: usize) -> bool {
-        self.kept.iter().filter(|k| k.submap == index).all(|k| k.target != index)
+        self.kept.iter().all(|k| k.target != index)
     }
 
     /// Removes a key frame; its depth, and submaps anchored to it, are anchored to its parent instead.

@@ -1,6 +1,6 @@
 //! Pending re-fusion: key frames that moved inside their submap are removed and fused again, nearest first.
 
-use super::{DenseMap, Kept};
+use super::{DenseMap, Inside, Kept};
 use crate::{DenseError, OccupancyGrid};
 use cairn_geometry::{Se3, Vec3};
 
@@ -24,9 +24,10 @@ impl DenseMap {
         self.waiting.clear();
         for i in 0..self.kept.len() {
             let kept = &self.kept[i];
-            if kept.target != kept.submap
-                || self.wanted(kept).is_some_and(|pose| moved_m(&kept.fused, &pose) > self.config.moved_m)
-            {
+            let stays = kept.inside(kept.target).is_some_and(|fused| {
+                self.wanted(kept).is_none_or(|pose| moved_m(fused, &pose) <= self.config.moved_m)
+            });
+            if !stays {
                 self.waiting.push(i);
             }
         }
@@ -69,10 +70,10 @@ impl DenseMap {
         progress
     }
 
-    /// Removes a frame from its old place and fuses it at its new one; returns how many images that took.
+    /// Removes a frame from its old place, if it has one, and fuses it at its new one; returns how many images that took.
     fn fuse_again(&mut self, index: usize) -> Result<usize, DenseError> {
         let kept = &self.kept[index];
-        let (from, to, was) = (kept.submap, kept.target, kept.fused);
+        let (was, to) = (kept.inside, kept.target);
         let pose = self.wanted(kept).ok_or(DenseError::UnknownAnchor(kept.hung.anchor.0))?;
         let frame = self.preparer.prepare(&kept.depth.unpack()?)?;
         let unknown = DenseError::UnknownAnchor(self.kept[index].hung.anchor.0);
@@ -80,11 +81,12 @@ impl DenseMap {
         // Fuses first: if that fails, nothing has changed. The sums do not depend on the order.
         submap.tsdf.integrate(frame, None, &pose)?;
         (submap.stale, submap.rebuilt) = (true, None);
-        if let Some(submap) = self.submaps.get_mut(from).and_then(Option::as_mut) {
-            submap.tsdf.remove(frame, None, &was)?;
+        self.kept[index].inside = Some(Inside { submap: to, pose });
+        let Some(was) = was else { return Ok(1) };
+        if let Some(submap) = self.submaps.get_mut(was.submap).and_then(Option::as_mut) {
+            submap.tsdf.remove(frame, None, &was.pose)?;
             (submap.stale, submap.rebuilt) = (true, None);
         }
-        (self.kept[index].submap, self.kept[index].fused) = (to, pose);
         Ok(2)
     }
 
@@ -92,7 +94,7 @@ impl DenseMap {
     fn drop_empty(&mut self) {
         for index in 0..self.submaps.len() {
             if self.submaps[index].is_some()
-                && self.kept.iter().all(|k| k.submap != index && k.target != index)
+                && self.kept.iter().all(|k| k.inside(index).is_none() && k.target != index)
             {
                 self.submaps[index] = None;
                 self.active.retain(|_, active| *active != index);
@@ -114,8 +116,8 @@ impl DenseMap {
                 Err(_) => return false,
             },
         };
-        let next = (from..self.kept.len()).find(|&i| self.kept[i].submap == index);
-        let Some(next) = next else {
+        let next = (from..self.kept.len()).find_map(|i| Some((i, *self.kept[i].inside(index)?)));
+        let Some((next, pose)) = next else {
             // All frames are fused: the new grid replaces the old one.
             (submap.occupancy, submap.stale) = (grid, false);
             return true;
@@ -124,7 +126,7 @@ impl DenseMap {
             && let Ok(frame) = self.preparer.prepare(&image)
         {
             // A pose that the field accepted is also accepted by the grid.
-            let _ = grid.integrate(frame, &self.kept[next].fused);
+            let _ = grid.integrate(frame, &pose);
         }
         submap.rebuilt = Some((grid, next + 1));
         true

@@ -6,34 +6,9 @@ use cairn_geometry::So3;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
-const VOXEL_M: f64 = 0.05;
-
-fn camera() -> Camera {
-    Camera::pinhole(80, 60, 70.0, 70.0, 39.5, 29.5)
-}
-
-fn config() -> SubmapConfig {
-    SubmapConfig {
-        tsdf: TsdfConfig { voxel_m: VOXEL_M, ..TsdfConfig::default() },
-        occupancy: OccupancyConfig { voxel_m: 0.1, ..OccupancyConfig::default() },
-        reach_m: 1.5,
-        ..SubmapConfig::default()
-    }
-}
-
-/// Depth in millimetres of a wall with a step in it, as a camera at `x` metres sees it.
-fn wall(x: f64) -> DepthImage {
-    let at = |i: usize| {
-        let u = (i % 80) as f64;
-        let step = if x + (u - 39.5) / 70.0 * 2.0 > 0.5 { 1700 } else { 2000 };
-        if (i / 80) % 17 == 3 { 0 } else { step }
-    };
-    DepthImage::from_vec(80, 60, (0..80 * 60).map(at).collect()).expect("all pixels")
-}
-
-fn pose(x: f64, wobble: [f64; 3]) -> Se3 {
-    Se3::new(So3::exp(&Vec3::new(0.0, wobble[0], wobble[1])), Vec3::new(x, wobble[2], 0.0))
-}
+#[path = "../../tests/wall/mod.rs"]
+mod wall;
+use wall::{camera, config, pose, wall};
 
 fn voxels(volume: &TsdfVolume) -> BTreeMap<[i32; 3], (f64, i32)> {
     let of = |key: crate::BlockKey| {
@@ -54,34 +29,35 @@ fn finish(map: &mut DenseMap) {
     panic!("the work does not end");
 }
 
-/// Checks each submap against its frames fused afresh; returns the number of submaps.
+/// The odds of all voxels that the images of the tests reach.
+fn odds(grid: &OccupancyGrid) -> Vec<i8> {
+    let side = || -40..60;
+    let all = side().flat_map(|z| (-25..25).flat_map(move |y| side().map(move |x| [x, y, z])));
+    all.map(|v| grid.odds(v)).collect()
+}
+
+/// Checks that each submap is bit by bit its frames fused afresh with poses that are within a centimetre of the final
+/// ones; returns the number of submaps.
 fn check(map: &mut DenseMap) -> usize {
     let mut count = 0;
     for index in 0..map.submaps.len() {
         let Some((_, world_from_submap)) = map.place(index) else { continue };
         count += 1;
-        let mut same = TsdfVolume::new(map.config.tsdf).expect("in range");
-        let mut fresh = same.clone();
-        for kept in map.kept.iter().filter(|k| k.submap == index) {
+        let mut field = TsdfVolume::new(map.config.tsdf).expect("in range");
+        let mut grid = OccupancyGrid::new(map.config.occupancy).expect("in range");
+        for (kept, fused) in map.kept.iter().filter_map(|k| Some((k, *k.inside(index)?))) {
             let frame = map.preparer.prepare(&kept.depth.unpack().expect("whole")).expect("depth").clone();
             let wanted = world_from_submap.inverse()
                 * map.anchors[&kept.hung.anchor].world_from_anchor
                 * kept.hung.pose;
-            same.integrate(&frame, None, &kept.fused).expect("a pose");
-            fresh.integrate(&frame, None, &wanted).expect("a pose");
-            let off = kept.fused.inverse() * wanted;
+            field.integrate(&frame, None, &fused).expect("a pose");
+            grid.integrate(&frame, &fused).expect("a pose");
+            let off = fused.inverse() * wanted;
             assert!(off.translation.norm() + 2.0 * off.rotation.log().norm() <= map.config.moved_m + 1e-9);
         }
         let submap = map.submaps[index].as_ref().expect("a place");
-        assert_eq!(voxels(&submap.tsdf), voxels(&same), "as fused with the poses that it has");
-        let mesh = Mesher::new(MeshConfig::default()).whole(&submap.tsdf);
-        for p in &mesh.positions {
-            // The nearest voxels of the fresh field are within a voxel of its surface, plus the gap between voxels.
-            let voxel = p.map(|v| (f64::from(v) / VOXEL_M).floor() as i32);
-            if let Some((distance, _)) = fresh.voxel(voxel) {
-                assert!(distance.abs() <= 1.9 * VOXEL_M, "{p:?}: {distance}");
-            }
-        }
+        assert_eq!(voxels(&submap.tsdf), voxels(&field));
+        assert!(odds(&submap.occupancy) == odds(&grid), "occupancy of submap {index}");
         assert!(!submap.stale);
     }
     count
@@ -196,7 +172,7 @@ fn merged_maps_are_joined_and_no_wall_is_doubled() {
     assert_eq!(check(&mut map), 1, "one submap is left");
     let submap = map.submaps().next().expect("one");
     assert_eq!(submap.map, MapId(0));
-    let mesh = Mesher::new(MeshConfig::default()).whole(submap.tsdf);
+    let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(submap.tsdf);
     // Two walls of the recording and their edge; nothing between them or behind.
     let off = |z: f32| (z - 2.0).abs().min((z - 1.7).abs());
     let near = mesh.positions.iter().filter(|p| off(p[2]) < 0.01).count();
@@ -220,4 +196,42 @@ fn bad_input_leaves_the_map_as_it_was() {
     assert!(map.observe(AnchorId(99), &Se3::identity(), &wall(0.0)).is_err());
     assert_eq!(map.submaps().count(), 1);
     assert_eq!(map.step(&Vec3::zeros(), 10).waiting, 0);
+}
+
+#[test]
+fn a_saved_map_goes_on_as_the_one_it_was_saved_from() {
+    let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    for i in 0..12 {
+        let x = f64::from(i) * 0.4;
+        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x))
+            .expect("depth");
+    }
+    // Saved with work waiting: it is done with the poses that were final.
+    map.align(&[(AnchorId(11), pose(4.4, [0.0, 0.0, 0.1]))]).expect("finite");
+    map.remove(AnchorId(5), AnchorId(4)).expect("a parent");
+    let mut again = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    let saved = map.saved();
+    assert!(again.restore(saved[0].clone()).is_err(), "its key frames are not there");
+    for (id, anchor) in &map.anchors {
+        again.add_anchor(*id, anchor.map, anchor.world_from_anchor).expect("finite");
+    }
+    saved.into_iter().for_each(|submap| again.restore(submap).expect("known anchors"));
+    assert_eq!(again.images_of(MapId(0)), 12);
+    let whole = |map: &mut DenseMap| voxels(&map.fuse_all(MapId(0), config().tsdf).expect("poses"));
+    assert_eq!(whole(&mut again), whole(&mut map), "before any work is done");
+    // One more key frame while the work waits, then a loop.
+    for map in [&mut map, &mut again] {
+        map.insert(AnchorId(20), MapId(0), pose(4.0, [0.0; 3]), Se3::identity(), &wall(4.0)).expect("depth");
+        map.step(&Vec3::zeros(), 3);
+        map.align(&[(AnchorId(2), pose(0.8, [0.0, 0.0, -0.1]))]).expect("finite");
+        finish(map);
+        check(map);
+    }
+    assert_eq!(whole(&mut again), whole(&mut map));
+    let last = again.saved().pop().expect("a submap");
+    let small = DenseMap::new(config(), Camera::pinhole(40, 30, 35.0, 35.0, 19.5, 14.5), 0.001);
+    let mut small = small.expect("a camera");
+    small.add_anchor(last.anchor, MapId(0), Se3::identity()).expect("finite");
+    last.frames.iter().for_each(|f| small.add_anchor(f.anchor, MapId(0), Se3::identity()).expect("finite"));
+    assert!(matches!(small.restore(last), Err(DenseError::Size { .. })));
 }

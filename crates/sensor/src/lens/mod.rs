@@ -63,6 +63,21 @@ impl Distortion {
         }
     }
 
+    /// The model with this [`Distortion::name`] and these [`Distortion::coefficients`]; `None` for another name or another
+    /// count of coefficients.
+    pub fn from_parts(name: &str, coefficients: &[f64]) -> Option<Self> {
+        Some(match (name, coefficients) {
+            ("none", []) => Self::None,
+            ("radial-tangential", c) => Self::RadialTangential(c.try_into().ok()?),
+            ("rational", c) => Self::Rational(c.try_into().ok()?),
+            ("inverse-radial-tangential", c) => Self::InverseRadialTangential(c.try_into().ok()?),
+            ("equidistant", c) => Self::Equidistant(c.try_into().ok()?),
+            ("fov", &[w]) => Self::Fov(w),
+            ("double-sphere", &[xi, alpha]) => Self::DoubleSphere { xi, alpha },
+            _ => return None,
+        })
+    }
+
     /// Normalised image coordinates of a point in the camera frame; `None` where the lens has no image of it.
     pub(crate) fn distort(&self, p: &Vec3) -> Option<[f64; 2]> {
         match self {
@@ -114,5 +129,30 @@ impl Distortion {
             ),
             _ => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_model_comes_back_from_its_parts() {
+        let all = [
+            Distortion::None,
+            Distortion::RadialTangential([0.1, 0.2, 0.3, 0.4, 0.5]),
+            Distortion::Rational([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]),
+            Distortion::InverseRadialTangential([0.5, 0.4, 0.3, 0.2, 0.1]),
+            Distortion::Equidistant([0.1, 0.2, 0.3, 0.4]),
+            Distortion::Fov(0.9),
+            Distortion::DoubleSphere { xi: -0.2, alpha: 0.6 },
+        ];
+        for model in all {
+            let (name, mut coefficients) = (model.name(), model.coefficients());
+            assert_eq!(Distortion::from_parts(name, &coefficients), Some(model));
+            coefficients.push(0.0);
+            assert_eq!(Distortion::from_parts(name, &coefficients), None, "{name}");
+        }
+        assert_eq!(Distortion::from_parts("other", &[]), None);
     }
 }

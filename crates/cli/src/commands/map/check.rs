@@ -59,7 +59,7 @@ fn check(path: &Path) -> Result<Checked, Failure> {
         good: wrong.is_none(),
         why: wrong.map(|e| e.to_string()),
     });
-    let error = MapFile::read(&bytes).err();
+    let error = MapFile::read(&bytes).and_then(|file| file.depth()).err();
     Ok(Checked {
         file: path.to_owned(),
         good: error.is_none(),

@@ -4,7 +4,7 @@ use super::{bytes_of, failed};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn::{Map, routes_of};
-use cairn_atlas::store::{MapFile, Table, sensor_name};
+use cairn_atlas::store::{DEPTH_PREFIX, MapFile, StoreError, Table, sensor_name};
 use cairn_atlas::{MapId, Snapshot};
 use cairn_guide::{CleanConfig, Route, RouteError, survey};
 use serde::Serialize;
@@ -31,7 +31,17 @@ struct Info {
     robots: BTreeMap<u16, usize>,
     maps: Vec<MapReport>,
     routes: Vec<RouteReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    depth: Option<DepthReport>,
     parts: Vec<Part>,
+}
+
+/// The depth images of key frames.
+#[derive(Serialize)]
+struct DepthReport {
+    images: usize,
+    submaps: usize,
+    bytes: usize,
 }
 
 #[derive(Serialize)]
@@ -130,8 +140,18 @@ fn info(path: &Path) -> Result<Info, Failure> {
         routes: routes_of(&file)
             .map(|(name, bytes, read)| route(name, bytes.len(), read, snapshot))
             .collect(),
+        depth: depth(&file).map_err(|e| failed(path, &e))?,
         parts: table.parts.iter().map(part).collect(),
     })
+}
+
+fn depth(file: &MapFile) -> Result<Option<DepthReport>, StoreError> {
+    let parts = file.depth()?;
+    // Large submaps are saved in several parts, one after the other.
+    let continued = parts.windows(2).filter(|w| w[0].submap == w[1].submap).count();
+    let images = parts.iter().map(|part| part.images.len()).sum();
+    let report = DepthReport { images, submaps: parts.len() - continued, bytes: file.depth_bytes() };
+    Ok((!parts.is_empty()).then_some(report))
 }
 
 fn map(all: &Map, id: MapId) -> MapReport {
@@ -231,9 +251,18 @@ fn text(i: &Info) -> String {
             None => writeln!(text, "route     {}: {} points, {:.2} {unit}", r.name, r.points, r.length_m),
         };
     }
-    // The many parts with features are summed up in one line.
+    if let Some(d) = &i.depth {
+        let (mb, each) = (d.bytes as f64 / 1e6, d.bytes as f64 / 1e3 / d.images.max(1) as f64);
+        let _ = writeln!(
+            text,
+            "depth     {} images in {} submaps, {mb:.1} MB, {each:.0} kB an image",
+            d.images, d.submaps
+        );
+    }
+    // The many parts with features are summed up in one line; those with depth are above.
+    let depth = |p: &&&Part| p.name.strip_prefix("attached/").is_some_and(|n| n.starts_with(DEPTH_PREFIX));
     let (features, others): (Vec<&Part>, Vec<&Part>) =
-        i.parts.iter().partition(|p| p.name.starts_with("features "));
+        i.parts.iter().filter(|p| !depth(&p)).partition(|p| p.name.starts_with("features "));
     for p in others {
         let _ = writeln!(text, "part      {}: {} bytes, {} unpacked", p.name, p.bytes, p.unpacked);
     }

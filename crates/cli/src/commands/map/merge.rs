@@ -113,6 +113,9 @@ fn unmerged(error: MergeError) -> Failure {
             let hint = "only maps made with the same camera can be put into one file";
             Failure::new(name, format!("does not fit the first map: {why}"), hint)
         }
+        MergeError::Depth { name, source } => {
+            Failure::new(name, source.to_string(), "cairn map repair saves what is whole in a new file")
+        }
         MergeError::Route { name, route, source } => {
             Failure::new(name, format!("route {route}: {source}"), "record the route again")
         }

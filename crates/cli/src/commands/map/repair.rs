@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Saves what is whole of a damaged or truncated map in a new file, and says what is lost.
 ///
 /// Key frames whose features are damaged keep their poses but show nothing; words are computed again; points that no
-/// key frame shows any more, and routes that are damaged, are left out. The damaged file is not changed.
+/// key frame shows any more, and routes and depth that are damaged, are left out. The damaged file is not changed.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The damaged map.
@@ -37,6 +37,8 @@ struct Repaired {
     without_features: usize,
     landmarks: usize,
     routes: usize,
+    /// Depth images of key frames.
+    depth_images: usize,
     /// What was lost, one line each; empty where the map was whole.
     lost: Vec<String>,
 }
@@ -56,6 +58,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         let why = format!("nothing can be saved: {e}");
         Failure::new(a.file.display().to_string(), why, "use a backup, or walk there again")
     })?;
+    let depth = file.depth().map_err(|e| failed(&a.file, &e))?;
     let bytes = file.save(out).map_err(|e| failed(&a.out, &e))?;
     let repaired = Repaired {
         out: a.out.clone(),
@@ -64,6 +67,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         without_features: file.snapshot.key_frames().filter(|k| k.frame.is_empty()).count(),
         landmarks: file.snapshot.landmark_count(),
         routes: file.attached.keys().filter(|name| name.starts_with(ROUTE_PREFIX)).count(),
+        depth_images: depth.iter().map(|part| part.images.len()).sum(),
         lost,
     };
     output.result(&repaired, text)
@@ -78,6 +82,9 @@ fn text(r: &Repaired) -> String {
         "saved     {} key frames ({} without features), {} landmarks, {} routes",
         r.key_frames, r.without_features, r.landmarks, r.routes
     );
+    if r.depth_images > 0 {
+        let _ = writeln!(text, "          {} depth images", r.depth_images);
+    }
     if r.lost.is_empty() {
         let _ = writeln!(text, "lost      nothing: the map was whole");
     }

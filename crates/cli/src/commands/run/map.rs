@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::output::warn;
 use cairn::map_file;
 use cairn_atlas::store::{MapFile, StoreError};
-use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
+use cairn_engine::{Config, DenseMapper, Engine, OpenMapError, Runner, SensorMode};
 use cairn_sensor::Rig;
 use cairn_session::Session;
 use std::collections::BTreeMap;
@@ -86,8 +86,9 @@ impl<'a> Saver<'a> {
         }
     }
 
-    /// Starts a save if one is due and the previous one is done. Failures are reported and retried.
-    pub fn save_if_due(&mut self, session: &Session, warn: impl Fn(&str)) {
+    /// Starts a save if one is due and the previous one is done, with the depth of key frames where there is a dense map.
+    /// Failures are reported and retried.
+    pub fn save_if_due(&mut self, session: &Session, dense: Option<&mut DenseMapper>, warn: impl Fn(&str)) {
         let Some(path) = self.to else { return };
         if self.last.elapsed() < self.every || self.work.as_ref().is_some_and(|work| !work.is_finished()) {
             return;
@@ -96,24 +97,32 @@ impl<'a> Saver<'a> {
         if let Some(Ok(Err(e))) = self.work.take().map(JoinHandle::join) {
             warn(&failed(path, &e).to_string());
         }
-        let Some(file) = self.file(session) else { return };
+        let Some(mut file) = self.file(session) else { return };
+        let depth = dense.map_or_else(Vec::new, |dense| dense.to_save(&file.snapshot));
         let path = path.to_owned();
-        self.work =
-            std::thread::Builder::new().name("cairn-save".into()).spawn(move || file.save(&path)).ok();
+        let save = move || {
+            file.add_depth(&depth);
+            file.save(&path)
+        };
+        self.work = std::thread::Builder::new().name("cairn-save".into()).spawn(save).ok();
     }
 
     /// Saves the final map. A map without a key frame is not saved.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn end(mut self, session: &Session) -> Result<(), Failure> {
+    pub fn end(mut self, session: &Session, dense: Option<&mut DenseMapper>) -> Result<(), Failure> {
         let Some(path) = self.to else { return Ok(()) };
         // If that save failed, the one below is the retry.
         drop(self.work.take().map(JoinHandle::join));
-        let Some(file) = self.file(session) else {
+        let Some(mut file) = self.file(session) else {
             warn(&format!("{}: not written because the map is empty", path.display()));
             return Ok(());
         };
+        if let Some(dense) = dense {
+            let depth = dense.to_save(&file.snapshot);
+            file.add_depth(&depth);
+        }
         file.save(path).map(drop).map_err(|e| failed(path, &e))
     }
 

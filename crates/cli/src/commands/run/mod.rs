@@ -81,7 +81,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         ));
     }
     let replayed = journal::opened(a)?;
-    let map_in = map::opened(a)?;
+    let mut map_in = map::opened(a)?;
     let (source, sensor) = open_source(a, &mut config, map_in.as_ref())?;
     let source: Box<dyn Source> = Box::new(Validator::new(source, warn));
     let rig = source.rig().clone();
@@ -103,7 +103,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut engine = journal::engine(a, &outputs, engine, &source.info().name, replayed)?;
     let mut events = Events::begin(outputs.file("--events"), &mut engine)?;
     let mut mcap = mcap::Recording::begin(outputs.file("--mcap"))?;
-    let mut dense = surface::begin(a, &mut engine, &rig)?;
+    let mut dense = surface::begin(a, &mut engine, &rig, map_in.as_mut())?;
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
     let mut session = Session::new(engine, session_config(a, &outputs, live, settings));
     surface::watch_way(a, &mut session, &rig, sensor.mode())?;
@@ -170,7 +170,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let journal_ended = journal::end(a, session.engine());
     warn_of_skipped(&skipped);
     let closed = session.close().map_err(|why| Failure::new("recording", why, "free some space on the disk"));
-    let saved = saver.end(&session);
+    let saved = saver.end(&session, dense.as_mut());
     // Nothing above or below keeps the rest from being written; all failures are reported together.
     let driven = driven.map(drop).map_err(Failure::from);
     let mut failures: Vec<Failure> = [driven, voice_ended, closed, saved, events, mcap, journal_ended]

@@ -161,7 +161,8 @@ impl Observer for RunObserver<'_, '_> {
         if let Some(lines) = &mut self.status {
             lines.update(&session.engine_status(), session.age());
         }
-        self.saver.save_if_due(session, |text| self.progress.warn(text));
+        let dense = self.dense.as_deref_mut();
+        self.saver.save_if_due(session, dense, |text| self.progress.warn(text));
     }
 
     fn take_commands(&mut self) -> Vec<Command> {

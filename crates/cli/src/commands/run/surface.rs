@@ -1,24 +1,55 @@
-//! `--mesh`: surfaces from the depth of key frames, with the final poses.
+//! `--mesh` and `--dense`: surfaces from the depth of key frames with the final poses, and that depth in saved maps.
 
 use super::arguments::Arguments;
+use crate::commands::map::failed;
 use crate::failure::Failure;
+use crate::output::warn;
 use crate::outputs::Outputs;
 use crate::surface::{Surface, form};
+use cairn_atlas::store::MapFile;
 use cairn_dense::SubmapConfig;
-use cairn_engine::{DenseMapper, Engine, SensorMode};
+use cairn_engine::{DenseMapper, DenseSetupError, Engine, SensorMode};
 use cairn_sensor::Rig;
 use cairn_session::Session;
 
-/// A dense mapper that follows the engine, if a surface is wanted.
+/// A dense mapper that follows the engine, if a surface is wanted or depth is to be saved; it goes on from the depth of
+/// the opened map, which is taken out of the file. Depth that cannot be continued stays there, to be saved as it is.
 ///
 /// # Errors
-/// Without depth, or with an ending that names no form.
-pub fn begin(a: &Arguments, engine: &mut Engine, rig: &Rig) -> Result<Option<DenseMapper>, Failure> {
-    let Some(path) = &a.mesh else { return Ok(None) };
-    form(path)?;
-    DenseMapper::new(engine, rig, SubmapConfig::default())
-        .map(Some)
-        .map_err(|e| Failure::usage("--mesh", e.to_string(), "give a source with depth and --sensor rgbd"))
+/// Without depth, with an ending that names no form, or with depth in the map that cannot be read.
+pub fn begin(
+    a: &Arguments,
+    engine: &mut Engine,
+    rig: &Rig,
+    map_in: Option<&mut MapFile>,
+) -> Result<Option<DenseMapper>, Failure> {
+    a.mesh.as_deref().map(form).transpose()?;
+    let asked = a.mesh.as_ref().map(|_| "--mesh").or(a.dense.then_some("--dense"));
+    let saved = map_in.as_ref().is_some_and(|file| file.depth_bytes() > 0);
+    if asked.is_none() && !(saved && a.map_out.is_some()) {
+        return Ok(None);
+    }
+    let mut mapper = match (DenseMapper::new(engine, rig, SubmapConfig::default()), asked) {
+        (Ok(mapper), _) => mapper,
+        (Err(DenseSetupError::NoDepth), None) => return Ok(None),
+        (Err(e), _) => {
+            let what = asked.unwrap_or("the depth of the map");
+            return Err(Failure::usage(what, e.to_string(), "give a source with depth and --sensor rgbd"));
+        }
+    };
+    if let (Some(file), Some(path)) = (map_in, &a.map_in) {
+        let (restored, others) = mapper.restore(file.take_depth().map_err(|e| failed(path, &e))?);
+        file.add_depth(&others);
+        let shown = path.display();
+        if restored.other_camera > 0 {
+            let n = restored.other_camera;
+            warn(&format!("{shown}: {n} depth images are of another depth camera: kept, but not continued"));
+        }
+        if restored.lost > 0 {
+            warn(&format!("{shown}: {} depth images belong to no key frame and are left out", restored.lost));
+        }
+    }
+    Ok(Some(mapper))
 }
 
 /// Writes the surface.

@@ -1,88 +1,32 @@
-//! `cairn mesh`: the surface of a recording with depth, as a file.
+//! The surface of a recording with depth and poses.
 
+use super::Arguments;
 use crate::failure::Failure;
-use crate::output::Output;
-use crate::outputs::Outputs;
-use crate::surface::form;
 use cairn_dense::{DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume};
 use cairn_eval::load_trajectory;
 use cairn_geometry::Trajectory;
 use cairn_sensor::{FramePacket, Image};
 use cairn_sources::{OpenOptions, open};
-use std::path::{Path, PathBuf};
-
-/// Fuses the depth images of a source into a surface and writes it as PLY, glTF (.glb) or OBJ.
-///
-/// Poses are the recording's own, or those of a trajectory (as `cairn run --trajectory` writes it).
-#[derive(clap::Args)]
-pub struct Arguments {
-    /// A recording with depth, or a simulated world with depth (sim:...).
-    source: String,
-    /// The file to write; its ending chooses the form: .ply, .glb or .obj.
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
-    /// Poses of the body in TUM, KITTI or EuRoC form, in place of the recording's own.
-    #[arg(long, value_name = "FILE")]
-    poses: Option<PathBuf>,
-    /// Edge of a voxel in metres.
-    #[arg(long, default_value_t = TsdfConfig::default().voxel_m, value_name = "M")]
-    voxel: f64,
-    /// Depths farther than this are left out, in metres.
-    #[arg(long, default_value_t = DepthConfig::default().farthest_m, value_name = "M")]
-    farthest: f64,
-    /// Only every so many frames.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    every: usize,
-    /// Replace the file if it exists.
-    #[arg(long)]
-    overwrite: bool,
-}
 
 /// What was made.
 #[derive(serde::Serialize)]
-struct Report {
-    frames: usize,
-    without_pose: usize,
-    refused: usize,
-    vertices: usize,
-    triangles: usize,
-    file: String,
+pub struct Report {
+    pub frames: usize,
+    pub without_pose: usize,
+    pub refused: usize,
+    pub vertices: usize,
+    pub triangles: usize,
+    pub file: String,
 }
 
 /// Greatest difference in time between an image and its pose.
 const APART_NS: u64 = 20_000_000;
 
-/// Reads the source, fuses, writes.
-pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
-    let name = arguments.out.display().to_string();
-    let write = form(&arguments.out)?;
-    let outputs = Outputs::new(arguments.overwrite)
-        .input("the source", Some(Path::new(&arguments.source)))
-        .input("--poses", arguments.poses.as_deref())
-        .output("--out", Some(&arguments.out))
-        .checked()?;
-    let (mesh, mut report) = fuse(arguments)?;
-    outputs.write("--out", || {
-        let mut bytes = Vec::new();
-        // A camera's world begins with y down.
-        write(&mesh, [0.0, -1.0, 0.0], &mut bytes)
-            .map_err(|e| Failure::new(&name, e.to_string(), "use a larger --voxel"))?;
-        Ok(bytes)
-    })?;
-    report.file = name.clone();
-    output.result(&report, |r| {
-        let lost = match (r.without_pose, r.refused) {
-            (0, 0) => String::new(),
-            (a, b) => format!(" ({a} frames had no pose, {b} no usable depth)"),
-        };
-        format!(
-            "{} frames fused{lost}: {} vertices, {} triangles in {}",
-            r.frames, r.vertices, r.triangles, r.file
-        )
-    })
-}
-
-fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
+/// Fuses the depth images of a recording.
+///
+/// # Errors
+/// When it cannot be read, has no depth or no poses.
+pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
     let dense =
         |e: cairn_dense::DenseError| Failure::new("mesh", e.to_string(), "change --voxel or --farthest");
     let mut source = open(
