@@ -13,6 +13,7 @@ use crate::ground::Ground;
 use crate::guide::{Guide, Now, Phase};
 use crate::maneuvers::ManeuverPlan;
 use crate::moving::since;
+use crate::runaway::Runaway;
 use cairn_geometry::{Camera, Odom, Pose, Se3};
 use cairn_sensor::Stamp;
 
@@ -116,6 +117,7 @@ impl Guide {
         self.ground = ground;
         self.easing = None;
         self.pose = None;
+        self.runaway = Runaway::default();
         self.motion.clear();
     }
 

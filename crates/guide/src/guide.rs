@@ -16,6 +16,7 @@ use crate::maneuvers::{Maneuver, ManeuverPlan};
 use crate::matcher::{Match, Matcher};
 use crate::motion::Motion;
 use crate::route::Confidence;
+use crate::runaway::Runaway;
 use crate::turning::Turning;
 use cairn_geometry::{Camera, Odom, Pose, Vec2};
 use cairn_sensor::Stamp;
@@ -94,6 +95,7 @@ pub struct Guide {
     halted: Option<Halt>,
     losses: Losses,
     blind: Blind,
+    pub(crate) runaway: Runaway,
     /// Since when the first pose is waited for.
     waiting_since: Option<Stamp>,
     started: bool,
@@ -194,6 +196,7 @@ impl Guide {
             halted: None,
             losses: Losses::default(),
             blind: Blind::default(),
+            runaway: Runaway::default(),
             waiting_since: None,
             started: false,
             again: false,
@@ -365,13 +368,17 @@ impl Guide {
 
     fn stop_reason(&mut self, input: &GuideInput, walker: Option<&Heading>) -> Option<StopReason> {
         let blind_s = walker.map_or(0.0, |w| self.blind.step(input.confidence, input.pose_stamp, w.heading));
+        if input.confidence == Confidence::Lost {
+            self.runaway = Runaway::default();
+        }
+        let runs_away = walker.is_some_and(|w| self.runaway.step(input.pose_stamp, w.position));
         if input.hazard.is_some() {
             input.hazard
         } else if input.confidence == Confidence::Lost {
             Some(StopReason::TrackingLost)
         } else if input.now - input.pose_stamp > self.config.stale_s {
             Some(StopReason::PoseStale)
-        } else if self.started && blind_s > self.config.blind_s {
+        } else if self.started && (blind_s > self.config.blind_s || runs_away) {
             Some(StopReason::TrackingLost)
         } else {
             None

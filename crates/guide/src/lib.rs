@@ -22,6 +22,7 @@ mod phrases;
 mod ready;
 mod recorder;
 mod route;
+mod runaway;
 mod settings;
 mod steer;
 mod store;

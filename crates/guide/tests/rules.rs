@@ -566,6 +566,19 @@ fn nobody_is_guided_far_without_the_map_in_view() {
 }
 
 #[test]
+fn a_pose_that_runs_away_guides_nobody() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(2.0, 1.0).go(6.0, 2.2);
+    assert!(walker.find("I lost my place").is_empty(), "a fast walker: {:?}", walker.words());
+    let until = walker.t;
+    walker.go(40.0, 8.0);
+    let stops = walker.find("I lost my place");
+    assert!((0.4..1.0).contains(&(stops[0].0 - until)), "{stops:?}");
+    let words = walker.words();
+    assert!(words.iter().skip_while(|w| !w.starts_with("Stop")).all(|w| w.starts_with("Stop")), "{words:?}");
+}
+
+#[test]
 fn a_turn_on_the_spot_needs_no_map_in_view() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(28.0, 1.0);
