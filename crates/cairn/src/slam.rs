@@ -141,7 +141,7 @@ impl Slam {
         Ok(file.save(path.as_ref())?)
     }
 
-    /// Loads a saved map, for [`Builder::map`] and [`Builder::localize_in`].
+    /// Loads a saved map, for [`crate::Builder::map`] and [`crate::Builder::localize_in`].
     ///
     /// # Errors
     /// [`Error::MapFile`] when it cannot be read, is no map, or is damaged.

@@ -39,15 +39,17 @@ impl Config {
     #[new]
     #[pyo3(signature = (entries=None))]
     fn new(entries: Option<Entries<'_>>) -> PyResult<Self> {
-        let text = match entries {
-            None => String::new(),
-            Some(Entries::Text(text)) => text,
+        let inner = match entries {
+            None => cairn::Config::default(),
+            Some(Entries::Text(text)) => cairn::Config::from_toml(&text).map_err(raise)?,
             Some(Entries::Nested(nested)) => {
                 let table = table(&nested, 0)?;
-                toml::to_string(&table).map_err(|e| ConfigError::new_err(e.to_string()))?
+                let text = toml::to_string(&table).map_err(|e| ConfigError::new_err(e.to_string()))?;
+                // A dictionary has no lines.
+                cairn::Config::from_toml(&text).map_err(|e| ConfigError::new_err(e.why))?
             }
         };
-        Ok(Self { inner: cairn::Config::from_toml(&text).map_err(raise)? })
+        Ok(Self { inner })
     }
 
     /// Reads a TOML file.

@@ -8,7 +8,7 @@ pub const VERSION: u8 = 1;
 /// Why a message was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
-    /// It is longer than the limit ([`MAX_BYTES`], for words [`crate::MAX_WORDS_BYTES`]).
+    /// It is longer than the limit ([`crate::MAX_BYTES`], for words [`crate::MAX_WORDS_BYTES`]).
     #[error("the message has {0} bytes, more than are read")]
     TooLong(usize),
     /// It is shorter than its header.
