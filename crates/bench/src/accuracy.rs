@@ -108,8 +108,8 @@ pub fn page(rows: &[Row]) -> String {
          from `../shared/data` beside the checkout.\n\n{}\n\
          Lockstep, default configuration. ATE is the RMSE of the final trajectory against the ground truth after alignment; coverage\n\
          is the share of packets that have a pose. A step lasts from the decoded image to the pose; times are those of the run with the lowest median, {cpu}.\n\
-         Peak memory is that of the whole process. In brackets: ORB-SLAM3 V1.0 measured on the same files, on two cores of the same\n\
-         kind, otherwise idle and fed in real time, range of three runs.\n",
+         Peak memory is that of the whole process. In brackets: ORB-SLAM3 V1.0 measured on the same files, on two cores of an\n\
+         Intel Xeon, otherwise idle and fed in real time, range of three runs.\n",
         table(rows)
     )
 }
